@@ -1,0 +1,1 @@
+"""Measurement to parameters: arrays in, frozen results out. No files, no frames."""

@@ -1,0 +1,1 @@
+"""Constitutive formulas: pure, vectorised, one function per equation with its citation."""

@@ -1,0 +1,141 @@
+"""Frozen parameter values of the science rooms, in SI units, with their bounds.
+
+The letters are those of the paper; the doors (configs, columns, options) use words with units.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from beltid.errors import InputError
+
+Supports = Literal["pinned", "clamped"]
+
+
+def _require(owner: str, **checks: tuple[float, bool, str]) -> None:
+    problems = [
+        f"{owner}.{name} = {value!r}, must be {allowed}"
+        for name, (value, ok, allowed) in checks.items()
+        if not (ok and math.isfinite(value))
+    ]
+    if problems:
+        raise InputError(problems)
+
+
+@dataclass(frozen=True, slots=True)
+class Belt:
+    """Section properties of a belt.
+
+    Parameters
+    ----------
+    EA : float
+        Axial stiffness [N].
+    EI : float
+        Bending stiffness [N m²].
+    rhoA : float
+        Mass per length [kg/m].
+    damping_time : float
+        Kelvin–Voigt ratio c/E of Eq. (9) [s].
+    """
+
+    EA: float
+    EI: float
+    rhoA: float
+    damping_time: float = 1.0e-4
+
+    def __post_init__(self) -> None:
+        _require(
+            "belt",
+            EA=(self.EA, self.EA > 0, "> 0 N"),
+            EI=(self.EI, self.EI > 0, "> 0 N m²"),
+            rhoA=(self.rhoA, self.rhoA > 0, "> 0 kg/m"),
+            damping_time=(self.damping_time, self.damping_time >= 0, ">= 0 s"),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Rig:
+    """Geometry of the friction rig.
+
+    Parameters
+    ----------
+    R : float
+        Radius of the belt's centreline on the pulley [m].
+    span : float
+        Length from a support to the tangent point [m].
+    supports : {"pinned", "clamped"}
+        How the belt ends are held by the load cells.
+    """
+
+    R: float
+    span: float
+    supports: Supports = "pinned"
+
+    def __post_init__(self) -> None:
+        _require(
+            "rig",
+            R=(self.R, self.R > 0, "> 0 m"),
+            span=(self.span, self.span > 0, "> 0 m"),
+        )
+        if self.supports not in ("pinned", "clamped"):
+            raise InputError(f"rig.supports = {self.supports!r}, must be 'pinned' or 'clamped'")
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """Settings of the contact that are not part of the identified laws.
+
+    Parameters
+    ----------
+    C_P : float
+        Normal damping of one contact point, Eq. (4) [N s/m].
+    points_per_element : int
+        Equally spaced contact points of a belt element.
+    sticking_ratio : float
+        Coefficient of friction at rest over the sliding one at the lowest measured speed [-].
+    """
+
+    C_P: float = 300.0
+    points_per_element: int = 5
+    sticking_ratio: float = 1.0
+
+    def __post_init__(self) -> None:
+        _require(
+            "contact",
+            C_P=(self.C_P, self.C_P >= 0, ">= 0 N s/m"),
+            points_per_element=(
+                self.points_per_element,
+                1 <= self.points_per_element <= 9,
+                "in 1..9",
+            ),
+            sticking_ratio=(self.sticking_ratio, self.sticking_ratio >= 1, ">= 1"),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class OperatingPoint:
+    """Settings of one run of the friction rig.
+
+    Parameters
+    ----------
+    beta : float
+        Contact arc [rad].
+    T_0 : float
+        Tension of the belt before the pulley turns [N].
+    omega : float
+        Speed of the pulley [rad/s].
+    """
+
+    beta: float
+    T_0: float
+    omega: float
+
+    def __post_init__(self) -> None:
+        _require(
+            "run",
+            beta=(self.beta, 0 < self.beta < 2 * math.pi, "in (0, 2 pi) rad"),
+            T_0=(self.T_0, self.T_0 > 0, "> 0 N"),
+            omega=(self.omega, self.omega > 0, "> 0 rad/s"),
+        )

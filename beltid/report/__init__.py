@@ -1,0 +1,1 @@
+"""Summaries to terminal tables; no science."""
