@@ -1,0 +1,79 @@
+"""Banded linear systems in compiled code: LU with partial pivoting, row by row.
+
+The tangent of the belt couples a node with its two neighbours, so with ``HALF`` off-diagonals the
+factorisation costs O(n) and the belt can have any number of elements. Row i of the storage holds
+the columns ``i - HALF ... i + 2 HALF``; the last ``HALF`` are room for the fill of row exchanges.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.rigsim.compiled import kernel
+
+HALF = 7  # two nodes of four coordinates: |i - j| <= 7
+WIDTH = 3 * HALF + 1
+
+
+@kernel
+def factorize(A: NDArray[np.float64], pivots: NDArray[np.int64]) -> bool:
+    """Factorize a banded matrix in place.
+
+    Parameters
+    ----------
+    A : ndarray, shape (n, WIDTH)
+        Rows of the matrix; overwritten by L (left of the diagonal) and U.
+    pivots : ndarray of int, shape (n,)
+        Row exchanged with row k in step k (output).
+
+    Returns
+    -------
+    bool
+        False if a pivot vanished, that is the matrix is singular to working precision.
+    """
+    n = A.shape[0]
+    for k in range(n):
+        last = min(k + HALF, n - 1)
+        p = k
+        largest = abs(A[k, HALF])
+        for i in range(k + 1, last + 1):
+            size = abs(A[i, HALF + k - i])
+            if size > largest:
+                largest, p = size, i
+        pivots[k] = p
+        if not largest > 0.0:
+            return False
+        right = min(k + 2 * HALF, n - 1)
+        if p != k:
+            for j in range(k, right + 1):
+                kept = A[k, HALF + j - k]
+                A[k, HALF + j - k] = A[p, HALF + j - p]
+                A[p, HALF + j - p] = kept
+        inverse = 1.0 / A[k, HALF]
+        for i in range(k + 1, last + 1):
+            factor = A[i, HALF + k - i] * inverse
+            A[i, HALF + k - i] = factor
+            if factor != 0.0:
+                for j in range(k + 1, right + 1):
+                    A[i, HALF + j - i] -= factor * A[k, HALF + j - k]
+    return True
+
+
+@kernel
+def solve(A: NDArray[np.float64], pivots: NDArray[np.int64], b: NDArray[np.float64]) -> None:
+    """Solve with the factors of :func:`factorize`; ``b`` (n,) is overwritten by the solution."""
+    n = A.shape[0]
+    for k in range(n):
+        p = pivots[k]
+        if p != k:
+            b[k], b[p] = b[p], b[k]
+        bk = b[k]
+        if bk != 0.0:
+            for i in range(k + 1, min(k + HALF, n - 1) + 1):
+                b[i] -= A[i, HALF + k - i] * bk
+    for k in range(n - 1, -1, -1):
+        total = b[k]
+        for j in range(k + 1, min(k + 2 * HALF, n - 1) + 1):
+            total -= A[k, HALF + j - k] * b[j]
+        b[k] = total / A[k, HALF]

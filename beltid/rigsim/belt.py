@@ -1,0 +1,179 @@
+"""The belt assembled: shape functions at all points, internal and inertia forces, Eq. (10).
+
+Coordinates are ordered node by node (x, y, x', y'). Residuals are internal minus external forces.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.params import Belt
+from beltid.rigsim.ancf import GAUSS_POINTS, hermite, mass_matrix, section, strains
+from beltid.rigsim.banded import HALF
+from beltid.rigsim.compiled import kernel
+
+Array = NDArray[np.float64]
+
+
+class BeltArrays(NamedTuple):
+    """Everything of the belt that stays constant during a run, as compiled code wants it.
+
+    Attributes
+    ----------
+    h : ndarray, shape (n_e,)
+        Reference lengths of the elements [m].
+    B_s, B_ss : ndarray, shape (n_e, n_g, 4)
+        First and second derivative of the shape functions at the Gauss points.
+    w_g : ndarray, shape (n_e, n_g)
+        Weights of the Gauss points [m].
+    N_c : ndarray, shape (n_e, n_c, 4)
+        Shape functions at the contact points: the midpoints of n_c equal parts of an element.
+    D_c : ndarray, shape (n_e, n_c, 4)
+        Their first derivatives [1/m].
+    w_c : ndarray, shape (n_e, n_c)
+        Reference lengths of the parts that the contact points stand for [m].
+    M : ndarray, shape (n_e, 4, 4)
+        Mass matrices of the shape functions [kg].
+    EA, EI, damping_time : float
+        Section properties, see :class:`beltid.params.Belt`.
+    """
+
+    h: Array
+    B_s: Array
+    B_ss: Array
+    w_g: Array
+    N_c: Array
+    D_c: Array
+    w_c: Array
+    M: Array
+    EA: float
+    EI: float
+    damping_time: float
+
+
+def belt_arrays(belt: Belt, nodes: Array, points_per_element: int) -> BeltArrays:
+    """Tabulate shape functions, weights and masses of a belt on given nodes (n_e + 1,) [m]."""
+    h = np.diff(nodes)
+    x_g, w_g = np.polynomial.legendre.leggauss(GAUSS_POINTS)
+    x_g, w_g = 0.5 * (x_g + 1.0), 0.5 * w_g
+    n_c = points_per_element
+    x_c = (np.arange(n_c) + 0.5) / n_c
+    at_contact = [hermite(x_c, length) for length in h]
+    at_gauss = [hermite(x_g, length) for length in h]
+    return BeltArrays(
+        h=h,
+        B_s=np.ascontiguousarray([N_s for _, N_s, _ in at_gauss]),
+        B_ss=np.ascontiguousarray([N_ss for _, _, N_ss in at_gauss]),
+        w_g=np.outer(h, w_g),
+        N_c=np.ascontiguousarray([N for N, _, _ in at_contact]),
+        D_c=np.ascontiguousarray([N_s for _, N_s, _ in at_contact]),
+        w_c=np.full((h.size, n_c), 1.0 / n_c) * h[:, None],
+        M=np.ascontiguousarray([mass_matrix(length, belt.rhoA) for length in h]),
+        EA=belt.EA,
+        EI=belt.EI,
+        damping_time=belt.damping_time,
+    )
+
+
+@kernel
+def add_internal(
+    belt: BeltArrays,
+    q: Array,
+    stretch: float,
+    strain_old: Array,
+    rate: float,
+    A: Array,
+    residual: Array,
+    residual_stretch: Array,
+) -> None:
+    """Add the internal forces of the belt, their tangent, and their derivative in the stretch.
+
+    Parameters
+    ----------
+    belt : BeltArrays
+        The belt.
+    q : ndarray, shape (n,)
+        Nodal coordinates.
+    stretch : float
+        Stress-free length over reference length [-].
+    strain_old : ndarray, shape (n_e, n_g, 2)
+        Axial strain and curvature at the last step, for the rates of Eq. (9).
+    rate : float
+        1/dt [1/s]; 0 in statics.
+    A : ndarray, shape (n, WIDTH)
+        Banded tangent (added to).
+    residual, residual_stretch : ndarray, shape (n,)
+        Forces [N] and their derivative with respect to the stretch (added to).
+    """
+    tau = belt.damping_time * rate
+    g = np.empty(4)
+    g_stretch = np.empty(4)
+    H = np.empty((4, 4))
+    for e in range(belt.h.size):
+        d = 4 * e
+        for i in range(belt.w_g.shape[1]):
+            N_s = belt.B_s[e, i]
+            N_ss = belt.B_ss[e, i]
+            ax = ay = bx = by = 0.0
+            for j in range(4):
+                ax += N_s[j] * q[d + 2 * j]
+                ay += N_s[j] * q[d + 2 * j + 1]
+                bx += N_ss[j] * q[d + 2 * j]
+                by += N_ss[j] * q[d + 2 * j + 1]
+            eps, kappa = strains(ax, ay, bx, by, stretch)
+            N = belt.EA * (eps + tau * (eps - strain_old[e, i, 0]))
+            M = belt.EI * (kappa + tau * (kappa - strain_old[e, i, 1]))
+            EA = belt.EA * (1.0 + tau)
+            EI = belt.EI * (1.0 + tau)
+            section(ax, ay, bx, by, (N, M), (EA, EI, stretch), g, H, g_stretch)
+            w = belt.w_g[e, i]
+            for j in range(4):
+                r = d + 2 * j
+                p, s = w * N_s[j], w * N_ss[j]
+                residual[r] += p * g[0] + s * g[2]
+                residual[r + 1] += p * g[1] + s * g[3]
+                residual_stretch[r] += p * g_stretch[0] + s * g_stretch[2]
+                residual_stretch[r + 1] += p * g_stretch[1] + s * g_stretch[3]
+                a00, a01 = p * H[0, 0] + s * H[2, 0], p * H[0, 1] + s * H[2, 1]
+                a02, a03 = p * H[0, 2] + s * H[2, 2], p * H[0, 3] + s * H[2, 3]
+                a10, a11 = p * H[1, 0] + s * H[3, 0], p * H[1, 1] + s * H[3, 1]
+                a12, a13 = p * H[1, 2] + s * H[3, 2], p * H[1, 3] + s * H[3, 3]
+                for k in range(4):
+                    c = HALF + 2 * (k - j)
+                    A[r, c] += a00 * N_s[k] + a02 * N_ss[k]
+                    A[r, c + 1] += a01 * N_s[k] + a03 * N_ss[k]
+                    A[r + 1, c - 1] += a10 * N_s[k] + a12 * N_ss[k]
+                    A[r + 1, c] += a11 * N_s[k] + a13 * N_ss[k]
+
+
+@kernel
+def add_inertia(belt: BeltArrays, dq: Array, rate2: float, A: Array, residual: Array) -> None:
+    """Add ``M dq / dt**2`` with the constant mass matrix; ``rate2`` is 1/dt**2 [1/s²]."""
+    for e in range(belt.h.size):
+        d = 4 * e
+        for j in range(4):
+            for k in range(4):
+                m = belt.M[e, j, k] * rate2
+                r, c = d + 2 * j, HALF + 2 * (k - j)
+                A[r, c] += m
+                A[r + 1, c] += m
+                residual[r] += m * dq[d + 2 * k]
+                residual[r + 1] += m * dq[d + 2 * k + 1]
+
+
+@kernel
+def store_strains(belt: BeltArrays, q: Array, stretch: float, out: Array) -> None:
+    """Write axial strain and curvature at the Gauss points into ``out`` (n_e, n_g, 2)."""
+    for e in range(belt.h.size):
+        d = 4 * e
+        for i in range(belt.w_g.shape[1]):
+            ax = ay = bx = by = 0.0
+            for j in range(4):
+                ax += belt.B_s[e, i, j] * q[d + 2 * j]
+                ay += belt.B_s[e, i, j] * q[d + 2 * j + 1]
+                bx += belt.B_ss[e, i, j] * q[d + 2 * j]
+                by += belt.B_ss[e, i, j] * q[d + 2 * j + 1]
+            out[e, i, 0], out[e, i, 1] = strains(ax, ay, bx, by, stretch)
