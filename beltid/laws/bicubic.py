@@ -1,0 +1,176 @@
+"""Bicubic patches over a rectangular grid that stay inside the band of the values they join.
+
+The patches are those of the C2 tensor-product cubic spline (not-a-knot ends) in the coordinates
+
+    x = ln(1 + f / f_ref),    y = ln(1 + v / v_ref)
+
+with the smallest positive node as reference. Friction benches space their settings geometrically,
+and friction laws are close to straight in logarithms: on the 8 x 5 grids of the virtual benches
+the largest interpolation error of the three known laws is
+
+    ==========================  ===========  ===========  ===========
+    coordinates, end condition  4pk          5pk          6pk
+    ==========================  ===========  ===========  ===========
+    f, v          not-a-knot    0.92 %       0.76 %       0.59 %
+    f, v          natural       1.16 %       1.10 %       0.88 %
+    x, y          natural       0.33 %       0.32 %       0.25 %
+    x, y          not-a-knot    0.067 %      0.064 %      0.049 %
+    ==========================  ===========  ===========  ===========
+
+``ln(1 + .)`` is used in place of the logarithm, which would be better still (0.011 % at worst),
+because a grid may begin at zero.
+
+A spline through noisy values overshoots them. So the derivatives at the nodes are scaled down
+where needed, until the 16 Bézier control points of every cell lie in the band of the cell's own
+four corner values; the patch is a convex combination of them. Where nothing had to be scaled, the
+surface *is* the C2 spline; elsewhere it is C1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+Array = NDArray[np.float64]
+
+# power-basis coefficients of a cubic from (value, value, slope, slope) at s = 0, 1
+_HERMITE = np.array(
+    [
+        [1.0, 0.0, 0.0, 0.0],
+        [0.0, 0.0, 1.0, 0.0],
+        [-3.0, 3.0, -2.0, -1.0],
+        [2.0, -2.0, 1.0, 1.0],
+    ]
+)
+
+
+def patches(x: Array, y: Array, z: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Coefficients of the bounded bicubic patches through the values ``z``.
+
+    Parameters
+    ----------
+    x : ndarray (nx,)
+        Strictly increasing.
+    y : ndarray (ny,)
+        Strictly increasing.
+    z : ndarray (nx, ny)
+        Values at the nodes.
+
+    Returns
+    -------
+    C : ndarray (max(nx - 1, 1), max(ny - 1, 1), 4, 4)
+        As in :class:`beltid.laws.surface_tables.SurfaceTables`.
+    limited : ndarray of bool (nx, ny)
+        Nodes whose derivatives were scaled down to keep the surface inside the band.
+    """
+    nx, ny = z.shape
+    if nx == 1:  # a constant direction is a cell of width one between two equal values
+        x, z = np.array([0.0, 1.0]), np.repeat(z, 2, axis=0)
+    if ny == 1:
+        y, z = np.array([0.0, 1.0]), np.repeat(z, 2, axis=1)
+    zx, zy, zxy, limited = _limit(x, y, z, *_nodal_derivatives(x, y, z))
+    return _coefficients(x, y, z, zx, zy, zxy), limited[:nx, :ny]
+
+
+def _nodal_derivatives(x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
+    """Derivatives z_x, z_y, z_xy at the nodes of the tensor spline, each (nx, ny).
+
+    Not-a-knot ends make scipy's spline a parabola through three nodes and a line through two.
+    """
+    zx = CubicSpline(x, z, axis=0)(x, 1)
+    zy = CubicSpline(y, z, axis=1)(y, 1)
+    zxy = CubicSpline(y, zx, axis=1)(y, 1)
+    return zx, zy, zxy
+
+
+def _coefficients(x: Array, y: Array, z: Array, zx: Array, zy: Array, zxy: Array) -> Array:
+    """Power coefficients of the Hermite patches (nx - 1, ny - 1, 4, 4)."""
+    hx, hy = np.diff(x)[:, None], np.diff(y)[None, :]
+    corner = np.empty((x.size - 1, y.size - 1, 4, 4))
+    for a, rows in enumerate((slice(None, -1), slice(1, None))):
+        for b, cols in enumerate((slice(None, -1), slice(1, None))):
+            corner[..., a, b] = z[rows, cols]
+            corner[..., 2 + a, b] = zx[rows, cols] * hx
+            corner[..., a, 2 + b] = zy[rows, cols] * hy
+            corner[..., 2 + a, 2 + b] = zxy[rows, cols] * hx * hy
+    return np.ascontiguousarray(_HERMITE @ corner @ _HERMITE.T)
+
+
+def _cell_bands(z: Array) -> tuple[Array, Array]:
+    """Smallest and largest corner value of every cell, each (nx - 1, ny - 1)."""
+    corners = np.stack([z[:-1, :-1], z[1:, :-1], z[:-1, 1:], z[1:, 1:]])
+    return corners.min(axis=0), corners.max(axis=0)
+
+
+@dataclass(frozen=True, slots=True)
+class _Quadrants:
+    """Room of the control points beside each node towards its four cells; arrays (4, nx, ny).
+
+    ``low`` and ``high`` are the band of the cell less the value of the node (``low <= 0 <= high``,
+    infinite where there is no cell); ``dx`` and ``dy`` are a third of the signed cell widths.
+    """
+
+    low: Array
+    high: Array
+    dx: Array
+    dy: Array
+
+
+def _quadrants(x: Array, y: Array, z: Array) -> _Quadrants:
+    lo, hi = _cell_bands(z)
+    lo = np.pad(lo, 1, constant_values=-np.inf)
+    hi = np.pad(hi, 1, constant_values=np.inf)
+    hx = np.pad(np.diff(x), 1, constant_values=1.0)[:, None] / 3.0
+    hy = np.pad(np.diff(y), 1, constant_values=1.0)[None, :] / 3.0
+    sides = ((-1.0, slice(None, -1)), (1.0, slice(1, None)))
+    parts = [
+        (lo[ix, iy] - z, hi[ix, iy] - z, sx * hx[ix] + 0.0 * z, sy * hy[:, iy] + 0.0 * z)
+        for sx, ix in sides
+        for sy, iy in sides
+    ]
+    low, high, dx, dy = (np.stack(column) for column in zip(*parts, strict=True))
+    return _Quadrants(low, high, dx, dy)
+
+
+def _interval(low: Array, high: Array, step: Array) -> tuple[Array, Array]:
+    """Range of d with ``low <= step d <= high`` in all four quadrants, each (nx, ny)."""
+    a, b = low / step, high / step
+    return np.minimum(a, b).max(axis=0), np.maximum(a, b).min(axis=0)
+
+
+def _limit(
+    x: Array, y: Array, z: Array, zx: Array, zy: Array, zxy: Array
+) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    """Scale nodal derivatives until every Bézier control point is in the band of its cell.
+
+    The control points that belong to a node, towards one of its cells, are ``z``, ``z + p``,
+    ``z + q`` and ``z + p + q + r`` with ``p = dx z_x``, ``q = dy z_y``, ``r = dx dy z_xy``.
+    First p and q are brought into the band, then r; where no r can help, p and q shrink together.
+    """
+    room = _quadrants(x, y, z)
+    gx = np.clip(zx, *_interval(room.low, room.high, room.dx))
+    gy = np.clip(zy, *_interval(room.low, room.high, room.dy))
+
+    def twist_range() -> tuple[Array, Array]:
+        base = room.dx * gx + room.dy * gy
+        return _interval(room.low - base, room.high - base, room.dx * room.dy)
+
+    least, most = twist_range()
+    stuck = least > most
+    if np.any(stuck):
+        base = room.dx * gx + room.dy * gy
+        limit = np.where(base > 0.0, room.high, room.low)
+        share = np.divide(limit, base, out=np.ones_like(base), where=base != 0.0).min(axis=0)
+        share = np.where(stuck, np.minimum(share, 1.0), 1.0)
+        gx, gy = gx * share, gy * share
+        least, most = twist_range()
+        least, most = np.minimum(least, most), np.maximum(least, most)  # equal up to rounding
+    gxy = np.clip(zxy, least, most)
+    step_x, step_y = np.abs(room.dx).max(axis=0), np.abs(room.dy).max(axis=0)
+    change = (
+        np.abs(gx - zx) * step_x + np.abs(gy - zy) * step_y + np.abs(gxy - zxy) * step_x * step_y
+    )
+    return gx, gy, gxy, change > 1e-10 * np.abs(z)

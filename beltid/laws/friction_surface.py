@@ -1,0 +1,314 @@
+"""The friction coefficient over line force and sliding speed: the law that the rig identifies.
+
+Values between the nodes come from bicubic splines (:mod:`beltid.laws.bicubic`); outside the nodes
+the nearest measured value is taken, never an extrapolation.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from beltid.errors import InputError
+from beltid.laws.bicubic import patches
+from beltid.laws.grid_checks import axis_problems, to_array, value_problems
+from beltid.laws.surface_tables import SurfaceTables, evaluate_tables, log_nodes
+
+__all__ = ["FrictionSurface", "SurfaceTables", "evaluate_tables"]
+
+Array = NDArray[np.float64]
+
+_DEGREE_WORDS = ("constant", "linear", "quadratic", "cubic")
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class FrictionSurface:
+    """Friction coefficient mu(f_N, v) through the nodes of a rectangular grid.
+
+    The surface reproduces its nodes exactly and never leaves the band of its node values.
+
+    Parameters
+    ----------
+    normal_force_N_m : array_like (nf,)
+        Nodes of the normal force per length of belt [N/m], >= 0, strictly increasing. The single
+        node 0 states that mu does not depend on the force.
+    slip_speed_m_s : array_like (nv,)
+        Nodes of the sliding speed [m/s], >= 0, strictly increasing. The single node 0 states that
+        mu does not depend on the speed.
+    mu : array_like (nf, nv)
+        Friction coefficient at the nodes [-], > 0.
+    mu_se : array_like (nf, nv), optional
+        Standard errors of the node values [-], >= 0; nan where unknown.
+
+    Raises
+    ------
+    InputError
+        With all problems of the arguments at once.
+
+    Notes
+    -----
+    Four nodes make an axis cubic; three make it quadratic, two linear, one constant
+    (:attr:`degree`).
+
+    Examples
+    --------
+    >>> surface = FrictionSurface([2000.0, 6000.0], [0.01], [[1.1], [0.9]])
+    >>> float(surface.mu(9000.0, -0.01)), surface.degree
+    (0.9, (1, 0))
+    """
+
+    normal_force_N_m: Array
+    slip_speed_m_s: Array
+    mu_nodes: Array
+    mu_se_nodes: Array | None
+    limited: NDArray[np.bool_]
+    _tables: SurfaceTables = field(repr=False)
+
+    def __init__(
+        self,
+        normal_force_N_m: ArrayLike,
+        slip_speed_m_s: ArrayLike,
+        mu: ArrayLike,
+        mu_se: ArrayLike | None = None,
+    ) -> None:
+        f = to_array("normal_force_N_m", normal_force_N_m)
+        v = to_array("slip_speed_m_s", slip_speed_m_s)
+        z = to_array("mu", mu)
+        se = None if mu_se is None else to_array("mu_se", mu_se)
+        problems = axis_problems("normal_force_N_m", f) + axis_problems("slip_speed_m_s", v)
+        problems += value_problems(f, v, z, se)
+        if problems:
+            raise InputError(problems)
+        (x, f_ref), (y, v_ref) = log_nodes(f), log_nodes(v)
+        C, limited = patches(x, y, z)
+        for array in (f, v, z, x, y, C, limited) + (() if se is None else (se,)):
+            array.flags.writeable = False
+        for name, value in (
+            ("normal_force_N_m", f),
+            ("slip_speed_m_s", v),
+            ("mu_nodes", z),
+            ("mu_se_nodes", se),
+            ("limited", limited),
+            ("_tables", SurfaceTables(x, y, f_ref, v_ref, C)),
+        ):
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def constant(cls, mu: float) -> Self:
+        """Surface of a friction coefficient that depends on nothing, valid everywhere.
+
+        Parameters
+        ----------
+        mu : float
+            Friction coefficient [-], > 0.
+        """
+        return cls([0.0], [0.0], np.full((1, 1), mu, dtype=float))
+
+    @property
+    def degree(self) -> tuple[int, int]:
+        """Degree of the interpolation along force and speed: 3 from four nodes on."""
+        return min(self.normal_force_N_m.size - 1, 3), min(self.slip_speed_m_s.size - 1, 3)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a reader of the surface should know about its interpolation, a line each."""
+        axes = (
+            ("normal force", self.normal_force_N_m, self.degree[0]),
+            ("sliding speed", self.slip_speed_m_s, self.degree[1]),
+        )
+        lines = [
+            f"{nodes.size} node{'s' if nodes.size > 1 else ''} of {name}: "
+            f"{_DEGREE_WORDS[degree]} along it, cubic needs 4"
+            for name, nodes, degree in axes
+            if degree < 3 and math.isfinite(_range_of(nodes)[1])
+        ]
+        count = int(self.limited.sum())
+        if count:
+            lines.append(
+                f"slopes limited at {count} of {self.limited.size} nodes to keep the surface "
+                "between the measured values"
+            )
+        return tuple(lines)
+
+    @property
+    def validity(self) -> dict[str, tuple[float, float]]:
+        """Measured range of each variable: lowest and highest value, units in the names."""
+        return {
+            "normal_force_N_m": _range_of(self.normal_force_N_m),
+            "slip_speed_m_s": _range_of(self.slip_speed_m_s),
+            "mu": (float(self.mu_nodes.min()), float(self.mu_nodes.max())),
+        }
+
+    def mu(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
+        """Friction coefficient; of the nearest measured point outside the range.
+
+        Parameters
+        ----------
+        normal_force_N_m : array_like
+            Normal force per length [N/m].
+        slip_speed_m_s : array_like
+            Sliding speed [m/s] of either sign; broadcast with the force.
+
+        Returns
+        -------
+        ndarray
+            mu [-] in the broadcast shape; nan where an input is nan.
+        """
+        at = self._locate(normal_force_N_m, slip_speed_m_s)
+        rows = _polynomial(self._tables.C[at.i, at.j], at.t)
+        mu = np.clip(_polynomial(rows, at.s), self.mu_nodes.min(), self.mu_nodes.max())
+        # the polynomial meets its node to rounding; exactly is better
+        corner_f, corner_v = at.i + at.at_upper_f, at.j + at.at_upper_v
+        mu = np.where(at.on_node, self.mu_nodes[corner_f, corner_v], mu)
+        return np.where(at.known, mu, np.nan)[()]
+
+    def gradient(
+        self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike
+    ) -> tuple[Array, Array]:
+        """Derivatives of :meth:`mu` with respect to force [m/N] and signed speed [s/m].
+
+        A derivative is 0 where its variable lies outside the measured range; on the boundary it is
+        the one from inside. mu is even in the speed, so its derivative is odd (at zero speed the
+        one from above).
+        """
+        at = self._locate(normal_force_N_m, slip_speed_m_s)
+        C = self._tables.C[at.i, at.j]
+        dmu_ds = _slope(_polynomial(C, at.t), at.s)
+        dmu_dt = _polynomial(_slope(C, at.t), at.s)
+        unknown = np.where(at.known, 0.0, np.nan)
+        return (dmu_ds * at.ds_df + unknown)[()], (dmu_dt * at.dt_dv + unknown)[()]
+
+    def covers(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> NDArray[np.bool_]:
+        """Whether points lie in the measured range, where nothing is clamped."""
+        f, v = np.broadcast_arrays(
+            np.asarray(normal_force_N_m, dtype=float),
+            np.abs(np.asarray(slip_speed_m_s, dtype=float)),
+        )
+        (f_low, f_high), (v_low, v_high) = (
+            self.validity[k] for k in ("normal_force_N_m", "slip_speed_m_s")
+        )
+        return ((f >= f_low) & (f <= f_high) & (v >= v_low) & (v <= v_high))[()]
+
+    def mu_se_at(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
+        """Standard error of mu [-], bilinear between the nodes; nan where it is not known."""
+        at = self._locate(normal_force_N_m, slip_speed_m_s)
+        if self.mu_se_nodes is None:
+            return np.full(at.s.shape, np.nan)[()]
+        i1 = np.minimum(at.i + 1, self.normal_force_N_m.size - 1)
+        j1 = np.minimum(at.j + 1, self.slip_speed_m_s.size - 1)
+        total = np.where(at.known, 0.0, np.nan)
+        for i, weight_f in ((at.i, 1.0 - at.s), (i1, at.s)):
+            for j, weight_v in ((at.j, 1.0 - at.t), (j1, at.t)):
+                weight = weight_f * weight_v  # an unknown neighbour of no weight does not count
+                total = total + np.where(weight > 0.0, weight * self.mu_se_nodes[i, j], 0.0)
+        return total[()]
+
+    def tables(self) -> SurfaceTables:
+        """Plain float64 arrays for compiled kernels; see :func:`evaluate_tables`."""
+        return self._tables
+
+    def _locate(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> _Location:
+        f, v = np.broadcast_arrays(
+            np.asarray(normal_force_N_m, dtype=float), np.asarray(slip_speed_m_s, dtype=float)
+        )
+        known = ~(np.isnan(f) | np.isnan(v))
+        f, v = np.where(known, f, 0.0), np.where(known, v, 0.0)
+        T = self._tables
+        i, s, ds_df, f_node = _along_axis(f, self.normal_force_N_m, T.x_nodes, T.f_ref)
+        j, t, dt_dv, v_node = _along_axis(np.abs(v), self.slip_speed_m_s, T.y_nodes, T.v_ref)
+        dt_dv = np.where(v < 0.0, -dt_dv, dt_dv)
+        return _Location(
+            i, j, s, t, ds_df, dt_dv, f_node & v_node, (s == 1.0) * 1, (t == 1.0) * 1, known
+        )
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, FrictionSurface):
+            return NotImplemented
+        mine, theirs = self.mu_se_nodes, other.mu_se_nodes
+        return (
+            np.array_equal(self.normal_force_N_m, other.normal_force_N_m)
+            and np.array_equal(self.slip_speed_m_s, other.slip_speed_m_s)
+            and np.array_equal(self.mu_nodes, other.mu_nodes)
+            and (mine is None) == (theirs is None)
+            and (mine is None or np.array_equal(mine, theirs, equal_nan=True))  # type: ignore[arg-type]
+        )
+
+    def __hash__(self) -> int:
+        # + 0.0: a node -0.0 equals 0.0 and must have its hash
+        nodes = (self.normal_force_N_m, self.slip_speed_m_s, self.mu_nodes)
+        return hash(tuple((a + 0.0).tobytes() for a in nodes))
+
+    def __repr__(self) -> str:
+        if self.mu_nodes.size == 1 and not math.isfinite(_range_of(self.normal_force_N_m)[1]):
+            return f"FrictionSurface.constant({float(self.mu_nodes[0, 0])!r})"
+        (f0, f1), (v0, v1), (m0, m1) = self.validity.values()
+        return (
+            f"FrictionSurface({self.normal_force_N_m.size} x {self.slip_speed_m_s.size} nodes, "
+            f"normal_force_N_m {f0:.6g}..{f1:.6g}, slip_speed_m_s {v0:.6g}..{v1:.6g}, "
+            f"mu {m0:.4g}..{m1:.4g}{', with mu_se' if self.mu_se_nodes is not None else ''})"
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # rebuilt from its nodes: a pickled array would come back writable
+        return type(self), (
+            self.normal_force_N_m,
+            self.slip_speed_m_s,
+            self.mu_nodes,
+            self.mu_se_nodes,
+        )
+
+
+class _Location(NamedTuple):
+    """Cells and local coordinates of points, all in the broadcast shape."""
+
+    i: NDArray[np.intp]
+    j: NDArray[np.intp]
+    s: Array
+    t: Array
+    ds_df: Array
+    dt_dv: Array
+    on_node: NDArray[np.bool_]
+    at_upper_f: NDArray[np.intp]
+    at_upper_v: NDArray[np.intp]
+    known: NDArray[np.bool_]
+
+
+def _along_axis(
+    value: Array, nodes: Array, coordinates: Array, reference: float
+) -> tuple[NDArray[np.intp], Array, Array, NDArray[np.bool_]]:
+    """Cell, local coordinate, its derivative, and whether the clamped value is a node."""
+    if nodes.size == 1:
+        zero = np.zeros(value.shape)
+        return zero.astype(np.intp), zero, zero, np.ones(value.shape, dtype=bool)
+    inside = np.clip(value, nodes[0], nodes[-1])
+    cell = np.clip(np.searchsorted(nodes, inside, side="right") - 1, 0, nodes.size - 2)
+    width = coordinates[cell + 1] - coordinates[cell]
+    local = np.clip((np.log1p(inside / reference) - coordinates[cell]) / width, 0.0, 1.0)
+    lower, upper = inside == nodes[cell], inside == nodes[cell + 1]
+    local = np.where(lower, 0.0, np.where(upper, 1.0, local))
+    slope = np.where(inside == value, 1.0 / (width * (reference + inside)), 0.0)
+    return cell, local, slope, lower | upper
+
+
+def _polynomial(coefficients: Array, u: Array) -> Array:
+    """Cubic with coefficients on the last axis, at u of the shape of the leading axes."""
+    u = u.reshape(u.shape + (1,) * (coefficients.ndim - 1 - u.ndim))
+    c = coefficients
+    return ((c[..., 3] * u + c[..., 2]) * u + c[..., 1]) * u + c[..., 0]
+
+
+def _slope(coefficients: Array, u: Array) -> Array:
+    """Derivative of :func:`_polynomial` with respect to u."""
+    u = u.reshape(u.shape + (1,) * (coefficients.ndim - 1 - u.ndim))
+    c = coefficients
+    return (3.0 * c[..., 3] * u + 2.0 * c[..., 2]) * u + c[..., 1]
+
+
+def _range_of(nodes: Array) -> tuple[float, float]:
+    if nodes.size == 1 and nodes[0] == 0.0:
+        return 0.0, math.inf
+    return float(nodes[0]), float(nodes[-1])
