@@ -1,0 +1,19 @@
+"""Configs: YAML -> frozen model, with errors that carry file, line and column.
+
+================ =========================================================
+Module           Responsibility
+================ =========================================================
+``model``        what a config says, with its defaults (the 5PK rig of the paper)
+``fields``       kinds of values: numbers with bounds and units, names, lists
+``yaml_source``  YAML text -> plain values with their places
+``messages``     words of the errors
+``loading``      file or dict -> `Config`
+``discovery``    which config belongs to a recording
+================ =========================================================
+"""
+
+from beltid.config.discovery import ConfigSource, find_config
+from beltid.config.loading import load_config
+from beltid.config.model import Config
+
+__all__ = ["Config", "ConfigSource", "find_config", "load_config"]

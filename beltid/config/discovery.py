@@ -1,0 +1,93 @@
+"""Which config belongs to a recording."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from beltid.config.loading import load_config
+from beltid.config.model import Config
+from beltid.errors import ConfigError
+
+ENVIRONMENT_VARIABLE = "BELTID_CONFIG"
+FILE_NAME = "beltid.yaml"
+BUILT_IN = "the built-in 5PK rig of the paper"
+
+
+@dataclass(frozen=True, slots=True)
+class ConfigSource:
+    """A config and where it came from.
+
+    Attributes
+    ----------
+    config : Config
+        The config.
+    origin : str
+        Where it came from, in words, to be told to the user and stored with results.
+    path : Path or None
+        The file, or None for the built-in rig.
+    """
+
+    config: Config
+    origin: str
+    path: Path | None = None
+
+
+def find_config(
+    recording_path: str | Path | None = None, explicit: str | Path | None = None
+) -> ConfigSource:
+    """Find the config of a recording.
+
+    The first of: `explicit`; the file named by ``$BELTID_CONFIG``; ``<stem>.yaml``, then
+    ``beltid.yaml``, beside the recording, then in each parent folder; the built-in 5PK rig.
+
+    Parameters
+    ----------
+    recording_path : path, optional
+        The recording (or artifact) to be worked on; without one no folder is searched.
+    explicit : path, optional
+        What the user named.
+
+    Raises
+    ------
+    ConfigError
+        If the config found is missing or wrong; the message says how it was found.
+    """
+    if explicit is not None:
+        path = Path(explicit)
+        return ConfigSource(load_config(path), f"{path} (--config)", path)
+    named = os.environ.get(ENVIRONMENT_VARIABLE, "").strip()
+    if named:
+        return _found(Path(named), f"${ENVIRONMENT_VARIABLE}")
+    if recording_path is not None:
+        for candidate in _candidates(Path(recording_path)):
+            if _is_file(candidate):
+                return _found(candidate, f"found for {Path(recording_path).name}")
+    return ConfigSource(Config(), BUILT_IN)
+
+
+def _found(path: Path, how: str) -> ConfigSource:
+    try:
+        return ConfigSource(load_config(path), f"{path} ({how})", path)
+    except ConfigError as error:
+        raise ConfigError(
+            [*error.problems, f"{path}: this config was taken from {how}, --config names another"]
+        ) from None
+
+
+def _candidates(recording: Path) -> Iterator[Path]:
+    recording = Path(os.path.abspath(recording))
+    stem = recording.name.split(".")[0] if recording.suffix == ".gz" else recording.stem
+    for folder in recording.parents:
+        if stem:
+            yield folder / f"{stem}.yaml"
+        yield folder / FILE_NAME
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # a folder that may not be looked into holds no config of ours
+        return False

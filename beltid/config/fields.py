@@ -1,0 +1,281 @@
+"""The kinds of values a config may hold: numbers with bounds and units, names, lists.
+
+Each kind checks a value itself and words its complaint for somebody who knows belts, so that the
+bound that is checked and the bound that is stated cannot differ.
+"""
+
+from __future__ import annotations
+
+import codecs
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pydantic_core import InitErrorDetails, PydanticCustomError, ValidationError, core_schema
+
+from beltid.units import allowed_units, conversion
+
+if TYPE_CHECKING:
+    from pydantic import GetCoreSchemaHandler
+
+COMPLAINT = "beltid"
+"""Type of the errors raised here; their context holds ``allowed``."""
+
+
+def complain(allowed: str) -> PydanticCustomError:
+    """Build the error that says what is allowed."""
+    return PydanticCustomError(COMPLAINT, "must be {allowed}", {"allowed": allowed})
+
+
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """Annotation that runs a check before the type's own validation."""
+
+    def check(self, value: Any) -> Any:
+        """Return the value to validate, or raise the complaint."""
+        raise NotImplementedError
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> core_schema.CoreSchema:
+        """Put `check` before the validation of the annotated type."""
+        return core_schema.no_info_before_validator_function(self.check, handler(source))
+
+
+@dataclass(frozen=True, slots=True)
+class Number(Checked):
+    """A finite number between two bounds.
+
+    Parameters
+    ----------
+    low, high : float
+        Bounds, in the unit stated.
+    unit : str
+        Unit, as it is shown ("" for a pure number).
+    open_low, open_high : bool
+        Whether a bound itself is excluded.
+    """
+
+    low: float
+    high: float
+    unit: str = ""
+    open_low: bool = False
+    open_high: bool = False
+
+    @property
+    def interval(self) -> str:
+        """The bounds in words, e.g. ``in (0, 360) °``."""
+        left, right = "(["[not self.open_low], ")]"[not self.open_high]
+        text = f"in {left}{self.low:g}, {self.high:g}{right}"
+        return f"{text} {self.unit}" if self.unit else text
+
+    def check(self, value: Any) -> float:
+        """Return the value as a float, or complain about its type, infinity or range."""
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise complain(f"a number {self.interval}{_number_hint(value)}")
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        above = number > self.low if self.open_low else number >= self.low
+        below = number < self.high if self.open_high else number <= self.high
+        if not (above and below):  # a nan fails both
+            raise complain(self.interval)
+        return number
+
+
+@dataclass(frozen=True, slots=True)
+class Count(Checked):
+    """A whole number between two bounds, both included."""
+
+    low: int
+    high: int
+
+    def check(self, value: Any) -> int:
+        """Return the value as an int; a float such as 5.0 counts as whole."""
+        whole = isinstance(value, int) or (isinstance(value, float) and value.is_integer())
+        if isinstance(value, bool) or not whole:
+            raise complain(f"a whole number in [{self.low}, {self.high}]{_number_hint(value)}")
+        if not self.low <= value <= self.high:
+            raise complain(f"in [{self.low}, {self.high}]")
+        return int(value)
+
+
+def _number_hint(value: Any) -> str:
+    if not isinstance(value, str):
+        return ""
+    if re.fullmatch(r"\s*[-+]?\d+,\d+([eE][-+]?\d+)?\s*", value):
+        return f" (the decimal sign is a point: {value.strip().replace(',', '.')})"
+    if re.fullmatch(r"\s*[-+]?[\d.]+([eE][-+]?\d+)?\s*", value):
+        return " (without quotes)"
+    if re.match(r"\s*[-+]?[\d.]+([eE][-+]?\d+)?\s*[A-Za-zµμ°]", value):
+        return " (the number alone; its unit is in the key)"
+    return ""
+
+
+@dataclass(frozen=True, slots=True)
+class OnOff(Checked):
+    """true or false."""
+
+    def check(self, value: Any) -> bool:
+        """Return the value if it is true or false; words such as yes are not."""
+        if not isinstance(value, bool):
+            raise complain("true or false")
+        return value
+
+
+@dataclass(frozen=True, slots=True)
+class Choice(Checked):
+    """One of a few words."""
+
+    words: tuple[str, ...]
+
+    def check(self, value: Any) -> str:
+        """Return the value if it is one of the words."""
+        if not isinstance(value, str) or value not in self.words:
+            raise complain(" or ".join(self.words))
+        return value
+
+
+@dataclass(frozen=True, slots=True)
+class Text(Checked):
+    """A text of 1 to `longest` characters without line breaks."""
+
+    longest: int = 200
+
+    def check(self, value: Any) -> str:
+        """Return the text."""
+        if not isinstance(value, str):
+            raise complain("a text (put it in quotes)")
+        if not 1 <= len(value) <= self.longest or not value.isprintable():
+            raise complain(f"a text of 1 to {self.longest} printable characters")
+        return value
+
+
+@dataclass(frozen=True, slots=True)
+class FilePath(Checked):
+    """The path of a file."""
+
+    def check(self, value: Any) -> Path:
+        """Return the path; ``~`` is the home folder."""
+        if not isinstance(value, (str, Path)) or not 1 <= len(str(value)) <= 4096:
+            raise complain("the path of a file")
+        if not str(value).isprintable():
+            raise complain("the path of a file, without control characters")
+        try:
+            return Path(value).expanduser()
+        except RuntimeError:  # no home folder
+            return Path(value)
+
+
+@dataclass(frozen=True, slots=True)
+class FolderName(Checked):
+    """A name that is safe as the name of a folder on every system."""
+
+    def check(self, value: Any) -> str:
+        """Return the name if it is safe as a folder's name."""
+        if not isinstance(value, str):
+            raise complain("a name (put it in quotes)")
+        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}", value):
+            raise complain(
+                "1 to 64 of the characters A-Z a-z 0-9 . _ -, beginning with a letter or digit: "
+                "it names the folder of the results"
+            )
+        return value
+
+
+@dataclass(frozen=True, slots=True)
+class UnitOf(Checked):
+    """A unit that converts to the unit of a table's column."""
+
+    target: str
+
+    def check(self, value: Any) -> str:
+        """Return the unit as written if it can be converted."""
+        if not isinstance(value, str) or conversion(value, self.target) is None:
+            raise complain("one of " + ", ".join(allowed_units(self.target)))
+        return value
+
+
+@dataclass(frozen=True, slots=True)
+class Encoding(Checked):
+    """The name of a character encoding."""
+
+    def check(self, value: Any) -> str:
+        """Return the name if it stands for an encoding of text."""
+        try:
+            known = isinstance(value, str) and codecs.lookup(value)._is_text_encoding
+        except (LookupError, ValueError):
+            known = False
+        if not known:
+            raise complain("the name of an encoding such as utf-8, latin-1 or cp1252")
+        return str(value)
+
+
+@dataclass(frozen=True, slots=True)
+class Separator(Checked):
+    """One character that separates the cells of a row, or the word tab."""
+
+    def check(self, value: Any) -> str:
+        """Return the separating character."""
+        if value == "tab":
+            return "\t"
+        if not isinstance(value, str) or len(value) != 1 or value.isalnum() or value in '".\r\n':
+            raise complain("one character such as ',' or ';', or the word tab")
+        return value
+
+
+@dataclass(frozen=True, slots=True)
+class ListOf(Checked):
+    """A list of different values that is not empty.
+
+    Parameters
+    ----------
+    what : str
+        The items in words, for the message.
+    example : str
+        Such a list, for the message.
+    longest : int
+        Largest number of items.
+    """
+
+    what: str
+    example: str
+    longest: int = 200
+
+    def check(self, value: Any) -> tuple[Any, ...]:
+        """Return the items; complain about what is not a list, or an empty or endless one."""
+        if not isinstance(value, (list, tuple)):
+            raise complain(f"a list of {self.what}, such as {self.example}")
+        if not 1 <= len(value) <= self.longest:
+            raise complain(f"a list of 1 to {self.longest} {self.what}, it has {len(value)}")
+        return tuple(value)
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> core_schema.CoreSchema:
+        """Validate the items, then add what is given twice to their complaints."""
+        return core_schema.no_info_wrap_validator_function(self._items, handler(source))
+
+    def _items(self, value: Any, validate: core_schema.ValidatorFunctionWrapHandler) -> Any:
+        items = self.check(value)
+        problems = [
+            InitErrorDetails(type=complain("given once only"), loc=(i,), input=item)
+            for i, item in enumerate(items)
+            if isinstance(item, (int, float)) and item in items[:i]
+        ]
+        try:
+            valid = validate(items)
+        except ValidationError as error:
+            for detail in error.errors(include_url=False):
+                allowed = (detail.get("ctx") or {}).get("allowed", "another value")
+                problems.append(
+                    InitErrorDetails(
+                        type=complain(allowed), loc=detail["loc"], input=detail["input"]
+                    )
+                )
+        if problems:
+            raise ValidationError.from_exception_data("list", problems)
+        return valid

@@ -1,0 +1,82 @@
+"""Load a config from a file or a dict."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from beltid.config.messages import problems_of
+from beltid.config.model import Config
+from beltid.config.yaml_source import Source, parse, read_text
+from beltid.errors import ConfigError
+
+
+def load_config(source: str | Path | Mapping[str, Any] | Config | None = None) -> Config:
+    """Load a config; what it leaves out is that of the built-in 5PK rig.
+
+    Parameters
+    ----------
+    source : path, mapping, Config or None
+        A YAML file, a dict of the same shape, or None for the built-in 5PK rig of the paper.
+        Relative paths under `data` count from the folder of the file.
+
+    Returns
+    -------
+    Config
+        The frozen config.
+
+    Raises
+    ------
+    ConfigError
+        With one line per problem: file, line, column, key path, found, allowed.
+    """
+    if source is None:
+        return Config()
+    if isinstance(source, Config):
+        return source
+    if isinstance(source, Mapping):
+        return _checked(Source(values=_plain(source)))
+    if not isinstance(source, (str, Path)):
+        raise ConfigError(
+            f"config = {type(source).__name__}, must be the path of a YAML file or a dict"
+        )
+    path = Path(source)
+    config = _checked(parse(read_text(path), str(path)))
+    return _with_paths_from(config, path.parent)
+
+
+def _checked(source: Source) -> Config:
+    # `compare:` with nothing under it, everything commented out, means its defaults
+    values = {key: value for key, value in source.values.items() if value is not None}
+    empty_unknown = {
+        key: value
+        for key, value in source.values.items()
+        if value is None and key not in Config.model_fields
+    }
+    try:
+        config = Config.model_validate({**values, **empty_unknown})
+    except ValidationError as error:
+        raise ConfigError([*source.problems, *problems_of(error, Config, source)]) from None
+    if source.problems:
+        raise ConfigError(source.problems)
+    return config
+
+
+def _plain(value: Any) -> Any:
+    """Numpy scalars and arrays of a dict to plain values."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if type(value).__module__ == "numpy" and hasattr(value, "tolist"):
+        return value.tolist()
+    return value
+
+
+def _with_paths_from(config: Config, folder: Path) -> Config:
+    stated: dict[str, Path] = config.data.model_dump(exclude_none=True)
+    resolved = {kind: folder / path for kind, path in stated.items()}
+    return config.model_copy(update={"data": config.data.model_copy(update=resolved)})

@@ -1,0 +1,125 @@
+"""Words of the errors of a config: the place, what was found, what is allowed.
+
+The model checks; this module words every complaint for the person who wrote the config, whatever
+the library underneath calls it.
+"""
+
+from __future__ import annotations
+
+import difflib
+import types
+from collections.abc import Iterable, Mapping
+from typing import Any, Union, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+
+from beltid.config.fields import COMPLAINT
+from beltid.config.yaml_source import KeyPath, Source, format_path
+
+
+def problems_of(error: ValidationError, model: type[BaseModel], source: Source) -> list[str]:
+    """One line per problem, in the order of the file.
+
+    Parameters
+    ----------
+    error : ValidationError
+        What the model found.
+    model : type
+        The model, for the keys that it knows.
+    source : Source
+        The values and their places.
+    """
+    lines: list[tuple[tuple[int, int], str]] = []
+    for detail in error.errors(include_url=False):
+        path: KeyPath = tuple(detail["loc"])
+        unknown = detail["type"] in ("extra_forbidden", "invalid_key")
+        text = (
+            _unknown_key(path, model)
+            if unknown
+            else _found_and_allowed(path, detail, model, source)
+        )
+        place = (source.key_places if unknown else source.places).get(path)
+        order = (place.line, place.column) if place else (0, 0)
+        lines.append((order, source.prefix(path, key=unknown) + text))
+    return [text for _, text in sorted(lines, key=lambda item: item[0])]
+
+
+def suggestion(word: str, known: Iterable[str]) -> str:
+    """``, did you mean pulley_radius_m?`` if a known word is close, else nothing."""
+    by_lower = {name.lower(): name for name in known}
+    close = difflib.get_close_matches(word.lower(), by_lower, n=1, cutoff=0.6)
+    if not close:
+        stems = [low for low in by_lower if low.startswith(word.lower() + "_")]
+        close = stems[:1]
+    return f", did you mean {by_lower[close[0]]}?" if close else ""
+
+
+def _unknown_key(path: KeyPath, model: type[BaseModel]) -> str:
+    word = str(path[-1])
+    known = _keys_at(path[:-1], model)
+    where = f"{format_path(path[:-1])} has" if path[:-1] else "a config has"
+    hint = suggestion(word, known) or _elsewhere(word, model)
+    if not hint and word.isdigit() and path[:-1]:
+        hint = " (the decimal sign is a point)"  # {span_length_m: 0,10} reads as a key 10
+    text = f"{format_path(path)} is not a known key"
+    return f"{text}{hint}" if hint else f"{text}, {where} " + ", ".join(known)
+
+
+def _elsewhere(word: str, model: type[BaseModel]) -> str:
+    """A key that stands in another section than the user put it."""
+    for name in model.model_fields:
+        if word in _keys_at((name,), model):
+            return f", did you mean {name}.{word}?"
+    return ""
+
+
+def _found_and_allowed(
+    path: KeyPath, detail: Mapping[str, Any], model: type[BaseModel], source: Source
+) -> str:
+    context = detail.get("ctx") or {}
+    if detail["type"] == COMPLAINT:
+        allowed = context["allowed"]
+    elif detail["type"] in ("model_type", "model_attributes_type", "dict_type"):
+        keys = _keys_at(path, model)
+        allowed = "a section with the keys " + ", ".join(keys)
+    else:
+        allowed = "another value"
+    return f"{format_path(path)} = {_shown(path, detail['input'], source)}, must be {allowed}"
+
+
+def _shown(path: KeyPath, value: Any, source: Source) -> str:
+    """The value as the user wrote it, shortened."""
+    if path in source.texts:
+        text = source.texts[path] or "empty"
+    elif value is None:
+        text = "empty"
+    elif isinstance(value, Mapping):
+        return "a section"
+    elif isinstance(value, (list, tuple)):
+        text = "[" + ", ".join(repr(item) for item in value[:8]) + (", ...]" * (len(value) > 8))
+        text = text if text.endswith("]") else text + "]"
+    elif isinstance(value, bool):
+        text = str(value).lower()
+    elif isinstance(value, str):
+        text = f'"{value}"'
+    else:
+        text = repr(value)
+    text = "".join(c if c.isprintable() else "?" for c in text)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _keys_at(path: KeyPath, model: type[BaseModel]) -> tuple[str, ...]:
+    """Keys of the section that a path leads to."""
+    here: Any = model
+    for part in path:
+        field = here.model_fields.get(part) if _is_model(here) else None
+        if field is None:
+            return ()
+        here = field.annotation
+        if get_origin(here) in (Union, types.UnionType):
+            here = next((arg for arg in get_args(here) if _is_model(arg)), None)
+    return tuple(here.model_fields) if _is_model(here) else ()
+
+
+def _is_model(annotation: Any) -> bool:
+    return isinstance(annotation, type) and issubclass(annotation, BaseModel)

@@ -1,0 +1,317 @@
+"""What a config says: belt, press, rig, contact, and the settings of every stage.
+
+The model is closed (an unknown key is an error) and frozen. The defaults are the built-in rig of
+the paper with a 5PK belt, so an empty config is a complete one.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict
+
+from beltid import params
+from beltid.config.fields import (
+    Choice,
+    Count,
+    Encoding,
+    FilePath,
+    FolderName,
+    ListOf,
+    Number,
+    OnOff,
+    Separator,
+    Text,
+    UnitOf,
+)
+
+
+class Section(BaseModel):
+    """A closed, frozen section of the config."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class BeltSection(Section):
+    """The belt: name of the results' folder, type, and the properties of its cross section."""
+
+    name: Annotated[str, FolderName()] = "5pk"
+    type: Annotated[str, Text(40)] = "5PK"
+    ribs: Annotated[int, Count(1, 100)] = 5
+    axial_stiffness_N: Annotated[float, Number(1e2, 1e8, "N")] = 1.0e5
+    bending_stiffness_N_m2: Annotated[float, Number(1e-8, 1e2, "N m²")] = 0.02
+    mass_per_length_kg_m: Annotated[float, Number(1e-4, 1e2, "kg/m")] = 0.10
+    damping_time_s: Annotated[float, Number(0, 1, "s")] = 1.0e-4
+
+
+class PressSection(Section):
+    """The compression press: segment, reference temperature, machine, cycles."""
+
+    segment_length_cm: Annotated[float, Number(0, 100, "cm", open_low=True)] = 4.0
+    reference_temperature_degC: Annotated[float, Number(-60, 200, "°C")] = 22.0
+    machine_compliance_mm_N: Annotated[float, Number(0, 1e-2, "mm/N")] = 0.0
+    cycles: Annotated[Literal["last", "first", "all"], Choice(("last", "first", "all"))] = "last"
+
+
+class RigSection(Section):
+    """The friction rig: geometry, supports, and the settings of its runs."""
+
+    pulley_radius_m: Annotated[float, Number(0.002, 5, "m")] = 0.05
+    span_length_m: Annotated[float, Number(0.002, 10, "m")] = 0.10
+    supports: Annotated[Literal["pinned", "clamped"], Choice(("pinned", "clamped"))] = "pinned"
+    arcs_deg: Annotated[
+        tuple[Annotated[float, Number(0, 360, open_low=True, open_high=True)], ...],
+        ListOf("contact arcs", "[40, 68, 82]"),
+    ] = (40.0, 68.0, 82.0)
+    initial_tensions_N: Annotated[
+        tuple[Annotated[float, Number(0, 1e5, "N", open_low=True)], ...],
+        ListOf("tensions", "[100, 270, 410]"),
+    ] = (50.0, 100.0, 160.0, 220.0, 270.0, 310.0, 360.0, 411.0)
+    pulley_speeds_rad_s: Annotated[
+        tuple[Annotated[float, Number(0, 1e4, "rad/s", open_low=True)], ...],
+        ListOf("speeds", "[0.05, 0.21, 0.84]"),
+    ] = (0.05, 0.10, 0.21, 0.42, 0.84)
+
+
+class ContactSection(Section):
+    """Settings of the simulated contact that no bench measures."""
+
+    damping_N_s_m: Annotated[float, Number(0, 1e7, "N s/m")] = 300.0
+    points_per_element: Annotated[int, Count(1, 9)] = 5
+
+
+Recorded = Annotated[Path, FilePath()] | None
+
+
+class DataSection(Section):
+    """Where the recordings are; a relative path counts from the folder of the config."""
+
+    press: Recorded = None
+    rig: Recorded = None
+    speedloss: Recorded = None
+
+
+class CompareSection(Section):
+    """How far the simulated friction coefficients may be from the measured ones."""
+
+    max_rms_relative_error: Annotated[float, Number(0, 10, open_low=True)] = 0.06
+    max_mean_relative_error: Annotated[float, Number(0, 10, open_low=True)] = 0.05
+    max_relative_error: Annotated[float, Number(0, 10, open_low=True)] = 0.20
+
+
+class FrictionSection(Section):
+    """How a run of the friction rig is reduced to a friction coefficient."""
+
+    min_plateau_samples: Annotated[int, Count(5, 1_000_000)] = 20
+    spike_threshold: Annotated[float, Number(2, 100)] = 6.0
+    correct_imbalance: Annotated[bool, OnOff()] = False
+    max_mu: Annotated[float, Number(0, 20, open_low=True)] = 3.0
+
+
+class SurfaceSection(Section):
+    """How the friction surface is built: number of common nodes of the normal force."""
+
+    force_nodes: Annotated[int, Count(2, 200)] | None = None
+
+
+class SlipSection(Section):
+    """How many pulley speeds the friction rig is to run."""
+
+    n_speeds: Annotated[int, Count(1, 50)] = 5
+
+
+class SimulationSection(Section):
+    """How the rig is simulated; null leaves a number to the program."""
+
+    method: Annotated[Literal["transient", "steady"], Choice(("transient", "steady"))] = "transient"
+    elements: Annotated[int, Count(4, 2000)] | None = None
+    steps_per_run: Annotated[int, Count(10, 100_000)] | None = None
+    friction_solver: Annotated[Literal["newton", "lemke"], Choice(("newton", "lemke"))] = "newton"
+    sticking_ratio: Annotated[float, Number(1, 5)] = 1.0
+
+
+Name = Annotated[str, Text()] | None
+
+
+class PressNames(Section):
+    """Names of the columns of a press recording in the file."""
+
+    test: Name = None
+    temperature_degC: Name = None
+    time_s: Name = None
+    displacement_mm: Name = None
+    force_N: Name = None
+
+
+class RigNames(Section):
+    """Names of the columns of a recording of the friction rig in the file."""
+
+    run: Name = None
+    time_s: Name = None
+    tension_tight_N: Name = None
+    tension_slack_N: Name = None
+    pulley_speed_rad_s: Name = None
+    temperature_degC: Name = None
+    arc_deg: Name = None
+    initial_tension_N: Name = None
+
+
+class SpeedlossNames(Section):
+    """Names of the columns of a speed-loss recording in the file."""
+
+    run: Name = None
+    time_s: Name = None
+    initial_tension_N: Name = None
+    torque_N_m: Name = None
+    driver_speed_rad_s: Name = None
+    driven_speed_rad_s: Name = None
+
+
+Time = Annotated[str, UnitOf("s")] | None
+Force = Annotated[str, UnitOf("N")] | None
+Speed = Annotated[str, UnitOf("rad/s")] | None
+Temperature = Annotated[str, UnitOf("degC")] | None
+
+
+class PressUnits(Section):
+    """Units of the columns of a press recording in the file."""
+
+    temperature_degC: Temperature = None
+    time_s: Time = None
+    displacement_mm: Annotated[str, UnitOf("mm")] | None = None
+    force_N: Force = None
+
+
+class RigUnits(Section):
+    """Units of the columns of a recording of the friction rig in the file."""
+
+    time_s: Time = None
+    tension_tight_N: Force = None
+    tension_slack_N: Force = None
+    pulley_speed_rad_s: Speed = None
+    temperature_degC: Temperature = None
+    arc_deg: Annotated[str, UnitOf("deg")] | None = None
+    initial_tension_N: Force = None
+
+
+class SpeedlossUnits(Section):
+    """Units of the columns of a speed-loss recording in the file."""
+
+    time_s: Time = None
+    initial_tension_N: Force = None
+    torque_N_m: Annotated[str, UnitOf("N m")] | None = None
+    driver_speed_rad_s: Speed = None
+    driven_speed_rad_s: Speed = None
+
+
+class ColumnsSection(Section):
+    """Our name of a column -> its name in the file, per kind of recording."""
+
+    press: PressNames = PressNames()
+    rig: RigNames = RigNames()
+    speedloss: SpeedlossNames = SpeedlossNames()
+
+    def of(self, kind: str) -> dict[str, str]:
+        """The columns that are named otherwise in files of this kind."""
+        return _stated(self, kind)
+
+
+class UnitsSection(Section):
+    """Our name of a column -> its unit in the file, per kind of recording."""
+
+    press: PressUnits = PressUnits()
+    rig: RigUnits = RigUnits()
+    speedloss: SpeedlossUnits = SpeedlossUnits()
+
+    def of(self, kind: str) -> dict[str, str]:
+        """The columns that come in another unit in files of this kind."""
+        return _stated(self, kind)
+
+
+def _stated(section: Section, kind: str) -> dict[str, str]:
+    stated: dict[str, str] = getattr(section, kind).model_dump(exclude_none=True)
+    return stated
+
+
+class DialectSection(Section):
+    """How the CSV files of the bench are written; null means: found out from the file."""
+
+    separator: Annotated[str, Separator()] | None = None
+    decimal: Annotated[Literal[".", ","], Choice((".", ","))] | None = None
+    encoding: Annotated[str, Encoding()] | None = None
+    skip_lines: Annotated[int, Count(0, 10_000)] = 0
+    units_row: Annotated[bool, OnOff()] = False
+
+
+class Config(Section):
+    """A belt, its benches, and the settings of every stage.
+
+    The defaults are the rig of the paper with a 5PK belt. Values are made by
+    :func:`beltid.load_config`, which words the errors.
+    """
+
+    belt: BeltSection = BeltSection()
+    press: PressSection = PressSection()
+    rig: RigSection = RigSection()
+    contact: ContactSection = ContactSection()
+    data: DataSection = DataSection()
+    compare: CompareSection = CompareSection()
+    friction: FrictionSection = FrictionSection()
+    surface: SurfaceSection = SurfaceSection()
+    slip: SlipSection = SlipSection()
+    simulation: SimulationSection = SimulationSection()
+    columns: ColumnsSection = ColumnsSection()
+    units: UnitsSection = UnitsSection()
+    dialect: DialectSection = DialectSection()
+
+    def belt_params(self) -> params.Belt:
+        """Section properties of the belt for the science."""
+        b = self.belt
+        return params.Belt(
+            EA=b.axial_stiffness_N,
+            EI=b.bending_stiffness_N_m2,
+            rhoA=b.mass_per_length_kg_m,
+            damping_time=b.damping_time_s,
+        )
+
+    def rig_params(self) -> params.Rig:
+        """Geometry of the rig for the science."""
+        r = self.rig
+        return params.Rig(R=r.pulley_radius_m, span=r.span_length_m, supports=r.supports)
+
+    def contact_params(self) -> params.Contact:
+        """Settings of the contact for the science."""
+        return params.Contact(
+            C_P=self.contact.damping_N_s_m,
+            points_per_element=self.contact.points_per_element,
+            sticking_ratio=self.simulation.sticking_ratio,
+        )
+
+    @property
+    def sha256(self) -> str:
+        """SHA-256 of all that can change a result: every section but `data`.
+
+        Where a recording lies does not matter, what it holds does; its own hash tells that.
+        """
+        return self.section_sha256(*(name for name in type(self).model_fields if name != "data"))
+
+    def section_sha256(self, *sections: str) -> str:
+        """SHA-256 of the values of some sections, independent of how the file was written.
+
+        Parameters
+        ----------
+        *sections : str
+            Names of sections, such as ``"belt"``; their order does not matter.
+
+        Raises
+        ------
+        KeyError
+            If the config has no such section.
+        """
+        values: dict[str, Any] = self.model_dump(mode="json")
+        chosen = {name: values[name] for name in sections}
+        text = json.dumps(chosen, sort_keys=True, separators=(",", ":"), allow_nan=False)
+        return hashlib.sha256(text.encode()).hexdigest()
