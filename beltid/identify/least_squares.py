@@ -1,0 +1,114 @@
+"""Linear least squares by QR with scaled columns.
+
+Columns such as delta and delta² differ by many orders of magnitude. Each is scaled to unit length
+before a Householder QR, so that no digits are lost to the units and the normal equations, which
+square the condition number, are never formed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import qr, solve_triangular
+
+from beltid.errors import FitError, InputError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class LinearFit:
+    """Result of a linear least-squares problem ``min |A x - b|``.
+
+    Attributes
+    ----------
+    coefficients : ndarray
+        x, shape (p,).
+    cofactor : ndarray
+        ``(A^T A)^-1``, shape (p, p); times a residual variance it is the covariance of x.
+    residuals : ndarray
+        ``b - A x``, shape (n,).
+    """
+
+    coefficients: Array
+    cofactor: Array
+    residuals: Array
+
+    @property
+    def sum_of_squares(self) -> float:
+        """Residual sum of squares, in the squared unit of b."""
+        return float(self.residuals @ self.residuals)
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Number of observations less number of coefficients, ``n - p``."""
+        return self.residuals.size - self.coefficients.size
+
+    @property
+    def residual_variance(self) -> float:
+        """``sum_of_squares / (n - p)``; nan without degrees of freedom."""
+        dof = self.degrees_of_freedom
+        return self.sum_of_squares / dof if dof > 0 else float("nan")
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the coefficients for independent residuals, shape (p, p)."""
+        return self.cofactor * self.residual_variance
+
+    @property
+    def se(self) -> Array:
+        """Standard errors of the coefficients for independent residuals, shape (p,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def solve_least_squares(design: ArrayLike, observed: ArrayLike) -> LinearFit:
+    """Solve ``min |A x - b|`` by Householder QR of the column-scaled A.
+
+    Parameters
+    ----------
+    design : array_like
+        A, shape (n, p) with n >= p.
+    observed : array_like
+        b, shape (n,).
+
+    Returns
+    -------
+    LinearFit
+        Coefficients, cofactor matrix and residuals; one step of iterative refinement is made.
+
+    Raises
+    ------
+    InputError
+        If the shapes do not fit or a value is not finite.
+    FitError
+        If the columns are linearly dependent to working precision.
+    """
+    A = np.asarray(design, dtype=float)
+    b = np.asarray(observed, dtype=float)
+    if A.ndim != 2 or b.shape != A.shape[:1] or A.shape[0] < A.shape[1] or A.shape[1] == 0:
+        raise InputError(
+            f"least squares: design {A.shape} and observations {b.shape}, "
+            "must be (n, p) and (n,) with n >= p >= 1"
+        )
+    if not (np.all(np.isfinite(A)) and np.all(np.isfinite(b))):
+        raise InputError("least squares: values that are not finite, must be finite")
+    scale = np.max(np.abs(A), axis=0)
+    usable = scale > 0.0
+    # two steps, so that the squares in the norm neither overflow nor vanish
+    scale = np.where(usable, scale, 1.0)
+    scale = scale * np.linalg.norm(A / scale, axis=0)
+    scale = np.where(usable, scale, 1.0)
+    Q, R = qr(A / scale, mode="economic", check_finite=False)
+    pivots = np.abs(np.diag(R))
+    limit = max(A.shape) * np.finfo(float).eps * pivots.max()
+    if not usable.all() or pivots.min() <= limit:
+        raise FitError(
+            f"least squares: {A.shape[1]} coefficients, but the columns are linearly dependent; "
+            "the observations do not determine them"
+        )
+    x = solve_triangular(R, Q.T @ b) / scale
+    x = x + solve_triangular(R, Q.T @ (b - A @ x)) / scale
+    R_inverse = solve_triangular(R, np.eye(R.shape[0])) / scale[:, None]
+    return LinearFit(x, R_inverse @ R_inverse.T, b - A @ x)

@@ -1,0 +1,136 @@
+"""Linear least squares on certified data (NIST StRD) and against exact rational arithmetic."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from beltid.errors import FitError, InputError
+from beltid.identify.least_squares import solve_least_squares
+
+# NIST Statistical Reference Datasets, linear regression; values as certified (15 digits)
+PONTIUS_TEXT = """
+.11019 .21956 .32949 .43899 .54803 .65694 .76562 .87487 .98292 1.09146 1.20001 1.30822 1.41599
+1.52399 1.63194 1.73947 1.84646 1.95392 2.06128 2.16844 .11052 .22018 .32939 .43886 .54798 .65739
+.76596 .87474 .98300 1.09150 1.20004 1.30818 1.41613 1.52408 1.63159 1.73965 1.84696 1.95445
+2.06177 2.16829
+"""
+PONTIUS_X = [150000 * k for k in range(1, 21)] * 2
+CERTIFIED = {
+    "Pontius": (
+        (PONTIUS_X, PONTIUS_TEXT.split(), (0, 1, 2)),
+        [0.673565789473684e-03, 0.732059160401003e-06, -0.316081871345029e-14],
+        [0.107938612033077e-03, 0.157817399981659e-09, 0.486652849992036e-16],
+        0.205177424076185e-03,
+    ),
+    "NoInt1": (
+        (range(60, 71), range(130, 141), (1,)),
+        [2.07438016528926],
+        [0.165289256198347e-01],
+        3.56753034006338,
+    ),
+    "NoInt2": (
+        ((4, 5, 6), (3, 4, 4), (1,)),
+        [0.727272727272727],
+        [0.420827318078432e-01],
+        0.369274472937998,
+    ),
+}
+
+
+def problem(x, y, powers):
+    exact_x = [Fraction(v) for v in x]
+    rows = [[v**k for k in powers] for v in exact_x]
+    return rows, [Fraction(v) for v in y]
+
+
+def digits(found, certified) -> float:
+    """Number of agreeing digits (log relative error) of the worst component."""
+    error = np.abs(np.asarray(found) - certified) / np.abs(certified)
+    return float(-np.log10(max(error.max(), 1e-16)))
+
+
+def rational_least_squares(rows, y):
+    """Normal equations solved in rational arithmetic: (coefficients, cofactor diagonal, RSS)."""
+    p = len(rows[0])
+    gram = [[sum(r[i] * r[j] for r in rows) for j in range(p)] for i in range(p)]
+    right = [sum(r[i] * v for r, v in zip(rows, y, strict=True)) for i in range(p)]
+    work = [gram[i] + [right[i]] + [Fraction(int(i == j)) for j in range(p)] for i in range(p)]
+    for i in range(p):
+        pivot = work[i][i]
+        work[i] = [v / pivot for v in work[i]]
+        for k in range(p):
+            if k != i:
+                work[k] = [a - work[k][i] * b for a, b in zip(work[k], work[i], strict=True)]
+    x = [work[i][p] for i in range(p)]
+    rss = sum(
+        (v - sum(a * b for a, b in zip(r, x, strict=True))) ** 2
+        for r, v in zip(rows, y, strict=True)
+    )
+    return x, [work[i][p + 1 + i] for i in range(p)], rss
+
+
+@pytest.mark.parametrize("name", CERTIFIED)
+def test_certified_values_of_nist(name):
+    data, beta, se, residual_sd = CERTIFIED[name]
+    rows, y = problem(*data)
+    fit = solve_least_squares(np.array(rows, dtype=float), np.array(y, dtype=float))
+    assert digits(fit.coefficients, beta) >= 12
+    assert digits(fit.se, se) >= 12
+    assert digits(np.sqrt(fit.residual_variance), residual_sd) >= 12
+
+
+@pytest.mark.parametrize("name", CERTIFIED)
+def test_certified_values_agree_with_rational_arithmetic(name):
+    data, beta, se, residual_sd = CERTIFIED[name]
+    rows, y = problem(*data)
+    x, cofactor, rss = rational_least_squares(rows, y)
+    variance = rss / (len(y) - len(x))
+    assert digits([float(v) for v in x], beta) >= 14
+    assert digits([float(c * variance) ** 0.5 for c in cofactor], se) >= 14
+    assert digits(float(variance) ** 0.5, residual_sd) >= 14
+
+
+def test_covariance_is_that_of_repeated_noisy_experiments():
+    rng = np.random.default_rng(11)
+    x = np.linspace(1e-5, 1.2e-4, 60)
+    design = np.column_stack([x, x**2])
+    truth = np.array([6.5e7, 3.0256e11])
+    found = np.array(
+        [
+            solve_least_squares(design, design @ truth + rng.normal(0, 5, 60)).coefficients
+            for _ in range(2000)
+        ]
+    )
+    expected = 25.0 * solve_least_squares(design, design @ truth).cofactor
+    # 2000 repetitions determine a variance to 3.2 %
+    assert np.allclose(np.cov(found.T) / expected, 1.0, atol=0.12)
+
+
+@given(st.lists(st.integers(-9, 9), min_size=3, max_size=3), st.floats(-12, 12))
+def test_exact_data_give_the_exact_coefficients_in_any_unit(truth, exponent):
+    unit = 10.0**exponent
+    x = np.linspace(-1.0, 2.0, 9) * unit
+    design = np.column_stack([np.ones(9), x, x**2])
+    beta = np.array(truth) / unit ** np.arange(3)
+    fit = solve_least_squares(design, design @ beta)
+    assert np.abs((fit.coefficients - beta) * unit ** np.arange(3)).max() < 1e-12
+
+
+def test_dependent_columns_are_refused():
+    x = np.arange(5.0)
+    with pytest.raises(FitError, match="linearly dependent"):
+        solve_least_squares(np.column_stack([x, 3 * x]), x)
+    with pytest.raises(FitError, match="linearly dependent"):
+        solve_least_squares(np.column_stack([x, 0 * x]), x)
+
+
+def test_shapes_and_values_are_checked():
+    with pytest.raises(InputError, match="n >= p"):
+        solve_least_squares(np.ones((1, 2)), np.ones(1))
+    with pytest.raises(InputError, match="finite"):
+        solve_least_squares(np.array([[1.0], [np.nan]]), np.ones(2))
