@@ -126,6 +126,68 @@ def local_reference(x: Array, half_width: int) -> Array:
     return reference
 
 
+def spike_mask(x: ArrayLike, threshold: float = 8.0, floor: float = 0.0) -> Mask:
+    """Mark missing samples and single spikes of a signal that ramps, turns and has kinks.
+
+    A spike disagrees with everything around it: with the line through its neighbours and with the
+    continuations from either side. A sample at a reversal or at the moment of contact agrees with
+    at least one of them.
+
+    Parameters
+    ----------
+    x : array_like
+        Samples in their order of time, shape (n,).
+    threshold : float
+        Smallest disagreement of a spike, in robust spreads of all disagreements.
+    floor : float
+        Smallest disagreement of a spike, in the unit of `x`.
+
+    Returns
+    -------
+    ndarray of bool
+        True where a sample is not finite or a spike, shape (n,).
+    """
+    values = np.asarray(x, dtype=float).ravel()
+    mask = ~np.isfinite(values)
+    good = values[~mask]
+    if good.size < 9:
+        return mask
+    steps = np.arange(1, 4)[:, None]
+    inner = np.arange(6, good.size - 6)
+    disagreement = np.abs(good - local_reference(good, 3))
+    if inner.size:
+        before = np.median(2.0 * good[inner - steps] - good[inner - 2 * steps], axis=0)
+        after = np.median(2.0 * good[inner + steps] - good[inner + 2 * steps], axis=0)
+        either = np.minimum(np.abs(good[inner] - before), np.abs(good[inner] - after))
+        disagreement[inner] = np.minimum(disagreement[inner], either)
+    mask[~mask] = disagreement > max(
+        threshold * MAD_TO_SIGMA * float(np.median(disagreement)), floor
+    )
+    return mask
+
+
+def sample_noise(x: ArrayLike) -> float:
+    """Standard deviation of the white noise on a signal that changes slowly from sample to sample.
+
+    Parameters
+    ----------
+    x : array_like
+        Samples in their order of time, shape (n,); those that are not finite are left out.
+
+    Returns
+    -------
+    float
+        Noise in the unit of `x`, from second differences, whose spread is sqrt(6) times the noise;
+        0 with fewer than five samples.
+    """
+    values = np.asarray(x, dtype=float).ravel()
+    values = values[np.isfinite(values)]
+    if values.size < 5:
+        return 0.0
+    second = np.diff(values, 2)
+    return MAD_TO_SIGMA * float(np.median(np.abs(second))) / np.sqrt(6.0)
+
+
 def integrated_autocorrelation_time(x: ArrayLike) -> float:
     """Integrated autocorrelation time ``tau = 1 + 2 sum_k rho_k`` of a sampled signal.
 

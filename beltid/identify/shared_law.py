@@ -1,0 +1,265 @@
+"""One quadratic law for several press curves, each with its own contact point.
+
+For a known contact point the law of Eq. (3) is linear in its coefficients. The contact points
+are found with it: the unknowns are the slope A and the curvature B of the law at a reference force
+F, and for every curve the position p at which it reaches F,
+
+    f = F + A (x - p) + B (x - p)²,
+
+a form that stays regular for linear and for purely quadratic laws. Law and contact points follow:
+``k_quadratic = B``, ``k_linear = sqrt(A² - 4 B F)``, ``offset = p - 2 F/(A + k_linear)``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.errors import ConvergenceError, FitError
+from beltid.identify.least_squares import LinearFit, solve_least_squares
+from beltid.identify.press_curves import PressCurve
+from beltid.identify.statistics import integrated_autocorrelation_time
+
+Array = NDArray[np.float64]
+Form = Literal["quadratic", "linear", "purely quadratic"]
+
+MAX_ITERATIONS = 100
+STEP_TOLERANCE = 1.0e-12
+SIGNIFICANT = 3.0
+"""A coefficient of the wrong sign within this many standard errors is taken as zero."""
+NEGLIGIBLE_SHARE = 2.0e-3
+"""So is one that changes the force by less than this share of the largest force."""
+
+
+@dataclass(frozen=True, slots=True)
+class SharedLaw:
+    """A law through several curves.
+
+    Attributes
+    ----------
+    k_linear_N_m2, k_quadratic_N_m3 : float
+        Coefficients [N/m²], [N/m³].
+    covariance : ndarray
+        Their covariance with the doubt about the contact points and the correlation of the
+        residuals, shape (2, 2).
+    offsets_m, offsets_se_m : ndarray
+        Position of the contact point of each curve and its standard error [m], shape (curves,).
+    residuals : tuple of ndarray
+        Middle of the branches less law at the nodes of each curve [N/m].
+    tau : float
+        Integrated autocorrelation time of the residuals [nodes].
+    form : str
+        "quadratic", or what was left where a coefficient was taken as zero.
+    notes : tuple of str
+        What there is to say about the form.
+    """
+
+    k_linear_N_m2: float
+    k_quadratic_N_m3: float
+    covariance: Array
+    offsets_m: Array
+    offsets_se_m: Array
+    residuals: tuple[Array, ...]
+    tau: float
+    form: Form
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class _Parabola:
+    """Solution in the regular unknowns (A, B, p_1 ... p_J); B is absent unless quadratic."""
+
+    form: Form
+    F: float
+    A: float
+    B: float
+    p: Array
+    linear: LinearFit
+    residuals: tuple[Array, ...]
+    tau: float
+
+    @property
+    def sum_of_squares(self) -> float:
+        return float(sum(r @ r for r in self.residuals))
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the unknowns of the form, correlation of the residuals allowed for."""
+        return self.linear.cofactor * self.linear.residual_variance * self.tau
+
+
+def residual_sum_of_squares(curves: Sequence[PressCurve]) -> tuple[float, tuple[Array, ...]]:
+    """Sum of squares [N²/m²] and residuals of one unconstrained law through the curves."""
+    parabola = _fit(curves, "quadratic")
+    return parabola.sum_of_squares, parabola.residuals
+
+
+def fit_shared_law(curves: Sequence[PressCurve], place: str) -> SharedLaw:
+    """Fit one admissible law to curves with free contact points.
+
+    Parameters
+    ----------
+    curves : sequence of PressCurve
+        Curves, at least one.
+    place : str
+        What is fitted, for messages.
+
+    Returns
+    -------
+    SharedLaw
+        With ``k >= 0``. A coefficient that comes out negative but is statistically zero, or
+        cannot be seen in the force, is set to zero and the rest fitted again; this is noted.
+
+    Raises
+    ------
+    FitError
+        If the force does not rise, or a coefficient is negative beyond doubt.
+    ConvergenceError
+        If the contact points are not found.
+    """
+    full = _fit(curves, "quadratic")
+    top = float(max(np.max(c.middle_N_m) for c in curves))
+    if full.A <= 0.0:
+        raise FitError(f"{place}: the force falls with penetration, must rise")
+    se = np.sqrt(np.diag(full.covariance))
+    if full.B < 0.0:
+        span = max(float(np.ptp(c.position_m)) for c in curves)
+        share = -full.B * span**2 / top
+        _require_small(place, "k_quadratic", full.B, se[1], share, "N/m³")
+        note = (
+            f"{place}: k_quadratic came out as {full.B:.3g} ± {se[1]:.2g} N/m³, "
+            "not different from zero: a linear law was fitted"
+        )
+        return _law(_fit(curves, "linear"), (note,))
+    square = full.A**2 - 4.0 * full.B * full.F
+    if square < 0.0:
+        gradient = np.array([2.0 * full.A, -4.0 * full.F])
+        square_se = float(np.sqrt(gradient @ full.covariance[:2, :2] @ gradient))
+        share = -square / (4.0 * full.B) / top
+        _require_small(place, "k_linear²", square, square_se, share, "N²/m⁴")
+        note = (
+            f"{place}: k_linear² came out as {square:.3g} ± {square_se:.2g} N²/m⁴, "
+            "not different from zero: a purely quadratic law was fitted"
+        )
+        return _law(_fit(curves, "purely quadratic"), (note,))
+    return _law(full)
+
+
+def _require_small(place: str, name: str, value: float, se: float, share: float, unit: str) -> None:
+    if -value > SIGNIFICANT * se and share > NEGLIGIBLE_SHARE:
+        raise FitError(
+            f"{place}: {name} = {value:.4g} ± {se:.2g} {unit} (changes the force by "
+            f"{100 * share:.2g} % of its largest value), must be >= 0: the curve is not a law "
+            "k_linear delta + k_quadratic delta² that stiffens from a contact point"
+        )
+
+
+def _fit(curves: Sequence[PressCurve], form: Form) -> _Parabola:
+    """Gauss–Newton with step halving on the unknowns (A, [B,] p_1 ... p_J)."""
+    F = 0.5 * min(float(np.max(c.middle_N_m)) for c in curves)
+    theta = _start(curves, F, form)
+    residuals, jacobian = _model(curves, F, theta, form)
+    best = float(residuals @ residuals)
+    size = float(np.linalg.norm(np.concatenate([c.middle_N_m for c in curves])))
+    for _ in range(MAX_ITERATIONS):
+        linear = solve_least_squares(jacobian, residuals)
+        step = linear.coefficients
+        moved = float(np.max(np.abs(step) * np.linalg.norm(jacobian, axis=0))) / size
+        if moved < STEP_TOLERANCE:
+            break
+        for halving in range(30):
+            trial = theta + step * 0.5**halving
+            residuals, jacobian = _model(curves, F, trial, form)
+            found = float(residuals @ residuals)
+            if found <= best * (1.0 + 1e-12) or moved < 1e-9:
+                break
+        theta, best = trial, found
+    else:
+        raise ConvergenceError(
+            f"contact points: last step changes the force by {moved:.1e} of itself, "
+            f"must be below {STEP_TOLERANCE:g}",
+            iterations=MAX_ITERATIONS,
+            residual=moved,
+        )
+    cuts = np.cumsum([c.position_m.size for c in curves])[:-1]
+    parts = tuple(np.split(residuals, cuts))
+    A, B, p = _unpack(theta, F, form)
+    return _Parabola(form, F, A, B, p, linear, parts, correlation_time(parts))
+
+
+def correlation_time(parts: Sequence[Array]) -> float:
+    """Mean integrated autocorrelation time of residuals of several curves [nodes]."""
+    weights = np.array([r.size for r in parts], dtype=float)
+    times = np.array([integrated_autocorrelation_time(r) for r in parts])
+    return float(weights @ times / weights.sum())
+
+
+def _start(curves: Sequence[PressCurve], F: float, form: Form) -> Array:
+    """First values: where each curve reaches F, and the linear fit for these positions."""
+    p = []
+    for c in curves:
+        order = np.maximum.accumulate(c.middle_N_m)
+        p.append(float(np.interp(F, order, c.position_m)))
+    y = np.concatenate([c.position_m - q for c, q in zip(curves, p, strict=True)])
+    f = np.concatenate([c.middle_N_m for c in curves]) - F
+    design = np.column_stack([y, y * y]) if form == "quadratic" else y[:, None]
+    return np.concatenate([solve_least_squares(design, f).coefficients, p])
+
+
+def _unpack(theta: Array, F: float, form: Form) -> tuple[float, float, Array]:
+    A = float(theta[0])
+    if form == "quadratic":
+        return A, float(theta[1]), theta[2:]
+    return A, (A * A / (4.0 * F) if form == "purely quadratic" else 0.0), theta[1:]
+
+
+def _model(curves: Sequence[PressCurve], F: float, theta: Array, form: Form) -> tuple[Array, Array]:
+    """Residuals [N/m], shape (n,), and derivatives of the law by the unknowns, shape (n, q)."""
+    A, B, p = _unpack(theta, F, form)
+    y = np.concatenate([c.position_m - q for c, q in zip(curves, p, strict=True)])
+    f = np.concatenate([c.middle_N_m for c in curves])
+    owner = np.repeat(np.arange(len(curves)), [c.position_m.size for c in curves])
+    by_A = y + A * y * y / (2.0 * F) if form == "purely quadratic" else y
+    shape = [by_A, y * y] if form == "quadratic" else [by_A]
+    slope = -(A + 2.0 * B * y)
+    offsets = np.where(owner[:, None] == np.arange(len(curves)), slope[:, None], 0.0)
+    return f - (F + A * y + B * y * y), np.column_stack([*shape, offsets])
+
+
+def _law(parabola: _Parabola, notes: tuple[str, ...] = ()) -> SharedLaw:
+    """Coefficients and contact points with their errors (delta method on the full covariance)."""
+    A, B, F, p = parabola.A, parabola.B, parabola.F, parabola.p
+    cov = parabola.covariance
+    n_shape = cov.shape[0] - p.size
+    by_k = np.zeros((2, n_shape))
+    if parabola.form == "linear":
+        k_linear = A
+        by_k[0, 0] = 1.0
+        by_offset = np.array([F / A**2])
+    elif parabola.form == "purely quadratic":
+        k_linear = 0.0
+        by_k[1, 0] = A / (2.0 * F)
+        by_offset = np.array([2.0 * F / A**2])
+    else:
+        k_linear = float(np.sqrt(A * A - 4.0 * B * F))
+        by_k[0] = A / k_linear, -2.0 * F / k_linear
+        by_k[1, 1] = 1.0
+        by_offset = 2.0 * F / (A + k_linear) ** 2 * (by_k[0] + np.array([1.0, 0.0]))
+    shape_cov = cov[:n_shape, :n_shape]
+    offset_gradient = np.hstack([np.tile(by_offset, (p.size, 1)), np.eye(p.size)])
+    offset_var = np.einsum("ij,jk,ik->i", offset_gradient, cov, offset_gradient)
+    return SharedLaw(
+        k_linear_N_m2=k_linear,
+        k_quadratic_N_m3=B,
+        covariance=by_k @ shape_cov @ by_k.T,
+        offsets_m=p - 2.0 * F / (A + k_linear),
+        offsets_se_m=np.sqrt(offset_var),
+        residuals=parabola.residuals,
+        tau=parabola.tau,
+        form=parabola.form,
+        notes=notes,
+    )
