@@ -1,0 +1,268 @@
+"""Average of the curves of several contact arcs on a common grid, with honest standard errors.
+
+Where an arc ends
+-----------------
+Long arcs lose part of their tension range to the steep decay of Eq. (8), so at low and at high
+force some arcs end before others. The plain mean over the arcs that are left would jump there by
+the difference between arcs (several percent on short arcs, where bending falsifies Eqs. 6 and 8
+most), and the common range alone would throw away a fifth of the measured range of ln f. So beyond
+its last point an arc is carried on *parallel* to the mean of the arcs that go on: the average
+takes over their slope without a jump. Only arcs that were measured count in ``n_arcs``.
+
+Standard error
+--------------
+Random effects: arcs are a sample of contact lengths. With ``n`` measured arcs
+
+    se² = sum(se_arc²) / n² + tau² mu² / n
+
+``tau`` is the relative spread between arcs beyond what the errors of the runs explain, by moments
+over all speeds at the same force (nearest such force where a single arc is left).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.errors import InputError
+from beltid.identify.surface_curves import CurveSet
+from beltid.laws.friction_surface import FrictionSurface
+
+Array = NDArray[np.float64]
+
+MIN_NODE_GAP = 0.02  # relative; closer nodes of the force make steep slopes out of noise
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfaceGrid:
+    """Friction surface on its grid, of one arc or averaged.
+
+    Attributes
+    ----------
+    arc_deg : float
+        Contact arc [deg], nan for the average over arcs.
+    normal_force_N_m : ndarray (nf,)
+        Nodes of the normal force per length [N/m].
+    slip_speed_m_s : ndarray (nv,)
+        Nodes of the sliding speed [m/s].
+    mu, mu_se : ndarray (nf, nv)
+        Friction coefficient and standard error [-]; an unknown error is nan.
+    n_arcs : ndarray of int (nf, nv)
+        Number of arcs measured at the node.
+    mu_arc_sd : ndarray (nf, nv)
+        Standard deviation of mu between those arcs [-], nan for fewer than two.
+    """
+
+    arc_deg: float
+    normal_force_N_m: Array
+    slip_speed_m_s: Array
+    mu: Array
+    mu_se: Array
+    n_arcs: NDArray[np.int64]
+    mu_arc_sd: Array
+
+    def to_surface(self) -> FrictionSurface:
+        """Continuous surface through the nodes."""
+        return FrictionSurface(self.normal_force_N_m, self.slip_speed_m_s, self.mu, self.mu_se)
+
+
+def average(
+    curves: CurveSet, force_nodes: int | None, errors_known: bool
+) -> tuple[SurfaceGrid, tuple[str, ...]]:
+    """Surface through the mean of all arcs of a set (of one arc: its own surface).
+
+    Parameters
+    ----------
+    curves : CurveSet
+        Curves of one or several arcs.
+    force_nodes : int or None
+        Number of force nodes, evenly spaced in ln f; None puts as many as a curve has points
+        where the points are.
+    errors_known : bool
+        Whether the standard errors of the points mean something.
+
+    Returns
+    -------
+    grid : SurfaceGrid
+    notes : tuple of str
+        Speeds left out, ranges cut, arcs that never overlap.
+
+    Raises
+    ------
+    InputError
+        If no speed has a range of forces.
+    """
+    curves, notes = _with_common_range(curves)
+    nodes = _force_nodes(curves, force_nodes)
+    mu, se, filled = _on_nodes(curves, nodes)
+    held = np.all(np.isfinite(mu).any(axis=0), axis=1)
+    nodes, mu, se, filled = nodes[held], mu[:, held], se[:, held], filled[:, held]
+    never = [f"{arc:g}°" for arc, m in zip(curves.arcs_deg, filled, strict=True) if _partial(m)]
+    if never:
+        notes.append(
+            f"arcs {', '.join(never)} share no force with the others at some nodes: "
+            "the average may have a step there"
+        )
+    mean = np.nanmean(filled, axis=0)
+    n_arcs = np.isfinite(mu).sum(axis=0)
+    sd = _spread(mu, n_arcs)
+    grid = SurfaceGrid(
+        arc_deg=float(curves.arcs_deg[0]) if curves.arcs_deg.size == 1 else float("nan"),
+        normal_force_N_m=nodes,
+        slip_speed_m_s=curves.speeds,
+        mu=mean,
+        mu_se=_standard_error(mean, se, sd, n_arcs, errors_known),
+        n_arcs=n_arcs,
+        mu_arc_sd=sd,
+    )
+    return grid, tuple(notes)
+
+
+def _partial(values: Array) -> bool:
+    return bool(np.isnan(values).any())
+
+
+def _ranges(curves: CurveSet) -> tuple[Array, Array]:
+    """Lowest and highest force measured at each speed by any arc [N/m], each (nv,)."""
+    low = np.full(curves.speeds.size, np.inf)
+    high = np.full(curves.speeds.size, -np.inf)
+    for c in curves.curves:
+        low[c.speed] = min(low[c.speed], c.f[0])
+        high[c.speed] = max(high[c.speed], c.f[-1])
+    return low, high
+
+
+def _with_common_range(curves: CurveSet) -> tuple[CurveSet, list[str]]:
+    """Leave out speeds until those that remain have a range of forces in common."""
+    notes: list[str] = []
+    if all(c.f.size == 1 for c in curves.curves):
+        return curves, notes  # one tension: a surface over speed only
+    while True:
+        low, high = _ranges(curves)
+        if low.max() < high.min():
+            break
+        worst = int(np.argmin(np.log(high / low)))
+        notes.append(
+            f"speed {curves.speeds[worst]:.4g} m/s left out: measured only from {low[worst]:.0f} "
+            f"to {high[worst]:.0f} N/m, no range in common with the other speeds"
+        )
+        if curves.speeds.size == 1:
+            raise InputError(notes)
+        curves = curves.with_curves(c for c in curves.curves if c.speed != worst)
+    for edge, others, word in ((low, low.max(), "begins"), (-high, -high.min(), "ends")):
+        k = int(np.argmax(edge))
+        second = np.delete(edge, k).max(initial=-np.inf)
+        if np.isfinite(second) and abs(np.log(abs(others / second))) > 0.25:
+            notes.append(
+                f"the range of forces {word} at {abs(others):.0f} N/m because of the speed "
+                f"{curves.speeds[k]:.4g} m/s; the others reach {abs(second):.0f} N/m"
+            )
+    return curves, notes
+
+
+def _force_nodes(curves: CurveSet, count: int | None) -> Array:
+    """Nodes of the force over the range that every speed covers [N/m]."""
+    if all(c.f.size == 1 for c in curves.curves):
+        return np.array([np.exp(np.mean([np.log(c.f[0]) for c in curves.curves]))])
+    low, high = _ranges(curves)
+    first, last = float(low.max()), float(high.min())
+    if count is not None:
+        return np.geomspace(first, last, count)
+    typical = max(2, round(float(np.median([c.f.size for c in curves.curves]))))
+    pooled = np.sort(np.log(np.concatenate([c.f for c in curves.curves])))
+    centres = np.exp([group.mean() for group in np.array_split(pooled, typical) if group.size])
+    nodes = [first]
+    for centre in centres[1:-1]:
+        if centre > nodes[-1] * (1.0 + MIN_NODE_GAP) and centre * (1.0 + MIN_NODE_GAP) < last:
+            nodes.append(float(centre))
+    return np.array([*nodes, last])
+
+
+def _on_nodes(curves: CurveSet, nodes: Array) -> tuple[Array, Array, Array]:
+    """Measured values, their standard errors, and values carried on, at the nodes.
+
+    Each (na, nf, nv). The first two are nan where an arc was not measured; the last only where
+    nothing tells how the arc would go on.
+    """
+    shape = (curves.arcs_deg.size, nodes.size, curves.speeds.size)
+    mu, se, filled = (np.full(shape, np.nan) for _ in range(3))
+    arcs = list(curves.arcs_deg)
+    for k in range(curves.speeds.size):
+        group = [c for c in curves.curves if c.speed == k]
+        rows = [arcs.index(c.arc_deg) for c in group]
+        if nodes.size == 1:  # a single tension: the points stand side by side as they are
+            at = [c.at(np.clip(nodes, c.f[0], c.f[-1])) for c in group]
+            mu[rows, :, k], se[rows, :, k] = np.array(at).transpose(1, 0, 2)
+            filled[rows, :, k] = mu[rows, :, k]
+            continue
+        ends = np.concatenate([c.f[[0, -1]] for c in group])
+        ends = ends[(ends > nodes[0]) & (ends < nodes[-1])]
+        path = np.union1d(nodes, ends)  # an arc is carried on from its last point
+        values, errors = np.array([c.at(path) for c in group]).transpose(1, 0, 2)
+        on_node = np.searchsorted(path, nodes)
+        mu[rows, :, k], se[rows, :, k] = values[:, on_node], errors[:, on_node]
+        filled[rows, :, k] = _carried_on(values)[:, on_node]
+    for a, node, k in np.argwhere(np.isnan(filled)):
+        filled[a, node, k] = _by_proportion(filled, a, node, k, np.log(curves.speeds))
+    return mu, se, filled
+
+
+def _carried_on(values: Array) -> Array:
+    """Values of one speed (na, n) with every arc carried on parallel to those that go on.
+
+    From the force with most arcs outwards; where no arc is common to two neighbours, nan is left.
+    """
+    filled = values.copy()
+    count = np.isfinite(values).sum(axis=0)
+    best = np.flatnonzero(count == count.max())
+    core = int(best[best.size // 2])
+    for path in (range(core, values.shape[1]), range(core, -1, -1)):
+        for inner, node in pairwise(path):
+            known, goes_on = np.isfinite(filled[:, inner]), np.isfinite(filled[:, node])
+            both, ends = known & goes_on, known & ~goes_on
+            if both.any():
+                growth = filled[both, node].mean() / filled[both, inner].mean()
+                filled[ends, node] = filled[ends, inner] * growth
+    return filled
+
+
+def _by_proportion(filled: Array, a: int, node: int, k: int, log_speed: Array) -> float:
+    """Value of an arc at a speed it was never run at, nan if no other speed tells.
+
+    The arc follows the others in the proportion that it has to them at the neighbouring speeds.
+    """
+    row = filled[:, node, :]
+    others = np.isfinite(row[:, k])
+    others[a] = False
+    known = np.isfinite(row[a]) & np.isfinite(row[others]).all(axis=0)
+    if not others.any() or not known.any():
+        return float("nan")
+    proportion = row[a, known] / row[others][:, known].mean(axis=0)
+    return float(np.interp(log_speed[k], log_speed[known], proportion) * row[others, k].mean())
+
+
+def _spread(mu: Array, n_arcs: NDArray[np.int64]) -> Array:
+    """Standard deviation over the measured arcs, nan for fewer than two."""
+    several = n_arcs >= 2
+    mean = np.nansum(mu, axis=0) / np.maximum(n_arcs, 1)
+    squares = np.nansum((mu - mean) ** 2, axis=0)
+    return np.where(several, np.sqrt(squares / np.maximum(n_arcs - 1, 1)), np.nan)
+
+
+def _standard_error(
+    mean: Array, se: Array, sd: Array, n_arcs: NDArray[np.int64], errors_known: bool
+) -> Array:
+    """Standard error of the average by the random-effects formula of the module."""
+    n = np.maximum(n_arcs, 1)
+    from_runs = np.nansum(se**2, axis=0)
+    several = n_arcs >= 2
+    excess = np.where(several, (sd**2 - from_runs / n) / mean**2, np.nan)
+    rows = np.flatnonzero(several.any(axis=1))
+    if rows.size == 0:
+        return np.sqrt(from_runs) / n if errors_known else np.full(mean.shape, np.nan)
+    tau2 = np.maximum([np.nanmean(excess[i]) for i in rows], 0.0)
+    nearest = [int(np.argmin(np.abs(rows - i))) for i in range(mean.shape[0])]
+    return np.sqrt(from_runs / n**2 + tau2[nearest][:, None] * mean**2 / n)

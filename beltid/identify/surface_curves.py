@@ -1,0 +1,244 @@
+"""Measured points of the friction rig as curves mu(f_N), one per contact arc and speed setting.
+
+The normal force of a run is a result (the mean of Eq. 8), not a setting, so the points of a
+campaign are scattered in f_N. What was set is the arc, the tension and the speed: the points of
+one arc and one speed lie on a curve over f_N.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from beltid.errors import InputError
+from beltid.laws.friction_surface import FrictionSurface
+
+Array = NDArray[np.float64]
+
+ARC_GAP = 1e-3  # relative; arcs are nominal settings and only differ by rounding
+MAX_SPEED_SPREAD = 1.25  # highest over lowest speed that can still be one setting
+EDGE = 1e-9  # relative; a node made from the end of a curve lies on the curve
+
+
+@dataclass(frozen=True, slots=True)
+class Points:
+    """Sliding states of the friction rig, one entry per run, arrays (n,).
+
+    Attributes
+    ----------
+    arc_deg : ndarray
+        Contact arc [deg].
+    f : ndarray
+        Mean normal force per length [N/m], ascending or not.
+    v : ndarray
+        Measured sliding speed [m/s], > 0.
+    mu, se : ndarray
+        Friction coefficient and its standard error [-].
+    """
+
+    arc_deg: Array
+    f: Array
+    v: Array
+    mu: Array
+    se: Array
+
+    def take(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> Points:
+        """Points of an index or a mask."""
+        return Points(
+            self.arc_deg[index], self.f[index], self.v[index], self.mu[index], self.se[index]
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """Friction coefficient over normal force for one arc at one speed.
+
+    The curve passes through its points: a bounded cubic spline in ln(1 + f/f_0), the same that
+    the friction surface is made of. It is not smoothed, since three arcs are averaged afterwards
+    and a run's own error (some 0.1 %) is small against its distance from the next (5 to 15 %).
+
+    Attributes
+    ----------
+    arc_deg : float
+        Contact arc [deg].
+    speed : int
+        Index of the speed setting.
+    f, mu, se : ndarray (m,)
+        Points, ascending in f: force [N/m], friction coefficient and standard error [-].
+    """
+
+    arc_deg: float
+    speed: int
+    f: Array
+    mu: Array
+    se: Array
+
+    def covers(self, force: Array) -> NDArray[np.bool_]:
+        """Whether forces [N/m] lie between the first and the last point."""
+        return (force >= self.f[0] * (1.0 - EDGE)) & (force <= self.f[-1] * (1.0 + EDGE))
+
+    def at(self, force: Array) -> tuple[Array, Array]:
+        """Friction coefficient and standard error [-] at forces [N/m], nan outside the points.
+
+        The standard errors are propagated through the weights that the (unbounded) spline gives
+        to each of its points.
+        """
+        inside = self.covers(force)
+        held = np.clip(force, self.f[0], self.f[-1])
+        if self.f.size == 1:
+            mu, se = np.full(held.shape, self.mu[0]), np.full(held.shape, self.se[0])
+        else:
+            mu = np.asarray(FrictionSurface(self.f, [0.0], self.mu[:, None]).mu(held, 0.0))
+            x, nodes = np.log1p(held / self.f[0]), np.log1p(self.f / self.f[0])
+            weights = CubicSpline(nodes, np.eye(nodes.size))(x)
+            se = np.sqrt(weights**2 @ self.se**2)
+        return np.where(inside, mu, np.nan), np.where(inside, se, np.nan)
+
+
+@dataclass(frozen=True, slots=True)
+class CurveSet:
+    """All curves of a campaign.
+
+    Attributes
+    ----------
+    arcs_deg : ndarray (na,)
+        Contact arcs, ascending [deg].
+    speeds : ndarray (nv,)
+        Speed settings, ascending: mean of the measured speeds of each [m/s].
+    curves : tuple of Curve
+        At most one for each arc and speed.
+    notes : tuple of str
+        What was merged or is missing.
+    """
+
+    arcs_deg: Array
+    speeds: Array
+    curves: tuple[Curve, ...]
+    notes: tuple[str, ...] = ()
+
+    def of_arc(self, arc_deg: float) -> CurveSet:
+        """Curves of one arc, with the speeds that it has."""
+        curves = [c for c in self.curves if c.arc_deg == arc_deg]
+        return replace(self, arcs_deg=np.array([arc_deg]), curves=(), notes=()).with_curves(curves)
+
+    def with_curves(self, curves: Iterable[Curve]) -> CurveSet:
+        """The set with other curves; speeds without a curve are dropped."""
+        kept = tuple(curves)
+        used = sorted({c.speed for c in kept})
+        curves_now = tuple(replace(c, speed=used.index(c.speed)) for c in kept)
+        return replace(self, speeds=self.speeds[used], curves=curves_now)
+
+
+def settings_of(values: Array, gap: float) -> NDArray[np.intp]:
+    """Number of the setting that each measured value belongs to, ascending, from 0.
+
+    Values belong to different settings where the sorted values have a relative gap above `gap`.
+    """
+    order = np.argsort(values, kind="stable")
+    ordered = values[order]
+    jump = np.diff(ordered) > gap * ordered[:-1]
+    labels = np.empty(values.size, dtype=np.intp)
+    labels[order] = np.concatenate([[0], np.cumsum(jump)])
+    return labels
+
+
+def build_curves(points: Points, speed_gap: float, force_gap: float) -> CurveSet:
+    """Sort points into curves and bring them to the common speed of their setting.
+
+    Parameters
+    ----------
+    points : Points
+        Valid points, at least one.
+    speed_gap : float
+        Relative gap between two speed settings [-].
+    force_gap : float
+        Points of a curve closer than this in force are repetitions and become their mean [-].
+
+    Raises
+    ------
+    InputError
+        If the speeds run into each other, so that no settings can be told apart.
+    """
+    speed_label = settings_of(points.v, speed_gap)
+    arc_label = settings_of(points.arc_deg, ARC_GAP)
+    speeds = np.array([points.v[speed_label == k].mean() for k in range(speed_label.max() + 1)])
+    problems = [
+        f"slip_speed_m_s: {group.size} speeds between {group.min():g} and {group.max():g} m/s "
+        f"without a gap of {speed_gap:.0%}, must be repeated settings of the speed"
+        for group in (points.v[speed_label == k] for k in range(speeds.size))
+        if group.max() > MAX_SPEED_SPREAD * group.min()
+    ]
+    if problems:
+        raise InputError(problems)
+    arcs = np.array([points.arc_deg[arc_label == k].mean() for k in range(arc_label.max() + 1)])
+    at_setting = _at_common_speed(points, speed_label, speeds, arc_label)
+    curves, notes = [], []
+    for a, arc in enumerate(arcs):
+        for k, speed in enumerate(speeds):
+            group = at_setting.take((arc_label == a) & (speed_label == k))
+            if group.f.size == 0:
+                notes.append(f"arc {arc:g}°: no run at {speed:.4g} m/s")
+                continue
+            curve = _curve(group, float(arc), k, force_gap)
+            if curve.f.size < group.f.size:
+                notes.append(
+                    f"arc {arc:g}° at {speed:.4g} m/s: {group.f.size} runs at {curve.f.size} "
+                    "different forces, repetitions were averaged"
+                )
+            curves.append(curve)
+    return CurveSet(arcs, speeds, tuple(curves), tuple(notes))
+
+
+def _curve(points: Points, arc_deg: float, speed: int, force_gap: float) -> Curve:
+    """Curve through the points of one arc and speed, repetitions averaged."""
+    label = settings_of(points.f, force_gap)
+    groups = [label == k for k in range(label.max() + 1)]
+    f, mu, se = np.array([_mean_point(points.take(g)) for g in groups]).T
+    return Curve(arc_deg, speed, f, mu, se)
+
+
+def _mean_point(points: Points) -> tuple[float, float, float]:
+    """Mean (f, mu, se) of repetitions, weighted by their standard errors if all are known."""
+    weights = np.ones(points.f.size)
+    if np.all(points.se > 0.0):
+        weights = points.se**-2.0
+    weights /= weights.sum()
+    return (
+        float(weights @ points.f),
+        float(weights @ points.mu),
+        float(np.sqrt(weights**2 @ points.se**2)),
+    )
+
+
+def _at_common_speed(
+    points: Points, speed_label: NDArray[np.intp], speeds: Array, arc_label: NDArray[np.intp]
+) -> Points:
+    """Points as they would be at the mean speed of their setting.
+
+    A motor misses its speed by up to a percent. With the slope d ln mu / d ln v between
+    neighbouring settings (0.1 to 0.3) that is a tenth of a percent of mu, taken off here.
+    """
+    exponent = np.zeros(points.f.size)
+    for a in range(arc_label.max() + 1):
+        here = arc_label == a
+        exponent[here] = _speed_exponent(points.take(here), speed_label[here], speeds)
+    factor = (speeds[speed_label] / points.v) ** exponent
+    return replace(points, mu=points.mu * factor, se=points.se * factor)
+
+
+def _speed_exponent(points: Points, label: NDArray[np.intp], speeds: Array) -> Array:
+    """Slope d ln mu / d ln v at each point of one arc, 0 where one speed is all there is."""
+    used = np.unique(label)
+    if used.size < 2:
+        return np.zeros(points.f.size)
+    rows = []
+    for k in used:
+        order = np.argsort(points.f[label == k])
+        f, mu = points.f[label == k][order], points.mu[label == k][order]
+        rows.append(np.interp(np.log(points.f), np.log(f), np.log(mu)))
+    slope = np.gradient(np.stack(rows), np.log(speeds[used]), axis=0)
+    return slope[np.searchsorted(used, label), np.arange(points.f.size)]
