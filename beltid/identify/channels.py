@@ -1,0 +1,168 @@
+"""Make the channels of one run usable: gaps, spikes, dead and saturated cells.
+
+Everything is kept at its place in time; what is not usable becomes nan, and is counted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.identify.friction_run import FrictionSettings, RunRecord
+from beltid.identify.rest_phase import SetAsideError
+from beltid.identify.signal import spike_mask
+from beltid.identify.statistics import mad_sigma
+
+Array = NDArray[np.float64]
+
+CLIPPED_FRACTION = 0.25
+"""Part of the sliding samples at one and the same extreme value that betrays a saturated cell."""
+LEAST_ANSWER = 0.02
+"""Least change of a cell over the change of the other one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Channels:
+    """Usable channels of a run; rows without a time are gone, shape (n,) each."""
+
+    time_s: Array
+    tight: Array
+    """Tension of the tight cell [N], nan where it is not usable."""
+    slack: Array
+    speed: Array
+    """Speed of the pulley [rad/s], without gaps."""
+    temperature: Array | None
+    n_spikes: int
+    n_missing: int
+
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """Samples with both tensions."""
+        return np.isfinite(self.tight) & np.isfinite(self.slack)
+
+
+def prepare(record: RunRecord, settings: FrictionSettings) -> Channels:
+    """Check the channels of a run, take out its spikes and count its gaps.
+
+    Raises
+    ------
+    SetAsideError
+        If the record cannot be reduced.
+    """
+    timed = np.isfinite(record.time_s)
+    n = record.time_s.size
+    if np.count_nonzero(timed) < 0.5 * n or np.count_nonzero(timed) < 2:
+        raise SetAsideError(f"time_s is missing in {n - np.count_nonzero(timed)} of {n} samples")
+    t = record.time_s[timed]
+    back = np.flatnonzero(np.diff(t) < 0.0)
+    if back.size:
+        k = int(back[0])
+        raise SetAsideError(
+            f"time_s goes back from {t[k]:g} to {t[k + 1]:g} s at sample {k + 2}: not one recording"
+        )
+    if t[-1] <= t[0]:
+        raise SetAsideError(f"time_s stands still at {t[0]:g} s")
+    tight, spikes_tight = _tension(record.tension_tight_N[timed], "tension_tight_N", settings)
+    slack, spikes_slack = _tension(record.tension_slack_N[timed], "tension_slack_N", settings)
+    lost = ~(np.isfinite(tight) | spikes_tight) | ~(np.isfinite(slack) | spikes_slack)
+    temperature = record.temperature_degC
+    return Channels(
+        time_s=t,
+        tight=tight,
+        slack=slack,
+        speed=_speed(t, record.pulley_speed_rad_s[timed]),
+        temperature=None if temperature is None else temperature[timed],
+        n_spikes=int(np.count_nonzero(spikes_tight | spikes_slack)),
+        n_missing=int(np.count_nonzero(lost)) + n - t.size + _missing_rows(t),
+    )
+
+
+def _tension(
+    values: Array, name: str, settings: FrictionSettings
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Tension with gaps and spikes as nan, and the mask of the spikes."""
+    clean = np.where(np.isfinite(values), values, np.nan)
+    present = np.isfinite(clean)
+    n, limit = values.size, settings.max_missing_fraction
+    if np.count_nonzero(present) < (1.0 - limit) * n:
+        missing = n - np.count_nonzero(present)
+        raise SetAsideError(
+            f"{name} is missing in {100 * missing / n:.3g} % of the samples, "
+            f"allowed is {100 * limit:g} %"
+        )
+    low, high = float(np.min(clean[present])), float(np.max(clean[present]))
+    if low == high:
+        raise SetAsideError(f"{name} is dead: {low:g} N throughout")
+    positive = present & (np.where(present, clean, 1.0) > 0.0)
+    if np.count_nonzero(positive) < (1.0 - limit) * n:
+        bad = n - np.count_nonzero(positive)
+        raise SetAsideError(
+            f"{name} is not positive in {100 * bad / n:.3g} % of the samples, "
+            f"allowed is {100 * limit:g} %"
+        )
+    clean[~positive] = np.nan
+    spikes = np.zeros(n, dtype=bool)
+    spikes[positive] = spike_mask(clean[positive], settings.spike_threshold)
+    clean[spikes] = np.nan
+    return clean, spikes
+
+
+def _speed(t: Array, speed: Array) -> Array:
+    """Speed of the pulley with its gaps bridged."""
+    present = np.isfinite(speed)
+    if np.count_nonzero(present) < 0.5 * speed.size:
+        raise SetAsideError(
+            f"pulley_speed_rad_s is missing in {np.count_nonzero(~present)} of {speed.size} samples"
+        )
+    return speed if np.all(present) else np.interp(t, t[present], speed[present])
+
+
+def _missing_rows(t: Array) -> int:
+    """Samples that a record with an otherwise even time base leaves out."""
+    step = np.diff(t)
+    typical = float(np.median(step))
+    if typical <= 0.0 or np.count_nonzero(np.abs(step - typical) < 0.1 * typical) < 0.9 * step.size:
+        return 0
+    return int(np.sum(np.maximum(np.rint(step / typical) - 1.0, 0.0)))
+
+
+def check_cells(channels: Channels, first: int, sliding: slice) -> None:
+    """Refuse a cell that does not answer the rotation or is saturated while the belt slides.
+
+    Raises
+    ------
+    SetAsideError
+        With the name of the cell.
+    """
+    change = {}
+    for name, values in (("tight", channels.tight), ("slack", channels.slack)):
+        rest, slide = values[:first], values[sliding]
+        rest, slide = rest[np.isfinite(rest)], slide[np.isfinite(slide)]
+        change[name] = abs(float(np.median(slide)) - float(np.median(rest)))
+        reason = _clipped(rest, slide)
+        if reason:
+            raise SetAsideError(f"tension_{name}_N is saturated: {reason}")
+    for name, other in (("tight", "slack"), ("slack", "tight")):
+        if change[name] < LEAST_ANSWER * change[other]:
+            raise SetAsideError(
+                f"tension_{name}_N is dead: it changes by {change[name]:.3g} N while "
+                f"the other cell changes by {change[other]:.3g} N"
+            )
+
+
+def _clipped(rest: Array, slide: Array) -> str:
+    """Where a channel is stuck at an extreme value; empty if it is not.
+
+    Only a channel whose noise is seen at rest can be told to be stuck: a noise-free
+    recording may be constant while the belt slides, and a coarse converter repeats values.
+    """
+    levels = np.unique(rest)
+    if levels.size < 3 or mad_sigma(rest) < 1.5 * float(np.min(np.diff(levels))):
+        return ""
+    for extreme in (float(np.max(slide)), float(np.min(slide))):
+        part = np.count_nonzero(slide == extreme) / slide.size
+        if part > CLIPPED_FRACTION:
+            return f"{100 * part:.3g} % of the sliding samples are {extreme:g} N"
+    return ""

@@ -1,0 +1,112 @@
+"""The sticking peak: what the tail of the sliding phase says about where it starts.
+
+The largest measured sample is a biased estimate: of many noisy samples near a flat maximum it picks
+the noisiest. The model of the sliding phase, fitted to all of it, is followed back to the
+moment at which the record leaves the build-up and joins it; that moment is known to one sample.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.identify.plateau import Plateau
+from beltid.identify.signal import NOISE_FLOOR
+from beltid.identify.sliding import SlidingFit, fit_sliding
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class StickingPeak:
+    """Peak of ln(T_tight/T_slack), or why the record does not tell it."""
+
+    log_ratio: float
+    """ln(T_tight/T_slack) at the peak [-]; nan where the record does not resolve it."""
+    log_ratio_se: float
+    """Standard error with the uncertainty of the moment of the peak [-]."""
+    time_s: float
+    """Moment of the peak [s]; nan where it is not found."""
+    reason: str
+    """Why there is no value; empty if there is one."""
+
+
+def unresolved(reason: str, time_s: float = float("nan")) -> StickingPeak:
+    """A peak that the record does not resolve."""
+    return StickingPeak(float("nan"), float("nan"), time_s, reason)
+
+
+def sticking_peak(
+    t: Array, tensions: Array, first: int, slide: int, plateau: Plateau, max_error: float
+) -> StickingPeak:
+    """Find the sticking peak from the model of the sliding phase.
+
+    Parameters
+    ----------
+    t : ndarray
+        Times of the usable samples [s], shape (n,).
+    tensions : ndarray
+        Tight and slack tension [N], finite, > 0, shape (n, 2).
+    first : int
+        Index of the first sample at which the pulley turns.
+    slide : int
+        Index at which the sliding phase was taken to start; `plateau` counts from there.
+    plateau : Plateau
+        The settled state.
+    max_error : float
+        Largest standard error of the peak, relative to ln(T_tight/T_slack), that still resolves it.
+    """
+    if plateau.fit_start > 0:
+        return unresolved("the tensions do not decay exponentially from the peak")
+    fit = plateau.fit
+    if not np.isfinite(fit.tau):
+        return unresolved("no peak stands out of the plateau")
+    if float(fit.tail_at(float(t[slide]))) <= 0.0:
+        return unresolved("the tensions approach the plateau from below: no peak")
+    join = _joins_model(t, tensions, first, slide, fit)
+    if join < slide and join >= first:
+        sigma = np.maximum(np.std(fit.residual[fit.used], axis=0), NOISE_FLOOR * fit.levels)
+        refitted = fit_sliding(t[join:], tensions[join:], sigma, drift=bool(np.any(fit.drift)))
+        if np.isfinite(refitted.tau) and refitted.log_ratio > 0.0:
+            fit = refitted
+            join = min(_joins_model(t, tensions, first, slide, fit), slide)
+    if join >= slide:
+        return unresolved("the record does not join the tail of a peak where the build-up ends")
+    return _judged(t, join, first, fit, max_error)
+
+
+def _joins_model(t: Array, tensions: Array, first: int, slide: int, fit: SlidingFit) -> int:
+    """Index of the first sample of the unbroken stretch before `slide` that the model describes."""
+    stretch = slice(first, slide)
+    decay = fit.decay(t[stretch])[:, None]
+    model = fit.levels + fit.tail * decay
+    # ripple before the fitted samples is a fraction of the level: allow for it
+    spread = np.maximum(np.std(fit.residual[fit.used], axis=0), 5.0 * NOISE_FLOOR * fit.levels)
+    limit = 3.0 * spread + fit.ripple_N
+    fits = np.all(np.abs(tensions[stretch] - model) <= limit, axis=1)
+    off = np.flatnonzero(~fits)
+    return first + (int(off[-1]) + 1 if off.size else 0)
+
+
+def _judged(t: Array, join: int, first: int, fit: SlidingFit, max_error: float) -> StickingPeak:
+    """Peak between the last sample of the build-up and the first one on the tail."""
+    before = float(t[max(join - 1, 0)])
+    bracket = np.array([before, float(t[join])])
+    moment = float(np.mean(bracket))
+    values = fit.log_ratio + np.asarray(fit.tail_at(bracket))
+    peak = fit.log_ratio + float(fit.tail_at(moment))
+    timing = abs(float(values[0] - values[1])) / np.sqrt(12.0)
+    se = float(np.hypot(timing, fit.start_log_ratio_se))
+    if join - first < 1:
+        return unresolved("no sample lies on the build-up", moment)
+    if peak - fit.log_ratio < 3.0 * se and timing < se / 2.0:
+        return unresolved("no peak stands out of the plateau", moment)
+    if not se <= max_error * peak:
+        return unresolved(
+            f"the samples leave the peak uncertain by {100 * se / peak:.2g} %, "
+            f"allowed is {100 * max_error:g} %",
+            moment,
+        )
+    return StickingPeak(peak, se, moment, "")

@@ -1,0 +1,181 @@
+"""Bench signals before any physics: noise, spikes, thinning, periodic lines.
+
+Nothing here knows what a tension is. All functions work on noise-free records too: a spread of
+zero is a spread, and every test has a floor relative to the size of the signal.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from beltid.identify.statistics import MAD_TO_SIGMA
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+SPIKE_WINDOW = 7
+"""Samples of the running median: it is blind to up to three deviating samples in a row."""
+NOISE_FLOOR = 2.0e-5
+"""Deviations below this fraction of a signal are never taken for anything but rounding."""
+THINNED_SAMPLES = 3000
+"""Records longer than this are averaged over blocks before a model is fitted to them."""
+
+
+def running_median(x: Array, window: int) -> Array:
+    """Median over a centred odd window, mirrored at the ends (so that a spike there is seen)."""
+    if x.size < 3:
+        return x.copy()
+    return median_filter(x, size=min(window, x.size - 1 + x.size % 2), mode="mirror")
+
+
+def difference_sigma(x: Array) -> float:
+    """Standard deviation of white noise on a slowly changing signal, from first differences.
+
+    Parameters
+    ----------
+    x : ndarray
+        Finite samples in their order of time, shape (n,).
+
+    Returns
+    -------
+    float
+        ``1.4826 median |x[i+1] - x[i]| / sqrt(2)``. If a coarse converter makes more than half of
+        the differences zero, the root mean square of the central 98 % takes its place.
+    """
+    if x.size < 2:
+        return 0.0
+    step = np.abs(np.diff(x))
+    sigma = MAD_TO_SIGMA * float(np.median(step))
+    if sigma == 0.0 and np.any(step > 0.0):
+        central = np.sort(step)[: max(1, int(0.98 * step.size))]
+        sigma = float(np.sqrt(np.mean(central**2)))
+    return sigma / np.sqrt(2.0)
+
+
+def spike_mask(x: Array, threshold: float) -> Mask:
+    """Samples far off the running median of their neighbours.
+
+    The limit grows with the local change of the median itself, so that the steep build-up of a
+    run and its corner are no spikes.
+
+    Parameters
+    ----------
+    x : ndarray
+        Finite samples in their order of time, shape (n,).
+    threshold : float
+        Limit in standard deviations of the white noise.
+
+    Returns
+    -------
+    ndarray of bool
+        True for a spike, shape (n,).
+    """
+    if x.size < 5:
+        return np.zeros(x.size, dtype=bool)
+    middle = running_median(x, SPIKE_WINDOW)
+    half = SPIKE_WINDOW // 2
+    padded = np.pad(middle, half, mode="edge")
+    local_change = np.abs(padded[2 * half :] - padded[: -2 * half])
+    floor = 10.0 * NOISE_FLOOR * float(np.median(np.abs(x)))
+    sigma = max(difference_sigma(x), floor)
+    return np.abs(x - middle) > threshold * sigma + local_change
+
+
+def block_means(columns: Array, limit: int = THINNED_SAMPLES) -> Array:
+    """Thin a long record by averaging over blocks of equally many samples.
+
+    Parameters
+    ----------
+    columns : ndarray
+        Finite samples, shape (n, m).
+    limit : int
+        Largest number of blocks wanted.
+
+    Returns
+    -------
+    ndarray
+        The columns themselves if n <= limit, else their block means; a last incomplete block is
+        averaged over what it has.
+    """
+    n = columns.shape[0]
+    if n <= limit:
+        return columns
+    starts = np.arange(0, n, -(-n // limit))
+    counts = np.diff(np.append(starts, n))
+    return np.add.reduceat(columns, starts, axis=0) / counts[:, None]
+
+
+def line_columns(t: Array, frequency: float) -> Array:
+    """Cosine and sine of one frequency [Hz], shape (n, 2)."""
+    phase = 2.0 * np.pi * frequency * t
+    return np.column_stack([np.cos(phase), np.sin(phase)])
+
+
+def strongest_line(t: Array, residuals: Array, basis: Array) -> float | None:
+    """Frequency of a periodic component that stands out of the noise.
+
+    Parameters
+    ----------
+    t : ndarray
+        Times [s], non-decreasing, shape (n,).
+    residuals : ndarray
+        Residual signals in units of their noise, orthogonal to `basis`, shape (n, m).
+    basis : ndarray
+        Orthonormal columns already fitted, shape (n, p).
+
+    Returns
+    -------
+    float or None
+        Frequency [Hz], refined by least squares; None if no line with at least one and a half
+        periods in the record is significant, both against white noise and against its
+        neighbourhood in the spectrum (so that red noise is no line).
+    """
+    n = t.size
+    duration = float(t[-1] - t[0])
+    if n < 24 or duration <= 0.0:
+        return None
+    grid = np.linspace(t[0], t[-1], n)
+    length = 4 * (1 << (n - 1).bit_length())
+    power = np.zeros(length // 2 + 1)
+    for column in residuals.T:
+        power += np.abs(np.fft.rfft(np.interp(grid, t, column), length)) ** 2 / n
+    frequency = np.fft.rfftfreq(length, duration / (n - 1))
+    first, last = np.searchsorted(frequency, [1.5 / duration, 0.45 * (n - 1) / duration])
+    if last - first < 3:
+        return None
+    k = first + int(np.argmax(power[first:last]))
+    neighbourhood = power[max(first, k // 3) : min(last, 3 * k + 1)]
+    # chi-square with 2 m degrees of freedom, over n/2 independent frequencies, at about 1e-3
+    limit = residuals.shape[1] + np.log(n / 2.0) + 9.0
+    if power[k] < limit or power[k] < 6.0 * float(np.median(neighbourhood)):
+        return None
+    return _refined(t, residuals, basis, float(frequency[k]), 0.5 / duration)
+
+
+def _refined(t: Array, residuals: Array, basis: Array, centre: float, half_width: float) -> float:
+    """Maximum of the least-squares gain of a line near `centre` [Hz]."""
+    trial = centre + half_width * np.linspace(-1.0, 1.0, 7)
+    phase = 2.0 * np.pi * np.outer(t - t[0], trial)
+    cos, sin = np.cos(phase), np.sin(phase)
+    cos -= basis @ (basis.T @ cos)
+    sin -= basis @ (basis.T @ sin)
+    cc, ss, cs = np.sum(cos * cos, 0), np.sum(sin * sin, 0), np.sum(cos * sin, 0)
+    c, s = cos.T @ residuals, sin.T @ residuals
+    determinant = np.maximum(cc * ss - cs * cs, 1e-12 * t.size**2)
+    gain = (
+        np.sum(c * c, 1) * ss - 2.0 * np.sum(c * s, 1) * cs + np.sum(s * s, 1) * cc
+    ) / determinant
+    return parabolic_maximum(trial, gain)
+
+
+def parabolic_maximum(x: Array, y: Array) -> float:
+    """Abscissa of the maximum of evenly spaced samples, by the parabola through its neighbours."""
+    k = int(np.argmax(y))
+    if k in (0, x.size - 1):
+        return float(x[k])
+    curvature = y[k - 1] - 2.0 * y[k] + y[k + 1]
+    if curvature >= 0.0:
+        return float(x[k])
+    return float(x[k] + 0.5 * (x[k + 1] - x[k]) * (y[k - 1] - y[k + 1]) / curvature)

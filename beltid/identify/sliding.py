@@ -1,0 +1,270 @@
+"""Model of the sliding phase: level, tail of the sticking peak, ripple, drift.
+
+Both tensions share the times of the model and have their own amplitudes,
+
+    T_c(t) = L_c + A_c exp(-(t - t_0)/tau) + D_c (t - t_mid) + sum_k ripple_ck(t),   c = tight, slack
+
+The tail decays over a travel of millimetres, which at low speed is a good part of the record: the
+mean over even the last samples still carries some of it. The level L_c is the plateau without that
+tail. Ripple as a regressor does what averaging over a whole number of its periods does, without
+giving away the rest of the record. Terms that the record does not call for are left out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.identify.signal import NOISE_FLOOR, line_columns, parabolic_maximum, strongest_line
+from beltid.identify.statistics import integrated_autocorrelation_time, mad_sigma
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+MAX_LINES = 3
+TAIL_TRIALS = 20
+LONGEST_TAIL = 0.5
+"""Longest time constant over the length of the record: a longer tail looks like a drift."""
+SIGNIFICANT_TAIL = 12.0
+"""Least gain of the tail in sums of squared noise (chi-square, about 3 degrees of freedom)."""
+
+
+@dataclass(frozen=True, slots=True)
+class SlidingFit:
+    """Fitted model of the sliding phase; first axis of pairs: tight, slack."""
+
+    t_0: float
+    """Time at which the tail has its amplitude A_c [s]."""
+    levels: Array
+    """L_c [N], shape (2,)."""
+    tail: Array
+    """A_c [N], shape (2,); zero without a tail."""
+    tau: float
+    """Time constant of the tail [s]; nan without a tail."""
+    tau_at_bound: bool
+    """Whether a longer time constant than the record can tell would fit better."""
+    drift: Array
+    """D_c [N/s], shape (2,); zero unless a drift was fitted."""
+    lines: tuple[float, ...]
+    """Frequencies of the ripple [Hz], the strongest first found."""
+    ripple_N: Array
+    """Amplitude of the first line in both tensions [N], shape (2,)."""
+    used: Mask
+    """Samples that are no outliers, shape (n,)."""
+    residual: Array
+    """Residual of both tensions [N], shape (n, 2)."""
+    ripple: Array
+    """Ripple part of both tensions [N], shape (n, 2)."""
+    log_ratio_se: float
+    """Standard error of ln(L_tight/L_slack), correlation of the samples allowed for [-]."""
+    start_log_ratio_se: float
+    """The same for the start of the tail, ln((L + A)_tight/(L + A)_slack) [-]."""
+
+    @property
+    def log_ratio(self) -> float:
+        """ln(L_tight/L_slack) [-]; nan if a level is not positive."""
+        if not np.all(self.levels > 0.0):
+            return float("nan")
+        return float(np.log(self.levels[0] / self.levels[1]))
+
+    def tail_at(self, t: Array | float) -> Array:
+        """Part of the tail in ln(T_tight/T_slack) at the times `t` [-]."""
+        decay = self.decay(t)
+        high = self.levels[0] + self.tail[0] * decay
+        low = self.levels[1] + self.tail[1] * decay
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.log(high / low) - self.log_ratio
+
+    def decay(self, t: Array | float) -> Array:
+        """Tail of unit amplitude at the times `t`."""
+        time = np.asarray(t, dtype=float)
+        if not np.isfinite(self.tau):
+            return np.zeros_like(time)
+        return np.exp(-(time - self.t_0) / self.tau)
+
+
+def fit_sliding(t: Array, tensions: Array, sigma: Array, *, drift: bool = False) -> SlidingFit:
+    """Fit the model to the samples of the sliding phase.
+
+    Parameters
+    ----------
+    t : ndarray
+        Times [s], non-decreasing, shape (n,), n >= 8.
+    tensions : ndarray
+        Tight and slack tension [N], finite, shape (n, 2).
+    sigma : ndarray
+        White noise of the two channels [N], > 0, shape (2,); only weights and tests depend on it.
+    drift : bool
+        Fit a linear drift, too; the tail is then bound to a sixth of the record, since a longer
+        one could not be told from the drift.
+
+    Returns
+    -------
+    SlidingFit
+    """
+    used = _plausible(tensions, sigma)
+    for _ in range(4):
+        terms = _select_terms(t[used], tensions[used] / sigma, drift)
+        fit = _solve(t, tensions, used, terms, drift)
+        spread = np.array([mad_sigma(fit.residual[used, c]) for c in (0, 1)])
+        limit = 6.0 * np.maximum(spread, sigma)
+        kept = np.all(np.abs(fit.residual) <= limit, axis=1)
+        if np.count_nonzero(kept) < max(8, used.size // 3) or np.array_equal(kept, used):
+            break
+        used = kept
+    return fit
+
+
+def _plausible(tensions: Array, sigma: Array) -> Mask:
+    """Samples near the median of their channel: starts the rejection of long drop-outs."""
+    middle = np.median(tensions, axis=0)
+    deviation = np.abs(tensions - middle)
+    spread = np.maximum(1.5 * np.median(deviation, axis=0), sigma)
+    near = np.all(deviation <= 8.0 * spread + 0.15 * np.abs(middle), axis=1)
+    return near if np.count_nonzero(near) >= 8 else np.ones(tensions.shape[0], dtype=bool)
+
+
+@dataclass(frozen=True, slots=True)
+class _Terms:
+    tau: float
+    at_bound: bool
+    lines: tuple[float, ...]
+
+
+def _select_terms(t: Array, scaled: Array, drift: bool) -> _Terms:
+    """Choose the time constant and the lines, alternating until no further line stands out."""
+    lines: tuple[float, ...] = ()
+    while True:
+        basis, _ = np.linalg.qr(_linear_columns(t, lines, drift))
+        tau, at_bound, residual = _search_tail(t, scaled, basis, drift)
+        if len(lines) == MAX_LINES:
+            return _Terms(tau, at_bound, lines)
+        if np.isfinite(tau):
+            column = np.exp(-(t - t[0]) / tau)[:, None]
+            column -= basis @ (basis.T @ column)
+            basis = np.hstack([basis, column / np.linalg.norm(column)])
+        noise = np.sqrt(np.mean(residual**2, axis=0))
+        scale = np.maximum(noise, 0.01)
+        line = strongest_line(t, residual / scale, basis)
+        if line is None or any(abs(line - known) * (t[-1] - t[0]) < 0.3 for known in lines):
+            return _Terms(tau, at_bound, lines)
+        lines = (*lines, line)
+
+
+def _linear_columns(t: Array, lines: tuple[float, ...], drift: bool) -> Array:
+    columns = [np.ones((t.size, 1))]
+    columns += [line_columns(t - t[0], frequency) for frequency in lines]
+    if drift:
+        columns.append((t - 0.5 * (t[0] + t[-1]))[:, None])
+    return np.hstack(columns)
+
+
+def _search_tail(t: Array, scaled: Array, basis: Array, drift: bool) -> tuple[float, bool, Array]:
+    """Time constant with the largest least-squares gain, and the residual with it."""
+    residual = scaled - basis @ (basis.T @ scaled)
+    length = float(t[-1] - t[0])
+    longest = length * (1.0 / 6.0 if drift else LONGEST_TAIL)
+    shortest = min(max(1.5 * length / t.size, 0.004 * length), 0.5 * longest)
+    trial = np.geomspace(shortest, longest, TAIL_TRIALS)
+    gain = _tail_gain(t, residual, basis, trial)[0]
+    k = int(np.argmax(gain))
+    near = trial[max(k - 1, 0)], trial[min(k + 1, trial.size - 1)]
+    fine = np.geomspace(near[0], near[1], 9)
+    fine_gain = _tail_gain(t, residual, basis, fine)[0]
+    tau = float(np.exp(parabolic_maximum(np.log(fine), fine_gain)))
+    best, column, projection = _tail_gain(t, residual, basis, np.array([tau]))
+    noise = float(np.sum(residual**2) - best[0]) / max(residual.size - 4, 1)
+    if best[0] < SIGNIFICANT_TAIL * max(noise, 1e-4):
+        return float("nan"), False, residual
+    rest = residual - column * projection / float(np.sum(column**2))
+    return tau, tau > 0.98 * longest, rest
+
+
+def _tail_gain(t: Array, residual: Array, basis: Array, trial: Array) -> tuple[Array, Array, Array]:
+    """Sum of squares that a tail of each trial time constant takes off the residual."""
+    tail = np.exp(-(t - t[0])[:, None] / trial)
+    tail -= basis @ (basis.T @ tail)
+    size = np.sum(tail * tail, axis=0)
+    projection = tail.T @ residual
+    gain = np.sum(projection**2, axis=1) / np.maximum(size, 1e-9 * t.size)
+    return gain, tail, projection
+
+
+def _solve(t: Array, tensions: Array, used: Mask, terms: _Terms, drift: bool) -> SlidingFit:
+    """Least squares with the chosen terms, and the standard error of the level ratio."""
+    origin = float(t[used][0])
+    columns = _linear_columns(t, terms.lines, drift)
+    n_ripple = 2 * len(terms.lines)
+    has_tail = np.isfinite(terms.tau)
+    if has_tail:
+        decay = np.exp(-(t - origin) / terms.tau)
+        columns = np.column_stack([columns, decay])
+    q, r = np.linalg.qr(columns[used])
+    inverse = np.linalg.solve(r, q.T)
+    coefficients = inverse @ tensions[used]
+    residual = tensions - columns @ coefficients
+    levels = coefficients[0]
+    tail = coefficients[-1] if has_tail else np.zeros(2)
+    waves = coefficients[1 : 1 + n_ripple]
+    slope = _slope_by_tau(t[used] - origin, terms.tau, tail)
+    kept, n_terms = residual[used], columns.shape[1] + has_tail
+    start = inverse[0] + inverse[-1] if has_tail else inverse[0]
+    errors = [
+        _log_ratio_se(kept, _influence(at, row, q, slope), at, n_terms)
+        for at, row in ((levels, inverse[0]), (levels + tail, start))
+    ]
+    return SlidingFit(
+        t_0=origin,
+        levels=levels,
+        tail=tail,
+        tau=terms.tau,
+        tau_at_bound=terms.at_bound,
+        drift=coefficients[1 + n_ripple] if drift else np.zeros(2),
+        lines=terms.lines,
+        ripple_N=np.hypot(waves[0], waves[1]) if n_ripple else np.zeros(2),
+        used=used,
+        residual=residual,
+        ripple=columns[:, 1 : 1 + n_ripple] @ waves,
+        log_ratio_se=errors[0],
+        start_log_ratio_se=errors[1],
+    )
+
+
+def _slope_by_tau(t: Array, tau: float, tail: Array) -> Array | None:
+    """Derivative of the model by the time constant [N/s], shape (n, 2); None without a tail."""
+    if not np.isfinite(tau):
+        return None
+    return (t * np.exp(-t / tau) / tau**2)[:, None] * tail
+
+
+def _influence(at: Array, row: Array, q: Array, slope: Array | None) -> Array:
+    """Derivative by each sample of ln(at_tight/at_slack), where ``at = row @ samples``.
+
+    The time constant is fitted, too: its share enters through the part of `slope` that the linear
+    terms (orthonormal columns `q`) do not explain.
+    """
+    with np.errstate(divide="ignore"):
+        gradient = np.array([1.0, -1.0]) / at
+    weights = row[:, None] * gradient
+    if slope is None:
+        return weights
+    shift = float(gradient @ (row @ slope))
+    free = slope - q @ (q.T @ slope)
+    size = float(np.sum(free**2))
+    return weights - free * (shift / size) if size > 0.0 else weights
+
+
+def _log_ratio_se(residual: Array, weights: Array, levels: Array, n_terms: int) -> float:
+    """Standard error of the log level ratio for samples that are correlated in time and channel."""
+    n = residual.shape[0]
+    dof = max(n - n_terms - 0.5, 1.0)
+    covariance = residual.T @ residual / dof
+    variance = float(np.sum((weights @ covariance) * weights))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        series = residual[:, 0] / levels[0] - residual[:, 1] / levels[1]
+    if not np.all(np.isfinite(series)):
+        return float("nan")
+    inflation = integrated_autocorrelation_time(series)
+    return float(np.sqrt(max(variance, 0.0) * inflation + (0.01 * NOISE_FLOOR) ** 2))
