@@ -1,0 +1,69 @@
+"""The bytes of an input file, with a message for everything that can be wrong with it."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import zlib
+from pathlib import Path
+from typing import Final
+
+from beltid.errors import InputError
+
+MAX_BYTES: Final = 1 << 30
+
+
+def read_bytes(path: Path, error_type: type[InputError] = InputError) -> bytes:
+    """All bytes of a file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    error_type : type
+        Error to raise.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, a folder, may not be read, or is too large.
+    """
+    try:
+        if path.is_dir():
+            raise error_type(f"{path}: is a folder, a file is needed")
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except FileNotFoundError:
+        raise error_type(f"{path}: there is no such file") from None
+    except PermissionError:
+        raise error_type(f"{path}: no permission to read it") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise error_type(f"{path}: cannot be read: {reason}") from None
+    if len(data) > MAX_BYTES:
+        raise error_type(f"{path}: larger than {MAX_BYTES >> 20} MB, split the recording")
+    if not data:
+        raise error_type(f"{path}: the file is empty")
+    return data
+
+
+def unpacked(data: bytes, path: Path) -> bytes:
+    """Bytes of a gzip file without the packing; other bytes as they are.
+
+    Raises
+    ------
+    InputError
+        If the packed file is damaged or unpacks to more than the limit.
+    """
+    if data[:2] != b"\x1f\x8b":
+        return data
+    try:
+        with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
+            plain = file.read(MAX_BYTES + 1)
+    except (OSError, EOFError, zlib.error):
+        raise InputError(f"{path}: the gzip file is damaged or cut off") from None
+    if len(plain) > MAX_BYTES:
+        raise InputError(f"{path}: unpacks to more than {MAX_BYTES >> 20} MB, split the recording")
+    if not plain:
+        raise InputError(f"{path}: the file is empty")
+    return plain
