@@ -26,7 +26,7 @@ __all__ = ["AgreementResult", "AgreementSettings", "MatchSettings", "Statistics"
 
 Array = NDArray[np.float64]
 
-THIRDS = ("low", "middle", "high")
+FORCE_BANDS = ("low", "middle", "high")
 
 
 def compare_points(
@@ -67,6 +67,7 @@ def compare_points(
         )
     real, virtual = tables[0].take(matches.measured), tables[1].take(matches.simulated)
     relative = (virtual.mu - real.mu) / real.mu
+    bands = _force_bands(real.force)
     averaged = _averages_over_arcs(real, virtual.mu, settings.match)
     return AgreementResult(
         run=real.run,
@@ -76,13 +77,19 @@ def compare_points(
         normal_force_N_m=real.force,
         mu_measured=real.mu,
         mu_simulated=virtual.mu,
+        force_band=bands,
         averaged=averaged,
         overall=statistics("all points", relative, real.force),
         over_arc_averages=statistics(
             "means over arcs", averaged["relative_difference"], averaged["normal_force_N_m"]
         ),
         per_arc=_per_arc(real, relative, settings.match),
-        thirds=_thirds(real, relative),
+        thirds=tuple(
+            statistics(
+                f"{word} third of the force", relative[bands == word], real.force[bands == word]
+            )
+            for word in FORCE_BANDS
+        ),
         settings=settings,
         n_measured=tables[0].size,
         n_simulated=tables[1].size,
@@ -100,13 +107,13 @@ def _per_arc(real: RunTable, relative: Array, match: MatchSettings) -> tuple[Sta
     )
 
 
-def _thirds(real: RunTable, relative: Array) -> tuple[Statistics, ...]:
-    """Three groups of (nearly) equal size by measured force; empty ones below three points."""
-    order = np.argsort(real.force, kind="stable")
-    return tuple(
-        statistics(f"{word} third of the force", relative[part], real.force[part])
-        for word, part in zip(THIRDS, np.array_split(order, 3), strict=True)
-    )
+def _force_bands(force: Array) -> NDArray[np.object_]:
+    """Third of the points by force (n,): groups of nearly equal size, empty below three points."""
+    bands = np.empty(force.size, dtype=object)
+    parts = np.array_split(np.argsort(force, kind="stable"), 3)
+    for word, part in zip(FORCE_BANDS, parts, strict=True):
+        bands[part] = word
+    return bands
 
 
 def _averages_over_arcs(

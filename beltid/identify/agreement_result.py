@@ -122,6 +122,8 @@ class AgreementResult:
         Settings and measured normal force per length.
     mu_measured, mu_simulated : ndarray (n,)
         Friction coefficients [-].
+    force_band : ndarray of object (n,)
+        "low", "middle" or "high": third of the points by measured normal force.
     averaged : dict of str to ndarray (m,)
         The same for the means over arcs at equal tension and speed, with ``n_arcs``.
     overall, over_arc_averages : Statistics
@@ -147,6 +149,7 @@ class AgreementResult:
     normal_force_N_m: Array
     mu_measured: Array
     mu_simulated: Array
+    force_band: NDArray[np.object_]
     averaged: dict[str, NDArray[Any]]
     overall: Statistics
     over_arc_averages: Statistics
@@ -207,6 +210,7 @@ class AgreementResult:
             "difference": self.difference,
             "relative_difference": self.relative_difference,
             "within_tolerance": self.within_tolerance,
+            "force_band": self.force_band,
         }
 
     def statistics_table(self) -> list[dict[str, object]]:

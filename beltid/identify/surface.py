@@ -108,7 +108,7 @@ class SurfaceResult:
         return float(spread.max()) if spread.size else float("nan")
 
     def _relative_spread(self) -> Array:
-        relative = self.average.mu_arc_sd / self.average.mu
+        relative = self.average.mu_spread / self.average.mu
         return relative[np.isfinite(relative)]
 
     def to_columns(self) -> dict[str, NDArray[Any]]:
@@ -123,7 +123,7 @@ class SurfaceResult:
         }
         for name in ("normal_force_N_m", "slip_speed_m_s"):
             columns[name] = np.concatenate([_nodes_of(g, name) for g in grids])
-        for name in ("mu", "mu_se", "n_arcs", "mu_arc_sd"):
+        for name in ("mu", "mu_se", "n_arcs", "mu_spread"):
             columns[name] = np.concatenate([getattr(g, name).ravel() for g in grids])
         return columns
 

@@ -52,7 +52,7 @@ class SurfaceGrid:
         Friction coefficient and standard error [-]; an unknown error is nan.
     n_arcs : ndarray of int (nf, nv)
         Number of arcs measured at the node.
-    mu_arc_sd : ndarray (nf, nv)
+    mu_spread : ndarray (nf, nv)
         Standard deviation of mu between those arcs [-], nan for fewer than two.
     """
 
@@ -62,7 +62,7 @@ class SurfaceGrid:
     mu: Array
     mu_se: Array
     n_arcs: NDArray[np.int64]
-    mu_arc_sd: Array
+    mu_spread: Array
 
     def to_surface(self) -> FrictionSurface:
         """Continuous surface through the nodes."""
@@ -116,7 +116,7 @@ def average(
         mu=mean,
         mu_se=_standard_error(mean, se, sd, n_arcs, errors_known),
         n_arcs=n_arcs,
-        mu_arc_sd=sd,
+        mu_spread=sd,
     )
     return grid, tuple(notes)
 
