@@ -26,50 +26,45 @@ Array = NDArray[np.float64]
 GAUSS_POINTS = 3
 
 
-def hermite(xi: Array, h: float) -> tuple[Array, Array, Array]:
-    """Shape functions of an element of length ``h`` and their first two derivatives in s.
+def hermite(xi: Array, h: Array) -> tuple[Array, Array, Array]:
+    """Shape functions of elements of length ``h`` and their first two derivatives in s.
 
     Parameters
     ----------
     xi : ndarray, shape (m,)
         Local coordinates in [0, 1].
-    h : float
-        Reference length of the element [m].
+    h : ndarray, shape (n_e,)
+        Reference lengths of the elements [m].
 
     Returns
     -------
-    N, N_s, N_ss : ndarray, shape (m, 4)
-        Values, first [1/m] and second [1/m²] derivatives for (r_i, r'_i, r_j, r'_j).
+    N, N_s, N_ss : ndarray, shape (n_e, m, 4)
+        Values, first [1/m] and second [1/m²] derivatives for (r_i, r'_i, r_j, r'_j); the functions
+        of r' carry a length, so their units are [m], [-] and [1/m].
     """
     x = np.asarray(xi, dtype=float)
     x2, x3 = x * x, x * x * x
-    N = np.stack(
-        [1 - 3 * x2 + 2 * x3, h * (x - 2 * x2 + x3), 3 * x2 - 2 * x3, h * (x3 - x2)], axis=-1
-    )
-    N_s = np.stack(
-        [(6 * x2 - 6 * x) / h, 1 - 4 * x + 3 * x2, (6 * x - 6 * x2) / h, 3 * x2 - 2 * x], axis=-1
-    )
-    N_ss = np.stack(
-        [(12 * x - 6) / h**2, (6 * x - 4) / h, (6 - 12 * x) / h**2, (6 * x - 2) / h], axis=-1
-    )
-    return N, N_s, N_ss
+    N = np.stack([1 - 3 * x2 + 2 * x3, x - 2 * x2 + x3, 3 * x2 - 2 * x3, x3 - x2], axis=-1)
+    N_x = np.stack([6 * x2 - 6 * x, 1 - 4 * x + 3 * x2, 6 * x - 6 * x2, 3 * x2 - 2 * x], axis=-1)
+    N_xx = np.stack([12 * x - 6, 6 * x - 4, 6 - 12 * x, 6 * x - 2], axis=-1)
+    length = np.asarray(h, dtype=float)[:, None, None]
+    scale = np.where(np.array([False, True, False, True]), length, 1.0)
+    return N * scale, N_x * scale / length, N_xx * scale / length**2
 
 
-def mass_matrix(h: float, rhoA: float) -> Array:
-    """Consistent mass matrix of the shape functions, shape (4, 4); constant in time, Eq. (10)."""
-    return (
-        rhoA
-        * h
-        / 420.0
-        * np.array(
-            [
-                [156.0, 22 * h, 54.0, -13 * h],
-                [22 * h, 4 * h * h, 13 * h, -3 * h * h],
-                [54.0, 13 * h, 156.0, -22 * h],
-                [-13 * h, -3 * h * h, -22 * h, 4 * h * h],
-            ]
-        )
+def mass_matrix(h: Array, rhoA: float) -> Array:
+    """Consistent mass matrices of the shape functions, shape (n_e, 4, 4); constant, Eq. (10)."""
+    unit = np.array(
+        [
+            [156.0, 22.0, 54.0, -13.0],
+            [22.0, 4.0, 13.0, -3.0],
+            [54.0, 13.0, 156.0, -22.0],
+            [-13.0, -3.0, -22.0, 4.0],
+        ]
     )
+    length = np.asarray(h, dtype=float)[:, None, None]
+    gradient = np.array([0, 1, 0, 1])
+    return rhoA * length / 420.0 * unit * length ** (gradient[:, None] + gradient[None, :])
 
 
 @kernel

@@ -58,23 +58,21 @@ def belt_arrays(belt: Belt, nodes: Array, points_per_element: int) -> BeltArrays
     """Tabulate shape functions, weights and masses of a belt on given nodes (n_e + 1,) [m]."""
     h = np.diff(nodes)
     x_g, w_g = np.polynomial.legendre.leggauss(GAUSS_POINTS)
-    x_g, w_g = 0.5 * (x_g + 1.0), 0.5 * w_g
     n_c = points_per_element
-    x_c = (np.arange(n_c) + 0.5) / n_c
-    at_contact = [hermite(x_c, length) for length in h]
-    at_gauss = [hermite(x_g, length) for length in h]
+    _, B_s, B_ss = hermite(0.5 * (x_g + 1.0), h)
+    N_c, D_c, _ = hermite((np.arange(n_c) + 0.5) / n_c, h)
     return BeltArrays(
         h=h,
-        B_s=np.ascontiguousarray([N_s for _, N_s, _ in at_gauss]),
-        B_ss=np.ascontiguousarray([N_ss for _, _, N_ss in at_gauss]),
-        w_g=np.outer(h, w_g),
-        N_c=np.ascontiguousarray([N for N, _, _ in at_contact]),
-        D_c=np.ascontiguousarray([N_s for _, N_s, _ in at_contact]),
-        w_c=np.full((h.size, n_c), 1.0 / n_c) * h[:, None],
-        M=np.ascontiguousarray([mass_matrix(length, belt.rhoA) for length in h]),
-        EA=belt.EA,
-        EI=belt.EI,
-        damping_time=belt.damping_time,
+        B_s=np.ascontiguousarray(B_s),
+        B_ss=np.ascontiguousarray(B_ss),
+        w_g=np.outer(h, 0.5 * w_g),
+        N_c=np.ascontiguousarray(N_c),
+        D_c=np.ascontiguousarray(D_c),
+        w_c=np.repeat(h[:, None] / n_c, n_c, axis=1),
+        M=np.ascontiguousarray(mass_matrix(h, belt.rhoA)),
+        EA=float(belt.EA),
+        EI=float(belt.EI),
+        damping_time=float(belt.damping_time),
     )
 
 

@@ -20,8 +20,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
+from beltid.laws.surface_tables import evaluate_tables, locate
+from beltid.params import Contact
 from beltid.rigsim.banded import HALF
 from beltid.rigsim.belt import BeltArrays
 from beltid.rigsim.compiled import kernel
@@ -39,11 +44,42 @@ class ContactArrays(NamedTuple):
     k_quadratic: float
     C_P: float
     sticking_ratio: float
+    f_range: tuple[float, float]
+    v_range: tuple[float, float]
     x_nodes: Array
     y_nodes: Array
     f_ref: float
     v_ref: float
     C: Array
+
+
+def contact_arrays(
+    R: float, contact: Contact, law: NormalLaw, surface: FrictionSurface
+) -> ContactArrays:
+    """Pulley of radius ``R`` [m] with the identified laws, ready for compiled code."""
+    tables = surface.tables()
+    return ContactArrays(
+        # float(): an int would make the kernels be compiled once more for another signature
+        R=float(R),
+        k_linear=float(law.k_linear_N_m2),
+        k_quadratic=float(law.k_quadratic_N_m3),
+        C_P=float(contact.C_P),
+        sticking_ratio=float(contact.sticking_ratio),
+        f_range=_limits(surface.normal_force_N_m),
+        v_range=_limits(surface.slip_speed_m_s),
+        x_nodes=tables.x_nodes,
+        y_nodes=tables.y_nodes,
+        f_ref=tables.f_ref,
+        v_ref=tables.v_ref,
+        C=tables.C,
+    )
+
+
+def _limits(nodes: Array) -> tuple[float, float]:
+    """Measured range of an axis; the single node 0 states that there is no dependence on it."""
+    if nodes.size == 1 and nodes[0] == 0.0:
+        return 0.0, math.inf
+    return float(nodes[0]), float(nodes[-1])
 
 
 class Motion(NamedTuple):
@@ -97,10 +133,14 @@ def new_points(belt: BeltArrays, status: int) -> Points:
     return Points(np.full(shape, status), np.ones(shape), *zeros)
 
 
+register_jitable(locate)
+look_up = kernel(evaluate_tables)
+
+
 @kernel
-def surface_mu(pulley: ContactArrays, f: float, v: float) -> tuple[float, float, float, int]:
-    """mu, its derivatives in f and v, and 1 if (f, v) is outside the measured range."""
-    return pulley.C[0, 0, 0, 0], 0.0, 0.0, 0
+def in_range(limits: tuple[float, float], value: float) -> bool:
+    """Whether a value lies in the measured range, give or take the rounding of a step."""
+    return limits[0] * (1.0 - 1e-9) <= value <= limits[1] * (1.0 + 1e-9)
 
 
 @kernel
@@ -143,7 +183,7 @@ def part_energy(
 def friction_force(
     pulley: ContactArrays, motion: Motion, points: Points, e: int, c: int, w: float
 ) -> tuple[float, float, float, int]:
-    """Tangential force of a point by its status, with derivatives in line force and in rate of angle.
+    """Tangential force of a point by its status, with its derivatives in line force and advance.
 
     Reads the normal force of the point from ``points`` and writes ``F_max``, ``slip``.
 
@@ -169,7 +209,10 @@ def friction_force(
     if motion.friction == 0.0 or F_N <= 0.0:
         points.F_max[e, c] = 0.0
         return 0.0, 0.0, 0.0, 0
-    mu, mu_f, mu_v, outside = surface_mu(pulley, f_N, v)
+    mu, mu_f, mu_v, _ = look_up(
+        pulley.x_nodes, pulley.y_nodes, pulley.f_ref, pulley.v_ref, pulley.C, f_N, v
+    )
+    outside = 0 if in_range(pulley.f_range, f_N) and in_range(pulley.v_range, v) else 1
     points.F_max[e, c] = motion.friction * mu * pulley.sticking_ratio * F_N
     if points.status[e, c] == STICK:
         r = motion.augmentation * w

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.laws.penalty import NormalLaw
-from beltid.params import Belt, Rig
+from beltid.params import Belt, OperatingPoint, Rig
 
 Array = NDArray[np.float64]
 
@@ -81,46 +81,61 @@ def bed_length(EI: float, k: float) -> float:
     return (4.0 * EI / k) ** 0.25
 
 
-def graded_nodes(belt: Belt, rig: Rig, law: NormalLaw, beta: float, T_0: float, n: int) -> Array:
+def element_count(belt: Belt, rig: Rig, law: NormalLaw, beta: float, T_0: float) -> int:
+    """Default number of elements: one per ``ELEMENT_IN_BEDS`` elastic-bed lengths, graded; even."""
+    _, total = _mesh_density(belt, rig, law, Path(rig.R, rig.span, beta), T_0)
+    wanted = 2 * math.ceil(0.5 * float(total[-1]) * 2.0 / ELEMENT_IN_BEDS)
+    return min(max(wanted, FEWEST_ELEMENTS), MOST_ELEMENTS)
+
+
+def graded_nodes(
+    belt: Belt, rig: Rig, law: NormalLaw, point: OperatingPoint, n: int | None = None
+) -> Array:
     """Nodes of a mesh graded from the bending length and the elastic-bed length.
 
-    The wanted element length follows the solution: it is proportional to the elastic-bed length at
-    the ends of the contact, where the force peaks stand, and grows with the distance from there, in
-    units of the bending length in the spans and of the bed length on the arc. Both halves are alike.
+    On the arc all elements have a length in proportion to the elastic-bed length; in the spans they
+    grow with the distance from the tangent point, in units of the bending length (and from a clamped
+    support). Both halves are alike.
 
     Parameters
     ----------
     belt, rig, law : Belt, Rig, NormalLaw
         The bench.
-    beta : float
-        Contact arc [rad].
-    T_0 : float
-        Initial tension [N].
-    n : int
-        Number of elements, even.
+    point : OperatingPoint
+        Contact arc and initial tension.
+    n : int, optional
+        Number of elements, even; default :func:`element_count`.
 
     Returns
     -------
     ndarray, shape (n + 1,)
         Path coordinates of the nodes [m].
     """
-    path = Path(rig.R, rig.span, beta)
-    edge = path.entry
-    middle = 0.5 * path.length
-    bed = bed_length(belt.EI, float(law.stiffness(law.penetration(T_0 / rig.R))))
-    bend = bending_length(belt.EI, T_0)
-    s = np.linspace(0.0, middle, 2001)
-    outside = np.maximum(edge - s, 0.0) / bend
-    inside = np.maximum(s - edge, 0.0) / bed
-    wanted = bed * (1.0 + SPAN_GROWTH * outside + ARC_GROWTH * np.maximum(inside - ARC_FLAT, 0.0))
-    density = 1.0 / wanted
-    if rig.supports == "clamped":
-        density = np.maximum(density, 1.0 / (bend * (1.0 + SPAN_GROWTH * s / bend)))
-    cumulative = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(s))])
-    half = np.interp(np.linspace(0.0, cumulative[-1], n // 2 + 1), cumulative, s)
+    path = Path(rig.R, rig.span, point.beta)
+    if n is None:
+        n = element_count(belt, rig, law, point.beta, point.T_0)
+    s, total = _mesh_density(belt, rig, law, path, point.T_0)
+    half = np.interp(np.linspace(0.0, total[-1], n // 2 + 1), total, s)
     return np.concatenate([half, path.length - half[-2::-1]])
 
 
-SPAN_GROWTH = 1.0
-ARC_GROWTH = 0.25
-ARC_FLAT = 2.0
+def _mesh_density(
+    belt: Belt, rig: Rig, law: NormalLaw, path: Path, T_0: float
+) -> tuple[Array, Array]:
+    """Half of the path and, along it, the number of bed-length elements from the support on."""
+    bed = bed_length(belt.EI, float(law.stiffness(law.penetration(T_0 / rig.R))))
+    bend = bending_length(belt.EI, T_0)
+    s = np.linspace(0.0, 0.5 * path.length, 1001)
+    wanted = bed * (1.0 + np.maximum(path.entry - s, 0.0) / bend)
+    if rig.supports == "clamped":
+        wanted = np.minimum(wanted, bend * (1.0 + s / bend))
+    density = 1.0 / wanted
+    steps = 0.5 * (density[1:] + density[:-1]) * np.diff(s)
+    return s, np.concatenate([[0.0], np.cumsum(steps)])
+
+
+# With 1.25 the tensions of rigs with arcs of 25 to 170 degrees, EI of 0.004 to 0.03 N m² and
+# tensions of 50 to 450 N differ by 0.05 % at most from those of a converged mesh.
+ELEMENT_IN_BEDS = 1.25
+FEWEST_ELEMENTS = 10
+MOST_ELEMENTS = 1000

@@ -1,0 +1,117 @@
+"""The rig as one model: path, mesh, belt, pulley and supports, built once for a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
+from beltid.params import Belt, Contact, OperatingPoint, Rig
+from beltid.rigsim.banded import WIDTH
+from beltid.rigsim.belt import BeltArrays, belt_arrays
+from beltid.rigsim.contact import ContactArrays, contact_arrays
+from beltid.rigsim.path import Path, graded_nodes
+from beltid.rigsim.supports import Reactions, SupportArrays, new_reactions
+
+Array = NDArray[np.float64]
+
+
+class System(NamedTuple):
+    """What compiled code needs of the model; constant during a run."""
+
+    belt: BeltArrays
+    pulley: ContactArrays
+    supports: SupportArrays
+
+
+class Workspace(NamedTuple):
+    """Arrays of one linearised system, used again in every iteration.
+
+    ``A`` (n, WIDTH) banded tangent with ``pivots`` (n,); ``vectors`` (2, n) residual and its
+    derivative in the stretch; ``steps`` (2, n) solutions; ``strain_old`` (n_e, n_g, 2) strains at
+    the last time step; ``reactions`` of the supports.
+    """
+
+    A: Array
+    pivots: NDArray[np.int64]
+    vectors: Array
+    steps: Array
+    strain_old: Array
+    reactions: Reactions
+
+
+@dataclass(frozen=True, slots=True)
+class RigModel:
+    """Belt, pulley and supports on the mesh of one run.
+
+    Parameters
+    ----------
+    path : Path
+        Support, arc, support.
+    point : OperatingPoint
+        Settings of the run.
+    nodes : ndarray, shape (n_e + 1,)
+        Path coordinates of the nodes [m].
+    system : System
+        Arrays for compiled code.
+    """
+
+    path: Path
+    point: OperatingPoint
+    nodes: Array
+    system: System
+
+    def path_coordinates(self) -> Array:
+        """Nodal coordinates of the belt on its path, shape (4 (n_e + 1),)."""
+        parts = [self.path.position(self.nodes), self.path.tangent(self.nodes)]
+        return np.ascontiguousarray(np.concatenate(parts, axis=1).ravel())
+
+    def workspace(self) -> Workspace:
+        """Room for the linearised system."""
+        n = 4 * self.nodes.size
+        belt = self.system.belt
+        return Workspace(
+            A=np.zeros((n, WIDTH)),
+            pivots=np.zeros(n, dtype=np.int64),
+            vectors=np.zeros((2, n)),
+            steps=np.zeros((2, n)),
+            strain_old=np.zeros((*belt.w_g.shape, 2)),
+            reactions=new_reactions(),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """Everything that the runs of a campaign share.
+
+    Parameters
+    ----------
+    belt, rig, contact : Belt, Rig, Contact
+        Belt, rig geometry and contact settings.
+    law : NormalLaw
+        Normal contact law, Eq. (3).
+    surface : FrictionSurface
+        Coefficient of friction over line force and sliding speed.
+    """
+
+    belt: Belt
+    rig: Rig
+    contact: Contact
+    law: NormalLaw
+    surface: FrictionSurface
+
+    def model(self, point: OperatingPoint, elements: int | None = None) -> RigModel:
+        """Build the model of one run; ``elements`` overrides the default number of elements."""
+        path = Path(self.rig.R, self.rig.span, point.beta)
+        nodes = graded_nodes(self.belt, self.rig, self.law, point, elements)
+        ends = path.tangent(np.array([0.0, path.length]))
+        system = System(
+            belt=belt_arrays(self.belt, nodes, self.contact.points_per_element),
+            pulley=contact_arrays(self.rig.R, self.contact, self.law, self.surface),
+            supports=SupportArrays(self.rig.supports == "clamped", np.ascontiguousarray(ends)),
+        )
+        return RigModel(path, point, nodes, system)

@@ -1,0 +1,259 @@
+"""Statics of the rig: the belt laid on and tightened to T_0, and the limit of full sliding.
+
+Both are found by Newton's method on the nodal forces. The lay-on is frictionless; its unknowns are
+the coordinates and the stretch, its additional equation is |support force| = T_0, so that the belt
+is tightened with the contact in place (a pre-strain T_0/EA alone would miss T_0 by 5 to 10 %).
+Then the supports and the stretch stay, the pulley turns, and every touching point slides.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.errors import ConvergenceError
+from beltid.params import OperatingPoint
+from beltid.rigsim.banded import factorize, solve
+from beltid.rigsim.belt import add_internal
+from beltid.rigsim.compiled import kernel
+from beltid.rigsim.contact import SLIDE, Motion, Points, add_contact, new_points
+from beltid.rigsim.model import RigModel, System, Workspace
+from beltid.rigsim.supports import force_change, hold, release
+
+Array = NDArray[np.float64]
+
+TOLERANCE = 1.0e-9  # residual force over T_0
+MOST_ITERATIONS = 40
+LARGEST_MOVE = 5.0e-3  # of a node in one iteration [m]
+
+
+class Outcome(NamedTuple):
+    """How an iteration ended."""
+
+    converged: bool
+    iterations: int
+    residual: float
+    stretch: float
+    outside: int
+
+
+@kernel
+def largest_force(system: System, residual: Array) -> float:
+    """Largest residual force [N]; generalised forces on r' count per length of the element."""
+    largest = 0.0
+    n_e = system.belt.h.size
+    for node in range(n_e + 1):
+        h = system.belt.h[min(node, n_e - 1)]
+        for k in range(4):
+            size = abs(residual[4 * node + k])
+            if k > 1:
+                size /= h
+            # a nan must not pass for a small residual
+            if not size <= largest:
+                largest = size
+    return largest
+
+
+@kernel
+def linearize(
+    system: System, motion: Motion, points: Points, q: Array, stretch: float, work: Workspace
+) -> int:
+    """Assemble residual and tangent in statics, supports held; returns look-ups out of range."""
+    work.A[:] = 0.0
+    work.vectors[:] = 0.0
+    residual, by_stretch = work.vectors[0], work.vectors[1]
+    add_internal(system.belt, q, stretch, work.strain_old, 0.0, work.A, residual, by_stretch)
+    outside = add_contact(
+        system.belt, system.pulley, motion, points, q, stretch, work.A, residual, by_stretch
+    )
+    hold(system.supports, work.A, work.vectors, work.reactions)
+    return outside
+
+
+@kernel
+def move(q: Array, step: Array) -> float:
+    """Add a step to the coordinates, shortened if a node would jump; returns the factor."""
+    largest = 0.0
+    for i in range(0, q.size, 4):
+        largest = max(largest, abs(step[i]), abs(step[i + 1]))
+    factor = 1.0 if largest <= LARGEST_MOVE else LARGEST_MOVE / largest
+    q += factor * step
+    return factor
+
+
+@kernel
+def newton(
+    system: System,
+    motion: Motion,
+    points: Points,
+    q: Array,
+    stretch: float,
+    T_0: float,
+    tighten: bool,
+    work: Workspace,
+) -> Outcome:
+    """Newton's method for the static equilibrium; ``q`` is updated in place.
+
+    With ``tighten`` the stretch is an unknown and |force on support A| = T_0 an equation; the
+    bordered system is solved with one factorisation and two right-hand sides.
+    """
+    error = math.inf
+    outside = 0
+    step, by_stretch = work.steps[0], work.steps[1]
+    force = work.reactions.force
+    for iteration in range(MOST_ITERATIONS):
+        outside = linearize(system, motion, points, q, stretch, work)
+        T = math.hypot(force[0], force[1])
+        error = largest_force(system, work.vectors[0])
+        if tighten:
+            error = max(error, abs(T - T_0))
+        if error <= TOLERANCE * T_0:
+            return Outcome(True, iteration, error / T_0, stretch, outside)
+        if not (math.isfinite(error) and factorize(work.A, work.pivots)):
+            break
+        step[:] = -work.vectors[0]
+        solve(work.A, work.pivots, step)
+        change = 0.0
+        if tighten:
+            by_stretch[:] = -work.vectors[1]
+            solve(work.A, work.pivots, by_stretch)
+            ex, ey = force[0] / T, force[1] / T
+            T_step = ex * force_change(work.reactions, 0, step)
+            T_step += ey * force_change(work.reactions, 1, step)
+            T_stretch = ex * (
+                force_change(work.reactions, 0, by_stretch) + work.reactions.stretch[0]
+            )
+            T_stretch += ey * (
+                force_change(work.reactions, 1, by_stretch) + work.reactions.stretch[1]
+            )
+            change = (T_0 - T - T_step) / T_stretch
+            step += change * by_stretch
+        release(system.supports, step)
+        stretch += move(q, step) * change
+    return Outcome(False, MOST_ITERATIONS, error / T_0, stretch, outside)
+
+
+@dataclass(frozen=True, slots=True)
+class StaticState:
+    """A static equilibrium of the rig.
+
+    Attributes
+    ----------
+    q : ndarray, shape (n,)
+        Nodal coordinates.
+    stretch : float
+        Stress-free length over path length [-].
+    T_A, T_B : float
+        Magnitude of the forces on support A (tight side) and B (slack side) [N].
+    points : Points
+        State of the contact points.
+    iterations : int
+        Newton iterations.
+    residual : float
+        Largest residual force over T_0 [-].
+    outside : int
+        Look-ups outside the measured range of the surface.
+    """
+
+    q: Array
+    stretch: float
+    T_A: float
+    T_B: float
+    points: Points
+    iterations: int
+    residual: float
+    outside: int
+
+
+def support_forces(force: Array) -> tuple[float, float]:
+    """Magnitudes of the forces on supports A and B from the held rows (4,) [N]."""
+    return math.hypot(force[0], force[1]), math.hypot(force[2], force[3])
+
+
+def _state(q: Array, points: Points, work: Workspace, outcome: Outcome, spent: int) -> StaticState:
+    T_A, T_B = support_forces(work.reactions.force)
+    iterations = spent + outcome.iterations
+    return StaticState(
+        q, outcome.stretch, T_A, T_B, points, iterations, outcome.residual, outcome.outside
+    )
+
+
+def lay_on(model: RigModel) -> StaticState:
+    """Lay the belt on the pulley without friction and tighten it until the support force is T_0.
+
+    Raises
+    ------
+    ConvergenceError
+        If Newton's method fails, also when T_0 is approached from higher tensions.
+    """
+    system, point = model.system, model.point
+    motion = Motion(omega=point.omega, rate=0.0, friction=0.0, augmentation=0.0)
+    work = model.workspace()
+    spent = 0
+    for detour in ((), (2.0, 1.0), (8.0, 4.0, 2.0, 1.4, 1.0)):
+        q = model.path_coordinates()
+        points = new_points(system.belt, SLIDE)
+        stretch = 1.0 / (1.0 + point.T_0 / system.belt.EA)
+        for factor in detour or (1.0,):
+            outcome = newton(
+                system, motion, points, q, stretch, factor * point.T_0, True, work
+            )
+            stretch = outcome.stretch
+            if not outcome.converged:
+                spent += outcome.iterations
+                break
+            if factor == 1.0:
+                return _state(q, points, work, outcome, spent)
+            spent += outcome.iterations
+    raise _failure("laying the belt on", point, spent, outcome.residual)
+
+
+def slide(model: RigModel, laid: StaticState) -> StaticState:
+    """Full sliding: the pulley turns under the resting belt, every touching point slides.
+
+    Raises
+    ------
+    ConvergenceError
+        If Newton's method fails, also when the friction is raised in steps.
+    """
+    system, point = model.system, model.point
+    work = model.workspace()
+    spent = 0
+    for stages in (1, 4, 16):
+        q = laid.q.copy()
+        points = new_points(system.belt, SLIDE)
+        for k in range(1, stages + 1):
+            motion = Motion(omega=point.omega, rate=0.0, friction=k / stages, augmentation=0.0)
+            outcome = newton(system, motion, points, q, laid.stretch, point.T_0, False, work)
+            if not outcome.converged:
+                spent += outcome.iterations
+                break
+            if k == stages:
+                return _state(q, points, work, outcome, spent)
+            spent += outcome.iterations
+    raise _failure("the sliding belt", point, spent, outcome.residual)
+
+
+def _failure(
+    what: str, point: OperatingPoint, iterations: int, residual: float
+) -> ConvergenceError:
+    return ConvergenceError(
+        f"arc {math.degrees(point.beta):g} deg, T0 {point.T_0:g} N, omega {point.omega:g} rad/s: "
+        f"{what} found no equilibrium in {iterations} Newton iterations "
+        f"(residual {residual:.2g} of T0)",
+        iterations=iterations,
+        residual=residual,
+    )
+
+
+def solve_steady(model: RigModel) -> tuple[StaticState, StaticState]:
+    """Lay-on and sliding limit of one run."""
+    laid = lay_on(model)
+    return laid, slide(model, laid)
+
+
+__all__ = ["StaticState", "lay_on", "slide", "solve_steady", "support_forces"]
