@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from beltid.errors import InputError
 from beltid.identify.least_squares import solve_least_squares
 from beltid.identify.press_cycles import PressCycle
-from beltid.identify.press_test import PressTest
+from beltid.identify.press_preparation import PressTest
 
 Array = NDArray[np.float64]
 
@@ -80,6 +80,8 @@ class PressCurve:
         Name, positions [m] and line forces [N/m] of all samples of each branch.
     fit_range_m : tuple of float
         Lowest and highest position of the fit [m].
+    touch_m : float
+        Position from which the loading branch carries force [m].
     top_position_m, top_force_N_m : float
         Largest position [m] and line force [N/m] of the cycle.
     dissipated_J_m, stored_J_m : float
@@ -97,6 +99,7 @@ class PressCurve:
     half_gap_N_m: Array
     branches: tuple[tuple[str, Array, Array], ...]
     fit_range_m: tuple[float, float]
+    touch_m: float
     top_position_m: float
     top_force_N_m: float
     dissipated_J_m: float
@@ -169,6 +172,7 @@ def press_curve(test: PressTest, cycle: PressCycle, segment_length_m: float) -> 
         half_gap_N_m=half_gap,
         branches=branches,
         fit_range_m=(low, high),
+        touch_m=_contact_begin(branches[0], threshold),
         top_position_m=max(float(np.max(x)) for _, x, _ in branches),
         top_force_N_m=max(float(np.max(f)) for _, _, f in branches),
         dissipated_J_m=dissipated,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
-from beltid.identify.press_test import PressTest, spread
+from beltid.identify.press_preparation import PressTest, spread
 from beltid.identify.statistics import sample_noise
 
 Array = NDArray[np.float64]

@@ -1,8 +1,8 @@
-"""One quadratic law for several press curves, each with its own contact point.
+"""One quadratic law for several press curves, every test with its own contact point.
 
 For a known contact point the law of Eq. (3) is linear in its coefficients. The contact points
 are found with it: the unknowns are the slope A and the curvature B of the law at a reference force
-F, and for every curve the position p at which it reaches F,
+F, and for every test the position p at which it reaches F (cycles of one test share it),
 
     f = F + A (x - p) + B (x - p)²,
 
@@ -43,11 +43,12 @@ class SharedLaw:
     ----------
     k_linear_N_m2, k_quadratic_N_m3 : float
         Coefficients [N/m²], [N/m³].
-    covariance : ndarray
-        Their covariance with the doubt about the contact points and the correlation of the
-        residuals, shape (2, 2).
-    offsets_m, offsets_se_m : ndarray
-        Position of the contact point of each curve and its standard error [m], shape (curves,).
+    cofactor : ndarray
+        Their covariance per mean square of the residuals, shape (2, 2); the contact points, which
+        are unknown too, are in it.
+    offsets_m : ndarray
+        Position of the contact point of each test [m], shape (tests,), in the order of their
+        first curves.
     residuals : tuple of ndarray
         Middle of the branches less law at the nodes of each curve [N/m].
     tau : float
@@ -60,9 +61,8 @@ class SharedLaw:
 
     k_linear_N_m2: float
     k_quadratic_N_m3: float
-    covariance: Array
+    cofactor: Array
     offsets_m: Array
-    offsets_se_m: Array
     residuals: tuple[Array, ...]
     tau: float
     form: Form
@@ -71,7 +71,7 @@ class SharedLaw:
 
 @dataclass(frozen=True, slots=True)
 class _Parabola:
-    """Solution in the regular unknowns (A, B, p_1 ... p_J); B is absent unless quadratic."""
+    """Solution in the regular unknowns (A, B, p_1 ... p_J); B is fitted if quadratic only."""
 
     form: Form
     F: float
@@ -99,7 +99,7 @@ def residual_sum_of_squares(curves: Sequence[PressCurve]) -> tuple[float, tuple[
 
 
 def fit_shared_law(curves: Sequence[PressCurve], place: str) -> SharedLaw:
-    """Fit one admissible law to curves with free contact points.
+    """Fit one admissible law to curves with a free contact point for every test.
 
     Parameters
     ----------
@@ -191,6 +191,12 @@ def _fit(curves: Sequence[PressCurve], form: Form) -> _Parabola:
     return _Parabola(form, F, A, B, p, linear, parts, correlation_time(parts))
 
 
+def test_of_curve(curves: Sequence[PressCurve]) -> NDArray[np.intp]:
+    """Number of the test that each curve belongs to, counted by first appearance."""
+    numbers = {label: i for i, label in enumerate(dict.fromkeys(c.test for c in curves))}
+    return np.array([numbers[c.test] for c in curves], dtype=np.intp)
+
+
 def correlation_time(parts: Sequence[Array]) -> float:
     """Mean integrated autocorrelation time of residuals of several curves [nodes]."""
     weights = np.array([r.size for r in parts], dtype=float)
@@ -200,11 +206,12 @@ def correlation_time(parts: Sequence[Array]) -> float:
 
 def _start(curves: Sequence[PressCurve], F: float, form: Form) -> Array:
     """First values: where each curve reaches F, and the linear fit for these positions."""
-    p = []
-    for c in curves:
-        order = np.maximum.accumulate(c.middle_N_m)
-        p.append(float(np.interp(F, order, c.position_m)))
-    y = np.concatenate([c.position_m - q for c, q in zip(curves, p, strict=True)])
+    reached = np.array(
+        [np.interp(F, np.maximum.accumulate(c.middle_N_m), c.position_m) for c in curves]
+    )
+    owner = test_of_curve(curves)
+    p = np.bincount(owner, weights=reached) / np.bincount(owner)
+    y = np.concatenate([c.position_m - q for c, q in zip(curves, p[owner], strict=True)])
     f = np.concatenate([c.middle_N_m for c in curves]) - F
     design = np.column_stack([y, y * y]) if form == "quadratic" else y[:, None]
     return np.concatenate([solve_least_squares(design, f).coefficients, p])
@@ -220,44 +227,33 @@ def _unpack(theta: Array, F: float, form: Form) -> tuple[float, float, Array]:
 def _model(curves: Sequence[PressCurve], F: float, theta: Array, form: Form) -> tuple[Array, Array]:
     """Residuals [N/m], shape (n,), and derivatives of the law by the unknowns, shape (n, q)."""
     A, B, p = _unpack(theta, F, form)
-    y = np.concatenate([c.position_m - q for c, q in zip(curves, p, strict=True)])
+    test = test_of_curve(curves)
+    y = np.concatenate([c.position_m - q for c, q in zip(curves, p[test], strict=True)])
     f = np.concatenate([c.middle_N_m for c in curves])
-    owner = np.repeat(np.arange(len(curves)), [c.position_m.size for c in curves])
+    owner = np.repeat(test, [c.position_m.size for c in curves])
     by_A = y + A * y * y / (2.0 * F) if form == "purely quadratic" else y
     shape = [by_A, y * y] if form == "quadratic" else [by_A]
     slope = -(A + 2.0 * B * y)
-    offsets = np.where(owner[:, None] == np.arange(len(curves)), slope[:, None], 0.0)
+    offsets = np.where(owner[:, None] == np.arange(p.size), slope[:, None], 0.0)
     return f - (F + A * y + B * y * y), np.column_stack([*shape, offsets])
 
 
 def _law(parabola: _Parabola, notes: tuple[str, ...] = ()) -> SharedLaw:
-    """Coefficients and contact points with their errors (delta method on the full covariance)."""
-    A, B, F, p = parabola.A, parabola.B, parabola.F, parabola.p
-    cov = parabola.covariance
-    n_shape = cov.shape[0] - p.size
-    by_k = np.zeros((2, n_shape))
-    if parabola.form == "linear":
-        k_linear = A
-        by_k[0, 0] = 1.0
-        by_offset = np.array([F / A**2])
-    elif parabola.form == "purely quadratic":
-        k_linear = 0.0
-        by_k[1, 0] = A / (2.0 * F)
-        by_offset = np.array([2.0 * F / A**2])
-    else:
+    """Coefficients and contact points, with the errors carried over (delta method)."""
+    A, B, F = parabola.A, parabola.B, parabola.F
+    if parabola.form == "quadratic":
         k_linear = float(np.sqrt(A * A - 4.0 * B * F))
-        by_k[0] = A / k_linear, -2.0 * F / k_linear
-        by_k[1, 1] = 1.0
-        by_offset = 2.0 * F / (A + k_linear) ** 2 * (by_k[0] + np.array([1.0, 0.0]))
-    shape_cov = cov[:n_shape, :n_shape]
-    offset_gradient = np.hstack([np.tile(by_offset, (p.size, 1)), np.eye(p.size)])
-    offset_var = np.einsum("ij,jk,ik->i", offset_gradient, cov, offset_gradient)
+        gradient = np.array([[A / k_linear, -2.0 * F / k_linear], [0.0, 1.0]])
+    elif parabola.form == "linear":
+        k_linear, gradient = A, np.array([[1.0], [0.0]])
+    else:
+        k_linear, gradient = 0.0, np.array([[0.0], [A / (2.0 * F)]])
+    shape = gradient.shape[1]
     return SharedLaw(
         k_linear_N_m2=k_linear,
         k_quadratic_N_m3=B,
-        covariance=by_k @ shape_cov @ by_k.T,
-        offsets_m=p - 2.0 * F / (A + k_linear),
-        offsets_se_m=np.sqrt(offset_var),
+        cofactor=gradient @ parabola.linear.cofactor[:shape, :shape] @ gradient.T,
+        offsets_m=parabola.p - 2.0 * F / (A + k_linear),
         residuals=parabola.residuals,
         tau=parabola.tau,
         form=parabola.form,
