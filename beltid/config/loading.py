@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -78,5 +79,11 @@ def _plain(value: Any) -> Any:
 
 def _with_paths_from(config: Config, folder: Path) -> Config:
     stated: dict[str, Path] = config.data.model_dump(exclude_none=True)
-    resolved = {kind: folder / path for kind, path in stated.items()}
+    resolved = {kind: _short(folder / path) for kind, path in stated.items()}
     return config.model_copy(update={"data": config.data.model_copy(update=resolved)})
+
+
+def _short(path: Path) -> Path:
+    """``configs/../rigdata`` as ``rigdata``, unless a symbolic link makes them differ."""
+    short = os.path.normpath(path)
+    return Path(short) if os.path.realpath(short) == os.path.realpath(path) else path

@@ -105,10 +105,10 @@ class CompareSection(Section):
 class FrictionSection(Section):
     """How a run of the friction rig is reduced to a friction coefficient."""
 
-    min_plateau_samples: Annotated[int, Count(5, 1_000_000)] = 20
-    spike_threshold: Annotated[float, Number(2, 100)] = 6.0
+    min_plateau_samples: Annotated[int, Count(8, 1_000_000)] = 20
+    spike_threshold: Annotated[float, Number(3, 100)] = 6.0
     correct_imbalance: Annotated[bool, OnOff()] = False
-    max_mu: Annotated[float, Number(0, 20, open_low=True)] = 3.0
+    max_mu: Annotated[float, Number(0.01, 100)] = 3.0
 
 
 class SurfaceSection(Section):

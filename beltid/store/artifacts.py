@@ -197,6 +197,8 @@ def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Art
         arrow = file.read(use_threads=False)
         columns = columns_of_arrow(arrow, table, str(path))
         whole = columns_sha256(columns) == record["content_sha256"]
+        metadata = Metadata(**{name: record[name] for name in Metadata.__slots__})
+        units = dict(record["units"])
     except ArtifactError:
         raise
     except Exception as error:  # a damaged file can raise nearly anything
@@ -206,12 +208,12 @@ def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Art
     return Artifact(
         kind=found,
         columns=columns,
-        metadata=Metadata(**{name: record[name] for name in Metadata.__slots__}),
+        metadata=metadata,
         path=path,
         sha256=sha256(data),
-        units=dict(record["units"]),
-        schema_version=int(record["schema_version"]),
-        software_version=str(record["software_version"]),
+        units=units,
+        schema_version=table.version,
+        software_version=str(record.get("software_version")),
     )
 
 
@@ -238,7 +240,12 @@ def _open(data: bytes, path: Path, kind: str | None) -> tuple[Any, dict[str, Any
         raise ArtifactError(f"{path}: a Parquet file, but not one of beltid{_needed(kind)}")
     if sha256(stored[METADATA_KEY]).encode() != stored.get(SEAL_KEY):
         raise ArtifactError(f"{path}: damaged: its metadata do not match their checksum")
-    record: dict[str, Any] = json.loads(stored[METADATA_KEY])
+    try:
+        record = json.loads(stored[METADATA_KEY])
+    except ValueError as error:
+        raise _damaged(path, error) from None
+    if not isinstance(record, dict):
+        raise ArtifactError(f"{path}: damaged: its metadata are not those of an artifact")
     return file, record
 
 

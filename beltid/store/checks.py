@@ -21,6 +21,8 @@ class Checker:
 
     Parameters
     ----------
+    name : str
+        Name of the recording, for messages.
     columns : dict of str to ndarray
         The columns, in our names and units.
     table : Table
@@ -33,27 +35,27 @@ class Checker:
 
     def __init__(
         self,
+        name: str,
         columns: Columns,
         table: Table,
         place: Callable[[int], tuple[str, int]],
         problems: Problems,
     ) -> None:
+        self.name = name
         self.columns = columns
         self.table = table
         self.place = place
         self.problems = problems
 
-    def run(self, name: str, units_stated: Collection[str]) -> list[str]:
+    def run(self, units_stated: Collection[str]) -> list[str]:
         """Check everything; returns notes about what is allowed but worth knowing.
 
         Parameters
         ----------
-        name : str
-            Name of the recording, for messages.
         units_stated : collection of str
             Columns whose unit the user stated: not suspected of another one.
         """
-        suspects = self._units(name, units_stated)
+        suspects = self._units(units_stated)
         codes = self._labels()
         notes: list[str] = []
         if codes is not None:
@@ -71,7 +73,7 @@ class Checker:
             self.problems.add(f"{where}: {text(int(row))}", line)
         self.problems.add_uncounted(len(rows) - 5 * SHOWN)
 
-    def _units(self, name: str, units_stated: Collection[str]) -> set[str]:
+    def _units(self, units_stated: Collection[str]) -> set[str]:
         """Columns whose numbers are about a thousand times too small or large."""
         suspects: set[str] = set()
         for column in self.table.columns:
@@ -82,10 +84,11 @@ class Checker:
             guess = _other_unit(column, self.table.kind, finite) if finite.size else ""
             if guess:
                 suspects.add(column.name)
+                span = f"lies between {finite.min():g} and {finite.max():g}"
+                setting = f"units: {{{self.table.kind}: {{{column.name}: {guess}}}}}"
                 self.problems.add(
-                    f"{name}: {column.name} lies between {finite.min():g} and {finite.max():g}, "
-                    f"which is not plausible in {column.unit}; if it is in {guess}, say so: "
-                    f"units: {{{self.table.kind}: {{{column.name}: {guess}}}}}"
+                    f"{self.name}: {column.name} {span}, not plausible in {column.unit}; if it is in {guess}, "
+                    f"say so: {setting}"
                 )
         return suspects
 
@@ -134,9 +137,7 @@ class Checker:
         if not column.nullable:
             self._report(missing, lambda i: f"{column.name} is empty, must be {column.allowed}")
         elif missing.size == values.size and values.size and column.required:
-            self.problems.add(
-                f"{self.place(0)[0].rsplit(':', 1)[0]}: {column.name} holds no number at all"
-            )
+            self.problems.add(f"{self.name}: {column.name} holds no number at all")
         elif missing.size and missing.size < values.size:
             return [f"{missing.size} of {values.size} samples of {column.name} are missing"]
         return []

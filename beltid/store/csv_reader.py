@@ -16,6 +16,7 @@ from beltid.store.problems import Problems
 from beltid.store.tables import absent
 
 _NUMBER: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_COMMA_TO_POINT: Final = str.maketrans(",.", ".?")
 _INFINITE: Final = re.compile(r"[-+]?(inf|infinity)", re.IGNORECASE)
 
 
@@ -168,7 +169,8 @@ def _cell(
         return None if text in MISSING_WORDS else text
     if text in MISSING_WORDS:
         return np.nan
-    number = text.replace(",", ".") if layout.decimal == "," and "." not in text else text
+    # under a decimal comma a point would be a thousands separator: 1.234 is not read as 1.234
+    number = text.translate(_COMMA_TO_POINT) if layout.decimal == "," else text
     if _NUMBER.fullmatch(number) or _INFINITE.fullmatch(number):
         return float(number)
     shown = text if len(text) <= 40 else text[:37] + "..."

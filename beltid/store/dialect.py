@@ -170,6 +170,9 @@ def _header_start(text: str, name: str, skip: int, notes: list[str]) -> tuple[in
     while start < len(text):
         row = text[start : _line_end(text, start)].strip()
         comment = row.startswith("#")
+        if line > skip and re.fullmatch(r"sep=.", row):  # what Excel puts before the header
+            start, line = _line_end(text, start) + 1, line + 1
+            continue
         if line > skip and row and not comment:
             if comments:
                 notes.append(f"{comments} lines beginning with # before the header left out")
@@ -214,3 +217,15 @@ def _decimal(body: str, separator: str, notes: list[str]) -> str:
         notes.append("decimal comma found in the numbers")
         return ","
     return "."
+
+
+def header_further_down(found: Layout, wanted: Iterable[str]) -> int:
+    """Line of the first 100 after the supposed header that names more columns; 0 if there is none."""
+    names = set(wanted)
+    rows = found.body[:100_000].split("\n")[:100]
+    hits = [
+        max(len(names & {c.strip().strip('"') for c in row.split(mark)}) for mark in SEPARATORS)
+        for row in rows
+    ]
+    best = max(range(len(hits)), key=hits.__getitem__)
+    return found.first_line + best if hits[best] > len(names & set(found.header)) else 0

@@ -14,7 +14,7 @@ from beltid.errors import InputError
 from beltid.store import schemas
 from beltid.store.checks import Checker
 from beltid.store.csv_reader import Wanted, read_rows
-from beltid.store.dialect import Layout, ReadOptions, decode, layout
+from beltid.store.dialect import Layout, ReadOptions, decode, header_further_down, layout
 from beltid.store.files import read_bytes, unpacked
 from beltid.store.frames import columns_of_frame
 from beltid.store.hashing import sha256
@@ -113,6 +113,10 @@ def _from_csv(text: str, path: Path, kind: str, options: ReadOptions, digest: st
     header_line = found.first_line - 1 - options.units_row
     problems = Problems()
     _check_header(found.header, in_file, table, f"{name}:{header_line}", problems)
+    if problems.count and (later := header_further_down(found, in_file.values())):
+        problems.add(
+            f"{name}:{later}: the header seems to stand here, set dialect: {{skip_lines: {later - 1}}}"
+        )
     problems.raise_if_any()
     wanted = {
         ours: Wanted(found.header.index(theirs), table.column(ours).dtype == "string", shown)
@@ -132,7 +136,7 @@ def _from_csv(text: str, path: Path, kind: str, options: ReadOptions, digest: st
         line = int(rows.lines[index])
         return f"{name}:{line}", line
 
-    notes += Checker(columns, table, place, problems).run(name, {*options.units, *conversions})
+    notes += Checker(name, columns, table, place, problems).run({*options.units, *conversions})
     if problems.count:
         _hint_units_row(found, wanted, name, problems)
     problems.raise_if_any()
@@ -254,11 +258,11 @@ def _from_parquet(
         if needed is None:
             raise InputError(f"{path}: is a {artifact.kind} artifact, a {kind} recording is needed")
         frame, options = artifact.columns, ReadOptions()
-    return _checked_frame(frame, kind, str(path), options)
+    return _checked_frame(frame, kind, str(path), options, units_known=sealed)
 
 
 def _checked_frame(
-    frame: Any, kind: str, name: str, options: ReadOptions
+    frame: Any, kind: str, name: str, options: ReadOptions, *, units_known: bool = False
 ) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
     table = schemas.table(kind)
     problems = Problems()
@@ -272,7 +276,11 @@ def _checked_frame(
         if (known := conversion(unit, table.column(ours).unit))
     }
     _convert(columns, conversions)
-    place = Checker(columns, table, lambda index: (f"{name}, row {index + 1}", index + 1), problems)
-    notes = place.run(name, conversions)
+
+    def place(index: int) -> tuple[str, int]:
+        return f"{name}, row {index + 1}", index + 1
+
+    stated = table.names if units_known else conversions
+    notes = Checker(name, columns, table, place, problems).run(stated)
     problems.raise_if_any()
     return columns, tuple(notes)
