@@ -37,7 +37,7 @@ class SurfaceSettings:
     ----------
     force_nodes : int, optional
         Number of common nodes of the normal force, evenly spaced in ln f, >= 2. By default as
-        many as a curve has points, where the points are.
+        many as the fullest curve has points, where the points are.
     speed_gap : float
         Relative gap that parts two settings of the speed [-].
     force_gap : float
@@ -177,7 +177,7 @@ def build_surface(
     arcs, arc_notes = _arc_surfaces(curves, settings, errors_known)
     notes += [*grid_notes, *arc_notes]
     if grid.n_arcs.max() < 2:
-        notes.append("a single arc: the spread between arcs is not known")
+        notes.append("no node was measured on two arcs: the spread between arcs is not known")
     notes += [f"averaged surface: {line}" for line in grid.to_surface().notes]
     return SurfaceResult(grid, arcs, points.f.size, tuple(set_aside), tuple(notes))
 

@@ -33,7 +33,10 @@ from beltid.laws.friction_surface import FrictionSurface
 
 Array = NDArray[np.float64]
 
-MIN_NODE_GAP = 0.02  # relative; closer nodes of the force make steep slopes out of noise
+MIN_NODE_GAP = 0.3  # of the usual one; closer nodes of the force make steep slopes out of noise
+MIN_RANGE = 0.02  # relative; a shorter range of forces is none
+ONE_TENSION = 2.5  # highest over lowest force that one tension gives over all arcs and speeds
+NARROWED = 0.25  # ln f; a speed that narrows the range of all others by more is named
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,8 +82,8 @@ def average(
     curves : CurveSet
         Curves of one or several arcs.
     force_nodes : int or None
-        Number of force nodes, evenly spaced in ln f; None puts as many as a curve has points
-        where the points are.
+        Number of force nodes, evenly spaced in ln f; None puts as many as the fullest curve
+        has points, where the points are.
     errors_known : bool
         Whether the standard errors of the points mean something.
 
@@ -135,50 +138,90 @@ def _ranges(curves: CurveSet) -> tuple[Array, Array]:
     return low, high
 
 
+def _covered(curves: CurveSet) -> tuple[Array, NDArray[np.bool_]]:
+    """Ends of all curves (m + 1,) and whether a speed covers the stretch between two (nv, m)."""
+    ends = np.unique([c.f[[0, -1]] for c in curves.curves])
+    middle = 0.5 * (ends[:-1] + ends[1:])
+    covered = np.zeros((curves.speeds.size, middle.size), dtype=bool)
+    for c in curves.curves:
+        covered[c.speed] |= c.covers(middle)
+    return ends, covered
+
+
+def _common_range(curves: CurveSet) -> tuple[float, float] | None:
+    """First and last force that some arc covers at every speed [N/m], None if there is none."""
+    ends, covered = _covered(curves)
+    everywhere = np.flatnonzero(covered.all(axis=0))
+    if everywhere.size == 0:
+        return None
+    first, last = float(ends[everywhere[0]]), float(ends[everywhere[-1] + 1])
+    return (first, last) if last > first * (1.0 + MIN_RANGE) else None
+
+
 def _with_common_range(curves: CurveSet) -> tuple[CurveSet, list[str]]:
-    """Leave out speeds until those that remain have a range of forces in common."""
-    notes: list[str] = []
-    if all(c.f.size == 1 for c in curves.curves):
-        return curves, notes  # one tension: a surface over speed only
-    while True:
-        low, high = _ranges(curves)
-        if low.max() < high.min():
-            break
-        worst = int(np.argmin(np.log(high / low)))
-        notes.append(
-            f"speed {curves.speeds[worst]:.4g} m/s left out: measured only from {low[worst]:.0f} "
-            f"to {high[worst]:.0f} N/m, no range in common with the other speeds"
+    """The most speeds that have a range of forces in common, and what had to be left out."""
+    if _single_tension(curves):
+        return curves, []
+    _, covered = _covered(curves)
+    candidates = np.unique(covered.T, axis=0)  # a row of speeds for every stretch of the force
+    best, extent = curves, (0, 0.0)
+    for speeds in candidates[candidates.any(axis=1)]:
+        subset = curves.with_curves(c for c in curves.curves if speeds[c.speed])
+        common = _common_range(subset)
+        if common and (int(speeds.sum()), common[1] / common[0]) > extent:
+            best, extent = subset, (int(speeds.sum()), common[1] / common[0])
+    if extent[0] == 0:
+        raise InputError(
+            "no speed was measured over a range of normal forces, must be at least two tensions "
+            "at one arc and speed, or one tension at all of them"
         )
-        if curves.speeds.size == 1:
-            raise InputError(notes)
-        curves = curves.with_curves(c for c in curves.curves if c.speed != worst)
-    for edge, others, word in ((low, low.max(), "begins"), (-high, -high.min(), "ends")):
-        k = int(np.argmax(edge))
-        second = np.delete(edge, k).max(initial=-np.inf)
-        if np.isfinite(second) and abs(np.log(abs(others / second))) > 0.25:
+    low, high = _ranges(curves)
+    notes = [
+        f"speed {speed:.4g} m/s left out: measured from {low[k]:.0f} to {high[k]:.0f} N/m, no "
+        "range in common with the other speeds"
+        for k, speed in enumerate(curves.speeds)
+        if speed not in best.speeds
+    ]
+    return best, notes + _narrowing(best)
+
+
+def _narrowing(curves: CurveSet) -> list[str]:
+    """Name a speed that alone narrows the range of forces by much."""
+    low, high = _ranges(curves)
+    notes = []
+    for k, word, edge in ((int(low.argmax()), "begins", low), (int(high.argmin()), "ends", high)):
+        others = np.delete(edge, k)
+        if others.size and np.abs(np.log(edge[k] / others)).min() > NARROWED:
             notes.append(
-                f"the range of forces {word} at {abs(others):.0f} N/m because of the speed "
-                f"{curves.speeds[k]:.4g} m/s; the others reach {abs(second):.0f} N/m"
+                f"the range of forces {word} at {edge[k]:.0f} N/m because of the speed "
+                f"{curves.speeds[k]:.4g} m/s; all others go on"
             )
-    return curves, notes
+    return notes
+
+
+def _single_tension(curves: CurveSet) -> bool:
+    """Whether there is one force per arc and speed, all alike: a surface over the speed only."""
+    if any(c.f.size > 1 for c in curves.curves):
+        return False
+    forces = np.concatenate([c.f for c in curves.curves])
+    return bool(forces.max() < ONE_TENSION * forces.min())
 
 
 def _force_nodes(curves: CurveSet, count: int | None) -> Array:
     """Nodes of the force over the range that every speed covers [N/m]."""
-    if all(c.f.size == 1 for c in curves.curves):
+    common = _common_range(curves)
+    if common is None:
         return np.array([np.exp(np.mean([np.log(c.f[0]) for c in curves.curves]))])
-    low, high = _ranges(curves)
-    first, last = float(low.max()), float(high.min())
+    first, last = np.log(common)
     if count is not None:
-        return np.geomspace(first, last, count)
-    typical = max(2, round(float(np.median([c.f.size for c in curves.curves]))))
+        return np.geomspace(*common, count)
+    fullest = max(c.f.size for c in curves.curves)
     pooled = np.sort(np.log(np.concatenate([c.f for c in curves.curves])))
-    centres = np.exp([group.mean() for group in np.array_split(pooled, typical) if group.size])
-    nodes = [first]
-    for centre in centres[1:-1]:
-        if centre > nodes[-1] * (1.0 + MIN_NODE_GAP) and centre * (1.0 + MIN_NODE_GAP) < last:
-            nodes.append(float(centre))
-    return np.array([*nodes, last])
+    centres = np.array([group.mean() for group in np.array_split(pooled, fullest)])
+    gap = MIN_NODE_GAP * float(np.median(np.diff(centres)))
+    # the ends of the range take the place of the outermost centres
+    inner = [x for x in centres[1:-1] if first + gap < x < last - gap]
+    return np.array([common[0], *np.exp(inner), common[1]])
 
 
 def _on_nodes(curves: CurveSet, nodes: Array) -> tuple[Array, Array, Array]:

@@ -176,21 +176,29 @@ def build_curves(points: Points, speed_gap: float, force_gap: float) -> CurveSet
         raise InputError(problems)
     arcs = np.array([points.arc_deg[arc_label == k].mean() for k in range(arc_label.max() + 1)])
     at_setting = _at_common_speed(points, speed_label, speeds, arc_label)
-    curves, notes = [], []
+    curves: list[Curve] = []
+    notes: list[str] = []
     for a, arc in enumerate(arcs):
-        for k, speed in enumerate(speeds):
-            group = at_setting.take((arc_label == a) & (speed_label == k))
-            if group.f.size == 0:
-                notes.append(f"arc {arc:g}°: no run at {speed:.4g} m/s")
-                continue
-            curve = _curve(group, float(arc), k, force_gap)
-            if curve.f.size < group.f.size:
-                notes.append(
-                    f"arc {arc:g}° at {speed:.4g} m/s: {group.f.size} runs at {curve.f.size} "
-                    "different forces, repetitions were averaged"
-                )
-            curves.append(curve)
+        groups = [
+            at_setting.take((arc_label == a) & (speed_label == k)) for k in range(speeds.size)
+        ]
+        found = [_curve(g, float(arc), k, force_gap) for k, g in enumerate(groups) if g.f.size]
+        missing = [f"{speeds[k]:.4g}" for k, g in enumerate(groups) if not g.f.size]
+        if missing:
+            notes.append(f"arc {arc:g}°: no run at {_listed(missing)} m/s")
+        repeated = sum(g.f.size for g in groups) - sum(c.f.size for c in found)
+        if repeated:
+            notes.append(
+                f"arc {arc:g}°: {repeated} runs repeat the force and speed of another "
+                "and were averaged with it"
+            )
+        curves += found
     return CurveSet(arcs, speeds, tuple(curves), tuple(notes))
+
+
+def _listed(words: list[str], most: int = 6) -> str:
+    shown = ", ".join(words[:most])
+    return shown if len(words) <= most else f"{shown} and {len(words) - most} other speeds,"
 
 
 def _curve(points: Points, arc_deg: float, speed: int, force_gap: float) -> Curve:
