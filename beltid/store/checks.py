@@ -87,8 +87,8 @@ class Checker:
                 span = f"lies between {finite.min():g} and {finite.max():g}"
                 setting = f"units: {{{self.table.kind}: {{{column.name}: {guess}}}}}"
                 self.problems.add(
-                    f"{self.name}: {column.name} {span}, not plausible in {column.unit}; if it is in {guess}, "
-                    f"say so: {setting}"
+                    f"{self.name}: {column.name} {span}, not plausible in {column.unit}; "
+                    f"if it is in {guess}, say so: {setting}"
                 )
         return suspects
 

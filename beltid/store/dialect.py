@@ -220,7 +220,7 @@ def _decimal(body: str, separator: str, notes: list[str]) -> str:
 
 
 def header_further_down(found: Layout, wanted: Iterable[str]) -> int:
-    """Line of the first 100 after the supposed header that names more columns; 0 if there is none."""
+    """Line among the next 100 that names more columns than the supposed header; 0 if none."""
     names = set(wanted)
     rows = found.body[:100_000].split("\n")[:100]
     hits = [

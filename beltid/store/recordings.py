@@ -114,9 +114,8 @@ def _from_csv(text: str, path: Path, kind: str, options: ReadOptions, digest: st
     problems = Problems()
     _check_header(found.header, in_file, table, f"{name}:{header_line}", problems)
     if problems.count and (later := header_further_down(found, in_file.values())):
-        problems.add(
-            f"{name}:{later}: the header seems to stand here, set dialect: {{skip_lines: {later - 1}}}"
-        )
+        setting = f"dialect: {{skip_lines: {later - 1}}}"
+        problems.add(f"{name}:{later}: the header seems to stand here, set {setting}")
     problems.raise_if_any()
     wanted = {
         ours: Wanted(found.header.index(theirs), table.column(ours).dtype == "string", shown)
