@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from beltid.identify.friction_run import FrictionSettings, RunRecord
 from beltid.identify.rest_phase import SetAsideError
-from beltid.identify.signal import spike_mask
+from beltid.identify.signal import median, spike_mask
 from beltid.identify.statistics import mad_sigma
 
 Array = NDArray[np.float64]
@@ -122,7 +122,7 @@ def _speed(t: Array, speed: Array) -> Array:
 def _missing_rows(t: Array) -> int:
     """Samples that a record with an otherwise even time base leaves out."""
     step = np.diff(t)
-    typical = float(np.median(step))
+    typical = median(step)
     if typical <= 0.0 or np.count_nonzero(np.abs(step - typical) < 0.1 * typical) < 0.9 * step.size:
         return 0
     return int(np.sum(np.maximum(np.rint(step / typical) - 1.0, 0.0)))
@@ -140,7 +140,7 @@ def check_cells(channels: Channels, first: int, sliding: slice) -> None:
     for name, values in (("tight", channels.tight), ("slack", channels.slack)):
         rest, slide = values[:first], values[sliding]
         rest, slide = rest[np.isfinite(rest)], slide[np.isfinite(slide)]
-        change[name] = abs(float(np.median(slide)) - float(np.median(rest)))
+        change[name] = abs(median(slide) - median(rest))
         reason = _clipped(rest, slide)
         if reason:
             raise SetAsideError(f"tension_{name}_N is saturated: {reason}")

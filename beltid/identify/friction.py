@@ -6,7 +6,7 @@ the recording. A run that cannot be reduced is set aside with its reason, never 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import fields, replace
 from typing import Any
 
@@ -25,7 +25,8 @@ from beltid.identify.friction_run import (
 from beltid.identify.peak import StickingPeak, sticking_peak
 from beltid.identify.plateau import Plateau, PlateauCriteria, settle
 from beltid.identify.rest_phase import Rest, Rotation, SetAsideError, find_rotation, rest_state
-from beltid.identify.signal import difference_sigma, running_median
+from beltid.identify.rig_table import check_columns, run_records
+from beltid.identify.signal import difference_sigma, median, running_median
 from beltid.laws.capstan import friction_coefficient, mean_normal_force, sliding_speed
 
 __all__ = ["FrictionSettings", "RunRecord", "RunReduction", "reduce_run", "reduce_runs"]
@@ -33,14 +34,6 @@ __all__ = ["FrictionSettings", "RunRecord", "RunReduction", "reduce_run", "reduc
 Array = NDArray[np.float64]
 Found = dict[str, Any]
 
-REQUIRED = (
-    "run",
-    "time_s",
-    "tension_tight_N",
-    "tension_slack_N",
-    "pulley_speed_rad_s",
-    "arc_deg",
-)
 SPEED_CHANGE_NOTED = 0.02
 SPEED_CHANGE_ALLOWED = 0.2
 """Relative change of the pulley's speed between the halves of the rotation."""
@@ -92,8 +85,16 @@ def reduce_run(
         "pulley_speed_rad_s": pulley_speed_rad_s,
     }
     arrays = {name: np.asarray(values, dtype=float) for name, values in columns.items()}
-    _check(arrays, pulley_radius_m)
-    record = RunRecord(**arrays, arc_deg=float(arc_deg), defect=arc_problem(float(arc_deg)))
+    check_columns(arrays)
+    _check_radius(pulley_radius_m)
+    record = RunRecord(
+        time_s=arrays["time_s"],
+        tension_tight_N=arrays["tension_tight_N"],
+        tension_slack_N=arrays["tension_slack_N"],
+        pulley_speed_rad_s=arrays["pulley_speed_rad_s"],
+        arc_deg=float(arc_deg),
+        defect=arc_problem(float(arc_deg)),
+    )
     return _reduce(record, pulley_radius_m, settings or FrictionSettings())
 
 
@@ -126,98 +127,14 @@ def reduce_runs(
         If a column is missing, has another length or is not numeric, if there are no samples, or
         if the radius is not positive.
     """
-    missing = [f"column {name} is missing" for name in REQUIRED if name not in columns]
-    if missing:
-        raise InputError(missing)
-    optional = [name for name in ("temperature_degC", "initial_tension_N") if name in columns]
-    numeric: dict[str, Array] = {}
-    problems = []
-    for name in (*REQUIRED[1:], *optional):
-        try:
-            numeric[name] = np.asarray(columns[name], dtype=float)
-        except (TypeError, ValueError):
-            problems.append(f"column {name} holds values that are not numbers")
-    if problems:
-        raise InputError(problems)
-    labels = _labels(columns["run"])
-    _check({"run": labels, **numeric}, pulley_radius_m)
+    _check_radius(pulley_radius_m)
     chosen = settings or FrictionSettings()
-    return tuple(
-        _reduce(_record(label, rows, numeric), pulley_radius_m, chosen)
-        for label, rows in _groups(labels.tolist())
-    )
+    return tuple(_reduce(record, pulley_radius_m, chosen) for record in run_records(columns))
 
 
-def _check(columns: Mapping[str, NDArray[Any]], pulley_radius_m: float) -> None:
-    problems = [
-        f"column {name} has shape {values.shape}, must be one-dimensional"
-        for name, values in columns.items()
-        if values.ndim != 1
-    ]
-    sizes = {name: values.size for name, values in columns.items()}
-    if not problems and len(set(sizes.values())) > 1:
-        listed = ", ".join(f"{name} {size}" for name, size in sizes.items())
-        problems.append(f"columns differ in length: {listed}")
-    if not problems and next(iter(sizes.values())) == 0:
-        problems.append("no samples: must be >= 1")
+def _check_radius(pulley_radius_m: float) -> None:
     if not (np.isfinite(pulley_radius_m) and pulley_radius_m > 0.0):
-        problems.append(f"pulley_radius_m = {pulley_radius_m!r}, must be > 0")
-    if problems:
-        raise InputError(problems)
-
-
-def _labels(values: ArrayLike) -> NDArray[Any]:
-    """Labels of the runs as given, shape (n,)."""
-    return values if isinstance(values, np.ndarray) else np.asarray(values, dtype=object)
-
-
-def _groups(labels: Sequence[object]) -> list[tuple[str, NDArray[np.intp]]]:
-    """Rows of every run, in the order of first appearance."""
-    codes: dict[object, int] = {}
-    code = np.fromiter(
-        (codes.setdefault(None if label != label else label, len(codes)) for label in labels),
-        dtype=np.intp,
-        count=len(labels),
-    )
-    order = np.argsort(code, kind="stable")
-    bounds = np.searchsorted(code[order], np.arange(len(codes) + 1))
-    return [(_label_text(label), order[bounds[k] : bounds[k + 1]]) for k, label in enumerate(codes)]
-
-
-def _label_text(label: object) -> str:
-    if label is None:
-        return ""
-    if isinstance(label, float) and label.is_integer():
-        return str(int(label))
-    return str(label)
-
-
-def _record(label: str, rows: NDArray[np.intp], numeric: Mapping[str, Array]) -> RunRecord:
-    """The rows of one run; nominal settings that change within it are a defect."""
-    defects = []
-    nominal = {}
-    for name in ("arc_deg", "initial_tension_N"):
-        values = numeric[name][rows] if name in numeric else np.array([NAN])
-        first = float(values[0])
-        nominal[name] = first
-        same = (values == first) | (np.isnan(values) & np.isnan(first))
-        if not np.all(same):
-            other = float(values[np.argmin(same)])
-            defects.append(f"{name} changes within the run from {first:g} to {other:g}")
-    if not defects:
-        defects = [arc_problem(nominal["arc_deg"])]
-    temperature = numeric.get("temperature_degC")
-    return RunRecord(
-        time_s=numeric["time_s"][rows],
-        tension_tight_N=numeric["tension_tight_N"][rows],
-        tension_slack_N=numeric["tension_slack_N"][rows],
-        pulley_speed_rad_s=numeric["pulley_speed_rad_s"][rows],
-        temperature_degC=None if temperature is None else temperature[rows],
-        run=label,
-        arc_deg=nominal["arc_deg"],
-        nominal_tension_N=nominal["initial_tension_N"],
-        defect="; ".join(defects),
-    )
+        raise InputError(f"pulley_radius_m = {pulley_radius_m!r}, must be > 0")
 
 
 _EMPTY: Found = {
@@ -327,7 +244,7 @@ def _unswapped(channels: Channels, rotation: Rotation, notes: list[str]) -> tupl
     difference = (channels.tight[half] - channels.slack[half])[usable]
     if difference.size < 3:
         raise SetAsideError(f"too short: {difference.size} usable samples of sliding")
-    if np.median(difference) >= 0.0:
+    if median(difference) >= 0.0:
         return channels, False
     below = np.count_nonzero(difference < 0.0) / difference.size
     if below < 0.9:
@@ -354,10 +271,10 @@ def _sliding_phase(channels: Channels, rotation: Rotation) -> tuple[Array, Array
     if n - first < 8:
         raise SetAsideError(f"too short: {n - first} usable samples while the pulley turns")
     check_cells(channels, rotation.first, slice((rotation.first + rotation.end) // 2, rotation.end))
-    settled = float(np.median(difference[(first + n) // 2 :]))
-    at_rest = float(np.median(difference[:first]))
+    settled = median(difference[(first + n) // 2 :])
+    at_rest = median(difference[:first])
     least = 6.0 * difference_sigma(difference) / np.sqrt(0.5 * (n - first))
-    if settled - at_rest <= max(least, 1e-3 * float(np.median(tensions[:first]))):
+    if settled - at_rest <= max(least, 1e-3 * median(tensions[:first, 1])):
         raise SetAsideError(
             f"never slides: the tensions part by {settled - at_rest:.3g} N while the pulley turns"
         )
@@ -383,8 +300,7 @@ def _fill_plateau(
     """Results of the plateau, Eqs. (6) and (8)."""
     tight, slack = (float(level) for level in plateau.levels)
     beta = np.radians(record.arc_deg)
-    start, end = float(t[plateau.first]), float(t[-1])
-    in_window = plateau.fit.used[plateau.first - plateau.fit_start :]
+    start, end = plateau.start_s, float(t[-1])
     imbalance = 0.5 * imbalance_se_N * (1.0 / tight + 1.0 / slack)
     temperature = NAN
     if channels.temperature is not None:
@@ -399,8 +315,8 @@ def _fill_plateau(
         "mu_sliding_se": float(np.hypot(plateau.log_ratio_se, imbalance) / beta),
         "normal_force_N_m": float(mean_normal_force(tight, slack, R)),
         "temperature_degC": temperature,
-        "n_samples": int(np.count_nonzero(in_window)),
-        "n_spikes": found["n_spikes"] + int(np.count_nonzero(~plateau.fit.used)),
+        "n_samples": int(np.count_nonzero(~plateau.rejected[t >= start])),
+        "n_spikes": found["n_spikes"] + int(np.count_nonzero(plateau.rejected)),
         "plateau_start_s": start,
         "plateau_end_s": end,
         "ripple_amplitude_N": float(plateau.fit.ripple_N[0]),

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.identify.plateau import Plateau
-from beltid.identify.signal import NOISE_FLOOR
+from beltid.identify.plateau import Plateau, channel_noise
+from beltid.identify.signal import block_means
 from beltid.identify.sliding import SlidingFit, fit_sliding
 
 Array = NDArray[np.float64]
@@ -52,42 +52,47 @@ def sticking_peak(
     first : int
         Index of the first sample at which the pulley turns.
     slide : int
-        Index at which the sliding phase was taken to start; `plateau` counts from there.
+        Index at which the sliding phase was taken to start.
     plateau : Plateau
         The settled state.
     max_error : float
         Largest standard error of the peak, relative to ln(T_tight/T_slack), that still resolves it.
     """
-    if plateau.fit_start > 0:
+    if not plateau.from_start:
         return unresolved("the tensions do not decay exponentially from the peak")
     fit = plateau.fit
     if not np.isfinite(fit.tau):
         return unresolved("no peak stands out of the plateau")
     if float(fit.tail_at(float(t[slide]))) <= 0.0:
         return unresolved("the tensions approach the plateau from below: no peak")
-    join = _joins_model(t, tensions, first, slide, fit)
-    if join < slide and join >= first:
-        sigma = np.maximum(np.std(fit.residual[fit.used], axis=0), NOISE_FLOOR * fit.levels)
-        refitted = fit_sliding(t[join:], tensions[join:], sigma, drift=bool(np.any(fit.drift)))
+    noise = channel_noise(tensions[slide:])
+    join = _joins_model(t, tensions, slice(first, slide), fit, noise)
+    if join < slide:
+        thin = block_means(np.column_stack([t, tensions])[join:])
+        values = thin[:, 1:]
+        refitted = fit_sliding(
+            thin[:, 0], values, channel_noise(values), drift=bool(np.any(fit.drift))
+        )
         if np.isfinite(refitted.tau) and refitted.log_ratio > 0.0:
             fit = refitted
-            join = min(_joins_model(t, tensions, first, slide, fit), slide)
-    if join >= slide:
-        return unresolved("the record does not join the tail of a peak where the build-up ends")
+            join = _joins_model(t, tensions, slice(first, slide), fit, noise)
+    if join > first and not _lies_below(t[join - 1], tensions[join - 1], fit):
+        return unresolved("the tensions do not decay exponentially from the peak")
     return _judged(t, join, first, fit, max_error)
 
 
-def _joins_model(t: Array, tensions: Array, first: int, slide: int, fit: SlidingFit) -> int:
-    """Index of the first sample of the unbroken stretch before `slide` that the model describes."""
-    stretch = slice(first, slide)
-    decay = fit.decay(t[stretch])[:, None]
-    model = fit.levels + fit.tail * decay
-    # ripple before the fitted samples is a fraction of the level: allow for it
-    spread = np.maximum(np.std(fit.residual[fit.used], axis=0), 5.0 * NOISE_FLOOR * fit.levels)
-    limit = 3.0 * spread + fit.ripple_N
-    fits = np.all(np.abs(tensions[stretch] - model) <= limit, axis=1)
-    off = np.flatnonzero(~fits)
-    return first + (int(off[-1]) + 1 if off.size else 0)
+def _joins_model(t: Array, tensions: Array, stretch: slice, fit: SlidingFit, noise: Array) -> int:
+    """Index of the first sample of the unbroken end of `stretch` that the model describes."""
+    model = fit.levels + fit.tail * fit.decay(t[stretch])[:, None]
+    # the ripple is only known from the fitted samples on: allow for its amplitude
+    limit = 3.0 * noise + fit.ripple_N
+    off = np.flatnonzero(np.any(np.abs(tensions[stretch] - model) > limit, axis=1))
+    return int(stretch.start) + (int(off[-1]) + 1 if off.size else 0)
+
+
+def _lies_below(t: float, tensions: Array, fit: SlidingFit) -> bool:
+    """Whether a sample is on the build-up, below the tail of the peak."""
+    return float(np.log(tensions[0] / tensions[1])) < fit.log_ratio + float(fit.tail_at(t))
 
 
 def _judged(t: Array, join: int, first: int, fit: SlidingFit, max_error: float) -> StickingPeak:

@@ -8,27 +8,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.identify.rest_phase import SetAsideError
-from beltid.identify.signal import NOISE_FLOOR, difference_sigma
-from beltid.identify.sliding import SlidingFit, fit_sliding
-from beltid.identify.statistics import integrated_autocorrelation_time, mad_sigma
+from beltid.identify.signal import (
+    NOISE_FLOOR,
+    block_means,
+    difference_sigma,
+    median,
+    robust_sigma,
+)
+from beltid.identify.sliding import SlidingFit, fit_sliding, plausible_samples
+from beltid.identify.statistics import integrated_autocorrelation_time
+from beltid.identify.steady_window import steady_window
 
 Array = NDArray[np.float64]
 
-BLOCKS = 24
 LATER_STARTS = (0.0, 0.12, 0.25, 0.4, 0.55)
 """Starts of the fit over the length of the sliding phase, tried until the model fits."""
 ADEQUATE = 3.5
 """Largest misfit (see `_misfit`) of an adequate model."""
-
-
-@dataclass(frozen=True, slots=True)
-class SteadyWindow:
-    """Window over which a signal is steady."""
-
-    first: int
-    """Index of its first sample; it lasts to the end of the signal."""
-    change: float
-    """Robust slope times length, in the unit of the signal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,13 +39,16 @@ class PlateauCriteria:
 
 @dataclass(frozen=True, slots=True)
 class Plateau:
-    """The settled state of a run. Indices count samples of the sliding phase."""
+    """The settled state of a run."""
 
     fit: SlidingFit
-    """Model fitted to the samples from `fit_start` on."""
-    fit_start: int
-    first: int
-    """First sample of the steady window; it lasts to the end of the sliding phase."""
+    """Model of the sliding phase, of block means if the record is long."""
+    from_start: bool
+    """Whether one model describes the sliding phase from its very start."""
+    start_s: float
+    """Start of the steady window [s]; it lasts to the end of the sliding phase."""
+    rejected: NDArray[np.bool_]
+    """Samples of the sliding phase left out as outliers, shape (n,)."""
     levels: Array
     """Tight and slack tension of the plateau [N]: without tail and ripple, with a drift at the
     middle of the steady window, shape (2,)."""
@@ -59,67 +58,6 @@ class Plateau:
     """Relative part of the tail in ln(T_tight/T_slack) where the steady window starts [-]."""
     drift: float
     """Relative change of ln(T_tight/T_slack) by drift over the fitted record [-]."""
-
-
-def steady_window(
-    t: Array, signal: Array, tolerance: float, *, min_samples: int, min_fraction: float
-) -> SteadyWindow | None:
-    """Find the longest window up to the end of a signal over which it is steady.
-
-    The signal is reduced to medians of at most ``BLOCKS`` blocks. A window is steady if the median
-    of the slopes between all pairs of its blocks (Theil–Sen), times its length, is within the
-    tolerance or within what noise gives, and the spread of its blocks is, too.
-
-    Parameters
-    ----------
-    t : ndarray
-        Times [s], non-decreasing, shape (n,).
-    signal : ndarray
-        Finite samples, periodic parts taken off, shape (n,).
-    tolerance : float
-        Change over the window that counts as steady, in the unit of the signal.
-    min_samples : int
-        Fewest samples of a window.
-    min_fraction : float
-        Shortest window over the length of the signal [-].
-
-    Returns
-    -------
-    SteadyWindow or None
-        None if no window is steady.
-    """
-    n = t.size
-    shortest = max(min_samples, int(np.ceil(min_fraction * n)))
-    if n < shortest or n < 4:
-        return None
-    blocks = int(np.clip(n // 4, 4, BLOCKS))
-    bounds = np.linspace(0, n, blocks + 1).astype(int)
-    value = np.array([np.median(signal[a:b]) for a, b in zip(bounds, bounds[1:], strict=False)])
-    time = np.array([np.mean(t[a:b]) for a, b in zip(bounds, bounds[1:], strict=False)])
-    noise = difference_sigma(signal) * 1.25 / np.sqrt(n / blocks)
-    noise = max(noise, difference_sigma(value) if blocks >= 8 else 0.0)
-    for k in range(blocks - 2):
-        if n - bounds[k] < shortest:
-            return None
-        span = float(time[-1] - time[k])
-        if span <= 0.0:
-            return None
-        slope = _theil_sen(time[k:], value[k:])
-        count = blocks - k
-        straight = value[k:] - slope * (time[k:] - np.mean(time[k:]))
-        spread = mad_sigma(straight)
-        allowed = max(tolerance, 3.0 * noise * np.sqrt(12.0 / count))
-        if abs(slope) * span <= allowed and spread <= max(tolerance, 2.5 * noise):
-            return SteadyWindow(int(bounds[k]), slope * span)
-    return None
-
-
-def _theil_sen(x: Array, y: Array) -> float:
-    """Median of the slopes between all pairs of points."""
-    i, j = np.triu_indices(x.size, 1)
-    run = x[j] - x[i]
-    valid = run > 0.0
-    return float(np.median((y[j] - y[i])[valid] / run[valid])) if np.any(valid) else 0.0
 
 
 def settle(t: Array, tensions: Array, criteria: PlateauCriteria) -> Plateau:
@@ -139,29 +77,57 @@ def settle(t: Array, tensions: Array, criteria: PlateauCriteria) -> Plateau:
     SetAsideError
         If the tensions do not settle.
     """
-    n = t.size
     fewest = max(criteria.min_samples, 8)
-    if n < fewest:
-        raise SetAsideError(f"too short: {n} usable samples of sliding, must be >= {fewest}")
-    sigma = np.array(
-        [max(difference_sigma(c), NOISE_FLOOR * float(np.median(np.abs(c)))) for c in tensions.T]
-    )
-    fit, start = _adequate_fit(t, tensions, sigma, fewest)
-    fit = _with_drift_if_called_for(t[start:], tensions[start:], sigma, fit)
+    if t.size < fewest:
+        raise SetAsideError(f"too short: {t.size} usable samples of sliding, must be >= {fewest}")
+    near = np.flatnonzero(plausible_samples(tensions, channel_noise(tensions)))
+    thin = block_means(np.column_stack([t, tensions])[near])
+    per_block = -(-near.size // thin.shape[0])
+    time, values = thin[:, 0], thin[:, 1:]
+    sigma = channel_noise(values)
+    fit, start = _adequate_fit(time, values, sigma, fewest)
+    time, values = time[start:], values[start:]
+    fit = _with_drift_if_called_for(time, values, sigma, fit)
     if not fit.log_ratio > 0.0:
         raise SetAsideError("the tensions do not settle at two positive values")
-    signal = _without_ripple(tensions[start:], fit)
-    steady = np.flatnonzero(fit.used & np.isfinite(signal))
+    start_s = max(
+        _steady_from(time, values, fit, criteria, per_block), _tail_steady_from(time, fit, criteria)
+    )
+    rejected = np.ones(t.size, dtype=bool)
+    rejected[near] = False
+    fitted = near[start * per_block :]
+    rejected[fitted[~np.repeat(fit.used, per_block)[: fitted.size]]] = True
+    return _judged(time, fit, start_s, rejected, criteria, from_start=start == 0)
+
+
+def channel_noise(tensions: Array) -> Array:
+    """White noise of both tensions [N], with a floor for noise-free recordings, shape (2,)."""
+    return np.array([max(difference_sigma(c), NOISE_FLOOR * median(np.abs(c))) for c in tensions.T])
+
+
+def _steady_from(
+    t: Array, tensions: Array, fit: SlidingFit, criteria: PlateauCriteria, per_block: int
+) -> float:
+    """Start of the steady window of ln(T_tight/T_slack) without its ripple [s]."""
+    signal = _without_ripple(tensions, fit)
+    valid = fit.used & np.isfinite(signal)
     window = steady_window(
-        t[start:][steady],
-        signal[steady],
+        t[valid],
+        signal[valid],
         criteria.steady_tolerance * fit.log_ratio,
-        min_samples=criteria.min_samples,
+        min_samples=-(-criteria.min_samples // per_block),
         min_fraction=criteria.min_fraction,
     )
     if window is None:
-        raise SetAsideError(_why_not_steady(t[start:][steady], signal[steady], criteria))
-    return _judged(t, fit, start, start + int(steady[window.first]), criteria)
+        raise SetAsideError(_why_not_steady(t[valid], signal[valid], criteria))
+    return float(t[valid][window.first])
+
+
+def _tail_steady_from(t: Array, fit: SlidingFit, criteria: PlateauCriteria) -> float:
+    """Time from which the fitted tail changes within the tolerance [s]: noise may hide it."""
+    tail = np.asarray(fit.tail_at(t))
+    moving = np.flatnonzero(np.abs(tail - tail[-1]) > criteria.steady_tolerance * fit.log_ratio)
+    return float(t[moving[-1] + 1] if moving.size else t[0])
 
 
 def _adequate_fit(t: Array, tensions: Array, sigma: Array, fewest: int) -> tuple[SlidingFit, int]:
@@ -232,61 +198,55 @@ def _without_ripple(tensions: Array, fit: SlidingFit) -> Array:
 
 
 def _why_not_steady(t: Array, signal: Array, criteria: PlateauCriteria) -> str:
-    """Reason for a record without a steady window, from its last part."""
-    last = slice(int((1.0 - max(criteria.min_fraction, 0.2)) * t.size), None)
-    middle = float(np.median(signal[last]))
-    change = 0.0
-    if t[last].size >= 4:
-        change = _theil_sen_thinned(t[last], signal[last]) * float(t[-1] - t[last][0])
-    spread = mad_sigma(signal[last])
-    if abs(change) > criteria.steady_tolerance * middle:
+    """Reason for a record without a steady window, from the change over its last part."""
+    n = max(4, int(max(criteria.min_fraction, 0.2) * t.size))
+    time, last = t[-n:], signal[-n:]
+    middle = median(last)
+    span = float(time[-1] - time[0])
+    change = 2.0 * (median(last[n // 2 :]) - median(last[: n // 2]))
+    allowed = f"allowed is {100 * criteria.steady_tolerance:g} %"
+    if abs(change) > criteria.steady_tolerance * abs(middle):
         direction = "rises" if change > 0.0 else "falls"
-        return (
-            f"never settles: mu still {direction} by {100 * abs(change) / middle:.2g} % over the "
-            f"last {t[-1] - t[last][0]:.3g} s, allowed is {100 * criteria.steady_tolerance:g} %"
-        )
-    return (
-        f"no steady window: mu wanders by more than {100 * criteria.steady_tolerance:g} % "
-        f"(spread of the last samples {100 * spread / middle:.2g} %)"
-    )
-
-
-def _theil_sen_thinned(t: Array, signal: Array) -> float:
-    blocks = np.array_split(np.arange(t.size), min(t.size, BLOCKS))
-    return _theil_sen(
-        np.array([np.mean(t[b]) for b in blocks]), np.array([np.median(signal[b]) for b in blocks])
-    )
+        size = 100 * abs(change / middle)
+        return f"never settles: mu still {direction} by {size:.2g} % over {span:.3g} s, {allowed}"
+    spread = 100 * robust_sigma(last) / abs(middle)
+    return f"never settles: no steady window, mu wanders (spread {spread:.2g} %), {allowed}"
 
 
 def _judged(
-    t: Array, fit: SlidingFit, start: int, first: int, criteria: PlateauCriteria
+    t: Array,
+    fit: SlidingFit,
+    start_s: float,
+    rejected: NDArray[np.bool_],
+    criteria: PlateauCriteria,
+    *,
+    from_start: bool,
 ) -> Plateau:
     """Levels of the plateau, or the reason why they are not to be trusted."""
-    end, length = float(t[-1]), float(t[-1] - t[start])
+    end = float(t[-1])
     tail_end = float(fit.tail_at(end)) / fit.log_ratio
     if not abs(tail_end) < criteria.steady_tolerance:
         direction = "falls" if tail_end > 0.0 else "rises"
         raise SetAsideError(
-            f"never settles: mu still {direction} towards its plateau at the end, "
-            f"{100 * abs(tail_end):.2g} % away from it, "
-            f"allowed is {100 * criteria.steady_tolerance:g} %"
+            f"never settles: mu still {direction} at the end, {100 * abs(tail_end):.2g} % away "
+            f"from its plateau, allowed is {100 * criteria.steady_tolerance:g} %"
         )
     rate = float(fit.drift[0] / fit.levels[0] - fit.drift[1] / fit.levels[1])
-    drift = rate * length / fit.log_ratio
+    drift = rate * (end - float(t[0])) / fit.log_ratio
     if abs(drift) > criteria.max_drift:
         raise SetAsideError(
             f"drifts: mu changes by {100 * drift:+.2g} % over the sliding phase, "
             f"allowed is {100 * criteria.max_drift:g} %"
         )
-    middle = 0.5 * (float(t[first]) + end) - 0.5 * (float(t[start]) + end)
-    levels = fit.levels + fit.drift * middle
-    over_window = rate * (end - float(t[first]))
+    over_window = rate * (end - start_s)
     return Plateau(
         fit=fit,
-        fit_start=start,
-        first=first,
-        levels=levels,
+        from_start=from_start,
+        start_s=start_s,
+        rejected=rejected,
+        # the drift counts from the middle of the record, the plateau from that of the window
+        levels=fit.levels + fit.drift * 0.5 * (start_s - float(t[0])),
         log_ratio_se=float(np.hypot(fit.log_ratio_se, over_window / np.sqrt(12.0))),
-        tail_part=float(fit.tail_at(float(t[first]))) / fit.log_ratio,
+        tail_part=float(fit.tail_at(start_s)) / fit.log_ratio,
         drift=drift,
     )

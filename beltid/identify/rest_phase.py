@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.identify.signal import difference_sigma, running_median
+from beltid.identify.signal import difference_sigma, median, running_median
 from beltid.identify.statistics import robust_mean_with_se
 
 Array = NDArray[np.float64]
@@ -49,7 +49,6 @@ class Rest:
     n_samples: int
     tension_N: float
     """Mean of both cells [N]."""
-    tension_se_N: float
     imbalance_N: float
     """Tight minus slack cell [N]."""
     imbalance_se_N: float
@@ -74,10 +73,10 @@ def find_rotation(speed: Array) -> Rotation:
     reached = float(np.quantile(magnitude, 0.95))
     turning = magnitude > 0.5 * reached
     first, end = _longest_run(turning)
-    top = float(np.median(magnitude[(first + end) // 2 : end])) if end > first else 0.0
+    top = median(magnitude[(first + end) // 2 : end]) if end > first else 0.0
     quiet = np.abs(speed[~turning])
     # speed noise grows with the speed on most encoders: compare with what the rest phase shows
-    background = 4.0 * float(np.median(quiet)) if quiet.size >= 3 else 0.0
+    background = 4.0 * median(quiet) if quiet.size >= 3 else 0.0
     if not top > max(5.0 * noise, 2.0 * background):
         raise SetAsideError(
             f"the pulley never turns: pulley_speed_rad_s stays within {np.max(magnitude):.3g} rad/s"
@@ -91,8 +90,8 @@ def find_rotation(speed: Array) -> Rotation:
     halves = [magnitude[full_speed:middle], magnitude[middle:end]]
     change = 0.0
     if min(part.size for part in halves) >= 3:
-        change = float(np.median(halves[1]) - np.median(halves[0])) / top
-    backwards = bool(np.median(smooth[first:end]) < 0.0)
+        change = (median(halves[1]) - median(halves[0])) / top
+    backwards = bool(median(smooth[first:end]) < 0.0)
     return Rotation(first, full_speed, end, top, backwards, change)
 
 
@@ -134,11 +133,11 @@ def rest_state(tight: Array, slack: Array, first: int, min_samples: int) -> Rest
         )
     difference = tight[both] - slack[both]
     half = difference[: max(min_samples, both.size // 2)]
-    limit = 6.0 * max(difference_sigma(half), 1e-4 * float(np.median(tight[both])))
-    parted = np.abs(difference - np.median(half)) > limit
+    limit = 6.0 * max(difference_sigma(half), 1e-4 * median(tight[both]))
+    parted = np.abs(difference - median(half)) > limit
     quiet = np.flatnonzero(~parted)
     last = max(int(quiet[-1]) + 1 if quiet.size else 0, min_samples)
     kept = both[:last]
-    total = robust_mean_with_se(0.5 * (tight[kept] + slack[kept]))
+    tension = robust_mean_with_se(0.5 * (tight[kept] + slack[kept])).mean
     balance = robust_mean_with_se(tight[kept] - slack[kept])
-    return Rest(kept.size, total.mean, total.se, balance.mean, balance.se)
+    return Rest(kept.size, tension, balance.mean, balance.se)

@@ -23,6 +23,20 @@ THINNED_SAMPLES = 3000
 """Records longer than this are averaged over blocks before a model is fitted to them."""
 
 
+def median(x: Array) -> float:
+    """Median of finite samples, n >= 1; an order faster on short arrays than numpy's own."""
+    half = x.size // 2
+    if x.size % 2:
+        return float(np.partition(x, half)[half])
+    low, high = np.partition(x, (half - 1, half))[half - 1 : half + 1]
+    return 0.5 * float(low + high)
+
+
+def robust_sigma(x: Array) -> float:
+    """Standard deviation from the median absolute deviation of finite samples, n >= 1."""
+    return MAD_TO_SIGMA * median(np.abs(x - median(x)))
+
+
 def running_median(x: Array, window: int) -> Array:
     """Median over a centred odd window, mirrored at the ends (so that a spike there is seen)."""
     if x.size < 3:
@@ -47,7 +61,7 @@ def difference_sigma(x: Array) -> float:
     if x.size < 2:
         return 0.0
     step = np.abs(np.diff(x))
-    sigma = MAD_TO_SIGMA * float(np.median(step))
+    sigma = MAD_TO_SIGMA * median(step)
     if sigma == 0.0 and np.any(step > 0.0):
         central = np.sort(step)[: max(1, int(0.98 * step.size))]
         sigma = float(np.sqrt(np.mean(central**2)))
@@ -78,7 +92,7 @@ def spike_mask(x: Array, threshold: float) -> Mask:
     half = SPIKE_WINDOW // 2
     padded = np.pad(middle, half, mode="edge")
     local_change = np.abs(padded[2 * half :] - padded[: -2 * half])
-    floor = 10.0 * NOISE_FLOOR * float(np.median(np.abs(x)))
+    floor = 10.0 * NOISE_FLOOR * median(np.abs(x))
     sigma = max(difference_sigma(x), floor)
     return np.abs(x - middle) > threshold * sigma + local_change
 
@@ -149,7 +163,7 @@ def strongest_line(t: Array, residuals: Array, basis: Array) -> float | None:
     neighbourhood = power[max(first, k // 3) : min(last, 3 * k + 1)]
     # chi-square with 2 m degrees of freedom, over n/2 independent frequencies, at about 1e-3
     limit = residuals.shape[1] + np.log(n / 2.0) + 9.0
-    if power[k] < limit or power[k] < 6.0 * float(np.median(neighbourhood)):
+    if power[k] < limit or power[k] < 6.0 * median(neighbourhood):
         return None
     return _refined(t, residuals, basis, float(frequency[k]), 0.5 / duration)
 

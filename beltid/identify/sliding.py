@@ -2,7 +2,9 @@
 
 Both tensions share the times of the model and have their own amplitudes,
 
-    T_c(t) = L_c + A_c exp(-(t - t_0)/tau) + D_c (t - t_mid) + sum_k ripple_ck(t),   c = tight, slack
+    T_c(t) = L_c + A_c exp(-(t - t_0)/tau) + D_c (t - t_mid) + sum_k ripple_ck(t)
+
+with c = tight, slack.
 
 The tail decays over a travel of millimetres, which at low speed is a good part of the record: the
 mean over even the last samples still carries some of it. The level L_c is the plateau without that
@@ -12,23 +14,33 @@ giving away the rest of the record. Terms that the record does not call for are 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.identify.signal import NOISE_FLOOR, line_columns, parabolic_maximum, strongest_line
-from beltid.identify.statistics import integrated_autocorrelation_time, mad_sigma
+from beltid.identify.signal import (
+    line_columns,
+    median,
+    parabolic_maximum,
+    robust_sigma,
+    strongest_line,
+)
+from beltid.identify.statistics import integrated_autocorrelation_time
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 MAX_LINES = 3
-TAIL_TRIALS = 20
+COARSE = np.linspace(0.0, 1.0, 20)
+FINE = np.linspace(0.0, 1.0, 7)
+"""Trial time constants, as fractions of the logarithmic range."""
 LONGEST_TAIL = 0.5
 """Longest time constant over the length of the record: a longer tail looks like a drift."""
 SIGNIFICANT_TAIL = 12.0
 """Least gain of the tail in sums of squared noise (chi-square, about 3 degrees of freedom)."""
+ROUNDING = 1.0e-7
+"""Least standard error of a log ratio: keeps weights 1/se² finite for noise-free recordings."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,24 +116,24 @@ def fit_sliding(t: Array, tensions: Array, sigma: Array, *, drift: bool = False)
     -------
     SlidingFit
     """
-    used = _plausible(tensions, sigma)
+    used = plausible_samples(tensions, sigma)
     for _ in range(4):
         terms = _select_terms(t[used], tensions[used] / sigma, drift)
-        fit = _solve(t, tensions, used, terms, drift)
-        spread = np.array([mad_sigma(fit.residual[used, c]) for c in (0, 1)])
+        fit, scheme = _solve(t, tensions, used, terms, drift)
+        spread = np.array([robust_sigma(fit.residual[used, c]) for c in (0, 1)])
         limit = 6.0 * np.maximum(spread, sigma)
         kept = np.all(np.abs(fit.residual) <= limit, axis=1)
         if np.count_nonzero(kept) < max(8, used.size // 3) or np.array_equal(kept, used):
             break
         used = kept
-    return fit
+    return _with_errors(fit, scheme, t, sigma)
 
 
-def _plausible(tensions: Array, sigma: Array) -> Mask:
+def plausible_samples(tensions: Array, sigma: Array) -> Mask:
     """Samples near the median of their channel: starts the rejection of long drop-outs."""
-    middle = np.median(tensions, axis=0)
+    middle = np.array([median(column) for column in tensions.T])
     deviation = np.abs(tensions - middle)
-    spread = np.maximum(1.5 * np.median(deviation, axis=0), sigma)
+    spread = np.maximum([1.5 * median(column) for column in deviation.T], sigma)
     near = np.all(deviation <= 8.0 * spread + 0.15 * np.abs(middle), axis=1)
     return near if np.count_nonzero(near) >= 8 else np.ones(tensions.shape[0], dtype=bool)
 
@@ -167,11 +179,11 @@ def _search_tail(t: Array, scaled: Array, basis: Array, drift: bool) -> tuple[fl
     length = float(t[-1] - t[0])
     longest = length * (1.0 / 6.0 if drift else LONGEST_TAIL)
     shortest = min(max(1.5 * length / t.size, 0.004 * length), 0.5 * longest)
-    trial = np.geomspace(shortest, longest, TAIL_TRIALS)
+    trial = shortest * (longest / shortest) ** COARSE
     gain = _tail_gain(t, residual, basis, trial)[0]
     k = int(np.argmax(gain))
     near = trial[max(k - 1, 0)], trial[min(k + 1, trial.size - 1)]
-    fine = np.geomspace(near[0], near[1], 9)
+    fine = near[0] * (near[1] / near[0]) ** FINE
     fine_gain = _tail_gain(t, residual, basis, fine)[0]
     tau = float(np.exp(parabolic_maximum(np.log(fine), fine_gain)))
     best, column, projection = _tail_gain(t, residual, basis, np.array([tau]))
@@ -192,8 +204,18 @@ def _tail_gain(t: Array, residual: Array, basis: Array, trial: Array) -> tuple[A
     return gain, tail, projection
 
 
-def _solve(t: Array, tensions: Array, used: Mask, terms: _Terms, drift: bool) -> SlidingFit:
-    """Least squares with the chosen terms, and the standard error of the level ratio."""
+@dataclass(frozen=True, slots=True)
+class _Scheme:
+    """Linear part of the least squares: ``coefficients = inverse @ samples``."""
+
+    inverse: Array
+    q: Array
+
+
+def _solve(
+    t: Array, tensions: Array, used: Mask, terms: _Terms, drift: bool
+) -> tuple[SlidingFit, _Scheme]:
+    """Least squares with the chosen terms."""
     origin = float(t[used][0])
     columns = _linear_columns(t, terms.lines, drift)
     n_ripple = 2 * len(terms.lines)
@@ -204,67 +226,65 @@ def _solve(t: Array, tensions: Array, used: Mask, terms: _Terms, drift: bool) ->
     q, r = np.linalg.qr(columns[used])
     inverse = np.linalg.solve(r, q.T)
     coefficients = inverse @ tensions[used]
-    residual = tensions - columns @ coefficients
-    levels = coefficients[0]
-    tail = coefficients[-1] if has_tail else np.zeros(2)
     waves = coefficients[1 : 1 + n_ripple]
-    slope = _slope_by_tau(t[used] - origin, terms.tau, tail)
-    kept, n_terms = residual[used], columns.shape[1] + has_tail
-    start = inverse[0] + inverse[-1] if has_tail else inverse[0]
-    errors = [
-        _log_ratio_se(kept, _influence(at, row, q, slope), at, n_terms)
-        for at, row in ((levels, inverse[0]), (levels + tail, start))
-    ]
-    return SlidingFit(
+    fit = SlidingFit(
         t_0=origin,
-        levels=levels,
-        tail=tail,
+        levels=coefficients[0],
+        tail=coefficients[-1] if has_tail else np.zeros(2),
         tau=terms.tau,
         tau_at_bound=terms.at_bound,
         drift=coefficients[1 + n_ripple] if drift else np.zeros(2),
         lines=terms.lines,
         ripple_N=np.hypot(waves[0], waves[1]) if n_ripple else np.zeros(2),
         used=used,
-        residual=residual,
+        residual=tensions - columns @ coefficients,
         ripple=columns[:, 1 : 1 + n_ripple] @ waves,
-        log_ratio_se=errors[0],
-        start_log_ratio_se=errors[1],
+        log_ratio_se=float("nan"),
+        start_log_ratio_se=float("nan"),
     )
+    return fit, _Scheme(inverse, q)
 
 
-def _slope_by_tau(t: Array, tau: float, tail: Array) -> Array | None:
-    """Derivative of the model by the time constant [N/s], shape (n, 2); None without a tail."""
-    if not np.isfinite(tau):
-        return None
-    return (t * np.exp(-t / tau) / tau**2)[:, None] * tail
+def _with_errors(fit: SlidingFit, scheme: _Scheme, t: Array, sigma: Array) -> SlidingFit:
+    """Standard errors of both log ratios, for samples correlated in time and between channels.
+
+    The covariance of the channels is that of the residuals; the integrated autocorrelation time of
+    the residual of ln(T_tight/T_slack) inflates it.
+    """
+    start = fit.levels + fit.tail
+    if not (np.all(fit.levels > 0.0) and np.all(start > 0.0)):
+        return fit
+    residual = fit.residual[fit.used]
+    n_terms = scheme.inverse.shape[0] + int(np.isfinite(fit.tau))
+    covariance = residual.T @ residual / max(residual.shape[0] - n_terms - 0.5, 1.0)
+    time = integrated_autocorrelation_time(residual @ (np.array([1.0, -1.0]) / fit.levels))
+    slope = None
+    row = scheme.inverse[0]
+    start_row = row
+    if np.isfinite(fit.tau):
+        age = t[fit.used] - fit.t_0
+        slope = (age * np.exp(-age / fit.tau) / fit.tau**2)[:, None] * fit.tail
+        start_row = row + scheme.inverse[-1]
+    errors = []
+    for at, linear in ((fit.levels, row), (start, start_row)):
+        weights = _influence(at, linear, scheme.q, slope, sigma)
+        variance = float(np.sum((weights @ covariance) * weights)) * time
+        errors.append(float(np.sqrt(max(variance, 0.0) + ROUNDING**2)))
+    return replace(fit, log_ratio_se=errors[0], start_log_ratio_se=errors[1])
 
 
-def _influence(at: Array, row: Array, q: Array, slope: Array | None) -> Array:
+def _influence(at: Array, row: Array, q: Array, slope: Array | None, sigma: Array) -> Array:
     """Derivative by each sample of ln(at_tight/at_slack), where ``at = row @ samples``.
 
-    The time constant is fitted, too: its share enters through the part of `slope` that the linear
-    terms (orthonormal columns `q`) do not explain.
+    The time constant is fitted, too: its share enters through the part of `slope`, the derivative
+    of the model by the time constant [N/s], that the linear terms (orthonormal columns `q`) do not
+    explain.
     """
-    with np.errstate(divide="ignore"):
-        gradient = np.array([1.0, -1.0]) / at
+    gradient = np.array([1.0, -1.0]) / at
     weights = row[:, None] * gradient
     if slope is None:
         return weights
     shift = float(gradient @ (row @ slope))
-    free = slope - q @ (q.T @ slope)
+    free = (slope - q @ (q.T @ slope)) / sigma
     size = float(np.sum(free**2))
-    return weights - free * (shift / size) if size > 0.0 else weights
-
-
-def _log_ratio_se(residual: Array, weights: Array, levels: Array, n_terms: int) -> float:
-    """Standard error of the log level ratio for samples that are correlated in time and channel."""
-    n = residual.shape[0]
-    dof = max(n - n_terms - 0.5, 1.0)
-    covariance = residual.T @ residual / dof
-    variance = float(np.sum((weights @ covariance) * weights))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        series = residual[:, 0] / levels[0] - residual[:, 1] / levels[1]
-    if not np.all(np.isfinite(series)):
-        return float("nan")
-    inflation = integrated_autocorrelation_time(series)
-    return float(np.sqrt(max(variance, 0.0) * inflation + (0.01 * NOISE_FLOOR) ** 2))
+    return weights - free * (shift / size) / sigma if size > 0.0 else weights
