@@ -1,0 +1,293 @@
+"""Friction surface: nodes exact, band kept, nearest value outside, honest about what it is."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from beltid.errors import InputError
+from beltid.laws.friction_surface import FrictionSurface, evaluate_tables
+
+F = np.array([900.0, 1650, 2600, 3550, 4300, 5050, 5850, 6600])
+V = np.array([0.0025, 0.005, 0.0105, 0.021, 0.042])
+
+
+def noisy(seed: int = 0, se: bool = True) -> FrictionSurface:
+    rng = np.random.default_rng(seed)
+    mu = (F[:, None] / 4000) ** -0.2 * (V / 0.01) ** 0.2 * (1 + 0.02 * rng.standard_normal((8, 5)))
+    return FrictionSurface(F, V, mu, 0.01 * mu if se else None)
+
+
+def smooth() -> FrictionSurface:
+    return FrictionSurface(F, V, (F[:, None] / 4000) ** -0.2 * (V / 0.01) ** 0.2)
+
+
+@st.composite
+def surfaces(draw: st.DrawFn) -> FrictionSurface:
+    nf, nv = draw(st.integers(1, 7)), draw(st.integers(1, 6))
+    steps = st.floats(1e-3, 10)
+    f = 100 * np.cumsum(draw(hnp.arrays(float, nf, elements=steps)))
+    v = 1e-3 * np.cumsum(draw(hnp.arrays(float, nv, elements=steps)))
+    f[0], v[0] = draw(st.sampled_from([0.0, f[0]])), draw(st.sampled_from([0.0, v[0]]))
+    return FrictionSurface(f, v, draw(hnp.arrays(float, (nf, nv), elements=st.floats(0.1, 3))))
+
+
+@given(surfaces())
+@settings(max_examples=80, deadline=None)
+def test_nodes_are_reproduced_to_the_last_bit(surface: FrictionSurface) -> None:
+    at_nodes = surface.mu(surface.normal_force_N_m[:, None], surface.slip_speed_m_s)
+    assert np.array_equal(at_nodes, surface.mu_nodes)
+
+
+@given(surfaces(), st.integers(0, 2**32 - 1))
+@settings(max_examples=80, deadline=None)
+def test_no_value_leaves_the_measured_band(surface: FrictionSurface, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    top_f, top_v = surface.normal_force_N_m[-1], surface.slip_speed_m_s[-1]
+    f = rng.uniform(-0.2, 1.2, 400) * (top_f + 1)
+    v = rng.uniform(-1.2, 1.2, 400) * (top_v + 1e-3)
+    mu = surface.mu(f, v)
+    assert mu.min() >= surface.mu_nodes.min()
+    assert mu.max() <= surface.mu_nodes.max()
+
+
+@given(surfaces(), st.integers(0, 2**32 - 1))
+@settings(max_examples=60, deadline=None)
+def test_scalar_law_of_the_tables_agrees_with_the_surface(
+    surface: FrictionSurface, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    T = surface.tables()
+    for f, v in zip(
+        rng.uniform(-0.2, 1.2, 30) * (surface.normal_force_N_m[-1] + 1),
+        rng.uniform(-1.2, 1.2, 30) * (surface.slip_speed_m_s[-1] + 1e-3),
+        strict=True,
+    ):
+        mu, dmu_df, dmu_dv, outside = evaluate_tables(
+            T.x_nodes, T.y_nodes, T.f_ref, T.v_ref, T.C, f, v
+        )
+        assert mu == pytest.approx(float(surface.mu(f, v)), rel=1e-12)
+        slope_f, slope_v = surface.gradient(f, v)
+        # slopes carry the rounding of ln(1 + .) at nodes that are very close
+        assert dmu_df == pytest.approx(float(slope_f), rel=1e-6, abs=1e-12)
+        assert dmu_dv == pytest.approx(float(slope_v), rel=1e-6, abs=1e-9)
+        assert (outside == 0) == bool(surface.covers(f, v))
+
+
+def test_tables_tell_which_variable_is_outside() -> None:
+    T = noisy().tables()
+    for f, v, expected in [
+        (3000.0, 0.01, 0),
+        (899.0, -0.01, 1),
+        (6601.0, 0.01, 1),
+        (3000.0, 0.0, 2),
+        (3000.0, -0.05, 2),
+        (-5.0, 0.05, 3),
+        (float("nan"), 0.01, 3),
+    ]:
+        found = evaluate_tables(T.x_nodes, T.y_nodes, T.f_ref, T.v_ref, T.C, f, v)
+        assert found[3] == expected
+
+
+def test_tables_are_plain_contiguous_double_arrays() -> None:
+    T = noisy().tables()
+    for array, shape in ((T.x_nodes, (8,)), (T.y_nodes, (5,)), (T.C, (7, 4, 4, 4))):
+        assert array.dtype == np.float64
+        assert array.shape == shape
+        assert array.flags.c_contiguous
+        assert not array.flags.writeable
+    assert (T.f_ref, T.v_ref) == (900.0, 0.0025)
+
+
+def test_nearest_measured_value_is_taken_outside() -> None:
+    surface = noisy()
+    inside = np.array([1234.5, 4000.0, 6000.0])
+    assert np.array_equal(surface.mu(inside, 9.0), surface.mu(inside, V[-1]))
+    assert np.array_equal(surface.mu(inside, 0.0), surface.mu(inside, V[0]))
+    assert np.array_equal(surface.mu([-10.0, 0.0, 5.0], 0.03), np.repeat(surface.mu(F[0], 0.03), 3))
+    assert surface.mu(1e9, 1e9) == surface.mu_nodes[-1, -1]
+    assert surface.mu(np.inf, np.inf) == surface.mu_nodes[-1, -1]
+
+
+def test_direction_of_sliding_does_not_matter() -> None:
+    surface = noisy()
+    v = np.linspace(0, 0.05, 50)
+    assert np.array_equal(surface.mu(3000.0, -v), surface.mu(3000.0, v))
+
+
+def test_gradient_is_the_derivative_also_for_backward_sliding() -> None:
+    surface = noisy()
+    rng = np.random.default_rng(5)
+    f, v = rng.uniform(1000, 6500, 300), rng.uniform(0.003, 0.041, 300) * rng.choice([-1, 1], 300)
+    hf, hv = 1e-4 * f, 1e-4 * np.abs(v)
+    dmu_df, dmu_dv = surface.gradient(f, v)
+    by_f = (surface.mu(f + hf, v) - surface.mu(f - hf, v)) / (2 * hf)
+    by_v = (surface.mu(f, v + hv) - surface.mu(f, v - hv)) / (2 * hv)
+    # second-order differences; where a node lies between, the second derivative jumps: h mu''
+    assert np.abs(dmu_df - by_f).max() < 1e-4 * np.abs(dmu_df).max()
+    assert np.abs(dmu_dv - by_v).max() < 1e-4 * np.abs(dmu_dv).max()
+
+
+def test_gradient_is_zero_where_values_are_held() -> None:
+    surface = noisy()
+    dmu_df, dmu_dv = surface.gradient([100.0, 9000.0, 3000.0, 3000.0], [0.01, 0.01, 1e-4, -0.09])
+    assert np.array_equal(dmu_df[:2], [0.0, 0.0])
+    assert np.all(dmu_df[2:] != 0.0)
+    assert np.all(dmu_dv[:2] != 0.0)
+    assert np.array_equal(dmu_dv[2:], [0.0, 0.0])
+
+
+def test_slopes_are_continuous_across_nodes() -> None:
+    surface = noisy()
+    for k in range(1, F.size - 1):
+        left = surface.gradient(F[k] * (1 - 1e-12), 0.013)
+        right = surface.gradient(F[k] * (1 + 1e-12), 0.013)
+        assert np.allclose(left, right, rtol=1e-8, atol=1e-12)
+
+
+def test_nan_in_gives_nan_out_and_nothing_else() -> None:
+    surface = noisy()
+    f = np.array([np.nan, 3000.0, 3000.0])
+    v = np.array([0.01, np.nan, 0.01])
+    for values in (surface.mu(f, v), *surface.gradient(f, v), surface.mu_se_at(f, v)):
+        assert np.array_equal(np.isnan(values), [True, True, False])
+    assert np.array_equal(surface.covers(f, v), [False, False, True])
+
+
+def test_shapes_broadcast_and_scalars_stay_scalars() -> None:
+    surface = smooth()
+    assert surface.mu(F[:, None], V).shape == (8, 5)
+    assert surface.mu(np.empty((0, 3)), 0.01).shape == (0, 3)
+    assert np.ndim(surface.mu(3000.0, 0.01)) == 0
+    assert surface.gradient(F, 0.01)[0].shape == (8,)
+    assert surface.covers(F[:, None], V).all()
+
+
+def test_axis_may_begin_at_zero() -> None:
+    surface = FrictionSurface([0.0, 2000, 4000, 8000], [0.0, 0.01, 0.03], np.full((4, 3), 0.7))
+    assert surface.degree == (3, 2)
+    assert surface.mu(1.0, 0.0) == 0.7
+    assert surface.covers(0.0, 0.0)
+
+
+def test_constant_surface_holds_everywhere() -> None:
+    surface = FrictionSurface.constant(0.5)
+    assert np.array_equal(surface.mu([0.0, 1e7, -3.0], [0.0, -9.0, 1.0]), [0.5] * 3)
+    assert surface.gradient(100.0, 0.1) == (0.0, 0.0)
+    assert surface.covers(1e9, -5.0)
+    assert surface.notes == ()
+    assert repr(surface) == "FrictionSurface.constant(0.5)"
+    T = surface.tables()
+    found = evaluate_tables(T.x_nodes, T.y_nodes, T.f_ref, T.v_ref, T.C, 1e7, -0.3)
+    assert found == (0.5, 0.0, 0.0, 0)
+
+
+def test_single_measured_node_is_valid_only_there() -> None:
+    surface = FrictionSurface([5000.0], [0.01], [[0.9]])
+    assert surface.covers(5000.0, 0.01)
+    assert not surface.covers(5001.0, 0.01)
+    assert surface.mu(1.0, 1.0) == 0.9
+    assert len(surface.notes) == 2
+
+
+@pytest.mark.parametrize(("n", "word"), [(1, "constant"), (2, "linear"), (3, "quadratic")])
+def test_fewer_than_four_nodes_are_said_so(n: int, word: str) -> None:
+    surface = FrictionSurface(F, V[:n], smooth().mu_nodes[:, :n])
+    assert surface.degree == (3, n - 1)
+    plural = "s" if n > 1 else ""
+    expected = f"{n} node{plural} of sliding speed: {word} along it, cubic needs 4"
+    assert surface.notes == (expected,)
+
+
+def test_limited_slopes_are_said_so_and_smooth_data_has_none() -> None:
+    assert smooth().notes == ()
+    bumpy = FrictionSurface(F, V, 1 + 0.1 * (-1.0) ** np.add.outer(np.arange(8), np.arange(5)))
+    assert bumpy.limited.sum() > 20
+    assert "slopes limited" in bumpy.notes[0]
+
+
+def test_validity_is_the_range_of_the_nodes() -> None:
+    validity = noisy().validity
+    assert validity["normal_force_N_m"] == (900.0, 6600.0)
+    assert validity["slip_speed_m_s"] == (0.0025, 0.042)
+    assert FrictionSurface.constant(1.0).validity["slip_speed_m_s"] == (0.0, np.inf)
+
+
+def test_standard_error_is_that_of_the_node_and_bilinear_between() -> None:
+    se = np.array([[0.01, 0.03], [0.02, 0.08]])
+    surface = FrictionSurface([1000.0, 3000.0], [0.01, 0.03], np.ones((2, 2)), se)
+    assert surface.mu_se_at([[1000.0], [3000.0]], [0.01, 0.03]) == pytest.approx(se, rel=1e-15)
+    middle_f = 1000 * (np.sqrt(2 * 4) - 1)  # half way in ln(1 + f/1000)
+    middle_v = 0.01 * (np.sqrt(2 * 4) - 1)
+    assert surface.mu_se_at(middle_f, middle_v) == pytest.approx(0.035, rel=1e-13)
+    assert surface.mu_se_at(9e9, -9.0) == pytest.approx(0.08)
+    assert np.isnan(smooth().mu_se_at(3000.0, 0.01))
+
+
+def test_unknown_standard_error_stays_where_it_is() -> None:
+    se = np.array([[0.01, np.nan], [0.02, 0.08]])
+    surface = FrictionSurface([1000.0, 3000.0], [0.01, 0.03], np.ones((2, 2)), se)
+    assert surface.mu_se_at(1500.0, 0.01) < 0.02
+    assert np.isnan(surface.mu_se_at(1500.0, 0.02))
+
+
+def test_surface_cannot_be_changed_from_inside_or_outside() -> None:
+    f = F.copy()
+    surface = FrictionSurface(f, V, smooth().mu_nodes)
+    f[0] = 1.0
+    assert surface.normal_force_N_m[0] == 900.0
+    with pytest.raises(ValueError, match="read-only"):
+        surface.mu_nodes[0, 0] = 9.0
+    with pytest.raises(AttributeError):
+        surface.mu_nodes = np.ones((8, 5))  # type: ignore[misc]
+
+
+def test_equality_hash_copy_and_pickle() -> None:
+    assert noisy(1) == noisy(1)
+    assert hash(noisy(1)) == hash(noisy(1))
+    assert noisy(1) != noisy(2)
+    assert noisy(1) != noisy(1, se=False)
+    assert noisy(1) != "surface"
+    for twin in (pickle.loads(pickle.dumps(noisy())), copy.deepcopy(noisy())):
+        assert twin == noisy()
+        assert not twin.mu_nodes.flags.writeable
+    assert "8 x 5 nodes" in repr(noisy())
+    assert "with mu_se" in repr(noisy())
+
+
+def test_all_problems_of_a_grid_come_at_once() -> None:
+    with pytest.raises(InputError) as error:
+        FrictionSurface([1.0, 1.0, -2.0], [0.0, np.nan], [[1.0, 2.0], [0.0, np.nan]], [[-1.0]])
+    text = "\n".join(error.value.problems)
+    for part in (
+        "normal_force_N_m[2] = -2, must be >= 0",
+        "slip_speed_m_s[1] = nan",
+        "mu: shape (2, 2), must be (3, 2)",
+        "mu[1, 0] = 0, must be > 0",
+        "mu[1, 1] = nan",
+        "mu_se: shape (1, 1)",
+        "mu_se[0, 0] = -1, must be >= 0",
+    ):
+        assert part in text
+
+
+@pytest.mark.parametrize(
+    ("f", "v", "mu", "message"),
+    [
+        ([2000.0, 1000.0], [0.01], [[1.0], [1.0]], "must be strictly increasing"),
+        ([1000.0, 1000.0 + 1e-10], [0.01], [[1.0], [1.0]], "must be strictly increasing"),
+        ([], [0.01], np.empty((0, 1)), "at least one node"),
+        ([[1.0]], [0.01], [[1.0]], "one-dimensional"),
+        (["a"], [0.01], [[1.0]], "normal_force_N_m: must be an array of numbers"),
+        ([1000.0], [0.01], None, "mu: "),
+    ],
+)
+def test_wrong_grid_is_refused(f: object, v: object, mu: object, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        FrictionSurface(f, v, mu)  # type: ignore[arg-type]

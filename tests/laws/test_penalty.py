@@ -1,0 +1,82 @@
+"""Normal contact law against the paper's check points and closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from beltid.errors import InputError
+from beltid.laws.penalty import NormalLaw, approaching, dissipative_force
+
+PAPER = NormalLaw(k_linear_N_m2=6.5e7, k_quadratic_N_m3=3.0256e11)
+stiffness = st.floats(1e3, 1e13)
+
+
+@pytest.mark.parametrize(
+    ("force_N_cm", "penetration_um"), [(10, 14.4), (40, 49.9), (80, 87.5), (150, 139.8)]
+)
+def test_paper_check_points_hold_both_ways(force_N_cm: float, penetration_um: float) -> None:
+    # the check points carry three digits: half a unit of the last is 0.05 um
+    assert PAPER.penetration(100.0 * force_N_cm) == pytest.approx(1e-6 * penetration_um, abs=5e-8)
+    slope = 6.5e7 + 2 * 3.0256e11 * 1e-6 * penetration_um
+    assert PAPER.force(1e-6 * penetration_um) == pytest.approx(
+        100.0 * force_N_cm, abs=5.1e-8 * slope
+    )
+
+
+def test_sign_trap_of_the_paper_100_um_push_with_95_N_per_cm() -> None:
+    assert PAPER.force(100e-6) == pytest.approx(9525.6, rel=1e-12)  # not -3474.4
+
+
+def test_paper_units_are_centimetres_of_belt_and_metres_of_gap() -> None:
+    delta = 80e-6
+    per_cm = 3025.6e6 * 1.0 * delta**2 + 6.5e5 * 1.0 * delta  # Eq. (3), L_cont = 1 cm [N]
+    assert PAPER.force(delta) == pytest.approx(per_cm / 0.01, rel=1e-14)
+
+
+def test_open_gap_has_neither_force_nor_stiffness() -> None:
+    gap = np.array([-1e-3, -1e-9, 0.0])
+    assert np.array_equal(PAPER.force(gap), np.zeros(3))
+    assert np.array_equal(PAPER.stiffness(gap[:2]), np.zeros(2))
+
+
+@given(st.floats(1e-7, 1e-3), stiffness, stiffness)
+def test_stiffness_is_the_derivative_of_the_force(delta: float, k1: float, k2: float) -> None:
+    law = NormalLaw(k1, k2)
+    h = 1e-4 * delta
+    # central differences of a quadratic are exact up to rounding
+    slope = (law.force(delta + h) - law.force(delta - h)) / (2 * h)
+    assert law.stiffness(delta) == pytest.approx(slope, rel=1e-9)
+
+
+@given(st.floats(0, 1e6), stiffness, st.one_of(st.just(0.0), st.floats(1e-30, 1e13)))
+def test_penetration_inverts_the_force_without_cancellation(f: float, k1: float, k2: float) -> None:
+    law = NormalLaw(k1, k2)
+    assert law.force(law.penetration(f)) == pytest.approx(f, rel=1e-12)
+
+
+def test_purely_quadratic_law_has_the_square_root_as_inverse() -> None:
+    law = NormalLaw(0.0, 4e11)
+    f = np.array([0.0, 1.0, 4e3])
+    assert law.penetration(f) == pytest.approx(np.sqrt(f / 4e11), rel=1e-14)
+
+
+def test_pulling_force_has_no_penetration() -> None:
+    with pytest.raises(InputError, match="force_N_m = -1, must be >= 0"):
+        PAPER.penetration([1.0, -1.0])
+
+
+def test_all_wrong_coefficients_are_named_at_once() -> None:
+    with pytest.raises(InputError) as error:
+        NormalLaw(-1.0, float("nan"))
+    assert len(error.value.problems) == 2
+    with pytest.raises(InputError, match="no stiffness"):
+        NormalLaw(0.0, 0.0)
+
+
+def test_dissipation_acts_only_while_approaching() -> None:
+    rate = np.array([-2e-3, 0.0, 2e-3])
+    assert np.array_equal(approaching(rate), [1.0, 1.0, 0.0])  # H(x) = 1 for x <= 0, Eq. (2)
+    assert dissipative_force(rate, 300.0) == pytest.approx([0.6, 0.0, 0.0])  # Eq. (4)
