@@ -1,0 +1,10 @@
+"""``python -m beltid`` and the command ``beltid``."""
+
+from __future__ import annotations
+
+from beltid.cli import main
+
+__all__ = ["main"]
+
+if __name__ == "__main__":
+    main()

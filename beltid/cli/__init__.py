@@ -1,0 +1,15 @@
+"""The command line: the only room that prints or exits.
+
+============ ================================================
+Module       Responsibility
+============ ================================================
+``app``      the commands and their help
+``common``   options that every command has
+``execute``  run a stage, print its summary, exit statuses
+``talk``     what goes to stderr: notes, warnings, progress
+============ ================================================
+"""
+
+from beltid.cli.app import app, main
+
+__all__ = ["app", "main"]

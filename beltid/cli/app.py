@@ -1,0 +1,270 @@
+"""The commands: parse, call a stage, print, exit. No science, no files."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from beltid.cli.common import Common, Version, with_common_options
+from beltid.cli.execute import execute, finish
+
+if TYPE_CHECKING:
+    from beltid.cli.talk import TerminalTalk
+    from beltid.report.summary import Summary
+    from beltid.stages.talk import Options
+
+MAIN_HELP = """\
+Identify the contact parameters between a V-ribbed belt and a pulley.
+
+From bench recordings to a friction law that is proven on a simulated copy of the bench
+(method of Cepon, Manin and Boltezar, 2010):
+
+\b
+  press.csv ------ fit-stiffness --> stiffness.parquet ----------------+
+  speedloss.csv -- fit-slip -------> slip.parquet                      |
+  rig.csv -------- fit-friction ---> friction.parquet                  |
+  friction.parquet build-surface --> surface.parquet                   v
+  surface.parquet, stiffness.parquet -- simulate-rig --> simulated.parquet
+  friction.parquet, simulated.parquet - compare -------> compare.parquet
+
+`beltid run CONFIG.yaml` does all of it. Results go to stdout, talk and progress to stderr.
+"""
+
+EXIT_STATUSES = """\
+\b
+Exit status:
+  0    done
+  1    a bug in beltid, with a traceback
+  2    the call, the config or an input is wrong; what to mend is said
+  3    the numerics failed: no convergence, or no admissible law
+  4    compare: the difference is out of tolerance
+  5    run: some of several belts failed
+  130  interrupted
+"""
+
+app = typer.Typer(
+    name="beltid",
+    help=MAIN_HELP,
+    epilog=EXIT_STATUSES,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    no_args_is_help=True,
+    context_settings={"help_option_names": ["--help", "-h"], "max_content_width": 100},
+)
+
+
+@app.callback()
+def _top(version: Version = False) -> None:
+    pass
+
+
+def _input(what: str, metavar: str) -> typer.models.ArgumentInfo:
+    argument: typer.models.ArgumentInfo = typer.Argument(metavar=metavar, help=what)
+    return argument
+
+
+Press = Annotated[Path, _input("Recording of the compression press (CSV).", "PRESS")]
+SpeedLoss = Annotated[Path, _input("Recording of the speed-loss bench (CSV).", "SPEEDLOSS")]
+Rig = Annotated[Path, _input("Recording of the friction rig (CSV or Parquet).", "RIG")]
+Friction = Annotated[Path, _input("friction.parquet of fit-friction.", "FRICTION")]
+Surface = Annotated[Path, _input("surface.parquet of build-surface.", "SURFACE")]
+Stiffness = Annotated[Path, _input("stiffness.parquet of fit-stiffness.", "STIFFNESS")]
+Simulated = Annotated[
+    Path, _input("simulated.parquet of simulate-rig, or a recording like RIG.", "SIMULATED")
+]
+Jobs = Annotated[
+    int | None,
+    typer.Option(
+        "--jobs", "-j", min=1, help="Runs simulated at the same time. Default: one per core."
+    ),
+]
+
+
+@app.command("fit-stiffness", short_help="PRESS.csv -> stiffness.parquet: the normal contact law")
+@with_common_options
+def fit_stiffness(press: Press, *, common: Common) -> None:
+    """Find how stiff the contact of ribs and grooves is, from a compression press.
+
+    The normal force per metre of belt is k_linear * penetration + k_quadratic * penetration².
+    Contact point, machine compliance, load cycles and hysteresis are taken care of; a test tells
+    whether temperature matters. Writes stiffness.parquet.
+
+    Example: beltid fit-stiffness press.csv
+    """
+    from beltid.stages import fit_stiffness as stage
+
+    execute(stage.run, {"press": press}, "stiffness.parquet", common)
+
+
+@app.command("fit-slip", short_help="SPEEDLOSS.csv -> slip.parquet: sliding speeds in service")
+@with_common_options
+def fit_slip(speedloss: SpeedLoss, *, common: Common) -> None:
+    """Find the sliding speeds in service, from the speed loss of a two-pulley drive.
+
+    They tell at which pulley speeds the friction rig has to run for this belt. Writes
+    slip.parquet.
+
+    Example: beltid fit-slip speedloss.csv
+    """
+    from beltid.stages import fit_slip as stage
+
+    execute(stage.run, {"speedloss": speedloss}, "slip.parquet", common)
+
+
+@app.command(
+    "fit-friction", short_help="RIG.csv -> friction.parquet: a friction coefficient per run"
+)
+@with_common_options
+def fit_friction(rig: Rig, *, common: Common) -> None:
+    """Find the friction coefficient of every run of the friction rig.
+
+    Each run gives the sliding coefficient (Euler-Eytelwein, over the steady plateau) with its
+    standard error, the sticking peak, the sliding speed and the normal force per length. A run
+    that cannot be used is set aside with its reason. Writes friction.parquet.
+
+    Example: beltid fit-friction rig.csv
+    """
+    from beltid.stages import fit_friction as stage
+
+    execute(stage.run, {"rig": rig}, "friction.parquet", common)
+
+
+@app.command(
+    "build-surface", short_help="friction -> surface.parquet: friction over force and speed"
+)
+@with_common_options
+def build_surface(friction: Friction, *, common: Common) -> None:
+    """Build the friction surface: the coefficient over normal force and sliding speed.
+
+    One surface per contact arc and their average, as bicubic splines through the measured
+    values; outside the measured range the nearest measured value holds. Writes surface.parquet.
+
+    Example: beltid build-surface friction.parquet
+    """
+    from beltid.stages import build_surface as stage
+
+    execute(stage.run, {"friction": friction}, "surface.parquet", common)
+
+
+@app.command("simulate-rig", short_help="surface, stiffness -> simulated.parquet: the rig again")
+@with_common_options
+def simulate_rig(
+    surface: Surface,
+    stiffness: Stiffness,
+    method: Annotated[
+        str | None,
+        typer.Option(
+            metavar="transient|steady",
+            help="transient: stick, build-up and sliding over time. steady: the sliding limit "
+            "only, faster. Default: as the config says, else transient.",
+        ),
+    ] = None,
+    arc: Annotated[
+        list[float] | None,
+        typer.Option(metavar="DEG", help="Only runs with this contact arc; may be repeated."),
+    ] = None,
+    tension: Annotated[
+        list[float] | None,
+        typer.Option(metavar="N", help="Only runs with this initial tension; may be repeated."),
+    ] = None,
+    speed: Annotated[
+        list[float] | None,
+        typer.Option(metavar="RAD/S", help="Only runs with this pulley speed; may be repeated."),
+    ] = None,
+    elements: Annotated[
+        int | None,
+        typer.Option(min=4, max=2000, help="Beam elements of the belt. Default: by the config."),
+    ] = None,
+    jobs: Jobs = None,
+    *,
+    common: Common,
+) -> None:
+    """Repeat the runs of the friction rig on the computer, with the identified contact.
+
+    A flexible belt (ANCF beam elements) is laid on the pulley, tightened, and the pulley turned:
+    stick, slip and full sliding. All arcs, tensions and speeds of the config, or those picked.
+    Writes simulated.parquet with the columns of a bench recording.
+
+    Example: beltid simulate-rig surface.parquet stiffness.parquet --arc 82
+    """
+    from beltid.stages import simulate_rig as stage
+
+    def options(talk: TerminalTalk) -> Options:
+        return stage.SimulateOptions(
+            force=common.force,
+            talk=talk,
+            method=method,
+            arcs_deg=tuple(arc or ()),
+            tensions_N=tuple(tension or ()),
+            speeds_rad_s=tuple(speed or ()),
+            elements=elements,
+            jobs=jobs,
+        )
+
+    inputs = {"surface": surface, "stiffness": stiffness}
+    execute(stage.run, inputs, "simulated.parquet", common, options)
+
+
+@app.command("compare", short_help="friction, simulated -> compare.parquet: do they agree?")
+@with_common_options
+def compare(friction: Friction, simulated: Simulated, *, common: Common) -> None:
+    """Compare the simulated with the measured friction coefficients; exit 0 or 4.
+
+    The simulated recording goes through the same reduction as the measured one. Differences per
+    arc, averaged over arcs, and for low, middle and high normal force; tolerances from the
+    config. Writes compare.parquet.
+
+    Example: beltid compare friction.parquet simulated.parquet
+    """
+    from beltid.stages import compare as stage
+
+    inputs = {"friction": friction, "simulated": simulated}
+    execute(stage.run, inputs, "compare.parquet", common)
+
+
+@app.command("run", short_help="CONFIG.yaml -> runs/<belt>/: all of the above")
+@with_common_options(
+    out_help="Folder of the results, one folder per belt in it. Default: runs",
+    out_names=("--runs-dir",),
+)
+def run(
+    configs: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="CONFIG...",
+            help="Configs, one per belt; each names its recordings under data. Default: --config, "
+            "else $BELTID_CONFIG.",
+        ),
+    ] = None,
+    jobs: Jobs = None,
+    *,
+    common: Common,
+) -> None:
+    """Run the whole chain for one belt or several: from the recordings to the comparison.
+
+    Results go to runs/<belt>/. What is up to date is kept, so that a second run does nothing. A
+    belt that fails does not stop the others.
+
+    Example: beltid run configs/4pk.yaml configs/5pk.yaml
+    """
+    from beltid.batch import BatchOptions, config_sources, run_batch
+
+    folder = common.out or Path("runs")
+
+    def work(talk: TerminalTalk) -> Summary:
+        sources = config_sources(configs or [], common.config)
+        return run_batch(sources, folder, BatchOptions(force=common.force, talk=talk, jobs=jobs))
+
+    finish(work, common, kept=f"what was finished stands in {folder}")
+
+
+def main() -> None:
+    """Entry point of the command line."""
+    for stream in (sys.stdout, sys.stderr):
+        # a terminal without some letter gets a substitute, not a crash
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")
+    app()

@@ -1,0 +1,144 @@
+"""Run a stage for the command line: say, print, and turn errors into exit statuses."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from beltid.cli.common import Common
+from beltid.cli.talk import TerminalTalk, console_for
+from beltid.errors import EXIT_INTERRUPTED, BeltidError, BeltidWarning
+
+if TYPE_CHECKING:
+    from beltid.config import ConfigSource
+    from beltid.report.summary import Summary
+    from beltid.stages.talk import Options
+
+Stage = Callable[["ConfigSource", Mapping[str, Path], Path, Any], "Summary"]
+
+
+def execute(
+    stage: Stage,
+    inputs: Mapping[str, Path],
+    default_name: str,
+    common: Common,
+    options: Callable[[TerminalTalk], Options] | None = None,
+) -> None:
+    """Run one stage and exit with its status.
+
+    Parameters
+    ----------
+    stage : callable
+        ``run`` of a stage.
+    inputs : mapping of str to Path
+        Its input files by role; the first one tells where results and configs are.
+    default_name : str
+        Name of the result beside the first input, if the user named none.
+    common : Common
+        The common options.
+    options : callable, optional
+        Options of this stage, beyond those that all share.
+    """
+    from beltid.config import find_config
+    from beltid.stages.talk import Options
+
+    first = next(iter(inputs.values()))
+    out = common.out or first.parent / default_name
+
+    def work(talk: TerminalTalk) -> Summary:
+        source = find_config(first, common.config)
+        talk.say(f"config: {source.origin}")
+        chosen = options(talk) if options else Options(force=common.force, talk=talk)
+        return stage(source, inputs, out, chosen)
+
+    finish(work, common, kept=f"{out} was not written" + (" again" if out.exists() else ""))
+
+
+def finish(work: Callable[[TerminalTalk], Summary], common: Common, kept: str) -> None:
+    """Do the work, print its summary on stdout, exit with its status.
+
+    Parameters
+    ----------
+    work : callable
+        Takes the talk, returns the summary.
+    common : Common
+        The common options.
+    kept : str
+        What to say about the results after an interrupt.
+    """
+    talk = TerminalTalk(quiet=common.quiet, verbose=common.verbose)
+    start = time.monotonic()
+    with _statuses(talk, kept):
+        with _heard_warnings(talk):
+            summary = work(talk)
+        _tell(summary, talk, time.monotonic() - start)
+        _print(summary, common)
+    raise typer.Exit(summary.exit_status)
+
+
+@contextmanager
+def _statuses(talk: TerminalTalk, kept: str) -> Iterator[None]:
+    """The one place where an error becomes an exit status."""
+    try:
+        yield
+    except BeltidError as error:
+        for problem in error.problems:
+            talk.error(problem)
+        raise typer.Exit(error.exit_status) from None
+    except KeyboardInterrupt:
+        talk.error(f"interrupted; {kept}")
+        raise typer.Exit(EXIT_INTERRUPTED) from None
+    except BrokenPipeError:
+        # the reader (head, less) has seen enough; nothing may be written at exit either
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise typer.Exit from None
+
+
+@contextmanager
+def _heard_warnings(talk: TerminalTalk) -> Iterator[None]:
+    """Say our own warnings as warnings, without the place in the code."""
+
+    def heard(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
+        if issubclass(category, BeltidWarning):
+            talk.warn(str(message))
+        else:
+            talk.detail(f"{category.__name__}: {message}")
+
+    with warnings.catch_warnings():
+        warnings.showwarning = heard
+        yield
+
+
+def _tell(summary: Summary, talk: TerminalTalk, elapsed_s: float) -> None:
+    """Notes, warnings, and how it ended."""
+    for note in summary.notes:
+        talk.say(f"note: {note}")
+    shown = summary.warnings if talk.verbose else summary.warnings[:10]
+    for warning in shown:
+        talk.warn(warning)
+    if len(shown) < len(summary.warnings):
+        talk.warn(f"and {len(summary.warnings) - len(shown)} more, see --verbose")
+    if summary.up_to_date:
+        talk.say(f"{summary.out} is up to date, nothing computed; --force computes again")
+    elif summary.out is not None:
+        talk.say(f"{summary.out} written, {elapsed_s:.1f} s")
+
+
+def _print(summary: Summary, common: Common) -> None:
+    if common.json:
+        text = json.dumps(summary.as_json(), indent=2, ensure_ascii=False, allow_nan=False)
+        print(text, flush=True)
+        return
+    from beltid.report.terminal import show
+
+    show(summary, console_for("stdout"), complete=common.verbose)
+    sys.stdout.flush()

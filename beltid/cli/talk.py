@@ -1,0 +1,135 @@
+"""Talk of the command line: everything that goes to stderr, and its progress display."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Final
+
+from beltid.stages.talk import Talk
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+LINE_EVERY_S: Final = 10.0
+PLAIN_WIDTH: Final = 100
+
+
+def console_for(stream: str) -> Console:
+    """Console on stdout or stderr: coloured and as wide as the terminal, plain elsewhere.
+
+    Parameters
+    ----------
+    stream : {"stdout", "stderr"}
+        Which stream.
+    """
+    from rich.console import Console
+
+    file = getattr(sys, stream)
+    is_terminal = bool(getattr(file, "isatty", lambda: False)())
+    told = os.environ.get("COLUMNS", "")
+    width = int(told) if told.isdecimal() and int(told) > 0 else None
+    if not is_terminal:
+        # the same text whatever terminal the pipe started in
+        return Console(
+            file=file, force_terminal=False, width=width or PLAIN_WIDTH, color_system=None
+        )
+    return Console(file=file, width=width)
+
+
+class TerminalTalk(Talk):
+    """Talk on stderr.
+
+    Parameters
+    ----------
+    quiet : bool
+        Whether to say warnings and errors only.
+    verbose : bool
+        Whether to say details, too.
+    """
+
+    def __init__(self, *, quiet: bool = False, verbose: bool = False) -> None:
+        self.quiet = quiet
+        self.verbose = verbose and not quiet
+        self._live: Console | None = None
+
+    def _line(self, text: str) -> None:
+        if self._live is not None:  # above the progress bar, not through it
+            self._live.print(text, markup=False, highlight=False, soft_wrap=True)
+        else:
+            print(text, file=sys.stderr, flush=True)
+
+    def say(self, text: str) -> None:
+        """Say what is going on."""
+        if not self.quiet:
+            self._line(text)
+
+    def detail(self, text: str) -> None:
+        """Say what only a curious user wants to know."""
+        if self.verbose:
+            self._line(text)
+
+    def warn(self, text: str) -> None:
+        """Say what the user should look into."""
+        self._line(f"warning: {text}")
+
+    def error(self, text: str) -> None:
+        """Say what went wrong."""
+        self._line(f"error: {text}")
+
+    @contextmanager
+    def progress(self, label: str, total: int) -> Iterator[Callable[[], None]]:
+        """Follow a task: a bar with the remaining time on a terminal, else a line now and then."""
+        if self.quiet:
+            yield lambda: None
+        elif sys.stderr.isatty() and self._live is None:
+            with self._bar(label, total) as advance:
+                yield advance
+        else:
+            yield _Lines(self, label, total)
+
+    @contextmanager
+    def _bar(self, label: str, total: int) -> Iterator[Callable[[], None]]:
+        from rich.progress import (
+            BarColumn,
+            MofNCompleteColumn,
+            Progress,
+            TextColumn,
+            TimeRemainingColumn,
+        )
+
+        columns = (
+            TextColumn("{task.description}", markup=False),
+            BarColumn(bar_width=None),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+        )
+        with Progress(*columns, console=console_for("stderr"), transient=True) as bar:
+            task = bar.add_task(label, total=total)
+            self._live = bar.console
+            try:
+                yield lambda: bar.advance(task)
+            finally:
+                self._live = None
+
+
+class _Lines:
+    """Progress as a line every few seconds, for logs."""
+
+    def __init__(self, talk: TerminalTalk, label: str, total: int) -> None:
+        self.talk, self.label, self.total = talk, label, total
+        self.done = 0
+        self.start = self.last = time.monotonic()
+
+    def __call__(self) -> None:
+        """Count one step."""
+        self.done += 1
+        now = time.monotonic()
+        if now - self.last < LINE_EVERY_S or self.done == self.total:
+            return
+        self.last = now
+        left = (now - self.start) / self.done * (self.total - self.done)
+        self.talk.say(f"{self.label}: {self.done} of {self.total}, about {left:.0f} s left")

@@ -1,0 +1,92 @@
+"""Names and values of results as a person reads them: words, units, sensible digits."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+# endings of public names -> unit as printed, longest first
+UNITS: Final[tuple[tuple[str, str], ...]] = (
+    ("_N_m2", "N/m²"),
+    ("_N_m3", "N/m³"),
+    ("_N_s_m", "N s/m"),
+    ("_rad_s", "rad/s"),
+    ("_N_m", "N/m"),
+    ("_m_s", "m/s"),
+    ("_degC", "°C"),
+    ("_percent", "%"),
+    ("_deg", "°"),
+    ("_mm", "mm"),
+    ("_um", "µm"),
+    ("_N", "N"),
+    ("_s", "s"),
+    ("_m", "m"),
+)
+# names in which an ending is not a unit of force per length but of torque
+TORQUE: Final = ("torque_N_m",)
+RANGES: Final = ("range", "valid")
+MISSING: Final = "-"
+
+
+def name_and_unit(name: str) -> tuple[str, str]:
+    """Words and unit of a public name.
+
+    Examples
+    --------
+    >>> name_and_unit("normal_force_N_m")
+    ('normal force', 'N/m')
+    >>> name_and_unit("mu_sliding")
+    ('mu sliding', '')
+    """
+    if name in TORQUE:
+        return "torque", "N m"
+    for ending, unit in UNITS:
+        if name.endswith(ending) and len(name) > len(ending):
+            return name[: -len(ending)].replace("_", " "), unit
+    return name.replace("_", " "), ""
+
+
+def heading(name: str) -> str:
+    """Heading of a column: words and the unit in brackets."""
+    words, unit = name_and_unit(name)
+    return f"{words} [{unit}]" if unit else words
+
+
+def cell(name: str, value: Any) -> str:
+    """A value with the digits that its quantity deserves; ``-`` where there is none."""
+    if hasattr(value, "item"):
+        value = value.item()
+    if value is None:
+        return MISSING
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return _number(name, value)
+    if isinstance(value, (list, tuple)):
+        if len(value) == 2 and any(word in name for word in RANGES):
+            return " to ".join(cell(name, item) for item in value)
+        return ", ".join(cell(name, item) for item in value)
+    return str(value)
+
+
+def _number(name: str, value: float) -> str:
+    if math.isnan(value):
+        return MISSING
+    if name.startswith("mu") and math.isfinite(value):
+        return f"{value:.4f}"
+    if name.endswith("_percent"):
+        return f"{value:.2f}"
+    if value == 0.0:
+        return "0"
+    if 1e-3 <= abs(value) < 1e6:
+        digits = max(0, 3 - math.floor(math.log10(abs(value))))
+        text = f"{value:.{digits}f}"
+        return text.rstrip("0").rstrip(".") if "." in text else text
+    return f"{value:.5g}"
+
+
+def fact(name: str, value: Any) -> tuple[str, str]:
+    """Words of a single result, and its value with its unit."""
+    words, unit = name_and_unit(name)
+    text = cell(name, value)
+    return words, f"{text} {unit}" if unit and text != MISSING else text

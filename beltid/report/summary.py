@@ -1,0 +1,81 @@
+"""What a stage tells its user when it has finished: facts, a table, notes, a verdict."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """The product of a stage as a person or a program reads it.
+
+    Attributes
+    ----------
+    stage : str
+        Name of the command, such as ``"fit-friction"``.
+    title : str
+        What the table shows, in words.
+    out : Path or None
+        The artifact that holds the result.
+    facts : dict
+        Single results by name; the unit is the ending of the name.
+    table : list of dict
+        The complete result, one row per record: what a program gets.
+    overview : list of dict
+        A short form of a long table for the terminal; empty where the table is short itself.
+    shown : tuple of str
+        Columns of the complete table that a person gets to see; empty for all of them.
+    notes, warnings : tuple of str
+        What the user should know; what the user should look into.
+    verdict : str
+        Final line, such as ``"PASS: ..."``; empty where nothing is judged.
+    exit_status : int
+        Exit status of the command line.
+    up_to_date : bool
+        Whether an artifact made earlier from the same inputs was kept.
+    """
+
+    stage: str
+    title: str
+    out: Path | None = None
+    facts: dict[str, Any] = field(default_factory=dict)
+    table: list[dict[str, Any]] = field(default_factory=list)
+    overview: list[dict[str, Any]] = field(default_factory=list)
+    shown: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    verdict: str = ""
+    exit_status: int = 0
+    up_to_date: bool = False
+
+    def as_json(self) -> dict[str, Any]:
+        """One JSON object; a missing number is null."""
+        return {
+            "command": self.stage,
+            "out": None if self.out is None else str(self.out),
+            "up_to_date": self.up_to_date,
+            "exit_status": self.exit_status,
+            "verdict": self.verdict or None,
+            "facts": json_value(self.facts),
+            "table": json_value(self.table),
+            "notes": list(self.notes),
+            "warnings": list(self.warnings),
+        }
+
+
+def json_value(value: Any) -> Any:
+    """A value as JSON has it: numpy to plain, nan and infinity to null, paths to text."""
+    if isinstance(value, dict):
+        return {str(key): json_value(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [json_value(item) for item in value]
+    if hasattr(value, "tolist"):  # numpy scalars and arrays, without importing numpy
+        return json_value(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, (str, int)) or value is None:
+        return value
+    return str(value)

@@ -1,0 +1,136 @@
+"""Summaries for the terminal: a table where it fits, records where it does not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+from beltid.report.cells import cell, fact, heading
+from beltid.report.summary import Summary
+
+if TYPE_CHECKING:
+    from rich.console import Console, RenderableType
+    from rich.table import Table
+
+Rows = Sequence[dict[str, Any]]
+
+_WORDS_LEFT = ("status", "run", "runs", "belt", "file", "why", "arc", "group", "verdict")
+
+
+def show(summary: Summary, console: Console, *, complete: bool = False) -> None:
+    """Print a summary on a console.
+
+    Parameters
+    ----------
+    summary : Summary
+        What the stage found.
+    console : Console
+        Where to print; its width decides between table and records.
+    complete : bool
+        Whether to print a long table whole instead of its overview.
+    """
+    with console.capture() as capture:
+        for part in renderables(summary, console, complete=complete):
+            console.print(part, markup=False, highlight=False)
+    # a table fills its last column with blanks, which only disturb what reads the output
+    lines = (line.rstrip() for line in capture.get().splitlines())
+    console.file.write("\n".join(lines).strip("\n") + "\n")
+
+
+def renderables(
+    summary: Summary, console: Console, *, complete: bool = False
+) -> Iterator[RenderableType]:
+    """Parts of a summary in their order: heading, facts, table, verdict."""
+    from rich.text import Text
+
+    yield Text(f"{summary.stage}: {summary.title}", style="bold")
+    if summary.facts:
+        yield _facts(summary.facts)
+    rows = summary.overview
+    if complete or not rows:
+        shown = summary.shown or tuple(summary.table[0] if summary.table else ())
+        rows = [{name: row.get(name) for name in shown} for row in summary.table]
+    if rows:
+        yield table_or_records(rows, console)
+    if summary.verdict:
+        good = summary.exit_status == 0
+        yield Text(summary.verdict, style="bold green" if good else "bold red")
+    if summary.out is not None:
+        # a path must stay one word, to be copied
+        yield Text(f"{summary.out}", overflow="ignore", no_wrap=True)
+
+
+def _facts(facts: dict[str, Any]) -> Table:
+    from rich.table import Table
+
+    grid = Table.grid(padding=(0, 2, 0, 2))
+    grid.add_column(overflow="fold")
+    grid.add_column(overflow="fold")
+    for name, value in facts.items():
+        if isinstance(value, (list, tuple)) and any(isinstance(item, dict) for item in value):
+            continue  # tables within the facts are for programs
+        grid.add_row(*_texts(fact(name, value)))
+    return grid
+
+
+def _texts(cells: Sequence[str]) -> list[Any]:
+    from rich.text import Text
+
+    return [Text(text) for text in cells]
+
+
+def table_or_records(rows: Rows, console: Console) -> RenderableType:
+    """A table if it fits the width of the console, else every row as a small record."""
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    texts = [[cell(name, row.get(name)) for name in names] for row in rows]
+    widths = [
+        max(_longest_word(heading(name)), *(len(row[i]) for row in texts))
+        for i, name in enumerate(names)
+    ]
+    # the last column of words may wrap
+    words_last = names[-1] in _WORDS_LEFT
+    needed = sum(widths[:-1] if words_last else widths) + 2 * len(widths)
+    if words_last:
+        needed += min(widths[-1], 24)
+    if needed <= console.width:
+        return _table(names, texts)
+    return _records(names, texts)
+
+
+def _longest_word(text: str) -> int:
+    return max(len(word) for word in text.split())
+
+
+def _table(names: list[str], texts: list[list[str]]) -> Table:
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1), header_style="bold")
+    for i, name in enumerate(names):
+        left = name in _WORDS_LEFT or not _numeric(row[i] for row in texts)
+        last_words = i == len(names) - 1 and name in _WORDS_LEFT
+        table.add_column(
+            _texts([heading(name)])[0],
+            justify="left" if left else "right",
+            no_wrap=False,
+            min_width=None if last_words else max(len(row[i]) for row in texts),
+            overflow="fold",
+        )
+    for row in texts:
+        table.add_row(*_texts(row))
+    return table
+
+
+def _numeric(cells: Iterator[str]) -> bool:
+    return all(text[-1:].isdigit() or text == "-" for text in cells)
+
+
+def _records(names: list[str], texts: list[list[str]]) -> RenderableType:
+    from rich.text import Text
+
+    lines = []
+    for row in texts:
+        for i, (name, text) in enumerate(zip(names, row, strict=True)):
+            words, value = heading(name), text
+            lines.append(f"{'  ' if i else '- '}{words}: {value}")
+    return Text("\n".join(lines))

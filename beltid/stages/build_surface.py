@@ -1,0 +1,154 @@
+"""beltid build-surface: friction coefficients of the runs -> mu(f_N, v) (paper section 5)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.config import Config, ConfigSource, load_config
+from beltid.errors import InputError
+from beltid.identify.surface import SurfaceResult, SurfaceSettings
+from beltid.identify.surface import build_surface as identify
+from beltid.report.summary import Summary
+from beltid.stages.making import Made, Recipe, make
+from beltid.stages.outcome import Outcome, rows_of
+from beltid.stages.tables import surface_of, table_columns
+from beltid.stages.talk import Options
+from beltid.store.artifacts import read_artifact
+
+KIND: Final = "surface"
+KEYS: Final = ("surface",)
+METHOD: Final = "published"
+NEEDED: Final = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
+
+
+def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
+    """Read a friction table (input ``friction``), build the surface, write it, sum it up."""
+
+    def compute() -> Outcome[SurfaceResult]:
+        artifact = read_artifact(inputs["friction"], "friction")
+        options.talk.say(f"{artifact.path}: {len(artifact.columns['run'])} runs")
+        return _outcome(artifact.columns, config.config, str(artifact.path))
+
+    return summarise(make(Recipe(KIND, config, KEYS, inputs), out, options, compute))
+
+
+def build_surface(
+    friction: Any, config: Config | Mapping[str, Any] | str | Path | None = None
+) -> Outcome[SurfaceResult]:
+    """Build the friction surface of each arc and their average.
+
+    Parameters
+    ----------
+    friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping
+        Columns ``arc_deg``, ``normal_force_N_m``, ``slip_speed_m_s``, ``mu_sliding`` and, if there,
+        ``mu_sliding_se`` and ``status`` (rows other than "ok" are left out).
+    config : Config, dict, path or None
+        Settings of the surface; None is the built-in 5PK rig.
+
+    Returns
+    -------
+    Outcome
+        ``.to_frame()`` has a row per node; ``.result.surface`` is the averaged `FrictionSurface`.
+
+    Raises
+    ------
+    InputError
+        If no surface can be built from the runs.
+    """
+    columns = table_columns(friction, "friction", NEEDED)
+    return _outcome(columns, load_config(config), "friction table")
+
+
+def _outcome(
+    columns: Mapping[str, np.ndarray], config: Config, name: str
+) -> Outcome[SurfaceResult]:
+    n = len(columns["mu_sliding"])
+    status = columns.get("status", np.full(n, "ok", dtype=object))
+    good = np.flatnonzero(status == "ok")
+    if good.size == 0:
+        raise InputError(f"{name}: none of its {n} runs has the status ok, at least one is needed")
+    se = columns.get("mu_sliding_se")
+    try:
+        result = identify(
+            columns["arc_deg"][good],
+            columns["normal_force_N_m"][good],
+            columns["slip_speed_m_s"][good],
+            columns["mu_sliding"][good],
+            None if se is None else se[good],
+            SurfaceSettings(force_nodes=config.surface.force_nodes),
+        )
+    except InputError as error:
+        raise InputError([f"{name}: {line}" for line in error.problems]) from None
+    surface = result.surface
+    aside = [{"point": line} for line in result.set_aside]
+    return Outcome(
+        kind=KIND,
+        columns=result.to_columns(),
+        result=result,
+        validity=dict(result.validity),
+        set_aside=aside,
+        extra={
+            "method": METHOD,
+            "degree": surface.degree,
+            "n_points": result.n_points,
+            "rms_arc_spread": result.rms_arc_spread,
+            "max_arc_spread": result.max_arc_spread,
+        },
+        notes=result.notes,
+        warnings=tuple(f"set aside: {line}" for line in result.set_aside),
+    )
+
+
+def summarise(made: Made) -> Summary:
+    """Sum up a surface artifact."""
+    columns, extra = made.artifact.columns, made.artifact.metadata.extra
+    surface = surface_of(made.artifact)
+    validity = made.artifact.metadata.validity
+    arcs = columns["arc_deg"]
+    spread = extra["rms_arc_spread"]
+    return Summary(
+        stage="build-surface",
+        title="friction coefficient over normal force and sliding speed, averaged over arcs",
+        out=made.artifact.path,
+        facts={
+            "points": extra["n_points"],
+            "arcs_deg": np.unique(arcs[np.isfinite(arcs)]).tolist(),
+            "force_nodes": surface.normal_force_N_m.size,
+            "speed_nodes": surface.slip_speed_m_s.size,
+            "valid_force_N_m": validity["normal_force_N_m"],
+            "valid_speed_m_s": validity["slip_speed_m_s"],
+            "arc_to_arc_spread_rms_percent": None if spread is None else 100.0 * spread,
+        },
+        table=rows_of(
+            columns,
+            "arc_deg",
+            "normal_force_N_m",
+            "slip_speed_m_s",
+            "mu",
+            "mu_se",
+            "n_arcs",
+            "mu_spread",
+        ),
+        overview=_grid(surface),
+        notes=made.notes,
+        warnings=made.warnings,
+        up_to_date=made.up_to_date,
+    )
+
+
+def _grid(surface: Any) -> list[dict[str, Any]]:
+    """The averaged surface as a person reads it: a row per force, a column per speed."""
+    return [
+        {
+            "normal_force_N_m": float(force),
+            **{
+                f"mu at {speed:.4g} m/s": float(mu)
+                for speed, mu in zip(surface.slip_speed_m_s, row, strict=True)
+            },
+        }
+        for force, row in zip(surface.normal_force_N_m, surface.mu_nodes, strict=True)
+    ]

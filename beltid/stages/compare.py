@@ -1,0 +1,228 @@
+"""beltid compare: measured against simulated friction coefficients (paper section 7).
+
+The simulated recording goes through the very function that reduced the measured one, with the
+settings that the friction artifact says it was reduced with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.config import Config, ConfigSource, load_config
+from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE
+from beltid.identify.agreement import AgreementResult, AgreementSettings, compare_points
+from beltid.identify.friction import reduce_runs
+from beltid.report.summary import Summary
+from beltid.stages.making import Made, Recipe, make
+from beltid.stages.outcome import Outcome, rows_of
+from beltid.stages.reduction import friction_settings, reduction_columns
+from beltid.stages.tables import table_columns
+from beltid.stages.talk import Options
+from beltid.store.artifacts import Artifact, read_artifact
+from beltid.store.recordings import columns_of, read_recording
+
+KIND: Final = "compare"
+KEYS: Final = ("compare", "columns.rig", "units.rig", "dialect")
+NEEDED: Final = (
+    "run",
+    "arc_deg",
+    "nominal_tension_N",
+    "pulley_speed_rad_s",
+    "normal_force_N_m",
+    "mu_sliding",
+)
+TOLERANCES: Final = {
+    "max_rms_relative_error": "rms",
+    "max_mean_relative_error": "mean magnitude",
+    "max_relative_error": "largest",
+}
+
+
+def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
+    """Reduce the ``simulated`` recording, compare it with ``friction``, write it, sum it up."""
+
+    def compute() -> Outcome[AgreementResult]:
+        friction = read_artifact(inputs["friction"], "friction")
+        recording = read_recording(inputs["simulated"], "rig", config.config)
+        options.talk.say(f"{recording.path}: {len(recording.columns['time_s'])} samples")
+        return _outcome(
+            friction.columns,
+            _reduced(recording.columns, *_reduced_with(friction, config.config)),
+            config.config,
+        )
+
+    return summarise(make(Recipe(KIND, config, KEYS, inputs), out, options, compute))
+
+
+def compare(
+    friction: Any,
+    simulated: Any,
+    config: Config | Mapping[str, Any] | str | Path | None = None,
+) -> Outcome[AgreementResult]:
+    """Compare measured with simulated friction coefficients, run by run.
+
+    Parameters
+    ----------
+    friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping
+        The reduced runs of the bench.
+    simulated : DataFrame, pyarrow Table or mapping
+        A simulated recording with the columns of rig.csv; or reduced runs, like `friction`; or the
+        table of `simulate_campaign`.
+    config : Config, dict, path or None
+        Tolerances, and for a recording the settings of its reduction.
+
+    Returns
+    -------
+    Outcome
+        ``.to_frame()`` has a row per matched point; ``.result`` tells ``passed`` and the
+        statistics per arc, averaged, and for low, middle and high force.
+
+    Raises
+    ------
+    InputError
+        If a table lacks columns, or no run of one has a partner in the other.
+    """
+    model = load_config(config)
+    measured = table_columns(friction, "friction", NEEDED)
+    return _outcome(measured, _simulated_columns(simulated, model), model)
+
+
+def _simulated_columns(simulated: Any, config: Config) -> dict[str, np.ndarray]:
+    if isinstance(simulated, Outcome) and simulated.kind == "friction":
+        return simulated.columns
+    frame = simulated.columns if isinstance(simulated, Outcome) else simulated
+    names = {str(name) for name in getattr(frame, "column_names", getattr(frame, "columns", frame))}
+    if "time_s" in names:
+        settings = config.friction.model_dump()
+        return _reduced(columns_of(frame, "rig"), config.rig.pulley_radius_m, settings)
+    if "mu" in names and "mu_sliding" not in names:  # the table of a simulated campaign
+        frame = {
+            **{name: np.asarray(frame[name]) for name in names},
+            "mu_sliding": np.asarray(frame["mu"]),
+            "nominal_tension_N": np.asarray(frame["initial_tension_N"]),
+        }
+    return table_columns(frame, "friction", NEEDED)
+
+
+def _reduced(
+    columns: Mapping[str, np.ndarray], pulley_radius_m: float, settings: Mapping[str, Any]
+) -> dict[str, np.ndarray]:
+    return reduction_columns(reduce_runs(columns, pulley_radius_m, friction_settings(settings)))
+
+
+def _reduced_with(friction: Artifact, config: Config) -> tuple[float, Mapping[str, Any]]:
+    """Radius and settings with which the measured runs were reduced."""
+    stored = friction.metadata.settings
+    radius = stored.get("rig.pulley_radius_m", config.rig.pulley_radius_m)
+    return float(radius), stored.get("friction", config.friction.model_dump())
+
+
+def _outcome(
+    measured: Mapping[str, np.ndarray], simulated: Mapping[str, np.ndarray], config: Config
+) -> Outcome[AgreementResult]:
+    section = config.compare
+    result = compare_points(
+        measured,
+        simulated,
+        AgreementSettings(
+            max_rms_relative_error=section.max_rms_relative_error,
+            max_mean_relative_error=section.max_mean_relative_error,
+            max_relative_error=section.max_relative_error,
+        ),
+    )
+    columns = result.to_columns()
+    columns["status"] = np.full(len(columns["run"]), "ok", dtype=object)
+    left_out = [f"{count} runs not compared: {why}" for why, count in result.not_compared.items()]
+    return Outcome(
+        kind=KIND,
+        columns=columns,
+        result=result,
+        validity={
+            "normal_force_N_m": (
+                float(result.normal_force_N_m.min()),
+                float(result.normal_force_N_m.max()),
+            )
+        },
+        set_aside=[{"run": run, "why": why} for run, why in result.not_compared_runs],
+        extra={
+            "passed": result.passed,
+            "statistics": result.statistics_table(),
+            "judged": [dict(row) for row in result.verdict_table()],
+            "averaged": result.averaged_table(),
+            "n_measured": result.n_measured,
+            "n_simulated": result.n_simulated,
+        },
+        warnings=tuple(left_out),
+    )
+
+
+def summarise(made: Made) -> Summary:
+    """Sum up a compare artifact; its exit status is the verdict."""
+    extra = made.artifact.metadata.extra
+    passed = bool(extra["passed"])
+    statistics = [
+        {
+            "group": row["group"],
+            "runs": row["n_points"],
+            "rms_percent": row["rms_percent"],
+            "mean_percent": row["mean_percent"],
+            "largest_percent": row["largest_percent"],
+            "from_force_N_m": row["force_low_N_m"],
+            "to_force_N_m": row["force_high_N_m"],
+        }
+        for row in extra["statistics"]
+    ]
+    return Summary(
+        stage="compare",
+        title="simulated less measured friction coefficient, relative to measured",
+        out=made.artifact.path,
+        facts={
+            "runs_compared": len(made.artifact.columns["run"]),
+            "runs_measured": extra["n_measured"],
+            "runs_simulated": extra["n_simulated"],
+            "groups": extra["statistics"],
+            "judged": extra["judged"],
+        },
+        table=rows_of(
+            made.artifact.columns,
+            "run",
+            "arc_deg",
+            "nominal_tension_N",
+            "pulley_speed_rad_s",
+            "normal_force_N_m",
+            "mu_measured",
+            "mu_simulated",
+            "difference",
+            "relative_difference",
+            "within_tolerance",
+        ),
+        shown=(
+            "run",
+            "arc_deg",
+            "nominal_tension_N",
+            "pulley_speed_rad_s",
+            "normal_force_N_m",
+            "mu_measured",
+            "mu_simulated",
+            "within_tolerance",
+        ),
+        overview=statistics,
+        notes=made.notes,
+        warnings=made.warnings,
+        verdict=_verdict(passed, extra["judged"]),
+        exit_status=EXIT_DONE if passed else EXIT_OUT_OF_TOLERANCE,
+        up_to_date=made.up_to_date,
+    )
+
+
+def _verdict(passed: bool, judged: list[dict[str, Any]]) -> str:
+    def told(row: Mapping[str, Any]) -> str:
+        sign = "<=" if row["holds"] else ">"
+        found = float("nan") if row["found"] is None else 100.0 * row["found"]
+        return f"{TOLERANCES[row['tolerance']]} {found:.2f} % {sign} {100.0 * row['allowed']:g} %"
+
+    return f"{'PASS' if passed else 'FAIL'}: " + ", ".join(told(row) for row in judged)

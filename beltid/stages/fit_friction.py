@@ -1,0 +1,195 @@
+"""beltid fit-friction: rig recording -> a friction coefficient per run (paper Eqs. 5 to 8)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.config import Config, ConfigSource, load_config
+from beltid.errors import InputError
+from beltid.identify.friction import RunReduction, reduce_runs
+from beltid.report.summary import Summary
+from beltid.stages.making import Made, Recipe, make
+from beltid.stages.outcome import Outcome, rows_of, span
+from beltid.stages.reduction import friction_settings, reduction_columns
+from beltid.stages.talk import Options
+from beltid.store.recordings import columns_of, read_recording
+
+KIND: Final = "friction"
+KEYS: Final = ("friction", "rig.pulley_radius_m", "columns.rig", "units.rig", "dialect")
+
+
+def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
+    """Read a recording of the friction rig (input ``rig``), reduce it, write it, sum it up."""
+
+    def compute() -> Outcome[tuple[RunReduction, ...]]:
+        recording = read_recording(inputs["rig"], "rig", config.config)
+        options.talk.say(f"{recording.path}: {len(recording.columns['time_s'])} samples")
+        return _outcome(recording.columns, config.config, recording.notes, str(recording.path))
+
+    return summarise(make(Recipe(KIND, config, KEYS, inputs), out, options, compute))
+
+
+def fit_friction(
+    frame: Any, config: Config | Mapping[str, Any] | str | Path | None = None
+) -> Outcome[tuple[RunReduction, ...]]:
+    """Reduce every run of a recording of the friction rig to its friction coefficient, Eq. (6).
+
+    Parameters
+    ----------
+    frame : DataFrame, pyarrow Table or mapping
+        The columns of rig.csv.
+    config : Config, dict, path or None
+        Radius of the pulley, settings of the reduction; None is the built-in 5PK rig.
+
+    Returns
+    -------
+    Outcome
+        ``.to_frame()`` has a row per run; a run that cannot be used says why in ``status``.
+
+    Raises
+    ------
+    InputError
+        If the recording cannot be used, or none of its runs.
+    """
+    model = load_config(config)
+    return _outcome(columns_of(frame, "rig", model), model, (), "frame")
+
+
+def _outcome(
+    columns: Mapping[str, np.ndarray], config: Config, notes: tuple[str, ...], name: str
+) -> Outcome[tuple[RunReduction, ...]]:
+    reduced = reduce_runs(
+        columns, config.rig.pulley_radius_m, friction_settings(config.friction.model_dump())
+    )
+    table = reduction_columns(reduced)
+    good = table["status"] == "ok"
+    aside = [(r.run, r.status) for r in reduced if not r.ok]
+    if not good.any():
+        raise InputError([f"{name}: run {run} cannot be used: {why}" for run, why in aside])
+    ranges = {
+        column: span(table[column][good])
+        for column in ("normal_force_N_m", "slip_speed_m_s", "mu_sliding", "arc_deg")
+    }
+    return Outcome(
+        kind=KIND,
+        columns=table,
+        result=reduced,
+        validity=ranges,
+        set_aside=[{"run": run, "why": why} for run, why in aside],
+        notes=(*notes, *_notes(reduced)),
+        warnings=tuple(f"run {run} set aside: {why}" for run, why in aside),
+    )
+
+
+def _notes(reduced: Sequence[RunReduction]) -> tuple[str, ...]:
+    """What happened in several runs, each with the number of runs."""
+    spikes = [r for r in reduced if r.n_spikes]
+    missing = [r for r in reduced if r.n_missing]
+    swapped = [r.run for r in reduced if r.swapped]
+    unresolved = [r for r in reduced if r.ok and not np.isfinite(r.mu_sticking)]
+    lines = []
+    if spikes:
+        lines.append(f"{sum(r.n_spikes for r in spikes)} spikes left out, in {len(spikes)} runs")
+    if missing:
+        lines.append(f"{sum(r.n_missing for r in missing)} samples missing in {len(missing)} runs")
+    if swapped:
+        lines.append(f"tight and slack cell were exchanged in {_listed(swapped)}: put right")
+    if unresolved:
+        lines.append(
+            f"no mu_sticking for {len(unresolved)} runs whose records do not resolve the peak"
+        )
+    return tuple(lines)
+
+
+def _listed(runs: Sequence[str]) -> str:
+    text = ", ".join(runs[:8])
+    return f"{text} and {len(runs) - 8} more" if len(runs) > 8 else text
+
+
+def summarise(made: Made) -> Summary:
+    """Sum up a friction artifact."""
+    columns = made.artifact.columns
+    good = columns["status"] == "ok"
+    n_aside = int(np.count_nonzero(~good))
+    validity = made.artifact.metadata.validity
+    return Summary(
+        stage="fit-friction",
+        title="friction coefficient of every run",
+        out=made.artifact.path,
+        facts={
+            "runs": len(good),
+            "runs_set_aside": n_aside,
+            "mu_sliding_range": validity["mu_sliding"],
+            "normal_force_range_N_m": validity["normal_force_N_m"],
+            "slip_speed_range_m_s": validity["slip_speed_m_s"],
+        },
+        table=rows_of(
+            columns,
+            "run",
+            "arc_deg",
+            "nominal_tension_N",
+            "initial_tension_N",
+            "pulley_speed_rad_s",
+            "slip_speed_m_s",
+            "tension_tight_N",
+            "tension_slack_N",
+            "normal_force_N_m",
+            "mu_sliding",
+            "mu_sliding_se",
+            "mu_sticking",
+            "status",
+        ),
+        shown=(
+            "run",
+            "arc_deg",
+            "nominal_tension_N",
+            "pulley_speed_rad_s",
+            "normal_force_N_m",
+            "mu_sliding",
+            "mu_sliding_se",
+            "mu_sticking",
+            "status",
+        ),
+        overview=_per_setting(columns, good),
+        notes=made.notes,
+        warnings=made.warnings,
+        up_to_date=made.up_to_date,
+    )
+
+
+def _per_setting(columns: Mapping[str, np.ndarray], good: np.ndarray) -> list[dict[str, Any]]:
+    """A row per arc and speed: force and friction over the initial tensions."""
+    rows = []
+    arcs, speeds = columns["arc_deg"], _settings(columns["pulley_speed_rad_s"])
+    for arc in np.unique(arcs[good]):
+        for speed in np.unique(speeds[good & (arcs == arc)]):
+            here = good & (arcs == arc) & (speeds == speed)
+            force, mu = columns["normal_force_N_m"][here], columns["mu_sliding"][here]
+            rows.append(
+                {
+                    "arc_deg": float(arc),
+                    "pulley_speed_rad_s": float(speed),
+                    "runs": int(here.sum()),
+                    "lowest_force_N_m": float(force.min()),
+                    "highest_force_N_m": float(force.max()),
+                    "mu_at_lowest": float(mu[np.argmin(force)]),
+                    "mu_at_highest": float(mu[np.argmax(force)]),
+                }
+            )
+    return rows
+
+
+def _settings(speed: np.ndarray) -> np.ndarray:
+    """Speeds as they were set: measured ones within 3 % of each other are one, their median."""
+    found = np.full(speed.shape, np.nan)
+    known = np.flatnonzero(np.isfinite(speed))
+    ordered = known[np.argsort(speed[known], kind="stable")]
+    if ordered.size:
+        gaps = np.flatnonzero(np.diff(speed[ordered]) > 0.03 * np.abs(speed[ordered][:-1]))
+        for group in np.split(ordered, gaps + 1):
+            found[group] = np.median(speed[group])
+    return found

@@ -1,0 +1,181 @@
+"""beltid fit-stiffness: press recording -> normal contact law (METHOD 1; paper Eqs. 1 to 4)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.config import Config, ConfigSource, load_config
+from beltid.identify.stiffness import LawEstimate, StiffnessResult, StiffnessSettings
+from beltid.identify.stiffness import fit_stiffness as identify
+from beltid.report.summary import Summary
+from beltid.stages.making import Made, Recipe, make
+from beltid.stages.outcome import Outcome, rows_of
+from beltid.stages.talk import Options
+from beltid.store.recordings import columns_of, read_recording
+
+KIND: Final = "stiffness"
+KEYS: Final = ("press", "columns.press", "units.press", "dialect")
+POOLED: Final = "pooled"
+
+
+def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
+    """Read a press recording (input ``press``), identify the law, write it, sum it up."""
+
+    def compute() -> Outcome[StiffnessResult]:
+        recording = read_recording(inputs["press"], "press", config.config)
+        options.talk.say(f"{recording.path}: {len(recording.columns['force_N'])} samples")
+        return _outcome(recording.columns, config.config, recording.notes)
+
+    return summarise(make(Recipe(KIND, config, KEYS, inputs), out, options, compute))
+
+
+def fit_stiffness(
+    frame: Any, config: Config | Mapping[str, Any] | str | Path | None = None
+) -> Outcome[StiffnessResult]:
+    """Identify the normal contact law, Eq. (3), from a press recording.
+
+    Parameters
+    ----------
+    frame : DataFrame, pyarrow Table or mapping
+        Columns ``test``, ``temperature_degC`` (optional), ``time_s``, ``displacement_mm``,
+        ``force_N``.
+    config : Config, dict, path or None
+        Segment length, machine compliance, choice of cycles; None is the built-in 5PK rig.
+
+    Returns
+    -------
+    Outcome
+        ``.to_frame()`` has a row per temperature and a pooled one; ``.result.pooled.law`` is the
+        `NormalLaw`.
+
+    Raises
+    ------
+    InputError
+        If the recording cannot be used.
+    FitError
+        If it is no law with coefficients >= 0.
+    """
+    model = load_config(config)
+    return _outcome(columns_of(frame, "press", model), model, ())
+
+
+def _outcome(
+    columns: Mapping[str, np.ndarray], config: Config, notes: tuple[str, ...]
+) -> Outcome[StiffnessResult]:
+    press = config.press
+    result = identify(
+        columns,
+        StiffnessSettings(
+            segment_length_m=press.segment_length_cm / 100.0,
+            reference_temperature_degC=press.reference_temperature_degC,
+            machine_compliance_m_N=press.machine_compliance_mm_N / 1000.0,
+            cycles=press.cycles,
+        ),
+    )
+    effect = result.temperature
+    return Outcome(
+        kind=KIND,
+        columns=_columns((*result.laws, result.pooled)),
+        result=result,
+        validity={
+            "penetration_m": (0.0, result.pooled.max_penetration_m),
+            "force_N_m": (0.0, result.pooled.max_force_N_m),
+        },
+        set_aside=[{"test": test, "why": why} for test, why in result.set_aside],
+        extra={
+            "temperature": {
+                "f_statistic": effect.f_statistic,
+                "f_dof_between": effect.f_dof_between,
+                "f_dof_within": effect.f_dof_within,
+                "f_p_value": effect.f_p_value,
+                "matters": effect.matters,
+                "statement": effect.statement,
+            },
+            "n_effective": result.pooled.n_effective,
+            "n_missing": result.n_missing,
+            "n_spikes": result.n_spikes,
+        },
+        notes=(*notes, *result.notes),
+        warnings=tuple(f"test {test} set aside: {why}" for test, why in result.set_aside),
+    )
+
+
+def _columns(laws: tuple[LawEstimate, ...]) -> dict[str, np.ndarray]:
+    plain = (
+        "k_linear_N_m2",
+        "k_quadratic_N_m3",
+        "k_linear_se_N_m2",
+        "k_quadratic_se_N_m3",
+        "covariance",
+        "contact_offset_mm",
+        "rms_residual_N_m",
+        "hysteresis_ratio",
+        "max_penetration_m",
+        "max_force_N_m",
+        "n_samples",
+        "n_cycles",
+    )
+    at = [np.nan if law.temperature_degC is None else law.temperature_degC for law in laws]
+    return {
+        "temperature_degC": np.array(at, dtype=float),
+        **{name: np.array([getattr(law, name) for law in laws]) for name in plain},
+        "tests": np.array([", ".join(law.tests) for law in laws], dtype=object),
+        "notes": np.array(["; ".join(law.notes) or None for law in laws], dtype=object),
+    }
+
+
+def summarise(made: Made) -> Summary:
+    """Sum up a stiffness artifact."""
+    artifact = made.artifact
+    rows = rows_of(
+        artifact.columns,
+        "temperature_degC",
+        "k_linear_N_m2",
+        "k_linear_se_N_m2",
+        "k_quadratic_N_m3",
+        "k_quadratic_se_N_m3",
+        "contact_offset_mm",
+        "rms_residual_N_m",
+        "hysteresis_ratio",
+        "max_penetration_m",
+        "max_force_N_m",
+        "n_samples",
+        "tests",
+    )
+    pooled = next(row for row in rows if row["temperature_degC"] is None)
+    shown = ("k_linear_N_m2", "k_quadratic_N_m3", "hysteresis_ratio", "max_force_N_m")
+    overview = [
+        {
+            "temperature_degC": POOLED if row is pooled else row["temperature_degC"],
+            **{name: row[name] for name in shown},
+        }
+        for row in rows
+    ]
+    temperature = artifact.metadata.extra["temperature"]
+    return Summary(
+        stage="fit-stiffness",
+        title="normal contact law, force = k_linear * penetration + k_quadratic * penetration²",
+        out=artifact.path,
+        facts={
+            **{
+                name: pooled[name]
+                for name in (
+                    "k_linear_N_m2",
+                    "k_linear_se_N_m2",
+                    "k_quadratic_N_m3",
+                    "k_quadratic_se_N_m3",
+                )
+            },
+            "temperature_matters": temperature["matters"],
+        },
+        table=rows,
+        shown=tuple(name for name in pooled if name != "max_penetration_m"),
+        overview=overview,
+        notes=made.notes,
+        warnings=made.warnings,
+        up_to_date=made.up_to_date,
+    )

@@ -1,0 +1,188 @@
+"""Make an artifact, unless the one that stands there was made from the same inputs.
+
+An artifact is up to date if the hashes of its inputs, the values of all settings that matter and
+the version of the software are the same. Nothing that is not this artifact is ever replaced
+without being asked for.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from beltid._version import __version__
+from beltid.errors import ArtifactError, InputError
+from beltid.store.artifacts import Artifact, Metadata, plain, read_artifact, write_artifact
+from beltid.store.files import read_bytes
+from beltid.store.hashing import sha256
+
+if TYPE_CHECKING:
+    from beltid.config import ConfigSource
+    from beltid.stages.outcome import Outcome
+    from beltid.stages.talk import Options
+
+BUILT_IN: Final = "built-in 5PK rig"
+
+
+@dataclass(frozen=True, slots=True)
+class Recipe:
+    """What an artifact is made from.
+
+    Attributes
+    ----------
+    kind : str
+        Kind of the artifact.
+    source : ConfigSource
+        The config and where it came from.
+    keys : tuple of str
+        Sections or ``section.key`` of the config that matter for it.
+    inputs : mapping of str to Path
+        Files it is made from, by their role.
+    choices : dict
+        Settings of this call that are not in the config.
+    """
+
+    kind: str
+    source: ConfigSource
+    keys: tuple[str, ...]
+    inputs: Mapping[str, Path]
+    choices: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Every setting that matters, by its key, as JSON has it."""
+        values = self.source.config.model_dump(mode="json")
+        return {**{key: _value(values, key) for key in self.keys}, **plain(self.choices)}
+
+
+def _value(values: Mapping[str, Any], key: str) -> Any:
+    section, _, name = key.partition(".")
+    return plain(values[section][name] if name else values[section])
+
+
+@dataclass(frozen=True, slots=True)
+class Made:
+    """An artifact that stands on the disk.
+
+    Attributes
+    ----------
+    artifact : Artifact
+        As it was read back.
+    up_to_date : bool
+        Whether it had been made before from the same inputs.
+    """
+
+    artifact: Artifact
+    up_to_date: bool
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know."""
+        return tuple(self.artifact.metadata.extra.get("notes", ()))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the user should look into."""
+        return tuple(self.artifact.metadata.extra.get("warnings", ()))
+
+
+def make(recipe: Recipe, out: Path, options: Options, compute: Callable[[], Outcome[Any]]) -> Made:
+    """Make an artifact, or keep the one that is up to date.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        What it is made from.
+    out : Path
+        Where it is to stand.
+    options : Options
+        Force and listener.
+    compute : callable
+        Does the work; called only if it has to be done.
+
+    Raises
+    ------
+    InputError
+        If an input is missing, or `out` is an input or a file that must not be replaced.
+    """
+    hashes = {role: sha256(read_bytes(path)) for role, path in recipe.inputs.items()}
+    _refuse_inputs(out, recipe.inputs)
+    standing, obstacle = _standing(out, recipe.kind)
+    if obstacle and not options.force:
+        raise InputError(obstacle)
+    _refuse_unwritable(out)
+    if standing is not None and not options.force and _fresh(standing, recipe, hashes):
+        return Made(standing, up_to_date=True)
+    if standing is not None and not options.force:
+        options.talk.detail(f"{out}: made from other inputs or settings, made again")
+    outcome = compute()
+    write_artifact(out, recipe.kind, outcome.columns, _metadata(outcome, recipe, hashes))
+    return Made(read_artifact(out, recipe.kind), up_to_date=False)
+
+
+def _metadata(outcome: Outcome[Any], recipe: Recipe, hashes: dict[str, str]) -> Metadata:
+    path = recipe.source.path
+    return Metadata(
+        config_sha256=recipe.source.config.sha256,
+        inputs=hashes,
+        validity=outcome.validity,
+        set_aside=outcome.set_aside,
+        settings=recipe.settings,
+        extra={
+            **outcome.extra,
+            # the name without its folder: the same input gives the same bytes anywhere
+            "config": BUILT_IN if path is None else path.name,
+            "notes": list(outcome.notes),
+            "warnings": list(outcome.warnings),
+        },
+    )
+
+
+def _fresh(artifact: Artifact, recipe: Recipe, hashes: dict[str, str]) -> bool:
+    return (
+        artifact.software_version == __version__
+        and artifact.metadata.inputs == hashes
+        and artifact.metadata.settings == recipe.settings
+    )
+
+
+def _refuse_inputs(out: Path, inputs: Mapping[str, Path]) -> None:
+    for role, path in inputs.items():
+        if os.path.realpath(path) == os.path.realpath(out):
+            raise InputError(f"{out}: is the {role} input of this command, name another --out")
+
+
+def _standing(out: Path, kind: str) -> tuple[Artifact | None, str]:
+    """The artifact of this kind that stands at `out`, and what else stands there in the way."""
+    if not out.exists() or out.is_dir():
+        return None, ""
+    try:
+        return read_artifact(out, kind), ""
+    except ArtifactError:
+        pass
+    data = read_bytes(out, ArtifactError) if out.is_file() and out.stat().st_size else b""
+    found = re.search(rb'"kind":"([a-z]+)"', data) if b"beltid_sha256" in data else None
+    if found is not None and found[1].decode() == kind:
+        return None, ""  # damaged or of an old schema: only good to be replaced
+    what = f"a {found[1].decode()} artifact" if found else "a file that beltid did not write"
+    return None, (
+        f"{out}: is {what}, not replaced by a {kind} artifact; name another --out, "
+        "or replace it with --force"
+    )
+
+
+def _refuse_unwritable(out: Path) -> None:
+    """Say before the work, not after it, that the result cannot be kept."""
+    if out.is_dir():
+        raise ArtifactError(f"{out}: is a folder, name a file in it")
+    folder = out.parent
+    while not folder.exists() and folder != folder.parent:
+        folder = folder.parent
+    if not folder.is_dir():
+        raise ArtifactError(f"{out}: not written: {folder} is a file, not a folder")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise ArtifactError(f"{out}: not written: no permission to write in {folder}")

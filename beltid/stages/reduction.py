@@ -1,0 +1,49 @@
+"""Reduced runs as the columns of the friction table; the same for bench and simulated rig."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from beltid.identify.friction import FrictionSettings, RunReduction
+from beltid.store import schemas
+from beltid.store.tables import outside
+
+
+def friction_settings(values: Mapping[str, Any]) -> FrictionSettings:
+    """Settings of the reduction from a section ``friction`` of a config or of an artifact."""
+    known = {field.name for field in fields(FrictionSettings)}
+    return FrictionSettings(**{name: v for name, v in values.items() if name in known})
+
+
+def reduction_columns(reduced: Sequence[RunReduction]) -> dict[str, np.ndarray]:
+    """Columns of the friction table.
+
+    A run that was set aside keeps what was found; a number that the table does not admit (a
+    tension below zero) is left out of it.
+    """
+    columns: dict[str, np.ndarray] = {}
+    for column in schemas.table("friction").columns:
+        if column.name == "notes":
+            values = [_notes(r) for r in reduced]
+        else:
+            values = [getattr(r, column.name) for r in reduced]
+        if column.dtype == "string":
+            array = np.empty(len(values), dtype=object)
+            array[:] = values
+        else:
+            array = np.array(values, dtype=column.dtype)
+        if column.dtype == "float64":
+            array = np.where(np.isfinite(array) & ~outside(array, column), array, np.nan)
+        columns[column.name] = array
+    return columns
+
+
+def _notes(run: RunReduction) -> str | None:
+    notes = list(run.notes)
+    if run.mu_sticking_reason:
+        notes.append(f"no mu_sticking: {run.mu_sticking_reason}")
+    return "; ".join(notes) or None
