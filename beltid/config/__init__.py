@@ -9,11 +9,13 @@ Module           Responsibility
 ``messages``     words of the errors
 ``loading``      file or dict -> `Config`
 ``discovery``    which config belongs to a recording
+``writing``      `Config` -> YAML text
 ================ =========================================================
 """
 
 from beltid.config.discovery import ConfigSource, find_config
 from beltid.config.loading import load_config
 from beltid.config.model import Config
+from beltid.config.writing import config_text
 
-__all__ = ["Config", "ConfigSource", "find_config", "load_config"]
+__all__ = ["Config", "ConfigSource", "config_text", "find_config", "load_config"]

@@ -14,6 +14,8 @@ from beltid.config.model import Config
 from beltid.config.yaml_source import Source, parse, read_text
 from beltid.errors import ConfigError
 
+SHOWN = 40
+
 
 def load_config(source: str | Path | Mapping[str, Any] | Config | None = None) -> Config:
     """Load a config; what it leaves out is that of the built-in 5PK rig.
@@ -60,9 +62,10 @@ def _checked(source: Source) -> Config:
     try:
         config = Config.model_validate({**values, **empty_unknown})
     except ValidationError as error:
-        raise ConfigError([*source.problems, *problems_of(error, Config, source)]) from None
+        source.problems += problems_of(error, Config, source)
+        raise ConfigError(_first(source.problems)) from None
     if source.problems:
-        raise ConfigError(source.problems)
+        raise ConfigError(_first(source.problems))
     return config
 
 
@@ -87,3 +90,8 @@ def _short(path: Path) -> Path:
     """``configs/../rigdata`` as ``rigdata``, unless a symbolic link makes them differ."""
     short = os.path.normpath(path)
     return Path(short) if os.path.realpath(short) == os.path.realpath(path) else path
+
+
+def _first(problems: list[str]) -> list[str]:
+    more = len(problems) - SHOWN
+    return [*problems[:SHOWN], f"and {more} more"] if more > 0 else problems

@@ -142,8 +142,9 @@ def _compose(text: str, name: str) -> Any:
         raise ConfigError(
             f"{name}{line}: not valid YAML: a character that a text must not contain"
         ) from None
-    except (ValueError, RecursionError, AttributeError, TypeError, IndexError):
-        # ruamel.yaml lets these through on some malformed directives and escapes
+    except ConfigError:
+        raise
+    except Exception:  # ruamel.yaml lets nearly anything through on malformed directives, escapes
         raise ConfigError(f"{name}: not valid YAML") from None
 
 

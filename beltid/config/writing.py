@@ -1,0 +1,103 @@
+"""A config as YAML text that loads to the same config."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, get_args
+
+from beltid.config.fields import Checked, Choice, Count, Number, OnOff
+from beltid.config.model import Config, Section
+from beltid.config.yaml_source import scalar
+
+_COMMENT_COLUMN = 48
+
+
+def config_text(config: Config) -> str:
+    """YAML text of a config, every key with what it allows.
+
+    Sections that only name what differs (`columns`, `units`) are left out where they name nothing.
+
+    Parameters
+    ----------
+    config : Config
+        The config.
+
+    Returns
+    -------
+    str
+        Text that `load_config` reads back to an equal config.
+    """
+    lines: list[str] = []
+    for name in type(config).model_fields:
+        section: Section = getattr(config, name)
+        body = list(_lines(section, "  "))
+        if body:
+            lines += [f"{name}:", *body, ""]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _lines(section: Section, indent: str) -> Iterator[str]:
+    for name, field in type(section).model_fields.items():
+        value = getattr(section, name)
+        if isinstance(value, Section):
+            body = list(_lines(value, indent + "  "))
+            if body:
+                yield f"{indent}{name}:"
+                yield from body
+            continue
+        comment = _comment(field.annotation, field.metadata)
+        if value is None and not comment:
+            continue  # a name or unit that is not stated
+        text = f"{indent}{name}: {_value(value)}"
+        yield f"{text:<{_COMMENT_COLUMN}}  # {comment}" if comment else text
+
+
+def _comment(annotation: Any, metadata: list[Any]) -> str:
+    """What a key allows, from the very annotation that checks it."""
+    or_null = "null or " if type(None) in get_args(annotation) else ""
+    for check in _checks(annotation, metadata):
+        if isinstance(check, Number):
+            return or_null + check.interval
+        if isinstance(check, Count):
+            return f"{or_null}in [{check.low}, {check.high}]"
+        if isinstance(check, Choice):
+            return or_null + " | ".join(check.words)
+        if isinstance(check, OnOff):
+            return "true | false"
+    return ""
+
+
+def _checks(annotation: Any, metadata: Any = ()) -> Iterator[Checked]:
+    yield from (m for m in metadata if isinstance(m, Checked))
+    for part in get_args(annotation):
+        if isinstance(part, Checked):
+            yield part
+        else:
+            yield from _checks(part)
+
+
+def _value(value: Any) -> str:
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        text = repr(value)
+        # 1e-05 is a number in YAML 1.2 only; with a point every reader takes it as one
+        return text if "." in text else text.replace("e", ".0e")
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(_value(item) for item in value) + "]"
+    if isinstance(value, Path):
+        return _text(os.path.abspath(value))  # the text may be saved in any folder
+    if isinstance(value, str):
+        return _text(value)
+    return str(value)
+
+
+def _text(text: str) -> str:
+    simple = re.fullmatch(r"[A-Za-z0-9_./~][A-Za-z0-9_./ -]*[A-Za-z0-9_./-]|[A-Za-z]", text)
+    return text if simple and scalar(text) == text else json.dumps(text, ensure_ascii=False)
