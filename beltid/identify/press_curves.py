@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from beltid.errors import InputError
 from beltid.identify.least_squares import solve_least_squares
@@ -20,11 +21,13 @@ from beltid.identify.press_preparation import PressTest
 
 Array = NDArray[np.float64]
 
-CONTACT_SHARE = 0.02
+CONTACT_SHARE = 0.01
 """The fit begins where both branches carry this share of the largest force: below, ribs seat one
 by one and the belt may stick to the plate or stay compressed."""
 MIN_BRANCH_SAMPLES = 8
 """Fewest samples of a branch within the range of the fit."""
+END_MARGIN = 5.0
+"""Distance of the fit from the ends of a branch, in standard deviations of the travel's noise."""
 MAX_NODES = 120
 MIN_NODES = 6
 PLOT_POINTS = 120
@@ -146,10 +149,10 @@ def press_curve(test: PressTest, cycle: PressCycle, segment_length_m: float) -> 
     )
     noise = test.force_noise_N / segment_length_m
     threshold = max(CONTACT_SHARE * cycle.peak_force_N / segment_length_m, 6.0 * noise)
-    # samples near an end are picked by their own noise: keep clear of it
-    margin = 5.0 * test.position_noise_m
+    # samples near an end are picked by their own noise, and those of a dwell belong to no branch
+    margin = END_MARGIN * test.position_noise_m
     low = max(_contact_begin(b, threshold) for b in branches) + margin
-    high = min(float(np.max(x)) for _, x, _ in branches) - margin
+    high = min(_steady_max(x) for _, x, _ in branches) - margin
     counts = [int(np.count_nonzero((x >= low) & (x <= high))) for _, x, _ in branches]
     if min(counts) < MIN_BRANCH_SAMPLES:
         found = ", ".join(f"{n} {b[0]}" for n, b in zip(counts, branches, strict=True))
@@ -173,12 +176,17 @@ def press_curve(test: PressTest, cycle: PressCycle, segment_length_m: float) -> 
         branches=branches,
         fit_range_m=(low, high),
         touch_m=_contact_begin(branches[0], threshold),
-        top_position_m=max(float(np.max(x)) for _, x, _ in branches),
-        top_force_N_m=max(float(np.max(f)) for _, _, f in branches),
+        top_position_m=max(_steady_max(x) for _, x, _ in branches),
+        top_force_N_m=max(_steady_max(f) for _, _, f in branches),
         dissipated_J_m=dissipated,
         stored_J_m=stored,
         travel_sign=test.travel_sign,
     )
+
+
+def _steady_max(x: Array) -> float:
+    """Largest value that is no noise: of the running median over a few samples."""
+    return float(np.max(median_filter(x, size=min(5, x.size), mode="nearest")))
 
 
 def _contact_begin(branch: tuple[str, Array, Array], threshold: float) -> float:
@@ -190,7 +198,7 @@ def _contact_begin(branch: tuple[str, Array, Array], threshold: float) -> float:
     start = int(np.argmax(force))
     below = np.flatnonzero(force[start:] < threshold)
     if below.size == 0:
-        return float(np.min(position))
+        return -_steady_max(-position)
     return float(position[start + int(below[0])])
 
 

@@ -44,7 +44,7 @@ class PressTest:
     position_noise_m, force_noise_N : float
         Standard deviations of the white noise.
     free_travel : bool
-        Whether the test begins with travel before contact.
+        Whether the test begins with enough travel before contact to take a zero from.
     n_missing, n_spikes : int
         Samples left out.
     notes : tuple of str
@@ -95,9 +95,7 @@ def prepare_test(
         raise InputError(
             f"test {label}: {travel.size} usable samples, must be at least {MIN_SAMPLES}"
         )
-    spikes = spike_mask(travel, floor=SPIKE_SHARE * spread(travel)) | spike_mask(
-        force, floor=SPIKE_SHARE * spread(force)
-    )
+    spikes = _spikes(travel) | _spikes(force)
     travel, force = travel[~spikes], force[~spikes]
     force_sign, travel_sign = _signs(travel, force)
     travel, force = travel_sign * travel, force_sign * force
@@ -142,6 +140,12 @@ def _notes(label: str, missing: int, spikes: int, force: float, travel: float) -
     if travel < 0:
         notes.append(f"test {label}: compression recorded as negative travel, sign turned")
     return tuple(notes)
+
+
+def _spikes(x: Array) -> NDArray[np.bool_]:
+    """Spikes that could change the law: larger than a step from sample to sample, too."""
+    step = float(np.median(np.abs(np.diff(x))))
+    return spike_mask(x, floor=max(SPIKE_SHARE * spread(x), step))
 
 
 def spread(x: Array) -> float:

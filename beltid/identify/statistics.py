@@ -126,7 +126,7 @@ def local_reference(x: Array, half_width: int) -> Array:
     return reference
 
 
-def spike_mask(x: ArrayLike, threshold: float = 8.0, floor: float = 0.0) -> Mask:
+def spike_mask(x: ArrayLike, threshold: float = 12.0, floor: float = 0.0) -> Mask:
     """Mark missing samples and single spikes of a signal that ramps, turns and has kinks.
 
     A spike disagrees with everything around it: with the line through its neighbours and with the

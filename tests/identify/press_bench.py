@@ -1,0 +1,103 @@
+"""A synthetic press bench with a known law, for tests only."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+HYSTERESIS: dict[str, Callable[[np.ndarray, np.ndarray, float], np.ndarray]] = {
+    # half the distance of the branches [N] over share s of the deepest penetration, law f, top F
+    "none": lambda s, f, top: 0.0 * s,
+    "parabola": lambda s, f, top: 0.06 * top * 4.0 * s * (1.0 - s),
+    "sine": lambda s, f, top: 0.06 * top * np.sin(np.pi * s),
+    "skew": lambda s, f, top: 0.4 * top * s * (1.0 - s) ** 3,
+    "relative": lambda s, f, top: 0.12 * f,
+    "fading": lambda s, f, top: 0.15 * f * (1.0 - s),
+}
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Settings of the synthetic bench; SI, per metre of belt for the law."""
+
+    k_linear: float = 6.5e7
+    k_quadratic: float = 3.0256e11
+    length: float = 0.04
+    top_force: float = 1.0e4
+    speed: float = 1.7e-6
+    unloading_speed: float = 1.7e-6
+    dt: float = 0.1
+    toe: float = 2.0e-5
+    hysteresis: str = "parabola"
+    hysteresis_scale: float = 1.0
+    travel_noise: float = 2.0e-8
+    force_noise: float = 0.15
+    zero: float = 0.0
+    compliance: float = 0.0
+    cycles: int = 1
+    virgin: float = 0.0
+    dwell: float = 0.0
+    valley: float = 0.0
+    temperature_slope: float = 0.0
+    temperatures: Sequence[float] = field(default=(22.0, 40.0, 60.0, 80.0))
+    tests_per_temperature: int = 1
+
+    def force(self, delta: np.ndarray) -> np.ndarray:
+        """The true law [N/m]."""
+        d = np.maximum(delta, 0.0)
+        return self.k_linear * d + self.k_quadratic * d * d
+
+    @property
+    def top(self) -> float:
+        """Penetration under the largest force [m], from a bisection."""
+        low, high = 0.0, 1.0
+        for _ in range(200):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if self.force(middle) < self.top_force else (low, middle)
+        return low
+
+    def record(self, seed: int = 0) -> dict[str, np.ndarray]:
+        """Columns of a press recording."""
+        rng = np.random.default_rng(seed)
+        tests = [
+            self._test(rng, f"S{t:g}-{k}", t)
+            for t in self.temperatures
+            for k in range(self.tests_per_temperature)
+        ]
+        return {name: np.concatenate([t[name] for t in tests]) for name in tests[0]}
+
+    def _test(self, rng: np.random.Generator, label: str, temperature: float) -> dict:
+        top, contact = self.top, self.toe * (1.0 + 0.4 * rng.uniform(-1, 1))
+        path, side, stiffer = [], [], []
+        for cycle in range(self.cycles):
+            begin = -contact if cycle == 0 else self.valley * top
+            up = np.arange(begin, top, self.speed * self.dt)
+            end = (
+                -0.3 * contact
+                if cycle == self.cycles - 1 and not self.valley
+                else self.valley * top
+            )
+            down = np.arange(top, end, -self.unloading_speed * self.dt)
+            hold = np.full(int(self.dwell / self.dt), top)
+            path += [up, hold, down]
+            relaxing = np.linspace(1.0, -1.0, hold.size)
+            side += [np.ones(up.size), relaxing, -np.ones(down.size)]
+            stiffer += [np.full(up.size + hold.size + down.size, self.virgin * (cycle == 0))]
+        delta, branch = np.concatenate(path), np.concatenate(side)
+        law = self.force(delta) * self.length
+        gap = HYSTERESIS[self.hysteresis](
+            np.clip(delta / top, 0.0, 1.0), law, self.force(top) * self.length
+        )
+        factor = 1.0 + np.concatenate(stiffer) + self.temperature_slope * (temperature - 22.0)
+        force = factor * np.maximum(law + self.hysteresis_scale * branch * gap, 0.0)
+        travel = delta + contact + self.compliance * force
+        n = delta.size
+        return {
+            "test": np.full(n, label, dtype=object),
+            "temperature_degC": temperature + 0.3 * rng.normal(size=n),
+            "time_s": self.dt * np.arange(n),
+            "displacement_mm": 1e3 * (travel + self.travel_noise * rng.normal(size=n)),
+            "force_N": force + self.zero + self.force_noise * rng.normal(size=n),
+        }

@@ -1,0 +1,294 @@
+"""The normal law from press recordings against the laws that made them."""
+
+from __future__ import annotations
+
+import csv
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from beltid.errors import FitError, InputError
+from beltid.identify.stiffness import StiffnessSettings, fit_stiffness
+
+sys.path.insert(0, str(Path(__file__).parent))
+from press_bench import HYSTERESIS, Bench
+
+RIGDATA = Path(__file__).parents[2] / "rigdata"
+# rigdata/README.md: k_linear [N/m²], k_quadratic [N/m³], machine compliance [m/N]
+TRUTH = {
+    "4pk": (5.6e7, 2.20e11, 1.5e-8),
+    "5pk": (6.5e7, 3.0256e11, 0.0),
+    "6pk": (7.1e7, 3.90e11, 1.5e-8),
+}
+
+
+def load(belt: str) -> dict[str, np.ndarray]:
+    with (RIGDATA / belt / "press.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    return {
+        name: np.array([r[name] if name == "test" else float(r[name] or "nan") for r in rows])
+        for name in rows[0]
+    }
+
+
+def settings(bench: Bench, **changes: object) -> StiffnessSettings:
+    base = StiffnessSettings(bench.length, 22.0, bench.compliance)
+    return replace(base, **changes)
+
+
+def worst_force_error(estimate, k_linear: float, k_quadratic: float) -> float:
+    """Largest relative error of the force between 10 % and 100 % of the largest force."""
+    delta = np.linspace(0.0, 1.1 * estimate.max_penetration_m, 20001)
+    true = k_linear * delta + k_quadratic * delta**2
+    inside = (true >= 0.1 * estimate.max_force_N_m) & (true <= estimate.max_force_N_m)
+    found = estimate.k_linear_N_m2 * delta + estimate.k_quadratic_N_m3 * delta**2
+    return float(np.max(np.abs(found[inside] / true[inside] - 1.0)))
+
+
+@pytest.mark.parametrize("belt", TRUTH)
+def test_virtual_bench_gives_the_law_within_a_tenth_of_a_percent(belt):
+    k_linear, k_quadratic, compliance = TRUTH[belt]
+    result = fit_stiffness(load(belt), StiffnessSettings(0.04, 22.0, compliance))
+    assert worst_force_error(result.pooled, k_linear, k_quadratic) < 1e-3
+    assert [e.temperature_degC for e in result.laws] == [22.0, 40.0, 60.0, 80.0]
+    assert not result.temperature.matters
+    assert result.temperature.f_p_value > 0.01
+    assert result.pooled.temperature_degC is None
+    assert abs(result.pooled.k_linear_N_m2 - k_linear) < 3 * result.pooled.k_linear_se_N_m2
+    # the virtual belts were pressed to 100 N/cm
+    assert result.pooled.max_force_N_m == pytest.approx(1.0e4, rel=2e-3)
+
+
+def test_the_machine_compliance_cannot_be_left_out():
+    result = fit_stiffness(load("4pk"), StiffnessSettings(0.04))
+    assert worst_force_error(result.pooled, *TRUTH["4pk"][:2]) > 0.02
+
+
+def test_the_first_cycle_is_nine_percent_stiffer():
+    result = fit_stiffness(load("6pk"), StiffnessSettings(0.04, 22.0, 1.5e-8, "first"))
+    k_linear, k_quadratic, _ = TRUTH["6pk"]
+    assert worst_force_error(result.pooled, 1.09 * k_linear, 1.09 * k_quadratic) < 1e-3
+    assert any("3 cycles found, used: 1" in note for note in result.notes)
+
+
+@pytest.mark.parametrize("shape", HYSTERESIS)
+def test_the_middle_of_the_branches_is_found_for_any_shape_of_hysteresis(shape):
+    for scale in (1.0, 3.0):
+        bench = Bench(hysteresis=shape, hysteresis_scale=scale)
+        result = fit_stiffness(bench.record(1), settings(bench))
+        assert worst_force_error(result.pooled, bench.k_linear, bench.k_quadratic) < 6e-4
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"k_linear": 1.0e8, "k_quadratic": 0.0},
+        {"k_linear": 9.0e7, "k_quadratic": 1.0e10},
+        {"k_linear": 3.0e7, "k_quadratic": 6.0e11},
+        {"length": 0.10},
+        {"unloading_speed": 5.0e-6},
+        {"unloading_speed": 0.5e-6},
+        {"dwell": 10.0},
+        {"dwell": 10.0, "hysteresis": "relative"},
+        {"cycles": 3, "virgin": 0.09, "valley": 0.1, "compliance": 3.0e-8},
+        {"toe": 0.0},
+        {"zero": 30.0},
+        {"dt": 1.0},
+    ],
+    ids=str,
+)
+def test_other_belts_and_other_ways_to_drive_the_press(change):
+    bench = Bench(**change)
+    result = fit_stiffness(bench.record(2), settings(bench))
+    assert worst_force_error(result.pooled, bench.k_linear, bench.k_quadratic) < 1e-3
+
+
+@pytest.mark.parametrize(
+    "change", [{"travel_noise": 1.0e-6}, {"force_noise": 2.0}, {"k_linear": 5e6}], ids=str
+)
+def test_noise_widens_the_errors_but_does_not_shift_the_law(change):
+    bench = Bench(**change)
+    pulls = []
+    for seed in range(8):
+        law = fit_stiffness(bench.record(seed), settings(bench)).pooled
+        pulls += [(law.k_linear_N_m2 - bench.k_linear) / law.k_linear_se_N_m2]
+    # mean of 8 standard normals: 0.35; their root mean square: 1 ± 0.25
+    assert abs(np.mean(pulls)) < 1.2
+    assert 0.4 < np.sqrt(np.mean(np.square(pulls))) < 1.9
+
+
+def test_exact_recordings_give_the_exact_law_and_contact_point():
+    bench = Bench(hysteresis="none", travel_noise=0.0, force_noise=0.0, temperatures=(22.0,))
+    columns = bench.record(3)
+    pooled = fit_stiffness(columns, settings(bench)).pooled
+    assert pooled.k_linear_N_m2 == pytest.approx(bench.k_linear, rel=1e-8)
+    assert pooled.k_quadratic_N_m3 == pytest.approx(bench.k_quadratic, rel=1e-8)
+    contact = np.max(columns["displacement_mm"]) - 1e3 * bench.top
+    # the last sample before the reversal lies up to a step of 0.17 µm below the top
+    assert pooled.contact_offset_mm == pytest.approx(contact, abs=1.8e-4)
+
+
+def test_hysteresis_ratio_is_the_area_of_the_loop():
+    bench = Bench(dt=0.02, temperatures=(22.0,))
+    pooled = fit_stiffness(bench.record(4), settings(bench)).pooled
+    s = np.linspace(0.0, 1.0, 100001)
+    gap = HYSTERESIS["parabola"](s, s, bench.top_force)
+    work = np.trapezoid(bench.force(s * bench.top) + gap, s)
+    assert pooled.hysteresis_ratio == pytest.approx(np.trapezoid(2 * gap, s) / work, rel=3e-3)
+
+
+def test_covariance_and_standard_errors_agree():
+    bench = Bench()
+    for law in (*(r := fit_stiffness(bench.record(5), settings(bench))).laws, r.pooled):
+        cov = np.reshape(law.covariance, (2, 2))
+        assert np.sqrt(np.diag(cov)) == pytest.approx(
+            [law.k_linear_se_N_m2, law.k_quadratic_se_N_m3]
+        )
+        assert -1.0 < cov[0, 1] / np.sqrt(cov[0, 0] * cov[1, 1]) < 0.0
+        assert law.law.force(0.0) == 0.0
+
+
+def test_a_temperature_effect_is_seen_and_the_pooled_law_is_that_of_the_reference():
+    bench = Bench(temperature_slope=-0.002)
+    result = fit_stiffness(bench.record(6), settings(bench, reference_temperature_degC=38.0))
+    assert result.temperature.matters
+    assert result.temperature.f_p_value < 1e-6
+    factor = 1.0 - 0.002 * 18.0
+    assert (
+        worst_force_error(result.pooled, factor * bench.k_linear, factor * bench.k_quadratic) < 1e-3
+    )
+    assert any("40 °C alone" in note for note in result.notes)
+
+
+def test_scatter_between_tests_is_the_yardstick_for_temperatures():
+    bench = Bench(tests_per_temperature=3)
+    columns = bench.record(7)
+    rng = np.random.default_rng(8)
+    for label in np.unique(columns["test"]):  # segments differ by 2 %, temperatures do not
+        columns["force_N"][columns["test"] == label] *= 1.0 + 0.02 * rng.normal()
+    result = fit_stiffness(columns, settings(bench))
+    assert not result.temperature.matters
+    assert "scatter of tests" in result.temperature.statement
+    assert abs(result.pooled.k_linear_N_m2 / bench.k_linear - 1.0) < 0.02
+    assert result.pooled.k_linear_se_N_m2 > 0.002 * bench.k_linear
+
+
+def test_gaps_spikes_and_signs_are_handled_and_counted():
+    bench = Bench(temperatures=(22.0,))
+    clean = bench.record(9)
+    dirty = {name: values.copy() for name, values in clean.items()}
+    n = dirty["force_N"].size
+    for i in (n // 3, n // 2, 2 * n // 3):
+        dirty["force_N"][i] += 80.0
+    dirty["displacement_mm"][n // 4] += 0.03
+    dirty["force_N"][n // 5 : n // 5 + 7] = np.nan
+    dirty["force_N"] *= -1.0
+    dirty["displacement_mm"] *= -1.0
+    expected = fit_stiffness(clean, settings(bench))
+    result = fit_stiffness(dirty, settings(bench))
+    assert (result.n_missing, result.n_spikes) == (7, 4)
+    assert worst_force_error(result.pooled, bench.k_linear, bench.k_quadratic) < 1e-3
+    assert result.pooled.contact_offset_mm == pytest.approx(
+        -expected.pooled.contact_offset_mm, abs=5e-5
+    )
+    assert any("negative force" in note for note in result.notes)
+    assert any("negative travel" in note for note in result.notes)
+
+
+def test_without_temperatures_there_is_one_pooled_law():
+    bench = Bench()
+    columns = bench.record(10)
+    del columns["temperature_degC"]
+    result = fit_stiffness(columns, settings(bench))
+    assert result.laws == ()
+    assert result.pooled.n_cycles == 4
+    assert worst_force_error(result.pooled, bench.k_linear, bench.k_quadratic) < 1e-3
+    assert np.isnan(result.temperature.f_p_value)
+
+
+def test_a_belt_that_is_never_unloaded_gives_the_loading_branch_and_a_note():
+    bench = Bench(temperatures=(22.0,), hysteresis="none")
+    columns = bench.record(11)
+    keep = np.arange(columns["force_N"].size) <= np.argmax(columns["force_N"])
+    result = fit_stiffness({k: v[keep] for k, v in columns.items()}, settings(bench))
+    assert worst_force_error(result.pooled, bench.k_linear, bench.k_quadratic) < 1e-3
+    assert np.isnan(result.pooled.hysteresis_ratio)
+    assert any("never unloaded" in note for note in result.notes)
+
+
+def test_an_aborted_last_cycle_is_passed_over():
+    bench = Bench(temperatures=(22.0,), cycles=3, virgin=0.09)
+    columns = bench.record(12)
+    keep = np.arange(columns["force_N"].size) < 0.82 * columns["force_N"].size
+    result = fit_stiffness({k: v[keep] for k, v in columns.items()}, settings(bench))
+    assert any("cycle 2 used in its place" in note for note in result.notes)
+    assert worst_force_error(result.pooled, bench.k_linear, bench.k_quadratic) < 1e-3
+
+
+def test_a_linear_law_is_legitimate_and_said_to_be_so():
+    bench = Bench(k_linear=1.0e8, k_quadratic=0.0)
+    for seed in range(6):
+        result = fit_stiffness(bench.record(seed), settings(bench))
+        if result.pooled.k_quadratic_N_m3 == 0.0:
+            assert any("a linear law was fitted" in note for note in result.notes)
+            assert result.pooled.k_linear_N_m2 == pytest.approx(1.0e8, rel=5e-4)
+            return
+    pytest.fail("k_quadratic never came out negative in six recordings of a linear law")
+
+
+def test_a_softening_curve_is_refused_with_its_numbers():
+    bench = Bench(k_linear=1.6e8, k_quadratic=-4.0e11, temperatures=(22.0,))
+    bench = replace(bench, top_force=1.2e4)
+    with pytest.raises(FitError, match=r"k_quadratic = -\d.*must be >= 0"):
+        fit_stiffness(bench.record(13), settings(bench))
+
+
+def test_recordings_that_cannot_be_used_are_refused_all_at_once():
+    bench = Bench()
+    columns = bench.record(14)
+    first = columns["test"] == "S22-0"
+    columns["force_N"][first] = np.random.default_rng(1).normal(size=first.sum())
+    second = columns["test"] == "S40-0"
+    columns["displacement_mm"][np.flatnonzero(second)[10:]] = np.nan
+    result = fit_stiffness(columns, settings(bench))
+    assert [label for label, _ in result.set_aside] == ["S22-0", "S40-0"]
+    assert "no contact found" in result.set_aside[0][1]
+    assert "must be at least 20" in result.set_aside[1][1]
+    assert worst_force_error(result.pooled, bench.k_linear, bench.k_quadratic) < 1e-3
+    bad = first | second
+    with pytest.raises(InputError) as error:
+        fit_stiffness({k: v[bad] for k, v in columns.items()}, settings(bench))
+    assert len(error.value.problems) == 2
+
+
+def test_missing_columns_and_wrong_settings_name_every_problem():
+    with pytest.raises(InputError) as error:
+        fit_stiffness({"test": np.array(["a"])}, StiffnessSettings(0.04))
+    assert len(error.value.problems) == 3
+    with pytest.raises(InputError) as error:
+        StiffnessSettings(0.0, 22.0, -1.0, "middle")  # type: ignore[arg-type]
+    assert [p.split(" = ")[0] for p in error.value.problems] == [
+        "press.segment_length_m",
+        "press.machine_compliance_m_N",
+        "press.cycles",
+    ]
+
+
+def test_a_compliance_larger_than_the_travel_is_refused():
+    bench = Bench(temperatures=(22.0,))
+    with pytest.raises(InputError, match="machine compliance"):
+        fit_stiffness(bench.record(15), settings(bench, machine_compliance_m_N=1.0e-6))
+
+
+def test_branches_for_figures_start_at_the_contact_point():
+    bench = Bench(temperatures=(22.0,))
+    result = fit_stiffness(bench.record(16), settings(bench))
+    assert [b.branch for b in result.branches] == ["loading", "unloading"]
+    for branch in result.branches:
+        assert branch.penetration_m.size <= 130
+        gap = branch.penetration_m < -1e-6
+        assert np.max(np.abs(branch.line_force_N_m[gap])) < 5.0
+        assert branch.penetration_m.max() == pytest.approx(bench.top, rel=0.01)
