@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import qr, solve_triangular
 
 from beltid.errors import FitError, InputError
 
@@ -100,7 +99,7 @@ def solve_least_squares(design: ArrayLike, observed: ArrayLike) -> LinearFit:
     scale = np.where(usable, scale, 1.0)
     scale = scale * np.linalg.norm(A / scale, axis=0)
     scale = np.where(usable, scale, 1.0)
-    Q, R = qr(A / scale, mode="economic", check_finite=False)
+    Q, R = np.linalg.qr(A / scale)
     pivots = np.abs(np.diag(R))
     limit = max(A.shape) * np.finfo(float).eps * pivots.max()
     if not usable.all() or pivots.min() <= limit:
@@ -108,7 +107,15 @@ def solve_least_squares(design: ArrayLike, observed: ArrayLike) -> LinearFit:
             f"least squares: {A.shape[1]} coefficients, but the columns are linearly dependent; "
             "the observations do not determine them"
         )
-    x = solve_triangular(R, Q.T @ b) / scale
-    x = x + solve_triangular(R, Q.T @ (b - A @ x)) / scale
-    R_inverse = solve_triangular(R, np.eye(R.shape[0])) / scale[:, None]
+    x = _back_substitute(R, Q.T @ b) / scale
+    x = x + _back_substitute(R, Q.T @ (b - A @ x)) / scale
+    R_inverse = _back_substitute(R, np.eye(R.shape[0])) / scale[:, None]
     return LinearFit(x, R_inverse @ R_inverse.T, b - A @ x)
+
+
+def _back_substitute(R: Array, right: Array) -> Array:
+    """Solve ``R x = right`` for upper triangular R; the libraries' threads cost more than this."""
+    x = np.array(right, dtype=float)
+    for i in range(R.shape[0] - 1, -1, -1):
+        x[i] = (x[i] - R[i, i + 1 :] @ x[i + 1 :]) / R[i, i]
+    return x

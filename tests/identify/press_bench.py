@@ -52,7 +52,7 @@ class Bench:
     @property
     def top(self) -> float:
         """Penetration under the largest force [m], from a bisection."""
-        low, high = 0.0, 1.0
+        low, high = 0.0, 2.0e-4
         for _ in range(200):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if self.force(middle) < self.top_force else (low, middle)
