@@ -214,8 +214,10 @@ class _Walk:
         source, mark = self.source, node.start_mark
         source.places[path] = Place(mark.line + 1, mark.column + 1)
         self.count += 1
-        if self.count > MAX_VALUES or id(node) in self.open or len(path) > MAX_DEPTH:
-            raise ConfigError(source.prefix(path) + "an alias (*) repeats too much or itself")
+        if id(node) in self.open or len(path) > MAX_DEPTH:
+            raise ConfigError(source.prefix(path) + "an alias (*) repeats itself")
+        if self.count > MAX_VALUES:
+            raise ConfigError(source.prefix(path) + "too many values, this is not a config")
         if not re.fullmatch(r"tag:yaml\.org,2002:[a-z]+", str(node.tag)):
             source.problems.append(
                 f"{source.prefix(path)}{format_path(path)} has a tag ({node.tag}), "
