@@ -170,7 +170,7 @@ def _header_start(text: str, name: str, skip: int, notes: list[str]) -> tuple[in
     while start < len(text):
         row = text[start : _line_end(text, start)].strip()
         comment = row.startswith("#")
-        if line > skip and re.fullmatch(r"sep=.", row):  # what Excel puts before the header
+        if line > skip and re.fullmatch(r"sep=.?", row):  # what Excel puts before the header
             start, line = _line_end(text, start) + 1, line + 1
             continue
         if line > skip and row and not comment:

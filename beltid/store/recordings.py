@@ -13,7 +13,7 @@ import numpy as np
 from beltid.errors import InputError
 from beltid.store import schemas
 from beltid.store.checks import Checker
-from beltid.store.csv_reader import Wanted, read_rows
+from beltid.store.csv_reader import Wanted, is_number, read_rows
 from beltid.store.dialect import Layout, ReadOptions, decode, header_further_down, layout
 from beltid.store.files import read_bytes, unpacked
 from beltid.store.frames import columns_of_frame
@@ -219,20 +219,24 @@ def _completed(
 def _hint_units_row(
     found: Layout, wanted: Mapping[str, Wanted], name: str, problems: Problems
 ) -> None:
-    """Say it when the first row holds no number at all: most likely the row of units."""
-    first = found.body.split("\n", 1)[0].split(found.separator)
+    """Say it first when the first row holds no number: most likely it is the row of units."""
+    first = found.body.lstrip("\n").split("\n", 1)[0].split(found.separator)
     cells = [
-        first[w.index].strip() for w in wanted.values() if not w.is_text and w.index < len(first)
+        first[w.index].strip(' "')
+        for w in wanted.values()
+        if not w.is_text and w.index < len(first)
     ]
-    if (
-        cells
-        and not found.unit_cells
-        and not any(c[:1].isdigit() or c[:1] in "-+." for c in cells if c)
-    ):
-        problems.add(
+    if found.unit_cells or not any(cells) or any(is_number(c) for c in cells):
+        return
+    problems.found.insert(
+        0,
+        (
+            -1,
             f"{name}:{found.first_line}: holds no number; "
-            "if it is a row of units, set dialect: {units_row: true}"
-        )
+            "if it is a row of units, set dialect: {units_row: true}",
+        ),
+    )
+    problems.count += 1
 
 
 def _from_parquet(
