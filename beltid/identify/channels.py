@@ -95,16 +95,18 @@ def _tension(
     low, high = float(np.min(clean[present])), float(np.max(clean[present]))
     if low == high:
         raise SetAsideError(f"{name} is dead: {low:g} N throughout")
-    positive = present & (np.where(present, clean, 1.0) > 0.0)
-    if np.count_nonzero(positive) < (1.0 - limit) * n:
-        bad = n - np.count_nonzero(positive)
+    positive = np.count_nonzero(clean[present] > 0.0)
+    if positive < (1.0 - limit) * n:
         raise SetAsideError(
-            f"{name} is not positive in {100 * bad / n:.3g} % of the samples, "
+            f"{name} is not positive in {100 * (n - positive) / n:.3g} % of the samples, "
             f"allowed is {100 * limit:g} %"
         )
-    clean[~positive] = np.nan
+    # an exact zero is a lost reading; a negative one may be the noise of a nearly slack span, and
+    # leaving those out would bias the mean
+    present &= clean != 0.0
+    clean[~present] = np.nan
     spikes = np.zeros(n, dtype=bool)
-    spikes[positive] = spike_mask(clean[positive], settings.spike_threshold)
+    spikes[present] = spike_mask(clean[present], settings.spike_threshold)
     clean[spikes] = np.nan
     return clean, spikes
 
@@ -128,8 +130,11 @@ def _missing_rows(t: Array) -> int:
     return int(np.sum(np.maximum(np.rint(step / typical) - 1.0, 0.0)))
 
 
-def check_cells(channels: Channels, first: int, sliding: slice) -> None:
+def check_cells(channels: Channels, first: int, sliding: slice, tension_N: float) -> None:
     """Refuse a cell that does not answer the rotation or is saturated while the belt slides.
+
+    The ends of the belt are held: if one tension changes by a good part of the initial one
+    (`tension_N`), so does the other.
 
     Raises
     ------
@@ -145,7 +150,8 @@ def check_cells(channels: Channels, first: int, sliding: slice) -> None:
         if reason:
             raise SetAsideError(f"tension_{name}_N is saturated: {reason}")
     for name, other in (("tight", "slack"), ("slack", "tight")):
-        if change[name] < LEAST_ANSWER * change[other]:
+        answered = change[name] >= LEAST_ANSWER * change[other]
+        if not answered and change[other] > 0.2 * tension_N:
             raise SetAsideError(
                 f"tension_{name}_N is dead: it changes by {change[name]:.3g} N while "
                 f"the other cell changes by {change[other]:.3g} N"

@@ -270,7 +270,8 @@ def _sliding_phase(channels: Channels, rotation: Rotation) -> tuple[Array, Array
     n = t.size
     if n - first < 8:
         raise SetAsideError(f"too short: {n - first} usable samples while the pulley turns")
-    check_cells(channels, rotation.first, slice((rotation.first + rotation.end) // 2, rotation.end))
+    second_half = slice((rotation.first + rotation.end) // 2, rotation.end)
+    check_cells(channels, rotation.first, second_half, median(tensions[:first, 1]))
     settled = median(difference[(first + n) // 2 :])
     at_rest = median(difference[:first])
     least = 6.0 * difference_sigma(difference) / np.sqrt(0.5 * (n - first))

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.identify.plateau import Plateau, channel_noise
-from beltid.identify.signal import block_means
-from beltid.identify.sliding import SlidingFit, fit_sliding
+from beltid.identify.sliding import SlidingFit
 
 Array = NDArray[np.float64]
 
@@ -58,51 +57,53 @@ def sticking_peak(
     max_error : float
         Largest standard error of the peak, relative to ln(T_tight/T_slack), that still resolves it.
     """
-    if not plateau.from_start:
-        return unresolved("the tensions do not decay exponentially from the peak")
     fit = plateau.fit
     if not np.isfinite(fit.tau):
         return unresolved("no peak stands out of the plateau")
+    if not plateau.from_start:
+        return unresolved("the tensions do not decay exponentially from the peak")
     if float(fit.tail_at(float(t[slide]))) <= 0.0:
         return unresolved("the tensions approach the plateau from below: no peak")
     noise = channel_noise(tensions[slide:])
-    join = _joins_model(t, tensions, slice(first, slide), fit, noise)
-    if join < slide:
-        thin = block_means(np.column_stack([t, tensions])[join:])
-        values = thin[:, 1:]
-        refitted = fit_sliding(
-            thin[:, 0], values, channel_noise(values), drift=bool(np.any(fit.drift))
-        )
-        if np.isfinite(refitted.tau) and refitted.log_ratio > 0.0:
-            fit = refitted
-            join = _joins_model(t, tensions, slice(first, slide), fit, noise)
-    if join > first and not _lies_below(t[join - 1], tensions[join - 1], fit):
-        return unresolved("the tensions do not decay exponentially from the peak")
-    return _judged(t, join, first, fit, max_error)
-
-
-def _joins_model(t: Array, tensions: Array, stretch: slice, fit: SlidingFit, noise: Array) -> int:
-    """Index of the first sample of the unbroken end of `stretch` that the model describes."""
-    model = fit.levels + fit.tail * fit.decay(t[stretch])[:, None]
     # the ripple is only known from the fitted samples on: allow for its amplitude
     limit = 3.0 * noise + fit.ripple_N
+    join = _joins_model(t, tensions, slice(first, slide), fit, limit)
+    if join > first and not _lies_below(t[join - 1], tensions[join - 1], fit):
+        return unresolved("the tensions do not decay exponentially from the peak")
+    travelled = float(t[join] - t[max(first - 1, 0)])
+    climbed = np.abs(fit.levels + fit.tail - np.mean(tensions[:first], axis=0))
+    margin_s = travelled * float(np.min(limit / np.maximum(climbed, limit)))
+    return _judged(t, join, first, fit, margin_s, max_error)
+
+
+def _joins_model(t: Array, tensions: Array, stretch: slice, fit: SlidingFit, limit: Array) -> int:
+    """Index of the first sample of the unbroken end of `stretch` that the model describes."""
+    model = fit.levels + fit.tail * fit.decay(t[stretch])[:, None]
     off = np.flatnonzero(np.any(np.abs(tensions[stretch] - model) > limit, axis=1))
     return int(stretch.start) + (int(off[-1]) + 1 if off.size else 0)
 
 
 def _lies_below(t: float, tensions: Array, fit: SlidingFit) -> bool:
     """Whether a sample is on the build-up, below the tail of the peak."""
+    if not np.all(tensions > 0.0):
+        return bool(tensions[0] < tensions[1])
     return float(np.log(tensions[0] / tensions[1])) < fit.log_ratio + float(fit.tail_at(t))
 
 
-def _judged(t: Array, join: int, first: int, fit: SlidingFit, max_error: float) -> StickingPeak:
-    """Peak between the last sample of the build-up and the first one on the tail."""
+def _judged(
+    t: Array, join: int, first: int, fit: SlidingFit, margin_s: float, max_error: float
+) -> StickingPeak:
+    """Peak between the last sample of the build-up and the first one on the tail.
+
+    Noise may hide the end of the build-up in the tail: the moment is uncertain by `margin_s`, too.
+    """
     before = float(t[max(join - 1, 0)])
-    bracket = np.array([before, float(t[join])])
-    moment = float(np.mean(bracket))
-    values = fit.log_ratio + np.asarray(fit.tail_at(bracket))
+    moment = 0.5 * (before + float(t[join]))
     peak = fit.log_ratio + float(fit.tail_at(moment))
-    timing = abs(float(values[0] - values[1])) / np.sqrt(12.0)
+    rate = abs(float(fit.tail_at(before) - fit.tail_at(float(t[join])))) / max(
+        float(t[join]) - before, 1e-12
+    )
+    timing = rate * np.hypot(float(t[join]) - before, margin_s) / np.sqrt(12.0)
     se = float(np.hypot(timing, fit.start_log_ratio_se))
     if join - first < 1:
         return unresolved("no sample lies on the build-up", moment)

@@ -16,15 +16,24 @@ from beltid.identify.signal import (
     robust_sigma,
 )
 from beltid.identify.sliding import SlidingFit, fit_sliding, plausible_samples
-from beltid.identify.statistics import integrated_autocorrelation_time
 from beltid.identify.steady_window import steady_window
 
 Array = NDArray[np.float64]
 
 LATER_STARTS = (0.0, 0.12, 0.25, 0.4, 0.55)
 """Starts of the fit over the length of the sliding phase, tried until the model fits."""
-ADEQUATE = 3.5
-"""Largest misfit (see `_misfit`) of an adequate model."""
+ADEQUATE = 6.0
+"""Largest misfit (see `_misfit`) of an adequate model: the 99th percentile of F(8, 8)."""
+TAIL_AT_END = 2.0
+"""Largest tail at the end of the record, in units of the tolerance: the fit takes it off."""
+SCREENED_DRIFT = 3.0
+"""Score from which on a fit with a drift is tried."""
+SIGNIFICANT_DRIFT = 14.0
+"""Least gain of a drift in sums of squared noise (chi-square, two degrees of freedom: 1e-3)."""
+VISIBLE_DRIFT = 1.0e-3
+"""Least relative change of ln(T_tight/T_slack) by a drift that is fitted."""
+HIDDEN_TAIL_START = 0.25
+"""Part of the sliding phase left out where noise may hide a tail."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +66,7 @@ class Plateau:
     tail_part: float
     """Relative part of the tail in ln(T_tight/T_slack) where the steady window starts [-]."""
     drift: float
-    """Relative change of ln(T_tight/T_slack) by drift over the fitted record [-]."""
+    """Relative change of ln(T_tight/T_slack) by drift over the sliding phase [-]."""
 
 
 def settle(t: Array, tensions: Array, criteria: PlateauCriteria) -> Plateau:
@@ -97,7 +106,8 @@ def settle(t: Array, tensions: Array, criteria: PlateauCriteria) -> Plateau:
     rejected[near] = False
     fitted = near[start * per_block :]
     rejected[fitted[~np.repeat(fit.used, per_block)[: fitted.size]]] = True
-    return _judged(time, fit, start_s, rejected, criteria, from_start=start == 0)
+    whole = float(t[-1] - t[0])
+    return _judged(time, fit, start_s, rejected, criteria, whole)
 
 
 def channel_noise(tensions: Array) -> Array:
@@ -134,7 +144,7 @@ def _adequate_fit(t: Array, tensions: Array, sigma: Array, fewest: int) -> tuple
     """Fit from the earliest start from which one exponential tail describes the record.
 
     The tail of a real peak need not be one exponential from its very start. If no start is
-    adequate (noise with a memory), the one with the least misfit is taken.
+    adequate, the one with the least misfit is taken.
     """
     best: tuple[float, SlidingFit, int] | None = None
     for fraction in LATER_STARTS:
@@ -148,19 +158,28 @@ def _adequate_fit(t: Array, tensions: Array, sigma: Array, fewest: int) -> tuple
         if misfit < ADEQUATE:
             break
     assert best is not None  # the first start always has enough samples
-    return best[1], best[2]
+    _, fit, start = best
+    hidden = int(HIDDEN_TAIL_START * t.size)
+    unseen = not np.isfinite(fit.tau) and fit.log_ratio_se > 5e-4 * abs(fit.log_ratio)
+    if unseen and start < hidden and t.size - hidden >= fewest:
+        return fit_sliding(t[hidden:], tensions[hidden:], sigma), hidden
+    return fit, start
 
 
 def _misfit(fit: SlidingFit) -> float:
-    """Variance of the block means of the residual over what white noise gives (about 1)."""
+    """Variance of the block means of the residual in the first half over that in the second.
+
+    A tail of another shape shows early, while noise with a memory is the same throughout.
+    """
     series = _log_residual(fit)[fit.used]
-    blocks = min(8, series.size // 4)
-    if blocks < 2:
+    blocks = 2 * min(8, series.size // 8)
+    if blocks < 4:
         return 0.0
     size = series.size // blocks
-    means = np.mean(series[: size * blocks].reshape(blocks, size), axis=1)
-    sigma = max(difference_sigma(series), 2.0 * NOISE_FLOOR)
-    return float(np.mean(means**2)) * size / sigma**2
+    means = np.mean(series[-size * blocks :].reshape(blocks, size), axis=1)
+    white = max(difference_sigma(series), 2.0 * NOISE_FLOOR) ** 2 / size
+    early, late = np.mean(means.reshape(2, -1) ** 2, axis=1)
+    return float(early / max(late, white))
 
 
 def _log_residual(fit: SlidingFit) -> Array:
@@ -174,19 +193,22 @@ def _with_drift_if_called_for(
     """The fit itself, or one with a drift if the record shows one."""
     if t.size < 16 or not np.all(fit.levels > 0.0):
         return fit
-    series = _log_residual(fit)[fit.used]
-    time = t[fit.used] - np.mean(t[fit.used])
-    power = float(np.sum(time**2))
-    slope = float(time @ series) / power
-    spread = max(float(np.std(series)), NOISE_FLOOR)
-    se = spread * np.sqrt(integrated_autocorrelation_time(series) / power)
-    length = float(t[-1] - t[0])
-    visible = abs(slope) * length > 1e-3 * abs(fit.log_ratio)
-    if not fit.tau_at_bound and not (visible and abs(slope) > 4.0 * se):
+    if not (fit.tau_at_bound or abs(fit.drift_score) > SCREENED_DRIFT):
         return fit
     other = fit_sliding(t, tensions, sigma, drift=True)
-    misfits = [float(np.sum((f.residual[f.used] / sigma) ** 2)) for f in (fit, other)]
-    return other if misfits[1] < misfits[0] else fit
+    if not np.all(other.levels > 0.0):
+        return fit
+    both = fit.used & other.used
+    plain, drifting = (float(np.sum((f.residual[both] / sigma) ** 2)) for f in (fit, other))
+    if fit.tau_at_bound:
+        return other if drifting < plain else fit
+    rate = float(other.drift[0] / other.levels[0] - other.drift[1] / other.levels[1])
+    if abs(rate) * float(t[-1] - t[0]) < VISIBLE_DRIFT * abs(other.log_ratio):
+        return fit
+    # judged by the residual that the drift leaves: without it the drift itself looks like noise
+    # with a long memory
+    unit = drifting / (2.0 * np.count_nonzero(both)) * other.correlation_time
+    return other if plain - drifting > SIGNIFICANT_DRIFT * unit else fit
 
 
 def _without_ripple(tensions: Array, fit: SlidingFit) -> Array:
@@ -219,20 +241,23 @@ def _judged(
     start_s: float,
     rejected: NDArray[np.bool_],
     criteria: PlateauCriteria,
-    *,
-    from_start: bool,
+    whole: float,
 ) -> Plateau:
-    """Levels of the plateau, or the reason why they are not to be trusted."""
+    """Levels of the plateau, or the reason why they are not to be trusted.
+
+    `whole` is the length of the sliding phase, also where the fit starts later [s].
+    """
     end = float(t[-1])
     tail_end = float(fit.tail_at(end)) / fit.log_ratio
-    if not abs(tail_end) < criteria.steady_tolerance:
+    allowed = TAIL_AT_END * criteria.steady_tolerance
+    if not abs(tail_end) < allowed:
         direction = "falls" if tail_end > 0.0 else "rises"
         raise SetAsideError(
             f"never settles: mu still {direction} at the end, {100 * abs(tail_end):.2g} % away "
-            f"from its plateau, allowed is {100 * criteria.steady_tolerance:g} %"
+            f"from its plateau, allowed is {100 * allowed:g} %"
         )
     rate = float(fit.drift[0] / fit.levels[0] - fit.drift[1] / fit.levels[1])
-    drift = rate * (end - float(t[0])) / fit.log_ratio
+    drift = rate * whole / fit.log_ratio
     if abs(drift) > criteria.max_drift:
         raise SetAsideError(
             f"drifts: mu changes by {100 * drift:+.2g} % over the sliding phase, "
@@ -241,7 +266,7 @@ def _judged(
     over_window = rate * (end - start_s)
     return Plateau(
         fit=fit,
-        from_start=from_start,
+        from_start=end - float(t[0]) > 0.95 * whole,
         start_s=start_s,
         rejected=rejected,
         # the drift counts from the middle of the record, the plateau from that of the window

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.identify.signal import difference_sigma, median, running_median
-from beltid.identify.statistics import robust_mean_with_se
+from beltid.identify.statistics import MAD_TO_SIGMA, integrated_autocorrelation_time
 
 Array = NDArray[np.float64]
 
@@ -138,6 +138,17 @@ def rest_state(tight: Array, slack: Array, first: int, min_samples: int) -> Rest
     quiet = np.flatnonzero(~parted)
     last = max(int(quiet[-1]) + 1 if quiet.size else 0, min_samples)
     kept = both[:last]
-    tension = robust_mean_with_se(0.5 * (tight[kept] + slack[kept])).mean
-    balance = robust_mean_with_se(tight[kept] - slack[kept])
-    return Rest(kept.size, tension, balance.mean, balance.se)
+    mean, difference = 0.5 * (tight[kept] + slack[kept]), tight[kept] - slack[kept]
+    near = _near_median(mean) & _near_median(difference)
+    mean, difference = mean[near], difference[near]
+    n = difference.size
+    spread = float(np.std(difference)) * np.sqrt(n / max(n - 1.0, 1.0))
+    se = spread * np.sqrt(integrated_autocorrelation_time(difference) / n)
+    return Rest(n, float(np.mean(mean)), float(np.mean(difference)), se)
+
+
+def _near_median(x: Array) -> NDArray[np.bool_]:
+    """Samples that are no outliers of a steady signal."""
+    distance = np.abs(x - median(x))
+    spread = MAD_TO_SIGMA * median(distance)
+    return distance <= max(6.0 * spread, 1e-4 * abs(median(x)), 3.0 * float(np.mean(distance)))

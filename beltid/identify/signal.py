@@ -151,7 +151,7 @@ def strongest_line(t: Array, residuals: Array, basis: Array) -> float | None:
     if n < 24 or duration <= 0.0:
         return None
     grid = np.linspace(t[0], t[-1], n)
-    length = 4 * (1 << (n - 1).bit_length())
+    length = 2 * (1 << (n - 1).bit_length())
     power = np.zeros(length // 2 + 1)
     for column in residuals.T:
         power += np.abs(np.fft.rfft(np.interp(grid, t, column), length)) ** 2 / n
@@ -163,7 +163,7 @@ def strongest_line(t: Array, residuals: Array, basis: Array) -> float | None:
     neighbourhood = power[max(first, k // 3) : min(last, 3 * k + 1)]
     # chi-square with 2 m degrees of freedom, over n/2 independent frequencies, at about 1e-3
     limit = residuals.shape[1] + np.log(n / 2.0) + 9.0
-    if power[k] < limit or power[k] < 6.0 * median(neighbourhood):
+    if power[k] < limit or power[k] < 10.0 * median(neighbourhood):
         return None
     return _refined(t, residuals, basis, float(frequency[k]), 0.5 / duration)
 

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.identify.signal import (
+    NOISE_FLOOR,
     line_columns,
     median,
     parabolic_maximum,
@@ -73,6 +74,10 @@ class SlidingFit:
     """Standard error of ln(L_tight/L_slack), correlation of the samples allowed for [-]."""
     start_log_ratio_se: float
     """The same for the start of the tail, ln((L + A)_tight/(L + A)_slack) [-]."""
+    correlation_time: float
+    """Integrated autocorrelation time of the residual of ln(T_tight/T_slack) [samples]."""
+    drift_score: float
+    """Drift not yet fitted over its standard error for white noise [-]."""
 
     @property
     def log_ratio(self) -> float:
@@ -241,6 +246,8 @@ def _solve(
         ripple=columns[:, 1 : 1 + n_ripple] @ waves,
         log_ratio_se=float("nan"),
         start_log_ratio_se=float("nan"),
+        correlation_time=1.0,
+        drift_score=0.0,
     )
     return fit, _Scheme(inverse, q)
 
@@ -252,12 +259,16 @@ def _with_errors(fit: SlidingFit, scheme: _Scheme, t: Array, sigma: Array) -> Sl
     the residual of ln(T_tight/T_slack) inflates it.
     """
     start = fit.levels + fit.tail
-    if not (np.all(fit.levels > 0.0) and np.all(start > 0.0)):
+    if not np.all(fit.levels > 0.0):
         return fit
     residual = fit.residual[fit.used]
-    n_terms = scheme.inverse.shape[0] + int(np.isfinite(fit.tau))
-    covariance = residual.T @ residual / max(residual.shape[0] - n_terms - 0.5, 1.0)
-    time = integrated_autocorrelation_time(residual @ (np.array([1.0, -1.0]) / fit.levels))
+    series = residual @ (np.array([1.0, -1.0]) / fit.levels)
+    n, n_terms = series.size, scheme.inverse.shape[0] + int(np.isfinite(fit.tau))
+    time = integrated_autocorrelation_time(series)
+    # every fitted term takes slow noise out of the residual: n/time samples are independent
+    freedom = max(1.0 - n_terms * time / n, 0.2)
+    covariance = residual.T @ residual / (n * freedom)
+    inflation = time * (1.0 + 2.0 * (n_terms - 1) * (time - 1.0) / n)
     slope = None
     row = scheme.inverse[0]
     start_row = row
@@ -267,10 +278,35 @@ def _with_errors(fit: SlidingFit, scheme: _Scheme, t: Array, sigma: Array) -> Sl
         start_row = row + scheme.inverse[-1]
     errors = []
     for at, linear in ((fit.levels, row), (start, start_row)):
+        if not np.all(at > 0.0):
+            errors.append(float("inf"))
+            continue
         weights = _influence(at, linear, scheme.q, slope, sigma)
-        variance = float(np.sum((weights @ covariance) * weights)) * time
+        variance = float(np.sum((weights @ covariance) * weights)) * inflation
         errors.append(float(np.sqrt(max(variance, 0.0) + ROUNDING**2)))
-    return replace(fit, log_ratio_se=errors[0], start_log_ratio_se=errors[1])
+    return replace(
+        fit,
+        log_ratio_se=errors[0],
+        start_log_ratio_se=errors[1],
+        correlation_time=time,
+        drift_score=_drift_score(t[fit.used], series, scheme.q, slope, fit.levels),
+    )
+
+
+def _drift_score(t: Array, series: Array, q: Array, slope: Array | None, levels: Array) -> float:
+    """Score of a linear drift added to the model, for white noise (standard normal without one)."""
+    column = (t - np.mean(t)) / float(t[-1] - t[0])
+    if slope is not None:
+        extra = slope @ (np.array([1.0, -1.0]) / levels)
+        extra -= q @ (q.T @ extra)
+        size = float(np.linalg.norm(extra))
+        if size > 0.0:
+            q = np.column_stack([q, extra / size])
+    column -= q @ (q.T @ column)
+    size = float(np.linalg.norm(column))
+    if size < 1e-3 * np.sqrt(t.size):
+        return 0.0
+    return float(column @ series) / size / max(float(np.std(series)), NOISE_FLOOR)
 
 
 def _influence(at: Array, row: Array, q: Array, slope: Array | None, sigma: Array) -> Array:
