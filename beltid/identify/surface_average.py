@@ -16,7 +16,7 @@ Random effects: arcs are a sample of contact lengths. With ``n`` measured arcs
     se² = sum(se_arc²) / n² + tau² mu² / n
 
 ``tau`` is the relative spread between arcs beyond what the errors of the runs explain, by moments
-over all speeds at the same force (nearest such force where a single arc is left).
+over all speeds at the same force (the nearest such force where most arcs have ended).
 """
 
 from __future__ import annotations
@@ -301,11 +301,13 @@ def _standard_error(
     """Standard error of the average by the random-effects formula of the module."""
     n = np.maximum(n_arcs, 1)
     from_runs = np.nansum(se**2, axis=0)
-    several = n_arcs >= 2
-    excess = np.where(several, (sd**2 - from_runs / n) / mean**2, np.nan)
-    rows = np.flatnonzero(several.any(axis=1))
-    if rows.size == 0:
+    freedom = n - 1
+    if not freedom.any():
         return np.sqrt(from_runs) / n if errors_known else np.full(mean.shape, np.nan)
-    tau2 = np.maximum([np.nanmean(excess[i]) for i in rows], 0.0)
+    excess = np.where(freedom > 0, (sd**2 - from_runs / n) / mean**2, 0.0)
+    per_force = freedom.sum(axis=1)
+    # a force where most arcs have ended says little about their spread: its neighbour knows more
+    rows = np.flatnonzero(2 * per_force >= per_force.max())
+    tau2 = np.maximum((freedom * excess).sum(axis=1)[rows] / per_force[rows], 0.0)
     nearest = [int(np.argmin(np.abs(rows - i))) for i in range(mean.shape[0])]
     return np.sqrt(from_runs / n**2 + tau2[nearest][:, None] * mean**2 / n)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from beltid.errors import InputError
-from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.bicubic import bounded_cubic
 
 Array = NDArray[np.float64]
 
@@ -57,9 +57,10 @@ class Points:
 class Curve:
     """Friction coefficient over normal force for one arc at one speed.
 
-    The curve passes through its points: a bounded cubic spline in ln(1 + f/f_0), the same that
-    the friction surface is made of. It is not smoothed, since three arcs are averaged afterwards
-    and a run's own error (some 0.1 %) is small against its distance from the next (5 to 15 %).
+    The curve passes through its points: a natural cubic spline of ln mu over ln f, which fits
+    power laws exactly, bounded like the friction surface. It is not smoothed, as the arcs are
+    averaged afterwards. Leaving out one point of the virtual benches at a time it is missed by
+    0.08 % RMS without noise and 0.36 % with 0.25 % noise; with not-a-knot ends by 0.07 and 0.62 %.
 
     Attributes
     ----------
@@ -92,10 +93,10 @@ class Curve:
         if self.f.size == 1:
             mu, se = np.full(held.shape, self.mu[0]), np.full(held.shape, self.se[0])
         else:
-            mu = np.asarray(FrictionSurface(self.f, [0.0], self.mu[:, None]).mu(held, 0.0))
-            x, nodes = np.log1p(held / self.f[0]), np.log1p(self.f / self.f[0])
-            weights = CubicSpline(nodes, np.eye(nodes.size))(x)
-            se = np.sqrt(weights**2 @ self.se**2)
+            nodes, x = np.log(self.f), np.log(held)
+            mu = np.exp(bounded_cubic(nodes, np.log(self.mu), x))
+            weights = CubicSpline(nodes, np.eye(nodes.size), bc_type="natural")(x)
+            se = mu * np.sqrt(weights**2 @ (self.se / self.mu) ** 2)
         return np.where(inside, mu, np.nan), np.where(inside, se, np.nan)
 
 

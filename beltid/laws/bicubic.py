@@ -75,6 +75,29 @@ def patches(x: Array, y: Array, z: Array) -> tuple[Array, NDArray[np.bool_]]:
     return _coefficients(x, y, z, zx, zy, zxy), limited[:nx, :ny]
 
 
+def bounded_cubic(x: Array, z: Array, at: Array) -> Array:
+    """Natural cubic spline through points of one variable, kept between neighbouring points.
+
+    Parameters
+    ----------
+    x, z : ndarray (n,)
+        Points, strictly increasing in x, at least two.
+    at : ndarray (m,)
+        Where to evaluate, within the points.
+
+    Returns
+    -------
+    ndarray (m,)
+    """
+    y, rows = np.array([0.0, 1.0]), np.repeat(z[:, None], 2, axis=1)
+    slopes, none = CubicSpline(x, rows, bc_type="natural")(x, 1), np.zeros_like(rows)
+    zx, zy, zxy, _ = _limit(x, y, rows, slopes, none, none)
+    cell = np.clip(np.searchsorted(x, at, side="right") - 1, 0, x.size - 2)
+    s = (at - x[cell]) / (x[cell + 1] - x[cell])
+    c = _coefficients(x, y, rows, zx, zy, zxy)[cell, 0, :, 0]
+    return ((c[:, 3] * s + c[:, 2]) * s + c[:, 1]) * s + c[:, 0]
+
+
 def _nodal_derivatives(x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
     """Derivatives z_x, z_y, z_xy at the nodes of the tensor spline, each (nx, ny).
 
@@ -173,4 +196,4 @@ def _limit(
     change = (
         np.abs(gx - zx) * step_x + np.abs(gy - zy) * step_y + np.abs(gxy - zxy) * step_x * step_y
     )
-    return gx, gy, gxy, change > 1e-10 * np.abs(z)
+    return gx, gy, gxy, change > 1e-10 * np.abs(z).max()

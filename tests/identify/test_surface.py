@@ -1,0 +1,389 @@
+"""Friction surface from scattered runs: known laws back, honest errors, nothing lost in silence."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from beltid.errors import InputError
+from beltid.identify.surface import (
+    SurfaceResult,
+    SurfaceSettings,
+    build_surface,
+    surface_from_columns,
+)
+
+Array = NDArray[np.float64]
+TRUTH = Path(__file__).parents[1] / "truth"
+BELTS = ("4pk", "5pk", "6pk")
+SPEEDS = np.array([0.0025, 0.005, 0.0105, 0.021, 0.042])
+TENSIONS = np.array([50.0, 100, 150, 210, 270, 330, 390, 450])
+ARCS = np.array([40.0, 68, 82])
+
+
+def law(f: Array, v: Array) -> Array:
+    """A power law: straight in the logarithms, and every arc measures the same."""
+    return 0.9 * (f / 5000) ** -0.18 * (v / 0.01) ** 0.2
+
+
+def runs(arc_factor: dict[float, float] | None = None) -> dict[str, Array]:
+    """Campaign of 120 runs as the benches give it: the force of a run depends on arc and speed."""
+    arc, tension, v = (a.ravel() for a in np.meshgrid(ARCS, TENSIONS, SPEEDS, indexing="ij"))
+    mu = 0.9 * (v / 0.01) ** 0.2
+    f = tension / 0.05 * (1 + 0.3 * (mu * np.radians(arc) / 2) ** 2 * (150 / tension - 0.5))
+    factor = np.array([(arc_factor or {}).get(float(a), 1.0) for a in arc])
+    return {"arc_deg": arc, "f": f, "v": v, "mu": law(f, v) * factor, "se": np.full(f.size, 1e-9)}
+
+
+def build(
+    data: dict[str, Array], keep: NDArray[np.bool_] | None = None, **how: float
+) -> SurfaceResult:
+    keep = np.ones(data["f"].size, dtype=bool) if keep is None else keep
+    columns = (data[k][keep] for k in ("arc_deg", "f", "v", "mu", "se"))
+    return build_surface(*columns, SurfaceSettings(**how))  # type: ignore[arg-type]
+
+
+def bench(belt: str) -> dict[str, Array]:
+    """Noise-free runs of a virtual bench."""
+    with (TRUTH / belt / "truth.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    names = {"arc_deg": "arc_deg", "f": "f_ref", "v": "v", "mu": "mu_app"}
+    data = {k: np.array([float(row[name]) for row in rows]) for k, name in names.items()}
+    return {**data, "se": 0.0025 * data["mu"]}
+
+
+def test_known_law_comes_back_between_the_scattered_points() -> None:
+    result = build(runs())
+    surface = result.surface
+    assert surface.degree == (3, 3)
+    grid = result.average
+    # a power law is straight where the curves are interpolated; between nodes: test_bicubic
+    expected = law(grid.normal_force_N_m[:, None], grid.slip_speed_m_s)
+    assert grid.mu == pytest.approx(expected, rel=1e-9)
+    assert result.n_points == 120
+    assert result.set_aside == ()
+    assert len(result.arcs) == 3
+    assert result.max_arc_spread < 1e-9
+
+
+def test_range_is_what_was_measured_at_every_speed_by_some_arc() -> None:
+    data = runs()
+    result = build(data)
+    low = max(data["f"][data["v"] == v].min() for v in SPEEDS)
+    high = min(data["f"][data["v"] == v].max() for v in SPEEDS)
+    assert result.validity["normal_force_N_m"] == pytest.approx((low, high), rel=1e-12)
+    for grid in result.arcs:
+        mine = (data["arc_deg"] == grid.arc_deg)[:, None] & (data["v"][:, None] == SPEEDS)
+        low = max(data["f"][m].min() for m in mine.T)
+        high = min(data["f"][m].max() for m in mine.T)
+        assert grid.normal_force_N_m[[0, -1]] == pytest.approx([low, high], rel=1e-12)
+
+
+def test_arc_surface_passes_through_its_measured_points() -> None:
+    data = runs({40.0: 0.95, 82.0: 1.05})
+    result = build(data)
+    for grid, factor in zip(result.arcs, (0.95, 1.0, 1.05), strict=True):
+        expected = factor * law(grid.normal_force_N_m[:, None], grid.slip_speed_m_s)
+        assert grid.mu == pytest.approx(expected, rel=1e-9)
+
+
+def test_average_has_no_step_where_an_arc_ends() -> None:
+    result = build(runs({40.0: 0.9, 68.0: 1.0, 82.0: 1.1}))
+    grid = result.average
+    assert grid.n_arcs.min() < 3  # arcs do end
+    # all arcs have the same shape, so the average is the law to the end, whoever is left
+    expected = law(grid.normal_force_N_m[:, None], grid.slip_speed_m_s)
+    assert grid.mu == pytest.approx(expected, rel=1e-9)
+
+
+def test_arc_without_runs_at_one_speed_still_counts_in_proportion() -> None:
+    data = runs({40.0: 0.9, 82.0: 1.1})
+    missing = (data["arc_deg"] == 40.0) & (data["v"] == SPEEDS[2])
+    result = build(data, ~missing)
+    grid = result.average
+    expected = law(grid.normal_force_N_m[:, None], grid.slip_speed_m_s)
+    assert grid.mu == pytest.approx(expected, rel=1e-9)
+    assert grid.n_arcs[:, 2].max() == 2
+    assert "arc 40°: no run at 0.0105 m/s" in result.notes
+
+
+@pytest.mark.parametrize("belt", BELTS)
+def test_full_campaign_of_a_bench_needs_no_remark(belt: str) -> None:
+    result = build(bench(belt))
+    assert result.notes == ()
+    assert result.average.mu.shape == (8, 5)
+    assert [grid.mu.shape for grid in result.arcs] == [(8, 5)] * 3
+    assert np.all(np.diff(result.average.mu, axis=0) < 0)  # falls with force
+    assert np.all(np.diff(result.average.mu, axis=1) > 0)  # rises with speed
+
+
+@pytest.mark.parametrize("belt", BELTS)
+def test_surface_of_a_bench_is_the_mean_of_what_its_arcs_measured(belt: str) -> None:
+    data = bench(belt)
+    grid = build(data).average
+    full = grid.n_arcs == 3
+    means = np.zeros(grid.mu.shape)
+    for arc in ARCS:
+        for k, v in enumerate(SPEEDS):
+            here = (data["arc_deg"] == arc) & np.isclose(data["v"], v)
+            order = np.argsort(data["f"][here])
+            line = np.interp(
+                np.log(grid.normal_force_N_m),
+                np.log(data["f"][here][order]),
+                np.log(data["mu"][here][order]),
+            )
+            means[:, k] += np.exp(line) / 3
+    # straight lines in the logarithms miss the curve between points by up to 0.3 %
+    assert grid.mu[full] == pytest.approx(means[full], rel=3e-3)
+    assert full.sum() >= 30
+
+
+def test_missing_runs_move_the_surface_by_less_than_its_arcs_differ() -> None:
+    data = bench("5pk")
+    complete = build(data)
+    rng = np.random.default_rng(7)
+    for _ in range(5):
+        result = build(data, rng.random(120) < 0.75)
+        (f0, f1) = result.validity["normal_force_N_m"]
+        f = np.geomspace(f0, f1, 40)[:, None]
+        v = result.average.slip_speed_m_s
+        change = result.surface.mu(f, v) / complete.surface.mu(f, v) - 1
+        assert np.abs(change).max() < complete.max_arc_spread
+        assert np.isfinite(result.to_columns()["mu"]).all()
+
+
+def test_speed_scatter_of_the_motor_is_taken_off() -> None:
+    data = runs()
+    rng = np.random.default_rng(3)
+    v = data["v"] * (1 + 0.008 * rng.uniform(-1, 1, 120))
+    scattered = {**data, "v": v, "mu": law(data["f"], v)}
+    result = build(scattered)
+    grid = result.average
+    assert grid.slip_speed_m_s == pytest.approx(SPEEDS, rel=3e-3)
+    expected = law(grid.normal_force_N_m[:, None], grid.slip_speed_m_s)
+    # uncorrected the scatter would leave 0.2 * 0.8 % / sqrt(3) = 0.1 % on every node
+    assert np.sqrt(np.mean((grid.mu / expected - 1) ** 2)) < 5e-5
+
+
+def test_runs_in_either_direction_are_one_speed() -> None:
+    data = runs()
+    backward = {**data, "v": data["v"] * np.where(np.arange(120) % 2, -1.0, 1.0)}
+    assert np.array_equal(build(backward).average.mu, build(data).average.mu)
+
+
+def test_order_of_the_runs_does_not_matter() -> None:
+    data = bench("6pk")
+    order = np.random.default_rng(1).permutation(120)
+    shuffled = {k: a[order] for k, a in data.items()}
+    assert build(shuffled).average.mu == pytest.approx(build(data).average.mu, rel=1e-13)
+
+
+def test_repeated_runs_are_averaged_not_interpolated() -> None:
+    data = runs()
+    rng = np.random.default_rng(11)
+    factor = np.concatenate([1 + 0.01 * rng.standard_normal(120), np.ones(120)])
+    factor[120:] = 2 - factor[:120]  # the repetition errs to the other side
+    twice = {k: np.tile(a, 2) for k, a in data.items()}
+    twice["mu"] = twice["mu"] * factor
+    twice["f"] = twice["f"] * np.repeat([1.0, 1.002], 120)
+    twice["se"] = np.full(240, 0.01)
+    result = build(twice)
+    grid = result.average
+    expected = law(grid.normal_force_N_m[:, None], grid.slip_speed_m_s)
+    assert grid.mu == pytest.approx(expected, rel=1e-3)
+    assert sum("runs repeat" in note for note in result.notes) == 3
+
+
+def test_standard_error_covers_the_noise_of_the_runs() -> None:
+    data = bench("5pk")
+    exact = build(data).average
+    rng = np.random.default_rng(2)
+    scores = []
+    for _ in range(30):
+        noisy = {**data, "mu": data["mu"] + data["se"] * rng.standard_normal(120)}
+        one_arc = build(noisy, data["arc_deg"] == 68.0).average
+        scores.append(
+            (one_arc.mu - build(data, data["arc_deg"] == 68.0).average.mu) / one_arc.mu_se
+        )
+    # one arc: the error is the propagated noise alone, so the scores have unit spread;
+    # 30 x 40 scores, neighbours correlated: 5 % of sampling error
+    assert np.std(scores) == pytest.approx(1.0, abs=0.15)
+    assert np.all(exact.mu_se > 0)
+
+
+def test_standard_error_of_the_average_holds_the_difference_of_arcs() -> None:
+    offset = 0.03
+    grid = build(runs({40.0: 1 - offset, 82.0: 1 + offset})).average
+    full = np.all(grid.n_arcs == 3, axis=1)
+    # sd of (-3 %, 0, +3 %) is 3 %; of the mean of three 3 %/sqrt(3)
+    assert grid.mu_spread[full] == pytest.approx(offset * grid.mu[full], rel=1e-6)
+    assert grid.mu_se[full] == pytest.approx(offset / np.sqrt(3) * grid.mu[full], rel=1e-6)
+    single = grid.n_arcs == 1
+    assert single.any()
+    assert np.all(grid.mu_se[single] >= 0.999 * offset * grid.mu[single])
+    assert np.all(np.isnan(grid.mu_spread[single]))
+
+
+def test_spread_that_the_noise_explains_is_not_counted_twice() -> None:
+    data = runs()
+    rng = np.random.default_rng(8)
+    noise = 0.005
+    noisy = {**data, "mu": data["mu"] * (1 + noise * rng.standard_normal(120))}
+    noisy["se"] = noise * data["mu"]
+    grid = build(noisy).average
+    full = grid.n_arcs == 3
+    typical = float(np.median(grid.mu_se[full] / grid.mu[full]))
+    assert typical == pytest.approx(noise / np.sqrt(3), rel=0.4)
+
+
+def test_without_standard_errors_the_spread_is_what_is_known() -> None:
+    data = bench("4pk")
+    result = build_surface(data["arc_deg"], data["f"], data["v"], data["mu"])
+    assert "no standard errors" in result.notes[0]
+    assert np.isfinite(result.average.mu_se).all()
+    one = data["arc_deg"] == 40
+    single = build_surface(*(data[k][one] for k in ("arc_deg", "f", "v", "mu")))
+    assert np.isnan(single.average.mu_se).all()
+    assert any("spread between arcs is not known" in note for note in single.notes)
+
+
+def test_unknown_error_of_a_run_is_replaced_by_the_usual_one() -> None:
+    data = bench("4pk")
+    se = np.full(120, 0.004)
+    se[[3, 17]] = np.nan
+    result = build({**data, "se": se})
+    assert result.notes == (
+        "2 points without a standard error: 0.004 (median of the others) taken",
+    )
+    same = build({**data, "se": np.full(120, 0.004)})
+    assert np.array_equal(result.average.mu_se, same.average.mu_se)
+
+
+def test_points_that_cannot_be_used_are_counted_with_their_reason() -> None:
+    data = bench("5pk")
+    data["mu"][3], data["mu"][50], data["f"][7] = np.nan, -1.0, 0.0
+    result = build(data)
+    assert result.n_points == 117
+    assert [text.split(":")[0] for text in result.set_aside] == ["point 3", "point 7", "point 50"]
+    assert "normal_force_N_m = 0, must be > 0" in result.set_aside[1]
+
+
+@pytest.mark.parametrize(("tensions", "degree"), [(4, 3), (3, 2), (2, 1), (1, 0)])
+def test_few_tensions_lower_the_degree_along_the_force(tensions: int, degree: int) -> None:
+    data = runs()
+    keep = np.tile(np.repeat(np.arange(8) < tensions, 5), 3)
+    result = build(data, keep)
+    assert result.surface.degree == (degree, 3)
+    assert (degree == 3) != any("averaged surface" in note for note in result.notes)
+
+
+@pytest.mark.parametrize("speeds", [1, 2, 3, 4])
+def test_few_speeds_lower_the_degree_along_the_speed(speeds: int) -> None:
+    data = runs()
+    result = build(data, data["v"] <= SPEEDS[speeds - 1])
+    assert result.surface.degree == (3, speeds - 1)
+
+
+def test_speed_measured_at_one_tension_only_is_left_out_and_named() -> None:
+    data = runs()
+    tension_index = np.tile(np.repeat(np.arange(8), 5), 3)
+    result = build(data, (data["v"] != SPEEDS[2]) | (tension_index == 7))
+    assert result.average.slip_speed_m_s == pytest.approx(np.delete(SPEEDS, 2))
+    assert any("speed 0.0105 m/s left out" in note for note in result.notes)
+
+
+def test_speed_that_narrows_the_range_of_forces_is_named() -> None:
+    data = runs()
+    tension_index = np.tile(np.repeat(np.arange(8), 5), 3)
+    result = build(data, (data["v"] != SPEEDS[2]) | (tension_index < 4))
+    assert result.average.mu.shape[1] == 5
+    assert any("range of forces ends" in n and "0.0105 m/s" in n for n in result.notes)
+    assert result.validity["normal_force_N_m"][1] < 5000
+
+
+def test_arcs_that_share_no_force_give_a_surface_with_a_warning() -> None:
+    data = bench("5pk")
+    keep = ((data["arc_deg"] == 40) & (data["f"] < 3500)) | (
+        (data["arc_deg"] == 82) & (data["f"] > 3900)
+    )
+    result = build(data, keep)
+    assert np.isfinite(result.average.mu).all()
+    assert any("share no force" in note for note in result.notes)
+
+
+def test_number_of_force_nodes_can_be_set() -> None:
+    result = build(runs(), force_nodes=12)
+    nodes = result.average.normal_force_N_m
+    assert nodes.size == 12
+    assert np.diff(np.log(nodes)) == pytest.approx(np.full(11, np.log(nodes[-1] / nodes[0]) / 11))
+
+
+def test_columns_are_a_row_per_node_and_give_the_surface_back() -> None:
+    result = build(bench("6pk"))
+    columns = result.to_columns()
+    assert {a.size for a in columns.values()} == {4 * 40}
+    assert set(columns) == {
+        "arc_deg",
+        "normal_force_N_m",
+        "slip_speed_m_s",
+        "mu",
+        "mu_se",
+        "n_arcs",
+        "mu_spread",
+    }
+    assert np.isnan(columns["arc_deg"][:40]).all()
+    assert np.array_equal(columns["arc_deg"][40:], np.repeat(ARCS, 40))
+    order = np.random.default_rng(0).permutation(160)
+    again = surface_from_columns({k: a[order] for k, a in columns.items()})
+    assert again == result.surface
+
+
+def test_single_arc_is_marked_as_the_average_too() -> None:
+    data = bench("6pk")
+    result = build(data, data["arc_deg"] == 68)
+    columns = result.to_columns()
+    assert np.isnan(columns["arc_deg"]).sum() == 40
+    assert (columns["arc_deg"] == 68).sum() == 40
+    assert surface_from_columns(columns) == result.surface
+    assert np.isnan(result.rms_arc_spread)
+
+
+def test_damaged_surface_tables_are_refused() -> None:
+    columns = build(bench("6pk")).to_columns()
+    with pytest.raises(InputError, match="column mu is missing"):
+        surface_from_columns({k: a for k, a in columns.items() if k != "mu"})
+    with pytest.raises(InputError, match="must have each combination once"):
+        surface_from_columns({k: a[1:] for k, a in columns.items()})
+    with pytest.raises(InputError, match="must have the averaged surface"):
+        surface_from_columns({k: a[40:] for k, a in columns.items()})
+
+
+def test_too_little_data_is_an_error_with_its_reason() -> None:
+    with pytest.raises(InputError, match="no point for a friction surface among 0"):
+        build_surface([], [], [], [], [])
+    with pytest.raises(InputError, match="among 2, at least one is needed"):
+        build_surface([40, 40], [1e3, 2e3], [0.01, 0.01], [np.nan, -1])
+    with pytest.raises(InputError, match="no speed was measured over a range"):
+        build_surface([40, 40], [1e3, 9e3], [0.01, 0.02], [1.0, 0.9])
+
+
+def test_arrays_of_different_length_are_named_all_at_once() -> None:
+    with pytest.raises(InputError) as error:
+        build_surface([40.0, 68.0], [1000.0], [], [1.0], [])
+    assert [p.split(":")[0] for p in error.value.problems] == ["arc_deg", "slip_speed_m_s", "mu_se"]
+
+
+def test_speeds_without_settings_are_refused() -> None:
+    data = runs()
+    with pytest.raises(InputError, match=r"without a gap of 3%, must be repeated settings"):
+        build({**data, "v": np.geomspace(0.005, 0.04, 120)})
+
+
+def test_wrong_settings_are_refused_all_at_once() -> None:
+    with pytest.raises(InputError) as error:
+        SurfaceSettings(force_nodes=1, speed_gap=0.0, force_gap=float("nan"))
+    assert len(error.value.problems) == 3
