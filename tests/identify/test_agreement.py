@@ -1,0 +1,323 @@
+"""Agreement of two campaigns: matched by settings, judged without mercy for gaps and nan."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from beltid.errors import InputError
+from beltid.identify.agreement import AgreementSettings, MatchSettings, compare_points
+
+Columns = dict[str, NDArray[Any]]
+
+ARCS, TENSIONS, SPEEDS = (40.0, 68.0, 82.0), (50.0, 150.0, 270.0, 450.0), (0.05, 0.21, 0.84)
+
+
+def campaign(label: str = "R") -> Columns:
+    grid = np.meshgrid(ARCS, TENSIONS, SPEEDS, indexing="ij")
+    arc, tension, speed = (a.ravel() for a in grid)
+    n = arc.size
+    return {
+        "run": np.array([f"{label}{k:03d}" for k in range(n)], dtype=object),
+        "arc_deg": arc,
+        "nominal_tension_N": tension,
+        "pulley_speed_rad_s": speed,
+        "normal_force_N_m": tension / 0.05 * (1 + arc / 1e4),
+        "mu_sliding": 1.0 + 0.1 * np.log(speed) - 1e-4 * tension,
+        "status": np.full(n, "ok", dtype=object),
+    }
+
+
+def pair() -> tuple[Columns, Columns]:
+    return campaign("M"), campaign("S")
+
+
+def shuffled(columns: Columns, seed: int = 4) -> Columns:
+    order = np.random.default_rng(seed).permutation(columns["run"].size)
+    return {k: a[order] for k, a in columns.items()}
+
+
+def test_difference_is_simulated_less_measured_over_measured() -> None:
+    measured, simulated = pair()
+    simulated["mu_sliding"] = measured["mu_sliding"] * 1.02
+    result = compare_points(measured, shuffled(simulated))
+    assert result.mu_measured == pytest.approx(measured["mu_sliding"], rel=1e-15)
+    assert result.difference == pytest.approx(0.02 * measured["mu_sliding"], rel=1e-12)
+    assert result.relative_difference == pytest.approx(np.full(36, 0.02), rel=1e-12)
+    assert list(result.run) == list(measured["run"])
+    assert result.not_compared == {}
+
+
+def test_statistics_of_hand_made_differences() -> None:
+    measured, simulated = pair()
+    relative = np.zeros(36)
+    relative[[0, 1, 2]] = 0.03, -0.04, 0.12  # arc 40°, lowest tension
+    simulated["mu_sliding"] = measured["mu_sliding"] * (1 + relative)
+    result = compare_points(measured, simulated)
+    assert result.overall.n_points == 36
+    assert result.overall.rms == pytest.approx(0.13 / 6)  # sqrt(9 + 16 + 144) = 13
+    assert result.overall.mean == pytest.approx(0.11 / 36)
+    assert result.overall.mean_magnitude == pytest.approx(0.19 / 36)
+    assert result.overall.largest == pytest.approx(0.12)
+    by_arc = {s.group: s for s in result.per_arc}
+    assert list(by_arc) == ["arc 40°", "arc 68°", "arc 82°"]
+    assert by_arc["arc 40°"].rms == pytest.approx(0.13 / np.sqrt(12))
+    assert by_arc["arc 68°"].largest == pytest.approx(0.0, abs=1e-15)
+    low, middle, high = result.thirds
+    assert (low.n_points, middle.n_points, high.n_points) == (12, 12, 12)
+    assert low.largest == pytest.approx(0.12)
+    assert middle.largest == pytest.approx(0.0, abs=1e-15)
+    assert low.force_high_N_m <= middle.force_low_N_m
+    assert middle.force_high_N_m <= high.force_low_N_m
+
+
+def test_thirds_follow_the_measured_force() -> None:
+    measured, simulated = pair()
+    simulated["normal_force_N_m"] = simulated["normal_force_N_m"][::-1]
+    columns = compare_points(measured, simulated).to_columns()
+    order = np.argsort(measured["normal_force_N_m"], kind="stable")
+    assert list(columns["force_band"][order]) == ["low"] * 12 + ["middle"] * 12 + ["high"] * 12
+
+
+def test_mean_over_arcs_is_taken_before_the_difference() -> None:
+    measured, simulated = pair()
+    factor = {40.0: 1.06, 68.0: 1.0, 82.0: 0.94}  # cancels in the mean over arcs
+    simulated["mu_sliding"] = measured["mu_sliding"] * [factor[a] for a in measured["arc_deg"]]
+    result = compare_points(measured, simulated)
+    assert result.overall.rms == pytest.approx(0.06 * np.sqrt(2 / 3))
+    assert result.over_arc_averages.n_points == 12
+    assert result.over_arc_averages.largest == pytest.approx(0.0, abs=1e-14)
+    assert np.array_equal(result.averaged["n_arcs"], np.full(12, 3))
+    row = result.averaged_table()[0]
+    assert (row["nominal_tension_N"], row["pulley_speed_rad_s"]) == pytest.approx((50.0, 0.05))
+
+
+def test_mean_over_arcs_uses_the_same_arcs_on_both_sides() -> None:
+    measured, simulated = pair()
+    for side in (measured, simulated):
+        side["mu_sliding"] = side["mu_sliding"] * (1 + side["arc_deg"] / 100)
+    gone = (simulated["arc_deg"] == 82) & (simulated["nominal_tension_N"] == 50)
+    result = compare_points(measured, {k: a[~gone] for k, a in simulated.items()})
+    assert result.over_arc_averages.largest == pytest.approx(0.0, abs=1e-14)
+    assert sorted(result.averaged["n_arcs"]) == [2] * 3 + [3] * 9
+
+
+def test_measured_speeds_need_not_be_met_exactly() -> None:
+    measured, simulated = pair()
+    rng = np.random.default_rng(0)
+    scatter = 1 + 0.01 * rng.uniform(-1, 1, 36)
+    measured["pulley_speed_rad_s"] = measured["pulley_speed_rad_s"] * scatter
+    simulated["mu_sliding"] = np.arange(1.0, 37.0)
+    assert np.array_equal(compare_points(measured, simulated).mu_simulated, simulated["mu_sliding"])
+
+
+def test_direction_of_rotation_does_not_part_runs() -> None:
+    measured, simulated = pair()
+    measured["pulley_speed_rad_s"] = -measured["pulley_speed_rad_s"]
+    assert compare_points(measured, simulated).overall.n_points == 36
+
+
+def test_nearest_speed_wins_within_the_tolerance() -> None:
+    measured = {k: a[:1] for k, a in campaign("M").items()}
+    simulated = {k: np.repeat(a[:1], 3) for k, a in campaign("S").items()}
+    simulated["run"] = np.array(["a", "b", "c"], dtype=object)
+    simulated["pulley_speed_rad_s"] = 0.05 * np.array([0.98, 1.005, 1.02])
+    simulated["mu_sliding"] = np.array([1.0, 2.0, 3.0])
+    assert compare_points(measured, simulated).mu_simulated == [2.0]
+    simulated["run"][2] = "M000"  # the same label says more than a percent of speed
+    assert compare_points(measured, simulated).mu_simulated == [3.0]
+
+
+def test_repeated_measurements_share_their_simulation() -> None:
+    measured, simulated = pair()
+    twice = {k: np.concatenate([a, a]) for k, a in measured.items()}
+    result = compare_points(twice, simulated)
+    assert result.overall.n_points == 72
+    assert result.not_compared == {}
+    assert result.over_arc_averages.n_points == 12
+
+
+def test_runs_without_partner_and_set_aside_are_counted_with_reasons() -> None:
+    measured, simulated = pair()
+    measured["status"][3] = "never slides"
+    measured["mu_sliding"][5] = np.nan
+    simulated["status"][7] = "no plateau"
+    keep = np.arange(36) != 9
+    simulated = {k: a[keep] for k, a in simulated.items()}
+    extra = {k: np.concatenate([a, a[:1]]) for k, a in simulated.items()}
+    extra["arc_deg"][-1] = 120.0
+    extra["run"][-1] = "S999"
+    result = compare_points(measured, extra)
+    assert result.overall.n_points == 32
+    assert result.not_compared == {
+        "measured: never slides": 1,
+        "measured: mu_sliding not a number > 0": 1,
+        "simulated: no plateau": 1,
+        "no simulated run with these settings": 1,
+        "no measured run with these settings": 1,
+    }
+    assert dict(result.not_compared_runs)["simulated S999"] == "no measured run with these settings"
+    assert (result.n_measured, result.n_simulated) == (36, 36)
+
+
+def test_every_measured_run_is_either_compared_or_accounted_for() -> None:
+    rng = np.random.default_rng(6)
+    measured, simulated = pair()
+    measured["status"][rng.random(36) < 0.2] = "spikes"
+    keep = rng.random(36) < 0.7
+    result = compare_points(measured, {k: a[keep] for k, a in simulated.items()})
+    left = [name for name, _ in result.not_compared_runs if name.startswith("measured")]
+    assert result.overall.n_points + len(left) == 36
+    assert len(set(left)) == len(left)
+
+
+@pytest.mark.parametrize(
+    ("name", "inside", "outside"),
+    [
+        ("max_rms_relative_error", 0.0301, 0.0299),
+        ("max_mean_relative_error", 0.0301, 0.0299),
+        ("max_relative_error", 0.0301, 0.0299),
+    ],
+)
+def test_each_tolerance_decides(name: str, inside: float, outside: float) -> None:
+    measured, simulated = pair()
+    sign = np.where(np.arange(36) % 2, 1.0, -1.0)  # errors of both signs do not cancel
+    simulated["mu_sliding"] = measured["mu_sliding"] * (1 + 0.03 * sign)
+    assert compare_points(measured, simulated, AgreementSettings(**{name: inside})).passed
+    failed = compare_points(measured, simulated, AgreementSettings(**{name: outside}))
+    assert not failed.passed
+    (row,) = failed.verdict_table()
+    assert row == {
+        "tolerance": name,
+        "found": pytest.approx(0.03),
+        "allowed": outside,
+        "holds": False,
+    }
+
+
+def test_without_tolerances_nothing_is_judged() -> None:
+    measured, simulated = pair()
+    simulated["mu_sliding"] = measured["mu_sliding"] * 3
+    result = compare_points(measured, simulated)
+    assert result.passed
+    assert result.verdict_table() == []
+    assert result.within_tolerance.all()
+
+
+def test_one_point_out_of_tolerance_is_marked() -> None:
+    measured, simulated = pair()
+    simulated["mu_sliding"][11] *= 1.06
+    result = compare_points(measured, simulated, AgreementSettings(max_relative_error=0.05))
+    assert list(np.flatnonzero(~result.within_tolerance)) == [11]
+    assert not result.passed
+
+
+@given(st.integers(0, 35), st.sampled_from([np.nan, np.inf, -1.0, 0.0]), st.booleans())
+@settings(max_examples=40, deadline=None)
+def test_no_number_that_is_none_can_pass_as_a_point(k: int, bad: float, on_bench: bool) -> None:
+    measured, simulated = pair()
+    (measured if on_bench else simulated)["mu_sliding"][k] = bad
+    result = compare_points(measured, simulated, AgreementSettings(0.1, 0.1, 0.1))
+    assert result.overall.n_points == 35
+    assert sum(result.not_compared.values()) == 1
+    assert np.isfinite(result.relative_difference).all()
+
+
+def test_comparison_of_nothing_is_an_error_that_says_why() -> None:
+    measured, simulated = pair()
+    simulated["arc_deg"] = simulated["arc_deg"] + 5
+    with pytest.raises(InputError) as error:
+        compare_points(measured, simulated)
+    assert "no measured run has a simulated partner" in error.value.problems[0]
+    assert "36 runs: no simulated run with these settings" in error.value.problems
+    empty = {k: a[:0] for k, a in simulated.items()}
+    with pytest.raises(InputError, match="36 measured and 0 simulated"):
+        compare_points(measured, empty)
+    measured["mu_sliding"][:] = np.nan
+    with pytest.raises(InputError, match="36 runs: measured: mu_sliding not a number > 0"):
+        compare_points(measured, campaign("S"))
+
+
+def test_runs_without_settings_do_not_match_each_other() -> None:
+    measured, simulated = pair()
+    for side in (measured, simulated):
+        side["nominal_tension_N"][4] = np.nan
+    result = compare_points(measured, simulated)
+    assert result.overall.n_points == 35
+    assert set(result.not_compared) == {
+        "measured: nominal_tension_N not a number > 0",
+        "simulated: nominal_tension_N not a number > 0",
+    }
+
+
+def test_missing_columns_and_unequal_lengths_are_named() -> None:
+    measured, simulated = pair()
+    del measured["mu_sliding"], measured["arc_deg"]
+    with pytest.raises(InputError) as error:
+        compare_points(measured, simulated)
+    assert error.value.problems == (
+        "measured: column arc_deg is missing",
+        "measured: column mu_sliding is missing",
+    )
+    measured = campaign()
+    simulated["status"] = simulated["status"][1:]
+    with pytest.raises(InputError, match=r"simulated: column status has shape \(35,\)"):
+        compare_points(measured, simulated)
+
+
+def test_status_may_be_missing_and_labels_may_be_numbers() -> None:
+    measured, simulated = pair()
+    del simulated["status"]
+    simulated["run"] = np.arange(36)
+    assert compare_points(measured, simulated).overall.n_points == 36
+
+
+def test_columns_of_the_table() -> None:
+    measured, simulated = pair()
+    columns = compare_points(measured, simulated).to_columns()
+    assert list(columns) == [
+        "run",
+        "arc_deg",
+        "nominal_tension_N",
+        "pulley_speed_rad_s",
+        "normal_force_N_m",
+        "mu_measured",
+        "mu_simulated",
+        "difference",
+        "relative_difference",
+        "within_tolerance",
+        "force_band",
+    ]
+    assert {a.shape for a in columns.values()} == {(36,)}
+    assert columns["within_tolerance"].dtype == bool
+
+
+def test_rows_for_printing_are_plain_values_without_nan() -> None:
+    measured, simulated = ({k: a[:2] for k, a in side.items()} for side in pair())
+    simulated["mu_sliding"] = measured["mu_sliding"] * 1.01
+    rows = compare_points(measured, simulated).statistics_table()
+    assert [row["group"] for row in rows] == [
+        "all points",
+        "arc 40°",
+        "means over arcs",
+        "low third of the force",
+        "middle third of the force",
+        "high third of the force",
+    ]
+    assert rows[0]["rms_percent"] == pytest.approx(1.0)
+    assert rows[-1]["n_points"] == 0  # two points make two groups
+    assert rows[-1]["rms_percent"] is None
+
+
+@pytest.mark.parametrize("wrong", [0.0, -0.1, float("nan")])
+def test_wrong_tolerances_are_refused_all_at_once(wrong: float) -> None:
+    with pytest.raises(InputError) as error:
+        AgreementSettings(wrong, wrong, wrong)
+    assert len(error.value.problems) == 3
+    with pytest.raises(InputError, match=r"compare\.match\.speed"):
+        MatchSettings(speed=wrong)
