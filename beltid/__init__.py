@@ -1,1 +1,136 @@
-"""beltid."""
+"""Contact parameters between a V-ribbed belt and a pulley, from bench recordings.
+
+After G. Čepon, L. Manin, M. Boltežar, "Experimental identification of the contact parameters
+between a V-ribbed belt and a pulley", Mechanism and Machine Theory 45 (2010) 1424-1433.
+
+    import beltid
+
+    config = beltid.load_config("configs/5pk.yaml")
+    surface = beltid.load_surface("runs/5pk/surface.parquet")
+    law = beltid.load_stiffness("runs/5pk/stiffness.parquet")
+    run = beltid.simulate_rig(config, surface, law, arc_deg=82, initial_tension_N=270,
+                              pulley_speed_rad_s=0.21, method="steady")
+
+Everything that goes wrong for a reason a user can mend raises a subclass of `BeltidError`.
+
+The map of the rooms; imports go down only:
+
+====================== ====================================================== =================
+Module                 Responsibility                                         Paper eq.
+====================== ====================================================== =================
+``cli``                the commands; the only room that prints or exits
+``batch``              the chain over one belt or several
+``stages``             one file per command: read, science, write, sum up
+``report``             summaries for the terminal
+``store``              files: tables, recordings, artifacts
+``config``             YAML to a frozen model; errors with line and column
+``identify.stiffness`` press recording to normal contact law                  Eqs. (1) to (4)
+``identify.slip``      speed loss to sliding speed                            Eq. (7)
+``identify.friction``  run of the rig to friction coefficient                 Eqs. (5) to (8)
+``identify.surface``   runs to friction surface                               section 5
+``identify.agreement`` measured against simulated                             section 7
+``rigsim``             the simulated rig: ANCF belt, contact, stick and slip  Eqs. (9) to (12)
+``laws``               constitutive formulas, one function per equation       Eqs. (1) to (9)
+``units``              units that recordings may come in
+``params``             frozen parameter values with their bounds
+``errors``             what can go wrong, with its exit status
+====================== ====================================================== =================
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from beltid._version import __version__
+
+if TYPE_CHECKING:
+    from beltid.config import Config, load_config
+    from beltid.errors import (
+        ArtifactError,
+        BeltidError,
+        BeltidWarning,
+        ConfigError,
+        ConvergenceError,
+        FitError,
+        InputError,
+        NumericsError,
+    )
+    from beltid.laws.friction_surface import FrictionSurface
+    from beltid.laws.penalty import NormalLaw
+    from beltid.stages.build_surface import build_surface
+    from beltid.stages.compare import compare
+    from beltid.stages.fit_friction import fit_friction
+    from beltid.stages.fit_slip import fit_slip
+    from beltid.stages.fit_stiffness import fit_stiffness
+    from beltid.stages.simulate_rig import simulate_campaign, simulate_rig
+    from beltid.stages.tables import load_stiffness, load_surface
+
+__all__ = [
+    "ArtifactError",
+    "BeltidError",
+    "BeltidWarning",
+    "Config",
+    "ConfigError",
+    "ConvergenceError",
+    "FitError",
+    "FrictionSurface",
+    "InputError",
+    "NormalLaw",
+    "NumericsError",
+    "__version__",
+    "build_surface",
+    "compare",
+    "fit_friction",
+    "fit_slip",
+    "fit_stiffness",
+    "load_config",
+    "load_stiffness",
+    "load_surface",
+    "simulate_campaign",
+    "simulate_rig",
+]
+
+# public name -> the module it lives in, imported when the name is first used: `import beltid` is
+# cheap, numpy and its friends come when something is computed
+_HOMES = {
+    "Config": "config",
+    "load_config": "config",
+    **dict.fromkeys(
+        (
+            "ArtifactError",
+            "BeltidError",
+            "BeltidWarning",
+            "ConfigError",
+            "ConvergenceError",
+            "FitError",
+            "InputError",
+            "NumericsError",
+        ),
+        "errors",
+    ),
+    "FrictionSurface": "laws.friction_surface",
+    "NormalLaw": "laws.penalty",
+    "build_surface": "stages.build_surface",
+    "compare": "stages.compare",
+    "fit_friction": "stages.fit_friction",
+    "fit_slip": "stages.fit_slip",
+    "fit_stiffness": "stages.fit_stiffness",
+    "load_stiffness": "stages.tables",
+    "load_surface": "stages.tables",
+    "simulate_campaign": "stages.simulate_rig",
+    "simulate_rig": "stages.simulate_rig",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

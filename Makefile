@@ -1,0 +1,70 @@
+# Two commands do all set-up: `make run` and `make test`. They need Python >= 3.11, make, and a
+# network for the first installation into .venv, which is repeated only when pyproject.toml changed.
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help run run-all test check clean
+
+# another Python: make PYTHON=/path/to/python3.12 run
+PYTHON ?= $(shell for p in python3 python3.14 python3.13 python3.12 python3.11 python; do \
+	if $$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then echo $$p; break; fi; \
+	done)
+# further arguments: make run ARGS=--force, make test ARGS="-k capstan"
+ARGS ?=
+
+VENV := .venv
+BIN := $(VENV)/bin
+RUNTIME := $(VENV)/.installed-runtime
+DEVELOPMENT := $(VENV)/.installed-development
+PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+
+help:  ## show this help
+	@echo "beltid: contact parameters between a V-ribbed belt and a pulley"
+	@echo
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@echo
+	@echo "  ARGS=... adds arguments (make run ARGS=--force), PYTHON=... names another Python."
+
+run: $(RUNTIME)  ## the whole chain for the 5PK belt, results in runs/5pk
+	@echo "The recordings in rigdata/ are synthetic (rigdata/README.md)." >&2
+	$(BIN)/beltid run configs/5pk.yaml $(ARGS)
+
+run-all: $(RUNTIME)  ## the same for the belts 4PK, 5PK and 6PK
+	@echo "The recordings in rigdata/ are synthetic (rigdata/README.md)." >&2
+	$(BIN)/beltid run configs/4pk.yaml configs/5pk.yaml configs/6pk.yaml $(ARGS)
+
+test: $(DEVELOPMENT)  ## the tests
+	$(BIN)/python -m pytest $(ARGS)
+
+check: $(DEVELOPMENT)  ## formatting, lint, types, import contracts
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+clean:  ## remove .venv, caches and the results of run and run-all
+	rm -rf $(VENV) runs/4pk runs/5pk runs/6pk dist build
+	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache .benchmarks
+	find beltid tests -type d -name __pycache__ -prune -exec rm -rf {} +
+
+$(RUNTIME): pyproject.toml | $(BIN)/python
+	@echo "installing beltid into $(VENV) ..." >&2
+	$(PIP_INSTALL) --editable .
+	@touch $@
+
+# holds the runtime as well
+$(DEVELOPMENT): pyproject.toml | $(BIN)/python
+	@echo "installing beltid and its development tools into $(VENV) ..." >&2
+	$(PIP_INSTALL) --editable ".[dev]"
+	@touch $(RUNTIME) $@
+
+$(BIN)/python:
+	@if [ -z "$(PYTHON)" ]; then \
+		echo "Python >= 3.11 is needed, none was found; name one: make PYTHON=/path/to/python" >&2; \
+		exit 1; \
+	fi
+	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else \
+		"Python >= 3.11 is needed, $(PYTHON) is %d.%d; name another: make PYTHON=/path/to/python" \
+		% sys.version_info[:2])'
+	@# a virtual environment without pip is half a one (Debian: apt install python3-venv)
+	@$(PYTHON) -m venv $(VENV) || { rm -rf $(VENV); exit 1; }
