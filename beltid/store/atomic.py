@@ -36,8 +36,9 @@ def write_bytes(path: str | Path, data: bytes) -> None:
         If it cannot be written: no permission, no space, not a place for a file.
     """
     shown = Path(path)
-    target = Path(os.path.realpath(shown))
+    target = shown
     try:
+        target = Path(os.path.realpath(shown))
         _check_target(shown, target)
         target.parent.mkdir(parents=True, exist_ok=True)
         _remove_stale(target)

@@ -113,7 +113,7 @@ def _problems(cells: np.ndarray, column: Column, name: str) -> list[str]:
     wrong = np.isinf(numbers) | outside(numbers, column)
     if not column.nullable:
         wrong |= np.isnan(numbers)
-    rows = np.flatnonzero(wrong.reshape(len(wrong), -1).any(axis=1))
+    rows = np.flatnonzero(wrong.any(axis=1) if wrong.ndim > 1 else wrong)
     return [
         f"{name}: {column.name} = {cells[i]} in row {i + 1}, must be {column.allowed}"
         for i in rows[:3]
