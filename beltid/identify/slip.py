@@ -1,0 +1,156 @@
+"""Sliding speeds in service from the angular-speed loss of a two-pulley drive, Eq. (7).
+
+Two pulleys, one belt, a torque: the driven pulley falls behind the driver. Up to the torque that
+the belt can carry this is creep, proportional to the torque; then it slips grossly and the loss
+explodes. The largest loss short of that gives the largest sliding speed ``v = omega_loss R`` that
+the friction rig has to cover.
+
+The pulleys need not be equal to the last digit. Their ratio is taken from the runs without torque,
+where there is no loss; if it does not differ from 1 beyond its error, or no such run exists, 1 is
+used. The loss is that of the driver: ``driver_speed - ratio * driven_speed``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.errors import InputError
+from beltid.identify.rig_speeds import RequiredSpeeds, required_pulley_speeds
+from beltid.identify.slip_points import OK, SIGNIFICANT, SlipPoint, SlipResult, mark_gross_slip
+from beltid.identify.statistics import robust_mean_with_se
+from beltid.laws.capstan import sliding_speed
+
+__all__ = ["RequiredSpeeds", "SlipPoint", "SlipResult", "fit_slip", "required_pulley_speeds"]
+
+Array = NDArray[np.float64]
+
+COLUMNS = ("initial_tension_N", "torque_N_m", "driver_speed_rad_s", "driven_speed_rad_s")
+MIN_SAMPLES = 3
+"""Fewest usable samples of a run."""
+NO_LOAD_SHARE = 0.01
+"""A torque below this share of the largest is none."""
+
+
+def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipResult:
+    """Sliding speed of every operating point of a speed-loss recording, Eq. (7).
+
+    Parameters
+    ----------
+    speedloss : mapping of str to ndarray
+        Columns ``run``, ``initial_tension_N``, ``torque_N_m``, ``driver_speed_rad_s`` and
+        ``driven_speed_rad_s``, shape (n,) each; nan where missing.
+    pulley_radius_m : float
+        Radius of the belt's centreline on the driver pulley [m].
+
+    Returns
+    -------
+    SlipResult
+        One point per run, none dropped.
+
+    Raises
+    ------
+    InputError
+        If columns are missing, the radius is not positive, or no point can be used.
+    """
+    runs = _runs(speedloss, pulley_radius_m)
+    ratio, ratio_se, notes = _pulley_ratio(runs)
+    points = [_point(label, run, ratio, ratio_se, pulley_radius_m) for label, run in runs.items()]
+    points = mark_gross_slip(points)
+    service = [p for p in points if p.status == OK]
+    if not service:
+        raise InputError([f"run {p.run}: {p.status}" for p in points])
+    largest = max(service, key=lambda p: abs(p.slip_speed_m_s))
+    for status in dict.fromkeys(p.status for p in points if p.status != OK):
+        runs_so = ", ".join(p.run for p in points if p.status == status)
+        notes.append(f"{status}: {runs_so}; not counted for the largest sliding speed")
+    return SlipResult(
+        tuple(points), ratio, ratio_se, abs(largest.slip_speed_m_s), largest.run, tuple(notes)
+    )
+
+
+def _runs(speedloss: Mapping[str, NDArray], radius: float) -> dict[str, dict[str, Array]]:
+    """Columns of each run, in the order of the recording."""
+    problems = [
+        f"speed-loss recording: column {name} is missing"
+        for name in ("run", *COLUMNS)
+        if name not in speedloss
+    ]
+    if not (radius > 0.0 and math.isfinite(radius)):
+        problems.append(f"pulley_radius_m = {radius!r}, must be > 0 m")
+    if problems:
+        raise InputError(problems)
+    labels = np.asarray(speedloss["run"]).astype(str)
+    if labels.size == 0:
+        raise InputError("speed-loss recording: 0 samples, must be at least 1")
+    columns = {name: np.asarray(speedloss[name], dtype=float) for name in COLUMNS}
+    wrong = [f"{name} {v.shape}" for name, v in columns.items() if v.shape != labels.shape]
+    if wrong:
+        raise InputError(
+            f"speed-loss recording: columns {', '.join(wrong)}, must be {labels.shape} as run is"
+        )
+    return {
+        label: {name: values[labels == label] for name, values in columns.items()}
+        for label in dict.fromkeys(labels.tolist())
+    }
+
+
+def _pulley_ratio(runs: Mapping[str, Mapping[str, Array]]) -> tuple[float, float, list[str]]:
+    """Ratio of driver to driven speed without torque, its standard error, and notes."""
+    torque = {label: robust_mean_with_se(run["torque_N_m"]) for label, run in runs.items()}
+    largest = max((abs(t.mean) for t in torque.values() if math.isfinite(t.mean)), default=0.0)
+    ratios = []
+    for label, run in runs.items():
+        t = torque[label]
+        idle = abs(t.mean) <= max(NO_LOAD_SHARE * largest, 2.0 * t.se if t.se > 0 else 0.0)
+        usable = np.abs(run["driven_speed_rad_s"]) > 0.0
+        if idle and usable.any():
+            found = run["driver_speed_rad_s"][usable] / run["driven_speed_rad_s"][usable]
+            ratios.append(robust_mean_with_se(found))
+    ratios = [r for r in ratios if r.se > 0.0]
+    if not ratios:
+        return 1.0, 0.0, ["no run without torque: the pulleys are taken as equal"]
+    weights = np.array([r.se**-2 for r in ratios])
+    ratio = float(weights @ np.array([r.mean for r in ratios]) / weights.sum())
+    se = float(weights.sum() ** -0.5)
+    if abs(ratio - 1.0) <= SIGNIFICANT * se:
+        return 1.0, 0.0, []
+    return ratio, se, [f"ratio of the pulleys {ratio:.6g} ± {se:.1g}, from the runs without torque"]
+
+
+def _point(
+    label: str, run: Mapping[str, Array], ratio: float, ratio_se: float, radius: float
+) -> SlipPoint:
+    driver, driven = run["driver_speed_rad_s"], run["driven_speed_rad_s"]
+    loss = robust_mean_with_se(driver - ratio * driven)
+    n = int(np.count_nonzero(np.isfinite(driver) & np.isfinite(driven)))
+    speed = robust_mean_with_se(driver).mean
+    torque = robust_mean_with_se(run["torque_N_m"]).mean
+    se = math.hypot(loss.se, ratio_se * robust_mean_with_se(driven).mean)
+    status = OK
+    if n < MIN_SAMPLES:
+        status = f"fewer than {MIN_SAMPLES} usable samples"
+    elif speed == 0.0:
+        status = "the driver does not turn"
+    elif loss.mean * math.copysign(1.0, speed * _sign(torque)) < -SIGNIFICANT * loss.se:
+        status = "the driven pulley gains on the driver"
+    return SlipPoint(
+        run=label,
+        driver_speed_rad_s=speed,
+        initial_tension_N=robust_mean_with_se(run["initial_tension_N"]).mean,
+        torque_N_m=torque,
+        speed_loss_rad_s=loss.mean,
+        speed_loss_se_rad_s=se,
+        slip_speed_m_s=float(sliding_speed(loss.mean, radius)),
+        slip_speed_se_m_s=float(sliding_speed(se, radius)),
+        n_samples=n,
+        status=status,
+    )
+
+
+def _sign(torque: float) -> float:
+    """-1 for a torque that turns the roles of the pulleys round (a generator driving), else 1."""
+    return -1.0 if torque < 0.0 else 1.0

@@ -1,0 +1,185 @@
+"""Sliding speeds from the speed-loss bench, and the pulley speeds they ask for."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from beltid.errors import InputError
+from beltid.identify.slip import fit_slip, required_pulley_speeds
+
+ROOT = Path(__file__).parents[2]
+BELTS = ("4pk", "5pk", "6pk")
+TORQUES = np.arange(0.0, 17.0)
+
+
+def load(belt: str) -> dict[str, np.ndarray]:
+    with (ROOT / "rigdata" / belt / "speedloss.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    return {
+        name: np.array([r[name] if name == "run" else float(r[name] or "nan") for r in rows])
+        for name in rows[0]
+    }
+
+
+def truth(belt: str) -> dict[str, float]:
+    path = ROOT / "tests" / "truth" / belt / "speedloss_truth.csv"
+    with path.open(newline="") as file:
+        return {r["run"]: float(r["slip_speed_m_s"]) for r in csv.DictReader(file)}
+
+
+def drive(
+    torque=TORQUES, creep=0.01, speed=62.8, ratio=1.0, seed=0, n=20, noise=2e-3
+) -> dict[str, np.ndarray]:
+    """Synthetic drive: loss of `creep` [rad/s per N m], driven pulley `ratio` times larger."""
+    rng = np.random.default_rng(seed)
+    torque = np.asarray(torque, dtype=float)
+    loss = np.broadcast_to(creep * torque, torque.shape)
+    size = torque.size * n
+    return {
+        "run": np.repeat([f"S{i:02d}" for i in range(torque.size)], n),
+        "initial_tension_N": np.full(size, 310.0),
+        "torque_N_m": np.repeat(torque, n) + 0.02 * rng.normal(size=size),
+        "driver_speed_rad_s": speed + 5e-4 * rng.normal(size=size),
+        "driven_speed_rad_s": (speed - np.repeat(loss, n)) / ratio + noise * rng.normal(size=size),
+    }
+
+
+@pytest.mark.parametrize("belt", BELTS)
+def test_virtual_bench_gives_the_true_sliding_speeds_within_their_errors(belt):
+    result, true = fit_slip(load(belt), 0.05), truth(belt)
+    assert [p.run for p in result.points] == list(true)
+    assert {p.status for p in result.points} == {"ok"}
+    error = np.array([p.slip_speed_m_s - true[p.run] for p in result.points])
+    se = np.array([p.slip_speed_se_m_s for p in result.points])
+    pulls = error / se
+    # 51 points of 10 samples each: Student's t with 9 degrees of freedom
+    assert np.max(np.abs(pulls)) < 5.0
+    assert 0.8 < np.sqrt(np.mean(pulls**2)) < 1.5
+    # the speed sensors' 3 mrad/s over sqrt(10) samples, times R
+    assert np.sqrt(np.mean(error**2)) < 6e-5
+    assert result.max_slip_speed_m_s == pytest.approx(max(true.values()), rel=5e-3)
+    assert result.max_slip_run == "S51"
+
+
+def test_correlated_samples_widen_the_error():
+    white = drive(torque=[8.0], n=4000, noise=1e-3)
+    slow = {k: v.copy() for k, v in white.items()}
+    drift = np.repeat(np.random.default_rng(1).normal(size=200), 20)
+    slow["driven_speed_rad_s"] = 62.72 + 1e-3 * drift
+    ratio = (
+        fit_slip(slow, 0.05).points[0].slip_speed_se_m_s
+        / fit_slip(white, 0.05).points[0].slip_speed_se_m_s
+    )
+    # blocks of 20 equal samples hold as much as one: sqrt(0.8 * 20 + 0.2) = 4.0 with the driver's
+    # white fifth of the variance; 200 blocks determine it to 15 %
+    assert 3.2 < ratio < 4.9
+
+
+def test_unequal_pulleys_are_taken_off_with_the_runs_without_torque():
+    columns = drive(ratio=1.03)
+    result = fit_slip(columns, 0.05)
+    assert result.ratio == pytest.approx(1.03, abs=5 * result.ratio_se)
+    assert 0 < result.ratio_se < 1e-4
+    loss = np.array([p.speed_loss_rad_s for p in result.points])
+    assert loss == pytest.approx(0.01 * np.arange(17.0), abs=4e-3)
+    assert any("ratio of the pulleys" in note for note in result.notes)
+    assert min(p.slip_speed_se_m_s for p in result.points) > 62.0 * 0.05 * result.ratio_se
+
+
+def test_equal_pulleys_stay_equal_and_a_missing_idle_run_is_noted():
+    assert fit_slip(drive(), 0.05).ratio == 1.0
+    result = fit_slip(drive(torque=np.arange(2.0, 12.0)), 0.05)
+    assert result.ratio == 1.0
+    assert any("no run without torque" in note for note in result.notes)
+
+
+def test_gross_slip_is_marked_and_not_counted_as_service():
+    torque = np.arange(0.0, 17.0)
+    creep = np.where(torque > 14.5, 0.05, 0.01)
+    result = fit_slip(drive(torque, creep), 0.05)
+    assert [p.run for p in result.points if p.status == "gross slip"] == ["S15", "S16"]
+    assert result.max_slip_run == "S14"
+    assert result.max_slip_speed_m_s == pytest.approx(0.01 * 14 * 0.05, rel=0.02)
+    lone = fit_slip(drive([0.0, 5.0, 8.0], np.array([0.0, 0.01, 1.0])), 0.05)
+    assert [p.status for p in lone.points] == ["ok", "ok", "gross slip"]
+
+
+def test_gaps_spikes_and_useless_runs_are_kept_apart():
+    columns = drive()
+    columns["driven_speed_rad_s"][np.flatnonzero(columns["run"] == "S08")[3]] = 0.0
+    columns["driver_speed_rad_s"][np.flatnonzero(columns["run"] == "S09")[:5]] = np.nan
+    columns["driven_speed_rad_s"][np.flatnonzero(columns["run"] == "S10")[2:]] = np.nan
+    gains = columns["run"] == "S12"
+    columns["driven_speed_rad_s"][gains] += 1.0
+    stands = columns["run"] == "S13"
+    columns["driver_speed_rad_s"][stands] = columns["driven_speed_rad_s"][stands] = 0.0
+    result = fit_slip(columns, 0.05)
+    status = {p.run: p.status for p in result.points}
+    assert len(result.points) == 17
+    assert "fewer than 3" in status.pop("S10")
+    assert "gains" in status.pop("S12")
+    assert "does not turn" in status.pop("S13")
+    assert set(status.values()) == {"ok"}
+    points = {p.run: p for p in result.points}
+    assert points["S08"].slip_speed_m_s == pytest.approx(0.05 * 0.08, abs=1.5e-4)
+    assert points["S09"].n_samples == 15
+    assert len(result.notes) == 3
+
+
+def test_a_driving_generator_has_a_loss_of_the_other_sign():
+    result = fit_slip(drive(torque=-np.arange(0.0, 17.0)), 0.05)
+    assert {p.status for p in result.points} == {"ok"}
+    assert result.points[10].slip_speed_m_s < 0
+    assert result.max_slip_speed_m_s == pytest.approx(0.16 * 0.05, rel=0.02)
+
+
+def test_wrong_inputs_name_every_problem():
+    with pytest.raises(InputError) as error:
+        fit_slip({"run": np.array(["a"])}, -1.0)
+    assert len(error.value.problems) == 5
+    empty = {k: v[:0] for k, v in drive().items()}
+    with pytest.raises(InputError, match="0 samples"):
+        fit_slip(empty, 0.05)
+    useless = {k: v[:2] for k, v in drive().items()}
+    with pytest.raises(InputError, match="run S00: fewer than 3"):
+        fit_slip(useless, 0.05)
+
+
+def test_required_speeds_run_from_the_smallest_to_the_largest_sliding_speed():
+    result = fit_slip(drive(torque=[0.0, 1.0, 4.0, 16.0], n=100), 0.05)
+    need = required_pulley_speeds(result, 0.04, 5, [0.005, 0.02, 0.1, 0.3])
+    # v = 0.01 rad/s per N m times the torque times R = 0.05 m, over the rig's 0.04 m
+    assert need.min_speed_rad_s == pytest.approx(0.0125, rel=0.08)
+    assert need.max_speed_rad_s == pytest.approx(0.2, rel=0.01)
+    assert len(need.proposed_rad_s) == 5
+    assert need.proposed_rad_s[0] == pytest.approx(need.min_speed_rad_s)
+    assert need.proposed_rad_s[-1] == pytest.approx(need.max_speed_rad_s)
+    steps = np.diff(np.log(need.proposed_rad_s))
+    assert steps == pytest.approx(steps[0])
+    assert [where for _, where in need.configured] == ["below", "within", "within", "above"]
+    assert need.covered
+    assert need.covers_largest
+
+
+def test_speeds_that_the_rig_does_not_reach_are_named():
+    result = fit_slip(load("5pk"), 0.05)
+    need = required_pulley_speeds(result, 0.05, configured=[0.05, 0.10, 0.21])
+    assert not need.covered
+    assert not need.covers_largest
+    assert "0.21 to 0.467 rad/s not covered" in need.statement
+    largest = max(truth("5pk").values()) / 0.05
+    assert need.max_speed_rad_s == pytest.approx(largest, rel=5e-3)
+    full = required_pulley_speeds(result, 0.05, configured=[0.05, 0.10, 0.21, 0.42, 0.84])
+    assert full.covers_largest
+    assert required_pulley_speeds(result, 0.05).covered is None
+
+
+def test_required_speeds_need_a_loss_and_sensible_arguments():
+    idle = fit_slip(drive(torque=[0.0]), 0.05)
+    with pytest.raises(InputError) as error:
+        required_pulley_speeds(idle, 0.0, 1)
+    assert len(error.value.problems) == 3
