@@ -22,8 +22,8 @@ UNITS: Final[tuple[tuple[str, str], ...]] = (
     ("_s", "s"),
     ("_m", "m"),
 )
-# names in which an ending is not a unit of force per length but of torque
-TORQUE: Final = ("torque_N_m",)
+# the one ending that is not a force per length
+TORQUE: Final = "torque_N_m"
 RANGES: Final = ("range", "valid")
 MISSING: Final = "-"
 
@@ -38,8 +38,8 @@ def name_and_unit(name: str) -> tuple[str, str]:
     >>> name_and_unit("mu_sliding")
     ('mu sliding', '')
     """
-    if name in TORQUE:
-        return "torque", "N m"
+    if name.endswith(TORQUE):
+        return name[: -len("_N_m")].replace("_", " "), "N m"
     for ending, unit in UNITS:
         if name.endswith(ending) and len(name) > len(ending):
             return name[: -len(ending)].replace("_", " "), unit
@@ -72,6 +72,8 @@ def cell(name: str, value: Any) -> str:
 def _number(name: str, value: float) -> str:
     if math.isnan(value):
         return MISSING
+    if "_se" in name:  # the doubt of a doubt is large: two digits
+        return f"{value:.2g}"
     if name.startswith("mu") and math.isfinite(value):
         return f"{value:.4f}"
     if name.endswith("_percent"):

@@ -13,7 +13,7 @@ from beltid.errors import InputError
 from beltid.identify.friction import RunReduction, reduce_runs
 from beltid.report.summary import Summary
 from beltid.stages.making import Made, Recipe, make
-from beltid.stages.outcome import Outcome, rows_of, span
+from beltid.stages.outcome import Outcome, as_set, rows_of, span
 from beltid.stages.reduction import friction_settings, reduction_columns
 from beltid.stages.talk import Options
 from beltid.store.recordings import columns_of, read_recording
@@ -164,7 +164,7 @@ def summarise(made: Made) -> Summary:
 def _per_setting(columns: Mapping[str, np.ndarray], good: np.ndarray) -> list[dict[str, Any]]:
     """A row per arc and speed: force and friction over the initial tensions."""
     rows = []
-    arcs, speeds = columns["arc_deg"], _settings(columns["pulley_speed_rad_s"])
+    arcs, speeds = columns["arc_deg"], as_set(columns["pulley_speed_rad_s"])
     for arc in np.unique(arcs[good]):
         for speed in np.unique(speeds[good & (arcs == arc)]):
             here = good & (arcs == arc) & (speeds == speed)
@@ -181,15 +181,3 @@ def _per_setting(columns: Mapping[str, np.ndarray], good: np.ndarray) -> list[di
                 }
             )
     return rows
-
-
-def _settings(speed: np.ndarray) -> np.ndarray:
-    """Speeds as they were set: measured ones within 3 % of each other are one, their median."""
-    found = np.full(speed.shape, np.nan)
-    known = np.flatnonzero(np.isfinite(speed))
-    ordered = known[np.argsort(speed[known], kind="stable")]
-    if ordered.size:
-        gaps = np.flatnonzero(np.diff(speed[ordered]) > 0.03 * np.abs(speed[ordered][:-1]))
-        for group in np.split(ordered, gaps + 1):
-            found[group] = np.median(speed[group])
-    return found

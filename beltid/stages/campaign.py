@@ -1,0 +1,238 @@
+"""The runs of a simulated campaign: which ones, their results, their recording as one table."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, is_dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from beltid.errors import BeltidError, InputError
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
+from beltid.params import OperatingPoint
+from beltid.rigsim.rig import RunResult, SimulationSettings
+from beltid.rigsim.rig import campaign as rig_campaign
+from beltid.store import schemas
+
+if TYPE_CHECKING:
+    from beltid.config import Config
+
+METHODS: Final = ("transient", "steady")
+REST_SAMPLES: Final = 10
+SLIDING_SAMPLES: Final = 60
+TRAVEL_PER_SAMPLE_M: Final = 5.0e-5
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedRun:
+    """One run of the simulated rig.
+
+    Attributes
+    ----------
+    label : str
+        Its label, that of its place in the whole campaign: the same however runs are picked.
+    arc_deg, initial_tension_N, pulley_speed_rad_s : float
+        Settings.
+    """
+
+    label: str
+    arc_deg: float
+    initial_tension_N: float
+    pulley_speed_rad_s: float
+
+    @property
+    def point(self) -> OperatingPoint:
+        """The settings for the science."""
+        return OperatingPoint(
+            beta=math.radians(self.arc_deg),
+            T_0=self.initial_tension_N,
+            omega=self.pulley_speed_rad_s,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Picked:
+    """Runs that the user picked; an empty tuple leaves a setting open."""
+
+    arcs_deg: tuple[float, ...] = ()
+    tensions_N: tuple[float, ...] = ()
+    speeds_rad_s: tuple[float, ...] = ()
+
+
+def planned_runs(config: Config, picked: Picked) -> tuple[PlannedRun, ...]:
+    """Runs of the config, those that were picked.
+
+    Raises
+    ------
+    InputError
+        If a value was picked that the config does not have; with the allowed ones.
+    """
+    rig = config.rig
+    problems: list[str] = []
+    arcs = _chosen(picked.arcs_deg, rig.arcs_deg, "--arc", problems)
+    tensions = _chosen(picked.tensions_N, rig.initial_tensions_N, "--tension", problems)
+    speeds = _chosen(picked.speeds_rad_s, rig.pulley_speeds_rad_s, "--speed", problems)
+    if problems:
+        raise InputError(problems)
+    runs = []
+    number = 0
+    for arc in rig.arcs_deg:
+        for tension in rig.initial_tensions_N:
+            for speed in rig.pulley_speeds_rad_s:
+                number += 1
+                if arc in arcs and tension in tensions and speed in speeds:
+                    runs.append(PlannedRun(f"S{number:03d}", arc, tension, speed))
+    return tuple(runs)
+
+
+def _chosen(
+    picked: Sequence[float], allowed: Sequence[float], option: str, problems: list[str]
+) -> set[float]:
+    if not picked:
+        return set(allowed)
+    found = set()
+    for value in picked:
+        near = [a for a in allowed if math.isclose(a, value, rel_tol=1e-6)]
+        if not near:
+            known = ", ".join(f"{a:g}" for a in allowed)
+            problems.append(f"{option} = {value:g}, must be one of those of the config: {known}")
+        found.update(near)
+    return found
+
+
+def simulation_settings(
+    config: Config, method: str | None = None, elements: int | None = None
+) -> SimulationSettings:
+    """Settings of the simulation: those of the call, else those of the config.
+
+    Raises
+    ------
+    InputError
+        If there is no such method.
+    """
+    section = config.simulation
+    chosen = method or section.method
+    if chosen not in METHODS:
+        raise InputError(f"method = {chosen!r}, must be {' or '.join(METHODS)}")
+    return SimulationSettings(
+        method=chosen,
+        elements=section.elements if elements is None else elements,
+        steps=section.steps_per_run,
+        friction_solver=section.friction_solver,
+    )
+
+
+def surface_from(surface: FrictionSurface | float) -> FrictionSurface:
+    """A friction surface; a number is a constant friction coefficient.
+
+    Raises
+    ------
+    InputError
+        If it is neither.
+    """
+    if isinstance(surface, FrictionSurface):
+        return surface
+    if isinstance(surface, (int, float, np.number)) and not isinstance(surface, bool):
+        return FrictionSurface.constant(float(surface))
+    raise InputError(
+        f"surface = {type(surface).__name__}, must be a FrictionSurface or a number (constant mu)"
+    )
+
+
+def simulated_results(
+    config: Config,
+    laws: tuple[FrictionSurface | float, NormalLaw],
+    runs: Sequence[PlannedRun],
+    settings: SimulationSettings,
+    jobs: int | None = None,
+) -> Iterator[tuple[int, RunResult | BeltidError]]:
+    """Results of runs as they finish, each with the index of its run."""
+    surface, law = laws
+    yield from rig_campaign(
+        config.belt_params(),
+        config.rig_params(),
+        config.contact_params(),
+        law,
+        surface_from(surface),
+        [run.point for run in runs],
+        settings,
+        jobs=jobs or available_cores(),
+    )
+
+
+def available_cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return max(1, len(os.sched_getaffinity(0)))
+    return os.cpu_count() or 1
+
+
+def result_row(run: PlannedRun, result: RunResult | BeltidError) -> dict[str, Any]:
+    """Row of a run: settings, sliding state, status."""
+    row: dict[str, Any] = {
+        "run": run.label,
+        "arc_deg": run.arc_deg,
+        "initial_tension_N": run.initial_tension_N,
+        "pulley_speed_rad_s": run.pulley_speed_rad_s,
+    }
+    names = ("tension_tight_N", "tension_slack_N", "mu", "normal_force_N_m")
+    if isinstance(result, BeltidError):
+        return {**row, **dict.fromkeys(names), "status": "; ".join(result.problems)}
+    return {**row, **{name: float(getattr(result, name)) for name in names}, "status": "ok"}
+
+
+def solver_record(result: RunResult) -> dict[str, Any]:
+    """What the solver spent on a run."""
+    record = result.record
+    return asdict(record) if is_dataclass(record) else {}
+
+
+def recording_columns(
+    runs: Sequence[PlannedRun], results: Sequence[RunResult], pulley_radius_m: float
+) -> dict[str, np.ndarray]:
+    """Recordings of runs as one table with the columns of rig.csv."""
+    parts = [_one_recording(*pair, pulley_radius_m) for pair in zip(runs, results, strict=True)]
+    return {
+        column.name: np.concatenate([part[column.name] for part in parts])
+        for column in schemas.table("simulated").columns
+    }
+
+
+def _one_recording(
+    run: PlannedRun, result: RunResult, pulley_radius_m: float
+) -> dict[str, np.ndarray]:
+    recorded = result.recording
+    if recorded is None:
+        recorded = _two_levels(run, result, pulley_radius_m)
+    n = len(recorded["time_s"])
+    return {
+        **recorded,
+        "run": np.full(n, run.label, dtype=object),
+        "temperature_degC": np.full(n, np.nan),
+        "arc_deg": np.full(n, run.arc_deg),
+        "initial_tension_N": np.full(n, run.initial_tension_N),
+    }
+
+
+def _two_levels(
+    run: PlannedRun, result: RunResult, pulley_radius_m: float
+) -> dict[str, np.ndarray]:
+    """Recording of a run of which only the sliding limit is known: a level at rest, one sliding.
+
+    So the sliding limit goes through the same reduction as any recording; there is no build-up in
+    it, and hence no sticking peak.
+    """
+    omega = run.pulley_speed_rad_s
+    n = REST_SAMPLES + SLIDING_SAMPLES
+    turning = np.arange(n) >= REST_SAMPLES
+    T_0 = run.initial_tension_N
+    return {
+        "time_s": np.arange(n) * (TRAVEL_PER_SAMPLE_M / (omega * pulley_radius_m)),
+        "tension_tight_N": np.where(turning, result.tension_tight_N, T_0),
+        "tension_slack_N": np.where(turning, result.tension_slack_N, T_0),
+        "pulley_speed_rad_s": np.where(turning, omega, 0.0),
+    }

@@ -1,0 +1,207 @@
+"""beltid fit-slip: speed-loss recording -> sliding speeds in service (METHOD 2; paper Eq. 7)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.config import Config, ConfigSource, load_config
+from beltid.errors import InputError
+from beltid.identify.slip import RequiredSpeeds, SlipPoint, SlipResult, required_pulley_speeds
+from beltid.identify.slip import fit_slip as identify
+from beltid.report.summary import Summary
+from beltid.stages.making import Made, Recipe, make
+from beltid.stages.outcome import Outcome, as_set, rows_of
+from beltid.stages.talk import Options
+from beltid.store import schemas
+from beltid.store.recordings import columns_of, read_recording
+from beltid.store.tables import outside
+
+KIND: Final = "slip"
+KEYS: Final = (
+    "slip",
+    "rig.pulley_radius_m",
+    "rig.pulley_speeds_rad_s",
+    "columns.speedloss",
+    "units.speedloss",
+    "dialect",
+)
+
+
+def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
+    """Read a recording of the ``speedloss`` bench, find the speeds, write them, sum them up."""
+
+    def compute() -> Outcome[SlipResult]:
+        recording = read_recording(inputs["speedloss"], "speedloss", config.config)
+        options.talk.say(f"{recording.path}: {len(recording.columns['time_s'])} samples")
+        return _outcome(recording.columns, config.config, recording.notes, str(recording.path))
+
+    return summarise(make(Recipe(KIND, config, KEYS, inputs), out, options, compute))
+
+
+def fit_slip(
+    frame: Any, config: Config | Mapping[str, Any] | str | Path | None = None
+) -> Outcome[SlipResult]:
+    """Find the sliding speeds in service, Eq. (7), from a speed-loss recording.
+
+    Parameters
+    ----------
+    frame : DataFrame, pyarrow Table or mapping
+        The columns of speedloss.csv.
+    config : Config, dict, path or None
+        Radius and speeds of the friction rig; None is the built-in 5PK rig.
+
+    Returns
+    -------
+    Outcome
+        ``.to_frame()`` has a row per run; ``.extra["rig_speeds"]`` the pulley speeds that the
+        friction rig has to cover.
+
+    Raises
+    ------
+    InputError
+        If the recording cannot be used.
+    """
+    model = load_config(config)
+    return _outcome(columns_of(frame, "speedloss", model), model, (), "frame")
+
+
+def _outcome(
+    columns: Mapping[str, np.ndarray], config: Config, notes: tuple[str, ...], name: str
+) -> Outcome[SlipResult]:
+    radius = config.rig.pulley_radius_m
+    try:
+        result = identify(columns, radius)
+    except InputError as error:
+        raise InputError([f"{name}: {line}" for line in error.problems]) from None
+    required, warnings = _required(result, config)
+    kept = [point for point in result.points if not _inadmissible(point)]
+    aside = [{"run": p.run, "why": _inadmissible(p)} for p in result.points if _inadmissible(p)]
+    return Outcome(
+        kind=KIND,
+        columns=_columns(kept),
+        result=result,
+        validity={"slip_speed_m_s": (0.0, result.max_slip_speed_m_s)},
+        set_aside=aside,
+        extra={
+            "max_slip_speed_m_s": result.max_slip_speed_m_s,
+            "max_slip_run": result.max_slip_run,
+            "pulley_ratio": result.ratio,
+            "pulley_ratio_se": result.ratio_se,
+            "rig_speeds": None if required is None else asdict(required),
+        },
+        notes=(*notes, *result.notes, *([] if required is None else [required.statement])),
+        warnings=(*(f"run {row['run']} set aside: {row['why']}" for row in aside), *warnings),
+    )
+
+
+def _required(result: SlipResult, config: Config) -> tuple[RequiredSpeeds | None, list[str]]:
+    rig = config.rig
+    try:
+        required = required_pulley_speeds(
+            result, rig.pulley_radius_m, config.slip.n_speeds, rig.pulley_speeds_rad_s
+        )
+    except InputError as error:  # the sliding speeds themselves are found and worth keeping
+        return None, [f"no pulley speeds proposed: {line}" for line in error.problems]
+    return required, []
+
+
+def _inadmissible(point: SlipPoint) -> str:
+    """Why a point cannot stand in the table; empty if it can."""
+    table = schemas.table(KIND)
+    wrong = []
+    for column in table.columns:
+        value = getattr(point, column.name, None)
+        if column.dtype != "float64" or column.nullable or value is None:
+            continue
+        if not np.isfinite(value) or outside(np.array([value]), column)[0]:
+            wrong.append(f"{column.name} = {value:.4g}, must be {column.allowed}")
+    if not wrong:
+        return ""
+    return "; ".join([*([] if point.status == "ok" else [point.status]), *wrong])
+
+
+def _columns(points: Sequence[SlipPoint]) -> dict[str, np.ndarray]:
+    columns: dict[str, np.ndarray] = {}
+    for column in schemas.table(KIND).columns:
+        if not points or not hasattr(points[0], column.name):
+            continue
+        values = [getattr(point, column.name) for point in points]
+        columns[column.name] = np.array(values, dtype=object if column.dtype == "string" else None)
+    return columns
+
+
+def summarise(made: Made) -> Summary:
+    """Sum up a slip artifact."""
+    columns, extra = made.artifact.columns, made.artifact.metadata.extra
+    rig: Mapping[str, Any] = extra["rig_speeds"] or {}
+    return Summary(
+        stage="fit-slip",
+        title="sliding speed of belt on pulley in service, from the loss of angular speed",
+        out=made.artifact.path,
+        facts={
+            "runs": len(columns["slip_speed_m_s"]),
+            "largest_slip_speed_m_s": extra["max_slip_speed_m_s"],
+            "in_run": extra["max_slip_run"],
+            "rig_speeds_proposed_rad_s": rig.get("proposed_rad_s"),
+            "rig_speeds_covered": rig.get("covered"),
+        },
+        table=rows_of(
+            columns,
+            "run",
+            "driver_speed_rad_s",
+            "initial_tension_N",
+            "torque_N_m",
+            "speed_loss_rad_s",
+            "slip_speed_m_s",
+            "slip_speed_se_m_s",
+            "n_samples",
+            "status",
+        ),
+        shown=(
+            "run",
+            "driver_speed_rad_s",
+            "initial_tension_N",
+            "torque_N_m",
+            "speed_loss_rad_s",
+            "slip_speed_m_s",
+            "slip_speed_se_m_s",
+            "status",
+        ),
+        overview=_series(columns),
+        notes=made.notes,
+        warnings=made.warnings,
+        up_to_date=made.up_to_date,
+    )
+
+
+def _series(columns: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
+    """A row per driver speed and initial tension: how far the torque went, and the sliding."""
+    rows = []
+    drivers, tensions = as_set(columns["driver_speed_rad_s"]), as_set(columns["initial_tension_N"])
+    good = columns["status"] == "ok"
+    for driver in np.unique(drivers):
+        for tension in np.unique(tensions[drivers == driver]):
+            here = (drivers == driver) & (tensions == tension)
+            used = np.flatnonzero(here & good)
+            most = used[np.argmax(np.abs(columns["slip_speed_m_s"][used]))] if used.size else None
+            rows.append(
+                {
+                    "driver_speed_rad_s": float(driver),
+                    "initial_tension_N": float(tension),
+                    "runs": int(here.sum()),
+                    "runs_ok": int(used.size),
+                    "largest_slip_speed_m_s": _at(columns["slip_speed_m_s"], most),
+                    "slip_speed_se_m_s": _at(columns["slip_speed_se_m_s"], most),
+                    "at_torque_N_m": _at(columns["torque_N_m"], most),
+                }
+            )
+    return rows
+
+
+def _at(values: np.ndarray, index: Any) -> float | None:
+    return None if index is None else float(values[index])
