@@ -67,16 +67,15 @@ def test_virtual_bench_gives_the_true_sliding_speeds_within_their_errors(belt):
 
 def test_correlated_samples_widen_the_error():
     white = drive(torque=[8.0], n=4000, noise=1e-3)
-    slow = {k: v.copy() for k, v in white.items()}
-    drift = np.repeat(np.random.default_rng(1).normal(size=200), 20)
-    slow["driven_speed_rad_s"] = 62.72 + 1e-3 * drift
-    ratio = (
-        fit_slip(slow, 0.05).points[0].slip_speed_se_m_s
-        / fit_slip(white, 0.05).points[0].slip_speed_se_m_s
-    )
-    # blocks of 20 equal samples hold as much as one: sqrt(0.8 * 20 + 0.2) = 4.0 with the driver's
-    # white fifth of the variance; 200 blocks determine it to 15 %
-    assert 3.2 < ratio < 4.9
+    reference = fit_slip(white, 0.05).points[0].slip_speed_se_m_s
+    ratios = []
+    for seed in range(10):
+        drift = np.repeat(np.random.default_rng(seed).normal(size=200), 20)
+        slow = white | {"driven_speed_rad_s": 62.72 + 1e-3 * drift}
+        ratios.append(fit_slip(slow, 0.05).points[0].slip_speed_se_m_s / reference)
+    # 20 equal samples hold as much as one; the driver's white noise is a fifth of the variance:
+    # sqrt(0.8 * 20 + 0.2) = 4.02, determined to 14 % by one record and to 5 % by ten
+    assert np.mean(ratios) == pytest.approx(4.02, rel=0.15)
 
 
 def test_unequal_pulleys_are_taken_off_with_the_runs_without_torque():
