@@ -12,6 +12,11 @@ derivatives are the line force (in delta) and the small couple (in sigma) of the
 
 The advance of the pulley's surface relative to the belt during a step is
 ``slip = rho (omega dt - (theta - theta_old))``: the polar angle makes stick exact for any step.
+
+The points of one element are a patch: they stick together or slide together. Sliding points carry
+mu at their own force and speed; a sticking patch carries one force, spread like the friction limits
+of its points, and its slip, averaged in the same way, is zero. A stick force for every point would
+be more constraints than the element has tangential freedoms.
 """
 
 from __future__ import annotations
@@ -33,7 +38,7 @@ from beltid.rigsim.compiled import kernel
 
 Array = NDArray[np.float64]
 
-OPEN, STICK, SLIDE = 0, 1, 2
+STICK, SLIDE = 1, 2
 
 
 class ContactArrays(NamedTuple):
@@ -43,7 +48,6 @@ class ContactArrays(NamedTuple):
     k_linear: float
     k_quadratic: float
     C_P: float
-    sticking_ratio: float
     f_range: tuple[float, float]
     v_range: tuple[float, float]
     x_nodes: Array
@@ -64,7 +68,6 @@ def contact_arrays(
         k_linear=float(law.k_linear_N_m2),
         k_quadratic=float(law.k_quadratic_N_m3),
         C_P=float(contact.C_P),
-        sticking_ratio=float(contact.sticking_ratio),
         f_range=_limits(surface.normal_force_N_m),
         v_range=_limits(surface.slip_speed_m_s),
         x_nodes=tables.x_nodes,
@@ -94,7 +97,7 @@ class Motion(NamedTuple):
     friction : float
         Factor on the coefficient of friction: 0 for a frictionless lay-on, else 1.
     augmentation : float
-        Stiffness per length that holds a sticking point to its multiplier [N/m²].
+        Stiffness that holds a sticking patch to its multiplier [N/m].
     """
 
     omega: float
@@ -104,33 +107,41 @@ class Motion(NamedTuple):
 
 
 class Points(NamedTuple):
-    """State of the contact points, arrays of shape (n_e, n_c).
+    """State of the contact points, arrays of shape (n_e, n_c), and of the patches, (n_e,).
 
-    Input: ``status`` decides what acts; ``sign`` is the direction of sliding; ``la_T`` the
-    multiplier of a sticking point [N]; ``theta_old``, ``rho_old`` the polar coordinates at the last
-    step. Output: normal force ``F_N`` and tangential force ``F_T`` [N], the limit ``F_max`` of stick
-    [N], the ``slip`` of the step [m], the line force ``f_N`` [N/m] and ``theta``, ``rho``.
+    Patches: ``status`` and ``sign`` (direction of sliding) decide what acts; ``la_T`` is the
+    multiplier of a sticking patch [N]; ``ratio`` its limit of friction over the sliding one;
+    output ``slip`` of the step [m], tangential ``force`` and its ``limit`` [N].
+
+    Points: ``theta_old``, ``rho_old`` and ``limit_old`` belong to the last step; output ``theta``,
+    ``rho``, line force ``f_N`` [N/m], normal and tangential force ``F_N``, ``F_T`` and limit
+    ``F_max`` [N], ``point_slip`` of the step [m].
     """
 
     status: NDArray[np.int64]
     sign: Array
     la_T: Array
+    ratio: Array
+    slip: Array
+    force: Array
+    limit: Array
     theta_old: Array
     rho_old: Array
+    limit_old: Array
+    theta: Array
+    rho: Array
+    f_N: Array
     F_N: Array
     F_T: Array
     F_max: Array
-    slip: Array
-    f_N: Array
-    theta: Array
-    rho: Array
+    point_slip: Array
 
 
 def new_points(belt: BeltArrays, status: int) -> Points:
-    """Contact points at rest, all with the given status, no forces."""
-    shape = belt.w_c.shape
-    zeros = [np.zeros(shape) for _ in range(10)]
-    return Points(np.full(shape, status), np.ones(shape), *zeros)
+    """Contact points at rest, all patches with the given status, no forces."""
+    n_e, n_c = belt.w_c.shape
+    patches = [np.ones(n_e), np.zeros(n_e), np.ones(n_e), *(np.zeros(n_e) for _ in range(3))]
+    return Points(np.full(n_e, status), *patches, *(np.zeros((n_e, n_c)) for _ in range(10)))
 
 
 register_jitable(locate)
@@ -180,21 +191,19 @@ def part_energy(
 
 
 @kernel
-def friction_force(
-    pulley: ContactArrays, motion: Motion, points: Points, e: int, c: int, w: float
-) -> tuple[float, float, float, int]:
-    """Tangential force of a point by its status, with its derivatives in line force and advance.
+def sliding_friction(
+    pulley: ContactArrays, motion: Motion, points: Points, e: int, c: int
+) -> tuple[float, float, int]:
+    """Friction limit of a point at its own line force and sliding speed, with derivatives.
 
-    Reads the normal force of the point from ``points`` and writes ``F_max``, ``slip``.
+    Reads the normal force from ``points``; writes ``F_max`` and ``point_slip``.
 
     Returns
     -------
-    F_T : float
-        Force on the belt along ``t`` [N].
     per_force : float
-        Derivative of a sliding force with respect to the line force, per length [-].
-    per_turn : float
-        Derivative with respect to an advance of the point along ``t`` [N/m].
+        Derivative of the limit with respect to the line force, per length [-].
+    per_slip : float
+        Derivative of the limit with respect to the slip [N/m].
     outside : int
         1 if the look-up was outside the measured range.
     """
@@ -205,24 +214,68 @@ def friction_force(
         turned = points.theta[e, c] - points.theta_old[e, c]
         slip = rho * (motion.omega / motion.rate - turned)
         v = abs(slip) * pulley.R / rho * motion.rate
-    points.slip[e, c] = slip
-    if motion.friction == 0.0 or F_N <= 0.0:
-        points.F_max[e, c] = 0.0
-        return 0.0, 0.0, 0.0, 0
+    points.point_slip[e, c] = slip
     mu, mu_f, mu_v, _ = look_up(
         pulley.x_nodes, pulley.y_nodes, pulley.f_ref, pulley.v_ref, pulley.C, f_N, v
     )
     outside = 0 if in_range(pulley.f_range, f_N) and in_range(pulley.v_range, v) else 1
-    points.F_max[e, c] = motion.friction * mu * pulley.sticking_ratio * F_N
-    if points.status[e, c] == STICK:
-        r = motion.augmentation * w
-        return points.la_T[e, c] + r * slip, 0.0, -r, outside
-    if points.status[e, c] == SLIDE:
-        sign = points.sign[e, c] * motion.friction
-        # v falls as the belt is dragged along: dv/d(advance) = -sign(slip) R/rho/dt
-        per_turn = -math.copysign(sign, slip * sign) * F_N * mu_v * motion.rate * pulley.R / rho
-        return sign * mu * F_N, sign * (mu + mu_f * f_N), per_turn, outside
-    return 0.0, 0.0, 0.0, outside
+    factor = motion.friction * points.ratio[e]
+    points.F_max[e, c] = factor * mu * F_N
+    per_slip = factor * mu_v * F_N * math.copysign(motion.rate * pulley.R / rho, slip)
+    return factor * (mu + mu_f * f_N), per_slip, outside
+
+
+@kernel
+def press(
+    belt: BeltArrays,
+    pulley: ContactArrays,
+    motion: Motion,
+    points: Points,
+    frame: Array,
+    e: int,
+    c: int,
+    q: Array,
+    stretch: float,
+) -> bool:
+    """Normal force of a point, Eq. (1), and its frame; returns whether it touches.
+
+    ``frame`` (12,) receives n_x, n_y, kappa = t.r'/rho, sigma, P, K_dd, K_ds, K_ss (couple and
+    second derivatives of the part's energy), and the friction derivatives are left at 0.
+    """
+    N, D = belt.N_c[e, c], belt.D_c[e, c]
+    x = y = sx = sy = 0.0
+    for j in range(4):
+        k = 4 * e + 2 * j
+        x += N[j] * q[k]
+        y += N[j] * q[k + 1]
+        sx += D[j] * q[k]
+        sy += D[j] * q[k + 1]
+    rho = math.sqrt(x * x + y * y)
+    nx, ny = x / rho, y / rho
+    sigma = -(nx * sx + ny * sy)
+    w = belt.w_c[e, c]
+    V_d, V_s, V_dd, V_ds, V_ss = part_energy(
+        pulley.R - rho, sigma, 0.5 * w, pulley.k_linear, pulley.k_quadratic
+    )
+    points.rho[e, c] = rho
+    points.theta[e, c] = math.atan2(x, y)
+    points.f_N[e, c] = V_d
+    points.F_T[e, c] = points.F_max[e, c] = points.F_N[e, c] = points.point_slip[e, c] = 0.0
+    if V_d == 0.0:
+        return False
+    w *= stretch
+    points.F_N[e, c] = w * V_d
+    frame[0], frame[1] = nx, ny
+    frame[2] = (ny * sx - nx * sy) / rho
+    frame[3] = sigma
+    frame[4] = w * V_s
+    frame[5], frame[6], frame[7] = w * V_dd, w * V_ds, w * V_ss
+    approach = (points.rho_old[e, c] - rho) * motion.rate
+    if approach > 0.0:
+        points.F_N[e, c] += pulley.C_P * approach
+        frame[5] += pulley.C_P * motion.rate
+    frame[8] = frame[9] = 0.0
+    return True
 
 
 @kernel
@@ -240,88 +293,157 @@ def add_contact(
     """Add the contact forces and their tangent; returns the look-ups outside the measured range.
 
     Normal forces are those of Eq. (1) on the stress-free length of the part; the dissipation acts
-    only while approaching. A sliding point carries ``sign mu(f_N, v) F_N``, a sticking one its
+    only while approaching. A sliding point carries ``sign mu(f_N, v) F_N``, a sticking patch its
     multiplier plus ``augmentation * slip``, which vanishes as the iteration converges.
     """
     outside = 0
-    g = np.empty(4)
-    H = np.empty((4, 4))
+    n_c = belt.w_c.shape[1]
+    frames = np.empty((n_c, 12))
+    touching = np.empty(n_c, dtype=np.bool_)
+    pull = np.empty(8)
     for e in range(belt.h.size):
-        d = 4 * e
-        for c in range(belt.w_c.shape[1]):
-            N, D = belt.N_c[e, c], belt.D_c[e, c]
-            x = y = sx = sy = 0.0
-            for j in range(4):
-                x += N[j] * q[d + 2 * j]
-                y += N[j] * q[d + 2 * j + 1]
-                sx += D[j] * q[d + 2 * j]
-                sy += D[j] * q[d + 2 * j + 1]
-            rho = math.sqrt(x * x + y * y)
-            nx, ny = x / rho, y / rho
-            tx, ty = ny, -nx
-            sigma = -(nx * sx + ny * sy)
-            w = belt.w_c[e, c]
-            V_d, V_s, V_dd, V_ds, V_ss = part_energy(
-                pulley.R - rho, sigma, 0.5 * w, pulley.k_linear, pulley.k_quadratic
-            )
-            points.rho[e, c] = rho
-            points.theta[e, c] = math.atan2(x, y)
-            points.f_N[e, c] = V_d
-            if V_d == 0.0:
-                points.F_N[e, c] = points.F_T[e, c] = points.F_max[e, c] = 0.0
-                continue
-            w *= stretch
-            F_N, P = w * V_d, w * V_s
-            K_dd, K_ds, K_ss = w * V_dd, w * V_ds, w * V_ss
-            approach = (points.rho_old[e, c] - rho) * motion.rate
-            if approach > 0.0:
-                F_N += pulley.C_P * approach
-                K_dd += pulley.C_P * motion.rate
-            points.F_N[e, c] = F_N
-            F_T, per_force, per_turn, beyond = friction_force(
-                pulley, motion, points, e, c, belt.w_c[e, c]
-            )
-            points.F_T[e, c] = F_T
-            outside += beyond
-            # force on the belt: (F_N n + (P kappa + F_T) t) on r, P n on r'
-            kappa = (tx * sx + ty * sy) / rho
-            g_t = P * kappa + F_T
-            g[0] = F_N * nx + g_t * tx
-            g[1] = F_N * ny + g_t * ty
-            g[2] = P * nx
-            g[3] = P * ny
-            # minus its derivative, in the frame (n, t): r n, r t, r' n, r' t
-            k_nn = K_dd
-            k_nt = K_ds * kappa + (P * kappa + F_T) / rho
-            k_tn = K_ds * kappa + P * kappa / rho + per_force * K_dd
-            k_tt = K_ss * kappa * kappa - F_N / rho - P * sigma / (rho * rho)
-            k_tt += per_force * K_ds * kappa - per_turn
-            k_t_sn = K_ss * kappa + per_force * K_ds
-            for i in range(2):
-                n_i, t_i = (nx, tx) if i == 0 else (ny, ty)
-                for j in range(2):
-                    n_j, t_j = (nx, tx) if j == 0 else (ny, ty)
-                    H[i, j] = n_i * (k_nn * n_j + k_nt * t_j) + t_i * (k_tn * n_j + k_tt * t_j)
-                    H[i, 2 + j] = (n_i * K_ds + t_i * k_t_sn) * n_j - P / rho * t_i * t_j
-                    H[2 + i, j] = n_i * (K_ds * n_j + K_ss * kappa * t_j) - P / rho * t_i * t_j
-                    H[2 + i, 2 + j] = K_ss * n_i * n_j
-            elastic = 1.0 / stretch
-            for j in range(4):
-                row = d + 2 * j
-                fx = N[j] * g[0] + D[j] * g[2]
-                fy = N[j] * g[1] + D[j] * g[3]
-                residual[row] -= fx
-                residual[row + 1] -= fy
-                residual_stretch[row] -= fx * elastic
-                residual_stretch[row + 1] -= fy * elastic
-                a00, a01 = N[j] * H[0, 0] + D[j] * H[2, 0], N[j] * H[0, 1] + D[j] * H[2, 1]
-                a02, a03 = N[j] * H[0, 2] + D[j] * H[2, 2], N[j] * H[0, 3] + D[j] * H[2, 3]
-                a10, a11 = N[j] * H[1, 0] + D[j] * H[3, 0], N[j] * H[1, 1] + D[j] * H[3, 1]
-                a12, a13 = N[j] * H[1, 2] + D[j] * H[3, 2], N[j] * H[1, 3] + D[j] * H[3, 3]
-                for k in range(4):
-                    col = HALF + 2 * (k - j)
-                    A[row, col] += a00 * N[k] + a02 * D[k]
-                    A[row, col + 1] += a01 * N[k] + a03 * D[k]
-                    A[row + 1, col - 1] += a10 * N[k] + a12 * D[k]
-                    A[row + 1, col] += a11 * N[k] + a13 * D[k]
+        any_touching = False
+        for c in range(n_c):
+            touching[c] = press(belt, pulley, motion, points, frames[c], e, c, q, stretch)
+            any_touching = any_touching or touching[c]
+        points.limit[e] = points.force[e] = points.slip[e] = 0.0
+        if not any_touching:
+            continue
+        if motion.friction > 0.0:
+            for c in range(n_c):
+                if touching[c]:
+                    frame = frames[c]
+                    frame[8], frame[9], beyond = sliding_friction(pulley, motion, points, e, c)
+                    outside += beyond
+            spread_friction(belt, motion, points, frames, pull, e, A)
+        for c in range(n_c):
+            if touching[c]:
+                add_point(belt, points, frames[c], e, c, stretch, A, residual, residual_stretch)
     return outside
+
+
+@kernel
+def spread_friction(
+    belt: BeltArrays,
+    motion: Motion,
+    points: Points,
+    frames: Array,
+    pull: Array,
+    e: int,
+    A: Array,
+) -> None:
+    """Tangential forces of a patch by its status; adds the tangent that couples its points.
+
+    In ``frames`` the friction derivatives of the points become those of the forces; ``pull`` (8,)
+    is room for the direction of the patch.
+    """
+    n_c = belt.w_c.shape[1]
+    limit = limit_old = 0.0
+    for c in range(n_c):
+        limit += points.F_max[e, c]
+        if points.F_max[e, c] > 0.0:
+            limit_old += points.limit_old[e, c]
+    points.limit[e] = limit
+    if limit == 0.0:
+        return
+    slip = 0.0
+    pull[:] = 0.0
+    for c in range(n_c):
+        if points.F_max[e, c] == 0.0:
+            continue
+        # the spread is that of the last step: as a constant it makes the tangent exact
+        weight = points.F_max[e, c] / limit
+        if limit_old > 0.0:
+            weight = points.limit_old[e, c] / limit_old
+        slip += weight * points.point_slip[e, c]
+        tx, ty = frames[c, 1], -frames[c, 0]
+        for j in range(4):
+            pull[2 * j] += weight * belt.N_c[e, c, j] * tx
+            pull[2 * j + 1] += weight * belt.N_c[e, c, j] * ty
+        points.F_T[e, c] = weight
+    points.slip[e] = slip
+    sticks = points.status[e] == STICK
+    force = points.la_T[e] + motion.augmentation * slip if sticks else points.sign[e] * limit
+    points.force[e] = force
+    for c in range(n_c):
+        if points.F_max[e, c] == 0.0:
+            continue
+        if sticks:
+            points.F_T[e, c] *= force
+            frames[c, 8] = frames[c, 9] = 0.0
+        else:
+            points.F_T[e, c] = points.sign[e] * points.F_max[e, c]
+            frames[c, 8] *= points.sign[e]
+            frames[c, 9] *= points.sign[e]
+    if sticks:
+        for j in range(8):
+            row = 4 * e + j
+            for k in range(8):
+                A[row, HALF + k - j] += motion.augmentation * pull[j] * pull[k]
+
+
+@kernel
+def add_point(
+    belt: BeltArrays,
+    points: Points,
+    frame: Array,
+    e: int,
+    c: int,
+    stretch: float,
+    A: Array,
+    residual: Array,
+    residual_stretch: Array,
+) -> None:
+    """Add the forces of one contact point and their tangent.
+
+    The force on the belt is ``F_N n + (P kappa + F_T) t`` on r and ``P n`` on r'.
+    """
+    nx, ny, kappa, sigma, P = frame[0], frame[1], frame[2], frame[3], frame[4]
+    K_dd, K_ds, K_ss, per_force, per_slip = frame[5], frame[6], frame[7], frame[8], frame[9]
+    tx, ty = ny, -nx
+    rho, F_N, F_T = points.rho[e, c], points.F_N[e, c], points.F_T[e, c]
+    # a force that only holds a patch in place is too large at first: turn no more than the limit
+    turning = min(max(F_T, -points.F_max[e, c]), points.F_max[e, c])
+    g_t = P * kappa + F_T
+    g0, g1 = F_N * nx + g_t * tx, F_N * ny + g_t * ty
+    g2, g3 = P * nx, P * ny
+    # minus the derivative, in the frame (n, t): r n, r t, r' n, r' t
+    k_nt = K_ds * kappa + (P * kappa + turning) / rho
+    k_tn = K_ds * kappa + P * kappa / rho + per_force * K_dd
+    k_tt = K_ss * kappa * kappa - F_N / rho - P * sigma / (rho * rho)
+    k_tt += per_force * K_ds * kappa + per_slip
+    k_ts = K_ss * kappa + per_force * K_ds
+    k_st = K_ss * kappa
+    turn = P / rho
+    h00 = nx * (K_dd * nx + k_nt * tx) + tx * (k_tn * nx + k_tt * tx)
+    h01 = nx * (K_dd * ny + k_nt * ty) + tx * (k_tn * ny + k_tt * ty)
+    h10 = ny * (K_dd * nx + k_nt * tx) + ty * (k_tn * nx + k_tt * tx)
+    h11 = ny * (K_dd * ny + k_nt * ty) + ty * (k_tn * ny + k_tt * ty)
+    h02 = (nx * K_ds + tx * k_ts) * nx - turn * tx * tx
+    h03 = (nx * K_ds + tx * k_ts) * ny - turn * tx * ty
+    h12 = (ny * K_ds + ty * k_ts) * nx - turn * ty * tx
+    h13 = (ny * K_ds + ty * k_ts) * ny - turn * ty * ty
+    h20 = nx * (K_ds * nx + k_st * tx) - turn * tx * tx
+    h21 = nx * (K_ds * ny + k_st * ty) - turn * tx * ty
+    h30 = ny * (K_ds * nx + k_st * tx) - turn * ty * tx
+    h31 = ny * (K_ds * ny + k_st * ty) - turn * ty * ty
+    h22, h23, h33 = K_ss * nx * nx, K_ss * nx * ny, K_ss * ny * ny
+    N, D = belt.N_c[e, c], belt.D_c[e, c]
+    for j in range(4):
+        row = 4 * e + 2 * j
+        fx = N[j] * g0 + D[j] * g2
+        fy = N[j] * g1 + D[j] * g3
+        residual[row] -= fx
+        residual[row + 1] -= fy
+        residual_stretch[row] -= fx / stretch
+        residual_stretch[row + 1] -= fy / stretch
+        a00, a01 = N[j] * h00 + D[j] * h20, N[j] * h01 + D[j] * h21
+        a02, a03 = N[j] * h02 + D[j] * h22, N[j] * h03 + D[j] * h23
+        a10, a11 = N[j] * h10 + D[j] * h30, N[j] * h11 + D[j] * h31
+        a12, a13 = N[j] * h12 + D[j] * h23, N[j] * h13 + D[j] * h33
+        for k in range(4):
+            col = HALF + 2 * (k - j)
+            A[row, col] += a00 * N[k] + a02 * D[k]
+            A[row, col + 1] += a01 * N[k] + a03 * D[k]
+            A[row + 1, col - 1] += a10 * N[k] + a12 * D[k]
+            A[row + 1, col] += a11 * N[k] + a13 * D[k]

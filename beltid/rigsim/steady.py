@@ -238,12 +238,16 @@ def slide(model: RigModel, laid: StaticState) -> StaticState:
     raise _failure("the sliding belt", point, spent, outcome.residual)
 
 
+def describe(point: OperatingPoint) -> str:
+    """Settings of a run in words, for messages."""
+    return f"arc {math.degrees(point.beta):g} deg, T0 {point.T_0:g} N, omega {point.omega:g} rad/s"
+
+
 def _failure(
     what: str, point: OperatingPoint, iterations: int, residual: float
 ) -> ConvergenceError:
     return ConvergenceError(
-        f"arc {math.degrees(point.beta):g} deg, T0 {point.T_0:g} N, omega {point.omega:g} rad/s: "
-        f"{what} found no equilibrium in {iterations} Newton iterations "
+        f"{describe(point)}: {what} found no equilibrium in {iterations} Newton iterations "
         f"(residual {residual:.2g} of T0)",
         iterations=iterations,
         residual=residual,
@@ -255,5 +259,3 @@ def solve_steady(model: RigModel) -> tuple[StaticState, StaticState]:
     laid = lay_on(model)
     return laid, slide(model, laid)
 
-
-__all__ = ["StaticState", "lay_on", "slide", "solve_steady", "support_forces"]

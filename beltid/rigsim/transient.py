@@ -1,0 +1,351 @@
+"""Time stepping of the rig: stick, travelling slip front, full sliding.
+
+Axial waves run at 1 km/s and the contact is stiff, while a run lasts seconds; the natural clock is
+the travel of the pulley's surface. Implicit Euler steps of some micrometres of travel are used: in
+each step the residual
+
+    M (q - q_old - dt q_dot_old)/dt**2 + f(q, (q - q_old)/dt) - W_N F_N - W_T F_T = 0
+
+holds together with the friction law on the slips of the step. Its tangent ``S = M/dt**2 + C/dt + K``
+takes the place of M in Eq. (12). A step that does not converge is halved and tried again.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.errors import ConvergenceError
+from beltid.rigsim.banded import factorize, solve
+from beltid.rigsim.belt import add_inertia, add_internal, store_strains
+from beltid.rigsim.compiled import kernel
+from beltid.rigsim.contact import STICK, Motion, Points, add_contact, new_points
+from beltid.rigsim.friction import (
+    CONE_TOLERANCE,
+    SLIP_TOLERANCE,
+    Certificate,
+    revise,
+    violations,
+)
+from beltid.rigsim.model import RigModel, System, Workspace
+from beltid.rigsim.steady import StaticState, describe, largest_force, move, solve_steady
+from beltid.rigsim.supports import hold, release
+
+Array = NDArray[np.float64]
+Counts = NDArray[np.int64]
+
+TOLERANCE = 1.0e-9  # residual force over T_0
+MOST_ITERATIONS = 60
+MOST_HALVINGS = 8
+FREE_REVISIONS = 8  # iterations in which all patches may change sides at once
+BUILD_UP_MARGIN = 1.25
+PLATEAU_FACTOR = 5.0  # time step of the plateau over that of the build-up
+AUGMENTATION = 1.0e2  # over the axial stiffness EA per shortest element [-]
+
+
+class Kinematics(NamedTuple):
+    """Coordinates and velocities at the last step, and room for a trial."""
+
+    q: Array
+    q_dot: Array
+    trial: Array
+    dq: Array
+
+
+class Schedule(NamedTuple):
+    """Time step [s] and speed of the pulley [rad/s] of each step, arrays (n,)."""
+
+    dt: Array
+    omega: Array
+
+
+class Drive(NamedTuple):
+    """Constants of a run: stretch [-], T_0 [N], augmentation [N/m], sticking ratio [-]."""
+
+    stretch: float
+    T_0: float
+    augmentation: float
+    sticking_ratio: float
+
+
+class StepOutcome(NamedTuple):
+    """How a step ended."""
+
+    converged: bool
+    iterations: int
+    changes: int
+    residual: float
+    outside: int
+    certificate: Certificate
+
+
+@kernel
+def step(
+    system: System,
+    motion: Motion,
+    points: Points,
+    state: Kinematics,
+    stretch: float,
+    T_0: float,
+    work: Workspace,
+) -> StepOutcome:
+    """One implicit step; the result is in ``state.trial`` and ``points``, the old state is kept."""
+    dt = 1.0 / motion.rate
+    trial, dq = state.trial, state.dq
+    trial[:] = state.q + dt * state.q_dot
+    residual, by_stretch = work.vectors[0], work.vectors[1]
+    error = math.inf
+    changes = 0
+    certificate = Certificate(math.inf, math.inf, 0.0, 0.0)
+    outside = 0
+    for iteration in range(MOST_ITERATIONS):
+        work.A[:] = 0.0
+        work.vectors[:] = 0.0
+        add_internal(
+            system.belt, trial, stretch, work.strain_old, motion.rate, work.A, residual, by_stretch
+        )
+        dq[:] = trial - state.q - dt * state.q_dot
+        add_inertia(system.belt, dq, motion.rate**2, work.A, residual)
+        outside = add_contact(
+            system.belt, system.pulley, motion, points, trial, stretch, work.A, residual, by_stretch
+        )
+        hold(system.supports, work.A, work.vectors, work.reactions)
+        error = largest_force(system, residual)
+        certificate = violations(system.belt, points)
+        if (
+            error <= TOLERANCE * T_0
+            and certificate.slip <= SLIP_TOLERANCE
+            and certificate.cone <= CONE_TOLERANCE
+        ):
+            return StepOutcome(True, iteration, changes, error / T_0, outside, certificate)
+        if not (math.isfinite(error) and factorize(work.A, work.pivots)):
+            break
+        solution = work.steps[0]
+        solution[:] = -residual
+        solve(work.A, work.pivots, solution)
+        release(system.supports, solution)
+        move(trial, solution)
+        most_changes = points.status.size if iteration < FREE_REVISIONS else 1
+        changes += revise(system.belt, motion, points, solution, most_changes)
+    return StepOutcome(False, MOST_ITERATIONS, changes, error / T_0, outside, certificate)
+
+
+class Recorder(NamedTuple):
+    """What a run records, arrays over its n steps.
+
+    ``force`` (n, 4) are the held rows; ``iterations``, ``changes``, ``halvings``, ``outside`` (n,)
+    counts; ``sticking``, ``touching`` (n,) lengths [m]; ``residual``, ``slip``, ``cone`` (n,) the
+    certificate of each step. ``wanted`` (m,) are the steps whose profiles (m, 5, n_e, n_c) are
+    kept: line force [N/m], tangential force [N], slip speed [m/s], 1 where the belt sticks, angle
+    [rad].
+    """
+
+    force: Array
+    iterations: Counts
+    changes: Counts
+    halvings: Counts
+    outside: Counts
+    sticking: Array
+    touching: Array
+    residual: Array
+    slip: Array
+    cone: Array
+    wanted: Counts
+    profiles: Array
+
+
+def new_recorder(model: RigModel, n: int, wanted: Counts) -> Recorder:
+    """Room for a run of ``n`` steps with profiles at the steps ``wanted``."""
+    counts = [np.zeros(n, dtype=np.int64) for _ in range(4)]
+    values = [np.zeros(n) for _ in range(5)]
+    profiles = np.zeros((wanted.size, 5, *model.system.belt.w_c.shape))
+    return Recorder(np.zeros((n, 4)), *counts, *values, wanted, profiles)
+
+
+@kernel
+def accept(
+    system: System, motion: Motion, points: Points, state: Kinematics, sticking_ratio: float
+) -> None:
+    """Make the trial the state of the last step."""
+    state.q_dot[:] = (state.trial - state.q) * motion.rate
+    state.q[:] = state.trial
+    points.theta_old[:] = points.theta
+    points.rho_old[:] = points.rho
+    for e in range(points.status.size):
+        # what rests at the end of a step has to be torn off in the next one
+        points.ratio[e] = sticking_ratio if points.status[e] == STICK else 1.0
+        points.limit_old[e] = points.F_max[e]
+
+
+@kernel
+def keep_profile(points: Points, rate: float, out: Array) -> None:
+    """Write the state of the contact into ``out`` (5, n_e, n_c), see :class:`Recorder`."""
+    out[0] = points.f_N
+    out[1] = points.F_T
+    out[2] = points.point_slip * rate
+    out[4] = points.theta
+    for e in range(points.status.size):
+        out[3, e, :] = 1.0 if points.status[e] == STICK else 0.0
+
+
+@kernel
+def march(
+    system: System,
+    points: Points,
+    state: Kinematics,
+    schedule: Schedule,
+    drive: Drive,
+    work: Workspace,
+    record: Recorder,
+) -> int:
+    """Step through a run; returns the number of steps done (fewer than asked if one failed)."""
+    kept_status = points.status.copy()
+    kept_sign = points.sign.copy()
+    kept_la = points.la_T.copy()
+    for k in range(schedule.omega.size):
+        parts, done, halvings = 1, 0, 0
+        while done < parts:
+            rate = parts / schedule.dt[k]
+            motion = Motion(schedule.omega[k], rate, 1.0, drive.augmentation)
+            kept_status[:] = points.status
+            kept_sign[:] = points.sign
+            kept_la[:] = points.la_T
+            out = step(system, motion, points, state, drive.stretch, drive.T_0, work)
+            record.iterations[k] += out.iterations
+            record.changes[k] += out.changes
+            record.residual[k] = out.residual
+            record.slip[k] = out.certificate.slip
+            record.cone[k] = out.certificate.cone
+            if out.converged:
+                accept(system, motion, points, state, drive.sticking_ratio)
+                store_strains(system.belt, state.q, drive.stretch, work.strain_old)
+                done += 1
+            else:
+                points.status[:] = kept_status
+                points.sign[:] = kept_sign
+                points.la_T[:] = kept_la
+                halvings += 1
+                if halvings > MOST_HALVINGS:
+                    return k
+                parts *= 2
+                done *= 2
+        record.halvings[k] = halvings
+        record.outside[k] = out.outside
+        record.sticking[k] = out.certificate.sticking
+        record.touching[k] = out.certificate.touching
+        record.force[k] = work.reactions.force
+        for i in range(record.wanted.size):
+            if record.wanted[i] == k:
+                keep_profile(points, parts / schedule.dt[k], record.profiles[i])
+    return schedule.omega.size
+
+
+@dataclass(frozen=True, slots=True)
+class TransientRun:
+    """A run in time.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n + 1,)
+        Time [s]; the first sample is the belt at rest, laid on and tightened.
+    omega : ndarray, shape (n + 1,)
+        Speed of the pulley in the step that ends at that time [rad/s].
+    T_A, T_B : ndarray, shape (n + 1,)
+        Forces on the supports of the tight and the slack side [N].
+    laid, sliding : StaticState
+        Static states before the pulley turns and in the limit of full sliding.
+    record : Recorder
+        Certificate and counts of each step, profiles.
+    q : ndarray
+        Nodal coordinates at the end.
+    points : Points
+        Contact at the end.
+    """
+
+    time: Array
+    omega: Array
+    T_A: Array
+    T_B: Array
+    laid: StaticState
+    sliding: StaticState
+    record: Recorder
+    q: Array
+    points: Points
+
+
+def build_up_travel(model: RigModel, laid: StaticState, sliding: StaticState) -> float:
+    """Travel of the pulley's surface until everything slides [m].
+
+    The last point to let go has been carried from its place at rest to its place in the sliding
+    state, so the largest of these distances is the travel.
+    """
+    touches = sliding.points.F_N > 0.0
+    turned = (sliding.points.theta - laid.points.theta)[touches]
+    return model.path.R * float(np.max(turned))
+
+
+def make_schedule(model: RigModel, travel: float, steps: int) -> Schedule:
+    """Rest, build-up in small steps of travel, and a plateau in larger ones.
+
+    The build-up is given a quarter more than the static travel. The plateau's steps are larger, so
+    that what the start has set swinging comes to rest within the run.
+    """
+    rest = max(steps // 13, 3)
+    build_up = steps // 2
+    dt = BUILD_UP_MARGIN * travel / build_up / (model.path.R * model.point.omega)
+    plateau = steps - rest - build_up
+    return Schedule(
+        dt=np.concatenate([np.full(rest + build_up, dt), np.full(plateau, PLATEAU_FACTOR * dt)]),
+        omega=np.concatenate([np.zeros(rest), np.full(build_up + plateau, model.point.omega)]),
+    )
+
+
+def run_transient(
+    model: RigModel, steps: int, sticking_ratio: float = 1.0, wanted: Counts | None = None
+) -> TransientRun:
+    """Lay the belt on, tighten it, and turn the pulley until the plateau.
+
+    Raises
+    ------
+    ConvergenceError
+        If a static state is not found, or a step fails although it was cut.
+    """
+    laid, sliding = solve_steady(model)
+    schedule = make_schedule(model, build_up_travel(model, laid, sliding), steps)
+    belt = model.system.belt
+    points = new_points(belt, STICK)
+    points.theta_old[:] = laid.points.theta
+    points.rho_old[:] = laid.points.rho
+    points.ratio[:] = sticking_ratio
+    work = model.workspace()
+    store_strains(belt, laid.q, laid.stretch, work.strain_old)
+    state = Kinematics(laid.q.copy(), *(np.zeros_like(laid.q) for _ in range(3)))
+    record = new_recorder(model, steps, np.zeros(0, np.int64) if wanted is None else wanted)
+    augmentation = AUGMENTATION * belt.EA / float(belt.h.min())
+    drive = Drive(laid.stretch, model.point.T_0, augmentation, sticking_ratio)
+    done = march(model.system, points, state, schedule, drive, work, record)
+    time = np.concatenate([[0.0], np.cumsum(schedule.dt)])
+    if done < steps:
+        spent = int(record.iterations[done])
+        raise ConvergenceError(
+            f"{describe(model.point)}: the step at {time[done]:.4g} s found no solution in {spent} "
+            f"iterations, cut {MOST_HALVINGS} times (residual {record.residual[done]:.2g} of T0)",
+            iterations=spent,
+            residual=float(record.residual[done]),
+        )
+    force = record.force
+    return TransientRun(
+        time=time,
+        omega=np.concatenate([[0.0], schedule.omega]),
+        T_A=np.concatenate([[laid.T_A], np.hypot(force[:, 0], force[:, 1])]),
+        T_B=np.concatenate([[laid.T_B], np.hypot(force[:, 2], force[:, 3])]),
+        laid=laid,
+        sliding=sliding,
+        record=record,
+        q=state.q,
+        points=points,
+    )
