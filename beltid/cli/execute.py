@@ -129,6 +129,8 @@ def _tell(summary: Summary, talk: TerminalTalk, elapsed_s: float) -> None:
         talk.warn(f"and {len(summary.warnings) - len(shown)} more, see --verbose")
     if summary.up_to_date:
         talk.say(f"{summary.out} is up to date, nothing computed; --force computes again")
+    elif summary.exit_status:
+        talk.say(f"{elapsed_s:.1f} s")
     elif summary.out is not None:
         talk.say(f"{summary.out} written, {elapsed_s:.1f} s")
 

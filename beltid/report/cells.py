@@ -49,6 +49,7 @@ def name_and_unit(name: str) -> tuple[str, str]:
 def heading(name: str) -> str:
     """Heading of a column: words and the unit in brackets."""
     words, unit = name_and_unit(name)
+    unit = unit.replace(" ", "\u00a0")  # a unit must not break
     return f"{words} [{unit}]" if unit else words
 
 

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 Rows = Sequence[dict[str, Any]]
 
+GAP = 3  # between two columns
+LAST_COLUMN = 24
 _WORDS_LEFT = ("status", "run", "runs", "belt", "file", "why", "arc", "group", "verdict")
 
 
@@ -83,37 +85,46 @@ def table_or_records(rows: Rows, console: Console) -> RenderableType:
     """A table if it fits the width of the console, else every row as a small record."""
     names = list(dict.fromkeys(name for row in rows for name in row))
     texts = [[cell(name, row.get(name)) for name in names] for row in rows]
+    widths = _fitted(names, texts, console.width)
+    return _table(names, texts, widths) if widths else _records(names, texts)
+
+
+def _fitted(names: list[str], texts: list[list[str]], room: int) -> list[int]:
+    """Widths of the columns: numbers whole, headings broken where they must; empty: no room."""
+    cells = [max(len(row[i]) for row in texts) for i in range(len(names))]
+    wanted = [max(len(heading(name)), width) for name, width in zip(names, cells, strict=True)]
+    if names[-1] in _WORDS_LEFT:  # words in the last column may wrap
+        cells[-1] = min(cells[-1], LAST_COLUMN)
     widths = [
-        max(_longest_word(heading(name)), *(len(row[i]) for row in texts))
-        for i, name in enumerate(names)
+        max(_longest_word(heading(name)), width) for name, width in zip(names, cells, strict=True)
     ]
-    # the last column of words may wrap
-    words_last = names[-1] in _WORDS_LEFT
-    needed = sum(widths[:-1] if words_last else widths) + 2 * len(widths)
-    if words_last:
-        needed += min(widths[-1], 24)
-    if needed <= console.width:
-        return _table(names, texts)
-    return _records(names, texts)
+    left = room - sum(widths) - GAP * len(widths)
+    if left < 0:
+        return []
+    # whole headings for as many columns as there is room for
+    for i in sorted(range(len(names)), key=lambda i: wanted[i] - widths[i]):
+        lacking = wanted[i] - widths[i]
+        if lacking <= left:
+            widths[i] += lacking
+            left -= lacking
+    return widths
 
 
 def _longest_word(text: str) -> int:
-    return max(len(word) for word in text.split())
+    return max(len(word) for word in text.split(" "))
 
 
-def _table(names: list[str], texts: list[list[str]]) -> Table:
+def _table(names: list[str], texts: list[list[str]], widths: list[int]) -> Table:
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1), header_style="bold")
     for i, name in enumerate(names):
         left = name in _WORDS_LEFT or not _numeric(row[i] for row in texts)
-        last_words = i == len(names) - 1 and name in _WORDS_LEFT
         table.add_column(
             _texts([heading(name)])[0],
             justify="left" if left else "right",
-            no_wrap=False,
-            min_width=None if last_words else max(len(row[i]) for row in texts),
+            width=widths[i],
             overflow="fold",
         )
     for row in texts:

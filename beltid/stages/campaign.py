@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, is_dataclass
-from typing import TYPE_CHECKING, Any, Final
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
 
@@ -14,14 +14,14 @@ from beltid.errors import BeltidError, InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import OperatingPoint
-from beltid.rigsim.rig import RunResult, SimulationSettings
+from beltid.rigsim.model import Bench
+from beltid.rigsim.rig import DEFAULT_STEPS, Method, RunResult, SimulationSettings
 from beltid.rigsim.rig import campaign as rig_campaign
 from beltid.store import schemas
 
 if TYPE_CHECKING:
     from beltid.config import Config
 
-METHODS: Final = ("transient", "steady")
 REST_SAMPLES: Final = 10
 SLIDING_SAMPLES: Final = 60
 TRAVEL_PER_SAMPLE_M: Final = 5.0e-5
@@ -116,14 +116,16 @@ def simulation_settings(
     """
     section = config.simulation
     chosen = method or section.method
-    if chosen not in METHODS:
-        raise InputError(f"method = {chosen!r}, must be {' or '.join(METHODS)}")
-    return SimulationSettings(
-        method=chosen,
-        elements=section.elements if elements is None else elements,
-        steps=section.steps_per_run,
-        friction_solver=section.friction_solver,
-    )
+    if chosen not in ("transient", "steady"):
+        raise InputError(f"method = {chosen!r}, must be transient or steady")
+    try:
+        return SimulationSettings(
+            method=cast(Method, chosen),
+            elements=section.elements if elements is None else elements,
+            steps=section.steps_per_run or DEFAULT_STEPS,
+        )
+    except InputError as error:
+        raise InputError([f"simulation: {line}" for line in error.problems]) from None
 
 
 def surface_from(surface: FrictionSurface | float) -> FrictionSurface:
@@ -152,16 +154,15 @@ def simulated_results(
 ) -> Iterator[tuple[int, RunResult | BeltidError]]:
     """Results of runs as they finish, each with the index of its run."""
     surface, law = laws
-    yield from rig_campaign(
-        config.belt_params(),
-        config.rig_params(),
-        config.contact_params(),
-        law,
-        surface_from(surface),
-        [run.point for run in runs],
-        settings,
-        jobs=jobs or available_cores(),
+    bench = Bench(
+        belt=config.belt_params(),
+        rig=config.rig_params(),
+        contact=config.contact_params(),
+        law=law,
+        surface=surface_from(surface),
     )
+    points = [run.point for run in runs]
+    yield from rig_campaign(bench, points, settings, jobs=jobs or available_cores())
 
 
 def available_cores() -> int:
@@ -187,8 +188,7 @@ def result_row(run: PlannedRun, result: RunResult | BeltidError) -> dict[str, An
 
 def solver_record(result: RunResult) -> dict[str, Any]:
     """What the solver spent on a run."""
-    record = result.record
-    return asdict(record) if is_dataclass(record) else {}
+    return asdict(result.record)
 
 
 def recording_columns(

@@ -148,12 +148,13 @@ def _outcome(done: Campaign, config: Config, settings: SimulationSettings) -> Ou
     runs, results = zip(*done.finished, strict=True)
     records = {run.label: solver_record(result) for run, result in done.finished}
     rows = [{**row, "solver": records.get(row["run"])} for row in done.rows()]
-    outside = sum(int(record.get("clamped_lookups") or 0) for record in records.values())
+    outside = sum(int(record["clamped_lookups"]) for record in records.values())
+    points = sum(int(record["lookups"]) for record in records.values())
     notes = []
     if outside:
         notes.append(
-            f"mu was looked up outside the measured range of the surface {outside} times: the "
-            "nearest measured value was taken"
+            f"{100 * outside / points:.2g} % of the sliding contact points lie outside the "
+            "measured range of the surface: the nearest measured value was taken"
         )
     return Outcome(
         kind=KIND,
@@ -165,7 +166,12 @@ def _outcome(done: Campaign, config: Config, settings: SimulationSettings) -> Ou
             for values in ([getattr(run, name) for run in runs],)
         },
         set_aside=[{"run": run.label, "why": "; ".join(e.problems)} for run, e in done.failures],
-        extra={"method": settings.method, "runs": rows, "clamped_lookups": outside},
+        extra={
+            "method": settings.method,
+            "runs": rows,
+            "clamped_lookups": outside,
+            "lookups": points,
+        },
         notes=tuple(notes),
         warnings=tuple(failures),
     )

@@ -22,6 +22,9 @@ class Talk:
     def warn(self, text: str) -> None:
         """Hear what the user should look into."""
 
+    def error(self, text: str) -> None:
+        """Hear what went wrong, where the work goes on without it."""
+
     @contextmanager
     def progress(self, label: str, total: int) -> Iterator[Callable[[], None]]:
         """Follow a task of `total` steps; call what is yielded after each of them."""
