@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import pickle
+from types import FunctionType
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from beltid.errors import InputError
+from beltid.laws import surface_tables
 from beltid.laws.friction_surface import FrictionSurface, evaluate_tables
 
 F = np.array([900.0, 1650, 2600, 3550, 4300, 5050, 5850, 6600])
@@ -291,3 +293,14 @@ def test_all_problems_of_a_grid_come_at_once() -> None:
 def test_wrong_grid_is_refused(f: object, v: object, mu: object, message: str) -> None:
     with pytest.raises(InputError, match=message):
         FrictionSurface(f, v, mu)  # type: ignore[arg-type]
+
+
+def test_scalar_law_compiles_as_it_stands() -> None:
+    numba = pytest.importorskip("numba")
+    names = {**vars(surface_tables), "locate": numba.njit(surface_tables.locate)}
+    compiled = numba.njit(FunctionType(evaluate_tables.__code__, names))
+    T = noisy().tables()
+    rng = np.random.default_rng(1)
+    for f, v in zip(rng.uniform(-100, 9000, 50), rng.uniform(-0.06, 0.06, 50), strict=True):
+        point = (T.x_nodes, T.y_nodes, T.f_ref, T.v_ref, T.C, f, v)
+        assert compiled(*point) == pytest.approx(evaluate_tables(*point), rel=1e-12)

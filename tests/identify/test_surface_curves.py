@@ -1,0 +1,87 @@
+"""Curves of one arc and speed: through their points, errors propagated, settings told apart."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from beltid.identify.surface_curves import Curve, Points, build_curves, settings_of
+
+F = np.array([900.0, 1650, 2600, 3550, 4300, 5050, 5850, 6600])
+
+
+def curve(mu: np.ndarray, se: np.ndarray) -> Curve:
+    return Curve(arc_deg=68.0, speed=0, f=F[: mu.size], mu=mu, se=se)
+
+
+def test_curve_passes_through_its_points_and_ends_there() -> None:
+    mu = 1 + 0.1 * np.sin(F)
+    values, errors = curve(mu, np.full(8, 0.01)).at(F)
+    assert values == pytest.approx(mu, rel=1e-14)
+    assert errors == pytest.approx(np.full(8, 0.01), rel=1e-12)
+    beyond, its_error = curve(mu, np.full(8, 0.01)).at(np.array([899.0, 6601.0]))
+    assert np.isnan(beyond).all()
+    assert np.isnan(its_error).all()
+
+
+def test_half_way_between_two_runs_the_error_falls_by_root_two() -> None:
+    pair = curve(np.array([1.0, 0.9]), np.array([0.01, 0.009]))  # 1 % each
+    values, errors = pair.at(np.array([np.sqrt(900.0 * 1650.0)]))
+    assert values == pytest.approx([np.sqrt(0.9)])
+    assert errors == pytest.approx(0.01 / np.sqrt(2) * values, rel=1e-12)
+
+
+def test_propagated_error_is_that_of_simulated_noise() -> None:
+    mu = (F / 4000) ** -0.2
+    at = np.array([950.0, 1200, 2000, 4000, 6300])
+    _, predicted = curve(mu, 0.002 * mu).at(at)
+    rng = np.random.default_rng(9)
+    draws = [curve(mu * (1 + 0.002 * rng.standard_normal(8)), mu).at(at)[0] for _ in range(2000)]
+    # 2000 draws give a standard deviation to 1.6 %; 3 of that
+    assert predicted == pytest.approx(np.std(draws, axis=0), rel=0.05)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(2, 8))
+@settings(max_examples=40, deadline=None)
+def test_curve_stays_between_neighbouring_points(seed: int, n: int) -> None:
+    mu = np.random.default_rng(seed).uniform(0.5, 1.5, n)
+    for k in range(n - 1):
+        values, _ = curve(mu, np.zeros(n)).at(np.geomspace(F[k], F[k + 1], 20))
+        low, high = sorted(mu[k : k + 2])
+        assert np.all(values >= low * (1 - 1e-13))
+        assert np.all(values <= high * (1 + 1e-13))
+
+
+def test_settings_are_parted_by_gaps_and_numbered_upwards() -> None:
+    values = np.array([0.0211, 0.005, 0.0105, 0.0209, 0.00502, 0.021])
+    assert list(settings_of(values, 0.03)) == [2, 0, 1, 2, 0, 2]
+
+
+def test_precise_repetitions_count_more_than_rough_ones() -> None:
+    points = Points(
+        arc_deg=np.full(3, 40.0),
+        f=np.array([1000.0, 1000.0, 2000.0]),
+        v=np.full(3, 0.01),
+        mu=np.array([1.0, 1.3, 0.9]),
+        se=np.array([0.01, 0.02, 0.01]),
+    )
+    (only,) = build_curves(points, 0.03, 0.01).curves
+    assert only.f == pytest.approx([1000.0, 2000.0])
+    assert only.mu == pytest.approx([1.06, 0.9])  # weights 4 : 1
+    assert only.se == pytest.approx([0.02 / np.sqrt(5), 0.01])
+
+
+def test_arcs_that_differ_by_rounding_are_one_arc() -> None:
+    n = 4
+    points = Points(
+        arc_deg=40.0 + 1e-7 * np.arange(n),
+        f=1000.0 * np.arange(1, n + 1),
+        v=np.full(n, 0.01),
+        mu=np.ones(n),
+        se=np.zeros(n),
+    )
+    curves = build_curves(points, 0.03, 0.01)
+    assert curves.arcs_deg == pytest.approx([40.0])
+    assert len(curves.curves) == 1
