@@ -20,7 +20,7 @@ from beltid.identify.agreement_result import (
     Statistics,
     statistics,
 )
-from beltid.identify.matching import MatchSettings, RunTable, match_runs, run_table
+from beltid.identify.matching import Matches, MatchSettings, RunTable, match_runs, run_table
 
 __all__ = ["AgreementResult", "AgreementSettings", "MatchSettings", "Statistics", "compare_points"]
 
@@ -56,15 +56,7 @@ def compare_points(
     settings = settings or AgreementSettings()
     tables = run_table(measured, "measured"), run_table(simulated, "simulated")
     matches = match_runs(*tables, settings.match)
-    if matches.measured.size == 0:
-        reasons = [f"{count} runs: {reason}" for reason, count in matches.counts.items()]
-        raise InputError(
-            [
-                "compare: no measured run has a simulated partner, must be at least one "
-                f"({tables[0].size} measured and {tables[1].size} simulated runs)",
-                *reasons,
-            ]
-        )
+    _refuse_nothing(matches, *tables)
     real, virtual = tables[0].take(matches.measured), tables[1].take(matches.simulated)
     relative = (virtual.mu - real.mu) / real.mu
     bands = _force_bands(real.force)
@@ -96,6 +88,17 @@ def compare_points(
         not_compared=matches.counts,
         not_compared_runs=matches.left_out,
     )
+
+
+def _refuse_nothing(matches: Matches, measured: RunTable, simulated: RunTable) -> None:
+    if matches.measured.size == 0:
+        raise InputError(
+            [
+                "compare: no measured run has a simulated partner, must be at least one "
+                f"({measured.size} measured and {simulated.size} simulated runs)",
+                *(f"{count} runs: {reason}" for reason, count in matches.counts.items()),
+            ]
+        )
 
 
 def _per_arc(real: RunTable, relative: Array, match: MatchSettings) -> tuple[Statistics, ...]:
