@@ -180,3 +180,9 @@ def test_importing_the_config_does_not_import_the_heavy_libraries():
     code = f"import sys, beltid.config; print([m for m in {heavy} if m in sys.modules])"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "[]"
+
+
+def test_small_numbers_are_written_so_that_every_yaml_reader_takes_them_as_numbers():
+    assert "damping_time_s: 1.0e-05 " in config_text(
+        load_config({"belt": {"damping_time_s": 1e-5}})
+    )

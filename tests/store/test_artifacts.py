@@ -94,6 +94,11 @@ def test_same_content_same_bytes_in_any_order(tmp_path):
     one = artifact_bytes("friction", columns, METADATA)
     other = artifact_bytes("friction", dict(reversed(columns.items())), METADATA)
     assert one == other
+    turned = Metadata(settings={"b": 1, "a": 2})
+    straight = Metadata(settings={"a": 2, "b": 1})
+    assert artifact_bytes("friction", columns, turned) == artifact_bytes(
+        "friction", columns, straight
+    )
     columns["mu_sliding"][0] = np.nextafter(columns["mu_sliding"][0], 1e9)
     assert artifact_bytes("friction", columns, METADATA) != one
 
@@ -171,6 +176,8 @@ def test_every_bit_of_the_numbers_is_guarded():
         damaged[place] ^= 0x10
         with pytest.raises(ArtifactError, match="x: damaged"):
             artifact_from_bytes(bytes(damaged), Path("x"), "friction")
+        with pytest.raises(OSError, match=r"CRC checksum verification failed"):
+            pq.read_table(pa.BufferReader(bytes(damaged)), page_checksum_verification=True)
 
 
 @pytest.mark.parametrize("keep", [0.0, 0.001, 0.3, 0.9, 0.9999])

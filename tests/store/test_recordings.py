@@ -173,12 +173,12 @@ def test_comments_and_a_preamble_before_the_header(tmp_path):
 
 
 def test_a_row_of_units_converts(tmp_path):
-    units = "-,ms,kN,[kN],1/min,K,rad,N"
+    units = "-,ms,kN,[kN],1/min,°F,rad,N"
     lines = [
         HEADER,
         units,
-        "R1,500,0.31,0.15,2,295.15,1.5,270",
-        "R1,520,0.31,0.15,2,295.15,1.5,270",
+        "R1,500,0.31,0.15,2,71.6,1.5,270",
+        "R1,520,0.31,0.15,2,71.6,1.5,270",
     ]
     path = write(tmp_path, lines)
     columns = read_recording(path, "rig", load_config({"dialect": {"units_row": True}})).columns
@@ -190,6 +190,12 @@ def test_a_row_of_units_converts(tmp_path):
     assert problems(path)[0] == (
         "rig.csv:2: holds no number; if it is a row of units, set dialect: {units_row: true}"
     )
+
+
+def test_the_header_keeps_its_line_above_a_row_of_units(tmp_path):
+    lines = ["", HEADER.replace("time_s", "t"), "-,s,N,N,rad/s,C,deg,N", *rows()]
+    found = problems(write(tmp_path, lines), config={"dialect": {"units_row": True}})
+    assert found[0] == "rig.csv:2: column time_s is missing"
 
 
 def test_an_unknown_unit_in_the_row_of_units(tmp_path):
