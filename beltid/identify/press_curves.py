@@ -157,7 +157,8 @@ def press_curve(test: PressTest, cycle: PressCycle, segment_length_m: float) -> 
     if min(counts) < MIN_BRANCH_SAMPLES:
         found = ", ".join(f"{n} {b[0]}" for n, b in zip(counts, branches, strict=True))
         raise InputError(
-            f"test {test.label}: cycle {cycle.number}: {found} samples in contact, "
+            f"test {test.label}: cycle {cycle.number}: {found} samples in contact and clear of "
+            f"the travel's noise ({test.position_noise_m * 1e6:.2g} µm), "
             f"must be at least {MIN_BRANCH_SAMPLES} of each branch"
         )
     edges = np.linspace(low, high, int(np.clip(min(counts) // 4, MIN_NODES, MAX_NODES)) + 1)

@@ -105,7 +105,10 @@ def prepare_test(
     force = force - zero
     known = temperature_degC[np.isfinite(temperature_degC)]
     position = travel - machine_compliance_m_N * force
-    if position[np.argmax(force)] <= position[np.argmin(force)]:
+    pressed = force > 0.5 * np.max(force)
+    if machine_compliance_m_N > 0.0 and np.median(position[pressed]) <= np.median(
+        position[~pressed]
+    ):
         raise InputError(
             f"test {label}: machine compliance {machine_compliance_m_N * 1e3:g} mm/N times the "
             "force exceeds the crosshead travel, must be less"
@@ -158,7 +161,7 @@ def _signs(travel: Array, force: Array) -> tuple[float, float]:
     """Signs that make force and travel rise in compression: (of the force, of the travel)."""
     force_sign = -1.0 if -np.min(force) > np.max(force) else 1.0
     pressed = np.abs(force) > 0.5 * np.max(np.abs(force))
-    if pressed.all():
+    if pressed.all() or not pressed.any():
         return force_sign, 1.0
     falls = np.median(travel[pressed]) < np.median(travel[~pressed])
     return force_sign, -1.0 if falls else 1.0

@@ -18,6 +18,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 from beltid.errors import ConvergenceError, FitError
 from beltid.identify.least_squares import LinearFit, solve_least_squares
@@ -28,9 +29,16 @@ Array = NDArray[np.float64]
 Form = Literal["quadratic", "linear", "purely quadratic"]
 
 MAX_ITERATIONS = 100
+MAX_HALVINGS = 40
 STEP_TOLERANCE = 1.0e-12
-SIGNIFICANT = 3.0
-"""A coefficient of the wrong sign within this many standard errors is taken as zero."""
+"""The search ends when a step changes the force by less than this share."""
+ROUNDING_STEP = 1.0e-9
+"""Below this step the sum of squares is flat to rounding and need not fall any more,"""
+ROUNDING = 1.0e-12
+"""and above it may rise by this share."""
+DOUBT = 0.00135
+"""A coefficient of the wrong sign is taken as zero unless chance gives it this rarely: three
+standard errors, more where few independent nodes determine them (Student's t)."""
 NEGLIGIBLE_SHARE = 2.0e-3
 """So is one that changes the force by less than this share of the largest force."""
 
@@ -91,6 +99,12 @@ class _Parabola:
         """Covariance of the unknowns of the form, correlation of the residuals allowed for."""
         return self.linear.cofactor * self.linear.residual_variance * self.tau
 
+    @property
+    def significant(self) -> float:
+        """Standard errors beyond which a value is no accident."""
+        p = self.linear.coefficients.size
+        return float(stdtrit(max(self.linear.residuals.size / self.tau - p, 1.0), 1.0 - DOUBT))
+
 
 def residual_sum_of_squares(curves: Sequence[PressCurve]) -> tuple[float, tuple[Array, ...]]:
     """Sum of squares [N²/m²] and residuals of one unconstrained law through the curves."""
@@ -129,7 +143,7 @@ def fit_shared_law(curves: Sequence[PressCurve], place: str) -> SharedLaw:
     if full.B < 0.0:
         span = max(float(np.ptp(c.position_m)) for c in curves)
         share = -full.B * span**2 / top
-        _require_small(place, "k_quadratic", full.B, se[1], share, "N/m³")
+        _require_small(place, "k_quadratic", (full.B, se[1], full.significant), share, "N/m³")
         note = (
             f"{place}: k_quadratic came out as {full.B:.3g} ± {se[1]:.2g} N/m³, "
             "not different from zero: a linear law was fitted"
@@ -140,7 +154,7 @@ def fit_shared_law(curves: Sequence[PressCurve], place: str) -> SharedLaw:
         gradient = np.array([2.0 * full.A, -4.0 * full.F])
         square_se = float(np.sqrt(gradient @ full.covariance[:2, :2] @ gradient))
         share = -square / (4.0 * full.B) / top
-        _require_small(place, "k_linear²", square, square_se, share, "N²/m⁴")
+        _require_small(place, "k_linear²", (square, square_se, full.significant), share, "N²/m⁴")
         note = (
             f"{place}: k_linear² came out as {square:.3g} ± {square_se:.2g} N²/m⁴, "
             "not different from zero: a purely quadratic law was fitted"
@@ -149,8 +163,12 @@ def fit_shared_law(curves: Sequence[PressCurve], place: str) -> SharedLaw:
     return _law(full)
 
 
-def _require_small(place: str, name: str, value: float, se: float, share: float, unit: str) -> None:
-    if -value > SIGNIFICANT * se and share > NEGLIGIBLE_SHARE:
+def _require_small(
+    place: str, name: str, found: tuple[float, float, float], share: float, unit: str
+) -> None:
+    """Refuse a value (with its standard error and what is significant) that is negative."""
+    value, se, significant = found
+    if -value > significant * se and share > NEGLIGIBLE_SHARE:
         raise FitError(
             f"{place}: {name} = {value:.4g} ± {se:.2g} {unit} (changes the force by "
             f"{100 * share:.2g} % of its largest value), must be >= 0: the curve is not a law "
@@ -171,24 +189,30 @@ def _fit(curves: Sequence[PressCurve], form: Form) -> _Parabola:
         moved = float(np.max(np.abs(step) * np.linalg.norm(jacobian, axis=0))) / size
         if moved < STEP_TOLERANCE:
             break
-        for halving in range(30):
+        for halving in range(MAX_HALVINGS):
             trial = theta + step * 0.5**halving
             residuals, jacobian = _model(curves, F, trial, form)
             found = float(residuals @ residuals)
-            if found <= best * (1.0 + 1e-12) or moved < 1e-9:
+            if found <= best * (1.0 + ROUNDING) or moved < ROUNDING_STEP:
                 break
+        else:
+            raise _not_converged(moved)
         theta, best = trial, found
     else:
-        raise ConvergenceError(
-            f"contact points: last step changes the force by {moved:.1e} of itself, "
-            f"must be below {STEP_TOLERANCE:g}",
-            iterations=MAX_ITERATIONS,
-            residual=moved,
-        )
+        raise _not_converged(moved)
     cuts = np.cumsum([c.position_m.size for c in curves])[:-1]
     parts = tuple(np.split(residuals, cuts))
     A, B, p = _unpack(theta, F, form)
     return _Parabola(form, F, A, B, p, linear, parts, correlation_time(parts))
+
+
+def _not_converged(moved: float) -> ConvergenceError:
+    return ConvergenceError(
+        f"press: the search for the contact points stopped at a step of {moved:.1e} of the force, "
+        f"must come below {STEP_TOLERANCE:g}: the curves do not determine a law",
+        iterations=MAX_ITERATIONS,
+        residual=moved,
+    )
 
 
 def test_of_curve(curves: Sequence[PressCurve]) -> NDArray[np.intp]:

@@ -15,6 +15,8 @@ from beltid.identify.statistics import (
     mad_sigma,
     outlier_mask,
     robust_mean_with_se,
+    sample_noise,
+    spike_mask,
 )
 
 
@@ -68,6 +70,18 @@ def test_spikes_at_the_ends_of_a_ramp_are_found():
     x[0] -= 9.0
     x[-2] += 9.0
     assert np.flatnonzero(outlier_mask(x, window=7)).tolist() == [0, 48]
+
+
+def test_spikes_are_told_from_kinks_and_reversals():
+    rng = np.random.default_rng(7)
+    x = np.concatenate([np.zeros(50), np.linspace(0, 400, 300), np.linspace(400, 0, 80)])
+    x += 0.05 * rng.normal(size=x.size)
+    assert not spike_mask(x).any()
+    x[[0, 120, 349, 420]] += 10.0
+    x[200] = np.nan
+    assert np.flatnonzero(spike_mask(x)).tolist() == [0, 120, 200, 349, 420]
+    assert np.flatnonzero(spike_mask(x, floor=20.0)).tolist() == [200]
+    assert sample_noise(x) == pytest.approx(0.05, rel=0.15)
 
 
 def test_gaps_keep_the_lags_of_the_other_samples():

@@ -264,6 +264,19 @@ def test_recordings_that_cannot_be_used_are_refused_all_at_once():
     assert len(error.value.problems) == 2
 
 
+def test_dead_channels_are_named():
+    bench = Bench(temperatures=(22.0,))
+    for channel, message in (("force_N", "no contact"), ("displacement_mm", "crosshead moves")):
+        columns = bench.record(17)
+        columns[channel][:] = 0.0
+        with pytest.raises(InputError, match=message):
+            fit_stiffness(columns, settings(bench))
+    columns = bench.record(17)
+    columns["time_s"] = columns["time_s"][::-1]
+    with pytest.raises(InputError, match="must not run backwards"):
+        fit_stiffness(columns, settings(bench))
+
+
 def test_missing_columns_and_wrong_settings_name_every_problem():
     with pytest.raises(InputError) as error:
         fit_stiffness({"test": np.array(["a"])}, StiffnessSettings(0.04))
