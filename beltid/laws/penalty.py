@@ -44,7 +44,9 @@ class NormalLaw:
             if not (value >= 0 and np.isfinite(value))
         ]
         if not problems and max(values) == 0.0:
-            problems = ["k_linear_N_m2 and k_quadratic_N_m3 are both 0: the contact has no stiffness"]
+            problems = [
+                "k_linear_N_m2 and k_quadratic_N_m3 are both 0: the contact has no stiffness"
+            ]
         if problems:
             raise InputError(problems)
 
