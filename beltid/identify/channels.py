@@ -53,6 +53,8 @@ def prepare(record: RunRecord, settings: FrictionSettings) -> Channels:
     """
     timed = np.isfinite(record.time_s)
     n = record.time_s.size
+    if n < 2:
+        raise SetAsideError(f"too short: {n} samples")
     if np.count_nonzero(timed) < 0.5 * n or np.count_nonzero(timed) < 2:
         raise SetAsideError(f"time_s is missing in {n - np.count_nonzero(timed)} of {n} samples")
     t = record.time_s[timed]

@@ -275,7 +275,7 @@ def _sliding_phase(channels: Channels, rotation: Rotation) -> tuple[Array, Array
     settled = median(difference[(first + n) // 2 :])
     at_rest = median(difference[:first])
     least = 6.0 * difference_sigma(difference) / np.sqrt(0.5 * (n - first))
-    if settled - at_rest <= max(least, 1e-3 * median(tensions[:first, 1])):
+    if settled - at_rest <= max(least, 0.01 * median(tensions[:first, 1])):
         raise SetAsideError(
             f"never slides: the tensions part by {settled - at_rest:.3g} N while the pulley turns"
         )
@@ -330,10 +330,10 @@ def _fill_plateau(
 def _note_plateau(plateau: Plateau, notes: list[str]) -> None:
     if plateau.drift != 0.0:
         notes.append(f"mu drifts by {100 * plateau.drift:+.2g} % over the sliding phase")
-    if abs(plateau.tail_part) > 1e-3:
+    if abs(plateau.tail_left) > 1e-3:
         notes.append(
-            f"the tail of the sticking peak, {100 * plateau.tail_part:.2g} % of mu where the "
-            "plateau starts, is taken off"
+            f"mu is still {100 * plateau.tail_left:+.2g} % off its plateau at the end of the "
+            "record: the tail of the sticking peak is taken off"
         )
 
 

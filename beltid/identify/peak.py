@@ -68,12 +68,12 @@ def sticking_peak(
     # the ripple is only known from the fitted samples on: allow for its amplitude
     limit = 3.0 * noise + fit.ripple_N
     join = _joins_model(t, tensions, slice(first, slide), fit, limit)
-    if join > first and not _lies_below(t[join - 1], tensions[join - 1], fit):
+    if join > 0 and not _lies_below(t[join - 1], tensions[join - 1], fit):
         return unresolved("the tensions do not decay exponentially from the peak")
     travelled = float(t[join] - t[max(first - 1, 0)])
     climbed = np.abs(fit.levels + fit.tail - np.mean(tensions[:first], axis=0))
     margin_s = travelled * float(np.min(limit / np.maximum(climbed, limit)))
-    return _judged(t, join, first, fit, margin_s, max_error)
+    return _judged(t, join, fit, margin_s, max_error)
 
 
 def _joins_model(t: Array, tensions: Array, stretch: slice, fit: SlidingFit, limit: Array) -> int:
@@ -91,7 +91,7 @@ def _lies_below(t: float, tensions: Array, fit: SlidingFit) -> bool:
 
 
 def _judged(
-    t: Array, join: int, first: int, fit: SlidingFit, margin_s: float, max_error: float
+    t: Array, join: int, fit: SlidingFit, margin_s: float, max_error: float
 ) -> StickingPeak:
     """Peak between the last sample of the build-up and the first one on the tail.
 
@@ -105,8 +105,6 @@ def _judged(
     )
     timing = rate * np.hypot(float(t[join]) - before, margin_s) / np.sqrt(12.0)
     se = float(np.hypot(timing, fit.start_log_ratio_se))
-    if join - first < 1:
-        return unresolved("no sample lies on the build-up", moment)
     if peak - fit.log_ratio < 3.0 * se and timing < se / 2.0:
         return unresolved("no peak stands out of the plateau", moment)
     if not se <= max_error * peak:

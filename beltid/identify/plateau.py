@@ -63,8 +63,8 @@ class Plateau:
     middle of the steady window, shape (2,)."""
     log_ratio_se: float
     """Standard error of ln(T_tight/T_slack) [-]."""
-    tail_part: float
-    """Relative part of the tail in ln(T_tight/T_slack) where the steady window starts [-]."""
+    tail_left: float
+    """Relative part of the tail in ln(T_tight/T_slack) at the end of the record [-]."""
     drift: float
     """Relative change of ln(T_tight/T_slack) by drift over the sliding phase [-]."""
 
@@ -272,6 +272,6 @@ def _judged(
         # the drift counts from the middle of the record, the plateau from that of the window
         levels=fit.levels + fit.drift * 0.5 * (start_s - float(t[0])),
         log_ratio_se=float(np.hypot(fit.log_ratio_se, over_window / np.sqrt(12.0))),
-        tail_part=float(fit.tail_at(start_s)) / fit.log_ratio,
+        tail_left=tail_end,
         drift=drift,
     )

@@ -78,8 +78,11 @@ def find_rotation(speed: Array) -> Rotation:
     # speed noise grows with the speed on most encoders: compare with what the rest phase shows
     background = 4.0 * median(quiet) if quiet.size >= 3 else 0.0
     if not top > max(5.0 * noise, 2.0 * background):
+        fastest = float(np.max(magnitude))
+        if fastest > max(10.0 * top, 10.0 * noise):
+            raise SetAsideError("too short: the pulley turns in less than 5 % of the samples")
         raise SetAsideError(
-            f"the pulley never turns: pulley_speed_rad_s stays within {np.max(magnitude):.3g} rad/s"
+            f"the pulley never turns: pulley_speed_rad_s stays within {fastest:.3g} rad/s"
         )
     threshold = max(0.03 * top, min(2.0 * background, 0.3 * top))
     while first > 0 and abs(speed[first - 1]) > threshold and speed[first - 1] * smooth[first] > 0:

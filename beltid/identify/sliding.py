@@ -42,6 +42,8 @@ SIGNIFICANT_TAIL = 12.0
 """Least gain of the tail in sums of squared noise (chi-square, about 3 degrees of freedom)."""
 ROUNDING = 1.0e-7
 """Least standard error of a log ratio: keeps weights 1/se² finite for noise-free recordings."""
+MOST_TAKEN = 0.4
+"""Largest part of the noise that the fitted terms are credited with."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,11 +266,9 @@ def _with_errors(fit: SlidingFit, scheme: _Scheme, t: Array, sigma: Array) -> Sl
     residual = fit.residual[fit.used]
     series = residual @ (np.array([1.0, -1.0]) / fit.levels)
     n, n_terms = series.size, scheme.inverse.shape[0] + int(np.isfinite(fit.tau))
-    time = integrated_autocorrelation_time(series)
+    time = _correlation_time(series, n_terms)
     # every fitted term takes slow noise out of the residual: n/time samples are independent
-    freedom = max(1.0 - n_terms * time / n, 0.2)
-    covariance = residual.T @ residual / (n * freedom)
-    inflation = time * (1.0 + 2.0 * (n_terms - 1) * (time - 1.0) / n)
+    covariance = residual.T @ residual / (n * (1.0 - min(n_terms * time / n, MOST_TAKEN)))
     slope = None
     row = scheme.inverse[0]
     start_row = row
@@ -282,7 +282,7 @@ def _with_errors(fit: SlidingFit, scheme: _Scheme, t: Array, sigma: Array) -> Sl
             errors.append(float("inf"))
             continue
         weights = _influence(at, linear, scheme.q, slope, sigma)
-        variance = float(np.sum((weights @ covariance) * weights)) * inflation
+        variance = float(np.sum((weights @ covariance) * weights)) * time
         errors.append(float(np.sqrt(max(variance, 0.0) + ROUNDING**2)))
     return replace(
         fit,
@@ -291,6 +291,26 @@ def _with_errors(fit: SlidingFit, scheme: _Scheme, t: Array, sigma: Array) -> Sl
         correlation_time=time,
         drift_score=_drift_score(t[fit.used], series, scheme.q, slope, fit.levels),
     )
+
+
+def _correlation_time(series: Array, n_terms: int) -> float:
+    """Integrated autocorrelation time of the noise behind a residual [samples].
+
+    A fitted term takes slow noise, ``tau/n`` of the variance each, out of the residual, so that its
+    own autocorrelation is too short. From the first lag this can be put right:
+    ``rho = rho_residual (1 - x) + x`` with ``x = n_terms tau/n`` and ``tau = (1 + rho)/(1 - rho)``.
+    The larger of this and of the sum over all lags is taken.
+    """
+    power = float(np.mean(series**2))
+    if power <= ROUNDING**2:
+        return 1.0
+    first_lag = float(np.mean(series[1:] * series[:-1])) / power
+    time = 1.0
+    for _ in range(8):
+        taken = min(n_terms * time / series.size, MOST_TAKEN)
+        rho = min(first_lag * (1.0 - taken) + taken, 0.99)
+        time = max((1.0 + rho) / (1.0 - rho), 1.0)
+    return max(time, integrated_autocorrelation_time(series))
 
 
 def _drift_score(t: Array, series: Array, q: Array, slope: Array | None, levels: Array) -> float:

@@ -57,16 +57,19 @@ def steady_window(
     shortest = max(min_samples, int(np.ceil(min_fraction * n)))
     if n < shortest or n < 4:
         return None
-    blocks = int(np.clip(n // 4, 4, BLOCKS))
+    most = max(4, min(n // 4, BLOCKS))
+    blocks = min(range(most, max(4, most - 5) - 1, -1), key=lambda m: n % m)
     size = n // blocks
     offset = n - size * blocks
     value = np.median(signal[offset:].reshape(blocks, size), axis=1)
     time = np.mean(t[offset:].reshape(blocks, size), axis=1)
-    # correlated samples leave more noise on the blocks than their number suggests
     noise = 1.25 * difference_sigma(signal) / np.sqrt(size)
-    noise = max(noise, difference_sigma(value) if blocks >= 8 else 0.0)
+    if blocks >= 8:
+        # correlated samples leave more noise on the blocks than their number suggests
+        step = np.diff(value)
+        noise = max(noise, robust_sigma(step) / np.sqrt(2.0))
     for k in range(blocks - 2):
-        first = offset + k * size if k else 0
+        first = offset + k * size
         if n - first < shortest or time[-1] <= time[k]:
             return None
         change = _theil_sen(time[k:], value[k:]) * float(time[-1] - time[k])

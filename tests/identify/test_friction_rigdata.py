@@ -1,0 +1,142 @@
+"""The reduction against the truth of the virtual bench: three belts, 120 runs each."""
+
+from __future__ import annotations
+
+import csv
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from beltid.identify.friction import RunReduction, reduce_runs
+
+ROOT = Path(__file__).parents[2]
+BELTS = ("4pk", "5pk", "6pk")
+
+
+def read(path: Path) -> dict[str, np.ndarray]:
+    with path.open(newline="") as file:
+        header, *rows = list(csv.reader(file))
+    columns = {}
+    for name, values in zip(header, zip(*rows, strict=True), strict=True):
+        if name == "run":
+            columns[name] = np.array(values, dtype=object)
+        else:
+            columns[name] = np.array([float(v) if v else np.nan for v in values])
+    return columns
+
+
+@lru_cache
+def recording(belt: str) -> dict[str, np.ndarray]:
+    return read(ROOT / "rigdata" / belt / "rig.csv")
+
+
+@lru_cache
+def reduced(belt: str) -> tuple[RunReduction, ...]:
+    return reduce_runs(recording(belt), 0.05)
+
+
+@lru_cache
+def truth(belt: str) -> dict[str, np.ndarray]:
+    return read(ROOT / "tests" / "truth" / belt / "truth.csv")
+
+
+def column(belt: str, name: str) -> np.ndarray:
+    return np.array([getattr(run, name) for run in reduced(belt)])
+
+
+def rms(error: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(error**2)))
+
+
+@pytest.mark.parametrize("belt", BELTS)
+def test_every_run_comes_out_once_in_order_and_ok(belt: str) -> None:
+    assert [run.run for run in reduced(belt)] == list(truth(belt)["run"])
+    assert {run.status for run in reduced(belt)} == {"ok"}
+
+
+@pytest.mark.parametrize("belt", BELTS)
+def test_sliding_coefficient_meets_the_truth(belt: str) -> None:
+    error = column(belt, "mu_sliding") / truth(belt)["mu_app"] - 1.0
+    assert rms(error) < 0.0010
+    assert np.max(np.abs(error)) < 0.0075
+    assert abs(np.mean(error)) < 0.0003  # no bias: 120 errors of 0.1 % average to 0.01 %
+
+
+@pytest.mark.parametrize("belt", BELTS)
+def test_sticking_coefficient_meets_the_truth_at_every_speed_that_resolves_it(belt: str) -> None:
+    sticking, speed = column(belt, "mu_sticking"), truth(belt)["omega"]
+    error = sticking / truth(belt)["mu_stick"] - 1.0
+    slow = speed <= 0.1
+    assert np.all(np.isfinite(error[slow]))
+    assert rms(error[slow]) < 0.004
+    seen = np.isfinite(error)
+    assert np.max(np.abs(error[seen])) < 0.03
+    reasons = column(belt, "mu_sticking_reason")
+    assert np.all((reasons == "") == seen)
+
+
+@pytest.mark.parametrize("belt", BELTS)
+def test_initial_tension_plateau_tensions_and_normal_force_meet_the_truth(belt: str) -> None:
+    true = truth(belt)
+    assert rms(column(belt, "initial_tension_N") - true["T0"]) < 0.08  # 0.5 N / sqrt(2 * 50) = 0.05
+    assert rms(column(belt, "tension_tight_N") - true["Td"]) < 0.15
+    assert rms(column(belt, "tension_slack_N") - true["Tj"]) < 0.15
+    assert rms(column(belt, "normal_force_N_m") / true["f_ref"] - 1.0) < 0.002
+    assert rms(column(belt, "slip_speed_m_s") / true["v"] - 1.0) < 0.001
+
+
+def test_errors_over_their_standard_errors_are_standard_normal() -> None:
+    z = np.concatenate(
+        [(column(b, "mu_sliding") - truth(b)["mu_app"]) / column(b, "mu_sliding_se") for b in BELTS]
+    )
+    assert z.size == 360
+    # binomial: 0.95 of 360 within 1.96, standard deviation 0.0115
+    assert 0.92 < np.mean(np.abs(z) < 1.96) < 0.985
+    assert 0.88 < np.std(z) < 1.12
+    assert abs(np.mean(z)) < 0.16
+
+
+def test_known_faults_of_the_recording_are_counted() -> None:
+    by_name = {run.run: run for run in reduced("5pk")}
+    assert by_name["R097"].n_spikes == 3  # first sample, 3.4 s and 6.2 s
+    assert abs(by_name["R097"].initial_tension_N - 223.4005) < 0.2
+    gaps = recording("5pk")["run"][np.isnan(recording("5pk")["tension_slack_N"])]
+    names, counts = np.unique(gaps.astype(str), return_counts=True)
+    found = {run.run: run.n_missing for run in reduced("5pk") if run.n_missing}
+    assert found == dict(zip(names.tolist(), counts.tolist(), strict=True))
+
+
+@pytest.mark.parametrize("belt", BELTS)
+def test_ripple_is_found_once_per_fortieth_of_a_turn(belt: str) -> None:
+    period = column(belt, "ripple_period_s") * truth(belt)["omega"] * 40.0 / (2.0 * np.pi)
+    strong = truth(belt)["Td"] > 300.0  # 0.4 % of that is twice the noise
+    assert np.all(np.abs(period[strong] - 1.0) < 0.05)
+    amplitude = column(belt, "ripple_amplitude_N")[strong] / truth(belt)["Td"][strong]
+    # the ripple is a fixed part of the tension: the same for all runs of a belt
+    assert 0.0025 < np.mean(amplitude) < 0.0055
+    assert np.std(amplitude) < 0.0003
+
+
+def test_plateau_starts_behind_the_peak_and_rotation_starts_at_one_second() -> None:
+    for run in reduced("5pk"):
+        assert abs(run.start_time_s - 1.0) <= 0.021
+        assert run.start_time_s < run.plateau_start_s < run.plateau_end_s
+        assert not np.isfinite(run.peak_time_s) or run.peak_time_s < run.plateau_start_s
+        if np.isfinite(run.tail_time_s) and np.isfinite(run.mu_sticking):
+            age = np.array([run.plateau_start_s, run.plateau_end_s]) - run.peak_time_s
+            tail = (run.mu_sticking - run.mu_sliding) * np.exp(-age / run.tail_time_s)
+            assert abs(tail[0] - tail[1]) < 0.006 * run.mu_sliding
+
+
+def test_rows_of_a_run_need_not_be_together() -> None:
+    table = recording("6pk")
+    chosen = np.isin(table["run"], ["R001", "R050", "R111"])
+    together = {name: values[chosen] for name, values in table.items()}
+    order = np.argsort(together["time_s"], kind="stable")
+    shuffled = {name: values[order] for name, values in together.items()}
+    by_name = {run.run: run for run in reduce_runs(shuffled, 0.05)}
+    for run in reduce_runs(together, 0.05):
+        # repr: nan equals nan
+        assert repr(by_name[run.run]) == repr(run)
