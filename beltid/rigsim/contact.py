@@ -40,6 +40,9 @@ Array = NDArray[np.float64]
 
 STICK, SLIDE = 1, 2
 
+FRAME = 11  # numbers that describe a point while it is assembled, see press()
+DERIVATIVES = 8  # the first of those that describe its friction
+
 
 class ContactArrays(NamedTuple):
     """Pulley, normal law and friction surface, as compiled code wants them."""
@@ -157,7 +160,7 @@ def in_range(limits: tuple[float, float], value: float) -> bool:
 @kernel
 def part_energy(
     delta: float, sigma: float, a: float, k1: float, k2: float
-) -> tuple[float, float, float, float, float]:
+) -> tuple[float, float, float, float, float, float, float, float]:
     """First and second derivatives of the mean elastic energy of a part, per length.
 
     The part has the half length ``a``; its penetration is ``delta + sigma x``. The energy per
@@ -167,47 +170,44 @@ def part_energy(
     -------
     V_d, V_s, V_dd, V_ds, V_ss : float
         Derivatives in delta and sigma: line force [N/m], couple [N], and their derivatives.
+    f, f_d, f_s : float
+        Line force averaged over what is in contact [N/m], and its derivatives: mu is looked up at
+        it.
     """
     m = abs(sigma) * a
     if delta >= m:
         k = k1 + 2.0 * k2 * delta
         a2 = a * a / 3.0
-        return (
-            delta * (k1 + k2 * delta) + k2 * a2 * sigma * sigma,
-            a2 * sigma * k,
-            k,
-            2.0 * k2 * a2 * sigma,
-            a2 * k,
-        )
+        f = delta * (k1 + k2 * delta) + k2 * a2 * sigma * sigma
+        f_s = 2.0 * k2 * a2 * sigma
+        return f, a2 * sigma * k, k, f_s, a2 * k, f, k, f_s
     if delta <= -m:
-        return 0.0, 0.0, 0.0, 0.0, 0.0
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     top = delta + m  # only 0 ... top of the penetrations delta - m ... delta + m is in contact
     half = 0.5 / m
-    f = (k1 + k2 * top) * top * half
-    F = (k1 / 2.0 + k2 * top / 3.0) * top * top * half
-    G = (k1 / 6.0 + k2 * top / 12.0) * top * top * top * half
+    V_dd = (k1 + k2 * top) * top * half
+    f = (k1 / 2.0 + k2 * top / 3.0) * top
+    V_d = f * top * half
+    V = (k1 / 6.0 + k2 * top / 12.0) * top * top * top * half
     a_s = math.copysign(a, sigma)
-    return F, a_s * (F - G / m), f, a_s * (f - F / m), a * a * (f - 2.0 * (F - G / m) / m)
+    V_s = V_d - V / m
+    V_ss = V_dd - V_d / m - V_s / m
+    f_d = k1 / 2.0 + k2 * top * 2.0 / 3.0
+    return V_d, a_s * V_s, V_dd, a_s * (V_dd - V_d / m), a * a * V_ss, f, f_d, a_s * f_d
 
 
 @kernel
 def sliding_friction(
-    pulley: ContactArrays, motion: Motion, points: Points, e: int, c: int
-) -> tuple[float, float, int]:
+    pulley: ContactArrays, motion: Motion, points: Points, frame: Array, e: int, c: int
+) -> int:
     """Friction limit of a point at its own line force and sliding speed, with derivatives.
 
-    Reads the normal force from ``points``; writes ``F_max`` and ``point_slip``.
-
-    Returns
-    -------
-    per_force : float
-        Derivative of the limit with respect to the line force, per length [-].
-    per_slip : float
-        Derivative of the limit with respect to the slip [N/m].
-    outside : int
-        1 if the look-up was outside the measured range.
+    Reads the normal force and its derivatives; writes ``F_max`` and ``point_slip`` of the point and
+    the derivatives of the limit in delta [N/m], sigma [N] and slip [N/m] into ``frame``. Returns 1
+    if the look-up was outside the measured range.
     """
-    F_N, f_N, rho = points.F_N[e, c], points.f_N[e, c], points.rho[e, c]
+    F_N, rho = points.F_N[e, c], points.rho[e, c]
+    f_N, f_d, f_s = frame[DERIVATIVES], frame[DERIVATIVES + 1], frame[DERIVATIVES + 2]
     if motion.rate == 0.0:
         slip = v = motion.omega * pulley.R
     else:
@@ -221,8 +221,10 @@ def sliding_friction(
     outside = 0 if in_range(pulley.f_range, f_N) and in_range(pulley.v_range, v) else 1
     factor = motion.friction * points.ratio[e]
     points.F_max[e, c] = factor * mu * F_N
-    per_slip = factor * mu_v * F_N * math.copysign(motion.rate * pulley.R / rho, slip)
-    return factor * (mu + mu_f * f_N), per_slip, outside
+    frame[DERIVATIVES] = factor * (mu * frame[5] + mu_f * F_N * f_d)
+    frame[DERIVATIVES + 1] = factor * (mu * frame[6] + mu_f * F_N * f_s)
+    frame[DERIVATIVES + 2] = factor * mu_v * F_N * math.copysign(motion.rate * pulley.R / rho, slip)
+    return outside
 
 
 @kernel
@@ -239,8 +241,9 @@ def press(
 ) -> bool:
     """Normal force of a point, Eq. (1), and its frame; returns whether it touches.
 
-    ``frame`` (12,) receives n_x, n_y, kappa = t.r'/rho, sigma, P, K_dd, K_ds, K_ss (couple and
-    second derivatives of the part's energy), and the friction derivatives are left at 0.
+    ``frame`` (FRAME,) receives n_x, n_y, kappa = t.r'/rho, sigma, P, K_dd, K_ds, K_ss (couple and
+    second derivatives of the part's energy), then the line force where the part touches and its
+    derivatives in delta and sigma.
     """
     N, D = belt.N_c[e, c], belt.D_c[e, c]
     x = y = sx = sy = 0.0
@@ -254,7 +257,7 @@ def press(
     nx, ny = x / rho, y / rho
     sigma = -(nx * sx + ny * sy)
     w = belt.w_c[e, c]
-    V_d, V_s, V_dd, V_ds, V_ss = part_energy(
+    V_d, V_s, V_dd, V_ds, V_ss, f, f_d, f_s = part_energy(
         pulley.R - rho, sigma, 0.5 * w, pulley.k_linear, pulley.k_quadratic
     )
     points.rho[e, c] = rho
@@ -274,7 +277,7 @@ def press(
     if approach > 0.0:
         points.F_N[e, c] += pulley.C_P * approach
         frame[5] += pulley.C_P * motion.rate
-    frame[8] = frame[9] = 0.0
+    frame[DERIVATIVES], frame[DERIVATIVES + 1], frame[DERIVATIVES + 2] = f, f_d, f_s
     return True
 
 
@@ -298,7 +301,7 @@ def add_contact(
     """
     outside = 0
     n_c = belt.w_c.shape[1]
-    frames = np.empty((n_c, 12))
+    frames = np.empty((n_c, FRAME))
     touching = np.empty(n_c, dtype=np.bool_)
     pull = np.empty(8)
     for e in range(belt.h.size):
@@ -312,10 +315,10 @@ def add_contact(
         if motion.friction > 0.0:
             for c in range(n_c):
                 if touching[c]:
-                    frame = frames[c]
-                    frame[8], frame[9], beyond = sliding_friction(pulley, motion, points, e, c)
-                    outside += beyond
+                    outside += sliding_friction(pulley, motion, points, frames[c], e, c)
             spread_friction(belt, motion, points, frames, pull, e, A)
+        else:
+            frames[:, DERIVATIVES:] = 0.0
         for c in range(n_c):
             if touching[c]:
                 add_point(belt, points, frames[c], e, c, stretch, A, residual, residual_stretch)
@@ -370,11 +373,10 @@ def spread_friction(
             continue
         if sticks:
             points.F_T[e, c] *= force
-            frames[c, 8] = frames[c, 9] = 0.0
+            frames[c, DERIVATIVES:] = 0.0
         else:
             points.F_T[e, c] = points.sign[e] * points.F_max[e, c]
-            frames[c, 8] *= points.sign[e]
-            frames[c, 9] *= points.sign[e]
+            frames[c, DERIVATIVES:] *= points.sign[e]
     if sticks:
         for j in range(8):
             row = 4 * e + j
@@ -399,7 +401,7 @@ def add_point(
     The force on the belt is ``F_N n + (P kappa + F_T) t`` on r and ``P n`` on r'.
     """
     nx, ny, kappa, sigma, P = frame[0], frame[1], frame[2], frame[3], frame[4]
-    K_dd, K_ds, K_ss, per_force, per_slip = frame[5], frame[6], frame[7], frame[8], frame[9]
+    K_dd, K_ds, K_ss, T_d, T_s, T_slip = frame[5], frame[6], frame[7], frame[8], frame[9], frame[10]
     tx, ty = ny, -nx
     rho, F_N, F_T = points.rho[e, c], points.F_N[e, c], points.F_T[e, c]
     # a force that only holds a patch in place is too large at first: turn no more than the limit
@@ -409,10 +411,10 @@ def add_point(
     g2, g3 = P * nx, P * ny
     # minus the derivative, in the frame (n, t): r n, r t, r' n, r' t
     k_nt = K_ds * kappa + (P * kappa + turning) / rho
-    k_tn = K_ds * kappa + P * kappa / rho + per_force * K_dd
+    k_tn = K_ds * kappa + P * kappa / rho + T_d
     k_tt = K_ss * kappa * kappa - F_N / rho - P * sigma / (rho * rho)
-    k_tt += per_force * K_ds * kappa + per_slip
-    k_ts = K_ss * kappa + per_force * K_ds
+    k_tt += T_s * kappa + T_slip
+    k_ts = K_ss * kappa + T_s
     k_st = K_ss * kappa
     turn = P / rho
     h00 = nx * (K_dd * nx + k_nt * tx) + tx * (k_tn * nx + k_tt * tx)

@@ -107,7 +107,10 @@ def revise(
     changes = 0
     for e in range(points.status.size):
         if points.limit[e] <= 0.0:
-            points.status[e] = STICK  # a patch that closes starts at rest on the pulley
+            # a patch that closes is dragged by the pulley until it is seen to stick: held at once
+            # with a slip that is not yet small, it would be torn off again
+            points.status[e] = SLIDE if motion.omega > 0.0 else STICK
+            points.sign[e] = 1.0
             points.la_T[e] = 0.0
             continue
         moved = advance(belt, points, step, e)

@@ -136,6 +136,6 @@ def _mesh_density(
 
 # With 1.25 the tensions of rigs with arcs of 25 to 170 degrees, EI of 0.004 to 0.03 N m² and
 # tensions of 50 to 450 N differ by 0.05 % at most from those of a converged mesh.
-ELEMENT_IN_BEDS = 1.25
+ELEMENT_IN_BEDS = 1.0
 FEWEST_ELEMENTS = 10
 MOST_ELEMENTS = 1000
