@@ -106,7 +106,7 @@ def _fast(layout: Layout, wanted: Mapping[str, Wanted]) -> Rows | None:
             convert_options=pa_csv.ConvertOptions(
                 column_types=types,
                 include_columns=list(types),
-                null_values=list(MISSING_WORDS),
+                null_values=sorted(MISSING_WORDS),
                 strings_can_be_null=True,
                 decimal_point=layout.decimal,
             ),
@@ -145,6 +145,7 @@ def _exact(layout: Layout, wanted: Mapping[str, Wanted], name: str, problems: Pr
     width = len(layout.header)
     cells: dict[str, list[float | str | None]] = {key: [] for key in wanted}
     lines: list[int] = []
+    comma = layout.decimal == ","
     reader = csv.reader(io.StringIO(layout.body, newline=""), delimiter=layout.separator)
     try:
         for row in reader:
@@ -156,7 +157,12 @@ def _exact(layout: Layout, wanted: Mapping[str, Wanted], name: str, problems: Pr
                 continue
             lines.append(line)
             for key, w in wanted.items():
-                cells[key].append(_cell(row[w.index], w, layout, f"{name}:{line}", line, problems))
+                value, good = _cell(row[w.index].strip(), w.is_text, comma)
+                cells[key].append(value)
+                if not good:
+                    text = row[w.index].strip()
+                    shown = text if len(text) <= 40 else text[:37] + "..."
+                    problems.add(f'{name}:{line}: {w.shown} = "{shown}", must be a number', line)
     except csv.Error as error:
         line = layout.first_line + reader.line_num - 1
         problems.add(f"{name}:{line}: not a row of a CSV file: {error}", line)
@@ -166,18 +172,14 @@ def _exact(layout: Layout, wanted: Mapping[str, Wanted], name: str, problems: Pr
     return Rows(columns, np.array(lines, dtype=np.int64))
 
 
-def _cell(
-    raw: str, wanted: Wanted, layout: Layout, place: str, line: int, problems: Problems
-) -> float | str | None:
-    text = raw.strip()
-    if wanted.is_text:
-        return None if text in MISSING_WORDS else text
+def _cell(text: str, is_text: bool, comma: bool) -> tuple[float | str | None, bool]:
+    """Value of a cell, and whether it could be read."""
     if text in MISSING_WORDS:
-        return np.nan
+        return (None if is_text else np.nan), True
+    if is_text:
+        return text, True
     # under a decimal comma a point would be a thousands separator: 1.234 is not read as 1.234
-    number = text.translate(_COMMA_TO_POINT) if layout.decimal == "," else text
+    number = text.translate(_COMMA_TO_POINT) if comma else text
     if _NUMBER.fullmatch(number) or _INFINITE.fullmatch(number):
-        return float(number)
-    shown = text if len(text) <= 40 else text[:37] + "..."
-    problems.add(f'{place}: {wanted.shown} = "{shown}", must be a number', line)
-    return np.nan
+        return float(number), True
+    return np.nan, False

@@ -13,7 +13,9 @@ from beltid.errors import InputError
 
 SEPARATORS: Final = (",", ";", "\t", "|")
 MAX_COLUMNS: Final = 2000
-MISSING_WORDS: Final = ("", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL", "None", "-")
+MISSING_WORDS: Final = frozenset(
+    ("", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL", "None", "-")
+)
 _COMMA_NUMBER: Final = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 _NAMES: Final = {",": "','", ";": "';'", "\t": "tab", "|": "'|'"}
 
