@@ -4,6 +4,7 @@
 Module           Responsibility
 ================ =========================================================
 ``model``        what a config says, with its defaults (the 5PK rig of the paper)
+``bench_files``  how the files of a bench differ: names, units, dialect
 ``fields``       kinds of values: numbers with bounds and units, names, lists
 ``yaml_source``  YAML text -> plain values with their places
 ``messages``     words of the errors

@@ -60,7 +60,7 @@ def find_config(
         return ConfigSource(load_config(path), f"{path} (--config)", path)
     named = os.environ.get(ENVIRONMENT_VARIABLE, "").strip()
     if named:
-        return _found(Path(named), f"${ENVIRONMENT_VARIABLE}")
+        return _found(Path(named), f"named by ${ENVIRONMENT_VARIABLE}")
     if recording_path is not None:
         for candidate in _candidates(Path(recording_path)):
             if _is_file(candidate):
@@ -73,7 +73,7 @@ def _found(path: Path, how: str) -> ConfigSource:
         return ConfigSource(load_config(path), f"{path} ({how})", path)
     except ConfigError as error:
         raise ConfigError(
-            [*error.problems, f"{path}: this config was taken from {how}, --config names another"]
+            [*error.problems, f"{path}: this config was {how}, --config names another"]
         ) from None
 
 

@@ -9,8 +9,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args
 
+from beltid.config.bench_files import Section
 from beltid.config.fields import Checked, Choice, Count, Number, OnOff
-from beltid.config.model import Config, Section
+from beltid.config.model import Config
 from beltid.config.yaml_source import scalar
 
 _COMMENT_COLUMN = 48

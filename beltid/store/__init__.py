@@ -6,6 +6,7 @@ Module         Responsibility
 ``schemas``    every table: columns, types, units, ranges; schema versions
 ``recordings`` recordings of the benches -> validated columns
 ``dialect``    how a CSV file is written: encoding, separator, decimal sign, header
+``header``     whether the header names the columns that are needed
 ``csv_reader`` rows -> columns: fast where the file is clean, exact about places
 ``frames``     DataFrames, Arrow tables and dicts -> columns
 ``checks``     whether the columns can be what they claim to be

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,11 +12,12 @@ import numpy as np
 from beltid.errors import InputError
 from beltid.store import schemas
 from beltid.store.checks import Checker
-from beltid.store.csv_reader import Wanted, is_number, read_rows
+from beltid.store.csv_reader import Wanted, read_rows
 from beltid.store.dialect import Layout, ReadOptions, decode, header_further_down, layout
 from beltid.store.files import read_bytes, unpacked
 from beltid.store.frames import columns_of_frame
 from beltid.store.hashing import sha256
+from beltid.store.header import check_header, hint_units_row
 from beltid.store.problems import Problems
 from beltid.units import Conversion, allowed_units, canonical_unit, conversion
 
@@ -112,7 +112,7 @@ def _from_csv(text: str, path: Path, kind: str, options: ReadOptions, digest: st
     found = layout(text, name, options, in_file.values())
     header_line = found.first_line - 1 - options.units_row
     problems = Problems()
-    _check_header(found.header, in_file, table, f"{name}:{header_line}", problems)
+    check_header(found.header, in_file, table, f"{name}:{header_line}", problems)
     if problems.count and (later := header_further_down(found, in_file.values())):
         setting = f"dialect: {{skip_lines: {later - 1}}}"
         problems.add(f"{name}:{later}: the header seems to stand here, set {setting}")
@@ -137,40 +137,12 @@ def _from_csv(text: str, path: Path, kind: str, options: ReadOptions, digest: st
 
     notes += Checker(name, columns, table, place, problems).run({*options.units, *conversions})
     if problems.count:
-        _hint_units_row(found, wanted, name, problems)
+        hint_units_row(found, wanted, name, problems)
     problems.raise_if_any()
     left_out = [n for n in found.header if n and n not in in_file.values()]
     if left_out:
         notes.append("columns left out: " + ", ".join(left_out[:12]))
     return Recording(kind, columns, path, digest, (*found.notes, *notes), rows.lines)
-
-
-def _check_header(
-    header: tuple[str, ...],
-    in_file: Mapping[str, str],
-    table: schemas.Table,
-    place: str,
-    problems: Problems,
-) -> None:
-    shown = ", ".join(header[:20]) + (", ..." if len(header) > 20 else "")
-    missing = []
-    for ours, theirs in in_file.items():
-        if header.count(theirs) > 1:
-            problems.add(f"{place}: column {theirs} stands {header.count(theirs)} times")
-        if theirs in header or not (table.column(ours).required or theirs != ours):
-            continue
-        close = difflib.get_close_matches(theirs, header, n=1, cutoff=0.6)
-        guess = f", did you mean {close[0]}?" if close else ""
-        called = ours if ours == theirs else f"{theirs} (which the config names for {ours})"
-        missing.append((ours, close))
-        problems.add(f"{place}: column {called} is missing{guess}")
-    if missing:
-        ours, close = missing[0]
-        example = close[0] if close else "its name in the file"
-        problems.add(
-            f"{place}: the columns found are {shown}; other names are told by the config, "
-            f'columns: {{{table.kind}: {{{ours}: "{example}"}}}}'
-        )
 
 
 def _conversions(
@@ -214,29 +186,6 @@ def _completed(
 ) -> dict[str, np.ndarray]:
     """Columns in the order of the schema; an optional one that is absent is all nan."""
     return {c.name: columns.get(c.name, np.full(length, np.nan)) for c in table.columns}
-
-
-def _hint_units_row(
-    found: Layout, wanted: Mapping[str, Wanted], name: str, problems: Problems
-) -> None:
-    """Say it first when the first row holds no number: most likely it is the row of units."""
-    first = found.body.lstrip("\n").split("\n", 1)[0].split(found.separator)
-    cells = [
-        first[w.index].strip(' "')
-        for w in wanted.values()
-        if not w.is_text and w.index < len(first)
-    ]
-    if found.unit_cells or not any(cells) or any(is_number(c) for c in cells):
-        return
-    problems.found.insert(
-        0,
-        (
-            -1,
-            f"{name}:{found.first_line}: holds no number; "
-            "if it is a row of units, set dialect: {units_row: true}",
-        ),
-    )
-    problems.count += 1
 
 
 def _from_parquet(

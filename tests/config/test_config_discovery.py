@@ -76,7 +76,9 @@ def test_a_wrong_config_that_was_found_says_why_it_was_taken(place):
     with pytest.raises(ConfigError) as caught:
         find_config(place / "rig.csv")
     assert len(caught.value.problems) == 2
-    assert "--config names another" in caught.value.problems[1]
+    assert caught.value.problems[1].endswith(
+        "beltid.yaml: this config was found for rig.csv, --config names another"
+    )
 
 
 def test_a_named_config_that_is_missing_is_an_error(place, monkeypatch):

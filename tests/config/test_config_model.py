@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from beltid.config import Config, config_text, load_config
-from beltid.config.model import PressUnits, RigUnits, SpeedlossUnits
+from beltid.config.bench_files import PressUnits, RigUnits, SpeedlossUnits
 from beltid.store import schemas
 
 ROOT = Path(__file__).parents[2]

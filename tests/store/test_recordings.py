@@ -300,6 +300,16 @@ def test_a_missing_column_is_named_with_what_was_found(tmp_path):
     assert 'columns: {rig: {tension_tight_N: "tension_tigth_N"}}' in found[1]
 
 
+def test_a_recording_of_another_bench_is_recognised():
+    found = problems(RIGDATA / "5pk" / "rig.csv", "press")
+    assert found == [
+        "rig.csv:1: column test is missing",
+        "rig.csv:1: column displacement_mm is missing",
+        "rig.csv:1: column force_N is missing",
+        "rig.csv:1: these are the columns of a rig recording, not of a press",
+    ]
+
+
 def test_a_column_named_by_the_config_must_be_there(tmp_path):
     config = {"columns": {"rig": {"temperature_degC": "T_belt"}}}
     found = problems(write(tmp_path, [HEADER, *rows()]), config=config)
