@@ -56,6 +56,8 @@ class RigModel:
         Settings of the run.
     nodes : ndarray, shape (n_e + 1,)
         Path coordinates of the nodes [m].
+    rhoA : float
+        Mass per length of the belt [kg/m].
     system : System
         Arrays for compiled code.
     """
@@ -63,6 +65,7 @@ class RigModel:
     path: Path
     point: OperatingPoint
     nodes: Array
+    rhoA: float
     system: System
 
     def path_coordinates(self) -> Array:
@@ -114,4 +117,4 @@ class Bench:
             pulley=contact_arrays(self.rig.R, self.contact, self.law, self.surface),
             supports=SupportArrays(self.rig.supports == "clamped", np.ascontiguousarray(ends)),
         )
-        return RigModel(path, point, nodes, system)
+        return RigModel(path, point, nodes, self.belt.rhoA, system)

@@ -44,6 +44,7 @@ MOST_HALVINGS = 8
 FREE_REVISIONS = 8  # iterations in which all patches may change sides at once
 BUILD_UP_MARGIN = 1.25
 PLATEAU_FACTOR = 5.0  # time step of the plateau over that of the build-up
+STEPS_PER_SWING = 10.0  # plateau steps per period of the slack span, at most
 AUGMENTATION = 1.0e2  # over the axial stiffness EA per shortest element [-]
 
 
@@ -288,18 +289,22 @@ def build_up_travel(model: RigModel, laid: StaticState, sliding: StaticState) ->
     return model.path.R * float(np.max(turned))
 
 
-def make_schedule(model: RigModel, travel: float, steps: int) -> Schedule:
+def make_schedule(model: RigModel, laid: StaticState, sliding: StaticState, steps: int) -> Schedule:
     """Rest, build-up in small steps of travel, and a plateau in larger ones.
 
-    The build-up is given a quarter more than the static travel. The plateau's steps are larger, so
-    that what the start has set swinging comes to rest within the run.
+    The build-up is given a quarter more than the static travel. The plateau's steps are larger, also
+    as a part of the period in which the slack span swings: an implicit Euler step damps what it
+    does not resolve, so that what the start has set swinging comes to rest within the run.
     """
     rest = max(steps // 13, 3)
     build_up = steps // 2
-    dt = BUILD_UP_MARGIN * travel / build_up / (model.path.R * model.point.omega)
     plateau = steps - rest - build_up
+    travel = BUILD_UP_MARGIN * build_up_travel(model, laid, sliding)
+    dt = travel / build_up / (model.path.R * model.point.omega)
+    period = 2.0 * model.path.span * math.sqrt(model.rhoA / sliding.T_B)
+    dt_plateau = max(PLATEAU_FACTOR * dt, period / STEPS_PER_SWING)
     return Schedule(
-        dt=np.concatenate([np.full(rest + build_up, dt), np.full(plateau, PLATEAU_FACTOR * dt)]),
+        dt=np.concatenate([np.full(rest + build_up, dt), np.full(plateau, dt_plateau)]),
         omega=np.concatenate([np.zeros(rest), np.full(build_up + plateau, model.point.omega)]),
     )
 
@@ -315,7 +320,7 @@ def run_transient(
         If a static state is not found, or a step fails although it was cut.
     """
     laid, sliding = solve_steady(model)
-    schedule = make_schedule(model, build_up_travel(model, laid, sliding), steps)
+    schedule = make_schedule(model, laid, sliding, steps)
     belt = model.system.belt
     points = new_points(belt, STICK)
     points.theta_old[:] = laid.points.theta
