@@ -166,11 +166,11 @@ def _clipped(rest: Array, slide: Array) -> str:
     Only a channel whose noise is seen at rest can be told to be stuck: a noise-free
     recording may be constant while the belt slides, and a coarse converter repeats values.
     """
-    levels = np.unique(rest)
-    if levels.size < 3 or mad_sigma(rest) < 1.5 * float(np.min(np.diff(levels))):
-        return ""
     for extreme in (float(np.max(slide)), float(np.min(slide))):
         part = np.count_nonzero(slide == extreme) / slide.size
-        if part > CLIPPED_FRACTION:
+        if part <= CLIPPED_FRACTION:
+            continue
+        levels = np.unique(rest)
+        if levels.size >= 3 and mad_sigma(rest) >= 1.5 * float(np.min(np.diff(levels))):
             return f"{100 * part:.3g} % of the sliding samples are {extreme:g} N"
     return ""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import InputError
-from beltid.identify.channels import Channels, check_cells, prepare
+from beltid.identify.channels import Channels, prepare
 from beltid.identify.friction_run import (
     NAN,
     FrictionSettings,
@@ -26,7 +26,7 @@ from beltid.identify.peak import StickingPeak, sticking_peak
 from beltid.identify.plateau import Plateau, PlateauCriteria, settle
 from beltid.identify.rest_phase import Rest, Rotation, SetAsideError, find_rotation, rest_state
 from beltid.identify.rig_table import check_columns, run_records
-from beltid.identify.signal import difference_sigma, median, running_median
+from beltid.identify.sliding_phase import sliding_phase, unswapped
 from beltid.laws.capstan import friction_coefficient, mean_normal_force, sliding_speed
 
 __all__ = ["FrictionSettings", "RunRecord", "RunReduction", "reduce_run", "reduce_runs"]
@@ -185,11 +185,11 @@ def _fill(
         "imbalance_se_N": rest.imbalance_se_N,
     }
     _check_balance(rest, settings, notes)
-    channels, found["swapped"] = _unswapped(channels, rotation, notes)
+    channels, found["swapped"] = unswapped(channels, rotation, notes)
     if settings.correct_imbalance:
         half = -0.5 * rest.imbalance_N if found["swapped"] else 0.5 * rest.imbalance_N
         channels = replace(channels, tight=channels.tight - half, slack=channels.slack + half)
-    t, tensions, first, slide = _sliding_phase(channels, rotation)
+    t, tensions, first, slide = sliding_phase(channels, rotation)
     criteria = PlateauCriteria(
         settings.steady_tolerance,
         settings.max_drift,
@@ -235,58 +235,6 @@ def _check_balance(rest: Rest, settings: FrictionSettings, notes: list[str]) -> 
             f"the cells differ by {rest.imbalance_N:+.3g} N at rest "
             f"({100 * relative:.2g} %), {done}"
         )
-
-
-def _unswapped(channels: Channels, rotation: Rotation, notes: list[str]) -> tuple[Channels, bool]:
-    """Exchange the cells if the slack one carries more throughout the sliding."""
-    half = slice((rotation.full_speed + rotation.end) // 2, rotation.end)
-    usable = channels.usable[half]
-    difference = (channels.tight[half] - channels.slack[half])[usable]
-    if difference.size < 3:
-        raise SetAsideError(f"too short: {difference.size} usable samples of sliding")
-    if median(difference) >= 0.0:
-        return channels, False
-    below = np.count_nonzero(difference < 0.0) / difference.size
-    if below < 0.9:
-        return channels, False
-    notes.append("the tight and the slack cell were exchanged: T_tight < T_slack while sliding")
-    return replace(channels, tight=channels.slack, slack=channels.tight), True
-
-
-def _sliding_phase(channels: Channels, rotation: Rotation) -> tuple[Array, Array, int, int]:
-    """Usable samples of the rotation, and where the sliding starts in them.
-
-    Returns
-    -------
-    time, tensions, first, slide
-        Times [s], shape (n,), tensions [N], shape (n, 2), index of the first sample of the
-        rotation, and of the first one that surely lies behind the build-up.
-    """
-    keep = np.flatnonzero(channels.usable[: rotation.end])
-    t = channels.time_s[keep]
-    tensions = np.column_stack([channels.tight[keep], channels.slack[keep]])
-    first = int(np.searchsorted(keep, rotation.first))
-    difference = tensions[:, 0] - tensions[:, 1]
-    n = t.size
-    if n - first < 8:
-        raise SetAsideError(f"too short: {n - first} usable samples while the pulley turns")
-    second_half = slice((rotation.first + rotation.end) // 2, rotation.end)
-    check_cells(channels, rotation.first, second_half, median(tensions[:first, 1]))
-    settled = median(difference[(first + n) // 2 :])
-    at_rest = median(difference[:first])
-    least = 6.0 * difference_sigma(difference) / np.sqrt(0.5 * (n - first))
-    if settled - at_rest <= max(least, 0.01 * median(tensions[:first, 1])):
-        raise SetAsideError(
-            f"never slides: the tensions part by {settled - at_rest:.3g} N while the pulley turns"
-        )
-    reached = running_median(difference[first:], 5) - at_rest >= 0.9 * (settled - at_rest)
-    build_up = int(np.argmax(reached))
-    if build_up > 0.5 * (n - first):
-        raise SetAsideError("never slides: the tensions still part at the end of the record")
-    behind = t[first] + 1.5 * (t[first + build_up] - t[first])
-    slide = max(int(np.searchsorted(t, behind, side="right")), first + build_up + 1)
-    slide = max(slide, int(np.searchsorted(keep, rotation.full_speed)))
-    return t, tensions, first, slide
 
 
 def _fill_plateau(

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.identify.plateau import Plateau, channel_noise
-from beltid.identify.sliding import SlidingFit
+from beltid.identify.sliding_model import SlidingFit
 
 Array = NDArray[np.float64]
 

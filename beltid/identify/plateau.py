@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 from beltid.identify.rest_phase import SetAsideError
 from beltid.identify.signal import (
     NOISE_FLOOR,
+    THINNED_SAMPLES,
     block_means,
     difference_sigma,
     median,
     robust_sigma,
 )
-from beltid.identify.sliding import SlidingFit, fit_sliding, plausible_samples
+from beltid.identify.sliding import fit_sliding, plausible_samples
+from beltid.identify.sliding_model import SlidingFit
 from beltid.identify.steady_window import steady_window
 
 Array = NDArray[np.float64]
@@ -89,7 +91,9 @@ def settle(t: Array, tensions: Array, criteria: PlateauCriteria) -> Plateau:
     fewest = max(criteria.min_samples, 8)
     if t.size < fewest:
         raise SetAsideError(f"too short: {t.size} usable samples of sliding, must be >= {fewest}")
-    near = np.flatnonzero(plausible_samples(tensions, channel_noise(tensions)))
+    near = np.arange(t.size)
+    if t.size > THINNED_SAMPLES:  # drop-outs would get lost in the block means
+        near = np.flatnonzero(plausible_samples(tensions, channel_noise(tensions)))
     thin = block_means(np.column_stack([t, tensions])[near])
     per_block = -(-near.size // thin.shape[0])
     time, values = thin[:, 0], thin[:, 1:]

@@ -90,7 +90,7 @@ def spike_mask(x: Array, threshold: float) -> Mask:
         return np.zeros(x.size, dtype=bool)
     middle = running_median(x, SPIKE_WINDOW)
     half = SPIKE_WINDOW // 2
-    padded = np.pad(middle, half, mode="edge")
+    padded = np.concatenate([np.full(half, middle[0]), middle, np.full(half, middle[-1])])
     local_change = np.abs(padded[2 * half :] - padded[: -2 * half])
     floor = 10.0 * NOISE_FLOOR * median(np.abs(x))
     sigma = max(difference_sigma(x), floor)
@@ -152,9 +152,9 @@ def strongest_line(t: Array, residuals: Array, basis: Array) -> float | None:
         return None
     grid = np.linspace(t[0], t[-1], n)
     length = 2 * (1 << (n - 1).bit_length())
-    power = np.zeros(length // 2 + 1)
-    for column in residuals.T:
-        power += np.abs(np.fft.rfft(np.interp(grid, t, column), length)) ** 2 / n
+    even = np.array([np.interp(grid, t, column) for column in residuals.T])
+    spectrum = np.fft.rfft(even, length)
+    power = np.sum(spectrum.real**2 + spectrum.imag**2, axis=0) / n
     frequency = np.fft.rfftfreq(length, duration / (n - 1))
     first, last = np.searchsorted(frequency, [1.5 / duration, 0.45 * (n - 1) / duration])
     if last - first < 3:

@@ -1,33 +1,21 @@
-"""Model of the sliding phase: level, tail of the sticking peak, ripple, drift.
-
-Both tensions share the times of the model and have their own amplitudes,
-
-    T_c(t) = L_c + A_c exp(-(t - t_0)/tau) + D_c (t - t_mid) + sum_k ripple_ck(t)
-
-with c = tight, slack.
-
-The tail decays over a travel of millimetres, which at low speed is a good part of the record: the
-mean over even the last samples still carries some of it. The level L_c is the plateau without that
-tail. Ripple as a regressor does what averaging over a whole number of its periods does, without
-giving away the rest of the record. Terms that the record does not call for are left out.
-"""
+"""Fit the model of the sliding phase: which terms a record calls for, and their values."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltid.identify.signal import (
-    NOISE_FLOOR,
     line_columns,
     median,
     parabolic_maximum,
     robust_sigma,
     strongest_line,
 )
-from beltid.identify.statistics import integrated_autocorrelation_time
+from beltid.identify.sliding_errors import LinearScheme, with_errors
+from beltid.identify.sliding_model import SlidingFit
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -40,68 +28,6 @@ LONGEST_TAIL = 0.5
 """Longest time constant over the length of the record: a longer tail looks like a drift."""
 SIGNIFICANT_TAIL = 12.0
 """Least gain of the tail in sums of squared noise (chi-square, about 3 degrees of freedom)."""
-ROUNDING = 1.0e-7
-"""Least standard error of a log ratio: keeps weights 1/se² finite for noise-free recordings."""
-MOST_TAKEN = 0.4
-"""Largest part of the noise that the fitted terms are credited with."""
-
-
-@dataclass(frozen=True, slots=True)
-class SlidingFit:
-    """Fitted model of the sliding phase; first axis of pairs: tight, slack."""
-
-    t_0: float
-    """Time at which the tail has its amplitude A_c [s]."""
-    levels: Array
-    """L_c [N], shape (2,)."""
-    tail: Array
-    """A_c [N], shape (2,); zero without a tail."""
-    tau: float
-    """Time constant of the tail [s]; nan without a tail."""
-    tau_at_bound: bool
-    """Whether a longer time constant than the record can tell would fit better."""
-    drift: Array
-    """D_c [N/s], shape (2,); zero unless a drift was fitted."""
-    lines: tuple[float, ...]
-    """Frequencies of the ripple [Hz], the strongest first found."""
-    ripple_N: Array
-    """Amplitude of the first line in both tensions [N], shape (2,)."""
-    used: Mask
-    """Samples that are no outliers, shape (n,)."""
-    residual: Array
-    """Residual of both tensions [N], shape (n, 2)."""
-    ripple: Array
-    """Ripple part of both tensions [N], shape (n, 2)."""
-    log_ratio_se: float
-    """Standard error of ln(L_tight/L_slack), correlation of the samples allowed for [-]."""
-    start_log_ratio_se: float
-    """The same for the start of the tail, ln((L + A)_tight/(L + A)_slack) [-]."""
-    correlation_time: float
-    """Integrated autocorrelation time of the residual of ln(T_tight/T_slack) [samples]."""
-    drift_score: float
-    """Drift not yet fitted over its standard error for white noise [-]."""
-
-    @property
-    def log_ratio(self) -> float:
-        """ln(L_tight/L_slack) [-]; nan if a level is not positive."""
-        if not np.all(self.levels > 0.0):
-            return float("nan")
-        return float(np.log(self.levels[0] / self.levels[1]))
-
-    def tail_at(self, t: Array | float) -> Array:
-        """Part of the tail in ln(T_tight/T_slack) at the times `t` [-]."""
-        decay = self.decay(t)
-        high = self.levels[0] + self.tail[0] * decay
-        low = self.levels[1] + self.tail[1] * decay
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return np.log(high / low) - self.log_ratio
-
-    def decay(self, t: Array | float) -> Array:
-        """Tail of unit amplitude at the times `t`."""
-        time = np.asarray(t, dtype=float)
-        if not np.isfinite(self.tau):
-            return np.zeros_like(time)
-        return np.exp(-(time - self.t_0) / self.tau)
 
 
 def fit_sliding(t: Array, tensions: Array, sigma: Array, *, drift: bool = False) -> SlidingFit:
@@ -133,7 +59,7 @@ def fit_sliding(t: Array, tensions: Array, sigma: Array, *, drift: bool = False)
         if np.count_nonzero(kept) < max(8, used.size // 3) or np.array_equal(kept, used):
             break
         used = kept
-    return _with_errors(fit, scheme, t, sigma)
+    return with_errors(fit, scheme, t, sigma)
 
 
 def plausible_samples(tensions: Array, sigma: Array) -> Mask:
@@ -211,17 +137,9 @@ def _tail_gain(t: Array, residual: Array, basis: Array, trial: Array) -> tuple[A
     return gain, tail, projection
 
 
-@dataclass(frozen=True, slots=True)
-class _Scheme:
-    """Linear part of the least squares: ``coefficients = inverse @ samples``."""
-
-    inverse: Array
-    q: Array
-
-
 def _solve(
     t: Array, tensions: Array, used: Mask, terms: _Terms, drift: bool
-) -> tuple[SlidingFit, _Scheme]:
+) -> tuple[SlidingFit, LinearScheme]:
     """Least squares with the chosen terms."""
     origin = float(t[used][0])
     columns = _linear_columns(t, terms.lines, drift)
@@ -251,96 +169,4 @@ def _solve(
         correlation_time=1.0,
         drift_score=0.0,
     )
-    return fit, _Scheme(inverse, q)
-
-
-def _with_errors(fit: SlidingFit, scheme: _Scheme, t: Array, sigma: Array) -> SlidingFit:
-    """Standard errors of both log ratios, for samples correlated in time and between channels.
-
-    The covariance of the channels is that of the residuals; the integrated autocorrelation time of
-    the residual of ln(T_tight/T_slack) inflates it.
-    """
-    start = fit.levels + fit.tail
-    if not np.all(fit.levels > 0.0):
-        return fit
-    residual = fit.residual[fit.used]
-    series = residual @ (np.array([1.0, -1.0]) / fit.levels)
-    n, n_terms = series.size, scheme.inverse.shape[0] + int(np.isfinite(fit.tau))
-    time = _correlation_time(series, n_terms)
-    # every fitted term takes slow noise out of the residual: n/time samples are independent
-    covariance = residual.T @ residual / (n * (1.0 - min(n_terms * time / n, MOST_TAKEN)))
-    slope = None
-    row = scheme.inverse[0]
-    start_row = row
-    if np.isfinite(fit.tau):
-        age = t[fit.used] - fit.t_0
-        slope = (age * np.exp(-age / fit.tau) / fit.tau**2)[:, None] * fit.tail
-        start_row = row + scheme.inverse[-1]
-    errors = []
-    for at, linear in ((fit.levels, row), (start, start_row)):
-        if not np.all(at > 0.0):
-            errors.append(float("inf"))
-            continue
-        weights = _influence(at, linear, scheme.q, slope, sigma)
-        variance = float(np.sum((weights @ covariance) * weights)) * time
-        errors.append(float(np.sqrt(max(variance, 0.0) + ROUNDING**2)))
-    return replace(
-        fit,
-        log_ratio_se=errors[0],
-        start_log_ratio_se=errors[1],
-        correlation_time=time,
-        drift_score=_drift_score(t[fit.used], series, scheme.q, slope, fit.levels),
-    )
-
-
-def _correlation_time(series: Array, n_terms: int) -> float:
-    """Integrated autocorrelation time of the noise behind a residual [samples].
-
-    A fitted term takes slow noise, ``tau/n`` of the variance each, out of the residual, so that its
-    own autocorrelation is too short. From the first lag this can be put right:
-    ``rho = rho_residual (1 - x) + x`` with ``x = n_terms tau/n`` and ``tau = (1 + rho)/(1 - rho)``.
-    The larger of this and of the sum over all lags is taken.
-    """
-    power = float(np.mean(series**2))
-    if power <= ROUNDING**2:
-        return 1.0
-    first_lag = float(np.mean(series[1:] * series[:-1])) / power
-    time = 1.0
-    for _ in range(8):
-        taken = min(n_terms * time / series.size, MOST_TAKEN)
-        rho = min(first_lag * (1.0 - taken) + taken, 0.99)
-        time = max((1.0 + rho) / (1.0 - rho), 1.0)
-    return max(time, integrated_autocorrelation_time(series))
-
-
-def _drift_score(t: Array, series: Array, q: Array, slope: Array | None, levels: Array) -> float:
-    """Score of a linear drift added to the model, for white noise (standard normal without one)."""
-    column = (t - np.mean(t)) / float(t[-1] - t[0])
-    if slope is not None:
-        extra = slope @ (np.array([1.0, -1.0]) / levels)
-        extra -= q @ (q.T @ extra)
-        size = float(np.linalg.norm(extra))
-        if size > 0.0:
-            q = np.column_stack([q, extra / size])
-    column -= q @ (q.T @ column)
-    size = float(np.linalg.norm(column))
-    if size < 1e-3 * np.sqrt(t.size):
-        return 0.0
-    return float(column @ series) / size / max(float(np.std(series)), NOISE_FLOOR)
-
-
-def _influence(at: Array, row: Array, q: Array, slope: Array | None, sigma: Array) -> Array:
-    """Derivative by each sample of ln(at_tight/at_slack), where ``at = row @ samples``.
-
-    The time constant is fitted, too: its share enters through the part of `slope`, the derivative
-    of the model by the time constant [N/s], that the linear terms (orthonormal columns `q`) do not
-    explain.
-    """
-    gradient = np.array([1.0, -1.0]) / at
-    weights = row[:, None] * gradient
-    if slope is None:
-        return weights
-    shift = float(gradient @ (row @ slope))
-    free = (slope - q @ (q.T @ slope)) / sigma
-    size = float(np.sum(free**2))
-    return weights - free * (shift / size) / sigma if size > 0.0 else weights
+    return fit, LinearScheme(inverse, q)

@@ -72,27 +72,33 @@ def steady_window(
         first = offset + k * size
         if n - first < shortest or time[-1] <= time[k]:
             return None
+        if not _starts_level(value[k:], tolerance, noise):
+            continue
         change = _theil_sen(time[k:], value[k:]) * float(time[-1] - time[k])
         if _is_steady(time[k:], value[k:], change, tolerance, noise):
             return SteadyWindow(first, change)
     return None
 
 
-def _is_steady(time: Array, value: Array, change: float, tolerance: float, noise: float) -> bool:
-    """Whether slope, spread and the first blocks of a window are within tolerance and noise."""
+def _starts_level(value: Array, tolerance: float, noise: float) -> bool:
+    """Whether the first blocks of a window lie on the others.
+
+    A slope of medians overlooks a short tail there.
+    """
     count = value.size
-    if abs(change) > max(tolerance, 3.0 * noise * np.sqrt(12.0 / count)):
+    later = median(value[min(count // 4 + 1, count - 1) :])
+    lead = float(np.mean(value[: max(1, count // 8)]))
+    first = abs(float(value[0]) - later) <= max(tolerance, 4.0 * noise)
+    return first and abs(lead - later) <= max(tolerance, 3.0 * noise)
+
+
+def _is_steady(time: Array, value: Array, change: float, tolerance: float, noise: float) -> bool:
+    """Whether slope and spread of a window are within tolerance and noise."""
+    if abs(change) > max(tolerance, 3.0 * noise * np.sqrt(12.0 / value.size)):
         return False
     run = time - 0.5 * (time[0] + time[-1])
     straight = value - change / float(time[-1] - time[0]) * run
-    if robust_sigma(straight) > max(tolerance, 2.5 * noise):
-        return False
-    # a slope of medians overlooks a short tail in the first blocks
-    later = median(value[min(count // 4 + 1, count - 1) :])
-    lead = float(np.mean(value[: max(1, count // 8)]))
-    return abs(lead - later) <= max(tolerance, 3.0 * noise) and (
-        abs(float(value[0]) - later) <= max(tolerance, 4.0 * noise)
-    )
+    return robust_sigma(straight) <= max(tolerance, 2.5 * noise)
 
 
 def _theil_sen(x: Array, y: Array) -> float:
