@@ -18,9 +18,11 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numba
-from numba.core import config as numba_config
+from numba.core import config as _numba_config
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+numba_config: Any = _numba_config  # its settings are made at run time, unknown to a type checker
 
 _ROOMS = ("rigsim", "laws")
 
@@ -69,7 +71,7 @@ def kernel(function: F) -> F:
     saved = numba_config.CACHE_DIR
     numba_config.CACHE_DIR = str(cache_folder())
     try:
-        dispatcher = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+        dispatcher: Any = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
         _heal(dispatcher._cache)
     except (RuntimeError, OSError):  # no folder can be written: compile in memory only
         dispatcher = numba.njit(nogil=True, error_model="numpy")(function)

@@ -90,9 +90,7 @@ def advance(belt: BeltArrays, points: Points, step: Array, e: int) -> float:
 
 
 @kernel
-def revise(
-    belt: BeltArrays, motion: Motion, points: Points, step: Array, most_changes: int
-) -> int:
+def revise(belt: BeltArrays, motion: Motion, points: Points, step: Array, most_changes: int) -> int:
     """Update multipliers and statuses with the solution ``step`` (n,) of the linearised system.
 
     All patches that break the law change sides at once, which can go in circles; with
@@ -123,7 +121,10 @@ def revise(
                 changes += 1
             else:
                 points.la_T[e] = la_T
-        elif changes < most_changes and points.sign[e] * (points.slip[e] - moved) < -0.1 * SLIP_TOLERANCE:
+        elif (
+            changes < most_changes
+            and points.sign[e] * (points.slip[e] - moved) < -0.1 * SLIP_TOLERANCE
+        ):
             points.status[e] = STICK
             points.la_T[e] = points.force[e]
             changes += 1

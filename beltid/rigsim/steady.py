@@ -20,7 +20,8 @@ from beltid.params import OperatingPoint
 from beltid.rigsim.banded import factorize, solve
 from beltid.rigsim.belt import add_internal
 from beltid.rigsim.compiled import kernel
-from beltid.rigsim.contact import SLIDE, Motion, Points, add_contact, new_points
+from beltid.rigsim.contact import SLIDE, Motion, Points, new_points
+from beltid.rigsim.contact_forces import add_contact
 from beltid.rigsim.model import RigModel, System, Workspace
 from beltid.rigsim.supports import force_change, hold, release
 
@@ -199,9 +200,7 @@ def lay_on(model: RigModel) -> StaticState:
         points = new_points(system.belt, SLIDE)
         stretch = 1.0 / (1.0 + point.T_0 / system.belt.EA)
         for factor in detour or (1.0,):
-            outcome = newton(
-                system, motion, points, q, stretch, factor * point.T_0, True, work
-            )
+            outcome = newton(system, motion, points, q, stretch, factor * point.T_0, True, work)
             stretch = outcome.stretch
             if not outcome.converged:
                 spent += outcome.iterations
@@ -258,4 +257,3 @@ def solve_steady(model: RigModel) -> tuple[StaticState, StaticState]:
     """Lay-on and sliding limit of one run."""
     laid = lay_on(model)
     return laid, slide(model, laid)
-

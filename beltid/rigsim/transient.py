@@ -6,8 +6,8 @@ each step the residual
 
     M (q - q_old - dt q_dot_old)/dt**2 + f(q, (q - q_old)/dt) - W_N F_N - W_T F_T = 0
 
-holds together with the friction law on the slips of the step. Its tangent ``S = M/dt**2 + C/dt + K``
-takes the place of M in Eq. (12). A step that does not converge is halved and tried again.
+holds together with the friction law on the slips of the step. Its tangent
+``S = M/dt**2 + C/dt + K`` takes the place of M in Eq. (12). A step that does not converge is halved and tried again.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from beltid.errors import ConvergenceError
 from beltid.rigsim.banded import factorize, solve
 from beltid.rigsim.belt import add_inertia, add_internal, store_strains
 from beltid.rigsim.compiled import kernel
-from beltid.rigsim.contact import STICK, Motion, Points, add_contact, new_points
+from beltid.rigsim.contact import STICK, Motion, Points, new_points
+from beltid.rigsim.contact_forces import add_contact
 from beltid.rigsim.friction import (
     CONE_TOLERANCE,
     SLIP_TOLERANCE,
@@ -161,10 +162,28 @@ class Recorder(NamedTuple):
 
 def new_recorder(model: RigModel, n: int, wanted: Counts) -> Recorder:
     """Room for a run of ``n`` steps with profiles at the steps ``wanted``."""
-    counts = [np.zeros(n, dtype=np.int64) for _ in range(4)]
-    values = [np.zeros(n) for _ in range(5)]
     profiles = np.zeros((wanted.size, 5, *model.system.belt.w_c.shape))
-    return Recorder(np.zeros((n, 4)), *counts, *values, wanted, profiles)
+
+    def count() -> Counts:
+        return np.zeros(n, dtype=np.int64)
+
+    def value() -> Array:
+        return np.zeros(n)
+
+    return Recorder(
+        force=np.zeros((n, 4)),
+        iterations=count(),
+        changes=count(),
+        halvings=count(),
+        outside=count(),
+        sticking=value(),
+        touching=value(),
+        residual=value(),
+        slip=value(),
+        cone=value(),
+        wanted=wanted,
+        profiles=profiles,
+    )
 
 
 @kernel
@@ -292,9 +311,9 @@ def build_up_travel(model: RigModel, laid: StaticState, sliding: StaticState) ->
 def make_schedule(model: RigModel, laid: StaticState, sliding: StaticState, steps: int) -> Schedule:
     """Rest, build-up in small steps of travel, and a plateau in larger ones.
 
-    The build-up is given a quarter more than the static travel. The plateau's steps are larger, also
-    as a part of the period in which the slack span swings: an implicit Euler step damps what it
-    does not resolve, so that what the start has set swinging comes to rest within the run.
+    The build-up is given a quarter more than the static travel. The plateau's steps are larger,
+    also as a part of the period in which the slack span swings: an implicit Euler step damps what
+    it does not resolve, so that what the start has set swinging comes to rest within the run.
     """
     rest = max(steps // 13, 3)
     build_up = steps // 2
