@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from beltid.cli.common import Common, Version, with_common_options
 from beltid.cli.execute import execute, finish
@@ -44,6 +45,16 @@ Exit status:
   5    run: some of several belts failed
   130  interrupted
 """
+
+
+class PlainCommand(TyperCommand):
+    """A command whose help names the kind of a list of files in plain words."""
+
+    def get_help(self, ctx: Any) -> str:
+        """Help of the command."""
+        text: str = super().get_help(ctx)
+        return text.replace("<list[Path]>", "<path>      ")
+
 
 app = typer.Typer(
     name="beltid",
@@ -225,7 +236,7 @@ def compare(friction: Friction, simulated: Simulated, *, common: Common) -> None
     execute(stage.run, inputs, "compare.parquet", common)
 
 
-@app.command("run", short_help="CONFIG.yaml -> runs/<belt>/: all of the above")
+@app.command("run", cls=PlainCommand, short_help="CONFIG.yaml -> runs/<belt>/: all of the above")
 @with_common_options(
     out_help="Folder of the results, one folder per belt in it. Default: runs",
     out_names=("--runs-dir",),
@@ -234,7 +245,7 @@ def run(
     configs: Annotated[
         list[Path] | None,
         typer.Argument(
-            metavar="CONFIG...",
+            metavar="CONFIG",
             help="Configs, one per belt; each names its recordings under data. Default: --config, "
             "else $BELTID_CONFIG.",
         ),

@@ -1,0 +1,92 @@
+"""A bench folder with short recordings of the 5PK belt, and the command line on top of it."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from beltid.cli import app
+
+ROOT = Path(__file__).parents[2]
+DATA = ROOT / "rigdata" / "5pk"
+
+SHORT_CONFIG = """\
+belt: {name: 5pk}
+rig:
+  arcs_deg: [40, 82]
+  initial_tensions_N: [100, 220, 310, 411]
+  pulley_speeds_rad_s: [0.05, 0.10, 0.21, 0.42]
+simulation: {method: steady}
+data: {press: press.csv, rig: rig.csv, speedloss: speedloss.csv}
+"""
+
+
+def short_rig_rows(lines: list[str]) -> list[str]:
+    """Header and the runs of the short config: 32 of 120."""
+    kept = [lines[0]]
+    for line in lines[1:]:
+        cells = line.split(",")
+        if cells[6] in ("40", "82") and cells[7].strip() in ("100", "220", "310", "411"):
+            kept.append(line)
+    # every fifth run is that of the fastest speed
+    labels = list(dict.fromkeys(line.split(",")[0] for line in kept[1:]))
+    fastest = set(labels[4::5])
+    return [kept[0], *(line for line in kept[1:] if line.split(",")[0] not in fastest)]
+
+
+@pytest.fixture(scope="session")
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder with the recordings, made once."""
+    folder = tmp_path_factory.mktemp("recordings")
+    for name in ("press.csv", "speedloss.csv"):
+        shutil.copy(DATA / name, folder / name)
+    lines = (DATA / "rig.csv").read_text().splitlines(keepends=True)
+    (folder / "rig.csv").write_text("".join(short_rig_rows(lines)))
+    (folder / "beltid.yaml").write_text(SHORT_CONFIG)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def finished(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder with the recordings and every artifact of the chain, made once by the commands."""
+    folder = tmp_path_factory.mktemp("finished")
+    shutil.copytree(recordings, folder, dirs_exist_ok=True)
+    runner = CliRunner()
+    for call in (
+        ["fit-stiffness", "press.csv"],
+        ["fit-slip", "speedloss.csv"],
+        ["fit-friction", "rig.csv"],
+        ["build-surface", "friction.parquet"],
+        ["simulate-rig", "surface.parquet", "stiffness.parquet"],
+        ["compare", "friction.parquet", "simulated.parquet"],
+    ):
+        arguments = [call[0], *(str(folder / name) for name in call[1:])]
+        result = runner.invoke(app, arguments)
+        assert result.exit_code == 0, result.stderr
+    return folder
+
+
+@pytest.fixture
+def bench(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of the finished folder to work in, as the current folder."""
+    folder = tmp_path / "bench"
+    shutil.copytree(finished, folder)
+    monkeypatch.chdir(folder)
+    monkeypatch.delenv("BELTID_CONFIG", raising=False)
+    monkeypatch.setenv("COLUMNS", "100")
+    return folder
+
+
+Call = Callable[..., object]
+
+
+@pytest.fixture
+def beltid(monkeypatch: pytest.MonkeyPatch) -> Call:
+    """The command line in this process: exit_code, stdout, stderr."""
+    monkeypatch.delenv("BELTID_CONFIG", raising=False)
+    runner = CliRunner()
+    return lambda *arguments: runner.invoke(app, [str(a) for a in arguments])

@@ -1,0 +1,221 @@
+"""Each command on its own: product on stdout, talk on stderr, artifacts beside the input."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from beltid.store.artifacts import read_artifact
+
+COMMANDS = {
+    "fit-stiffness": (["press.csv"], "stiffness"),
+    "fit-slip": (["speedloss.csv"], "slip"),
+    "fit-friction": (["rig.csv"], "friction"),
+    "build-surface": (["friction.parquet"], "surface"),
+    "simulate-rig": (["surface.parquet", "stiffness.parquet"], "simulated"),
+    "compare": (["friction.parquet", "simulated.parquet"], "compare"),
+}
+ROWS = {
+    "stiffness": 5,
+    "slip": 51,
+    "friction": 32,
+    "surface": None,
+    "simulated": None,
+    "compare": 32,
+}
+
+
+def states(folder: Path) -> dict[str, tuple[int, bytes]]:
+    """What would show that a file was touched."""
+    files = sorted(folder.rglob("*"))
+    return {str(f): (f.stat().st_mtime_ns, f.read_bytes()) for f in files if f.is_file()}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_result_stands_beside_the_input(bench: Path, beltid: Any, command: str) -> None:
+    inputs, kind = COMMANDS[command]
+    other = bench / "other"
+    other.mkdir()
+    for name in (*inputs, "beltid.yaml"):
+        shutil.copy(bench / name, other / name)
+    result = beltid(command, *(other / name for name in inputs))
+    assert result.exit_code == 0, result.stderr
+    artifact = read_artifact(other / f"{kind}.parquet", kind)
+    if ROWS[kind]:
+        assert len(next(iter(artifact.columns.values()))) == ROWS[kind]
+    # same input, same bytes: nothing of the folder or the time is in them
+    assert (other / f"{kind}.parquet").read_bytes() == (bench / f"{kind}.parquet").read_bytes()
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_stdout_with_json_is_one_json_object(bench: Path, beltid: Any, command: str) -> None:
+    inputs, kind = COMMANDS[command]
+    result = beltid(command, *inputs, "--json", "--force")
+    assert result.exit_code == 0
+    product = json.loads(result.stdout)
+    assert product["command"] == command
+    assert product["out"] == f"{kind}.parquet"
+    assert product["table"]
+    assert product["exit_status"] == 0
+    assert "NaN" not in result.stdout
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_second_call_computes_nothing_but_prints_the_same(
+    bench: Path, beltid: Any, command: str
+) -> None:
+    inputs, _ = COMMANDS[command]
+    before = states(bench)
+    forced = beltid(command, *inputs, "--force")
+    assert {f: data for f, (_, data) in states(bench).items()} == {
+        f: data for f, (_, data) in before.items()
+    }
+    standing = states(bench)
+    again = beltid(command, *inputs)
+    assert states(bench) == standing
+    assert "up to date" in again.stderr
+    assert "up to date" not in forced.stderr
+    assert again.stdout == forced.stdout
+
+
+def test_json_tells_full_precision_of_what_is_stored(bench: Path, beltid: Any) -> None:
+    product = json.loads(beltid("fit-friction", "rig.csv", "--json").stdout)
+    stored = read_artifact(bench / "friction.parquet", "friction").columns
+    assert [row["mu_sliding"] for row in product["table"]] == stored["mu_sliding"].tolist()
+    assert product["up_to_date"] is True
+
+
+def test_other_settings_make_it_again_and_unrelated_ones_do_not(bench: Path, beltid: Any) -> None:
+    config = bench / "beltid.yaml"
+    text = config.read_text()
+    config.write_text(text + "compare: {max_relative_error: 0.5}\n")
+    assert "up to date" in beltid("fit-friction", "rig.csv").stderr
+    before = (bench / "friction.parquet").read_bytes()
+    config.write_text(text + "friction: {correct_imbalance: true}\n")
+    result = beltid("fit-friction", "rig.csv")
+    assert "up to date" not in result.stderr
+    assert (bench / "friction.parquet").read_bytes() != before
+
+
+def test_another_recording_makes_it_again(bench: Path, beltid: Any) -> None:
+    recording = bench / "rig.csv"
+    lines = recording.read_text().splitlines(keepends=True)
+    recording.write_text("".join(lines[:-1]))
+    result = beltid("fit-friction", "rig.csv", "-v")
+    assert result.exit_code == 0
+    assert "made again" in result.stderr
+
+
+def test_the_config_used_is_said_and_stored(bench: Path, beltid: Any) -> None:
+    result = beltid("fit-friction", "rig.csv", "--force")
+    assert result.stderr.splitlines()[0].startswith("config: ")
+    assert "beltid.yaml" in result.stderr.splitlines()[0]
+    stored = read_artifact(bench / "friction.parquet", "friction").metadata
+    assert stored.extra["config"] == "beltid.yaml"
+    assert len(stored.config_sha256) == 64
+
+
+def test_config_discovery_order(
+    bench: Path, beltid: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def used(*arguments: str) -> str:
+        return beltid("fit-friction", "rig.csv", *arguments).stderr.splitlines()[0]
+
+    assert "beltid.yaml" in used()
+    (bench / "rig.yaml").write_text("friction: {max_mu: 2.5}\n")
+    assert "rig.yaml" in used()
+    (tmp_path / "env.yaml").write_text("friction: {max_mu: 2.6}\n")
+    monkeypatch.setenv("BELTID_CONFIG", str(tmp_path / "env.yaml"))
+    assert "env.yaml" in used()
+    (tmp_path / "told.yaml").write_text("friction: {max_mu: 2.7}\n")
+    assert "told.yaml" in used("--config", str(tmp_path / "told.yaml"))
+    monkeypatch.delenv("BELTID_CONFIG")
+    (bench / "rig.yaml").unlink()
+    (bench / "beltid.yaml").unlink()
+    assert "built-in 5PK" in used()
+
+
+def test_quiet_says_nothing_and_verbose_prints_every_run(bench: Path, beltid: Any) -> None:
+    quiet = beltid("fit-friction", "rig.csv", "-q", "--force")
+    assert quiet.stderr == ""
+    assert "R006" not in quiet.stdout
+    assert "R006" in beltid("fit-friction", "rig.csv", "-v").stdout
+
+
+def test_out_names_the_file_and_makes_its_folder(bench: Path, beltid: Any) -> None:
+    result = beltid("build-surface", "friction.parquet", "-o", "new/folder/mine.parquet")
+    assert result.exit_code == 0
+    assert read_artifact(bench / "new/folder/mine.parquet", "surface")
+
+
+@pytest.mark.parametrize("width", [40, 79])
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_width_shows_every_value(
+    bench: Path, beltid: Any, command: str, width: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "500")
+    inputs, _ = COMMANDS[command]
+    wide = beltid(command, *inputs, "-q").stdout
+    monkeypatch.setenv("COLUMNS", str(width))
+    narrow = beltid(command, *inputs, "-q").stdout
+    assert max(len(line) for line in narrow.splitlines()) <= width
+    assert "\x1b" not in narrow
+
+    def numbers(text: str) -> list[str]:
+        return sorted(w for w in text.split() if w.replace(".", "").replace("-", "").isdigit())
+
+    # headings may break inside, numbers may not
+    found = numbers(narrow)
+    assert all(found.count(number) >= 1 for number in numbers(wide))
+
+
+def test_out_of_tolerance_is_status_4_with_the_verdict(bench: Path, beltid: Any) -> None:
+    (bench / "beltid.yaml").write_text(
+        (bench / "beltid.yaml").read_text() + "compare: {max_rms_relative_error: 0.001}\n"
+    )
+    result = beltid("compare", "friction.parquet", "simulated.parquet")
+    assert result.exit_code == 4
+    assert "FAIL: rms" in result.stdout
+    assert read_artifact(bench / "compare.parquet", "compare").metadata.extra["passed"] is False
+    again = beltid("compare", "friction.parquet", "simulated.parquet", "--json")
+    assert again.exit_code == 4
+    assert json.loads(again.stdout)["exit_status"] == 4
+    assert "up to date" in again.stderr
+
+
+def test_simulated_recording_has_exactly_the_columns_of_the_bench(bench: Path) -> None:
+    header = (bench / "rig.csv").read_text().splitlines()[0].split(",")
+    artifact = read_artifact(bench / "simulated.parquet", "simulated")
+    assert list(artifact.columns) == header
+    assert artifact.metadata.extra["method"] == "steady"
+    assert artifact.columns["run"][0] == "S001"
+
+
+def test_runs_are_picked_by_their_settings_and_keep_their_labels(bench: Path, beltid: Any) -> None:
+    call = ("simulate-rig", "surface.parquet", "stiffness.parquet", "--json", "-o", "some.parquet")
+    result = beltid(*call, "--arc", "82", "--speed", "0.1", "--speed", "0.42", "--tension", "220")
+    table = json.loads(result.stdout)["table"]
+    settings = [
+        (r["run"], r["arc_deg"], r["initial_tension_N"], r["pulley_speed_rad_s"]) for r in table
+    ]
+    # 2 arcs x 4 tensions x 4 speeds, counted in this order
+    assert settings == [("S022", 82, 220, 0.1), ("S024", 82, 220, 0.42)]
+
+
+def test_a_setting_that_the_config_does_not_have_is_refused_with_those_it_has(
+    bench: Path, beltid: Any
+) -> None:
+    result = beltid("simulate-rig", "surface.parquet", "stiffness.parquet", "--arc", "70")
+    assert result.exit_code == 2
+    assert "--arc = 70, must be one of those of the config: 40, 82" in result.stderr
+
+
+def test_the_number_of_jobs_changes_nothing(bench: Path, beltid: Any) -> None:
+    call = ("simulate-rig", "surface.parquet", "stiffness.parquet", "--arc", "40")
+    assert beltid(*call, "-j", "1", "-o", "one.parquet").exit_code == 0
+    assert beltid(*call, "-j", "3", "-o", "three.parquet").exit_code == 0
+    assert (bench / "one.parquet").read_bytes() == (bench / "three.parquet").read_bytes()

@@ -1,0 +1,288 @@
+"""Wrong inputs: the message names place, found and allowed; status 2; artifacts stay untouched."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+
+def replaced(path: Path, line: int, column: int, value: str) -> None:
+    """Put another value into a cell of a CSV file; lines from 1, columns from 0."""
+    lines = path.read_text().splitlines(keepends=True)
+    cells = lines[line - 1].rstrip("\n").split(",")
+    cells[column] = value
+    lines[line - 1] = ",".join(cells) + "\n"
+    path.write_text("".join(lines))
+
+
+def config_text(text: str) -> Callable[[Path], None]:
+    return lambda folder: (folder / "beltid.yaml").write_text(text) and None
+
+
+def truncated(folder: Path) -> None:
+    data = (folder / "friction.parquet").read_bytes()
+    (folder / "friction.parquet").write_bytes(data[: len(data) // 2])
+
+
+def flipped(folder: Path) -> None:
+    data = bytearray((folder / "friction.parquet").read_bytes())
+    data[len(data) // 3] ^= 0x40
+    (folder / "friction.parquet").write_bytes(bytes(data))
+
+
+# name: what is spoiled, the call, what must be said
+CASES: dict[str, tuple[Callable[[Path], Any], list[str], list[str]]] = {
+    "negative tension": (
+        lambda f: replaced(f / "rig.csv", 412, 3, "-3.1"),
+        ["fit-friction", "rig.csv"],
+        [r"rig\.csv:412: tension_slack_N = -3\.1, must be > 0"],
+    ),
+    "several wrong cells": (
+        lambda f: [replaced(f / "rig.csv", n, 2, "much") for n in (10, 20)],
+        ["fit-friction", "rig.csv"],
+        [r"rig\.csv:10: tension_tight_N", r"rig\.csv:20: tension_tight_N"],
+    ),
+    "missing column": (
+        lambda f: replaced(f / "rig.csv", 1, 4, "omega"),
+        ["fit-friction", "rig.csv"],
+        [r"column pulley_speed_rad_s is missing", "omega"],
+    ),
+    "config value": (
+        config_text("rig:\n  arcs_deg: [40, 400]\n"),
+        ["fit-friction", "rig.csv"],
+        [r"beltid\.yaml:2:18: rig\.arcs_deg\[1\] = 400, must be in \(0, 360\)"],
+    ),
+    "unknown key": (
+        config_text("belt:\n  name: x\n  lenght: 3\n"),
+        ["fit-friction", "rig.csv"],
+        [r"beltid\.yaml:3:3: belt\.lenght is not a known key"],
+    ),
+    "duplicate key": (
+        config_text("belt: {name: x}\nbelt: {name: y}\n"),
+        ["fit-friction", "rig.csv"],
+        [r"beltid\.yaml:2:1: .*belt"],
+    ),
+    "broken YAML": (
+        config_text("belt: {name: x\n"),
+        ["fit-friction", "rig.csv"],
+        [r"beltid\.yaml:\d"],
+    ),
+    "missing config": (
+        lambda f: None,
+        ["fit-friction", "rig.csv", "--config", "none.yaml"],
+        [r"none\.yaml: there is no such config file"],
+    ),
+    "missing recording": (
+        lambda f: None,
+        ["fit-friction", "nowhere.csv"],
+        [r"nowhere\.csv.*no such file"],
+    ),
+    "folder as recording": (
+        lambda f: None,
+        ["fit-friction", "."],
+        [r"is a folder"],
+    ),
+    "wrong kind of artifact": (
+        lambda f: None,
+        ["build-surface", "stiffness.parquet"],
+        [r"stiffness\.parquet: is a stiffness artifact.*friction.*beltid fit-friction"],
+    ),
+    "exchanged artifacts": (
+        lambda f: None,
+        ["simulate-rig", "stiffness.parquet", "surface.parquet", "--force"],
+        [r"stiffness\.parquet: is a stiffness artifact, a surface artifact is needed"],
+    ),
+    "recording instead of artifact": (
+        lambda f: None,
+        ["build-surface", "rig.csv"],
+        [r"rig\.csv: not an artifact"],
+    ),
+    "truncated artifact": (truncated, ["build-surface", "friction.parquet"], [r"damaged"]),
+    "flipped bit": (flipped, ["build-surface", "friction.parquet"], [r"damaged"]),
+    "output below a file": (
+        lambda f: None,
+        ["build-surface", "friction.parquet", "-o", "rig.csv/surface.parquet"],
+        [r"not written: rig\.csv is a file, not a folder"],
+    ),
+    "output is a folder": (
+        lambda f: (f / "results").mkdir(),
+        ["build-surface", "friction.parquet", "-o", "results"],
+        [r"results: is a folder"],
+    ),
+    "output is the input": (
+        lambda f: None,
+        ["build-surface", "friction.parquet", "-o", "friction.parquet", "--force"],
+        [r"friction\.parquet: is the friction input"],
+    ),
+    "output is another artifact": (
+        lambda f: None,
+        ["build-surface", "friction.parquet", "-o", "stiffness.parquet"],
+        [r"stiffness\.parquet: is a stiffness artifact, not replaced.*--force"],
+    ),
+    "output is a foreign file": (
+        lambda f: None,
+        ["build-surface", "friction.parquet", "-o", "press.csv"],
+        [r"press\.csv: is a file that beltid did not write.*--force"],
+    ),
+    "unknown method": (
+        lambda f: None,
+        ["simulate-rig", "surface.parquet", "stiffness.parquet", "--method", "quick"],
+        [r"method = 'quick', must be transient or steady"],
+    ),
+    "nothing slides": (
+        lambda f: (f / "rig.csv").write_text(
+            "run,time_s,tension_tight_N,tension_slack_N,pulley_speed_rad_s,arc_deg,"
+            "initial_tension_N\n" + "".join(f"R1,{k / 50},100,100,0,40,100\n" for k in range(200))
+        ),
+        ["fit-friction", "rig.csv"],
+        [r"rig\.csv: run R1 cannot be used"],
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_wrong_input_is_status_2_and_leaves_everything_as_it_was(
+    bench: Path, beltid: Any, case: str
+) -> None:
+    spoil, call, messages = CASES[case]
+    spoil(bench)
+    before = {f: f.read_bytes() for f in bench.rglob("*") if f.is_file()}
+    for extra in ([], ["--json"]):
+        result = beltid(*call, *extra)
+        assert result.exit_code == 2, result.stderr
+        assert result.stdout == ""
+        for message in messages:
+            assert re.search(message, result.stderr), result.stderr
+        assert "Traceback" not in result.stderr
+        errors = [line for line in result.stderr.splitlines() if not line.startswith("config: ")]
+        assert all(re.match(r"error: |warning: |note: |\S+: \d+ |\d+ runs", e) for e in errors)
+    assert {f: f.read_bytes() for f in bench.rglob("*") if f.is_file()} == before
+
+
+def test_force_replaces_a_foreign_file(bench: Path, beltid: Any) -> None:
+    (bench / "mine.parquet").write_text("my thesis")
+    call = ("build-surface", "friction.parquet", "-o", "mine.parquet")
+    assert beltid(*call).exit_code == 2
+    assert (bench / "mine.parquet").read_text() == "my thesis"
+    assert beltid(*call, "--force").exit_code == 0
+    assert (bench / "mine.parquet").read_bytes() == (bench / "surface.parquet").read_bytes()
+
+
+def test_a_damaged_result_of_the_same_kind_is_made_again(bench: Path, beltid: Any) -> None:
+    whole = (bench / "surface.parquet").read_bytes()
+    spoilt = bytearray(whole)
+    spoilt[len(whole) // 4] ^= 1
+    (bench / "surface.parquet").write_bytes(bytes(spoilt))
+    assert beltid("build-surface", "friction.parquet").exit_code == 0
+    assert (bench / "surface.parquet").read_bytes() == whole
+
+
+def test_a_press_record_that_is_no_law_is_status_3(bench: Path, beltid: Any) -> None:
+    # softening: the force grows with the square root of the penetration
+    rows = ["test,time_s,displacement_mm,force_N"]
+    for k in range(400):
+        x = 0.001 * (k if k < 200 else 400 - k)
+        rows.append(f"P,{k / 10},{x:.6f},{400 * (x / 0.2) ** 0.5 if x > 0 else 0:.4f}")
+    (bench / "press.csv").write_text("\n".join(rows) + "\n")
+    before = (bench / "stiffness.parquet").read_bytes()
+    result = beltid("fit-stiffness", "press.csv")
+    assert result.exit_code == 3, result.stderr
+    assert "error: " in result.stderr
+    assert (bench / "stiffness.parquet").read_bytes() == before
+
+
+def test_runs_set_aside_are_counted_and_told(bench: Path, beltid: Any) -> None:
+    lines = (bench / "rig.csv").read_text().splitlines(keepends=True)
+    first = lines[1].split(",")[0]
+    still = [
+        ",".join([*line.split(",")[:4], "0.0", *line.split(",")[5:]])
+        if line.startswith(first + ",")
+        else line
+        for line in lines
+    ]
+    (bench / "rig.csv").write_text("".join(still))
+    result = beltid("fit-friction", "rig.csv")
+    assert result.exit_code == 0
+    assert f"warning: run {first} set aside: " in result.stderr
+    assert re.search(r"runs set aside\s+1\b", result.stdout)
+
+
+def test_failed_runs_are_status_3_and_the_others_are_kept(
+    bench: Path, beltid: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from beltid.errors import ConvergenceError
+    from beltid.rigsim import rig
+
+    simulate = rig.simulate
+
+    def fails_at_82_degrees_and_411_N(model: Any, point: Any, settings: Any) -> Any:
+        if point.beta > 1.4 and point.T_0 == 411:
+            raise ConvergenceError("no equilibrium")
+        return simulate(model, point, settings)
+
+    monkeypatch.setattr(rig, "simulate", fails_at_82_degrees_and_411_N)
+    call = ("simulate-rig", "surface.parquet", "stiffness.parquet")
+    result = beltid(*call, "--force")
+    assert result.exit_code == 3
+    assert "warning: run S029: no equilibrium" in result.stderr
+    assert "4 of 32 runs failed" in result.stdout
+    from beltid.store.artifacts import read_artifact
+
+    artifact = read_artifact(bench / "simulated.parquet", "simulated")
+    assert len(set(artifact.columns["run"])) == 28
+    assert {row["run"] for row in artifact.metadata.set_aside} == {"S029", "S030", "S031", "S032"}
+    compared = beltid("compare", "friction.parquet", "simulated.parquet")
+    assert compared.exit_code == 0
+    assert "4 runs not compared: no simulated run with these settings" in compared.stderr
+
+
+def test_all_runs_failed_is_status_3_and_nothing_is_written(
+    bench: Path, beltid: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from beltid.errors import ConvergenceError
+    from beltid.rigsim import rig
+
+    def fails(*_: Any) -> Any:
+        raise ConvergenceError("no equilibrium")
+
+    monkeypatch.setattr(rig, "simulate", fails)
+    before = (bench / "simulated.parquet").read_bytes()
+    result = beltid("simulate-rig", "surface.parquet", "stiffness.parquet", "--force")
+    assert result.exit_code == 3
+    assert result.stdout == ""
+    assert "error: run S001: no equilibrium" in result.stderr
+    assert (bench / "simulated.parquet").read_bytes() == before
+
+
+def test_a_bug_is_not_dressed_up_as_an_error_of_the_user(
+    bench: Path, beltid: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from beltid.stages import fit_friction
+
+    def broken(*_: Any) -> Any:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(fit_friction, "reduce_runs", broken)
+    result = beltid("fit-friction", "rig.csv", "--force")
+    assert result.exit_code == 1
+    assert isinstance(result.exception, ZeroDivisionError)
+
+
+def test_an_interrupt_is_status_130_and_says_what_is_kept(
+    bench: Path, beltid: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from beltid.stages import fit_friction
+
+    def interrupted(*_: Any) -> Any:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(fit_friction, "reduce_runs", interrupted)
+    before = (bench / "friction.parquet").read_bytes()
+    result = beltid("fit-friction", "rig.csv", "--force")
+    assert result.exit_code == 130
+    assert "interrupted; friction.parquet" in result.stderr
+    assert (bench / "friction.parquet").read_bytes() == before

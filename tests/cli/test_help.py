@@ -1,0 +1,87 @@
+"""The help is for somebody who knows belts and not the code."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import time
+
+import pytest
+from typer.testing import CliRunner
+
+from beltid import __version__
+from beltid.cli import app
+
+COMMANDS = {
+    "fit-stiffness": ("PRESS", "stiffness.parquet"),
+    "fit-slip": ("SPEEDLOSS", "slip.parquet"),
+    "fit-friction": ("RIG", "friction.parquet"),
+    "build-surface": ("FRICTION", "surface.parquet"),
+    "simulate-rig": ("SURFACE", "simulated.parquet"),
+    "compare": ("FRICTION", "compare.parquet"),
+    "run": ("CONFIG", "runs/<belt>/"),
+}
+OPTIONS = ("--config", "-c", "--out", "-o", "--json", "-q", "-v", "--force", "--version")
+
+
+def test_main_help_lists_the_commands_and_the_exit_statuses() -> None:
+    result = CliRunner().invoke(app, ["--help"])
+    assert result.exit_code == 0
+    for command in COMMANDS:
+        assert re.search(rf"^  {command} ", result.stdout, re.M)
+    found = re.findall(r"^ +(\d+) {2,}\S", result.stdout.split("Exit status:")[1], re.M)
+    assert found == ["0", "1", "2", "3", "4", "5", "130"]
+    assert "..." not in result.stdout.split("Commands:")[1]  # no sentence is cut off
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_of_a_command_says_input_output_and_example(command: str) -> None:
+    result = CliRunner().invoke(app, [command, "--help"])
+    assert result.exit_code == 0
+    text = " ".join(result.stdout.split())
+    argument, output = COMMANDS[command]
+    assert argument in text
+    assert output in text
+    assert f"Example: beltid {command}" in text
+    for option in OPTIONS:
+        assert re.search(rf"(?<![\w-]){option}\b", text), option
+    # words of the code have no place here
+    assert not re.search(r"\b(dict|ndarray|None|callable|Path|DataFrame|list\[)", text)
+
+
+@pytest.mark.parametrize("arguments", [["--version"], ["fit-friction", "--version"]])
+def test_version_is_told_by_every_command(arguments: list[str]) -> None:
+    result = CliRunner().invoke(app, arguments)
+    assert (result.exit_code, result.stdout) == (0, f"beltid {__version__}\n")
+
+
+@pytest.mark.parametrize(
+    "arguments", [["fit-frictoin"], ["fit-friction"], ["compare", "a"], ["fit-slip", "x", "--what"]]
+)
+def test_a_wrong_call_is_status_2_and_says_so_on_stderr(arguments: list[str]) -> None:
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert "Error" in result.stderr
+
+
+def test_the_help_starts_at_most_twice_as_slowly_as_typer() -> None:
+    def seconds(*arguments: str) -> float:
+        start = time.perf_counter()
+        subprocess.run([sys.executable, *arguments], check=True, capture_output=True)
+        return time.perf_counter() - start
+
+    # the fastest of several in turn: other work on the machine only adds to the time
+    pairs = [(seconds("-m", "beltid", "--help"), seconds("-c", "import typer")) for _ in range(8)]
+    assert min(ours for ours, _ in pairs) < 2.0 * min(typer for _, typer in pairs)
+
+
+def test_the_help_imports_nothing_heavy() -> None:
+    code = (
+        "import sys, beltid.cli; "
+        "print([m for m in ('numpy', 'scipy', 'pandas', 'pyarrow', 'numba', 'pydantic', 'rich')"
+        " if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,174 @@
+"""The command as the shell sees it: pipes, terminals, signals, exit statuses."""
+
+from __future__ import annotations
+
+import os
+import pty
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+BELTID = (sys.executable, "-m", "beltid")
+
+
+def environment(**settings: str) -> dict[str, str]:
+    inherited = {k: v for k, v in os.environ.items() if k not in ("BELTID_CONFIG", "COLUMNS")}
+    return {**inherited, **settings}
+
+
+def run(folder: Path, *arguments: str, **settings: str) -> subprocess.CompletedProcess[bytes]:
+    return subprocess.run(
+        [*BELTID, *arguments],
+        cwd=folder,
+        capture_output=True,
+        env=environment(**settings),
+        check=False,
+        timeout=60,
+    )
+
+
+@pytest.fixture
+def beside(finished: Path, tmp_path: Path) -> Path:
+    """Friction table alone in a folder."""
+    shutil.copy(finished / "friction.parquet", tmp_path)
+    return tmp_path
+
+
+def test_a_recording_needs_no_other_argument(recordings: Path, tmp_path: Path) -> None:
+    shutil.copy(recordings / "rig.csv", tmp_path)
+    done = run(tmp_path, "fit-friction", "rig.csv")
+    assert done.returncode == 0
+    assert b"built-in 5PK rig" in done.stderr
+    assert sorted(f.name for f in tmp_path.iterdir()) == ["friction.parquet", "rig.csv"]
+
+
+def test_same_input_same_bytes_in_another_process_and_folder(
+    finished: Path, recordings: Path, tmp_path: Path
+) -> None:
+    for name in ("rig.csv", "beltid.yaml"):
+        shutil.copy(recordings / name, tmp_path)
+    done = run(tmp_path, "fit-friction", "rig.csv", "--json", PYTHONHASHSEED="7", TZ="Asia/Tokyo")
+    assert done.returncode == 0
+    made = (tmp_path / "friction.parquet").read_bytes()
+    assert made == (finished / "friction.parquet").read_bytes()
+
+
+def test_output_of_a_pipe_is_plain_and_does_not_know_the_terminal(beside: Path) -> None:
+    first = run(beside, "build-surface", "friction.parquet", TERM="xterm-256color")
+    other = run(beside, "build-surface", "friction.parquet", TERM="dumb", FORCE_COLOR="")
+    assert b"\x1b" not in first.stdout + first.stderr
+    assert first.stdout == other.stdout
+
+
+def test_a_terminal_without_the_letters_gets_substitutes(recordings: Path, tmp_path: Path) -> None:
+    shutil.copy(recordings / "press.csv", tmp_path)
+    done = run(tmp_path, "fit-stiffness", "press.csv", PYTHONIOENCODING="ascii", PYTHONUTF8="0")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.isascii()
+
+
+def on_a_terminal(folder: Path, *arguments: str, **settings: str) -> tuple[int, bytes]:
+    """Status and output with stdout on a terminal."""
+    ours, theirs = pty.openpty()
+    process = subprocess.Popen(
+        [*BELTID, *arguments],
+        cwd=folder,
+        stdout=theirs,
+        stderr=subprocess.DEVNULL,
+        env=environment(TERM="xterm-256color", **settings),
+    )
+    os.close(theirs)
+    output = b""
+    try:
+        while chunk := os.read(ours, 4096):
+            output += chunk
+    except OSError:  # the other end has closed
+        pass
+    os.close(ours)
+    return process.wait(timeout=60), output
+
+
+def test_colours_on_a_terminal_and_none_with_no_color(beside: Path) -> None:
+    status, coloured = on_a_terminal(beside, "build-surface", "friction.parquet")
+    assert status == 0
+    assert b"\x1b[" in coloured
+    _, plain = on_a_terminal(beside, "build-surface", "friction.parquet", NO_COLOR="1")
+    colours = [part for part in plain.split(b"\x1b[")[1:] if part[:1] in b"34" and b"m" in part[:4]]
+    assert colours == []
+
+
+def test_a_reader_that_has_seen_enough_is_no_error(recordings: Path, tmp_path: Path) -> None:
+    shutil.copy(recordings / "speedloss.csv", tmp_path)
+    process = subprocess.Popen(
+        [*BELTID, "fit-slip", "speedloss.csv", "-v"],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env=environment(),
+    )
+    assert process.stdout is not None
+    process.stdout.close()
+    assert process.stderr is not None
+    talk = process.stderr.read()
+    process.stderr.close()
+    assert process.wait(timeout=60) == 0
+    assert b"Traceback" not in talk
+    assert b"Exception ignored" not in talk
+    assert (tmp_path / "slip.parquet").is_file()
+
+
+def test_a_bug_ends_with_a_traceback_and_status_1(recordings: Path, tmp_path: Path) -> None:
+    shutil.copy(recordings / "rig.csv", tmp_path)
+    code = (
+        "import beltid.stages.fit_friction as stage; stage.reduce_runs = lambda *a: 1 / 0; "
+        "from beltid.cli import main; main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, "fit-friction", "rig.csv"],
+        cwd=tmp_path,
+        capture_output=True,
+        env=environment(),
+        check=False,
+    )
+    assert done.returncode == 1
+    assert b"ZeroDivisionError" in done.stderr
+    assert done.stdout == b""
+
+
+def test_an_interrupted_campaign_is_status_130_and_leaves_the_old_one(
+    finished: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "bench"
+    shutil.copytree(finished, folder)
+    before = (folder / "simulated.parquet").read_bytes()
+    # more runs than anybody waits for
+    (folder / "beltid.yaml").write_text(
+        "rig: {initial_tensions_N: [" + ", ".join(f"{200 + 0.5 * k}" for k in range(200)) + "]}\n"
+    )
+    process = subprocess.Popen(
+        [*BELTID, "simulate-rig", "surface.parquet", "stiffness.parquet", "-j", "1"],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env=environment(),
+    )
+    assert process.stderr is not None
+    talk = b""
+    while b"runs, transient" not in talk:
+        line = process.stderr.readline()
+        assert line, talk
+        talk += line
+    time.sleep(1.0)
+    process.send_signal(signal.SIGINT)
+    stdout, rest = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert stdout == b""
+    assert b"interrupted; simulated.parquet" in rest
+    assert b"Traceback" not in rest
+    assert (folder / "simulated.parquet").read_bytes() == before
+    assert [f.name for f in folder.iterdir() if "tmp" in f.name] == []

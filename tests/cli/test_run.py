@@ -1,0 +1,143 @@
+"""The chain over one belt or several."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ARTIFACTS = ("stiffness", "slip", "friction", "surface", "simulated", "compare")
+
+
+def states(folder: Path) -> dict[str, int]:
+    return {str(f): f.stat().st_mtime_ns for f in folder.rglob("*.parquet")}
+
+
+@pytest.fixture
+def second(bench: Path) -> Path:
+    """Config of a second belt with the same recordings."""
+    path = bench / "second.yaml"
+    text = (bench / "beltid.yaml").read_text().replace("name: 5pk", "name: second")
+    path.write_text(text)
+    return path
+
+
+def test_chain_makes_what_the_single_commands_make(bench: Path, beltid: Any) -> None:
+    result = beltid("run", "beltid.yaml")
+    assert result.exit_code == 0, result.stderr
+    for kind in ARTIFACTS:
+        made = (bench / "runs" / "5pk" / f"{kind}.parquet").read_bytes()
+        assert made == (bench / f"{kind}.parquet").read_bytes(), kind
+
+
+def test_second_run_does_nothing_and_says_so(bench: Path, beltid: Any) -> None:
+    assert beltid("run", "beltid.yaml").exit_code == 0
+    before = states(bench / "runs")
+    result = beltid("run", "beltid.yaml")
+    assert result.exit_code == 0
+    assert states(bench / "runs") == before
+    assert "everything is up to date, nothing was done" in result.stdout
+
+
+def test_only_what_depends_on_a_change_is_made_again(bench: Path, beltid: Any) -> None:
+    assert beltid("run", "beltid.yaml").exit_code == 0
+    before = states(bench / "runs")
+    config = bench / "beltid.yaml"
+    config.write_text(config.read_text() + "press: {reference_temperature_degC: 40}\n")
+    result = beltid("run", "beltid.yaml")
+    after = states(bench / "runs")
+    changed = {Path(name).stem for name in after if after[name] != before[name]}
+    # the temperature does not matter for this belt: the law, and so its force, is the same, but
+    # the file says with which settings it was made, and what is made from it follows
+    assert changed == {"stiffness", "simulated", "compare"}
+    assert result.exit_code == 0
+
+
+def test_several_belts_have_their_folders_and_a_line_each(
+    bench: Path, beltid: Any, second: Path
+) -> None:
+    result = beltid("run", "beltid.yaml", "second.yaml", "-o", "out", "--json")
+    assert result.exit_code == 0
+    product = json.loads(result.stdout)
+    assert [row["belt"] for row in product["table"]] == ["5pk", "second"]
+    for belt in ("5pk", "second"):
+        for kind in ARTIFACTS:
+            assert (bench / "out" / belt / f"{kind}.parquet").is_file()
+
+
+def test_a_failing_belt_does_not_stop_the_others(bench: Path, beltid: Any, second: Path) -> None:
+    (bench / "bad.csv").write_text((bench / "rig.csv").read_text().replace("R006,", ",", 1))
+    second.write_text(second.read_text().replace("rig: rig.csv", "rig: bad.csv"))
+    result = beltid("run", "second.yaml", "beltid.yaml", "--json")
+    assert result.exit_code == 5
+    bad, good = json.loads(result.stdout)["table"]
+    assert good["exit_status"] == 0
+    assert bad["exit_status"] == 2
+    assert bad["stages"] == {
+        "fit-stiffness": "done",
+        "fit-slip": "done",
+        "fit-friction": "failed",
+        "build-surface": "not run",
+        "simulate-rig": "not run",
+        "compare": "not run",
+    }
+    assert any("bad.csv:2" in line for line in bad["problems"])
+    assert "error: second fit-friction: " in result.stderr
+
+
+def test_a_single_belt_gives_its_own_status(bench: Path, beltid: Any) -> None:
+    config = bench / "beltid.yaml"
+    text = config.read_text()
+    config.write_text(text + "compare: {max_rms_relative_error: 0.001}\n")
+    assert beltid("run", "beltid.yaml").exit_code == 4
+    (bench / "press.csv").write_text("test,time_s\n")
+    config.write_text(text)
+    assert beltid("run", "beltid.yaml").exit_code == 2
+
+
+def test_failure_leaves_earlier_artifacts(bench: Path, beltid: Any) -> None:
+    assert beltid("run", "beltid.yaml").exit_code == 0
+    before = states(bench / "runs")
+    (bench / "rig.csv").write_text((bench / "rig.csv").read_text().replace("R006,", ",", 1))
+    assert beltid("run", "beltid.yaml").exit_code == 2
+    assert states(bench / "runs") == before
+
+
+def test_a_belt_without_speed_loss_recording_does_without_it(bench: Path, beltid: Any) -> None:
+    config = bench / "beltid.yaml"
+    config.write_text(config.read_text().replace(", speedloss: speedloss.csv", ""))
+    result = beltid("run", "beltid.yaml", "--json")
+    assert result.exit_code == 0
+    assert json.loads(result.stdout)["table"][0]["stages"]["fit-slip"] == "no recording"
+    assert "everything is up to date" in beltid("run", "beltid.yaml").stdout
+
+
+def test_everything_wrong_with_the_configs_is_said_before_anything_runs(
+    bench: Path, beltid: Any, second: Path
+) -> None:
+    (bench / "beltid.yaml").write_text("data:\n  press: press.csv\n  rig: gone.csv\n")
+    second.write_text("belt: {name: 5PK}\ndata: {rig: rig.csv}\n")
+    result = beltid("run", "beltid.yaml", "second.yaml", "none.yaml")
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert "beltid.yaml:3:8: data.rig = gone.csv, there is no such file" in result.stderr
+    assert "data.press is missing" in result.stderr
+    assert "second.yaml: belt.name = 5PK" in result.stderr
+    assert "none.yaml" in result.stderr
+    assert not (bench / "runs").exists()
+
+
+def test_without_any_config_it_says_how_to_name_one(bench: Path, beltid: Any) -> None:
+    result = beltid("run")
+    assert result.exit_code == 2
+    assert "beltid run CONFIG.yaml" in result.stderr
+
+
+def test_config_from_the_environment_is_run(
+    bench: Path, beltid: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("BELTID_CONFIG", str(bench / "beltid.yaml"))
+    assert beltid("run").exit_code == 0
+    assert (bench / "runs" / "5pk" / "compare.parquet").is_file()
