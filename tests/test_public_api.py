@@ -1,0 +1,232 @@
+"""The Python API: cheap to import, frames in and out, the same numbers as the commands."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+import beltid
+from beltid.cli import app
+
+ROOT = Path(__file__).parents[1]
+DATA = ROOT / "rigdata" / "5pk"
+LAW = beltid.NormalLaw(k_linear_N_m2=6.5e7, k_quadratic_N_m3=3.0256e11)
+POINT = {"arc_deg": 82, "initial_tension_N": 270, "pulley_speed_rad_s": 0.21}
+RIG_COLUMNS = (DATA / "rig.csv").read_text().splitlines()[0].split(",")
+
+
+@pytest.fixture(scope="module")
+def rig() -> pd.DataFrame:
+    frame = pd.read_csv(DATA / "rig.csv")
+    return frame[frame["initial_tension_N"].isin([100, 220, 310, 411])]
+
+
+@pytest.fixture(scope="module")
+def friction(rig: pd.DataFrame) -> Any:
+    return beltid.fit_friction(rig)
+
+
+def test_import_is_cheap() -> None:
+    code = (
+        "import sys; before = set(sys.modules); import beltid; "
+        "print(sorted(m for m in set(sys.modules) - before if '.' not in m))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    for heavy in ("numpy", "scipy", "pandas", "pyarrow", "numba", "pydantic", "typer", "rich"):
+        assert f"'{heavy}'" not in done.stdout
+
+
+def test_every_public_name_is_there_and_documented() -> None:
+    for name in beltid.__all__:
+        value = getattr(beltid, name)
+        assert name in dir(beltid)
+        if name != "__version__":
+            assert value.__doc__, name
+    with pytest.raises(AttributeError, match="no attribute 'fit_everything'"):
+        beltid.fit_everything  # type: ignore[attr-defined]  # noqa: B018
+
+
+def test_the_package_is_typed_and_has_the_map_of_its_rooms() -> None:
+    assert (Path(beltid.__file__).parent / "py.typed").is_file()
+    assert beltid.__doc__ is not None
+    for path in Path(beltid.__file__).parent.iterdir():
+        room = path.stem
+        if room.startswith("_") or path.suffix not in ("", ".py"):
+            continue
+        assert f"``{room}" in beltid.__doc__, room
+
+
+@pytest.mark.parametrize("surface", [0.5, beltid.FrictionSurface([1000.0], [0.01], [[0.5]])])
+def test_a_number_is_a_constant_friction_coefficient(surface: Any) -> None:
+    # first row of the reference table: an independent discretisation of the same rig
+    run = beltid.simulate_rig(None, surface, LAW, **POINT, method="steady")
+    assert run.tension_tight_N == pytest.approx(371.09, rel=2e-3)
+    assert run.tension_slack_N == pytest.approx(182.01, rel=2e-3)
+    assert run.mu == pytest.approx(0.49777, rel=1e-3)
+    assert run.recording is None
+    assert type(run.mu) is float
+
+
+def test_the_profile_carries_the_tensions_and_the_pressure() -> None:
+    run = beltid.simulate_rig({}, 0.5, LAW, **POINT, method="steady")
+    profile = run.profile
+    assert {"arc_position_m", "normal_force_N_m", "slip_speed_m_s", "tension_N"} <= set(profile)
+    assert np.all(np.diff(profile["arc_position_m"]) > 0)
+    assert profile["normal_force_N_m"].max() == pytest.approx(9695, rel=0.02)
+    # Bending carries part of the support force as shear: that is EI/(2 T R^2) of T, 1 and 2 % here,
+    # and the strain of a cubic element ripples by as much about its mean.
+    tight, slack = run.tension_tight_N, run.tension_slack_N
+    assert profile["tension_N"].iloc[:5].mean() == pytest.approx(tight, rel=0.03)
+    assert profile["tension_N"].iloc[-5:].mean() == pytest.approx(slack, rel=0.03)
+    assert run.normal_force_N_m == pytest.approx(
+        (tight - slack) / (0.05 * math.log(tight / slack)), rel=1e-9
+    )
+
+
+def test_a_transient_run_has_a_recording_like_that_of_the_bench() -> None:
+    run = beltid.simulate_rig(None, 0.5, LAW, **POINT, method="transient")
+    recording = run.recording
+    assert list(recording.columns) == RIG_COLUMNS
+    assert recording["pulley_speed_rad_s"].iloc[0] == 0
+    assert recording["tension_tight_N"].iloc[0] == pytest.approx(270, rel=1e-3)
+    assert set(recording["run"]) == {"S001"}
+    reduced = beltid.fit_friction(recording).to_frame()
+    assert reduced["mu_sliding"].iloc[0] == pytest.approx(run.mu, rel=1e-3)
+
+
+def test_a_campaign_is_a_row_per_run_whatever_the_number_of_jobs() -> None:
+    config = {
+        "rig": {
+            "arcs_deg": [40, 82],
+            "initial_tensions_N": [100, 270],
+            "pulley_speeds_rad_s": [0.1, 0.21],
+        }
+    }
+    one = beltid.simulate_campaign(config, 0.5, LAW, method="steady", jobs=1)
+    two = beltid.simulate_campaign(config, 0.5, LAW, method="steady", jobs=2)
+    pd.testing.assert_frame_equal(one, two)
+    assert list(one.columns) == [
+        "run",
+        "arc_deg",
+        "initial_tension_N",
+        "pulley_speed_rad_s",
+        "tension_tight_N",
+        "tension_slack_N",
+        "mu",
+        "normal_force_N_m",
+        "status",
+    ]
+    assert len(one) == 8
+    assert (one["status"] == "ok").all()
+    single = beltid.simulate_rig(
+        config,
+        0.5,
+        LAW,
+        arc_deg=82,
+        initial_tension_N=270,
+        pulley_speed_rad_s=0.21,
+        method="steady",
+    )
+    assert one["mu"].iloc[-1] == single.mu
+
+
+def test_stages_chain_in_memory(friction: Any) -> None:
+    frame = friction.to_frame()
+    assert len(frame) == 60
+    surface = beltid.build_surface(friction)
+    same = beltid.build_surface(frame)
+    assert same.result.surface == surface.result.surface
+    by_hand = frame[["arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding"]]
+    assert np.allclose(
+        beltid.build_surface(by_hand).result.surface.mu_nodes, surface.result.surface.mu_nodes
+    )
+
+
+def test_rows_set_aside_do_not_enter_the_surface(friction: Any) -> None:
+    frame = friction.to_frame()
+    wild = frame.copy()
+    wild.loc[::7, "mu_sliding"] = 9.0
+    wild.loc[::7, "status"] = "broken"
+    clean = frame.drop(frame.index[::7])
+    assert beltid.build_surface(wild).result.surface == beltid.build_surface(clean).result.surface
+
+
+def test_a_recording_agrees_with_itself(rig: pd.DataFrame, friction: Any) -> None:
+    same = beltid.compare(friction, rig)
+    assert same.result.passed
+    assert same.result.overall.largest == 0.0
+    scaled = friction.to_frame()
+    scaled["mu_sliding"] *= 1.1
+    apart = beltid.compare(friction, scaled)
+    assert apart.result.overall.rms == pytest.approx(0.1, rel=1e-9)
+    assert not apart.result.passed
+
+
+def test_compare_takes_the_table_of_a_campaign(friction: Any) -> None:
+    frame = friction.to_frame()
+    table = pd.DataFrame(
+        {
+            "run": [f"S{i:03d}" for i in range(len(frame))],
+            "arc_deg": frame["arc_deg"],
+            "initial_tension_N": frame["nominal_tension_N"],
+            "pulley_speed_rad_s": frame["pulley_speed_rad_s"],
+            "mu": frame["mu_sliding"] * 1.01,
+            "normal_force_N_m": frame["normal_force_N_m"],
+            "status": "ok",
+        }
+    )
+    assert beltid.compare(friction, table).result.overall.rms == pytest.approx(0.01, rel=1e-9)
+
+
+def test_files_of_the_commands_load(tmp_path: Path) -> None:
+    runner = CliRunner()
+    for name in ("press.csv", "rig.csv"):
+        (tmp_path / name).write_bytes((DATA / name).read_bytes())
+    for call in (["fit-stiffness", "press.csv"], ["fit-friction", "rig.csv"]):
+        assert runner.invoke(app, [call[0], str(tmp_path / call[1])]).exit_code == 0
+    assert runner.invoke(app, ["build-surface", str(tmp_path / "friction.parquet")]).exit_code == 0
+    law = beltid.load_stiffness(tmp_path / "stiffness.parquet")
+    fitted = beltid.fit_stiffness(pd.read_csv(DATA / "press.csv"))
+    assert law == fitted.result.pooled.law
+    assert float(law.force(100e-6)) == pytest.approx(float(LAW.force(100e-6)), rel=2e-3)
+    at_60 = beltid.load_stiffness(tmp_path / "stiffness.parquet", temperature_degC=60)
+    assert at_60 != law
+    with pytest.raises(beltid.InputError, match="temperatures with a law"):
+        beltid.load_stiffness(tmp_path / "stiffness.parquet", temperature_degC=120)
+    surface = beltid.load_surface(tmp_path / "surface.parquet")
+    built = beltid.build_surface(beltid.fit_friction(pd.read_csv(DATA / "rig.csv")))
+    assert surface == built.result.surface
+    with pytest.raises(beltid.ArtifactError, match="is a stiffness artifact"):
+        beltid.load_surface(tmp_path / "stiffness.parquet")
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: beltid.fit_friction([1, 2, 3]),
+        lambda: beltid.fit_friction(pd.DataFrame({"run": ["a"]})),
+        lambda: beltid.build_surface(pd.DataFrame({"mu": [1.0]})),
+        lambda: beltid.compare(pd.DataFrame({"mu": [1.0]}), pd.DataFrame({"mu": [1.0]})),
+        lambda: beltid.load_config({"rig": {"pulley_radius_m": -1}}),
+        lambda: beltid.simulate_rig(None, "steep", LAW, **POINT),
+        lambda: beltid.simulate_rig(None, -0.5, LAW, **POINT),
+        lambda: beltid.simulate_rig(None, True, LAW, **POINT),
+        lambda: beltid.simulate_rig(None, 0.5, LAW, **{**POINT, "arc_deg": 400}),
+        lambda: beltid.simulate_rig(None, 0.5, LAW, **POINT, method="fast"),
+        lambda: beltid.simulate_rig(None, 0.5, LAW, **{**POINT, "initial_tension_N": math.nan}),
+        lambda: beltid.NormalLaw(-1.0),
+    ],
+)
+def test_what_a_user_can_mend_is_a_beltid_error(call: Any) -> None:
+    with pytest.raises(beltid.BeltidError) as caught:
+        call()
+    assert caught.value.exit_status == 2
+    assert all(caught.value.problems)
