@@ -123,7 +123,9 @@ def _one_test(
         numbers = ", ".join(str(c.number) for c in chosen)
         notes.append(f"test {label}: {len(cycles)} cycles found, used: {numbers}")
     if not test.free_travel:
-        notes.append(f"test {label}: too little travel before contact to check the zero of the load cell")
+        notes.append(
+            f"test {label}: too little travel before contact to check the zero of the load cell"
+        )
     found = [press_curve(test, cycle, settings.segment_length_m) for cycle in chosen]
     return found, notes, test.n_missing, test.n_spikes
 
