@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.identify.plateau import Plateau, channel_noise
+from beltid.identify.plateau import Plateau
+from beltid.identify.signal import channel_noise
 from beltid.identify.sliding_model import SlidingFit
 
 Array = NDArray[np.float64]

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from beltid.identify.rest_phase import SetAsideError
 from beltid.identify.signal import (
-    NOISE_FLOOR,
     THINNED_SAMPLES,
     block_means,
-    difference_sigma,
+    channel_noise,
     median,
     robust_sigma,
 )
@@ -24,8 +23,10 @@ Array = NDArray[np.float64]
 
 LATER_STARTS = (0.0, 0.12, 0.25, 0.4, 0.55)
 """Starts of the fit over the length of the sliding phase, tried until the model fits."""
-ADEQUATE = 6.0
-"""Largest misfit (see `_misfit`) of an adequate model: the 99th percentile of F(8, 8)."""
+ADEQUATE = 3.0
+"""Largest misfit (see `_misfit`) of a model that is adequate for white noise."""
+SAME_MISFIT = 4.0
+"""Misfits within this factor tell nothing but the memory of the noise."""
 TAIL_AT_END = 2.0
 """Largest tail at the end of the record, in units of the tolerance: the fit takes it off."""
 SCREENED_DRIFT = 3.0
@@ -99,6 +100,7 @@ def settle(t: Array, tensions: Array, criteria: PlateauCriteria) -> Plateau:
     time, values = thin[:, 0], thin[:, 1:]
     sigma = channel_noise(values)
     fit, start = _adequate_fit(time, values, sigma, fewest)
+    early = values[start // 3 : start]
     time, values = time[start:], values[start:]
     fit = _with_drift_if_called_for(time, values, sigma, fit)
     if not fit.log_ratio > 0.0:
@@ -111,12 +113,8 @@ def settle(t: Array, tensions: Array, criteria: PlateauCriteria) -> Plateau:
     fitted = near[start * per_block :]
     rejected[fitted[~np.repeat(fit.used, per_block)[: fitted.size]]] = True
     whole = float(t[-1] - t[0])
-    return _judged(time, fit, start_s, rejected, criteria, whole)
-
-
-def channel_noise(tensions: Array) -> Array:
-    """White noise of both tensions [N], with a floor for noise-free recordings, shape (2,)."""
-    return np.array([max(difference_sigma(c), NOISE_FLOOR * median(np.abs(c))) for c in tensions.T])
+    missed = _rise_before(early, fit) / fit.log_ratio
+    return _judged(time, fit, start_s, rejected, criteria, whole=whole, missed=missed)
 
 
 def _steady_from(
@@ -147,22 +145,21 @@ def _tail_steady_from(t: Array, fit: SlidingFit, criteria: PlateauCriteria) -> f
 def _adequate_fit(t: Array, tensions: Array, sigma: Array, fewest: int) -> tuple[SlidingFit, int]:
     """Fit from the earliest start from which one exponential tail describes the record.
 
-    The tail of a real peak need not be one exponential from its very start. If no start is
-    adequate, the one with the least misfit is taken.
+    The tail of a real peak need not be one exponential from its very start. Noise with a memory
+    looks like a misfit, too, but the same from every start: then nothing is gained by a later one.
     """
-    best: tuple[float, SlidingFit, int] | None = None
+    tried: list[tuple[float, SlidingFit, int]] = []
     for fraction in LATER_STARTS:
         start = int(fraction * t.size)
-        if t.size - start < fewest:
+        if tried and t.size - start < fewest:
             break
         fit = fit_sliding(t[start:], tensions[start:], sigma)
-        misfit = _misfit(fit)
-        if best is None or misfit < 0.5 * best[0]:
-            best = (misfit, fit, start)
-        if misfit < ADEQUATE:
+        tried.append((_misfit(fit, sigma), fit, start))
+        if tried[-1][0] < ADEQUATE:
             break
-    assert best is not None  # the first start always has enough samples
-    _, fit, start = best
+    least = min(misfit for misfit, _, _ in tried)
+    limit = max(SAME_MISFIT * least, ADEQUATE)
+    _, fit, start = next(entry for entry in tried if entry[0] <= limit)
     hidden = int(HIDDEN_TAIL_START * t.size)
     unseen = not np.isfinite(fit.tau) and fit.log_ratio_se > 5e-4 * abs(fit.log_ratio)
     if unseen and start < hidden and t.size - hidden >= fewest:
@@ -170,20 +167,16 @@ def _adequate_fit(t: Array, tensions: Array, sigma: Array, fewest: int) -> tuple
     return fit, start
 
 
-def _misfit(fit: SlidingFit) -> float:
-    """Variance of the block means of the residual in the first half over that in the second.
-
-    A tail of another shape shows early, while noise with a memory is the same throughout.
-    """
+def _misfit(fit: SlidingFit, sigma: Array) -> float:
+    """Variance of the block means of the residual over what white noise gives (about 1)."""
     series = _log_residual(fit)[fit.used]
-    blocks = 2 * min(8, series.size // 8)
-    if blocks < 4:
+    blocks = min(12, series.size // 4)
+    if blocks < 2:
         return 0.0
     size = series.size // blocks
     means = np.mean(series[-size * blocks :].reshape(blocks, size), axis=1)
-    white = max(difference_sigma(series), 2.0 * NOISE_FLOOR) ** 2 / size
-    early, late = np.mean(means.reshape(2, -1) ** 2, axis=1)
-    return float(early / max(late, white))
+    white = float(np.hypot(*(sigma / fit.levels)))
+    return float(np.mean(means**2)) * size / white**2
 
 
 def _log_residual(fit: SlidingFit) -> Array:
@@ -223,6 +216,19 @@ def _without_ripple(tensions: Array, fit: SlidingFit) -> Array:
     return np.log(ratio)
 
 
+def _rise_before(early: Array, fit: SlidingFit) -> float:
+    """Least rise of ln(T_tight/T_slack) from samples before the fit to its level [-].
+
+    A tail before the fit lies above the level: a rise is no tail, but a drift that was left out.
+    """
+    high, low = (median(column) for column in early.T) if early.shape[0] >= 8 else (0.0, 0.0)
+    if not (min(high, low) > 0.0 and np.all(fit.levels > 0.0)):
+        return 0.0
+    rise = fit.log_ratio - float(np.log(high / low))
+    spread = float(np.std(_log_residual(fit)[fit.used])) / np.sqrt(early.shape[0])
+    return rise - 4.0 * float(np.hypot(1.25 * spread, fit.log_ratio_se))
+
+
 def _why_not_steady(t: Array, signal: Array, criteria: PlateauCriteria) -> str:
     """Reason for a record without a steady window, from the change over its last part."""
     n = max(4, int(max(criteria.min_fraction, 0.2) * t.size))
@@ -245,11 +251,14 @@ def _judged(
     start_s: float,
     rejected: NDArray[np.bool_],
     criteria: PlateauCriteria,
+    *,
     whole: float,
+    missed: float,
 ) -> Plateau:
     """Levels of the plateau, or the reason why they are not to be trusted.
 
-    `whole` is the length of the sliding phase, also where the fit starts later [s].
+    `whole` is the length of the sliding phase, also where the fit starts later [s], and `missed`
+    the relative rise of ln(T_tight/T_slack) before that start.
     """
     end = float(t[-1])
     tail_end = float(fit.tail_at(end)) / fit.log_ratio
@@ -265,6 +274,11 @@ def _judged(
     if abs(drift) > criteria.max_drift:
         raise SetAsideError(
             f"drifts: mu changes by {100 * drift:+.2g} % over the sliding phase, "
+            f"allowed is {100 * criteria.max_drift:g} %"
+        )
+    if missed > criteria.max_drift:
+        raise SetAsideError(
+            f"never settles: mu rises by {100 * missed:.2g} % while the belt slides, "
             f"allowed is {100 * criteria.max_drift:g} %"
         )
     over_window = rate * (end - start_s)

@@ -68,6 +68,21 @@ def difference_sigma(x: Array) -> float:
     return sigma / np.sqrt(2.0)
 
 
+def channel_noise(tensions: Array) -> Array:
+    """White noise of both tensions [N], shape (2,).
+
+    The error of a coarse converter is part of it, and a floor for noise-free recordings.
+    """
+    return np.array([_noise(column) for column in tensions.T])
+
+
+def _noise(x: Array) -> float:
+    step = np.abs(np.diff(x))
+    step = step[step > 0.0]
+    converter = float(np.min(step)) / np.sqrt(12.0) if step.size else 0.0
+    return max(float(np.hypot(difference_sigma(x), converter)), NOISE_FLOOR * median(np.abs(x)))
+
+
 def spike_mask(x: Array, threshold: float) -> Mask:
     """Samples far off the running median of their neighbours.
 
