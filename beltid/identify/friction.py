@@ -248,7 +248,7 @@ def _fill_plateau(
 ) -> None:
     """Results of the plateau, Eqs. (6) and (8)."""
     tight, slack = (float(level) for level in plateau.levels)
-    beta = np.radians(record.arc_deg)
+    beta = float(np.radians(record.arc_deg))
     start, end = plateau.start_s, float(t[-1])
     imbalance = 0.5 * imbalance_se_N * (1.0 / tight + 1.0 / slack)
     temperature = NAN
@@ -286,7 +286,7 @@ def _note_plateau(plateau: Plateau, notes: list[str]) -> None:
 
 
 def _fill_peak(record: RunRecord, peak: StickingPeak, found: Found) -> None:
-    beta = np.radians(record.arc_deg)
+    beta = float(np.radians(record.arc_deg))
     found |= {
         "mu_sticking": peak.log_ratio / beta,
         "mu_sticking_se": peak.log_ratio_se / beta,
