@@ -6,6 +6,7 @@ the others.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,7 +32,7 @@ from beltid.stages import (
     simulate_rig,
 )
 from beltid.stages.simulate_rig import SimulateOptions
-from beltid.stages.talk import Options
+from beltid.stages.talk import Named, Options, Talk
 
 StageRun = Callable[[ConfigSource, Mapping[str, Path], Path, Options], Summary]
 
@@ -215,37 +216,38 @@ def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptio
 
 def _run_belt(source: ConfigSource, folder: Path, options: BatchOptions) -> BeltRun:
     belt = BeltRun(source.config.belt.name)
-    options.talk.say(f"{belt.belt}: config {source.origin}, results in {folder}")
+    talk = Named(belt.belt, options.talk)
+    talk.say(f"config {source.origin}, results in {folder}")
     files = {
         kind: file for kind in RECORDINGS if (file := getattr(source.config.data, kind)) is not None
     }
-    chosen = SimulateOptions(force=options.force, talk=options.talk, jobs=options.jobs)
+    chosen = SimulateOptions(force=options.force, talk=talk, jobs=options.jobs)
     for step in CHAIN:
         missing = [name for name in step.needs if name not in files]
         if missing:
             belt.states[step.name] = SKIPPED if step.optional else NOT_RUN
             continue
         out = folder / f"{step.makes}.parquet"
+        start = time.monotonic()
         try:
             summary = step.run(source, {name: files[name] for name in step.needs}, out, chosen)
         except BeltidError as error:
-            _failed(belt, step, error, options)
+            _failed(belt, step, error, talk)
             continue
         files[step.makes] = out
-        _finished(belt, step, summary, options)
+        _finished(belt, step, summary, talk, time.monotonic() - start)
     return belt
 
 
-def _failed(belt: BeltRun, step: Step, error: BeltidError, options: Options) -> None:
+def _failed(belt: BeltRun, step: Step, error: BeltidError, talk: Talk) -> None:
     belt.states[step.name] = FAILED
     belt.exit_status = belt.exit_status or error.exit_status
     for line in error.problems:
-        belt.problems.append(f"{belt.belt} {step.name}: {line}")
-        options.talk.error(f"{belt.belt} {step.name}: {line}")
+        belt.problems.append(f"{step.name}: {line}")
+        talk.error(f"{step.name}: {line}")
 
 
-def _finished(belt: BeltRun, step: Step, summary: Summary, options: Options) -> None:
-    talk = options.talk
+def _finished(belt: BeltRun, step: Step, summary: Summary, talk: Talk, elapsed_s: float) -> None:
     belt.summaries[step.name] = summary
     if summary.exit_status == EXIT_DONE:
         belt.states[step.name] = UP_TO_DATE if summary.up_to_date else DONE
@@ -254,13 +256,16 @@ def _finished(belt: BeltRun, step: Step, summary: Summary, options: Options) -> 
     else:
         belt.states[step.name] = FAILED
     belt.exit_status = belt.exit_status or summary.exit_status
-    talk.say(f"{belt.belt} {step.name}: {belt.states[step.name]}")
+    spent = "" if summary.up_to_date else f", {elapsed_s:.1f} s"
+    talk.say(f"{step.name}: {belt.states[step.name]}{spent}")
     for note in summary.notes:
-        talk.detail(f"{belt.belt} {step.name}: {note}")
+        talk.detail(f"{step.name}: {note}")
     for warning in summary.warnings:
-        talk.warn(f"{belt.belt} {step.name}: {warning}")
+        talk.warn(f"{step.name}: {warning}")
+    if summary.exit_status != EXIT_DONE:
+        belt.problems += [f"{step.name}: {line}" for line in (summary.verdict, *summary.warnings)]
     if summary.verdict:
-        talk.say(f"{belt.belt} {step.name}: {summary.verdict}")
+        talk.say(f"{step.name}: {summary.verdict}")
 
 
 def _summary(belts: Sequence[BeltRun], folder: Path) -> Summary:

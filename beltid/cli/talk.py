@@ -122,14 +122,16 @@ class _Lines:
     def __init__(self, talk: TerminalTalk, label: str, total: int) -> None:
         self.talk, self.label, self.total = talk, label, total
         self.done = 0
-        self.start = self.last = time.monotonic()
+        self.first = self.last = 0.0
 
     def __call__(self) -> None:
         """Count one step."""
         self.done += 1
         now = time.monotonic()
+        if self.done == 1:  # it took longer than the others: kernels are compiled on the way
+            self.first = self.last = now
         if now - self.last < LINE_EVERY_S or self.done == self.total:
             return
         self.last = now
-        left = (now - self.start) / self.done * (self.total - self.done)
+        left = (now - self.first) / (self.done - 1) * (self.total - self.done)
         self.talk.say(f"{self.label}: {self.done} of {self.total}, about {left:.0f} s left")

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 REST_SAMPLES: Final = 10
 SLIDING_SAMPLES: Final = 60
+MOST_SAMPLES: Final = 10_000
 TRAVEL_PER_SAMPLE_M: Final = 5.0e-5
 
 
@@ -192,22 +193,20 @@ def solver_record(result: RunResult) -> dict[str, Any]:
 
 
 def recording_columns(
-    runs: Sequence[PlannedRun], results: Sequence[RunResult], pulley_radius_m: float
+    runs: Sequence[PlannedRun], results: Sequence[RunResult], config: Config
 ) -> dict[str, np.ndarray]:
     """Recordings of runs as one table with the columns of rig.csv."""
-    parts = [_one_recording(*pair, pulley_radius_m) for pair in zip(runs, results, strict=True)]
+    parts = [_one_recording(*pair, config) for pair in zip(runs, results, strict=True)]
     return {
         column.name: np.concatenate([part[column.name] for part in parts])
         for column in schemas.table("simulated").columns
     }
 
 
-def _one_recording(
-    run: PlannedRun, result: RunResult, pulley_radius_m: float
-) -> dict[str, np.ndarray]:
+def _one_recording(run: PlannedRun, result: RunResult, config: Config) -> dict[str, np.ndarray]:
     recorded = result.recording
     if recorded is None:
-        recorded = _two_levels(run, result, pulley_radius_m)
+        recorded = _two_levels(run, result, config)
     n = len(recorded["time_s"])
     return {
         **recorded,
@@ -218,20 +217,25 @@ def _one_recording(
     }
 
 
-def _two_levels(
-    run: PlannedRun, result: RunResult, pulley_radius_m: float
-) -> dict[str, np.ndarray]:
+def sliding_samples(config: Config) -> int:
+    """Samples of the level at which a run slides, if only the limit is known."""
+    wanted = max(SLIDING_SAMPLES, 2 * config.friction.min_plateau_samples)
+    return min(wanted, MOST_SAMPLES)
+
+
+def _two_levels(run: PlannedRun, result: RunResult, config: Config) -> dict[str, np.ndarray]:
     """Recording of a run of which only the sliding limit is known: a level at rest, one sliding.
 
     So the sliding limit goes through the same reduction as any recording; there is no build-up in
     it, and hence no sticking peak.
     """
     omega = run.pulley_speed_rad_s
-    n = REST_SAMPLES + SLIDING_SAMPLES
+    # enough for the reduction that the config asks for
+    n = REST_SAMPLES + sliding_samples(config)
     turning = np.arange(n) >= REST_SAMPLES
     T_0 = run.initial_tension_N
     return {
-        "time_s": np.arange(n) * (TRAVEL_PER_SAMPLE_M / (omega * pulley_radius_m)),
+        "time_s": np.arange(n) * (TRAVEL_PER_SAMPLE_M / (omega * config.rig.pulley_radius_m)),
         "tension_tight_N": np.where(turning, result.tension_tight_N, T_0),
         "tension_slack_N": np.where(turning, result.tension_slack_N, T_0),
         "pulley_speed_rad_s": np.where(turning, omega, 0.0),

@@ -21,6 +21,7 @@ from beltid.stages.campaign import (
     result_row,
     simulated_results,
     simulation_settings,
+    sliding_samples,
     solver_record,
 )
 from beltid.stages.making import Made, Recipe, make
@@ -111,11 +112,13 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
         done = _simulate(model, (surface, law), runs, settings, chosen)
         return _outcome(done, model, settings)
 
-    choices = {
+    choices: dict[str, Any] = {
         "method": settings.method,
         "elements": settings.elements,
         "runs": [[r.label, r.arc_deg, r.initial_tension_N, r.pulley_speed_rad_s] for r in runs],
     }
+    if settings.method == "steady":
+        choices["sliding_samples"] = sliding_samples(model)
     return summarise(make(Recipe(KIND, config, KEYS, inputs, choices), out, options, compute))
 
 
@@ -158,7 +161,7 @@ def _outcome(done: Campaign, config: Config, settings: SimulationSettings) -> Ou
         )
     return Outcome(
         kind=KIND,
-        columns=recording_columns(runs, results, config.rig.pulley_radius_m),
+        columns=recording_columns(runs, results, config),
         result=done,
         validity={
             name: (min(values), max(values))
@@ -243,6 +246,8 @@ class SimulatedRun:
         Arc, initial tension, pulley speed.
     result : RunResult
         Everything that the simulation tells, as plain arrays.
+    config : Config
+        The config of the rig.
     """
 
     tension_tight_N: float
@@ -251,7 +256,7 @@ class SimulatedRun:
     normal_force_N_m: float
     settings: PlannedRun
     result: RunResult
-    pulley_radius_m: float
+    config: Config
 
     @property
     def recording(self) -> pd.DataFrame | None:
@@ -260,7 +265,7 @@ class SimulatedRun:
 
         if self.result.recording is None:
             return None
-        columns = recording_columns([self.settings], [self.result], self.pulley_radius_m)
+        columns = recording_columns([self.settings], [self.result], self.config)
         return pd.DataFrame(columns)
 
     @property
@@ -329,7 +334,7 @@ def simulate_rig(
         normal_force_N_m=float(result.normal_force_N_m),
         settings=run,
         result=result,
-        pulley_radius_m=model.rig.pulley_radius_m,
+        config=model,
     )
 
 

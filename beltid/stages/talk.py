@@ -31,6 +31,44 @@ class Talk:
         yield lambda: None
 
 
+class Named(Talk):
+    """Talk of one of several: every line begins with its name.
+
+    Parameters
+    ----------
+    name : str
+        The name.
+    talk : Talk
+        Who listens.
+    """
+
+    def __init__(self, name: str, talk: Talk) -> None:
+        self.name = name
+        self.talk = talk
+
+    def say(self, text: str) -> None:
+        """Pass on what is going on."""
+        self.talk.say(f"{self.name}: {text}")
+
+    def detail(self, text: str) -> None:
+        """Pass on a detail."""
+        self.talk.detail(f"{self.name}: {text}")
+
+    def warn(self, text: str) -> None:
+        """Pass on what the user should look into."""
+        self.talk.warn(f"{self.name}: {text}")
+
+    def error(self, text: str) -> None:
+        """Pass on what went wrong."""
+        self.talk.error(f"{self.name}: {text}")
+
+    @contextmanager
+    def progress(self, label: str, total: int) -> Iterator[Callable[[], None]]:
+        """Follow a task under the name."""
+        with self.talk.progress(f"{self.name}: {label}", total) as advance:
+            yield advance
+
+
 @dataclass(frozen=True, slots=True)
 class Options:
     """Options of every stage.

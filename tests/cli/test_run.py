@@ -84,7 +84,7 @@ def test_a_failing_belt_does_not_stop_the_others(bench: Path, beltid: Any, secon
         "compare": "not run",
     }
     assert any("bad.csv:2" in line for line in bad["problems"])
-    assert "error: second fit-friction: " in result.stderr
+    assert "error: second: fit-friction: " in result.stderr
 
 
 def test_a_single_belt_gives_its_own_status(bench: Path, beltid: Any) -> None:

@@ -1,0 +1,193 @@
+"""An artifact is made when it has to be, and nothing else is ever replaced."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from beltid.config import Config, ConfigSource, load_config
+from beltid.errors import BeltidError, InputError
+from beltid.stages.making import Recipe, make
+from beltid.stages.outcome import Outcome, as_set, rows_of, span
+from beltid.stages.talk import Options
+from beltid.store.artifacts import read_artifact
+
+
+class Work:
+    """Computes a compare table and counts how often it had to."""
+
+    def __init__(self, mu: float = 0.5) -> None:
+        self.calls = 0
+        self.mu = mu
+
+    def __call__(self) -> Outcome[None]:
+        self.calls += 1
+        columns = {
+            "run": np.array(["R1"], dtype=object),
+            "arc_deg": np.array([82.0]),
+            "nominal_tension_N": np.array([270.0]),
+            "pulley_speed_rad_s": np.array([0.21]),
+            "mu_measured": np.array([self.mu]),
+            "mu_simulated": np.array([self.mu]),
+            "difference": np.array([0.0]),
+            "within_tolerance": np.array([True]),
+        }
+        return Outcome("compare", columns, None, notes=("a note",), warnings=("a warning",))
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Path:
+    path = tmp_path / "input.csv"
+    path.write_text("1,2,3\n")
+    return path
+
+
+def recipe(source: Path, config: Config | None = None, **choices: Any) -> Recipe:
+    chosen = ConfigSource(config or Config(), "test")
+    return Recipe("compare", chosen, ("compare", "rig.span_length_m"), {"in": source}, choices)
+
+
+def test_it_is_made_once_and_kept(source: Path, tmp_path: Path) -> None:
+    work, out = Work(), tmp_path / "out.parquet"
+    first = make(recipe(source), out, Options(), work)
+    again = make(recipe(source), out, Options(), work)
+    assert (first.up_to_date, again.up_to_date, work.calls) == (False, True, 1)
+    assert again.notes == ("a note",)
+    assert again.warnings == ("a warning",)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda source: (source.write_text("1,2,4\n"), recipe(source))[1],
+        lambda source: recipe(source, load_config({"compare": {"max_relative_error": 0.1}})),
+        lambda source: recipe(source, load_config({"rig": {"span_length_m": 0.2}})),
+        lambda source: recipe(source, method="steady"),
+    ],
+    ids=["input", "section", "key", "choice"],
+)
+def test_what_matters_makes_it_again(
+    source: Path, tmp_path: Path, change: Callable[[Path], Recipe]
+) -> None:
+    work, out = Work(), tmp_path / "out.parquet"
+    make(recipe(source), out, Options(), work)
+    assert not make(change(source), out, Options(), work).up_to_date
+    assert work.calls == 2
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        {"rig": {"pulley_radius_m": 0.06}},
+        {"belt": {"name": "other"}},
+        {"data": {"rig": "elsewhere.csv"}},
+    ],
+)
+def test_what_does_not_matter_keeps_it(
+    source: Path, tmp_path: Path, config: dict[str, Any]
+) -> None:
+    work, out = Work(), tmp_path / "out.parquet"
+    make(recipe(source), out, Options(), work)
+    assert make(recipe(source, load_config(config)), out, Options(), work).up_to_date
+
+
+def test_a_renamed_input_is_the_same_input(source: Path, tmp_path: Path) -> None:
+    work, out = Work(), tmp_path / "out.parquet"
+    make(recipe(source), out, Options(), work)
+    renamed = source.rename(tmp_path / "renamed.csv")
+    assert make(recipe(renamed), out, Options(), work).up_to_date
+
+
+def test_another_version_of_the_software_makes_it_again(
+    source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    work, out = Work(), tmp_path / "out.parquet"
+    make(recipe(source), out, Options(), work)
+    monkeypatch.setattr("beltid.stages.making.__version__", "99.0")
+    assert not make(recipe(source), out, Options(), work).up_to_date
+
+
+def test_force_makes_it_again(source: Path, tmp_path: Path) -> None:
+    work, out = Work(), tmp_path / "out.parquet"
+    make(recipe(source), out, Options(), work)
+    before = out.read_bytes()
+    assert not make(recipe(source), out, Options(force=True), work).up_to_date
+    assert out.read_bytes() == before
+
+
+def test_a_failure_leaves_what_was_there(source: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out.parquet"
+    make(recipe(source), out, Options(), Work())
+    before = out.read_bytes()
+
+    def fails() -> Outcome[None]:
+        raise InputError("no")
+
+    with pytest.raises(InputError):
+        make(recipe(source), out, Options(force=True), fails)
+    assert out.read_bytes() == before
+
+
+@pytest.mark.parametrize("data", [b"", b"text", b"PAR1 and more"])
+def test_a_foreign_file_is_replaced_by_force_only(
+    source: Path, tmp_path: Path, data: bytes
+) -> None:
+    work, out = Work(), tmp_path / "out.parquet"
+    out.write_bytes(data)
+    with pytest.raises(InputError, match="did not write"):
+        make(recipe(source), out, Options(), work)
+    assert out.read_bytes() == data
+    assert work.calls == 0
+    make(recipe(source), out, Options(force=True), work)
+    assert read_artifact(out, "compare")
+
+
+def test_an_input_is_never_overwritten_not_even_under_another_name(
+    source: Path, tmp_path: Path
+) -> None:
+    link = tmp_path / "link.parquet"
+    link.symlink_to(source)
+    for out in (source, link):
+        with pytest.raises(InputError, match="is the in input"):
+            make(recipe(source), out, Options(force=True), Work())
+    assert source.read_text() == "1,2,3\n"
+
+
+def test_what_cannot_be_kept_is_said_before_the_work(source: Path, tmp_path: Path) -> None:
+    work = Work()
+    (tmp_path / "folder").mkdir()
+    for out in (tmp_path / "folder", source / "out.parquet"):
+        with pytest.raises(BeltidError):
+            make(recipe(source), out, Options(force=True), work)
+    assert work.calls == 0
+
+
+def test_metadata_tells_where_it_came_from(source: Path, tmp_path: Path) -> None:
+    import hashlib
+
+    out = tmp_path / "out.parquet"
+    config = Config()
+    make(recipe(source, config, method="steady"), out, Options(), Work())
+    metadata = read_artifact(out, "compare").metadata
+    assert metadata.inputs == {"in": hashlib.sha256(b"1,2,3\n").hexdigest()}
+    assert metadata.config_sha256 == config.sha256
+    assert metadata.settings["rig.span_length_m"] == 0.10
+    assert metadata.settings["method"] == "steady"
+
+
+def test_rows_and_spans_know_missing_values() -> None:
+    columns = {"a": np.array([1.0, np.nan]), "b": np.array(["x", None], dtype=object)}
+    assert rows_of(columns, "b", "a", "c") == [{"b": "x", "a": 1.0}, {"b": None, "a": None}]
+    assert span(np.array([np.nan, 3.0, 1.0])) == (1.0, 3.0)
+    assert span(np.array([np.nan])) is None
+
+
+def test_measured_speeds_belong_to_their_settings() -> None:
+    measured = np.array([0.0999, 0.211, np.nan, 0.1001, 0.1, 0.209])
+    assert as_set(measured) == pytest.approx(
+        [0.1, 0.21, np.nan, 0.1, 0.1, 0.21], nan_ok=True, rel=1e-12
+    )

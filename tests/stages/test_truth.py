@@ -1,0 +1,93 @@
+"""Round trip: the chain on the virtual bench of three belts finds what that bench was made from."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from beltid.batch import BatchOptions, config_sources, run_batch
+from beltid.config import ConfigSource
+from beltid.report.summary import Summary
+from beltid.stages.tables import load_stiffness
+from beltid.store.artifacts import read_artifact
+
+ROOT = Path(__file__).parents[2]
+# true laws of the virtual bench, rigdata/README.md
+LAWS = {"4pk": (5.6e7, 2.20e11), "5pk": (6.5e7, 3.0256e11), "6pk": (7.1e7, 3.90e11)}
+
+
+def truth(belt: str, name: str) -> dict[str, dict[str, str]]:
+    with (ROOT / "tests" / "truth" / belt / name).open(newline="") as file:
+        return {row["run"]: row for row in csv.DictReader(file)}
+
+
+@pytest.fixture(scope="module")
+def chain(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Summary]:
+    """All three belts, with the sliding limit in place of the transient runs."""
+    folder = tmp_path_factory.mktemp("runs")
+    sources = []
+    for source in config_sources([ROOT / "configs" / f"{belt}.yaml" for belt in LAWS]):
+        section = source.config.simulation.model_copy(update={"method": "steady"})
+        config = source.config.model_copy(update={"simulation": section})
+        sources.append(ConfigSource(config, source.origin, source.path))
+    return folder, run_batch(sources, folder, BatchOptions(jobs=1))
+
+
+def test_every_belt_passes_with_all_its_runs(chain: tuple[Path, Summary]) -> None:
+    _, summary = chain
+    assert summary.exit_status == 0, summary.table
+    for row in summary.table:
+        assert set(row["stages"].values()) == {"done"}
+        assert row["fit_friction"]["runs"] == row["simulate_rig"]["runs"] == 120
+        assert row["compare"]["runs_compared"] == 120
+
+
+@pytest.mark.parametrize("belt", LAWS)
+def test_normal_law(chain: tuple[Path, Summary], belt: str) -> None:
+    path = chain[0] / belt / "stiffness.parquet"
+    law = load_stiffness(path)
+    columns = read_artifact(path, "stiffness").columns
+    pooled = np.isnan(columns["temperature_degC"])
+    deepest = float(columns["max_penetration_m"][pooled][0])
+    k1, k2 = LAWS[belt]
+    delta = np.linspace(0.0, deepest, 2000)
+    force = k1 * delta + k2 * delta**2
+    used = force >= 0.1 * force[-1]
+    assert np.abs(law.force(delta)[used] / force[used] - 1.0).max() < 1e-3
+
+
+@pytest.mark.parametrize("belt", LAWS)
+def test_friction_of_every_run(chain: tuple[Path, Summary], belt: str) -> None:
+    columns = read_artifact(chain[0] / belt / "friction.parquet", "friction").columns
+    rows = truth(belt, "truth.csv")
+    assert list(columns["run"]) == list(rows)
+    assert set(columns["status"]) == {"ok"}
+    relative = columns["mu_sliding"] / [float(row["mu_app"]) for row in rows.values()] - 1.0
+    assert np.sqrt(np.mean(relative**2)) < 0.0025
+    assert np.abs(relative).max() < 0.01
+
+
+@pytest.mark.parametrize("belt", LAWS)
+def test_sliding_speeds(chain: tuple[Path, Summary], belt: str) -> None:
+    columns = read_artifact(chain[0] / belt / "slip.parquet", "slip").columns
+    rows = truth(belt, "speedloss_truth.csv")
+    expected = np.array([float(rows[run]["slip_speed_m_s"]) for run in columns["run"]])
+    deviation = (columns["slip_speed_m_s"] - expected) / columns["slip_speed_se_m_s"]
+    # standard errors mean what they say: about one, over all runs
+    assert 0.5 < np.sqrt(np.mean(deviation**2)) < 2.0
+
+
+@pytest.mark.parametrize("belt", LAWS)
+def test_friction_falls_with_the_force_at_every_speed(
+    chain: tuple[Path, Summary], belt: str
+) -> None:
+    columns = read_artifact(chain[0] / belt / "surface.parquet", "surface").columns
+    averaged = np.isnan(columns["arc_deg"])
+    assert averaged.any()
+    for speed in np.unique(columns["slip_speed_m_s"][averaged]):
+        here = averaged & (columns["slip_speed_m_s"] == speed)
+        order = np.argsort(columns["normal_force_N_m"][here])
+        assert np.all(np.diff(columns["mu"][here][order]) < 0)
