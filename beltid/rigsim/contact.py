@@ -243,7 +243,12 @@ def press(
     frame[5], frame[6], frame[7] = w * V_dd, w * V_ds, w * V_ss
     approach = (points.rho_old[e, c] - rho) * motion.rate
     if approach > 0.0:
-        points.F_N[e, c] += pulley.C_P * approach
-        frame[5] += pulley.C_P * motion.rate
+        # of a part that touches in part only that share dissipates, else the force would jump
+        delta, m = pulley.R - rho, 0.5 * belt.w_c[e, c] * abs(sigma)
+        share, share_d = 1.0, 0.0
+        if delta < m:
+            share, share_d = 0.5 * (delta + m) / m, 0.5 / m
+        points.F_N[e, c] += share * pulley.C_P * approach
+        frame[5] += pulley.C_P * (share * motion.rate + share_d * approach)
     frame[DERIVATIVES], frame[DERIVATIVES + 1], frame[DERIVATIVES + 2] = f, f_d, f_s
     return True

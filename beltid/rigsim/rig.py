@@ -16,8 +16,9 @@ from beltid.laws.capstan import friction_coefficient, mean_normal_force, normal_
 from beltid.params import OperatingPoint
 from beltid.rigsim.contact import STICK, Points
 from beltid.rigsim.model import Bench, RigModel
+from beltid.rigsim.reference_step import march_by_lemke
 from beltid.rigsim.steady import StaticState, solve_steady
-from beltid.rigsim.transient import TransientRun, run_transient
+from beltid.rigsim.transient import TransientRun, march, run_transient
 
 Array = NDArray[np.float64]
 Method = Literal["transient", "steady"]
@@ -39,16 +40,24 @@ class SimulationSettings:
     steps : int
         Time steps of a transient run; those of the recording. A step that does not converge is cut
         further.
+    friction_solver : {"newton", "lemke"}
+        Stick and slip of a step by the active set (semismooth Newton), or by Lemke's method on the
+        Delassus matrix: the reference, slower by a factor of about ten.
     """
 
     method: Method = "transient"
     elements: int | None = None
     steps: int = DEFAULT_STEPS
+    friction_solver: Literal["newton", "lemke"] = "newton"
 
     def __post_init__(self) -> None:
         problems = []
         if self.method not in ("transient", "steady"):
             problems.append(f"method = {self.method!r}, must be 'transient' or 'steady'")
+        if self.friction_solver not in ("newton", "lemke"):
+            problems.append(
+                f"friction_solver = {self.friction_solver!r}, must be 'newton' or 'lemke'"
+            )
         if self.elements is not None and (self.elements < 4 or self.elements % 2):
             problems.append(f"elements = {self.elements}, must be even and >= 4")
         if self.steps < FEWEST_STEPS:
@@ -68,7 +77,7 @@ class SolverRecord:
     newton_iterations : int
         Iterations in all.
     status_changes : int
-        Changes of a patch between stick and slide, in all iterations.
+        Changes of a patch between stick and slide in all iterations, or pivots of Lemke's method.
     halvings : int
         Times that a step was cut.
     residual : float
@@ -149,7 +158,9 @@ def simulate(
     if settings.method == "steady":
         laid, sliding = solve_steady(model)
         return _steady_result(model, laid, sliding)
-    run = run_transient(model, settings.steps, bench.contact.sticking_ratio)
+    marcher = march_by_lemke if settings.friction_solver == "lemke" else march
+    ratio = bench.contact.sticking_ratio
+    run = run_transient(model, settings.steps, ratio, marcher=marcher)
     return _transient_result(model, run)
 
 

@@ -7,12 +7,14 @@ each step the residual
     M (q - q_old - dt q_dot_old)/dt**2 + f(q, (q - q_old)/dt) - W_N F_N - W_T F_T = 0
 
 holds together with the friction law on the slips of the step. Its tangent
-``S = M/dt**2 + C/dt + K`` takes the place of M in Eq. (12). A step that does not converge is halved and tried again.
+``S = M/dt**2 + C/dt + K`` takes the place of M in Eq. (12). A step that does not converge is halved
+and tried again.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -264,6 +266,9 @@ def march(
     return schedule.omega.size
 
 
+Marcher = Callable[[System, Points, Kinematics, Schedule, Drive, Workspace, Recorder], int]
+
+
 @dataclass(frozen=True, slots=True)
 class TransientRun:
     """A run in time.
@@ -329,9 +334,26 @@ def make_schedule(model: RigModel, laid: StaticState, sliding: StaticState, step
 
 
 def run_transient(
-    model: RigModel, steps: int, sticking_ratio: float = 1.0, wanted: Counts | None = None
+    model: RigModel,
+    steps: int,
+    sticking_ratio: float = 1.0,
+    wanted: Counts | None = None,
+    marcher: Marcher = march,
 ) -> TransientRun:
     """Lay the belt on, tighten it, and turn the pulley until the plateau.
+
+    Parameters
+    ----------
+    model : RigModel
+        The rig on the mesh of the run.
+    steps : int
+        Time steps.
+    sticking_ratio : float
+        Limit of friction of a patch at rest over that of a sliding one [-].
+    wanted : ndarray of int, optional
+        Steps whose profiles are kept.
+    marcher : callable
+        :func:`march`, or the reference :func:`beltid.rigsim.reference_step.march_by_lemke`.
 
     Raises
     ------
@@ -351,7 +373,7 @@ def run_transient(
     record = new_recorder(model, steps, np.zeros(0, np.int64) if wanted is None else wanted)
     augmentation = AUGMENTATION * belt.EA / float(belt.h.min())
     drive = Drive(laid.stretch, model.point.T_0, augmentation, sticking_ratio)
-    done = march(model.system, points, state, schedule, drive, work, record)
+    done = marcher(model.system, points, state, schedule, drive, work, record)
     time = np.concatenate([[0.0], np.cumsum(schedule.dt)])
     if done < steps:
         spent = int(record.iterations[done])

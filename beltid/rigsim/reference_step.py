@@ -1,0 +1,204 @@
+"""The reference for the friction of a step: Lemke's method on the Delassus matrix.
+
+Slower than the active set of :mod:`beltid.rigsim.friction` (a dense matrix for every iteration) but
+independent of any guess of who sticks. Both end with the same certificate, and they agree.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.rigsim.banded import factorize, solve
+from beltid.rigsim.belt import add_inertia, add_internal, store_strains
+from beltid.rigsim.contact import SLIDE, STICK, Motion, Points
+from beltid.rigsim.contact_forces import add_contact
+from beltid.rigsim.friction import CONE_TOLERANCE, SLIP_TOLERANCE, Certificate, violations
+from beltid.rigsim.lcp import friction_lcp
+from beltid.rigsim.model import System, Workspace
+from beltid.rigsim.steady import largest_force, move
+from beltid.rigsim.supports import hold, release
+from beltid.rigsim.transient import (
+    TOLERANCE,
+    Drive,
+    Kinematics,
+    Recorder,
+    Schedule,
+    StepOutcome,
+    accept,
+)
+
+Array = NDArray[np.float64]
+
+MOST_ITERATIONS = 60
+
+
+def assemble(
+    system: System,
+    motion: Motion,
+    points: Points,
+    state: Kinematics,
+    stretch: float,
+    work: Workspace,
+) -> int:
+    """Residual and tangent of an implicit step at ``state.trial``, supports held."""
+    work.A[:] = 0.0
+    work.vectors[:] = 0.0
+    residual, by_stretch = work.vectors
+    add_internal(
+        system.belt,
+        state.trial,
+        stretch,
+        work.strain_old,
+        motion.rate,
+        work.A,
+        residual,
+        by_stretch,
+    )
+    state.dq[:] = state.trial - state.q - state.q_dot / motion.rate
+    add_inertia(system.belt, state.dq, motion.rate**2, work.A, residual)
+    outside = add_contact(
+        system.belt,
+        system.pulley,
+        motion,
+        points,
+        state.trial,
+        stretch,
+        work.A,
+        residual,
+        by_stretch,
+    )
+    hold(system.supports, work.A, work.vectors, work.reactions)
+    return int(outside)
+
+
+def directions(system: System, points: Points, touching: NDArray[np.intp], n: int) -> Array:
+    """Generalised directions W_T of the touching patches, shape (n, m)."""
+    W = np.zeros((n, touching.size))
+    for i, e in enumerate(touching):
+        limit = points.F_max[e]
+        old = np.where(limit > 0.0, points.limit_old[e], 0.0)
+        weight = old / old.sum() if old.sum() > 0.0 else limit / limit.sum()
+        for c in np.flatnonzero(limit > 0.0):
+            t = np.array([np.cos(points.theta[e, c]), -np.sin(points.theta[e, c])])
+            W[4 * e : 4 * e + 8, i] += weight[c] * np.outer(system.belt.N_c[e, c], t).ravel()
+    return W
+
+
+def lemke_step(
+    system: System,
+    motion: Motion,
+    points: Points,
+    state: Kinematics,
+    stretch: float,
+    T_0: float,
+    work: Workspace,
+) -> StepOutcome:
+    """One implicit step with Lemke's method; same arguments and result as ``transient.step``.
+
+    Newton's method on the smooth forces; in each iteration the friction forces and slips of the
+    linearised step are those of the complementarity problem, with the limits of the iterate.
+
+    Raises
+    ------
+    LcpError
+        If a complementarity problem has no solution.
+    """
+    motion = motion._replace(augmentation=0.0)
+    state.trial[:] = state.q + state.q_dot / motion.rate
+    changes = 0
+    error, certificate, outside = np.inf, Certificate(np.inf, np.inf, 0.0, 0.0), 0
+    for iteration in range(MOST_ITERATIONS):
+        outside = assemble(system, motion, points, state, stretch, work)
+        error = largest_force(system, work.vectors[0])
+        certificate = violations(system.belt, points)
+        if (
+            error <= TOLERANCE * T_0
+            and certificate.slip <= SLIP_TOLERANCE
+            and certificate.cone <= CONE_TOLERANCE
+        ):
+            return StepOutcome(True, iteration, changes, error / T_0, outside, certificate)
+        changes += _complementarity_iteration(system, motion, points, state, stretch, work)
+    return StepOutcome(False, MOST_ITERATIONS, changes, error / T_0, outside, certificate)
+
+
+def _complementarity_iteration(
+    system: System,
+    motion: Motion,
+    points: Points,
+    state: Kinematics,
+    stretch: float,
+    work: Workspace,
+) -> int:
+    """Solve the linearised step with its friction, move the trial; returns the pivots."""
+    # S of Eq. (12): sliding patches follow their limit, sticking ones have their force given
+    points.la_T[:] = points.force
+    assemble(system, motion, points, state, stretch, work)
+    factorize(work.A, work.pivots)
+    touching = np.flatnonzero(points.limit > 0.0)
+    force, slip = points.force[touching].copy(), points.slip[touching].copy()
+    limits = points.limit[touching].copy()
+    W = directions(system, points, touching, state.q.size)
+    held = _held(system, W)
+    compliance = np.empty_like(W)
+    for i in range(touching.size):
+        column = np.ascontiguousarray(held[:, i])
+        solve(work.A, work.pivots, column)
+        release(system.supports, column)
+        compliance[:, i] = column
+    free = -work.vectors[0]
+    solve(work.A, work.pivots, free)
+    release(system.supports, free)
+    G = W.T @ compliance
+    wanted, new_slip, solution = friction_lcp(G, slip - W.T @ free + G @ force, limits)
+    move(state.trial, free + compliance @ (wanted - force))
+    points.status[:] = SLIDE  # a patch that closes: as in friction.revise
+    points.sign[:] = 1.0
+    points.la_T[:] = 0.0
+    points.la_T[touching] = wanted
+    slides = np.abs(wanted) >= limits * (1.0 - 1e-12)
+    points.status[touching] = np.where(slides, SLIDE, STICK)
+    points.sign[touching] = np.sign(wanted)
+    return solution.pivots
+
+
+def _held(system: System, W: Array) -> Array:
+    """Right-hand sides with the rows of the held coordinates set to zero, shape of ``W``."""
+    held = W.copy()
+    if system.supports.clamped:
+        for first, direction in zip((2, -2), system.supports.directions, strict=True):
+            cosine, sine = direction
+            along, across = held[first].copy(), held[first + 1].copy()
+            held[first] = cosine * along + sine * across
+            held[first + 1] = 0.0
+    held[[0, 1, -4, -3]] = 0.0
+    return held
+
+
+def march_by_lemke(
+    system: System,
+    points: Points,
+    state: Kinematics,
+    schedule: Schedule,
+    drive: Drive,
+    work: Workspace,
+    record: Recorder,
+) -> int:
+    """Step through a run with the reference solver; like ``transient.march``, without cutting."""
+    for k in range(schedule.omega.size):
+        motion = Motion(float(schedule.omega[k]), 1.0 / float(schedule.dt[k]), 1.0, 0.0)
+        out = lemke_step(system, motion, points, state, drive.stretch, drive.T_0, work)
+        record.iterations[k] = out.iterations
+        record.changes[k] = out.changes
+        record.residual[k] = out.residual
+        record.slip[k] = out.certificate.slip
+        record.cone[k] = out.certificate.cone
+        if not out.converged:
+            return k
+        accept(system, motion, points, state, drive.sticking_ratio)
+        store_strains(system.belt, state.q, drive.stretch, work.strain_old)
+        record.outside[k] = out.outside
+        record.sticking[k] = out.certificate.sticking
+        record.touching[k] = out.certificate.touching
+        record.force[k] = work.reactions.force
+    return int(schedule.omega.size)
