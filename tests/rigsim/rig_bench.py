@@ -1,0 +1,129 @@
+"""Benches of the tests, a march with a schedule of one's own, and dense copies of banded matrices."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
+from beltid.params import Belt, Contact, OperatingPoint, Rig
+from beltid.rigsim.banded import HALF
+from beltid.rigsim.belt import store_strains
+from beltid.rigsim.contact import STICK, Points, new_points
+from beltid.rigsim.model import Bench, RigModel
+from beltid.rigsim.steady import StaticState, lay_on
+from beltid.rigsim.transient import (
+    AUGMENTATION,
+    Drive,
+    Kinematics,
+    Recorder,
+    Schedule,
+    march,
+    new_recorder,
+)
+
+Array = NDArray[np.float64]
+
+LAW_5PK = NormalLaw(6.5e7, 3.0256e11)
+LINEAR_LAW = NormalLaw(1.0e8)
+
+
+def bench(
+    EI: float = 0.02,
+    *,
+    EA: float = 1.0e5,
+    R: float = 0.05,
+    span: float = 0.10,
+    supports: str = "pinned",
+    law: NormalLaw = LINEAR_LAW,
+    mu: float | FrictionSurface = 0.5,
+    damping_time: float = 1.0e-4,
+    contact: Contact | None = None,
+) -> Bench:
+    """The rig of the reference table, with some of it changed."""
+    return Bench(
+        Belt(EA, EI, 0.10, damping_time),
+        Rig(R, span, supports),  # type: ignore[arg-type]
+        contact or Contact(),
+        law,
+        mu if isinstance(mu, FrictionSurface) else FrictionSurface.constant(mu),
+    )
+
+
+def at(arc_deg: float = 82.0, T_0: float = 270.0, omega: float = 0.21) -> OperatingPoint:
+    return OperatingPoint(math.radians(arc_deg), T_0, omega)
+
+
+def true_surface_5pk(n_f: int = 120, n_v: int = 40) -> FrictionSurface:
+    """True friction of the synthetic 5PK bench (rigdata/README.md) on a dense grid."""
+    f = np.geomspace(1.0, 6.0e4, n_f)
+    v = np.geomspace(1.0e-4, 0.3, n_v)
+    mu0, a, c, v0 = 0.95, 0.18, 0.45, 0.0015
+    speed = 1 + c * (np.log1p(v / v0) / np.log1p(0.01 / v0) - 1)
+    return FrictionSurface(f, v, mu0 * (f / 5400.0)[:, None] ** -a * speed)
+
+
+def dense(A: Array) -> Array:
+    """The full matrix of a banded one."""
+    n = A.shape[0]
+    full = np.zeros((n, n))
+    for i in range(n):
+        for j in range(max(0, i - HALF), min(n, i + HALF + 1)):
+            full[i, j] = A[i, HALF + j - i]
+    return full
+
+
+@dataclass
+class March:
+    """A run with a schedule of one's own, from the belt laid on; can be continued."""
+
+    model: RigModel
+    laid: StaticState
+    state: Kinematics
+    points: Points
+    drive: Drive
+    record: Recorder
+    strain_old: Array
+
+    def go(self, dt: float, omega: float, steps: int, profiles: bool = False) -> int:
+        """March ``steps`` steps; ``record`` is replaced. Returns the steps done."""
+        wanted = np.arange(steps if profiles else 0, dtype=np.int64)
+        self.record = new_recorder(self.model, steps, wanted)
+        work = self.model.workspace()
+        work.strain_old[:] = self.strain_old
+        schedule = Schedule(np.full(steps, dt), np.full(steps, omega))
+        done: int = march(
+            self.model.system, self.points, self.state, schedule, self.drive, work, self.record
+        )
+        self.strain_old[:] = work.strain_old
+        return done
+
+    @property
+    def T_A(self) -> Array:
+        return np.hypot(self.record.force[:, 0], self.record.force[:, 1])
+
+    @property
+    def T_B(self) -> Array:
+        return np.hypot(self.record.force[:, 2], self.record.force[:, 3])
+
+
+def start(rig: Bench, point: OperatingPoint, elements: int | None = None) -> March:
+    """The belt laid on and tightened, at rest, everything sticking."""
+    model = rig.model(point, elements)
+    laid = lay_on(model)
+    belt = model.system.belt
+    ratio = rig.contact.sticking_ratio
+    points = new_points(belt, STICK)
+    points.theta_old[:] = laid.points.theta
+    points.rho_old[:] = laid.points.rho
+    points.ratio[:] = ratio
+    strain_old = np.zeros((*belt.w_g.shape, 2))
+    store_strains(belt, laid.q, laid.stretch, strain_old)
+    state = Kinematics(laid.q.copy(), *(np.zeros_like(laid.q) for _ in range(3)))
+    drive = Drive(laid.stretch, point.T_0, AUGMENTATION * belt.EA / float(belt.h.min()), ratio)
+    record = new_recorder(model, 0, np.zeros(0, np.int64))
+    return March(model, laid, state, points, drive, record, strain_old)
