@@ -1,0 +1,125 @@
+"""Words, units and digits of results; tables that fit."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from beltid.report.cells import cell, fact, heading, name_and_unit
+from beltid.report.summary import Summary
+from beltid.report.terminal import show
+from beltid.store import schemas
+
+
+@pytest.mark.parametrize(
+    ("name", "words", "unit"),
+    [
+        ("normal_force_N_m", "normal force", "N/m"),
+        ("k_quadratic_N_m3", "k quadratic", "N/m³"),
+        ("k_linear_se_N_m2", "k linear se", "N/m²"),
+        ("torque_N_m", "torque", "N m"),
+        ("at_torque_N_m", "at torque", "N m"),
+        ("pulley_speed_rad_s", "pulley speed", "rad/s"),
+        ("arc_deg", "arc", "°"),
+        ("mu_sliding", "mu sliding", ""),
+        ("status", "status", ""),
+    ],
+)
+def test_names_become_words_and_units(name: str, words: str, unit: str) -> None:
+    assert name_and_unit(name) == (words, unit)
+
+
+def test_units_shown_are_those_of_the_tables() -> None:
+    spelling = {"deg": "°", "degC": "°C", "1": ""}
+    for table in schemas.TABLES.values():
+        for column in table.columns:
+            if column.dtype == "float64":
+                expected = spelling.get(column.unit, column.unit)
+                assert name_and_unit(column.name)[1] == expected, (table.kind, column.name)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "text"),
+    [
+        ("tension_N", 270.0, "270"),
+        ("tension_N", 0.0, "0"),
+        ("tension_N", 371.0949, "371.1"),
+        ("tension_N", -12.34567, "-12.35"),
+        ("slip_speed_m_s", 0.0025, "0.0025"),
+        ("k_linear_N_m2", 6.4999734e7, "6.5e+07"),
+        ("k_linear_se_N_m2", 12163.2, "1.2e+04"),
+        ("mu", 0.49777, "0.4978"),
+        ("mu_se", 0.001268, "0.0013"),
+        ("mu", float("nan"), "-"),
+        ("mu", None, "-"),
+        ("runs", 120, "120"),
+        ("swapped", True, "yes"),
+        ("swapped", np.bool_(False), "no"),
+        ("mu_range", (0.5, 1.25), "0.5000 to 1.2500"),
+        ("arcs_deg", [40.0, 82.0], "40, 82"),
+        ("rms_percent", 3.71834, "3.72"),
+    ],
+)
+def test_values_have_sensible_digits(name: str, value: Any, text: str) -> None:
+    assert cell(name, value) == text
+
+
+def test_a_fact_has_its_unit_only_if_it_has_a_value() -> None:
+    assert fact("normal_force_N_m", 5400.0) == ("normal force", "5400 N/m")
+    assert fact("normal_force_N_m", None) == ("normal force", "-")
+    assert heading("torque_N_m") == "torque [N\u00a0m]"
+
+
+def printed(summary: Summary, width: int, **options: bool) -> str:
+    file = io.StringIO()
+    show(summary, Console(file=file, width=width, color_system=None), **options)
+    return file.getvalue()
+
+
+TABLE = [
+    {"run": f"R{k}", "normal_force_N_m": 1000.0 * k, "mu": 0.5, "status": "ok"} for k in (1, 2)
+]
+
+
+def test_a_wide_terminal_gets_a_table_and_a_narrow_one_records() -> None:
+    summary = Summary("x", "a title", table=TABLE)
+    wide = printed(summary, 80)
+    assert any(line.split() == ["R2", "2000", "0.5000", "ok"] for line in wide.splitlines())
+    narrow = printed(summary, 28)
+    assert "- run: R2\n" in narrow
+    assert "  normal force [N/m]: 2000\n" in narrow
+
+
+def test_no_line_ends_with_blanks_and_none_is_too_long() -> None:
+    for width in range(20, 90, 7):
+        lines = printed(Summary("x", "title", facts={"runs": 3}, table=TABLE), width).splitlines()
+        assert all(line == line.rstrip() and len(line) <= width for line in lines)
+
+
+def test_the_overview_stands_for_a_long_table_unless_all_is_wanted() -> None:
+    summary = Summary("x", "t", table=TABLE, overview=[{"runs": 2}], shown=("run", "mu"))
+    assert "R1" not in printed(summary, 80)
+    complete = printed(summary, 80, complete=True)
+    assert "R1" in complete
+    assert "2000" not in complete  # not one of the columns shown
+
+
+def test_markup_of_a_label_is_not_taken_for_a_style() -> None:
+    table = [{"run": "[red]R1[/red]", "status": ":smile: [bold]"}]
+    text = printed(Summary("x", "t", table=table), 80)
+    assert "[red]R1[/red]" in text
+    assert ":smile: [bold]" in text
+
+
+def test_json_has_null_for_what_is_missing() -> None:
+    facts = {"a": math.nan, "b": np.float64(1.5), "c": np.array([1.0, np.inf]), "p": Path("x")}
+    product = Summary("x", "t", facts=facts).as_json()
+    assert product["facts"] == {"a": None, "b": 1.5, "c": [1.0, None], "p": "x"}
+    json.dumps(product, allow_nan=False)
