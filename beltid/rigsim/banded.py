@@ -77,3 +77,24 @@ def solve(A: NDArray[np.float64], pivots: NDArray[np.int64], b: NDArray[np.float
         for j in range(k + 1, min(k + 2 * HALF, n - 1) + 1):
             total -= A[k, HALF + j - k] * b[j]
         b[k] = total / A[k, HALF]
+
+
+@kernel
+def solve_transposed(
+    A: NDArray[np.float64], pivots: NDArray[np.int64], b: NDArray[np.float64]
+) -> None:
+    """Like :func:`solve` for the transposed matrix."""
+    n = A.shape[0]
+    for k in range(n):
+        total = b[k]
+        for j in range(max(0, k - 2 * HALF), k):
+            total -= A[j, HALF + k - j] * b[j]
+        b[k] = total / A[k, HALF]
+    for k in range(n - 1, -1, -1):
+        total = b[k]
+        for i in range(k + 1, min(k + HALF, n - 1) + 1):
+            total -= A[i, HALF + k - i] * b[i]
+        b[k] = total
+        p = pivots[k]
+        if p != k:
+            b[k], b[p] = b[p], b[k]

@@ -116,8 +116,9 @@ class Points(NamedTuple):
     output ``slip`` of the step [m], tangential ``force`` and its ``limit`` [N].
 
     Points: ``theta_old``, ``rho_old`` and ``limit_old`` belong to the last step; output ``theta``,
-    ``rho``, line force ``f_N`` [N/m], normal and tangential force ``F_N``, ``F_T`` and limit
-    ``F_max`` [N], ``point_slip`` of the step [m].
+    ``rho``, line force ``f_N`` of the part and ``f_touch`` of what is in contact of it [N/m],
+    normal and tangential force ``F_N``, ``F_T`` and limit ``F_max`` [N], ``point_slip`` of the step
+    [m].
     """
 
     status: NDArray[np.int64]
@@ -133,6 +134,7 @@ class Points(NamedTuple):
     theta: Array
     rho: Array
     f_N: Array
+    f_touch: Array
     F_N: Array
     F_T: Array
     F_max: Array
@@ -143,7 +145,7 @@ def new_points(belt: BeltArrays, status: int) -> Points:
     """Contact points at rest, all patches with the given status, no forces."""
     n_e, n_c = belt.w_c.shape
     patches = [np.ones(n_e), np.zeros(n_e), np.ones(n_e), *(np.zeros(n_e) for _ in range(3))]
-    return Points(np.full(n_e, status), *patches, *(np.zeros((n_e, n_c)) for _ in range(10)))
+    return Points(np.full(n_e, status), *patches, *(np.zeros((n_e, n_c)) for _ in range(11)))
 
 
 register_jitable(locate)
@@ -231,6 +233,7 @@ def press(
     points.rho[e, c] = rho
     points.theta[e, c] = math.atan2(x, y)
     points.f_N[e, c] = V_d
+    points.f_touch[e, c] = f
     points.F_T[e, c] = points.F_max[e, c] = points.F_N[e, c] = points.point_slip[e, c] = 0.0
     if V_d == 0.0:
         return False

@@ -156,9 +156,9 @@ def _certified(M: Array, q: Array, z: Array, pivots: int) -> LcpSolution:
 def friction_lcp(G: Array, slip_free: Array, limits: Array) -> tuple[Array, Array, LcpSolution]:
     """Coulomb friction with given limits as a linear complementarity problem, Eqs. (11), (12).
 
-    The slips are ``slip = slip_free - G F``; a sticking patch has slip 0 and |F| <= limit, a sliding
-    one F = limit sign(slip). With x = F + limit in [0, 2 limit] and the multiplier y of the upper
-    bound this is the problem of
+    The slips are ``slip = slip_free - G F``; a sticking patch has slip 0 and |F| <= limit, a
+    sliding one F = limit sign(slip). With x = F + limit in [0, 2 limit] and the multiplier y of the
+    upper bound this is the problem of
 
         M = [[G, 1], [-1, 0]],   q = [-G limit - slip_free, 2 limit].
 

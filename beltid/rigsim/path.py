@@ -135,8 +135,8 @@ def _mesh_density(
 
 
 # With 1.25 the tensions of rigs with arcs of 25 to 170 degrees, EI of 0.004 to 0.03 N m² and
-# tensions of 50 to 450 N differ by 0.05 % at most from those of a converged mesh, if mu is constant;
-# a mu that falls with the force wants the ends of the contact resolved more finely.
+# tensions of 50 to 450 N differ by 0.05 % at most from those of a converged mesh, if mu is
+# constant; a mu that falls with the force wants the ends of the contact resolved more finely.
 ELEMENT_IN_BEDS = 1.0
 FEWEST_ELEMENTS = 10
 MOST_ELEMENTS = 1000

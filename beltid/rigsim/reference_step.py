@@ -150,7 +150,7 @@ def _complementarity_iteration(
     solve(work.A, work.pivots, free)
     release(system.supports, free)
     G = W.T @ compliance
-    wanted, new_slip, solution = friction_lcp(G, slip - W.T @ free + G @ force, limits)
+    wanted, _, solution = friction_lcp(G, slip - W.T @ free + G @ force, limits)
     move(state.trial, free + compliance @ (wanted - force))
     points.status[:] = SLIDE  # a patch that closes: as in friction.revise
     points.sign[:] = 1.0

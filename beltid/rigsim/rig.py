@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -17,6 +17,7 @@ from beltid.params import OperatingPoint
 from beltid.rigsim.contact import STICK, Points
 from beltid.rigsim.model import Bench, RigModel
 from beltid.rigsim.reference_step import march_by_lemke
+from beltid.rigsim.sensitivity import TensionSensitivity, tension_sensitivity
 from beltid.rigsim.steady import StaticState, solve_steady
 from beltid.rigsim.transient import TransientRun, march, run_transient
 
@@ -43,12 +44,15 @@ class SimulationSettings:
     friction_solver : {"newton", "lemke"}
         Stick and slip of a step by the active set (semismooth Newton), or by Lemke's method on the
         Delassus matrix: the reference, slower by a factor of about ten.
+    sensitivities : bool
+        Also give the sensitivities of the tensions to mu (steady method only).
     """
 
     method: Method = "transient"
     elements: int | None = None
     steps: int = DEFAULT_STEPS
     friction_solver: Literal["newton", "lemke"] = "newton"
+    sensitivities: bool = False
 
     def __post_init__(self) -> None:
         problems = []
@@ -123,6 +127,8 @@ class RunResult:
         tension_N, sticks.
     record : SolverRecord
         What the solver did.
+    sensitivity : TensionSensitivity, optional
+        Derivatives of the tensions with respect to mu, if asked for.
     """
 
     tension_tight_N: float
@@ -132,6 +138,7 @@ class RunResult:
     recording: Mapping[str, Array] | None
     profile: Mapping[str, NDArray[np.generic]]
     record: SolverRecord
+    sensitivity: TensionSensitivity | None = None
 
 
 def simulate(
@@ -157,7 +164,10 @@ def simulate(
     model = bench.model(point, settings.elements)
     if settings.method == "steady":
         laid, sliding = solve_steady(model)
-        return _steady_result(model, laid, sliding)
+        result = _steady_result(model, laid, sliding)
+        if settings.sensitivities:
+            return replace(result, sensitivity=tension_sensitivity(model, sliding))
+        return result
     marcher = march_by_lemke if settings.friction_solver == "lemke" else march
     ratio = bench.contact.sticking_ratio
     run = run_transient(model, settings.steps, ratio, marcher=marcher)

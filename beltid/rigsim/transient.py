@@ -48,7 +48,7 @@ FREE_REVISIONS = 8  # iterations in which all patches may change sides at once
 BUILD_UP_MARGIN = 1.25
 PLATEAU_FACTOR = 5.0  # time step of the plateau over that of the build-up
 STEPS_PER_SWING = 10.0  # plateau steps per period of the slack span, at most
-AUGMENTATION = 1.0e2  # over the axial stiffness EA per shortest element [-]
+AUGMENTATION = 3.0e2  # over the axial stiffness EA per shortest element [-]
 
 
 class Kinematics(NamedTuple):
