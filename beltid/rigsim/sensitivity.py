@@ -1,13 +1,13 @@
 """Sensitivities of the sliding state to the friction surface, by implicit differentiation.
 
 In the sliding state ``r(q, mu_1 ... mu_m) = 0``, where mu_i is the coefficient of friction at
-contact point i. With the tangent K (which holds the change of mu with the force) and a tension T that
-depends on q through the held rows,
+contact point i. With the tangent K, which holds the change of mu with the force, and a tension T
+that depends on q through the held rows,
 
     dT/dmu_i = a . (W_T F_N)_i,   K^T a = dT/dq.
 
-Two transposed solves with the factors of Newton's last tangent give both tensions' derivatives with
-respect to mu at every point; any parameter p of the surface follows by
+Two transposed solves with the factors of the tangent give both tensions' derivatives with respect
+to mu at every point; any parameter p of the surface follows by
 ``dT/dp = sum_i dT/dmu_i dmu(f_i, v)/dp``.
 """
 
