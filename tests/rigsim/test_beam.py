@@ -7,8 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from rig_bench import dense
-from scipy.integrate import solve_bvp
+from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
+from scipy.optimize import brentq
 
 from beltid.params import Belt
 from beltid.rigsim.banded import WIDTH
@@ -41,7 +42,7 @@ def mass(arrays: BeltArrays, n: int) -> Array:
 
 
 def test_cantilever_bends_into_the_elastica() -> None:
-    """A dead load at the tip bends it by more than a right angle's half; the rod is extensible."""
+    """A dead load at the tip bends it by more than 60 degrees; the rod is extensible."""
     length, EA, EI, P = 0.1, 5.0e3, 0.02, 12.0  # P L^2/EI = 6
 
     def rod(_: Array, y: Array) -> Array:
@@ -51,14 +52,12 @@ def test_cantilever_bends_into_the_elastica() -> None:
             [y[1], -stretch * P * np.cos(y[0]) / EI, stretch * np.cos(y[0]), stretch * np.sin(y[0])]
         )
 
-    S = np.linspace(0, length, 50)
-    guess = np.array([S / length, 0 * S + 10, S, 0.5 * S**2 / length])
-    exact = solve_bvp(
-        rod, lambda a, b: np.array([a[0], b[1], a[2], a[3]]), S, guess, tol=1e-11, max_nodes=50000
-    )
-    assert exact.status == 0
-    tip = exact.y[2:, -1]
-    assert exact.y[0, -1] > 1.1  # rad: a large rotation
+    def end(kappa_0: float) -> Array:
+        way = solve_ivp(rod, (0, length), [0, kappa_0, 0, 0], "DOP853", rtol=1e-12, atol=1e-13)
+        return np.asarray(way.y[:, -1])
+
+    tip = end(brentq(lambda kappa_0: end(kappa_0)[1], 10.0, 50.0, xtol=1e-12))
+    assert tip[0] > 1.1  # rad: a large rotation
     sizes, errors = [], []
     for n in (4, 8, 16, 32):
         arrays, q = straight(Belt(EA, EI, 0.1), length, n)
@@ -72,7 +71,7 @@ def test_cantilever_bends_into_the_elastica() -> None:
                 if np.abs(step).max() < 1e-13:
                     break
         sizes.append(length / n)
-        errors.append(math.hypot(*(q[-4:-2] - tip)))
+        errors.append(math.hypot(*(q[-4:-2] - tip[2:])))
     assert errors[-1] < 1e-5 * length
     assert 3.5 < fitted_rate(np.array(sizes), np.array(errors)) < 4.6
 
@@ -97,12 +96,12 @@ def test_frequencies_of_a_pinned_beam_converge_with_the_fourth_power() -> None:
 
 def test_frequencies_of_a_tightened_string_with_its_little_bending_stiffness() -> None:
     """omega^2 rhoA = T (n pi/L)^2 + EI (n pi/L)^4; per reference length EI becomes EI/stretch."""
-    length, EI, rhoA, T, EA = 0.5, 1.0e-3, 0.1, 270.0, 1.0e5
+    length, EI, rhoA, T, EA = 0.5, 1.0e-5, 0.1, 270.0, 1.0e5
     stretch = 1.0 / (1.0 + T / EA)
     k = np.arange(1, 4) * np.pi / length
     exact = np.sqrt((T * k**2 + EI / stretch * k**4) / rhoA)
     sizes, errors = [], []
-    for n in (4, 8, 16):
+    for n in (8, 16, 32):
         arrays, q = straight(Belt(EA, EI, rhoA), length, n)
         K, _ = tangent(arrays, q, stretch)
         M = mass(arrays, q.size)
@@ -111,7 +110,7 @@ def test_frequencies_of_a_tightened_string_with_its_little_bending_stiffness() -
         errors.append(np.abs(np.sqrt(omega2[:3]) / exact - 1))
         sizes.append(length / n)
     worst = np.max(errors, axis=1)
-    assert worst[-1] < 1e-5
+    assert worst[-1] < 1e-7
     # cubics carry the slope of a string to the third order, its energy to the sixth
     assert 5.3 < fitted_rate(np.array(sizes), worst) < 6.7
 
@@ -142,10 +141,8 @@ def flight(steps: int, duration: float, damping_time: float) -> tuple[Array, Arr
     q_dot[0::4], q_dot[1::4] = 0.3, -0.2 + 3.0 * (x - 0.1) + 40.0 * (x - 0.1) ** 2
     q_dot[3::4] = 3.0 + 80.0 * (x - 0.1)
     old = np.zeros((*arrays.w_g.shape, 2))
-    unit = np.tile(np.eye(4)[:, :2], (q.size // 4, 1))  # rigid translations, nodal order
-    rigid = np.zeros((q.size, 2))
+    rigid = np.zeros((q.size, 2))  # translations
     rigid[0::4, 0] = rigid[1::4, 1] = 1.0
-    del unit
 
     def energy() -> float:
         strain = np.zeros_like(old)

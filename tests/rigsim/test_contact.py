@@ -1,0 +1,274 @@
+"""Contact of a part of the belt: energy, forces and tangent against independent computations."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from rig_bench import LAW_5PK, at, bench, dense, true_surface_5pk
+from scipy.integrate import quad
+
+from beltid.laws.penalty import NormalLaw
+from beltid.params import Contact
+from beltid.rigsim.banded import WIDTH
+from beltid.rigsim.contact import (
+    SLIDE,
+    STICK,
+    Motion,
+    Points,
+    in_range,
+    new_points,
+    part_energy,
+)
+from beltid.rigsim.contact_forces import add_contact
+from beltid.rigsim.model import RigModel
+from beltid.rigsim.steady import lay_on
+
+Array = NDArray[np.float64]
+FIXED = settings(max_examples=60, deadline=None, derandomize=True)
+
+K1, K2, HALF_LENGTH = 6.5e7, 3.0256e11, 1.0e-3
+penetration = st.floats(-3e-4, 3e-4)
+inclination = st.floats(-0.25, 0.25)
+
+
+def by_quadrature(delta: float, sigma: float) -> tuple[float, float, float]:
+    """Mean line force, mean couple, and line force averaged over what touches."""
+    a = HALF_LENGTH
+
+    def force(x: float) -> float:
+        d = max(delta + sigma * x, 0.0)
+        return K1 * d + K2 * d * d
+
+    edge = -delta / sigma if sigma else 2 * a
+    ends = [-a, edge, a] if abs(edge) < a else [-a, a]
+    parts = list(zip(ends[:-1], ends[1:], strict=True))
+    V_d = sum(quad(force, *p, epsabs=0, epsrel=1e-12)[0] for p in parts) / (2 * a)
+    V_s = sum(quad(lambda x: x * force(x), *p, epsabs=1e-14, epsrel=1e-12)[0] for p in parts)
+    touching = 2 * a
+    if abs(edge) < a:
+        touching = a - edge if sigma > 0 else edge + a
+    return V_d, V_s / (2 * a), V_d * 2 * a / touching
+
+
+@FIXED
+@given(penetration, inclination)
+def test_line_force_and_couple_are_integrals_over_what_touches(delta: float, sigma: float) -> None:
+    assume(abs(delta + abs(sigma) * HALF_LENGTH) > 1e-9)  # quad needs some width
+    V_d, V_s, _, _, _, f, _, _ = part_energy(delta, sigma, HALF_LENGTH, K1, K2)
+    if delta <= -abs(sigma) * HALF_LENGTH:
+        assert (V_d, V_s, f) == (0.0, 0.0, 0.0)
+        return
+    force, couple, average = by_quadrature(delta, sigma)
+    assert V_d == pytest.approx(force, rel=1e-9, abs=1e-9)
+    assert V_s == pytest.approx(couple, rel=1e-9, abs=1e-11 + 1e-12 * force)
+    assert f == pytest.approx(average, rel=1e-7)
+
+
+@FIXED
+@given(penetration, inclination)
+def test_second_derivatives_of_a_part_are_those_of_its_forces(delta: float, sigma: float) -> None:
+    m = abs(sigma) * HALF_LENGTH
+    d_delta, d_sigma = 1e-9, 1e-6
+    # differences must not straddle an edge of the law
+    assume(abs(abs(delta) - m) > 1e-7 and abs(sigma) > 1e-4)
+    _, _, V_dd, V_ds, V_ss, _, f_d, f_s = part_energy(delta, sigma, HALF_LENGTH, K1, K2)
+
+    def at_(d: float, s: float) -> Array:
+        out = part_energy(delta + d, sigma + s, HALF_LENGTH, K1, K2)
+        return np.array([out[0], out[1], out[5]])
+
+    by_delta = (at_(d_delta, 0) - at_(-d_delta, 0)) / (2 * d_delta)
+    by_sigma = (at_(0, d_sigma) - at_(0, -d_sigma)) / (2 * d_sigma)
+    k = K1 + 2 * K2 * (abs(delta) + m)  # scale
+    a = HALF_LENGTH
+    np.testing.assert_allclose(by_delta, [V_dd, V_ds, f_d], atol=1e-5 * k, rtol=1e-5)
+    np.testing.assert_allclose(by_sigma[0], V_ds, atol=1e-5 * k * a, rtol=1e-5)
+    np.testing.assert_allclose(by_sigma[1], V_ss, atol=1e-5 * k * a * a, rtol=1e-5)
+    np.testing.assert_allclose(by_sigma[2], f_s, atol=1e-5 * k * a, rtol=1e-5)
+
+
+@pytest.mark.parametrize("sigma", [-0.2, -0.03, 0.01, 0.2])
+def test_forces_and_stiffness_are_continuous_where_a_part_opens_and_closes(sigma: float) -> None:
+    m = abs(sigma) * HALF_LENGTH
+    tiny = 1e-13 * m
+    k = K1 + 2 * K2 * 2 * m
+    # full contact: everything is continuous, the average over what touches up to its value
+    inside = part_energy(m + tiny, sigma, HALF_LENGTH, K1, K2)
+    beyond = part_energy(m - tiny, sigma, HALF_LENGTH, K1, K2)
+    np.testing.assert_allclose(inside[:6], beyond[:6], rtol=1e-9, atol=1e-12 * k)
+    # first touch: nothing jumps, neither forces nor stiffness
+    first = part_energy(-m + 1e-9 * m, sigma, HALF_LENGTH, K1, K2)
+    assert first[0] <= 1e-15 * k
+    assert abs(first[2]) <= 1e-8 * k
+    assert abs(first[4]) <= 1e-8 * k * HALF_LENGTH**2
+
+
+def test_a_part_that_lies_flat_carries_the_law() -> None:
+    V_d, V_s, V_dd, *_ = part_energy(64e-6, 0.0, HALF_LENGTH, K1, K2)
+    law = NormalLaw(K1, K2)
+    assert V_d == pytest.approx(float(law.force(64e-6)), rel=1e-14)
+    assert V_dd == pytest.approx(float(law.stiffness(64e-6)), rel=1e-14)
+    assert V_s == 0.0
+    assert part_energy(-1e-9, 0.0, HALF_LENGTH, K1, K2) == (0.0,) * 8
+
+
+@pytest.mark.parametrize(
+    ("value", "inside"), [(0.5, False), (1.0, True), (1.5, True), (2.0, True), (2.1, False)]
+)
+def test_the_measured_range_includes_its_ends(value: float, inside: bool) -> None:
+    assert in_range((1.0, 2.0), value) is inside
+    assert in_range((0.0, math.inf), value)
+
+
+# ----- the assembled contact ----------------------------------------------------------------
+
+
+def pressed(surface: bool, C_P: float = 300.0) -> tuple[RigModel, Array, float]:
+    """A rig laid on and shaken a little, so that no symmetry hides a wrong sign."""
+    rig = bench(
+        law=LAW_5PK, mu=true_surface_5pk(30, 12) if surface else 0.7, contact=Contact(C_P=C_P)
+    )
+    model = rig.model(at(82, 270, 0.21), 16)
+    laid = lay_on(model)
+    rng = np.random.default_rng(11)
+    q = laid.q.copy()
+    q[:] += rng.normal(size=q.size) * np.tile([3e-6, 3e-6, 1e-3, 1e-3], q.size // 4)
+    return model, q, laid.stretch
+
+
+def assembled(
+    model: RigModel, motion: Motion, points: Points, q: Array, stretch: float
+) -> tuple[Array, Array, Array]:
+    A, f, f_stretch = np.zeros((q.size, WIDTH)), np.zeros(q.size), np.zeros(q.size)
+    add_contact(model.system.belt, model.system.pulley, motion, points, q, stretch, A, f, f_stretch)
+    return f, dense(A), f_stretch
+
+
+def fresh(model: RigModel, status: int, q: Array, stretch: float) -> Points:
+    """Points whose last step was a little different from ``q``."""
+    points = new_points(model.system.belt, status)
+    still = Motion(0.2, 0.0, 1.0, 0.0)
+    rng = np.random.default_rng(12)
+    earlier = q + rng.normal(size=q.size) * np.tile([2e-6, 2e-6, 0, 0], q.size // 4)
+    assembled(model, still, points, earlier, stretch)
+    points.theta_old[:] = points.theta
+    points.rho_old[:] = points.rho
+    points.limit_old[:] = points.F_max
+    return points
+
+
+def check_tangent(
+    model: RigModel, motion: Motion, points: Points, q: Array, stretch: float, tolerance: float
+) -> None:
+    f, K, f_stretch = assembled(model, motion, points, q, stretch)
+    assert np.abs(f).max() > 1.0
+    columns = np.arange(q.size)
+    if motion.rate > 0.0 and model.system.pulley.C_P > 0.0:
+        # the share of a part that dissipates is differentiated in the penetration only
+        share = touching_share(model, q)
+        partly = np.any((share > 0) & (share < 1), axis=1)
+        node = np.concatenate([partly, [False]]) | np.concatenate([[False], partly])
+        columns = np.flatnonzero(~np.repeat(node, 4))
+        assert np.count_nonzero(K[:, columns]) > 100
+    for k in columns:
+        d = 1e-9 if k % 4 < 2 else 1e-7
+        step = np.zeros(q.size)
+        step[k] = d
+        ahead = assembled(model, motion, points, q + step, stretch)[0]
+        behind = assembled(model, motion, points, q - step, stretch)[0]
+        difference = (ahead - behind) / (2 * d)
+        np.testing.assert_allclose(K[:, k], difference, atol=tolerance * np.abs(K).max())
+    d = 1e-6
+    by_stretch = assembled(model, motion, points, q, stretch + d)[0]
+    by_stretch = by_stretch - assembled(model, motion, points, q, stretch - d)[0]
+    # the damping of Eq. (4) belongs to a point, not to a length of belt
+    if motion.rate == 0.0:
+        np.testing.assert_allclose(
+            f_stretch, by_stretch / (2 * d), atol=1e-6 * np.abs(f_stretch).max()
+        )
+
+
+def test_frictionless_contact_has_a_symmetric_exact_tangent() -> None:
+    model, q, stretch = pressed(surface=False)
+    points = new_points(model.system.belt, SLIDE)
+    motion = Motion(0.2, 0.0, 0.0, 0.0)
+    check_tangent(model, motion, points, q, stretch, 1e-6)
+    _, K, _ = assembled(model, motion, points, q, stretch)
+    np.testing.assert_allclose(K, K.T, atol=1e-12 * np.abs(K).max())
+
+
+@pytest.mark.parametrize(("rate", "C_P"), [(0.0, 300.0), (2.0e3, 0.0), (2.0e3, 300.0)])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_sliding_on_a_surface_has_an_exact_tangent(rate: float, C_P: float, sign: float) -> None:
+    model, q, stretch = pressed(surface=True, C_P=C_P)
+    points = fresh(model, SLIDE, q, stretch)
+    points.sign[:] = sign
+    motion = Motion(0.2, rate, 1.0, 0.0)
+    check_tangent(model, motion, points, q, stretch, 2e-6)
+
+
+@pytest.mark.parametrize("C_P", [0.0, 300.0])
+def test_sticking_patches_have_an_exact_tangent(C_P: float) -> None:
+    """Within the cone: the turning of a larger force is cut on purpose."""
+    model, q, stretch = pressed(surface=False, C_P=C_P)
+    points = fresh(model, STICK, q, stretch)
+    motion = Motion(0.2, 2.0e3, 1.0, 1.0e3)
+    assembled(model, motion, points, q, stretch)
+    points.la_T[:] = 0.4 * points.limit
+    check_tangent(model, motion, points, q, stretch, 2e-6)
+
+
+def test_friction_is_mu_times_the_force_and_normal_forces_are_central() -> None:
+    model, q, stretch = pressed(surface=True)
+    points = new_points(model.system.belt, SLIDE)
+    motion = Motion(0.21, 0.0, 1.0, 0.0)
+    f, _, _ = assembled(model, motion, points, q, stretch)
+    touches = points.F_N > 0
+    assert np.all(points.F_T[touches] > 0)
+    # the moment of all forces about the pulley's centre is that of friction alone
+    r, force = q.reshape(-1, 2), -f.reshape(-1, 2)
+    moment = np.sum(r[:, 0] * force[:, 1] - r[:, 1] * force[:, 0])
+    expected = -np.sum(points.rho * points.F_T)  # towards B is clockwise
+    assert moment == pytest.approx(expected, rel=1e-12)
+    # mu at the force of each point, from the surface itself; parts that touch in full only
+    surface = true_surface_5pk(30, 12)
+    full = np.zeros_like(touches)
+    full[1:-1] = touches[1:-1] & touches[:-2].all(axis=1)[:, None] & touches[2:].all(axis=1)[:, None]
+    mu = points.F_T[full] / points.F_N[full]
+    np.testing.assert_allclose(mu, surface.mu(points.f_N[full], 0.21 * 0.05), rtol=1e-12)
+
+
+def touching_share(model: RigModel, q: Array) -> Array:
+    """Share of each part in contact, its penetration being linear along the part."""
+    belt = model.system.belt
+    r = np.stack([q.reshape(-1, 4)[:-1], q.reshape(-1, 4)[1:]], axis=1).reshape(-1, 4, 2)
+    at_points = np.einsum("ecj,ejk->eck", belt.N_c, r)
+    gradient = np.einsum("ecj,ejk->eck", belt.D_c, r)
+    rho = np.linalg.norm(at_points, axis=-1)
+    sigma = -np.sum(at_points * gradient, axis=-1) / rho
+    x = np.linspace(-0.5, 0.5, 20001)
+    share = np.zeros(rho.shape)
+    for index in np.ndindex(rho.shape):
+        share[index] = np.mean(model.path.R - rho[index] + sigma[index] * belt.w_c[index] * x > 0)
+    return share
+
+
+@pytest.mark.parametrize(("towards", "dissipates"), [(-1.0, True), (1.0, False)])
+def test_what_touches_dissipates_while_approaching_only(towards: float, dissipates: bool) -> None:
+    """Eqs. (1), (2), (4): C_P belongs to a point; a part that touches in part has its share."""
+    model, q, stretch = pressed(surface=False, C_P=300.0)
+    points = new_points(model.system.belt, SLIDE)
+    assembled(model, Motion(0.0, 0.0, 0.0, 0.0), points, q, stretch)
+    elastic = points.F_N.copy()
+    rate, moved = 1.0e3, 1.0e-6
+    points.rho_old[:] = points.rho - towards * moved
+    assembled(model, Motion(0.0, rate, 0.0, 0.0), points, q, stretch)
+    share = touching_share(model, q)
+    assert 0 < np.count_nonzero((share > 0) & (share < 1)) < 10
+    expected = elastic + (300.0 * rate * moved * share if dissipates else 0.0)
+    np.testing.assert_allclose(points.F_N, expected, atol=1e-4 * 0.3)
