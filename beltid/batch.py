@@ -286,7 +286,7 @@ def _summary(belts: Sequence[BeltRun], folder: Path) -> Summary:
         out=folder,
         facts={"belts": len(belts), "belts_failed": len(failed)},
         table=[_row(belt) for belt in belts],
-        overview=[_short_row(belt) for belt in belts],
+        shown=tuple(_short_row(belts[0])) if belts else (),
         warnings=(),
         verdict=verdict,
         exit_status=status,
@@ -296,7 +296,7 @@ def _summary(belts: Sequence[BeltRun], folder: Path) -> Summary:
 
 def _row(belt: BeltRun) -> dict[str, Any]:
     return {
-        "belt": belt.belt,
+        **_short_row(belt),
         "exit_status": belt.exit_status,
         "stages": dict(belt.states),
         "problems": list(belt.problems),

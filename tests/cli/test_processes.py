@@ -60,7 +60,7 @@ def test_same_input_same_bytes_in_another_process_and_folder(
 
 def test_output_of_a_pipe_is_plain_and_does_not_know_the_terminal(beside: Path) -> None:
     first = run(beside, "build-surface", "friction.parquet", TERM="xterm-256color")
-    other = run(beside, "build-surface", "friction.parquet", TERM="dumb", FORCE_COLOR="")
+    other = run(beside, "build-surface", "friction.parquet", TERM="dumb", FORCE_COLOR="1")
     assert b"\x1b" not in first.stdout + first.stderr
     assert first.stdout == other.stdout
 
