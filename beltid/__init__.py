@@ -62,7 +62,7 @@ if TYPE_CHECKING:
     from beltid.stages.fit_friction import fit_friction
     from beltid.stages.fit_slip import fit_slip
     from beltid.stages.fit_stiffness import fit_stiffness
-    from beltid.stages.simulate_rig import simulate_campaign, simulate_rig
+    from beltid.stages.simulated_runs import simulate_campaign, simulate_rig
     from beltid.stages.tables import load_stiffness, load_surface
 
 __all__ = [
@@ -117,8 +117,8 @@ _HOMES = {
     "fit_stiffness": "stages.fit_stiffness",
     "load_stiffness": "stages.tables",
     "load_surface": "stages.tables",
-    "simulate_campaign": "stages.simulate_rig",
-    "simulate_rig": "stages.simulate_rig",
+    "simulate_campaign": "stages.simulated_runs",
+    "simulate_rig": "stages.simulated_runs",
 }
 
 

@@ -124,6 +124,7 @@ def simulation_settings(
             method=cast(Method, chosen),
             elements=section.elements if elements is None else elements,
             steps=section.steps_per_run or DEFAULT_STEPS,
+            friction_solver=section.friction_solver,
         )
     except InputError as error:
         raise InputError([f"simulation: {line}" for line in error.problems]) from None

@@ -1,4 +1,4 @@
-"""beltid fit-slip: speed-loss recording -> sliding speeds in service (METHOD 2; paper Eq. 7)."""
+"""beltid fit-slip: speed-loss recording -> sliding speeds in service (paper Eq. 7)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""beltid fit-stiffness: press recording -> normal contact law (METHOD 1; paper Eqs. 1 to 4)."""
+"""beltid fit-stiffness: press recording -> normal contact law (paper Eqs. 1 to 4)."""
 
 from __future__ import annotations
 

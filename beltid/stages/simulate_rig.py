@@ -1,37 +1,30 @@
-"""beltid simulate-rig: the friction rig on the computer (METHOD 4; paper Eqs. 9 to 12)."""
+"""beltid simulate-rig: the friction rig on the computer (paper Eqs. 9 to 12)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
-from beltid.config import Config, ConfigSource, load_config
-from beltid.errors import EXIT_DONE, EXIT_NUMERICS, BeltidError, NumericsError
-from beltid.laws.friction_surface import FrictionSurface
-from beltid.laws.penalty import NormalLaw
+from beltid.config import Config, ConfigSource
+from beltid.errors import EXIT_DONE, EXIT_NUMERICS, NumericsError
 from beltid.report.summary import Summary
-from beltid.rigsim.rig import RunResult, SimulationSettings
+from beltid.rigsim.rig import SimulationSettings
 from beltid.stages.campaign import (
     Picked,
-    PlannedRun,
     planned_runs,
     recording_columns,
-    result_row,
-    simulated_results,
     simulation_settings,
     sliding_samples,
     solver_record,
 )
 from beltid.stages.making import Made, Recipe, make
 from beltid.stages.outcome import Outcome
+from beltid.stages.simulated_runs import Campaign, simulate
 from beltid.stages.tables import law_of, surface_of
-from beltid.stages.talk import Options, Talk
+from beltid.stages.talk import Options
 from beltid.store.artifacts import read_artifact
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 KIND: Final = "simulated"
 KEYS: Final = (
@@ -74,30 +67,6 @@ class SimulateOptions(Options):
     jobs: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Campaign:
-    """Runs of a simulated campaign, in their order, each with its result or its failure."""
-
-    runs: tuple[PlannedRun, ...]
-    results: tuple[RunResult | BeltidError, ...]
-
-    @property
-    def failures(self) -> list[tuple[PlannedRun, BeltidError]]:
-        """Runs that failed."""
-        pairs = zip(self.runs, self.results, strict=True)
-        return [(run, result) for run, result in pairs if isinstance(result, BeltidError)]
-
-    @property
-    def finished(self) -> list[tuple[PlannedRun, RunResult]]:
-        """Runs that succeeded."""
-        pairs = zip(self.runs, self.results, strict=True)
-        return [(run, result) for run, result in pairs if not isinstance(result, BeltidError)]
-
-    def rows(self) -> list[dict[str, Any]]:
-        """A row per run: settings, sliding state, status."""
-        return [result_row(*pair) for pair in zip(self.runs, self.results, strict=True)]
-
-
 def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
     """Simulate the runs with ``surface`` and ``stiffness``, write the recording, sum it up."""
     chosen = options if isinstance(options, SimulateOptions) else _with_defaults(options)
@@ -109,7 +78,7 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
         surface = surface_of(read_artifact(inputs["surface"], "surface"))
         law = law_of(read_artifact(inputs["stiffness"], "stiffness"))
         options.talk.say(f"{len(runs)} runs, {settings.method}")
-        done = _simulate(model, (surface, law), runs, settings, chosen)
+        done = simulate(model, (surface, law), runs, settings, (options.talk, chosen.jobs))
         return _outcome(done, model, settings)
 
     choices: dict[str, Any] = {
@@ -124,21 +93,6 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
 
 def _with_defaults(options: Options) -> SimulateOptions:
     return SimulateOptions(force=options.force, talk=options.talk)
-
-
-def _simulate(
-    config: Config,
-    laws: tuple[FrictionSurface | float, NormalLaw],
-    runs: Sequence[PlannedRun],
-    settings: SimulationSettings,
-    options: SimulateOptions,
-) -> Campaign:
-    results: dict[int, RunResult | BeltidError] = {}
-    with options.talk.progress("simulate-rig", len(runs)) as advance:
-        for index, result in simulated_results(config, laws, runs, settings, options.jobs):
-            results[index] = result
-            advance()
-    return Campaign(tuple(runs), tuple(results[i] for i in range(len(runs))))
 
 
 def _outcome(done: Campaign, config: Config, settings: SimulationSettings) -> Outcome[Campaign]:
@@ -228,146 +182,3 @@ def _per_setting(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
             }
         )
     return table
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SimulatedRun:
-    """One run of the simulated rig.
-
-    Attributes
-    ----------
-    tension_tight_N, tension_slack_N : float
-        Forces in the supports, sliding [N].
-    mu : float
-        Friction coefficient by Eq. (6) from these tensions [-].
-    normal_force_N_m : float
-        Mean normal force per length by Eq. (8) [N/m].
-    settings : PlannedRun
-        Arc, initial tension, pulley speed.
-    result : RunResult
-        Everything that the simulation tells, as plain arrays.
-    config : Config
-        The config of the rig.
-    """
-
-    tension_tight_N: float
-    tension_slack_N: float
-    mu: float
-    normal_force_N_m: float
-    settings: PlannedRun
-    result: RunResult
-    config: Config
-
-    @property
-    def recording(self) -> pd.DataFrame | None:
-        """The run over time with the columns of rig.csv; None for the steady method."""
-        import pandas as pd
-
-        if self.result.recording is None:
-            return None
-        columns = recording_columns([self.settings], [self.result], self.config)
-        return pd.DataFrame(columns)
-
-    @property
-    def profile(self) -> pd.DataFrame:
-        """The sliding state along the arc."""
-        import pandas as pd
-
-        return pd.DataFrame(self.result.profile)
-
-
-def simulate_rig(
-    config: Config | Mapping[str, Any] | str | Path | None,
-    surface: FrictionSurface | float,
-    law: NormalLaw,
-    *,
-    arc_deg: float,
-    initial_tension_N: float,
-    pulley_speed_rad_s: float,
-    method: str | None = None,
-    elements: int | None = None,
-) -> SimulatedRun:
-    """Simulate one run of the friction rig.
-
-    Parameters
-    ----------
-    config : Config, dict, path or None
-        Belt, rig and contact; None is the built-in 5PK rig.
-    surface : FrictionSurface or float
-        Friction coefficient; a number is a constant one.
-    law : NormalLaw
-        Normal contact law.
-    arc_deg : float
-        Contact arc [°], in (0, 360); it need not be one of the config.
-    initial_tension_N : float
-        Tension before the pulley turns [N].
-    pulley_speed_rad_s : float
-        Speed of the pulley [rad/s].
-    method : {"transient", "steady"}, optional
-        By default that of the config.
-    elements : int, optional
-        Beam elements of the belt; by default those of the config.
-
-    Returns
-    -------
-    SimulatedRun
-        ``tension_tight_N``, ``tension_slack_N``, ``mu``, ``normal_force_N_m``, ``recording``,
-        ``profile``.
-
-    Raises
-    ------
-    InputError
-        If an argument is out of its range.
-    ConvergenceError
-        If the simulation does not converge.
-    """
-    model = load_config(config)
-    run = PlannedRun("S001", float(arc_deg), float(initial_tension_N), float(pulley_speed_rad_s))
-    settings = simulation_settings(model, method, elements)
-    (_, result), *_ = simulated_results(model, (surface, law), [run], settings, jobs=1)
-    if isinstance(result, BeltidError):
-        raise result
-    return SimulatedRun(
-        tension_tight_N=float(result.tension_tight_N),
-        tension_slack_N=float(result.tension_slack_N),
-        mu=float(result.mu),
-        normal_force_N_m=float(result.normal_force_N_m),
-        settings=run,
-        result=result,
-        config=model,
-    )
-
-
-def simulate_campaign(
-    config: Config | Mapping[str, Any] | str | Path | None,
-    surface: FrictionSurface | float,
-    law: NormalLaw,
-    *,
-    method: str | None = None,
-    jobs: int | None = 1,
-    elements: int | None = None,
-) -> pd.DataFrame:
-    """Simulate every run of a config.
-
-    Parameters
-    ----------
-    config, surface, law, method, elements
-        As of `simulate_rig`.
-    jobs : int or None
-        Runs at the same time; None is one per core. The result does not depend on it.
-
-    Returns
-    -------
-    DataFrame
-        A row per run: run, arc_deg, initial_tension_N, pulley_speed_rad_s, tension_tight_N,
-        tension_slack_N, mu, normal_force_N_m, status ("ok", or why it failed).
-    """
-    import pandas as pd
-
-    model = load_config(config)
-    runs = planned_runs(model, Picked())
-    settings = simulation_settings(model, method, elements)
-    done = _simulate(model, (surface, law), runs, settings, SimulateOptions(talk=Talk(), jobs=jobs))
-    return pd.DataFrame(done.rows()).astype(
-        {"tension_tight_N": float, "tension_slack_N": float, "mu": float, "normal_force_N_m": float}
-    )
