@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import BeltidError, InputError
-from beltid.laws.capstan import friction_coefficient, mean_normal_force, normal_force
+from beltid.laws.capstan import friction_coefficient, mean_normal_force
 from beltid.params import OperatingPoint
-from beltid.rigsim.contact import STICK, Points
 from beltid.rigsim.model import Bench, RigModel
+from beltid.rigsim.profile import ContactState, steady_contact
 from beltid.rigsim.reference_step import march_by_lemke
 from beltid.rigsim.sensitivity import TensionSensitivity, tension_sensitivity
-from beltid.rigsim.steady import StaticState, solve_steady
-from beltid.rigsim.transient import TransientRun, march, run_transient
+from beltid.rigsim.steady import StaticState, lay_on, slide
+from beltid.rigsim.transient import march
+from beltid.rigsim.transient_run import Plan, TransientRun, run_transient
 
 Array = NDArray[np.float64]
 Method = Literal["transient", "steady"]
@@ -46,6 +48,9 @@ class SimulationSettings:
         Delassus matrix: the reference, slower by a factor of about ten.
     sensitivities : bool
         Also give the sensitivities of the tensions to mu (steady method only).
+    profile_times_s : tuple of float
+        Times after the start of rotation at which the contact along the arc is kept [s] (transient
+        method only): the end of the step that holds the time.
     """
 
     method: Method = "transient"
@@ -53,6 +58,7 @@ class SimulationSettings:
     steps: int = DEFAULT_STEPS
     friction_solver: Literal["newton", "lemke"] = "newton"
     sensitivities: bool = False
+    profile_times_s: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         problems = []
@@ -121,12 +127,12 @@ class RunResult:
         Mean of Eq. (8) over the arc [N/m].
     recording : dict of ndarray, or None
         time_s, tension_tight_N, tension_slack_N, pulley_speed_rad_s of a transient run.
-    profile : dict of ndarray
-        The sliding state along the arc: arc_position_m (from the nominal tangent point on the tight
-        side), normal_force_N_m, capstan_force_N_m (Eq. (8)), tangential_force_N_m, slip_speed_m_s,
-        tension_N, sticks.
     record : SolverRecord
         What the solver did.
+    sliding : ContactState
+        The sliding state; its profile is :attr:`profile`.
+    snapshots : tuple of (float, ContactState)
+        Time [s] and contact at the times that were asked for (transient).
     sensitivity : TensionSensitivity, optional
         Derivatives of the tensions with respect to mu, if asked for.
     """
@@ -136,9 +142,15 @@ class RunResult:
     mu: float
     normal_force_N_m: float
     recording: Mapping[str, Array] | None
-    profile: Mapping[str, NDArray[np.generic]]
     record: SolverRecord
+    sliding: ContactState
+    snapshots: tuple[tuple[float, ContactState], ...] = ()
     sensitivity: TensionSensitivity | None = None
+
+    @property
+    def profile(self) -> dict[str, NDArray[np.generic]]:
+        """The sliding state along the arc, see :meth:`ContactState.profile`."""
+        return self.sliding.profile()
 
 
 def simulate(
@@ -162,19 +174,19 @@ def simulate(
     """
     settings = settings or SimulationSettings()
     model = bench.model(point, settings.elements)
-    if settings.method == "steady":
-        laid, sliding = solve_steady(model)
-        result = _steady_result(model, laid, sliding)
-        if settings.sensitivities:
-            return replace(result, sensitivity=tension_sensitivity(model, sliding))
-        return result
-    marcher = march_by_lemke if settings.friction_solver == "lemke" else march
-    ratio = bench.contact.sticking_ratio
-    run = run_transient(model, settings.steps, ratio, marcher=marcher)
-    return _transient_result(model, run)
+    return _simulate_laid(bench, model, lay_on(model), settings)
 
 
-def _steady_result(model: RigModel, laid: StaticState, sliding: StaticState) -> RunResult:
+def _simulate_laid(
+    bench: Bench, model: RigModel, laid: StaticState, settings: SimulationSettings
+) -> RunResult:
+    """Simulate a run whose belt lies on the pulley, tightened."""
+    sliding = slide(model, laid)
+    if settings.method == "transient":
+        marcher = march_by_lemke if settings.friction_solver == "lemke" else march
+        plan = Plan(settings.steps, bench.contact.sticking_ratio, settings.profile_times_s)
+        return _transient_result(model, run_transient(model, laid, sliding, plan, marcher))
+    sensitivity = tension_sensitivity(model, sliding) if settings.sensitivities else None
     record = SolverRecord(
         elements=model.nodes.size - 1,
         steps=0,
@@ -187,10 +199,8 @@ def _steady_result(model: RigModel, laid: StaticState, sliding: StaticState) -> 
         clamped_lookups=sliding.outside,
         lookups=int(np.count_nonzero(sliding.points.F_N > 0.0)),
     )
-    T_A, T_B = sliding.T_A, sliding.T_B
-    speed = np.full(sliding.points.F_N.shape, model.point.omega * model.path.R)
-    profile = _profile(model, sliding.q, sliding.stretch, sliding.points, speed, (T_A, T_B))
-    return _result(model, T_A, T_B, None, profile, record)
+    state = steady_contact(model, sliding)
+    return _result(model, (sliding.T_A, sliding.T_B), state, record, sensitivity=sensitivity)
 
 
 def _transient_result(model: RigModel, run: TransientRun) -> RunResult:
@@ -212,59 +222,31 @@ def _transient_result(model: RigModel, run: TransientRun) -> RunResult:
         "tension_slack_N": run.T_B,
         "pulley_speed_rad_s": run.omega,
     }
-    T_A, T_B = float(run.T_A[-1]), float(run.T_B[-1])
-    speed = run.points.point_slip / (run.time[-1] - run.time[-2])
-    profile = _profile(model, run.q, run.laid.stretch, run.points, speed, (T_A, T_B))
-    return _result(model, T_A, T_B, recording, profile, record)
+    last = run.snapshots[-1][1]
+    tensions = float(run.T_A[-1]), float(run.T_B[-1])
+    return _result(model, tensions, last, record, recording, run.snapshots[:-1])
 
 
 def _result(
     model: RigModel,
-    T_A: float,
-    T_B: float,
-    recording: Mapping[str, Array] | None,
-    profile: Mapping[str, NDArray[np.generic]],
+    tensions: tuple[float, float],
+    state: ContactState,
     record: SolverRecord,
+    recording: Mapping[str, Array] | None = None,
+    snapshots: tuple[tuple[float, ContactState], ...] = (),
+    sensitivity: TensionSensitivity | None = None,
 ) -> RunResult:
     return RunResult(
-        tension_tight_N=T_A,
-        tension_slack_N=T_B,
-        mu=float(friction_coefficient(T_A, T_B, model.point.beta)),
-        normal_force_N_m=float(mean_normal_force(T_A, T_B, model.path.R)),
+        tension_tight_N=tensions[0],
+        tension_slack_N=tensions[1],
+        mu=float(friction_coefficient(*tensions, model.point.beta)),
+        normal_force_N_m=float(mean_normal_force(*tensions, model.path.R)),
         recording=recording,
-        profile=profile,
         record=record,
+        sliding=state,
+        snapshots=snapshots,
+        sensitivity=sensitivity,
     )
-
-
-def _profile(
-    model: RigModel,
-    q: Array,
-    stretch: float,
-    points: Points,
-    slip_speed: Array,
-    tensions: tuple[float, float],
-) -> dict[str, NDArray[np.generic]]:
-    """The contact along the arc, from the tight to the slack side; see :class:`RunResult`."""
-    belt, path = model.system.belt, model.path
-    nodes = q.reshape(-1, 4)
-    shape = (belt.h.size, 2, 2, 2)  # element, node, (r, r'), (x, y)
-    of_element = np.stack([nodes[:-1], nodes[1:]], axis=1).reshape(shape).reshape(-1, 4, 2)
-    gradient = np.einsum("ecj,ejk->eck", belt.D_c, of_element)
-    axial = belt.EA * (np.linalg.norm(gradient, axis=-1) / stretch - 1.0)
-    touches = points.F_N > 0.0
-    angle = points.theta[touches] + 0.5 * path.beta
-    mu = friction_coefficient(*tensions, path.beta)
-    sticks = np.broadcast_to((points.status == STICK)[:, None], touches.shape)
-    return {
-        "arc_position_m": path.R * angle,
-        "normal_force_N_m": points.f_N[touches],
-        "capstan_force_N_m": normal_force(angle, tensions[0], mu, path.R),
-        "tangential_force_N_m": (points.F_T / (belt.w_c * stretch))[touches],
-        "slip_speed_m_s": slip_speed[touches],
-        "tension_N": axial[touches],
-        "sticks": sticks[touches],
-    }
 
 
 def campaign(
@@ -275,6 +257,8 @@ def campaign(
     stop: Callable[[], bool] = lambda: False,
 ) -> Iterator[tuple[int, RunResult | BeltidError]]:
     """Simulate many runs; the compiled kernels release the interpreter, so threads suffice.
+
+    Runs that differ in speed only share the belt laid on and tightened.
 
     Parameters
     ----------
@@ -296,28 +280,49 @@ def campaign(
         that fails for a reason yields its error, and the others go on.
     """
     settings = settings or SimulationSettings()
+    rigs: dict[tuple[float, float], list[int]] = {}
+    for index, point in enumerate(points):
+        rigs.setdefault((point.beta, point.T_0), []).append(index)
 
-    def one(index: int) -> RunResult | BeltidError:
-        try:
-            return simulate(bench, points[index], settings)
-        except BeltidError as error:
-            return error
+    def together(indices: list[int]) -> list[tuple[int, RunResult | BeltidError]]:
+        return list(_simulate_together(bench, points, indices, settings, stop))
 
     workers = jobs or os.cpu_count() or 1
-    waiting = iter(range(len(points)))
+    if workers == 1:
+        for indices in rigs.values():
+            yield from _simulate_together(bench, points, indices, settings, stop)
+        return
+    waiting = iter(rigs.values())
     with ThreadPoolExecutor(max_workers=workers) as pool:
-        running: dict[Future[RunResult | BeltidError], int] = {}
-
-        def refill() -> None:
-            while len(running) < 2 * workers and not stop():
-                index = next(waiting, None)
-                if index is None:
-                    return
-                running[pool.submit(one, index)] = index
-
-        refill()
+        running = {pool.submit(together, indices) for indices in islice(waiting, 2 * workers)}
         while running:
-            ended, _ = wait(running, return_when=FIRST_COMPLETED)
+            ended, running = wait(running, return_when=FIRST_COMPLETED)
             for future in ended:
-                yield running.pop(future), future.result()
-            refill()
+                yield from future.result()
+            if not stop():
+                more = islice(waiting, len(ended))
+                running |= {pool.submit(together, indices) for indices in more}
+
+
+def _simulate_together(
+    bench: Bench,
+    points: Sequence[OperatingPoint],
+    indices: Sequence[int],
+    settings: SimulationSettings,
+    stop: Callable[[], bool],
+) -> Iterator[tuple[int, RunResult | BeltidError]]:
+    """Simulate runs of one arc and initial tension."""
+    try:
+        model = bench.model(points[indices[0]], settings.elements)
+        laid = lay_on(model)
+    except BeltidError as error:
+        yield from ((index, error) for index in indices)
+        return
+    for index in indices:
+        if stop():
+            return
+        try:
+            of_run = replace(model, point=points[index])
+            yield index, _simulate_laid(bench, of_run, laid, settings)
+        except BeltidError as error:
+            yield index, error

@@ -148,8 +148,8 @@ class StaticState:
         Nodal coordinates.
     stretch : float
         Stress-free length over path length [-].
-    T_A, T_B : float
-        Magnitude of the forces on support A (tight side) and B (slack side) [N].
+    force : ndarray, shape (4,)
+        Forces of the supports A (tight side) and B (slack side) on the belt, x and y each [N].
     points : Points
         State of the contact points.
     iterations : int
@@ -162,24 +162,28 @@ class StaticState:
 
     q: Array
     stretch: float
-    T_A: float
-    T_B: float
+    force: Array
     points: Points
     iterations: int
     residual: float
     outside: int
 
+    @property
+    def T_A(self) -> float:
+        """Magnitude of the force of support A, the tight side [N]."""
+        return math.hypot(self.force[0], self.force[1])
 
-def support_forces(force: Array) -> tuple[float, float]:
-    """Magnitudes of the forces on supports A and B from the held rows (4,) [N]."""
-    return math.hypot(force[0], force[1]), math.hypot(force[2], force[3])
+    @property
+    def T_B(self) -> float:
+        """Magnitude of the force of support B, the slack side [N]."""
+        return math.hypot(self.force[2], self.force[3])
 
 
 def _state(q: Array, points: Points, work: Workspace, outcome: Outcome, spent: int) -> StaticState:
-    T_A, T_B = support_forces(work.reactions.force)
+    force = work.reactions.force.copy()
     iterations = spent + outcome.iterations
     return StaticState(
-        q, outcome.stretch, T_A, T_B, points, iterations, outcome.residual, outcome.outside
+        q, outcome.stretch, force, points, iterations, outcome.residual, outcome.outside
     )
 
 

@@ -14,18 +14,15 @@ and tried again.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.errors import ConvergenceError
 from beltid.rigsim.banded import factorize, solve
 from beltid.rigsim.belt import add_inertia, add_internal, store_strains
 from beltid.rigsim.compiled import kernel
-from beltid.rigsim.contact import STICK, Motion, Points, new_points
+from beltid.rigsim.contact import STICK, Motion, Points
 from beltid.rigsim.contact_forces import add_contact
 from beltid.rigsim.friction import (
     CONE_TOLERANCE,
@@ -35,7 +32,7 @@ from beltid.rigsim.friction import (
     violations,
 )
 from beltid.rigsim.model import RigModel, System, Workspace
-from beltid.rigsim.steady import StaticState, describe, largest_force, move, solve_steady
+from beltid.rigsim.steady import largest_force, move
 from beltid.rigsim.supports import hold, release
 
 Array = NDArray[np.float64]
@@ -45,10 +42,6 @@ TOLERANCE = 1.0e-9  # residual force over T_0
 MOST_ITERATIONS = 60
 MOST_HALVINGS = 8
 FREE_REVISIONS = 8  # iterations in which all patches may change sides at once
-BUILD_UP_MARGIN = 1.25
-PLATEAU_FACTOR = 5.0  # time step of the plateau over that of the build-up
-STEPS_PER_SWING = 10.0  # plateau steps per period of the slack span, at most
-AUGMENTATION = 3.0e2  # over the axial stiffness EA per shortest element [-]
 
 
 class Kinematics(NamedTuple):
@@ -160,6 +153,7 @@ class Recorder(NamedTuple):
     cone: Array
     wanted: Counts
     profiles: Array
+    coordinates: Array
 
 
 def new_recorder(model: RigModel, n: int, wanted: Counts) -> Recorder:
@@ -185,6 +179,7 @@ def new_recorder(model: RigModel, n: int, wanted: Counts) -> Recorder:
         cone=value(),
         wanted=wanted,
         profiles=profiles,
+        coordinates=np.zeros((wanted.size, 4 * model.nodes.size)),
     )
 
 
@@ -263,135 +258,5 @@ def march(
         for i in range(record.wanted.size):
             if record.wanted[i] == k:
                 keep_profile(points, parts / schedule.dt[k], record.profiles[i])
+                record.coordinates[i] = state.q
     return schedule.omega.size
-
-
-Marcher = Callable[[System, Points, Kinematics, Schedule, Drive, Workspace, Recorder], int]
-
-
-@dataclass(frozen=True, slots=True)
-class TransientRun:
-    """A run in time.
-
-    Attributes
-    ----------
-    time : ndarray, shape (n + 1,)
-        Time [s]; the first sample is the belt at rest, laid on and tightened.
-    omega : ndarray, shape (n + 1,)
-        Speed of the pulley in the step that ends at that time [rad/s].
-    T_A, T_B : ndarray, shape (n + 1,)
-        Forces on the supports of the tight and the slack side [N].
-    laid, sliding : StaticState
-        Static states before the pulley turns and in the limit of full sliding.
-    record : Recorder
-        Certificate and counts of each step, profiles.
-    q : ndarray
-        Nodal coordinates at the end.
-    points : Points
-        Contact at the end.
-    """
-
-    time: Array
-    omega: Array
-    T_A: Array
-    T_B: Array
-    laid: StaticState
-    sliding: StaticState
-    record: Recorder
-    q: Array
-    points: Points
-
-
-def build_up_travel(model: RigModel, laid: StaticState, sliding: StaticState) -> float:
-    """Travel of the pulley's surface until everything slides [m].
-
-    The last point to let go has been carried from its place at rest to its place in the sliding
-    state, so the largest of these distances is the travel.
-    """
-    touches = sliding.points.F_N > 0.0
-    turned = (sliding.points.theta - laid.points.theta)[touches]
-    return model.path.R * float(np.max(turned))
-
-
-def make_schedule(model: RigModel, laid: StaticState, sliding: StaticState, steps: int) -> Schedule:
-    """Rest, build-up in small steps of travel, and a plateau in larger ones.
-
-    The build-up is given a quarter more than the static travel. The plateau's steps are larger,
-    also as a part of the period in which the slack span swings: an implicit Euler step damps what
-    it does not resolve, so that what the start has set swinging comes to rest within the run.
-    """
-    rest = max(steps // 13, 3)
-    build_up = steps // 2
-    plateau = steps - rest - build_up
-    travel = BUILD_UP_MARGIN * build_up_travel(model, laid, sliding)
-    dt = travel / build_up / (model.path.R * model.point.omega)
-    period = 2.0 * model.path.span * math.sqrt(model.rhoA / sliding.T_B)
-    dt_plateau = max(PLATEAU_FACTOR * dt, period / STEPS_PER_SWING)
-    return Schedule(
-        dt=np.concatenate([np.full(rest + build_up, dt), np.full(plateau, dt_plateau)]),
-        omega=np.concatenate([np.zeros(rest), np.full(build_up + plateau, model.point.omega)]),
-    )
-
-
-def run_transient(
-    model: RigModel,
-    steps: int,
-    sticking_ratio: float = 1.0,
-    wanted: Counts | None = None,
-    marcher: Marcher = march,
-) -> TransientRun:
-    """Lay the belt on, tighten it, and turn the pulley until the plateau.
-
-    Parameters
-    ----------
-    model : RigModel
-        The rig on the mesh of the run.
-    steps : int
-        Time steps.
-    sticking_ratio : float
-        Limit of friction of a patch at rest over that of a sliding one [-].
-    wanted : ndarray of int, optional
-        Steps whose profiles are kept.
-    marcher : callable
-        :func:`march`, or the reference :func:`beltid.rigsim.reference_step.march_by_lemke`.
-
-    Raises
-    ------
-    ConvergenceError
-        If a static state is not found, or a step fails although it was cut.
-    """
-    laid, sliding = solve_steady(model)
-    schedule = make_schedule(model, laid, sliding, steps)
-    belt = model.system.belt
-    points = new_points(belt, STICK)
-    points.theta_old[:] = laid.points.theta
-    points.rho_old[:] = laid.points.rho
-    points.ratio[:] = sticking_ratio
-    work = model.workspace()
-    store_strains(belt, laid.q, laid.stretch, work.strain_old)
-    state = Kinematics(laid.q.copy(), *(np.zeros_like(laid.q) for _ in range(3)))
-    record = new_recorder(model, steps, np.zeros(0, np.int64) if wanted is None else wanted)
-    augmentation = AUGMENTATION * belt.EA / float(belt.h.min())
-    drive = Drive(laid.stretch, model.point.T_0, augmentation, sticking_ratio)
-    done = marcher(model.system, points, state, schedule, drive, work, record)
-    time = np.concatenate([[0.0], np.cumsum(schedule.dt)])
-    if done < steps:
-        spent = int(record.iterations[done])
-        raise ConvergenceError(
-            f"{describe(model.point)}: the step at {time[done]:.4g} s found no solution in {spent} "
-            f"iterations, cut {MOST_HALVINGS} times (residual {record.residual[done]:.2g} of T0)",
-            iterations=spent,
-            residual=float(record.residual[done]),
-        )
-    force = record.force
-    return TransientRun(
-        time=time,
-        omega=np.concatenate([[0.0], schedule.omega]),
-        T_A=np.concatenate([[laid.T_A], np.hypot(force[:, 0], force[:, 1])]),
-        T_B=np.concatenate([[laid.T_B], np.hypot(force[:, 2], force[:, 3])]),
-        laid=laid,
-        sliding=sliding,
-        record=record,
-        q=state.q,
-        points=points,
-    )

@@ -1,0 +1,204 @@
+"""A run in time: the schedule of rest, build-up and plateau, and what comes of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.errors import ConvergenceError
+from beltid.rigsim.belt import store_strains
+from beltid.rigsim.contact import STICK, Points, new_points
+from beltid.rigsim.model import RigModel, System, Workspace
+from beltid.rigsim.profile import ContactState
+from beltid.rigsim.steady import StaticState, describe
+from beltid.rigsim.transient import (
+    MOST_HALVINGS,
+    Drive,
+    Kinematics,
+    Recorder,
+    Schedule,
+    march,
+    new_recorder,
+)
+
+Array = NDArray[np.float64]
+
+BUILD_UP_MARGIN = 1.25
+PLATEAU_FACTOR = 5.0  # time step of the plateau over that of the build-up
+STEPS_PER_SWING = 10.0  # plateau steps per period of the slack span, at most
+AUGMENTATION = 3.0e2  # over the axial stiffness EA per shortest element [-]
+
+Marcher = Callable[[System, Points, Kinematics, Schedule, Drive, Workspace, Recorder], int]
+
+
+@dataclass(frozen=True, slots=True)
+class TransientRun:
+    """A run in time.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n + 1,)
+        Time [s]; the first sample is the belt at rest, laid on and tightened.
+    omega : ndarray, shape (n + 1,)
+        Speed of the pulley in the step that ends at that time [rad/s].
+    T_A, T_B : ndarray, shape (n + 1,)
+        Forces on the supports of the tight and the slack side [N].
+    laid, sliding : StaticState
+        Static states before the pulley turns and in the limit of full sliding.
+    record : Recorder
+        Certificate and counts of each step, profiles.
+    points : Points
+        Contact at the end.
+    snapshots : tuple of (float, ContactState)
+        Time [s] and contact at the times of the plan, and at the end.
+    """
+
+    time: Array
+    omega: Array
+    T_A: Array
+    T_B: Array
+    laid: StaticState
+    sliding: StaticState
+    record: Recorder
+    points: Points
+    snapshots: tuple[tuple[float, ContactState], ...]
+
+
+def build_up_travel(model: RigModel, laid: StaticState, sliding: StaticState) -> float:
+    """Travel of the pulley's surface until everything slides [m].
+
+    The last point to let go has been carried from its place at rest to its place in the sliding
+    state, so the largest of these distances is the travel.
+    """
+    touches = sliding.points.F_N > 0.0
+    turned = (sliding.points.theta - laid.points.theta)[touches]
+    return model.path.R * float(np.max(turned))
+
+
+def make_schedule(model: RigModel, laid: StaticState, sliding: StaticState, steps: int) -> Schedule:
+    """Rest, build-up in small steps of travel, and a plateau in larger ones.
+
+    The build-up is given a quarter more than the static travel. The plateau's steps are larger,
+    also as a part of the period in which the slack span swings: an implicit Euler step damps what
+    it does not resolve, so that what the start has set swinging comes to rest within the run.
+    """
+    rest = max(steps // 13, 3)
+    build_up = steps // 2
+    plateau = steps - rest - build_up
+    travel = BUILD_UP_MARGIN * build_up_travel(model, laid, sliding)
+    dt = travel / build_up / (model.path.R * model.point.omega)
+    period = 2.0 * model.path.span * math.sqrt(model.rhoA / sliding.T_B)
+    dt_plateau = max(PLATEAU_FACTOR * dt, period / STEPS_PER_SWING)
+    return Schedule(
+        dt=np.concatenate([np.full(rest + build_up, dt), np.full(plateau, dt_plateau)]),
+        omega=np.concatenate([np.zeros(rest), np.full(build_up + plateau, model.point.omega)]),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Resolution of a run.
+
+    Parameters
+    ----------
+    steps : int
+        Time steps.
+    sticking_ratio : float
+        Limit of friction of a patch at rest over that of a sliding one [-].
+    profile_times : tuple of float
+        Times after the start of rotation at which the contact is kept [s].
+    """
+
+    steps: int
+    sticking_ratio: float = 1.0
+    profile_times: tuple[float, ...] = ()
+
+
+def run_transient(
+    model: RigModel,
+    laid: StaticState,
+    sliding: StaticState,
+    plan: Plan,
+    marcher: Marcher = march,
+) -> TransientRun:
+    """Turn the pulley under the belt laid on and tightened, until the plateau.
+
+    Parameters
+    ----------
+    model : RigModel
+        The rig on the mesh of the run.
+    laid, sliding : StaticState
+        The start, and the sliding limit, which gives the travel that the build-up will take.
+    plan : Plan
+        Resolution of the run.
+    marcher : callable
+        :func:`march`, or the reference :func:`beltid.rigsim.reference_step.march_by_lemke`.
+
+    Raises
+    ------
+    ConvergenceError
+        If a step fails although it was cut.
+    """
+    schedule = make_schedule(model, laid, sliding, plan.steps)
+    time = np.concatenate([[0.0], np.cumsum(schedule.dt)])
+    start = time[np.count_nonzero(schedule.omega == 0.0)]
+    at = np.searchsorted(time[1:], start + np.asarray(plan.profile_times, dtype=float))
+    wanted = np.append(np.minimum(at, plan.steps - 1), plan.steps - 1).astype(np.int64)
+    belt = model.system.belt
+    points = new_points(belt, STICK)
+    points.theta_old[:] = laid.points.theta
+    points.rho_old[:] = laid.points.rho
+    points.ratio[:] = plan.sticking_ratio
+    work = model.workspace()
+    store_strains(belt, laid.q, laid.stretch, work.strain_old)
+    state = Kinematics(laid.q.copy(), *(np.zeros_like(laid.q) for _ in range(3)))
+    record = new_recorder(model, plan.steps, wanted)
+    augmentation = AUGMENTATION * belt.EA / float(belt.h.min())
+    drive = Drive(laid.stretch, model.point.T_0, augmentation, plan.sticking_ratio)
+    done = marcher(model.system, points, state, schedule, drive, work, record)
+    if done < plan.steps:
+        spent = int(record.iterations[done])
+        raise ConvergenceError(
+            f"{describe(model.point)}: the step at {time[done]:.4g} s found no solution in {spent} "
+            f"iterations, cut {MOST_HALVINGS} times (residual {record.residual[done]:.2g} of T0)",
+            iterations=spent,
+            residual=float(record.residual[done]),
+        )
+    force = record.force
+    T_A = np.concatenate([[laid.T_A], np.hypot(force[:, 0], force[:, 1])])
+    T_B = np.concatenate([[laid.T_B], np.hypot(force[:, 2], force[:, 3])])
+    return TransientRun(
+        time=time,
+        omega=np.concatenate([[0.0], schedule.omega]),
+        T_A=T_A,
+        T_B=T_B,
+        laid=laid,
+        sliding=sliding,
+        record=record,
+        points=points,
+        snapshots=tuple(
+            (float(time[k + 1]), _contact(model, laid.stretch, force[k], record, i))
+            for i, k in enumerate(wanted)
+        ),
+    )
+
+
+def _contact(
+    model: RigModel, stretch: float, support_force: Array, record: Recorder, i: int
+) -> ContactState:
+    line_force, tangential_force, slip_speed, sticks, angle = record.profiles[i]
+    return ContactState(
+        model=model,
+        stretch=stretch,
+        support_force=support_force,
+        q=record.coordinates[i],
+        angle=angle,
+        line_force=line_force,
+        tangential_force=tangential_force,
+        slip_speed=slip_speed,
+        sticks=sticks,
+    )
