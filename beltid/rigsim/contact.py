@@ -22,7 +22,7 @@ be more constraints than the element has tangential freedoms.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
@@ -63,21 +63,32 @@ def contact_arrays(
     R: float, contact: Contact, law: NormalLaw, surface: FrictionSurface
 ) -> ContactArrays:
     """Pulley of radius ``R`` [m] with the identified laws, ready for compiled code."""
-    tables = surface.tables()
+    # float(): an int would make the kernels be compiled once more for another signature
     return ContactArrays(
-        # float(): an int would make the kernels be compiled once more for another signature
         R=float(R),
         k_linear=float(law.k_linear_N_m2),
         k_quadratic=float(law.k_quadratic_N_m3),
         C_P=float(contact.C_P),
-        f_range=_limits(surface.normal_force_N_m),
-        v_range=_limits(surface.slip_speed_m_s),
-        x_nodes=tables.x_nodes,
-        y_nodes=tables.y_nodes,
-        f_ref=tables.f_ref,
-        v_ref=tables.v_ref,
-        C=tables.C,
+        **_surface_fields(surface),
     )
+
+
+def with_surface(pulley: ContactArrays, surface: FrictionSurface) -> ContactArrays:
+    """The same pulley with another friction surface."""
+    return pulley._replace(**_surface_fields(surface))
+
+
+def _surface_fields(surface: FrictionSurface) -> dict[str, Any]:
+    tables = surface.tables()
+    return {
+        "f_range": _limits(surface.normal_force_N_m),
+        "v_range": _limits(surface.slip_speed_m_s),
+        "x_nodes": tables.x_nodes,
+        "y_nodes": tables.y_nodes,
+        "f_ref": tables.f_ref,
+        "v_ref": tables.v_ref,
+        "C": tables.C,
+    }
 
 
 def _limits(nodes: Array) -> tuple[float, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +13,7 @@ from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.rigsim.banded import WIDTH
 from beltid.rigsim.belt import BeltArrays, belt_arrays
-from beltid.rigsim.contact import ContactArrays, contact_arrays
+from beltid.rigsim.contact import ContactArrays, contact_arrays, with_surface
 from beltid.rigsim.path import Path, graded_nodes
 from beltid.rigsim.supports import Reactions, SupportArrays, new_reactions
 
@@ -72,6 +72,11 @@ class RigModel:
         """Nodal coordinates of the belt on its path, shape (4 (n_e + 1),)."""
         parts = [self.path.position(self.nodes), self.path.tangent(self.nodes)]
         return np.ascontiguousarray(np.concatenate(parts, axis=1).ravel())
+
+    def with_surface(self, surface: FrictionSurface) -> RigModel:
+        """The same rig with another friction surface."""
+        pulley = with_surface(self.system.pulley, surface)
+        return replace(self, system=self.system._replace(pulley=pulley))
 
     def workspace(self) -> Workspace:
         """Room for the linearised system."""

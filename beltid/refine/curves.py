@@ -1,0 +1,76 @@
+"""ln mu over ln f_N: one natural cubic spline per speed, and the two roughnesses of such a set.
+
+The parameters are the values of ln mu at common knots in ln f_N, a column per speed. Beyond the
+knots the nearest value holds, as everywhere in the package. Two quadratic forms say how rough a set
+of curves is: how much each one bends, and how much the shape of neighbouring speeds differs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Curves:
+    """Splines of ln mu over ln f_N at common knots.
+
+    Parameters
+    ----------
+    log_force : ndarray, shape (k,)
+        Knots in ln f_N, f_N in [N/m].
+    log_speed : ndarray, shape (m,)
+        ln of the speeds, v in [m/s], increasing.
+    """
+
+    log_force: Array
+    log_speed: Array
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return self.log_force.size * self.log_speed.size
+
+    def basis(self, log_force: Array) -> Array:
+        """Value of ln mu per knot value, shape (n, k); the nearest knot's beyond the knots."""
+        spline = CubicSpline(self.log_force, np.eye(self.log_force.size), bc_type="natural")
+        inside = np.clip(log_force, self.log_force[0], self.log_force[-1])
+        return np.asarray(spline(inside), dtype=float)
+
+    def bending(self) -> Array:
+        """Quadratic form of the bending of all curves, shape (size, size).
+
+        ``p' Q p`` is the integral of (d² ln mu / d(ln f)²)² over ln f, added over the speeds. The
+        parameters are ordered speed by speed.
+        """
+        one = self._integral(2)
+        return np.asarray(np.kron(np.eye(self.log_speed.size), one), dtype=float)
+
+    def difference(self) -> Array:
+        """Quadratic form of the difference in shape between neighbouring speeds.
+
+        ``p' Q p`` is the integral of (d slope / d(ln v))² over ln f, with slope = d ln mu/d(ln f),
+        added over the gaps between speeds times their width. It is zero for mu = a(f) b(v).
+        """
+        one = self._integral(1)
+        m = self.log_speed.size
+        gaps = np.diff(self.log_speed)
+        D = (np.eye(m, k=1) - np.eye(m))[: m - 1]
+        return np.kron(D.T @ np.diag(1.0 / gaps) @ D, one) if m > 1 else np.zeros(one.shape)
+
+    def _integral(self, order: int) -> Array:
+        """Integral over ln f of the products of the basis functions' derivatives, (k, k)."""
+        spline = CubicSpline(self.log_force, np.eye(self.log_force.size), bc_type="natural")
+        x, w = np.polynomial.legendre.leggauss(4)
+        mid = 0.5 * (self.log_force[1:] + self.log_force[:-1])
+        half = 0.5 * np.diff(self.log_force)
+        points = (mid[:, None] + half[:, None] * x).ravel()
+        weights = (half[:, None] * w).ravel()
+        values = np.asarray(spline(points, order), dtype=float)
+        product: Array = values.T @ (weights[:, None] * values)
+        return product
