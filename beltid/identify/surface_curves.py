@@ -70,6 +70,9 @@ class Curve:
         Index of the speed setting.
     f, mu, se : ndarray (m,)
         Points, ascending in f: force [N/m], friction coefficient and standard error [-].
+    band : tuple of float
+        Lowest and highest friction coefficient of its runs as they were measured, before they
+        were brought to a common speed and repetitions averaged [-].
     """
 
     arc_deg: float
@@ -77,6 +80,7 @@ class Curve:
     f: Array
     mu: Array
     se: Array
+    band: tuple[float, float]
 
     def covers(self, force: Array) -> NDArray[np.bool_]:
         """Whether forces [N/m] lie between the first and the last point."""
@@ -180,10 +184,13 @@ def build_curves(points: Points, speed_gap: float, force_gap: float) -> CurveSet
     curves: list[Curve] = []
     notes: list[str] = []
     for a, arc in enumerate(arcs):
-        groups = [
-            at_setting.take((arc_label == a) & (speed_label == k)) for k in range(speeds.size)
+        masks = [(arc_label == a) & (speed_label == k) for k in range(speeds.size)]
+        groups = [at_setting.take(mask) for mask in masks]
+        found = [
+            _curve(g, (float(arc), k), force_gap, points.mu[mask])
+            for k, (g, mask) in enumerate(zip(groups, masks, strict=True))
+            if g.f.size
         ]
-        found = [_curve(g, float(arc), k, force_gap) for k, g in enumerate(groups) if g.f.size]
         missing = [f"{speeds[k]:.4g}" for k, g in enumerate(groups) if not g.f.size]
         if missing:
             notes.append(f"arc {arc:g}°: no run at {_listed(missing)} m/s")
@@ -202,12 +209,15 @@ def _listed(words: list[str], most: int = 6) -> str:
     return shown if len(words) <= most else f"{shown} and {len(words) - most} other speeds,"
 
 
-def _curve(points: Points, arc_deg: float, speed: int, force_gap: float) -> Curve:
+def _curve(
+    points: Points, setting: tuple[float, int], force_gap: float, measured_mu: Array
+) -> Curve:
     """Curve through the points of one arc and speed, repetitions averaged."""
     label = settings_of(points.f, force_gap)
     groups = [label == k for k in range(label.max() + 1)]
     f, mu, se = np.array([_mean_point(points.take(g)) for g in groups]).T
-    return Curve(arc_deg, speed, f, mu, se)
+    band = float(measured_mu.min()), float(measured_mu.max())
+    return Curve(*setting, f, mu, se, band)
 
 
 def _mean_point(points: Points) -> tuple[float, float, float]:

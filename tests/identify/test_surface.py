@@ -112,9 +112,9 @@ def test_arc_without_runs_at_one_speed_still_counts_in_proportion() -> None:
 
 
 @pytest.mark.parametrize("belt", BELTS)
-def test_full_campaign_of_a_bench_needs_no_remark(belt: str) -> None:
+def test_full_campaign_of_a_bench_needs_no_remark_but_on_held_nodes(belt: str) -> None:
     result = build(bench(belt))
-    assert result.notes == ()
+    assert [note for note in result.notes if "held within the values measured" not in note] == []
     assert result.average.mu.shape == (8, 5)
     assert [grid.mu.shape for grid in result.arcs] == [(8, 5)] * 3
     assert np.all(np.diff(result.average.mu, axis=0) < 0)  # falls with force
@@ -165,8 +165,12 @@ def test_speed_scatter_of_the_motor_is_taken_off() -> None:
     grid = result.average
     assert grid.slip_speed_m_s == pytest.approx(SPEEDS, rel=3e-3)
     expected = law(grid.normal_force_N_m[:, None], grid.slip_speed_m_s)
+    bands = [scattered["mu"][data["v"] == speed] for speed in SPEEDS]
+    low, high = (np.array([edge(band) for band in bands]) for edge in (np.min, np.max))
+    free = (grid.mu > low) & (grid.mu < high)  # others are held at the edge of what was measured
+    assert free.sum() >= 30
     # uncorrected the scatter would leave 0.2 * 0.8 % / sqrt(3) = 0.1 % on every node
-    assert np.sqrt(np.mean((grid.mu / expected - 1) ** 2)) < 5e-5
+    assert np.sqrt(np.mean((grid.mu / expected - 1)[free] ** 2)) < 5e-5
 
 
 def test_runs_in_either_direction_are_one_speed() -> None:
@@ -256,9 +260,7 @@ def test_unknown_error_of_a_run_is_replaced_by_the_usual_one() -> None:
     se = np.full(120, 0.004)
     se[[3, 17]] = np.nan
     result = build({**data, "se": se})
-    assert result.notes == (
-        "2 points without a standard error: 0.004 (median of the others) taken",
-    )
+    assert "2 points without a standard error: 0.004 (median of the others) taken" in result.notes
     same = build({**data, "se": np.full(120, 0.004)})
     assert np.array_equal(result.average.mu_se, same.average.mu_se)
 

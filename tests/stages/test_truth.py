@@ -11,7 +11,7 @@ import pytest
 from beltid.batch import BatchOptions, config_sources, run_batch
 from beltid.config import ConfigSource
 from beltid.report.summary import Summary
-from beltid.stages.tables import load_stiffness
+from beltid.stages.tables import load_stiffness, load_surface
 from beltid.store.artifacts import read_artifact
 
 ROOT = Path(__file__).parents[2]
@@ -91,3 +91,18 @@ def test_friction_falls_with_the_force_at_every_speed(
         here = averaged & (columns["slip_speed_m_s"] == speed)
         order = np.argsort(columns["normal_force_N_m"][here])
         assert np.all(np.diff(columns["mu"][here][order]) < 0)
+
+
+@pytest.mark.parametrize("belt", LAWS)
+def test_the_surface_stays_within_the_measured_band(chain: tuple[Path, Summary], belt: str) -> None:
+    measured = read_artifact(chain[0] / belt / "friction.parquet", "friction").columns
+    surface = load_surface(chain[0] / belt / "surface.parquet")
+    for k, speed in enumerate(surface.slip_speed_m_s):
+        mu = measured["mu_sliding"][np.abs(measured["slip_speed_m_s"] / speed - 1.0) < 0.02]
+        assert mu.size == 24
+        assert mu.min() <= surface.mu_nodes[:, k].min()
+        assert surface.mu_nodes[:, k].max() <= mu.max()
+    f = np.geomspace(100.0, 20_000.0, 300)[:, None]
+    anywhere = surface.mu(f, np.geomspace(1e-4, 1.0, 300))
+    assert measured["mu_sliding"].min() <= anywhere.min() * (1.0 + 1e-12)
+    assert anywhere.max() <= measured["mu_sliding"].max() * (1.0 + 1e-12)
