@@ -61,7 +61,10 @@ class Curves:
         m = self.log_speed.size
         gaps = np.diff(self.log_speed)
         D = (np.eye(m, k=1) - np.eye(m))[: m - 1]
-        return np.kron(D.T @ np.diag(1.0 / gaps) @ D, one) if m > 1 else np.zeros(one.shape)
+        if m == 1:
+            return np.zeros(one.shape)
+        between = D.T @ (D / gaps[:, None])
+        return np.asarray(np.kron(between, one), dtype=float)
 
     def _integral(self, order: int) -> Array:
         """Integral over ln f of the products of the basis functions' derivatives, (k, k)."""

@@ -1,0 +1,65 @@
+"""The choice of smoothness, against direct Gaussian computations and data of known noise."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from beltid.refine.curves import Curves
+from beltid.refine.evidence import LinearModel, Smoothness, choose_smoothness
+
+
+def _model(rng: np.random.Generator, noise: float, wiggle: float) -> tuple[LinearModel, np.ndarray]:
+    curves = Curves(np.linspace(0.0, 3.0, 10), np.array([0.0, 1.0]))
+    truth = np.concatenate([np.sin(wiggle * curves.log_force), np.sin(wiggle * curves.log_force)])
+    J = np.zeros((80, 20))
+    at = rng.uniform(0.0, 3.0, 80)
+    for i, u in enumerate(at):
+        j = i % 2
+        J[i, 10 * j : 10 * j + 10] = curves.basis(np.array([u]))[0]
+    y = J @ truth + noise * rng.normal(size=80)
+    return LinearModel(J, y, curves.bending(), curves.difference()), truth
+
+
+def test_evidence_ratio_is_that_of_the_marginal_gaussians():
+    # a full-rank prior makes the marginal likelihood a plain Gaussian density
+    rng = np.random.default_rng(3)
+    J, y = rng.normal(size=(6, 3)), rng.normal(size=6)
+    B = rng.normal(size=(3, 3))
+    model = LinearModel(J, y, B @ B.T + np.eye(3), np.eye(3))
+    values = []
+    for s in (Smoothness(0.7, 0.4, 1.3), Smoothness(2.0, 3.0, 0.8)):
+        prior = np.linalg.inv(s.bending * model.bending + s.difference * model.difference)
+        direct = multivariate_normal(np.zeros(6), J @ prior @ J.T + s.noise_scale**2 * np.eye(6))
+        values.append(model.log_evidence(s) - direct.logpdf(y))
+    assert values[0] == pytest.approx(values[1], abs=1e-7)
+
+
+@pytest.mark.parametrize("noise", [0.7, 1.0, 3.0])
+def test_noise_is_found(noise):
+    found = []
+    for seed in range(12):
+        model, _ = _model(np.random.default_rng(seed), noise, wiggle=0.4)
+        found.append(choose_smoothness(model, Smoothness(1.0, 1.0, 1.0)).noise_scale)
+    # 80 data, about six parameters: the mean of twelve estimates scatters by 2.5 %
+    assert np.mean(found) == pytest.approx(noise, rel=0.08)
+
+
+def test_rough_data_get_more_parameters_than_smooth_ones():
+    counts = []
+    for wiggle in (0.3, 4.0):
+        model, _ = _model(np.random.default_rng(1), 0.02, wiggle)
+        chosen = choose_smoothness(model, Smoothness(1.0, 1.0, 1.0))
+        counts.append(model.effective_parameters(chosen))
+    assert counts[1] > counts[0] + 3.0
+
+
+def test_errors_of_the_solution_cover_the_truth():
+    inside = []
+    for seed in range(40):
+        model, truth = _model(np.random.default_rng(100 + seed), 1.0, wiggle=1.0)
+        chosen = choose_smoothness(model, Smoothness(1.0, 1.0, 1.0))
+        mean, covariance = model.solve(chosen)
+        inside.append(np.abs(mean - truth) < 1.96 * np.sqrt(np.diag(covariance)))
+    assert 0.90 <= np.mean(inside) <= 0.995
