@@ -1,4 +1,4 @@
-"""Benches of the tests, a march with a schedule of one's own, and dense copies of banded matrices."""
+"""Benches of the tests, a march with a schedule of one's own, dense copies of banded matrices."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from beltid.rigsim.contact import STICK, Points, new_points
 from beltid.rigsim.model import Bench, RigModel
 from beltid.rigsim.steady import StaticState, lay_on
 from beltid.rigsim.transient import (
-    AUGMENTATION,
     Drive,
     Kinematics,
     Recorder,
@@ -27,6 +26,8 @@ from beltid.rigsim.transient import (
 )
 
 Array = NDArray[np.float64]
+
+AUGMENTATION = 1.0e2  # over EA per shortest element: a step that converged does not depend on it
 
 LAW_5PK = NormalLaw(6.5e7, 3.0256e11)
 LINEAR_LAW = NormalLaw(1.0e8)
@@ -111,7 +112,12 @@ class March:
         return np.hypot(self.record.force[:, 2], self.record.force[:, 3])
 
 
-def start(rig: Bench, point: OperatingPoint, elements: int | None = None) -> March:
+def start(
+    rig: Bench,
+    point: OperatingPoint,
+    elements: int | None = None,
+    augmentation: float = AUGMENTATION,
+) -> March:
     """The belt laid on and tightened, at rest, everything sticking."""
     model = rig.model(point, elements)
     laid = lay_on(model)
@@ -124,6 +130,6 @@ def start(rig: Bench, point: OperatingPoint, elements: int | None = None) -> Mar
     strain_old = np.zeros((*belt.w_g.shape, 2))
     store_strains(belt, laid.q, laid.stretch, strain_old)
     state = Kinematics(laid.q.copy(), *(np.zeros_like(laid.q) for _ in range(3)))
-    drive = Drive(laid.stretch, point.T_0, AUGMENTATION * belt.EA / float(belt.h.min()), ratio)
+    drive = Drive(laid.stretch, point.T_0, augmentation * belt.EA / float(belt.h.min()), ratio)
     record = new_recorder(model, 0, np.zeros(0, np.int64))
     return March(model, laid, state, points, drive, record, strain_old)

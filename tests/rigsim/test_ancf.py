@@ -105,10 +105,10 @@ def test_section_forces_and_tangent_are_the_derivatives_of_the_energy(
 ) -> None:
     p, angle = polar
     u = np.array([p * math.cos(angle), p * math.sin(angle), bx, by])
-    eps, kappa = strains(*u, stretch)
+    eps, kappa = strains(u[0], u[1], u[2], u[3], stretch)
     g, H, g_stretch = np.empty(4), np.empty((4, 4)), np.empty(4)
     forces = (BELT.EA * eps, BELT.EI * kappa)
-    section(*u, forces, (BELT.EA, BELT.EI, stretch), g, H, g_stretch)
+    section(u[0], u[1], u[2], u[3], forces, (BELT.EA, BELT.EI, stretch), g, H, g_stretch)
     exact = section_gradient(u, stretch)
     np.testing.assert_allclose(g, exact, rtol=1e-10, atol=1e-9)
     np.testing.assert_allclose(H, H.T, rtol=0, atol=1e-12 * np.abs(H).max())
@@ -208,17 +208,13 @@ def test_damping_adds_force_and_tangent_in_proportion_to_the_strain_rates() -> N
     power = (
         tau
         * rate
-        * np.sum(
-            arrays.w_g[..., None] * [BELT.EA, BELT.EI] * (new - old) * 0.5 * (ahead - behind)
-        )
+        * np.sum(arrays.w_g[..., None] * [BELT.EA, BELT.EI] * (new - old) * 0.5 * (ahead - behind))
     )
     assert (f - f_elastic) @ virtual == pytest.approx(power, rel=1e-6)
     step = np.random.default_rng(6).normal(size=q.size) * 1e-8
     difference = internal(arrays, q + step, 1.0, old, rate)[0]
     difference -= internal(arrays, q - step, 1.0, old, rate)[0]
-    np.testing.assert_allclose(
-        K @ step, 0.5 * difference, atol=1e-6 * np.abs(difference).max()
-    )
+    np.testing.assert_allclose(K @ step, 0.5 * difference, atol=1e-6 * np.abs(difference).max())
 
 
 @FIXED

@@ -1,4 +1,4 @@
-"""The assembled belt as a beam: elastica, frequencies, free flight. Convergence rates are fitted."""
+"""The assembled belt as a beam: elastica, frequencies, free flight; rates are fitted."""
 
 from __future__ import annotations
 

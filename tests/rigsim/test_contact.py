@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -46,7 +47,7 @@ def by_quadrature(delta: float, sigma: float) -> tuple[float, float, float]:
 
     edge = -delta / sigma if sigma else 2 * a
     ends = [-a, edge, a] if abs(edge) < a else [-a, a]
-    parts = list(zip(ends[:-1], ends[1:], strict=True))
+    parts = list(itertools.pairwise(ends))
     V_d = sum(quad(force, *p, epsabs=0, epsrel=1e-12)[0] for p in parts) / (2 * a)
     V_s = sum(quad(lambda x: x * force(x), *p, epsabs=1e-14, epsrel=1e-12)[0] for p in parts)
     touching = 2 * a
@@ -228,7 +229,7 @@ def test_friction_is_mu_times_the_force_and_normal_forces_are_central() -> None:
     points = new_points(model.system.belt, SLIDE)
     motion = Motion(0.21, 0.0, 1.0, 0.0)
     f, _, _ = assembled(model, motion, points, q, stretch)
-    touches = points.F_N > 0
+    touches: NDArray[np.bool_] = np.asarray(points.F_N > 0)
     assert np.all(points.F_T[touches] > 0)
     # the moment of all forces about the pulley's centre is that of friction alone
     r, force = q.reshape(-1, 2), -f.reshape(-1, 2)
@@ -237,8 +238,10 @@ def test_friction_is_mu_times_the_force_and_normal_forces_are_central() -> None:
     assert moment == pytest.approx(expected, rel=1e-12)
     # mu at the force of each point, from the surface itself; parts that touch in full only
     surface = true_surface_5pk(30, 12)
-    full = np.zeros_like(touches)
-    full[1:-1] = touches[1:-1] & touches[:-2].all(axis=1)[:, None] & touches[2:].all(axis=1)[:, None]
+    full = np.zeros(touches.shape, dtype=np.bool_)
+    full[1:-1] = (
+        touches[1:-1] & touches[:-2].all(axis=1)[:, None] & touches[2:].all(axis=1)[:, None]
+    )
     mu = points.F_T[full] / points.F_N[full]
     np.testing.assert_allclose(mu, surface.mu(points.f_N[full], 0.21 * 0.05), rtol=1e-12)
 

@@ -1,0 +1,216 @@
+"""Runs that fail, steps that are cut, campaigns that go on; kernels that are cached."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from rig_bench import LAW_5PK, at, bench, start, true_surface_5pk
+
+import beltid
+from beltid.errors import EXIT_NUMERICS, ConvergenceError, InputError
+from beltid.laws.penalty import NormalLaw
+from beltid.rigsim.rig import Method, RunResult, SimulationSettings, campaign, simulate
+from beltid.rigsim.steady import lay_on, slide
+from beltid.rigsim.transient import Recorder
+from beltid.rigsim.transient_run import Plan, run_transient
+
+# a stiff belt needs some newtons to lie on the pulley at all
+HOPELESS = at(82, 1e-3)
+
+
+def test_a_static_failure_names_the_run_its_iterations_and_residual() -> None:
+    with pytest.raises(ConvergenceError) as caught:
+        simulate(bench(law=LAW_5PK), HOPELESS)
+    error = caught.value
+    assert error.exit_status == EXIT_NUMERICS
+    assert "arc 82 deg" in str(error)
+    assert "T0 0.001 N" in str(error)
+    assert "omega 0.21 rad/s" in str(error)
+    assert error.iterations > 0
+    assert f"in {error.iterations} Newton iterations" in str(error)
+    assert error.residual > 1e-9
+
+
+def test_a_campaign_goes_on_without_the_run_that_fails() -> None:
+    points = [at(40, 270), HOPELESS, at(82, 270), at(82, 150)]
+    for jobs in (1, 2):
+        ended = dict(campaign(bench(law=LAW_5PK), points, SimulationSettings("steady"), jobs))
+        assert sorted(ended) == [0, 1, 2, 3]
+        assert isinstance(ended[1], ConvergenceError)
+        for index in (0, 2, 3):
+            assert isinstance(ended[index], RunResult)
+
+
+@pytest.mark.parametrize("method", ["steady", "transient"])
+def test_results_do_not_depend_on_the_number_of_threads(method: Method) -> None:
+    rig = bench(law=LAW_5PK, mu=true_surface_5pk(30, 12))
+    points = [at(arc, T_0, omega) for arc in (40, 82) for T_0 in (80, 270) for omega in (0.1, 0.5)]
+    chosen = SimulationSettings(method)
+    one, two = (dict(campaign(rig, points, chosen, jobs)) for jobs in (1, 2))
+    alone = [simulate(rig, point, chosen) for point in points]
+    for index, run in enumerate(alone):
+        for other in (one[index], two[index]):
+            assert isinstance(other, RunResult)
+            assert other.tension_tight_N == run.tension_tight_N
+            assert other.tension_slack_N == run.tension_slack_N
+            assert other.record == run.record
+            if run.recording is not None and other.recording is not None:
+                for column, values in run.recording.items():
+                    assert np.array_equal(values, other.recording[column])
+
+
+def test_a_stopped_campaign_starts_nothing_more() -> None:
+    done: list[int] = []
+    points = [at(82, T_0) for T_0 in (100, 200, 300, 400)]
+    for index, _ in campaign(
+        bench(), points, SimulationSettings("steady"), 1, stop=lambda: len(done) >= 2
+    ):
+        done.append(index)
+    assert 2 <= len(done) < len(points)
+
+
+def test_a_step_that_does_not_converge_is_cut_and_the_run_goes_on() -> None:
+    """Steps of 0.1 mm, the travel of the whole build-up, on a hard pulley."""
+    rig, point = bench(law=NormalLaw(1e10)), at(150, 270, 1.0)
+    march = start(rig, point)
+    assert march.go(1e-4 / (0.05 * point.omega), point.omega, 10) == 10
+    assert march.record.halvings.sum() >= 1
+    assert march.record.slip.max() <= 1e-13
+    assert march.record.cone.max() <= 1e-9
+    assert march.record.residual.max() <= 1e-9
+    assert march.go(1e-2, point.omega, 100) == 100
+    still = simulate(rig, point, SimulationSettings("steady"))
+    assert march.T_A[-1] == pytest.approx(still.tension_tight_N, rel=1e-5)
+    assert march.T_B[-1] == pytest.approx(still.tension_slack_N, rel=1e-5)
+
+
+def test_a_run_that_fails_in_time_names_the_moment() -> None:
+    model = bench(law=LAW_5PK).model(at(68, 220, 0.42))
+    laid = lay_on(model)
+
+    def fails_in_the_21st_step(*arguments: object) -> int:
+        record = arguments[-1]
+        assert isinstance(record, Recorder)
+        record.iterations[20], record.residual[20] = 555, 3.2e-4
+        return 20
+
+    with pytest.raises(ConvergenceError) as caught:
+        run_transient(model, laid, slide(model, laid), Plan(steps=130), fails_in_the_21st_step)
+    text = str(caught.value)
+    for part in ("arc 68 deg", "T0 220 N", "omega 0.42 rad/s", " s ", "555 iterations", "0.00032"):
+        assert part in text
+    assert caught.value.iterations == 555
+    assert caught.value.residual == 3.2e-4
+
+
+@pytest.mark.parametrize(
+    ("settings", "problem"),
+    [
+        ({"method": "dynamic"}, "method = 'dynamic', must be 'transient' or 'steady'"),
+        ({"elements": 21}, "elements = 21, must be even and >= 4"),
+        ({"steps": 7}, "steps = 7, must be >= 52"),
+    ],
+)
+def test_wrong_settings_are_refused(settings: dict[str, object], problem: str) -> None:
+    with pytest.raises(InputError, match="must be") as caught:
+        SimulationSettings(**settings)  # type: ignore[arg-type]
+    assert problem in caught.value.problems
+
+
+def test_an_integer_radius_or_stiffness_compiles_nothing_anew() -> None:
+    run = simulate(
+        bench(R=1, span=2, law=NormalLaw(100_000_000)),
+        at(82, 270),
+        SimulationSettings("steady"),
+    )
+    assert run.mu == pytest.approx(0.5, rel=0.01)
+
+
+# ----- compiled kernels ---------------------------------------------------------------------
+
+PACKAGE = Path(beltid.__file__).parent
+
+
+def compiled_of(package: Path, name: str) -> ModuleType:
+    """The module of the cache of another copy of the package."""
+    spec = importlib.util.spec_from_file_location(name, package / "rigsim" / "compiled.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def copy_of_sources(folder: Path) -> Path:
+    package = folder / "beltid"
+    for room in ("rigsim", "laws"):
+        (package / room).mkdir(parents=True)
+        for source in (PACKAGE / room).glob("*.py"):
+            shutil.copy(source, package / room / source.name)
+    return package
+
+
+@pytest.mark.parametrize("room", ["rigsim/contact.py", "rigsim/ancf.py", "laws/surface_tables.py"])
+def test_every_edit_of_a_kernel_opens_another_cache(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, room: str
+) -> None:
+    monkeypatch.setenv("BELTID_CACHE_DIR", str(tmp_path / "cache"))
+    package = copy_of_sources(tmp_path)
+    before = compiled_of(package, "compiled_before").cache_folder()
+    again = compiled_of(package, "compiled_again").cache_folder()
+    assert before == again
+    assert before.parent == tmp_path / "cache"
+    edited = package / room
+    edited.write_text(edited.read_text() + "\n# an edit\n")
+    assert compiled_of(package, "compiled_after").cache_folder() != before
+
+
+KERNEL = """
+from beltid.rigsim.ancf import strains
+assert strains(1.0, 0.0, 0.0, 20.0, 1.0) == (0.0, 20.0)
+print(sum(strains.stats.cache_hits.values()), sum(strains.stats.cache_misses.values()))
+"""
+
+
+def run_kernel(cache: Path, package: Path = PACKAGE) -> tuple[int, int]:
+    """Hits and misses of the cache in a process of its own."""
+    env = {**os.environ, "BELTID_CACHE_DIR": str(cache), "PYTHONPATH": str(package.parent)}
+    done = subprocess.run(
+        [sys.executable, "-c", KERNEL], env=env, capture_output=True, text=True, check=True
+    )
+    hits, misses = done.stdout.split()
+    return int(hits), int(misses)
+
+
+def test_a_damaged_cache_heals(tmp_path: Path) -> None:
+    """Index and code of a kernel overwritten, cut short: compiled anew without an error."""
+    whole = tmp_path / "whole"
+    assert run_kernel(whole) == (0, 1)
+    assert run_kernel(whole) == (1, 0)
+    for damage in ("garbage", "cut"):
+        cache = tmp_path / damage
+        shutil.copytree(whole, cache)
+        files = [path for path in cache.rglob("*") if path.suffix in (".nbi", ".nbc")]
+        assert len(files) >= 2
+        for path in files:
+            content = path.read_bytes()
+            half = content[: len(content) // 2]
+            path.write_bytes(b"\x80\x05not a kernel" * 9 if damage == "garbage" else half)
+        assert run_kernel(cache)[0] == 0
+        assert run_kernel(cache) == (1, 0)
+
+
+def test_a_cache_that_cannot_be_written_does_not_stop_the_work(tmp_path: Path) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("not a folder")
+    package = tmp_path / "elsewhere" / "beltid"
+    shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__"))
+    run_kernel(blocked / "cache", package)

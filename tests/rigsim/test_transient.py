@@ -1,0 +1,209 @@
+"""Time stepping: the certificate of every step, no creep, the peak, the slip front, the clock."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rig_bench import LAW_5PK, March, at, bench, start, true_surface_5pk
+
+from beltid.params import Contact
+from beltid.rigsim.contact import STICK
+from beltid.rigsim.rig import SimulationSettings, simulate
+
+SLIP_ALLOWED = 1e-13  # m
+TRAVEL = 1e-6  # m per step
+
+
+def turned(march: March, travel: float, omega: float = 0.21, steps: int = 50) -> None:
+    """Turn the pulley by a travel of its surface."""
+    assert march.go(travel / steps / (0.05 * omega), omega, steps) == steps
+
+
+@settings(max_examples=12, deadline=None, derandomize=True)
+@given(
+    st.floats(30, 165),
+    st.floats(60, 450),
+    st.floats(-1.5, 0.5),
+    st.floats(1.0, 1.3),
+    st.booleans(),
+)
+def test_every_step_ends_with_its_certificate(
+    arc: float, T_0: float, log_omega: float, ratio: float, on_surface: bool
+) -> None:
+    omega = 10.0**log_omega
+    mu = true_surface_5pk(30, 12) if on_surface else 0.7
+    march = start(
+        bench(law=LAW_5PK, mu=mu, contact=Contact(sticking_ratio=ratio)), at(arc, T_0, omega)
+    )
+    assert march.go(2e-6 / (0.05 * omega), omega, 60) == 60
+    record = march.record
+    assert record.slip.max() <= SLIP_ALLOWED
+    assert record.cone.max() <= 1e-9
+    assert record.residual.max() <= 1e-9
+    # the state itself, not the record: sticking within the cone, sliding on its edge, both ways
+    points = march.points
+    touching = points.limit > 0
+    stuck = touching & (points.status == STICK)
+    slides = touching & ~stuck
+    assert np.all(np.abs(points.force[stuck]) <= points.limit[stuck] * (1 + 1e-9))
+    np.testing.assert_allclose(np.abs(points.force[slides]), points.limit[slides], rtol=1e-12)
+    assert np.all(points.sign[slides] * points.slip[slides] >= -SLIP_ALLOWED)
+    np.testing.assert_allclose(points.F_T.sum(axis=1)[touching], points.force[touching], rtol=1e-9)
+
+
+@pytest.mark.parametrize("on_surface", [False, True])
+def test_a_belt_below_its_friction_limit_does_not_creep(on_surface: bool) -> None:
+    """A partial turn, then the pulley held: after the swing of the spans nothing moves for 1 s."""
+    mu = true_surface_5pk() if on_surface else 0.5
+    march = start(bench(law=LAW_5PK, mu=mu), at())
+    turned(march, 40e-6)
+    assert march.record.sticking[-1] > 0.3 * march.record.touching[-1]
+    turned_tension = march.T_A[-1]
+    for dt, steps in ((1e-4, 100), (1e-3, 200)):  # 0.2 s of rest
+        assert march.go(dt, 0.0, steps) == steps
+    before, q = march.points.theta.copy(), march.state.q.copy()
+    assert march.go(1e-2, 0.0, 100) == 100
+    touches = march.points.F_N > 0
+    assert np.abs(march.points.theta - before)[touches].max() * 0.05 < 1e-9
+    assert np.abs(march.state.q - q).reshape(-1, 4)[:, :2].max() < 1e-9
+    # and the belt holds a difference of tensions by friction alone
+    assert march.T_A[-1] - march.T_B[-1] > 0.3 * (turned_tension - 270)
+    assert march.record.slip.max() <= SLIP_ALLOWED
+
+
+def test_turning_back_and_forth_ends_where_it_slid_before() -> None:
+    """Slip in both directions; full sliding forgets what was before."""
+    march = start(bench(), at())
+    turned(march, 300e-6)
+    for _ in range(2):
+        march.go(1e-2, 0.21, 40)
+    ahead = march.T_A[-1], march.T_B[-1]
+    march.go(1e-4, -0.21, 200)
+    march.go(1e-2, -0.21, 40)
+    assert march.T_B[-1] == pytest.approx(ahead[0], rel=1e-5)
+    assert march.T_A[-1] == pytest.approx(ahead[1], rel=1e-5)
+
+
+def apparent(march_T_A: np.ndarray, march_T_B: np.ndarray) -> np.ndarray:
+    return np.asarray(np.log(march_T_A / march_T_B) / math.radians(82))
+
+
+def test_more_friction_at_rest_gives_a_peak_above_the_same_plateau() -> None:
+    peaks, plateaus = [], []
+    for ratio in (1.0, 1.05, 1.2):
+        # slow and without swinging, so that the peak is that of friction
+        rig = bench(contact=Contact(sticking_ratio=ratio), damping_time=1e-3)
+        run = simulate(rig, at(82, 270, 0.02))
+        assert run.recording is not None
+        mu = apparent(run.recording["tension_tight_N"], run.recording["tension_slack_N"])
+        peaks.append(mu.max())
+        plateaus.append(run.mu)
+    np.testing.assert_allclose(plateaus, plateaus[0], rtol=1e-6)
+    assert peaks[0] < plateaus[0] * 1.001
+    assert peaks[1] > plateaus[0] * 1.001
+    assert peaks[2] > peaks[1] + 0.001
+
+
+def test_slip_front_moves_inward_from_both_ends() -> None:
+    march = start(bench(mu=0.5), at(82, 270, 0.02), elements=80)
+    steps = 160
+    assert march.go(TRAVEL / (0.05 * 0.02), 0.02, steps, profiles=True) == steps
+    assert np.all(np.diff(march.record.sticking) <= 1e-12)
+    assert march.record.sticking[0] > 0.8 * march.record.touching[0]
+    assert march.record.sticking[-1] == 0.0
+    entry, leave = -np.inf, np.inf
+    for profile in march.record.profiles:
+        touches, sticks, angle = profile[0] > 0, profile[3] == 1.0, profile[4]
+        stuck = angle[touches & sticks]
+        if stuck.size == 0:
+            continue
+        # one zone of stick, slip on both sides of it, towards B everywhere
+        inside = (angle > stuck.min()) & (angle < stuck.max()) & touches
+        assert np.all(sticks[inside])
+        assert np.any(touches & (angle < stuck.min())) or entry == -np.inf
+        # a patch stands as long as it sticks: its points are carried on by the pulley only
+        assert stuck.min() >= entry - 1e-12
+        assert stuck.max() <= leave + 2 * TRAVEL / 0.05
+        entry, leave = stuck.min(), stuck.max()
+        # the law binds the mean slip of a patch; at the front one of its points may lag a little
+        assert profile[2][touches & ~sticks].min() > -0.01 * 0.02 * 0.05
+
+
+def test_sticking_points_are_carried_by_the_pulley() -> None:
+    march = start(bench(), at(82, 270, 0.21))
+    first = march.laid.points.theta.copy()
+    turned(march, 30e-6)
+    carried = (march.points.status == STICK) & (march.points.limit > 0)
+    angle = np.mean((march.points.theta - first)[carried], axis=1)
+    np.testing.assert_allclose(angle * 0.05, 30e-6, rtol=2e-3)
+
+
+@pytest.mark.parametrize("factor", [0.1, 10.0])
+def test_the_augmentation_does_not_show_in_the_result(factor: float) -> None:
+    tensions = []
+    for augmentation in (1e2, factor * 1e2):
+        march = start(bench(law=LAW_5PK), at(), augmentation=augmentation)
+        turned(march, 80e-6, steps=80)
+        tensions.append((march.T_A.copy(), march.T_B.copy()))
+    np.testing.assert_allclose(tensions[0], tensions[1], rtol=1e-7)
+
+
+def test_implicit_steps_converge_at_least_with_the_first_power_of_the_time_step() -> None:
+    """A sudden fast start, waves and all: the tight tension after 60 um of travel."""
+    values = []
+    steps = np.array([20, 40, 80, 160, 320])
+    for n in steps:
+        march = start(bench(law=LAW_5PK), at(82, 270, 1.0))
+        turned(march, 60e-6, 1.0, int(n))
+        values.append(march.T_A[-1])
+    changes = np.abs(np.diff(values))
+    assert 0.9 < -np.polyfit(np.log(steps[1:]), np.log(changes), 1)[0] < 1.6
+    assert changes[-1] < 1e-5 * values[-1]
+
+
+def test_newton_and_lemke_agree() -> None:
+    """The active set and the complementarity problem on the Delassus matrix, step by step."""
+    rig = bench(law=LAW_5PK, mu=true_surface_5pk(30, 12), contact=Contact(sticking_ratio=1.1))
+    runs = [
+        simulate(rig, at(68, 220), SimulationSettings(steps=60, friction_solver=solver))
+        for solver in ("newton", "lemke")
+    ]
+    for column in ("tension_tight_N", "tension_slack_N"):
+        newton, lemke = (run.recording[column] for run in runs if run.recording is not None)
+        np.testing.assert_allclose(newton, lemke, rtol=1e-7)
+    assert runs[1].record.slip_m <= SLIP_ALLOWED
+    assert runs[1].record.cone <= 1e-9
+
+
+def test_a_recording_resolves_the_build_up() -> None:
+    run = simulate(bench(law=LAW_5PK), at())
+    record = run.recording
+    assert record is not None
+    time, speed = record["time_s"], record["pulley_speed_rad_s"]
+    assert time[0] == 0.0
+    assert np.all(np.diff(time) > 0)
+    assert time.size >= 101
+    # at rest first, with T_0 on both sides; then the pulley turns at its speed
+    rest = speed == 0.0
+    assert np.count_nonzero(rest) >= 3
+    assert np.all(np.diff(rest.astype(int)) <= 0)
+    np.testing.assert_allclose(record["tension_tight_N"][rest], 270, rtol=1e-7)
+    np.testing.assert_allclose(speed[~rest], 0.21)
+    # between rest and 95 % of the rise lie many samples
+    rise = record["tension_tight_N"] - 270
+    part = (rise > 0.02 * rise[-1]) & (rise < 0.95 * rise[-1])
+    assert np.count_nonzero(part) >= 20
+    assert record["tension_tight_N"][-1] == run.tension_tight_N
+
+
+@pytest.mark.parametrize("steps", [52, 130, 400])
+def test_the_plateau_does_not_depend_on_the_number_of_steps(steps: int) -> None:
+    rig = bench(law=LAW_5PK, mu=true_surface_5pk())
+    still = simulate(rig, at(), SimulationSettings("steady"))
+    run = simulate(rig, at(), SimulationSettings(steps=steps))
+    assert run.record.steps == steps
+    assert run.mu == pytest.approx(still.mu, rel=1e-3)
