@@ -88,18 +88,24 @@ class Number(Checked):
 
 @dataclass(frozen=True, slots=True)
 class Count(Checked):
-    """A whole number between two bounds, both included."""
+    """A whole number between two bounds, both included; an even one if it must be."""
 
     low: int
     high: int
+    even: bool = False
+
+    @property
+    def interval(self) -> str:
+        """The bounds in words, e.g. ``even and in [4, 2000]``."""
+        return f"{'even and ' if self.even else ''}in [{self.low}, {self.high}]"
 
     def check(self, value: Any) -> int:
         """Return the value as an int; a float such as 5.0 counts as whole."""
         whole = isinstance(value, int) or (isinstance(value, float) and value.is_integer())
         if isinstance(value, bool) or not whole:
-            raise complain(f"a whole number in [{self.low}, {self.high}]{_number_hint(value)}")
-        if not self.low <= value <= self.high:
-            raise complain(f"in [{self.low}, {self.high}]")
+            raise complain(f"a whole number {self.interval}{_number_hint(value)}")
+        if not self.low <= value <= self.high or (self.even and value % 2):
+            raise complain(self.interval)
         return int(value)
 
 

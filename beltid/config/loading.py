@@ -81,8 +81,7 @@ def _plain(value: Any) -> Any:
 
 
 def _with_paths_from(config: Config, folder: Path) -> Config:
-    stated: dict[str, Path] = config.data.model_dump(exclude_none=True)
-    resolved = {kind: _short(folder / path) for kind, path in stated.items()}
+    resolved = {kind: _short(folder / path) for kind, path in config.data.files.items()}
     return config.model_copy(update={"data": config.data.model_copy(update=resolved)})
 
 

@@ -77,11 +77,24 @@ Recorded = Annotated[Path, FilePath()] | None
 
 
 class DataSection(Section):
-    """Where the recordings are; a relative path counts from the folder of the config."""
+    """Where the recordings are, and whether they are of a real bench.
 
+    A relative path counts from the folder of the config. Whatever is made from recordings of
+    synthetic origin says so; nothing is said about an origin that is not stated.
+    """
+
+    origin: (
+        Annotated[Literal["measured", "synthetic"], Choice(("measured", "synthetic"))] | None
+    ) = None
     press: Recorded = None
     rig: Recorded = None
     speedloss: Recorded = None
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """The recordings that are named, by their kind."""
+        named = {"press": self.press, "rig": self.rig, "speedloss": self.speedloss}
+        return {kind: path for kind, path in named.items() if path is not None}
 
 
 class CompareSection(Section):
@@ -95,7 +108,7 @@ class CompareSection(Section):
 class FrictionSection(Section):
     """How a run of the friction rig is reduced to a friction coefficient."""
 
-    min_plateau_samples: Annotated[int, Count(8, 1_000_000)] = 20
+    min_plateau_samples: Annotated[int, Count(8, 1_000_000)] = 12
     spike_threshold: Annotated[float, Number(3, 100)] = 6.0
     correct_imbalance: Annotated[bool, OnOff()] = False
     max_mu: Annotated[float, Number(0.01, 100)] = 3.0
@@ -110,15 +123,15 @@ class SurfaceSection(Section):
 class SlipSection(Section):
     """How many pulley speeds the friction rig is to run."""
 
-    n_speeds: Annotated[int, Count(1, 50)] = 5
+    n_speeds: Annotated[int, Count(2, 50)] = 5
 
 
 class SimulationSection(Section):
     """How the rig is simulated; null leaves a number to the program."""
 
     method: Annotated[Literal["transient", "steady"], Choice(("transient", "steady"))] = "transient"
-    elements: Annotated[int, Count(4, 2000)] | None = None
-    steps_per_run: Annotated[int, Count(10, 100_000)] | None = None
+    elements: Annotated[int, Count(4, 2000, even=True)] | None = None
+    steps_per_run: Annotated[int, Count(52, 100_000)] | None = None
     friction_solver: Annotated[Literal["newton", "lemke"], Choice(("newton", "lemke"))] = "newton"
     sticking_ratio: Annotated[float, Number(1, 5)] = 1.0
 

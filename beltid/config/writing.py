@@ -60,11 +60,9 @@ def _lines(section: Section, indent: str) -> Iterator[str]:
 def _comment(annotation: Any, metadata: list[Any]) -> str:
     """What a key allows, from the very annotation that checks it."""
     or_null = "null or " if type(None) in get_args(annotation) else ""
-    for check in _checks(annotation, metadata):
-        if isinstance(check, Number):
+    for check in checks_of(annotation, metadata):
+        if isinstance(check, (Number, Count)):
             return or_null + check.interval
-        if isinstance(check, Count):
-            return f"{or_null}in [{check.low}, {check.high}]"
         if isinstance(check, Choice):
             return or_null + " | ".join(check.words)
         if isinstance(check, OnOff):
@@ -72,13 +70,14 @@ def _comment(annotation: Any, metadata: list[Any]) -> str:
     return ""
 
 
-def _checks(annotation: Any, metadata: Any = ()) -> Iterator[Checked]:
+def checks_of(annotation: Any, metadata: Any = ()) -> Iterator[Checked]:
+    """The checks of a key, from its annotation: its own, then those of its parts."""
     yield from (m for m in metadata if isinstance(m, Checked))
     for part in get_args(annotation):
         if isinstance(part, Checked):
             yield part
         else:
-            yield from _checks(part)
+            yield from checks_of(part)
 
 
 def _value(value: Any) -> str:

@@ -1,0 +1,126 @@
+"""What a column and a table are: names, types, units, ranges, meanings."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal
+
+DType = Literal["float64", "int64", "bool", "string", "list"]
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One column of a table.
+
+    Attributes
+    ----------
+    name : str
+        Public name, with the unit as its ending.
+    dtype : {"float64", "int64", "bool", "string", "list"}
+        Type; "list" is a list of four float64.
+    unit : str
+        Unit; "" for none, "1" for a pure number.
+    meaning : str
+        What it is, in words.
+    nullable : bool
+        Whether a value may be missing (nan, or None in a string column).
+    low, high : float
+        Range of allowed values.
+    open_low, open_high : bool
+        Whether a bound itself is excluded.
+    required : bool
+        Whether the table must have the column.
+    """
+
+    name: str
+    dtype: DType
+    unit: str
+    meaning: str
+    nullable: bool = False
+    low: float = -math.inf
+    high: float = math.inf
+    open_low: bool = False
+    open_high: bool = False
+    required: bool = True
+
+    @property
+    def allowed(self) -> str:
+        """The range in words: ``> 0``, ``in (0, 360)``."""
+        if math.isinf(self.high):
+            return (
+                "finite"
+                if math.isinf(self.low)
+                else f"{'>' if self.open_low else '>='} {self.low:g}"
+            )
+        if math.isinf(self.low):
+            return f"{'<' if self.open_high else '<='} {self.high:g}"
+        left, right = "[("[self.open_low], "])"[self.open_high]
+        return f"in {left}{self.low:g}, {self.high:g}{right}"
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """One kind of table.
+
+    Attributes
+    ----------
+    kind : str
+        Name of the kind.
+    version : int
+        Schema version; it changes when a column changes its name, unit or meaning.
+    command : str
+        What writes it, for messages.
+    columns : tuple of Column
+        Columns in their order.
+    label : str
+        The column that labels one recording; "" if there is none.
+    """
+
+    kind: str
+    version: int
+    command: str
+    columns: tuple[Column, ...]
+    label: str = ""
+
+    def column(self, name: str) -> Column:
+        """The column of that name; KeyError if there is none."""
+        for column in self.columns:
+            if column.name == name:
+                return column
+        raise KeyError(f"a {self.kind} table has no column {name}")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all columns, in order."""
+        return tuple(column.name for column in self.columns)
+
+
+def positive(name: str, unit: str, meaning: str, *, nullable: bool = False) -> Column:
+    """A number > 0."""
+    return Column(name, "float64", unit, meaning, nullable, 0.0, open_low=True)
+
+
+def nonnegative(name: str, unit: str, meaning: str, *, nullable: bool = False) -> Column:
+    """A number >= 0."""
+    return Column(name, "float64", unit, meaning, nullable, 0.0)
+
+
+def real(name: str, unit: str, meaning: str, *, nullable: bool = True) -> Column:
+    """Any finite number; it may be missing unless said otherwise."""
+    return Column(name, "float64", unit, meaning, nullable)
+
+
+def count(name: str, meaning: str) -> Column:
+    """A whole number >= 0."""
+    return Column(name, "int64", "1", meaning, low=0)
+
+
+def text(name: str, meaning: str, *, nullable: bool = False) -> Column:
+    """A text."""
+    return Column(name, "string", "", meaning, nullable)
+
+
+def optional(*columns: Column) -> tuple[Column, ...]:
+    """Columns that a table may do without."""
+    return tuple(replace(column, required=False) for column in columns)

@@ -1,0 +1,155 @@
+"""The config refuses what the science refuses, so that the user gets the line and the column.
+
+The bounds stand in both: importing the science for a bound would make every command slow to start.
+Here the science's own checks judge the bounds of the config.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields
+from typing import Any
+
+import pytest
+
+from beltid.config import Config, load_config
+from beltid.config.fields import Count, Number
+from beltid.config.writing import checks_of
+from beltid.errors import ConfigError, InputError
+from beltid.identify.agreement import AgreementSettings
+from beltid.identify.friction import FrictionSettings
+from beltid.identify.slip import RequiredSpeeds, SlipPoint, SlipResult, required_pulley_speeds
+from beltid.identify.stiffness import StiffnessSettings
+from beltid.identify.surface import SurfaceSettings
+from beltid.params import OperatingPoint
+from beltid.rigsim.rig import DEFAULT_STEPS, SimulationSettings
+
+SLIP = SlipResult(
+    points=(SlipPoint("1", 60.0, 310.0, 5.0, 0.4, 0.01, 0.02, 0.0005, 100, "ok"),),
+    ratio=1.0,
+    ratio_se=0.0,
+    max_slip_speed_m_s=0.02,
+    max_slip_run="1",
+    notes=(),
+)
+
+
+def with_slip(config: Config) -> RequiredSpeeds:
+    return required_pulley_speeds(SLIP, config.rig.pulley_radius_m, config.slip.n_speeds)
+
+
+def with_press(config: Config) -> StiffnessSettings:
+    press = config.press
+    return StiffnessSettings(
+        segment_length_m=press.segment_length_cm / 100.0,
+        reference_temperature_degC=press.reference_temperature_degC,
+        machine_compliance_m_N=press.machine_compliance_mm_N / 1000.0,
+        cycles=press.cycles,
+    )
+
+
+def with_points(config: Config) -> tuple[OperatingPoint, ...]:
+    from beltid.stages.campaign import Picked, planned_runs
+
+    return tuple(run.point for run in planned_runs(config, Picked()))
+
+
+def with_simulation(config: Config) -> SimulationSettings:
+    section = config.simulation
+    return SimulationSettings(
+        elements=section.elements, steps=section.steps_per_run or DEFAULT_STEPS
+    )
+
+
+SCIENCE: dict[str, tuple[Callable[[Config], Any], ...]] = {
+    "belt": (lambda c: c.belt_params(),),
+    "press": (with_press,),
+    "rig": (lambda c: c.rig_params(), with_points, with_slip),
+    "contact": (lambda c: c.contact_params(),),
+    "compare": (lambda c: AgreementSettings(**c.compare.model_dump()),),
+    "friction": (lambda c: FrictionSettings(**c.friction.model_dump()),),
+    "surface": (lambda c: SurfaceSettings(**c.surface.model_dump()),),
+    "slip": (with_slip,),
+    "simulation": (with_simulation, lambda c: c.contact_params()),
+}
+
+
+def edges(check: Number | Count) -> list[float]:
+    """The smallest and the largest value that a check lets through."""
+    if isinstance(check, Count):
+        return [check.low, check.high]
+    margin = 1e-9 * (check.high - check.low)
+    return [
+        check.low + (margin if check.open_low else 0.0),
+        check.high - (margin if check.open_high else 0.0),
+    ]
+
+
+def bounded() -> list[tuple[str, str, Number | Count, bool]]:
+    """Section, key, check, and whether the key is a list, of every number of the config."""
+    found = []
+    for section in SCIENCE:
+        for key, field in type(getattr(Config(), section)).model_fields.items():
+            for check in checks_of(field.annotation, field.metadata):
+                if isinstance(check, (Number, Count)):
+                    is_list = isinstance(getattr(getattr(Config(), section), key), tuple)
+                    found.append((section, key, check, is_list))
+    return found
+
+
+def test_no_section_with_numbers_is_forgotten() -> None:
+    assert len(bounded()) > 25
+    assert set(SCIENCE) == set(Config.model_fields) - {"data", "columns", "units", "dialect"}
+
+
+@pytest.mark.parametrize(("section", "key", "check", "is_list"), bounded())
+def test_the_science_takes_what_the_config_takes(
+    section: str, key: str, check: Number | Count, is_list: bool
+) -> None:
+    for value in edges(check):
+        config = load_config({section: {key: [value] if is_list else value}})
+        for science in SCIENCE[section]:
+            science(config)
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value"),
+    [
+        ("simulation", "steps_per_run", 51),
+        ("simulation", "elements", 2),
+        ("simulation", "elements", 41),
+        ("friction", "min_plateau_samples", 7),
+        ("slip", "n_speeds", 1),
+        ("surface", "force_nodes", 1),
+        ("simulation", "sticking_ratio", 0.99),
+        ("contact", "points_per_element", 0),
+    ],
+)
+def test_the_config_refuses_what_the_science_refuses(section: str, key: str, value: float) -> None:
+    with pytest.raises(ConfigError, match=rf"{section}\.{key} = {value}, must be"):
+        load_config({section: {key: value}})
+    # and the science is no looser: the next value that the config takes is the first good one
+    good = load_config({})
+    broken = getattr(good, section).model_copy(update={key: value})
+    with pytest.raises(InputError):
+        [science(good.model_copy(update={section: broken})) for science in SCIENCE[section]]
+
+
+def test_an_odd_number_of_elements_is_refused_with_its_place(tmp_path: Any) -> None:
+    path = tmp_path / "c.yaml"
+    path.write_text("simulation:\n  elements: 41\n")
+    with pytest.raises(ConfigError, match=r"c\.yaml:2:13: simulation\.elements = 41, must be even"):
+        load_config(path)
+
+
+def test_the_defaults_are_those_of_the_science() -> None:
+    config = Config()
+    for section, science in (
+        (config.friction, FrictionSettings()),
+        (config.surface, SurfaceSettings()),
+        (config.simulation, SimulationSettings()),
+        (config.press, StiffnessSettings(segment_length_m=0.04)),
+    ):
+        for field in fields(science):
+            if hasattr(section, field.name):
+                assert getattr(section, field.name) == getattr(science, field.name), field.name
