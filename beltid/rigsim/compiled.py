@@ -1,16 +1,21 @@
-"""Compiled kernels: one decorator, and a cache that notices every edit.
+"""Compiled kernels: one decorator, and a cache that notices every edit and every damage.
 
 numba's own cache looks at the file of a kernel only, so an edit of a kernel that is *called* would
-go unnoticed. Here the cache folder carries a hash of all sources of this room: any edit starts a
-fresh folder. A damaged cache file is thrown away and the kernel compiled anew.
+go unnoticed. Here the cache folder carries a hash of all sources of the compiled rooms: any edit
+starts a fresh folder. Every cache file is sealed with its hash: machine code with a flipped bit
+would crash the process. A file that does not match is thrown away and its kernel compiled anew.
+Names of data files follow from the signature, so that processes that compile at the same time
+cannot give one file two meanings.
 """
 
 from __future__ import annotations
 
 import functools
 import hashlib
+import io
 import os
 import pathlib
+import pickle
 import shutil
 import sys
 import warnings
@@ -19,12 +24,54 @@ from typing import Any, TypeVar
 
 import numba
 from numba.core import config as _numba_config
+from numba.core.caching import IndexDataCacheFile
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 numba_config: Any = _numba_config  # its settings are made at run time, unknown to a type checker
 
 _ROOMS = ("rigsim", "laws")
+_SEAL = hashlib.sha256().digest_size
+
+
+class DamagedCacheError(Exception):
+    """A cache file is not what was written."""
+
+
+class SealedCacheFile(IndexDataCacheFile):
+    """Index and data files of one kernel, each with the hash of its content at the end."""
+
+    def _dump(self, obj: Any) -> bytes:
+        content: bytes = super()._dump(obj)
+        return content + hashlib.sha256(content).digest()
+
+    def save(self, key: Any, data: Any) -> None:
+        """Save machine code under a name of its own, then enter it in the index."""
+        overloads = self._load_index()
+        number = int.from_bytes(hashlib.sha256(repr(key).encode()).digest()[:6], "big")
+        overloads[key] = self._data_name(number)
+        self._save_data(overloads[key], data)
+        self._save_index(overloads)
+
+    def _load_data(self, name: str) -> Any:
+        _check_seal(pathlib.Path(self._data_path(name)).read_bytes())
+        return super()._load_data(name)
+
+    def _load_index(self) -> dict[Any, str]:
+        try:
+            content = pathlib.Path(self._index_path).read_bytes()
+        except FileNotFoundError:
+            return {}
+        stream = io.BytesIO(content)
+        pickle.load(stream)  # the version stands before the sealed part
+        _check_seal(stream.read())
+        index: dict[Any, str] = super()._load_index()
+        return index
+
+
+def _check_seal(content: bytes) -> None:
+    if hashlib.sha256(content[:-_SEAL]).digest() != content[-_SEAL:]:
+        raise DamagedCacheError
 
 
 @functools.cache
@@ -43,13 +90,16 @@ def cache_folder() -> pathlib.Path:
 
 
 def _heal(cache: Any) -> None:
-    """Make a numba cache object survive damaged files and an unwritable folder."""
+    """Seal a numba cache object, and make it survive damaged files and an unwritable folder."""
+    sealed = SealedCacheFile.__new__(SealedCacheFile)
+    sealed.__dict__.update(cache._cache_file.__dict__)
+    cache._cache_file = sealed
     load, save = cache.load_overload, cache.save_overload
 
     def load_or_discard(sig: Any, target_context: Any) -> Any:
         try:
             return load(sig, target_context)
-        except Exception:  # a damaged file can fail in any way while it is unpickled
+        except Exception:  # a damaged file can fail in any way while it is read
             shutil.rmtree(cache.cache_path, ignore_errors=True)
             pathlib.Path(cache.cache_path).mkdir(parents=True, exist_ok=True)
             return None
