@@ -13,6 +13,7 @@ from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError
 from beltid.identify.slip import RequiredSpeeds, SlipPoint, SlipResult, required_pulley_speeds
 from beltid.identify.slip import fit_slip as identify
+from beltid.identify.slip_points import GROSS_SLIP, OK
 from beltid.report.summary import Summary
 from beltid.stages.making import Made, Recipe, make
 from beltid.stages.outcome import Outcome, as_set, rows_of
@@ -79,11 +80,12 @@ def _outcome(
     except InputError as error:
         raise InputError([f"{name}: {line}" for line in error.problems]) from None
     required, warnings = _required(result, config)
-    kept = [point for point in result.points if not _inadmissible(point)]
-    aside = [{"run": p.run, "why": _inadmissible(p)} for p in result.points if _inadmissible(p)]
+    aside = [
+        {"run": p.run, "why": p.status} for p in result.points if p.status not in (OK, GROSS_SLIP)
+    ]
     return Outcome(
         kind=KIND,
-        columns=_columns(kept),
+        columns=_columns(result.points),
         result=result,
         validity={"slip_speed_m_s": (0.0, result.max_slip_speed_m_s)},
         set_aside=aside,
@@ -110,28 +112,17 @@ def _required(result: SlipResult, config: Config) -> tuple[RequiredSpeeds | None
     return required, []
 
 
-def _inadmissible(point: SlipPoint) -> str:
-    """Why a point cannot stand in the table; empty if it can."""
-    table = schemas.table(KIND)
-    wrong = []
-    for column in table.columns:
-        value = getattr(point, column.name, None)
-        if column.dtype != "float64" or column.nullable or value is None:
-            continue
-        if not np.isfinite(value) or outside(np.array([value]), column)[0]:
-            wrong.append(f"{column.name} = {value:.4g}, must be {column.allowed}")
-    if not wrong:
-        return ""
-    return "; ".join([*([] if point.status == "ok" else [point.status]), *wrong])
-
-
 def _columns(points: Sequence[SlipPoint]) -> dict[str, np.ndarray]:
+    """Columns of the slip table, a row for every point; a number that is not known is null."""
     columns: dict[str, np.ndarray] = {}
     for column in schemas.table(KIND).columns:
-        if not points or not hasattr(points[0], column.name):
+        if not hasattr(points[0], column.name):
             continue
         values = [getattr(point, column.name) for point in points]
-        columns[column.name] = np.array(values, dtype=object if column.dtype == "string" else None)
+        array = np.array(values, dtype=object if column.dtype == "string" else column.dtype)
+        if column.dtype == "float64":
+            array = np.where(np.isfinite(array) & ~outside(array, column), array, np.nan)
+        columns[column.name] = array
     return columns
 
 
@@ -183,7 +174,7 @@ def _series(columns: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
     """A row per driver speed and initial tension: how far the torque went, and the sliding."""
     rows = []
     drivers, tensions = as_set(columns["driver_speed_rad_s"]), as_set(columns["initial_tension_N"])
-    good = columns["status"] == "ok"
+    good = columns["status"] == OK
     for driver in np.unique(drivers):
         for tension in np.unique(tensions[drivers == driver]):
             here = (drivers == driver) & (tensions == tension)

@@ -1,0 +1,79 @@
+"""Every operating point of the speed-loss bench keeps its row, also one that is of no use."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import beltid
+from beltid.config import ConfigSource, load_config
+from beltid.stages import fit_slip
+from beltid.stages.talk import Options
+from beltid.store.artifacts import read_artifact
+
+
+def recording(folder: Path) -> Path:
+    """Twelve points with creep, then: driver at rest, no speeds at all, no torque, turned round."""
+    rng = np.random.default_rng(5)
+    lines = ["run,time_s,initial_tension_N,torque_N_m,driver_speed_rad_s,driven_speed_rad_s"]
+    points: list[tuple[Any, float]] = [(k, 60.0) for k in range(12)]
+    points += [(3, 0.0), (3, np.nan), (np.nan, 60.0), (4, -60.0)]
+    for run, (torque, speed) in enumerate(points, start=1):
+        for k in range(50):
+            driver = speed * (1 + 1e-5 * rng.standard_normal())
+            loss = 0.02 * np.nan_to_num(torque) * np.sign(speed)
+            driven = driver - loss + 1e-3 * rng.standard_normal() * (speed != 0.0)
+            cells = [310, torque, driver, driven]
+            shown = ("" if np.isnan(cell) else f"{cell:.8g}" for cell in cells)
+            lines.append(f"P{run},{0.1 * k:.1f},{','.join(shown)}")
+    path = folder / "speedloss.csv"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.fixture
+def columns(tmp_path: Path) -> dict[str, np.ndarray]:
+    path = recording(tmp_path)
+    source = ConfigSource(load_config(None), "test")
+    out = tmp_path / "slip.parquet"
+    summary = fit_slip.run(source, {"speedloss": path}, out, Options())
+    assert summary.facts["runs"] == 16
+    assert len(summary.table) == 16
+    artifact = read_artifact(out, "slip")
+    aside = [row["run"] for row in artifact.metadata.set_aside]
+    assert aside == ["P13", "P14"]
+    assert any(line.startswith("run P13 set aside: ") for line in summary.warnings)
+    return artifact.columns
+
+
+def test_no_point_loses_its_row(columns: dict[str, np.ndarray]) -> None:
+    assert list(columns["run"]) == [f"P{k}" for k in range(1, 17)]
+
+
+def test_a_driver_at_rest_is_told_as_such(columns: dict[str, np.ndarray]) -> None:
+    assert columns["driver_speed_rad_s"][12] == 0.0
+    assert columns["status"][12] == "the driver does not turn"
+    assert np.isfinite(columns["torque_N_m"][12])
+
+
+def test_what_is_not_known_is_null(columns: dict[str, np.ndarray]) -> None:
+    assert np.isnan(columns["slip_speed_m_s"][13])
+    assert np.isnan(columns["driver_speed_rad_s"][13])
+    assert "usable samples" in columns["status"][13]
+    assert np.isnan(columns["torque_N_m"][14])
+
+
+def test_a_drive_turned_round_is_as_good(columns: dict[str, np.ndarray]) -> None:
+    # a loss of 0.02 rad/s per N m, Eq. (7) with R = 0.05 m
+    assert columns["driver_speed_rad_s"][15] == pytest.approx(-60.0, rel=1e-4)
+    assert abs(columns["slip_speed_m_s"][15]) == pytest.approx(0.02 * 4 * 0.05, rel=0.02)
+
+
+def test_the_frame_has_the_same_rows(tmp_path: Path) -> None:
+    import pandas as pd
+
+    frame = pd.read_csv(recording(tmp_path))
+    assert len(beltid.fit_slip(frame).to_frame()) == 16
