@@ -36,6 +36,9 @@ class Summary:
         Exit status of the command line.
     up_to_date : bool
         Whether an artifact made earlier from the same inputs was kept.
+    origin : str or None
+        Where the data come from: "measured", "synthetic", None where nobody said. Synthetic data
+        are called so wherever they are shown.
     """
 
     stage: str
@@ -50,6 +53,7 @@ class Summary:
     verdict: str = ""
     exit_status: int = 0
     up_to_date: bool = False
+    origin: str | None = None
 
     def as_json(self) -> dict[str, Any]:
         """One JSON object; a missing number is null."""
@@ -59,6 +63,7 @@ class Summary:
             "up_to_date": self.up_to_date,
             "exit_status": self.exit_status,
             "verdict": self.verdict or None,
+            "origin": self.origin,
             "facts": json_value(self.facts),
             "table": json_value(self.table),
             "notes": list(self.notes),

@@ -16,6 +16,7 @@ Rows = Sequence[dict[str, Any]]
 
 GAP = 3  # between two columns
 LAST_COLUMN = 24
+SYNTHETIC = "synthetic"
 _WORDS_LEFT = ("status", "run", "runs", "belt", "file", "why", "arc", "group", "verdict")
 
 
@@ -45,7 +46,8 @@ def renderables(
     """Parts of a summary in their order: heading, facts, table, verdict."""
     from rich.text import Text
 
-    yield Text(f"{summary.stage}: {summary.title}", style="bold")
+    synthetic = " (synthetic data)" if summary.origin == SYNTHETIC else ""
+    yield Text(f"{summary.stage}: {summary.title}{synthetic}", style="bold")
     if summary.facts:
         yield _facts(summary.facts)
     rows = summary.overview

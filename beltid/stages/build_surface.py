@@ -137,6 +137,7 @@ def summarise(made: Made) -> Summary:
         notes=made.notes,
         warnings=made.warnings,
         up_to_date=made.up_to_date,
+        origin=made.origin,
     )
 
 

@@ -216,6 +216,7 @@ def summarise(made: Made) -> Summary:
         verdict=_verdict(passed, extra["judged"]),
         exit_status=EXIT_DONE if passed else EXIT_OUT_OF_TOLERANCE,
         up_to_date=made.up_to_date,
+        origin=made.origin,
     )
 
 

@@ -1,8 +1,8 @@
 """Make an artifact, unless the one that stands there was made from the same inputs.
 
-An artifact is up to date if the hashes of its inputs, the values of all settings that matter and
-the version of the software are the same. Nothing that is not this artifact is ever replaced
-without being asked for.
+An artifact is up to date if the hashes of its inputs, the values of all settings that matter, the
+version of the software and the hash of its sources are the same. Nothing that is not this artifact
+is ever replaced without being asked for.
 """
 
 from __future__ import annotations
@@ -16,8 +16,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 from beltid._version import __version__
 from beltid.errors import ArtifactError, InputError
+from beltid.stages.origin import RECORDINGS, origin_of
 from beltid.store.artifacts import Artifact, Metadata, plain, read_artifact, write_artifact
 from beltid.store.files import read_bytes
+from beltid.store.fingerprint import source_sha256
 from beltid.store.hashing import sha256
 
 if TYPE_CHECKING:
@@ -56,7 +58,9 @@ class Recipe:
     def settings(self) -> dict[str, Any]:
         """Every setting that matters, by its key, as JSON has it."""
         values = self.source.config.model_dump(mode="json")
-        return {**{key: _value(values, key) for key in self.keys}, **plain(self.choices)}
+        recorded = any(role in RECORDINGS for role in self.inputs)
+        keys = (*self.keys, "data.origin") if recorded else self.keys
+        return {**{key: _value(values, key) for key in keys}, **plain(self.choices)}
 
 
 def _value(values: Mapping[str, Any], key: str) -> Any:
@@ -78,6 +82,11 @@ class Made:
 
     artifact: Artifact
     up_to_date: bool
+
+    @property
+    def origin(self) -> str | None:
+        """Where its data come from: "measured", "synthetic", or None where nobody said."""
+        return self.artifact.metadata.extra.get("origin")
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -136,6 +145,7 @@ def _metadata(outcome: Outcome[Any], recipe: Recipe, hashes: dict[str, str]) -> 
             **outcome.extra,
             # the name without its folder: the same input gives the same bytes anywhere
             "config": BUILT_IN if path is None else path.name,
+            "origin": origin_of(recipe.inputs, recipe.source.config.data.origin),
             "notes": list(outcome.notes),
             "warnings": list(outcome.warnings),
         },
@@ -145,6 +155,7 @@ def _metadata(outcome: Outcome[Any], recipe: Recipe, hashes: dict[str, str]) -> 
 def _fresh(artifact: Artifact, recipe: Recipe, hashes: dict[str, str]) -> bool:
     return (
         artifact.software_version == __version__
+        and artifact.software_sha256 == source_sha256()
         and artifact.metadata.inputs == hashes
         and artifact.metadata.settings == recipe.settings
     )

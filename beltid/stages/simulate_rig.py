@@ -158,6 +158,7 @@ def summarise(made: Made) -> Summary:
         verdict=f"{failed} of {len(rows)} runs failed" if failed else "",
         exit_status=EXIT_NUMERICS if failed else EXIT_DONE,
         up_to_date=made.up_to_date,
+        origin=made.origin,
     )
 
 

@@ -20,6 +20,7 @@ from beltid._version import __version__
 from beltid.errors import ArtifactError
 from beltid.store import atomic, schemas
 from beltid.store.files import read_bytes
+from beltid.store.fingerprint import source_sha256
 from beltid.store.hashing import columns_sha256, sha256
 
 METADATA_KEY: Final = b"beltid"
@@ -76,8 +77,8 @@ class Artifact:
         Unit per column.
     schema_version : int
         Version of the schema it was written with.
-    software_version : str
-        Version of the software that wrote it.
+    software_version, software_sha256 : str
+        Version of the software that wrote it, and the hash of its sources ("" if not known).
     """
 
     kind: str
@@ -88,6 +89,7 @@ class Artifact:
     units: dict[str, str]
     schema_version: int
     software_version: str
+    software_sha256: str
 
 
 def write_artifact(
@@ -137,6 +139,7 @@ def artifact_bytes(
         "kind": kind,
         "schema_version": table.version,
         "software_version": __version__,
+        "software_sha256": source_sha256(),
         "units": {column: table.column(column).unit for column in values},
         "content_sha256": columns_sha256(values),
         **asdict(metadata),
@@ -214,6 +217,7 @@ def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Art
         units=units,
         schema_version=table.version,
         software_version=str(record.get("software_version")),
+        software_sha256=str(record.get("software_sha256", "")),
     )
 
 

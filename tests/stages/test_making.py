@@ -111,6 +111,15 @@ def test_another_version_of_the_software_makes_it_again(
     assert not make(recipe(source), out, Options(), work).up_to_date
 
 
+def test_other_sources_of_the_same_version_make_it_again(
+    source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    work, out = Work(), tmp_path / "out.parquet"
+    make(recipe(source), out, Options(), work)
+    monkeypatch.setattr("beltid.stages.making.source_sha256", lambda: "0" * 64)
+    assert not make(recipe(source), out, Options(), work).up_to_date
+
+
 def test_force_makes_it_again(source: Path, tmp_path: Path) -> None:
     work, out = Work(), tmp_path / "out.parquet"
     make(recipe(source), out, Options(), work)

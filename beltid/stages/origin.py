@@ -1,0 +1,52 @@
+"""Where the data behind a result come from: a real bench, a virtual one, or nobody said.
+
+The config states the origin of recordings; artifacts hand it on. One synthetic input makes the
+result synthetic.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+from beltid.errors import ArtifactError
+from beltid.store.artifacts import read_artifact
+
+RECORDINGS: Final = ("press", "rig", "speedloss")
+"""Roles of inputs whose origin the config states."""
+MEASURED: Final = "measured"
+SYNTHETIC: Final = "synthetic"
+
+
+def origin_of(inputs: Mapping[str, Path], stated: str | None) -> str | None:
+    """Origin of what is made from some inputs.
+
+    Parameters
+    ----------
+    inputs : mapping of str to Path
+        Files by their role.
+    stated : {"measured", "synthetic"} or None
+        What the config says about its recordings.
+
+    Returns
+    -------
+    {"measured", "synthetic"} or None
+        "synthetic" if any input is, "measured" if all are; None if nobody said so.
+    """
+    origins = [_origin(role, path, stated) for role, path in inputs.items()]
+    if SYNTHETIC in origins:
+        return SYNTHETIC
+    return MEASURED if all(origin == MEASURED for origin in origins) else None
+
+
+def _origin(role: str, path: Path, stated: str | None) -> str | None:
+    try:
+        artifact = read_artifact(path)
+    except ArtifactError:  # a recording as the bench wrote it
+        # a simulation that is brought along as a table adds no data of a bench
+        return stated if role in RECORDINGS else MEASURED
+    if role in RECORDINGS:
+        return SYNTHETIC  # a simulated recording in the place of a measured one
+    origin = artifact.metadata.extra.get("origin")
+    return origin if origin in (MEASURED, SYNTHETIC) else None

@@ -1,0 +1,138 @@
+"""Results of synthetic recordings say so, all along the chain."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from beltid.config import ConfigSource, find_config, load_config
+from beltid.report.summary import Summary
+from beltid.stages import build_surface, compare, fit_friction, fit_stiffness, simulate_rig
+from beltid.stages.simulate_rig import SimulateOptions
+from beltid.stages.talk import Options
+from beltid.store.artifacts import read_artifact, write_artifact
+
+ROOT = Path(__file__).parents[2]
+DATA = ROOT / "rigdata" / "5pk"
+
+
+def source(origin: str | None) -> ConfigSource:
+    rig = {"arcs_deg": [82], "initial_tensions_N": [100, 411], "pulley_speeds_rad_s": [0.21, 0.42]}
+    data = {} if origin is None else {"origin": origin}
+    simulation = {"method": "steady"}
+    config = load_config({"rig": rig, "data": data, "simulation": simulation})
+    return ConfigSource(config, "test")
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    lines = (DATA / "rig.csv").read_text().splitlines(keepends=True)
+    cells = [line.split(",") for line in lines]
+    kept = [
+        line
+        for line, c in zip(lines, cells, strict=True)
+        if c[6] == "82" and c[7].strip() in ("100", "411")
+    ]
+    path = tmp_path_factory.mktemp("rig") / "rig.csv"
+    path.write_text("".join([lines[0], *kept]))
+    return path
+
+
+def chain(rig: Path, folder: Path, stated: str | None) -> dict[str, Summary]:
+    """The chain with the origin stated for the recordings, and no more said later on."""
+    said, silent, options = source(stated), source(None), Options()
+    out = {
+        k: folder / f"{k}.parquet"
+        for k in ("stiffness", "friction", "surface", "simulated", "compare")
+    }
+    return {
+        "friction": fit_friction.run(said, {"rig": rig}, out["friction"], options),
+        "stiffness": fit_stiffness.run(
+            said, {"press": DATA / "press.csv"}, out["stiffness"], options
+        ),
+        "surface": build_surface.run(
+            silent, {"friction": out["friction"]}, out["surface"], options
+        ),
+        "simulated": simulate_rig.run(
+            silent,
+            {"surface": out["surface"], "stiffness": out["stiffness"]},
+            out["simulated"],
+            SimulateOptions(jobs=1),
+        ),
+        "compare": compare.run(
+            silent,
+            {"friction": out["friction"], "simulated": out["simulated"]},
+            out["compare"],
+            options,
+        ),
+    }
+
+
+@pytest.mark.parametrize("origin", ["synthetic", "measured", None])
+def test_the_origin_of_the_recordings_goes_through_the_chain(
+    rig: Path, tmp_path: Path, origin: str | None
+) -> None:
+    for kind, summary in chain(rig, tmp_path, origin).items():
+        assert read_artifact(tmp_path / f"{kind}.parquet").metadata.extra["origin"] == origin, kind
+        assert summary.origin == origin
+        assert summary.as_json()["origin"] == origin
+
+
+def test_one_synthetic_input_makes_the_result_synthetic(rig: Path, tmp_path: Path) -> None:
+    chain(rig, tmp_path, "measured")
+    fit_stiffness.run(
+        source("synthetic"), {"press": DATA / "press.csv"}, tmp_path / "other.parquet", Options()
+    )
+    inputs = {"surface": tmp_path / "surface.parquet", "stiffness": tmp_path / "other.parquet"}
+    summary = simulate_rig.run(
+        source(None), inputs, tmp_path / "mixed.parquet", SimulateOptions(jobs=1)
+    )
+    assert summary.origin == "synthetic"
+
+
+def test_a_simulated_recording_is_never_taken_for_a_measured_one(rig: Path, tmp_path: Path) -> None:
+    chain(rig, tmp_path, "measured")
+    again = fit_friction.run(
+        source("measured"),
+        {"rig": tmp_path / "simulated.parquet"},
+        tmp_path / "again.parquet",
+        Options(),
+    )
+    assert again.origin == "synthetic"
+
+
+def test_another_origin_makes_it_again(rig: Path, tmp_path: Path) -> None:
+    out = tmp_path / "friction.parquet"
+    fit_friction.run(source("measured"), {"rig": rig}, out, Options())
+    assert fit_friction.run(source("measured"), {"rig": rig}, out, Options()).up_to_date
+    summary = fit_friction.run(source("synthetic"), {"rig": rig}, out, Options())
+    assert not summary.up_to_date
+    assert summary.origin == "synthetic"
+
+
+def test_an_artifact_that_tells_no_origin_is_no_obstacle(rig: Path, tmp_path: Path) -> None:
+    out = tmp_path / "friction.parquet"
+    fit_friction.run(source("synthetic"), {"rig": rig}, out, Options())
+    old = read_artifact(out, "friction")
+    old.metadata.extra.pop("origin")
+    write_artifact(out, "friction", old.columns, old.metadata)
+    summary = build_surface.run(
+        source(None), {"friction": out}, tmp_path / "surface.parquet", Options()
+    )
+    assert summary.origin is None
+
+
+@pytest.mark.parametrize("belt", ["4pk", "5pk", "6pk"])
+def test_the_shipped_recordings_are_known_to_be_synthetic(belt: str) -> None:
+    assert load_config(ROOT / "configs" / f"{belt}.yaml").data.origin == "synthetic"
+    for name in ("press.csv", "rig.csv", "speedloss.csv"):
+        assert find_config(ROOT / "rigdata" / belt / name).config.data.origin == "synthetic"
+
+
+def test_the_config_beside_the_shipped_recordings_says_nothing_else() -> None:
+    found = find_config(DATA / "rig.csv").config
+    assert found.sha256 == load_config(None).sha256
+    assert found.data.files == {}
+    assert np.isclose(found.belt.axial_stiffness_N, 1e5)
