@@ -217,14 +217,14 @@ def test_failed_runs_are_status_3_and_the_others_are_kept(
     from beltid.errors import ConvergenceError
     from beltid.rigsim import rig
 
-    simulate = rig.simulate
+    lay_on = rig.lay_on
 
-    def fails_at_82_degrees_and_411_N(model: Any, point: Any, settings: Any) -> Any:
-        if point.beta > 1.4 and point.T_0 == 411:
+    def fails_at_82_degrees_and_411_N(model: Any) -> Any:
+        if model.point.beta > 1.4 and model.point.T_0 > 410:
             raise ConvergenceError("no equilibrium")
-        return simulate(model, point, settings)
+        return lay_on(model)
 
-    monkeypatch.setattr(rig, "simulate", fails_at_82_degrees_and_411_N)
+    monkeypatch.setattr(rig, "lay_on", fails_at_82_degrees_and_411_N)
     call = ("simulate-rig", "surface.parquet", "stiffness.parquet")
     result = beltid(*call, "--force")
     assert result.exit_code == 3
@@ -249,7 +249,7 @@ def test_all_runs_failed_is_status_3_and_nothing_is_written(
     def fails(*_: Any) -> Any:
         raise ConvergenceError("no equilibrium")
 
-    monkeypatch.setattr(rig, "simulate", fails)
+    monkeypatch.setattr(rig, "lay_on", fails)
     before = (bench / "simulated.parquet").read_bytes()
     result = beltid("simulate-rig", "surface.parquet", "stiffness.parquet", "--force")
     assert result.exit_code == 3
