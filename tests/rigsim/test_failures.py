@@ -182,9 +182,14 @@ print(sum(strains.stats.cache_hits.values()), sum(strains.stats.cache_misses.val
 
 def run_kernel(cache: Path, package: Path = PACKAGE) -> tuple[int, int]:
     """Hits and misses of the cache in a process of its own."""
-    env = {**os.environ, "BELTID_CACHE_DIR": str(cache), "PYTHONPATH": str(package.parent)}
+    env = {**os.environ, "BELTID_CACHE_DIR": str(cache)}
     done = subprocess.run(
-        [sys.executable, "-c", KERNEL], env=env, capture_output=True, text=True, check=True
+        [sys.executable, "-c", KERNEL],
+        env=env,
+        cwd=package.parent,  # first on the path of python -c
+        capture_output=True,
+        text=True,
+        check=True,
     )
     hits, misses = done.stdout.split()
     return int(hits), int(misses)
