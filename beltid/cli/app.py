@@ -189,6 +189,15 @@ def simulate_rig(
         int | None,
         typer.Option(min=4, max=2000, help="Beam elements of the belt. Default: by the config."),
     ] = None,
+    profile_time: Annotated[
+        list[float] | None,
+        typer.Option(
+            metavar="SECONDS",
+            help="Also write the contact along the arc at this time after the pulley starts to "
+            "turn (pressure, friction, slip, tension, who sticks), to <result>_profiles.parquet; "
+            "may be repeated. Method transient only.",
+        ),
+    ] = None,
     jobs: Jobs = None,
     *,
     common: Common,
@@ -197,7 +206,8 @@ def simulate_rig(
 
     A flexible belt (ANCF beam elements) is laid on the pulley, tightened, and the pulley turned:
     stick, slip and full sliding. All arcs, tensions and speeds of the config, or those picked.
-    Writes simulated.parquet with the columns of a bench recording.
+    Writes simulated.parquet with the columns of a bench recording; runs picked by --arc, --tension
+    or --speed go to simulated_part.parquet, so that a part never replaces the whole campaign.
 
     Example: beltid simulate-rig surface.parquet stiffness.parquet --arc 82
     """
@@ -213,10 +223,12 @@ def simulate_rig(
             speeds_rad_s=tuple(speed or ()),
             elements=elements,
             jobs=jobs,
+            profile_times_s=tuple(profile_time or ()),
         )
 
+    name = "simulated_part.parquet" if arc or tension or speed else "simulated.parquet"
     inputs = {"surface": surface, "stiffness": stiffness}
-    execute(stage.run, inputs, "simulated.parquet", common, options)
+    execute(stage.run, inputs, name, common, options)
 
 
 @app.command("compare", short_help="friction, simulated -> compare.parquet: do they agree?")

@@ -28,6 +28,8 @@ class Summary:
         A short form of a long table for the terminal; empty where the table is short itself.
     shown : tuple of str
         Columns of the complete table that a person gets to see; empty for all of them.
+    details : dict of str to list of dict
+        Further tables by their name, for the curious and for programs.
     notes, warnings : tuple of str
         What the user should know; what the user should look into.
     verdict : str
@@ -48,6 +50,7 @@ class Summary:
     table: list[dict[str, Any]] = field(default_factory=list)
     overview: list[dict[str, Any]] = field(default_factory=list)
     shown: tuple[str, ...] = ()
+    details: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     verdict: str = ""
@@ -66,6 +69,7 @@ class Summary:
             "origin": self.origin,
             "facts": json_value(self.facts),
             "table": json_value(self.table),
+            "details": json_value(self.details),
             "notes": list(self.notes),
             "warnings": list(self.warnings),
         }

@@ -30,7 +30,7 @@ def show(summary: Summary, console: Console, *, complete: bool = False) -> None:
     console : Console
         Where to print; its width decides between table and records.
     complete : bool
-        Whether to print a long table whole instead of its overview.
+        Whether to print a long table whole instead of its overview, and the further tables.
     """
     with console.capture() as capture:
         for part in renderables(summary, console, complete=complete):
@@ -43,7 +43,7 @@ def show(summary: Summary, console: Console, *, complete: bool = False) -> None:
 def renderables(
     summary: Summary, console: Console, *, complete: bool = False
 ) -> Iterator[RenderableType]:
-    """Parts of a summary in their order: heading, facts, table, verdict."""
+    """Parts of a summary in their order: heading, facts, tables, verdict."""
     from rich.text import Text
 
     synthetic = " (synthetic data)" if summary.origin == SYNTHETIC else ""
@@ -56,6 +56,9 @@ def renderables(
         rows = [{name: row.get(name) for name in shown} for row in summary.table]
     if rows:
         yield table_or_records(rows, console)
+    for name, more in summary.details.items() if complete else ():
+        yield Text(name, style="bold")
+        yield table_or_records(more, console)
     if summary.verdict:
         good = summary.exit_status == 0
         yield Text(summary.verdict, style="bold green" if good else "bold red")

@@ -106,25 +106,40 @@ def _chosen(
 
 
 def simulation_settings(
-    config: Config, method: str | None = None, elements: int | None = None
+    config: Config,
+    method: str | None = None,
+    elements: int | None = None,
+    profile_times_s: tuple[float, ...] = (),
 ) -> SimulationSettings:
     """Settings of the simulation: those of the call, else those of the config.
 
     Raises
     ------
     InputError
-        If there is no such method.
+        If there is no such method, or a time of a profile is none.
     """
     section = config.simulation
     chosen = method or section.method
     if chosen not in ("transient", "steady"):
         raise InputError(f"method = {chosen!r}, must be transient or steady")
+    problems = [
+        f"--profile-time = {time:g}, must be >= 0 s and finite"
+        for time in profile_times_s
+        if not 0.0 <= time < math.inf
+    ]
+    if profile_times_s and chosen == "steady":
+        problems.append(
+            "--profile-time: the steady method knows no times, must be --method transient"
+        )
+    if problems:
+        raise InputError(problems)
     try:
         return SimulationSettings(
             method=cast(Method, chosen),
             elements=section.elements if elements is None else elements,
             steps=section.steps_per_run or DEFAULT_STEPS,
             friction_solver=section.friction_solver,
+            profile_times_s=profile_times_s,
         )
     except InputError as error:
         raise InputError([f"simulation: {line}" for line in error.problems]) from None

@@ -35,6 +35,8 @@ NEEDED: Final = (
     "normal_force_N_m",
     "mu_sliding",
 )
+ENOUGH: Final = 0.8
+"""Share of the measured runs below which a comparison is one of few runs."""
 TOLERANCES: Final = {
     "max_rms_relative_error": "rms",
     "max_mean_relative_error": "mean magnitude",
@@ -136,6 +138,15 @@ def _outcome(
     )
     columns = result.to_columns()
     columns["status"] = np.full(len(columns["run"]), "ok", dtype=object)
+    n = len(columns["run"])
+    few = (
+        [
+            f"only {n} of {result.n_measured} measured runs were compared: "
+            "the verdict holds for these alone"
+        ]
+        if n < ENOUGH * result.n_measured
+        else []
+    )
     left_out = [f"{count} runs not compared: {why}" for why, count in result.not_compared.items()]
     return Outcome(
         kind=KIND,
@@ -156,7 +167,7 @@ def _outcome(
             "n_measured": result.n_measured,
             "n_simulated": result.n_simulated,
         },
-        warnings=tuple(left_out),
+        warnings=(*few, *left_out),
     )
 
 

@@ -119,11 +119,7 @@ def make(recipe: Recipe, out: Path, options: Options, compute: Callable[[], Outc
         If an input is missing, or `out` is an input or a file that must not be replaced.
     """
     hashes = {role: sha256(read_bytes(path)) for role, path in recipe.inputs.items()}
-    _refuse_inputs(out, recipe.inputs)
-    standing, obstacle = _standing(out, recipe.kind)
-    if obstacle and not options.force:
-        raise InputError(obstacle)
-    _refuse_unwritable(out)
+    standing = admit(recipe, out, options)
     if standing is not None and not options.force and _fresh(standing, recipe, hashes):
         return Made(standing, up_to_date=True)
     if standing is not None and not options.force:
@@ -131,6 +127,24 @@ def make(recipe: Recipe, out: Path, options: Options, compute: Callable[[], Outc
     outcome = compute()
     write_artifact(out, recipe.kind, outcome.columns, _metadata(outcome, recipe, hashes))
     return Made(read_artifact(out, recipe.kind), up_to_date=False)
+
+
+def admit(recipe: Recipe, out: Path, options: Options) -> Artifact | None:
+    """Check that an artifact may stand at `out`; return the one of its kind that does.
+
+    Raises
+    ------
+    InputError
+        If `out` is an input or a file that must not be replaced.
+    ArtifactError
+        If nothing can be written there.
+    """
+    _refuse_inputs(out, recipe.inputs)
+    standing, obstacle = _standing(out, recipe.kind)
+    if obstacle and not options.force:
+        raise InputError(obstacle)
+    _refuse_unwritable(out)
+    return standing
 
 
 def _metadata(outcome: Outcome[Any], recipe: Recipe, hashes: dict[str, str]) -> Metadata:

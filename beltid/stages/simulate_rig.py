@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,6 +12,7 @@ from beltid.config import Config, ConfigSource
 from beltid.errors import EXIT_DONE, EXIT_NUMERICS, NumericsError
 from beltid.report.summary import Summary
 from beltid.rigsim.rig import SimulationSettings
+from beltid.stages import profiles
 from beltid.stages.campaign import (
     Picked,
     planned_runs,
@@ -19,7 +21,7 @@ from beltid.stages.campaign import (
     sliding_samples,
     solver_record,
 )
-from beltid.stages.making import Made, Recipe, make
+from beltid.stages.making import Made, Recipe, admit, make
 from beltid.stages.outcome import Outcome
 from beltid.stages.simulated_runs import Campaign, simulate
 from beltid.stages.tables import law_of, surface_of
@@ -57,6 +59,8 @@ class SimulateOptions(Options):
         Beam elements of the belt; None for those of the config.
     jobs : int or None
         Runs at the same time; None for one per core.
+    profile_times_s : tuple of float
+        Times after the start of rotation at which the contact along the arc is kept [s].
     """
 
     method: str | None = None
@@ -65,21 +69,25 @@ class SimulateOptions(Options):
     speeds_rad_s: tuple[float, ...] = ()
     elements: int | None = None
     jobs: int | None = None
+    profile_times_s: tuple[float, ...] = ()
 
 
 def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
-    """Simulate the runs with ``surface`` and ``stiffness``, write the recording, sum it up."""
+    """Simulate the runs with ``surface`` and ``stiffness``, write the recording, sum it up.
+
+    Profiles of the contact go beside the recording if times for them are given.
+    """
     chosen = options if isinstance(options, SimulateOptions) else _with_defaults(options)
-    model = config.config
-    settings = simulation_settings(model, chosen.method, chosen.elements)
+    model, times = config.config, tuple(sorted(set(chosen.profile_times_s)))
+    settings = simulation_settings(model, chosen.method, chosen.elements, times)
     runs = planned_runs(model, Picked(chosen.arcs_deg, chosen.tensions_N, chosen.speeds_rad_s))
 
-    def compute() -> Outcome[Campaign]:
+    @functools.cache
+    def campaign() -> Campaign:
         surface = surface_of(read_artifact(inputs["surface"], "surface"))
         law = law_of(read_artifact(inputs["stiffness"], "stiffness"))
         options.talk.say(f"{len(runs)} runs, {settings.method}")
-        done = simulate(model, (surface, law), runs, settings, (options.talk, chosen.jobs))
-        return _outcome(done, model, settings)
+        return simulate(model, (surface, law), runs, settings, (options.talk, chosen.jobs))
 
     choices: dict[str, Any] = {
         "method": settings.method,
@@ -88,7 +96,18 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
     }
     if settings.method == "steady":
         choices["sliding_samples"] = sliding_samples(model)
-    return summarise(make(Recipe(KIND, config, KEYS, inputs, choices), out, options, compute))
+    recipe = Recipe(KIND, config, KEYS, inputs, choices)
+    of_profiles = replace(
+        recipe, kind=profiles.KIND, choices={**choices, "profile_times_s": list(times)}
+    )
+    beside = profiles.path_beside(out)
+    if times:  # what stands in the way is said before the work
+        admit(of_profiles, beside, options)
+    made = make(recipe, out, options, lambda: _outcome(campaign(), model, settings))
+    if not times:
+        return summarise(made)
+    more = make(of_profiles, beside, options, lambda: profiles.profiles_outcome(campaign(), times))
+    return summarise(made, more)
 
 
 def _with_defaults(options: Options) -> SimulateOptions:
@@ -134,12 +153,13 @@ def _outcome(done: Campaign, config: Config, settings: SimulationSettings) -> Ou
     )
 
 
-def summarise(made: Made) -> Summary:
-    """Sum up a simulated recording."""
+def summarise(made: Made, of_profiles: Made | None = None) -> Summary:
+    """Sum up a simulated recording, and the profiles beside it."""
     extra = made.artifact.metadata.extra
     rows = [{k: v for k, v in row.items() if k != "solver"} for row in extra["runs"]]
     good = [row for row in rows if row["status"] == "ok"]
     failed = len(rows) - len(good)
+    beside = {} if of_profiles is None else {"profiles": str(of_profiles.artifact.path)}
     return Summary(
         stage="simulate-rig",
         title="friction coefficient of every simulated run, sliding",
@@ -150,14 +170,20 @@ def summarise(made: Made) -> Summary:
             "runs_failed": failed,
             "samples": len(made.artifact.columns["time_s"]),
             "mu_range": (min(row["mu"] for row in good), max(row["mu"] for row in good)),
+            **beside,
         },
         table=rows,
         overview=_per_setting(good) if len(rows) > 20 else [],
-        notes=made.notes,
+        details={
+            "solver": [
+                {"run": row["run"], **row["solver"]} for row in extra["runs"] if row["solver"]
+            ]
+        },
+        notes=(*made.notes, *(of_profiles.notes if of_profiles else ())),
         warnings=made.warnings,
         verdict=f"{failed} of {len(rows)} runs failed" if failed else "",
         exit_status=EXIT_NUMERICS if failed else EXIT_DONE,
-        up_to_date=made.up_to_date,
+        up_to_date=made.up_to_date and (of_profiles is None or of_profiles.up_to_date),
         origin=made.origin,
     )
 
