@@ -25,6 +25,8 @@ UNITS: Final[tuple[tuple[str, str], ...]] = (
 # the one ending that is not a force per length
 TORQUE: Final = "torque_N_m"
 RANGES: Final = ("range", "valid")
+# what is left over of an equation: its order of magnitude matters
+MAGNITUDES: Final = ("residual", "slip_m", "cone")
 MISSING: Final = "-"
 
 
@@ -73,7 +75,7 @@ def cell(name: str, value: Any) -> str:
 def _number(name: str, value: float) -> str:
     if math.isnan(value):
         return MISSING
-    if "_se" in name:  # the doubt of a doubt is large: two digits
+    if "_se" in name or name in MAGNITUDES:  # the doubt of a doubt is large: two digits
         return f"{value:.2g}"
     if name.startswith("mu") and math.isfinite(value):
         return f"{value:.4f}"

@@ -43,6 +43,27 @@ KEYS: Final = (
     "simulation.sticking_ratio",
 )
 SHOWN_FAILURES: Final = 20
+ROW: Final = (
+    "run",
+    "arc_deg",
+    "initial_tension_N",
+    "pulley_speed_rad_s",
+    "tension_tight_N",
+    "tension_slack_N",
+    "mu",
+    "normal_force_N_m",
+    "status",
+)
+SOLVER: Final = (
+    "elements",
+    "steps",
+    "newton_iterations",
+    "status_changes",
+    "halvings",
+    "residual",
+    "slip_m",
+    "cone",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +177,7 @@ def _outcome(done: Campaign, config: Config, settings: SimulationSettings) -> Ou
 def summarise(made: Made, of_profiles: Made | None = None) -> Summary:
     """Sum up a simulated recording, and the profiles beside it."""
     extra = made.artifact.metadata.extra
-    rows = [{k: v for k, v in row.items() if k != "solver"} for row in extra["runs"]]
+    rows = [{name: row[name] for name in ROW} for row in extra["runs"]]
     good = [row for row in rows if row["status"] == "ok"]
     failed = len(rows) - len(good)
     beside = {} if of_profiles is None else {"profiles": str(of_profiles.artifact.path)}
@@ -174,11 +195,7 @@ def summarise(made: Made, of_profiles: Made | None = None) -> Summary:
         },
         table=rows,
         overview=_per_setting(good) if len(rows) > 20 else [],
-        details={
-            "solver": [
-                {"run": row["run"], **row["solver"]} for row in extra["runs"] if row["solver"]
-            ]
-        },
+        details={"solver": [_solver_row(row) for row in extra["runs"] if row["solver"]]},
         notes=(*made.notes, *(of_profiles.notes if of_profiles else ())),
         warnings=made.warnings,
         verdict=f"{failed} of {len(rows)} runs failed" if failed else "",
@@ -186,6 +203,17 @@ def summarise(made: Made, of_profiles: Made | None = None) -> Summary:
         up_to_date=made.up_to_date and (of_profiles is None or of_profiles.up_to_date),
         origin=made.origin,
     )
+
+
+def _solver_row(row: Mapping[str, Any]) -> dict[str, Any]:
+    """What the solver did in a run; look-ups beyond the measured range as a share of all."""
+    record = row["solver"]
+    share = record["clamped_lookups"] / max(record["lookups"], 1)
+    return {
+        "run": row["run"],
+        **{name: record[name] for name in SOLVER},
+        "clamped_lookups_percent": 100.0 * share,
+    }
 
 
 def _per_setting(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
