@@ -181,7 +181,7 @@ def _acting_forces(rig: _Rig, start: FrictionSurface) -> Array:
     for i, (_, state) in enumerate(rig.slide(by_speed)):
         points = state.points
         touching = points.F_N > 0.0
-        f, load = points.f_touch[touching], points.F_N[touching]
+        f, load = points.f_look[touching].ravel(), points.F_look[touching].ravel()
         order = np.argsort(f)
         share = np.cumsum(load[order]) / load.sum()
         acting[rig.label[i]].append(

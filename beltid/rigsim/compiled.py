@@ -121,6 +121,8 @@ def kernel(function: F) -> F:
     saved = numba_config.CACHE_DIR
     numba_config.CACHE_DIR = str(cache_folder())
     try:
+        # else numba would fall back to a folder beside the sources, which misses edits
+        cache_folder().mkdir(parents=True, exist_ok=True)
         dispatcher: Any = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
         _heal(dispatcher._cache)
     except (RuntimeError, OSError):  # no folder can be written: compile in memory only

@@ -39,8 +39,8 @@ Array = NDArray[np.float64]
 
 STICK, SLIDE = 1, 2
 
-FRAME = 11  # numbers that describe a point while it is assembled, see press()
-DERIVATIVES = 8  # the first of those that describe its friction
+FRAME = 14  # numbers that describe a point while it is assembled, see press()
+FRICTION = 11  # the first of those that describe its friction, see sliding_friction()
 
 
 class ContactArrays(NamedTuple):
@@ -127,9 +127,9 @@ class Points(NamedTuple):
     output ``slip`` of the step [m], tangential ``force`` and its ``limit`` [N].
 
     Points: ``theta_old``, ``rho_old`` and ``limit_old`` belong to the last step; output ``theta``,
-    ``rho``, line force ``f_N`` of the part and ``f_touch`` of what is in contact of it [N/m],
-    normal and tangential force ``F_N``, ``F_T`` and limit ``F_max`` [N], ``point_slip`` of the step
-    [m].
+    ``rho``, line force ``f_N`` of the part [N/m], normal and tangential force ``F_N``, ``F_T`` and
+    limit ``F_max`` [N], ``point_slip`` of the step [m]. mu is looked up twice in a part: at the
+    line forces ``f_look`` [N/m], each for the normal force ``F_look`` [N], arrays (n_e, n_c, 2).
     """
 
     status: NDArray[np.int64]
@@ -145,18 +145,21 @@ class Points(NamedTuple):
     theta: Array
     rho: Array
     f_N: Array
-    f_touch: Array
     F_N: Array
     F_T: Array
     F_max: Array
     point_slip: Array
+    f_look: Array
+    F_look: Array
 
 
 def new_points(belt: BeltArrays, status: int) -> Points:
     """Contact points at rest, all patches with the given status, no forces."""
     n_e, n_c = belt.w_c.shape
     patches = [np.ones(n_e), np.zeros(n_e), np.ones(n_e), *(np.zeros(n_e) for _ in range(3))]
-    return Points(np.full(n_e, status), *patches, *(np.zeros((n_e, n_c)) for _ in range(11)))
+    points = (np.zeros((n_e, n_c)) for _ in range(10))
+    looks = (np.zeros((n_e, n_c, 2)) for _ in range(2))
+    return Points(np.full(n_e, status), *patches, *points, *looks)
 
 
 register_jitable(locate)
@@ -172,7 +175,7 @@ def in_range(limits: tuple[float, float], value: float) -> bool:
 @kernel
 def part_energy(
     delta: float, sigma: float, a: float, k1: float, k2: float
-) -> tuple[float, float, float, float, float, float, float, float]:
+) -> tuple[float, float, float, float, float]:
     """First and second derivatives of the mean elastic energy of a part, per length.
 
     The part has the half length ``a``; its penetration is ``delta + sigma x``. The energy per
@@ -182,30 +185,50 @@ def part_energy(
     -------
     V_d, V_s, V_dd, V_ds, V_ss : float
         Derivatives in delta and sigma: line force [N/m], couple [N], and their derivatives.
-    f, f_d, f_s : float
-        Line force averaged over what is in contact [N/m], and its derivatives: mu is looked up at
-        it.
     """
     m = abs(sigma) * a
     if delta >= m:
         k = k1 + 2.0 * k2 * delta
         a2 = a * a / 3.0
         f = delta * (k1 + k2 * delta) + k2 * a2 * sigma * sigma
-        f_s = 2.0 * k2 * a2 * sigma
-        return f, a2 * sigma * k, k, f_s, a2 * k, f, k, f_s
+        return f, a2 * sigma * k, k, 2.0 * k2 * a2 * sigma, a2 * k
     if delta <= -m:
-        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        return 0.0, 0.0, 0.0, 0.0, 0.0
     top = delta + m  # only 0 ... top of the penetrations delta - m ... delta + m is in contact
     half = 0.5 / m
-    V_dd = (k1 + k2 * top) * top * half
-    f = (k1 / 2.0 + k2 * top / 3.0) * top
-    V_d = f * top * half
     V = (k1 / 6.0 + k2 * top / 12.0) * top * top * top * half
-    a_s = math.copysign(a, sigma)
+    V_d = (k1 / 2.0 + k2 * top / 3.0) * top * top * half
+    V_dd = (k1 + k2 * top) * top * half
     V_s = V_d - V / m
-    V_ss = V_dd - V_d / m - V_s / m
-    f_d = k1 / 2.0 + k2 * top * 2.0 / 3.0
-    return V_d, a_s * V_s, V_dd, a_s * (V_dd - V_d / m), a * a * V_ss, f, f_d, a_s * f_d
+    V_ds = V_dd - V_d / m
+    V_ss = V_dd - 2.0 * V_s / m
+    a_s = math.copysign(a, sigma)
+    return V_d, a_s * V_s, V_dd, a_s * V_ds, a * a * V_ss
+
+
+@kernel
+def touching_share(
+    delta: float, sigma: float, a: float
+) -> tuple[float, float, float, float, float, float, float, float, float]:
+    """What of a part touches, and with which penetrations.
+
+    Returns
+    -------
+    share, share_d, share_s : float
+        Share of the part that touches [-] and its derivatives in delta and sigma.
+    middle, middle_d, middle_s : float
+        Penetration in the middle of what touches [m] and its derivatives.
+    half, half_d, half_s : float
+        Half the difference of the penetrations at its ends [m] and its derivatives.
+    """
+    m = abs(sigma) * a
+    a_s = math.copysign(a, sigma)
+    if delta >= m:
+        return 1.0, 0.0, 0.0, delta, 1.0, 0.0, m, 0.0, a_s
+    top = delta + m
+    share = 0.5 * top / m
+    half = 0.5 * top
+    return share, 0.5 / m, a_s * (0.5 - share) / m, half, 0.5, 0.5 * a_s, half, 0.5, 0.5 * a_s
 
 
 @kernel
@@ -222,9 +245,9 @@ def press(
 ) -> bool:
     """Normal force of a point, Eq. (1), and its frame; returns whether it touches.
 
-    ``frame`` (FRAME,) receives n_x, n_y, kappa = t.r'/rho, sigma, P, K_dd, K_ds, K_ss (couple and
-    second derivatives of the part's energy), then the line force where the part touches and its
-    derivatives in delta and sigma.
+    ``frame`` (FRAME,) receives n_x, n_y, kappa = t.r'/rho, sigma; couple P and second derivatives
+    K_dd, K_ds, K_ss of the part's energy; what the dissipation adds to the derivatives of F_N in
+    delta and sigma; and the stress-free length of the part.
     """
     N, D = belt.N_c[e, c], belt.D_c[e, c]
     x = y = sx = sy = 0.0
@@ -238,31 +261,32 @@ def press(
     nx, ny = x / rho, y / rho
     sigma = -(nx * sx + ny * sy)
     w = belt.w_c[e, c]
-    V_d, V_s, V_dd, V_ds, V_ss, f, f_d, f_s = part_energy(
-        pulley.R - rho, sigma, 0.5 * w, pulley.k_linear, pulley.k_quadratic
+    delta = pulley.R - rho
+    V_d, V_s, V_dd, V_ds, V_ss = part_energy(
+        delta, sigma, 0.5 * w, pulley.k_linear, pulley.k_quadratic
     )
     points.rho[e, c] = rho
     points.theta[e, c] = math.atan2(x, y)
     points.f_N[e, c] = V_d
-    points.f_touch[e, c] = f
+    points.F_look[e, c] = 0.0
     points.F_T[e, c] = points.F_max[e, c] = points.F_N[e, c] = points.point_slip[e, c] = 0.0
     if V_d == 0.0:
         return False
-    w *= stretch
-    points.F_N[e, c] = w * V_d
+    frame[:] = 0.0
     frame[0], frame[1] = nx, ny
     frame[2] = (ny * sx - nx * sy) / rho
     frame[3] = sigma
+    w *= stretch
+    points.F_N[e, c] = w * V_d
     frame[4] = w * V_s
     frame[5], frame[6], frame[7] = w * V_dd, w * V_ds, w * V_ss
     approach = (points.rho_old[e, c] - rho) * motion.rate
     if approach > 0.0:
         # of a part that touches in part only that share dissipates, else the force would jump
-        delta, m = pulley.R - rho, 0.5 * belt.w_c[e, c] * abs(sigma)
-        share, share_d = 1.0, 0.0
-        if delta < m:
-            share, share_d = 0.5 * (delta + m) / m, 0.5 / m
+        touching = touching_share(delta, sigma, 0.5 * belt.w_c[e, c])
+        share, share_d, share_s = touching[0], touching[1], touching[2]
         points.F_N[e, c] += share * pulley.C_P * approach
-        frame[5] += pulley.C_P * (share * motion.rate + share_d * approach)
-    frame[DERIVATIVES], frame[DERIVATIVES + 1], frame[DERIVATIVES + 2] = f, f_d, f_s
+        frame[8] = pulley.C_P * (share * motion.rate + share_d * approach)
+        frame[9] = pulley.C_P * share_s * approach
+    frame[10] = w
     return True

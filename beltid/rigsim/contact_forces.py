@@ -17,8 +17,8 @@ from beltid.rigsim.banded import HALF
 from beltid.rigsim.belt import BeltArrays
 from beltid.rigsim.compiled import kernel
 from beltid.rigsim.contact import (
-    DERIVATIVES,
     FRAME,
+    FRICTION,
     STICK,
     ContactArrays,
     Motion,
@@ -26,23 +26,32 @@ from beltid.rigsim.contact import (
     in_range,
     look_up,
     press,
+    touching_share,
 )
 
 Array = NDArray[np.float64]
 
+GAUSS = 1.0 / math.sqrt(3.0)
+
 
 @kernel
 def sliding_friction(
-    pulley: ContactArrays, motion: Motion, points: Points, frame: Array, e: int, c: int
+    belt: BeltArrays,
+    pulley: ContactArrays,
+    motion: Motion,
+    points: Points,
+    frame: Array,
+    e: int,
+    c: int,
 ) -> int:
-    """Friction limit of a point at its own line force and sliding speed, with derivatives.
+    """Friction limit of a point: mu(f_N, v) f_N integrated over what touches of its part.
 
-    Reads the normal force and its derivatives; writes ``F_max`` and ``point_slip`` of the point and
-    the derivatives of the limit in delta [N/m], sigma [N] and slip [N/m] into ``frame``. Returns 1
-    if the look-up was outside the measured range.
+    The line force varies over a part, strongly where the contact ends, and mu with it: two Gauss
+    points. Reads the normal force and its derivatives; writes ``F_max``, ``point_slip`` and the
+    look-ups of the point, and the derivatives of the limit in delta [N/m], sigma [N] and slip [N/m]
+    into ``frame``. Returns the number of look-ups outside the measured range, 0 or 1.
     """
-    F_N, rho = points.F_N[e, c], points.rho[e, c]
-    f_N, f_d, f_s = frame[DERIVATIVES], frame[DERIVATIVES + 1], frame[DERIVATIVES + 2]
+    rho = points.rho[e, c]
     if motion.rate == 0.0:
         slip = v = motion.omega * pulley.R
     else:
@@ -50,15 +59,41 @@ def sliding_friction(
         slip = rho * (motion.omega / motion.rate - turned)
         v = abs(slip) * pulley.R / rho * motion.rate
     points.point_slip[e, c] = slip
-    mu, mu_f, mu_v, _ = look_up(
-        pulley.x_nodes, pulley.y_nodes, pulley.f_ref, pulley.v_ref, pulley.C, f_N, v
+    share, share_d, share_s, middle, middle_d, middle_s, half, half_d, half_s = touching_share(
+        pulley.R - rho, frame[3], 0.5 * belt.w_c[e, c]
     )
-    outside = 0 if in_range(pulley.f_range, f_N) and in_range(pulley.v_range, v) else 1
+    elastic = limit = T_d = T_s = T_v = 0.0
+    outside = 0
+    for i in range(2):
+        at = GAUSS if i == 1 else -GAUSS
+        delta = middle + at * half
+        f = delta * (pulley.k_linear + pulley.k_quadratic * delta)
+        k = pulley.k_linear + 2.0 * pulley.k_quadratic * delta
+        mu, mu_f, mu_v, _ = look_up(
+            pulley.x_nodes, pulley.y_nodes, pulley.f_ref, pulley.v_ref, pulley.C, f, v
+        )
+        if not (in_range(pulley.f_range, f) and in_range(pulley.v_range, v)):
+            outside = 1
+        w = 0.5 * frame[10]
+        points.f_look[e, c, i] = f
+        points.F_look[e, c, i] = w * share * f
+        elastic += w * share * f
+        limit += w * share * mu * f
+        T_v += w * share * mu_v * f
+        slope = (mu + mu_f * f) * k
+        T_d += w * (share_d * mu * f + share * slope * (middle_d + at * half_d))
+        T_s += w * (share_s * mu * f + share * slope * (middle_s + at * half_s))
+    # the dissipative part of the normal force rubs with the mean coefficient
+    mean = limit / elastic
+    more = points.F_N[e, c] / elastic
+    points.F_look[e, c] *= more
     factor = motion.friction * points.ratio[e]
-    points.F_max[e, c] = factor * mu * F_N
-    frame[DERIVATIVES] = factor * (mu * frame[5] + mu_f * F_N * f_d)
-    frame[DERIVATIVES + 1] = factor * (mu * frame[6] + mu_f * F_N * f_s)
-    frame[DERIVATIVES + 2] = factor * mu_v * F_N * math.copysign(motion.rate * pulley.R / rho, slip)
+    points.F_max[e, c] = factor * mean * points.F_N[e, c]
+    more_d = mean * (frame[5] + frame[8] - more * frame[5])
+    more_s = mean * (frame[6] + frame[9] - more * frame[6])
+    frame[FRICTION] = factor * (more * T_d + more_d)
+    frame[FRICTION + 1] = factor * (more * T_s + more_s)
+    frame[FRICTION + 2] = factor * more * T_v * math.copysign(motion.rate * pulley.R / rho, slip)
     return outside
 
 
@@ -96,10 +131,10 @@ def add_contact(
         if motion.friction > 0.0:
             for c in range(n_c):
                 if touching[c]:
-                    outside += sliding_friction(pulley, motion, points, frames[c], e, c)
+                    outside += sliding_friction(belt, pulley, motion, points, frames[c], e, c)
             spread_friction(belt, motion, points, frames, pull, e, A)
         else:
-            frames[:, DERIVATIVES:] = 0.0
+            frames[:, FRICTION:] = 0.0
         for c in range(n_c):
             if touching[c]:
                 add_point(belt, points, frames[c], e, c, stretch, A, residual, residual_stretch)
@@ -154,10 +189,10 @@ def spread_friction(
             continue
         if sticks:
             points.F_T[e, c] *= force
-            frames[c, DERIVATIVES:] = 0.0
+            frames[c, FRICTION:] = 0.0
         else:
             points.F_T[e, c] = points.sign[e] * points.F_max[e, c]
-            frames[c, DERIVATIVES:] *= points.sign[e]
+            frames[c, FRICTION:] *= points.sign[e]
     if sticks:
         for j in range(8):
             row = 4 * e + j
@@ -182,7 +217,9 @@ def add_point(
     The force on the belt is ``F_N n + (P kappa + F_T) t`` on r and ``P n`` on r'.
     """
     nx, ny, kappa, sigma, P = frame[0], frame[1], frame[2], frame[3], frame[4]
-    K_dd, K_ds, K_ss, T_d, T_s, T_slip = frame[5], frame[6], frame[7], frame[8], frame[9], frame[10]
+    K_ds, K_ss = frame[6], frame[7]
+    F_d, F_s = frame[5] + frame[8], frame[6] + frame[9]  # of F_N, with the dissipation
+    T_d, T_s, T_slip = frame[11], frame[12], frame[13]
     tx, ty = ny, -nx
     rho, F_N, F_T = points.rho[e, c], points.F_N[e, c], points.F_T[e, c]
     # a force that only holds a patch in place is too large at first: turn no more than the limit
@@ -191,21 +228,21 @@ def add_point(
     g0, g1 = F_N * nx + g_t * tx, F_N * ny + g_t * ty
     g2, g3 = P * nx, P * ny
     # minus the derivative, in the frame (n, t): r n, r t, r' n, r' t
-    k_nt = K_ds * kappa + (P * kappa + turning) / rho
+    k_nt = F_s * kappa + (P * kappa + turning) / rho
     k_tn = K_ds * kappa + P * kappa / rho + T_d
     k_tt = K_ss * kappa * kappa - F_N / rho - P * sigma / (rho * rho)
     k_tt += T_s * kappa + T_slip
     k_ts = K_ss * kappa + T_s
     k_st = K_ss * kappa
     turn = P / rho
-    h00 = nx * (K_dd * nx + k_nt * tx) + tx * (k_tn * nx + k_tt * tx)
-    h01 = nx * (K_dd * ny + k_nt * ty) + tx * (k_tn * ny + k_tt * ty)
-    h10 = ny * (K_dd * nx + k_nt * tx) + ty * (k_tn * nx + k_tt * tx)
-    h11 = ny * (K_dd * ny + k_nt * ty) + ty * (k_tn * ny + k_tt * ty)
-    h02 = (nx * K_ds + tx * k_ts) * nx - turn * tx * tx
-    h03 = (nx * K_ds + tx * k_ts) * ny - turn * tx * ty
-    h12 = (ny * K_ds + ty * k_ts) * nx - turn * ty * tx
-    h13 = (ny * K_ds + ty * k_ts) * ny - turn * ty * ty
+    h00 = nx * (F_d * nx + k_nt * tx) + tx * (k_tn * nx + k_tt * tx)
+    h01 = nx * (F_d * ny + k_nt * ty) + tx * (k_tn * ny + k_tt * ty)
+    h10 = ny * (F_d * nx + k_nt * tx) + ty * (k_tn * nx + k_tt * tx)
+    h11 = ny * (F_d * ny + k_nt * ty) + ty * (k_tn * ny + k_tt * ty)
+    h02 = (nx * F_s + tx * k_ts) * nx - turn * tx * tx
+    h03 = (nx * F_s + tx * k_ts) * ny - turn * tx * ty
+    h12 = (ny * F_s + ty * k_ts) * nx - turn * ty * tx
+    h13 = (ny * F_s + ty * k_ts) * ny - turn * ty * ty
     h20 = nx * (K_ds * nx + k_st * tx) - turn * tx * tx
     h21 = nx * (K_ds * ny + k_st * ty) - turn * tx * ty
     h30 = ny * (K_ds * nx + k_st * tx) - turn * ty * tx

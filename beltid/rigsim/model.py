@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from beltid.errors import InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
@@ -18,6 +19,8 @@ from beltid.rigsim.path import Path, graded_nodes
 from beltid.rigsim.supports import Reactions, SupportArrays, new_reactions
 
 Array = NDArray[np.float64]
+
+LARGEST_STRAIN = 0.2
 
 
 class System(NamedTuple):
@@ -113,7 +116,18 @@ class Bench:
     surface: FrictionSurface
 
     def model(self, point: OperatingPoint, elements: int | None = None) -> RigModel:
-        """Build the model of one run; ``elements`` overrides the default number of elements."""
+        """Build the model of one run; ``elements`` overrides the default number of elements.
+
+        Raises
+        ------
+        InputError
+            If the initial tension would stretch the belt by more than 20 %.
+        """
+        if point.T_0 > LARGEST_STRAIN * self.belt.EA:
+            raise InputError(
+                f"initial tension {point.T_0:g} N, must be below {LARGEST_STRAIN * self.belt.EA:g} "
+                "N, where it would stretch the belt by 20 %"
+            )
         path = Path(self.rig.R, self.rig.span, point.beta)
         nodes = graded_nodes(self.belt, self.rig, self.law, point, elements)
         ends = path.tangent(np.array([0.0, path.length]))

@@ -16,10 +16,9 @@ from beltid.rigsim.contact_forces import add_contact
 from beltid.rigsim.friction import CONE_TOLERANCE, SLIP_TOLERANCE, Certificate, violations
 from beltid.rigsim.lcp import friction_lcp
 from beltid.rigsim.model import System, Workspace
-from beltid.rigsim.steady import largest_force, move
+from beltid.rigsim.steady import force_tolerance, largest_force, move
 from beltid.rigsim.supports import hold, release
 from beltid.rigsim.transient import (
-    TOLERANCE,
     Drive,
     Kinematics,
     Recorder,
@@ -56,7 +55,7 @@ def assemble(
         by_stretch,
     )
     state.dq[:] = state.trial - state.q - state.q_dot / motion.rate
-    add_inertia(system.belt, state.dq, motion.rate**2, work.A, residual)
+    add_inertia(system.belt, state.dq, motion.rate**2 * stretch, work.A, residual)
     outside = add_contact(
         system.belt,
         system.pulley,
@@ -105,6 +104,7 @@ def lemke_step(
         If a complementarity problem has no solution.
     """
     motion = motion._replace(augmentation=0.0)
+    tolerance = force_tolerance(system, motion, T_0)
     state.trial[:] = state.q + state.q_dot / motion.rate
     changes = 0
     error, certificate, outside = np.inf, Certificate(np.inf, np.inf, 0.0, 0.0), 0
@@ -113,7 +113,7 @@ def lemke_step(
         error = largest_force(system, work.vectors[0])
         certificate = violations(system.belt, points)
         if (
-            error <= TOLERANCE * T_0
+            error <= tolerance
             and certificate.slip <= SLIP_TOLERANCE
             and certificate.cone <= CONE_TOLERANCE
         ):

@@ -1,13 +1,13 @@
 """Sensitivities of the sliding state to the friction surface, by implicit differentiation.
 
-In the sliding state ``r(q, mu_1 ... mu_m) = 0``, where mu_i is the coefficient of friction at
-contact point i. With the tangent K, which holds the change of mu with the force, and a tension T
+In the sliding state ``r(q, mu_1 ... mu_m) = 0``, where mu_i is the coefficient of friction of
+look-up i. With the tangent K, which holds the change of mu with the force, and a tension T
 that depends on q through the held rows,
 
     dT/dmu_i = a . (W_T F_N)_i,   K^T a = dT/dq.
 
 Two transposed solves with the factors of the tangent give both tensions' derivatives with respect
-to mu at every point; any parameter p of the surface follows by
+to mu of every look-up; any parameter p of the surface follows by
 ``dT/dp = sum_i dT/dmu_i dmu(f_i, v)/dp``.
 """
 
@@ -31,14 +31,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class TensionSensitivity:
-    """Derivatives of the tensions with respect to mu at the touching points.
+    """Derivatives of the tensions with respect to mu at the look-ups of the touching points.
 
     Attributes
     ----------
     normal_force_N_m : ndarray, shape (m,)
-        Line force at which mu is looked up [N/m].
+        Line forces at which mu is looked up [N/m].
     tension_tight_N, tension_slack_N : ndarray, shape (m,)
-        Derivatives of the tensions with respect to mu of the point [N].
+        Derivatives of the tensions with respect to mu of the look-up [N].
     """
 
     normal_force_N_m: Array
@@ -47,7 +47,7 @@ class TensionSensitivity:
 
 
 def tension_sensitivity(model: RigModel, sliding: StaticState) -> TensionSensitivity:
-    """Sensitivities of both tensions to mu at every touching point of a sliding state.
+    """Sensitivities of both tensions to mu at every look-up of a sliding state.
 
     Raises
     ------
@@ -66,8 +66,8 @@ def tension_sensitivity(model: RigModel, sliding: StaticState) -> TensionSensiti
         adjoint = _tension_gradient(work.reactions.rows, work.reactions.force, first, model)
         solve_transposed(work.A, work.pivots, adjoint)
         release(system.supports, adjoint)
-        tensions.append(_along_friction(system.belt.N_c, points, adjoint)[touching])
-    return TensionSensitivity(points.f_touch[touching], tensions[0], tensions[1])
+        tensions.append(_along_friction(system.belt.N_c, points, adjoint)[touching].ravel())
+    return TensionSensitivity(points.f_look[touching].ravel(), tensions[0], tensions[1])
 
 
 def _tension_gradient(rows: Array, force: Array, first: int, model: RigModel) -> Array:
@@ -88,9 +88,9 @@ def _tension_gradient(rows: Array, force: Array, first: int, model: RigModel) ->
 
 
 def _along_friction(N_c: Array, points: Points, adjoint: Array) -> Array:
-    """Products of the adjoint (n,) with the friction forces per mu, shape (n_e, n_c)."""
+    """Products of the adjoint (n,) with the friction forces per mu, shape (n_e, n_c, 2)."""
     nodes = adjoint.reshape(-1, 2, 2)
     of_element = np.concatenate([nodes[:-1], nodes[1:]], axis=1)
     at_points = np.einsum("ecj,ejk->eck", N_c, of_element)
     along = at_points[..., 0] * np.cos(points.theta) - at_points[..., 1] * np.sin(points.theta)
-    return np.asarray(along * points.F_N)
+    return np.asarray(along[..., None] * points.F_look)

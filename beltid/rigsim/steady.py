@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.errors import ConvergenceError
+from beltid.errors import ConvergenceError, NumericsError
 from beltid.params import OperatingPoint
 from beltid.rigsim.banded import factorize, solve
 from beltid.rigsim.belt import add_internal
@@ -28,8 +28,11 @@ from beltid.rigsim.supports import force_change, hold, release
 Array = NDArray[np.float64]
 
 TOLERANCE = 1.0e-9  # residual force over T_0
+ROUNDING = 2.0e-14  # of a residual force over EA R/h: what is left in double precision
+SLIP_ROUNDING = 1.0e-15  # of a slip over R
 MOST_ITERATIONS = 40
 LARGEST_MOVE = 5.0e-3  # of a node in one iteration [m]
+DEEPEST = 0.1  # penetration over the radius that still is a contact
 
 
 class Outcome(NamedTuple):
@@ -57,6 +60,14 @@ def largest_force(system: System, residual: Array) -> float:
             if not size <= largest:
                 largest = size
     return largest
+
+
+@kernel
+def force_tolerance(system: System, motion: Motion, T_0: float) -> float:
+    """Residual force that counts as zero [N]: a share of T_0, but not below the rounding."""
+    EA = system.belt.EA * (1.0 + system.belt.damping_time * motion.rate)
+    rounding = ROUNDING * EA / system.belt.h.min() + SLIP_ROUNDING * motion.augmentation
+    return max(TOLERANCE * T_0, rounding * system.pulley.R)
 
 
 @kernel
@@ -104,6 +115,7 @@ def newton(
     """
     error = math.inf
     outside = 0
+    tolerance = force_tolerance(system, motion, T_0)
     step, by_stretch = work.steps[0], work.steps[1]
     force = work.reactions.force
     for iteration in range(MOST_ITERATIONS):
@@ -112,7 +124,7 @@ def newton(
         error = largest_force(system, work.vectors[0])
         if tighten:
             error = max(error, abs(T - T_0))
-        if error <= TOLERANCE * T_0:
+        if error <= tolerance:
             return Outcome(True, iteration, error / T_0, stretch, outside)
         if not (math.isfinite(error) and factorize(work.A, work.pivots)):
             break
@@ -192,6 +204,8 @@ def lay_on(model: RigModel) -> StaticState:
 
     Raises
     ------
+    NumericsError
+        If the belt does not touch the pulley, or sinks far into it.
     ConvergenceError
         If Newton's method fails, also when T_0 is approached from higher tensions.
     """
@@ -210,7 +224,9 @@ def lay_on(model: RigModel) -> StaticState:
                 spent += outcome.iterations
                 break
             if factor == 1.0:
-                return _state(q, points, work, outcome, spent)
+                state = _state(q, points, work, outcome, spent)
+                _refuse_nonsense(model, state)
+                return state
             spent += outcome.iterations
     raise _failure("laying the belt on", point, spent, outcome.residual)
 
@@ -220,6 +236,8 @@ def slide(model: RigModel, laid: StaticState) -> StaticState:
 
     Raises
     ------
+    NumericsError
+        If the belt does not touch the pulley, or sinks far into it.
     ConvergenceError
         If Newton's method fails, also when the friction is raised in steps.
     """
@@ -236,9 +254,25 @@ def slide(model: RigModel, laid: StaticState) -> StaticState:
                 spent += outcome.iterations
                 break
             if k == stages:
-                return _state(q, points, work, outcome, spent)
+                state = _state(q, points, work, outcome, spent)
+                _refuse_nonsense(model, state)
+                return state
             spent += outcome.iterations
     raise _failure("the sliding belt", point, spent, outcome.residual)
+
+
+def _refuse_nonsense(model: RigModel, state: StaticState) -> None:
+    """An equilibrium may be one of a rig that makes no sense: then say so."""
+    points, R = state.points, model.path.R
+    touches = points.F_N > 0.0
+    if not touches.any():
+        raise NumericsError(f"{describe(model.point)}: the belt does not touch the pulley")
+    depth = R - float(points.rho[touches].min())
+    if depth > DEEPEST * R:
+        raise NumericsError(
+            f"{describe(model.point)}: the belt sinks {1e3 * depth:.3g} mm into the pulley, must "
+            f"be below {DEEPEST:.0%} of its radius: contact law too soft, or tension too high"
+        )
 
 
 def describe(point: OperatingPoint) -> str:

@@ -32,13 +32,12 @@ from beltid.rigsim.friction import (
     violations,
 )
 from beltid.rigsim.model import RigModel, System, Workspace
-from beltid.rigsim.steady import largest_force, move
+from beltid.rigsim.steady import force_tolerance, largest_force, move
 from beltid.rigsim.supports import hold, release
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
-TOLERANCE = 1.0e-9  # residual force over T_0
 MOST_ITERATIONS = 60
 MOST_HALVINGS = 8
 FREE_REVISIONS = 8  # iterations in which all patches may change sides at once
@@ -92,6 +91,7 @@ def step(
 ) -> StepOutcome:
     """One implicit step; the result is in ``state.trial`` and ``points``, the old state is kept."""
     dt = 1.0 / motion.rate
+    tolerance = force_tolerance(system, motion, T_0)
     trial, dq = state.trial, state.dq
     trial[:] = state.q + dt * state.q_dot
     residual, by_stretch = work.vectors[0], work.vectors[1]
@@ -106,7 +106,8 @@ def step(
             system.belt, trial, stretch, work.strain_old, motion.rate, work.A, residual, by_stretch
         )
         dq[:] = trial - state.q - dt * state.q_dot
-        add_inertia(system.belt, dq, motion.rate**2, work.A, residual)
+        # the mass of an element is that of its stress-free length
+        add_inertia(system.belt, dq, motion.rate**2 * stretch, work.A, residual)
         outside = add_contact(
             system.belt, system.pulley, motion, points, trial, stretch, work.A, residual, by_stretch
         )
@@ -114,7 +115,7 @@ def step(
         error = largest_force(system, residual)
         certificate = violations(system.belt, points)
         if (
-            error <= TOLERANCE * T_0
+            error <= tolerance
             and certificate.slip <= SLIP_TOLERANCE
             and certificate.cone <= CONE_TOLERANCE
         ):
@@ -227,7 +228,9 @@ def march(
         parts, done, halvings = 1, 0, 0
         while done < parts:
             rate = parts / schedule.dt[k]
-            motion = Motion(schedule.omega[k], rate, 1.0, drive.augmentation)
+            # a stick has to be stiff against the belt, its damping included
+            hold_by = drive.augmentation * (1.0 + system.belt.damping_time * rate)
+            motion = Motion(schedule.omega[k], rate, 1.0, hold_by)
             kept_status[:] = points.status
             kept_sign[:] = points.sign
             kept_la[:] = points.la_T
