@@ -46,8 +46,8 @@ def renderables(
     """Parts of a summary in their order: heading, facts, tables, verdict."""
     from rich.text import Text
 
-    synthetic = " (synthetic data)" if summary.origin == SYNTHETIC else ""
-    yield Text(f"{summary.stage}: {summary.title}{synthetic}", style="bold")
+    of_what = " (synthetic data)" if summary.origin == SYNTHETIC else ""
+    yield Text(f"{summary.stage}{of_what}: {summary.title}", style="bold")
     if summary.facts:
         yield _facts(summary.facts)
     rows = summary.overview

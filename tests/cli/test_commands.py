@@ -11,6 +11,8 @@ import pytest
 
 from beltid.store.artifacts import read_artifact
 
+DATA = Path(__file__).parents[2] / "rigdata" / "5pk"
+
 COMMANDS = {
     "fit-stiffness": (["press.csv"], "stiffness"),
     "fit-slip": (["speedloss.csv"], "slip"),
@@ -219,3 +221,36 @@ def test_the_number_of_jobs_changes_nothing(bench: Path, beltid: Any) -> None:
     assert beltid(*call, "-j", "1", "-o", "one.parquet").exit_code == 0
     assert beltid(*call, "-j", "3", "-o", "three.parquet").exit_code == 0
     assert (bench / "one.parquet").read_bytes() == (bench / "three.parquet").read_bytes()
+
+
+@pytest.mark.parametrize("belt", ["4pk", "5pk", "6pk"])
+def test_results_of_the_shipped_recordings_are_called_synthetic(
+    beltid: Any, tmp_path: Path, belt: str
+) -> None:
+    recording = DATA.parent / belt / "speedloss.csv"
+    result = beltid("fit-slip", recording, "-o", tmp_path / "slip.parquet")
+    assert result.exit_code == 0
+    assert result.stdout.startswith("fit-slip (synthetic data): ")
+    stored = read_artifact(tmp_path / "slip.parquet", "slip").metadata
+    assert stored.extra["origin"] == "synthetic"
+
+
+def test_nothing_is_said_about_an_origin_that_nobody_stated(bench: Path, beltid: Any) -> None:
+    result = beltid("fit-slip", "speedloss.csv", "--json")
+    assert json.loads(result.stdout)["origin"] is None
+    assert "synthetic" not in beltid("fit-slip", "speedloss.csv").stdout
+
+
+def test_the_chain_tells_belts_of_synthetic_data_apart(bench: Path, beltid: Any) -> None:
+    text = (bench / "beltid.yaml").read_text()
+    virtual = text.replace("data: {", "data: {origin: synthetic, ")
+    (bench / "beltid.yaml").write_text(virtual)
+    whole = beltid("run", "beltid.yaml")
+    assert whole.stdout.startswith("run (synthetic data): ")
+    assert "synthetic data" in whole.stderr.splitlines()[0]
+    (bench / "real.yaml").write_text(text.replace("name: 5pk", "name: real"))
+    mixed = beltid("run", "beltid.yaml", "real.yaml")
+    assert mixed.stdout.startswith("run: ")
+    assert sum("synthetic" in line for line in mixed.stdout.splitlines()) == 1
+    rows = json.loads(beltid("run", "beltid.yaml", "real.yaml", "--json").stdout)["table"]
+    assert [row["origin"] for row in rows] == ["synthetic", None]

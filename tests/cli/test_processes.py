@@ -33,9 +33,9 @@ def run(folder: Path, *arguments: str, **settings: str) -> subprocess.CompletedP
 
 
 @pytest.fixture
-def beside(finished: Path, tmp_path: Path) -> Path:
-    """Friction table alone in a folder."""
-    shutil.copy(finished / "friction.parquet", tmp_path)
+def beside(recordings: Path, tmp_path: Path) -> Path:
+    """The recording that is worked on fastest, alone in a folder."""
+    shutil.copy(recordings / "speedloss.csv", tmp_path)
     return tmp_path
 
 
@@ -59,8 +59,8 @@ def test_same_input_same_bytes_in_another_process_and_folder(
 
 
 def test_output_of_a_pipe_is_plain_and_does_not_know_the_terminal(beside: Path) -> None:
-    first = run(beside, "build-surface", "friction.parquet", TERM="xterm-256color")
-    other = run(beside, "build-surface", "friction.parquet", TERM="dumb", FORCE_COLOR="1")
+    first = run(beside, "fit-slip", "speedloss.csv", TERM="xterm-256color")
+    other = run(beside, "fit-slip", "speedloss.csv", TERM="dumb", FORCE_COLOR="1")
     assert b"\x1b" not in first.stdout + first.stderr
     assert first.stdout == other.stdout
 
@@ -94,10 +94,10 @@ def on_a_terminal(folder: Path, *arguments: str, **settings: str) -> tuple[int, 
 
 
 def test_colours_on_a_terminal_and_none_with_no_color(beside: Path) -> None:
-    status, coloured = on_a_terminal(beside, "build-surface", "friction.parquet")
+    status, coloured = on_a_terminal(beside, "fit-slip", "speedloss.csv")
     assert status == 0
     assert b"\x1b[" in coloured
-    _, plain = on_a_terminal(beside, "build-surface", "friction.parquet", NO_COLOR="1")
+    _, plain = on_a_terminal(beside, "fit-slip", "speedloss.csv", NO_COLOR="1")
     colours = [part for part in plain.split(b"\x1b[")[1:] if part[:1] in b"34" and b"m" in part[:4]]
     assert colours == []
 
