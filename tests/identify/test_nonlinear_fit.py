@@ -1,0 +1,282 @@
+"""Nonlinear least squares on certified data (NIST StRD, higher difficulty) and its honesty."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from beltid.errors import ConvergenceError, InputError
+from beltid.identify.nonlinear_fit import fit_nonlinear
+
+
+@dataclass(frozen=True)
+class Certified:
+    """A NIST Statistical Reference Dataset with its certified values (11 digits)."""
+
+    model: Callable
+    jacobian: Callable
+    y: np.ndarray
+    starts: tuple
+    beta: list
+    sd: list
+    rss: float
+    rsd: float
+
+
+def mgh09() -> Certified:
+    x = np.array([4, 2, 1, 0.5, 0.25, 0.167, 0.125, 0.1, 0.0833, 0.0714, 0.0625])
+    y = "195.7 194.7 173.5 160.0 84.4 62.7 45.6 34.2 32.3 23.5 24.6"
+
+    def parts(b):
+        return x * x + b[1] * x, x * x + b[2] * x + b[3]
+
+    def model(b):
+        top, bottom = parts(b)
+        return b[0] * top / bottom
+
+    def jacobian(b):
+        top, bottom = parts(b)
+        f = b[0] * top / bottom**2
+        return np.column_stack([top / bottom, b[0] * x / bottom, -f * x, -f])
+
+    return Certified(
+        model,
+        jacobian,
+        np.array(y.split(), dtype=float) / 1000.0,
+        ((25.0, 39.0, 41.5, 39.0), (0.25, 0.39, 0.415, 0.39)),
+        [1.9280693458e-01, 1.9128232873e-01, 1.2305650693e-01, 1.3606233068e-01],
+        [1.1435312227e-02, 1.9633220911e-01, 8.0842031232e-02, 9.0025542308e-02],
+        3.0750560385e-04,
+        6.6279236551e-03,
+    )
+
+
+def mgh10() -> Certified:
+    x = np.arange(50.0, 126.0, 5.0)
+    y = "34780 28610 23650 19630 16370 13720 11540 9744 8261 7030 6005 5147 4427 3820 3307 2872"
+
+    def model(b):
+        return b[0] * np.exp(b[1] / (x + b[2]))
+
+    def jacobian(b):
+        e = np.exp(b[1] / (x + b[2]))
+        g = b[0] * e / (x + b[2])
+        return np.column_stack([e, g, -g * b[1] / (x + b[2])])
+
+    return Certified(
+        model,
+        jacobian,
+        np.array(y.split(), dtype=float),
+        ((2.0, 400000.0, 25000.0), (0.02, 4000.0, 250.0)),
+        [5.6096364710e-03, 6.1813463463e03, 3.4522363462e02],
+        [1.5687892471e-04, 2.3309021107e01, 7.8486103508e-01],
+        8.7945855171e01,
+        2.6009740065e00,
+    )
+
+
+def boxbod() -> Certified:
+    x = np.array([1.0, 2.0, 3.0, 5.0, 7.0, 10.0])
+
+    def model(b):
+        return b[0] * (1.0 - np.exp(-b[1] * x))
+
+    def jacobian(b):
+        e = np.exp(-b[1] * x)
+        return np.column_stack([1.0 - e, b[0] * x * e])
+
+    return Certified(
+        model,
+        jacobian,
+        np.array([109.0, 149.0, 149.0, 191.0, 213.0, 224.0]),
+        ((1.0, 1.0), (100.0, 0.75)),
+        [2.1380940889e02, 5.4723748542e-01],
+        [1.2354515176e01, 1.0455993237e-01],
+        1.1680088766e03,
+        1.7088072423e01,
+    )
+
+
+THURBER_Y = """
+80.574 84.248 87.264 87.195 89.076 89.608 89.868 90.101 92.405 95.854 100.696 101.060 401.672
+390.724 567.534 635.316 733.054 759.087 894.206 990.785 1090.109 1080.914 1122.643 1178.351 1260.531
+1273.514 1288.339 1327.543 1353.863 1414.509 1425.208 1421.384 1442.962 1464.350 1468.705 1447.894
+1457.628
+"""
+THURBER_X = """
+-3.067 -2.981 -2.921 -2.912 -2.840 -2.797 -2.702 -2.699 -2.633 -2.481 -2.363 -2.322 -1.501 -1.460
+-1.274 -1.212 -1.100 -1.046 -0.915 -0.714 -0.566 -0.545 -0.400 -0.309 -0.109 -0.103 0.010 0.119
+0.377 0.790 0.963 1.006 1.115 1.572 1.841 2.047 2.200
+"""
+
+
+def thurber() -> Certified:
+    x = np.array(THURBER_X.split(), dtype=float)
+    powers = np.column_stack([x**k for k in range(4)])
+
+    def parts(b):
+        return powers @ b[:4], 1.0 + powers[:, 1:] @ b[4:]
+
+    def model(b):
+        top, bottom = parts(b)
+        return top / bottom
+
+    def jacobian(b):
+        top, bottom = parts(b)
+        return np.column_stack(
+            [powers / bottom[:, None], -powers[:, 1:] * (top / bottom**2)[:, None]]
+        )
+
+    return Certified(
+        model,
+        jacobian,
+        np.array(THURBER_Y.split(), dtype=float),
+        ((1000, 1000, 400, 40, 0.7, 0.3, 0.03), (1300, 1500, 500, 75, 1, 0.4, 0.05)),
+        [
+            1.2881396800e03,
+            1.4910792535e03,
+            5.8323836877e02,
+            7.5416644291e01,
+            9.6629502864e-01,
+            3.9797285797e-01,
+            4.9727297349e-02,
+        ],
+        [
+            4.6647963344e00,
+            3.9571156086e01,
+            2.8698696102e01,
+            5.5675370270e00,
+            3.1333340687e-02,
+            1.4984928198e-02,
+            6.5842344623e-03,
+        ],
+        5.6427082397e03,
+        1.3714600784e01,
+    )
+
+
+SETS = {"MGH09": mgh09(), "MGH10": mgh10(), "BoxBOD": boxbod(), "Thurber": thurber()}
+
+
+def digits(found, certified) -> float:
+    """Number of agreeing digits (log relative error) of the worst component."""
+    error = np.abs(np.asarray(found) - certified) / np.abs(certified)
+    return float(-np.log10(max(np.max(error), 1e-16)))
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_certified_values_belong_to_the_data(name):
+    s = SETS[name]
+    residuals = s.y - s.model(np.array(s.beta))
+    assert digits(residuals @ residuals, s.rss) >= 9.5
+    assert digits(np.sqrt(s.rss / (s.y.size - len(s.beta))), s.rsd) >= 9.5
+
+
+@pytest.mark.parametrize("name", SETS)
+@pytest.mark.parametrize("start", [0, 1])
+def test_certified_values_of_nist_from_both_starts(name, start):
+    s = SETS[name]
+    fit = fit_nonlinear(s.model, s.jacobian, s.y, s.starts[start])
+    assert digits(fit.parameters, s.beta) >= 9
+    assert digits(fit.se, s.sd) >= 9
+    assert digits(fit.sum_of_squares, s.rss) >= 9
+    assert digits(np.sqrt(fit.residual_variance), s.rsd) >= 9
+    assert fit.determined.all()
+
+
+def decay(x):
+    def model(b):
+        return b[0] * np.exp(-b[1] * x)
+
+    def jacobian(b):
+        e = np.exp(-b[1] * x)
+        return np.column_stack([e, -b[0] * x * e])
+
+    return model, jacobian
+
+
+def test_weights_count_as_repeated_observations():
+    x = np.linspace(0.0, 3.0, 12)
+    rng = np.random.default_rng(5)
+    y = 2.0 * np.exp(-0.7 * x) + 0.05 * rng.normal(size=x.size)
+    times = rng.integers(1, 5, x.size)
+    repeated = np.repeat(x, times)
+    once = fit_nonlinear(*decay(x), y, [1.0, 1.0], weights=np.sqrt(times))
+    often = fit_nonlinear(*decay(repeated), np.repeat(y, times), [1.0, 1.0])
+    assert np.allclose(once.parameters, often.parameters, rtol=1e-9)
+    assert np.allclose(once.cofactor, often.cofactor, rtol=1e-7)
+    assert once.sum_of_squares == pytest.approx(often.sum_of_squares, rel=1e-10)
+
+
+def test_standard_errors_are_the_scatter_of_repeated_experiments():
+    x = np.linspace(0.0, 3.0, 15)
+    rng = np.random.default_rng(8)
+    clean = 2.0 * np.exp(-0.7 * x)
+    fits = [
+        fit_nonlinear(*decay(x), clean + 0.02 * rng.normal(size=x.size), [1.0, 1.0])
+        for _ in range(300)
+    ]
+    scatter = np.std([f.parameters for f in fits], axis=0, ddof=1)
+    stated = np.sqrt(np.mean([f.se**2 for f in fits], axis=0))
+    # 300 repetitions determine a standard deviation to 4 %
+    assert np.allclose(stated / scatter, 1.0, atol=0.13)
+
+
+def test_a_parameter_that_the_data_do_not_tell_has_an_infinite_error():
+    x = np.linspace(0.0, 1.0, 9)
+
+    def model(b):  # only b0 + b1 matters
+        return b[0] + b[1] + b[2] * x
+
+    def jacobian(b):
+        return np.column_stack([np.ones(9), np.ones(9), x])
+
+    fit = fit_nonlinear(model, jacobian, 3.0 - 2.0 * x + 0.01 * np.cos(9 * x), [0.0, 0.0, 0.0])
+    assert fit.determined.tolist() == [False, False, True]
+    assert np.isinf(fit.se[:2]).all()
+    assert np.isfinite(fit.se[2])
+    assert fit.parameters[0] + fit.parameters[1] == pytest.approx(3.0, abs=0.02)
+
+
+def test_a_parameter_at_its_bound_is_told_and_the_others_are_fitted_with_it():
+    x = np.linspace(0.0, 3.0, 20)
+    y = 2.0 * np.exp(-0.7 * x)
+    fit = fit_nonlinear(*decay(x), y, [1.0, 1.5], bounds=([0.0, 1.0], [np.inf, 5.0]))
+    assert fit.at_bound.tolist() == [False, True]
+    assert fit.parameters[1] == pytest.approx(1.0, abs=1e-6)
+    e = np.exp(-x)  # with the rate held at 1 the amplitude is a linear problem
+    assert fit.parameters[0] == pytest.approx(e @ y / (e @ e), rel=1e-6)
+    assert not fit.determined[1]
+    assert np.isinf(fit.se[1])
+    assert fit.degrees_of_freedom == 19
+
+
+def test_a_search_without_a_minimum_is_an_error_with_what_is_left():
+    x = np.linspace(0.0, 1.0, 6)
+
+    def model(b):  # falls towards zero for ever, never reaches it: no minimum
+        return np.exp(-b[0]) + 0.0 * x
+
+    def jacobian(b):
+        return np.full((6, 1), 0.5 * np.exp(-b[0]))  # and a derivative that is wrong
+
+    with pytest.raises(ConvergenceError, match="no minimum") as caught:
+        fit_nonlinear(model, jacobian, 2.0 + x, [3.0])
+    assert caught.value.residual > 0.0
+
+
+def test_what_cannot_be_fitted_is_refused():
+    model, jacobian = decay(np.arange(3.0))
+    with pytest.raises(InputError, match="n >= p"):
+        fit_nonlinear(model, jacobian, np.ones(1), [1.0, 1.0])
+    with pytest.raises(InputError, match="not finite"):
+        fit_nonlinear(model, jacobian, [1.0, np.nan, 1.0], [1.0, 1.0])
+    with pytest.raises(InputError, match="weights"):
+        fit_nonlinear(model, jacobian, np.ones(3), [1.0, 1.0], weights=[1.0, 0.0, 1.0])
+    with pytest.raises(InputError, match="outside its bounds"):
+        fit_nonlinear(model, jacobian, np.ones(3), [1.0, 1.0], bounds=(2.0, 3.0))
+    with pytest.raises(InputError, match="finite at the start"):
+        fit_nonlinear(lambda b: model(b) * np.nan, jacobian, np.ones(3), [1.0, 1.0])
