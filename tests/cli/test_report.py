@@ -131,12 +131,12 @@ def test_json_has_null_for_what_is_missing() -> None:
 )
 def test_synthetic_data_are_called_so_in_the_heading(origin: str | None, heading: str) -> None:
     summary = Summary("x", "t", table=[{"a": 1.0}], origin=origin)
-    assert shown(summary, 80).splitlines()[0] == heading
+    assert printed(summary, 80).splitlines()[0] == heading
     assert summary.as_json()["origin"] == origin
 
 
 def test_further_tables_are_for_the_curious() -> None:
     summary = Summary("x", "t", table=[{"a": 1.0}], details={"solver": [{"steps": 99}]})
-    assert "99" not in shown(summary, 80)
-    assert "99" in shown(summary, 80, complete=True)
+    assert "99" not in printed(summary, 80)
+    assert "99" in printed(summary, 80, complete=True)
     assert summary.as_json()["details"] == {"solver": [{"steps": 99}]}

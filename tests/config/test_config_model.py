@@ -151,7 +151,7 @@ def test_the_columns_of_the_config_are_those_of_the_tables(kind, units):
 names = st.text(st.characters(codec="utf-8", exclude_categories=["C", "Zl", "Zp"]), min_size=1)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(
     name=names.filter(lambda s: s.isprintable() and len(s) < 200),
     stiffness=st.floats(1e2, 1e8),
