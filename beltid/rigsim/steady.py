@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 TOLERANCE = 1.0e-9  # residual force over T_0
 ROUNDING = 2.0e-14  # of a residual force over EA R/h: what is left in double precision
-SLIP_ROUNDING = 1.0e-15  # of a slip over R
+SLIP_ROUNDING = 2.0e-16  # of a slip over R
 MOST_ITERATIONS = 40
 LARGEST_MOVE = 5.0e-3  # of a node in one iteration [m]
 DEEPEST = 0.1  # penetration over the radius that still is a contact
