@@ -1,0 +1,7 @@
+"""Benchmarks: the simulated rig against Exudyn and against its own targets, one core per claim."""
+
+import os
+
+# before numpy is imported: a claim for one core must not be helped by a threaded library
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[_name] = "1"

@@ -1,0 +1,265 @@
+"""The same rig in Exudyn: ANCFCable2D elements, ObjectContactFrictionCircleCable2D.
+
+The rig is turned so that the span of support A lies along x. To tighten the belt, support A is free
+along x and loaded with T_0, without friction; then it is locked where it stands. (beltid keeps the
+supports in place and finds the stress-free length; a millimetre of span makes no difference to
+the apparent mu.) For sliding, the velocity coordinate of the pulley is set to omega and every
+segment is seeded as sliding: one load step of the static solver gives the limit of full sliding.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.params import OperatingPoint
+from beltid.rigsim.path import Path, bed_length, graded_nodes
+from benchmarks.work import BELT, LAW, MU, RIG
+
+sys.exudynFast = True  # type: ignore[attr-defined]  # Exudyn's build without range checks
+import exudyn as _exudyn  # noqa: E402
+
+exudyn: Any = _exudyn  # the signatures of its stubs lack self
+
+INITIAL = exudyn.ConfigurationType.Initial
+MESH_TENSION_N = 200.0  # the graded mesh is made for this tension
+MARGIN_M = 4.0e-3  # elements this far beyond the tangent points get contact segments, too
+SLIP_PENALTY = 1.0e6  # N s/m: every segment slides at every speed of the comparison
+
+
+@dataclass(frozen=True, slots=True)
+class PeerSettings:
+    """How Exudyn is used.
+
+    Parameters
+    ----------
+    elements, segments : int
+        Belt elements, and contact segments of each.
+    graded : bool
+        Elements small on the arc and growing in the spans, as in beltid; else all alike.
+    modified_newton : bool
+        Keep the tangent while the iteration contracts; else a new one in each iteration.
+    tolerance : float
+        Relative tolerance of Newton's method (Exudyn's default is 1e-8).
+    """
+
+    elements: int
+    segments: int = 6
+    graded: bool = False
+    modified_newton: bool = False
+    tolerance: float = 1.0e-6
+
+    def __str__(self) -> str:
+        mesh = "graded" if self.graded else "uniform"
+        newton = "modified" if self.modified_newton else "full"
+        return f"{self.elements} elements x {self.segments} segments, {mesh} mesh, {newton} Newton"
+
+
+def mesh(beta: float, settings: PeerSettings) -> NDArray[np.float64]:
+    """Path coordinates of the nodes [m]."""
+    if settings.graded:
+        point = OperatingPoint(beta, MESH_TENSION_N, 1.0)
+        return graded_nodes(BELT, RIG, LAW, point, settings.elements)
+    return np.linspace(0.0, Path(RIG.R, RIG.span, beta).length, settings.elements + 1)
+
+
+class PeerRig:
+    """The rig of one contact arc in Exudyn."""
+
+    def __init__(self, beta: float, settings: PeerSettings) -> None:
+        self.beta = beta
+        self.settings = settings
+        self.newton_iterations = 0
+        self._container = exudyn.SystemContainer()
+        self._mbs = self._container.AddSystem()
+        self._contacts: list[Any] = []
+        nodes = mesh(beta, settings)
+        path = Path(RIG.R, RIG.span, beta)
+        position, tangent = path.position(nodes), path.tangent(nodes)
+        cos, sin = tangent[0, 0], -tangent[0, 1]
+        turn = np.array([[cos, -sin], [sin, cos]])
+        self._add_pulley()
+        self._add_belt(nodes, np.hstack([position @ turn.T, tangent @ turn.T]), path.length)
+        self._mbs.Assemble()
+        self._static = self._static_settings()
+        self._solver = exudyn.MainSolverStatic()
+
+    def _add_pulley(self) -> None:
+        mbs = self._mbs
+        ground = mbs.AddNode({"nodeType": "PointGround"})
+        self._ground = mbs.AddMarker(
+            {"markerType": "NodeCoordinate", "nodeNumber": ground, "coordinate": 0}
+        )
+        self._pulley = mbs.AddNode({"nodeType": "RigidBody2D"})
+        mbs.AddObject(
+            {"objectType": "RigidBody2D", "mass": 1.0, "inertia": 1.0, "nodeNumber": self._pulley}
+        )
+        for coordinate in range(3):
+            self._rotation, _ = self._hold(self._pulley, coordinate)  # the last one is the rotation
+        self._rim = mbs.AddMarker({"markerType": "NodeRigid", "nodeNumber": self._pulley})
+
+    def _hold(self, node: Any, coordinate: int) -> tuple[Any, Any]:
+        """Constrain a coordinate of a node; returns the constraint and its marker."""
+        marker = self._mbs.AddMarker(
+            {"markerType": "NodeCoordinate", "nodeNumber": node, "coordinate": coordinate}
+        )
+        constraint = self._mbs.AddObject(
+            {"objectType": "ConnectorCoordinate", "markerNumbers": [self._ground, marker]}
+        )
+        return constraint, marker
+
+    def _add_belt(
+        self, nodes: NDArray[np.float64], coordinates: NDArray[np.float64], length: float
+    ) -> None:
+        mbs = self._mbs
+        ends = [
+            mbs.AddNode({"nodeType": "Point2DSlope1", "referenceCoordinates": row})
+            for row in coordinates
+        ]
+        for i, h in enumerate(np.diff(nodes)):
+            cable = mbs.AddObject(
+                {
+                    "objectType": "ANCFCable2D",
+                    "length": h,
+                    "massPerLength": BELT.rhoA,
+                    "bendingStiffness": BELT.EI,
+                    "axialStiffness": BELT.EA,
+                    "bendingDamping": BELT.damping_time * BELT.EI,
+                    "axialDamping": BELT.damping_time * BELT.EA,
+                    "nodeNumbers": [ends[i], ends[i + 1]],
+                    "useReducedOrderIntegration": 1,
+                }
+            )
+            near = RIG.span - MARGIN_M
+            if nodes[i + 1] >= near and nodes[i] <= length - near:
+                self._add_contact(cable, nodes[i], float(h), length)
+        self._end = ends[0]
+        held = [self._hold(ends[e], c) for e in (0, -1) for c in (0, 1)]
+        self._supports = [constraint for constraint, _ in held]
+        self._load = mbs.AddLoad(
+            {"loadType": "Coordinate", "markerNumber": held[0][1], "load": 0.0}
+        )
+
+    def _add_contact(self, cable: Any, start: float, h: float, length: float) -> None:
+        """Contact segments of a cable, those within the expected contact seeded as touching."""
+        mbs, n = self._mbs, self.settings.segments
+        middle = start + h * (np.arange(n) + 0.5) / n
+        # the contact ends about half an elastic-bed length inside the tangent points
+        inside = RIG.span + 0.5 * bed_length(BELT.EI, LAW.k_linear_N_m2)
+        gap = np.where((middle > inside) & (middle < length - inside), -1.0e-5, 1.0e-5)
+        data = mbs.AddNode(
+            {
+                "nodeType": "GenericData",
+                "numberOfDataCoordinates": 3 * n,
+                "initialCoordinates": np.concatenate([gap, np.full(n, -2.0), np.zeros(n)]),
+            }
+        )
+        shape = mbs.AddMarker(
+            {"markerType": "BodyCable2DShape", "bodyNumber": cable, "numberOfSegments": n}
+        )
+        self._contacts.append(
+            mbs.AddObject(
+                {
+                    "objectType": "ContactFrictionCircleCable2D",
+                    "markerNumbers": [self._rim, shape],
+                    "nodeNumber": data,
+                    "numberOfContactSegments": n,
+                    "contactStiffness": LAW.k_linear_N_m2 * h / n,
+                    "circleRadius": RIG.R,
+                    "useSegmentNormals": False,
+                }
+            )
+        )
+
+    def _static_settings(self) -> Any:
+        settings = exudyn.SimulationSettings()
+        settings.solution.file.write = False
+        settings.parallel.numberOfThreads = 1
+        settings.linearSolver.solverType = exudyn.LinearSolverType.EigenSparse
+        static = settings.staticSolver
+        static.verboseMode = 0
+        static.newton.relativeTolerance = self.settings.tolerance
+        static.newton.useModifiedNewton = self.settings.modified_newton
+        # with the defaults (5, 1) contact sets of fine meshes are accepted unfinished: 0.7 % error
+        static.discontinuous.maxIterations = 15
+        static.discontinuous.iterationTolerance = 0.01
+        return settings
+
+    def _set_contacts(self, **parameters: float) -> None:
+        for contact in self._contacts:
+            for name, value in parameters.items():
+                self._mbs.SetObjectParameter(contact, name, value)
+
+    def _solve(self) -> None:
+        if not self._solver.SolveSystem(self._mbs, self._static):
+            raise RuntimeError("Exudyn found no equilibrium")
+        self.newton_iterations += self._solver.it.newtonStepsCount
+
+    def tensions(self) -> tuple[float, float]:
+        """Forces on the supports A and B [N]."""
+        kind = exudyn.OutputVariableType.Force
+        f = [float(np.ravel(self._mbs.GetObjectOutput(s, kind))[-1]) for s in self._supports]
+        return math.hypot(f[0], f[1]), math.hypot(f[2], f[3])
+
+    def lay_on(self, T_0: float) -> None:
+        """Lay the belt on without friction, tighten it to T_0 [N], lock support A."""
+        mbs, free_end = self._mbs, self._supports[0]
+        mbs.SetObjectParameter(free_end, "activeConnector", False)
+        mbs.SetLoadParameter(self._load, "load", -T_0)
+        self._set_contacts(frictionCoefficient=0.0, frictionVelocityPenalty=0.0)
+        self._solve()
+        self._laid = mbs.systemData.GetSystemState()
+        mbs.systemData.SetSystemState(self._laid, configuration=INITIAL)
+        place = mbs.GetNodeOutput(self._end, exudyn.OutputVariableType.Coordinates)[0]
+        mbs.SetObjectParameter(free_end, "offset", float(place))
+        mbs.SetObjectParameter(free_end, "activeConnector", True)
+        mbs.SetLoadParameter(self._load, "load", 0.0)
+        self._set_contacts(frictionCoefficient=MU, frictionVelocityPenalty=SLIP_PENALTY)
+
+    def slide(self, omega: float) -> tuple[float, float]:
+        """Tensions [N] in the limit of full sliding at a speed of the pulley [rad/s]."""
+        state = [np.array(part) for part in self._laid]
+        velocities, data = state[1], state[-1]
+        velocities[2] = -omega
+        data.reshape(-1, 3, self.settings.segments)[:, 1] = 1.0
+        self._mbs.systemData.SetSystemState(state, configuration=INITIAL)
+        self._solve()
+        return self.tensions()
+
+    def turn(self, omega: float, steps: int, travel: float) -> tuple[float, float]:
+        """Tensions [N] after ``steps`` of generalised-alpha over a travel of the rim [m]."""
+        mbs = self._mbs
+        mbs.SetObjectParameter(self._rotation, "velocityLevel", True)
+        mbs.SetObjectParameter(self._rotation, "offset", -omega)
+        self._set_contacts(frictionVelocityPenalty=1.0e2, frictionStiffness=1.0e6)
+        mbs.systemData.SetSystemState(self._laid, configuration=INITIAL)
+        settings = self._static_settings()
+        dynamic = settings.timeIntegration
+        dynamic.verboseMode = 0
+        dynamic.endTime = travel / (RIG.R * omega)
+        dynamic.numberOfSteps = steps
+        dynamic.adaptiveStep = False
+        dynamic.generalizedAlpha.spectralRadius = 0.6
+        dynamic.generalizedAlpha.computeInitialAccelerations = False
+        dynamic.newton.relativeTolerance = self.settings.tolerance
+        dynamic.newton.useModifiedNewton = True
+        dynamic.discontinuous.maxIterations = 8
+        solver = exudyn.MainSolverImplicitSecondOrder()
+        if not solver.SolveSystem(mbs, settings):
+            raise RuntimeError("Exudyn's time integration failed")
+        return self.tensions()
+
+
+def apparent_mu(tensions: tuple[float, float], beta: float) -> float:
+    """Coefficient of friction by Eq. (6)."""
+    return math.log(tensions[0] / tensions[1]) / beta
+
+
+# what a user who knows both the problem and the solver sets; found by trying some forty settings
+TUNED = PeerSettings(10, 4, graded=True, modified_newton=True, tolerance=1.0e-4)
+TUNED_FINE = replace(TUNED, elements=16, segments=6)
