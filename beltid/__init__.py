@@ -24,6 +24,7 @@ Module                 Responsibility                                         Pa
 ``report``             summaries for the terminal
 ``store``              files: tables, recordings, artifacts
 ``config``             YAML to a frozen model; errors with line and column
+``refine``             inverse problem: the surface that gives the tensions   beyond section 7
 ``identify.stiffness`` press recording to normal contact law                  Eqs. (1) to (4)
 ``identify.slip``      speed loss to sliding speed                            Eq. (7)
 ``identify.friction``  run of the rig to friction coefficient                 Eqs. (5) to (8)
@@ -62,6 +63,7 @@ if TYPE_CHECKING:
     from beltid.stages.fit_friction import fit_friction
     from beltid.stages.fit_slip import fit_slip
     from beltid.stages.fit_stiffness import fit_stiffness
+    from beltid.stages.refine_surface import refine_surface
     from beltid.stages.simulated_runs import simulate_campaign, simulate_rig
     from beltid.stages.tables import load_stiffness, load_surface
 
@@ -86,6 +88,7 @@ __all__ = [
     "load_config",
     "load_stiffness",
     "load_surface",
+    "refine_surface",
     "simulate_campaign",
     "simulate_rig",
 ]
@@ -111,6 +114,7 @@ _HOMES = {
     "FrictionSurface": "laws.friction_surface",
     "NormalLaw": "laws.penalty",
     "build_surface": "stages.build_surface",
+    "refine_surface": "stages.refine_surface",
     "compare": "stages.compare",
     "fit_friction": "stages.fit_friction",
     "fit_slip": "stages.fit_slip",

@@ -99,7 +99,7 @@ def _row(belt: BeltRun) -> dict[str, Any]:
         "stages": dict(belt.states),
         "problems": list(belt.problems),
         **{
-            f"{stage.replace('-', '_')}": summary.as_json()["facts"]
+            stage.replace("-", "_").replace(" ", "_"): summary.as_json()["facts"]
             for stage, summary in belt.summaries.items()
         },
     }
@@ -109,8 +109,10 @@ def _short_row(belt: BeltRun) -> dict[str, Any]:
     """The belt in a line: the law, the friction, the agreement, what became of it."""
     stiffness = belt.summaries.get("fit-stiffness")
     friction = belt.summaries.get("fit-friction")
-    compared = belt.summaries.get("compare")
-    all_points = compared.facts["groups"][0] if compared else {}
+    compared, refined = (
+        summary.facts["groups"][0] if (summary := belt.summaries.get(name)) else {}
+        for name in ("compare", "compare refined")
+    )
     unsettled = [
         f"{name} {state}"
         for name, state in belt.states.items()
@@ -121,7 +123,9 @@ def _short_row(belt: BeltRun) -> dict[str, Any]:
         "k_linear_N_m2": stiffness.facts["k_linear_N_m2"] if stiffness else None,
         "k_quadratic_N_m3": stiffness.facts["k_quadratic_N_m3"] if stiffness else None,
         "runs": friction.facts["runs"] if friction else None,
-        "rms_percent": all_points.get("rms_percent"),
-        "largest_percent": all_points.get("largest_percent"),
+        "rms_percent": compared.get("rms_percent"),
+        "largest_percent": compared.get("largest_percent"),
+        "refined_rms_percent": refined.get("rms_percent"),
+        "refined_largest_percent": refined.get("largest_percent"),
         "status": ", ".join(unsettled) or (UP_TO_DATE if belt.up_to_date else DONE),
     }

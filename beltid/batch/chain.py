@@ -27,12 +27,18 @@ from beltid.stages import (
     fit_friction,
     fit_slip,
     fit_stiffness,
+    refine_surface,
     simulate_rig,
 )
 from beltid.stages.simulate_rig import SimulateOptions
 from beltid.stages.talk import Named, Options, Talk
 
 StageRun = Callable[[ConfigSource, Mapping[str, Path], Path, Options], Summary]
+
+
+def _same(*roles: str) -> dict[str, str]:
+    """Inputs that are named like their roles."""
+    return {role: role for role in roles}
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,11 +48,11 @@ class Step:
     Attributes
     ----------
     name : str
-        Name of its command.
+        Name of its command, and what it works on if the chain has it twice.
     makes : str
-        Kind of its artifact.
-    needs : tuple of str
-        Recordings and artifacts it is made from.
+        Name of its artifact.
+    needs : dict
+        Recordings and artifacts it is made from, by their role in the stage.
     run : callable
         The stage.
     optional : bool
@@ -55,19 +61,33 @@ class Step:
 
     name: str
     makes: str
-    needs: tuple[str, ...]
+    needs: Mapping[str, str]
     run: StageRun
     optional: bool = False
 
 
 CHAIN: Final = (
-    Step("fit-stiffness", "stiffness", ("press",), fit_stiffness.run),
-    Step("fit-slip", "slip", ("speedloss",), fit_slip.run, optional=True),
-    Step("fit-friction", "friction", ("rig",), fit_friction.run),
-    Step("build-surface", "surface", ("friction",), build_surface.run),
-    Step("simulate-rig", "simulated", ("surface", "stiffness"), simulate_rig.run),
-    Step("compare", "compare", ("friction", "simulated"), compare.run),
+    Step("fit-stiffness", "stiffness", _same("press"), fit_stiffness.run),
+    Step("fit-slip", "slip", _same("speedloss"), fit_slip.run, optional=True),
+    Step("fit-friction", "friction", _same("rig"), fit_friction.run),
+    Step("build-surface", "surface", _same("friction"), build_surface.run),
+    Step("refine-surface", "surface_refined", _same("friction", "stiffness"), refine_surface.run),
+    Step("simulate-rig", "simulated", _same("surface", "stiffness"), simulate_rig.run),
+    Step("compare", "compare", _same("friction", "simulated"), compare.run),
+    Step(
+        "simulate-rig refined",
+        "simulated_refined",
+        {"surface": "surface_refined", "stiffness": "stiffness"},
+        simulate_rig.run,
+    ),
+    Step(
+        "compare refined",
+        "compare_refined",
+        {"friction": "friction", "simulated": "simulated_refined"},
+        compare.run,
+    ),
 )
+"""The published procedure, and the surface refined by the inverse solution: both are proven."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,14 +128,15 @@ def _run_belt(source: ConfigSource, folder: Path, options: BatchOptions) -> Belt
     files = data.files
     chosen = SimulateOptions(force=options.force, talk=talk, jobs=options.jobs)
     for step in CHAIN:
-        missing = [name for name in step.needs if name not in files]
+        missing = [name for name in step.needs.values() if name not in files]
         if missing:
             belt.states[step.name] = SKIPPED if step.optional else NOT_RUN
             continue
         out = folder / f"{step.makes}.parquet"
         start = time.monotonic()
         try:
-            summary = step.run(source, {name: files[name] for name in step.needs}, out, chosen)
+            inputs = {role: files[name] for role, name in step.needs.items()}
+            summary = step.run(source, inputs, out, chosen)
         except BeltidError as error:
             _failed(belt, step, error, talk)
             continue

@@ -81,7 +81,9 @@ Press = Annotated[Path, _input("Recording of the compression press (CSV).", "PRE
 SpeedLoss = Annotated[Path, _input("Recording of the speed-loss bench (CSV).", "SPEEDLOSS")]
 Rig = Annotated[Path, _input("Recording of the friction rig (CSV or Parquet).", "RIG")]
 Friction = Annotated[Path, _input("friction.parquet of fit-friction.", "FRICTION")]
-Surface = Annotated[Path, _input("surface.parquet of build-surface.", "SURFACE")]
+Surface = Annotated[
+    Path, _input("surface.parquet of build-surface or surface_refined.parquet.", "SURFACE")
+]
 Stiffness = Annotated[Path, _input("stiffness.parquet of fit-stiffness.", "STIFFNESS")]
 Simulated = Annotated[
     Path, _input("simulated.parquet of simulate-rig, or a recording like RIG.", "SIMULATED")
@@ -158,6 +160,26 @@ def build_surface(friction: Friction, *, common: Common) -> None:
     from beltid.stages import build_surface as stage
 
     execute(stage.run, {"friction": friction}, "surface.parquet", common)
+
+
+@app.command(
+    "refine-surface", short_help="friction, stiffness -> surface_refined.parquet: without the bias"
+)
+@with_common_options
+def refine_surface(friction: Friction, stiffness: Stiffness, *, common: Common) -> None:
+    """Find the friction surface with which the simulated rig gives the measured tensions.
+
+    The published procedure gives each coefficient the mean force on the arc, which ignores that
+    a stiff belt presses harder where it enters and leaves the pulley. Here the surface is solved
+    for, all arcs together; its smoothness is chosen by the data. Shows what is left of the
+    difference between simulated and measured coefficients. Writes surface_refined.parquet.
+
+    Example: beltid refine-surface friction.parquet stiffness.parquet
+    """
+    from beltid.stages import refine_surface as stage
+
+    inputs = {"friction": friction, "stiffness": stiffness}
+    execute(stage.run, inputs, "surface_refined.parquet", common)
 
 
 @app.command("simulate-rig", short_help="surface, stiffness -> simulated.parquet: the rig again")

@@ -28,7 +28,7 @@ from beltid.rigsim.supports import force_change, hold, release
 Array = NDArray[np.float64]
 
 TOLERANCE = 1.0e-9  # residual force over T_0
-ROUNDING = 2.0e-14  # of a residual force over EA R/h: what is left in double precision
+ROUNDING = 1.0e-13  # of a residual force over EA R/h: what is left in double precision
 SLIP_ROUNDING = 2.0e-16  # of a slip over R
 MOST_ITERATIONS = 40
 LARGEST_MOVE = 5.0e-3  # of a node in one iteration [m]

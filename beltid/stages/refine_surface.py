@@ -1,0 +1,308 @@
+"""beltid refine-surface: the surface with which the simulated rig gives the measured tensions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.config import Config, ConfigSource, load_config
+from beltid.errors import InputError
+from beltid.identify.surface import SurfaceSettings
+from beltid.identify.surface import build_surface as publish
+from beltid.laws.penalty import NormalLaw
+from beltid.params import OperatingPoint
+from beltid.refine.inverse import MeasuredRun, RefinedSurface
+from beltid.refine.inverse import refine_surface as refine
+from beltid.report.summary import Summary
+from beltid.rigsim.model import Bench
+from beltid.stages.making import Made, Recipe, make
+from beltid.stages.outcome import Outcome
+from beltid.stages.tables import law_of, surface_of, table_columns
+from beltid.stages.talk import Options
+from beltid.store.artifacts import read_artifact
+
+KIND: Final = "surface"
+METHOD: Final = "refined"
+KEYS: Final = (
+    "belt.axial_stiffness_N",
+    "belt.bending_stiffness_N_m2",
+    "rig.pulley_radius_m",
+    "rig.span_length_m",
+    "rig.supports",
+    "contact.points_per_element",
+    "surface",
+)
+NEEDED: Final = (
+    "run",
+    "arc_deg",
+    "initial_tension_N",
+    "pulley_speed_rad_s",
+    "slip_speed_m_s",
+    "normal_force_N_m",
+    "mu_sliding",
+    "mu_sliding_se",
+)
+PUBLISHED: Final = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding", "mu_sliding_se")
+MISFIT_COLUMNS: Final = (
+    "group",
+    "runs",
+    "rms_before_percent",
+    "mean_before_percent",
+    "rms_after_percent",
+    "mean_after_percent",
+)
+SPEED_GAP: Final = 0.1  # a run further than this from every speed of the surface is left out
+
+
+@dataclass(frozen=True, slots=True)
+class Refinement:
+    """A refined surface with the runs it was made from.
+
+    Attributes
+    ----------
+    refined : RefinedSurface
+        The solution of the inverse problem.
+    runs : tuple of str
+        Labels of the runs used.
+    arcs_deg : ndarray
+        Their arcs [deg].
+    """
+
+    refined: RefinedSurface
+    runs: tuple[str, ...]
+    arcs_deg: np.ndarray
+
+    @property
+    def surface(self) -> Any:
+        """The refined `FrictionSurface`."""
+        return self.refined.surface
+
+    def misfit_table(self) -> list[dict[str, Any]]:
+        """Misfit of the simulated coefficients before and after, per arc and in all [%]."""
+        before, after = self.refined.misfit_before, self.refined.misfit_after
+        groups = [(f"arc {arc:g}°", self.arcs_deg == arc) for arc in np.unique(self.arcs_deg)]
+        return [
+            {
+                "group": name,
+                "runs": int(np.count_nonzero(rows)),
+                "rms_before_percent": _rms_percent(before[rows]),
+                "mean_before_percent": 100.0 * float(np.mean(before[rows])),
+                "rms_after_percent": _rms_percent(after[rows]),
+                "mean_after_percent": 100.0 * float(np.mean(after[rows])),
+            }
+            for name, rows in [("all runs", np.ones(before.size, dtype=bool)), *groups]
+        ]
+
+    def arc_spread_percent(self, misfit: np.ndarray) -> float | None:
+        """Standard deviation of the arcs' mean misfits [%]; None for a single arc."""
+        means = [float(np.mean(misfit[self.arcs_deg == arc])) for arc in np.unique(self.arcs_deg)]
+        return 100.0 * float(np.std(means, ddof=1)) if len(means) > 1 else None
+
+
+def _rms_percent(values: np.ndarray) -> float:
+    return 100.0 * float(np.sqrt(np.mean(np.square(values))))
+
+
+def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
+    """Refine the surface of a friction table with a stiffness, write it, sum it up."""
+
+    def compute() -> Outcome[Refinement]:
+        artifact = read_artifact(inputs["friction"], "friction")
+        law = law_of(read_artifact(inputs["stiffness"], "stiffness"))
+        options.talk.say(f"{artifact.path}: {len(artifact.columns['run'])} runs, inverse solution")
+        return _outcome(artifact.columns, law, config.config, str(artifact.path))
+
+    return summarise(make(Recipe(KIND, config, KEYS, inputs), out, options, compute))
+
+
+def refine_surface(
+    friction: Any,
+    law: NormalLaw,
+    config: Config | Mapping[str, Any] | str | Path | None = None,
+) -> Outcome[Refinement]:
+    """Find the friction surface with which the simulated rig gives the measured tension ratios.
+
+    Parameters
+    ----------
+    friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping
+        A row per reduced run.
+    law : NormalLaw
+        Normal contact law of the belt.
+    config : Config, dict, path or None
+        Belt and rig; None is the built-in 5PK rig.
+
+    Returns
+    -------
+    Outcome
+        ``.to_frame()`` has a row per node; ``.result.surface`` is the refined `FrictionSurface`,
+        ``.result.misfit_table()`` the misfit before and after.
+
+    Raises
+    ------
+    InputError
+        If the runs do not suffice.
+    ConvergenceError
+        If a run cannot be simulated or the iteration does not converge.
+    """
+    columns = table_columns(friction, "friction", NEEDED)
+    return _outcome(columns, law, load_config(config), "friction table")
+
+
+def _outcome(
+    columns: Mapping[str, np.ndarray], law: NormalLaw, config: Config, name: str
+) -> Outcome[Refinement]:
+    good, set_aside = _usable(columns)
+    if good.size < 4:
+        raise InputError(f"{name}: {good.size} runs can be used, at least 4 are needed")
+    arc_deg, f, v, mu, mu_se = (columns[key][good] for key in PUBLISHED)
+    settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
+    start = publish(arc_deg, f, v, mu, mu_se, settings).surface
+    speeds = start.slip_speed_m_s
+    used = _at_speeds(columns, good, speeds, set_aside)
+    rig = config.rig_params()
+    bench = Bench(config.belt_params(), rig, config.contact_params(), law, start)
+    errors = columns["mu_sliding_se"][used]
+    typical = float(np.nanmedian(errors)) if np.isfinite(errors).any() else 0.0
+    runs = [
+        MeasuredRun(
+            OperatingPoint(
+                beta=math.radians(float(columns["arc_deg"][i])),
+                T_0=float(columns["initial_tension_N"][i]),
+                omega=float(columns["slip_speed_m_s"][i]) / rig.R,
+            ),
+            mu=float(columns["mu_sliding"][i]),
+            mu_se=float(columns["mu_sliding_se"][i])
+            if np.isfinite(columns["mu_sliding_se"][i])
+            else typical,
+        )
+        for i in used
+    ]
+    refined = refine(bench, runs, speeds)
+    labels = tuple(str(columns["run"][i]) for i in used)
+    result = Refinement(refined, labels, columns["arc_deg"][used])
+    far = [(labels[k], refined.weight[k]) for k in np.flatnonzero(refined.weight < 0.5)]
+    return Outcome(
+        kind=KIND,
+        columns=_table(result, speeds[_speed_labels(columns, used, speeds)]),
+        result=result,
+        validity=dict(refined.surface.validity),
+        set_aside=set_aside,
+        extra={
+            "method": METHOD,
+            "degree": refined.surface.degree,
+            "n_points": len(runs),
+            "rms_arc_spread": _share(result.arc_spread_percent(refined.misfit_after)),
+            "max_arc_spread": None,
+            "misfit": result.misfit_table(),
+            "arc_spread_before": _share(result.arc_spread_percent(refined.misfit_before)),
+            "iterations": refined.iterations,
+            "noise_scale": refined.smoothness.noise_scale,
+            "effective_parameters": refined.effective_parameters,
+        },
+        notes=(
+            "the range of validity is that of the forces that acted in the contact, peaks included",
+        ),
+        warnings=tuple(
+            f"run {label}: far from what the others say, weight {weight:.2g}"
+            for label, weight in far
+        ),
+    )
+
+
+def _share(percent: float | None) -> float | None:
+    return None if percent is None else percent / 100.0
+
+
+def _usable(columns: Mapping[str, np.ndarray]) -> tuple[np.ndarray, list[dict[str, Any]]]:
+    """Rows that can be used, and those that cannot, with the reason."""
+    n = len(columns["mu_sliding"])
+    status = columns.get("status", np.full(n, "ok", dtype=object))
+    good, set_aside = [], []
+    for i in range(n):
+        why = "" if status[i] == "ok" else str(status[i])
+        for key in ("arc_deg", "initial_tension_N", *PUBLISHED[1:4]):
+            value = float(columns[key][i])
+            if not why and not 0.0 < value < math.inf:
+                why = f"{key} = {value:g}, must be > 0"
+        if why:
+            set_aside.append({"run": str(columns["run"][i]), "why": why})
+        else:
+            good.append(i)
+    return np.array(good, dtype=int), set_aside
+
+
+def _at_speeds(
+    columns: Mapping[str, np.ndarray],
+    good: np.ndarray,
+    speeds: np.ndarray,
+    set_aside: list[dict[str, Any]],
+) -> np.ndarray:
+    """Rows at one of the speeds of the surface; the others are set aside."""
+    away = np.abs(np.log(columns["slip_speed_m_s"][good][:, None] / speeds)).min(axis=1)
+    for i in good[away > SPEED_GAP]:
+        why = "its speed is not one of those of the surface"
+        set_aside.append({"run": str(columns["run"][i]), "why": why})
+    return np.asarray(good[away <= SPEED_GAP])
+
+
+def _speed_labels(
+    columns: Mapping[str, np.ndarray], used: np.ndarray, speeds: np.ndarray
+) -> np.ndarray:
+    """Index of the speed setting of each used run."""
+    v = columns["slip_speed_m_s"][used]
+    return np.asarray(np.argmin(np.abs(np.log(v[:, None] / speeds)), axis=1))
+
+
+def _table(result: Refinement, run_speed: np.ndarray) -> dict[str, np.ndarray]:
+    """Rows of the surface table: the surface that all arcs have in common."""
+    surface = result.refined.surface
+    forces, speeds = surface.normal_force_N_m, surface.slip_speed_m_s
+    arcs = [np.unique(result.arcs_deg[run_speed == v]).size for v in speeds]
+    errors = surface.mu_se_nodes
+    assert errors is not None
+    return {
+        "arc_deg": np.full(forces.size * speeds.size, np.nan),
+        "normal_force_N_m": np.repeat(forces, speeds.size),
+        "slip_speed_m_s": np.tile(speeds, forces.size),
+        "mu": surface.mu_nodes.ravel(),
+        "mu_se": errors.ravel(),
+        "n_arcs": np.tile(np.array(arcs), forces.size),
+        "mu_spread": np.full(forces.size * speeds.size, np.nan),
+    }
+
+
+def summarise(made: Made) -> Summary:
+    """Sum up a refined surface."""
+    extra, validity = made.artifact.metadata.extra, made.artifact.metadata.validity
+    surface = surface_of(made.artifact)
+    return Summary(
+        stage="refine-surface",
+        title="simulated less measured friction coefficient: published surface, then refined",
+        out=made.artifact.path,
+        facts={
+            "runs": extra["n_points"],
+            "iterations": extra["iterations"],
+            "noise_over_stated_errors": extra["noise_scale"],
+            "effective_parameters": extra["effective_parameters"],
+            "arc_to_arc_spread_before_percent": _percent(extra["arc_spread_before"]),
+            "arc_to_arc_spread_after_percent": _percent(extra["rms_arc_spread"]),
+            "force_nodes": surface.normal_force_N_m.size,
+            "speed_nodes": surface.slip_speed_m_s.size,
+            "valid_force_N_m": validity["normal_force_N_m"],
+            "valid_speed_m_s": validity["slip_speed_m_s"],
+        },
+        table=[{name: row[name] for name in MISFIT_COLUMNS} for row in extra["misfit"]],
+        notes=made.notes,
+        warnings=made.warnings,
+        up_to_date=made.up_to_date,
+        origin=made.origin,
+    )
+
+
+def _percent(share: float | None) -> float | None:
+    return None if share is None else 100.0 * share

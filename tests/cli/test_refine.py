@@ -1,0 +1,64 @@
+"""The command that refines the friction surface."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import beltid as package
+
+
+def test_refine_surface_writes_a_surface_that_all_later_commands_take(
+    bench: Path, beltid: Any
+) -> None:
+    result = beltid("refine-surface", "friction.parquet", "stiffness.parquet", "--json")
+    assert result.exit_code == 0, result.stderr
+    product = json.loads(result.stdout)
+    assert product["command"] == "refine-surface"
+    total = product["table"][0]
+    assert total["group"] == "all runs"
+    assert total["rms_before_percent"] > 2.0
+    assert total["rms_after_percent"] < 0.3
+    refined = package.load_surface(bench / "surface_refined.parquet")
+    published = package.load_surface(bench / "surface.parquet")
+    np.testing.assert_allclose(refined.slip_speed_m_s, published.slip_speed_m_s)
+    # the forces that act in the contact reach beyond the means of (8), on both sides
+    assert refined.normal_force_N_m[-1] > 1.5 * published.normal_force_N_m[-1]
+    assert refined.normal_force_N_m[0] < published.normal_force_N_m[0]
+    again = beltid("simulate-rig", "surface_refined.parquet", "stiffness.parquet")
+    assert again.exit_code == 0, again.stderr
+
+
+def test_it_knows_its_inputs(bench: Path, beltid: Any) -> None:
+    result = beltid("refine-surface", "stiffness.parquet", "friction.parquet")
+    assert result.exit_code == 2
+    assert "is a stiffness artifact" in result.stderr
+    assert not (bench / "surface_refined.parquet").exists()
+
+
+def test_a_failure_leaves_the_earlier_surface(
+    bench: Path, beltid: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert beltid("refine-surface", "friction.parquet", "stiffness.parquet").exit_code == 0
+    before = (bench / "surface_refined.parquet").read_bytes()
+    monkeypatch.setattr("beltid.refine.inverse.MOST_ITERATIONS", 1)
+    result = beltid("refine-surface", "friction.parquet", "stiffness.parquet", "--force")
+    assert result.exit_code == 3
+    assert "no convergence in 1 iterations" in result.stderr
+    assert (bench / "surface_refined.parquet").read_bytes() == before
+
+
+def test_python_gives_what_the_command_gives(bench: Path, beltid: Any) -> None:
+    assert beltid("refine-surface", "friction.parquet", "stiffness.parquet").exit_code == 0
+    import pyarrow.parquet as pq
+
+    friction = pq.read_table(bench / "friction.parquet").to_pandas()
+    law = package.load_stiffness(bench / "stiffness.parquet")
+    outcome = package.refine_surface(friction, law, bench / "beltid.yaml")
+    written = package.load_surface(bench / "surface_refined.parquet")
+    np.testing.assert_array_equal(outcome.result.surface.mu_nodes, written.mu_nodes)
+    assert outcome.result.surface.mu_se_nodes.min() > 0
