@@ -177,7 +177,7 @@ def fit_nonlinear(
             iterations=int(found.nfev),
             residual=left,
         )
-    cofactor, determined = _cofactor(J, free)
+    cofactor, determined = cofactor_of(J, free)
     return NonlinearFit(theta, cofactor, -r, ~free, determined, int(found.nfev))
 
 
@@ -250,14 +250,30 @@ def _polish(
     return best
 
 
-def _cofactor(J: Array, free: Mask) -> tuple[Array, Mask]:
-    """Inverse of ``J^T J`` over the free parameters, and which of them are determined."""
-    p = J.shape[1]
+def cofactor_of(jacobian: Array, free: Mask | None = None) -> tuple[Array, Mask]:
+    """Inverse of ``J^T J`` over the free parameters, and which of them are determined.
+
+    Parameters
+    ----------
+    jacobian : ndarray
+        J, shape (n, p).
+    free : ndarray of bool, optional
+        Parameters that are free, shape (p,); all by default.
+
+    Returns
+    -------
+    cofactor : ndarray, shape (p, p)
+        Zero for parameters that are not free; infinite variances and nan covariances for those
+        that the data do not determine.
+    determined : ndarray of bool, shape (p,)
+    """
+    p = jacobian.shape[1]
+    free = np.ones(p, dtype=bool) if free is None else free
     cofactor, determined = np.zeros((p, p)), free.copy()
     at = np.flatnonzero(free)
     if at.size == 0:
         return cofactor, determined
-    scaled, length = _scaled(J[:, at])
+    scaled, length = _scaled(jacobian[:, at])
     _, sizes, V = np.linalg.svd(scaled, full_matrices=False)
     seen = sizes > SINGULAR * sizes[0] if sizes[0] > 0.0 else np.zeros(sizes.size, dtype=bool)
     blind = np.sqrt(np.sum(V[~seen] ** 2, axis=0)) > SEEN

@@ -1,0 +1,306 @@
+"""Normal contact laws fitted to press curves with a free contact point for every test.
+
+Each law is written about a reference force F that is reached at the position p of a test,
+
+    polynomials:  f = F + A y + B y² + C y³,      power law:  f = F (1 + y/L)^n,      y = x - p,
+
+so that the unknowns stay regular for every law, the shape is shared by the tests and p is free
+for each. The contact point and the coefficients over the penetration follow from it. So no law has
+more freedom in where contact begins than another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.errors import FitError
+from beltid.identify.least_squares import solve_least_squares
+from beltid.identify.nonlinear_fit import NonlinearFit, fit_nonlinear
+from beltid.identify.press_curves import PressCurve
+from beltid.identify.shared_law import test_of_curve
+
+Array = NDArray[np.float64]
+LawName = Literal["linear", "quadratic", "power", "cubic"]
+LAW_NAMES: tuple[LawName, ...] = ("linear", "quadratic", "power", "cubic")
+
+EXPONENTS = (0.8, 1.0, 1.25, 1.5, 2.0, 3.0)
+"""First values of the exponent; the best of them is taken."""
+EXPONENT_BOUNDS = (0.2, 12.0)
+DISTANCE_BOUNDS = (1.0e-3, 100.0)
+"""Of L, in units of the travel that is fitted."""
+SMALLEST = 1.0e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CurveData:
+    """Nodes of several curves, scaled: positions by the travel fitted, forces by F.
+
+    Attributes
+    ----------
+    x, f : ndarray
+        Positions and forces of the nodes [-], shape (n,).
+    owner : ndarray of int
+        Number of the test of each node, counted by first appearance, shape (n,).
+    parts : ndarray of int
+        Number of the curve of each node, shape (n,).
+    span_m, F_N_m : float
+        Units of position and force.
+    """
+
+    x: Array
+    f: Array
+    owner: NDArray[np.intp]
+    parts: NDArray[np.intp]
+    span_m: float
+    F_N_m: float
+
+    @classmethod
+    def of(cls, curves: Sequence[PressCurve]) -> CurveData:
+        """Nodes of curves."""
+        sizes = [c.position_m.size for c in curves]
+        span = max(float(np.ptp(c.position_m)) for c in curves)
+        F = 0.5 * min(float(np.max(c.middle_N_m)) for c in curves)
+        return cls(
+            x=np.concatenate([c.position_m for c in curves]) / span,
+            f=np.concatenate([c.middle_N_m for c in curves]) / F,
+            owner=np.repeat(test_of_curve(curves), sizes),
+            parts=np.repeat(np.arange(len(curves)), sizes),
+            span_m=span,
+            F_N_m=F,
+        )
+
+    def only(self, kept: NDArray[np.bool_]) -> CurveData:
+        """Some of the nodes; tests are numbered anew."""
+        _, owner = np.unique(self.owner[kept], return_inverse=True)
+        return CurveData(
+            self.x[kept], self.f[kept], owner, self.parts[kept], self.span_m, self.F_N_m
+        )
+
+    def reference_positions(self) -> Array:
+        """Where each test reaches F, from its nodes, shape (tests,)."""
+        found = []
+        for j in range(int(self.owner.max()) + 1):
+            mine = self.owner == j
+            order = np.argsort(self.x[mine], kind="stable")
+            rising = np.maximum.accumulate(self.f[mine][order])
+            found.append(float(np.interp(1.0, rising, self.x[mine][order])))
+        return np.array(found)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FittedLaw:
+    """A law through curves, in the scaled unknowns about F.
+
+    Attributes
+    ----------
+    name : str
+        The law.
+    shape : ndarray
+        A, B, C of a polynomial, or L, n, shape (q,).
+    positions : ndarray
+        p of every test, shape (tests,).
+    fit : NonlinearFit
+        All unknowns, the shape first.
+    """
+
+    name: LawName
+    shape: Array
+    positions: Array
+    fit: NonlinearFit
+
+    def values(self, data: CurveData, positions: Array | None = None) -> Array:
+        """Forces of the law at the nodes [units of F], shape (n,)."""
+        p = self.positions if positions is None else positions
+        return shape_values(self.name, self.shape, data.x - p[data.owner])
+
+
+def n_shape(name: LawName) -> int:
+    """Number of coefficients of a law, contact points not counted."""
+    return {"linear": 1, "quadratic": 2, "power": 2, "cubic": 3}[name]
+
+
+def shape_values(name: LawName, shape: Array, y: Array) -> Array:
+    """Force over F at the distance y from where F is reached."""
+    if name == "power":
+        L, n = shape
+        return np.maximum(1.0 + y / L, SMALLEST) ** n
+    return 1.0 + y * np.polynomial.polynomial.polyval(y, shape)
+
+
+def _slope(name: LawName, shape: Array, y: Array) -> Array:
+    """Derivative of :func:`shape_values` by y."""
+    if name == "power":
+        L, n = shape
+        base = 1.0 + y / L
+        return np.where(base > SMALLEST, n / L * np.maximum(base, SMALLEST) ** (n - 1.0), 0.0)
+    powers = np.arange(1, shape.size + 1)
+    return np.polynomial.polynomial.polyval(y, powers * shape)
+
+
+def _by_shape(name: LawName, shape: Array, y: Array) -> Array:
+    """Derivatives of :func:`shape_values` by the shape, shape (n, q)."""
+    if name == "power":
+        base = np.maximum(1.0 + y / shape[0], SMALLEST)
+        return np.column_stack(
+            [-_slope(name, shape, y) * y / shape[0], base ** shape[1] * np.log(base)]
+        )
+    return np.column_stack([y**k for k in range(1, shape.size + 1)])
+
+
+def fit_law(name: LawName, data: CurveData, start: FittedLaw | None = None) -> FittedLaw:
+    """Fit one law to the nodes, with a free position for every test.
+
+    Parameters
+    ----------
+    name : {"linear", "quadratic", "power", "cubic"}
+        The law.
+    data : CurveData
+        Nodes.
+    start : FittedLaw, optional
+        Where the shape is searched from; by default first values are taken from the nodes.
+
+    Raises
+    ------
+    FitError
+        If there are fewer nodes than unknowns, or they do not determine the law.
+    ConvergenceError
+        If the search does not reach a minimum.
+    """
+    q = n_shape(name)
+    p = data.reference_positions()
+    if data.x.size <= q + p.size:
+        raise FitError(f"{name} law: {data.x.size} nodes, must be more than {q + p.size}")
+    shape = _first_shape(name, data, p) if start is None else start.shape
+    low = np.full(q + p.size, -np.inf)
+    high = -low
+    if name == "power":
+        low[:2], high[:2] = np.transpose([DISTANCE_BOUNDS, EXPONENT_BOUNDS])
+        shape = np.clip(shape, low[:2], high[:2])
+
+    def model(theta: Array) -> Array:
+        return shape_values(name, theta[:q], data.x - theta[q:][data.owner])
+
+    def jacobian(theta: Array) -> Array:
+        y = data.x - theta[q:][data.owner]
+        slope = -_slope(name, theta[:q], y)
+        own = data.owner[:, None] == np.arange(p.size)
+        return np.column_stack([_by_shape(name, theta[:q], y), np.where(own, slope[:, None], 0.0)])
+
+    fit = fit_nonlinear(model, jacobian, data.f, np.concatenate([shape, p]), bounds=(low, high))
+    return FittedLaw(name, fit.parameters[:q], fit.parameters[q:], fit)
+
+
+def _first_shape(name: LawName, data: CurveData, p: Array) -> Array:
+    """First values of the shape, from linear problems."""
+    y = data.x - p[data.owner]
+    if name != "power":
+        columns = np.column_stack([y**k for k in range(1, n_shape(name) + 1)])
+        return solve_least_squares(columns, data.f - 1.0).coefficients
+    best, found = np.inf, np.array([1.0, 1.0])
+    for n in EXPONENTS:  # f^(1/n) is linear in y
+        root = np.maximum(data.f, 0.0) ** (1.0 / n) - 1.0
+        slope = float(y @ root) / float(y @ y)
+        if slope <= 0.0:
+            continue
+        trial = np.array([1.0 / slope, n])
+        rss = float(np.sum((data.f - shape_values(name, trial, y)) ** 2))
+        if rss < best:
+            best, found = rss, trial
+    return found
+
+
+def position_of(law: FittedLaw, data: CurveData) -> Array:
+    """Positions p with which a law of known shape fits the nodes best, shape (tests,)."""
+    found = data.reference_positions()
+    for j in range(found.size):
+        mine = data.owner == j
+        x, f = data.x[mine], data.f[mine]
+
+        def model(p: Array, x: Array = x) -> Array:
+            return shape_values(law.name, law.shape, x - p[0])
+
+        def jacobian(p: Array, x: Array = x) -> Array:
+            return -_slope(law.name, law.shape, x - p[0])[:, None]
+
+        found[j] = fit_nonlinear(model, jacobian, f, found[j : j + 1]).parameters[0]
+    return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Coefficients:
+    """A law over the penetration, SI.
+
+    Attributes
+    ----------
+    names, units : tuple of str
+        Of the coefficients.
+    values : ndarray
+        Shape (q,).
+    gradient : ndarray
+        Derivatives of the values by the scaled shape, shape (q, q).
+    distance_m : float
+        From the contact point to where F is reached [m].
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Array
+    gradient: Array
+    distance_m: float
+
+
+def coefficients_of(law: FittedLaw, data: CurveData) -> Coefficients:
+    """Coefficients over the penetration from the contact point.
+
+    Raises
+    ------
+    FitError
+        If the law has no contact point: its force never comes down to zero.
+    """
+    F, span = data.F_N_m, data.span_m
+    if law.name == "power":
+        L, n = law.shape
+        k = F / (L * span) ** n
+        gradient = np.array([[-n * k / L, -k * np.log(L * span)], [0.0, 1.0]])
+        return Coefficients(
+            ("k", "n"), ("N/m^(1+n)", "-"), np.array([k, n]), gradient, float(L * span)
+        )
+    q = law.shape.size
+    polynomial = np.concatenate([[1.0], law.shape])
+    roots = np.polynomial.polynomial.polyroots(polynomial)
+    real = roots[np.abs(roots.imag) < 1e-9 * np.abs(roots)].real
+    if not np.any(real < 0.0):
+        raise FitError(f"{law.name} law: its force never comes down to zero: no contact point")
+    zero = float(np.max(real[real < 0.0]))
+    orders = np.arange(1, q + 1)
+    # Taylor coefficients about the root, and how they move with the shape (the root moves, too)
+    values = np.array([_taylor(polynomial, zero, k) for k in orders])
+    direct = np.array([[_taylor(_unit(q, j), zero, k) for j in orders] for k in orders])
+    zero_by = -np.array([zero**j for j in orders]) / values[0]
+    along = np.array([(k + 1) * _taylor(polynomial, zero, k + 1) for k in orders])
+    scale = F / span**orders
+    return Coefficients(
+        names=("k_linear", "k_quadratic", "k_cubic")[:q],
+        units=("N/m²", "N/m³", "N/m⁴")[:q],
+        values=values * scale,
+        gradient=(direct + np.outer(along, zero_by)) * scale[:, None],
+        distance_m=-zero * span,
+    )
+
+
+def _unit(q: int, j: int) -> Array:
+    return np.eye(q + 1)[j]
+
+
+def _taylor(polynomial: Array, at: float, order: int) -> float:
+    """Coefficient of ``(y - at)^order`` of a polynomial."""
+    if order >= polynomial.size:
+        return 0.0
+    derivative = np.polynomial.polynomial.polyder(polynomial, order)
+    factorial = float(np.prod(np.arange(1, order + 1)))
+    return float(np.polynomial.polynomial.polyval(at, derivative)) / factorial
