@@ -139,7 +139,7 @@ def _slope(name: LawName, shape: Array, y: Array) -> Array:
         base = 1.0 + y / L
         return np.where(base > SMALLEST, n / L * np.maximum(base, SMALLEST) ** (n - 1.0), 0.0)
     powers = np.arange(1, shape.size + 1)
-    return np.polynomial.polynomial.polyval(y, powers * shape)
+    return np.asarray(np.polynomial.polynomial.polyval(y, powers * shape), dtype=float)
 
 
 def _by_shape(name: LawName, shape: Array, y: Array) -> Array:
@@ -277,13 +277,13 @@ def coefficients_of(law: FittedLaw, data: CurveData) -> Coefficients:
     if not np.any(real < 0.0):
         raise FitError(f"{law.name} law: its force never comes down to zero: no contact point")
     zero = float(np.max(real[real < 0.0]))
-    orders = np.arange(1, q + 1)
+    orders = range(1, q + 1)
     # Taylor coefficients about the root, and how they move with the shape (the root moves, too)
     values = np.array([_taylor(polynomial, zero, k) for k in orders])
     direct = np.array([[_taylor(_unit(q, j), zero, k) for j in orders] for k in orders])
     zero_by = -np.array([zero**j for j in orders]) / values[0]
     along = np.array([(k + 1) * _taylor(polynomial, zero, k + 1) for k in orders])
-    scale = F / span**orders
+    scale = F / span ** np.array(orders)
     return Coefficients(
         names=("k_linear", "k_quadratic", "k_cubic")[:q],
         units=("N/m²", "N/m³", "N/m⁴")[:q],

@@ -167,7 +167,7 @@ def fit_nonlinear(
     except (ValueError, np.linalg.LinAlgError) as error:
         raise ConvergenceError(f"nonlinear fit: the search broke down ({error})") from None
     free = found.active_mask == 0
-    theta, left = _polish(residuals, derivatives, found.x, free, (low, high))
+    theta, free, left = _polish(residuals, derivatives, found.x, free, (low, high))
     r, J = residuals(theta), derivatives(theta)
     small = CONVERGED * float(np.linalg.norm(r)) + ROUNDING * float(np.linalg.norm(w * y))
     if not left <= small:
@@ -218,6 +218,8 @@ def _scaled(J: Array) -> tuple[Array, Array]:
 
 def _step(r: Array, J: Array) -> tuple[Array, float]:
     """Gauss–Newton step without the directions not determined; how far it moves the values."""
+    if J.shape[1] == 0:
+        return np.zeros(0), 0.0
     scaled, length = _scaled(J)
     step = np.linalg.lstsq(scaled, -r, rcond=SINGULAR)[0]
     return step / length, float(np.linalg.norm(scaled @ step))
@@ -225,28 +227,33 @@ def _step(r: Array, J: Array) -> tuple[Array, float]:
 
 def _polish(
     residuals: Model, derivatives: Model, theta: Array, free: Mask, bounds: tuple[Array, Array]
-) -> tuple[Array, float]:
-    """Gauss–Newton from near the minimum; the parameters and what the last step would move."""
-    if not free.any():
-        return theta, 0.0
+) -> tuple[Array, Mask, float]:
+    """Gauss–Newton from near the minimum.
+
+    Returns the parameters, those still free, and what the step that is left would move. A step that
+    leaves the bounds puts the parameter on its bound and keeps it there, unless that is worse.
+    """
     low, high = bounds
-    r, J = residuals(theta), derivatives(theta)
-    step, left = _step(r, J[:, free])
-    best = theta, left
-    for _ in range(POLISH_STEPS):
-        if left <= POLISH_TOLERANCE * float(np.linalg.norm(r)):
+    free = free.copy()
+    r = residuals(theta)
+    step, left = _step(r, derivatives(theta)[:, free])
+    best = theta, free.copy(), left
+    for _ in range(POLISH_STEPS + theta.size):
+        if left <= POLISH_TOLERANCE * float(np.linalg.norm(r)) or not free.any():
             break
         trial = theta.copy()
         trial[free] += step
-        trial = np.clip(trial, low, high)
+        outside = (trial < low) | (trial > high)
+        if outside.any():
+            trial = np.where(outside, np.clip(trial, low, high), theta)
         r_trial = residuals(trial)
         # near the minimum the sum is flat to rounding: the step that is left tells more than it
         if float(r_trial @ r_trial) > float(r @ r) * (1.0 + 1e-9):
             break
-        theta, r = trial, r_trial
+        theta, r, free = trial, r_trial, free & ~outside
         step, left = _step(r, derivatives(theta)[:, free])
-        if left < best[1]:
-            best = theta, left
+        if left < best[2] or outside.any():
+            best = theta, free.copy(), left
     return best
 
 

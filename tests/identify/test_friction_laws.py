@@ -1,0 +1,235 @@
+"""Parametric friction laws: known laws in, parameters out; what is wrong or unknown is told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import curve_fit
+
+from beltid.errors import InputError
+from beltid.identify.friction_laws import fit_friction_laws
+from beltid.laws.friction_formulas import FRICTION_LAWS, PARAMETERS, FrictionFormula
+
+TRUTH = Path(__file__).parents[1] / "truth"
+RIG_TRUTH = {  # mu0, a, c, v0 of the virtual benches
+    "4pk": (1.05, 0.20, 0.50, 0.0020),
+    "5pk": (0.95, 0.18, 0.45, 0.0015),
+    "6pk": (0.88, 0.14, 0.38, 0.0012),
+}
+VALUES = {
+    "coulomb": {"mu0": 0.8},
+    "power": {"mu0": 0.9, "a": 0.22},
+    "power_log": {"mu0": 0.6, "a": 0.15, "b": 0.4, "v0": 0.002},
+    "power_stribeck_1": {"mu_s": 1.3, "mu_k": 0.8, "a": 0.12, "v_s": 0.02, "c": 1.5},
+    "power_stribeck_2": {"mu_s": 1.3, "mu_k": 0.8, "a": 0.12, "v_s": 0.03, "c": 1.5},
+}
+SPEEDS = np.array([0.0025, 0.005, 0.0105, 0.022, 0.046, 0.1])
+FORCES = np.geomspace(1000.0, 9000.0, 8)
+
+
+def grid(speeds=SPEEDS, forces=FORCES):
+    f, v = np.meshgrid(forces, speeds, indexing="ij")
+    return f.ravel(), v.ravel()
+
+
+def noisy(law, rng, share=0.005, speeds=SPEEDS):
+    f, v = grid(speeds)
+    clean = FrictionFormula(law, 3000.0, VALUES[law]).mu(f, v)
+    se = share * clean
+    return f, v, clean + se * rng.normal(size=f.size), se
+
+
+@pytest.mark.parametrize("law", FRICTION_LAWS)
+def test_exact_points_give_the_exact_parameters_without_a_guess(law):
+    f, v = grid()
+    mu = FrictionFormula(law, 3000.0, VALUES[law]).mu(f, v)
+    found = fit_friction_laws(f, v, mu, reference_force_N_m=3000.0)
+    assert found.best == law
+    assert found.fit(law).values == pytest.approx(VALUES[law], rel=1e-7)
+    assert found.fit(law).rms_misfit < 1e-9
+
+
+@pytest.mark.parametrize("law", FRICTION_LAWS)
+def test_noisy_points_give_the_parameters_within_their_errors_and_the_law(law):
+    rng = np.random.default_rng(17)
+    pulls, best = [], []
+    for _ in range(25):
+        found = fit_friction_laws(*noisy(law, rng), reference_force_N_m=3000.0)
+        best.append(found.best)
+        pulls.append([(p.value - VALUES[law][p.name]) / p.se for p in found.fit(law).parameters])
+    # 25 repetitions determine a standard deviation to 14 %; the errors are never too small
+    assert np.all(np.std(pulls, axis=0) < 1.45)
+    assert np.all(np.std(pulls, axis=0) > 0.4)
+    assert np.all(np.abs(np.mean(pulls, axis=0)) < 0.7)
+    richer = FRICTION_LAWS[FRICTION_LAWS.index(law) :]
+    assert np.mean([b == law for b in best]) > 0.6
+    assert all(b in richer or "stribeck" in law for b in best)
+
+
+def test_wrong_law_is_seen_by_misfit_criterion_and_chi_square():
+    found = fit_friction_laws(*noisy("power_stribeck_2", np.random.default_rng(2)))
+    log, right = found.fit("power_log"), found.fit("power_stribeck_2")
+    assert found.best == "power_stribeck_2"
+    assert log.criterion > 50.0
+    assert log.rms_misfit > 3.0 * right.rms_misfit
+    assert any("misses the points by more than their errors" in n for n in log.notes)
+    assert not any("chi²" in n for n in right.notes)
+    assert 0.5 < right.chi_square / right.degrees_of_freedom < 1.6
+    assert "A constant coefficient misses by" in found.verdict
+
+
+def test_parameters_and_errors_agree_with_an_independent_fit():
+    f, v, mu, se = noisy("power_log", np.random.default_rng(3))
+
+    def model(x, mu0, a, b, v0):
+        return mu0 * (x[0] / 3000.0) ** -a * (1.0 + b * np.log(1.0 + x[1] / v0))
+
+    best, covariance = curve_fit(
+        model, (f, v), mu, [0.6, 0.15, 0.4, 0.002], se, absolute_sigma=True, xtol=1e-13, ftol=1e-13
+    )
+    fit = fit_friction_laws(f, v, mu, se, reference_force_N_m=3000.0).fit("power_log")
+    assert [p.value for p in fit.parameters] == pytest.approx(best.tolist(), rel=1e-5)
+    # ours are widened by chi² and correlation, all by the same factor, never made smaller
+    ratio = [p.se**2 for p in fit.parameters] / np.diag(covariance)
+    assert ratio == pytest.approx(ratio[0], rel=1e-3)
+    assert 1.0 - 1e-6 < ratio[0] < 3.0
+    correlations = [
+        c / np.sqrt(np.outer(np.diag(c), np.diag(c))) for c in (fit.covariance, covariance)
+    ]
+    assert correlations[0] == pytest.approx(correlations[1], abs=1e-4)
+
+
+def test_reference_force_is_a_matter_of_taste():
+    points = noisy("power_log", np.random.default_rng(4))
+    one, other = (fit_friction_laws(*points, reference_force_N_m=f0) for f0 in (1000.0, 8000.0))
+    f, v = grid()
+    for law in FRICTION_LAWS:
+        assert one.fit(law).formula.mu(f, v) == pytest.approx(
+            other.fit(law).formula.mu(f, v), rel=1e-7
+        )
+        assert one.fit(law).criterion == pytest.approx(other.fit(law).criterion, abs=1e-4)
+    middle = fit_friction_laws(*points).fit("power")
+    assert middle.reference_force_N_m == 3000.0  # sqrt(1000 * 9000)
+    correlation = middle.covariance[0, 1] / np.sqrt(np.prod(np.diag(middle.covariance)))
+    assert abs(correlation) < 0.3
+
+
+def test_speed_scale_below_the_measured_speeds_is_not_determined():
+    f, v = grid()
+    rng = np.random.default_rng(5)
+    clean = 0.5 * (f / 3000.0) ** -0.2 * (1.0 + 0.1 * np.log1p(v / 1e-7))
+    mu = clean * (1.0 + 0.005 * rng.normal(size=f.size))
+    fit = fit_friction_laws(f, v, mu, 0.005 * clean).fit("power_log")
+    status = {p.name: p.status for p in fit.parameters}
+    assert status["v0"] == "not determined by the data"
+    assert status["a"] == ""
+    assert not fit.determined
+    # what is measured is still met
+    assert fit.rms_misfit < 0.006
+    assert any("v0 is not determined" in n for n in fit.notes)
+
+
+def test_without_influence_of_the_speed_its_scale_is_not_determined():
+    fit = fit_friction_laws(*noisy("power", np.random.default_rng(6))).fit("power_log")
+    status = {p.name: p.status for p in fit.parameters}
+    assert status["v0"] == "not determined by the data"
+    assert status["b"] != ""
+
+
+def test_without_influence_of_the_force_the_exponent_is_not_different_from_zero():
+    fit = fit_friction_laws(*noisy("coulomb", np.random.default_rng(7))).fit("power")
+    assert {p.name: p.status for p in fit.parameters} == {"mu0": "", "a": "not different from zero"}
+
+
+def test_laws_that_the_points_cannot_tell_are_refused_with_the_reason():
+    f, v = grid(speeds=np.array([0.01]))
+    one_speed = fit_friction_laws(f, v, 0.9 * (f / 3000.0) ** -0.1)
+    assert {law for law, _ in one_speed.refused} == set(FRICTION_LAWS[2:])
+    assert "1 sliding speeds, 3 are needed" in dict(one_speed.refused)["power_log"]
+    assert one_speed.best == "power"
+    f, v = grid(forces=np.array([4000.0, 4010.0]))
+    one_force = fit_friction_laws(f, v, 0.9 + 0.0 * f)
+    assert [fit.law for fit in one_force.fits] == ["coulomb"]
+    assert "at one force" in dict(one_force.refused)["power"]
+
+
+def test_shared_error_is_not_averaged_away():
+    points = noisy("power_stribeck_1", np.random.default_rng(8))
+    alone = fit_friction_laws(*points).fit("power_stribeck_1")
+    shared = fit_friction_laws(*points, shared_relative_se=0.02).fit("power_stribeck_1")
+    for a, b in zip(alone.parameters, shared.parameters, strict=True):
+        common = 0.02 * a.value if a.name in ("mu_s", "mu_k", "c") else 0.0
+        assert b.se == pytest.approx(np.hypot(a.se, common), rel=1e-9)
+    log = [
+        fit_friction_laws(*points, shared_relative_se=s).fit("power_log").parameters
+        for s in (0.0, 0.02)
+    ]
+    assert log[1][0].se == pytest.approx(np.hypot(log[0][0].se, 0.02 * log[0][0].value), rel=1e-9)
+    assert log[1][2].se == pytest.approx(log[0][2].se, rel=1e-6)  # b is a ratio of amplitudes
+
+
+def test_errors_that_are_too_large_are_noted_and_those_missing_made_up():
+    f, v, mu, se = noisy("power_log", np.random.default_rng(9))
+    large = fit_friction_laws(f, v, mu, 10.0 * se).fit("power_log")
+    assert any("shared by the points" in n for n in large.notes)
+    none = fit_friction_laws(f, v, mu)
+    assert np.isnan(none.fit("power_log").chi_square)
+    assert "no standard errors" in none.notes[0]
+    some = np.where(np.arange(f.size) % 5 == 0, np.nan, se)
+    assert "10 points without a standard error" in fit_friction_laws(f, v, mu, some).notes[0]
+
+
+def test_points_that_cannot_be_used():
+    f, v, mu, se = noisy("power", np.random.default_rng(10))
+    worse = fit_friction_laws(
+        np.append(f, [np.nan, 3000.0]), np.append(v, [0.01, 0.0]), np.append(mu, [1.0, 1.0])
+    )
+    assert worse.n_points == f.size
+    assert worse.notes[0].startswith("2 of 50 points left out")
+    with pytest.raises(InputError, match="mu_se: 3 values, must be 48"):
+        fit_friction_laws(f, v, mu, se[:3])
+    with pytest.raises(InputError, match="must be at least 2"):
+        fit_friction_laws([1.0], [1.0], [1.0])
+    with pytest.raises(InputError, match="reference_force_N_m"):
+        fit_friction_laws(f, v, mu, reference_force_N_m=-1.0)
+
+
+@pytest.mark.parametrize("belt", RIG_TRUTH)
+def test_law_of_the_virtual_bench_is_recovered_exactly_from_its_truth(belt):
+    t = np.genfromtxt(
+        TRUTH / belt / "truth.csv", delimiter=",", names=True, dtype=None, encoding="utf-8"
+    )
+    found = fit_friction_laws(t["f_ref"], t["v"], t["mu_true_at_f_ref"], reference_force_N_m=5400.0)
+    mu0, a, c, v0 = RIG_TRUTH[belt]
+    unit = np.log1p(0.01 / v0)
+    expected = {"mu0": mu0 * (1.0 - c), "a": a, "b": c / unit / (1.0 - c), "v0": v0}
+    assert found.best == "power_log"
+    assert found.fit("power_log").values == pytest.approx(expected, rel=1e-7)
+
+
+@pytest.mark.parametrize("belt", RIG_TRUTH)
+def test_speed_law_survives_the_published_procedure_and_the_exponent_does_not(belt):
+    """Eqs. (6) and (8) ignore bending: the force of a point is wrong, its speed is not."""
+    t = np.genfromtxt(
+        TRUTH / belt / "truth.csv", delimiter=",", names=True, dtype=None, encoding="utf-8"
+    )
+    fit = fit_friction_laws(t["f_ref"], t["v"], t["mu_app"], reference_force_N_m=5400.0).fit(
+        "power_log"
+    )
+    _, a, c, v0 = RIG_TRUTH[belt]
+    found = {p.name: p for p in fit.parameters}
+    b = c / np.log1p(0.01 / v0) / (1.0 - c)
+    assert abs(found["b"].value - b) < 3.0 * found["b"].se
+    assert abs(found["v0"].value - v0) < 3.0 * found["v0"].se
+    assert found["a"].value < 0.8 * a
+
+
+def test_every_parameter_of_every_law_is_reported():
+    found = fit_friction_laws(*noisy("power_log", np.random.default_rng(11)))
+    for fit in found.fits:
+        assert tuple(p.name for p in fit.parameters) == PARAMETERS[fit.law]
+        assert fit.covariance.shape == (len(fit.parameters),) * 2
+        relative = fit.formula.mu(*(np.array([x]) for x in fit.worst_at))
+        assert np.isfinite(relative).all()
