@@ -25,7 +25,7 @@ from benchmarks.work import (
 
 Array = NDArray[np.float64]
 
-ELEMENTS: tuple[int | None, ...] = (8, 10, 12, 14, 20, 40, None)
+ELEMENTS: tuple[int | None, ...] = (8, 10, 12, 14, 20, 28, 40, None)
 CONVERGED = 200  # elements of the reference
 ACCURACIES = {"coarse": 0.10, "fine": 0.017}  # worst error of the apparent mu [%]
 PLAIN = {
@@ -116,9 +116,9 @@ class SteadyComparison:
         """The coarsest mesh whose worst error is not above ``accuracy`` [%], mu constant."""
         return next(own for own in self.own if own.error <= accuracy)
 
-    def own_for_surface(self, accuracy: float) -> OwnMesh | None:
-        """The same with the surface; None if no mesh tried is accurate enough."""
-        return next((own for own in self.own if own.surface_error <= accuracy), None)
+    def own_for_surface(self, accuracy: float) -> OwnMesh:
+        """The same with the surface."""
+        return next(own for own in self.own if own.surface_error <= accuracy)
 
 
 def compare_steady(rounds: int) -> SteadyComparison:
