@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtr, chdtrc
 
+from beltid.identify.friction_law_search import LawSearch, profile
 from beltid.identify.friction_points import FrictionPoints
 from beltid.identify.nonlinear_fit import cofactor_of
-from beltid.laws.friction_formulas import PARAMETERS, UNITS, FrictionLawName
+from beltid.laws.friction_formulas import PARAMETERS, UNITS, FrictionLawName, has_speed_scale
 
 Array = NDArray[np.float64]
 
@@ -20,12 +21,18 @@ LOG_SCALE_DOUBT = 0.5 * math.log(10.0)
 """A speed whose 95 % interval spans more than a factor of ten either way is not determined."""
 AMPLITUDE_DOUBT = 0.5
 """Nor is a coefficient whose standard error exceeds this share of the mean mu."""
+TWO_ERRORS = 4.0
+"""Rise of chi² at two standard errors, in units of the variance."""
 ZERO_DOUBT = 2.0
 """A value within so many standard errors of zero is not told from it."""
 CHI_SQUARE_BAND = (0.5, 1.5)
 """Chi² per degree of freedom outside, and improbable, is worth a note."""
 IMPROBABLE = 0.01
 AS_GOOD = 2.0
+BELOW = ("v0", "mu0", "b", "v_s", "mu_s")
+"""Parameters that are open if the speed scale may lie far below the measured speeds,"""
+ABOVE = ("v0", "b", "v_s", "mu_k", "c")
+"""and if it may lie far above."""
 NOT_DETERMINED = "not determined by the data"
 NOT_ZERO = "not different from zero"
 
@@ -69,22 +76,14 @@ def covariance_scale(chi_square: float, dof: int, errors_known: bool, tau: float
 
 
 def parameters_of(
-    law: FrictionLawName,
-    theta: Array,
-    jacobian: Array,
-    scale: tuple[float, float],
-    points: FrictionPoints,
+    search: LawSearch, scale: tuple[float, float], points: FrictionPoints
 ) -> tuple[tuple[FrictionParameter, ...], Array]:
     """Parameters of a law with their errors, from the unknowns of the search.
 
     Parameters
     ----------
-    law : str
-        The law.
-    theta : ndarray
-        Amplitudes, exponent a, logarithm of the speed scale, as far as the law has them, (q,).
-    jacobian : ndarray
-        Derivatives of the weighted values by theta, shape (n, q).
+    search : LawSearch
+        The solution.
     scale : tuple of float
         Factor from cofactor to covariance; relative standard error shared by all points.
     points : FrictionPoints
@@ -98,24 +97,52 @@ def parameters_of(
     Notes
     -----
     The speed scale counts as free also where the search ended at its bound: so the doubt about it
-    is in the errors of the amplitudes that go with it.
+    is in the errors of the amplitudes that go with it. Errors are linear ones, widened to half
+    of what the parameters move over all speed scales that fit within two standard errors.
     """
+    law, theta = search.law, search.fit.parameters
     factor, shared = scale
-    cofactor, told = cofactor_of(jacobian)
+    cofactor, told = cofactor_of(search.jacobian)
     amplitudes = {"power_log": 2, "power_stribeck_1": 3, "power_stribeck_2": 3}.get(law, 1)
     common = np.where(np.arange(theta.size) < amplitudes, shared * theta, 0.0)
-    covariance = factor * np.where(np.isfinite(cofactor), cofactor, 0.0) + np.outer(common, common)
+    covariance = factor * np.where(np.isfinite(cofactor), cofactor, 0.0)
     values, gradient = _public(law, theta)
     # a parameter that rests on an unknown that is not told is not told itself
     blind = np.any(np.abs(gradient[:, ~told]) > 0.0, axis=1) | (not math.isfinite(factor))
     covariance = gradient @ covariance @ gradient.T
-    se = np.where(blind, np.inf, np.sqrt(np.maximum(np.diag(covariance), 0.0)))
-    covariance[blind, :] = covariance[:, blind] = np.nan
+    linear = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    se = np.where(blind, np.inf, np.maximum(linear, _moved(search, points, factor)))
+    wider = np.divide(se, linear, out=np.ones_like(se), where=np.isfinite(se) & (linear > 0.0))
+    covariance = covariance * np.outer(wider, wider) + gradient @ np.outer(common, common) @ (
+        gradient.T
+    )
+    covariance[~np.isfinite(se), :] = covariance[:, ~np.isfinite(se)] = np.nan
+    se = np.where(np.isfinite(se), np.hypot(se, gradient @ common), np.inf)
     parameters = tuple(
         FrictionParameter(n, UNITS.get(n, ""), float(x), float(s), _status(n, x, s, points))
         for n, x, s in zip(PARAMETERS[law], values, se, strict=True)
     )
     return _with_b(parameters), covariance
+
+
+def _moved(search: LawSearch, points: FrictionPoints, factor: float) -> Array:
+    """Half of what the parameters move over the speed scales that fit within two errors."""
+    law, theta = search.law, search.fit.parameters
+    values, _ = _public(law, theta)
+    if not has_speed_scale(law) or not math.isfinite(factor):
+        return np.zeros(values.size)
+    solutions, (low, high) = profile(search, points, TWO_ERRORS * factor)
+    moved = np.zeros(values.size)
+    at = PARAMETERS[law].index("v0" if law == "power_log" else "v_s")
+    for solution in solutions:
+        with np.errstate(invalid="ignore", over="ignore"):
+            other = np.abs(_public(law, solution)[0] - values)
+        other[at] = values[at] * abs(solution[-1] - theta[-1])
+        moved = np.maximum(moved, np.where(np.isnan(other), np.inf, other))
+    for name in (*(BELOW if low else ()), *(ABOVE if high else ())):
+        if name in PARAMETERS[law]:
+            moved[PARAMETERS[law].index(name)] = np.inf
+    return 0.5 * moved
 
 
 def _public(law: FrictionLawName, theta: Array) -> tuple[Array, Array]:

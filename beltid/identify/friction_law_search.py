@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from beltid.errors import ConvergenceError, FitError
 from beltid.identify.friction_points import FrictionPoints
-from beltid.identify.nonlinear_fit import NonlinearFit, fit_nonlinear
+from beltid.identify.nonlinear_fit import NonlinearFit, cofactor_of, fit_nonlinear
 from beltid.laws.friction_formulas import (
     PARAMETERS,
     FrictionLawName,
@@ -47,6 +47,8 @@ class LawSearch:
     fit: NonlinearFit
     jacobian: Array
     at_bound: bool
+    f0: float
+    scales: tuple[float, float]
 
 
 def search_law(law: FrictionLawName, points: FrictionPoints, f0: float) -> LawSearch:
@@ -92,7 +94,8 @@ def search_law(law: FrictionLawName, points: FrictionPoints, f0: float) -> LawSe
         raise failures[0]
     best = min(fits, key=lambda fit: fit.sum_of_squares)
     J = jacobian(best.parameters) / points.se[:, None]
-    return LawSearch(law, best, J, bool(best.at_bound.any()))
+    scales = (float(low[-1]), float(high[-1]))
+    return LawSearch(law, best, J, bool(best.at_bound.any()), f0, scales)
 
 
 def _functions(
@@ -157,3 +160,56 @@ def _local_minima(misfits: Sequence[float]) -> list[int]:
     padded = [math.inf, *misfits, math.inf]
     lowest = [k for k, value in enumerate(misfits) if value <= padded[k] and value <= padded[k + 2]]
     return sorted(lowest, key=lambda k: misfits[k])
+
+
+def profile(
+    search: LawSearch, points: FrictionPoints, rise: float
+) -> tuple[Array, tuple[bool, bool]]:
+    """Solutions with other speed scales that fit the points nearly as well.
+
+    The errors of a speed scale are seldom symmetric, and several scales may do: the linear errors
+    at one of them would not show it. For each of a scan of scales the amplitudes and a (linearised)
+    are fitted anew.
+
+    Parameters
+    ----------
+    search : LawSearch
+        A law with a speed scale.
+    points : FrictionPoints
+        The points.
+    rise : float
+        Scales are kept whose chi² is above the lowest by less than this.
+
+    Returns
+    -------
+    solutions : ndarray, shape (k, q)
+        Unknowns of the search for the scales kept; infinite where a scale leaves one open.
+    open_ended : tuple of bool
+        Whether the scales kept reach the lower and the upper bound of the search.
+    """
+    best = search.fit.parameters
+    grid = np.linspace(*search.scales, SCAN)
+    limit = _at_scale(search, points, float(best[-1]))[1] + rise
+    found = [_at_scale(search, points, float(s)) for s in grid]
+    kept = [k for k, (_, misfit, _) in enumerate(found) if misfit < limit]
+    solutions = np.empty((len(kept), best.size))
+    for row, k in zip(solutions, kept, strict=True):
+        unknowns, _, design = found[k]
+        _, told = cofactor_of(design)
+        row[:-1], row[-1] = np.where(told, unknowns, np.inf), grid[k]
+    middle = 0.5 * (grid[0] + grid[-1])
+    low = 0 in kept or (search.at_bound and best[-1] < middle)
+    high = SCAN - 1 in kept or (search.at_bound and best[-1] > middle)
+    return solutions, (bool(low), bool(high))
+
+
+def _at_scale(search: LawSearch, points: FrictionPoints, s: float) -> tuple[Array, float, Array]:
+    """Unknowns but the speed scale for a given one, chi², and the design of this problem."""
+    a = float(search.fit.parameters[-2])
+    terms = ((points.f / search.f0) ** -a)[:, None] * speed_terms(search.law, points.v, s)[0]
+    by_a = -np.log(points.f / search.f0) * points.mu
+    design = np.column_stack([terms, by_a]) / points.se[:, None]
+    found = np.linalg.lstsq(design, points.mu / points.se, rcond=1e-12)[0]
+    misfit = float(np.sum((points.mu / points.se - design @ found) ** 2))
+    found[-1] += a
+    return np.asarray(found, dtype=float), misfit, design

@@ -241,9 +241,7 @@ def _finished(
     scale = covariance_scale(
         fit.sum_of_squares, dof, points.errors_known, _correlation(points, fit.residuals)
     )
-    parameters, covariance = parameters_of(
-        search.law, fit.parameters, search.jacobian, (scale, shared), points
-    )
+    parameters, covariance = parameters_of(search, (scale, shared), points)
     relative = -fit.residuals * points.se / points.mu
     worst = int(np.argmax(np.abs(relative)))
     notes = [f"{search.law}: {p.name} is {p.status}" for p in parameters if p.status]
