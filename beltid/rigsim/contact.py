@@ -130,6 +130,9 @@ class Points(NamedTuple):
     ``rho``, line force ``f_N`` of the part [N/m], normal and tangential force ``F_N``, ``F_T`` and
     limit ``F_max`` [N], ``point_slip`` of the step [m]. mu is looked up twice in a part: at the
     line forces ``f_look`` [N/m], each for the normal force ``F_look`` [N], arrays (n_e, n_c, 2).
+
+    ``memory`` (1,) is the slip over which friction follows a change of speed [m], 0 for at once;
+    ``v_old`` (n_e, n_c) is the speed that it has followed up to the last step [m/s].
     """
 
     status: NDArray[np.int64]
@@ -151,15 +154,40 @@ class Points(NamedTuple):
     point_slip: Array
     f_look: Array
     F_look: Array
+    memory: Array
+    v_old: Array
 
 
 def new_points(belt: BeltArrays, status: int) -> Points:
     """Contact points at rest, all patches with the given status, no forces."""
     n_e, n_c = belt.w_c.shape
-    patches = [np.ones(n_e), np.zeros(n_e), np.ones(n_e), *(np.zeros(n_e) for _ in range(3))]
-    points = (np.zeros((n_e, n_c)) for _ in range(10))
-    looks = (np.zeros((n_e, n_c, 2)) for _ in range(2))
-    return Points(np.full(n_e, status), *patches, *points, *looks)
+
+    def zeros(*shape: int) -> Array:
+        return np.zeros(shape)
+
+    return Points(
+        status=np.full(n_e, status),
+        sign=np.ones(n_e),
+        la_T=zeros(n_e),
+        ratio=np.ones(n_e),
+        slip=zeros(n_e),
+        force=zeros(n_e),
+        limit=zeros(n_e),
+        theta_old=zeros(n_e, n_c),
+        rho_old=zeros(n_e, n_c),
+        limit_old=zeros(n_e, n_c),
+        theta=zeros(n_e, n_c),
+        rho=zeros(n_e, n_c),
+        f_N=zeros(n_e, n_c),
+        F_N=zeros(n_e, n_c),
+        F_T=zeros(n_e, n_c),
+        F_max=zeros(n_e, n_c),
+        point_slip=zeros(n_e, n_c),
+        f_look=zeros(n_e, n_c, 2),
+        F_look=zeros(n_e, n_c, 2),
+        memory=zeros(1),
+        v_old=zeros(n_e, n_c),
+    )
 
 
 register_jitable(locate)

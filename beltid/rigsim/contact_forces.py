@@ -49,7 +49,8 @@ def sliding_friction(
     The line force varies over a part, strongly where the contact ends, and mu with it: two Gauss
     points. Reads the normal force and its derivatives; writes ``F_max``, ``point_slip`` and the
     look-ups of the point, and the derivatives of the limit in delta [N/m], sigma [N] and slip [N/m]
-    into ``frame``. Returns the number of look-ups outside the measured range, 0 or 1.
+    into ``frame``. Friction with a memory takes the speed that it has followed so far. Returns the
+    number of look-ups outside the measured range, 0 or 1.
     """
     rho = points.rho[e, c]
     if motion.rate == 0.0:
@@ -59,6 +60,9 @@ def sliding_friction(
         slip = rho * (motion.omega / motion.rate - turned)
         v = abs(slip) * pulley.R / rho * motion.rate
     points.point_slip[e, c] = slip
+    follows = motion.rate > 0.0 and points.memory[0] > 0.0
+    if follows:
+        v = points.v_old[e, c]
     share, share_d, share_s, middle, middle_d, middle_s, half, half_d, half_s = touching_share(
         pulley.R - rho, frame[3], 0.5 * belt.w_c[e, c]
     )
@@ -79,7 +83,8 @@ def sliding_friction(
         points.F_look[e, c, i] = w * share * f
         elastic += w * share * f
         limit += w * share * mu * f
-        T_v += w * share * mu_v * f
+        if not follows:
+            T_v += w * share * mu_v * f
         slope = (mu + mu_f * f) * k
         T_d += w * (share_d * mu * f + share * slope * (middle_d + at * half_d))
         T_s += w * (share_s * mu * f + share * slope * (middle_s + at * half_s))

@@ -63,6 +63,8 @@ class RigModel:
         Mass per length of the belt [kg/m].
     system : System
         Arrays for compiled code.
+    friction_falls : bool
+        Whether mu falls with the speed anywhere on the surface.
     """
 
     path: Path
@@ -70,6 +72,7 @@ class RigModel:
     nodes: Array
     rhoA: float
     system: System
+    friction_falls: bool
 
     def path_coordinates(self) -> Array:
         """Nodal coordinates of the belt on its path, shape (4 (n_e + 1),)."""
@@ -79,7 +82,8 @@ class RigModel:
     def with_surface(self, surface: FrictionSurface) -> RigModel:
         """The same rig with another friction surface."""
         pulley = with_surface(self.system.pulley, surface)
-        return replace(self, system=self.system._replace(pulley=pulley))
+        system = self.system._replace(pulley=pulley)
+        return replace(self, system=system, friction_falls=_falls(surface))
 
     def workspace(self) -> Workspace:
         """Room for the linearised system."""
@@ -93,6 +97,10 @@ class RigModel:
             strain_old=np.zeros((*belt.w_g.shape, 2)),
             reactions=new_reactions(),
         )
+
+
+def _falls(surface: FrictionSurface) -> bool:
+    return bool(np.any(np.diff(surface.mu_nodes, axis=1) < 0.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,4 +144,4 @@ class Bench:
             pulley=contact_arrays(self.rig.R, self.contact, self.law, self.surface),
             supports=SupportArrays(self.rig.supports == "clamped", np.ascontiguousarray(ends)),
         )
-        return RigModel(path, point, nodes, self.belt.rhoA, system)
+        return RigModel(path, point, nodes, self.belt.rhoA, system, _falls(self.surface))

@@ -188,7 +188,15 @@ def new_recorder(model: RigModel, n: int, wanted: Counts) -> Recorder:
 def accept(
     system: System, motion: Motion, points: Points, state: Kinematics, sticking_ratio: float
 ) -> None:
-    """Make the trial the state of the last step."""
+    """Make the trial the state of the last step; friction with a memory follows the speed."""
+    if points.memory[0] > 0.0:
+        for e in range(points.status.size):
+            for c in range(points.theta.shape[1]):
+                slip = abs(points.point_slip[e, c])
+                if slip > 0.0:
+                    v = slip * motion.rate * system.pulley.R / points.rho[e, c]
+                    part = -math.expm1(-slip / points.memory[0])
+                    points.v_old[e, c] += part * (v - points.v_old[e, c])
     state.q_dot[:] = (state.trial - state.q) * motion.rate
     state.q[:] = state.trial
     points.theta_old[:] = points.theta

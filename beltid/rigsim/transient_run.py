@@ -1,4 +1,11 @@
-"""A run in time: the schedule of rest, build-up and plateau, and what comes of it."""
+"""A run in time: the schedule of rest, build-up and plateau, and what comes of it.
+
+Where mu falls with the speed, a law that follows the speed at once has no solution that depends
+continuously on it: the smallest disturbance of the belt at rest grows. Real friction follows a
+change of speed over a slip of the size of its contacts (the memory length of rate-and-state
+friction, J. H. Dieterich, J. Geophys. Res. 84 (1979) 2161). With such surfaces mu is looked up at
+the speed averaged over a memory of half the build-up's travel; the plateau is the same.
+"""
 
 from __future__ import annotations
 
@@ -30,6 +37,8 @@ Array = NDArray[np.float64]
 BUILD_UP_MARGIN = 1.25
 PLATEAU_FACTOR = 5.0  # time step of the plateau over that of the build-up
 STEPS_PER_SWING = 10.0  # plateau steps per period of the slack span, at most
+MEMORY = 0.5  # slip over which falling friction follows the speed, over the travel of the build-up
+SETTLED = 5.0e-3  # largest difference of the last tensions to the steady ones [-]
 AUGMENTATION = 3.0e2  # over the axial stiffness EA per shortest element [-]
 
 Marcher = Callable[[System, Points, Kinematics, Schedule, Drive, Workspace, Recorder], int]
@@ -141,7 +150,7 @@ def run_transient(
     Raises
     ------
     ConvergenceError
-        If a step fails although it was cut.
+        If a step fails although it was cut, or the plateau does not settle.
     """
     schedule = make_schedule(model, laid, sliding, plan.steps)
     time = np.concatenate([[0.0], np.cumsum(schedule.dt)])
@@ -153,6 +162,8 @@ def run_transient(
     points.theta_old[:] = laid.points.theta
     points.rho_old[:] = laid.points.rho
     points.ratio[:] = plan.sticking_ratio
+    if model.friction_falls:
+        points.memory[0] = MEMORY * build_up_travel(model, laid, sliding)
     work = model.workspace()
     store_strains(belt, laid.q, laid.stretch, work.strain_old)
     state = Kinematics(laid.q.copy(), *(np.zeros_like(laid.q) for _ in range(3)))
@@ -169,6 +180,7 @@ def run_transient(
             residual=float(record.residual[done]),
         )
     force = record.force
+    _refuse_unsettled(model, force, sliding)
     T_A = np.concatenate([[laid.T_A], np.hypot(force[:, 0], force[:, 1])])
     T_B = np.concatenate([[laid.T_B], np.hypot(force[:, 2], force[:, 3])])
     return TransientRun(
@@ -185,6 +197,19 @@ def run_transient(
             for i, k in enumerate(wanted)
         ),
     )
+
+
+def _refuse_unsettled(model: RigModel, force: Array, sliding: StaticState) -> None:
+    """The end of a run is the sliding limit, or the run says that it is not."""
+    last = force[-1]
+    ends = np.hypot(last[[0, 2]], last[[1, 3]])
+    away = float(np.max(np.abs(ends / [sliding.T_A, sliding.T_B] - 1.0)))
+    if away > SETTLED:
+        raise ConvergenceError(
+            f"{describe(model.point)}: the plateau does not settle, its last tensions are "
+            f"{100 * away:.2g} % away from those of steady sliding (stick-slip, or too few steps)",
+            residual=away,
+        )
 
 
 def _contact(
