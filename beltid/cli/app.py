@@ -11,6 +11,9 @@ from typer.core import TyperCommand
 
 from beltid.cli.common import Common, Version, with_common_options
 from beltid.cli.execute import execute, finish
+from beltid.cli.signals import Stopped, hear_signals
+from beltid.cli.streams import is_of_help, mute, prepare_streams, told
+from beltid.errors import EXIT_INPUT
 
 if TYPE_CHECKING:
     from beltid.cli.talk import TerminalTalk
@@ -43,7 +46,8 @@ Exit status:
   3    the numerics failed: no convergence, or no admissible law
   4    compare: the difference is out of tolerance
   5    run: some of several belts failed
-  130  interrupted
+  130  interrupted (Ctrl-C)
+  143  terminated by the system (129: the terminal hung up)
 """
 
 
@@ -308,8 +312,16 @@ def run(
 
 def main() -> None:
     """Entry point of the command line."""
-    for stream in (sys.stdout, sys.stderr):
-        # a terminal without some letter gets a substitute, not a crash
-        if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="replace")
-    app()
+    prepare_streams()
+    hear_signals()
+    try:
+        app()
+    except Stopped as stopped:  # before or after the work; the work says itself what it kept
+        typer.echo(f"error: {stopped.word}", err=True)
+        sys.exit(stopped.exit_status)
+    except OSError as error:
+        if not is_of_help(error):
+            raise
+        mute("stdout")
+        typer.echo(f"error: {told(error)}", err=True)
+        sys.exit(EXIT_INPUT)

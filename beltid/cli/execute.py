@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
 import time
 import warnings
@@ -15,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from beltid.cli.common import Common
+from beltid.cli.signals import Stopped
+from beltid.cli.streams import mute, told
 from beltid.cli.talk import TerminalTalk, console_for
 from beltid.errors import EXIT_INTERRUPTED, BeltidError, BeltidWarning
 
@@ -81,7 +82,14 @@ def finish(work: Callable[[TerminalTalk], Summary], common: Common, kept: str) -
         with _heard_warnings(talk):
             summary = work(talk)
         _tell(summary, talk, time.monotonic() - start)
-        _print(summary, common)
+        try:
+            _print(summary, common)
+        except BrokenPipeError:  # the reader (head, less) has seen enough
+            mute("stdout")
+            raise typer.Exit from None
+        except OSError as error:
+            mute("stdout")
+            raise BeltidError(told(error)) from None
     raise typer.Exit(summary.exit_status)
 
 
@@ -97,10 +105,9 @@ def _statuses(talk: TerminalTalk, kept: str) -> Iterator[None]:
     except KeyboardInterrupt:
         talk.error(f"interrupted; {kept}")
         raise typer.Exit(EXIT_INTERRUPTED) from None
-    except BrokenPipeError:
-        # the reader (head, less) has seen enough; nothing may be written at exit either
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        raise typer.Exit from None
+    except Stopped as stopped:
+        talk.error(f"{stopped.word}; {kept}")
+        raise typer.Exit(stopped.exit_status) from None
 
 
 @contextmanager

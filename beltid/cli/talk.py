@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Final
 
+from beltid.cli.streams import mute
 from beltid.stages.talk import Talk
 
 if TYPE_CHECKING:
@@ -60,7 +61,10 @@ class TerminalTalk(Talk):
         if self._live is not None:  # above the progress bar, not through it
             self._live.print(text, markup=False, highlight=False, soft_wrap=True)
         else:
-            print(text, file=sys.stderr, flush=True)
+            try:
+                print(text, file=sys.stderr, flush=True)
+            except OSError:  # nobody can hear it; the work goes on
+                mute("stderr")
 
     def say(self, text: str) -> None:
         """Say what is going on."""

@@ -31,7 +31,7 @@ def test_main_help_lists_the_commands_and_the_exit_statuses() -> None:
     for command in COMMANDS:
         assert re.search(rf"^  {command} ", result.stdout, re.M)
     found = re.findall(r"^ +(\d+) {2,}\S", result.stdout.split("Exit status:")[1], re.M)
-    assert found == ["0", "1", "2", "3", "4", "5", "130"]
+    assert found == ["0", "1", "2", "3", "4", "5", "130", "143"]
     assert "..." not in result.stdout.split("Commands:")[1]  # no sentence is cut off
 
 

@@ -172,3 +172,103 @@ def test_an_interrupted_campaign_is_status_130_and_leaves_the_old_one(
     assert b"Traceback" not in rest
     assert (folder / "simulated.parquet").read_bytes() == before
     assert [f.name for f in folder.iterdir() if "tmp" in f.name] == []
+
+
+needs_full_device = pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+
+
+@needs_full_device
+@pytest.mark.parametrize(
+    "call", [("fit-slip", "speedloss.csv"), ("fit-slip", "speedloss.csv", "--json"), ("--help",)]
+)
+def test_a_full_disk_behind_stdout_is_status_2_and_said(
+    beside: Path, call: tuple[str, ...]
+) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [*BELTID, *call],
+            cwd=beside,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            env=environment(),
+            check=False,
+            timeout=60,
+        )
+    assert done.returncode == 2
+    assert b"error: stdout: No space left on device" in done.stderr
+    assert b"Traceback" not in done.stderr
+    assert b"Exception ignored" not in done.stderr
+
+
+@needs_full_device
+def test_a_full_disk_behind_stderr_does_not_stop_the_work(beside: Path) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [*BELTID, "fit-slip", "speedloss.csv", "--json"],
+            cwd=beside,
+            stdout=subprocess.PIPE,
+            stderr=full,
+            env=environment(),
+            check=False,
+            timeout=60,
+        )
+    assert done.returncode == 0
+    assert b'"command": "fit-slip"' in done.stdout
+
+
+@pytest.mark.parametrize("closed", [">&-", ">&- 2>&-", "<&- >&- 2>&-"])
+@pytest.mark.parametrize("call", ["fit-slip speedloss.csv", "--help", "fit-slip --version"])
+def test_closed_streams_are_as_good_as_dev_null(beside: Path, call: str, closed: str) -> None:
+    done = subprocess.run(
+        ["sh", "-c", f'"{sys.executable}" -m beltid {call} {closed}'],
+        cwd=beside,
+        capture_output=True,
+        env=environment(),
+        check=False,
+        timeout=60,
+    )
+    assert (done.returncode, done.stdout) == (0, b"")
+    assert b"Traceback" not in done.stderr
+    assert (beside / "slip.parquet").is_file() is call.endswith(".csv")
+
+
+def signalled(folder: Path, number: int, **settings: str) -> tuple[int, bytes]:
+    """Status and talk of a long campaign that is sent a signal."""
+    (folder / "beltid.yaml").write_text(
+        "rig: {initial_tensions_N: [" + ", ".join(f"{200 + 0.5 * k}" for k in range(200)) + "]}\n"
+    )
+    process = subprocess.Popen(
+        [*BELTID, "simulate-rig", "surface.parquet", "stiffness.parquet", "-j", "1"],
+        cwd=folder,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        env=environment(**settings),
+    )
+    assert process.stderr is not None
+    talk = b""
+    while b"runs, transient" not in talk:
+        line = process.stderr.readline()
+        assert line, talk
+        talk += line
+    time.sleep(0.5)
+    process.send_signal(number)
+    _, rest = process.communicate(timeout=60)
+    return process.returncode, rest
+
+
+@pytest.mark.parametrize(
+    ("number", "status", "said"),
+    [(signal.SIGTERM, 143, b"terminated"), (signal.SIGHUP, 129, b"hung up")],
+)
+def test_being_told_to_stop_is_said_with_what_is_kept(
+    finished: Path, tmp_path: Path, number: int, status: int, said: bytes
+) -> None:
+    folder = tmp_path / "bench"
+    shutil.copytree(finished, folder)
+    before = (folder / "simulated.parquet").read_bytes()
+    found, talk = signalled(folder, number)
+    assert found == status
+    assert said + b"; simulated.parquet was not written again" in talk
+    assert b"Traceback" not in talk
+    assert (folder / "simulated.parquet").read_bytes() == before
+    assert [f.name for f in folder.iterdir() if "tmp" in f.name] == []
