@@ -184,10 +184,11 @@ def _statement(found: Sequence[float], point_length_m: float) -> str:
             "(0: rate-independent, 1: a damper)"
         )
     ratio = C_P / PAPER_C_P_N_S_M
+    times = f"{ratio:.0f}" if ratio >= 10.0 else f"{ratio:.2g}"
     return (
         f"Dissipation: {energy:.3g} J per metre and cycle, {100 * loss:.2g} % of the work put in. "
         f"At the press's {speed * 1e6:.3g} µm/s a damper on approach (Eqs. 1, 2, 4) loses as much "
         f"with C_P = {C_P:.3g} N s/m per contact point of {point_length_m * 1e3:.3g} mm of belt, "
-        f"{ratio:.3g} times the 300 N s/m that the paper chose for numerical reasons. {rate}; "
+        f"{times} times the 300 N s/m that the paper chose for numerical reasons. {rate}; "
         f"300 N s/m loses as much at {equal * 1e3:.3g} mm/s."
     )

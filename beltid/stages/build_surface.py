@@ -13,6 +13,7 @@ from beltid.errors import InputError
 from beltid.identify.surface import SurfaceResult, SurfaceSettings
 from beltid.identify.surface import build_surface as identify
 from beltid.report.summary import Summary
+from beltid.stages.laws_beside import friction_formulas, friction_law_rows
 from beltid.stages.making import Made, Recipe, make
 from beltid.stages.outcome import Outcome, rows_of
 from beltid.stages.tables import surface_of, table_columns
@@ -84,6 +85,7 @@ def _outcome(
     except InputError as error:
         raise InputError([f"{name}: {line}" for line in error.problems]) from None
     surface = result.surface
+    beside = friction_formulas(surface)
     aside = [{"point": line} for line in result.set_aside]
     return Outcome(
         kind=KIND,
@@ -97,8 +99,9 @@ def _outcome(
             "n_points": result.n_points,
             "rms_arc_spread": result.rms_arc_spread,
             "max_arc_spread": result.max_arc_spread,
+            **beside.extra,
         },
-        notes=result.notes,
+        notes=(*result.notes, *beside.notes),
         warnings=tuple(f"set aside: {line}" for line in result.set_aside),
     )
 
@@ -134,6 +137,7 @@ def summarise(made: Made) -> Summary:
             "mu_spread",
         ),
         overview=_grid(surface),
+        details={"friction formulas": friction_law_rows(extra)},
         notes=made.notes,
         warnings=made.warnings,
         up_to_date=made.up_to_date,

@@ -12,6 +12,7 @@ from beltid.config import Config, ConfigSource, load_config
 from beltid.identify.stiffness import LawEstimate, StiffnessResult, StiffnessSettings
 from beltid.identify.stiffness import fit_stiffness as identify
 from beltid.report.summary import Summary
+from beltid.stages.laws_beside import normal_law_rows, normal_laws
 from beltid.stages.making import Made, Recipe, make
 from beltid.stages.outcome import Outcome, rows_of
 from beltid.stages.talk import Options
@@ -67,15 +68,14 @@ def _outcome(
     columns: Mapping[str, np.ndarray], config: Config, notes: tuple[str, ...]
 ) -> Outcome[StiffnessResult]:
     press = config.press
-    result = identify(
-        columns,
-        StiffnessSettings(
-            segment_length_m=press.segment_length_cm / 100.0,
-            reference_temperature_degC=press.reference_temperature_degC,
-            machine_compliance_m_N=press.machine_compliance_mm_N / 1000.0,
-            cycles=press.cycles,
-        ),
+    settings = StiffnessSettings(
+        segment_length_m=press.segment_length_cm / 100.0,
+        reference_temperature_degC=press.reference_temperature_degC,
+        machine_compliance_m_N=press.machine_compliance_mm_N / 1000.0,
+        cycles=press.cycles,
     )
+    result = identify(columns, settings)
+    beside = normal_laws(columns, settings, result)
     effect = result.temperature
     return Outcome(
         kind=KIND,
@@ -98,8 +98,9 @@ def _outcome(
             "n_effective": result.pooled.n_effective,
             "n_missing": result.n_missing,
             "n_spikes": result.n_spikes,
+            **beside.extra,
         },
-        notes=(*notes, *result.notes),
+        notes=(*notes, *result.notes, *beside.notes),
         warnings=tuple(f"test {test} set aside: {why}" for test, why in result.set_aside),
     )
 
@@ -155,7 +156,8 @@ def summarise(made: Made) -> Summary:
         }
         for row in rows
     ]
-    temperature = artifact.metadata.extra["temperature"]
+    extra = artifact.metadata.extra
+    choice, loss = extra.get("law_choice") or {}, extra.get("dissipation") or {}
     return Summary(
         stage="fit-stiffness",
         title="normal contact law, force = k_linear * penetration + k_quadratic * penetration²",
@@ -170,11 +172,14 @@ def summarise(made: Made) -> Summary:
                     "k_quadratic_se_N_m3",
                 )
             },
-            "temperature_matters": temperature["matters"],
+            "temperature_matters": extra["temperature"]["matters"],
+            "quadratic_law_supported": choice.get("quadratic_supported"),
+            "damping_at_press_speed_N_s_m": loss.get("C_P_N_s_m"),
         },
         table=rows,
         shown=tuple(name for name in pooled if name != "max_penetration_m"),
         overview=overview,
+        details={"choice of law": normal_law_rows(extra)},
         notes=made.notes,
         warnings=made.warnings,
         up_to_date=made.up_to_date,

@@ -1,0 +1,161 @@
+"""Laws beside those that an artifact holds: other normal laws, and friction as a formula."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from beltid.errors import BeltidError
+from beltid.identify.dissipation import estimate_dissipation
+from beltid.identify.friction_laws import FrictionLaws, fit_friction_laws
+from beltid.identify.law_choice import choose_normal_law
+from beltid.identify.stiffness_result import StiffnessResult, StiffnessSettings
+from beltid.laws.friction_surface import FrictionSurface
+
+
+@dataclass(frozen=True, slots=True)
+class Beside:
+    """What there is to say about other laws.
+
+    Attributes
+    ----------
+    extra : dict
+        Figures for the artifact.
+    notes : tuple of str
+        The verdict, for the user.
+    """
+
+    extra: dict[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
+def normal_laws(
+    press: Mapping[str, np.ndarray], settings: StiffnessSettings, result: StiffnessResult
+) -> Beside:
+    """Compare normal laws on the tests of the pooled law, and estimate the dissipation.
+
+    Never an obstacle: what cannot be told is a note.
+    """
+    extra: dict[str, Any] = {}
+    notes: list[str] = []
+    try:
+        choice = choose_normal_law(press, settings, result.pooled.tests)
+        extra["law_choice"] = {
+            "verdict": choice.verdict,
+            "quadratic_supported": choice.quadratic_supported,
+            "validation": choice.validation,
+            "n_effective": choice.n_effective,
+            "laws": [asdict(law) for law in choice.laws],
+        }
+        notes.append(choice.verdict)
+        notes += [law.note for law in choice.laws if law.note and law.law == "quadratic"]
+    except BeltidError as error:
+        notes.append(f"No comparison of normal laws: {error}")
+    try:
+        loss = estimate_dissipation(press, settings)
+        extra["dissipation"] = asdict(loss)
+        notes.append(loss.statement)
+    except BeltidError as error:
+        notes.append(f"No estimate of the dissipation: {error}")
+    return Beside(extra, tuple(notes))
+
+
+def normal_law_rows(extra: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The comparison of an artifact as a table, a row per law; empty in an older artifact."""
+    choice = extra.get("law_choice") or {"laws": ()}
+    return [
+        {
+            "law": law["law"],
+            "coefficients": _coefficients(law["parameters"]),
+            "rms_residual_N_m": law["rms_residual_N_m"],
+            "criterion": law["criterion"],
+            "cv_error_N_m": law["cv_error_N_m"],
+            "cv_ratio": law["cv_ratio"],
+            "largest_difference_percent": _percent(law["largest_difference"]),
+            "note": law["note"] or None,
+        }
+        for law in choice["laws"]
+    ]
+
+
+def friction_formulas(surface: FrictionSurface) -> Beside:
+    """Fit the parametric friction laws to the nodes of a surface; never an obstacle."""
+    force, speed = np.meshgrid(surface.normal_force_N_m, surface.slip_speed_m_s, indexing="ij")
+    errors = surface.mu_se_nodes
+    try:
+        laws = fit_friction_laws(
+            force.ravel(),
+            speed.ravel(),
+            surface.mu_nodes.ravel(),
+            None if errors is None else errors.ravel(),
+        )
+    except BeltidError as error:
+        return Beside(notes=(f"No friction formula beside the surface: {error}",))
+    best = [note for note in laws.fit(laws.best).notes if note]
+    return Beside({"friction_laws": _record(laws)}, (laws.verdict, *best, *laws.notes))
+
+
+def _record(laws: FrictionLaws) -> dict[str, Any]:
+    """The fits as plain values."""
+    return {
+        "best": laws.best,
+        "verdict": laws.verdict,
+        "n_effective": laws.n_effective,
+        "valid_force_N_m": laws.valid_force_N_m,
+        "valid_speed_m_s": laws.valid_speed_m_s,
+        "refused": [{"law": law, "why": why} for law, why in laws.refused],
+        "laws": [
+            {
+                "law": fit.law,
+                "formula": fit.formula.text,
+                "reference_force_N_m": fit.reference_force_N_m,
+                "parameters": [asdict(p) for p in fit.parameters],
+                "covariance": fit.covariance.tolist(),
+                "rms_misfit": fit.rms_misfit,
+                "worst_misfit": fit.worst_misfit,
+                "worst_at": {
+                    "normal_force_N_m": fit.worst_at[0],
+                    "slip_speed_m_s": fit.worst_at[1],
+                },
+                "chi_square": fit.chi_square,
+                "degrees_of_freedom": fit.degrees_of_freedom,
+                "criterion": fit.criterion,
+                "notes": list(fit.notes),
+            }
+            for fit in laws.fits
+        ],
+    }
+
+
+def friction_law_rows(extra: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The formulas of an artifact as a table, a row per law; empty in an older artifact."""
+    found = extra.get("friction_laws") or {"laws": ()}
+    return [
+        {
+            "law": law["law"],
+            "parameters": _coefficients(law["parameters"]),
+            "rms_misfit_percent": _percent(law["rms_misfit"]),
+            "worst_misfit_percent": _percent(law["worst_misfit"]),
+            "criterion": law["criterion"],
+            "formula": law["formula"],
+        }
+        for law in found["laws"]
+    ]
+
+
+def _coefficients(parameters: list[dict[str, Any]]) -> str:
+    """Coefficients with their errors in one cell; an error that is not known is "?"."""
+    texts = []
+    for p in parameters:
+        unit = f" {p['unit']}" if p["unit"] not in ("", "-") else ""
+        se = p["se"]
+        doubt = f"{se:.2g}" if se is not None and np.isfinite(se) else "?"
+        texts.append(f"{p['name']} = {p['value']:.5g} ± {doubt}{unit}")
+    return ", ".join(texts)
+
+
+def _percent(share: float | None) -> float | None:
+    return None if share is None else 100.0 * share

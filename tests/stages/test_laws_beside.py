@@ -1,0 +1,88 @@
+"""Verdicts on the laws in artifacts; the law of the bench from the refined surface."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import beltid
+from beltid.identify.friction_laws import fit_friction_laws
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.stages.laws_beside import friction_formulas, friction_law_rows, normal_law_rows
+from beltid.store.recordings import read_recording
+
+RIGDATA = Path(__file__).parents[2] / "rigdata"
+CONFIG = Path(__file__).parents[2] / "configs" / "5pk.yaml"
+
+
+@pytest.fixture(scope="module")
+def stiffness():
+    return beltid.fit_stiffness(
+        read_recording(RIGDATA / "5pk" / "press.csv", "press").columns, CONFIG
+    )
+
+
+@pytest.fixture(scope="module")
+def friction():
+    return beltid.fit_friction(read_recording(RIGDATA / "5pk" / "rig.csv", "rig").columns, CONFIG)
+
+
+def test_stiffness_carries_the_verdict_and_the_dissipation(stiffness):
+    choice = stiffness.extra["law_choice"]
+    assert choice["quadratic_supported"]
+    assert choice["verdict"] in stiffness.notes
+    assert stiffness.extra["dissipation"]["statement"] in stiffness.notes
+    rows = normal_law_rows(stiffness.extra)
+    assert [row["law"] for row in rows] == ["linear", "quadratic", "power", "cubic"]
+    assert rows[1]["criterion"] == 0.0
+    assert rows[1]["coefficients"].startswith("k_linear = 6.5")
+
+
+def test_surface_carries_formulas_that_are_what_they_say(friction):
+    outcome = beltid.build_surface(friction, CONFIG)
+    record = outcome.extra["friction_laws"]
+    assert record["verdict"] in outcome.notes
+    surface = outcome.result.surface
+    f, v = np.meshgrid(surface.normal_force_N_m, surface.slip_speed_m_s, indexing="ij")
+    for law in record["laws"]:
+        text = law["formula"].removeprefix("mu = ").replace("^", "**").replace("ln", "np.log")
+        mu = eval(text.replace("exp", "np.exp"), {"np": np, "f": f, "v": v})
+        misfit = mu / surface.mu_nodes - 1.0
+        assert np.sqrt(np.mean(misfit**2)) == pytest.approx(law["rms_misfit"], abs=1e-5)
+    assert len(friction_law_rows(outcome.extra)) == 5
+
+
+def test_refined_surface_gives_the_law_of_the_bench_within_its_errors(friction, stiffness):
+    surface = beltid.refine_surface(friction, stiffness.result.pooled.law, CONFIG).result.surface
+    f, v = np.meshgrid(surface.normal_force_N_m, surface.slip_speed_m_s, indexing="ij")
+    laws = fit_friction_laws(
+        f.ravel(),
+        v.ravel(),
+        surface.mu_nodes.ravel(),
+        surface.mu_se_nodes.ravel(),
+        reference_force_N_m=5400.0,
+    )
+    # rigdata/README.md: mu0 = 0.95, a = 0.18, c = 0.45, v0 = 0.0015 in its own form of the law
+    truth = {
+        "mu0": 0.95 * 0.55,
+        "a": 0.18,
+        "b": 0.45 / 0.55 / np.log1p(0.01 / 0.0015),
+        "v0": 0.0015,
+    }
+    assert laws.best == "power_log"
+    for p in laws.fit("power_log").parameters:
+        assert abs(p.value - truth[p.name]) < 3.0 * p.se, p
+        assert p.se < 0.02 * truth[p.name], p
+
+
+def test_a_surface_too_small_for_formulas_is_no_obstacle():
+    beside = friction_formulas(FrictionSurface.constant(0.7))
+    assert beside.extra == {}
+    assert "No friction formula beside the surface" in beside.notes[0]
+
+
+def test_artifacts_without_these_figures_have_empty_tables():
+    assert normal_law_rows({}) == []
+    assert friction_law_rows({}) == []
