@@ -19,7 +19,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.rigsim.compiled import kernel
+from beltid.rigsim.compiled import leaf
 
 Array = NDArray[np.float64]
 
@@ -67,14 +67,14 @@ def mass_matrix(h: Array, rhoA: float) -> Array:
     return rhoA * length / 420.0 * unit * length ** (gradient[:, None] + gradient[None, :])
 
 
-@kernel
+@leaf
 def strains(ax: float, ay: float, bx: float, by: float, stretch: float) -> tuple[float, float]:
     """Axial strain [-] and material curvature [1/m] of gradient ``a = r'`` and ``b = r''``."""
     p2 = ax * ax + ay * ay
     return math.sqrt(p2) / stretch - 1.0, (ax * by - ay * bx) / (p2 * stretch)
 
 
-@kernel
+@leaf
 def section(
     ax: float,
     ay: float,

@@ -18,6 +18,9 @@ from beltid.rigsim.compiled import kernel
 Array = NDArray[np.float64]
 
 
+_GAUSS_RULE = np.polynomial.legendre.leggauss(GAUSS_POINTS)
+
+
 class BeltArrays(NamedTuple):
     """Everything of the belt that stays constant during a run, as compiled code wants it.
 
@@ -57,7 +60,7 @@ class BeltArrays(NamedTuple):
 def belt_arrays(belt: Belt, nodes: Array, points_per_element: int) -> BeltArrays:
     """Tabulate shape functions, weights and masses of a belt on given nodes (n_e + 1,) [m]."""
     h = np.diff(nodes)
-    x_g, w_g = np.polynomial.legendre.leggauss(GAUSS_POINTS)
+    x_g, w_g = _GAUSS_RULE
     n_c = points_per_element
     _, B_s, B_ss = hermite(0.5 * (x_g + 1.0), h)
     N_c, D_c, _ = hermite((np.arange(n_c) + 0.5) / n_c, h)

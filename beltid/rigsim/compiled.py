@@ -118,15 +118,29 @@ def _heal(cache: Any) -> None:
 
 def kernel(function: F) -> F:
     """Compile a function with numba: cached, without the interpreter lock, strict arithmetic."""
+    return _compiled(function, forceinline=False)
+
+
+def leaf(function: F) -> F:
+    """Like :func:`kernel`, for small functions of inner loops: put into their callers.
+
+    Calls with many arrays cost more than what such a function does; put in, it is also compiled
+    once instead of once more for every level above it.
+    """
+    return _compiled(function, forceinline=True)
+
+
+def _compiled(function: F, *, forceinline: bool) -> F:
     saved = numba_config.CACHE_DIR
     numba_config.CACHE_DIR = str(cache_folder())
+    options: Any = {"nogil": True, "error_model": "numpy", "forceinline": forceinline}
     try:
         # else numba would fall back to a folder beside the sources, which misses edits
         cache_folder().mkdir(parents=True, exist_ok=True)
-        dispatcher: Any = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+        dispatcher: Any = numba.njit(cache=True, **options)(function)
         _heal(dispatcher._cache)
     except (RuntimeError, OSError):  # no folder can be written: compile in memory only
-        dispatcher = numba.njit(nogil=True, error_model="numpy")(function)
+        dispatcher = numba.njit(**options)(function)
     finally:
         numba_config.CACHE_DIR = saved
     return dispatcher

@@ -33,7 +33,7 @@ from beltid.laws.penalty import NormalLaw
 from beltid.laws.surface_tables import evaluate_tables, locate
 from beltid.params import Contact
 from beltid.rigsim.belt import BeltArrays
-from beltid.rigsim.compiled import kernel
+from beltid.rigsim.compiled import leaf
 
 Array = NDArray[np.float64]
 
@@ -191,16 +191,16 @@ def new_points(belt: BeltArrays, status: int) -> Points:
 
 
 register_jitable(locate)
-look_up = kernel(evaluate_tables)
+look_up = leaf(evaluate_tables)
 
 
-@kernel
+@leaf
 def in_range(limits: tuple[float, float], value: float) -> bool:
     """Whether a value lies in the measured range, give or take the rounding of a step."""
     return limits[0] * (1.0 - 1e-9) <= value <= limits[1] * (1.0 + 1e-9)
 
 
-@kernel
+@leaf
 def part_energy(
     delta: float, sigma: float, a: float, k1: float, k2: float
 ) -> tuple[float, float, float, float, float]:
@@ -234,7 +234,7 @@ def part_energy(
     return V_d, a_s * V_s, V_dd, a_s * V_ds, a * a * V_ss
 
 
-@kernel
+@leaf
 def touching_share(
     delta: float, sigma: float, a: float
 ) -> tuple[float, float, float, float, float, float, float, float, float]:
@@ -259,7 +259,7 @@ def touching_share(
     return share, 0.5 / m, a_s * (0.5 - share) / m, half, 0.5, 0.5 * a_s, half, 0.5, 0.5 * a_s
 
 
-@kernel
+@leaf
 def press(
     belt: BeltArrays,
     pulley: ContactArrays,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from beltid.rigsim.banded import HALF
 from beltid.rigsim.belt import BeltArrays
-from beltid.rigsim.compiled import kernel
+from beltid.rigsim.compiled import kernel, leaf
 from beltid.rigsim.contact import (
     FRAME,
     FRICTION,
@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 GAUSS = 1.0 / math.sqrt(3.0)
 
 
-@kernel
+@leaf
 def sliding_friction(
     belt: BeltArrays,
     pulley: ContactArrays,
@@ -127,10 +127,10 @@ def add_contact(
     pull = np.empty(8)
     for e in range(belt.h.size):
         any_touching = False
+        points.limit[e] = points.force[e] = points.slip[e] = 0.0
         for c in range(n_c):
             touching[c] = press(belt, pulley, motion, points, frames[c], e, c, q, stretch)
             any_touching = any_touching or touching[c]
-        points.limit[e] = points.force[e] = points.slip[e] = 0.0
         if not any_touching:
             continue
         if motion.friction > 0.0:
@@ -146,7 +146,7 @@ def add_contact(
     return outside
 
 
-@kernel
+@leaf
 def spread_friction(
     belt: BeltArrays,
     motion: Motion,
@@ -205,7 +205,7 @@ def spread_friction(
                 A[row, HALF + k - j] += motion.augmentation * pull[j] * pull[k]
 
 
-@kernel
+@leaf
 def add_point(
     belt: BeltArrays,
     points: Points,

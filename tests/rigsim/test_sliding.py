@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from beltid.laws.penalty import NormalLaw
 from beltid.params import Contact, OperatingPoint
 from beltid.rigsim.belt import belt_arrays
 from beltid.rigsim.contact import Motion
-from beltid.rigsim.model import Bench, RigModel
+from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import SimulationSettings, simulate
 from beltid.rigsim.steady import lay_on, linearize, slide
 
@@ -209,7 +210,7 @@ def test_graded_mesh_is_as_accurate_as_a_uniform_one_of_twice_the_elements() -> 
             n = graded.nodes.size - 1
             nodes = np.linspace(0.0, graded.path.length, 2 * n + 1)
             system = graded.system._replace(belt=belt_arrays(rig.belt, nodes, 5))
-            uniform = RigModel(graded.path, point, nodes, rig.belt.rhoA, system)
+            uniform = replace(graded, nodes=nodes, system=system)
             states = [slide(model, lay_on(model)) for model in (graded, uniform)]
             errors.append(
                 [math.hypot(s.T_A / exact.T_A - 1, s.T_B / exact.T_B - 1) for s in states]
