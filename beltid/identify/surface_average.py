@@ -14,6 +14,11 @@ is held within the lowest and the highest friction coefficient of all runs at it
 surface never leaves the measured band. It costs little: on the virtual benches the bound moves the
 one or two nodes of the lowest force, by at most 1.2 %; nodes that all arcs cover lie well within.
 
+Where a speed ends
+------------------
+A speed that lacks runs at one end of the range, as some broke off, has its nearest value held
+there (``n_arcs`` 0). What the other speeds change over that stretch goes into the standard error.
+
 Standard error
 --------------
 Random effects: arcs are a sample of contact lengths. With ``n`` measured arcs
@@ -105,7 +110,7 @@ def average(
     curves, notes = with_common_range(curves)
     nodes = _force_nodes(curves, force_nodes)
     mu, se, filled = _on_nodes(curves, nodes)
-    held = np.all(np.isfinite(mu).any(axis=0), axis=1)
+    held = np.all(np.isfinite(filled).any(axis=0), axis=1)
     nodes, mu, se, filled = nodes[held], mu[:, held], se[:, held], filled[:, held]
     never = [f"{arc:g}°" for arc, m in zip(curves.arcs_deg, filled, strict=True) if _partial(m)]
     if never:
@@ -117,12 +122,13 @@ def average(
     notes += held_notes
     n_arcs = np.isfinite(mu).sum(axis=0)
     sd = _spread(mu, n_arcs)
+    mu_se = _standard_error(mean, se, sd, n_arcs, errors_known)
     grid = SurfaceGrid(
         arc_deg=float(curves.arcs_deg[0]) if curves.arcs_deg.size == 1 else float("nan"),
         normal_force_N_m=nodes,
         slip_speed_m_s=curves.speeds,
         mu=mean,
-        mu_se=_standard_error(mean, se, sd, n_arcs, errors_known),
+        mu_se=_with_doubt_of_held(mu_se, mean, n_arcs),
         n_arcs=n_arcs,
         mu_spread=sd,
     )
@@ -192,7 +198,7 @@ def _on_nodes(curves: CurveSet, nodes: Array) -> tuple[Array, Array, Array]:
         values, errors = np.array([c.at(path) for c in group]).transpose(1, 0, 2)
         on_node = np.searchsorted(path, nodes)
         mu[rows, :, k], se[rows, :, k] = values[:, on_node], errors[:, on_node]
-        filled[rows, :, k] = _carried_on(values)[:, on_node]
+        filled[rows, :, k] = _held_beyond_ends(_carried_on(values))[:, on_node]
     for a, node, k in np.argwhere(np.isnan(filled)):
         filled[a, node, k] = _by_proportion(filled, a, node, k, np.log(curves.speeds))
     return mu, se, filled
@@ -215,6 +221,15 @@ def _carried_on(values: Array) -> Array:
                 growth = filled[both, node].mean() / filled[both, inner].mean()
                 filled[ends, node] = filled[ends, inner] * growth
     return filled
+
+
+def _held_beyond_ends(values: Array) -> Array:
+    """Values of one speed (na, n) with those at its ends held where no arc was measured."""
+    measured = np.flatnonzero(np.isfinite(values).any(axis=0))
+    held = values.copy()
+    held[:, : measured[0]] = values[:, [measured[0]]]
+    held[:, measured[-1] + 1 :] = values[:, [measured[-1]]]
+    return held
 
 
 def _by_proportion(filled: Array, a: int, node: int, k: int, log_speed: Array) -> float:
@@ -256,3 +271,17 @@ def _standard_error(
     tau2 = np.maximum((freedom * excess).sum(axis=1)[rows] / per_force[rows], 0.0)
     nearest = [int(np.argmin(np.abs(rows - i))) for i in range(mean.shape[0])]
     return np.sqrt(from_runs / n**2 + tau2[nearest][:, None] * mean**2 / n)
+
+
+def _with_doubt_of_held(mu_se: Array, mu: Array, n_arcs: NDArray[np.int64]) -> Array:
+    """Standard errors (nf, nv), with what the other speeds change where the value is held."""
+    doubt = mu_se.copy()
+    for i, k in np.argwhere(n_arcs == 0):
+        measured = np.flatnonzero(n_arcs[:, k])
+        if measured.size == 0:
+            continue
+        nearest = measured[np.argmin(np.abs(measured - i))]
+        others = (n_arcs[i] > 0) & (n_arcs[nearest] > 0)
+        change = np.abs(mu[i, others] / mu[nearest, others] - 1.0).mean() if others.any() else 0.0
+        doubt[i, k] = mu[i, k] * np.hypot(mu_se[nearest, k] / mu[nearest, k], change)
+    return doubt

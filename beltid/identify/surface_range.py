@@ -1,7 +1,9 @@
 """Range of normal forces that the curves of several arcs and speeds have in common.
 
 A node of the averaged surface needs a value at every speed, so its force must be covered by some
-arc at each of them. A speed that would leave no range at all is left out and named.
+arc at each of them. A few broken runs must not cost the others their range, though: where a speed
+ends long before most others do, its nearest value is held up to where they end, and it is named.
+A speed that would leave no range at all is left out and named.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ Array = NDArray[np.float64]
 
 MIN_RANGE = 0.02  # relative; a shorter range of forces is none
 ONE_TENSION = 2.5  # highest over lowest force that one tension gives over all arcs and speeds
-NARROWED = 0.25  # ln f; a speed that narrows the range of all others by more is named
+NARROWED = 0.25  # ln f; a speed that ends earlier than most others by more is held
 
 
 def _ranges(curves: CurveSet) -> tuple[Array, Array]:
@@ -40,13 +42,32 @@ def _covered(curves: CurveSet) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def common_range(curves: CurveSet) -> tuple[float, float] | None:
-    """First and last force that some arc covers at every speed [N/m], None if there is none."""
+    """First and last force of the surface [N/m], None if there is none.
+
+    Some arc covers both at every speed, but for speeds that end long before most others do.
+    """
     ends, covered = _covered(curves)
     everywhere = np.flatnonzero(covered.all(axis=0))
     if everywhere.size == 0:
         return None
     first, last = float(ends[everywhere[0]]), float(ends[everywhere[-1] + 1])
-    return (first, last) if last > first * (1.0 + MIN_RANGE) else None
+    if not last > first * (1.0 + MIN_RANGE):
+        return None
+    low, high = _ranges(curves)
+    return (
+        min(first, float(low[~_ends_early(np.log(low))].max())),
+        max(last, float(high[~_ends_early(-np.log(high))].min())),
+    )
+
+
+def _ends_early(edge: Array) -> NDArray[np.bool_]:
+    """Speeds whose edge (nv,), growing inwards [ln f], lies beyond a gap past that of most."""
+    ordered = np.sort(edge)
+    most = edge.size // 2  # more than half of the speeds go on at least to this edge
+    gaps = np.flatnonzero(np.diff(ordered[most:]) > NARROWED)
+    if gaps.size == 0:
+        return np.zeros(edge.shape, dtype=bool)
+    return edge > ordered[most + gaps[0]]
 
 
 def with_common_range(curves: CurveSet) -> tuple[CurveSet, list[str]]:
@@ -73,21 +94,18 @@ def with_common_range(curves: CurveSet) -> tuple[CurveSet, list[str]]:
         for k, speed in enumerate(curves.speeds)
         if speed not in best.speeds
     ]
-    return best, notes + _narrowing(best)
+    return best, notes + _held(best)
 
 
-def _narrowing(curves: CurveSet) -> list[str]:
-    """Name a speed that alone narrows the range of forces by much."""
+def _held(curves: CurveSet) -> list[str]:
+    """Name the speeds whose nearest value is held."""
     low, high = _ranges(curves)
-    notes = []
-    for k, word, edge in ((int(low.argmax()), "begins", low), (int(high.argmin()), "ends", high)):
-        others = np.delete(edge, k)
-        if others.size and np.abs(np.log(edge[k] / others)).min() > NARROWED:
-            notes.append(
-                f"the range of forces {word} at {edge[k]:.0f} N/m because of the speed "
-                f"{curves.speeds[k]:.4g} m/s; all others go on"
-            )
-    return notes
+    return [
+        f"speed {curves.speeds[k]:.4g} m/s: measured {word} {edge[k]:.0f} N/m only, its value "
+        "there is held where the other speeds go on"
+        for word, edge, inwards in (("from", low, np.log(low)), ("up to", high, -np.log(high)))
+        for k in np.flatnonzero(_ends_early(inwards))
+    ]
 
 
 def _single_tension(curves: CurveSet) -> bool:
