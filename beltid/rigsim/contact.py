@@ -33,7 +33,7 @@ from beltid.laws.penalty import NormalLaw
 from beltid.laws.surface_tables import evaluate_tables, locate
 from beltid.params import Contact
 from beltid.rigsim.belt import BeltArrays
-from beltid.rigsim.compiled import leaf
+from beltid.rigsim.compiled import kernel, leaf
 
 Array = NDArray[np.float64]
 
@@ -126,10 +126,11 @@ class Points(NamedTuple):
     multiplier of a sticking patch [N]; ``ratio`` its limit of friction over the sliding one;
     output ``slip`` of the step [m], tangential ``force`` and its ``limit`` [N].
 
-    Points: ``theta_old``, ``rho_old`` and ``limit_old`` belong to the last step; output ``theta``,
-    ``rho``, line force ``f_N`` of the part [N/m], normal and tangential force ``F_N``, ``F_T`` and
-    limit ``F_max`` [N], ``point_slip`` of the step [m]. mu is looked up twice in a part: at the
-    line forces ``f_look`` [N/m], each for the normal force ``F_look`` [N], arrays (n_e, n_c, 2).
+    Points: ``theta_old``, ``rho_old`` and ``limit_old`` belong to the last step; output ``theta``
+    and ``rho`` (of points that touch), line force ``f_N`` of the part [N/m], normal and tangential
+    force ``F_N``, ``F_T`` and limit ``F_max`` [N], ``point_slip`` of the step [m]. mu is looked up
+    twice in a part: at the line forces ``f_look`` [N/m], each for the normal force ``F_look`` [N],
+    arrays (n_e, n_c, 2).
 
     ``memory`` (1,) is the slip over which friction follows a change of speed [m], 0 for at once;
     ``v_old`` (n_e, n_c) is the speed that it has followed up to the last step [m/s].
@@ -259,6 +260,36 @@ def touching_share(
     return share, 0.5 / m, a_s * (0.5 - share) / m, half, 0.5, 0.5 * a_s, half, 0.5, 0.5 * a_s
 
 
+@kernel
+def remember(belt: BeltArrays, points: Points, q: Array) -> None:
+    """Keep the polar coordinates of all points, touching or not, for the next step."""
+    for e in range(belt.h.size):
+        for c in range(belt.w_c.shape[1]):
+            x = y = 0.0
+            for j in range(4):
+                x += belt.N_c[e, c, j] * q[4 * e + 2 * j]
+                y += belt.N_c[e, c, j] * q[4 * e + 2 * j + 1]
+            points.theta_old[e, c] = math.atan2(x, y)
+            points.rho_old[e, c] = math.sqrt(x * x + y * y)
+
+
+@leaf
+def out_of_reach(belt: BeltArrays, points: Points, R: float, q: Array, e: int) -> bool:
+    """Whether an element cannot touch, as both its nodes are further away than half its length.
+
+    Then the output of its points is set to that of open ones, without going through them.
+    """
+    d = 4 * e
+    from_here = math.sqrt(q[d] * q[d] + q[d + 1] * q[d + 1])
+    from_there = math.sqrt(q[d + 4] * q[d + 4] + q[d + 5] * q[d + 5])
+    if min(from_here, from_there) - R < 0.55 * belt.h[e]:
+        return False
+    for c in range(belt.w_c.shape[1]):
+        points.f_N[e, c] = points.F_N[e, c] = points.F_T[e, c] = points.F_max[e, c] = 0.0
+        points.point_slip[e, c] = points.F_look[e, c, 0] = points.F_look[e, c, 1] = 0.0
+    return True
+
+
 @leaf
 def press(
     belt: BeltArrays,
@@ -294,12 +325,12 @@ def press(
         delta, sigma, 0.5 * w, pulley.k_linear, pulley.k_quadratic
     )
     points.rho[e, c] = rho
-    points.theta[e, c] = math.atan2(x, y)
     points.f_N[e, c] = V_d
-    points.F_look[e, c] = 0.0
+    points.F_look[e, c, 0] = points.F_look[e, c, 1] = 0.0
     points.F_T[e, c] = points.F_max[e, c] = points.F_N[e, c] = points.point_slip[e, c] = 0.0
     if V_d == 0.0:
         return False
+    points.theta[e, c] = math.atan2(x, y)
     frame[:] = 0.0
     frame[0], frame[1] = nx, ny
     frame[2] = (ny * sx - nx * sy) / rho

@@ -25,6 +25,7 @@ from beltid.rigsim.contact import (
     Points,
     in_range,
     look_up,
+    out_of_reach,
     press,
     touching_share,
 )
@@ -91,7 +92,8 @@ def sliding_friction(
     # the dissipative part of the normal force rubs with the mean coefficient
     mean = limit / elastic
     more = points.F_N[e, c] / elastic
-    points.F_look[e, c] *= more
+    points.F_look[e, c, 0] *= more
+    points.F_look[e, c, 1] *= more
     factor = motion.friction * points.ratio[e]
     points.F_max[e, c] = factor * mean * points.F_N[e, c]
     more_d = mean * (frame[5] + frame[8] - more * frame[5])
@@ -128,6 +130,8 @@ def add_contact(
     for e in range(belt.h.size):
         any_touching = False
         points.limit[e] = points.force[e] = points.slip[e] = 0.0
+        if out_of_reach(belt, points, pulley.R, q, e):
+            continue
         for c in range(n_c):
             touching[c] = press(belt, pulley, motion, points, frames[c], e, c, q, stretch)
             any_touching = any_touching or touching[c]

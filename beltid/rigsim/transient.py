@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from beltid.rigsim.banded import factorize, solve
 from beltid.rigsim.belt import add_inertia, add_internal, store_strains
 from beltid.rigsim.compiled import kernel
-from beltid.rigsim.contact import STICK, Motion, Points
+from beltid.rigsim.contact import STICK, Motion, Points, remember
 from beltid.rigsim.contact_forces import add_contact
 from beltid.rigsim.friction import (
     CONE_TOLERANCE,
@@ -199,8 +199,7 @@ def accept(
                     points.v_old[e, c] += part * (v - points.v_old[e, c])
     state.q_dot[:] = (state.trial - state.q) * motion.rate
     state.q[:] = state.trial
-    points.theta_old[:] = points.theta
-    points.rho_old[:] = points.rho
+    remember(system.belt, points, state.q)
     for e in range(points.status.size):
         # what rests at the end of a step has to be torn off in the next one
         points.ratio[e] = sticking_ratio if points.status[e] == STICK else 1.0

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.errors import ConvergenceError
+from beltid.errors import ConvergenceError, NumericsError
 from beltid.rigsim.belt import store_strains
-from beltid.rigsim.contact import STICK, Points, new_points
+from beltid.rigsim.contact import STICK, Points, new_points, remember
 from beltid.rigsim.model import RigModel, System, Workspace
 from beltid.rigsim.profile import ContactState
 from beltid.rigsim.steady import StaticState, describe
@@ -83,7 +83,11 @@ def build_up_travel(model: RigModel, laid: StaticState, sliding: StaticState) ->
     The last point to let go has been carried from its place at rest to its place in the sliding
     state, so the largest of these distances is the travel.
     """
-    touches = sliding.points.F_N > 0.0
+    touches = (sliding.points.F_N > 0.0) & (laid.points.F_N > 0.0)
+    if not touches.any():
+        raise NumericsError(
+            f"{describe(model.point)}: what touches at rest does not when it slides"
+        )
     turned = (sliding.points.theta - laid.points.theta)[touches]
     return model.path.R * float(np.max(turned))
 
@@ -159,8 +163,7 @@ def run_transient(
     wanted = np.append(np.minimum(at, plan.steps - 1), plan.steps - 1).astype(np.int64)
     belt = model.system.belt
     points = new_points(belt, STICK)
-    points.theta_old[:] = laid.points.theta
-    points.rho_old[:] = laid.points.rho
+    remember(belt, points, laid.q)
     points.ratio[:] = plan.sticking_ratio
     if model.friction_falls:
         points.memory[0] = MEMORY * build_up_travel(model, laid, sliding)

@@ -13,7 +13,7 @@ from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.rigsim.banded import HALF
 from beltid.rigsim.belt import store_strains
-from beltid.rigsim.contact import STICK, Points, new_points
+from beltid.rigsim.contact import STICK, Points, new_points, remember
 from beltid.rigsim.model import Bench, RigModel
 from beltid.rigsim.steady import StaticState, lay_on
 from beltid.rigsim.transient import (
@@ -124,8 +124,7 @@ def start(
     belt = model.system.belt
     ratio = rig.contact.sticking_ratio
     points = new_points(belt, STICK)
-    points.theta_old[:] = laid.points.theta
-    points.rho_old[:] = laid.points.rho
+    remember(belt, points, laid.q)
     points.ratio[:] = ratio
     strain_old = np.zeros((*belt.w_g.shape, 2))
     store_strains(belt, laid.q, laid.stretch, strain_old)
