@@ -40,7 +40,7 @@ class BeltSection(Section):
 class PressSection(Section):
     """The compression press: segment, reference temperature, machine, cycles."""
 
-    segment_length_cm: Annotated[float, Number(0, 100, "cm", open_low=True)] = 4.0
+    segment_length_cm: Annotated[float, Number(0.1, 100, "cm")] = 4.0
     reference_temperature_degC: Annotated[float, Number(-60, 200, "°C")] = 22.0
     machine_compliance_mm_N: Annotated[float, Number(0, 1e-2, "mm/N")] = 0.0
     cycles: Annotated[Literal["last", "first", "all"], Choice(("last", "first", "all"))] = "last"

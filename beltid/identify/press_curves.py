@@ -8,6 +8,7 @@ not more weight.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,9 +18,11 @@ from scipy.ndimage import median_filter
 from beltid.errors import InputError
 from beltid.identify.least_squares import solve_least_squares
 from beltid.identify.press_cycles import PressCycle
+from beltid.identify.press_dwell import moving_part
 from beltid.identify.press_preparation import PressTest
 
 Array = NDArray[np.float64]
+Samples = slice | NDArray[np.intp]
 
 CONTACT_SHARE = 0.01
 """The fit begins where both branches carry this share of the largest force: below, ribs seat one
@@ -80,7 +83,8 @@ class PressCurve:
     half_gap_N_m : ndarray
         Half the distance of the branches [N/m], shape (m,); nan if never unloaded.
     branches : tuple of (str, ndarray, ndarray)
-        Name, positions [m] and line forces [N/m] of all samples of each branch.
+        Name, positions [m] and line forces [N/m] of the samples of each branch, without those
+        of a dwell.
     fit_range_m : tuple of float
         Lowest and highest position of the fit [m].
     touch_m : float
@@ -143,13 +147,21 @@ def press_curve(test: PressTest, cycle: PressCycle, segment_length_m: float) -> 
         If a branch has too few samples in contact.
     """
     names = ("loading", "unloading") if cycle.complete else ("loading",)
-    branches = tuple(
-        (name, test.position_m[part], test.force_N[part] / segment_length_m)
-        for name, part in zip(names, (cycle.loading, cycle.unloading), strict=False)
+    parts = (cycle.loading, cycle.unloading)[: len(names)]
+    whole = _branches(test, names, parts, segment_length_m)
+    # a dwell belongs to no branch: the force relaxes from the one towards the other
+    branches = _branches(
+        test,
+        names,
+        tuple(
+            moving_part(test.time_s, test.travel_m, test.force_N, part, test.travel_noise_m)
+            for part in parts
+        ),
+        segment_length_m,
     )
     noise = test.force_noise_N / segment_length_m
     threshold = max(CONTACT_SHARE * cycle.peak_force_N / segment_length_m, 6.0 * noise)
-    # samples near an end are picked by their own noise, and those of a dwell belong to no branch
+    # samples near an end are picked by their own noise
     margin = END_MARGIN * test.position_noise_m
     low = max(_contact_begin(b, threshold) for b in branches) + margin
     high = min(_steady_max(x) for _, x, _ in branches) - margin
@@ -166,7 +178,7 @@ def press_curve(test: PressTest, cycle: PressCycle, segment_length_m: float) -> 
     half_gap = (
         0.5 * (levels[0] - levels[1]) if len(levels) == 2 else np.full_like(levels[0], np.nan)
     )
-    dissipated, stored = _loop_energies(branches)
+    dissipated, stored = _loop_energies(whole)
     return PressCurve(
         test=test.label,
         cycle=cycle.number,
@@ -177,17 +189,31 @@ def press_curve(test: PressTest, cycle: PressCycle, segment_length_m: float) -> 
         branches=branches,
         fit_range_m=(low, high),
         touch_m=_contact_begin(branches[0], threshold),
-        top_position_m=max(_steady_max(x) for _, x, _ in branches),
-        top_force_N_m=max(_steady_max(f) for _, _, f in branches),
+        top_position_m=max(_steady_max(x) for _, x, _ in whole),
+        top_force_N_m=max(_steady_max(f) for _, _, f in whole),
         dissipated_J_m=dissipated,
         stored_J_m=stored,
         travel_sign=test.travel_sign,
     )
 
 
+def _branches(
+    test: PressTest, names: Sequence[str], parts: Sequence[Samples], segment_length_m: float
+) -> tuple[tuple[str, Array, Array], ...]:
+    """Name, positions [m] and line forces [N/m] of each branch."""
+    return tuple(
+        (name, test.position_m[part], test.force_N[part] / segment_length_m)
+        for name, part in zip(names, parts, strict=True)
+    )
+
+
 def _steady_max(x: Array) -> float:
-    """Largest value that is no noise: of the running median over a few samples."""
-    return float(np.max(median_filter(x, size=min(5, x.size), mode="nearest")))
+    """Largest value that is no noise: of the running median over a few samples.
+
+    The ends are mirrored without repeating the last sample: there a branch ends with the sample
+    that noise made the turning point.
+    """
+    return float(np.max(median_filter(x, size=min(5, x.size), mode="mirror")))
 
 
 def _contact_begin(branch: tuple[str, Array, Array], threshold: float) -> float:

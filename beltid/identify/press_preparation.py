@@ -22,6 +22,10 @@ MIN_FORCE_OVER_NOISE = 10.0
 SPIKE_SHARE = 2.0e-3
 """A disagreement below this share of the range is no spike: it could not change the law."""
 
+TRAVEL_LIMITS_MM = (1.0e-6, 1.0e5)
+FORCE_LIMITS_N = (1.0e-6, 1.0e9)
+"""Least and most that the largest travel and force of a press test may be."""
+
 
 @dataclass(frozen=True, slots=True)
 class PressTest:
@@ -33,6 +37,8 @@ class PressTest:
         Name of the test.
     temperature_degC : float
         Mean temperature [°C], nan if unknown.
+    time_s : ndarray
+        Time [s], nan where missing, shape (n,).
     travel_m : ndarray
         Crosshead travel [m], rising in compression, shape (n,).
     position_m : ndarray
@@ -41,6 +47,8 @@ class PressTest:
         Compressive force, zero of the load cell taken off [N], shape (n,).
     travel_sign : float
         -1 if the crosshead of the recording counts down in compression, else 1.
+    travel_noise_m : float
+        Standard deviation of the travel's white noise, or its resolution if that is coarser [m].
     position_noise_m, force_noise_N : float
         Standard deviations of the white noise.
     free_travel : bool
@@ -53,10 +61,12 @@ class PressTest:
 
     label: str
     temperature_degC: float
+    time_s: Array
     travel_m: Array
     position_m: Array
     force_N: Array
     travel_sign: float
+    travel_noise_m: float
     position_noise_m: float
     force_noise_N: float
     free_travel: bool
@@ -67,6 +77,7 @@ class PressTest:
 
 def prepare_test(
     label: str,
+    time_s: Array,
     displacement_mm: Array,
     force_N: Array,
     temperature_degC: Array,
@@ -78,7 +89,7 @@ def prepare_test(
     ----------
     label : str
         Name of the test.
-    displacement_mm, force_N, temperature_degC : ndarray
+    time_s, displacement_mm, force_N, temperature_degC : ndarray
         Samples in their order of time, shape (n,); nan where missing.
     machine_compliance_m_N : float
         Yield of the machine per force [m/N].
@@ -86,8 +97,9 @@ def prepare_test(
     Raises
     ------
     InputError
-        If there are too few samples, no travel, or no contact.
+        If there are too few samples, absurd values, no travel, or no contact.
     """
+    _require_plausible(label, displacement_mm, force_N)
     missing = ~(np.isfinite(displacement_mm) & np.isfinite(force_N))
     travel = displacement_mm[~missing] * 1e-3
     force = np.asarray(force_N[~missing], dtype=float)
@@ -96,7 +108,7 @@ def prepare_test(
             f"test {label}: {travel.size} usable samples, must be at least {MIN_SAMPLES}"
         )
     spikes = _spikes(travel) | _spikes(force)
-    travel, force = travel[~spikes], force[~spikes]
+    travel, force, clock = travel[~spikes], force[~spikes], time_s[~missing][~spikes]
     force_sign, travel_sign = _signs(travel, force)
     travel, force = travel_sign * travel, force_sign * force
     noise = sample_noise(force)
@@ -119,10 +131,12 @@ def prepare_test(
     return PressTest(
         label=label,
         temperature_degC=float(np.median(known)) if known.size else float("nan"),
+        time_s=clock,
         travel_m=travel,
         position_m=position,
         force_N=force,
         travel_sign=travel_sign,
+        travel_noise_m=max(sample_noise(travel), _resolution(travel)),
         position_noise_m=sample_noise(position),
         force_noise_N=noise,
         free_travel=free,
@@ -143,6 +157,36 @@ def _notes(label: str, missing: int, spikes: int, force: float, travel: float) -
     if travel < 0:
         notes.append(f"test {label}: compression recorded as negative travel, sign turned")
     return tuple(notes)
+
+
+def _require_plausible(label: str, displacement_mm: Array, force_N: Array) -> None:
+    """Refuse what no press does: its squares would overflow or vanish in the fit."""
+    problems = []
+    for name, values, (least, most), unit in (
+        ("displacement_mm", displacement_mm, TRAVEL_LIMITS_MM, "mm"),
+        ("force_N", force_N, FORCE_LIMITS_N, "N"),
+    ):
+        finite = values[np.isfinite(values)]
+        largest = float(np.max(np.abs(finite), initial=0.0))
+        if largest > most:
+            problems.append(
+                f"test {label}: {name} reaches {largest:.3g} {unit}, "
+                f"must be within ±{most:g} {unit}"
+            )
+        elif 0.0 < largest < least:
+            problems.append(
+                f"test {label}: {name} stays within ±{largest:.3g} {unit}, "
+                f"must reach {least:g} {unit}"
+            )
+    if problems:
+        raise InputError(problems)
+
+
+def _resolution(x: Array) -> float:
+    """Smallest step between two different readings: what a coarse converter resolves."""
+    steps = np.diff(np.unique(x))
+    steps = steps[steps > 1e-12 * spread(x)]
+    return float(np.min(steps, initial=np.inf)) if steps.size else 0.0
 
 
 def _spikes(x: Array) -> NDArray[np.bool_]:

@@ -111,6 +111,7 @@ def _one_test(
         raise InputError(f"test {label}: time_s falls after {at:g} s, must not run backwards")
     test = prepare_test(
         label,
+        part["time_s"],
         part["displacement_mm"],
         part["force_N"],
         part["temperature_degC"],

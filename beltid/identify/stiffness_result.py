@@ -20,7 +20,7 @@ class StiffnessSettings:
     Parameters
     ----------
     segment_length_m : float
-        Length of the belt segment under the press [m].
+        Length of the belt segment under the press, 1 mm to 1 m [m].
     reference_temperature_degC : float
         Temperature of the pooled law if temperature matters [°C].
     machine_compliance_m_N : float
@@ -36,9 +36,13 @@ class StiffnessSettings:
 
     def __post_init__(self) -> None:
         checks = (
-            ("segment_length_m", self.segment_length_m > 0, "> 0 m"),
+            ("segment_length_m", 1e-3 <= self.segment_length_m <= 1.0, "in [0.001, 1] m"),
             ("reference_temperature_degC", self.reference_temperature_degC > -273.15, "> -273 °C"),
-            ("machine_compliance_m_N", self.machine_compliance_m_N >= 0, ">= 0 m/N"),
+            (
+                "machine_compliance_m_N",
+                0.0 <= self.machine_compliance_m_N <= 1e-5,
+                "in [0, 1e-05] m/N",
+            ),
         )
         problems = [
             f"press.{name} = {getattr(self, name)!r}, must be {allowed}"

@@ -60,7 +60,7 @@ rig:
     ]
     assert "belt.name" in found[0]
     assert found[1].endswith("belt.ribs = 5.5, must be a whole number in [1, 100]")
-    assert found[2].endswith("press.segment_length_cm = -4, must be in (0, 100] cm")
+    assert found[2].endswith("press.segment_length_cm = -4, must be in [0.1, 100] cm")
     assert found[3].endswith("press.cycles = middle, must be last or first or all")
     assert "contact = 7, must be a section with the keys damping_N_s_m" in found[4]
     assert found[5].endswith("rig.arcs_deg[1] = 40, must be given once only")
@@ -91,7 +91,8 @@ rig:
         ("belt: {axial_stiffness_N: 1e999}\n", "1:27", "must be in [100, 1e+08] N"),
         ("rig:\n  span_length_m: 0,1\n", "2:18", "the decimal sign is a point: 0.1"),
         ("press: {segment_length_cm: 4,5}\n", "1:30", "the decimal sign is a point"),
-        ("press: {segment_length_cm: 0}\n", "1:28", "must be in (0, 100] cm"),
+        ("press: {segment_length_cm: 0}\n", "1:28", "must be in [0.1, 100] cm"),
+        ("press: {segment_length_cm: 1e-300}\n", "1:28", "must be in [0.1, 100] cm"),
         ("rig: {arcs_deg: [0]}\n", "1:18", "must be in (0, 360)"),
         ("rig: {arcs_deg: [360]}\n", "1:18", "must be in (0, 360)"),
         ("rig: {arcs_deg: []}\n", "1:17", "a list of 1 to 200 contact arcs, it has 0"),

@@ -39,6 +39,7 @@ class Bench:
     cycles: int = 1
     virgin: float = 0.0
     dwell: float = 0.0
+    relaxes_to: float = -1.0
     valley: float = 0.0
     temperature_slope: float = 0.0
     temperatures: Sequence[float] = field(default=(22.0, 40.0, 60.0, 80.0))
@@ -82,7 +83,7 @@ class Bench:
             down = np.arange(top, end, -self.unloading_speed * self.dt)
             hold = np.full(int(self.dwell / self.dt), top)
             path += [up, hold, down]
-            relaxing = np.linspace(1.0, -1.0, hold.size)
+            relaxing = np.linspace(1.0, self.relaxes_to, hold.size)
             side += [np.ones(up.size), relaxing, -np.ones(down.size)]
             stiffer += [np.full(up.size + hold.size + down.size, self.virgin * (cycle == 0))]
         delta, branch = np.concatenate(path), np.concatenate(side)

@@ -290,6 +290,24 @@ def test_missing_columns_and_wrong_settings_name_every_problem():
     ]
 
 
+@pytest.mark.parametrize("length", [1e-300, 1e-4, 40.0, np.nan])
+def test_absurd_segment_lengths_are_refused_by_name(length):
+    with pytest.raises(
+        InputError, match=r"press\.segment_length_m = .*, must be in \[0.001, 1\] m"
+    ):
+        StiffnessSettings(length)
+
+
+@pytest.mark.parametrize("factor", [1e300, 1e160, 1e-160, 1e-300])
+@pytest.mark.parametrize("channel", ["force_N", "displacement_mm"])
+def test_values_that_no_press_gives_are_refused_by_channel_and_test(channel, factor):
+    bench = Bench(temperatures=(22.0,))
+    columns = bench.record(18)
+    columns[channel] = columns[channel] * factor
+    with pytest.raises(InputError, match=f"^test S22-0: {channel} (reaches|stays within) "):
+        fit_stiffness(columns, settings(bench))
+
+
 def test_a_compliance_larger_than_the_travel_is_refused():
     bench = Bench(temperatures=(22.0,))
     with pytest.raises(InputError, match="machine compliance"):
