@@ -3,7 +3,7 @@
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help run run-all test check clean
+.PHONY: help run run-all test check bench clean
 
 # another Python: make PYTHON=/path/to/python3.12 run
 PYTHON ?= $(shell for p in python3 python3.14 python3.13 python3.12 python3.11 python; do \
@@ -16,6 +16,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 RUNTIME := $(VENV)/.installed-runtime
 DEVELOPMENT := $(VENV)/.installed-development
+BENCHMARK := $(VENV)/.installed-benchmark
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 help:  ## show this help
@@ -42,6 +43,9 @@ check: $(DEVELOPMENT)  ## formatting, lint, types, import contracts
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+bench: $(BENCHMARK)  ## the benchmark beside its peer; writes benchmarks/RESULTS.md
+	$(BIN)/python -m benchmarks.bench $(ARGS)
+
 clean:  ## remove .venv, caches and the results of run and run-all
 	rm -rf $(VENV) runs/4pk runs/5pk runs/6pk dist build
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache .benchmarks
@@ -56,6 +60,11 @@ $(RUNTIME): pyproject.toml | $(BIN)/python
 $(DEVELOPMENT): pyproject.toml | $(BIN)/python
 	@echo "installing beltid and its development tools into $(VENV) ..." >&2
 	$(PIP_INSTALL) --editable ".[dev]"
+	@touch $(RUNTIME) $@
+
+$(BENCHMARK): pyproject.toml | $(BIN)/python
+	@echo "installing beltid and the benchmark's peer into $(VENV) ..." >&2
+	$(PIP_INSTALL) --editable ".[bench]"
 	@touch $(RUNTIME) $@
 
 $(BIN)/python:
