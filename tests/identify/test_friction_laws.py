@@ -233,3 +233,27 @@ def test_every_parameter_of_every_law_is_reported():
         assert fit.covariance.shape == (len(fit.parameters),) * 2
         relative = fit.formula.mu(*(np.array([x]) for x in fit.worst_at))
         assert np.isfinite(relative).all()
+
+
+def test_stated_errors_are_not_made_smaller_by_a_lucky_scatter():
+    f, v, mu, se = noisy("coulomb", np.random.default_rng(12))
+    fit = fit_friction_laws(f, v, mu, 10.0 * se).fit("coulomb")
+    independent = 1.0 / np.sqrt(np.sum(1.0 / (10.0 * se) ** 2))
+    assert fit.parameters[0].se >= independent * (1.0 - 1e-9)
+
+
+def test_parameters_far_from_the_measured_speeds_are_open_or_within_their_errors():
+    """Several speed scales fit as well: linear errors at one of them would be far too small."""
+    rng = np.random.default_rng(13)
+    f, v = grid()
+    open_ones = 0
+    for law in ("power_stribeck_1", "power_stribeck_2"):
+        for v_s in (2e-4, 0.5, 2.0):
+            values = {**VALUES[law], "v_s": v_s}
+            clean = FrictionFormula(law, 3000.0, values).mu(f, v)
+            mu = clean * (1.0 + 0.001 * rng.normal(size=f.size))
+            fit = fit_friction_laws(f, v, mu, 0.001 * clean, reference_force_N_m=3000.0).fit(law)
+            for p in fit.parameters:
+                open_ones += not p.determined
+                assert not p.determined or abs(p.value - values[p.name]) < 5.0 * p.se, (v_s, p)
+    assert open_ones >= 6

@@ -238,3 +238,25 @@ def test_dissipation_needs_unloading_and_a_running_clock():
         estimate_dissipation(record, SETTINGS)
     with pytest.raises(InputError, match="point_length_m"):
         estimate_dissipation(Bench().record(0), SETTINGS, point_length_m=0.0)
+
+
+def test_criterion_is_aicc_of_the_independent_nodes():
+    curves = read_tests(Bench().record(12), SETTINGS).curves
+    choice = compare_laws(curves)
+    m, tests = choice.n_effective, len(curves)
+
+    def aicc(law, coefficients):
+        k = coefficients + tests + 1
+        return m * np.log(choice.candidate(law).rms_residual_N_m ** 2) + 2 * k * m / (m - k - 1)
+
+    reference = aicc("quadratic", 2)
+    for law, coefficients in (("linear", 1), ("power", 2), ("cubic", 3)):
+        expected = aicc(law, coefficients) - reference
+        assert choice.candidate(law).criterion == pytest.approx(expected, abs=1e-6)
+
+
+def test_prediction_does_not_know_the_test_that_it_predicts():
+    """Two tests, one 10 % stiffer: half of that is left by one law, all of it in prediction."""
+    bench = Bench(temperatures=(22.0, 42.0), temperature_slope=0.005, hysteresis="none")
+    quadratic = choose_normal_law(bench.record(13), SETTINGS).candidate("quadratic")
+    assert quadratic.cv_error_N_m / quadratic.rms_residual_N_m == pytest.approx(2.0, rel=0.05)
