@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -19,6 +20,7 @@ from beltid.cli import app
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / "rigdata" / "5pk"
 LAW = beltid.NormalLaw(k_linear_N_m2=6.5e7, k_quadratic_N_m3=3.0256e11)
+GRID = beltid.FrictionSurface([1000.0, 2000.0], [0.01], [[1.0], [0.9]])
 POINT = {"arc_deg": 82, "initial_tension_N": 270, "pulley_speed_rad_s": 0.21}
 RIG_COLUMNS = (DATA / "rig.csv").read_text().splitlines()[0].split(",")
 
@@ -230,3 +232,70 @@ def test_what_a_user_can_mend_is_a_beltid_error(call: Any) -> None:
         call()
     assert caught.value.exit_status == 2
     assert all(caught.value.problems)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: beltid.simulate_rig(None, 0.5, None, **POINT), r"law = None, must be a NormalLaw"),
+        (lambda: beltid.simulate_campaign(None, 0.5, "soft"), r"law = str, must be a NormalLaw"),
+        (
+            lambda: beltid.refine_surface(pd.DataFrame({"mu": [1.0]}), None),
+            r"law = None, must be a NormalLaw",
+        ),
+        (
+            lambda: beltid.simulate_rig(None, 0.5, LAW, **{**POINT, "arc_deg": 400}),
+            r"^arc_deg = 400, must be > 0 and < 360 °$",
+        ),
+        (
+            lambda: beltid.simulate_rig(None, 0.5, LAW, **{**POINT, "arc_deg": "wide"}),
+            r"^arc_deg = 'wide', must be a number > 0 and < 360 °$",
+        ),
+        (
+            lambda: beltid.simulate_rig(
+                None, 0.5, LAW, arc_deg=0, initial_tension_N=math.nan, pulley_speed_rad_s=None
+            ),
+            r"^arc_deg = 0, must be > 0 and < 360 °\n"
+            r"initial_tension_N = nan, must be > 0 N and finite\n"
+            r"pulley_speed_rad_s = None, must be a number > 0 rad/s and finite$",
+        ),
+        (
+            lambda: beltid.simulate_rig(
+                None, 0.5, LAW, **{**POINT, "initial_tension_N": np.float64(-1.0)}
+            ),
+            r"^initial_tension_N = -1, must be > 0 N and finite$",
+        ),
+        (
+            lambda: beltid.simulate_rig(None, -0.5, LAW, **POINT),
+            r"^surface = -0.5, must be > 0 and finite",
+        ),
+        (
+            lambda: beltid.simulate_rig(None, 0.5, LAW, **POINT, elements=7),
+            r"elements = 7, must be even and >= 4",
+        ),
+        (
+            lambda: beltid.simulate_rig(None, 0.5, LAW, **POINT, elements="many"),
+            r"elements = 'many', must be a whole number, even and >= 4",
+        ),
+        (lambda: GRID.mu("a", 1), r"normal_force_N_m: must be an array of numbers"),
+        (lambda: GRID.gradient(1, "a"), r"slip_speed_m_s: must be an array of numbers"),
+        (lambda: GRID.covers(None, {}), r"slip_speed_m_s: must be an array of numbers"),
+        (lambda: GRID.mu_se_at([1, [2]], 1), r"normal_force_N_m: must be an array of numbers"),
+        (
+            lambda: GRID.mu([1.0, 2.0], [1.0, 2.0, 3.0]),
+            r"shapes \(2,\) and \(3,\) do not go together",
+        ),
+        (
+            lambda: beltid.FrictionSurface([2.0, 1.0], [0.01], [[1.0], [1.0]]),
+            r"normal_force_N_m\[1\] = 1 after 2, must be strictly increasing",
+        ),
+        (lambda: beltid.NormalLaw(np.float64(-1.0)), r"k_linear_N_m2 = -1, must be >= 0"),
+    ],
+)
+def test_a_wrong_argument_is_named_in_the_words_and_units_of_the_call(
+    call: Any, message: str
+) -> None:
+    with pytest.raises(beltid.InputError) as caught:
+        call()
+    assert re.search(message, str(caught.value)), str(caught.value)
+    assert "float64" not in str(caught.value)

@@ -157,6 +157,11 @@ class FrictionSurface:
         -------
         ndarray
             mu [-] in the broadcast shape; nan where an input is nan.
+
+        Raises
+        ------
+        InputError
+            If an argument is no number or array of numbers, or their shapes do not go together.
         """
         at = self._locate(normal_force_N_m, slip_speed_m_s)
         rows = _polynomial(self._tables.C[at.i, at.j], at.t)
@@ -184,10 +189,8 @@ class FrictionSurface:
 
     def covers(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> NDArray[np.bool_]:
         """Whether points lie in the measured range, where nothing is clamped."""
-        f, v = np.broadcast_arrays(
-            np.asarray(normal_force_N_m, dtype=float),
-            np.abs(np.asarray(slip_speed_m_s, dtype=float)),
-        )
+        f, v = _points(normal_force_N_m, slip_speed_m_s)
+        v = np.abs(v)
         (f_low, f_high), (v_low, v_high) = (
             self.validity[k] for k in ("normal_force_N_m", "slip_speed_m_s")
         )
@@ -212,9 +215,7 @@ class FrictionSurface:
         return self._tables
 
     def _locate(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> _Location:
-        f, v = np.broadcast_arrays(
-            np.asarray(normal_force_N_m, dtype=float), np.asarray(slip_speed_m_s, dtype=float)
-        )
+        f, v = _points(normal_force_N_m, slip_speed_m_s)
         known = ~(np.isnan(f) | np.isnan(v))
         f, v = np.where(known, f, 0.0), np.where(known, v, 0.0)
         T = self._tables
@@ -260,6 +261,20 @@ class FrictionSurface:
             self.mu_nodes,
             self.mu_se_nodes,
         )
+
+
+def _points(normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> tuple[Array, Array]:
+    """Forces and speeds as arrays of one shape."""
+    f = to_array("normal_force_N_m", normal_force_N_m)
+    v = to_array("slip_speed_m_s", slip_speed_m_s)
+    try:
+        f, v = np.broadcast_arrays(f, v)
+    except ValueError:
+        raise InputError(
+            f"normal_force_N_m and slip_speed_m_s: shapes {f.shape} and {v.shape} do not go "
+            "together, must be equal or broadcast"
+        ) from None
+    return f, v
 
 
 class _Location(NamedTuple):

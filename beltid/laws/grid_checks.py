@@ -31,7 +31,8 @@ def axis_problems(name: str, nodes: Array) -> list[str]:
     if not problems:
         gaps = np.diff(nodes)
         problems = [
-            f"{name}[{k + 1}] = {nodes[k + 1]!r} after {nodes[k]!r}, must be strictly increasing"
+            f"{name}[{k + 1}] = {nodes[k + 1]:.12g} after {nodes[k]:.12g}, "
+            "must be strictly increasing"
             for k in np.flatnonzero(~(gaps > MIN_RELATIVE_GAP * nodes[1:]))
         ]
     return problems

@@ -39,7 +39,7 @@ class NormalLaw:
         values = (self.k_linear_N_m2, self.k_quadratic_N_m3)
         names = ("k_linear_N_m2", "k_quadratic_N_m3")
         problems = [
-            f"{name} = {value!r}, must be >= 0 and finite"
+            f"{name} = {value:g}, must be >= 0 and finite"
             for name, value in zip(names, values, strict=True)
             if not (value >= 0 and np.isfinite(value))
         ]

@@ -116,7 +116,7 @@ def simulation_settings(
     Raises
     ------
     InputError
-        If there is no such method, or a time of a profile is none.
+        If there is no such method or number of elements, or a time of a profile is none.
     """
     section = config.simulation
     chosen = method or section.method
@@ -131,12 +131,16 @@ def simulation_settings(
         problems.append(
             "--profile-time: the steady method knows no times, must be --method transient"
         )
+    if elements is not None and not (is_number(elements) and float(elements).is_integer()):
+        found = f"{elements:g}" if is_number(elements) else repr(elements)
+        problems.append(f"elements = {found}, must be a whole number, even and >= 4")
     if problems:
         raise InputError(problems)
+    count = section.elements if elements is None else int(elements)
     try:
         return SimulationSettings(
             method=cast(Method, chosen),
-            elements=section.elements if elements is None else elements,
+            elements=count,
             steps=section.steps_per_run or DEFAULT_STEPS,
             friction_solver=section.friction_solver,
             profile_times_s=profile_times_s,
@@ -155,11 +159,51 @@ def surface_from(surface: FrictionSurface | float) -> FrictionSurface:
     """
     if isinstance(surface, FrictionSurface):
         return surface
-    if isinstance(surface, (int, float, np.number)) and not isinstance(surface, bool):
-        return FrictionSurface.constant(float(surface))
+    if not is_number(surface):
+        raise InputError(
+            f"surface = {shown(surface)}, must be a FrictionSurface or a number (constant mu)"
+        )
+    if not 0.0 < surface < math.inf:
+        raise InputError(f"surface = {float(surface):g}, must be > 0 and finite (constant mu)")
+    return FrictionSurface.constant(float(surface))
+
+
+def checked_law(law: Any) -> NormalLaw:
+    """A normal law, or an error that names the argument and where one comes from."""
+    if isinstance(law, NormalLaw):
+        return law
     raise InputError(
-        f"surface = {type(surface).__name__}, must be a FrictionSurface or a number (constant mu)"
+        f"law = {shown(law)}, must be a NormalLaw such as load_stiffness(PATH) or "
+        "fit_stiffness(FRAME).result.pooled.law"
     )
+
+
+def checked_run(arc_deg: Any, initial_tension_N: Any, pulley_speed_rad_s: Any) -> PlannedRun:
+    """A run with the settings of a call, or an error with all that is wrong with them."""
+    settings = (
+        ("arc_deg", arc_deg, 360.0, "> 0 and < 360 °"),
+        ("initial_tension_N", initial_tension_N, math.inf, "> 0 N and finite"),
+        ("pulley_speed_rad_s", pulley_speed_rad_s, math.inf, "> 0 rad/s and finite"),
+    )
+    problems = []
+    for name, value, limit, allowed in settings:
+        if not is_number(value):
+            problems.append(f"{name} = {value!r}, must be a number {allowed}")
+        elif not 0.0 < value < limit:
+            problems.append(f"{name} = {float(value):g}, must be {allowed}")
+    if problems:
+        raise InputError(problems)
+    return PlannedRun("S001", *(float(value) for _, value, _, _ in settings))
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value is a single real number; true and false are none."""
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+
+
+def shown(value: Any) -> str:
+    """A wrong argument for a message: None, or what kind of thing it is."""
+    return "None" if value is None else type(value).__name__
 
 
 def simulated_results(
@@ -170,7 +214,7 @@ def simulated_results(
     jobs: int | None = None,
 ) -> Iterator[tuple[int, RunResult | BeltidError]]:
     """Results of runs as they finish, each with the index of its run."""
-    surface, law = laws
+    surface, law = laws[0], checked_law(laws[1])
     bench = Bench(
         belt=config.belt_params(),
         rig=config.rig_params(),

@@ -20,6 +20,7 @@ from beltid.refine.inverse import MeasuredRun, RefinedSurface
 from beltid.refine.inverse import refine_surface as refine
 from beltid.report.summary import Summary
 from beltid.rigsim.model import Bench
+from beltid.stages.campaign import checked_law
 from beltid.stages.making import Made, Recipe, make
 from beltid.stages.outcome import Outcome
 from beltid.stages.tables import law_of, surface_of, table_columns
@@ -149,6 +150,7 @@ def refine_surface(
     ConvergenceError
         If a run cannot be simulated or the iteration does not converge.
     """
+    law = checked_law(law)
     columns = table_columns(friction, "friction", NEEDED)
     return _outcome(columns, law, load_config(config), "friction table")
 

@@ -15,6 +15,7 @@ from beltid.rigsim.rig import RunResult, SimulationSettings
 from beltid.stages.campaign import (
     Picked,
     PlannedRun,
+    checked_run,
     planned_runs,
     recording_columns,
     result_row,
@@ -160,7 +161,7 @@ def simulate_rig(
         If the simulation does not converge.
     """
     model = load_config(config)
-    run = PlannedRun("S001", float(arc_deg), float(initial_tension_N), float(pulley_speed_rad_s))
+    run = checked_run(arc_deg, initial_tension_N, pulley_speed_rad_s)
     settings = simulation_settings(model, method, elements)
     (_, result), *_ = simulated_results(model, (surface, law), [run], settings, jobs=1)
     if isinstance(result, BeltidError):
