@@ -85,6 +85,7 @@ def compare_points(
         settings=settings,
         n_measured=tables[0].size,
         n_simulated=tables[1].size,
+        n_usable=int(np.count_nonzero(tables[0].reason == "")),
         not_compared=matches.counts,
         not_compared_runs=matches.left_out,
     )

@@ -26,6 +26,8 @@ class AgreementSettings:
         Largest admissible mean of their magnitudes [-]: differences do not cancel.
     max_relative_error : float or None
         Largest admissible magnitude of a single one [-].
+    min_share_compared : float or None
+        Smallest admissible share of the usable measured runs that were compared [-].
     match : MatchSettings
         How far settings of matched runs may be apart.
     """
@@ -33,6 +35,7 @@ class AgreementSettings:
     max_rms_relative_error: float | None = None
     max_mean_relative_error: float | None = None
     max_relative_error: float | None = None
+    min_share_compared: float | None = None
     match: MatchSettings = field(default_factory=MatchSettings)
 
     def __post_init__(self) -> None:
@@ -51,6 +54,7 @@ class AgreementSettings:
             "max_rms_relative_error": self.max_rms_relative_error,
             "max_mean_relative_error": self.max_mean_relative_error,
             "max_relative_error": self.max_relative_error,
+            "min_share_compared": self.min_share_compared,
         }
 
 
@@ -136,6 +140,8 @@ class AgreementResult:
         Tolerances.
     n_measured, n_simulated : int
         Runs on either side.
+    n_usable : int
+        Measured runs that were not set aside.
     not_compared : dict of str to int
         Runs without a partner or set aside: reason and number.
     not_compared_runs : tuple of (str, str)
@@ -158,6 +164,7 @@ class AgreementResult:
     settings: AgreementSettings
     n_measured: int
     n_simulated: int
+    n_usable: int
     not_compared: dict[str, int]
     not_compared_runs: tuple[tuple[str, str], ...]
 
@@ -178,12 +185,22 @@ class AgreementResult:
             "max_rms_relative_error": self.overall.rms,
             "max_mean_relative_error": self.overall.mean_magnitude,
             "max_relative_error": self.overall.largest,
+            "min_share_compared": self.share_compared,
         }
         return {
-            name: (found[name], allowed, bool(found[name] <= allowed))
+            name: (
+                found[name],
+                allowed,
+                bool(found[name] >= allowed if name.startswith("min") else found[name] <= allowed),
+            )
             for name, allowed in self.settings.tolerances.items()
             if allowed is not None
         }
+
+    @property
+    def share_compared(self) -> float:
+        """Share of the usable measured runs that found a simulated partner [-]."""
+        return self.mu_measured.size / self.n_usable
 
     @property
     def passed(self) -> bool:

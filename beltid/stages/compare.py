@@ -36,11 +36,14 @@ NEEDED: Final = (
     "mu_sliding",
 )
 ENOUGH: Final = 0.8
-"""Share of the measured runs below which a comparison is one of few runs."""
+"""Share of the usable measured runs below which a comparison is one of few runs."""
+MIN_SHARE_COMPARED: Final = 0.5
+"""Share below which it says nothing about the campaign: out of tolerance."""
 TOLERANCES: Final = {
     "max_rms_relative_error": "rms",
     "max_mean_relative_error": "mean magnitude",
     "max_relative_error": "largest",
+    "min_share_compared": "runs compared",
 }
 
 
@@ -81,7 +84,8 @@ def compare(
     -------
     Outcome
         ``.to_frame()`` has a row per matched point; ``.result`` tells ``passed`` and the
-        statistics per arc, averaged, and for low, middle and high force.
+        statistics per arc, averaged, and for low, middle and high force. It is not passed,
+        either, if fewer than half of the usable measured runs have a partner.
 
     Raises
     ------
@@ -134,17 +138,17 @@ def _outcome(
             max_rms_relative_error=section.max_rms_relative_error,
             max_mean_relative_error=section.max_mean_relative_error,
             max_relative_error=section.max_relative_error,
+            min_share_compared=MIN_SHARE_COMPARED,
         ),
     )
     columns = result.to_columns()
     columns["status"] = np.full(len(columns["run"]), "ok", dtype=object)
-    n = len(columns["run"])
     few = (
         [
-            f"only {n} of {result.n_measured} measured runs were compared: "
+            f"only {len(columns['run'])} of {result.n_usable} measured runs were compared: "
             "the verdict holds for these alone"
         ]
-        if n < ENOUGH * result.n_measured
+        if result.share_compared < ENOUGH
         else []
     )
     left_out = [f"{count} runs not compared: {why}" for why, count in result.not_compared.items()]
@@ -233,8 +237,12 @@ def summarise(made: Made) -> Summary:
 
 def _verdict(passed: bool, judged: list[dict[str, Any]]) -> str:
     def told(row: Mapping[str, Any]) -> str:
-        sign = "<=" if row["holds"] else ">"
+        name = row["tolerance"]
         found = float("nan") if row["found"] is None else 100.0 * row["found"]
-        return f"{TOLERANCES[row['tolerance']]} {found:.2f} % {sign} {100.0 * row['allowed']:g} %"
+        if name == "min_share_compared":
+            return f"{TOLERANCES[name]} {found:.0f} % < {100.0 * row['allowed']:g} %"
+        sign = "<=" if row["holds"] else ">"
+        return f"{TOLERANCES[name]} {found:.2f} % {sign} {100.0 * row['allowed']:g} %"
 
-    return f"{'PASS' if passed else 'FAIL'}: " + ", ".join(told(row) for row in judged)
+    shown = [row for row in judged if row["tolerance"] != "min_share_compared" or not row["holds"]]
+    return f"{'PASS' if passed else 'FAIL'}: " + ", ".join(told(row) for row in shown)

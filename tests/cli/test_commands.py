@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -254,3 +255,14 @@ def test_the_chain_tells_belts_of_synthetic_data_apart(bench: Path, beltid: Any)
     assert sum("synthetic" in line for line in mixed.stdout.splitlines()) == 1
     rows = json.loads(beltid("run", "beltid.yaml", "real.yaml", "--json").stdout)["table"]
     assert [row["origin"] for row in rows] == ["synthetic", None]
+
+
+def test_a_comparison_of_few_runs_fails_and_says_why(bench: Path, beltid: Any) -> None:
+    picked = ("--arc", "82", "--tension", "220")
+    assert beltid("simulate-rig", "surface.parquet", "stiffness.parquet", *picked).exit_code == 0
+    result = beltid("compare", "friction.parquet", "simulated_part.parquet", "-o", "part.parquet")
+    assert result.exit_code == 4
+    assert "only 4 of 32 measured runs were compared" in result.stderr
+    assert re.search(r"FAIL: .*runs compared 12 % < 50 %", result.stdout)
+    again = beltid("compare", "friction.parquet", "simulated_part.parquet", "-o", "part.parquet")
+    assert (again.exit_code, "up to date" in again.stderr) == (4, True)
