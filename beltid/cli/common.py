@@ -77,8 +77,8 @@ class _Hints:
         typer.Option(
             "--force",
             "-f",
-            help="Compute again even if the result is up to date, and replace a file that "
-            "is not one of beltid's.",
+            help="Compute again even if the result is up to date, and replace another .parquet "
+            "file at --out. Inputs, recordings and files that are no artifacts are never replaced.",
         ),
     ]
 

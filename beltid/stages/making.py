@@ -2,7 +2,8 @@
 
 An artifact is up to date if the hashes of its inputs, the values of all settings that matter, the
 version of the software and the hash of its sources are the same. Nothing that is not this artifact
-is ever replaced without being asked for.
+is ever replaced without being asked for; recordings, configs and whatever else is no Parquet file
+are not replaced at all.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from beltid.stages.talk import Options
 
 BUILT_IN: Final = "built-in 5PK rig"
+SUFFIX: Final = ".parquet"
+FOREIGN: Final = "a file that beltid did not write"
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,10 +142,19 @@ def admit(recipe: Recipe, out: Path, options: Options) -> Artifact | None:
     ArtifactError
         If nothing can be written there.
     """
-    _refuse_inputs(out, recipe.inputs)
+    _refuse_inputs(out, recipe)
     standing, obstacle = _standing(out, recipe.kind)
-    if obstacle and not options.force:
-        raise InputError(obstacle)
+    replaceable = obstacle != FOREIGN or out.suffix == SUFFIX
+    if obstacle and not (options.force and replaceable):
+        how = (
+            "name another --out, or replace it with --force"
+            if replaceable
+            else f"only a {SUFFIX} file could be; name another --out"
+        )
+        even = " even with --force" if options.force else ""
+        raise InputError(
+            f"{out}: is {obstacle}, not replaced{even} by a {recipe.kind} artifact; {how}"
+        )
     _refuse_unwritable(out)
     return standing
 
@@ -175,10 +187,23 @@ def _fresh(artifact: Artifact, recipe: Recipe, hashes: dict[str, str]) -> bool:
     )
 
 
-def _refuse_inputs(out: Path, inputs: Mapping[str, Path]) -> None:
-    for role, path in inputs.items():
-        if os.path.realpath(path) == os.path.realpath(out):
+def _refuse_inputs(out: Path, recipe: Recipe) -> None:
+    """Neither an input nor a recording that the config names is a place for a result."""
+    for role, path in recipe.inputs.items():
+        if _same_file(path, out):
             raise InputError(f"{out}: is the {role} input of this command, name another --out")
+    for kind, path in recipe.source.config.data.files.items():
+        if _same_file(path, out):
+            raise InputError(f"{out}: is the {kind} recording of the config, name another --out")
+
+
+def _same_file(path: Path, other: Path) -> bool:
+    if os.path.realpath(path) == os.path.realpath(other):
+        return True
+    try:
+        return os.path.samefile(path, other)
+    except (OSError, ValueError):  # one of them is not there
+        return False
 
 
 def _standing(out: Path, kind: str) -> tuple[Artifact | None, str]:
@@ -193,11 +218,7 @@ def _standing(out: Path, kind: str) -> tuple[Artifact | None, str]:
     found = re.search(rb'"kind":"([a-z]+)"', data) if b"beltid_sha256" in data else None
     if found is not None and found[1].decode() == kind:
         return None, ""  # damaged or of an old schema: only good to be replaced
-    what = f"a {found[1].decode()} artifact" if found else "a file that beltid did not write"
-    return None, (
-        f"{out}: is {what}, not replaced by a {kind} artifact; name another --out, "
-        "or replace it with --force"
-    )
+    return None, f"a {found[1].decode()} artifact" if found else FOREIGN
 
 
 def _refuse_unwritable(out: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -124,9 +125,40 @@ CASES: dict[str, tuple[Callable[[Path], Any], list[str], list[str]]] = {
         [r"stiffness\.parquet: is a stiffness artifact, not replaced.*--force"],
     ),
     "output is a foreign file": (
+        lambda f: (f / "thesis.parquet").write_text("all of it"),
+        ["build-surface", "friction.parquet", "-o", "thesis.parquet"],
+        [r"thesis\.parquet: is a file that beltid did not write.*--force"],
+    ),
+    "output is a recording of the config": (
         lambda f: None,
-        ["build-surface", "friction.parquet", "-o", "press.csv"],
-        [r"press\.csv: is a file that beltid did not write.*--force"],
+        ["build-surface", "friction.parquet", "-o", "press.csv", "--force"],
+        [r"press\.csv: is the press recording of the config, name another --out"],
+    ),
+    "forced onto a recording that the config does not name": (
+        lambda f: (f / "press.csv").rename(f / "old.csv"),
+        ["build-surface", "friction.parquet", "-o", "old.csv", "--force"],
+        [
+            r"old\.csv: is a file that beltid did not write, not replaced even with --force",
+            r"only a \.parquet file could be",
+        ],
+    ),
+    "forced onto a config": (
+        lambda f: None,
+        ["build-surface", "friction.parquet", "-o", "beltid.yaml", "--force"],
+        [r"beltid\.yaml: is a file that beltid did not write, not replaced even with --force"],
+    ),
+    "forced onto a recording of the config": (
+        lambda f: (
+            (f / "simulated.parquet").rename(f / "rig.parquet"),
+            (f / "beltid.yaml").write_text("data: {rig: rig.parquet}\n"),
+        ),
+        ["build-surface", "friction.parquet", "-o", "rig.parquet", "--force"],
+        [r"rig\.parquet: is the rig recording of the config, name another --out"],
+    ),
+    "forced onto another name of the input": (
+        lambda f: os.link(f / "friction.parquet", f / "same.parquet"),
+        ["build-surface", "friction.parquet", "-o", "same.parquet", "--force"],
+        [r"same\.parquet: is the friction input"],
     ),
     "unknown method": (
         lambda f: None,
