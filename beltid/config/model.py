@@ -20,8 +20,8 @@ from beltid.config.fields import (
     FolderName,
     ListOf,
     Number,
-    OnOff,
     Text,
+    complain,
 )
 
 
@@ -105,12 +105,24 @@ class CompareSection(Section):
     max_relative_error: Annotated[float, Number(0, 10, open_low=True)] = 0.20
 
 
+class _AutoOnOff(Choice):
+    """auto, true or false."""
+
+    def check(self, value: Any) -> Any:
+        """Return the value if it is auto, true or false."""
+        if not isinstance(value, bool) and value != "auto":
+            raise complain("auto, true or false")
+        return value
+
+
 class FrictionSection(Section):
     """How a run of the friction rig is reduced to a friction coefficient."""
 
     min_plateau_samples: Annotated[int, Count(8, 1_000_000)] = 12
     spike_threshold: Annotated[float, Number(3, 100)] = 6.0
-    correct_imbalance: Annotated[bool, OnOff()] = False
+    correct_imbalance: Annotated[Literal["auto"] | bool, _AutoOnOff(("auto", "true", "false"))] = (
+        "auto"
+    )
     max_mu: Annotated[float, Number(0.01, 100)] = 3.0
 
 

@@ -7,14 +7,16 @@ the recording. A run that cannot be reduced is set aside with its reason, never 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import InputError
-from beltid.identify.channels import Channels, prepare
+from beltid.identify.channels import Channels
+from beltid.identify.friction_imbalance import (
+    correction_of_one,
+    corrections,
+)
 from beltid.identify.friction_run import (
     NAN,
     FrictionSettings,
@@ -22,23 +24,17 @@ from beltid.identify.friction_run import (
     RunReduction,
     arc_problem,
 )
+from beltid.identify.friction_start import Found, Run, Start, start_run
 from beltid.identify.peak import StickingPeak, sticking_peak
 from beltid.identify.plateau import Plateau, PlateauCriteria, settle
-from beltid.identify.rest_phase import Rest, Rotation, SetAsideError, find_rotation, rest_state
+from beltid.identify.rest_phase import SetAsideError
 from beltid.identify.rig_table import check_columns, run_records
 from beltid.identify.sliding_phase import sliding_phase, unswapped
-from beltid.laws.capstan import friction_coefficient, mean_normal_force, sliding_speed
+from beltid.laws.capstan import friction_coefficient, mean_normal_force
 
 __all__ = ["FrictionSettings", "RunRecord", "RunReduction", "reduce_run", "reduce_runs"]
 
 Array = NDArray[np.float64]
-Found = dict[str, Any]
-
-SPEED_CHANGE_NOTED = 0.02
-SPEED_CHANGE_ALLOWED = 0.2
-"""Relative change of the pulley's speed between the halves of the rotation."""
-SIGNIFICANT_IMBALANCE = 4.0
-"""Imbalance over its standard error above which it is worth a note."""
 
 
 def reduce_run(
@@ -95,7 +91,11 @@ def reduce_run(
         arc_deg=float(arc_deg),
         defect=arc_problem(float(arc_deg)),
     )
-    return _reduce(record, pulley_radius_m, settings or FrictionSettings())
+    chosen = settings or FrictionSettings()
+    run = start_run(record, pulley_radius_m, chosen)
+    if run.state is not None:
+        run.correction = correction_of_one(run.state.rest, chosen.correct_imbalance)
+    return _finished(run, pulley_radius_m, chosen)
 
 
 def reduce_runs(
@@ -129,7 +129,13 @@ def reduce_runs(
     """
     _check_radius(pulley_radius_m)
     chosen = settings or FrictionSettings()
-    return tuple(_reduce(record, pulley_radius_m, chosen) for record in run_records(columns))
+    runs = [start_run(record, pulley_radius_m, chosen) for record in run_records(columns)]
+    at_rest = [run for run in runs if run.state is not None]
+    rests = [run.state.rest for run in at_rest if run.state is not None]
+    cells = corrections(rests, chosen.correct_imbalance)
+    for run, correction in zip(at_rest, cells, strict=True):
+        run.correction = correction
+    return tuple(_finished(run, pulley_radius_m, chosen) for run in runs)
 
 
 def _check_radius(pulley_radius_m: float) -> None:
@@ -137,58 +143,24 @@ def _check_radius(pulley_radius_m: float) -> None:
         raise InputError(f"pulley_radius_m = {pulley_radius_m!r}, must be > 0")
 
 
-_EMPTY: Found = {
-    field.name: {"int": 0, "bool": False, "str": "", "tuple[str, ...]": ()}.get(
-        str(field.type), NAN
-    )
-    for field in fields(RunReduction)
-}
+def _finished(run: Run, R: float, settings: FrictionSettings) -> RunReduction:
+    """Reduce the sliding of a run."""
+    if run.state is not None:
+        try:
+            _slide(run, run.state, R, settings)
+            run.found["status"] = "ok"
+        except SetAsideError as reason:
+            run.found["status"] = str(reason)
+    return RunReduction(**{**run.found, "notes": tuple(run.notes)})
 
 
-def _reduce(record: RunRecord, R: float, settings: FrictionSettings) -> RunReduction:
-    """Reduce one record; whatever is wrong with it ends in its status."""
-    found: Found = {
-        **_EMPTY,
-        "run": record.run,
-        "arc_deg": record.arc_deg,
-        "nominal_tension_N": record.nominal_tension_N,
-        "mu_sticking_reason": "the run was set aside",
-    }
-    notes: list[str] = []
-    try:
-        if record.defect:
-            raise SetAsideError(record.defect)
-        _fill(record, R, settings, found, notes)
-        found["status"] = "ok"
-    except SetAsideError as reason:
-        found["status"] = str(reason)
-    return RunReduction(**{**found, "notes": tuple(notes)})
-
-
-def _fill(
-    record: RunRecord, R: float, settings: FrictionSettings, found: Found, notes: list[str]
-) -> None:
-    """Find one quantity after the other, so that a run set aside keeps what came before."""
-    channels = prepare(record, settings)
-    found |= {"n_spikes": channels.n_spikes, "n_missing": channels.n_missing}
-    rotation = find_rotation(channels.speed)
-    found |= {
-        "pulley_speed_rad_s": rotation.speed_rad_s,
-        "slip_speed_m_s": float(sliding_speed(rotation.speed_rad_s, R)),
-        "start_time_s": float(channels.time_s[rotation.first]),
-    }
-    _note_rotation(rotation, channels, notes)
-    rest = rest_state(channels.tight, channels.slack, rotation.first, settings.min_rest_samples)
-    found |= {
-        "initial_tension_N": rest.tension_N,
-        "imbalance_N": rest.imbalance_N,
-        "imbalance_se_N": rest.imbalance_se_N,
-    }
-    _check_balance(rest, settings, notes)
+def _slide(run: Run, start: Start, R: float, settings: FrictionSettings) -> None:
+    """Plateau and sticking peak of a run."""
+    found, notes, rotation = run.found, run.notes, start.rotation
+    if run.correction.note:
+        notes.append(run.correction.note)
+    channels = run.correction.applied(start.channels)
     channels, found["swapped"] = unswapped(channels, rotation, notes)
-    if settings.correct_imbalance:
-        half = -0.5 * rest.imbalance_N if found["swapped"] else 0.5 * rest.imbalance_N
-        channels = replace(channels, tight=channels.tight - half, slack=channels.slack + half)
     t, tensions, first, slide = sliding_phase(channels, rotation)
     criteria = PlateauCriteria(
         settings.steady_tolerance,
@@ -197,60 +169,22 @@ def _fill(
         settings.min_plateau_fraction,
     )
     plateau = settle(t[slide:], tensions[slide:], criteria)
-    extra = rest.imbalance_se_N if settings.correct_imbalance else 0.0
-    _fill_plateau(record, R, channels, t[slide:], plateau, extra, found)
+    _fill_plateau(run, R, channels, t[slide:], plateau)
     _note_plateau(plateau, notes)
     mu = found["mu_sliding"]
     if not 0.0 < mu <= settings.max_mu:
         raise SetAsideError(f"mu_sliding = {mu:.4g}, must be in (0, {settings.max_mu:g}]")
     peak = sticking_peak(t, tensions, first, slide, plateau, settings.max_peak_error)
-    _fill_peak(record, peak, found)
+    _fill_peak(run.record, peak, found)
 
 
-def _note_rotation(rotation: Rotation, channels: Channels, notes: list[str]) -> None:
-    if rotation.reversed:
-        notes.append("the pulley speed is negative: its magnitude is used")
-    change = abs(rotation.unsteadiness)
-    if change > SPEED_CHANGE_ALLOWED:
-        raise SetAsideError(
-            f"the pulley speed is not steady: it changes by {100 * rotation.unsteadiness:+.3g} %, "
-            f"allowed is {100 * SPEED_CHANGE_ALLOWED:g} %"
-        )
-    if change > SPEED_CHANGE_NOTED:
-        notes.append(f"the pulley speed changes by {100 * rotation.unsteadiness:+.2g} %")
-    if channels.time_s.size - rotation.end > 2:
-        notes.append(f"the pulley stops at {channels.time_s[rotation.end]:.4g} s")
-
-
-def _check_balance(rest: Rest, settings: FrictionSettings, notes: list[str]) -> None:
-    relative = abs(rest.imbalance_N) / rest.tension_N
-    if relative > settings.max_imbalance:
-        raise SetAsideError(
-            f"the cells differ by {rest.imbalance_N:+.4g} N at rest at a mean of "
-            f"{rest.tension_N:.4g} N, allowed is {100 * settings.max_imbalance:g} %"
-        )
-    if relative > 0.005 and abs(rest.imbalance_N) > SIGNIFICANT_IMBALANCE * rest.imbalance_se_N:
-        done = "taken off" if settings.correct_imbalance else "not corrected"
-        notes.append(
-            f"the cells differ by {rest.imbalance_N:+.3g} N at rest "
-            f"({100 * relative:.2g} %), {done}"
-        )
-
-
-def _fill_plateau(
-    record: RunRecord,
-    R: float,
-    channels: Channels,
-    t: Array,
-    plateau: Plateau,
-    imbalance_se_N: float,
-    found: Found,
-) -> None:
+def _fill_plateau(run: Run, R: float, channels: Channels, t: Array, plateau: Plateau) -> None:
     """Results of the plateau, Eqs. (6) and (8)."""
+    found = run.found
     tight, slack = (float(level) for level in plateau.levels)
-    beta = float(np.radians(record.arc_deg))
+    beta = float(np.radians(run.record.arc_deg))
     start, end = plateau.start_s, float(t[-1])
-    imbalance = 0.5 * imbalance_se_N * (1.0 / tight + 1.0 / slack)
+    cells = run.correction.log_ratio_se(tight, slack, found["initial_tension_N"])
     temperature = NAN
     if channels.temperature is not None:
         values = channels.temperature[(channels.time_s >= start) & (channels.time_s <= end)]
@@ -261,7 +195,7 @@ def _fill_plateau(
         "tension_tight_N": tight,
         "tension_slack_N": slack,
         "mu_sliding": float(friction_coefficient(tight, slack, beta)),
-        "mu_sliding_se": float(np.hypot(plateau.log_ratio_se, imbalance) / beta),
+        "mu_sliding_se": float(np.hypot(plateau.log_ratio_se, cells) / beta),
         "normal_force_N_m": float(mean_normal_force(tight, slack, R)),
         "temperature_degC": temperature,
         "n_samples": int(np.count_nonzero(~plateau.rejected[t >= start])),

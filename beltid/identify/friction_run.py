@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,10 +43,11 @@ class FrictionSettings:
     """Largest part of the samples that may be missing or not positive [-]."""
     max_imbalance: float = 0.2
     """Largest difference of the two cells at rest over their mean [-]."""
-    correct_imbalance: bool = False
-    """Take the imbalance at rest off both cells, half each. Off by default: at rest a difference of
-    the zero points, of the gains and friction left over from tightening look the same but
-    ask for different corrections, and the correction adds the noise of the rest phase to mu."""
+    correct_imbalance: Literal["auto"] | bool = "auto"
+    """Whether the difference of the cells at rest is taken off. ``True``: in every run, half from
+    each cell, with the noise of the rest phase. ``False``: never; the standard error allows for a
+    clear one. ``"auto"``: where it is clear, as what all runs of the bench together show it
+    to be: a difference of the zero points, or of the gains; otherwise as with ``False``."""
     max_mu: float = 3.0
     """Largest credible friction coefficient [-]."""
     max_peak_error: float = 0.015
@@ -69,6 +71,11 @@ class FrictionSettings:
             for name, (low, high) in ranges.items()
             if not low <= getattr(self, name) <= high
         ]
+        if self.correct_imbalance not in ("auto", True, False):
+            problems.append(
+                f"friction.correct_imbalance = {self.correct_imbalance!r}, "
+                "must be auto, true or false"
+            )
         if problems:
             raise InputError(problems)
 

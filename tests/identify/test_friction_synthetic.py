@@ -350,20 +350,26 @@ def test_a_slow_drift_is_seen_and_told() -> None:
         assert 0.8 < run.mu_sliding < 0.8 * 1.012
 
 
-def test_imbalance_is_reported_and_corrected_only_on_demand() -> None:
+def test_imbalance_is_corrected_or_widens_the_standard_error() -> None:
     columns = record(BASE.but(offset=3.0))
-    as_recorded = reduce_columns(columns)
+    as_recorded = reduce_columns(columns, chosen=FrictionSettings(correct_imbalance=False))
     assert as_recorded.imbalance_N == pytest.approx(3.0, abs=4 * as_recorded.imbalance_se_N)
     assert 0.05 < as_recorded.imbalance_se_N < 0.2
     assert any("not corrected" in note for note in as_recorded.notes)
     # half of 3 N on 408 N and 130 N: 1.5 (1/408 + 1/130) = 1.5 % of ln ratio 1.145
     assert as_recorded.mu_sliding / 0.8 - 1.0 == pytest.approx(0.0133, abs=0.002)
-    corrected = reduce_columns(columns, chosen=FrictionSettings(correct_imbalance=True))
-    assert abs(corrected.mu_sliding / 0.8 - 1.0) < 0.0025
-    assert corrected.mu_sliding_se > as_recorded.mu_sliding_se
-    swapped(columns)
-    other = reduce_columns(columns, chosen=FrictionSettings(correct_imbalance=True))
-    assert other.mu_sliding == pytest.approx(corrected.mu_sliding, rel=1e-12)
+    assert as_recorded.mu_sliding_se == pytest.approx(0.0133 * 0.8, rel=0.15)
+    for mode in (True, "auto"):
+        chosen = FrictionSettings(correct_imbalance=mode)
+        columns = record(BASE.but(offset=3.0))
+        corrected = reduce_columns(columns, chosen=chosen)
+        assert abs(corrected.mu_sliding / 0.8 - 1.0) < 0.0025
+        assert any("taken off" in note for note in corrected.notes)
+        swapped(columns)
+        other = reduce_columns(columns, chosen=chosen)
+        assert other.mu_sliding == pytest.approx(corrected.mu_sliding, rel=1e-12)
+    with pytest.raises(InputError, match="correct_imbalance"):
+        FrictionSettings(correct_imbalance="perhaps")  # type: ignore[arg-type]
 
 
 def table(*runs: tuple[str, Columns, float]) -> dict[str, Any]:

@@ -1,0 +1,105 @@
+"""What a bench's cells show at rest, on synthetic campaigns with a known fault of the cells."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from synthetic_rig import Recipe, record
+
+from beltid.identify.friction import FrictionSettings, RunReduction, reduce_runs
+
+TENSIONS = np.tile([60.0, 120.0, 200.0, 300.0, 450.0], 5)
+MU = 0.8
+Fault = Callable[[np.ndarray, np.ndarray, np.ndarray, np.random.Generator, float], None]
+"""Spoils time, tight and slack cell of a run in place; knows the initial tension."""
+
+
+def campaign(fault: Fault, mode: object = "auto") -> tuple[RunReduction, ...]:
+    rng = np.random.default_rng(11)
+    parts = []
+    for k, tension in enumerate(TENSIONS):
+        part = record(Recipe(initial=tension, noise=0.3, seed=k))
+        fault(part["time_s"], part["tension_tight_N"], part["tension_slack_N"], rng, tension)
+        parts.append(part)
+    columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    n = parts[0]["time_s"].size
+    columns["run"] = np.repeat(np.arange(TENSIONS.size).astype(float), n)
+    columns["arc_deg"] = np.full(n * TENSIONS.size, 82.0)
+    return reduce_runs(columns, 0.05, FrictionSettings(correct_imbalance=mode))  # type: ignore[arg-type]
+
+
+def none(t, tight, slack, rng, tension) -> None:  # type: ignore[no-untyped-def]
+    """Leave the run as it is."""
+
+
+def common_zero(t, tight, slack, rng, tension) -> None:  # type: ignore[no-untyped-def]
+    tight += 0.7
+    slack -= 0.7
+
+
+def wandering_zero(t, tight, slack, rng, tension) -> None:  # type: ignore[no-untyped-def]
+    shift = rng.uniform(-2.0, 2.0)
+    tight += shift
+    slack -= shift
+
+
+def zeros_on_their_own(t, tight, slack, rng, tension) -> None:  # type: ignore[no-untyped-def]
+    tight += rng.uniform(-2.0, 2.0)
+    slack += rng.uniform(-2.0, 2.0)
+
+
+def gains(t, tight, slack, rng, tension) -> None:  # type: ignore[no-untyped-def]
+    tight *= 1.006
+    slack *= 0.994
+
+
+def left_from_tightening(t, tight, slack, rng, tension) -> None:  # type: ignore[no-untyped-def]
+    part = 0.008 * tension * rng.normal() * (t < 1.0)
+    tight += part
+    slack -= part
+
+
+def score(runs: tuple[RunReduction, ...]) -> tuple[float, float]:
+    """Relative error and error over standard error, root mean square."""
+    assert all(run.ok for run in runs)
+    error = np.array([run.mu_sliding - MU for run in runs])
+    z = error / [run.mu_sliding_se for run in runs]
+    return float(np.sqrt(np.mean((error / MU) ** 2))), float(np.sqrt(np.mean(z**2)))
+
+
+@pytest.mark.parametrize(
+    ("fault", "word"),
+    [
+        (common_zero, "the zero points of the cells differ by +1.4"),
+        (wandering_zero, "wander"),
+        (gains, "the gains of the cells differ by +1.2"),
+    ],
+)
+def test_a_fault_that_the_runs_explain_is_taken_off(fault: Fault, word: str) -> None:
+    error, z = score(campaign(none))
+    runs = campaign(fault)
+    corrected, z_corrected = score(runs)
+    assert corrected < 1.25 * error + 4e-4
+    assert z_corrected < 1.25 * max(z, 1.0)
+    assert any(word in note for note in runs[0].notes)
+
+
+@pytest.mark.parametrize(("fault", "high"), [(zeros_on_their_own, 1.6), (left_from_tightening, 1)])
+def test_a_fault_that_shows_in_part_or_does_not_matter_is_in_the_error(
+    fault: Fault, high: float
+) -> None:
+    assert score(campaign(fault))[1] < high
+
+
+def test_friction_left_from_tightening_is_not_mistaken_for_a_fault_of_the_cells() -> None:
+    for clean, run in zip(campaign(none), campaign(left_from_tightening), strict=True):
+        assert run.mu_sliding == pytest.approx(clean.mu_sliding, rel=5e-4)
+
+
+def test_cells_that_agree_are_left_alone() -> None:
+    as_recorded = campaign(none, mode=False)
+    for recorded, run in zip(as_recorded, campaign(none), strict=True):
+        assert run.mu_sliding == recorded.mu_sliding
+        assert run.mu_sliding_se == recorded.mu_sliding_se
