@@ -172,12 +172,7 @@ def fit_friction_laws(
     if not (math.isfinite(shared_relative_se) and shared_relative_se >= 0.0):
         raise InputError(f"shared_relative_se = {shared_relative_se!r}, must be >= 0")
     f0 = _reference(points, reference_force_N_m)
-    searched, refused = [], []
-    for law in FRICTION_LAWS:
-        try:
-            searched.append(search_law(law, points, f0))
-        except NumericsError as error:
-            refused.append((law, str(error)))
+    searched, refused = _searched(points, f0)
     least = min(searched, key=lambda s: s.fit.sum_of_squares)
     tau = _correlation(points, least.fit.residuals)
     m = points.f.size / tau
@@ -203,6 +198,17 @@ def fit_friction_laws(
         valid_speed_m_s=(float(points.v.min()), float(points.v.max())),
         notes=points.notes,
     )
+
+
+def _searched(points: FrictionPoints, f0: float) -> tuple[list[LawSearch], list[tuple[str, str]]]:
+    """All laws that the points allow, and the others with the reason."""
+    searched, refused = [], []
+    for law in FRICTION_LAWS:
+        try:
+            searched.append(search_law(law, points, f0))
+        except NumericsError as error:
+            refused.append((law, str(error)))
+    return searched, refused
 
 
 def _reference(points: FrictionPoints, given: float | None) -> float:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -130,8 +131,6 @@ def fit_nonlinear(
     ConvergenceError
         If no minimum was reached.
     """
-    from scipy.optimize import least_squares  # slow to import
-
     y = np.asarray(observed, dtype=float)
     theta = np.asarray(start, dtype=float)
     w = np.ones_like(y) if weights is None else np.asarray(weights, dtype=float)
@@ -152,20 +151,7 @@ def fit_nonlinear(
         with np.errstate(all="ignore"):
             return np.nan_to_num(np.clip(w[:, None] * jacobian(t), -HUGE, HUGE))
 
-    try:
-        found = least_squares(
-            residuals,
-            theta,
-            derivatives,
-            bounds=(low, high),
-            x_scale="jac",
-            ftol=SEARCH_TOLERANCE,
-            xtol=SEARCH_TOLERANCE,
-            gtol=SEARCH_TOLERANCE,
-            max_nfev=MAX_EVALUATIONS,
-        )
-    except (ValueError, np.linalg.LinAlgError) as error:
-        raise ConvergenceError(f"nonlinear fit: the search broke down ({error})") from None
+    found = _search(residuals, derivatives, theta, (low, high))
     free = found.active_mask == 0
     theta, free, left = _polish(residuals, derivatives, found.x, free, (low, high))
     r, J = residuals(theta), derivatives(theta)
@@ -179,6 +165,26 @@ def fit_nonlinear(
         )
     cofactor, determined = cofactor_of(J, free)
     return NonlinearFit(theta, cofactor, -r, ~free, determined, int(found.nfev))
+
+
+def _search(residuals: Model, derivatives: Model, start: Array, bounds: tuple[Array, Array]) -> Any:
+    """Result of scipy's search."""
+    from scipy.optimize import least_squares  # slow to import
+
+    try:
+        return least_squares(
+            residuals,
+            start,
+            derivatives,
+            bounds=bounds,
+            x_scale="jac",
+            ftol=SEARCH_TOLERANCE,
+            xtol=SEARCH_TOLERANCE,
+            gtol=SEARCH_TOLERANCE,
+            max_nfev=MAX_EVALUATIONS,
+        )
+    except (ValueError, np.linalg.LinAlgError) as error:
+        raise ConvergenceError(f"nonlinear fit: the search broke down ({error})") from None
 
 
 def _check(y: Array, theta: Array, w: Array, low: Array, high: Array) -> None:

@@ -37,7 +37,9 @@ def test_stiffness_carries_the_verdict_and_the_dissipation(stiffness):
     rows = normal_law_rows(stiffness.extra)
     assert [row["law"] for row in rows] == ["linear", "quadratic", "power", "cubic"]
     assert rows[1]["criterion"] == 0.0
-    assert rows[1]["coefficients"].startswith("k_linear = 6.5")
+    words = rows[1]["coefficients"].split()
+    assert words[:2] == ["k_linear", "="]
+    assert float(words[2]) == pytest.approx(6.5e7, rel=2e-3)  # rigdata/README.md
 
 
 def test_surface_carries_formulas_that_are_what_they_say(friction):
