@@ -7,28 +7,32 @@ the friction rig has to cover.
 
 The pulleys need not be equal to the last digit. Their ratio is taken from the runs without torque,
 where there is no loss; if it does not differ from 1 beyond its error, or no such run exists, 1 is
-used. The loss is that of the driver: ``driver_speed - ratio * driven_speed``.
+used. The loss is that of the driver: ``driver_speed - ratio * driven_speed``. A drive that turns
+backwards is evaluated as the mirrored one.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
 from beltid.identify.rig_speeds import RequiredSpeeds, required_pulley_speeds
+from beltid.identify.slip_direction import forward_runs, turns_opposite
+from beltid.identify.slip_noise import pooled_means, speed_series
 from beltid.identify.slip_points import OK, SIGNIFICANT, SlipPoint, SlipResult, mark_gross_slip
-from beltid.identify.statistics import robust_mean_with_se
+from beltid.identify.statistics import MeanWithError, robust_mean_with_se
 from beltid.laws.capstan import sliding_speed
 
 __all__ = ["RequiredSpeeds", "SlipPoint", "SlipResult", "fit_slip", "required_pulley_speeds"]
 
 Array = NDArray[np.float64]
 
-COLUMNS = ("initial_tension_N", "torque_N_m", "driver_speed_rad_s", "driven_speed_rad_s")
+DRIVER, DRIVEN = "driver_speed_rad_s", "driven_speed_rad_s"
+COLUMNS = ("initial_tension_N", "torque_N_m", DRIVER, DRIVEN)
 MIN_SAMPLES = 3
 """Fewest usable samples of a run."""
 NO_LOAD_SHARE = 0.01
@@ -56,9 +60,14 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
     InputError
         If columns are missing, the radius is not positive, or no point can be used.
     """
-    runs = _runs(speedloss, pulley_radius_m)
-    ratio, ratio_se, notes = _pulley_ratio(runs)
-    points = [_point(label, run, ratio, ratio_se, pulley_radius_m) for label, run in runs.items()]
+    runs, turned = forward_runs(_runs(speedloss, pulley_radius_m))
+    series = speed_series({r: robust_mean_with_se(c[DRIVER]).mean for r, c in runs.items()})
+    ratio, ratio_se, notes = _pulley_ratio(runs, series)
+    notes = [*turned, *notes]
+    losses = pooled_means({r: c[DRIVER] - ratio * c[DRIVEN] for r, c in runs.items()}, series)
+    points = [
+        _point(label, run, losses[label], ratio_se, pulley_radius_m) for label, run in runs.items()
+    ]
     points = mark_gross_slip(points)
     service = [p for p in points if p.status == OK]
     if not service:
@@ -98,19 +107,22 @@ def _runs(speedloss: Mapping[str, NDArray], radius: float) -> dict[str, dict[str
     }
 
 
-def _pulley_ratio(runs: Mapping[str, Mapping[str, Array]]) -> tuple[float, float, list[str]]:
+def _pulley_ratio(
+    runs: Mapping[str, Mapping[str, Array]], series: Sequence[Sequence[str]]
+) -> tuple[float, float, list[str]]:
     """Ratio of driver to driven speed without torque, its standard error, and notes."""
     torque = {label: robust_mean_with_se(run["torque_N_m"]) for label, run in runs.items()}
     largest = max((abs(t.mean) for t in torque.values() if math.isfinite(t.mean)), default=0.0)
+    quotients = {
+        label: run[DRIVER] / np.where(np.abs(run[DRIVEN]) > 0.0, run[DRIVEN], np.nan)
+        for label, run in runs.items()
+    }
+    found = pooled_means(quotients, series)
     ratios = []
-    for label, run in runs.items():
-        t = torque[label]
+    for label, t in torque.items():
         idle = abs(t.mean) <= max(NO_LOAD_SHARE * largest, 2.0 * t.se if t.se > 0 else 0.0)
-        usable = np.abs(run["driven_speed_rad_s"]) > 0.0
-        if idle and usable.any():
-            found = run["driver_speed_rad_s"][usable] / run["driven_speed_rad_s"][usable]
-            ratios.append(robust_mean_with_se(found))
-    ratios = [r for r in ratios if r.se > 0.0]
+        if idle and found[label].n_eff > 0.0 and found[label].se > 0.0:
+            ratios.append(found[label])
     if not ratios:
         return 1.0, 0.0, ["no run without torque: the pulleys are taken as equal"]
     weights = np.array([r.se**-2 for r in ratios])
@@ -122,19 +134,21 @@ def _pulley_ratio(runs: Mapping[str, Mapping[str, Array]]) -> tuple[float, float
 
 
 def _point(
-    label: str, run: Mapping[str, Array], ratio: float, ratio_se: float, radius: float
+    label: str, run: Mapping[str, Array], loss: MeanWithError, ratio_se: float, radius: float
 ) -> SlipPoint:
-    driver, driven = run["driver_speed_rad_s"], run["driven_speed_rad_s"]
-    loss = robust_mean_with_se(driver - ratio * driven)
+    driver, driven = run[DRIVER], run[DRIVEN]
     n = int(np.count_nonzero(np.isfinite(driver) & np.isfinite(driven)))
     speed = robust_mean_with_se(driver).mean
     torque = robust_mean_with_se(run["torque_N_m"]).mean
-    se = math.hypot(loss.se, ratio_se * robust_mean_with_se(driven).mean)
+    driven_speed = robust_mean_with_se(driven).mean
+    se = math.hypot(loss.se, ratio_se * driven_speed)
     status = OK
     if n < MIN_SAMPLES:
         status = f"fewer than {MIN_SAMPLES} usable samples"
     elif speed == 0.0:
         status = "the driver does not turn"
+    elif turns_opposite(speed, driven_speed):
+        status = "the pulleys turn in opposite directions"
     elif loss.mean * math.copysign(1.0, speed * _sign(torque)) < -SIGNIFICANT * loss.se:
         status = "the driven pulley gains on the driver"
     return SlipPoint(
