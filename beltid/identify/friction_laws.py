@@ -202,7 +202,8 @@ def fit_friction_laws(
 
 def _searched(points: FrictionPoints, f0: float) -> tuple[list[LawSearch], list[tuple[str, str]]]:
     """All laws that the points allow, and the others with the reason."""
-    searched, refused = [], []
+    searched: list[LawSearch] = []
+    refused: list[tuple[str, str]] = []
     for law in FRICTION_LAWS:
         try:
             searched.append(search_law(law, points, f0))
