@@ -30,9 +30,13 @@ From bench recordings to a friction law that is proven on a simulated copy of th
   press.csv ------ fit-stiffness --> stiffness.parquet ----------------+
   speedloss.csv -- fit-slip -------> slip.parquet                      |
   rig.csv -------- fit-friction ---> friction.parquet                  |
-  friction.parquet build-surface --> surface.parquet                   v
-  surface.parquet, stiffness.parquet -- simulate-rig --> simulated.parquet
-  friction.parquet, simulated.parquet - compare -------> compare.parquet
+  friction.parquet build-surface --> surface.parquet                   |
+  friction.parquet ----------------- refine-surface, with stiffness <--+
+                                     --> surface_refined.parquet       v
+  surface.parquet or surface_refined.parquet, stiffness.parquet
+                   simulate-rig ---> simulated.parquet
+  friction.parquet, simulated.parquet
+                   compare --------> compare.parquet
 
 `beltid run CONFIG.yaml` does all of it. Results go to stdout, talk and progress to stderr.
 """
@@ -52,12 +56,16 @@ Exit status:
 
 
 class PlainCommand(TyperCommand):
-    """A command whose help names the kind of a list of files in plain words."""
+    """A command whose help is for somebody who does not know the shell's braces."""
 
     def get_help(self, ctx: Any) -> str:
         """Help of the command."""
         text: str = super().get_help(ctx)
         return text.replace("<list[Path]>", "<path>      ")
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """Names of the arguments without the braces, which look like alternatives."""
+        return [piece.strip("{}") for piece in super().collect_usage_pieces(ctx)]
 
 
 app = typer.Typer(
@@ -90,7 +98,12 @@ Surface = Annotated[
 ]
 Stiffness = Annotated[Path, _input("stiffness.parquet of fit-stiffness.", "STIFFNESS")]
 Simulated = Annotated[
-    Path, _input("simulated.parquet of simulate-rig, or a recording like RIG.", "SIMULATED")
+    Path,
+    _input(
+        "simulated.parquet of simulate-rig. A recording with the columns of rig.csv is reduced in "
+        "the same way: so two benches, or a bench and another program, can be compared.",
+        "SIMULATED",
+    ),
 ]
 Jobs = Annotated[
     int | None,
@@ -100,14 +113,34 @@ Jobs = Annotated[
 ]
 
 
-@app.command("fit-stiffness", short_help="PRESS.csv -> stiffness.parquet: the normal contact law")
+@app.command(
+    "fit-stiffness",
+    cls=PlainCommand,
+    short_help="PRESS.csv -> stiffness.parquet: the normal contact law",
+)
 @with_common_options
 def fit_stiffness(press: Press, *, common: Common) -> None:
-    """Find how stiff the contact of ribs and grooves is, from a compression press.
+    r"""Find how stiff the contact of ribs and grooves is, from a compression press.
 
     The normal force per metre of belt is k_linear * penetration + k_quadratic * penetration².
     Contact point, machine compliance, load cycles and hysteresis are taken care of; a test tells
     whether temperature matters. Writes stiffness.parquet.
+
+    The config tells the length of belt under the press (press.segment_length_cm, default 4) and
+    the travel that the press itself takes up (press.machine_compliance_mm_N, default 0): both
+    scale the law, so state your own.
+
+    \b
+    Columns of the CSV (more are ignored):
+      test                 text   label of the test
+      temperature_degC     °C     may be missing
+      time_s               s      from the start of the test
+      displacement_mm      mm     travel of the crosshead, growing towards the plate
+      force_N              N      force of the press, positive in compression
+
+    Columns of other names or units: say so in the config, such as
+    columns: {press: {force_N: Load}}, units: {press: {force_N: kN}}.
+    Separator, decimal sign and encoding are found out, or stated under dialect:.
 
     Example: beltid fit-stiffness press.csv
     """
@@ -116,13 +149,30 @@ def fit_stiffness(press: Press, *, common: Common) -> None:
     execute(stage.run, {"press": press}, "stiffness.parquet", common)
 
 
-@app.command("fit-slip", short_help="SPEEDLOSS.csv -> slip.parquet: sliding speeds in service")
+@app.command(
+    "fit-slip",
+    cls=PlainCommand,
+    short_help="SPEEDLOSS.csv -> slip.parquet: sliding speeds in service",
+)
 @with_common_options
 def fit_slip(speedloss: SpeedLoss, *, common: Common) -> None:
-    """Find the sliding speeds in service, from the speed loss of a two-pulley drive.
+    r"""Find the sliding speeds in service, from the speed loss of a two-pulley drive.
 
-    They tell at which pulley speeds the friction rig has to run for this belt. Writes
-    slip.parquet.
+    They tell at which pulley speeds the friction rig has to run for this belt. The sliding speed
+    is the speed loss times rig.pulley_radius_m of the config, default 0.05. Writes slip.parquet.
+
+    \b
+    Columns of the CSV (more are ignored):
+      run                  text   label of the operating point
+      time_s               s      from the start of the run
+      initial_tension_N    N      tension of the belt at rest
+      torque_N_m           N m    torque of the driven pulley
+      driver_speed_rad_s   rad/s  speed of the driver pulley
+      driven_speed_rad_s   rad/s  speed of the driven pulley
+
+    Columns of other names or units: say so in the config, such as
+    columns: {speedloss: {torque_N_m: M}}, units: {speedloss: {torque_N_m: N mm}}.
+    Separator, decimal sign and encoding are found out, or stated under dialect:.
 
     Example: beltid fit-slip speedloss.csv
     """
@@ -132,15 +182,35 @@ def fit_slip(speedloss: SpeedLoss, *, common: Common) -> None:
 
 
 @app.command(
-    "fit-friction", short_help="RIG.csv -> friction.parquet: a friction coefficient per run"
+    "fit-friction",
+    cls=PlainCommand,
+    short_help="RIG.csv -> friction.parquet: a friction coefficient per run",
 )
 @with_common_options
 def fit_friction(rig: Rig, *, common: Common) -> None:
-    """Find the friction coefficient of every run of the friction rig.
+    r"""Find the friction coefficient of every run of the friction rig.
 
     Each run gives the sliding coefficient (Euler-Eytelwein, over the steady plateau) with its
     standard error, the sticking peak, the sliding speed and the normal force per length. A run
     that cannot be used is set aside with its reason. Writes friction.parquet.
+
+    Sliding speed and normal force need the radius of the belt's centreline on the pulley: 0.05 m
+    unless a config says rig.pulley_radius_m, whatever bench the file is from.
+
+    \b
+    Columns of the CSV (more are ignored):
+      run                  text   label of the run
+      time_s               s      from the start of the run
+      tension_tight_N      N      load cell of the tight span
+      tension_slack_N      N      load cell of the slack span
+      pulley_speed_rad_s   rad/s  0 before the pulley turns
+      temperature_degC     °C     may be missing
+      arc_deg              °      contact arc of the run: every coefficient depends on it
+      initial_tension_N    N      tension before the pulley turns, as it was set
+
+    Columns of other names or units: say so in the config, such as
+    columns: {rig: {arc_deg: wrap}}, units: {rig: {pulley_speed_rad_s: rpm}}.
+    Separator, decimal sign and encoding are found out, or stated under dialect:.
 
     Example: beltid fit-friction rig.csv
     """
@@ -150,7 +220,9 @@ def fit_friction(rig: Rig, *, common: Common) -> None:
 
 
 @app.command(
-    "build-surface", short_help="friction -> surface.parquet: friction over force and speed"
+    "build-surface",
+    cls=PlainCommand,
+    short_help="friction -> surface.parquet: friction over force and speed",
 )
 @with_common_options
 def build_surface(friction: Friction, *, common: Common) -> None:
@@ -167,7 +239,9 @@ def build_surface(friction: Friction, *, common: Common) -> None:
 
 
 @app.command(
-    "refine-surface", short_help="friction, stiffness -> surface_refined.parquet: without the bias"
+    "refine-surface",
+    cls=PlainCommand,
+    short_help="friction, stiffness -> surface_refined.parquet: without the bias",
 )
 @with_common_options
 def refine_surface(friction: Friction, stiffness: Stiffness, *, common: Common) -> None:
@@ -186,7 +260,11 @@ def refine_surface(friction: Friction, stiffness: Stiffness, *, common: Common) 
     execute(stage.run, inputs, "surface_refined.parquet", common)
 
 
-@app.command("simulate-rig", short_help="surface, stiffness -> simulated.parquet: the rig again")
+@app.command(
+    "simulate-rig",
+    cls=PlainCommand,
+    short_help="surface, stiffness -> simulated.parquet: the rig again",
+)
 @with_common_options
 def simulate_rig(
     surface: Surface,
@@ -201,19 +279,37 @@ def simulate_rig(
     ] = None,
     arc: Annotated[
         list[float] | None,
-        typer.Option(metavar="DEG", help="Only runs with this contact arc; may be repeated."),
+        typer.Option(
+            metavar="DEG",
+            help="Only runs with this contact arc, one of rig.arcs_deg of the config; "
+            "may be repeated.",
+        ),
     ] = None,
     tension: Annotated[
         list[float] | None,
-        typer.Option(metavar="N", help="Only runs with this initial tension; may be repeated."),
+        typer.Option(
+            metavar="N",
+            help="Only runs with this initial tension, one of rig.initial_tensions_N of the "
+            "config; may be repeated.",
+        ),
     ] = None,
     speed: Annotated[
         list[float] | None,
-        typer.Option(metavar="RAD/S", help="Only runs with this pulley speed; may be repeated."),
+        typer.Option(
+            metavar="RAD/S",
+            help="Only runs with this pulley speed, one of rig.pulley_speeds_rad_s of the config; "
+            "may be repeated.",
+        ),
     ] = None,
     elements: Annotated[
         int | None,
-        typer.Option(min=4, max=2000, help="Beam elements of the belt. Default: by the config."),
+        typer.Option(
+            min=4,
+            max=2000,
+            metavar="EVEN NUMBER",
+            help="Beam elements of the belt, an even number: as many on either half of the arc. "
+            "Default: as the config says, else by its stiffness.",
+        ),
     ] = None,
     profile_time: Annotated[
         list[float] | None,
@@ -257,14 +353,20 @@ def simulate_rig(
     execute(stage.run, inputs, name, common, options)
 
 
-@app.command("compare", short_help="friction, simulated -> compare.parquet: do they agree?")
+@app.command(
+    "compare", cls=PlainCommand, short_help="friction, simulated -> compare.parquet: do they agree?"
+)
 @with_common_options
 def compare(friction: Friction, simulated: Simulated, *, common: Common) -> None:
     """Compare the simulated with the measured friction coefficients; exit 0 or 4.
 
     The simulated recording goes through the same reduction as the measured one. Differences per
-    arc, averaged over arcs, and for low, middle and high normal force; tolerances from the
-    config. Writes compare.parquet.
+    arc, averaged over arcs, and for low, middle and high normal force. Runs are matched by arc,
+    tension and speed.
+
+    Tolerances by default: RMS 6 %, mean magnitude 5 %, largest 20 %; others under compare: in the
+    config. Exit 4, too, if fewer than half of the usable measured runs have a simulated partner.
+    Writes compare.parquet.
 
     Example: beltid compare friction.parquet simulated.parquet
     """
@@ -284,8 +386,9 @@ def run(
         list[Path] | None,
         typer.Argument(
             metavar="CONFIG",
-            help="Configs, one per belt; each names its recordings under data. Default: --config, "
-            "else $BELTID_CONFIG.",
+            help="Configs, one per belt. Each names its recordings under data: press and rig are "
+            "needed, speedloss may be left out. Default: the config of --config, else the one "
+            "that the environment variable BELTID_CONFIG names.",
         ),
     ] = None,
     jobs: Jobs = None,
@@ -294,8 +397,9 @@ def run(
 ) -> None:
     """Run the whole chain for one belt or several: from the recordings to the comparison.
 
-    Results go to runs/<belt>/. What is up to date is kept, so that a second run does nothing. A
-    belt that fails does not stop the others.
+    Stiffness, sliding speeds, friction, the surface as published and refined; the rig is simulated
+    with both surfaces, and both are compared. Results go to runs/<belt>/. What is up to date is
+    kept, so that a second run does nothing. A belt that fails does not stop the others.
 
     Example: beltid run configs/4pk.yaml configs/5pk.yaml
     """

@@ -51,9 +51,9 @@ class _Hints:
             "--config",
             "-c",
             metavar="YAML",
-            help="Config of belt, benches and settings. Default: $BELTID_CONFIG, else "
-            "<name of the input>.yaml or beltid.yaml beside the input or in a folder above it, "
-            "else the built-in 5PK rig of the paper.",
+            help="Config of belt, benches and settings. Default: the one that the environment "
+            "variable BELTID_CONFIG names, else <name of the input>.yaml or beltid.yaml beside the "
+            "input or in a folder above it, else the built-in 5PK rig of the paper.",
         ),
     ]
     out: Annotated[

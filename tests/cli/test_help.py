@@ -18,6 +18,7 @@ COMMANDS = {
     "fit-slip": ("SPEEDLOSS", "slip.parquet"),
     "fit-friction": ("RIG", "friction.parquet"),
     "build-surface": ("FRICTION", "surface.parquet"),
+    "refine-surface": ("FRICTION", "surface_refined.parquet"),
     "simulate-rig": ("SURFACE", "simulated.parquet"),
     "compare": ("FRICTION", "compare.parquet"),
     "run": ("CONFIG", "runs/<belt>/"),
@@ -85,3 +86,70 @@ def test_the_help_imports_nothing_heavy() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert done.stdout.strip() == "[]"
+
+
+def help_of(command: str) -> str:
+    return " ".join(CliRunner().invoke(app, [command, "--help"]).stdout.split())
+
+
+@pytest.mark.parametrize(
+    ("command", "kind"),
+    [("fit-stiffness", "press"), ("fit-slip", "speedloss"), ("fit-friction", "rig")],
+)
+def test_the_help_of_a_fit_names_every_column_with_its_unit(command: str, kind: str) -> None:
+    from beltid.store import schemas
+
+    text = help_of(command)
+    for column in schemas.table(kind).columns:
+        assert re.search(rf"\b{column.name}\b", text), column.name
+        word = {"degC": "°C", "deg": "°", "": "text"}.get(column.unit, column.unit)
+        assert re.search(rf"\b{column.name} +{re.escape(word)} ", text), column.name
+    for section in ("columns:", "units:", "dialect:"):
+        assert section in text
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_usage_has_plain_names(command: str) -> None:
+    usage = CliRunner().invoke(app, [command, "--help"]).stdout.split("\n\n")[0]
+    assert "{" not in usage
+    assert COMMANDS[command][0] in usage
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        ("fit-friction", "pulley_radius_m"),
+        ("fit-friction", "0.05 m"),
+        ("fit-friction", "centreline"),
+        ("fit-stiffness", "press.segment_length_cm, default 4"),
+        ("fit-stiffness", "press.machine_compliance_mm_N, default 0"),
+        ("simulate-rig", "even"),
+        ("simulate-rig", "one of rig.arcs_deg of the config"),
+        ("simulate-rig", "one of rig.initial_tensions_N of the config"),
+        ("simulate-rig", "one of rig.pulley_speeds_rad_s of the config"),
+        ("compare", "RMS 6 %, mean magnitude 5 %, largest 20 %"),
+        ("compare", "fewer than half"),
+        ("run", "speedloss may be left out"),
+        ("run", "environment variable BELTID_CONFIG"),
+    ],
+)
+def test_the_help_says_what_a_user_cannot_guess(command: str, said: str) -> None:
+    assert said in help_of(command)
+
+
+def test_an_odd_number_of_elements_is_refused() -> None:
+    result = CliRunner().invoke(app, ["simulate-rig", "a", "b", "--elements", "7"])
+    assert result.exit_code == 2
+    assert "even" in result.stderr
+
+
+def test_the_default_tolerances_are_those_of_the_help() -> None:
+    from beltid.config import load_config
+
+    section = load_config(None).compare
+    shares = (
+        section.max_rms_relative_error,
+        section.max_mean_relative_error,
+        section.max_relative_error,
+    )
+    assert shares == (0.06, 0.05, 0.20)
