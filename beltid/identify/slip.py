@@ -8,13 +8,14 @@ the friction rig has to cover.
 The pulleys need not be equal to the last digit. Their ratio is taken from the runs without torque,
 where there is no loss; if it does not differ from 1 beyond its error, or no such run exists, 1 is
 used. The loss is that of the driver: ``driver_speed - ratio * driven_speed``. A drive that turns
-backwards is evaluated as the mirrored one.
+backwards is evaluated as the mirrored one; its speed and torque keep the signs of the recording.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,7 +61,8 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
     InputError
         If columns are missing, the radius is not positive, or no point can be used.
     """
-    runs, turned = forward_runs(_runs(speedloss, pulley_radius_m))
+    recorded = _runs(speedloss, pulley_radius_m)
+    runs, turned = forward_runs(recorded)
     series = speed_series({r: robust_mean_with_se(c[DRIVER]).mean for r, c in runs.items()})
     ratio, ratio_se, notes = _pulley_ratio(runs, series)
     notes = [*turned, *notes]
@@ -68,7 +70,7 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
     points = [
         _point(label, run, losses[label], ratio_se, pulley_radius_m) for label, run in runs.items()
     ]
-    points = mark_gross_slip(points)
+    points = [_as_recorded(p, recorded[p.run]) for p in mark_gross_slip(points)]
     service = [p for p in points if p.status == OK]
     if not service:
         raise InputError([f"run {p.run}: {p.status}" for p in points])
@@ -162,6 +164,15 @@ def _point(
         slip_speed_se_m_s=float(sliding_speed(se, radius)),
         n_samples=n,
         status=status,
+    )
+
+
+def _as_recorded(point: SlipPoint, run: Mapping[str, Array]) -> SlipPoint:
+    """Point with the driver's speed and the torque in the signs of the recording."""
+    return replace(
+        point,
+        driver_speed_rad_s=robust_mean_with_se(run[DRIVER]).mean,
+        torque_N_m=robust_mean_with_se(run["torque_N_m"]).mean,
     )
 
 

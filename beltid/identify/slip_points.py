@@ -30,14 +30,15 @@ class SlipPoint:
     run : str
         Label of the run.
     driver_speed_rad_s : float
-        Mean speed of the driver [rad/s].
+        Mean speed of the driver [rad/s], negative if it turned backwards.
     initial_tension_N : float
         Tension of the belt at rest [N], nan if unknown.
     torque_N_m : float
-        Mean torque [N m], nan if unknown.
+        Mean torque [N m] in the sign of the recording, nan if unknown.
     speed_loss_rad_s : float
         Driver speed less driven speed times the ratio of the pulleys [rad/s]; the noise of a
-        point without torque may make it slightly negative.
+        point without torque may make it slightly negative. Of the mirrored drive if the driver
+        turned backwards, so that a driven pulley that falls behind has a positive loss.
     speed_loss_se_rad_s : float
         Its standard error, correlation of the samples and doubt about the ratio of the pulleys
         allowed for [rad/s].

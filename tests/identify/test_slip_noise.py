@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -129,7 +131,11 @@ def test_a_drive_that_turns_backwards_is_the_mirrored_one(signed_torque):
     forward = fit_slip(columns, RADIUS)
     turned = ["driver_speed_rad_s", "driven_speed_rad_s"] + ["torque_N_m"] * signed_torque
     backward = fit_slip(columns | {name: -columns[name] for name in turned}, RADIUS)
-    assert backward.points == forward.points
+    sign = -1.0 if signed_torque else 1.0
+    assert backward.points == tuple(
+        replace(p, driver_speed_rad_s=-p.driver_speed_rad_s, torque_N_m=sign * p.torque_N_m)
+        for p in forward.points
+    )
     assert backward.max_slip_speed_m_s == forward.max_slip_speed_m_s
     assert [p.slip_speed_m_s for p in backward.points] == pytest.approx(true, abs=4e-4)
     assert backward.notes[0].startswith("the drive turns backwards in all runs: sign of the speeds")
@@ -144,7 +150,14 @@ def test_single_runs_that_turn_backwards_are_named():
     for name in ("driver_speed_rad_s", "driven_speed_rad_s"):
         columns[name] = np.where(part, -columns[name], columns[name])
     result = fit_slip(columns, RADIUS)
-    assert result.points == forward.points
+    assert [p.driver_speed_rad_s < 0 for p in result.points].count(True) == 2
+    assert [abs(p.driver_speed_rad_s) for p in result.points] == [
+        p.driver_speed_rad_s for p in forward.points
+    ]
+    for name in ("slip_speed_m_s", "slip_speed_se_m_s", "speed_loss_rad_s", "torque_N_m", "status"):
+        assert [getattr(p, name) for p in result.points] == [
+            getattr(p, name) for p in forward.points
+        ]
     assert "the drive turns backwards in 22-03, 62.8-05: sign of the speeds turned" in result.notes
 
 
