@@ -207,7 +207,7 @@ def test_force_replaces_a_foreign_file(bench: Path, beltid: Any) -> None:
 def test_a_damaged_result_of_the_same_kind_is_made_again(bench: Path, beltid: Any) -> None:
     whole = (bench / "surface.parquet").read_bytes()
     spoilt = bytearray(whole)
-    spoilt[len(whole) // 4] ^= 1
+    spoilt[100] ^= 1  # in the numbers; the copy of the metadata at the end is harmless
     (bench / "surface.parquet").write_bytes(bytes(spoilt))
     assert beltid("build-surface", "friction.parquet").exit_code == 0
     assert (bench / "surface.parquet").read_bytes() == whole
