@@ -21,6 +21,7 @@ from beltid.refine.inverse import refine_surface as refine
 from beltid.report.summary import Summary
 from beltid.rigsim.model import Bench
 from beltid.stages.campaign import checked_law
+from beltid.stages.laws_beside import friction_formulas, friction_law_rows
 from beltid.stages.making import Made, Recipe, make
 from beltid.stages.outcome import Outcome
 from beltid.stages.tables import law_of, surface_of, table_columns
@@ -188,6 +189,7 @@ def _outcome(
     labels = tuple(str(columns["run"][i]) for i in used)
     result = Refinement(refined, labels, columns["arc_deg"][used])
     far = [(labels[k], refined.weight[k]) for k in np.flatnonzero(refined.weight < 0.5)]
+    beside = friction_formulas(refined.surface)
     return Outcome(
         kind=KIND,
         columns=_table(result, speeds[_speed_labels(columns, used, speeds)]),
@@ -205,9 +207,11 @@ def _outcome(
             "iterations": refined.iterations,
             "noise_scale": refined.smoothness.noise_scale,
             "effective_parameters": refined.effective_parameters,
+            **beside.extra,
         },
         notes=(
             "the range of validity is that of the forces that acted in the contact, peaks included",
+            *beside.notes,
         ),
         warnings=tuple(
             f"run {label}: far from what the others say, weight {weight:.2g}"
@@ -303,6 +307,7 @@ def summarise(made: Made) -> Summary:
         warnings=made.warnings,
         up_to_date=made.up_to_date,
         origin=made.origin,
+        details={"friction formulas": friction_law_rows(extra)},
     )
 
 
