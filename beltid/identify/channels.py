@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from beltid.identify.friction_run import FrictionSettings, RunRecord
 from beltid.identify.rest_phase import SetAsideError
-from beltid.identify.signal import median, spike_mask
+from beltid.identify.signal import converter_steps, median, spike_mask
 from beltid.identify.statistics import mad_sigma
 
 Array = NDArray[np.float64]
@@ -36,6 +36,8 @@ class Channels:
     temperature: Array | None
     n_spikes: int
     n_missing: int
+    steps: tuple[float, float] = (0.0, 0.0)
+    """Steps of the converters of the tight and the slack cell [N]; zero where they do not show."""
 
     @property
     def usable(self) -> NDArray[np.bool_]:
@@ -68,6 +70,10 @@ def prepare(record: RunRecord, settings: FrictionSettings) -> Channels:
         raise SetAsideError(f"time_s stands still at {t[0]:g} s")
     tight, spikes_tight = _tension(record.tension_tight_N[timed], "tension_tight_N", settings)
     slack, spikes_slack = _tension(record.tension_slack_N[timed], "tension_slack_N", settings)
+    present = [
+        values[timed & np.isfinite(values) & (values != 0.0)]
+        for values in (record.tension_tight_N, record.tension_slack_N)
+    ]
     lost = ~(np.isfinite(tight) | spikes_tight) | ~(np.isfinite(slack) | spikes_slack)
     temperature = record.temperature_degC
     return Channels(
@@ -78,6 +84,7 @@ def prepare(record: RunRecord, settings: FrictionSettings) -> Channels:
         temperature=None if temperature is None else temperature[timed],
         n_spikes=int(np.count_nonzero(spikes_tight | spikes_slack)),
         n_missing=int(np.count_nonzero(lost)) + n - t.size + _missing_rows(t),
+        steps=converter_steps(present[0], present[1]),
     )
 
 

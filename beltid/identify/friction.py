@@ -168,7 +168,12 @@ def _slide(run: Run, start: Start, R: float, settings: FrictionSettings) -> None
         settings.min_plateau_samples,
         settings.min_plateau_fraction,
     )
-    plateau = settle(t[slide:], tensions[slide:], criteria)
+    step = start.channels.steps
+    plateau = settle(
+        t[slide:], tensions[slide:], criteria, step[::-1] if found["swapped"] else step
+    )
+    if plateau.systematic_se > 0.0:
+        notes.append(f"the converters of the cells resolve only {max(step):.3g} N")
     _fill_plateau(run, R, channels, t[slide:], plateau)
     _note_plateau(plateau, notes)
     mu = found["mu_sliding"]

@@ -77,7 +77,13 @@ def _start(run: Run, R: float, settings: FrictionSettings) -> Start:
         "start_time_s": float(channels.time_s[rotation.first]),
     }
     _note_rotation(rotation, channels, run.notes)
-    rest = rest_state(channels.tight, channels.slack, rotation.first, settings.min_rest_samples)
+    rest = rest_state(
+        channels.tight,
+        channels.slack,
+        rotation.first,
+        settings.min_rest_samples,
+        channels.steps,
+    )
     found |= {
         "initial_tension_N": rest.tension_N,
         "imbalance_N": rest.imbalance_N,

@@ -74,7 +74,7 @@ def sticking_peak(
     travelled = float(t[join] - t[max(first - 1, 0)])
     climbed = np.abs(fit.levels + fit.tail - np.mean(tensions[:first], axis=0))
     margin_s = travelled * float(np.min(limit / np.maximum(climbed, limit)))
-    return _judged(t, join, fit, margin_s, max_error)
+    return _judged(t, join, plateau, margin_s, max_error)
 
 
 def _joins_model(t: Array, tensions: Array, stretch: slice, fit: SlidingFit, limit: Array) -> int:
@@ -92,12 +92,13 @@ def _lies_below(t: float, tensions: Array, fit: SlidingFit) -> bool:
 
 
 def _judged(
-    t: Array, join: int, fit: SlidingFit, margin_s: float, max_error: float
+    t: Array, join: int, plateau: Plateau, margin_s: float, max_error: float
 ) -> StickingPeak:
     """Peak between the last sample of the build-up and the first one on the tail.
 
     Noise may hide the end of the build-up in the tail: the moment is uncertain by `margin_s`, too.
     """
+    fit = plateau.fit
     before = float(t[max(join - 1, 0)])
     moment = 0.5 * (before + float(t[join]))
     peak = fit.log_ratio + float(fit.tail_at(moment))
@@ -105,7 +106,7 @@ def _judged(
         float(t[join]) - before, 1e-12
     )
     timing = rate * np.hypot(float(t[join]) - before, margin_s) / np.sqrt(12.0)
-    se = float(np.hypot(timing, fit.start_log_ratio_se))
+    se = float(np.linalg.norm([timing, fit.start_log_ratio_se, plateau.systematic_se]))
     if peak - fit.log_ratio < 3.0 * se and timing < se / 2.0:
         return unresolved("no peak stands out of the plateau", moment)
     if not se <= max_error * peak:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from beltid.identify.rest_phase import SetAsideError
 from beltid.identify.signal import (
     THINNED_SAMPLES,
     block_means,
     channel_noise,
+    converter_error,
+    difference_sigma,
     median,
     robust_sigma,
 )
@@ -68,11 +70,15 @@ class Plateau:
     """Standard error of ln(T_tight/T_slack) [-]."""
     tail_left: float
     """Relative part of the tail in ln(T_tight/T_slack) at the end of the record [-]."""
+    systematic_se: float
+    """Part of that standard error that more samples would not lessen [-]."""
     drift: float
     """Relative change of ln(T_tight/T_slack) by drift over the sliding phase [-]."""
 
 
-def settle(t: Array, tensions: Array, criteria: PlateauCriteria) -> Plateau:
+def settle(
+    t: Array, tensions: Array, criteria: PlateauCriteria, step: ArrayLike = (0.0, 0.0)
+) -> Plateau:
     """Level and steady window of a sliding phase.
 
     Parameters
@@ -83,6 +89,8 @@ def settle(t: Array, tensions: Array, criteria: PlateauCriteria) -> Plateau:
         Tight and slack tension [N], finite, > 0, shape (n, 2).
     criteria : PlateauCriteria
         What counts as settled.
+    step : array_like
+        Steps of the converters of both cells [N], zero if they are fine, shape (2,).
 
     Raises
     ------
@@ -114,7 +122,26 @@ def settle(t: Array, tensions: Array, criteria: PlateauCriteria) -> Plateau:
     rejected[fitted[~np.repeat(fit.used, per_block)[: fitted.size]]] = True
     whole = float(t[-1] - t[0])
     missed = _rise_before(early, fit) / fit.log_ratio
-    return _judged(time, fit, start_s, rejected, criteria, whole=whole, missed=missed)
+    found = _judged(time, fit, start_s, rejected, criteria, whole=whole, missed=missed)
+    rounding = _rounding_se(tensions[near][start * per_block :], fit, per_block, step)
+    return replace(
+        found,
+        log_ratio_se=float(np.hypot(found.log_ratio_se, rounding)),
+        systematic_se=rounding,
+    )
+
+
+def _rounding_se(tensions: Array, fit: SlidingFit, per_block: int, step: ArrayLike) -> float:
+    """Error of ln(T_tight/T_slack) by coarse converters [-]."""
+    if not np.any(step):
+        return 0.0
+    # the residual of block means hides the noise of the samples
+    noise = (
+        np.array([difference_sigma(column) for column in tensions.T])
+        if per_block > 1
+        else np.std(fit.residual[fit.used], axis=0)
+    )
+    return float(np.linalg.norm(converter_error(noise, step) / fit.levels))
 
 
 def _steady_from(
@@ -291,5 +318,6 @@ def _judged(
         levels=fit.levels + fit.drift * 0.5 * (start_s - float(t[0])),
         log_ratio_se=float(np.hypot(fit.log_ratio_se, over_window / np.sqrt(12.0))),
         tail_left=tail_end,
+        systematic_se=0.0,
         drift=drift,
     )

@@ -11,7 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.identify.signal import difference_sigma, median, running_median
+from beltid.identify.signal import (
+    converter_error,
+    difference_sigma,
+    median,
+    running_median,
+)
 from beltid.identify.statistics import MAD_TO_SIGMA, integrated_autocorrelation_time
 
 Array = NDArray[np.float64]
@@ -108,7 +113,13 @@ def _longest_run(mask: NDArray[np.bool_]) -> tuple[int, int]:
     return int(starts[k]), int(ends[k])
 
 
-def rest_state(tight: Array, slack: Array, first: int, min_samples: int) -> Rest:
+def rest_state(
+    tight: Array,
+    slack: Array,
+    first: int,
+    min_samples: int,
+    steps: tuple[float, float] = (0.0, 0.0),
+) -> Rest:
     """Initial tension and imbalance of the cells from the samples before the rotation.
 
     Samples just before the rotation whose tensions already part (a speed channel that lags) are
@@ -122,6 +133,8 @@ def rest_state(tight: Array, slack: Array, first: int, min_samples: int) -> Rest
         Index of the first sample at which the pulley turns.
     min_samples : int
         Fewest samples that make a rest phase.
+    steps : pair of float
+        Steps of the converters of both cells [N], zero if they are fine.
 
     Raises
     ------
@@ -147,6 +160,8 @@ def rest_state(tight: Array, slack: Array, first: int, min_samples: int) -> Rest
     n = difference.size
     spread = float(np.std(difference)) * np.sqrt(n / max(n - 1.0, 1.0))
     se = spread * np.sqrt(integrated_autocorrelation_time(difference) / n)
+    rounding = converter_error([np.std(tight[kept]), np.std(slack[kept])], steps)
+    se = float(np.linalg.norm([se, *rounding]))
     return Rest(n, float(np.mean(mean)), float(np.mean(difference)), se)
 
 

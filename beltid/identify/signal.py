@@ -7,7 +7,7 @@ zero is a spread, and every test has a floor relative to the size of the signal.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import median_filter
 
 from beltid.identify.statistics import MAD_TO_SIGMA
@@ -81,6 +81,61 @@ def _noise(x: Array) -> float:
     step = step[step > 0.0]
     converter = float(np.min(step)) / np.sqrt(12.0) if step.size else 0.0
     return max(float(np.hypot(difference_sigma(x), converter)), NOISE_FLOOR * median(np.abs(x)))
+
+
+def converter_steps(first: Array, second: Array) -> tuple[float, float]:
+    """Steps of the converters that recorded two signals, in their unit; zero if none shows.
+
+    The values of a coarse converter repeat and lie on an even grid. So may those of a noise-free
+    recording with a straight build-up: the grid of both signals must go through zero, or the
+    signal itself must chatter.
+
+    Parameters
+    ----------
+    first, second : ndarray
+        Finite samples in their order of time, shape (n,) and (m,).
+    """
+    levels = np.unique(np.concatenate([first, second]))
+    if 2 <= levels.size <= (first.size + second.size) // 2:
+        step = _grid(np.append(levels, 0.0) if levels[0] > 0.0 else levels)
+        if step > 0.0 and abs(levels[0] / step - np.rint(levels[0] / step)) < 0.02:
+            return step, step
+    return _chatter_step(first), _chatter_step(second)
+
+
+def _chatter_step(x: Array) -> float:
+    moves = np.diff(x)
+    moves = moves[moves != 0.0]
+    levels = np.unique(x)
+    if np.count_nonzero(moves[1:] * moves[:-1] < 0.0) < 3 or levels.size > x.size // 2:
+        return 0.0
+    return _grid(levels)
+
+
+def _grid(levels: Array) -> float:
+    """Spacing of an even grid that holds all levels; zero if there is none."""
+    levels = np.sort(levels)
+    gaps = np.diff(levels)
+    if gaps.size == 0 or levels[-1] - levels[0] > 1e6 * np.min(gaps):
+        return 0.0
+    for part in (1, 2, 3):  # the smallest gap may be several steps where few levels occur
+        step = float(np.min(gaps)) / part
+        for _ in range(2):  # rounded levels: the whole range tells the step better than one gap
+            count = np.rint((levels - levels[0]) / step)
+            step = float(np.sum(count * (levels - levels[0])) / np.sum(count**2))
+        if np.max(np.abs(levels - levels[0] - step * count)) <= 0.02 * step:
+            return step
+    return 0.0
+
+
+def converter_error(noise: ArrayLike, step: ArrayLike) -> Array:
+    """Error of a mean that a coarse converter leaves, however many samples there are.
+
+    Noise of half a step and more (the converter's own error included) carries the mean across the
+    steps; below that the samples repeat one and the same rounding error, ``step / sqrt(12)``.
+    """
+    coarse = np.asarray(noise) <= 0.5 * np.asarray(step)
+    return np.where(coarse, np.asarray(step) / np.sqrt(12.0), 0.0)
 
 
 def spike_mask(x: Array, threshold: float) -> Mask:

@@ -121,6 +121,22 @@ def test_coarse_in_time_and_fine_in_the_build_up_like_a_simulated_record() -> No
     assert run.start_time_s == pytest.approx(0.0201)
 
 
+@pytest.mark.parametrize("step", [5.0, 4.88, 3.0])
+def test_rounding_of_a_coarse_converter_is_in_the_standard_error(step: float) -> None:
+    z = []
+    for seed in range(40):
+        recipe = BASE.but(initial=60.0 + 3.3 * seed, noise=0.4, seed=seed)
+        columns = record(recipe)
+        for name in ("tension_tight_N", "tension_slack_N"):
+            columns[name] = np.round(step * np.round(columns[name] / step), 2)
+        run = reduce_columns(columns)
+        if run.ok:
+            z.append((run.mu_sliding - 0.8) / run.mu_sliding_se)
+            assert run.imbalance_se_N > 1.0
+    assert len(z) > 25
+    assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.4
+
+
 def test_sticking_peak_is_not_biased_upwards_by_noise() -> None:
     runs = [reduce_recipe(BASE.but(noise=2.0, seed=seed)) for seed in range(40)]
     found = np.array([run.mu_sticking for run in runs])
