@@ -24,6 +24,7 @@ from beltid.identify.friction_run import (
     RunReduction,
     arc_problem,
 )
+from beltid.identify.friction_slow_ripple import allow_for_slow_ripple
 from beltid.identify.friction_start import Found, Run, Start, start_run
 from beltid.identify.peak import StickingPeak, sticking_peak
 from beltid.identify.plateau import Plateau, PlateauCriteria, settle
@@ -95,7 +96,7 @@ def reduce_run(
     run = start_run(record, pulley_radius_m, chosen)
     if run.state is not None:
         run.correction = correction_of_one(run.state.rest, chosen.correct_imbalance)
-    return _finished(run, pulley_radius_m, chosen)
+    return allow_for_slow_ripple([_finished(run, pulley_radius_m, chosen)])[0]
 
 
 def reduce_runs(
@@ -135,7 +136,7 @@ def reduce_runs(
     cells = corrections(rests, chosen.correct_imbalance)
     for run, correction in zip(at_rest, cells, strict=True):
         run.correction = correction
-    return tuple(_finished(run, pulley_radius_m, chosen) for run in runs)
+    return allow_for_slow_ripple([_finished(run, pulley_radius_m, chosen) for run in runs])
 
 
 def _check_radius(pulley_radius_m: float) -> None:
