@@ -12,12 +12,11 @@ from beltid.identify.signal import (
     THINNED_SAMPLES,
     block_means,
     channel_noise,
-    converter_error,
-    difference_sigma,
     median,
     robust_sigma,
 )
 from beltid.identify.sliding import fit_sliding, plausible_samples
+from beltid.identify.sliding_misfit import misfit, rise_before, rounding_se
 from beltid.identify.sliding_model import SlidingFit
 from beltid.identify.steady_window import steady_window
 
@@ -26,7 +25,7 @@ Array = NDArray[np.float64]
 LATER_STARTS = (0.0, 0.12, 0.25, 0.4, 0.55)
 """Starts of the fit over the length of the sliding phase, tried until the model fits."""
 ADEQUATE = 3.0
-"""Largest misfit (see `_misfit`) of a model that is adequate for white noise."""
+"""Largest misfit (see `misfit`) of a model that is adequate for white noise."""
 SAME_MISFIT = 4.0
 """Misfits within this factor tell nothing but the memory of the noise."""
 TAIL_AT_END = 2.0
@@ -121,27 +120,14 @@ def settle(
     fitted = near[start * per_block :]
     rejected[fitted[~np.repeat(fit.used, per_block)[: fitted.size]]] = True
     whole = float(t[-1] - t[0])
-    missed = _rise_before(early, fit) / fit.log_ratio
+    missed = rise_before(early, fit) / fit.log_ratio
     found = _judged(time, fit, start_s, rejected, criteria, whole=whole, missed=missed)
-    rounding = _rounding_se(tensions[near][start * per_block :], fit, per_block, step)
+    rounding = rounding_se(tensions[near][start * per_block :], fit, per_block, step)
     return replace(
         found,
         log_ratio_se=float(np.hypot(found.log_ratio_se, rounding)),
         systematic_se=rounding,
     )
-
-
-def _rounding_se(tensions: Array, fit: SlidingFit, per_block: int, step: ArrayLike) -> float:
-    """Error of ln(T_tight/T_slack) by coarse converters [-]."""
-    if not np.any(step):
-        return 0.0
-    # the residual of block means hides the noise of the samples
-    noise = (
-        np.array([difference_sigma(column) for column in tensions.T])
-        if per_block > 1
-        else np.std(fit.residual[fit.used], axis=0)
-    )
-    return float(np.linalg.norm(converter_error(noise, step) / fit.levels))
 
 
 def _steady_from(
@@ -181,10 +167,10 @@ def _adequate_fit(t: Array, tensions: Array, sigma: Array, fewest: int) -> tuple
         if tried and t.size - start < fewest:
             break
         fit = fit_sliding(t[start:], tensions[start:], sigma)
-        tried.append((_misfit(fit, sigma), fit, start))
+        tried.append((misfit(fit, sigma), fit, start))
         if tried[-1][0] < ADEQUATE:
             break
-    least = min(misfit for misfit, _, _ in tried)
+    least = min(size for size, _, _ in tried)
     limit = max(SAME_MISFIT * least, ADEQUATE)
     _, fit, start = next(entry for entry in tried if entry[0] <= limit)
     hidden = int(HIDDEN_TAIL_START * t.size)
@@ -192,23 +178,6 @@ def _adequate_fit(t: Array, tensions: Array, sigma: Array, fewest: int) -> tuple
     if unseen and start < hidden and t.size - hidden >= fewest:
         return fit_sliding(t[hidden:], tensions[hidden:], sigma), hidden
     return fit, start
-
-
-def _misfit(fit: SlidingFit, sigma: Array) -> float:
-    """Variance of the block means of the residual over what white noise gives (about 1)."""
-    series = _log_residual(fit)[fit.used]
-    blocks = min(12, series.size // 4)
-    if blocks < 2:
-        return 0.0
-    size = series.size // blocks
-    means = np.mean(series[-size * blocks :].reshape(blocks, size), axis=1)
-    white = float(np.hypot(*(sigma / fit.levels)))
-    return float(np.mean(means**2)) * size / white**2
-
-
-def _log_residual(fit: SlidingFit) -> Array:
-    """Residual of ln(T_tight/T_slack) to first order."""
-    return fit.residual[:, 0] / fit.levels[0] - fit.residual[:, 1] / fit.levels[1]
 
 
 def _with_drift_if_called_for(
@@ -241,19 +210,6 @@ def _without_ripple(tensions: Array, fit: SlidingFit) -> Array:
     valid = np.all(plain > 0.0, axis=1)
     ratio = np.divide(plain[:, 0], plain[:, 1], out=np.full(valid.size, np.nan), where=valid)
     return np.log(ratio)
-
-
-def _rise_before(early: Array, fit: SlidingFit) -> float:
-    """Least rise of ln(T_tight/T_slack) from samples before the fit to its level [-].
-
-    A tail before the fit lies above the level: a rise is no tail, but a drift that was left out.
-    """
-    high, low = (median(column) for column in early.T) if early.shape[0] >= 8 else (0.0, 0.0)
-    if not (min(high, low) > 0.0 and np.all(fit.levels > 0.0)):
-        return 0.0
-    rise = fit.log_ratio - float(np.log(high / low))
-    spread = float(np.std(_log_residual(fit)[fit.used])) / np.sqrt(early.shape[0])
-    return rise - 4.0 * float(np.hypot(1.25 * spread, fit.log_ratio_se))
 
 
 def _why_not_steady(t: Array, signal: Array, criteria: PlateauCriteria) -> str:
