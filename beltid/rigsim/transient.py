@@ -38,9 +38,9 @@ from beltid.rigsim.supports import hold, release
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
-MOST_ITERATIONS = 60
+MOST_ITERATIONS = 90
 MOST_HALVINGS = 8
-FREE_REVISIONS = 8  # iterations in which all patches may change sides at once
+FREE_REVISIONS = 25  # iterations in which all patches may change sides at once
 
 
 class Kinematics(NamedTuple):

@@ -78,14 +78,17 @@ def test_a_stopped_campaign_starts_nothing_more() -> None:
 
 
 def test_a_step_that_does_not_converge_is_cut_and_the_run_goes_on() -> None:
-    """Steps of 0.1 mm, the travel of the whole build-up, on a hard pulley."""
-    rig, point = bench(law=NormalLaw(1e10)), at(150, 270, 1.0)
+    """Steps of 0.1 mm, the travel of the whole build-up, on a very hard pulley."""
+    rig, point = bench(law=NormalLaw(1e11)), at(150, 270, 1.0)
     march = start(rig, point)
     assert march.go(1e-4 / (0.05 * point.omega), point.omega, 10) == 10
     assert march.record.halvings.sum() >= 1
     assert march.record.slip.max() <= 1e-13
     assert march.record.cone.max() <= 1e-9
-    assert march.record.residual.max() <= 1e-9
+    # rounding: 1e-13 EA R/h and the slips of 2e-16 R held by the augmentation, over T_0
+    belt = march.model.system.belt
+    floor = 0.05 * belt.EA / belt.h.min() * (1e-13 + 300 * 2e-16)
+    assert march.record.residual.max() <= max(1e-9, 2 * floor / 270)
     assert march.go(1e-2, point.omega, 100) == 100
     still = simulate(rig, point, SimulationSettings("steady"))
     assert march.T_A[-1] == pytest.approx(still.tension_tight_N, rel=1e-5)
