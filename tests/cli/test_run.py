@@ -59,7 +59,7 @@ def test_only_what_depends_on_a_change_is_made_again(bench: Path, beltid: Any) -
 def test_the_refined_surface_is_proven_beside_the_published_one(bench: Path, beltid: Any) -> None:
     result = beltid("run", "beltid.yaml", "--json")
     row = json.loads(result.stdout)["table"][0]
-    # METHOD: the bias of the published procedure goes; what stays is noise and the set tensions,
+    # the bias of the published procedure goes; what stays is noise and the set tensions,
     # which the bench missed by up to 2 %
     assert row["rms_percent"] > 2.0
     assert row["refined_rms_percent"] < 0.4

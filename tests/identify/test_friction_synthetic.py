@@ -105,7 +105,7 @@ def test_coarse_in_time_and_fine_in_the_build_up_like_a_simulated_record() -> No
     t = np.concatenate([np.linspace(0.0, 0.02, 12), np.linspace(0.0201, 0.03, 120)])
     t = np.concatenate([t, np.linspace(0.031, 0.1, 50)])
     turned = np.clip(t - 0.02, 0.0, None)
-    # build-up of METHOD's reference case over 150 micrometres, then exactly constant
+    # build-up of the reference case over 150 micrometres, then exactly constant
     rise = 1.0 - (1.0 - np.clip(turned / 0.007, 0.0, 1.0)) ** 2
     columns = {
         "time_s": t,

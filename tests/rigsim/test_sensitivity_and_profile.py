@@ -47,7 +47,7 @@ def test_sensitivities_are_given_only_if_asked_for() -> None:
 
 
 def test_the_slip_front_moves_through_the_snapshots() -> None:
-    """METHOD: 64 % of the contact sticks after 50 µm of travel, 22 % after 100 µm."""
+    """Reference model: 64 % of the contact sticks after 50 µm of travel, 22 % after 100 µm."""
     rig = bench(mu=0.5)
     speed = 0.02 * 0.05
     times = tuple(travel / speed for travel in (25e-6, 50e-6, 100e-6, 140e-6))
@@ -77,7 +77,7 @@ def test_profile_shows_the_peaks_where_the_belt_enters_and_leaves() -> None:
     p = run.profile
     f, s = p["normal_force_N_m"], p["arc_position_m"]
     assert np.all(np.diff(s) > 0)
-    assert f.max() == pytest.approx(9695, rel=2e-3)  # METHOD's reference table
+    assert f.max() == pytest.approx(9695, rel=2e-3)  # reference table (docs/verification.md)
     # a second peak at the exit, above its surroundings, and (8) between the two
     leaving = s > 0.75 * s.max()
     assert f[leaving].max() > 1.2 * f[np.abs(s - 0.6 * s.max()).argmin()]
