@@ -114,7 +114,7 @@ def test_a_run_that_is_far_off_loses_its_weight():
 
 
 def test_peaks_of_the_force_belong_to_the_range():
-    # first row of the reference table (docs/verification.md): peak 9695 N/m where the mean of (8) is 5308 N/m
+    # reference table (docs/verification.md): peak 9695 N/m where the mean of (8) is 5308 N/m
     bench, runs, f = bench_and_runs("5pk")
     refined = refine_surface(bench, runs, SPEEDS)
     assert np.all(refined.force_range[:, 1] > 1.5 * f.max())
