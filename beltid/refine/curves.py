@@ -7,7 +7,7 @@ of curves is: how much each one bends, and how much the shape of neighbouring sp
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,12 @@ class Curves:
 
     log_force: Array
     log_speed: Array
+    _cardinal: CubicSpline = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        # the basis is asked for in every simulated run: made once
+        cardinal = CubicSpline(self.log_force, np.eye(self.log_force.size), bc_type="natural")
+        object.__setattr__(self, "_cardinal", cardinal)
 
     @property
     def size(self) -> int:
@@ -38,9 +44,8 @@ class Curves:
 
     def basis(self, log_force: Array) -> Array:
         """Value of ln mu per knot value, shape (n, k); the nearest knot's beyond the knots."""
-        spline = CubicSpline(self.log_force, np.eye(self.log_force.size), bc_type="natural")
         inside = np.clip(log_force, self.log_force[0], self.log_force[-1])
-        return np.asarray(spline(inside), dtype=float)
+        return np.asarray(self._cardinal(inside), dtype=float)
 
     def bending(self) -> Array:
         """Quadratic form of the bending of all curves, shape (size, size).
@@ -68,12 +73,11 @@ class Curves:
 
     def _integral(self, order: int) -> Array:
         """Integral over ln f of the products of the basis functions' derivatives, (k, k)."""
-        spline = CubicSpline(self.log_force, np.eye(self.log_force.size), bc_type="natural")
         x, w = np.polynomial.legendre.leggauss(4)
         mid = 0.5 * (self.log_force[1:] + self.log_force[:-1])
         half = 0.5 * np.diff(self.log_force)
         points = (mid[:, None] + half[:, None] * x).ravel()
         weights = (half[:, None] * w).ravel()
-        values = np.asarray(spline(points, order), dtype=float)
+        values = np.asarray(self._cardinal(points, order), dtype=float)
         product: Array = values.T @ (weights[:, None] * values)
         return product

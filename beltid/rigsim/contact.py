@@ -128,9 +128,9 @@ class Points(NamedTuple):
 
     Points: ``theta_old``, ``rho_old`` and ``limit_old`` belong to the last step; output ``theta``
     and ``rho`` (of points that touch), line force ``f_N`` of the part [N/m], normal and tangential
-    force ``F_N``, ``F_T`` and limit ``F_max`` [N], ``point_slip`` of the step [m]. mu is looked up
-    twice in a part: at the line forces ``f_look`` [N/m], each for the normal force ``F_look`` [N],
-    arrays (n_e, n_c, 2).
+    force ``F_N``, ``F_T`` and limit ``F_max`` [N], ``point_slip`` of the step [m], ``weight`` in
+    the patch [-]. mu is looked up twice in a part: at the line forces ``f_look`` [N/m], each for
+    the normal force ``F_look`` [N], arrays (n_e, n_c, 2).
 
     ``memory`` (1,) is the slip over which friction follows a change of speed [m], 0 for at once;
     ``v_old`` (n_e, n_c) is the speed that it has followed up to the last step [m/s].
@@ -153,6 +153,7 @@ class Points(NamedTuple):
     F_T: Array
     F_max: Array
     point_slip: Array
+    weight: Array
     f_look: Array
     F_look: Array
     memory: Array
@@ -184,6 +185,7 @@ def new_points(belt: BeltArrays, status: int) -> Points:
         F_T=zeros(n_e, n_c),
         F_max=zeros(n_e, n_c),
         point_slip=zeros(n_e, n_c),
+        weight=zeros(n_e, n_c),
         f_look=zeros(n_e, n_c, 2),
         F_look=zeros(n_e, n_c, 2),
         memory=zeros(1),

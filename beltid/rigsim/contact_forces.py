@@ -188,7 +188,7 @@ def spread_friction(
         for j in range(4):
             pull[2 * j] += weight * belt.N_c[e, c, j] * tx
             pull[2 * j + 1] += weight * belt.N_c[e, c, j] * ty
-        points.F_T[e, c] = weight
+        points.weight[e, c] = weight
     points.slip[e] = slip
     sticks = points.status[e] == STICK
     force = points.la_T[e] + motion.augmentation * slip if sticks else points.sign[e] * limit
@@ -197,7 +197,7 @@ def spread_friction(
         if points.F_max[e, c] == 0.0:
             continue
         if sticks:
-            points.F_T[e, c] *= force
+            points.F_T[e, c] = points.weight[e, c] * force
             frames[c, FRICTION:] = 0.0
         else:
             points.F_T[e, c] = points.sign[e] * points.F_max[e, c]

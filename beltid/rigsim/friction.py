@@ -71,21 +71,15 @@ def violations(belt: BeltArrays, points: Points) -> Certificate:
 @kernel
 def advance(belt: BeltArrays, points: Points, step: Array, e: int) -> float:
     """Advance of a patch along ``t`` in a step (n,) of the coordinates [m]."""
-    total = limit = limit_old = 0.0
-    for c in range(belt.w_c.shape[1]):
-        limit += points.F_max[e, c]
-        if points.F_max[e, c] > 0.0:
-            limit_old += points.limit_old[e, c]
+    total = 0.0
     for c in range(belt.w_c.shape[1]):
         if points.F_max[e, c] == 0.0:
             continue
-        weight = points.F_max[e, c] / limit
-        if limit_old > 0.0:
-            weight = points.limit_old[e, c] / limit_old
         tx, ty = math.cos(points.theta[e, c]), -math.sin(points.theta[e, c])
         for j in range(4):
             k = 4 * e + 2 * j
-            total += weight * belt.N_c[e, c, j] * (tx * step[k] + ty * step[k + 1])
+            moved = tx * step[k] + ty * step[k + 1]
+            total += points.weight[e, c] * belt.N_c[e, c, j] * moved
     return total
 
 

@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.rigsim.banded import factorize, solve
-from beltid.rigsim.belt import add_inertia, add_internal, store_strains
+from beltid.rigsim.belt import store_strains
 from beltid.rigsim.contact import SLIDE, STICK, Motion, Points
-from beltid.rigsim.contact_forces import add_contact
 from beltid.rigsim.friction import CONE_TOLERANCE, SLIP_TOLERANCE, Certificate, violations
 from beltid.rigsim.lcp import friction_lcp
 from beltid.rigsim.model import System, Workspace
 from beltid.rigsim.steady import force_tolerance, largest_force, move
-from beltid.rigsim.supports import hold, release
+from beltid.rigsim.supports import release
 from beltid.rigsim.transient import (
     Drive,
     Kinematics,
@@ -25,6 +24,7 @@ from beltid.rigsim.transient import (
     Schedule,
     StepOutcome,
     accept,
+    assemble,
 )
 
 Array = NDArray[np.float64]
@@ -32,55 +32,14 @@ Array = NDArray[np.float64]
 MOST_ITERATIONS = 60
 
 
-def assemble(
-    system: System,
-    motion: Motion,
-    points: Points,
-    state: Kinematics,
-    stretch: float,
-    work: Workspace,
-) -> int:
-    """Residual and tangent of an implicit step at ``state.trial``, supports held."""
-    work.A[:] = 0.0
-    work.vectors[:] = 0.0
-    residual, by_stretch = work.vectors
-    add_internal(
-        system.belt,
-        state.trial,
-        stretch,
-        work.strain_old,
-        motion.rate,
-        work.A,
-        residual,
-        by_stretch,
-    )
-    state.dq[:] = state.trial - state.q - state.q_dot / motion.rate
-    add_inertia(system.belt, state.dq, motion.rate**2 * stretch, work.A, residual)
-    outside = add_contact(
-        system.belt,
-        system.pulley,
-        motion,
-        points,
-        state.trial,
-        stretch,
-        work.A,
-        residual,
-        by_stretch,
-    )
-    hold(system.supports, work.A, work.vectors, work.reactions)
-    return int(outside)
-
-
 def directions(system: System, points: Points, touching: NDArray[np.intp], n: int) -> Array:
     """Generalised directions W_T of the touching patches, shape (n, m)."""
     W = np.zeros((n, touching.size))
     for i, e in enumerate(touching):
-        limit = points.F_max[e]
-        old = np.where(limit > 0.0, points.limit_old[e], 0.0)
-        weight = old / old.sum() if old.sum() > 0.0 else limit / limit.sum()
-        for c in np.flatnonzero(limit > 0.0):
+        for c in np.flatnonzero(points.F_max[e] > 0.0):
             t = np.array([np.cos(points.theta[e, c]), -np.sin(points.theta[e, c])])
-            W[4 * e : 4 * e + 8, i] += weight[c] * np.outer(system.belt.N_c[e, c], t).ravel()
+            along = np.outer(system.belt.N_c[e, c], t).ravel()
+            W[4 * e : 4 * e + 8, i] += points.weight[e, c] * along
     return W
 
 

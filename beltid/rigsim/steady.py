@@ -289,9 +289,3 @@ def _failure(
         iterations=iterations,
         residual=residual,
     )
-
-
-def solve_steady(model: RigModel) -> tuple[StaticState, StaticState]:
-    """Lay-on and sliding limit of one run."""
-    laid = lay_on(model)
-    return laid, slide(model, laid)

@@ -80,6 +80,36 @@ class StepOutcome(NamedTuple):
 
 
 @kernel
+def assemble(
+    system: System,
+    motion: Motion,
+    points: Points,
+    state: Kinematics,
+    stretch: float,
+    work: Workspace,
+) -> int:
+    """Residual and tangent of an implicit step at ``state.trial``, supports held.
+
+    Returns the look-ups outside the measured range.
+    """
+    work.A[:] = 0.0
+    work.vectors[:] = 0.0
+    trial, dq = state.trial, state.dq
+    residual, by_stretch = work.vectors[0], work.vectors[1]
+    add_internal(
+        system.belt, trial, stretch, work.strain_old, motion.rate, work.A, residual, by_stretch
+    )
+    dq[:] = trial - state.q - state.q_dot / motion.rate
+    # the mass of an element is that of its stress-free length
+    add_inertia(system.belt, dq, motion.rate**2 * stretch, work.A, residual)
+    outside = add_contact(
+        system.belt, system.pulley, motion, points, trial, stretch, work.A, residual, by_stretch
+    )
+    hold(system.supports, work.A, work.vectors, work.reactions)
+    return outside
+
+
+@kernel
 def step(
     system: System,
     motion: Motion,
@@ -90,28 +120,16 @@ def step(
     work: Workspace,
 ) -> StepOutcome:
     """One implicit step; the result is in ``state.trial`` and ``points``, the old state is kept."""
-    dt = 1.0 / motion.rate
     tolerance = force_tolerance(system, motion, T_0)
-    trial, dq = state.trial, state.dq
-    trial[:] = state.q + dt * state.q_dot
-    residual, by_stretch = work.vectors[0], work.vectors[1]
+    trial = state.trial
+    trial[:] = state.q + state.q_dot / motion.rate
+    residual = work.vectors[0]
     error = math.inf
     changes = 0
     certificate = Certificate(math.inf, math.inf, 0.0, 0.0)
     outside = 0
     for iteration in range(MOST_ITERATIONS):
-        work.A[:] = 0.0
-        work.vectors[:] = 0.0
-        add_internal(
-            system.belt, trial, stretch, work.strain_old, motion.rate, work.A, residual, by_stretch
-        )
-        dq[:] = trial - state.q - dt * state.q_dot
-        # the mass of an element is that of its stress-free length
-        add_inertia(system.belt, dq, motion.rate**2 * stretch, work.A, residual)
-        outside = add_contact(
-            system.belt, system.pulley, motion, points, trial, stretch, work.A, residual, by_stretch
-        )
-        hold(system.supports, work.A, work.vectors, work.reactions)
+        outside = assemble(system, motion, points, state, stretch, work)
         error = largest_force(system, residual)
         certificate = violations(system.belt, points)
         if (
