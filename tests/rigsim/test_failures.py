@@ -221,4 +221,4 @@ def test_a_cache_that_cannot_be_written_does_not_stop_the_work(tmp_path: Path) -
     blocked.write_text("not a folder")
     package = tmp_path / "elsewhere" / "beltid"
     shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__"))
-    run_kernel(blocked / "cache", package)
+    assert run_kernel(blocked / "cache", package) == (0, 1)
