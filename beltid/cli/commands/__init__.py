@@ -1,0 +1,1 @@
+"""The commands: parse, call a stage, print, exit. No science, no files."""

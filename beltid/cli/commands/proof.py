@@ -1,0 +1,132 @@
+"""The proof: the rig on the computer, and its comparison with the bench."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from beltid.cli.common import Common, with_common_options
+from beltid.cli.execute import execute
+from beltid.cli.inputs import Friction, Jobs, Simulated, Stiffness, Surface
+from beltid.cli.program import PlainCommand, app
+
+if TYPE_CHECKING:
+    from beltid.cli.talk import TerminalTalk
+    from beltid.stages.talk import Options
+
+
+@app.command(
+    "simulate-rig",
+    cls=PlainCommand,
+    short_help="surface, stiffness -> simulated.parquet: the rig again",
+)
+@with_common_options
+def simulate_rig(
+    surface: Surface,
+    stiffness: Stiffness,
+    method: Annotated[
+        str | None,
+        typer.Option(
+            metavar="transient|steady",
+            help="transient: stick, build-up and sliding over time. steady: the sliding limit "
+            "only, faster. Default: as the config says, else transient.",
+        ),
+    ] = None,
+    arc: Annotated[
+        list[float] | None,
+        typer.Option(
+            metavar="DEG",
+            help="Only runs with this contact arc, one of rig.arcs_deg of the config; "
+            "may be repeated.",
+        ),
+    ] = None,
+    tension: Annotated[
+        list[float] | None,
+        typer.Option(
+            metavar="N",
+            help="Only runs with this initial tension, one of rig.initial_tensions_N of the "
+            "config; may be repeated.",
+        ),
+    ] = None,
+    speed: Annotated[
+        list[float] | None,
+        typer.Option(
+            metavar="RAD/S",
+            help="Only runs with this pulley speed, one of rig.pulley_speeds_rad_s of the config; "
+            "may be repeated.",
+        ),
+    ] = None,
+    elements: Annotated[
+        int | None,
+        typer.Option(
+            min=4,
+            max=2000,
+            metavar="EVEN NUMBER",
+            help="Beam elements of the belt, an even number: as many on either half of the arc. "
+            "Default: as the config says, else by its stiffness.",
+        ),
+    ] = None,
+    profile_time: Annotated[
+        list[float] | None,
+        typer.Option(
+            metavar="SECONDS",
+            help="Also write the contact along the arc at this time after the pulley starts to "
+            "turn (pressure, friction, slip, tension, who sticks), to <result>_profiles.parquet; "
+            "may be repeated. Method transient only.",
+        ),
+    ] = None,
+    jobs: Jobs = None,
+    *,
+    common: Common,
+) -> None:
+    """Repeat the runs of the friction rig on the computer, with the identified contact.
+
+    A flexible belt (ANCF beam elements) is laid on the pulley, tightened, and the pulley turned:
+    stick, slip and full sliding. All arcs, tensions and speeds of the config, or those picked.
+    Writes simulated.parquet with the columns of a bench recording; runs picked by --arc, --tension
+    or --speed go to simulated_part.parquet, so that a part never replaces the whole campaign.
+
+    Example: beltid simulate-rig surface.parquet stiffness.parquet --arc 82
+    """
+    from beltid.stages import simulate_rig as stage
+
+    def options(talk: TerminalTalk) -> Options:
+        return stage.SimulateOptions(
+            force=common.force,
+            talk=talk,
+            method=method,
+            arcs_deg=tuple(arc or ()),
+            tensions_N=tuple(tension or ()),
+            speeds_rad_s=tuple(speed or ()),
+            elements=elements,
+            jobs=jobs,
+            profile_times_s=tuple(profile_time or ()),
+        )
+
+    name = "simulated_part.parquet" if arc or tension or speed else "simulated.parquet"
+    inputs = {"surface": surface, "stiffness": stiffness}
+    execute(stage.run, inputs, name, common, options)
+
+
+@app.command(
+    "compare", cls=PlainCommand, short_help="friction, simulated -> compare.parquet: do they agree?"
+)
+@with_common_options
+def compare(friction: Friction, simulated: Simulated, *, common: Common) -> None:
+    """Compare the simulated with the measured friction coefficients; exit 0 or 4.
+
+    The simulated recording goes through the same reduction as the measured one. Differences per
+    arc, averaged over arcs, and for low, middle and high normal force. Runs are matched by arc,
+    tension and speed.
+
+    Tolerances by default: RMS 6 %, mean magnitude 5 %, largest 20 %; others under compare: in the
+    config. Exit 4, too, if fewer than half of the usable measured runs have a simulated partner.
+    Writes compare.parquet.
+
+    Example: beltid compare friction.parquet simulated.parquet
+    """
+    from beltid.stages import compare as stage
+
+    inputs = {"friction": friction, "simulated": simulated}
+    execute(stage.run, inputs, "compare.parquet", common)

@@ -1,0 +1,49 @@
+"""Friction over force and speed: as published, and without the bias of bending."""
+
+from __future__ import annotations
+
+from beltid.cli.common import Common, with_common_options
+from beltid.cli.execute import execute
+from beltid.cli.inputs import Friction, Stiffness
+from beltid.cli.program import PlainCommand, app
+
+
+@app.command(
+    "build-surface",
+    cls=PlainCommand,
+    short_help="friction -> surface.parquet: friction over force and speed",
+)
+@with_common_options
+def build_surface(friction: Friction, *, common: Common) -> None:
+    """Build the friction surface: the coefficient over normal force and sliding speed.
+
+    One surface per contact arc and their average, as bicubic splines through the measured
+    values; outside the measured range the nearest measured value holds. Writes surface.parquet.
+
+    Example: beltid build-surface friction.parquet
+    """
+    from beltid.stages import build_surface as stage
+
+    execute(stage.run, {"friction": friction}, "surface.parquet", common)
+
+
+@app.command(
+    "refine-surface",
+    cls=PlainCommand,
+    short_help="friction, stiffness -> surface_refined.parquet: without the bias",
+)
+@with_common_options
+def refine_surface(friction: Friction, stiffness: Stiffness, *, common: Common) -> None:
+    """Find the friction surface with which the simulated rig gives the measured tensions.
+
+    The published procedure gives each coefficient the mean force on the arc, which ignores that
+    a stiff belt presses harder where it enters and leaves the pulley. Here the surface is solved
+    for, all arcs together; its smoothness is chosen by the data. Shows what is left of the
+    difference between simulated and measured coefficients. Writes surface_refined.parquet.
+
+    Example: beltid refine-surface friction.parquet stiffness.parquet
+    """
+    from beltid.stages import refine_surface as stage
+
+    inputs = {"friction": friction, "stiffness": stiffness}
+    execute(stage.run, inputs, "surface_refined.parquet", common)

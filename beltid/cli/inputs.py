@@ -1,0 +1,37 @@
+"""Arguments and options that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def _input(what: str, metavar: str) -> typer.models.ArgumentInfo:
+    argument: typer.models.ArgumentInfo = typer.Argument(metavar=metavar, help=what)
+    return argument
+
+
+Press = Annotated[Path, _input("Recording of the compression press (CSV).", "PRESS")]
+SpeedLoss = Annotated[Path, _input("Recording of the speed-loss bench (CSV).", "SPEEDLOSS")]
+Rig = Annotated[Path, _input("Recording of the friction rig (CSV or Parquet).", "RIG")]
+Friction = Annotated[Path, _input("friction.parquet of fit-friction.", "FRICTION")]
+Surface = Annotated[
+    Path, _input("surface.parquet of build-surface or surface_refined.parquet.", "SURFACE")
+]
+Stiffness = Annotated[Path, _input("stiffness.parquet of fit-stiffness.", "STIFFNESS")]
+Simulated = Annotated[
+    Path,
+    _input(
+        "simulated.parquet of simulate-rig. A recording with the columns of rig.csv is reduced in "
+        "the same way: so two benches, or a bench and another program, can be compared.",
+        "SIMULATED",
+    ),
+]
+Jobs = Annotated[
+    int | None,
+    typer.Option(
+        "--jobs", "-j", min=1, help="Runs simulated at the same time. Default: one per core."
+    ),
+]

@@ -1,0 +1,94 @@
+"""The program that the commands belong to: what stands above and below their list."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from beltid.cli.common import Version
+
+MAIN_HELP = """\
+Identify the contact parameters between a V-ribbed belt and a pulley.
+
+From bench recordings to a friction law that is proven on a simulated copy of the bench
+(method of Cepon, Manin and Boltezar, 2010):
+
+\b
+  press.csv ------ fit-stiffness --> stiffness.parquet ----------------+
+  speedloss.csv -- fit-slip -------> slip.parquet                      |
+  rig.csv -------- fit-friction ---> friction.parquet                  |
+  friction.parquet build-surface --> surface.parquet                   |
+  friction.parquet ----------------- refine-surface, with stiffness <--+
+                                     --> surface_refined.parquet       v
+  surface.parquet or surface_refined.parquet, stiffness.parquet
+                   simulate-rig ---> simulated.parquet
+  friction.parquet, simulated.parquet
+                   compare --------> compare.parquet
+
+`beltid run CONFIG.yaml` does all of it. Results go to stdout, talk and progress to stderr.
+"""
+
+EXIT_STATUSES = """\
+\b
+Exit status:
+  0    done
+  1    a bug in beltid, with a traceback
+  2    the call, the config or an input is wrong; what to mend is said
+  3    the numerics failed: no convergence, or no admissible law
+  4    compare: the difference is out of tolerance
+  5    run: some of several belts failed
+  130  interrupted (Ctrl-C)
+  143  terminated by the system (129: the terminal hung up)
+"""
+
+
+COMMANDS: Final = (
+    "fit-stiffness",
+    "fit-slip",
+    "fit-friction",
+    "build-surface",
+    "refine-surface",
+    "simulate-rig",
+    "compare",
+    "run",
+)
+
+
+class InOrder(TyperGroup):
+    """The commands in the order of the work."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Names of the commands as the help lists them."""
+        return sorted(super().list_commands(ctx), key=COMMANDS.index)
+
+
+class PlainCommand(TyperCommand):
+    """A command whose help is for somebody who does not know the shell's braces."""
+
+    def get_help(self, ctx: Any) -> str:
+        """Help of the command."""
+        text: str = super().get_help(ctx)
+        return text.replace("<list[Path]>", "<path>      ")
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """Names of the arguments without the braces, which look like alternatives."""
+        return [piece.strip("{}") for piece in super().collect_usage_pieces(ctx)]
+
+
+app = typer.Typer(
+    cls=InOrder,
+    name="beltid",
+    help=MAIN_HELP,
+    epilog=EXIT_STATUSES,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    no_args_is_help=True,
+    context_settings={"help_option_names": ["--help", "-h"], "max_content_width": 100},
+)
+
+
+@app.callback()
+def _top(version: Version = False) -> None:
+    pass
