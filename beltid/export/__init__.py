@@ -1,0 +1,1 @@
+"""Contact laws for other programs: what the pipeline found, as they read it."""

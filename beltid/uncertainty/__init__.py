@@ -1,0 +1,1 @@
+"""How far a result can be off: contributions, shared errors, and the Monte Carlo check."""
