@@ -45,6 +45,8 @@ Exit status:
 
 
 COMMANDS: Final = (
+    "init",
+    "inspect",
     "fit-stiffness",
     "fit-slip",
     "fit-friction",
@@ -53,6 +55,11 @@ COMMANDS: Final = (
     "simulate-rig",
     "compare",
     "run",
+    "report",
+    "show",
+    "export",
+    "info",
+    "config",
 )
 
 
