@@ -285,3 +285,15 @@ def robust_mean_with_se(x: ArrayLike, threshold: float = 6.0) -> MeanWithError:
         return MeanWithError(mean, float("nan"), n_eff)
     variance = float(np.nansum((kept - mean) ** 2)) / (n - tau)
     return MeanWithError(mean, float(np.sqrt(variance / n_eff)), n_eff)
+
+
+def as_set(values: np.ndarray, gap: float = 0.03) -> np.ndarray:
+    """Settings that measured values belong to: within a share `gap` they are one, their median."""
+    found = np.full(values.shape, np.nan)
+    known = np.flatnonzero(np.isfinite(values))
+    ordered = known[np.argsort(values[known], kind="stable")]
+    if ordered.size:
+        steps = np.flatnonzero(np.diff(values[ordered]) > gap * np.abs(values[ordered][:-1]))
+        for group in np.split(ordered, steps + 1):
+            found[group] = np.median(values[group])
+    return found

@@ -11,9 +11,10 @@ import numpy as np
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError
 from beltid.identify.friction import RunReduction, reduce_runs
+from beltid.identify.statistics import as_set
 from beltid.report.summary import Summary
 from beltid.stages.making import Made, Recipe, make
-from beltid.stages.outcome import Outcome, as_set, rows_of, span
+from beltid.stages.outcome import Outcome, rows_of, span
 from beltid.stages.reduction import friction_settings, reduction_columns
 from beltid.stages.talk import Options
 from beltid.store.recordings import columns_of, read_recording

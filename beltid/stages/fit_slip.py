@@ -14,9 +14,10 @@ from beltid.errors import InputError
 from beltid.identify.slip import RequiredSpeeds, SlipPoint, SlipResult, required_pulley_speeds
 from beltid.identify.slip import fit_slip as identify
 from beltid.identify.slip_points import GROSS_SLIP, OK
+from beltid.identify.statistics import as_set
 from beltid.report.summary import Summary
 from beltid.stages.making import Made, Recipe, make
-from beltid.stages.outcome import Outcome, as_set, rows_of
+from beltid.stages.outcome import Outcome, rows_of
 from beltid.stages.talk import Options
 from beltid.store import schemas
 from beltid.store.recordings import columns_of, read_recording

@@ -71,15 +71,3 @@ def span(values: np.ndarray) -> tuple[float, float] | None:
     """Lowest and highest finite value; None if there is none."""
     finite = values[np.isfinite(values)]
     return (float(finite.min()), float(finite.max())) if finite.size else None
-
-
-def as_set(values: np.ndarray, gap: float = 0.03) -> np.ndarray:
-    """Settings that measured values belong to: within a share `gap` they are one, their median."""
-    found = np.full(values.shape, np.nan)
-    known = np.flatnonzero(np.isfinite(values))
-    ordered = known[np.argsort(values[known], kind="stable")]
-    if ordered.size:
-        steps = np.flatnonzero(np.diff(values[ordered]) > gap * np.abs(values[ordered][:-1]))
-        for group in np.split(ordered, steps + 1):
-            found[group] = np.median(values[group])
-    return found

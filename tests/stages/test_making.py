@@ -11,8 +11,9 @@ import pytest
 
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import BeltidError, InputError
+from beltid.identify.statistics import as_set
 from beltid.stages.making import Recipe, make
-from beltid.stages.outcome import Outcome, as_set, rows_of, span
+from beltid.stages.outcome import Outcome, rows_of, span
 from beltid.stages.talk import Options
 from beltid.store.artifacts import read_artifact
 
