@@ -76,7 +76,7 @@ class LinearModel:
     def log_evidence(self, smoothness: Smoothness) -> float:
         """Logarithm of the marginal likelihood, up to a constant."""
         mean, _ = self.solve(smoothness)
-        P = self._prior(smoothness)
+        P = self.roughness(smoothness)
         residual = self.y - self.J @ mean
         eigenvalues = np.linalg.eigvalsh(P)
         seen = eigenvalues[eigenvalues > 1e-9 * eigenvalues[-1]]
@@ -85,11 +85,12 @@ class LinearModel:
         quadratic = residual @ residual / s2 + mean @ P @ mean
         return float(0.5 * (np.log(seen).sum() - log_normal - quadratic - self.y.size * np.log(s2)))
 
-    def _prior(self, smoothness: Smoothness) -> Array:
+    def roughness(self, smoothness: Smoothness) -> Array:
+        """Quadratic form of both roughnesses with their weights, shape (size, size)."""
         return smoothness.bending * self.bending + smoothness.difference * self.difference
 
     def _normal(self, smoothness: Smoothness) -> Array:
-        A = self.J.T @ self.J / smoothness.noise_scale**2 + self._prior(smoothness)
+        A = self.J.T @ self.J / smoothness.noise_scale**2 + self.roughness(smoothness)
         return A + 1e-10 * np.trace(A) / A.shape[0] * np.eye(A.shape[0])
 
 

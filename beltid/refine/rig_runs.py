@@ -1,0 +1,180 @@
+"""The measured runs on the simulated rig: their sliding state with a given surface, and its slopes.
+
+The runs are laid on once and simulated with many surfaces. A surface is a set of curves
+(:mod:`beltid.refine.curves`), one per speed; what comes out is ln mu by Eq. (6) of every run, with
+its derivatives with respect to the parameters of the curves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.laws.capstan import friction_coefficient
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.params import OperatingPoint
+from beltid.refine.curves import Curves
+from beltid.rigsim.model import Bench, RigModel
+from beltid.rigsim.path import element_count
+from beltid.rigsim.sensitivity import tension_sensitivity
+from beltid.rigsim.steady import StaticState, lay_on, slide
+
+Array = NDArray[np.float64]
+
+FINE_NODES = 48  # of the surface that is simulated, between the knots
+FORCE_SHARE = 0.005  # of the friction that acts below the lowest knot
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredRun:
+    """One reduced run of the bench.
+
+    Attributes
+    ----------
+    point : OperatingPoint
+        Arc, measured initial tension, measured speed.
+    mu, mu_se : float
+        Sliding coefficient by Eq. (6) and its standard error [-].
+    """
+
+    point: OperatingPoint
+    mu: float
+    mu_se: float
+
+
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """All runs simulated with one surface.
+
+    Attributes
+    ----------
+    log_mu : ndarray, shape (n,)
+        ln of the simulated coefficients.
+    J : ndarray, shape (n, size)
+        Derivatives of ``log_mu`` with respect to the parameters.
+    speed_slope : ndarray, shape (n,)
+        Derivative of ``log_mu`` with respect to ln v of the run.
+    """
+
+    log_mu: Array
+    J: Array
+    speed_slope: Array
+
+
+class RigRuns:
+    """The runs, laid on once: they are simulated with many surfaces.
+
+    Parameters
+    ----------
+    bench : Bench
+        Belt, rig, normal law.
+    runs : sequence of MeasuredRun
+        The runs.
+    speeds : ndarray, shape (m,)
+        Speed settings [m/s], increasing; each run belongs to the nearest one.
+    elements : sequence of int
+        Belt elements of each run, even; see :func:`mesh_of`.
+    """
+
+    def __init__(
+        self,
+        bench: Bench,
+        runs: Sequence[MeasuredRun],
+        speeds: Array,
+        elements: Sequence[int],
+    ) -> None:
+        self.beta = np.array([run.point.beta for run in runs])
+        self.speeds = speeds
+        v = np.array([run.point.omega * bench.rig.R for run in runs])
+        self.label = np.argmin(np.abs(np.log(v[:, None] / speeds)), axis=1)
+        self.off_speed = np.log(v / speeds[self.label])
+        self.models: list[RigModel] = []
+        self.laid: list[StaticState] = []
+        for k, run in enumerate(runs):
+            point = run.point
+            at_speed = OperatingPoint(point.beta, point.T_0, speeds[self.label[k]] / bench.rig.R)
+            model = bench.model(at_speed, elements[k])
+            self.models.append(model)
+            self.laid.append(lay_on(model))
+
+    def slide(self, surfaces: Sequence[FrictionSurface]) -> list[tuple[RigModel, StaticState]]:
+        """Sliding state of every run, with the surface of its speed."""
+        states = []
+        for k, model in enumerate(self.models):
+            of_run = model.with_surface(surfaces[self.label[k]])
+            states.append((of_run, slide(of_run, self.laid[k])))
+        return states
+
+    def log_mu(self, surfaces: Sequence[FrictionSurface], speed_slope: Array) -> Array:
+        """Logarithm of the simulated coefficients (n,); off the speed of a group by its slope."""
+        tensions = [(state.T_A, state.T_B) for _, state in self.slide(surfaces)]
+        tight, slack = np.array(tensions).T
+        mu = friction_coefficient(tight, slack, self.beta)
+        return np.asarray(np.log(mu) + self.off_speed * speed_slope)
+
+
+def mesh_of(bench: Bench, runs: Sequence[MeasuredRun], finer: float) -> list[int]:
+    """Elements of each run, an even number: `finer` times the default."""
+    counts = (
+        element_count(bench.belt, bench.rig, bench.law, run.point.beta, run.point.T_0)
+        for run in runs
+    )
+    return [2 * round(0.5 * finer * n) for n in counts]
+
+
+def surfaces_of(curves: Curves, parameters: Array) -> list[FrictionSurface]:
+    """The surface of each speed, finely tabulated: mu is a spline in the logarithm only."""
+    log_force = np.linspace(curves.log_force[0], curves.log_force[-1], FINE_NODES)
+    log_mu = curves.basis(log_force) @ parameters.reshape(curves.log_speed.size, -1).T
+    return [
+        FrictionSurface(np.exp(log_force), [float(np.exp(v))], np.exp(column)[:, None])
+        for v, column in zip(curves.log_speed, log_mu.T, strict=True)
+    ]
+
+
+def sweep_with_slopes(rig: RigRuns, curves: Curves, parameters: Array) -> Sweep:
+    """Simulate every run with the surface of its speed, and differentiate."""
+    surfaces = surfaces_of(curves, parameters)
+    k = curves.log_force.size
+    log_mu, speed_slope = np.empty((2, len(rig.models)))
+    J = np.zeros((len(rig.models), curves.size))
+    # runs off the speed of their group by a little: along the slope between the speeds
+    by_speed = np.zeros((1, k))
+    if curves.log_speed.size > 1:
+        values = parameters.reshape(-1, k)
+        by_speed = np.asarray(np.gradient(values, curves.log_speed, axis=0), dtype=float)
+    for i, (model, state) in enumerate(rig.slide(surfaces)):
+        beta = rig.beta[i]
+        mu = float(friction_coefficient(state.T_A, state.T_B, beta))
+        s = tension_sensitivity(model, state)
+        per_mu = (s.tension_tight_N / state.T_A - s.tension_slack_N / state.T_B) / (beta * mu)
+        j = rig.label[i]
+        basis = curves.basis(np.log(s.normal_force_N_m))
+        row = (per_mu * surfaces[j].mu(s.normal_force_N_m, np.exp(curves.log_speed[j]))) @ basis
+        J[i, j * k : (j + 1) * k] = row
+        speed_slope[i] = float(row @ by_speed[j])
+        log_mu[i] = np.log(mu) + rig.off_speed[i] * speed_slope[i]
+    return Sweep(log_mu, J, speed_slope)
+
+
+def acting_forces(rig: RigRuns, start: FrictionSurface) -> Array:
+    """Range of the line force at each speed (m, 2): from a small share of the load to the peaks."""
+    acting: list[list[tuple[float, float]]] = [[] for _ in rig.speeds]
+    by_speed = [start] * rig.speeds.size
+    for i, (_, state) in enumerate(rig.slide(by_speed)):
+        points = state.points
+        touching = points.F_N > 0.0
+        f, load = points.f_look[touching].ravel(), points.F_look[touching].ravel()
+        order = np.argsort(f)
+        share = np.cumsum(load[order]) / load.sum()
+        acting[rig.label[i]].append(
+            (float(np.interp(FORCE_SHARE, share, f[order])), float(f.max()))
+        )
+    ranges = []
+    for pairs in acting:
+        low, high = np.array(pairs).T
+        ranges.append((low.min(), high.max()))
+    return np.array(ranges)
