@@ -9,12 +9,13 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.config import Config, ConfigSource, load_config
-from beltid.identify.stiffness import LawEstimate, StiffnessResult, StiffnessSettings
+from beltid.identify.stiffness import LawEstimate, StiffnessResult
 from beltid.identify.stiffness import fit_stiffness as identify
 from beltid.report.summary import Summary
 from beltid.stages.laws_beside import normal_law_rows, normal_laws
 from beltid.stages.making import Made, Recipe, make
 from beltid.stages.outcome import Outcome, rows_of
+from beltid.stages.reduction import stiffness_settings
 from beltid.stages.talk import Options
 from beltid.store.recordings import columns_of, read_recording
 
@@ -67,13 +68,7 @@ def fit_stiffness(
 def _outcome(
     columns: Mapping[str, np.ndarray], config: Config, notes: tuple[str, ...]
 ) -> Outcome[StiffnessResult]:
-    press = config.press
-    settings = StiffnessSettings(
-        segment_length_m=press.segment_length_cm / 100.0,
-        reference_temperature_degC=press.reference_temperature_degC,
-        machine_compliance_m_N=press.machine_compliance_mm_N / 1000.0,
-        cycles=press.cycles,
-    )
+    settings = stiffness_settings(config.press)
     result = identify(columns, settings)
     beside = normal_laws(columns, settings, result)
     effect = result.temperature

@@ -1,22 +1,36 @@
-"""Reduced runs as the columns of the friction table; the same for bench and simulated rig."""
+"""How recordings are reduced: settings, and the columns of reduced runs of either rig."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from beltid.identify.friction import FrictionSettings, RunReduction
+from beltid.identify.stiffness_result import StiffnessSettings
 from beltid.store import schemas
 from beltid.store.tables import outside
+
+if TYPE_CHECKING:
+    from beltid.config.model import PressSection
 
 
 def friction_settings(values: Mapping[str, Any]) -> FrictionSettings:
     """Settings of the reduction from a section ``friction`` of a config or of an artifact."""
     known = {field.name for field in fields(FrictionSettings)}
     return FrictionSettings(**{name: v for name, v in values.items() if name in known})
+
+
+def stiffness_settings(press: PressSection) -> StiffnessSettings:
+    """Settings of the evaluation of the press, in SI units, from the section of a config."""
+    return StiffnessSettings(
+        segment_length_m=press.segment_length_cm / 100.0,
+        reference_temperature_degC=press.reference_temperature_degC,
+        machine_compliance_m_N=press.machine_compliance_mm_N / 1000.0,
+        cycles=press.cycles,
+    )
 
 
 def reduction_columns(reduced: Sequence[RunReduction]) -> dict[str, np.ndarray]:

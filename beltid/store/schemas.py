@@ -217,6 +217,35 @@ _COMPARE = Table(
     label="run",
 )
 
+_PRESS_CURVES = Table(
+    "press_curves",
+    1,
+    "beltid run",
+    (
+        text("test", "label of the test"),
+        real("temperature_degC", "degC", "temperature"),
+        count("cycle", "number of the cycle, from 1"),
+        text("branch", "loading or unloading"),
+        real("penetration_m", "m", "from the contact point of the law, negative before contact"),
+        real("line_force_N_m", "N/m", "force per length of belt"),
+    ),
+    label="test",
+)
+_RIG_CURVES = Table(
+    "rig_curves",
+    1,
+    "beltid run",
+    (
+        text("run", "label of the run"),
+        _TIME,
+        real("tension_tight_N", "N", "tension of the tight span, as recorded"),
+        real("tension_slack_N", "N", "tension of the slack span, as recorded"),
+        real("mu", "1", "apparent friction coefficient of these tensions, Eq. (6)"),
+        real("pulley_speed_rad_s", "rad/s", "speed of the pulley"),
+    ),
+    label="run",
+)
+
 TABLES: Final[dict[str, Table]] = {
     table.kind: table
     for table in (
@@ -230,6 +259,8 @@ TABLES: Final[dict[str, Table]] = {
         Table("simulated", 1, "beltid simulate-rig", _RIG, label="run"),
         _PROFILES,
         _COMPARE,
+        _PRESS_CURVES,
+        _RIG_CURVES,
     )
 }
 RECORDINGS: Final = ("press", "rig", "speedloss")
@@ -241,6 +272,8 @@ ARTIFACTS: Final = (
     "simulated",
     "profiles",
     "compare",
+    "press_curves",
+    "rig_curves",
 )
 
 

@@ -1,0 +1,137 @@
+"""What the figures need of the recordings: the branches of the press, some runs over time.
+
+They are kept beside the results, thinned, so that a report can be written from the folder of a belt
+alone, when the recordings are elsewhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.config import ConfigSource
+from beltid.identify.press_curves import Branch
+from beltid.identify.statistics import as_set
+from beltid.identify.stiffness import fit_stiffness
+from beltid.laws.capstan import friction_coefficient
+from beltid.stages.making import Made, Recipe, make
+from beltid.stages.outcome import Outcome
+from beltid.stages.reduction import stiffness_settings
+from beltid.stages.talk import Options
+from beltid.store.artifacts import read_artifact
+from beltid.store.recordings import read_recording
+
+PRESS: Final = "press_curves"
+RIG: Final = "rig_curves"
+PRESS_KEYS: Final = ("press", "columns.press", "units.press", "dialect")
+RIG_KEYS: Final = ("columns.rig", "units.rig", "dialect")
+MOST_SET_ASIDE: Final = 12
+"""Runs set aside that are kept to be looked at."""
+MOST_SAMPLES: Final = 1200
+"""Samples of a run that are kept; of a longer one the extremes of neighbouring samples."""
+
+
+def press_curves(source: ConfigSource, press: Path, out: Path, options: Options) -> Made:
+    """Branches of the press cycles that the stiffness was fitted to, over the penetration."""
+
+    def compute() -> Outcome[tuple[Branch, ...]]:
+        recording = read_recording(press, "press", source.config)
+        settings = stiffness_settings(source.config.press)
+        branches = fit_stiffness(recording.columns, settings).branches
+        return Outcome(PRESS, _branch_columns(branches), branches)
+
+    return make(Recipe(PRESS, source, PRESS_KEYS, {"press": press}), out, options, compute)
+
+
+def rig_curves(
+    source: ConfigSource, rig: Path, friction: Path, out: Path, options: Options
+) -> Made:
+    """A typical run of every arc over time, and runs that were set aside."""
+
+    def compute() -> Outcome[tuple[str, ...]]:
+        recording = read_recording(rig, "rig", source.config)
+        runs = chosen_runs(read_artifact(friction, "friction").columns)
+        return Outcome(RIG, _run_columns(recording.columns, runs), runs)
+
+    recipe = Recipe(RIG, source, RIG_KEYS, {"rig": rig, "friction": friction})
+    return make(recipe, out, options, compute)
+
+
+def chosen_runs(friction: Mapping[str, np.ndarray]) -> tuple[str, ...]:
+    """Runs worth looking at: one of every arc, the nearest to its middle settings, and those aside.
+
+    Parameters
+    ----------
+    friction : mapping of str to ndarray
+        Columns of the friction table.
+
+    Returns
+    -------
+    tuple of str
+        Labels, the typical ones in the order of their arcs first.
+    """
+    labels, good = friction["run"], friction["status"] == "ok"
+    log_tension = np.log(friction["nominal_tension_N"], where=good, out=np.zeros(good.size))
+    log_speed = np.log(friction["slip_speed_m_s"], where=good, out=np.zeros(good.size))
+    chosen = []
+    arcs = as_set(friction["arc_deg"])
+    for arc in np.unique(arcs[good]):
+        rows = np.flatnonzero(good & (arcs == arc))
+        away = np.zeros(rows.size)
+        for setting in (log_tension[rows], log_speed[rows]):
+            middle = np.nanmedian(setting)
+            away += np.nan_to_num(np.abs(setting - middle), nan=1e3)
+        chosen.append(str(labels[rows[int(np.argmin(away))]]))
+    aside = [str(label) for label in labels[~good][:MOST_SET_ASIDE]]
+    return (*chosen, *aside)
+
+
+def _branch_columns(branches: tuple[Branch, ...]) -> dict[str, np.ndarray]:
+    sizes = [b.penetration_m.size for b in branches]
+
+    def repeated(values: list[Any], dtype: Any) -> np.ndarray:
+        return np.repeat(np.array(values, dtype=dtype), sizes)
+
+    return {
+        "test": repeated([b.test for b in branches], object),
+        "temperature_degC": repeated([b.temperature_degC for b in branches], float),
+        "cycle": repeated([b.cycle for b in branches], np.int64),
+        "branch": repeated([b.branch for b in branches], object),
+        "penetration_m": np.concatenate([b.penetration_m for b in branches]),
+        "line_force_N_m": np.concatenate([b.line_force_N_m for b in branches]),
+    }
+
+
+def _run_columns(rig: Mapping[str, np.ndarray], runs: tuple[str, ...]) -> dict[str, np.ndarray]:
+    kept = np.concatenate(
+        [thinned(np.flatnonzero(rig["run"] == run), rig["tension_tight_N"]) for run in runs]
+    )
+    tight, slack = rig["tension_tight_N"][kept], rig["tension_slack_N"][kept]
+    good = (tight > 0.0) & (slack > 0.0)
+    beta = np.radians(rig["arc_deg"][kept][good])
+    mu = np.full(kept.size, np.nan)
+    mu[good] = friction_coefficient(tight[good], slack[good], beta)
+    return {
+        "run": rig["run"][kept],
+        "time_s": rig["time_s"][kept],
+        "tension_tight_N": tight,
+        "tension_slack_N": slack,
+        "mu": mu,
+        "pulley_speed_rad_s": rig["pulley_speed_rad_s"][kept],
+    }
+
+
+def thinned(rows: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Rows of a run, or of a long one those with the extremes of every bunch of neighbours."""
+    if rows.size <= MOST_SAMPLES:
+        return rows
+    kept = []
+    for bunch in np.array_split(rows, MOST_SAMPLES // 2):
+        v = values[bunch]
+        known = bunch[np.isfinite(v)]
+        if known.size:
+            kept += [known[np.argmin(values[known])], known[np.argmax(values[known])]]
+    return np.unique(np.array(kept, dtype=rows.dtype))
