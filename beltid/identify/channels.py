@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beltid.identify.condense import missing_rows
 from beltid.identify.friction_run import FrictionSettings, RunRecord
 from beltid.identify.rest_phase import SetAsideError
 from beltid.identify.signal import converter_steps, median, spike_mask
@@ -75,6 +76,8 @@ def prepare(record: RunRecord, settings: FrictionSettings) -> Channels:
         for values in (record.tension_tight_N, record.tension_slack_N)
     ]
     lost = ~(np.isfinite(tight) | spikes_tight) | ~(np.isfinite(slack) | spikes_slack)
+    n_spikes = int(np.count_nonzero(spikes_tight | spikes_slack))
+    raw = record.raw
     temperature = record.temperature_degC
     return Channels(
         time_s=t,
@@ -82,9 +85,11 @@ def prepare(record: RunRecord, settings: FrictionSettings) -> Channels:
         slack=slack,
         speed=_speed(t, record.pulley_speed_rad_s[timed]),
         temperature=None if temperature is None else temperature[timed],
-        n_spikes=int(np.count_nonzero(spikes_tight | spikes_slack)),
-        n_missing=int(np.count_nonzero(lost)) + n - t.size + _missing_rows(t),
-        steps=converter_steps(present[0], present[1]),
+        n_spikes=n_spikes + (raw.n_spikes if raw else 0),
+        n_missing=(
+            raw.n_missing if raw else int(np.count_nonzero(lost)) + n - t.size + missing_rows(t)
+        ),
+        steps=raw.steps if raw else converter_steps(present[0], present[1]),
     )
 
 
@@ -128,15 +133,6 @@ def _speed(t: Array, speed: Array) -> Array:
             f"pulley_speed_rad_s is missing in {np.count_nonzero(~present)} of {speed.size} samples"
         )
     return speed if np.all(present) else np.interp(t, t[present], speed[present])
-
-
-def _missing_rows(t: Array) -> int:
-    """Samples that a record with an otherwise even time base leaves out."""
-    step = np.diff(t)
-    typical = median(step)
-    if typical <= 0.0 or np.count_nonzero(np.abs(step - typical) < 0.1 * typical) < 0.9 * step.size:
-        return 0
-    return int(np.sum(np.maximum(np.rint(step / typical) - 1.0, 0.0)))
 
 
 def check_cells(channels: Channels, first: int, sliding: slice, tension_N: float) -> None:

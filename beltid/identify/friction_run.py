@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
+from beltid.identify.condense import Raw
 
 Array = NDArray[np.float64]
 
@@ -94,6 +95,8 @@ class RunRecord:
     nominal_tension_N: float = NAN
     defect: str = ""
     """Why the record cannot be one run (its nominal settings change, ...); empty if it can."""
+    raw: Raw | None = None
+    """What the samples showed, if these are means over blocks of them."""
 
 
 @dataclass(frozen=True, slots=True)

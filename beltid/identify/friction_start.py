@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 from beltid.identify.channels import Channels, prepare
+from beltid.identify.condense import condensed
 from beltid.identify.friction_imbalance import CellCorrection
 from beltid.identify.friction_run import NAN, FrictionSettings, RunRecord, RunReduction
 from beltid.identify.rest_phase import Rest, Rotation, SetAsideError, find_rotation, rest_state
@@ -55,7 +56,7 @@ def start_run(record: RunRecord, R: float, settings: FrictionSettings) -> Run:
         "nominal_tension_N": record.nominal_tension_N,
         "mu_sticking_reason": "the run was set aside",
     }
-    run = Run(record, found, [])
+    run = Run(condensed(record, settings.spike_threshold), found, [])
     try:
         if record.defect:
             raise SetAsideError(record.defect)

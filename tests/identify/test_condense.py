@@ -1,0 +1,123 @@
+"""Long runs are averaged over blocks: same numbers, same doubts, spikes and gaps still found."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from beltid.identify.condense import BLOCKS, condensed
+from beltid.identify.friction import FrictionSettings, reduce_run
+from beltid.identify.friction_run import RunRecord, RunReduction
+
+ARC_DEG, RADIUS_M, MU, TENSION_N, NOISE_N = 82.0, 0.05, 0.47, 270.0, 0.5
+N = 60_000
+SETTINGS = FrictionSettings()
+
+
+def long_run(seed: int = 0, n: int = N) -> dict[str, np.ndarray]:
+    """Synthetic run with white noise: at rest for a second, then sliding at MU for eleven."""
+    rng = np.random.default_rng(seed)
+    time = np.linspace(0.0, 12.0, n)
+    sliding = time >= 1.0
+    build_up = np.where(sliding, 1.0 - np.exp(-(time - 1.0) / 0.05), 0.0)
+    half = TENSION_N * np.tanh(0.5 * MU * np.radians(ARC_DEG) * build_up)
+    noise = NOISE_N * rng.standard_normal((2, n))
+    return {
+        "time_s": time,
+        "tension_tight_N": TENSION_N + half + noise[0],
+        "tension_slack_N": TENSION_N - half + noise[1],
+        "pulley_speed_rad_s": np.where(sliding, 0.21, 0.0),
+    }
+
+
+def reduced(columns: dict[str, np.ndarray]) -> RunReduction:
+    return reduce_run(**columns, arc_deg=ARC_DEG, pulley_radius_m=RADIUS_M)
+
+
+def as_record(columns: dict[str, np.ndarray]) -> RunRecord:
+    return RunRecord(**columns, arc_deg=ARC_DEG)
+
+
+def test_a_short_run_stays_as_it_is() -> None:
+    record = as_record(long_run(n=2 * BLOCKS - 1))
+    assert condensed(record, 6.0) is record
+
+
+@pytest.mark.parametrize("n", [2 * BLOCKS, 20_011, N, 300_000])
+def test_blocks_keep_means_and_the_length(n: int) -> None:
+    record = as_record(long_run(n=n))
+    short = condensed(record, 6.0)
+    assert BLOCKS <= short.time_s.size <= 2 * BLOCKS
+    counts = np.full(short.time_s.size, n // BLOCKS)
+    counts[-1] = n - counts[:-1].sum()
+    for name in ("time_s", "tension_tight_N", "tension_slack_N"):
+        weighted = np.sum(counts * getattr(short, name)) / n
+        assert weighted == pytest.approx(np.mean(getattr(record, name)), rel=1e-12)
+
+
+def test_mu_and_its_error_are_those_of_white_noise() -> None:
+    results = [reduced(long_run(seed)) for seed in range(12)]
+    half = TENSION_N * np.tanh(0.5 * MU * np.radians(ARC_DEG))
+    tight, slack = TENSION_N + half, TENSION_N - half
+    sliding = N * 11.0 / 12.0
+    # independent means of two tensions over all sliding samples
+    ideal = NOISE_N * np.hypot(1.0 / tight, 1.0 / slack) / np.sqrt(sliding) / np.radians(ARC_DEG)
+    errors = [result.mu_sliding - MU for result in results]
+    assert all(result.status == "ok" for result in results)
+    assert np.sqrt(np.mean(np.square(errors))) < 2.0 * ideal
+    for result in results:
+        assert 0.8 * ideal < result.mu_sliding_se < 2.0 * ideal
+
+
+def test_spikes_are_taken_out_of_the_samples() -> None:
+    columns = long_run()
+    at = np.arange(7_000, 59_000, 1_300)
+    columns["tension_tight_N"][at] += 40.0
+    columns["tension_slack_N"][at[::2] + 11] -= 15.0
+    result, clean = reduced(columns), reduced(long_run())
+    assert result.n_spikes - clean.n_spikes == at.size + at[::2].size
+    assert abs(result.mu_sliding - clean.mu_sliding) < 0.1 * clean.mu_sliding_se
+
+
+def test_many_spikes_are_taken_out_as_well() -> None:
+    columns = long_run()
+    at = np.arange(6_000, 59_000, 50)
+    columns["tension_tight_N"][at] += 40.0
+    result, clean = reduced(columns), reduced(long_run())
+    assert result.n_spikes - clean.n_spikes == pytest.approx(at.size, abs=3)
+    assert abs(result.mu_sliding - clean.mu_sliding) < 0.5 * clean.mu_sliding_se
+
+
+def test_lost_readings_are_counted_and_left_out() -> None:
+    columns = long_run()
+    columns["tension_tight_N"][20_000:20_040] = np.nan
+    columns["tension_slack_N"][30_000:30_025] = 0.0
+    columns["time_s"][40_000] = np.nan
+    result, clean = reduced(columns), reduced(long_run())
+    assert result.n_missing == 40 + 25 + 2  # a row without time leaves a gap in the even time base
+    assert abs(result.mu_sliding - clean.mu_sliding) < 0.1 * clean.mu_sliding_se
+
+
+def test_a_saturated_cell_is_still_seen() -> None:
+    columns = long_run()
+    columns["tension_tight_N"] = np.minimum(columns["tension_tight_N"], 340.0)
+    assert "tension_tight_N is saturated" in reduced(columns).status
+
+
+def test_a_coarse_converter_keeps_its_rounding_error() -> None:
+    columns = long_run()
+    columns["tension_tight_N"] = np.round(columns["tension_tight_N"] / 4.0) * 4.0
+    columns["tension_slack_N"] = np.round(columns["tension_slack_N"] / 4.0) * 4.0
+    result = reduced(columns)
+    assert result.status == "ok"
+    assert abs(result.mu_sliding - MU) < 3.0 * result.mu_sliding_se
+    half = TENSION_N * np.tanh(0.5 * MU * np.radians(ARC_DEG))
+    rounding = 4.0 / np.sqrt(12.0) * np.hypot(1 / (TENSION_N + half), 1 / (TENSION_N - half))
+    assert result.mu_sliding_se > 0.7 * rounding / np.radians(ARC_DEG)
+
+
+def test_time_that_goes_back_is_refused_with_its_sample() -> None:
+    columns = long_run()
+    columns["time_s"][30_000] = 0.5
+    assert "time_s goes back" in reduced(columns).status
+    assert "at sample 30001" in reduced(columns).status
