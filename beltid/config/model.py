@@ -31,6 +31,7 @@ class BeltSection(Section):
     name: Annotated[str, FolderName()] = "5pk"
     type: Annotated[str, Text(40)] = "5PK"
     ribs: Annotated[int, Count(1, 100)] = 5
+    width_m: Annotated[float, Number(1e-3, 2, "m")] | None = None
     axial_stiffness_N: Annotated[float, Number(1e2, 1e8, "N")] = 1.0e5
     bending_stiffness_N_m2: Annotated[float, Number(1e-8, 1e2, "N m²")] = 0.02
     mass_per_length_kg_m: Annotated[float, Number(1e-4, 1e2, "kg/m")] = 0.10
@@ -103,6 +104,33 @@ class CompareSection(Section):
     max_rms_relative_error: Annotated[float, Number(0, 10, open_low=True)] = 0.06
     max_mean_relative_error: Annotated[float, Number(0, 10, open_low=True)] = 0.05
     max_relative_error: Annotated[float, Number(0, 10, open_low=True)] = 0.20
+    max_rms_error_over_uncertainty: Annotated[float, Number(0, 100, open_low=True)] | None = None
+
+
+Share = Annotated[float, Number(0, 0.5)]
+
+
+class UncertaintySection(Section):
+    """Standard uncertainties (k = 1) of what the benches were calibrated and set to.
+
+    ``_rel`` is a share of the value. The defaults are assumptions about a bench of a usual class,
+    not facts about this one: results say of each whether it was stated or assumed.
+    """
+
+    tension_gain_rel: Share = 0.002
+    cell_gain_rel: Share = 0.001
+    cell_offset_N: Annotated[float, Number(0, 1e3, "N")] = 0.05
+    arc_deg: Annotated[float, Number(0, 20, "°")] = 0.1
+    arc_setting_deg: Annotated[float, Number(0, 20, "°")] = 0.2
+    pulley_radius_rel: Share = 0.002
+    span_length_m: Annotated[float, Number(0, 1, "m")] = 5.0e-4
+    pulley_speed_rel: Share = 0.002
+    bending_stiffness_rel: Share = 0.05
+    axial_stiffness_rel: Share = 0.05
+    press_force_rel: Share = 0.005
+    press_displacement_rel: Share = 0.002
+    segment_length_rel: Share = 0.005
+    machine_compliance_mm_N: Annotated[float, Number(0, 1e-2, "mm/N")] = 1.0e-6
 
 
 class _AutoOnOff(Choice):
@@ -165,6 +193,7 @@ class Config(Section):
     surface: SurfaceSection = SurfaceSection()
     slip: SlipSection = SlipSection()
     simulation: SimulationSection = SimulationSection()
+    uncertainty: UncertaintySection = UncertaintySection()
     columns: ColumnsSection = ColumnsSection()
     units: UnitsSection = UnitsSection()
     dialect: DialectSection = DialectSection()

@@ -1,0 +1,152 @@
+"""The contact law for other programs."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from beltid.cli.common import Common, with_common_options
+from beltid.cli.execute import finish
+from beltid.cli.program import PlainCommand, app
+
+if TYPE_CHECKING:
+    from beltid.cli.talk import TerminalTalk
+    from beltid.report.summary import Summary
+
+TARGET_NAMES = (
+    "json",
+    "exudyn",
+    "chrono",
+    "mbdyn",
+    "adams",
+    "recurdyn",
+    "modelica",
+    "matlab",
+    "abaqus",
+    "csv",
+    "all",
+    "schema",
+)
+
+
+class SurfaceChoice(StrEnum):
+    """Which friction surface is exported."""
+
+    refined = "refined"
+    published = "published"
+
+
+class UnitsChoice(StrEnum):
+    """Units of files that leave them open."""
+
+    SI = "SI"
+    mm = "mm"
+
+
+def _complete(incomplete: str) -> list[str]:
+    return [name for name in TARGET_NAMES if name.startswith(incomplete)]
+
+
+def _list(wanted: bool) -> None:
+    if wanted:
+        from beltid.stages.export_law import target_rows
+
+        rows = target_rows()
+        widths = {key: max(len(row[key]) for row in rows) for key in rows[0]}
+        for row in rows:
+            line = "  ".join(text.ljust(widths[key]) for key, text in row.items())
+            typer.echo(line.rstrip())
+        raise typer.Exit
+
+
+@app.command("export", cls=PlainCommand, short_help="runs/<belt> -> the law for multibody codes")
+@with_common_options(out_help="Folder of the files. Default: export/ in the folder of the law.")
+def export(
+    target: Annotated[
+        str,
+        typer.Argument(
+            metavar="TARGET",
+            help="json, exudyn, chrono, mbdyn, adams, recurdyn, modelica, matlab, abaqus, csv, "
+            "or all. schema prints the JSON Schema of the law file.",
+            autocompletion=_complete,
+        ),
+    ],
+    source: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="LAW",
+            help="Results of a belt (a folder with stiffness.parquet and a surface), or a law "
+            "file <belt>.beltlaw.json.",
+        ),
+    ] = None,
+    surface: Annotated[
+        SurfaceChoice | None,
+        typer.Option(help="Friction surface. Default: the refined one, if it is there."),
+    ] = None,
+    normal_force: Annotated[
+        float | None,
+        typer.Option(
+            metavar="N/m",
+            help="Line force at which a linear stiffness, a constant mu or mu(v) is exact, for "
+            "targets that hold no more. Default: the middle of the measured range.",
+        ),
+    ] = None,
+    speed: Annotated[
+        float | None,
+        typer.Option(
+            metavar="m/s",
+            help="Sliding speed at which a constant mu is exact. Default: the middle.",
+        ),
+    ] = None,
+    units: Annotated[
+        UnitsChoice,
+        typer.Option(help="Units of the files for adams, recurdyn and abaqus: SI, or mm, N, MPa."),
+    ] = UnitsChoice.SI,
+    listed: Annotated[
+        bool,
+        typer.Option("--list", callback=_list, is_eager=True, help="List the targets and exit."),
+    ] = False,
+    *,
+    common: Common,
+) -> None:
+    r"""Write the contact law of a belt for multibody and finite-element programs.
+
+    Normal stiffness, friction over normal force and sliding speed, range of validity, origin. What
+    a program cannot hold is replaced by something simpler; the file says how far that is from the
+    law over its measured range. Files that stand there with another content are replaced with
+    --force only.
+
+    \b
+    Examples:
+      beltid export exudyn runs/5pk
+      beltid export recurdyn runs/5pk --normal-force 5000 --units mm
+      beltid export all runs/5pk -o laws/5pk
+      beltid export --list
+    """
+    from beltid.errors import InputError
+    from beltid.stages.export_law import SCHEMA, ExportOptions, schema_text
+    from beltid.stages.export_law import run as stage
+
+    if target == SCHEMA:
+        typer.echo(schema_text(), nl=False)
+        raise typer.Exit
+
+    def work(talk: TerminalTalk) -> Summary:
+        if source is None:
+            raise InputError(
+                "LAW is missing: name the results of a belt, such as runs/5pk, or a law file"
+            )
+        options = ExportOptions(
+            force=common.force,
+            talk=talk,
+            surface=surface.value if surface else None,
+            normal_force_N_m=normal_force,
+            slip_speed_m_s=speed,
+            units=units.value,
+        )
+        return stage(target, source, common.config, common.out, options)
+
+    finish(work, common, kept="files that were written are whole")

@@ -1,0 +1,194 @@
+"""The contact law of a belt as one value, in the shape of its JSON file."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, PositiveFloat
+
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
+
+FORMAT: Final = "beltlaw"
+VERSION: Final = 1
+SCHEMA_ID: Final = f"urn:beltid:{FORMAT}:{VERSION}"
+
+Origin = Literal["measured", "synthetic"]
+Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+Range = tuple[NonNegativeFloat, NonNegativeFloat]
+Matrix = tuple[tuple[float, ...], ...]
+
+
+class Part(BaseModel):
+    """A closed, frozen part of the law."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=False)
+
+
+class BeltFacts(Part):
+    """The belt that the law was identified with."""
+
+    name: str = Field(description="name of the belt")
+    type: str | None = Field(default=None, description="type, such as 5PK")
+    ribs: int | None = Field(default=None, description="number of ribs", ge=1)
+    width_m: PositiveFloat | None = Field(default=None, description="width of the ribbed side [m]")
+    axial_stiffness_N: PositiveFloat | None = Field(default=None, description="EA [N]")
+    bending_stiffness_N_m2: PositiveFloat | None = Field(default=None, description="EI [N m²]")
+    mass_per_length_kg_m: PositiveFloat | None = Field(default=None, description="[kg/m]")
+
+
+class NormalPart(Part):
+    """Normal contact: line force f_N = k_linear delta + k_quadratic delta² for delta > 0, else 0.
+
+    delta is the penetration of the belt into the pulley; f_N the force per metre of belt.
+    """
+
+    k_linear_N_m2: NonNegativeFloat = Field(description="coefficient of the penetration [N/m²]")
+    k_quadratic_N_m3: NonNegativeFloat = Field(description="of the squared penetration [N/m³]")
+    k_linear_se_N_m2: NonNegativeFloat | None = Field(
+        default=None, description="standard error [N/m²]"
+    )
+    k_quadratic_se_N_m3: NonNegativeFloat | None = Field(
+        default=None, description="standard error [N/m³]"
+    )
+    covariance: Matrix | None = Field(
+        default=None,
+        description="covariance of (k_linear, k_quadratic) [N²/m⁴, N²/m⁵; N²/m⁵, N²/m⁶]",
+    )
+    rms_residual_N_m: NonNegativeFloat | None = Field(default=None, description="of the fit [N/m]")
+    hysteresis_ratio: NonNegativeFloat | None = Field(
+        default=None, description="energy lost over energy put in, per load cycle [-]"
+    )
+
+
+class FrictionPart(Part):
+    """Friction coefficient mu over line force f_N and sliding speed v, bicubic between nodes.
+
+    Outside the nodes the nearest node's value holds; mu is even in v.
+    """
+
+    method: str = Field(description="refined (rig simulated) or published (Eqs. 6 and 8)")
+    normal_force_N_m: tuple[NonNegativeFloat, ...] = Field(description="nodes of f_N [N/m]")
+    slip_speed_m_s: tuple[NonNegativeFloat, ...] = Field(description="nodes of v [m/s]")
+    mu: tuple[tuple[PositiveFloat, ...], ...] = Field(
+        description="friction coefficient at the nodes [-]: a row per force, a column per speed"
+    )
+    mu_se: tuple[tuple[NonNegativeFloat | None, ...], ...] | None = Field(
+        default=None, description="standard errors of mu [-]; null where unknown"
+    )
+    x_nodes: tuple[float, ...] = Field(description="ln(1 + f_N/f_ref_N_m) of the force nodes [-]")
+    y_nodes: tuple[float, ...] = Field(description="ln(1 + v/v_ref_m_s) of the speed nodes [-]")
+    f_ref_N_m: PositiveFloat | None = Field(description="null: mu does not depend on the force")
+    v_ref_m_s: PositiveFloat | None = Field(description="null: mu does not depend on the speed")
+    patches: tuple[tuple[Matrix, ...], ...] = Field(
+        description="patches[i][j][a][b]: mu = sum_ab patches[i][j][a][b] s^a t^b in cell i, j, "
+        "with s = (x - x_nodes[i])/(x_nodes[i+1] - x_nodes[i]) and t likewise with y_nodes[j]"
+    )
+
+
+class Validity(Part):
+    """Measured range; beyond it nothing is known."""
+
+    normal_force_N_m: Range | None = Field(
+        default=None, description="line force, of friction [N/m]"
+    )
+    slip_speed_m_s: Range | None = Field(default=None, description="sliding speed [m/s]")
+    penetration_m: Range | None = Field(
+        default=None, description="penetration, of the normal law [m]"
+    )
+    press_force_N_m: Range | None = Field(
+        default=None, description="line force, of the normal law [N/m]"
+    )
+
+
+class Provenance(Part):
+    """What the law was made from."""
+
+    software: str = Field(description="program and version that wrote the file")
+    software_sha256: str = Field(
+        default="", description="hash of the sources that made the artifacts"
+    )
+    artifacts: dict[str, Sha256] = Field(default={}, description="SHA-256 of the artifacts")
+    recordings: dict[str, Sha256] = Field(default={}, description="SHA-256 of the bench recordings")
+    config: str | None = Field(default=None, description="name of the config")
+    config_sha256: str = Field(default="", description="hash of the config's values")
+    notes: tuple[str, ...] = Field(
+        default=(), description="what the identification said about itself"
+    )
+
+
+class ContactLaw(Part):
+    """Contact law between a belt and a pulley: normal stiffness, friction, range, origin.
+
+    All values in SI units, per metre of belt. `surface` and `normal_law` are the laws to compute
+    with.
+    """
+
+    format: Literal["beltlaw"] = FORMAT
+    version: Literal[1] = VERSION
+    about: str = Field(default="", description="what this file is and how to use it")
+    origin: Origin | None = Field(
+        default=None, description="where the data come from; null: not said"
+    )
+    belt: BeltFacts
+    normal: NormalPart
+    friction: FrictionPart
+    validity: Validity
+    provenance: Provenance
+
+    @cached_property
+    def surface(self) -> FrictionSurface:
+        """The friction surface."""
+        part = self.friction
+        se = None
+        if part.mu_se is not None:
+            se = [[float("nan") if cell is None else cell for cell in row] for row in part.mu_se]
+        return FrictionSurface(part.normal_force_N_m, part.slip_speed_m_s, part.mu, se)
+
+    @cached_property
+    def normal_law(self) -> NormalLaw:
+        """The normal contact law."""
+        return NormalLaw(self.normal.k_linear_N_m2, self.normal.k_quadratic_N_m3)
+
+    @property
+    def synthetic(self) -> bool:
+        """Whether the data are those of a virtual bench."""
+        return self.origin == "synthetic"
+
+
+def friction_part(surface: FrictionSurface, method: str) -> FrictionPart:
+    """The friction part of a law, from its surface.
+
+    Parameters
+    ----------
+    surface : FrictionSurface
+        The surface.
+    method : str
+        How it was found.
+    """
+    tables = surface.tables()
+    se = surface.mu_se_nodes
+    return FrictionPart(
+        method=method,
+        normal_force_N_m=_plain(surface.normal_force_N_m),
+        slip_speed_m_s=_plain(surface.slip_speed_m_s),
+        mu=_plain(surface.mu_nodes),
+        mu_se=None if se is None else _plain(se, none_for_nan=True),
+        x_nodes=_plain(tables.x_nodes),
+        y_nodes=_plain(tables.y_nodes),
+        f_ref_N_m=tables.f_ref if tables.f_ref < float("inf") else None,
+        v_ref_m_s=tables.v_ref if tables.v_ref < float("inf") else None,
+        patches=_plain(tables.C),
+    )
+
+
+def _plain(values: Any, none_for_nan: bool = False) -> Any:
+    """Nested tuples of floats of an array."""
+
+    def cell(value: Any) -> Any:
+        if isinstance(value, list):
+            return tuple(cell(item) for item in value)
+        return None if none_for_nan and value != value else value
+
+    return cell(values.tolist())

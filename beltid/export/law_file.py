@@ -1,0 +1,147 @@
+"""The law as JSON text, and back; the JSON Schema of that text.
+
+The text carries the SHA-256 of its content, so that a law that was changed by hand is not taken
+for the identified one: who edits it removes the key ``content_sha256``, and it is read as his own.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import Any, Final
+
+import numpy as np
+from pydantic import ValidationError
+
+from beltid.errors import ArtifactError, InputError
+from beltid.export.law import SCHEMA_ID, ContactLaw
+
+SEAL: Final = "content_sha256"
+SUFFIX: Final = ".beltlaw.json"
+SHOWN: Final = 20
+
+
+def law_text(law: ContactLaw) -> str:
+    """JSON text of a law: the same law gives the same bytes.
+
+    Parameters
+    ----------
+    law : ContactLaw
+        The law.
+    """
+    values = law.model_dump(mode="json")
+    document = {"$schema": SCHEMA_ID, **values, SEAL: _seal(values)}
+    return _indented(document) + "\n"
+
+
+def law_from_text(text: str, name: str) -> ContactLaw:
+    """Law of a JSON text.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+    name : str
+        Name of the file in messages.
+
+    Raises
+    ------
+    ArtifactError
+        If it is no contact law, is damaged, or was changed by hand and still claims to be whole.
+    """
+    try:
+        values = json.loads(text, parse_constant=_refuse_constant)
+    except (ValueError, RecursionError) as error:
+        raise ArtifactError(f"{name}: not a contact law: no JSON ({error})") from None
+    if not isinstance(values, dict) or values.get("format") != "beltlaw":
+        raise ArtifactError(
+            f'{name}: not a contact law: the key "format" must be "beltlaw"; '
+            "`beltid export json` writes one"
+        )
+    if values.get("version") != 1:
+        raise ArtifactError(
+            f"{name}: version = {values.get('version')!r}, this beltid reads version 1"
+        )
+    seal = values.pop(SEAL, None)
+    values.pop("$schema", None)
+    if seal is not None and seal != _seal(values):
+        raise ArtifactError(
+            f"{name}: was changed after beltid wrote it; if that is meant, remove its key {SEAL}"
+        )
+    try:
+        law = ContactLaw.model_validate(values)
+        surface = law.surface
+        law.normal_law  # noqa: B018  (raises if there is no stiffness)
+    except ValidationError as error:
+        raise ArtifactError(_told(error, name)) from None
+    except InputError as error:
+        raise ArtifactError([f"{name}: {line}" for line in error.problems]) from None
+    _check_patches(law, surface.tables().C, name)
+    return law
+
+
+def schema() -> dict[str, Any]:
+    """JSON Schema (2020-12) of the file."""
+    made = ContactLaw.model_json_schema(mode="validation")
+    made["properties"] = {
+        "$schema": {"const": SCHEMA_ID, "description": "which schema the file keeps to"},
+        **made["properties"],
+        SEAL: {
+            "type": "string",
+            "pattern": "^[0-9a-f]{64}$",
+            "description": "SHA-256 of all other keys as JSON with sorted keys and no spaces "
+            "($schema left out); remove it after a change by hand",
+        },
+    }
+    made["required"] = ["format", "version", *made["required"]]
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$id": SCHEMA_ID,
+        **made,
+        "title": "Contact law between a belt and a pulley",
+    }
+
+
+def _seal(values: dict[str, Any]) -> str:
+    text = json.dumps(values, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _refuse_constant(word: str) -> float:
+    raise ValueError(f"{word} is no number in JSON")
+
+
+def _check_patches(law: ContactLaw, expected: np.ndarray, name: str) -> None:
+    """Nodes and patches tell the same surface, or neither can be trusted."""
+    try:
+        given = np.array(law.friction.patches, dtype=float)
+    except ValueError:
+        given = np.zeros(0)
+    if given.shape != expected.shape or not np.allclose(given, expected, rtol=1e-7, atol=1e-9):
+        raise ArtifactError(
+            f"{name}: friction.patches do not belong to the nodes friction.mu; "
+            "`beltid.FrictionSurface` makes a surface of nodes alone"
+        )
+
+
+def _told(error: ValidationError, name: str) -> list[str]:
+    problems = [
+        f"{name}: {'.'.join(str(part) for part in detail['loc'])}: {detail['msg']}"
+        for detail in error.errors(include_url=False)
+    ]
+    more = len(problems) - SHOWN
+    return [*problems[:SHOWN], f"{name}: and {more} more"] if more > 0 else problems
+
+
+def _indented(value: Any, indent: str = "") -> str:
+    """JSON with one key per line, and every list of plain values on a line of its own."""
+    inner = indent + "  "
+    if isinstance(value, dict) and value:
+        lines = [
+            f"{inner}{json.dumps(key)}: {_indented(item, inner)}" for key, item in value.items()
+        ]
+        return "{\n" + ",\n".join(lines) + f"\n{indent}}}"
+    if isinstance(value, list) and any(isinstance(item, (dict, list)) for item in value):
+        lines = [inner + _indented(item, inner) for item in value]
+        return "[\n" + ",\n".join(lines) + f"\n{indent}]"
+    return json.dumps(value, ensure_ascii=False, allow_nan=False)

@@ -1,0 +1,100 @@
+"""The comment that every exported file begins with: what, whence, how far, how to use."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+import numpy as np
+
+from beltid.export.law import ContactLaw
+from beltid.export.units import SI, UnitSystem
+
+WIDTH: Final = 92
+ORIGINS: Final = {
+    "synthetic": "SYNTHETIC DATA: from a virtual bench with known truth, not from a real belt.",
+    "measured": "Data of a real bench.",
+    None: "Origin of the data: not stated.",
+}
+
+
+def preamble(law: ContactLaw, target: str, own: Sequence[str], units: UnitSystem = SI) -> list[str]:
+    """Lines of the comment, plain ASCII without comment signs.
+
+    Parameters
+    ----------
+    law : ContactLaw
+        The law.
+    target : str
+        The program that the file is for.
+    own : sequence of str
+        Paragraphs of this target: what it holds, how to use it, how far it is from the law.
+    units : UnitSystem
+        Units of the file.
+    """
+    paragraphs = [
+        f"Contact law between the belt {_belt(law)} and a pulley, for {target}.",
+        ORIGINS[law.origin],
+        f"Written by {law.provenance.software}. Friction surface: {law.friction.method}. "
+        + _hashes(law),
+        *_validity(law),
+        _uncertainty(law),
+        "Outside the measured range take the nearest measured value: never extrapolate.",
+        f"Units: {units.length}, N, s. Line force [{units.line_force}] is the normal force per "
+        "length of belt; friction is mu times it, against the sliding.",
+        *own,
+    ]
+    return [line for text in paragraphs for line in _wrapped(text)]
+
+
+def commented(sign: str, lines: Iterable[str]) -> str:
+    """The lines as comments that begin with a sign."""
+    return "".join(f"{sign} {line}".rstrip() + "\n" for line in lines)
+
+
+def identifier(name: str) -> str:
+    """Name of a belt as a name that every program takes: letters, digits, underscores."""
+    return "belt_" + "".join(c if c.isascii() and c.isalnum() else "_" for c in name).lower()
+
+
+def _wrapped(text: str) -> list[str]:
+    plain = text.replace("²", "^2").replace("³", "^3").encode("ascii", "replace").decode()
+    return textwrap.wrap(plain, WIDTH, subsequent_indent="  ", break_long_words=False)
+
+
+def _belt(law: ContactLaw) -> str:
+    facts = [law.belt.type, f"{law.belt.ribs} ribs" if law.belt.ribs else None]
+    inside = ", ".join(fact for fact in facts if fact)
+    return f"{law.belt.name} ({inside})" if inside else law.belt.name
+
+
+def _hashes(law: ContactLaw) -> str:
+    made_from = {**law.provenance.artifacts, **law.provenance.recordings}
+    shown = ", ".join(f"{name} {sha[:12]}" for name, sha in made_from.items())
+    return f"SHA-256 of what it was made from: {shown}." if shown else ""
+
+
+def _validity(law: ContactLaw) -> list[str]:
+    ranges = law.validity
+    parts = [
+        f"{name} {span[0]:.5g} to {span[1]:.5g} {unit}"
+        for name, span, unit in (
+            ("line force", ranges.normal_force_N_m, "N/m"),
+            ("sliding speed", ranges.slip_speed_m_s, "m/s"),
+            ("penetration", ranges.penetration_m, "m"),
+        )
+        if span is not None
+    ]
+    return [f"Measured range: {'; '.join(parts)}."] if parts else []
+
+
+def _uncertainty(law: ContactLaw) -> str:
+    surface = law.surface
+    if surface.mu_se_nodes is None or not np.isfinite(surface.mu_se_nodes).any():
+        return "Standard error of mu: not known."
+    share = 100.0 * surface.mu_se_nodes / surface.mu_nodes
+    return (
+        f"Standard error of mu: {np.nanmedian(share):.2g} % in the middle, "
+        f"{np.nanmax(share):.2g} % at worst."
+    )

@@ -1,0 +1,232 @@
+"""Simpler laws for programs that cannot hold the whole one, and how far they are from it.
+
+A program may know a linear normal law, a constant friction coefficient, mu(v) at one line force,
+or straight lines between the nodes of a table. Each is a reduction; its deviation is computed over
+the measured range, evenly in the logarithmic coordinates of the surface.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.errors import InputError
+from beltid.export.law import ContactLaw
+from beltid.laws.friction_surface import FrictionSurface
+
+Array = NDArray[np.float64]
+
+SAMPLES: Final = 121
+TABLE_TOLERANCE: Final = 1.0e-3
+PENETRATIONS: Final = 65
+FINEST: Final = 8
+"""Most parts that a cell of the surface is cut into for a table."""
+
+
+@dataclass(frozen=True, slots=True)
+class Deviation:
+    """How far a reduction is from the law.
+
+    Attributes
+    ----------
+    rms, worst : float
+        Root mean square and largest magnitude of (reduction - law)/law [-].
+    where : str
+        Place of the worst in words.
+    """
+
+    rms: float
+    worst: float
+    where: str
+
+    def __str__(self) -> str:
+        return f"{100 * self.rms:.2g} % rms, {100 * self.worst:.2g} % at worst ({self.where})"
+
+
+@dataclass(frozen=True, slots=True)
+class ReferencePoint:
+    """Line force and sliding speed at which one-point reductions are exact.
+
+    Attributes
+    ----------
+    normal_force_N_m, slip_speed_m_s : float
+        The point.
+    """
+
+    normal_force_N_m: float
+    slip_speed_m_s: float
+
+    def __str__(self) -> str:
+        return f"f_N = {self.normal_force_N_m:.6g} N/m, v = {self.slip_speed_m_s:.6g} m/s"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrictionTable:
+    """Friction coefficients on a grid so fine that straight lines between its nodes do.
+
+    Attributes
+    ----------
+    normal_force_N_m : ndarray (nf,)
+        Nodes of the line force [N/m].
+    slip_speed_m_s : ndarray (nv,)
+        Nodes of the sliding speed [m/s].
+    mu : ndarray (nf, nv)
+        Friction coefficients [-].
+    deviation : Deviation
+        Of bilinear interpolation from the law.
+    """
+
+    normal_force_N_m: Array
+    slip_speed_m_s: Array
+    mu: Array
+    deviation: Deviation
+
+
+def reference_point(
+    law: ContactLaw, normal_force_N_m: float | None = None, slip_speed_m_s: float | None = None
+) -> ReferencePoint:
+    """The point that was asked for; by default the middle of the measured range, in logarithms.
+
+    Raises
+    ------
+    InputError
+        If a value is not positive or lies outside the measured range.
+    """
+    problems: list[str] = []
+    surface = law.surface
+    chosen = []
+    for option, unit, value, nodes in (
+        ("--normal-force", "N/m", normal_force_N_m, surface.normal_force_N_m),
+        ("--speed", "m/s", slip_speed_m_s, surface.slip_speed_m_s),
+    ):
+        # one node 0 states that mu does not depend on this variable: any value is measured
+        low, high = (0.0, math.inf) if nodes[-1] == 0.0 else (float(nodes[0]), float(nodes[-1]))
+        if value is not None and not (low <= value <= high and 0.0 < value < math.inf):
+            problems.append(
+                f"{option} = {value:g}, must be in the measured range, "
+                f"{low:.6g} to {high:.6g} {unit}"
+            )
+        chosen.append(_middle(nodes) if value is None else value)
+    if problems:
+        raise InputError(problems)
+    return ReferencePoint(*chosen)
+
+
+def linear_stiffness(law: ContactLaw, point: ReferencePoint) -> float:
+    """Stiffness of the linear normal law through the origin and the reference force [N/m²]."""
+    force = point.normal_force_N_m
+    return force / float(law.normal_law.penetration(force))
+
+
+def linear_normal_deviation(law: ContactLaw, point: ReferencePoint) -> Deviation:
+    """Deviation of the linear normal law, in force at the same penetration.
+
+    Over the penetrations at which friction was measured.
+    """
+    f, _ = sample_points(law.surface)
+    delta = law.normal_law.penetration(f[:, 0])
+    ratio = linear_stiffness(law, point) * delta / law.normal_law.force(delta)
+    return _deviation(ratio, lambda i: f"at {f[i[0], 0]:.4g} N/m")
+
+
+def constant_deviation(surface: FrictionSurface, point: ReferencePoint) -> Deviation:
+    """Deviation of the friction coefficient at the reference point, taken everywhere."""
+    f, v = sample_points(surface)
+    ratio = surface.mu(point.normal_force_N_m, point.slip_speed_m_s) / surface.mu(f, v)
+    return _deviation(ratio, lambda i: _place(f, v, i))
+
+
+def speed_law_deviation(surface: FrictionSurface, point: ReferencePoint) -> Deviation:
+    """Deviation of mu(v) at the reference force, taken at every force."""
+    f, v = sample_points(surface)
+    ratio = surface.mu(point.normal_force_N_m, v) / surface.mu(f, v)
+    return _deviation(ratio, lambda i: _place(f, v, i))
+
+
+def friction_table(surface: FrictionSurface) -> FrictionTable:
+    """Nodes between which straight lines are within a thousandth of the law, if any do."""
+    for parts in range(1, FINEST + 1):
+        f = _finer(surface.normal_force_N_m, parts)
+        v = _finer(surface.slip_speed_m_s, parts)
+        mu = surface.mu(f[:, None], v[None, :])
+        deviation = _bilinear_deviation(surface, f, v, mu)
+        if deviation.worst <= TABLE_TOLERANCE:
+            break
+    return FrictionTable(f, v, mu, deviation)
+
+
+def penetration_nodes(law: ContactLaw) -> Array:
+    """Evenly spaced penetrations [m] from 0 to that of the largest line force of the law."""
+    largest = [float(law.surface.normal_force_N_m[-1])]
+    if law.validity.press_force_N_m:
+        largest.append(law.validity.press_force_N_m[1])
+    deepest = float(law.normal_law.penetration(max(max(largest), 1.0)))
+    return np.linspace(0.0, deepest, PENETRATIONS)
+
+
+def between_nodes(law: ContactLaw, table: FrictionTable) -> str:
+    """What straight lines between the nodes of both tables miss, in words."""
+    width = float(penetration_nodes(law)[1])
+    # a chord of the parabola k_quadratic delta² lies above it by at most k_quadratic width²/4
+    above = law.normal_law.k_quadratic_N_m3 * width**2 / 4.0
+    return (
+        "Both laws are here; straight lines between the nodes give a line force up to "
+        f"{above:.2g} N/m too high, and a mu that is off by {table.deviation}."
+    )
+
+
+def sample_points(surface: FrictionSurface) -> tuple[Array, Array]:
+    """Points over the measured range, even in logarithms: forces (n, 1) and speeds (1, m)."""
+    return (
+        _even(surface.normal_force_N_m, SAMPLES)[:, None],
+        _even(surface.slip_speed_m_s, SAMPLES)[None, :],
+    )
+
+
+def _middle(nodes: Array) -> float:
+    if nodes.size == 1:
+        return float(nodes[0]) or 1.0
+    return float(_even(nodes, 3)[1])
+
+
+def _even(nodes: Array, count: int) -> Array:
+    """Values from the first node to the last, even in ln(1 + x/reference); those of one node."""
+    if nodes.size == 1:
+        return nodes if nodes[0] > 0.0 else np.ones(1)
+    reference = nodes[nodes > 0.0][0]
+    even = np.linspace(math.log1p(nodes[0] / reference), math.log1p(nodes[-1] / reference), count)
+    inner = reference * np.expm1(even[1:-1])
+    return np.concatenate([nodes[:1], inner, nodes[-1:]])
+
+
+def _finer(nodes: Array, parts: int) -> Array:
+    """The nodes and, between each pair, values that cut their logarithmic distance in parts."""
+    if nodes.size == 1:
+        return nodes
+    reference = nodes[nodes > 0.0][0]
+    x = np.log1p(nodes / reference)
+    cuts = [reference * np.expm1(a + (b - a) * np.arange(1, parts) / parts) for a, b in pairwise(x)]
+    return np.sort(np.concatenate([nodes, *cuts]))
+
+
+def _bilinear_deviation(surface: FrictionSurface, f: Array, v: Array, mu: Array) -> Deviation:
+    at_f, at_v = sample_points(surface)
+    along_v = np.array([np.interp(at_v[0], v, row) for row in mu])
+    bilinear = np.array([np.interp(at_f[:, 0], f, column) for column in along_v.T]).T
+    return _deviation(bilinear / surface.mu(at_f, at_v), lambda i: _place(at_f, at_v, i))
+
+
+def _deviation(ratio: Array, place: Callable[[tuple[int, ...]], str]) -> Deviation:
+    relative = np.abs(ratio - 1.0)
+    index = tuple(int(i) for i in np.unravel_index(int(np.argmax(relative)), relative.shape))
+    return Deviation(float(np.sqrt(np.mean(relative**2))), float(relative.max()), place(index))
+
+
+def _place(f: Array, v: Array, index: tuple[int, ...]) -> str:
+    return f"at {f[index[0], 0]:.4g} N/m, {v[0, index[1]]:.4g} m/s"

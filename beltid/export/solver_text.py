@@ -1,0 +1,251 @@
+"""Texts for programs with an input language: MBDyn, Adams, RecurDyn, Abaqus."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.errors import InputError
+from beltid.export.belt_width import ribbed_width
+from beltid.export.choices import Choices, Export
+from beltid.export.law import ContactLaw
+from beltid.export.preamble import commented, identifier, preamble
+from beltid.export.reduction import (
+    between_nodes,
+    friction_table,
+    penetration_nodes,
+    speed_law_deviation,
+)
+
+Array = NDArray[np.float64]
+
+FORCE_SPLINE = 1001
+FRICTION_SPLINE = 1002
+FEWEST_POINTS = 4
+"""Fewest points of a spline that Adams and RecurDyn take."""
+
+
+def mbdyn(law: ContactLaw, choices: Choices) -> Export:
+    """Scalar functions of MBDyn: line force over penetration, mu over speed at one line force."""
+    name, point = identifier(law.belt.name), choices.point
+    deviation = speed_law_deviation(law.surface, point)
+    table = friction_table(law.surface)
+    speeds = table.slip_speed_m_s
+    mu = law.surface.mu(point.normal_force_N_m, speeds)
+    small = 1.0e-3 * (float(speeds[0]) or float(speeds[-1]) or 1.0)
+    v = np.concatenate([[small], speeds[speeds > small]])
+    up = np.concatenate([mu[:1], mu[speeds > small]])
+    odd = np.concatenate([-v[::-1], v]), np.concatenate([-up[::-1], up])
+    delta = penetration_nodes(law)
+    lines = preamble(
+        law,
+        "MBDyn",
+        [
+            f'Holds: "{name}_line_force", line force [N/m] over penetration [m], 0 while open; '
+            f'"{name}_mu", mu(v) sign(v) over the sliding speed v [m/s].',
+            f"Use: multiply the line force by the length of belt of a contact point, such as "
+            f'scalar function: "F", mul, "length", "{name}_line_force"; with "length" a const '
+            f'function, in a constitutive law "scalar function elastic". "{name}_mu" is the '
+            "friction function of the friction models modlugre and discrete coulomb.",
+            f"Reduced: mu at f_N = {point.normal_force_N_m:.6g} N/m is taken at every line force; "
+            f"over the measured range it is off by {deviation}.",
+            f"Below {small:.3g} m/s the friction falls to 0 along a straight line.",
+        ],
+    )
+    text = (
+        commented("#", lines)
+        + _mbdyn_function(f"{name}_line_force", np.r_[-1.0, delta], np.r_[0.0, _force(law, delta)])
+        + _mbdyn_function(f"{name}_mu", *odd)
+    )
+    return Export({f"{name}.mbd": text.encode("ascii")}, {"mu(v) at one force": deviation})
+
+
+def adams(law: ContactLaw, choices: Choices) -> Export:
+    """Splines of Adams, as solver statements (.adm) and as commands of Adams View (.cmd)."""
+    name, units = identifier(law.belt.name), choices.units
+    table = friction_table(law.surface)
+    delta = penetration_nodes(law)
+    x = delta * units.metre, _force(law, delta) * units.newton_per_metre
+    forces = table.normal_force_N_m * units.newton_per_metre
+    v, mu = _long_enough(table.slip_speed_m_s * units.metre, table.mu)
+    f, mu_t = _long_enough(forces, mu.T)
+    mu = mu_t.T
+    lines = preamble(
+        law,
+        "Adams",
+        [
+            f"Holds: spline {FORCE_SPLINE}, line force [{units.line_force}] over penetration "
+            f"[{units.length}]; spline {FRICTION_SPLINE}, mu over sliding speed x "
+            f"[{units.speed}] and line force z [{units.line_force}].",
+            f"Use: AKISPL(MAX(0,penetration),0,{FORCE_SPLINE}) times the length of belt of a "
+            f"contact point; AKISPL(MAX({_g(v[0])},MIN({_g(v[-1])},ABS(v))),"
+            f"MAX({_g(f[0])},MIN({_g(f[-1])},f_N)),{FRICTION_SPLINE}). Keep MAX and MIN: Adams "
+            "extrapolates splines, and nothing is known outside. Paste the .adm into a dataset before "
+            "END, or read the .cmd into Adams View with your model in the place of .MODEL_1.",
+            between_nodes(law, table),
+        ],
+        units,
+    )
+    adm = commented("!", lines) + "".join(
+        (
+            _adm_spline(FORCE_SPLINE, x[0], [x[1]]),
+            _adm_spline(FRICTION_SPLINE, v, [np.r_[z, row] for z, row in zip(f, mu, strict=True)]),
+        )
+    )
+    cmd = commented("!", lines) + "".join(
+        (
+            _cmd_spline(f"{name}_line_force", FORCE_SPLINE, {"x": x[0], "y": x[1]}),
+            _cmd_spline(f"{name}_mu", FRICTION_SPLINE, {"x": v, "y": mu.ravel(), "z": f}),
+        )
+    )
+    files = {f"{name}.adm": adm.encode("ascii"), f"{name}.cmd": cmd.encode("ascii")}
+    return Export(files, {"straight lines between nodes": table.deviation})
+
+
+def recurdyn(law: ContactLaw, choices: Choices) -> Export:
+    """Splines of RecurDyn: two columns each, and a text that says what they are."""
+    name, point, units = identifier(law.belt.name), choices.point, choices.units
+    deviation = speed_law_deviation(law.surface, point)
+    table = friction_table(law.surface)
+    delta = penetration_nodes(law)
+    speeds = table.slip_speed_m_s
+    mu = law.surface.mu(point.normal_force_N_m, speeds)
+    v, mu_row = _long_enough(speeds * units.metre, mu[None, :])
+    force, friction = f"{name}_line_force.csv", f"{name}_mu.csv"
+    lines = preamble(
+        law,
+        "RecurDyn",
+        [
+            f"{force}: penetration [{units.length}], line force [{units.line_force}]. Multiply "
+            "by the length of belt of a contact point.",
+            f"{friction}: sliding speed [{units.speed}], mu at the line force "
+            f"{point.normal_force_N_m * units.newton_per_metre:.6g} {units.line_force}.",
+            "Import both as splines; they hold numbers only, as the import wants it. Use them as "
+            f"AKISPL(MAX(0,penetration),0,spline) and AKISPL(MAX({_g(v[0])},MIN({_g(v[-1])},"
+            "ABS(v))),0,spline): splines are extrapolated, and nothing is known outside.",
+            "Reduced: mu at this line force is taken at every one; over the measured range it is "
+            f"off by {deviation}.",
+        ],
+        units,
+    )
+    files = {
+        f"{name}_recurdyn.txt": "\n".join(lines) + "\n",
+        force: _columns(delta * units.metre, _force(law, delta) * units.newton_per_metre),
+        friction: _columns(v, mu_row[0]),
+    }
+    return Export(
+        {key: text.encode("ascii") for key, text in files.items()},
+        {"mu(v) at one force": deviation},
+    )
+
+
+def abaqus(law: ContactLaw, choices: Choices) -> Export:
+    """Surface interaction of Abaqus: friction over slip rate and pressure, tabular overclosure.
+
+    Raises
+    ------
+    InputError
+        If the width of the belt is not known: pressure is line force over width.
+    """
+    name, units = identifier(law.belt.name), choices.units
+    width = law.belt.width_m or ribbed_width(law.belt.type, law.belt.ribs)
+    if width is None:
+        raise InputError(
+            f"{law.belt.name}: Abaqus needs the contact pressure, which is the line force over "
+            "the width of the belt; name a config with --config that says belt.width_m, or "
+            "belt.type with the profile (such as 5PK) and belt.ribs"
+        )
+    table = friction_table(law.surface)
+    delta = penetration_nodes(law)
+    pressure = table.normal_force_N_m / width * units.pascal
+    lines = preamble(
+        law,
+        "Abaqus",
+        [
+            f"Width of the belt: {width * units.metre:.6g} {units.length}. Contact pressure "
+            f"[{units.pressure}] is the line force over it.",
+            "Holds: pressure over overclosure, and mu by slip rate and contact pressure. Abaqus "
+            "takes straight lines between and the nearest value outside, as it should be.",
+            f"Use: *INCLUDE this file, and name {name.upper()} in *CONTACT PAIR. The slip rate "
+            "that depends on friction needs a step in time (dynamic, or steady-state transport).",
+            between_nodes(law, table),
+        ],
+        units,
+    )
+    overclosure = zip(_force(law, delta) / width * units.pascal, delta * units.metre, strict=True)
+    friction = (
+        (mu, speed, p)
+        for p, row in zip(pressure, table.mu, strict=True)
+        for speed, mu in zip(table.slip_speed_m_s * units.metre, row, strict=True)
+    )
+    text = (
+        commented("**", lines)
+        + f"*SURFACE INTERACTION, NAME={name.upper()}\n"
+        + "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=TABULAR\n"
+        + _rows(overclosure)
+        + "*FRICTION\n"
+        + _rows(friction)
+    )
+    return Export(
+        {f"{name}_abaqus.inp": text.encode("ascii")},
+        {"straight lines between nodes": table.deviation},
+    )
+
+
+def _force(law: ContactLaw, delta: Array) -> Array:
+    return law.normal_law.force(delta)
+
+
+def _g(value: float) -> str:
+    return f"{value:.9g}"
+
+
+def _long_enough(nodes: Array, rows: Array) -> tuple[Array, Array]:
+    """At least four nodes along the last axis; those beyond hold the nearest value."""
+    missing = FEWEST_POINTS - nodes.size
+    if missing <= 0:
+        return nodes, rows
+    beyond = (nodes[-1] or 1.0) * 2.0 ** np.arange(1, missing + 1)
+    return np.r_[nodes, beyond], np.hstack([rows, np.repeat(rows[:, -1:], missing, axis=1)])
+
+
+def _mbdyn_function(name: str, x: Array, y: Array) -> str:
+    pairs = ",\n".join(f"\t{_g(a)}, {_g(b)}" for a, b in zip(x, y, strict=True))
+    return f'scalar function: "{name}", multilinear, do not extrapolate,\n{pairs};\n'
+
+
+def _adm_spline(number: int, x: Array, rows: Sequence[Array]) -> str:
+    lines = [f"SPLINE/{number}", *_statement("X", x)]
+    for row in rows:
+        lines += _statement("Y", row)
+    return "\n".join(lines) + "\n"
+
+
+def _sixes(values: Array) -> list[Array]:
+    return np.split(values, range(6, values.size, 6))
+
+
+def _statement(key: str, values: Array) -> Iterator[str]:
+    """``, KEY=a,b,...`` of the solver's language, continued line by line."""
+    for i, part in enumerate(_sixes(values)):
+        start = f", {key}=" if i == 0 else ", "
+        yield start + ",".join(_g(value) for value in part)
+
+
+def _cmd_spline(name: str, number: int, axes: dict[str, Array]) -> str:
+    lines = [f"spline_name = .MODEL_1.{name}", f"adams_id = {number}"]
+    for key, values in axes.items():
+        parts = [", ".join(_g(value) for value in part) for part in _sixes(values)]
+        lines.append(f"{key} = " + ", &\n      ".join(parts))
+    lines.append("linear_extrapolate = no")
+    return "data_element create spline &\n   " + " &\n   ".join(lines) + "\n"
+
+
+def _columns(x: Array, y: Array) -> str:
+    return "".join(f"{_g(a)},{_g(b)}\n" for a, b in zip(x, y, strict=True))
+
+
+def _rows(rows: Iterable[tuple[float, ...]]) -> str:
+    return "".join(", ".join(_g(float(value)) for value in row) + "\n" for row in rows)

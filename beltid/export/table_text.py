@@ -1,0 +1,179 @@
+"""Tables for programs that interpolate themselves: Modelica, MATLAB, anything that reads CSV."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.export.choices import Choices, Export
+from beltid.export.law import ContactLaw
+from beltid.export.preamble import commented, identifier, preamble
+from beltid.export.reduction import FrictionTable, between_nodes, friction_table, penetration_nodes
+
+Array = NDArray[np.float64]
+
+MAT_TEXT_BYTES = 116
+"""Length of the free text at the beginning of a MAT-file of version 5."""
+
+
+def modelica(law: ContactLaw, choices: Choices) -> Export:
+    """Tables of the Modelica Standard Library: CombiTable1D and CombiTable2D from one file."""
+    name = identifier(law.belt.name)
+    table = friction_table(law.surface)
+    delta = penetration_nodes(law)
+    corner = np.vstack([table.slip_speed_m_s, table.mu])
+    friction = np.column_stack([np.r_[0.0, table.normal_force_N_m], corner])
+    force = np.column_stack([delta, law.normal_law.force(delta)])
+    lines = preamble(
+        law,
+        "Modelica (tables of the Modelica Standard Library)",
+        [
+            "Holds: table line_force, penetration [m] and line force [N/m]; table mu, with the "
+            "line force u1 [N/m] in the first column and the sliding speed u2 [m/s] in the first "
+            "row.",
+            "Use: Modelica.Blocks.Tables.CombiTable1Ds and CombiTable2Ds with tableOnFile=true, "
+            f'fileName="{name}_modelica.txt", tableName="line_force" or "mu", '
+            "smoothness=LinearSegments, extrapolation=HoldLastPoint. Give u1 = max(0, penetration) "
+            "to the first, abs(speed) as u2 to the second; multiply the line force by the length "
+            "of belt of a contact point.",
+            between_nodes(law, table),
+        ],
+    )
+    text = (
+        "#1\n"
+        + commented("#", lines)
+        + _modelica_table("line_force", force)
+        + _modelica_table("mu", friction)
+    )
+    return Export(
+        {f"{name}_modelica.txt": text.encode("ascii")},
+        {"straight lines between nodes": table.deviation},
+    )
+
+
+def matlab(law: ContactLaw, choices: Choices) -> Export:
+    """MAT-file of version 5 with nodes, bicubic patches and a fine table."""
+    from scipy.io import savemat
+
+    name = identifier(law.belt.name)
+    table = friction_table(law.surface)
+    surface, part = law.surface, law.friction
+    delta = penetration_nodes(law)
+    lines = preamble(
+        law,
+        "MATLAB",
+        [
+            "Use: law = load(file); mu = griddedInterpolant({law.table_normal_force_N_m, "
+            "law.table_slip_speed_m_s}, law.table_mu, 'linear', 'nearest'); mu(f_N, abs(v)). Line "
+            "force of a penetration d > 0: law.k_linear_N_m2*d + law.k_quadratic_N_m3*d.^2.",
+            between_nodes(law, table)
+            + " The exact bicubic: patches(i, j, a+1, b+1) are the coefficients "
+            "of s^a t^b in cell i, j, with s from x_nodes = log1p(f_N/f_ref_N_m), t from y_nodes.",
+        ],
+    )
+    se = surface.mu_se_nodes
+    content = {
+        "readme": "\n".join(lines),
+        "origin": law.origin or "not stated",
+        "belt": law.belt.name,
+        "method": part.method,
+        "k_linear_N_m2": law.normal.k_linear_N_m2,
+        "k_quadratic_N_m3": law.normal.k_quadratic_N_m3,
+        "covariance": np.array(law.normal.covariance or np.full((2, 2), np.nan)),
+        "penetration_m": delta,
+        "force_N_m": law.normal_law.force(delta),
+        "normal_force_N_m": surface.normal_force_N_m,
+        "slip_speed_m_s": surface.slip_speed_m_s,
+        "mu": surface.mu_nodes,
+        "mu_se": np.full(surface.mu_nodes.shape, np.nan) if se is None else se,
+        "x_nodes": np.array(part.x_nodes),
+        "y_nodes": np.array(part.y_nodes),
+        "f_ref_N_m": np.inf if part.f_ref_N_m is None else part.f_ref_N_m,
+        "v_ref_m_s": np.inf if part.v_ref_m_s is None else part.v_ref_m_s,
+        "patches": surface.tables().C,
+        "table_normal_force_N_m": table.normal_force_N_m,
+        "table_slip_speed_m_s": table.slip_speed_m_s,
+        "table_mu": table.mu,
+    }
+    buffer = io.BytesIO()
+    savemat(buffer, content, oned_as="column")
+    return Export(
+        {f"{name}.mat": _with_text(buffer.getvalue(), law)},
+        {"straight lines between nodes": table.deviation},
+    )
+
+
+def csv(law: ContactLaw, choices: Choices) -> Export:
+    """Plain CSV files: normal law, measured nodes of the friction surface, a fine table."""
+    name = identifier(law.belt.name)
+    table = friction_table(law.surface)
+    head = commented(
+        "#",
+        preamble(
+            law,
+            "any program that reads CSV",
+            [
+                "Lines that begin with # are comments; the first other line names the columns.",
+                f"{name}_friction_nodes.csv holds the nodes of the surface (bicubic between them, "
+                f"in the logarithms of force and speed), {name}_friction_table.csv a finer grid. "
+                + between_nodes(law, table),
+            ],
+        ),
+    )
+    files = {
+        f"{name}_normal.csv": head + _normal_csv(law),
+        f"{name}_friction_nodes.csv": head + _nodes_csv(law),
+        f"{name}_friction_table.csv": head + _table_csv(table),
+    }
+    return Export(
+        {key: text.encode("ascii") for key, text in files.items()},
+        {"straight lines between nodes": table.deviation},
+    )
+
+
+def _modelica_table(name: str, values: Array) -> str:
+    rows = "\n".join("  ".join(f"{cell:.12g}" for cell in row) for row in values)
+    return f"double {name}({values.shape[0]},{values.shape[1]})\n{rows}\n"
+
+
+def _with_text(data: bytes, law: ContactLaw) -> bytes:
+    """The file with our text in the place of the machine and date that scipy writes."""
+    synthetic = ", SYNTHETIC DATA" if law.synthetic else ""
+    text = f"MATLAB 5.0 MAT-file, contact law of a belt{synthetic}, {law.provenance.software}"
+    return text.encode("ascii", "replace")[:MAT_TEXT_BYTES].ljust(MAT_TEXT_BYTES) + data[116:]
+
+
+def _normal_csv(law: ContactLaw) -> str:
+    delta = penetration_nodes(law)
+    force = law.normal_law.force(delta)
+    rows = ["penetration_m,force_N_m,force_se_N_m"]
+    powers = np.column_stack([delta, delta**2])
+    if law.normal.covariance is None:
+        errors = [""] * delta.size
+    else:
+        variance = np.einsum("ni,ij,nj->n", powers, np.array(law.normal.covariance), powers)
+        errors = [f"{se:.6g}" for se in np.sqrt(np.maximum(variance, 0.0))]
+    rows += [f"{d:.12g},{f:.12g},{se}" for d, f, se in zip(delta, force, errors, strict=True)]
+    return "\n".join(rows) + "\n"
+
+
+def _nodes_csv(law: ContactLaw) -> str:
+    part = law.friction
+    rows = ["normal_force_N_m,slip_speed_m_s,mu,mu_se"]
+    for i, force in enumerate(part.normal_force_N_m):
+        for j, speed in enumerate(part.slip_speed_m_s):
+            se = None if part.mu_se is None else part.mu_se[i][j]
+            rows.append(f"{force!r},{speed!r},{part.mu[i][j]!r},{'' if se is None else repr(se)}")
+    return "\n".join(rows) + "\n"
+
+
+def _table_csv(table: FrictionTable) -> str:
+    speeds = [f"mu_at_{speed:.6g}_m_s" for speed in table.slip_speed_m_s]
+    rows = [",".join(["normal_force_N_m", *speeds])]
+    rows += [
+        ",".join(f"{cell:.12g}" for cell in (force, *row))
+        for force, row in zip(table.normal_force_N_m, table.mu, strict=True)
+    ]
+    return "\n".join(rows) + "\n"

@@ -1,0 +1,82 @@
+"""What a law can be written for, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from beltid.export import python_text, solver_text, table_text
+from beltid.export.choices import Choices, Export
+from beltid.export.law import ContactLaw
+from beltid.export.law_file import SUFFIX, law_text
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A program or format.
+
+    Attributes
+    ----------
+    name : str
+        As the command line names it.
+    title : str
+        What it is.
+    holds : str
+        How much of the law it takes.
+    write : callable
+        Law and choices to files.
+    in_units : bool
+        Whether its files may be in millimetres.
+    """
+
+    name: str
+    title: str
+    holds: str
+    write: Callable[[ContactLaw, Choices], Export]
+    in_units: bool = False
+
+
+def _json(law: ContactLaw, choices: Choices) -> Export:
+    return Export({f"{law.belt.name}{SUFFIX}": law_text(law).encode()})
+
+
+TARGETS: Final = {
+    target.name: target
+    for target in (
+        Target("json", "contact law of beltid, an open text file", "everything", _json),
+        Target(
+            "exudyn",
+            "Exudyn: Python module for ObjectContactFrictionCircleCable2D",
+            "linear stiffness, constant mu; all of it by update_contacts()",
+            python_text.exudyn,
+        ),
+        Target(
+            "chrono",
+            "Project Chrono: Python module for PyChrono",
+            "linear stiffness, constant mu; all of it by contact_force()",
+            python_text.chrono,
+        ),
+        Target(
+            "mbdyn", "MBDyn: scalar functions", "line force, mu(v) at one force", solver_text.mbdyn
+        ),
+        Target("adams", "Adams: splines, .adm and .cmd", "everything", solver_text.adams, True),
+        Target(
+            "recurdyn",
+            "RecurDyn: splines",
+            "line force, mu(v) at one force",
+            solver_text.recurdyn,
+            True,
+        ),
+        Target("modelica", "Modelica: CombiTable1D and 2D", "everything", table_text.modelica),
+        Target("matlab", "MATLAB: MAT-file", "everything", table_text.matlab),
+        Target(
+            "abaqus",
+            "Abaqus: surface interaction, friction by slip rate and pressure",
+            "everything",
+            solver_text.abaqus,
+            True,
+        ),
+        Target("csv", "CSV: plain grids", "everything", table_text.csv),
+    )
+}
