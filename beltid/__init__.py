@@ -22,6 +22,7 @@ Module                 Responsibility                                         Pa
 ``batch``              the chain over one belt or several
 ``stages``             one file per command: read, science, write, sum up
 ``report``             summaries for the terminal
+``export``             the contact law for other programs
 ``store``              files: tables, recordings, artifacts
 ``config``             YAML to a frozen model; errors with line and column
 ``refine``             inverse problem: the surface that gives the tensions   beyond section 7
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
         InputError,
         NumericsError,
     )
+    from beltid.export.law import ContactLaw
     from beltid.laws.friction_surface import FrictionSurface
     from beltid.laws.penalty import NormalLaw
     from beltid.stages.build_surface import build_surface
@@ -65,7 +67,7 @@ if TYPE_CHECKING:
     from beltid.stages.fit_stiffness import fit_stiffness
     from beltid.stages.refine_surface import refine_surface
     from beltid.stages.simulated_runs import simulate_campaign, simulate_rig
-    from beltid.stages.tables import load_stiffness, load_surface
+    from beltid.stages.tables import load_law, load_stiffness, load_surface
 
 __all__ = [
     "ArtifactError",
@@ -73,6 +75,7 @@ __all__ = [
     "BeltidWarning",
     "Config",
     "ConfigError",
+    "ContactLaw",
     "ConvergenceError",
     "FitError",
     "FrictionSurface",
@@ -86,6 +89,7 @@ __all__ = [
     "fit_slip",
     "fit_stiffness",
     "load_config",
+    "load_law",
     "load_stiffness",
     "load_surface",
     "refine_surface",
@@ -111,6 +115,7 @@ _HOMES = {
         ),
         "errors",
     ),
+    "ContactLaw": "export.law",
     "FrictionSurface": "laws.friction_surface",
     "NormalLaw": "laws.penalty",
     "build_surface": "stages.build_surface",
@@ -119,6 +124,7 @@ _HOMES = {
     "fit_friction": "stages.fit_friction",
     "fit_slip": "stages.fit_slip",
     "fit_stiffness": "stages.fit_stiffness",
+    "load_law": "stages.tables",
     "load_stiffness": "stages.tables",
     "load_surface": "stages.tables",
     "simulate_campaign": "stages.simulated_runs",

@@ -82,8 +82,8 @@ def adams(law: ContactLaw, choices: Choices) -> Export:
             f"Use: AKISPL(MAX(0,penetration),0,{FORCE_SPLINE}) times the length of belt of a "
             f"contact point; AKISPL(MAX({_g(v[0])},MIN({_g(v[-1])},ABS(v))),"
             f"MAX({_g(f[0])},MIN({_g(f[-1])},f_N)),{FRICTION_SPLINE}). Keep MAX and MIN: Adams "
-            "extrapolates splines, and nothing is known outside. Paste the .adm into a dataset before "
-            "END, or read the .cmd into Adams View with your model in the place of .MODEL_1.",
+            "extrapolates splines, and nothing is known outside. Paste the .adm into a dataset "
+            "before END, or read the .cmd into Adams View, with your model in place of .MODEL_1.",
             between_nodes(law, table),
         ],
         units,

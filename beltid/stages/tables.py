@@ -8,15 +8,44 @@ from typing import Any
 
 import numpy as np
 
-from beltid.errors import InputError
+from beltid.errors import ArtifactError, InputError
+from beltid.export.law import ContactLaw
+from beltid.export.law_file import law_from_text
 from beltid.identify.surface import surface_from_columns
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.stages.outcome import Outcome
 from beltid.store import schemas
 from beltid.store.artifacts import Artifact, read_artifact
+from beltid.store.files import read_bytes
 from beltid.store.frames import columns_of_frame
 from beltid.store.problems import Problems
+
+
+def load_law(path: str | Path) -> ContactLaw:
+    """Load the contact law of a belt from its file ``<belt>.beltlaw.json``.
+
+    Parameters
+    ----------
+    path : path
+        The file, as ``beltid export json`` writes it.
+
+    Returns
+    -------
+    ContactLaw
+        ``.surface`` is the `FrictionSurface`, ``.normal_law`` the `NormalLaw`.
+
+    Raises
+    ------
+    ArtifactError
+        If the file is missing, damaged, changed by hand, or no contact law.
+    """
+    data = read_bytes(Path(path), ArtifactError)
+    try:
+        text = data.decode("utf-8")
+    except UnicodeDecodeError:
+        raise ArtifactError(f"{path}: not a contact law: no UTF-8 text") from None
+    return law_from_text(text, str(path))
 
 
 def load_surface(path: str | Path) -> FrictionSurface:
@@ -25,13 +54,15 @@ def load_surface(path: str | Path) -> FrictionSurface:
     Parameters
     ----------
     path : path
-        The artifact, as ``beltid build-surface`` writes it.
+        The artifact, as ``beltid build-surface`` writes it, or a law file of ``beltid export``.
 
     Raises
     ------
     ArtifactError
         If the file is missing, damaged or of another kind.
     """
+    if _is_law_file(path):
+        return load_law(path).surface
     return surface_of(read_artifact(path, "surface"))
 
 
@@ -49,7 +80,8 @@ def load_stiffness(path: str | Path, temperature_degC: float | None = None) -> N
     Parameters
     ----------
     path : path
-        The artifact, as ``beltid fit-stiffness`` writes it.
+        The artifact, as ``beltid fit-stiffness`` writes it, or a law file of ``beltid export``
+        (which holds the pooled law only).
     temperature_degC : float, optional
         The law fitted at the nearest measured temperature (within 5 °C); by default the pooled law.
 
@@ -60,7 +92,15 @@ def load_stiffness(path: str | Path, temperature_degC: float | None = None) -> N
     InputError
         If there is no law at that temperature.
     """
+    if _is_law_file(path):
+        if temperature_degC is not None:
+            raise InputError(f"{path}: a law file holds the pooled law only, no temperature")
+        return load_law(path).normal_law
     return law_of(read_artifact(path, "stiffness"), temperature_degC)
+
+
+def _is_law_file(path: str | Path) -> bool:
+    return Path(path).suffix == ".json"
 
 
 def law_of(artifact: Artifact, temperature_degC: float | None = None) -> NormalLaw:
