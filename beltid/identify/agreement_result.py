@@ -28,6 +28,9 @@ class AgreementSettings:
         Largest admissible magnitude of a single one [-].
     min_share_compared : float or None
         Smallest admissible share of the usable measured runs that were compared [-].
+    max_rms_error_over_uncertainty : float or None
+        Largest admissible root mean square of the differences over their standard uncertainties;
+        nan, which is never admitted, where these are not known.
     match : MatchSettings
         How far settings of matched runs may be apart.
     """
@@ -36,6 +39,7 @@ class AgreementSettings:
     max_mean_relative_error: float | None = None
     max_relative_error: float | None = None
     min_share_compared: float | None = None
+    max_rms_error_over_uncertainty: float | None = None
     match: MatchSettings = field(default_factory=MatchSettings)
 
     def __post_init__(self) -> None:
@@ -55,6 +59,7 @@ class AgreementSettings:
             "max_mean_relative_error": self.max_mean_relative_error,
             "max_relative_error": self.max_relative_error,
             "min_share_compared": self.min_share_compared,
+            "max_rms_error_over_uncertainty": self.max_rms_error_over_uncertainty,
         }
 
 
@@ -146,6 +151,8 @@ class AgreementResult:
         Runs without a partner or set aside: reason and number.
     not_compared_runs : tuple of (str, str)
         The same run by run: label with side, reason.
+    u_validation : ndarray (n,), optional
+        Standard uncertainty of the relative differences [-]; nan where it is not known.
     """
 
     run: NDArray[np.object_]
@@ -167,6 +174,7 @@ class AgreementResult:
     n_usable: int
     not_compared: dict[str, int]
     not_compared_runs: tuple[tuple[str, str], ...]
+    u_validation: Array | None = None
 
     @property
     def difference(self) -> Array:
@@ -186,6 +194,7 @@ class AgreementResult:
             "max_mean_relative_error": self.overall.mean_magnitude,
             "max_relative_error": self.overall.largest,
             "min_share_compared": self.share_compared,
+            "max_rms_error_over_uncertainty": self.rms_error_over_uncertainty,
         }
         return {
             name: (
@@ -201,6 +210,19 @@ class AgreementResult:
     def share_compared(self) -> float:
         """Share of the usable measured runs that found a simulated partner [-]."""
         return self.mu_measured.size / self.n_usable
+
+    @property
+    def error_over_uncertainty(self) -> Array:
+        """Relative difference over its standard uncertainty (n,); nan where it is not known."""
+        if self.u_validation is None:
+            return np.full(self.mu_measured.size, np.nan)
+        safe = np.where(self.u_validation > 0.0, self.u_validation, np.nan)
+        return self.relative_difference / safe
+
+    @property
+    def rms_error_over_uncertainty(self) -> float:
+        """Root mean square of the differences in units of their standard uncertainties."""
+        return float(np.sqrt(np.mean(np.square(self.error_over_uncertainty))))
 
     @property
     def passed(self) -> bool:

@@ -18,7 +18,7 @@ class Column:
     name : str
         Public name, with the unit as its ending.
     dtype : {"float64", "int64", "bool", "string", "list"}
-        Type; "list" is a list of four float64.
+        Type; "list" is a list of float64, of one length in all rows that have one.
     unit : str
         Unit; "" for none, "1" for a pure number.
     meaning : str
@@ -31,6 +31,8 @@ class Column:
         Whether a bound itself is excluded.
     required : bool
         Whether the table must have the column.
+    length : int
+        Numbers in a list; 0 leaves it to the table.
     """
 
     name: str
@@ -43,6 +45,7 @@ class Column:
     open_low: bool = False
     open_high: bool = False
     required: bool = True
+    length: int = 4
 
     @property
     def allowed(self) -> str:
@@ -109,6 +112,11 @@ def nonnegative(name: str, unit: str, meaning: str, *, nullable: bool = False) -
 def real(name: str, unit: str, meaning: str, *, nullable: bool = True) -> Column:
     """Any finite number; it may be missing unless said otherwise."""
     return Column(name, "float64", unit, meaning, nullable)
+
+
+def numbers(name: str, unit: str, meaning: str) -> Column:
+    """A list of numbers, as many in each row that has one; it may be missing."""
+    return Column(name, "list", unit, meaning, nullable=True, length=0)
 
 
 def count(name: str, meaning: str) -> Column:

@@ -13,8 +13,6 @@ from beltid.store.schemas import Column, Table
 if TYPE_CHECKING:
     import pyarrow as pa
 
-LIST_LENGTH = 4
-
 
 def normalised(columns: Mapping[str, Any], table: Table, name: str) -> dict[str, np.ndarray]:
     """Columns in the order and with the types of the schema, every value allowed.
@@ -64,10 +62,7 @@ def _typed(values: Any, column: Column) -> np.ndarray:
         array[:] = cells
         return array
     if column.dtype == "list":
-        rows = [[np.nan] * LIST_LENGTH if _is_missing(row) else np.ravel(row) for row in values]
-        matrix = np.array(rows, dtype=np.float64).reshape(len(rows), LIST_LENGTH)
-        matrix[np.isnan(matrix).any(axis=1)] = np.nan  # half a covariance is none
-        return matrix
+        return _matrix([None if _is_missing(row) else np.ravel(row) for row in values], column)
     if column.dtype == "float64":
         return floats(values)
     array = np.asarray(values)
@@ -79,6 +74,26 @@ def _typed(values: Any, column: Column) -> np.ndarray:
     if array.dtype.kind not in "iub" and not np.all(array == np.floor(array.astype(float))):
         raise ValueError(f"{column.name} must hold whole numbers")
     return array.astype(wanted)
+
+
+def _matrix(rows: list[Any], column: Column) -> np.ndarray:
+    """Lists as the rows of a matrix, nan where one is missing.
+
+    Raises
+    ------
+    ValueError
+        If their lengths differ, or are not that of the column.
+    """
+    lengths = {len(row) for row in rows if row is not None}
+    length = column.length or max(lengths, default=0)
+    if lengths - {length}:
+        raise ValueError(f"{column.name}: lists of {sorted(lengths)} numbers, must be {length}")
+    matrix = np.full((len(rows), length), np.nan)
+    for i, row in enumerate(rows):
+        if row is not None:
+            matrix[i] = row
+    matrix[np.isnan(matrix).any(axis=1)] = np.nan  # half a covariance is none
+    return matrix
 
 
 def floats(values: Any) -> np.ndarray:
@@ -194,8 +209,7 @@ def _arrow_type(column: Column) -> pa.DataType:
 
 def _from_arrow(chunked: pa.ChunkedArray, column: Column) -> np.ndarray:
     if column.dtype == "list":
-        rows = [[np.nan] * LIST_LENGTH if row is None else row for row in chunked.to_pylist()]
-        return np.array(rows, dtype=np.float64).reshape(len(rows), LIST_LENGTH)
+        return _matrix(chunked.to_pylist(), column)
     if column.dtype == "string":
         array = np.empty(len(chunked), dtype=object)
         array[:] = chunked.to_pylist()

@@ -23,6 +23,7 @@ from beltid.identify.stiffness import StiffnessSettings
 from beltid.identify.surface import SurfaceSettings
 from beltid.params import OperatingPoint
 from beltid.rigsim.rig import DEFAULT_STEPS, SimulationSettings
+from beltid.stages.uncertainties import standard_uncertainties
 
 SLIP = SlipResult(
     points=(SlipPoint("1", 60.0, 310.0, 5.0, 0.4, 0.01, 0.02, 0.0005, 100, "ok"),),
@@ -71,6 +72,7 @@ SCIENCE: dict[str, tuple[Callable[[Config], Any], ...]] = {
     "surface": (lambda c: SurfaceSettings(**c.surface.model_dump()),),
     "slip": (with_slip,),
     "simulation": (with_simulation, lambda c: c.contact_params()),
+    "uncertainty": (standard_uncertainties,),
 }
 
 

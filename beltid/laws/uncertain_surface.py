@@ -1,0 +1,170 @@
+"""A friction surface with what is not known of it: combined uncertainty, band, ensemble.
+
+The errors of the nodes are those of ln mu. They belong together: what is wrong with a load cell
+moves the whole surface. So not a number per node is kept but a factor S with ``S S'`` the
+covariance of all nodes, a column for each shared source and further ones for the scatter; any later
+use (a simulation, a band in a figure) follows from it, or from members drawn with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtri
+
+from beltid.errors import InputError
+from beltid.laws.friction_surface import FrictionSurface
+
+Array = NDArray[np.float64]
+
+MEMBERS = 64
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class UncertainSurface(FrictionSurface):
+    """Friction surface with the covariance of its nodes.
+
+    Parameters
+    ----------
+    surface : FrictionSurface
+        The surface with the standard errors of its nodes.
+    factor : array_like (nf, nv, r), optional
+        Factor of the covariance of ln mu at the nodes. Without it all uncertainty is the standard
+        error of the nodes, each by itself.
+    sources : sequence of str
+        Names of the first columns of the factor: errors that act on all nodes together. The
+        further columns are scatter.
+    members : array_like (n, nf, nv), optional
+        Node values of a Monte Carlo ensemble [-], > 0.
+
+    Raises
+    ------
+    InputError
+        If shapes do not go together.
+    """
+
+    factor: Array | None
+    sources: tuple[str, ...]
+    members: Array | None
+
+    def __init__(
+        self,
+        surface: FrictionSurface,
+        factor: ArrayLike | None = None,
+        sources: Sequence[str] = (),
+        members: ArrayLike | None = None,
+    ) -> None:
+        FrictionSurface.__init__(
+            self,
+            surface.normal_force_N_m,
+            surface.slip_speed_m_s,
+            surface.mu_nodes,
+            surface.mu_se_nodes,
+        )
+        S = None if factor is None else np.array(factor, dtype=float)
+        M = None if members is None else np.array(members, dtype=float)
+        shape = surface.mu_nodes.shape
+        problems = []
+        if S is not None and (S.shape[:2] != shape or S.ndim != 3 or S.shape[2] < len(sources)):
+            problems.append(f"factor: shape {S.shape}, must be {(*shape, '>= sources')}")
+        if M is not None and M.shape[1:] != shape:
+            problems.append(f"members: shape {M.shape}, must be (n, {shape[0]}, {shape[1]})")
+        if problems:
+            raise InputError(problems)
+        for array in (S, M):
+            if array is not None:
+                array.flags.writeable = False
+        object.__setattr__(self, "factor", S)
+        object.__setattr__(self, "sources", tuple(sources))
+        object.__setattr__(self, "members", M)
+
+    def mu_se(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
+        """Standard error of mu by the scatter of the data alone [-]; see :meth:`mu_se_at`."""
+        return self.mu_se_at(normal_force_N_m, slip_speed_m_s)
+
+    def mu_u(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
+        """Combined standard uncertainty of mu [-]: scatter and shared errors (k = 1).
+
+        Of the nearest node outside the range, as mu itself.
+        """
+        if self.factor is None:
+            return self.mu_se_at(normal_force_N_m, slip_speed_m_s)
+        rows = self.factor_at(normal_force_N_m, slip_speed_m_s)
+        mu = self.mu(normal_force_N_m, slip_speed_m_s)
+        return np.asarray(mu * np.sqrt(np.sum(np.square(rows), axis=-1)))[()]
+
+    def factor_at(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
+        """Change of ln mu by each column of the factor, bilinear between nodes, shape (..., r).
+
+        Two points are correlated as their rows are: ``cov = row_1 . row_2``.
+
+        Raises
+        ------
+        InputError
+            If the surface has no factor.
+        """
+        if self.factor is None:
+            raise InputError("the surface has no covariance: it was made without uncertainties")
+        at = self._locate(normal_force_N_m, slip_speed_m_s)
+        i1 = np.minimum(at.i + 1, self.normal_force_N_m.size - 1)
+        j1 = np.minimum(at.j + 1, self.slip_speed_m_s.size - 1)
+        total = np.zeros((*at.s.shape, self.factor.shape[2]))
+        for i, weight_f in ((at.i, 1.0 - at.s), (i1, at.s)):
+            for j, weight_v in ((at.j, 1.0 - at.t), (j1, at.t)):
+                total += (weight_f * weight_v)[..., None] * self.factor[i, j]
+        return np.where(at.known[..., None], total, np.nan)
+
+    def band(
+        self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike, level: float = 0.95
+    ) -> tuple[Array, Array]:
+        """Lower and upper limit of mu [-] that cover the truth with a probability of `level`.
+
+        By the combined standard uncertainty of ln mu, so that the lower limit stays positive.
+
+        Raises
+        ------
+        InputError
+            If the level is not in (0, 1).
+        """
+        if not 0.0 < level < 1.0:
+            raise InputError(f"level = {level!r}, must be in (0, 1)")
+        mu = self.mu(normal_force_N_m, slip_speed_m_s)
+        k = float(ndtri(0.5 + 0.5 * level))
+        width = np.exp(k * self.mu_u(normal_force_N_m, slip_speed_m_s) / mu)
+        return np.asarray(mu / width)[()], np.asarray(mu * width)[()]
+
+    def ensemble(self, size: int = MEMBERS, seed: int = 0) -> tuple[FrictionSurface, ...]:
+        """Surfaces that might be the true one, all equally likely.
+
+        Those of the Monte Carlo check if the surface holds them, else drawn with the covariance.
+
+        Parameters
+        ----------
+        size : int
+            Number of surfaces; of a Monte Carlo ensemble the first ones, at most all.
+        seed : int
+            Of the draws.
+
+        Raises
+        ------
+        InputError
+            If the surface has neither members nor a covariance.
+        """
+        if self.members is not None:
+            nodes = self.members[:size]
+        elif self.factor is not None:
+            draws = np.random.default_rng(seed).standard_normal((size, self.factor.shape[2]))
+            nodes = self.mu_nodes * np.exp(np.einsum("fvr,nr->nfv", self.factor, draws))
+        else:
+            raise InputError("the surface has no covariance: it was made without uncertainties")
+        f, v = self.normal_force_N_m, self.slip_speed_m_s
+        return tuple(FrictionSurface(f, v, mu) for mu in nodes)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        f, v = self.normal_force_N_m, self.slip_speed_m_s
+        plain = FrictionSurface(f, v, self.mu_nodes, self.mu_se_nodes)
+        return type(self), (plain, self.factor, self.sources, self.members)

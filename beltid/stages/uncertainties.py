@@ -1,0 +1,74 @@
+"""Standard uncertainties of a config for the science, and budgets for people."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.config import Config
+from beltid.laws.penalty import NormalLaw
+from beltid.store.artifacts import Artifact
+from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.sources import StandardUncertainties
+
+SECTION: Final = "uncertainty"
+KEYS: Final[dict[str, tuple[str, float]]] = {
+    "tension_gain_rel": ("tension_gain", 1.0),
+    "cell_gain_rel": ("cell_gain", 1.0),
+    "cell_offset_N": ("cell_offset", 1.0),
+    "arc_deg": ("arc", math.pi / 180.0),
+    "arc_setting_deg": ("arc_setting", math.pi / 180.0),
+    "pulley_radius_rel": ("pulley_radius", 1.0),
+    "span_length_m": ("span_length", 1.0),
+    "pulley_speed_rel": ("pulley_speed", 1.0),
+    "bending_stiffness_rel": ("bending_stiffness", 1.0),
+    "axial_stiffness_rel": ("axial_stiffness", 1.0),
+    "press_force_rel": ("press_force", 1.0),
+    "press_displacement_rel": ("press_displacement", 1.0),
+    "segment_length_rel": ("segment_length", 1.0),
+    "machine_compliance_mm_N": ("machine_compliance", 1.0e-3),
+}
+"""Key of the config -> name in the science, SI per unit of the config."""
+BUDGET_COLUMNS: Final = (
+    "source",
+    "basis",
+    "standard_uncertainty",
+    "unit",
+    "contribution_percent",
+    "largest_percent",
+    "share_percent",
+)
+
+
+def standard_uncertainties(config: Config) -> StandardUncertainties:
+    """Standard uncertainties of a config in SI, with those that were stated named."""
+    section = config.uncertainty
+    values = {name: getattr(section, key) * unit for key, (name, unit) in KEYS.items()}
+    stated = frozenset(KEYS[key][0] for key in section.model_fields_set)
+    return StandardUncertainties(**values, stated=stated)
+
+
+def stated_keys(config: Config) -> list[str]:
+    """Keys of the section that the config states; part of what a result was made from."""
+    return sorted(config.uncertainty.model_fields_set)
+
+
+def press_law(law: NormalLaw, config: Config, artifact: Artifact | None = None) -> PressLaw:
+    """A contact law with its making; without an artifact its scatter is not known."""
+    covariance, depth = np.zeros((2, 2)), 1.0e-4
+    if artifact is not None:
+        pooled = int(np.flatnonzero(np.isnan(artifact.columns["temperature_degC"]))[0])
+        found = artifact.columns["covariance"][pooled].reshape(2, 2)
+        covariance = np.where(np.isfinite(found), found, 0.0)
+        depth = float(artifact.columns["max_penetration_m"][pooled])
+    return PressLaw(law, covariance, depth, config.press.segment_length_cm / 100.0)
+
+
+def budget_table(rows: list[Mapping[str, Any]], quantity: str) -> list[dict[str, Any]]:
+    """Rows of a budget of one quantity as a person reads them."""
+    return [
+        {name: row[name] for name in BUDGET_COLUMNS} for row in rows if row["quantity"] == quantity
+    ]

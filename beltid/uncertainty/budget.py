@@ -1,0 +1,156 @@
+"""The budget of an uncertainty: every contribution named, compared and combined (JCGM 100).
+
+A result may have several values (the runs of a campaign, the nodes of a surface). A contribution is
+told by its root mean square over them and by its largest value, relative to the result. What the
+contributions add up to is the root of the sum of squares at each value.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri, stdtrit
+
+from beltid.uncertainty.sources import FITTED, Source
+
+Array = NDArray[np.float64]
+
+LEVEL = 0.95
+TOGETHER = "all together"
+EACH = "each run"
+COMBINED = "combined"
+LEAST_PERCENT = 1.0e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Scatter:
+    """Contribution of what differs from run to run, or from sample to sample.
+
+    Attributes
+    ----------
+    name : str
+        What it is.
+    relative : ndarray, shape (n,)
+        Standard uncertainty over the result [-].
+    degrees_of_freedom : float or None
+        Of its estimate; None if it is not known.
+    """
+
+    name: str
+    relative: Array
+    degrees_of_freedom: float | None = None
+
+
+def budget(
+    quantity: str, sources: Sequence[Source], changes: Array, scatter: Scatter
+) -> list[dict[str, object]]:
+    """Rows of a budget, the combined standard uncertainty last.
+
+    Parameters
+    ----------
+    quantity : str
+        What the budget is of.
+    sources : sequence of Source
+        Errors that act on all values together.
+    changes : ndarray, shape (n, K)
+        Relative change of the n values by one standard uncertainty of each source [-].
+    scatter : Scatter
+        The rest.
+
+    Returns
+    -------
+    list of dict
+        quantity, source, acts_on, basis, standard_uncertainty, unit, contribution_percent,
+        largest_percent, share_percent (of the combined variance), degrees_of_freedom.
+    """
+    square = {name: np.zeros(scatter.relative.size) for name in dict.fromkeys(_names(sources))}
+    for source, change in zip(sources, changes.T, strict=True):
+        square[source.name] += change**2
+    total = sum(square.values()) + np.square(scatter.relative)
+    whole = float(np.mean(total))
+    rows: list[dict[str, object]] = []
+    first = {source.name: source for source in reversed(sources)}
+    for name, part in square.items():
+        source = first[name]
+        fitted = source.basis == FITTED
+        rows.append(
+            {
+                "quantity": quantity,
+                "source": name,
+                "acts_on": TOGETHER,
+                "basis": source.basis,
+                "standard_uncertainty": None if fitted else source.shown,
+                "unit": "" if fitted else source.unit,
+                **_figures(part, whole),
+                "degrees_of_freedom": None,
+            }
+        )
+    rows = [row for row in rows if float(str(row["largest_percent"])) > LEAST_PERCENT]
+    rows.sort(key=lambda row: -float(str(row["contribution_percent"])))
+    rows.append(
+        {
+            "quantity": quantity,
+            "source": scatter.name,
+            "acts_on": EACH,
+            "basis": FITTED,
+            "standard_uncertainty": None,
+            "unit": "",
+            **_figures(np.square(scatter.relative), whole),
+            "degrees_of_freedom": scatter.degrees_of_freedom,
+        }
+    )
+    freedom = effective_freedom(whole, scatter)
+    rows.append(
+        {
+            "quantity": quantity,
+            "source": COMBINED,
+            "acts_on": "",
+            "basis": "",
+            "standard_uncertainty": None,
+            "unit": "",
+            **_figures(total, whole),
+            "degrees_of_freedom": None if math.isinf(freedom) else freedom,
+        }
+    )
+    return rows
+
+
+def combined(changes: Array, scatter: Array) -> Array:
+    """Combined relative standard uncertainty (n,) of shared errors (n, K) and scatter (n,)."""
+    return np.asarray(np.sqrt(np.sum(np.square(changes), axis=-1) + np.square(scatter)))
+
+
+def effective_freedom(whole: float, scatter: Scatter) -> float:
+    """Effective degrees of freedom by Welch and Satterthwaite; infinite where nothing limits them.
+
+    The scatter alone has finite ones: a standard uncertainty that was stated counts as known.
+    """
+    own = float(np.mean(np.square(scatter.relative)))
+    if scatter.degrees_of_freedom is None or own == 0.0:
+        return math.inf
+    return scatter.degrees_of_freedom * (whole / own) ** 2
+
+
+def coverage_factor(level: float, degrees_of_freedom: float = math.inf) -> float:
+    """Factor on the standard uncertainty of an interval that covers the truth with `level`."""
+    upper = 0.5 + 0.5 * level
+    if math.isinf(degrees_of_freedom):
+        return float(ndtri(upper))
+    return float(stdtrit(degrees_of_freedom, upper))
+
+
+def _names(sources: Sequence[Source]) -> list[str]:
+    return [source.name for source in sources]
+
+
+def _figures(square: Array, whole: float) -> dict[str, float]:
+    mean = float(np.mean(square))
+    return {
+        "contribution_percent": 100.0 * math.sqrt(mean),
+        "largest_percent": 100.0 * math.sqrt(float(np.max(square))),
+        "share_percent": 100.0 * mean / whole if whole > 0.0 else 0.0,
+    }

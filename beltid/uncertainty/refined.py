@@ -1,0 +1,125 @@
+"""How the refined surface follows every error: implicit differentiation of its least squares.
+
+The surface minimises ``|W (ln mu_measured - ln mu_simulated(p, x))|² + p' P p`` over its parameters
+p; x are the inputs of the simulated rig. With the gain G of the solution (:attr:`gain`), which
+holds the inverse of the normal matrix, an error e of a source changes it by
+
+    dp/de = G (d ln mu_measured/de - sum_x d ln mu_simulated/dx dx/de),
+
+without any new fit. The derivatives by x come from the rig simulated once more for each input.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.laws.penalty import NormalLaw
+from beltid.params import Belt, Rig
+from beltid.refine.inverse import RefinedSurface
+from beltid.refine.rig_runs import MeasuredRun, RigRuns, mesh_of, surfaces_of
+from beltid.rigsim.model import Bench
+from beltid.uncertainty.campaign import Campaign
+from beltid.uncertainty.sources import Errors, Source
+
+Array = NDArray[np.float64]
+
+STEP = 2.0e-3
+"""Relative step of the differences; their error is of its order, a fraction of a percent."""
+MESH = 1.0
+"""Elements over the default: a difference needs no finer mesh."""
+INPUTS = ("arc", "initial tension", "radius", "span", "EI", "EA", "k_linear", "k_quadratic")
+
+
+def log_inputs(campaign: Campaign) -> Array:
+    """Logarithms of the inputs of the simulated rig (n, 8), in the order of :data:`INPUTS`."""
+    bench, ones = campaign.bench, np.ones(campaign.mu.size)
+    k = np.array([bench.law.k_linear_N_m2, bench.law.k_quadratic_N_m3])
+    shared = [bench.rig.R, bench.rig.span, bench.belt.EI, bench.belt.EA, *np.where(k > 0, k, 1.0)]
+    return np.log(np.column_stack([campaign.beta, campaign.T_0, *(s * ones for s in shared)]))
+
+
+def simulated_slopes(campaign: Campaign, refined: RefinedSurface, speeds: Array) -> Array:
+    """Derivatives of the simulated ln mu of each run by the ln of each input, shape (n, 8)."""
+    surfaces = surfaces_of(refined.curves, refined.parameters)
+    bench, runs = campaign.bench, campaign.runs
+    elements = mesh_of(bench, runs, MESH)
+
+    def log_mu(bench: Bench, runs: Sequence[MeasuredRun]) -> Array:
+        # the speed of a run is no input here: it comes in by its own slope
+        v = [
+            replace(r, point=replace(r.point, omega=s / bench.rig.R))
+            for r, s in zip(runs, campaign.slip_speed, strict=True)
+        ]
+        rig = RigRuns(bench, v, speeds, elements)
+        return rig.log_mu(surfaces, refined.speed_slope)
+
+    base = log_mu(bench, runs)
+    columns = [log_mu(*_stepped(bench, runs, name)) - base for name in INPUTS]
+    return np.asarray(np.column_stack(columns) / np.log1p(STEP))
+
+
+def _stepped(
+    bench: Bench, runs: Sequence[MeasuredRun], name: str
+) -> tuple[Bench, list[MeasuredRun]]:
+    """Bench and runs with one input a step larger."""
+    up = {n: 1.0 + STEP * (n == name) for n in INPUTS}
+    belt, rig, law = bench.belt, bench.rig, bench.law
+    moved = replace(
+        bench,
+        belt=Belt(belt.EA * up["EA"], belt.EI * up["EI"], belt.rhoA, belt.damping_time),
+        rig=Rig(rig.R * up["radius"], rig.span * up["span"], rig.supports),
+        law=NormalLaw(law.k_linear_N_m2 * up["k_linear"], law.k_quadratic_N_m3 * up["k_quadratic"]),
+    )
+    points = [
+        replace(
+            run.point, beta=run.point.beta * up["arc"], T_0=run.point.T_0 * up["initial tension"]
+        )
+        for run in runs
+    ]
+    return moved, [replace(run, point=p) for run, p in zip(runs, points, strict=True)]
+
+
+def residual_change(campaign: Campaign, errors: Errors, slopes: Array, speed_slope: Array) -> Array:
+    """Change of ln mu_measured - ln mu_simulated of each run (n,) with errors put right."""
+    corrected = campaign.corrected(errors)
+    measured = np.log(corrected.mu / campaign.mu)
+    inputs = log_inputs(corrected) - log_inputs(campaign)
+    speed = np.log(corrected.slip_speed / campaign.slip_speed)
+    simulated = np.einsum("ni,ni->n", slopes, inputs) + speed_slope * speed
+    return np.asarray(measured - simulated)
+
+
+def parameter_changes(
+    campaign: Campaign, refined: RefinedSurface, sources: Sequence[Source], slopes: Array
+) -> Array:
+    """Change of the parameters by one standard uncertainty of each source, shape (size, K)."""
+    if not sources:
+        return np.zeros((refined.parameters.size, 0))
+    residuals = [
+        residual_change(campaign, Errors.single(source), slopes, refined.speed_slope)
+        for source in sources
+    ]
+    return np.asarray(refined.gain @ np.column_stack(residuals))
+
+
+def on_nodes(refined: RefinedSurface, vectors: Array) -> Array:
+    """Vectors of parameters (size, K) as changes of ln mu at the nodes, shape (nf, nv, K)."""
+    curves = refined.curves
+    basis = curves.basis(np.log(refined.surface.normal_force_N_m))
+    by_speed = vectors.reshape(curves.log_speed.size, curves.log_force.size, -1)
+    return np.asarray(np.einsum("fk,vks->fvs", basis, by_speed))
+
+
+def factor_of(covariance: Array) -> Array:
+    """Matrix S (n, r) with S S' a covariance (n, n); directions of no weight are left out."""
+    values, vectors = np.linalg.eigh(covariance)
+    kept = values > 1e-10 * values[-1]
+    factor = vectors[:, kept] * np.sqrt(values[kept])
+    # the sign of an eigenvector is chance: the same everywhere
+    largest = np.argmax(np.abs(factor), axis=0)
+    signs = np.sign(factor[largest, np.arange(factor.shape[1])])
+    return np.asarray((factor * signs)[:, ::-1])

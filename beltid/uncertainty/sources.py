@@ -1,0 +1,223 @@
+"""What is not known exactly: every source of error with its standard uncertainty.
+
+A source is one number that is wrong by an unknown amount *for all runs that share it*: the
+calibration of the cells for all, the setting of an arc for the runs at that arc, the law of the
+press for the whole surface. Such an error is not averaged away by many runs. What differs from run
+to run (noise of the samples) is no source here; it is in the standard error of each run.
+
+Sign: an error is the true value less the value that was used, as a share of it or in its unit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.errors import InputError
+
+Array = NDArray[np.float64]
+
+STATED = "stated"
+ASSUMED = "assumed"
+FITTED = "fitted"
+
+
+@dataclass(frozen=True, slots=True)
+class StandardUncertainties:
+    """Standard uncertainties (k = 1) of what the benches were calibrated and set to.
+
+    Attributes
+    ----------
+    tension_gain : float
+        Gain of both load cells together, as a share.
+    cell_gain : float
+        Gain of each load cell by itself, as a share: what calibration and the comparison of both
+        cells at rest leave.
+    cell_offset : float
+        Zero point of each load cell [N].
+    arc : float
+        Contact arc, common to all settings [rad].
+    arc_setting : float
+        Contact arc of each setting by itself [rad].
+    pulley_radius : float
+        Radius of the belt's centreline on the pulley, as a share.
+    span_length : float
+        Length of the free spans [m].
+    pulley_speed : float
+        Gain of the speed of the pulley, as a share.
+    bending_stiffness, axial_stiffness : float
+        EI and EA of the belt, as a share.
+    press_force, press_displacement : float
+        Gains of the press, as a share.
+    segment_length : float
+        Length of belt under the press, as a share.
+    machine_compliance : float
+        Compliance of the press [m/N].
+    stated : frozenset of str
+        Those that the user stated; the others are assumed.
+    """
+
+    tension_gain: float = 0.0
+    cell_gain: float = 0.0
+    cell_offset: float = 0.0
+    arc: float = 0.0
+    arc_setting: float = 0.0
+    pulley_radius: float = 0.0
+    span_length: float = 0.0
+    pulley_speed: float = 0.0
+    bending_stiffness: float = 0.0
+    axial_stiffness: float = 0.0
+    press_force: float = 0.0
+    press_displacement: float = 0.0
+    segment_length: float = 0.0
+    machine_compliance: float = 0.0
+    stated: frozenset[str] = frozenset()
+
+    def __post_init__(self) -> None:
+        problems = [
+            f"uncertainty.{f.name} = {getattr(self, f.name)!r}, must be >= 0 and finite"
+            for f in fields(self)
+            if f.name != "stated" and not 0.0 <= getattr(self, f.name) < math.inf
+        ]
+        if problems:
+            raise InputError(problems)
+
+    def basis(self, name: str) -> str:
+        """Whether a standard uncertainty was stated or assumed."""
+        return STATED if name in self.stated else ASSUMED
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """One unknown error.
+
+    Attributes
+    ----------
+    name : str
+        What it is, in words; sources of one name are of one kind (both cells, all arcs).
+    error : str
+        Its key in :class:`Errors`.
+    place : int
+        Its place there: which arc, which cell, which direction.
+    size : float
+        Standard uncertainty, as a share or in SI units.
+    unit : str
+        Unit in which a person reads it.
+    per_unit : float
+        Size of that unit in SI.
+    basis : str
+        "stated" in the config, "assumed" (default of the config), or "fitted" to the data.
+    """
+
+    name: str
+    error: str
+    place: int
+    size: float
+    unit: str
+    per_unit: float
+    basis: str
+
+    @property
+    def shown(self) -> float:
+        """Standard uncertainty in the unit in which a person reads it."""
+        return self.size / self.per_unit
+
+
+@dataclass(frozen=True, slots=True)
+class Errors:
+    """One realisation of all errors: arrays by the key of the source."""
+
+    values: Mapping[str, Array] = field(default_factory=dict)
+
+    def at(self, error: str, place: int = 0) -> float:
+        """Error of one source; zero if nothing is known of it."""
+        values = self.values.get(error)
+        return 0.0 if values is None or place >= values.size else float(values[place])
+
+    @classmethod
+    def drawn(cls, sources: Sequence[Source], z: Array) -> Errors:
+        """Errors of ``z`` (n,) standard uncertainties of each source."""
+        values: dict[str, Array] = {}
+        for source, share in zip(sources, z, strict=True):
+            array = values.get(source.error, np.zeros(0))
+            if array.size <= source.place:
+                array = np.append(array, np.zeros(source.place + 1 - array.size))
+            array[source.place] += share * source.size
+            values[source.error] = array
+        return cls(values)
+
+    @classmethod
+    def single(cls, source: Source) -> Errors:
+        """Errors with one source off by its standard uncertainty, all others right."""
+        return cls.drawn([source], np.ones(1))
+
+
+PERCENT = ("%", 0.01)
+DEGREE = ("deg", math.pi / 180.0)
+
+RIG_SOURCES: tuple[tuple[str, str, tuple[str, float], int], ...] = (
+    ("tension_gain", "gain common to both load cells", PERCENT, 1),
+    ("cell_gain", "gain of each load cell", PERCENT, 2),
+    ("cell_offset", "zero point of each load cell", ("N", 1.0), 2),
+    ("arc", "contact arc, all settings together", DEGREE, 1),
+    ("arc_setting", "contact arc, each setting", DEGREE, 0),
+    ("pulley_radius", "radius of the belt's centreline", PERCENT, 1),
+    ("pulley_speed", "speed of the pulley", PERCENT, 1),
+)
+"""Key, words, unit, how many of them (0: as many as arcs); those that the formulas need."""
+MODEL_SOURCES = (
+    ("span_length", "length of the spans", ("mm", 1.0e-3), 1),
+    ("bending_stiffness", "bending stiffness of the belt", PERCENT, 1),
+    ("axial_stiffness", "axial stiffness of the belt", PERCENT, 1),
+)
+"""Those that only the simulated rig needs."""
+PRESS_SOURCES = (
+    ("press_force", "force of the press", PERCENT, 1),
+    ("press_displacement", "travel of the press", PERCENT, 1),
+    ("segment_length", "length of the pressed segment", PERCENT, 1),
+    ("machine_compliance", "compliance of the press", ("mm/N", 1.0e-3), 1),
+)
+
+
+def rig_sources(u: StandardUncertainties, n_arcs: int) -> tuple[Source, ...]:
+    """Sources of the friction rig that Eqs. (6) to (8) know, those of zero size left out."""
+    return _sources(u, RIG_SOURCES, n_arcs)
+
+
+def press_sources(u: StandardUncertainties) -> tuple[Source, ...]:
+    """Sources of the press."""
+    return _sources(u, PRESS_SOURCES, 1)
+
+
+def all_sources(
+    u: StandardUncertainties, n_arcs: int, law_scatter: bool = True
+) -> tuple[Source, ...]:
+    """Sources of a surface that was made with the simulated rig.
+
+    `law_scatter` says whether the covariance of the contact law is known: it is the same law in
+    every run, so that its scatter is an error which all of them share.
+    """
+    scatter = tuple(
+        Source("contact law, scatter of the press", "law", k, 1.0, "1", 1.0, FITTED)
+        for k in range(2 * law_scatter)
+    )
+    rig = (*rig_sources(u, n_arcs), *_sources(u, MODEL_SOURCES, 1))
+    return (*rig, *scatter, *press_sources(u))
+
+
+def _sources(
+    u: StandardUncertainties,
+    table: Sequence[tuple[str, str, tuple[str, float], int]],
+    n_arcs: int,
+) -> tuple[Source, ...]:
+    return tuple(
+        Source(words, key, place, size, *unit, u.basis(key))
+        for key, words, unit, count in table
+        for size in (getattr(u, key),)
+        for place in range(count or n_arcs)
+        if size > 0.0
+    )
