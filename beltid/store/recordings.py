@@ -123,7 +123,7 @@ def _from_csv(text: str, path: Path, kind: str, options: ReadOptions, digest: st
         if theirs in found.header
         for shown in [ours if ours == theirs else f'{ours} (column "{theirs}")']
     }
-    conversions, notes = _conversions(found, wanted, table, options, name, problems)
+    conversions, notes = csv_conversions(found, wanted, table, options, name, problems)
     problems.raise_if_any()
     rows = read_rows(found, wanted, name, problems)
     if problems.count and len(rows.lines) == 0:
@@ -145,7 +145,7 @@ def _from_csv(text: str, path: Path, kind: str, options: ReadOptions, digest: st
     return Recording(kind, columns, path, digest, (*found.notes, *notes), rows.lines)
 
 
-def _conversions(
+def csv_conversions(
     found: Layout,
     wanted: Mapping[str, Wanted],
     table: schemas.Table,
