@@ -74,18 +74,48 @@ CONVERSIONS: Final[dict[str, dict[str, Conversion]]] = {
 
 # Other spellings that benches and spreadsheets use, after blanks and brackets are gone.
 _SPELLINGS: Final[dict[str, str]] = {
+    "Newton": "N",
+    "Newtons": "N",
+    "Kilonewton": "kN",
+    "kilonewtons": "kN",
+    "DaN": "daN",
+    "lbs": "lbf",
+    "lbF": "lbf",
+    "kp": "kgf",
     "μm": "um",
     "µm": "um",
     "micron": "um",
+    "microns": "um",
     "inch": "in",
+    "inches": "in",
+    '"': "in",
+    "millimeter": "mm",
+    "meter": "m",
     "sec": "s",
+    "second": "s",
+    "seconds": "s",
+    "Sekunde": "s",
+    "Sekunden": "s",
+    "seconde": "s",
+    "secondes": "s",
     "μs": "us",
     "µs": "us",
     "msec": "ms",
     "1/min": "rpm",
     "min-1": "rpm",
     "min^-1": "rpm",
+    "min⁻¹": "rpm",
     "U/min": "rpm",
+    "Upm": "rpm",
+    "tr/min": "rpm",
+    "r/min": "rpm",
+    "rad/sec": "rad/s",
+    "rads^-1": "rad/s",
+    "rads-1": "rad/s",
+    "s^-1": "rev/s",
+    "s-1": "rev/s",
+    "tr/s": "rev/s",
+    "U/s": "rev/s",
     "rev/min": "rpm",
     "1/s": "rev/s",
     "°/s": "deg/s",
@@ -93,7 +123,14 @@ _SPELLINGS: Final[dict[str, str]] = {
     "C": "degC",
     "°F": "degF",
     "F": "degF",
+    "Celsius": "degC",
+    "GradC": "degC",
+    "Kelvin": "K",
+    "Fahrenheit": "degF",
     "°": "deg",
+    "Grad": "deg",
+    "degree": "deg",
+    "degrees": "deg",
     "Nm": "N m",
     "Ncm": "N cm",
     "Nmm": "N mm",
@@ -101,6 +138,16 @@ _SPELLINGS: Final[dict[str, str]] = {
     "kNm": "kN m",
     "lbfin": "lbf in",
     "lbfft": "lbf ft",
+}
+
+_BY_LOWER: Final[dict[str, str]] = {
+    word.lower(): unit
+    for words in (
+        {unit: unit for table in CONVERSIONS.values() for unit in table},
+        _SPELLINGS,
+    )
+    for word, unit in words.items()
+    if len(word) > 2 and not word.startswith("mN")  # MN m is no mN m
 }
 
 
@@ -119,11 +166,21 @@ def canonical_unit(text: str) -> str:
     """
     bare = re.sub(r"^[\[(<{]\s*|\s*[\])>}]$", "", text.strip())
     tight = re.sub(r"[\s*·⋅.]+", "", bare)
-    return _SPELLINGS.get(tight, bare if _is_known(bare) else tight)
+    if tight in _SPELLINGS:
+        return _SPELLINGS[tight]
+    if _is_known(bare):
+        return bare
+    # beyond these, case tells no unit of three letters or more from another one
+    return _BY_LOWER.get(tight.lower(), tight) if len(tight) > 2 else tight
 
 
 def _is_known(unit: str) -> bool:
     return any(unit in table for table in CONVERSIONS.values())
+
+
+def is_known_unit(text: str) -> bool:
+    """Whether a text is a unit that converts to the unit of some table's column."""
+    return _is_known(canonical_unit(text))
 
 
 def conversion(unit: str, target: str) -> Conversion | None:
@@ -137,6 +194,45 @@ def conversion(unit: str, target: str) -> Conversion | None:
         Unit of the table's column, a key of `CONVERSIONS`.
     """
     return CONVERSIONS.get(target, {}).get(canonical_unit(unit))
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """What a channel's raw numbers mean: ``value = factor * raw + offset`` in the table's unit.
+
+    Attributes
+    ----------
+    factor, offset : float
+        As the calibration sheet of the sensor states them.
+    per : str
+        Unit of the raw numbers the factor is stated for, "V" or "mV"; "" for whatever they are.
+    """
+
+    factor: float
+    offset: float = 0.0
+    per: str = ""
+
+    def conversion(self, raw_unit: str = "") -> Conversion | None:
+        """Conversion of numbers in a raw unit; None if the factor is not stated for that unit."""
+        factor = self.factor
+        raw = canonical_unit(raw_unit)
+        if self.per and raw and raw != self.per:
+            if {raw, self.per} != {"V", "mV"}:
+                return None
+            factor *= 1e-3 if raw == "mV" else 1e3
+        return Conversion(factor, self.offset / factor)
+
+
+_PER_VOLT: Final = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)\s*/\s*(m?V)")
+
+
+def calibration(text: str, target: str) -> Calibration | None:
+    """Calibration factor such as ``250 N/V`` or ``0.5 kN/mV``; None if the text is none."""
+    found = _PER_VOLT.fullmatch(text.strip())
+    known = conversion(found[2], target) if found else None
+    if found is None or known is None or known.shift or not float(found[1]):
+        return None
+    return Calibration(float(found[1]) * known.factor, 0.0, found[3])
 
 
 def allowed_units(target: str) -> tuple[str, ...]:

@@ -2,11 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, field_serializer
 
-from beltid.config.fields import Choice, Count, Encoding, OnOff, Separator, Text, UnitOf
+from beltid.config.fields import (
+    Choice,
+    Count,
+    Encoding,
+    FilePath,
+    NamePattern,
+    Number,
+    OnOff,
+    Separator,
+    Text,
+    UnitOf,
+)
+from beltid.units import Calibration
 
 
 class Section(BaseModel):
@@ -52,10 +65,10 @@ class SpeedlossNames(Section):
     driven_speed_rad_s: Name = None
 
 
-Time = Annotated[str, UnitOf("s")] | None
-Force = Annotated[str, UnitOf("N")] | None
-Speed = Annotated[str, UnitOf("rad/s")] | None
-Temperature = Annotated[str, UnitOf("degC")] | None
+Time = Annotated[Any, UnitOf("s")] | None
+Force = Annotated[Any, UnitOf("N")] | None
+Speed = Annotated[Any, UnitOf("rad/s")] | None
+Temperature = Annotated[Any, UnitOf("degC")] | None
 
 
 class PressUnits(Section):
@@ -63,7 +76,7 @@ class PressUnits(Section):
 
     temperature_degC: Temperature = None
     time_s: Time = None
-    displacement_mm: Annotated[str, UnitOf("mm")] | None = None
+    displacement_mm: Annotated[Any, UnitOf("mm")] | None = None
     force_N: Force = None
 
 
@@ -75,7 +88,7 @@ class RigUnits(Section):
     tension_slack_N: Force = None
     pulley_speed_rad_s: Speed = None
     temperature_degC: Temperature = None
-    arc_deg: Annotated[str, UnitOf("deg")] | None = None
+    arc_deg: Annotated[Any, UnitOf("deg")] | None = None
     initial_tension_N: Force = None
 
 
@@ -84,7 +97,7 @@ class SpeedlossUnits(Section):
 
     time_s: Time = None
     initial_tension_N: Force = None
-    torque_N_m: Annotated[str, UnitOf("N m")] | None = None
+    torque_N_m: Annotated[Any, UnitOf("N m")] | None = None
     driver_speed_rad_s: Speed = None
     driven_speed_rad_s: Speed = None
 
@@ -108,14 +121,127 @@ class UnitsSection(Section):
     rig: RigUnits = RigUnits()
     speedloss: SpeedlossUnits = SpeedlossUnits()
 
-    def of(self, kind: str) -> dict[str, str]:
-        """The columns that come in another unit in files of this kind."""
+    def of(self, kind: str) -> dict[str, str | Calibration]:
+        """The columns that come in another unit, or as a raw signal, in files of this kind."""
         return _stated(self, kind)
 
 
-def _stated(section: Section, kind: str) -> dict[str, str]:
-    stated: dict[str, str] = getattr(section, kind).model_dump(exclude_none=True)
-    return stated
+def _stated(section: Section, kind: str) -> dict[str, Any]:
+    """What a section states for a kind of recording, by the names of our columns."""
+    values = getattr(section, kind)
+    return {
+        name: value
+        for name in type(values).model_fields
+        if (value := getattr(values, name)) is not None
+    }
+
+
+Arc = Annotated[float, Number(0, 360, "°", open_low=True, open_high=True)] | None
+Tension = Annotated[float, Number(0, 1e6, "N", open_low=True)] | None
+Degrees = Annotated[float, Number(-90, 200, "°C")] | None
+
+
+class Unstated(Section):
+    """A section whose keys mean nothing until they are stated."""
+
+
+class PressSettings(Unstated):
+    """Settings that hold for every test of the press."""
+
+    temperature_degC: Degrees = None
+
+
+class RigSettings(Unstated):
+    """Settings that hold for every run of the friction rig."""
+
+    arc_deg: Arc = None
+    initial_tension_N: Tension = None
+    temperature_degC: Degrees = None
+
+
+class SpeedlossSettings(Unstated):
+    """Settings that hold for every run of the speed-loss bench."""
+
+    initial_tension_N: Tension = None
+
+
+class PressFields(Section):
+    """Names of the header fields that tell label and settings of a test of the press."""
+
+    test: Name = None
+    temperature_degC: Name = None
+
+
+class RigFields(Section):
+    """Names of the header fields that tell label and settings of a run of the friction rig."""
+
+    run: Name = None
+    arc_deg: Name = None
+    initial_tension_N: Name = None
+    temperature_degC: Name = None
+
+
+class SpeedlossFields(Section):
+    """Names of the header fields that tell label and settings of a run of the speed-loss bench."""
+
+    run: Name = None
+    initial_tension_N: Name = None
+
+
+class _Runs(Section):
+    """Where label and settings of a run stand that is a file, group or sheet of its own.
+
+    `pattern` says how the names of the files (of the groups, where one file holds all runs) are
+    made up, `table` names a CSV file with a row per file.
+    """
+
+    pattern: Annotated[str, NamePattern()] | None = None
+    table: Annotated[Path, FilePath()] | None = None
+
+    @field_serializer("table", when_used="json")
+    def _table_name(self, table: Path | None) -> str | None:
+        """The name without its folder: where a table lies changes no result, its content does."""
+        return None if table is None else table.name
+
+
+class PressRuns(_Runs):
+    """Label and temperature of the tests of the press."""
+
+    fields: PressFields = PressFields()
+    values: PressSettings = PressSettings()
+
+
+class RigRuns(_Runs):
+    """Label, arc and initial tension of the runs of the friction rig."""
+
+    fields: RigFields = RigFields()
+    values: RigSettings = RigSettings()
+
+
+class SpeedlossRuns(_Runs):
+    """Label and initial tension of the runs of the speed-loss bench."""
+
+    fields: SpeedlossFields = SpeedlossFields()
+    values: SpeedlossSettings = SpeedlossSettings()
+
+
+class RunsSection(Section):
+    """Label and settings of runs whose recordings do not hold them, per kind of recording."""
+
+    press: PressRuns = PressRuns()
+    rig: RigRuns = RigRuns()
+    speedloss: SpeedlossRuns = SpeedlossRuns()
+
+    def of(self, kind: str) -> PressRuns | RigRuns | SpeedlossRuns:
+        """What is said about the runs of a kind of recording."""
+        runs: PressRuns | RigRuns | SpeedlossRuns = getattr(self, kind)
+        return runs
+
+    @property
+    def tables(self) -> dict[str, Path]:
+        """The tables that are named, by the kind of recording."""
+        kinds = type(self).model_fields
+        return {kind: table for kind in kinds if (table := self.of(kind).table) is not None}
 
 
 class DialectSection(Section):

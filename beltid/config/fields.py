@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic_core import InitErrorDetails, PydanticCustomError, ValidationError, core_schema
 
-from beltid.units import allowed_units, conversion
+from beltid.formats.name_pattern import name_pattern
+from beltid.units import Calibration, allowed_units, calibration, conversion
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler
@@ -177,6 +178,23 @@ class FilePath(Checked):
 
 
 @dataclass(frozen=True, slots=True)
+class NamePattern(Checked):
+    """How names of files are made up: text with ``{name}`` or ``{name:unit}``, or a regex."""
+
+    def check(self, value: Any) -> str:
+        """Return the pattern if it compiles and names something."""
+        if not isinstance(value, str) or not 1 <= len(value) <= 500:
+            raise complain("a pattern such as {run}_{arc_deg}deg_{initial_tension_N}N.lvm")
+        try:
+            names = name_pattern(value).names
+        except ValueError as error:
+            raise complain(f"a pattern ({error})") from None
+        if not names:
+            raise complain("a pattern with a name in braces, such as {run}_{arc_deg}deg.lvm")
+        return value
+
+
+@dataclass(frozen=True, slots=True)
 class FolderName(Checked):
     """A name that is safe as the name of a folder on every system."""
 
@@ -194,15 +212,43 @@ class FolderName(Checked):
 
 @dataclass(frozen=True, slots=True)
 class UnitOf(Checked):
-    """A unit that converts to the unit of a table's column."""
+    """A unit that converts to the unit of a table's column, or the calibration of a sensor."""
 
     target: str
 
-    def check(self, value: Any) -> str:
-        """Return the unit as written if it can be converted."""
-        if not isinstance(value, str) or conversion(value, self.target) is None:
-            raise complain("one of " + ", ".join(allowed_units(self.target)))
-        return value
+    def check(self, value: Any) -> str | Calibration:
+        """Return the unit as written, or the calibration if it is a factor and an offset."""
+        if isinstance(value, Calibration):
+            return value
+        if isinstance(value, dict):
+            return self._calibration(value)
+        known = isinstance(value, str) and (
+            conversion(value, self.target) or calibration(value, self.target)
+        )
+        if not known:
+            raise complain(
+                "one of "
+                + ", ".join(allowed_units(self.target))
+                + f"; or a calibration: 250 {self.target}/V, or {{factor: 250, offset: 0}}"
+            )
+        return str(value)
+
+    def _calibration(self, value: dict[Any, Any]) -> Calibration:
+        numbers = [
+            v for v in value.values() if isinstance(v, (int, float)) and not isinstance(v, bool)
+        ]
+        good = (
+            "factor" in value
+            and set(value) <= {"factor", "offset"}
+            and len(numbers) == len(value)
+            and all(math.isfinite(v) for v in numbers)
+            and value["factor"] != 0
+        )
+        if not good:
+            raise complain(
+                f"a calibration {{factor: 250, offset: 0}}: {self.target} = factor * raw + offset"
+            )
+        return Calibration(float(value["factor"]), float(value.get("offset", 0.0)))
 
 
 @dataclass(frozen=True, slots=True)

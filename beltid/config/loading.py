@@ -82,7 +82,16 @@ def _plain(value: Any) -> Any:
 
 def _with_paths_from(config: Config, folder: Path) -> Config:
     resolved = {kind: _short(folder / path) for kind, path in config.data.files.items()}
-    return config.model_copy(update={"data": config.data.model_copy(update=resolved)})
+    tables = {
+        kind: config.runs.of(kind).model_copy(update={"table": _short(folder / table)})
+        for kind, table in config.runs.tables.items()
+    }
+    return config.model_copy(
+        update={
+            "data": config.data.model_copy(update=resolved),
+            "runs": config.runs.model_copy(update=tables),
+        }
+    )
 
 
 def _short(path: Path) -> Path:

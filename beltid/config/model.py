@@ -12,7 +12,13 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from beltid import params
-from beltid.config.bench_files import ColumnsSection, DialectSection, Section, UnitsSection
+from beltid.config.bench_files import (
+    ColumnsSection,
+    DialectSection,
+    RunsSection,
+    Section,
+    UnitsSection,
+)
 from beltid.config.fields import (
     Choice,
     Count,
@@ -196,6 +202,7 @@ class Config(Section):
     uncertainty: UncertaintySection = UncertaintySection()
     columns: ColumnsSection = ColumnsSection()
     units: UnitsSection = UnitsSection()
+    runs: RunsSection = RunsSection()
     dialect: DialectSection = DialectSection()
 
     def belt_params(self) -> params.Belt:

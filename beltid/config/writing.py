@@ -9,10 +9,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args
 
-from beltid.config.bench_files import Section
+from beltid.config.bench_files import Section, Unstated
 from beltid.config.fields import Checked, Choice, Count, Number, OnOff
 from beltid.config.model import Config
 from beltid.config.yaml_source import scalar
+from beltid.units import Calibration
 
 _COMMENT_COLUMN = 48
 
@@ -51,7 +52,7 @@ def _lines(section: Section, indent: str) -> Iterator[str]:
                 yield from body
             continue
         comment = _comment(field.annotation, field.metadata)
-        if value is None and not comment:
+        if value is None and (not comment or isinstance(section, Unstated)):
             continue  # a name or unit that is not stated
         text = f"{indent}{name}: {_value(value)}"
         yield f"{text:<{_COMMENT_COLUMN}}  # {comment}" if comment else text
@@ -91,6 +92,9 @@ def _value(value: Any) -> str:
         return text if "." in text else text.replace("e", ".0e")
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(_value(item) for item in value) + "]"
+    if isinstance(value, Calibration):
+        factor = f"{_value(value.factor)}, offset: {_value(value.offset)}"
+        return f"{{factor: {factor}}}"
     if isinstance(value, Path):
         return _text(os.path.abspath(value))  # the text may be saved in any folder
     if isinstance(value, str):

@@ -1,0 +1,91 @@
+"""What is found in a file of a bench, before anybody asks what it is good for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+class FormatError(Exception):
+    """A file is not what its format demands, or holds what is not read; the message says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """A line of a header: name, value as text, unit as written ("" where none is told)."""
+
+    name: str
+    text: str
+    unit: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One channel.
+
+    Attributes
+    ----------
+    name : str
+        As the file calls it.
+    unit : str
+        As the file writes it, "" where none is told.
+    values : ndarray
+        float64 with nan where a sample is missing, or an object array of str and None.
+    time_s : ndarray or None
+        Time of every sample [s], where the format itself tells it; None where it does not.
+    """
+
+    name: str
+    unit: str
+    values: np.ndarray
+    time_s: np.ndarray | None = None
+
+    @property
+    def is_text(self) -> bool:
+        """Whether it holds texts rather than numbers."""
+        return bool(self.values.dtype.kind == "O")
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Channels that the file keeps together: a group, a sheet, a struct, a raster, a segment.
+
+    Attributes
+    ----------
+    name : str
+        As the file calls it, "" where it has no name.
+    channels : tuple of Channel
+        Channels in the order of the file.
+    fields : tuple of Field
+        Header fields of this group.
+    first_row : int
+        Line or row of the first sample in the file, from 1; 0 where the format has no rows.
+    """
+
+    name: str
+    channels: tuple[Channel, ...]
+    fields: tuple[Field, ...] = ()
+    first_row: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class BenchFile:
+    """Everything that was found in a file.
+
+    Attributes
+    ----------
+    format : str
+        The format in words, such as ``"NI TDMS"``.
+    groups : tuple of Group
+        Groups that hold channels.
+    fields : tuple of Field
+        Header fields of the whole file.
+    notes : tuple of str
+        What was found out or left out.
+    """
+
+    format: str
+    groups: tuple[Group, ...]
+    fields: tuple[Field, ...] = ()
+    notes: tuple[str, ...] = field(default=())
