@@ -1,15 +1,18 @@
 """The chain over one belt or several: what has to be made, in which order, what failed.
 
-Stages that do not need each other go on when one of them fails; a belt that fails does not stop
-the others.
+The chains of all belts go on side by side, on one pool of workers. Stages that do not need each
+other go on when one of them fails; a belt that fails does not stop the others.
 
-=========== ======================================================
-Module      Responsibility
-=========== ======================================================
-``sources`` the configs of a batch, checked before anything runs
-``chain``   the stages of a belt in their order
-``belts``   what became of each belt, and the table that tells it
-=========== ======================================================
+============ ======================================================
+Module       Responsibility
+============ ======================================================
+``sources``  the configs of a batch, checked before anything runs
+``chain``    the stages of a belt in their order
+``steps``    one of them: up to date, or who makes it
+``schedule`` which step of which belt comes next
+``local``    worker processes on this machine
+``belts``    what became of each belt, and the table that tells it
+============ ======================================================
 """
 
 from beltid.batch.chain import BatchOptions, run_batch

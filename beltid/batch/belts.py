@@ -25,22 +25,34 @@ class BeltRun:
     Attributes
     ----------
     belt : str
-        Name of the belt.
+        Name of the belt, and of its case in a sweep.
     states : dict
-        Name of a stage -> what became of it.
+        Name of a stage -> what became of it, in the order of the chain.
     summaries : dict
         Name of a stage -> its summary, if it got that far.
-    problems : list of str
-        What went wrong.
-    exit_status : int
-        Exit status of the first stage that failed.
+    troubles : dict
+        Name of a stage -> its exit status and what went wrong, if something did.
     """
 
     belt: str
-    states: dict[str, str] = field(default_factory=dict)
+    states: dict[str, str]
     summaries: dict[str, Summary] = field(default_factory=dict)
-    problems: list[str] = field(default_factory=list)
-    exit_status: int = EXIT_DONE
+    troubles: dict[str, tuple[int, tuple[str, ...]]] = field(default_factory=dict)
+
+    @property
+    def exit_status(self) -> int:
+        """Exit status of the first stage of the chain that failed."""
+        return next((self.troubles[name][0] for name in self.states if name in self.troubles), 0)
+
+    @property
+    def problems(self) -> list[str]:
+        """What went wrong, in the order of the chain."""
+        return [
+            f"{name}: {line}"
+            for name in self.states
+            if name in self.troubles
+            for line in self.troubles[name][1]
+        ]
 
     @property
     def origin(self) -> str | None:
@@ -100,7 +112,8 @@ def _row(belt: BeltRun) -> dict[str, Any]:
         "problems": list(belt.problems),
         **{
             stage.replace("-", "_").replace(" ", "_"): summary.as_json()["facts"]
-            for stage, summary in belt.summaries.items()
+            for stage in belt.states
+            if (summary := belt.summaries.get(stage))
         },
     }
 

@@ -17,6 +17,7 @@ from beltid.params import OperatingPoint
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import DEFAULT_STEPS, Method, RunResult, SimulationSettings
 from beltid.rigsim.rig import campaign as rig_campaign
+from beltid.stages.workers import Workers
 from beltid.store import schemas
 
 if TYPE_CHECKING:
@@ -211,9 +212,24 @@ def simulated_results(
     laws: tuple[FrictionSurface | float, NormalLaw],
     runs: Sequence[PlannedRun],
     settings: SimulationSettings,
-    jobs: int | None = None,
+    jobs: int | Workers | None = None,
 ) -> Iterator[tuple[int, RunResult | BeltidError]]:
-    """Results of runs as they finish, each with the index of its run."""
+    """Results of runs as they finish, each with the index of its run.
+
+    Parameters
+    ----------
+    config : Config
+        Belt, rig and contact.
+    laws : tuple
+        Friction surface (or constant coefficient) and normal law.
+    runs : sequence of PlannedRun
+        The runs.
+    settings : SimulationSettings
+        Method and resolution.
+    jobs : int, Workers or None
+        Runs at the same time in this process, None for one per core; or the workers that simulate
+        them. The results do not depend on it.
+    """
     surface, law = laws[0], checked_law(laws[1])
     bench = Bench(
         belt=config.belt_params(),
@@ -223,7 +239,28 @@ def simulated_results(
         surface=surface_from(surface),
     )
     points = [run.point for run in runs]
-    yield from rig_campaign(bench, points, settings, jobs=jobs or available_cores())
+    if not isinstance(jobs, Workers):
+        yield from rig_campaign(bench, points, settings, jobs=jobs or available_cores())
+        return
+    groups = _laid_on_together(points)
+    calls = [(bench, [points[i] for i in group], settings) for group in groups]
+    for number, results in jobs.as_ended(simulated_group, calls):
+        yield from zip(groups[number], results, strict=True)
+
+
+def _laid_on_together(points: Sequence[OperatingPoint]) -> list[list[int]]:
+    """Indices of the runs that share the belt laid on and tightened: they differ in speed only."""
+    groups: dict[tuple[float, float], list[int]] = {}
+    for index, point in enumerate(points):
+        groups.setdefault((point.beta, point.T_0), []).append(index)
+    return list(groups.values())
+
+
+def simulated_group(
+    bench: Bench, points: Sequence[OperatingPoint], settings: SimulationSettings
+) -> list[RunResult | BeltidError]:
+    """Results of a few runs in their order: what a worker is given at a time."""
+    return [result for _, result in rig_campaign(bench, points, settings, jobs=1)]
 
 
 def available_cores() -> int:

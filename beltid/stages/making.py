@@ -33,6 +33,10 @@ SUFFIX: Final = ".parquet"
 FOREIGN: Final = "a file that beltid did not write"
 
 
+class Stale(Exception):
+    """An artifact has to be made, but the caller only wanted to know that."""
+
+
 @dataclass(frozen=True, slots=True)
 class Recipe:
     """What an artifact is made from.
@@ -112,7 +116,7 @@ def make(recipe: Recipe, out: Path, options: Options, compute: Callable[[], Outc
     out : Path
         Where it is to stand.
     options : Options
-        Force and listener.
+        Force, listener, whether only to look.
     compute : callable
         Does the work; called only if it has to be done.
 
@@ -120,11 +124,15 @@ def make(recipe: Recipe, out: Path, options: Options, compute: Callable[[], Outc
     ------
     InputError
         If an input is missing, or `out` is an input or a file that must not be replaced.
+    Stale
+        If it would have to be computed and the options say only to look.
     """
     hashes = {role: sha256(read_bytes(path)) for role, path in recipe.inputs.items()}
     standing = admit(recipe, out, options)
     if standing is not None and not options.force and _fresh(standing, recipe, hashes):
         return Made(standing, up_to_date=True)
+    if options.peek:
+        raise Stale
     if standing is not None and not options.force:
         options.talk.detail(f"{out}: made from other inputs or settings, made again")
     outcome = compute()

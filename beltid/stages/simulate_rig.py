@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -108,7 +108,8 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
         surface = surface_of(read_artifact(inputs["surface"], "surface"))
         law = law_of(read_artifact(inputs["stiffness"], "stiffness"))
         options.talk.say(f"{len(runs)} runs, {settings.method}")
-        return simulate(model, (surface, law), runs, settings, (options.talk, chosen.jobs))
+        how = options.talk, options.workers or chosen.jobs
+        return simulate(model, (surface, law), runs, settings, how)
 
     choices: dict[str, Any] = {
         "method": settings.method,
@@ -132,7 +133,7 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
 
 
 def _with_defaults(options: Options) -> SimulateOptions:
-    return SimulateOptions(force=options.force, talk=options.talk)
+    return SimulateOptions(**{f.name: getattr(options, f.name) for f in fields(Options)})
 
 
 def _outcome(done: Campaign, config: Config, settings: SimulationSettings) -> Outcome[Campaign]:

@@ -23,6 +23,7 @@ from beltid.stages.campaign import (
     simulation_settings,
 )
 from beltid.stages.talk import Talk
+from beltid.stages.workers import Workers
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -57,9 +58,9 @@ def simulate(
     laws: tuple[FrictionSurface | float, NormalLaw],
     runs: Sequence[PlannedRun],
     settings: SimulationSettings,
-    how: tuple[Talk, int | None],
+    how: tuple[Talk, int | Workers | None],
 ) -> Campaign:
-    """Simulate runs with a surface and a normal law; `how` is who listens, and the jobs."""
+    """Simulate runs with a surface and a normal law; `how` is who listens, and jobs or workers."""
     talk, jobs = how
     results: dict[int, RunResult | BeltidError] = {}
     with talk.progress("simulate-rig", len(runs)) as advance:

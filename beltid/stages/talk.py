@@ -5,6 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from beltid.stages.workers import Workers
 
 
 class Talk:
@@ -79,7 +83,13 @@ class Options:
         Whether to compute again what is up to date, and to replace files of another kind.
     talk : Talk
         Who listens.
+    workers : Workers or None
+        Who carries out heavy calls; None is the stage itself.
+    peek : bool
+        Whether to raise `Stale` where something would have to be computed.
     """
 
     force: bool = False
     talk: Talk = field(default_factory=Talk)
+    workers: Workers | None = None
+    peek: bool = False

@@ -1,0 +1,180 @@
+"""Worker processes on this machine: one pool that the calls of all belts go to.
+
+The workers are forked from a server that has imported everything once, in the time in which the
+caller imports itself. A worker that is killed is replaced, and its call made again. Workers end
+with their caller, however it ends.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Collection, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import process
+from typing import Any, Final
+
+from beltid.errors import BeltidError
+from beltid.stages.workers import Result, Workers
+
+MOST_LOSSES: Final = 3
+"""Workers lost one after the other, without a result between them, before a call is given up."""
+ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+"""The workers are the parallelism; threads of the linear algebra below them only get in the way."""
+IMPORTED: Final = ("beltid.batch.chain", "pyarrow.csv", "pyarrow.parquet", "scipy.interpolate")
+
+
+class Halted(Exception):
+    """The workers were told to stop: no result comes any more."""
+
+
+class ProcessWorkers(Workers):
+    """A pool of worker processes, started when the first call comes.
+
+    Parameters
+    ----------
+    jobs : int
+        Number of processes.
+    """
+
+    def __init__(self, jobs: int) -> None:
+        self.jobs = jobs
+        self._lock = threading.Lock()
+        self._pool: ProcessPoolExecutor | None = None
+        self._halted = False
+        self._others: Collection[Any] = ()
+
+    def prepare(self) -> None:
+        """Start importing beside the caller; returns at once."""
+        if _start_method() != "forkserver":
+            return
+        from multiprocessing import forkserver
+
+        _one_thread_each()
+        forkserver.set_forkserver_preload(list(IMPORTED))
+        with _deaf_children():
+            forkserver.ensure_running()
+
+    def as_ended(
+        self, function: Callable[..., Result], calls: Sequence[tuple[Any, ...]]
+    ) -> Iterator[tuple[int, Result]]:
+        """Results of many calls in the order in which they end, each with its index.
+
+        Raises
+        ------
+        BeltidError
+            What a call raises, or that its worker was lost again and again.
+        """
+        waiting = dict(enumerate(calls))
+        losses = 0
+        while waiting:
+            pool = self._running()
+            futures: dict[Future[Result], int] = {}
+            try:
+                for index, arguments in waiting.items():
+                    futures[pool.submit(function, *arguments)] = index
+                for future in as_completed(futures):
+                    index, result = futures[future], future.result()
+                    del waiting[index]
+                    losses = 0
+                    yield index, result
+            except (BrokenProcessPool, RuntimeError) as error:
+                # a pool that is shut down while calls are handed to it says so by RuntimeError
+                if not isinstance(error, BrokenProcessPool) and pool is self._pool:
+                    raise
+                self._discard(pool)
+                losses += 1
+                if losses > MOST_LOSSES:
+                    raise BeltidError(
+                        f"workers were killed {losses} times (by the system, for want of memory?); "
+                        "fewer at a time with --jobs need less of it"
+                    ) from None
+            finally:
+                for future in futures:
+                    future.cancel()
+
+    def stop(self) -> None:
+        """Kill the workers; calls that wait for them raise `Halted`."""
+        with self._lock:
+            self._halted = True
+            pool, self._pool = self._pool, None
+        if pool is not None:
+            _kill(pool, self._others)
+
+    def close(self) -> None:
+        """Let the workers go; nothing is waited for."""
+        with self._lock:
+            self._halted = True
+            pool, self._pool = self._pool, None
+        if pool is not None:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+    def _running(self) -> ProcessPoolExecutor:
+        with self._lock:
+            if self._halted:
+                raise Halted
+            if self._pool is None:
+                self.prepare()
+                self._others = multiprocessing.active_children()
+                self._pool = ProcessPoolExecutor(
+                    max_workers=self.jobs,
+                    mp_context=multiprocessing.get_context(_start_method()),
+                    initializer=_begin,
+                )
+            return self._pool
+
+    def _discard(self, pool: ProcessPoolExecutor) -> None:
+        """Take a pool that lost a worker out of use."""
+        with self._lock:
+            if self._pool is pool:
+                self._pool = None
+        pool.shutdown(wait=False)
+
+
+def _start_method() -> str:
+    methods = multiprocessing.get_all_start_methods()
+    return "forkserver" if "forkserver" in methods else "spawn"
+
+
+def _one_thread_each() -> None:
+    for name in ONE_THREAD:
+        os.environ.setdefault(name, "1")
+
+
+@contextlib.contextmanager
+def _deaf_children() -> Iterator[None]:
+    """Start processes that Ctrl-C does not reach: the caller ends them."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _kill(pool: ProcessPoolExecutor, others: Collection[Any]) -> None:
+    """Kill the children that came with a pool."""
+    for child in multiprocessing.active_children():
+        if child not in others:
+            with contextlib.suppress(OSError, ValueError):
+                child.kill()
+    pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _begin() -> None:
+    """First thing in a worker: Ctrl-C is for the caller, and so is the end."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    caller = process.parent_process()
+    if caller is not None:
+        threading.Thread(target=_end_with, args=(caller,), daemon=True).start()
+
+
+def _end_with(caller: Any) -> None:
+    caller.join()
+    os._exit(1)

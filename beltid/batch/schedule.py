@@ -1,0 +1,162 @@
+"""Which step comes next: the chains of all belts side by side, each step when its inputs stand."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from pathlib import Path
+from typing import Any
+
+from beltid.batch.belts import (
+    DONE,
+    FAILED,
+    NOT_RUN,
+    OUT_OF_TOLERANCE,
+    SKIPPED,
+    UP_TO_DATE,
+    BeltRun,
+)
+from beltid.batch.steps import Order, Step, carry_out
+from beltid.config import ConfigSource
+from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, BeltidError
+from beltid.report.summary import Summary
+from beltid.stages.talk import Named, Talk
+from beltid.stages.workers import Workers
+
+STEPS_AHEAD = 2  # steps under way for each worker: while some read and write, others compute
+
+
+class Chain:
+    """The chain of one belt: which of its steps can start, what became of the others.
+
+    Parameters
+    ----------
+    name : str
+        Name of the belt, and of its case in a sweep.
+    source : ConfigSource
+        Its config.
+    folder : Path
+        Folder of its results.
+    steps : sequence of Step
+        The chain.
+    talk : Talk
+        Who listens.
+    """
+
+    def __init__(
+        self, name: str, source: ConfigSource, folder: Path, steps: Sequence[Step], talk: Talk
+    ) -> None:
+        self.source, self.folder = source, folder
+        self.talk = Named(name, talk)
+        self.files = source.config.data.files
+        self.waiting = list(steps)
+        self.run = BeltRun(
+            name, {step.name: SKIPPED if step.optional else NOT_RUN for step in steps}
+        )
+        self._announced = False
+
+    def next_order(self) -> Order | None:
+        """The first step whose inputs stand; None if there is none by now."""
+        for step in self.waiting:
+            if all(name in self.files for name in step.needs.values()):
+                self.waiting.remove(step)
+                self._announce()
+                inputs = {role: self.files[name] for role, name in step.needs.items()}
+                return Order(step, self.source, inputs, self.folder / f"{step.makes}.parquet")
+        return None
+
+    def _announce(self) -> None:
+        if not self._announced:
+            self._announced = True
+            synthetic = self.source.config.data.origin == "synthetic"
+            kind_of_data = ", synthetic data" if synthetic else ""
+            origin = self.source.origin
+            self.talk.say(f"config {origin}{kind_of_data}, results in {self.folder}")
+
+    def failed(self, order: Order, error: BeltidError) -> None:
+        """Note that a step failed; what needs it is not run."""
+        name = order.step.name
+        self.run.states[name] = FAILED
+        self.run.troubles[name] = (error.exit_status, error.problems)
+        for line in error.problems:
+            self.talk.error(f"{name}: {line}")
+
+    def finished(self, order: Order, summary: Summary, elapsed_s: float) -> None:
+        """Note that a step finished."""
+        name, talk = order.step.name, self.talk
+        self.files[order.step.makes] = order.out
+        self.run.summaries[name] = summary
+        if summary.exit_status == EXIT_DONE:
+            state = UP_TO_DATE if summary.up_to_date else DONE
+        else:
+            state = OUT_OF_TOLERANCE if summary.exit_status == EXIT_OUT_OF_TOLERANCE else FAILED
+            lines = (summary.verdict, *summary.warnings)
+            self.run.troubles[name] = (summary.exit_status, lines)
+        self.run.states[name] = state
+        spent = "" if summary.up_to_date else f", {elapsed_s:.1f} s"
+        talk.say(f"{name}: {state}{spent}")
+        for note in summary.notes:
+            talk.detail(f"{name}: {note}")
+        for warning in summary.warnings:
+            talk.warn(f"{name}: {warning}")
+        if summary.verdict:
+            talk.say(f"{name}: {summary.verdict}")
+
+
+def run_chains(
+    chains: Sequence[Chain], workers: Workers, *, force: bool = False, fail_fast: bool = False
+) -> None:
+    """Run chains until nothing more can be done.
+
+    Parameters
+    ----------
+    chains : sequence of Chain
+        The chains, the first one first where not all can go on at once.
+    workers : Workers
+        Who computes.
+    force : bool
+        Whether to make again what is up to date.
+    fail_fast : bool
+        Whether the first step that fails ends it all.
+    """
+    alone = workers.jobs == 1
+    most = 1 if alone else STEPS_AHEAD * workers.jobs
+    under_way: dict[Future[Summary], tuple[Chain, Order, float]] = {}
+    clerks: Executor = _Here() if alone else ThreadPoolExecutor(most)
+    try:
+        while True:
+            for chain in chains:
+                while len(under_way) < most and (order := chain.next_order()) is not None:
+                    start = time.monotonic()
+                    future = clerks.submit(carry_out, order, workers, chain.talk, force=force)
+                    under_way[future] = (chain, order, start)
+            if not under_way:
+                return
+            for future in wait(under_way, return_when=FIRST_COMPLETED).done:
+                chain, order, start = under_way.pop(future)
+                try:
+                    chain.finished(order, future.result(), time.monotonic() - start)
+                except BeltidError as error:
+                    chain.failed(order, error)
+                if fail_fast and chain.run.exit_status != EXIT_DONE:
+                    return
+    finally:
+        if under_way:  # interrupted, or the first failure ends it: nothing is waited for
+            workers.stop()
+        clerks.shutdown(wait=True, cancel_futures=True)
+
+
+class _Here(Executor):
+    """Calls carried out at once, where an interrupt reaches them."""
+
+    def submit(
+        self, function: Callable[..., Any], /, *arguments: Any, **options: Any
+    ) -> Future[Any]:
+        """Carry out a call; what went wrong for a reason is kept for the one who asks."""
+        future: Future[Any] = Future()
+        try:
+            future.set_result(function(*arguments, **options))
+        except BeltidError as error:
+            future.set_exception(error)
+        return future

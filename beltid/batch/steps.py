@@ -1,0 +1,137 @@
+"""One step of a chain: what it is made from, and who carries it out."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from beltid.config import ConfigSource
+from beltid.errors import BeltidWarning
+from beltid.report.summary import Summary
+from beltid.stages.making import Stale
+from beltid.stages.simulate_rig import SimulateOptions
+from beltid.stages.talk import Options, Talk
+from beltid.stages.workers import Workers
+
+StageRun = Callable[[ConfigSource, Mapping[str, Path], Path, Options], Summary]
+Heard = list[tuple[str, str]]
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One stage of the chain.
+
+    Attributes
+    ----------
+    name : str
+        Name of its command, and what it works on if the chain has it twice.
+    makes : str
+        Name of its artifact.
+    needs : dict
+        Recordings and artifacts it is made from, by their role in the stage.
+    run : callable
+        The stage.
+    optional : bool
+        Whether a belt may do without it if its recording is not there.
+    spreads : bool
+        Whether the stage gives its heavy calls to the workers itself; else one of them gets it
+        whole.
+    """
+
+    name: str
+    makes: str
+    needs: Mapping[str, str]
+    run: StageRun
+    optional: bool = False
+    spreads: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """A step to be carried out for a belt.
+
+    Attributes
+    ----------
+    step : Step
+        The step.
+    source : ConfigSource
+        The config of the belt.
+    inputs : dict
+        Files by their role in the stage.
+    out : Path
+        The artifact.
+    """
+
+    step: Step
+    source: ConfigSource
+    inputs: Mapping[str, Path]
+    out: Path
+
+
+def carry_out(order: Order, workers: Workers, talk: Talk, *, force: bool) -> Summary:
+    """Carry out a step: look whether it is up to date, else make it, or have it made.
+
+    Raises
+    ------
+    BeltidError
+        What the stage raises.
+    """
+    step, place = order.step, (order.source, order.inputs, order.out)
+    if workers.jobs == 1:
+        return step.run(*place, SimulateOptions(force=force, talk=talk, jobs=1))
+    if step.spreads or not workers.share_files:
+        return step.run(*place, SimulateOptions(force=force, talk=talk, workers=workers))
+    if not force:
+        try:
+            return step.run(*place, SimulateOptions(talk=talk, peek=True))
+        except Stale:
+            pass
+    summary, heard = workers.call(elsewhere, step.run, *place, force)
+    for how, text in heard:
+        getattr(talk, how)(text)
+    return summary
+
+
+def elsewhere(
+    run: StageRun, source: ConfigSource, inputs: Mapping[str, Path], out: Path, force: bool
+) -> tuple[Summary, Heard]:
+    """Carry out a stage in a worker: its summary, and what it said."""
+    talk = _Noted()
+    with warnings.catch_warnings():
+        warnings.showwarning = talk.note_warning
+        summary = run(source, inputs, out, SimulateOptions(force=force, talk=talk, jobs=1))
+    return summary, talk.heard
+
+
+class _Noted(Talk):
+    """Talk that is kept, to be said where the user is."""
+
+    def __init__(self) -> None:
+        self.heard: Heard = []
+
+    def say(self, text: str) -> None:
+        """Keep what is going on."""
+        self.heard.append(("say", text))
+
+    def detail(self, text: str) -> None:
+        """Keep a detail."""
+        self.heard.append(("detail", text))
+
+    def warn(self, text: str) -> None:
+        """Keep what the user should look into."""
+        self.heard.append(("warn", text))
+
+    def error(self, text: str) -> None:
+        """Keep what went wrong."""
+        self.heard.append(("error", text))
+
+    def note_warning(
+        self, message: Warning | str, category: type[Warning], *rest: object, **more: object
+    ) -> None:
+        """Keep a warning of Python without its place in the code."""
+        ours = issubclass(category, BeltidWarning)
+        self.heard.append(
+            ("warn", str(message)) if ours else ("detail", f"{category.__name__}: {message}")
+        )

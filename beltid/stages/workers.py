@@ -1,0 +1,59 @@
+"""Who carries out the heavy calls of a stage: this process, others beside it, or a cluster.
+
+A call is a function of a module with plain data as arguments and as result, so that it can be sent
+anywhere; files are written by the caller alone. The result of a call depends on its arguments only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, TypeVar
+
+Result = TypeVar("Result")
+
+
+class Workers:
+    """Workers that heavy calls are given to; this one is the caller itself, one call at a time.
+
+    Attributes
+    ----------
+    jobs : int
+        Calls at the same time.
+    share_files : bool
+        Whether they see the files of the caller, so that a whole stage can be given to them.
+    """
+
+    jobs: int = 1
+    share_files: bool = True
+
+    def call(self, function: Callable[..., Result], *arguments: Any) -> Result:
+        """Result of one call.
+
+        Raises
+        ------
+        BeltidError
+            What the call raises, or that its worker was lost again and again.
+        """
+        ((_, result),) = self.as_ended(function, [arguments])
+        return result
+
+    def as_ended(
+        self, function: Callable[..., Result], calls: Sequence[tuple[Any, ...]]
+    ) -> Iterator[tuple[int, Result]]:
+        """Results of many calls in the order in which they end, each with its index.
+
+        Parameters
+        ----------
+        function : callable
+            A function of a module.
+        calls : sequence of tuple
+            The arguments of each call.
+        """
+        for index, arguments in enumerate(calls):
+            yield index, function(*arguments)
+
+    def stop(self) -> None:
+        """Give up what is under way, at once."""
+
+    def close(self) -> None:
+        """End, when nothing is under way."""
