@@ -83,8 +83,10 @@ def condensed(record: RunRecord, threshold: float) -> RunRecord:
     if np.any(np.diff(record.time_s) < 0.0):
         return record
     starts = np.arange(0, record.time_s.size, record.time_s.size // BLOCKS)
-    tight, spikes_tight, lost_tight = _clean(record.tension_tight_N, starts, threshold)
-    slack, spikes_slack, lost_slack = _clean(record.tension_slack_N, starts, threshold)
+    cells = [_Blocks.of(x, starts) for x in (record.tension_tight_N, record.tension_slack_N)]
+    (tight, spikes_tight, lost_tight), (slack, spikes_slack, lost_slack) = (
+        _clean(cell, threshold) for cell in cells
+    )
     lost = np.count_nonzero(lost_tight | lost_slack)
     steps = _steps(record.tension_tight_N, record.tension_slack_N)
     raw = Raw(
@@ -96,8 +98,8 @@ def condensed(record: RunRecord, threshold: float) -> RunRecord:
     return replace(
         record,
         time_s=_means(record.time_s, starts),
-        tension_tight_N=_tension_means(tight, starts, steps[0]),
-        tension_slack_N=_tension_means(slack, starts, steps[1]),
+        tension_tight_N=_tension_means(cells[0], tight, steps[0]),
+        tension_slack_N=_tension_means(cells[1], slack, steps[1]),
         pulley_speed_rad_s=_means(record.pulley_speed_rad_s, starts),
         temperature_degC=(
             None if record.temperature_degC is None else _means(record.temperature_degC, starts)
@@ -132,53 +134,76 @@ def _means(x: Array, starts: NDArray[np.intp]) -> Array:
     return np.where(enough, total / np.maximum(counts, 1.0), np.nan)
 
 
-def _tension_means(x: Array, starts: NDArray[np.intp], step: float) -> Array:
+@dataclass(frozen=True, slots=True)
+class _Blocks:
+    """A channel in blocks: where they start, and their extremes (nan where a sample is missing)."""
+
+    x: Array
+    starts: NDArray[np.intp]
+    low: Array
+    high: Array
+
+    @classmethod
+    def of(cls, x: Array, starts: NDArray[np.intp]) -> _Blocks:
+        return cls(x, starts, np.minimum.reduceat(x, starts), np.maximum.reduceat(x, starts))
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether no sample is missing: neither nan nor infinite nor an exact zero."""
+        touches_zero = (self.low <= 0.0) & (self.high >= 0.0)
+        return bool(np.isfinite(self.low + self.high).all()) and not touches_zero.any()
+
+
+def _tension_means(blocks: _Blocks, clean: Array, step: float) -> Array:
     """Means of a tension; where a cell mostly stands at its extreme value, that value itself.
 
     So a saturated cell, which repeats one value, still shows as one. A coarse converter
     (``step > 0``) repeats its values anyway.
     """
-    means = _means(x, starts)
+    starts = blocks.starts
+    means = _means(clean, starts)
     if step > 0.0:
         return means
-    counts = np.diff(np.append(starts, x.size))
-    for extreme in (np.nanmax(x), np.nanmin(x)):
-        held = x == extreme
-        if np.count_nonzero(held) > STUCK * x.size:
-            means[np.add.reduceat(held.astype(float), starts) > 0.5 * counts] = extreme
+    counts = np.diff(np.append(starts, clean.size))
+    for reached in (blocks.high, blocks.low):
+        extreme = np.nanmax(reached) if reached is blocks.high else np.nanmin(reached)
+        if np.count_nonzero(reached == extreme) > STUCK * starts.size:
+            held = (blocks.x == extreme).astype(float)
+            means[np.add.reduceat(held, starts) > 0.5 * counts] = extreme
     return means
 
 
-def _clean(x: Array, starts: NDArray[np.intp], threshold: float) -> tuple[Array, Mask, Mask]:
+def _clean(blocks: _Blocks, threshold: float) -> tuple[Array, Mask, Mask]:
     """A tension without its spikes and lost readings (nan), and where they were."""
+    x = blocks.x
     none = np.zeros(x.size, dtype=bool)
+    if blocks.is_complete:
+        spikes = _spikes(blocks, threshold)
+        return (np.where(spikes, np.nan, x) if spikes.any() else x), spikes, none
     lost = ~np.isfinite(x) | (x == 0.0)
-    kept = np.flatnonzero(~lost) if lost.any() else None
-    values = x if kept is None else x[kept]
-    if values.size < PART:
+    kept = np.flatnonzero(~lost)
+    if kept.size < PART:
         return np.where(lost, np.nan, x), none, lost
-    found = _spikes(values, threshold)
-    if kept is None and not found.any():
-        return x, none, none
+    values = x[kept]
+    starts = np.arange(0, values.size, values.size // BLOCKS)
     spikes = none.copy()
-    spikes[slice(None) if kept is None else kept] = found
+    spikes[kept] = _spikes(_Blocks.of(values, starts), threshold)
     return np.where(lost | spikes, np.nan, x), spikes, lost
 
 
-def _spikes(x: Array, threshold: float) -> Mask:
+def _spikes(blocks: _Blocks, threshold: float) -> Mask:
     """Spikes as `spike_mask` finds them, searched only where the range of a block asks for it."""
-    starts = np.arange(0, x.size, max(x.size // BLOCKS, 16))
-    low, high = np.minimum.reduceat(x, starts), np.maximum.reduceat(x, starts)
+    x, starts, low, high = blocks.x, blocks.starts, blocks.low, blocks.high
     middle = np.append(0.5 * (low + high), 0.5 * (low[-1] + high[-1]))
     change = np.abs(np.diff(middle))
     change = np.maximum(change, np.append(change[0], change[:-1]))
     part = x[-PART:]  # where the belt slides, if it slides at all
     noise = max(difference_sigma(part), 10.0 * NOISE_FLOOR * median(np.abs(part)))
-    # both sides of the noise reach about half the threshold beyond a spike that just counts
+    # both sides of the noise reach about a quarter beyond a spike that just counts
     suspicious = np.flatnonzero(high - low > 1.25 * threshold * noise + change)
-    found = np.zeros(x.size, dtype=bool)
     if suspicious.size > MOST_SUSPICIOUS * starts.size:
         return spike_mask(x, threshold)
+    found = np.zeros(x.size, dtype=bool)
     ends = np.append(starts[1:], x.size)
     for block in suspicious.tolist():
         first, last = int(starts[block]), int(ends[block])
@@ -204,6 +229,8 @@ def _steps(tight: Array, slack: Array) -> tuple[float, float]:
 def missing_rows(t: Array) -> int:
     """Samples that a record with an otherwise even time base leaves out."""
     step = np.diff(t)
+    if np.max(step) < 1.5 * np.min(step):
+        return 0
     typical = median(step)
     if typical <= 0.0 or np.count_nonzero(np.abs(step - typical) < 0.1 * typical) < 0.9 * step.size:
         return 0
