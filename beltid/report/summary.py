@@ -28,6 +28,8 @@ class Summary:
         A short form of a long table for the terminal; empty where the table is short itself.
     shown : tuple of str
         Columns of the complete table that a person gets to see; empty for all of them.
+    beside : dict of str to list of dict
+        Short further tables by their name that everybody gets to see.
     details : dict of str to list of dict
         Further tables by their name, for the curious and for programs.
     notes, warnings : tuple of str
@@ -50,6 +52,7 @@ class Summary:
     table: list[dict[str, Any]] = field(default_factory=list)
     overview: list[dict[str, Any]] = field(default_factory=list)
     shown: tuple[str, ...] = ()
+    beside: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
     details: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -69,7 +72,7 @@ class Summary:
             "origin": self.origin,
             "facts": json_value(self.facts),
             "table": json_value(self.table),
-            "details": json_value(self.details),
+            "details": json_value({**self.beside, **self.details}),
             "notes": list(self.notes),
             "warnings": list(self.warnings),
         }

@@ -56,7 +56,7 @@ def renderables(
         rows = [{name: row.get(name) for name in shown} for row in summary.table]
     if rows:
         yield table_or_records(rows, console)
-    for name, more in summary.details.items() if complete else ():
+    for name, more in {**summary.beside, **(summary.details if complete else {})}.items():
         yield Text(name, style="bold")
         yield table_or_records(more, console)
     if summary.verdict:

@@ -15,13 +15,23 @@ from beltid.identify.surface import build_surface as identify
 from beltid.report.summary import Summary
 from beltid.stages.laws_beside import friction_formulas, friction_law_rows
 from beltid.stages.making import Made, Recipe, make
+from beltid.stages.measured import measured_runs, valid_rows
 from beltid.stages.outcome import Outcome, rows_of
+from beltid.stages.surface_doubt import QUANTITY, SurfaceDoubt
 from beltid.stages.tables import surface_of, table_columns
 from beltid.stages.talk import Options
+from beltid.stages.uncertainties import (
+    SECTION,
+    budget_table,
+    standard_uncertainties,
+    stated_keys,
+)
 from beltid.store.artifacts import read_artifact
+from beltid.uncertainty.published import published_changes, published_curves, scatter_factor
+from beltid.uncertainty.sources import rig_sources
 
 KIND: Final = "surface"
-KEYS: Final = ("surface",)
+KEYS: Final = ("surface", "rig.pulley_radius_m", SECTION)
 METHOD: Final = "published"
 NEEDED: Final = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
 
@@ -34,7 +44,8 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
         options.talk.say(f"{artifact.path}: {len(artifact.columns['run'])} runs")
         return _outcome(artifact.columns, config.config, str(artifact.path))
 
-    return summarise(make(Recipe(KIND, config, KEYS, inputs), out, options, compute))
+    choices = {"uncertainty_stated": stated_keys(config.config)}
+    return summarise(make(Recipe(KIND, config, KEYS, inputs, choices), out, options, compute))
 
 
 def build_surface(
@@ -73,6 +84,7 @@ def _outcome(
     if good.size == 0:
         raise InputError(f"{name}: none of its {n} runs has the status ok, at least one is needed")
     se = columns.get("mu_sliding_se")
+    settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
     try:
         result = identify(
             columns["arc_deg"][good],
@@ -80,16 +92,20 @@ def _outcome(
             columns["slip_speed_m_s"][good],
             columns["mu_sliding"][good],
             None if se is None else se[good],
-            SurfaceSettings(force_nodes=config.surface.force_nodes),
+            settings,
         )
     except InputError as error:
         raise InputError([f"{name}: {line}" for line in error.problems]) from None
     surface = result.surface
     beside = friction_formulas(surface)
+    table = result.to_columns()
+    used = valid_rows(columns, good)
+    doubt = _doubt(columns, used, result, config)
+    f = columns["normal_force_N_m"][used]
     aside = [{"point": line} for line in result.set_aside]
     return Outcome(
         kind=KIND,
-        columns=result.to_columns(),
+        columns={**table, **doubt.columns(len(table["mu"]))},
         result=result,
         validity=dict(result.validity),
         set_aside=aside,
@@ -99,10 +115,26 @@ def _outcome(
             "n_points": result.n_points,
             "rms_arc_spread": result.rms_arc_spread,
             "max_arc_spread": result.max_arc_spread,
+            **doubt.extra((float(f.min()), float(f.max()))),
             **beside.extra,
         },
         notes=(*result.notes, *beside.notes),
         warnings=tuple(f"set aside: {line}" for line in result.set_aside),
+    )
+
+
+def _doubt(
+    columns: Mapping[str, np.ndarray], used: np.ndarray, result: SurfaceResult, config: Config
+) -> SurfaceDoubt:
+    """What the surface's causes of error do to it; its bias by bending is not among them."""
+    settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
+    measured = measured_runs(columns, used, config.rig_params().R)
+    sources = rig_sources(standard_uncertainties(config), int(measured.arc.max()) + 1)
+    return SurfaceDoubt(
+        surface=result.surface,
+        sources=sources,
+        changes=published_changes(measured, result.average, sources, settings),
+        scatter=scatter_factor(published_curves(measured, settings), result.average),
     )
 
 
@@ -125,6 +157,7 @@ def summarise(made: Made) -> Summary:
             "valid_force_N_m": validity["normal_force_N_m"],
             "valid_speed_m_s": validity["slip_speed_m_s"],
             "arc_to_arc_spread_rms_percent": None if spread is None else 100.0 * spread,
+            "budget": extra["budget"],
         },
         table=rows_of(
             columns,
@@ -133,10 +166,15 @@ def summarise(made: Made) -> Summary:
             "slip_speed_m_s",
             "mu",
             "mu_se",
+            "mu_u",
             "n_arcs",
             "mu_spread",
         ),
         overview=_grid(surface),
+        beside={
+            "standard uncertainty of the surface, in percent of mu (the bias of the published "
+            "procedure is not in it)": budget_table(extra["budget"], QUANTITY)
+        },
         details={"friction formulas": friction_law_rows(extra)},
         notes=made.notes,
         warnings=made.warnings,

@@ -15,18 +15,30 @@ from beltid.errors import InputError
 from beltid.identify.surface import SurfaceSettings
 from beltid.identify.surface import build_surface as publish
 from beltid.laws.penalty import NormalLaw
-from beltid.params import OperatingPoint
-from beltid.refine.inverse import MeasuredRun, RefinedSurface
+from beltid.refine.inverse import RefinedSurface
 from beltid.refine.inverse import refine_surface as refine
 from beltid.report.summary import Summary
 from beltid.rigsim.model import Bench
 from beltid.stages.campaign import checked_law
 from beltid.stages.laws_beside import friction_formulas, friction_law_rows
 from beltid.stages.making import Made, Recipe, make
+from beltid.stages.measured import measured_runs
 from beltid.stages.outcome import Outcome
+from beltid.stages.surface_doubt import QUANTITY, SurfaceDoubt
 from beltid.stages.tables import law_of, surface_of, table_columns
 from beltid.stages.talk import Options
+from beltid.stages.uncertainties import (
+    SECTION,
+    budget_table,
+    press_law,
+    standard_uncertainties,
+    stated_keys,
+)
 from beltid.store.artifacts import read_artifact
+from beltid.uncertainty.campaign import Campaign
+from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.refined import factor_of, on_nodes, parameter_changes, simulated_slopes
+from beltid.uncertainty.sources import all_sources
 
 KIND: Final = "surface"
 METHOD: Final = "refined"
@@ -38,6 +50,8 @@ KEYS: Final = (
     "rig.supports",
     "contact.points_per_element",
     "surface",
+    "press.segment_length_cm",
+    SECTION,
 )
 NEEDED: Final = (
     "run",
@@ -73,11 +87,14 @@ class Refinement:
         Labels of the runs used.
     arcs_deg : ndarray
         Their arcs [deg].
+    doubt : SurfaceDoubt
+        What is not known of the surface, by its causes.
     """
 
     refined: RefinedSurface
     runs: tuple[str, ...]
     arcs_deg: np.ndarray
+    doubt: SurfaceDoubt
 
     @property
     def surface(self) -> Any:
@@ -115,11 +132,13 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
 
     def compute() -> Outcome[Refinement]:
         artifact = read_artifact(inputs["friction"], "friction")
-        law = law_of(read_artifact(inputs["stiffness"], "stiffness"))
+        stiffness = read_artifact(inputs["stiffness"], "stiffness")
+        law = press_law(law_of(stiffness), config.config, stiffness)
         options.talk.say(f"{artifact.path}: {len(artifact.columns['run'])} runs, inverse solution")
         return _outcome(artifact.columns, law, config.config, str(artifact.path))
 
-    return summarise(make(Recipe(KIND, config, KEYS, inputs), out, options, compute))
+    choices = {"uncertainty_stated": stated_keys(config.config)}
+    return summarise(make(Recipe(KIND, config, KEYS, inputs, choices), out, options, compute))
 
 
 def refine_surface(
@@ -151,55 +170,33 @@ def refine_surface(
     ConvergenceError
         If a run cannot be simulated or the iteration does not converge.
     """
-    law = checked_law(law)
+    model = load_config(config)
     columns = table_columns(friction, "friction", NEEDED)
-    return _outcome(columns, law, load_config(config), "friction table")
+    return _outcome(columns, press_law(checked_law(law), model), model, "friction table")
 
 
 def _outcome(
-    columns: Mapping[str, np.ndarray], law: NormalLaw, config: Config, name: str
+    columns: Mapping[str, np.ndarray], press: PressLaw, config: Config, name: str
 ) -> Outcome[Refinement]:
-    good, set_aside = _usable(columns)
-    if good.size < 4:
-        raise InputError(f"{name}: {good.size} runs can be used, at least 4 are needed")
-    arc_deg, f, v, mu, mu_se = (columns[key][good] for key in PUBLISHED)
-    settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
-    start = publish(arc_deg, f, v, mu, mu_se, settings).surface
-    speeds = start.slip_speed_m_s
-    used = _at_speeds(columns, good, speeds, set_aside)
-    rig = config.rig_params()
-    bench = Bench(config.belt_params(), rig, config.contact_params(), law, start)
-    errors = columns["mu_sliding_se"][used]
-    typical = float(np.nanmedian(errors)) if np.isfinite(errors).any() else 0.0
-    runs = [
-        MeasuredRun(
-            OperatingPoint(
-                beta=math.radians(float(columns["arc_deg"][i])),
-                T_0=float(columns["initial_tension_N"][i]),
-                omega=float(columns["slip_speed_m_s"][i]) / rig.R,
-            ),
-            mu=float(columns["mu_sliding"][i]),
-            mu_se=float(columns["mu_sliding_se"][i])
-            if np.isfinite(columns["mu_sliding_se"][i])
-            else typical,
-        )
-        for i in used
-    ]
-    refined = refine(bench, runs, speeds)
+    campaign, speeds, used, set_aside = _prepared(columns, press, config, name)
+    refined = refine(campaign.bench, campaign.measured.runs, speeds)
     labels = tuple(str(columns["run"][i]) for i in used)
-    result = Refinement(refined, labels, columns["arc_deg"][used])
+    doubt = _doubt(campaign, refined, speeds, config)
+    result = Refinement(refined, labels, columns["arc_deg"][used], doubt)
     far = [(labels[k], refined.weight[k]) for k in np.flatnonzero(refined.weight < 0.5)]
     beside = friction_formulas(refined.surface)
+    table = _table(result, speeds[_speed_labels(columns, used, speeds)])
+    force = campaign.measured.normal_force
     return Outcome(
         kind=KIND,
-        columns=_table(result, speeds[_speed_labels(columns, used, speeds)]),
+        columns={**table, **doubt.columns(len(table["mu"]))},
         result=result,
         validity=dict(refined.surface.validity),
         set_aside=set_aside,
         extra={
             "method": METHOD,
             "degree": refined.surface.degree,
-            "n_points": len(runs),
+            "n_points": len(labels),
             "rms_arc_spread": _share(result.arc_spread_percent(refined.misfit_after)),
             "max_arc_spread": None,
             "misfit": result.misfit_table(),
@@ -207,6 +204,7 @@ def _outcome(
             "iterations": refined.iterations,
             "noise_scale": refined.smoothness.noise_scale,
             "effective_parameters": refined.effective_parameters,
+            **doubt.extra((float(force.min()), float(force.max()))),
             **beside.extra,
         },
         notes=(
@@ -217,6 +215,40 @@ def _outcome(
             f"run {label}: far from what the others say, weight {weight:.2g}"
             for label, weight in far
         ),
+    )
+
+
+def _prepared(
+    columns: Mapping[str, np.ndarray], press: PressLaw, config: Config, name: str
+) -> tuple[Campaign, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+    """Campaign with the surface to start from, its speeds, its rows, and what was set aside."""
+    good, set_aside = _usable(columns)
+    if good.size < 4:
+        raise InputError(f"{name}: {good.size} runs can be used, at least 4 are needed")
+    arc_deg, f, v, mu, mu_se = (columns[key][good] for key in PUBLISHED)
+    settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
+    start = publish(arc_deg, f, v, mu, mu_se, settings).surface
+    speeds = start.slip_speed_m_s
+    used = _at_speeds(columns, good, speeds, set_aside)
+    rig = config.rig_params()
+    bench = Bench(config.belt_params(), rig, config.contact_params(), press.law, start)
+    return Campaign(measured_runs(columns, used, rig.R), bench, press), speeds, used, set_aside
+
+
+def _doubt(
+    campaign: Campaign, refined: RefinedSurface, speeds: np.ndarray, config: Config
+) -> SurfaceDoubt:
+    """What the causes of error do to the refined surface."""
+    n_arcs = int(campaign.measured.arc.max()) + 1
+    given = standard_uncertainties(config)
+    sources = all_sources(given, n_arcs, campaign.press.has_scatter)
+    slopes = simulated_slopes(campaign, refined, speeds)
+    return SurfaceDoubt(
+        surface=refined.surface,
+        sources=sources,
+        changes=on_nodes(refined, parameter_changes(campaign, refined, sources, slopes)),
+        scatter=on_nodes(refined, factor_of(refined.covariance)),
+        degrees_of_freedom=max(len(campaign.measured.mu) - refined.effective_parameters, 1.0),
     )
 
 
@@ -301,6 +333,12 @@ def summarise(made: Made) -> Summary:
             "speed_nodes": surface.slip_speed_m_s.size,
             "valid_force_N_m": validity["normal_force_N_m"],
             "valid_speed_m_s": validity["slip_speed_m_s"],
+            "budget": extra["budget"],
+        },
+        beside={
+            "standard uncertainty of the refined surface, in percent of mu": budget_table(
+                extra["budget"], QUANTITY
+            )
         },
         table=[{name: row[name] for name in MISFIT_COLUMNS} for row in extra["misfit"]],
         notes=made.notes,

@@ -12,8 +12,8 @@ from beltid.errors import ArtifactError, InputError
 from beltid.export.law import ContactLaw
 from beltid.export.law_file import law_from_text
 from beltid.identify.surface import surface_from_columns
-from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
+from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.stages.outcome import Outcome
 from beltid.store import schemas
 from beltid.store.artifacts import Artifact, read_artifact
@@ -48,8 +48,11 @@ def load_law(path: str | Path) -> ContactLaw:
     return law_from_text(text, str(path))
 
 
-def load_surface(path: str | Path) -> FrictionSurface:
+def load_surface(path: str | Path) -> UncertainSurface:
     """Load the averaged friction surface of a surface artifact.
+
+    It is a `FrictionSurface` that also knows what is not known of it: ``.mu_u(f, v)``, the combined
+    standard uncertainty, ``.band(f, v, level)``, ``.ensemble(size)``.
 
     Parameters
     ----------
@@ -62,16 +65,33 @@ def load_surface(path: str | Path) -> FrictionSurface:
         If the file is missing, damaged or of another kind.
     """
     if _is_law_file(path):
-        return load_law(path).surface
+        return UncertainSurface(load_law(path).surface)
     return surface_of(read_artifact(path, "surface"))
 
 
-def surface_of(artifact: Artifact) -> FrictionSurface:
-    """Averaged friction surface of a surface artifact that was read."""
+def surface_of(artifact: Artifact) -> UncertainSurface:
+    """Averaged friction surface of a surface artifact that was read, with its covariance."""
+    columns = artifact.columns
     try:
-        return surface_from_columns(artifact.columns)
+        surface = surface_from_columns(columns)
     except InputError as error:
         raise InputError([f"{artifact.path}: {line}" for line in error.problems]) from None
+    rows = np.flatnonzero(np.isnan(columns["arc_deg"]))
+    rows = rows[np.lexsort((columns["slip_speed_m_s"][rows], columns["normal_force_N_m"][rows]))]
+
+    def on_grid(name: str) -> np.ndarray | None:
+        if name not in columns or np.isnan(columns[name][rows]).any():
+            return None
+        return np.asarray(columns[name][rows].reshape(*surface.mu_nodes.shape, -1))
+
+    members = on_grid("mu_members")
+    told = artifact.metadata.extra.get("uncertainty") or {}
+    return UncertainSurface(
+        surface,
+        on_grid("mu_factor"),
+        [source["name"] for source in told.get("sources", ())],
+        None if members is None else np.moveaxis(members, -1, 0),
+    )
 
 
 def load_stiffness(path: str | Path, temperature_degC: float | None = None) -> NormalLaw:

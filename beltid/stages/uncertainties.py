@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -32,15 +32,6 @@ KEYS: Final[dict[str, tuple[str, float]]] = {
     "machine_compliance_mm_N": ("machine_compliance", 1.0e-3),
 }
 """Key of the config -> name in the science, SI per unit of the config."""
-BUDGET_COLUMNS: Final = (
-    "source",
-    "basis",
-    "standard_uncertainty",
-    "unit",
-    "contribution_percent",
-    "largest_percent",
-    "share_percent",
-)
 
 
 def standard_uncertainties(config: Config) -> StandardUncertainties:
@@ -67,8 +58,20 @@ def press_law(law: NormalLaw, config: Config, artifact: Artifact | None = None) 
     return PressLaw(law, covariance, depth, config.press.segment_length_cm / 100.0)
 
 
-def budget_table(rows: list[Mapping[str, Any]], quantity: str) -> list[dict[str, Any]]:
+def budget_table(rows: Sequence[Mapping[str, Any]], quantity: str) -> list[dict[str, Any]]:
     """Rows of a budget of one quantity as a person reads them."""
     return [
-        {name: row[name] for name in BUDGET_COLUMNS} for row in rows if row["quantity"] == quantity
+        {
+            "source": row["source"],
+            "known": row["basis"],
+            "uncertainty": _with_unit(row["standard_uncertainty"], row["unit"]),
+            "contribution_percent": row["contribution_percent"],
+            "largest_percent": row["largest_percent"],
+        }
+        for row in rows
+        if row["quantity"] == quantity
     ]
+
+
+def _with_unit(value: float | None, unit: str) -> str:
+    return "" if value is None else f"{value:.3g} {unit}"

@@ -8,8 +8,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.laws.capstan import mean_normal_force
-from beltid.params import Belt, OperatingPoint, Rig
+from beltid.errors import InputError
+from beltid.laws.capstan import mean_normal_force, sliding_speed
+from beltid.params import OperatingPoint
 from beltid.refine.rig_runs import MeasuredRun
 from beltid.rigsim.model import Bench
 from beltid.uncertainty.press_law import PressLaw
@@ -19,15 +20,13 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Campaign:
-    """Reduced runs of a friction rig with their benches, arrays (n,).
+class Measured:
+    """Reduced runs of a friction rig, arrays (n,).
 
     Attributes
     ----------
-    bench : Bench
-        Belt, rig, and the surface that the inverse solution starts from.
-    press : PressLaw
-        The contact law and its making.
+    R : float
+        Radius of the belt's centreline on the pulley [m].
     arc : ndarray of int
         Number of the arc setting.
     beta : ndarray
@@ -42,8 +41,7 @@ class Campaign:
         Sliding coefficient by Eq. (6) and its standard error by the scatter of the run [-].
     """
 
-    bench: Bench
-    press: PressLaw
+    R: float
     arc: NDArray[np.intp]
     beta: Array
     T_0: Array
@@ -56,12 +54,12 @@ class Campaign:
     @property
     def normal_force(self) -> Array:
         """Mean of Eq. (8) over the arc [N/m]."""
-        return mean_normal_force(self.tight, self.slack, self.bench.rig.R)
+        return mean_normal_force(self.tight, self.slack, self.R)
 
     @property
     def slip_speed(self) -> Array:
         """Sliding speed, Eq. (7) [m/s]."""
-        return self.omega * self.bench.rig.R
+        return sliding_speed(self.omega, self.R)
 
     @property
     def runs(self) -> list[MeasuredRun]:
@@ -73,7 +71,13 @@ class Campaign:
         ]
 
     def corrected(self, errors: Errors) -> Self:
-        """The campaign with errors put right: each value as it would truly have been."""
+        """The runs with errors put right: each value as it would truly have been.
+
+        Raises
+        ------
+        InputError
+            If an error is as large as what it is an error of.
+        """
         gain = errors.at("tension_gain")
         gains = [gain + errors.at("cell_gain", k) for k in (0, 1)]
         zeros = [errors.at("cell_offset", k) for k in (0, 1)]
@@ -81,32 +85,57 @@ class Campaign:
         slack = self.slack * (1.0 + gains[1]) + zeros[1]
         setting = np.array([errors.at("arc_setting", int(k)) for k in self.arc])
         beta = self.beta + errors.at("arc") + setting
+        T_0 = self.T_0 * (1.0 + 0.5 * sum(gains)) + 0.5 * sum(zeros)
+        lowest = min(float(np.min(a)) for a in (tight, slack, beta, T_0))
+        if not lowest > 0.0:
+            raise InputError(
+                "uncertainty: an error of the load cells or of the arc is as large as a tension or "
+                f"an arc itself (lowest tension {np.min(self.slack):.3g} N, shortest arc "
+                f"{np.degrees(np.min(self.beta)):.3g} deg), must be small against them"
+            )
         log_ratio = self.mu * self.beta + np.log(tight / self.tight) - np.log(slack / self.slack)
         return replace(
             self,
-            bench=self._bench(errors),
+            R=self.R * (1.0 + errors.at("pulley_radius")),
             beta=beta,
-            T_0=self.T_0 * (1.0 + 0.5 * sum(gains)) + 0.5 * sum(zeros),
+            T_0=T_0,
             omega=self.omega * (1.0 + errors.at("pulley_speed")),
             tight=tight,
             slack=slack,
             mu=log_ratio / beta,
         )
 
-    def _bench(self, errors: Errors) -> Bench:
+
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """Measured runs and the bench on which they are simulated.
+
+    Attributes
+    ----------
+    measured : Measured
+        The runs.
+    bench : Bench
+        Belt, rig, and the surface that the inverse solution starts from.
+    press : PressLaw
+        The contact law and its making.
+    """
+
+    measured: Measured
+    bench: Bench
+    press: PressLaw
+
+    def corrected(self, errors: Errors) -> Self:
+        """Runs and bench with errors put right."""
         belt, rig = self.bench.belt, self.bench.rig
-        return replace(
+        measured = self.measured.corrected(errors)
+        bench = replace(
             self.bench,
-            belt=Belt(
+            belt=replace(
+                belt,
                 EA=belt.EA * (1.0 + errors.at("axial_stiffness")),
                 EI=belt.EI * (1.0 + errors.at("bending_stiffness")),
-                rhoA=belt.rhoA,
-                damping_time=belt.damping_time,
             ),
-            rig=Rig(
-                R=rig.R * (1.0 + errors.at("pulley_radius")),
-                span=rig.span + errors.at("span_length"),
-                supports=rig.supports,
-            ),
+            rig=replace(rig, R=measured.R, span=rig.span + errors.at("span_length")),
             law=self.press.corrected(errors),
         )
+        return replace(self, measured=measured, bench=bench)

@@ -20,28 +20,28 @@ from scipy.interpolate import CubicSpline
 from beltid.identify.surface import SurfaceSettings
 from beltid.identify.surface_average import SurfaceGrid, average
 from beltid.identify.surface_curves import CurveSet, Points, build_curves
-from beltid.uncertainty.campaign import Campaign
+from beltid.uncertainty.campaign import Measured
 from beltid.uncertainty.refined import factor_of
 from beltid.uncertainty.sources import Errors, Source
 
 Array = NDArray[np.float64]
 
 
-def published_curves(campaign: Campaign, settings: SurfaceSettings) -> CurveSet:
+def published_curves(measured: Measured, settings: SurfaceSettings) -> CurveSet:
     """Curves of each arc and speed of a campaign."""
     points = Points(
-        arc_deg=np.degrees(campaign.beta),
-        f=campaign.normal_force,
-        v=campaign.slip_speed,
-        mu=campaign.mu,
-        se=campaign.mu_se,
+        arc_deg=np.degrees(measured.beta),
+        f=measured.normal_force,
+        v=measured.slip_speed,
+        mu=measured.mu,
+        se=measured.mu_se,
     )
     return build_curves(points, settings.speed_gap, settings.force_gap)
 
 
-def published_grid(campaign: Campaign, settings: SurfaceSettings) -> SurfaceGrid:
+def published_grid(measured: Measured, settings: SurfaceSettings) -> SurfaceGrid:
     """Averaged surface of a campaign by the published procedure."""
-    curves = published_curves(campaign, settings)
+    curves = published_curves(measured, settings)
     return average(curves, settings.force_nodes, errors_known=True)[0]
 
 
@@ -60,12 +60,12 @@ def changes_at_nodes(nominal: SurfaceGrid, other: SurfaceGrid) -> Array:
 
 
 def published_changes(
-    campaign: Campaign, nominal: SurfaceGrid, sources: Sequence[Source], settings: SurfaceSettings
+    measured: Measured, nominal: SurfaceGrid, sources: Sequence[Source], settings: SurfaceSettings
 ) -> Array:
     """Change of ln mu at the nodes by one standard uncertainty of each source, (nf, nv, K)."""
     columns = [
         changes_at_nodes(
-            nominal, published_grid(campaign.corrected(Errors.single(source)), settings)
+            nominal, published_grid(measured.corrected(Errors.single(source)), settings)
         )
         for source in sources
     ]

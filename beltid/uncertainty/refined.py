@@ -17,11 +17,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.laws.penalty import NormalLaw
-from beltid.params import Belt, Rig
 from beltid.refine.inverse import RefinedSurface
-from beltid.refine.rig_runs import MeasuredRun, RigRuns, mesh_of, surfaces_of
-from beltid.rigsim.model import Bench
+from beltid.refine.rig_runs import RigRuns, mesh_of, surfaces_of
 from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.sources import Errors, Source
 
@@ -36,61 +33,60 @@ INPUTS = ("arc", "initial tension", "radius", "span", "EI", "EA", "k_linear", "k
 
 def log_inputs(campaign: Campaign) -> Array:
     """Logarithms of the inputs of the simulated rig (n, 8), in the order of :data:`INPUTS`."""
-    bench, ones = campaign.bench, np.ones(campaign.mu.size)
+    bench, measured = campaign.bench, campaign.measured
     k = np.array([bench.law.k_linear_N_m2, bench.law.k_quadratic_N_m3])
     shared = [bench.rig.R, bench.rig.span, bench.belt.EI, bench.belt.EA, *np.where(k > 0, k, 1.0)]
-    return np.log(np.column_stack([campaign.beta, campaign.T_0, *(s * ones for s in shared)]))
+    columns = [measured.beta, measured.T_0, *(np.full(measured.mu.size, x) for x in shared)]
+    return np.log(np.column_stack(columns))
 
 
 def simulated_slopes(campaign: Campaign, refined: RefinedSurface, speeds: Array) -> Array:
     """Derivatives of the simulated ln mu of each run by the ln of each input, shape (n, 8)."""
     surfaces = surfaces_of(refined.curves, refined.parameters)
-    bench, runs = campaign.bench, campaign.runs
-    elements = mesh_of(bench, runs, MESH)
+    elements = mesh_of(campaign.bench, campaign.measured.runs, MESH)
 
-    def log_mu(bench: Bench, runs: Sequence[MeasuredRun]) -> Array:
-        # the speed of a run is no input here: it comes in by its own slope
-        v = [
-            replace(r, point=replace(r.point, omega=s / bench.rig.R))
-            for r, s in zip(runs, campaign.slip_speed, strict=True)
-        ]
-        rig = RigRuns(bench, v, speeds, elements)
+    def log_mu(of: Campaign) -> Array:
+        rig = RigRuns(of.bench, of.measured.runs, speeds, elements)
         return rig.log_mu(surfaces, refined.speed_slope)
 
-    base = log_mu(bench, runs)
-    columns = [log_mu(*_stepped(bench, runs, name)) - base for name in INPUTS]
+    base = log_mu(campaign)
+    columns = [log_mu(_stepped(campaign, name)) - base for name in INPUTS]
     return np.asarray(np.column_stack(columns) / np.log1p(STEP))
 
 
-def _stepped(
-    bench: Bench, runs: Sequence[MeasuredRun], name: str
-) -> tuple[Bench, list[MeasuredRun]]:
-    """Bench and runs with one input a step larger."""
+def _stepped(campaign: Campaign, name: str) -> Campaign:
+    """The campaign with one input a step larger; the sliding speeds stay."""
     up = {n: 1.0 + STEP * (n == name) for n in INPUTS}
+    bench, measured = campaign.bench, campaign.measured
     belt, rig, law = bench.belt, bench.rig, bench.law
-    moved = replace(
-        bench,
-        belt=Belt(belt.EA * up["EA"], belt.EI * up["EI"], belt.rhoA, belt.damping_time),
-        rig=Rig(rig.R * up["radius"], rig.span * up["span"], rig.supports),
-        law=NormalLaw(law.k_linear_N_m2 * up["k_linear"], law.k_quadratic_N_m3 * up["k_quadratic"]),
+    k = law.k_linear_N_m2 * up["k_linear"], law.k_quadratic_N_m3 * up["k_quadratic"]
+    R = rig.R * up["radius"]
+    return replace(
+        campaign,
+        bench=replace(
+            bench,
+            belt=replace(belt, EA=belt.EA * up["EA"], EI=belt.EI * up["EI"]),
+            rig=replace(rig, R=R, span=rig.span * up["span"]),
+            law=replace(law, k_linear_N_m2=k[0], k_quadratic_N_m3=k[1]),
+        ),
+        measured=replace(
+            measured,
+            R=R,
+            omega=measured.omega / up["radius"],
+            beta=measured.beta * up["arc"],
+            T_0=measured.T_0 * up["initial tension"],
+        ),
     )
-    points = [
-        replace(
-            run.point, beta=run.point.beta * up["arc"], T_0=run.point.T_0 * up["initial tension"]
-        )
-        for run in runs
-    ]
-    return moved, [replace(run, point=p) for run, p in zip(runs, points, strict=True)]
 
 
 def residual_change(campaign: Campaign, errors: Errors, slopes: Array, speed_slope: Array) -> Array:
     """Change of ln mu_measured - ln mu_simulated of each run (n,) with errors put right."""
     corrected = campaign.corrected(errors)
-    measured = np.log(corrected.mu / campaign.mu)
+    before, after = campaign.measured, corrected.measured
     inputs = log_inputs(corrected) - log_inputs(campaign)
-    speed = np.log(corrected.slip_speed / campaign.slip_speed)
-    simulated = np.einsum("ni,ni->n", slopes, inputs) + speed_slope * speed
-    return np.asarray(measured - simulated)
+    simulated = np.einsum("ni,ni->n", slopes, inputs)
+    simulated += speed_slope * np.log(after.slip_speed / before.slip_speed)
+    return np.asarray(np.log(after.mu / before.mu) - simulated)
 
 
 def parameter_changes(
