@@ -1,0 +1,141 @@
+"""Recordings of the friction rig of any size: opened here, read run by run.
+
+A big CSV file, plain or packed with gzip, a Parquet file, or a folder of Parquet files.
+"""
+
+from __future__ import annotations
+
+import codecs
+import itertools
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from beltid.errors import InputError
+from beltid.store import schemas
+from beltid.store.csv_reader import Wanted
+from beltid.store.csv_stream import ByteStream, csv_blocks
+from beltid.store.dialect import ReadOptions, decode, layout
+from beltid.store.header import check_header
+from beltid.store.parquet_stream import parquet_blocks, parquet_files
+from beltid.store.problems import Problems
+from beltid.store.recordings import csv_conversions
+from beltid.store.run_stream import RunColumns, RunStream
+from beltid.units import conversion
+
+BIG: Final = 64 << 20
+"""Bytes of a file from which on it is read run by run."""
+HEAD: Final = 1 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class BigRecording:
+    """A recording that is read run by run.
+
+    Attributes
+    ----------
+    path : Path
+        The file or folder.
+    runs : RunStream
+        Its runs.
+    notes : callable
+        What was found out, left out or missing; complete once the runs have been read.
+    sha256 : callable
+        Hash of the bytes, once the runs have been read.
+    """
+
+    path: Path
+    runs: RunStream
+    notes: Callable[[], tuple[str, ...]]
+
+    def __iter__(self) -> Iterator[RunColumns]:
+        """The runs, in the order of the file."""
+        return iter(self.runs)
+
+
+def is_big(path: Path, from_bytes: int = BIG) -> bool:
+    """Whether a recording is one to be read run by run."""
+    try:
+        if path.is_dir():
+            return bool(parquet_files(path))
+        return path.stat().st_size >= from_bytes and path.name.lower().endswith(
+            (".csv", ".csv.gz", ".txt", ".txt.gz", ".parquet")
+        )
+    except OSError:
+        return False
+
+
+def open_big(path: Path, config: Any = None) -> BigRecording:
+    """Open a recording of the friction rig.
+
+    Parameters
+    ----------
+    path : Path
+        The file or folder.
+    config : Config, optional
+        Names, units and dialect of the bench's files.
+
+    Raises
+    ------
+    InputError
+        If its head cannot be that of a recording of the friction rig; whatever is wrong further
+        down is told while the runs are read.
+    """
+    options = ReadOptions.of(config, "rig")
+    if path.is_dir():
+        return _parquet(path, options)
+    with path.open("rb") as file:
+        magic = file.read(4)
+    return _parquet(path, options) if magic == b"PAR1" else _csv(path, options)
+
+
+def _csv(path: Path, options: ReadOptions) -> BigRecording:
+    name, table, problems = str(path), schemas.table("rig"), Problems()
+    chunks = iter(ByteStream(path))
+    first = next(chunks, b"")
+    if first[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) or "16" in (options.encoding or ""):
+        raise InputError(f"{name}: is in UTF-16; a file of this size must be in UTF-8")
+    head = first[:HEAD] if len(first) <= HEAD else first[: first.rfind(b"\n", 0, HEAD) + 1]
+    text = decode(head, name, options.encoding)
+    in_file = {c.name: options.names.get(c.name, c.name) for c in table.columns}
+    found = layout(text, name, options, in_file.values())
+    header_line = found.first_line - 1 - options.units_row
+    check_header(found.header, in_file, table, f"{name}:{header_line}", problems)
+    problems.raise_if_any()
+    wanted = {
+        ours: Wanted(found.header.index(theirs), table.column(ours).dtype == "string", shown)
+        for ours, theirs in in_file.items()
+        if theirs in found.header
+        for shown in [ours if ours == theirs else f'{ours} (column "{theirs}")']
+    }
+    conversions, notes = csv_conversions(found, wanted, table, options, name, problems)
+    problems.raise_if_any()
+    body = _after_lines(first, found.first_line - 1)
+    blocks = csv_blocks(itertools.chain([body], chunks), found, wanted, name, problems)
+    runs = RunStream(blocks, table, name, conversions, problems)
+    left_out = [n for n in found.header if n and n not in in_file.values()]
+    if left_out:
+        notes.append("columns left out: " + ", ".join(left_out[:12]))
+    return BigRecording(path, runs, lambda: (*found.notes, *notes, *runs.notes()))
+
+
+def _after_lines(data: bytes, lines: int) -> bytes:
+    """Bytes after some lines."""
+    at = 0
+    for _ in range(lines):
+        at = data.index(b"\n", at) + 1
+    return data[at:]
+
+
+def _parquet(path: Path, options: ReadOptions) -> BigRecording:
+    name, table, problems = str(path), schemas.table("rig"), Problems()
+    blocks = parquet_blocks(path, table, options.names)
+    conversions = {
+        ours: known
+        for ours, unit in options.units.items()
+        if (known := conversion(unit, table.column(ours).unit))
+    }
+    runs = RunStream(blocks, table, name, conversions, problems)
+    runs.row_word = ", row "
+    return BigRecording(path, runs, lambda: tuple(runs.notes()))

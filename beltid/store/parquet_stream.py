@@ -1,0 +1,166 @@
+"""A Parquet recording in blocks: one file, or a folder of files in the order of their names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from beltid.errors import InputError
+from beltid.store.csv_stream import Block
+from beltid.store.schemas import Table
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+ROWS: Final = 1 << 18
+"""Rows of a block."""
+
+
+def parquet_files(folder: Path) -> list[Path]:
+    """Parquet files of a folder and of the folders in it, in the order of their names."""
+    return sorted(
+        path
+        for path in folder.rglob("*.parquet")
+        if not any(part.startswith((".", "_")) for part in path.relative_to(folder).parts)
+    )
+
+
+def parquet_blocks(path: Path, table: Table, names: Mapping[str, str]) -> Iterator[Block]:
+    """Blocks of a Parquet recording.
+
+    Parameters
+    ----------
+    path : Path
+        A file or a folder. Names of folders such as ``arc_deg=82`` hold a column of all the files
+        in them.
+    table : Table
+        Schema of the recording.
+    names : mapping
+        Our column -> its name in the file, where it differs.
+
+    Raises
+    ------
+    InputError
+        If a file is damaged, or a column is missing or of another type.
+    """
+    files = parquet_files(path) if path.is_dir() else [path]
+    row = 1
+    for file in files:
+        from_folders = _from_folders(file.relative_to(path)) if path.is_dir() else {}
+        for batch in _batches(file, table, names, from_folders):
+            yield _block(batch, table, names, from_folders, row)
+            row += batch.num_rows
+
+
+def _from_folders(file: Path) -> dict[str, str]:
+    parts = (part.partition("=") for part in file.parts[:-1])
+    return {key: value for key, mark, value in parts if mark}
+
+
+def _batches(
+    file: Path, table: Table, names: Mapping[str, str], from_folders: Mapping[str, str]
+) -> Iterator[pa.RecordBatch]:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        source = pq.ParquetFile(file, page_checksum_verification=True, memory_map=False)
+        there = source.schema_arrow
+    except Exception as error:  # a damaged file can raise nearly anything
+        raise InputError(f"{file}: {_reason(error)}") from None
+    problems, wanted = [], []
+    for column in table.columns:
+        theirs = names.get(column.name, column.name)
+        if theirs in from_folders:
+            continue
+        if theirs not in there.names:
+            if column.required:
+                problems.append(f"{file}: column {theirs} is missing")
+            continue
+        kind = there.field(theirs).type
+        fits = _is_text(kind) or pa.types.is_integer(kind)
+        if not (fits if column.dtype == "string" else _is_number(kind)):
+            problems.append(f"{file}: column {theirs} holds {kind}, must hold {column.dtype}")
+        wanted.append(theirs)
+    if problems:
+        raise InputError(problems)
+    try:
+        yield from source.iter_batches(batch_size=ROWS, columns=wanted)
+    except Exception as error:
+        raise InputError(f"{file}: {_reason(error)}") from None
+
+
+def _reason(error: Exception) -> str:
+    return "damaged: " + (" ".join(str(error).split())[:120] or type(error).__name__)
+
+
+def _is_number(kind: Any) -> bool:
+    import pyarrow as pa
+
+    return bool(pa.types.is_floating(kind) or pa.types.is_integer(kind))
+
+
+def _is_text(kind: Any) -> bool:
+    import pyarrow as pa
+
+    if pa.types.is_dictionary(kind):
+        kind = kind.value_type
+    return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind))
+
+
+def _block(
+    batch: pa.RecordBatch,
+    table: Table,
+    names: Mapping[str, str],
+    from_folders: Mapping[str, str],
+    row: int,
+) -> Block:
+    numbers: dict[str, np.ndarray] = {}
+    labels: list[tuple[int, str | None]] = []
+    for column in table.columns:
+        theirs = names.get(column.name, column.name)
+        if theirs in from_folders:
+            if column.dtype == "string":
+                labels = [(0, from_folders[theirs])]
+            else:
+                numbers[column.name] = np.full(batch.num_rows, _number(from_folders[theirs]))
+        elif theirs in batch.schema.names:
+            values = batch.column(theirs)
+            if column.dtype == "string":
+                labels = _labels(values)
+            else:
+                numbers[column.name] = _floats(values)
+    return Block(numbers, labels, row)
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return float("nan")
+
+
+def _floats(values: pa.Array) -> np.ndarray:
+    import pyarrow as pa
+
+    if not pa.types.is_float64(values.type):
+        values = values.cast(pa.float64())
+    return values.to_numpy(zero_copy_only=False)  # nulls become nan
+
+
+def _labels(values: pa.Array) -> list[tuple[int, str | None]]:
+    """Rows at which the label changes, and the label."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if not _is_text(values.type):
+        values = values.cast(pa.string())
+    if not pa.types.is_dictionary(values.type):
+        values = values.dictionary_encode()
+    words = [str(word).strip() or None for word in values.dictionary.to_pylist()]
+    codes = pc.fill_null(values.indices, -1).to_numpy(zero_copy_only=False)
+    starts = np.append(0, np.flatnonzero(np.diff(codes)) + 1) if codes.size else []
+    return [(int(i), words[codes[i]] if codes[i] >= 0 else None) for i in starts]
