@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import lru_cache
 from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, PositiveFloat
@@ -137,16 +137,12 @@ class ContactLaw(Part):
     validity: Validity
     provenance: Provenance
 
-    @cached_property
+    @property
     def surface(self) -> FrictionSurface:
         """The friction surface."""
-        part = self.friction
-        se = None
-        if part.mu_se is not None:
-            se = [[float("nan") if cell is None else cell for cell in row] for row in part.mu_se]
-        return FrictionSurface(part.normal_force_N_m, part.slip_speed_m_s, part.mu, se)
+        return _surface(self.friction)
 
-    @cached_property
+    @property
     def normal_law(self) -> NormalLaw:
         """The normal contact law."""
         return NormalLaw(self.normal.k_linear_N_m2, self.normal.k_quadratic_N_m3)
@@ -155,6 +151,14 @@ class ContactLaw(Part):
     def synthetic(self) -> bool:
         """Whether the data are those of a virtual bench."""
         return self.origin == "synthetic"
+
+
+@lru_cache(maxsize=8)
+def _surface(part: FrictionPart) -> FrictionSurface:
+    se = None
+    if part.mu_se is not None:
+        se = [[float("nan") if cell is None else cell for cell in row] for row in part.mu_se]
+    return FrictionSurface(part.normal_force_N_m, part.slip_speed_m_s, part.mu, se)
 
 
 def friction_part(surface: FrictionSurface, method: str) -> FrictionPart:

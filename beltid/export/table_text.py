@@ -115,7 +115,7 @@ def csv(law: ContactLaw, choices: Choices) -> Export:
             law,
             "any program that reads CSV",
             [
-                "Lines that begin with # are comments; the first other line names the columns.",
+                "Use: skip the lines that begin with #; the first other line names the columns.",
                 f"{name}_friction_nodes.csv holds the nodes of the surface (bicubic between them, "
                 f"in the logarithms of force and speed), {name}_friction_table.csv a finer grid. "
                 + between_nodes(law, table),

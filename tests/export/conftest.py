@@ -1,0 +1,121 @@
+"""A known contact law, as a value and as the artifacts of a folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from beltid.config import Config
+from beltid.export.law import (
+    BeltFacts,
+    ContactLaw,
+    NormalPart,
+    Provenance,
+    Validity,
+    friction_part,
+)
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.store.artifacts import Metadata, write_artifact
+
+FORCES = np.geomspace(400.0, 12000.0, 8)
+SPEEDS = np.geomspace(0.0025, 0.04, 5)
+K_LINEAR, K_QUADRATIC = 6.5e7, 3.0256e11  # Eq. (3) of the paper
+COVARIANCE = [[1.4e8, -1.0e12], [-1.0e12, 8.2e15]]
+SHA = {"press": "a" * 64, "rig": "b" * 64}
+
+
+def known_mu(force: Any, speed: Any) -> Any:
+    """Falls with the force, rises with the speed, as the paper's Fig. 13."""
+    return 0.9 * (np.asarray(force) / 3000.0) ** -0.17 * (np.asarray(speed) / 0.01) ** 0.16
+
+
+def known_surface() -> FrictionSurface:
+    mu = known_mu(FORCES[:, None], SPEEDS[None, :])
+    return FrictionSurface(FORCES, SPEEDS, mu, 0.002 * mu)
+
+
+@pytest.fixture(scope="session")
+def law() -> ContactLaw:
+    return ContactLaw(
+        origin="synthetic",
+        belt=BeltFacts(name="5pk", type="5PK", ribs=5),
+        normal=NormalPart(
+            k_linear_N_m2=K_LINEAR,
+            k_quadratic_N_m3=K_QUADRATIC,
+            covariance=tuple(map(tuple, COVARIANCE)),
+        ),
+        friction=friction_part(known_surface(), "refined"),
+        validity=Validity(
+            normal_force_N_m=(FORCES[0], FORCES[-1]),
+            slip_speed_m_s=(SPEEDS[0], SPEEDS[-1]),
+            press_force_N_m=(0.0, 1.0e4),
+        ),
+        provenance=Provenance(software="beltid 0.0", recordings=SHA),
+    )
+
+
+def write_results(folder: Path, config: Config, origin: str | None = "synthetic") -> None:
+    """The artifacts of a belt with the known law."""
+    write_artifact(
+        folder / "stiffness.parquet",
+        "stiffness",
+        {
+            "temperature_degC": [22.0, np.nan],
+            "k_linear_N_m2": [6.0e7, K_LINEAR],
+            "k_quadratic_N_m3": [3.1e11, K_QUADRATIC],
+            "k_linear_se_N_m2": [np.nan, 1.2e4],
+            "k_quadratic_se_N_m3": [np.nan, 9.0e7],
+            "covariance": [None, [cell for row in COVARIANCE for cell in row]],
+            "contact_offset_mm": [0.1, 0.1],
+            "rms_residual_N_m": [np.nan, 300.0],
+            "hysteresis_ratio": [np.nan, 0.13],
+            "max_penetration_m": [1.0e-4, 1.0e-4],
+            "max_force_N_m": [1.0e4, 1.0e4],
+            "n_samples": [10, 40],
+        },
+        Metadata(
+            inputs={"press": SHA["press"]},
+            validity={"penetration_m": [0.0, 1.0e-4], "force_N_m": [0.0, 1.0e4]},
+            extra={"origin": origin},
+        ),
+    )
+    surface = known_surface()
+    for name, method, factor in (
+        ("surface", "published", 0.95),
+        ("surface_refined", "refined", 1.0),
+    ):
+        write_artifact(
+            folder / f"{name}.parquet",
+            "surface",
+            {
+                "arc_deg": np.full(40, np.nan),
+                "normal_force_N_m": np.repeat(FORCES, 5),
+                "slip_speed_m_s": np.tile(SPEEDS, 8),
+                "mu": factor * surface.mu_nodes.ravel(),
+                "mu_se": factor * surface.mu_se_nodes.ravel(),
+                "n_arcs": np.full(40, 3),
+            },
+            Metadata(
+                config_sha256=config.sha256,
+                validity={
+                    "normal_force_N_m": [FORCES[0], FORCES[-1]],
+                    "slip_speed_m_s": [SPEEDS[0], SPEEDS[-1]],
+                },
+                extra={"method": method, "origin": origin, "config": "beltid.yaml"},
+            ),
+        )
+
+
+@pytest.fixture
+def results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Folder with the artifacts of a 6PK belt, and its config beside them."""
+    folder = tmp_path / "results"
+    folder.mkdir()
+    monkeypatch.delenv("BELTID_CONFIG", raising=False)
+    config = Config.model_validate({"belt": {"name": "six", "type": "6PK", "ribs": 6}})
+    (folder / "beltid.yaml").write_text("belt: {name: six, type: 6PK, ribs: 6}\n")
+    write_results(folder, config)
+    return folder

@@ -1,0 +1,177 @@
+"""beltid export: from the results of a belt, or a law file, to the files of a target."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+import beltid
+from beltid.cli import app
+from beltid.export.law import ContactLaw
+from beltid.export.law_file import law_text, schema
+from beltid.export.targets import TARGETS
+from beltid.store.artifacts import read_artifact
+
+
+def call(*arguments: Any) -> Any:
+    return CliRunner().invoke(app, ["export", *map(str, arguments)])
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+
+
+def test_all_targets_from_a_folder_of_results(results: Path) -> None:
+    made = call("all", results, "--json")
+    assert made.exit_code == 0, made.stderr
+    product = json.loads(made.stdout)
+    assert product["origin"] == "synthetic"
+    assert {row["target"] for row in product["table"]} == set(TARGETS)
+    assert {row["file"] for row in product["table"]} == set(contents(results / "export"))
+    reduced = {(row["target"], row["reduction"]) for row in product["details"]["reductions"]}
+    assert ("exudyn", "constant mu") in reduced
+    assert ("mbdyn", "mu(v) at one force") in reduced
+
+
+def test_law_file_tells_belt_hashes_range_and_uncertainty(results: Path, tmp_path: Path) -> None:
+    assert call("json", results, "-o", tmp_path).exit_code == 0
+    law = beltid.load_law(tmp_path / "six.beltlaw.json")
+    assert (law.belt.name, law.belt.type, law.belt.ribs) == ("six", "6PK", 6)
+    assert law.belt.width_m == pytest.approx(6 * 3.56e-3)
+    assert law.surface == beltid.load_surface(results / "surface_refined.parquet")
+    assert law.normal_law == beltid.load_stiffness(results / "stiffness.parquet")
+    stiffness = read_artifact(results / "stiffness.parquet")
+    assert law.provenance.artifacts["stiffness"] == stiffness.sha256
+    assert law.provenance.recordings == {"press": "a" * 64}  # friction.parquet is not there
+    assert law.validity.press_force_N_m == (0.0, 1e4)
+    assert law.normal.covariance == ((1.4e8, -1.0e12), (-1.0e12, 8.2e15))
+    assert law.normal.k_linear_se_N_m2 == 1.2e4
+    assert law.friction.method == "refined"
+
+
+def test_the_published_surface_can_be_asked_for_and_stands_in(results: Path) -> None:
+    call("json", results, "--surface", "published")
+    published = beltid.load_surface(results / "surface.parquet")
+    assert beltid.load_law(results / "export" / "six.beltlaw.json").surface == published
+    (results / "surface_refined.parquet").unlink()
+    again = call("json", results)
+    assert again.exit_code == 0
+    assert "surface: published" in again.stderr
+    assert call("json", results, "--surface", "refined").exit_code == 2
+
+
+def test_a_law_file_is_exported_like_the_results_it_came_from(
+    results: Path, tmp_path: Path
+) -> None:
+    call("all", results, "-o", tmp_path / "a")
+    made = call("all", tmp_path / "a" / "six.beltlaw.json", "-o", tmp_path / "b")
+    assert made.exit_code == 0, made.stderr
+    assert contents(tmp_path / "b") == contents(tmp_path / "a")
+
+
+def test_a_second_call_writes_nothing_and_says_so(results: Path) -> None:
+    call("all", results)
+    before = {p: p.stat().st_mtime_ns for p in (results / "export").iterdir()}
+    again = call("all", results)
+    assert "up to date" in again.stderr
+    assert {p: p.stat().st_mtime_ns for p in (results / "export").iterdir()} == before
+
+
+def test_a_file_with_another_content_is_replaced_with_force_only(results: Path) -> None:
+    call("exudyn", results)
+    path = results / "export" / "belt_six_exudyn.py"
+    written = path.read_bytes()
+    path.write_text("# tuned by hand\n")
+    refused = call("exudyn", results)
+    assert refused.exit_code == 2
+    assert f"{path}: stands there with another content, not replaced; --force" in refused.stderr
+    assert path.read_text() == "# tuned by hand\n"
+    assert call("exudyn", results, "--force").exit_code == 0
+    assert path.read_bytes() == written
+
+
+def test_the_law_file_that_is_read_is_never_replaced(law: ContactLaw, tmp_path: Path) -> None:
+    document = json.loads(law_text(law))
+    del document["content_sha256"]
+    path = tmp_path / "5pk.beltlaw.json"
+    path.write_text(json.dumps(document))
+    before = path.read_bytes()
+    refused = call("json", path, "-o", tmp_path, "--force")
+    assert refused.exit_code == 2
+    assert "is the law file that is read" in refused.stderr
+    assert path.read_bytes() == before
+
+
+def test_units_and_reference_point_reach_the_files(results: Path) -> None:
+    call("recurdyn", results, "--normal-force", 5000, "--units", "mm")
+    text = (results / "export" / "belt_six_recurdyn.txt").read_text()
+    assert "Units: mm, N, s." in text
+    assert "5 N/mm" in text
+    call("exudyn", results, "--normal-force", 5000, "--speed", 0.02)
+    assert "NORMAL_FORCE = 5000.0" in (results / "export" / "belt_six_exudyn.py").read_text()
+    outside = call("exudyn", results, "--normal-force", 50, "--speed", 3, "-f")
+    assert outside.exit_code == 2
+    assert "--normal-force = 50, must be in the measured range, 400 to 12000 N/m" in outside.stderr
+    assert "--speed = 3" in outside.stderr
+
+
+def test_without_the_config_of_these_results_no_belt_is_assumed(results: Path) -> None:
+    """The built-in 5PK belt must not pass for another one."""
+    (results / "beltid.yaml").unlink()
+    assert call("json", results).exit_code == 0
+    law = beltid.load_law(results / "export" / "results.beltlaw.json")
+    assert law.belt.type is None
+    needs = call("abaqus", results)
+    assert needs.exit_code == 2
+    assert "Abaqus needs the contact pressure" in needs.stderr
+    every = call("all", results)
+    assert every.exit_code == 0
+    assert "warning: abaqus left out" in every.stderr
+    named = results / "named.yaml"
+    named.write_text("belt: {name: mine, width_m: 0.021}\n")
+    other = call("abaqus", results, "-c", named)
+    assert "was made with another config" in other.stderr
+    text = (results / "export" / "belt_mine_abaqus.inp").read_text()
+    assert "Width of the belt: 0.021 m" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("tyre", "x"), "target = tyre, must be one of json, exudyn, chrono"),
+        (("json",), "LAW is missing"),
+        (("json", "nowhere"), "nowhere: there is no such folder or file"),
+        (("json", "."), "stiffness.parquet: there is no such file"),
+    ],
+)
+def test_what_cannot_be_exported_is_told(
+    arguments: tuple[str, ...], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    refused = call(*arguments)
+    assert refused.exit_code == 2
+    assert said in refused.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_list_names_every_target_and_schema_prints_the_schema() -> None:
+    listed = call("--list")
+    assert listed.exit_code == 0
+    assert [line.split()[0] for line in listed.stdout.splitlines()] == list(TARGETS)
+    assert json.loads(call("schema").stdout) == schema()
+
+
+def test_names_of_targets_are_completed() -> None:
+    from beltid.cli.commands.export import TARGET_NAMES, _complete
+
+    assert set(TARGET_NAMES) == {*TARGETS, "all", "schema"}
+    assert _complete("m") == ["mbdyn", "modelica", "matlab"]
+
+
+def test_help_names_every_target() -> None:
+    told = call("--help").stdout
+    assert all(name in told for name in (*TARGETS, "all", "schema", "--list"))

@@ -1,0 +1,167 @@
+"""The law file: exact round trip, its JSON Schema, and what is refused."""
+
+from __future__ import annotations
+
+import json
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import beltid
+from beltid.errors import ArtifactError, InputError
+from beltid.export.law import BeltFacts, ContactLaw, NormalPart, Provenance, Validity, friction_part
+from beltid.export.law_file import law_from_text, law_text, schema
+
+
+def test_round_trip_is_exact(law: ContactLaw) -> None:
+    text = law_text(law)
+    again = law_from_text(text, "law")
+    assert again == law
+    assert again.surface == law.surface
+    assert again.normal_law == law.normal_law
+    assert law_text(again) == text
+
+
+positive = st.floats(1e-6, 1e6)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.data())
+def test_any_surface_comes_back_to_the_bit(data: st.DataObject) -> None:
+    def axis(label: str) -> Any:
+        nodes = data.draw(st.sets(st.floats(1e-3, 1e5), min_size=1, max_size=5), label=label)
+        chosen = np.array(sorted(nodes))
+        return chosen[np.r_[True, np.diff(np.log(chosen)) > 1e-3]]
+
+    f, v = axis("force"), axis("speed")
+    mu = data.draw(st.lists(positive, min_size=f.size * v.size, max_size=f.size * v.size))
+    surface = beltid.FrictionSurface(f, v, np.reshape(mu, (f.size, v.size)))
+    law = ContactLaw(
+        belt=BeltFacts(name="any"),
+        normal=NormalPart(k_linear_N_m2=data.draw(positive), k_quadratic_N_m3=0.0),
+        friction=friction_part(surface, "published"),
+        validity=Validity(),
+        provenance=Provenance(software="beltid"),
+    )
+    again = law_from_text(law_text(law), "law")
+    assert again.surface == surface
+    jsonschema.validate(json.loads(law_text(law)), schema())
+
+
+def test_unknown_standard_errors_and_a_law_without_range_come_back() -> None:
+    surface = beltid.FrictionSurface([0.0], [1e-3, 1e-2], [[0.8, 0.9]], [[np.nan, 0.01]])
+    law = ContactLaw(
+        belt=BeltFacts(name="any"),
+        normal=NormalPart(k_linear_N_m2=1e8, k_quadratic_N_m3=0.0),
+        friction=friction_part(surface, "published"),
+        validity=Validity(),
+        provenance=Provenance(software="beltid"),
+    )
+    again = law_from_text(law_text(law), "law")
+    assert again.surface == surface
+    assert again.friction.f_ref_N_m is None
+    assert "NaN" not in law_text(law)
+    assert "Infinity" not in law_text(law)
+
+
+def test_the_file_keeps_to_the_schema_and_the_schema_to_its_own(law: ContactLaw) -> None:
+    jsonschema.Draft202012Validator.check_schema(schema())
+    document = json.loads(law_text(law))
+    jsonschema.validate(document, schema())
+    for change in (
+        {"version": 2},
+        {"unheard_of": 1},
+        {"origin": "guessed"},
+        {"normal": {"k_linear_N_m2": -1.0, "k_quadratic_N_m3": 0.0}},
+    ):
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(document | change, schema())
+
+
+def test_the_published_schema_is_that_of_the_code() -> None:
+    published = files("beltid.export").joinpath("beltlaw.schema.json").read_text("utf-8")
+    assert json.loads(published) == schema()
+
+
+def test_the_patches_alone_tell_the_surface(law: ContactLaw) -> None:
+    """As the schema words it, written out for one point of every cell."""
+    part = json.loads(law_text(law))["friction"]
+    rng = np.random.default_rng(3)
+    for i in range(len(part["x_nodes"]) - 1):
+        for j in range(len(part["y_nodes"]) - 1):
+            s, t = rng.uniform(size=2)
+            x = part["x_nodes"][i] + s * (part["x_nodes"][i + 1] - part["x_nodes"][i])
+            y = part["y_nodes"][j] + t * (part["y_nodes"][j + 1] - part["y_nodes"][j])
+            force = part["f_ref_N_m"] * np.expm1(x)
+            speed = part["v_ref_m_s"] * np.expm1(y)
+            mu = sum(part["patches"][i][j][a][b] * s**a * t**b for a in range(4) for b in range(4))
+            assert mu == pytest.approx(float(law.surface.mu(force, speed)), rel=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda text: text[: len(text) // 2], "no JSON"),
+        (lambda text: text.replace('"beltlaw",', '"other",'), '"format" must be "beltlaw"'),
+        (lambda text: text.replace('"version": 1', '"version": 7'), "reads version 1"),
+        (lambda text: text.replace("65000000.0", "66000000.0"), "was changed after beltid wrote"),
+        (lambda text: text.replace("65000000.0", "NaN"), "NaN is no number in JSON"),
+        (lambda text: "[]", '"format" must be "beltlaw"'),
+        (lambda text: "[" * 100000, "no JSON"),
+    ],
+)
+def test_a_damaged_or_changed_file_is_refused(law: ContactLaw, change: Any, said: str) -> None:
+    with pytest.raises(ArtifactError, match=r"my\.json: ") as error:
+        law_from_text(change(law_text(law)), "my.json")
+    assert said in str(error.value)
+
+
+def unsealed(law: ContactLaw) -> dict[str, Any]:
+    document: dict[str, Any] = json.loads(law_text(law))
+    del document["content_sha256"]
+    return document
+
+
+def test_a_law_edited_on_purpose_is_read_as_ones_own(law: ContactLaw) -> None:
+    document = unsealed(law)
+    document["normal"]["k_linear_N_m2"] = 7.0e7
+    assert law_from_text(json.dumps(document), "mine").normal_law.k_linear_N_m2 == 7.0e7
+
+
+def test_nodes_edited_without_their_patches_are_refused(law: ContactLaw) -> None:
+    document = unsealed(law)
+    document["friction"]["mu"][2][1] *= 1.01
+    with pytest.raises(ArtifactError, match=r"friction\.patches do not belong to the nodes"):
+        law_from_text(json.dumps(document), "mine")
+
+
+def test_all_that_is_wrong_is_told_at_once(law: ContactLaw) -> None:
+    document = unsealed(law)
+    document["normal"]["k_linear_N_m2"] = -1.0
+    document["origin"] = "guessed"
+    document["extra"] = 1
+    with pytest.raises(ArtifactError) as error:
+        law_from_text(json.dumps(document), "mine")
+    told = "\n".join(error.value.problems)
+    assert all(word in told for word in ("normal.k_linear_N_m2", "origin", "extra"))
+
+
+def test_python_api_takes_the_law_file(law: ContactLaw, tmp_path: Path) -> None:
+    path = tmp_path / "5pk.beltlaw.json"
+    path.write_text(law_text(law))
+    assert beltid.load_law(path) == law
+    assert beltid.load_surface(path) == law.surface
+    assert beltid.load_stiffness(path) == law.normal_law
+    with pytest.raises(InputError, match="pooled law only"):
+        beltid.load_stiffness(path, 60.0)
+    with pytest.raises(ArtifactError, match="there is no such file"):
+        beltid.load_law(tmp_path / "none.beltlaw.json")
+    path.write_bytes(b"\xff\xfe{")
+    with pytest.raises(ArtifactError, match="no UTF-8"):
+        beltid.load_law(path)

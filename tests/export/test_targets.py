@@ -1,0 +1,350 @@
+"""Every target read back by a reader that knows the format, not our writer."""
+
+from __future__ import annotations
+
+import ast
+import csv
+import io
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.interpolate import Akima1DInterpolator, RegularGridInterpolator
+from scipy.io import loadmat
+
+import beltid
+from beltid.errors import InputError
+from beltid.export.choices import Choices
+from beltid.export.law import BeltFacts, ContactLaw, friction_part
+from beltid.export.reduction import ReferencePoint
+from beltid.export.targets import TARGETS
+from beltid.export.units import MM, SI
+
+POINT = ReferencePoint(3000.0, 0.01)
+FORCES = np.array([400.0, 700.0, 3000.0, 6500.0, 12000.0])
+SPEEDS = np.array([0.0025, 0.004, 0.01, 0.023, 0.04])
+
+
+def written(law: ContactLaw, target: str, units: Any = SI) -> dict[str, bytes]:
+    return TARGETS[target].write(law, Choices(POINT, units)).files
+
+
+def text_of(law: ContactLaw, target: str, ending: str, units: Any = SI) -> str:
+    (data,) = (d for name, d in written(law, target, units).items() if name.endswith(ending))
+    return data.decode("ascii")
+
+
+def assert_is_surface(law: ContactLaw, f: Any, v: Any, mu: Any) -> None:
+    """Bilinear between the nodes of the table, to the thousandth that is stated."""
+    table = RegularGridInterpolator((f, v), mu, bounds_error=False, fill_value=None)
+    grid = np.stack(np.meshgrid(FORCES, SPEEDS, indexing="ij"), axis=-1)
+    np.testing.assert_allclose(table(grid), law.surface.mu(FORCES[:, None], SPEEDS), rtol=1.1e-3)
+    assert (f[0], v[0]) == pytest.approx((400.0, 0.0025))
+    assert (f[-1], v[-1]) == pytest.approx((12000.0, 0.04))
+
+
+def assert_is_normal_law(delta: Any, force: Any) -> None:
+    """Eq. (3) of the paper: 49.9 µm under 40 N/cm, 87.5 µm under 80 N/cm."""
+    assert delta[0] == 0.0
+    assert force[0] == 0.0
+    assert np.interp(49.9e-6, delta, force) == pytest.approx(4000.0, rel=2e-3)
+    assert np.interp(87.5e-6, delta, force) == pytest.approx(8000.0, rel=2e-3)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_every_file_says_what_it_is_and_depends_on_the_law_only(
+    law: ContactLaw, target: str
+) -> None:
+    files = written(law, target)
+    assert files == written(law, target)
+    bare = {"belt_5pk_line_force.csv", "belt_5pk_mu.csv"}  # numbers only, told by the text
+    for name, data in files.items():
+        if name in bare:
+            continue
+        text = data.decode("latin-1").replace("\n# ", " ").replace("\n! ", " ")
+        assert "synthetic" in text.lower(), name
+        assert "beltid 0.0" in text, name
+        if target != "json":
+            for word in ("400 to 12000 N/m", "never extrapolate", "Use", "Standard error"):
+                assert word in re.sub(r"\s+", " ", text.replace("**", "")), (name, word)
+
+
+@pytest.mark.parametrize("target", ["exudyn", "chrono", "mbdyn", "recurdyn"])
+def test_a_reduced_law_states_how_far_it_is_from_the_law(law: ContactLaw, target: str) -> None:
+    export = TARGETS[target].write(law, Choices(POINT))
+    assert export.reductions
+    stated = " ".join(data.decode("ascii") for data in export.files.values())
+    for deviation in export.reductions.values():
+        assert f"{100 * deviation.worst:.2g} % at worst" in re.sub(r"\n\W*", " ", stated)
+
+
+def test_measured_data_are_not_called_synthetic(law: ContactLaw) -> None:
+    measured = law.model_copy(update={"origin": "measured"})
+    for target in TARGETS:
+        for name, data in written(measured, target).items():
+            text = data.replace(b"SYNTHETIC = False", b"").decode("latin-1").lower()
+            assert "synthetic" not in text, name
+
+
+# ---------------------------------------------------------------- Modelica
+
+
+def modelica_tables(text: str) -> dict[str, np.ndarray]:
+    """Reader by the specification of Modelica.Blocks.Tables: text files."""
+    lines = text.splitlines()
+    assert lines[0] == "#1"
+    words = " ".join(line.split("#")[0] for line in lines[1:])
+    tables = {}
+    for match in re.finditer(
+        r"double\s+(\w+)\s*\(\s*(\d+)\s*,\s*(\d+)\s*\)([^a-df-zA-DF-Z]*)", words
+    ):
+        shape = int(match[2]), int(match[3])
+        numbers = [float(word) for word in re.split(r"[\s,;]+", match[4].strip())]
+        assert len(numbers) == shape[0] * shape[1]
+        tables[match[1]] = np.reshape(numbers, shape)
+    return tables
+
+
+def test_modelica_tables(law: ContactLaw) -> None:
+    tables = modelica_tables(text_of(law, "modelica", ".txt"))
+    assert set(tables) == {"line_force", "mu"}
+    assert_is_normal_law(*tables["line_force"].T)
+    mu = tables["mu"]
+    assert mu[0, 0] == 0.0
+    assert_is_surface(law, mu[1:, 0], mu[0, 1:], mu[1:, 1:])
+
+
+# ---------------------------------------------------------------- MATLAB
+
+
+def test_matlab_file(law: ContactLaw) -> None:
+    (data,) = written(law, "matlab").values()
+    assert data[:19] == b"MATLAB 5.0 MAT-file"
+    assert b"Created on" not in data
+    read = loadmat(io.BytesIO(data), squeeze_me=True)
+    np.testing.assert_array_equal(read["mu"], law.surface.mu_nodes)
+    np.testing.assert_array_equal(read["mu_se"], law.surface.mu_se_nodes)
+    np.testing.assert_array_equal(read["patches"], law.surface.tables().C)
+    np.testing.assert_array_equal(read["covariance"], np.array(law.normal.covariance))
+    assert float(read["k_linear_N_m2"]) == law.normal.k_linear_N_m2
+    assert str(read["origin"]) == "synthetic"
+    assert "SYNTHETIC" in str(read["readme"])
+    assert_is_normal_law(read["penetration_m"], read["force_N_m"])
+    assert_is_surface(
+        law, read["table_normal_force_N_m"], read["table_slip_speed_m_s"], read["table_mu"]
+    )
+
+
+# ---------------------------------------------------------------- Abaqus
+
+
+def abaqus_options(text: str) -> dict[str, list[list[float]]]:
+    """Data lines by keyword line."""
+    options: dict[str, list[list[float]]] = {}
+    for line in text.splitlines():
+        if line.startswith("**"):
+            continue
+        if line.startswith("*"):
+            options[line] = rows = []
+        else:
+            rows.append([float(cell) for cell in line.split(",")])
+    return options
+
+
+@pytest.mark.parametrize(("units", "metre", "pascal"), [(SI, 1.0, 1.0), (MM, 1e3, 1e-6)])
+def test_abaqus_interaction(law: ContactLaw, units: Any, metre: float, pascal: float) -> None:
+    options = abaqus_options(text_of(law, "abaqus", ".inp", units))
+    assert list(options) == [
+        "*SURFACE INTERACTION, NAME=BELT_5PK",
+        "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=TABULAR",
+        "*FRICTION",
+    ]
+    width = 5 * 3.56e-3  # five ribs of the profile PK
+    pressure, overclosure = np.array(options["*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=TABULAR"]).T
+    assert_is_normal_law(overclosure / metre, pressure / pascal * width)
+    mu, rate, pressure = np.array(options["*FRICTION"]).T
+    # slip rate runs fastest, at constant pressure, both growing
+    speeds = np.unique(rate)
+    assert rate.tolist() == np.tile(speeds, rate.size // speeds.size).tolist()
+    forces = pressure.reshape(-1, speeds.size)[:, 0] / pascal * width
+    assert np.all(np.diff(forces) > 0)
+    assert_is_surface(law, forces, speeds / metre, mu.reshape(-1, speeds.size))
+
+
+def test_abaqus_needs_the_width_of_the_belt(law: ContactLaw) -> None:
+    unknown = law.model_copy(update={"belt": BeltFacts(name="odd", type="flat", ribs=5)})
+    with pytest.raises(InputError, match="odd: Abaqus needs the contact pressure"):
+        written(unknown, "abaqus")
+    wide = law.model_copy(update={"belt": BeltFacts(name="odd", width_m=0.02)})
+    assert "Width of the belt: 0.02 m" in text_of(wide, "abaqus", ".inp")
+
+
+# ---------------------------------------------------------------- Adams
+
+
+def adm_splines(text: str) -> dict[int, dict[str, list[list[float]]]]:
+    """SPLINE statements of a solver dataset; a comma in the first column continues."""
+    kept = [line for line in text.splitlines() if not line.startswith("!")]
+    statements = re.sub(r"\n,", ",", "\n".join(kept)).splitlines()
+    splines = {}
+    for statement in statements:
+        head, _, rest = statement.partition(",")
+        number = int(re.fullmatch(r"SPLINE/(\d+)", head)[1])  # type: ignore[index]
+        fields: dict[str, list[list[float]]] = {"X": [], "Y": []}
+        for key, values in re.findall(r"([XY])=([^XY]*)", rest):
+            fields[key].append([float(cell) for cell in values.strip(" ,").split(",")])
+        splines[number] = fields
+    return splines
+
+
+def cmd_splines(text: str) -> dict[str, dict[str, Any]]:
+    """``data_element create spline`` commands of Adams View; & continues a line."""
+    kept = "\n".join(line for line in text.splitlines() if not line.startswith("!"))
+    splines = {}
+    for command in kept.replace("&\n", " ").splitlines():
+        assert command.startswith("data_element create spline ")
+        fields = dict(re.findall(r"(\w+) = (.*?)(?=\s+\w+ = |$)", command[27:]))
+        splines[fields["spline_name"]] = fields
+    return splines
+
+
+def numbers(text: str) -> np.ndarray:
+    return np.array([float(cell) for cell in text.split(",")])
+
+
+def test_adams_splines(law: ContactLaw) -> None:
+    text = text_of(law, "adams", ".adm", MM)
+    assert max(map(len, text.splitlines())) < 120
+    splines = adm_splines(text)
+    ((x,), (y,)) = splines[1001]["X"], splines[1001]["Y"]
+    assert_is_normal_law(np.array(x) / 1e3, np.array(y) * 1e3)
+    # Akima's spline, which Adams draws through them, is the parabola itself
+    akima = Akima1DInterpolator(np.array(x) / 1e3, np.array(y) * 1e3)
+    inner = np.linspace(x[2] / 1e3, x[-3] / 1e3, 77)
+    np.testing.assert_allclose(akima(inner), law.normal_law.force(inner), rtol=1e-6)
+    (speeds,) = splines[1002]["X"]
+    family = np.array(splines[1002]["Y"])  # each begins with its z
+    assert_is_surface(law, family[:, 0] * 1e3, np.array(speeds) / 1e3, family[:, 1:])
+
+
+def test_adams_commands_hold_the_same_splines(law: ContactLaw) -> None:
+    splines = cmd_splines(text_of(law, "adams", ".cmd"))
+    force, friction = splines[".MODEL_1.belt_5pk_line_force"], splines[".MODEL_1.belt_5pk_mu"]
+    assert_is_normal_law(numbers(force["x"]), numbers(force["y"]))
+    x, z = numbers(friction["x"]), numbers(friction["z"])
+    assert_is_surface(law, z, x, numbers(friction["y"]).reshape(z.size, x.size))
+    assert friction["linear_extrapolate"] == "no"
+
+
+def test_splines_have_four_points_even_where_the_surface_has_fewer(law: ContactLaw) -> None:
+    surface = beltid.FrictionSurface([1000.0, 4000.0], [0.01], [[1.0], [0.8]])
+    short = law.model_copy(update={"friction": friction_part(surface, "published")})
+    (speeds,) = adm_splines(text_of(short, "adams", ".adm"))[1002]["X"]
+    family = np.array(adm_splines(text_of(short, "adams", ".adm"))[1002]["Y"])
+    assert len(speeds) == 4
+    assert np.all(np.diff(speeds) > 0)
+    assert np.all(family[:, 1:] == family[:, 1:2])  # the nearest value holds
+    assert family[0, 1] == 1.0
+    assert family[-1, 1] == 0.8
+
+
+# ---------------------------------------------------------------- RecurDyn, MBDyn
+
+
+def test_recurdyn_splines(law: ContactLaw) -> None:
+    files = written(law, "recurdyn", MM)
+    columns = {
+        name: np.array(list(csv.reader(io.StringIO(data.decode()))), dtype=float)
+        for name, data in files.items()
+        if name.endswith(".csv")
+    }
+    delta, force = columns["belt_5pk_line_force.csv"].T
+    assert_is_normal_law(delta / 1e3, force * 1e3)
+    speed, mu = columns["belt_5pk_mu.csv"].T
+    np.testing.assert_allclose(mu, law.surface.mu(3000.0, speed / 1e3), rtol=1e-7)
+    told = re.sub(r"\s+", " ", files["belt_5pk_recurdyn.txt"].decode())
+    assert "sliding speed [mm/s], mu at the line force 3 N/mm" in told
+
+
+def mbdyn_functions(text: str) -> dict[str, np.ndarray]:
+    kept = "\n".join(line for line in text.splitlines() if not line.startswith("#"))
+    functions = {}
+    for statement in filter(None, (part.strip() for part in kept.split(";"))):
+        match = re.fullmatch(
+            r'scalar function: "(\w+)", multilinear, do not extrapolate,(.*)', statement, re.S
+        )
+        assert match is not None
+        functions[match[1]] = numbers(match[2]).reshape(-1, 2)
+    return functions
+
+
+def test_mbdyn_functions(law: ContactLaw) -> None:
+    functions = mbdyn_functions(text_of(law, "mbdyn", ".mbd"))
+    x, y = functions["belt_5pk_line_force"].T
+    assert (x[0], y[0]) == (-1.0, 0.0)  # an open contact pushes nothing
+    assert_is_normal_law(x[1:], y[1:])
+    v, mu = functions["belt_5pk_mu"].T
+    assert np.all(np.diff(v) > 0)
+    np.testing.assert_array_equal(mu, -mu[::-1])  # against the sliding, either way
+    at = np.array([0.0025, 0.01, 0.04])
+    np.testing.assert_allclose(np.interp(at, v, mu), law.surface.mu(3000.0, at), rtol=1e-3)
+
+
+# ---------------------------------------------------------------- Chrono
+
+
+class FakeMaterial:
+    def SetKn(self, value: float) -> None:
+        self.kn = value
+
+    def SetFriction(self, value: float) -> None:
+        self.friction = value
+
+
+class FakeChrono:
+    ChContactMaterialSMC = FakeMaterial
+
+
+def test_chrono_module(law: ContactLaw) -> None:
+    source = text_of(law, "chrono", ".py")
+    ast.parse(source)
+    names: dict[str, Any] = {}
+    exec(source, names)
+    material = names["contact_material"](FakeChrono, 0.002)
+    delta = float(law.normal_law.penetration(3000.0))
+    assert material.kn * delta == pytest.approx(3000.0 * 0.002)
+    assert material.friction == pytest.approx(float(law.surface.mu(3000.0, 0.01)))
+    gap, slip = np.array([1e-5, -5e-5, -5e-5, -5e-5]), np.array([0.01, 0.01, -0.01, 1e-5])
+    normal, friction = names["contact_force"](gap, slip, 0.002, 1e-4)
+    force = law.normal_law.force(5e-5)
+    np.testing.assert_allclose(normal, [0.0, *[0.002 * force] * 3])
+    full = 0.002 * force * law.surface.mu(force, 0.01)
+    small = 0.1 * 0.002 * force * law.surface.mu(force, 0.0)
+    np.testing.assert_allclose(friction, [0.0, full, -full, small], rtol=1e-12)
+
+
+# ---------------------------------------------------------------- CSV
+
+
+def csv_rows(data: bytes) -> list[dict[str, str]]:
+    lines = [line for line in data.decode().splitlines() if not line.startswith("#")]
+    return list(csv.DictReader(lines))
+
+
+def test_csv_grids(law: ContactLaw) -> None:
+    files = written(law, "csv")
+    nodes = csv_rows(files["belt_5pk_friction_nodes.csv"])
+    mu = np.array([float(row["mu"]) for row in nodes]).reshape(8, 5)
+    np.testing.assert_array_equal(mu, law.surface.mu_nodes)
+    normal = csv_rows(files["belt_5pk_normal.csv"])
+    column = {key: np.array([float(row[key]) for row in normal]) for key in normal[0]}
+    assert_is_normal_law(column["penetration_m"], column["force_N_m"])
+    # error propagation by hand at the last node
+    d = column["penetration_m"][-1]
+    expected = np.sqrt(1.4e8 * d**2 - 2 * 1.0e12 * d**3 + 8.2e15 * d**4)
+    assert column["force_se_N_m"][-1] == pytest.approx(expected, rel=1e-5)
+    table = csv_rows(files["belt_5pk_friction_table.csv"])
+    speeds = [float(name[6:-4]) for name in list(table[0])[1:]]
+    values = np.array([[float(cell) for cell in row.values()] for row in table])
+    assert_is_surface(law, values[:, 0], np.array(speeds), values[:, 1:])
