@@ -61,32 +61,35 @@ def rig_curves(
 
 
 def chosen_runs(friction: Mapping[str, np.ndarray]) -> tuple[str, ...]:
-    """Runs worth looking at: one of every arc, the nearest to its middle settings, and those aside.
+    """Labels of runs worth looking at: the typical one of every arc, and those set aside."""
+    labels, good = friction["run"], friction["status"] == "ok"
+    aside = np.flatnonzero(~good)[:MOST_SET_ASIDE].tolist()
+    return tuple(str(labels[row]) for row in (*typical_runs(friction), *aside))
+
+
+def typical_runs(friction: Mapping[str, np.ndarray]) -> tuple[int, ...]:
+    """Rows of the runs nearest to the middle settings of every arc, in the order of the arcs.
 
     Parameters
     ----------
     friction : mapping of str to ndarray
         Columns of the friction table.
-
-    Returns
-    -------
-    tuple of str
-        Labels, the typical ones in the order of their arcs first.
     """
-    labels, good = friction["run"], friction["status"] == "ok"
-    log_tension = np.log(friction["nominal_tension_N"], where=good, out=np.zeros(good.size))
-    log_speed = np.log(friction["slip_speed_m_s"], where=good, out=np.zeros(good.size))
-    chosen = []
+    good = friction["status"] == "ok"
+    tension, speed = (
+        np.log(friction[name], where=good & (friction[name] > 0.0), out=np.full(good.size, np.nan))
+        for name in ("nominal_tension_N", "slip_speed_m_s")
+    )
     arcs = as_set(friction["arc_deg"])
-    for arc in np.unique(arcs[good]):
+    chosen = []
+    for arc in np.unique(arcs[good & np.isfinite(arcs)]):
         rows = np.flatnonzero(good & (arcs == arc))
         away = np.zeros(rows.size)
-        for setting in (log_tension[rows], log_speed[rows]):
-            middle = np.nanmedian(setting)
-            away += np.nan_to_num(np.abs(setting - middle), nan=1e3)
-        chosen.append(str(labels[rows[int(np.argmin(away))]]))
-    aside = [str(label) for label in labels[~good][:MOST_SET_ASIDE]]
-    return (*chosen, *aside)
+        for setting in (tension[rows], speed[rows]):
+            if np.isfinite(setting).any():
+                away += np.nan_to_num(np.abs(setting - np.nanmedian(setting)), nan=np.inf)
+        chosen.append(int(rows[np.argmin(away)]))
+    return tuple(chosen)
 
 
 def _branch_columns(branches: tuple[Branch, ...]) -> dict[str, np.ndarray]:

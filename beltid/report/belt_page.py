@@ -1,0 +1,138 @@
+"""The report of one belt: which figures and tables, in which order."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from beltid.report import tables
+from beltid.report.figures import arc, friction, press, proof, runs, slip, surface
+from beltid.report.html import Page, Section
+from beltid.report.interactive import as_json, surface_plot
+from beltid.report.results import BeltResults, Sheet
+from beltid.report.verdict import verdict_of
+
+SURFACES: Final = {"surface_refined": "refined", "surface": "published"}
+PROOFS: Final = {"compare": "published", "compare_refined": "refined"}
+SPACE: Final = "surface-space"
+
+
+def belt_page(results: BeltResults, made_from: str) -> Page:
+    """The page of a belt.
+
+    Parameters
+    ----------
+    results : BeltResults
+        What is known about it; what is missing is told in its place.
+    made_from : str
+        Hash of everything that the page is made from.
+    """
+    plot = surface_plot(results)
+    return Page(
+        kind="Contact parameters between a V-ribbed belt and a pulley",
+        title=f"Belt {results.belt}",
+        sections=(
+            _stiffness(results),
+            Section(
+                "slip",
+                "Sliding in service",
+                "How fast the belt slides in a drive: the friction rig has to cover these speeds.",
+                slip.pictures(results),
+                notes=_said(results.get("slip")),
+            ),
+            _friction(results),
+            _surface(results),
+            _proof(results),
+            _aside(results),
+            _made(results),
+        ),
+        verdict=verdict_of(results),
+        synthetic=results.origin == "synthetic",
+        plot=as_json(plot) if plot else "",
+        made_from=made_from,
+    )
+
+
+def _said(*sheets: Sheet | None) -> list[str]:
+    """Warnings and notes of some artifacts, warnings first."""
+    known = [sheet for sheet in sheets if sheet is not None]
+    warnings = [f"Warning: {line}" for sheet in known for line in sheet.warnings]
+    notes = [line for sheet in known for line in sheet.notes]
+    return list(dict.fromkeys([*warnings, *notes]))
+
+
+def _stiffness(results: BeltResults) -> Section:
+    stiffness = results.get("stiffness")
+    return Section(
+        "stiffness",
+        "Normal contact",
+        "How hard the ribs press into the grooves: line force over penetration, Eq. (3).",
+        press.pictures(results),
+        [tables.laws(stiffness)] if stiffness else (),
+        _said(stiffness),
+    )
+
+
+def _friction(results: BeltResults) -> Section:
+    sheet = results.get("friction")
+    return Section(
+        "friction",
+        "Friction of every run",
+        "Each run of the rig gives one coefficient by Eq. (6), at its sliding speed and at the "
+        "mean normal force of Eq. (8).",
+        [*runs.pictures(results), *friction.measured(results), *arc.pictures(results)],
+        [tables.runs(sheet)] if sheet else (),
+        _said(sheet),
+    )
+
+
+def _surface(results: BeltResults) -> Section:
+    best = results.best_surface
+    pictures = surface.pictures(results)
+    if best is not None:
+        pictures.insert(0, surface.in_space(best, results.get("friction")))
+    known = [(sheet, of) for name, of in SURFACES.items() if (sheet := results.get(name))]
+    return Section(
+        "surface",
+        "The friction surface",
+        "Friction coefficient over normal force per length and sliding speed. The published "
+        "surface averages the runs at the mean force of Eq. (8); the refined one is that with "
+        "which the simulated rig gives the measured tensions.",
+        pictures,
+        [tables.nodes(sheet, of) for sheet, of in known],
+        _said(*(sheet for sheet, _ in known)),
+        live=SPACE if best is not None else "",
+    )
+
+
+def _proof(results: BeltResults) -> Section:
+    known = [(sheet, of) for name, of in PROOFS.items() if (sheet := results.get(name))]
+    return Section(
+        "proof",
+        "The proof: the rig, simulated",
+        "Every run again on a simulated copy of the rig, with what was identified; measured and "
+        "simulated recordings go through the same reduction.",
+        [*friction.simulated(results), *proof.pictures(results)],
+        [tables.agreement(sheet, of) for sheet, of in known],
+        _said(*(sheet for sheet, _ in known)),
+    )
+
+
+def _aside(results: BeltResults) -> Section:
+    table = tables.set_aside(results)
+    return Section(
+        "set-aside",
+        "Set aside, and why",
+        "" if table else "Nothing was set aside.",
+        runs.set_aside(results),
+        [table] if table else (),
+    )
+
+
+def _made(results: BeltResults) -> Section:
+    return Section(
+        "provenance",
+        "Provenance",
+        "The same inputs, settings and sources give the same files, byte by byte.",
+        tables=[tables.provenance(results), tables.settings(results)],
+        notes=[f"Missing or damaged: {line}" for line in results.problems],
+    )

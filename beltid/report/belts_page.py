@@ -1,0 +1,73 @@
+"""Several belts on one page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from beltid.report import tables
+from beltid.report.figures import belts as figures
+from beltid.report.html import Link, Page, Section
+from beltid.report.results import BeltResults
+from beltid.report.verdict import whole
+
+
+def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: str) -> Page:
+    """The page that compares belts.
+
+    Parameters
+    ----------
+    belts : sequence of BeltResults
+        What is known about each of them.
+    links : sequence of str
+        Where the report of each of them stands, from this page.
+    made_from : str
+        Hash of everything that the page is made from.
+    """
+    rows = [_row(belt) for belt in belts]
+    return Page(
+        kind="Contact parameters between V-ribbed belts and a pulley",
+        title="Belts " + ", ".join(belt.belt for belt in belts),
+        sections=(
+            Section(
+                "belts",
+                "The belts",
+                "What was identified for each belt, and how far the simulated rig is from the "
+                "bench with it.",
+                [figures.agreement(belts)],
+                [tables.view("Results", rows, tuple(rows[0]))],
+                notes=[f"{b.belt}: {line}" for b in belts for line in b.problems],
+                links=[
+                    Link(href, f"Report of {belt.belt}")
+                    for belt, href in zip(belts, links, strict=True)
+                ],
+            ),
+            Section("laws", "Normal contact", pictures=[figures.laws(belts)]),
+            Section("friction", "Friction", pictures=figures.friction(belts)),
+        ),
+        synthetic=any(belt.origin == "synthetic" for belt in belts),
+        made_from=made_from,
+    )
+
+
+def _row(belt: BeltResults) -> dict[str, Any]:
+    """A belt in a line."""
+    row: dict[str, Any] = {"belt": belt.belt, "data": belt.origin}
+    stiffness, friction, best = belt.get("stiffness"), belt.get("friction"), belt.best_surface
+    names = ("k_linear_N_m2", "k_quadratic_N_m3")
+    for name in names:
+        row[name] = float(stiffness[name][stiffness.pooled_row]) if stiffness else None
+    row["runs_used"] = int(np.count_nonzero(friction["status"] == "ok")) if friction else None
+    if best is not None:
+        mu = best.surface.mu_nodes
+        row["mu_range"] = [float(mu.min()), float(mu.max())]
+    else:
+        row["mu_range"] = None
+    for name, prefix in (("compare", ""), ("compare_refined", "refined_")):
+        sheet = belt.get(name)
+        row[f"{prefix}rms_percent"] = whole(sheet).get("rms_percent") if sheet else None
+        passed = None if sheet is None else bool(sheet.extra.get("passed"))
+        row[f"{prefix}verdict"] = None if passed is None else ("PASS" if passed else "FAIL")
+    return row

@@ -1,0 +1,190 @@
+"""How figures look: one style for the report, for `show`, for screen and paper.
+
+Colours are those of Okabe and Ito for a few groups and cividis for an ordered quantity. Groups
+differ in marker or line as well, so that a grey print tells them apart. Figures are drawn without
+pyplot: no state, no display, the same bytes for the same data.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, Final, Literal, cast
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+INK: Final = "#1a1a1a"
+FAINT: Final = "#767676"
+GRID: Final = "#dddddd"
+MEASURED: Final = "#0072b2"
+SIMULATED: Final = "#d55e00"
+GROUPS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#000000", "#e69f00")
+MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X")
+LINES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)))
+ORDERED: Final = "cividis"
+WIDTH: Final = 5.6
+HEIGHT: Final = 3.9
+STYLE: Final[dict[str, Any]] = {
+    "font.family": ["DejaVu Sans"],
+    "font.size": 10.0,
+    "axes.titlesize": 10.0,
+    "axes.labelsize": 10.0,
+    "axes.edgecolor": FAINT,
+    "axes.labelcolor": INK,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.formatter.limits": (-4, 5),
+    "axes.formatter.useoffset": False,
+    "axes.formatter.use_mathtext": True,
+    "grid.color": GRID,
+    "grid.linewidth": 0.6,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "xtick.labelsize": 9.0,
+    "ytick.labelsize": 9.0,
+    "legend.fontsize": 8.5,
+    "legend.frameon": True,
+    "legend.framealpha": 0.85,
+    "legend.edgecolor": GRID,
+    "lines.linewidth": 1.4,
+    "lines.markersize": 4.5,
+    "figure.facecolor": "white",
+    "figure.constrained_layout.use": True,
+    "savefig.facecolor": "white",
+    "svg.fonttype": "path",
+    "svg.hashsalt": "beltid",
+    "pdf.fonttype": 42,
+}
+NO_DATES: Final[dict[str, dict[str, Any]]] = {
+    "svg": {"Date": None, "Creator": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+    "png": {"Software": None},
+}
+RESOLUTION: Final = 150  # of a PNG, dots per inch
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """Draw and save within the style, whatever the user's own settings of matplotlib are."""
+    import matplotlib as mpl
+
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(cast(Any, STYLE))
+        yield
+
+
+def figure(height: float = HEIGHT, width: float = WIDTH) -> Figure:
+    """An empty figure of the usual width [in]; one that a narrow screen can still show."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height))
+
+
+def shade(position: float) -> tuple[float, float, float, float]:
+    """Colour of an ordered quantity, 0 for its lowest and 1 for its highest value."""
+    import matplotlib as mpl
+
+    red, green, blue, alpha = mpl.colormaps[ORDERED](0.74 * position)
+    return float(red), float(green), float(blue), float(alpha)
+
+
+def shades(count: int) -> list[tuple[float, float, float, float]]:
+    """Colours of an ordered quantity with so many values."""
+    return [shade(i / max(count - 1, 1)) for i in range(count)]
+
+
+def group(index: int) -> dict[str, Any]:
+    """Colour, marker and line of a group, all different."""
+    return {
+        "color": GROUPS[index % len(GROUPS)],
+        "marker": MARKERS[index % len(MARKERS)],
+        "linestyle": LINES[index % len(LINES)],
+    }
+
+
+def logarithmic(
+    axes: Axes, along: Literal["x", "y"], values: np.ndarray, least_ratio: float = 5.0
+) -> None:
+    """Make an axis logarithmic with plain numbers if its values span more than a ratio.
+
+    Parameters
+    ----------
+    axes : Axes
+        The axes.
+    along : {"x", "y"}
+        Which of its axes.
+    values : ndarray
+        What it shows.
+    least_ratio : float
+        Highest over lowest value from which on.
+    """
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    known = values[np.isfinite(values)]
+    if known.size == 0 or known.min() <= 0.0 or known.max() < least_ratio * known.min():
+        return
+    getattr(axes, f"set_{along}scale")("log")
+    axis = getattr(axes, f"{along}axis")
+    wide = known.max() > 100.0 * known.min()
+    axis.set_major_locator(LogLocator(subs=(1.0,) if wide else (1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def legend(axes: Axes, **more: Any) -> None:
+    """A legend, if there is anything to tell apart."""
+    handles, labels = axes.get_legend_handles_labels()
+    if len(labels) > 1 or (labels and more.pop("always", False)):
+        axes.legend(handles, labels, **more)
+
+
+def legend_below(fig: Figure, every: Sequence[Axes], columns: int = 3) -> None:
+    """A legend below the axes, where it covers no data."""
+    found: dict[str, Any] = {}
+    for one in every:
+        found.update(zip(*reversed(one.get_legend_handles_labels()), strict=True))
+    if found:
+        fig.legend(
+            list(found.values()),
+            list(found),
+            loc="outside lower center",
+            ncols=columns,
+            frameon=False,
+        )
+
+
+def saved(fig: Figure, kind: str) -> bytes:
+    """Bytes of a figure as "svg", "png" or "pdf"; the same for the same figure."""
+    buffer = io.BytesIO()
+    with style():
+        fig.savefig(buffer, format=kind, metadata=NO_DATES[kind], dpi=RESOLUTION)
+    return buffer.getvalue()
+
+
+def inline_svg(fig: Figure, key: str) -> str:
+    """A figure as SVG to stand within a page.
+
+    Names within it begin with `key`, so that several may stand on one page. It has no size of its
+    own but a view box, and is hidden from readers of the screen: the page tells them what it shows.
+    """
+    text = saved(fig, "svg").decode()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>\s*", "", text, flags=re.DOTALL)
+    text = re.sub(r"<!--.*?-->\s*", "", text, flags=re.DOTALL)
+    text = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{key}-", text)
+    head, rest = text.split(">", 1)
+    view = re.search(r'viewBox="([^"]+)"', head)
+    assert view is not None
+    return (
+        f'<svg viewBox="{view[1]}" xmlns="http://www.w3.org/2000/svg" '
+        f'xmlns:xlink="http://www.w3.org/1999/xlink" aria-hidden="true" focusable="false">{rest}'
+    )

@@ -1,0 +1,167 @@
+"""Measured against simulated friction coefficients (Fig. 17), and what is left between them."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.identify.statistics import as_set
+from beltid.report.drawing import (
+    FAINT,
+    INK,
+    MARKERS,
+    MEASURED,
+    SIMULATED,
+    figure,
+    legend_below,
+    logarithmic,
+    shades,
+    style,
+)
+from beltid.report.figures.friction import FORCE, MU
+from beltid.report.picture import Picture, absent
+from beltid.report.results import BeltResults, Sheet
+
+WORDS: Final = {"compare": "published", "compare_refined": "refined"}
+SURFACES: Final = {"compare": "surface", "compare_refined": "surface_refined"}
+MILLI: Final = 1e3
+
+
+def pictures(results: BeltResults) -> list[Picture]:
+    """Agreement with either surface, and the differences run by run."""
+    found = []
+    for name, of in WORDS.items():
+        sheet = results.get(name)
+        title = f"Measured against simulated, {of} surface"
+        if sheet is None or not sheet.extra.get("averaged"):
+            found.append(absent(name, title, f"There is no {name}.parquet.", "Fig. 17"))
+        else:
+            found.append(averaged(sheet, results))
+    sheets = [sheet for name in WORDS if (sheet := results.get(name)) is not None]
+    if sheets:
+        found.append(differences(sheets))
+    return found
+
+
+def averaged(sheet: Sheet, results: BeltResults) -> Picture:
+    """Means over the arcs, measured with their doubt and simulated (Fig. 17)."""
+    rows = sheet.extra["averaged"]
+    force, mu, simulated, tension, omega = (
+        np.array([row[name] for row in rows], dtype=float)
+        for name in (
+            "normal_force_N_m",
+            "mu_measured",
+            "mu_simulated",
+            "nominal_tension_N",
+            "pulley_speed_rad_s",
+        )
+    )
+    spread = _scatter(sheet, tension, omega)
+    speeds = as_set(omega)
+    with style():
+        fig = figure(height=4.6)
+        axes = fig.subplots()
+        values = np.unique(speeds)
+        for colour, speed in zip(shades(values.size), values, strict=True):
+            at = np.flatnonzero(speeds == speed)
+            at = at[np.argsort(force[at], kind="stable")]
+            axes.errorbar(
+                force[at],
+                mu[at],
+                2.0 * spread[at],
+                color=colour,
+                marker="s",
+                ls="none",
+                capsize=3,
+                ms=4,
+                label=f"ω = {speed:.3g} rad/s",
+            )
+            axes.plot(force[at], simulated[at], "-o", color=colour, mfc="none", ms=8)
+            band = _band(results, SURFACES[sheet.name], force[at], sheet, speed)
+            if band is not None:
+                low, high = simulated[at] - band, simulated[at] + band
+                axes.fill_between(force[at], low, high, color=colour, alpha=0.25, lw=0)
+        axes.plot([], [], "s", color=FAINT, label="measured")
+        axes.plot([], [], "-o", color=FAINT, mfc="none", ms=8, label="simulated")
+        logarithmic(axes, "x", force)
+        axes.set(xlabel=FORCE, ylabel=MU)
+        legend_below(fig, [axes])
+    return Picture(
+        sheet.name,
+        f"Measured against simulated, {WORDS[sheet.name]} surface",
+        "Means over the arcs at each tension and speed. Squares: measured, with twice the standard "
+        "error of the mean over arcs; circles: simulated with the identified laws; band: twice the "
+        f"standard error of the surface. {_verdict(sheet)}",
+        fig,
+        "Fig. 17",
+    )
+
+
+def _scatter(sheet: Sheet, tension: np.ndarray, omega: np.ndarray) -> np.ndarray:
+    """Standard error of each mean over arcs from the scatter between them; nan for one arc."""
+    own_tension, own_omega = sheet["nominal_tension_N"], as_set(sheet["pulley_speed_rad_s"])
+    found = np.full(tension.size, np.nan)
+    for i, (T, w) in enumerate(zip(tension, omega, strict=True)):
+        same = np.isclose(own_tension, T, rtol=0.02) & np.isclose(own_omega, w, rtol=0.03)
+        if np.count_nonzero(same) > 1:
+            values = sheet["mu_measured"][same]
+            found[i] = float(np.std(values, ddof=1)) / np.sqrt(values.size)
+    return found
+
+
+def _band(
+    results: BeltResults, name: str, force: np.ndarray, sheet: Sheet, omega: float
+) -> np.ndarray | None:
+    """Twice the standard error of the surface at these forces; None if it is not known."""
+    friction, surface = results.get("friction"), results.get(name)
+    if friction is None or surface is None:
+        return None
+    radius = friction.settings.get("rig.pulley_radius_m")
+    if not radius:
+        return None
+    band = 2.0 * surface.surface.mu_se_at(force, radius * omega)
+    return band if np.isfinite(band).all() else None
+
+
+def _verdict(sheet: Sheet) -> str:
+    rows = sheet.extra.get("statistics") or [{}]
+    whole: dict[str, Any] = rows[0]
+    if whole.get("rms_percent") is None:
+        return ""
+    return (
+        f"Over {whole['n_points']} runs the simulation is {whole['rms_percent']:.2f} % RMS off, "
+        f"{whole['largest_percent']:.2f} % at worst."
+    )
+
+
+def differences(sheets: list[Sheet]) -> Picture:
+    """Relative differences run by run over the normal force."""
+    with style():
+        fig = figure(height=4.4)
+        axes = fig.subplots()
+        for sheet, colour in zip(sheets, (MEASURED, SIMULATED), strict=False):
+            relative = 100.0 * sheet["difference"] / sheet["mu_measured"]
+            arcs = as_set(sheet["arc_deg"])
+            for i, arc in enumerate(np.unique(arcs[np.isfinite(arcs)])):
+                rows = arcs == arc
+                axes.plot(
+                    sheet["normal_force_N_m"][rows],
+                    relative[rows],
+                    MARKERS[i % len(MARKERS)],
+                    color=colour,
+                    mfc=colour if sheet.name == "compare_refined" else "none",
+                    label=f"{WORDS[sheet.name]}, arc {arc:.3g}°",
+                )
+        axes.axhline(0.0, color=INK, lw=0.8)
+        logarithmic(axes, "x", sheets[0]["normal_force_N_m"])
+        axes.set(xlabel=FORCE, ylabel="simulated less measured µ [%]")
+        legend_below(fig, [axes], columns=2)
+    return Picture(
+        "differences",
+        "What is left between simulation and measurement",
+        "Relative difference of every run. Open: with the published surface, which is biased where "
+        "the force is low; filled: with the refined one. A tilt or a bow that is left tells of "
+        "something that the model does not know; scatter is noise.",
+        fig,
+    )

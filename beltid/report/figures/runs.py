@@ -1,0 +1,148 @@
+"""Tensions and friction coefficient of runs over time, with the phases found (Fig. 10)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from beltid.report.drawing import INK, MEASURED, SIMULATED, figure, legend, legend_below, style
+from beltid.report.picture import Picture, absent
+from beltid.report.results import BeltResults, Sheet
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+TITLE: Final = "Tensions and friction coefficient over time"
+PHASES: Final = (
+    ("rest", "#e8e8e8", ""),
+    ("build-up", "#f6d9b8", "///"),
+    ("peak to sliding", "#ffffff", ""),
+    ("sliding plateau", "#cfe6f5", ""),
+)
+NO_CURVES: Final = (
+    "The runs over time are not in this folder: they are kept there when the report is written "
+    "with the recording of the rig at hand (beltid run, or beltid report --config)."
+)
+
+
+def pictures(results: BeltResults) -> list[Picture]:
+    """The typical run of the largest arc, and the runs that were set aside."""
+    friction, curves = results.get("friction"), results.get("rig_curves")
+    if friction is None:
+        return [absent("run", TITLE, "There is no friction.parquet.", "Fig. 10")]
+    if curves is None:
+        return [absent("run", TITLE, NO_CURVES, "Fig. 10")]
+    rows = {str(run): row for row, run in enumerate(friction["run"])}
+    kept = [rows[run] for run in dict.fromkeys(curves["run"].astype(str)) if run in rows]
+    good = [row for row in kept if friction["status"][row] == "ok"]
+    if not good:
+        return [absent("run", TITLE, "No run could be used.", "Fig. 10")]
+    typical = max(good, key=lambda row: float(friction["arc_deg"][row]))
+    return [over_time(friction, curves, typical)]
+
+
+def set_aside(results: BeltResults) -> list[Picture]:
+    """The runs that were set aside, as far as they were kept."""
+    friction, curves = results.get("friction"), results.get("rig_curves")
+    if friction is None or curves is None:
+        return []
+    kept = set(curves["run"].astype(str))
+    rows = [
+        row
+        for row, run in enumerate(friction["run"])
+        if str(run) in kept and friction["status"][row] != "ok"
+    ]
+    return [over_time(friction, curves, row) for row in rows]
+
+
+def over_time(friction: Sheet, curves: Sheet, row: int) -> Picture:
+    """Tensions (above) and friction coefficient (below) of one run with its phases (Fig. 10)."""
+    run = str(friction["run"][row])
+    samples = np.flatnonzero(curves["run"].astype(str) == run)
+    samples = samples[np.argsort(curves["time_s"][samples], kind="stable")]
+    t = curves["time_s"][samples]
+    good = friction["status"][row] == "ok"
+    with style():
+        fig = figure(height=5.6)
+        above, below = fig.subplots(2, 1, sharex=True)
+        for name, colour, line in (("tight", MEASURED, "-"), ("slack", SIMULATED, "--")):
+            tension = curves[f"tension_{name}_N"][samples]
+            above.plot(t, tension, line, color=colour, lw=1.1, label=f"{name} span")
+        below.plot(t, curves["mu"][samples], color=INK, lw=1.1, label="µ, Eq. (6)")
+        _phases(above, friction, row, t, labelled=False)
+        _phases(below, friction, row, t, labelled=True)
+        _results(below, friction, row)
+        above.set_ylabel("tension [N]")
+        below.set(xlabel="time [s]", ylabel="friction coefficient µ [-]")
+        legend(above, loc="best")
+        _bounded(below, curves["mu"][samples], float(friction["mu_sliding"][row]))
+        legend_below(fig, [below])
+    return Picture(
+        f"run-{row}",
+        TITLE if good else f"Run {run}: set aside",
+        _caption(friction, row, good),
+        fig,
+        "Fig. 10" if good else "",
+    )
+
+
+def _phases(axes: Axes, friction: Sheet, row: int, t: np.ndarray, *, labelled: bool) -> None:
+    """Shade the phases that were found."""
+    times = [
+        float(t[0]) if t.size else np.nan,
+        *(float(friction[name][row]) for name in ("start_time_s", "peak_time_s")),
+        float(friction["plateau_start_s"][row]),
+        float(friction["plateau_end_s"][row]),
+    ]
+    if not np.isfinite(times[2]):  # no peak was found: the build-up lasts to the plateau
+        times[2] = times[3]
+    for (name, colour, hatch), begin, end in zip(PHASES, times[:-1], times[1:], strict=True):
+        if np.isfinite(begin) and np.isfinite(end) and end > begin:
+            axes.axvspan(
+                begin,
+                end,
+                facecolor=colour,
+                edgecolor="#d9b48a",
+                hatch=hatch,
+                lw=0,
+                zorder=0.4,
+                label=name if labelled else None,
+            )
+
+
+def _results(axes: Axes, friction: Sheet, row: int) -> None:
+    mu, se = float(friction["mu_sliding"][row]), float(friction["mu_sliding_se"][row])
+    if np.isfinite(mu):
+        axes.axhline(mu, color=MEASURED, ls="--", lw=1.2, label=f"sliding {mu:.4f} ± {se:.2g}")
+    peak, at = float(friction["mu_sticking"][row]), float(friction["peak_time_s"][row])
+    if np.isfinite(peak) and np.isfinite(at):
+        axes.plot(at, peak, "v", color=SIMULATED, ms=7, label=f"sticking peak {peak:.4f}")
+
+
+def _bounded(axes: Axes, mu: np.ndarray, sliding: float) -> None:
+    """Keep spikes from flattening the curve."""
+    known = mu[np.isfinite(mu)]
+    if known.size:
+        low, high = np.percentile(known, [0.5, 99.5])
+        high = max(high, sliding) if np.isfinite(sliding) else high
+        room = 0.1 * max(high - low, 1e-6)
+        axes.set_ylim(low - room, high + 2.0 * room)
+
+
+def _caption(friction: Sheet, row: int, good: bool) -> str:
+    def told(name: str, unit: str) -> str:
+        value = float(friction[name][row])
+        return f"{value:.4g} {unit}" if np.isfinite(value) else "unknown"
+
+    settings = (
+        f"Run {friction['run'][row]}: arc {told('arc_deg', '°')}, T₀ = "
+        f"{told('nominal_tension_N', 'N')} nominal, ω = {told('pulley_speed_rad_s', 'rad/s')}."
+    )
+    if not good:
+        return f"{settings} Set aside: {friction['status'][row]}."
+    return (
+        f"{settings} The belt is at rest, then µ rises to the sticking peak and settles; the "
+        "sliding plateau (shaded) is the reference. Tensions are drawn as recorded; a difference "
+        "of the load cells, spikes and ripple are taken care of in the dashed result."
+    )

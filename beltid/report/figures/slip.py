@@ -1,0 +1,66 @@
+"""Sliding speed in service against torque (Fig. 9)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from beltid.identify.statistics import as_set
+from beltid.report.drawing import FAINT, figure, group, legend_below, style
+from beltid.report.picture import Picture, absent
+from beltid.report.results import BeltResults, Sheet
+
+MILLI = 1e3
+
+
+def pictures(results: BeltResults) -> list[Picture]:
+    """Figures of the speed-loss bench."""
+    slip = results.get("slip")
+    if slip is None:
+        why = "There is no slip.parquet: the belt has no recording of the speed-loss bench."
+        return [absent("slip", "Sliding speed in service", why, "Fig. 9")]
+    return [against_torque(slip)]
+
+
+def against_torque(slip: Sheet) -> Picture:
+    """Largest sliding speed over torque for each setting of the drive (Fig. 9)."""
+    drivers, tensions = as_set(slip["driver_speed_rad_s"]), as_set(slip["initial_tension_N"])
+    settings = sorted(
+        {pair for pair in zip(drivers.tolist(), tensions.tolist(), strict=True) if pair == pair}
+    )
+    with style():
+        fig = figure(height=4.2)
+        axes = fig.subplots()
+        for i, (speed, tension) in enumerate(settings):
+            rows = np.flatnonzero((drivers == speed) & (tensions == tension))
+            rows = rows[np.argsort(slip["torque_N_m"][rows], kind="stable")]
+            axes.errorbar(
+                slip["torque_N_m"][rows],
+                slip["slip_speed_m_s"][rows] * MILLI,
+                2.0 * np.nan_to_num(slip["slip_speed_se_m_s"][rows]) * MILLI,
+                **group(i),
+                capsize=2,
+                label=f"{speed:.3g} rad/s, T₀ = {tension:.3g} N",
+            )
+        radius = slip.settings.get("rig.pulley_radius_m")
+        speeds = slip.settings.get("rig.pulley_speeds_rad_s") or ()
+        lines = [MILLI * radius * omega for omega in speeds] if radius else []
+        top = axes.get_ylim()[1]
+        for k, v in enumerate(v for v in lines if v <= 2.0 * top):
+            label = "speeds of the friction rig" if k == 0 else None
+            axes.axhline(v, color=FAINT, lw=0.9, ls=(0, (1, 2)), label=label)
+        axes.set(xlabel="torque of the driven pulley [N m]", ylabel="sliding speed [mm/s]")
+        legend_below(fig, [axes], columns=2)
+    statement = (slip.extra.get("rig_speeds") or {}).get("statement", "")
+    return Picture(
+        "slip",
+        "Sliding speed in service",
+        "Largest sliding speed between belt and pulley, from the speed loss of the two-pulley "
+        "drive by Eq. (7), with two standard errors; dotted: the speeds at which the friction rig "
+        f"runs. {_sentence(statement)}".strip(),
+        fig,
+        "Fig. 9",
+    )
+
+
+def _sentence(text: str) -> str:
+    return f"{text[0].upper()}{text[1:]}." if text else ""

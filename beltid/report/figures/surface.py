@@ -1,0 +1,189 @@
+"""The friction surface in space and as a map (Fig. 13)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from beltid.report.drawing import INK, ORDERED, SIMULATED, figure, logarithmic, style
+from beltid.report.figures.friction import FORCE, MU
+from beltid.report.picture import Picture, absent
+from beltid.report.results import BeltResults, Sheet
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from beltid.laws.friction_surface import FrictionSurface
+
+SPEED: Final = "sliding speed [mm/s]"
+MILLI: Final = 1e3
+WORDS: Final = {"surface": "published", "surface_refined": "refined"}
+LEVELS: Final = 12
+
+
+def pictures(results: BeltResults) -> list[Picture]:
+    """The surfaces, best first, in space and as maps."""
+    found = []
+    for name in ("surface_refined", "surface"):
+        sheet = results.get(name)
+        if sheet is None:
+            why = f"There is no {name}.parquet."
+            found.append(absent(f"map-{name}", f"The {WORDS[name]} surface", why, "Fig. 13"))
+        else:
+            found.append(as_map(sheet, results.get("friction")))
+    return found
+
+
+def grid_of(surface: FrictionSurface, force: int, speed: int) -> tuple[np.ndarray, ...]:
+    """Forces [N/m], speeds [m/s] and coefficients over the measured range, evenly in logarithms.
+
+    Returns
+    -------
+    forces, speeds, mu : ndarray
+        (force,), (speed,), (force, speed); a range of one node is widened by 10 % either way.
+    """
+    f, v = (
+        _fine(nodes, n)
+        for nodes, n in ((surface.normal_force_N_m, force), (surface.slip_speed_m_s, speed))
+    )
+    return f, v, np.asarray(surface.mu(f[:, None], v[None, :]))
+
+
+def _fine(nodes: np.ndarray, count: int) -> np.ndarray:
+    low, high = float(nodes[0]), float(nodes[-1])
+    if low == high:
+        low, high = (0.9 * low, 1.1 * high) if low > 0.0 else (0.0, 1.0)
+    if low > 0.0:
+        return np.geomspace(low, high, count)
+    return np.linspace(low, high, count)
+
+
+def as_map(sheet: Sheet, friction: Sheet | None) -> Picture:
+    """Contours of the surface over force and speed, with the measured points (Fig. 13b)."""
+    surface = sheet.surface
+    f, v, mu = grid_of(surface, 81, 61)
+    with style():
+        fig = figure(height=4.4)
+        axes = fig.subplots()
+        levels = _levels(mu)
+        filled = axes.contourf(f, v * MILLI, mu.T, levels=levels, cmap=ORDERED)
+        lines = axes.contour(f, v * MILLI, mu.T, levels=levels[::2], colors="white", linewidths=0.7)
+        axes.clabel(lines, fontsize=8, fmt="%g")
+        shown_f, shown_v = [f], [v]
+        if friction is not None:
+            good = friction["status"] == "ok"
+            points = friction["normal_force_N_m"][good], np.abs(friction["slip_speed_m_s"][good])
+            axes.plot(
+                points[0],
+                points[1] * MILLI,
+                "o",
+                mfc="none",
+                mec=SIMULATED,
+                ms=4,
+                mew=1.1,
+                label="measured runs (mean of Eq. 8)",
+            )
+            shown_f.append(points[0])
+            shown_v.append(points[1])
+        box_f, box_v = f[[0, -1, -1, 0, 0]], v[[0, 0, -1, -1, 0]] * MILLI
+        axes.plot(box_f, box_v, "-", color=INK, lw=1.6, label="range of validity")
+        logarithmic(axes, "x", np.concatenate(shown_f))
+        logarithmic(axes, "y", np.concatenate(shown_v) * MILLI)
+        axes.margins(0.04)
+        axes.set(xlabel=FORCE, ylabel=SPEED)
+        axes.grid(False)
+        fig.colorbar(filled, ax=axes, label=MU)
+        fig.legend(loc="outside lower center", ncols=2, frameon=False)
+    (f0, f1), (v0, v1) = (
+        (float(nodes[0]), float(nodes[-1]))
+        for nodes in (surface.normal_force_N_m, surface.slip_speed_m_s)
+    )
+    return Picture(
+        f"map-{sheet.name}",
+        f"The {WORDS[sheet.name]} surface as a map",
+        f"Contours of µ between {f0:.4g} and {f1:.4g} N/m, {MILLI * v0:.3g} and "
+        f"{MILLI * v1:.3g} mm/s (box); beyond it the nearest value is taken, nothing is "
+        f"extrapolated. {_why_wider(sheet)}".strip(),
+        fig,
+        "Fig. 13 (b)",
+    )
+
+
+def _why_wider(sheet: Sheet) -> str:
+    if sheet.name != "surface_refined":
+        return ""
+    return (
+        "The box is wider than the circles: the refined surface holds for the forces that act at "
+        "single points of the contact, not for means over the arc."
+    )
+
+
+def _levels(mu: np.ndarray) -> np.ndarray:
+    from matplotlib.ticker import MaxNLocator
+
+    low, high = float(np.min(mu)), float(np.max(mu))
+    if high - low < 1e-6 * high:
+        low, high = 0.99 * low, 1.01 * high
+    return np.asarray(MaxNLocator(LEVELS).tick_values(low, high))
+
+
+def in_space(sheet: Sheet, friction: Sheet | None) -> Picture:
+    """The surface in space with the measured points (Fig. 13a)."""
+    return Picture(
+        "surface-space",
+        "The friction surface in space",
+        f"The {WORDS[sheet.name]} surface over its range of validity; dots: measured runs, at the "
+        "mean normal force of Eq. (8).",
+        _drawn(sheet, friction),
+        "Fig. 13 (a)",
+    )
+
+
+def _drawn(sheet: Sheet, friction: Sheet | None) -> Figure:
+    surface = sheet.surface
+    f, v, mu = grid_of(surface, 25, 21)
+    log_f, log_v = f[0] > 0.0, v[0] > 0.0
+
+    def along(values: np.ndarray, logs: bool) -> np.ndarray:
+        return np.log10(values) if logs else values
+
+    with style():
+        fig = figure(height=4.6)
+        fig.set_layout_engine("none")
+        axes: Any = fig.add_axes((0.0, 0.02, 0.94, 1.0), projection="3d")
+        x, y = np.meshgrid(along(f, log_f), along(v * MILLI, log_v), indexing="ij")
+        axes.plot_surface(
+            x, y, mu, cmap=ORDERED, lw=0.25, edgecolor="#00000055", rcount=25, ccount=21
+        )
+        if friction is not None:
+            good = friction["status"] == "ok"
+            axes.plot(
+                along(friction["normal_force_N_m"][good], log_f),
+                along(np.abs(friction["slip_speed_m_s"][good]) * MILLI, log_v),
+                friction["mu_sliding"][good],
+                "o",
+                color=SIMULATED,
+                ms=3,
+                zorder=9,
+            )
+        for axis, values, logs in ((axes.xaxis, f, log_f), (axes.yaxis, v * MILLI, log_v)):
+            if logs:
+                ticks = _ticks(values)
+                axis.set_ticks(np.log10(ticks), [f"{tick:g}" for tick in ticks])
+        axes.set_xlabel(FORCE, labelpad=6)
+        axes.set_ylabel(SPEED, labelpad=6)
+        axes.zaxis.set_rotate_label(False)
+        axes.set_zlabel("µ [-]", labelpad=2, rotation=90)
+        axes.view_init(elev=25, azim=-130)
+        axes.set_box_aspect((1.2, 1.0, 0.75), zoom=0.92)
+    return fig
+
+
+def _ticks(values: np.ndarray) -> np.ndarray:
+    """Round numbers within a range, for a logarithmic axis."""
+    decades = 10.0 ** np.arange(-6, 9)
+    steps = (1.0, 2.0, 5.0) if values[-1] < 100.0 * values[0] else (1.0,)
+    ticks = np.sort(np.outer(decades, steps).ravel())
+    inside = ticks[(ticks >= values[0]) & (ticks <= values[-1])]
+    return inside if inside.size else values[[0, -1]]

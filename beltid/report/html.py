@@ -1,0 +1,177 @@
+"""From sections to one self-contained page: no network, a strict policy, the same bytes again."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from beltid._version import __version__
+from beltid.report.drawing import inline_svg
+from beltid.report.picture import Picture
+from beltid.report.tables import View
+from beltid.report.verdict import Verdict
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+GENERATOR: Final = "beltid"
+TEMPLATES: Final = Path(__file__).parent / "templates"
+SYNTHETIC: Final = "The recordings come from a virtual bench, not from a real belt."
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """A link to another page."""
+
+    href: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Section:
+    """A part of the page.
+
+    Attributes
+    ----------
+    key : str
+        Its name within the page.
+    title, lead : str
+        Heading, and a sentence or two.
+    pictures : sequence of Picture
+        Its figures.
+    tables : sequence of View
+        Its tables.
+    notes : sequence of str
+        What there is to say, a line each.
+    links : sequence of Link
+        Where else to look.
+    live : str
+        Key of the picture that the interactive surface takes the place of.
+    """
+
+    key: str
+    title: str
+    lead: str = ""
+    pictures: Sequence[Picture] = ()
+    tables: Sequence[View] = ()
+    notes: Sequence[str] = ()
+    links: Sequence[Link] = ()
+    live: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Page:
+    """Everything that a page shows.
+
+    Attributes
+    ----------
+    kind, title : str
+        What kind of page, and of what.
+    sections : sequence of Section
+        Its parts.
+    verdict : Verdict or None
+        What stands on top.
+    synthetic : bool
+        Whether any data are synthetic.
+    plot : str
+        Data of the interactive surface as JSON; "" for none.
+    made_from : str
+        Hash of everything that the page was made from.
+    """
+
+    kind: str
+    title: str
+    sections: Sequence[Section]
+    verdict: Verdict | None = None
+    synthetic: bool = False
+    plot: str = ""
+    made_from: str = ""
+
+
+def rendered(page: Page) -> str:
+    """The page as HTML."""
+    from markupsafe import Markup
+
+    css = (TEMPLATES / "page.css").read_text("utf-8")
+    scripts = [_library(), (TEMPLATES / "page.js").read_text("utf-8")] if page.plot else []
+    return (
+        _environment()
+        .get_template("page.html.j2")
+        .render(
+            policy=_policy(scripts),
+            generator=GENERATOR,
+            made_from=page.made_from,
+            version=__version__,
+            kind=page.kind,
+            title=page.title,
+            synthetic=SYNTHETIC if page.synthetic else "",
+            verdict=page.verdict,
+            sections=[_drawn(section) for section in page.sections],
+            css=Markup(css),
+            plot=Markup(page.plot),
+            library=Markup(scripts[0]) if scripts else "",
+            script=Markup(scripts[1]) if scripts else "",
+        )
+        + "\n"
+    )
+
+
+def _environment() -> Environment:
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    return Environment(
+        loader=FileSystemLoader(TEMPLATES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+def _library() -> str:
+    from plotly.offline import get_plotlyjs
+
+    return str(get_plotlyjs())
+
+
+def _policy(scripts: Sequence[str]) -> str:
+    """What the page may do: its own scripts, known by their hash, and nothing from elsewhere."""
+    allowed = " ".join(f"'sha256-{_digest(script)}'" for script in scripts) or "'none'"
+    return (
+        f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; "
+        "img-src data: blob:; base-uri 'none'; form-action 'none'"
+    )
+
+
+def _digest(text: str) -> str:
+    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+
+
+def _drawn(section: Section) -> dict[str, Any]:
+    """A section with its figures as SVG."""
+    from markupsafe import Markup
+
+    pictures = [
+        {
+            "key": picture.key,
+            "title": picture.title,
+            "caption": picture.caption,
+            "paper": picture.paper,
+            "live": picture.key == section.live,
+            "svg": Markup(inline_svg(picture.figure, picture.key)) if picture.figure else "",
+        }
+        for picture in section.pictures
+    ]
+    return {
+        "key": section.key,
+        "title": section.title,
+        "lead": section.lead,
+        "pictures": pictures,
+        "tables": section.tables,
+        "notes": section.notes,
+        "links": section.links,
+    }

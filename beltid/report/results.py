@@ -1,0 +1,143 @@
+"""What a report is made of: the results of one belt, as plain tables and what they say of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from beltid.identify.surface import surface_from_columns
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
+
+Columns = Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sheet:
+    """One artifact as the report sees it.
+
+    Attributes
+    ----------
+    name : str
+        Name of its file without the ending, such as "surface_refined".
+    kind : str
+        Kind of the table.
+    columns : mapping of str to ndarray
+        The table.
+    extra, validity, settings : mapping
+        Single figures, range of validity, settings that it was made with.
+    inputs : mapping of str to str
+        Hash of every input by its role.
+    set_aside : tuple of dict
+        What was set aside, and why.
+    sha256, config_sha256, software_sha256, software_version : str
+        Where it came from.
+    """
+
+    name: str
+    kind: str
+    columns: Columns
+    extra: Mapping[str, Any] = field(default_factory=dict)
+    validity: Mapping[str, Any] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    inputs: Mapping[str, str] = field(default_factory=dict)
+    set_aside: tuple[Mapping[str, Any], ...] = ()
+    sha256: str = ""
+    config_sha256: str = ""
+    software_sha256: str = ""
+    software_version: str = ""
+
+    def __getitem__(self, column: str) -> np.ndarray:
+        """A column of the table; nan (or None) everywhere if the table does without it."""
+        if column in self.columns:
+            return self.columns[column]
+        return np.full(len(next(iter(self.columns.values()))), np.nan)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What its maker says about it."""
+        return tuple(self.extra.get("notes", ()))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What its maker wants looked into."""
+        return tuple(self.extra.get("warnings", ()))
+
+    @property
+    def surface(self) -> FrictionSurface:
+        """The averaged surface of a surface table."""
+        return surface_from_columns(self.columns)
+
+    def law(self, row: int) -> NormalLaw:
+        """The normal law in a row of a stiffness table."""
+        return NormalLaw(
+            float(self.columns["k_linear_N_m2"][row]), float(self.columns["k_quadratic_N_m3"][row])
+        )
+
+    @property
+    def pooled_row(self) -> int:
+        """Row of the pooled law of a stiffness table."""
+        return int(np.flatnonzero(np.isnan(self.columns["temperature_degC"]))[0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArcProfile:
+    """The sliding contact of one run along the arc.
+
+    Attributes
+    ----------
+    arc_deg, initial_tension_N, slip_speed_m_s : float
+        Settings of the run.
+    profile : mapping of str to ndarray
+        arc_position_m, normal_force_N_m, capstan_force_N_m, slip_speed_m_s along the arc.
+    mean_force_N_m : float
+        Closed mean of Eq. (8) [N/m].
+    """
+
+    arc_deg: float
+    initial_tension_N: float
+    slip_speed_m_s: float
+    profile: Columns
+    mean_force_N_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BeltResults:
+    """Everything that is known about one belt.
+
+    Attributes
+    ----------
+    belt : str
+        Its name.
+    sheets : mapping of str to Sheet
+        Its artifacts by name; one that is not there is missing.
+    profiles : tuple of ArcProfile
+        The contact along the arc, simulated, for a typical run of each arc.
+    problems : tuple of str
+        What is missing or damaged, a line each.
+    """
+
+    belt: str
+    sheets: Mapping[str, Sheet]
+    profiles: tuple[ArcProfile, ...] = ()
+    problems: tuple[str, ...] = ()
+
+    def get(self, name: str) -> Sheet | None:
+        """An artifact by its name; None if it is not there."""
+        return self.sheets.get(name)
+
+    @property
+    def best_surface(self) -> Sheet | None:
+        """The refined surface, or else the published one."""
+        return self.get("surface_refined") or self.get("surface")
+
+    @property
+    def origin(self) -> str | None:
+        """Where the data come from: "synthetic" if any are, "measured" if all are, else None."""
+        origins = {sheet.extra.get("origin") for sheet in self.sheets.values()}
+        if "synthetic" in origins:
+            return "synthetic"
+        return "measured" if origins == {"measured"} else None

@@ -1,0 +1,196 @@
+"""Tables of the report: numbers as a person reads them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.report.cells import cell, heading
+from beltid.report.results import BeltResults, Sheet
+
+LAW_COLUMNS: Final = (
+    "temperature_degC",
+    "k_linear_N_m2",
+    "k_linear_se_N_m2",
+    "k_quadratic_N_m3",
+    "k_quadratic_se_N_m3",
+    "hysteresis_ratio",
+    "max_force_N_m",
+    "n_samples",
+)
+RUN_COLUMNS: Final = (
+    "run",
+    "arc_deg",
+    "nominal_tension_N",
+    "pulley_speed_rad_s",
+    "slip_speed_m_s",
+    "tension_tight_N",
+    "tension_slack_N",
+    "normal_force_N_m",
+    "mu_sliding",
+    "mu_sliding_se",
+    "mu_sticking",
+    "status",
+)
+GROUP_COLUMNS: Final = (
+    "group",
+    "n_points",
+    "rms_percent",
+    "mean_percent",
+    "largest_percent",
+    "force_low_N_m",
+    "force_high_N_m",
+)
+SHORT_HASH: Final = 12
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """A table as it is printed.
+
+    Attributes
+    ----------
+    title : str
+        What it holds.
+    headings : tuple of str
+        Words and units of the columns.
+    rows : list of list of str
+        The cells.
+    numeric : tuple of bool
+        Whether a column holds numbers.
+    folded : bool
+        Whether it is long, and shown when it is asked for.
+    """
+
+    title: str
+    headings: tuple[str, ...]
+    rows: list[list[str]]
+    numeric: tuple[bool, ...]
+    folded: bool = False
+
+
+def view(
+    title: str, rows: Sequence[Mapping[str, Any]], names: Sequence[str], *, folded: bool = False
+) -> View:
+    """A table of some columns of rows."""
+    cells = [[cell(name, row.get(name)) for name in names] for row in rows]
+    numeric = tuple(
+        all(row[i][-1:].isdigit() or row[i] == "-" for row in cells) for i in range(len(names))
+    )
+    return View(title, tuple(heading(name) for name in names), cells, numeric, folded)
+
+
+def rows_of(sheet: Sheet, names: Sequence[str]) -> list[dict[str, Any]]:
+    """Rows of some columns of a sheet."""
+    columns = {name: sheet[name].tolist() for name in names}
+    return [
+        dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)
+    ]
+
+
+def laws(stiffness: Sheet) -> View:
+    """The normal law at each temperature, and the pooled one."""
+    rows = rows_of(stiffness, LAW_COLUMNS)
+    for row in rows:
+        if np.isnan(row["temperature_degC"]):
+            row["temperature_degC"] = "pooled"
+    return view("The normal law at each temperature", rows, LAW_COLUMNS)
+
+
+def runs(friction: Sheet) -> View:
+    """Every run of the rig, reduced."""
+    return view("Every run of the rig", rows_of(friction, RUN_COLUMNS), RUN_COLUMNS, folded=True)
+
+
+def nodes(sheet: Sheet, of: str) -> View:
+    """The averaged surface, a row per force and a column per speed."""
+    surface = sheet.surface
+    errors = surface.mu_se_nodes
+    rows = []
+    for i, force in enumerate(surface.normal_force_N_m):
+        row = [cell("normal_force_N_m", float(force))]
+        for j in range(surface.slip_speed_m_s.size):
+            text = cell("mu", float(surface.mu_nodes[i, j]))
+            if errors is not None and np.isfinite(errors[i, j]):
+                text += f" ± {errors[i, j]:.2g}"
+            row.append(text)
+        rows.append(row)
+    speeds = [f"{1e3 * v:.3g} mm/s" for v in surface.slip_speed_m_s]
+    return View(
+        f"µ ± standard error at the nodes of the {of} surface",
+        (heading("normal_force_N_m"), *speeds),
+        rows,
+        (True,) * (1 + len(speeds)),
+        folded=True,
+    )
+
+
+def agreement(sheet: Sheet, of: str) -> View:
+    """Differences of groups of points."""
+    rows = sheet.extra.get("statistics") or []
+    return view(f"Simulated less measured µ, {of} surface", rows, GROUP_COLUMNS)
+
+
+def set_aside(results: BeltResults) -> View | None:
+    """Everything that was set aside, with the reason; None if nothing was."""
+    rows = []
+    friction = results.get("friction")
+    if friction is not None:
+        for run, status in zip(friction["run"], friction["status"], strict=True):
+            if status != "ok":
+                rows.append({"of": "friction", "what": f"run {run}", "why": status})
+    for name, sheet in results.sheets.items():
+        told = {row["what"] for row in rows if row["of"] == name}
+        for item in sheet.set_aside:
+            what = " ".join(f"{key} {value}" for key, value in item.items() if key != "why")
+            if what not in told:
+                rows.append({"of": name, "what": what, "why": item.get("why", "")})
+    return view("Set aside", rows, ("of", "what", "why")) if rows else None
+
+
+def provenance(results: BeltResults) -> View:
+    """Of each artifact: hashes of file, config, inputs and sources, and the version."""
+    rows = [
+        {
+            "artifact": f"{sheet.name}.parquet",
+            "file": short(sheet.sha256),
+            "config": f"{sheet.extra.get('config', '-')} {short(sheet.config_sha256)}",
+            "inputs": ", ".join(f"{role} {short(h)}" for role, h in sorted(sheet.inputs.items())),
+            "beltid": sheet.software_version,
+            "sources": short(sheet.software_sha256),
+        }
+        for sheet in results.sheets.values()
+    ]
+    names = ("artifact", "file", "config", "inputs", "beltid", "sources")
+    table = view("Made from (first digits of the SHA-256)", rows, names)
+    return View(table.title, table.headings, table.rows, (False,) * len(names))
+
+
+def settings(results: BeltResults) -> View:
+    """Settings that the artifacts were made with."""
+    merged: dict[str, str] = {}
+    for sheet in results.sheets.values():
+        for key, value in _flat(sheet.settings):
+            if value is not None and key != "runs":
+                merged[key] = cell(key, value)
+    rows = [{"setting": key, "value": merged[key]} for key in sorted(merged)]
+    table = view("Settings", rows, ("setting", "value"), folded=True)
+    return View(table.title, table.headings, table.rows, (False, False), folded=True)
+
+
+def _flat(settings: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    found: list[tuple[str, Any]] = []
+    for key, value in settings.items():
+        if isinstance(value, Mapping):
+            found += _flat(value, f"{prefix}{key}.")
+        else:
+            found.append((f"{prefix}{key}", value))
+    return found
+
+
+def short(digest: str) -> str:
+    """First digits of a hash."""
+    return digest[:SHORT_HASH] or "-"

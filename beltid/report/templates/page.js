@@ -1,0 +1,17 @@
+"use strict";
+// The picture stays where it is unless the surface can be drawn: no WebGL, no change.
+(function () {
+  const plot = document.getElementById("surface-plot");
+  const canvas = document.createElement("canvas");
+  if (!plot || !(canvas.getContext("webgl2") || canvas.getContext("webgl"))) return;
+  const data = JSON.parse(document.getElementById("surface-data").textContent);
+  const figure = plot.closest("figure");
+  const drawing = figure.querySelector(".drawing");
+  plot.hidden = false;
+  Plotly.newPlot(plot, data.data, data.layout, data.config).then(function () {
+    drawing.style.display = "none"; // print shows it again
+    figure.querySelector(".only-live").hidden = false;
+  }, function () {
+    plot.hidden = true;
+  });
+})();

@@ -1,0 +1,206 @@
+"""What stands on top of a report: what was identified, how well it agrees, how far to trust it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.report.cells import cell
+from beltid.report.results import BeltResults, Sheet
+
+WORDS: Final = {"compare_refined": "refined", "compare": "published"}
+MICRO: Final = 1e6
+MILLI: Final = 1e3
+
+
+@dataclass(frozen=True, slots=True)
+class Card:
+    """One result in large letters.
+
+    Attributes
+    ----------
+    title, value : str
+        What it is, and its value.
+    details : tuple of str
+        What belongs to it.
+    state : str
+        "good", "bad", or "" where nothing is judged.
+    """
+
+    title: str
+    value: str
+    details: tuple[str, ...] = ()
+    state: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """The head of a report.
+
+    Attributes
+    ----------
+    headline : str
+        The verdict in a sentence.
+    state : str
+        "good", "bad" (out of tolerance) or "open" (not judged).
+    cards : tuple of Card
+        The main results.
+    trust : tuple of str
+        How far the results may be trusted, a sentence each.
+    """
+
+    headline: str
+    state: str
+    cards: tuple[Card, ...]
+    trust: tuple[str, ...]
+
+
+def verdict_of(results: BeltResults) -> Verdict:
+    """The verdict on the results of a belt."""
+    headline, state = _headline(results)
+    cards = [
+        card
+        for card in (
+            _normal_contact(results),
+            _friction(results),
+            *(_agreement(results, name) for name in WORDS),
+            _runs(results),
+        )
+        if card is not None
+    ]
+    return Verdict(headline, state, tuple(cards), tuple(_trust(results)))
+
+
+def whole(sheet: Sheet) -> dict[str, Any]:
+    """Statistics over all points of a comparison."""
+    rows = sheet.extra.get("statistics") or [{}]
+    return dict(rows[0])
+
+
+def _headline(results: BeltResults) -> tuple[str, str]:
+    compared = [(of, sheet) for name, of in WORDS.items() if (sheet := results.get(name))]
+    if not compared:
+        return (
+            "Not proven: nothing in this folder compares the simulated rig with the bench.",
+            "open",
+        )
+    parts = [
+        f"with the {of} surface by {cell('rms_percent', whole(sheet).get('rms_percent'))} % RMS "
+        f"({'within' if sheet.extra.get('passed') else 'out of'} tolerance)"
+        for of, sheet in compared
+    ]
+    passed = bool(compared[0][1].extra.get("passed"))
+    start = "Identified and proven" if passed else "Identified, but out of tolerance"
+    text = f"{start}: the simulated rig misses the measured friction {', '.join(parts)}."
+    return text, "good" if passed else "bad"
+
+
+def _normal_contact(results: BeltResults) -> Card | None:
+    stiffness = results.get("stiffness")
+    if stiffness is None:
+        return None
+    row = stiffness.pooled_row
+    value, se = (
+        [float(stiffness[name][row]) for name in (f"k_linear{e}_N_m2", f"k_quadratic{e}_N_m3")]
+        for e in ("", "_se")
+    )
+    depth = MICRO * float(stiffness["max_penetration_m"][row])
+    return Card(
+        "Normal contact, per metre of belt",
+        f"{value[0]:.4g} δ + {value[1]:.4g} δ²",
+        (
+            f"k₁ ± {se[0]:.2g} N/m², k₂ ± {se[1]:.2g} N/m³ (1 s.e.)",
+            f"valid to δ = {depth:.3g} µm, {float(stiffness['max_force_N_m'][row]):.4g} N/m",
+        ),
+    )
+
+
+def _friction(results: BeltResults) -> Card | None:
+    sheet = results.best_surface
+    if sheet is None:
+        return None
+    (f0, f1), (v0, v1), (m0, m1) = _ranges(sheet)
+    of = "refined" if sheet.name == "surface_refined" else "published"
+    return Card(
+        f"Friction surface, {of}",
+        f"µ = {m0:.3g} to {m1:.3g}",
+        (f"{f0:.4g} to {f1:.4g} N/m", f"{MILLI * v0:.3g} to {MILLI * v1:.3g} mm/s"),
+    )
+
+
+def _ranges(sheet: Sheet) -> tuple[tuple[float, float], ...]:
+    surface = sheet.surface
+    return tuple(
+        (float(np.min(nodes)), float(np.max(nodes)))
+        for nodes in (surface.normal_force_N_m, surface.slip_speed_m_s, surface.mu_nodes)
+    )
+
+
+def _agreement(results: BeltResults, name: str) -> Card | None:
+    sheet = results.get(name)
+    if sheet is None:
+        return None
+    figures, passed = whole(sheet), bool(sheet.extra.get("passed"))
+    return Card(
+        f"Agreement, {WORDS[name]} surface",
+        f"{'PASS' if passed else 'FAIL'} {cell('rms_percent', figures.get('rms_percent'))} % RMS",
+        (
+            f"{cell('largest_percent', figures.get('largest_percent'))} % at worst",
+            f"{cell('n', figures.get('n_points'))} runs",
+        ),
+        "good" if passed else "bad",
+    )
+
+
+def _runs(results: BeltResults) -> Card | None:
+    friction = results.get("friction")
+    if friction is None:
+        return None
+    good = int(np.count_nonzero(friction["status"] == "ok"))
+    aside = friction["status"].size - good
+    return Card("Runs of the friction rig", f"{good} used", (f"{aside} set aside",))
+
+
+def _trust(results: BeltResults) -> list[str]:
+    said = []
+    if results.origin == "synthetic":
+        said.append(
+            "The data are synthetic: they come from a virtual bench and say nothing about a real "
+            "belt."
+        )
+    elif results.origin is None:
+        said.append("Nobody has stated whether the data are measured or synthetic (data.origin).")
+    sheet = results.best_surface
+    if sheet is not None:
+        (f0, f1), (v0, v1), _ = _ranges(sheet)
+        said.append(
+            f"The friction law holds from {f0:.4g} to {f1:.4g} N/m and from {MILLI * v0:.3g} to "
+            f"{MILLI * v1:.3g} mm/s; outside the nearest value is taken, nothing is extrapolated."
+        )
+    if results.get("compare_refined") is not None:
+        said.append(
+            "The refined surface was fitted to these very runs: its agreement tells how well the "
+            "model follows them, not how well it predicts others."
+        )
+    for name in ("simulated", "simulated_refined"):
+        simulated = results.get(name)
+        if simulated is not None:
+            of = "refined" if name.endswith("refined") else "published"
+            said += [f"Simulation with the {of} surface: {note}." for note in simulated.notes]
+    slip = results.get("slip")
+    statement = (slip.extra.get("rig_speeds") or {}).get("statement") if slip else ""
+    if statement:
+        said.append(f"{statement[0].upper()}{statement[1:]}.")
+    stiffness = results.get("stiffness")
+    if stiffness is not None:
+        said += [
+            text
+            for text in (
+                (stiffness.extra.get("temperature") or {}).get("statement"),
+                (stiffness.extra.get("law_choice") or {}).get("verdict"),
+            )
+            if text
+        ]
+    return said

@@ -1,0 +1,154 @@
+"""The results of a belt, gathered from its folder."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.errors import ArtifactError, BeltidError
+from beltid.params import Belt, Contact, OperatingPoint, Rig
+from beltid.report.results import ArcProfile, BeltResults, Sheet
+from beltid.rigsim.model import Bench
+from beltid.rigsim.rig import SimulationSettings, simulate
+from beltid.stages.recorded_curves import PRESS, RIG, typical_runs
+from beltid.store.artifacts import Artifact, read_artifact
+
+ARTIFACTS: Final = {
+    "stiffness": "stiffness",
+    "slip": "slip",
+    "friction": "friction",
+    "surface": "surface",
+    "surface_refined": "surface",
+    "simulated": "simulated",
+    "compare": "compare",
+    "simulated_refined": "simulated",
+    "compare_refined": "compare",
+    PRESS: PRESS,
+    RIG: RIG,
+}
+"""Artifacts that a report shows: name of the file and kind."""
+MADE_FROM: Final = {PRESS: ("stiffness", "press"), RIG: ("friction", "rig")}
+"""Curves that must be of the recording that a result was made from."""
+
+
+def sheet_of(artifact: Artifact) -> Sheet:
+    """An artifact as the report sees it."""
+    metadata = artifact.metadata
+    return Sheet(
+        name=artifact.path.stem,
+        kind=artifact.kind,
+        columns=artifact.columns,
+        extra=metadata.extra,
+        validity=metadata.validity,
+        settings=metadata.settings,
+        inputs=metadata.inputs,
+        set_aside=tuple(metadata.set_aside),
+        sha256=artifact.sha256,
+        config_sha256=metadata.config_sha256,
+        software_sha256=artifact.software_sha256,
+        software_version=artifact.software_version,
+    )
+
+
+def gather(folder: Path, *, with_profiles: bool = True) -> BeltResults:
+    """Read what stands in the folder of a belt; what is missing or damaged is told.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+    with_profiles : bool
+        Whether to simulate the contact along the arc of typical runs.
+
+    Raises
+    ------
+    ArtifactError
+        If there is no such folder, or nothing of ours in it.
+    """
+    if not folder.is_dir():
+        what = "is a file, the folder of a belt's results is needed"
+        raise ArtifactError(f"{folder}: {what if folder.exists() else 'there is no such folder'}")
+    sheets: dict[str, Sheet] = {}
+    problems: list[str] = []
+    for name, kind in ARTIFACTS.items():
+        path = folder / f"{name}.parquet"
+        if not path.exists():
+            continue
+        try:
+            sheets[name] = sheet_of(read_artifact(path, kind))
+        except ArtifactError as error:
+            problems += error.problems
+    if not sheets:
+        raise ArtifactError(
+            problems or [f"{folder}: no results of a belt in it; `beltid run CONFIG` makes some"]
+        )
+    problems += _drop_strangers(sheets)
+    belt = folder.resolve().name
+    profiles, more = arc_profiles(sheets) if with_profiles else ((), [])
+    return BeltResults(belt, sheets, profiles, (*problems, *more))
+
+
+def _drop_strangers(sheets: dict[str, Sheet]) -> list[str]:
+    """Leave out curves of another recording than the one that a result was made from."""
+    problems = []
+    for name, (result, role) in MADE_FROM.items():
+        if name not in sheets or result not in sheets:
+            continue
+        if sheets[name].inputs.get(role) != sheets[result].inputs.get(role):
+            del sheets[name]
+            problems.append(f"{name}.parquet is of another recording than {result}.parquet")
+    return problems
+
+
+def arc_profiles(sheets: Mapping[str, Sheet]) -> tuple[tuple[ArcProfile, ...], list[str]]:
+    """The simulated contact of a typical run of each arc, sliding, and what went wrong with it."""
+    surface = sheets.get("surface_refined") or sheets.get("surface")
+    simulated = sheets.get("simulated_refined") or sheets.get("simulated")
+    stiffness, friction = sheets.get("stiffness"), sheets.get("friction")
+    if surface is None or simulated is None or stiffness is None or friction is None:
+        return (), []
+    found, problems = [], []
+    try:
+        bench = _bench(simulated.settings, stiffness, surface)
+        rows = typical_runs(friction.columns)
+    except BeltidError as error:
+        return (), [f"the contact along the arc: {line}" for line in error.problems]
+    for row in rows:
+        arc, tension, speed = (
+            float(friction[name][row])
+            for name in ("arc_deg", "initial_tension_N", "slip_speed_m_s")
+        )
+        point = OperatingPoint(beta=math.radians(arc), T_0=tension, omega=speed / bench.rig.R)
+        try:
+            run = simulate(bench, point, SimulationSettings(method="steady"))
+        except BeltidError as error:
+            problems += [f"the contact along the arc: {line}" for line in error.problems]
+            continue
+        profile = {name: np.asarray(values, dtype=float) for name, values in run.profile.items()}
+        found.append(ArcProfile(arc, tension, speed, profile, run.normal_force_N_m))
+    return tuple(found), problems
+
+
+def _bench(settings: Mapping[str, Any], stiffness: Sheet, surface: Sheet) -> Bench:
+    """The simulated rig that a recording was made with, by the settings that it carries."""
+    contact = settings["contact"]
+    return Bench(
+        Belt(
+            EA=settings["belt.axial_stiffness_N"],
+            EI=settings["belt.bending_stiffness_N_m2"],
+            rhoA=settings["belt.mass_per_length_kg_m"],
+            damping_time=settings["belt.damping_time_s"],
+        ),
+        Rig(
+            R=settings["rig.pulley_radius_m"],
+            span=settings["rig.span_length_m"],
+            supports=settings["rig.supports"],
+        ),
+        Contact(C_P=contact["damping_N_s_m"], points_per_element=contact["points_per_element"]),
+        stiffness.law(stiffness.pooled_row),
+        surface.surface,
+    )

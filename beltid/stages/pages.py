@@ -1,0 +1,73 @@
+"""Pages on the disk: whose they are, whether they are up to date, and how they are replaced."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from beltid._version import __version__
+from beltid.errors import ArtifactError, InputError
+from beltid.report.html import GENERATOR, Page, rendered
+from beltid.stages.talk import Options
+from beltid.store.atomic import write_text
+from beltid.store.files import read_bytes
+from beltid.store.fingerprint import page_source_sha256
+from beltid.store.hashing import sha256
+
+SUFFIXES: Final = (".html", ".htm")
+HEAD: Final = 4096
+"""Bytes at the beginning of a page within which it tells what wrote it and from what."""
+MARK: Final = re.compile(
+    rf'<meta name="generator" content="{GENERATOR}">\s*'
+    r'<meta name="made-from" content="([0-9a-f]{64})">'
+)
+
+
+def hash_of(files: Sequence[tuple[str, Path]], *words: str) -> str:
+    """Hash of everything that a page is made from.
+
+    Parameters
+    ----------
+    files : sequence of (str, Path)
+        Name of each file within the page, and where it stands.
+    *words : str
+        What else the page says.
+    """
+    contents = [(name, sha256(read_bytes(path, ArtifactError))) for name, path in files]
+    record = [__version__, page_source_sha256(), list(words), contents]
+    return sha256(json.dumps(record).encode())
+
+
+def up_to_date(out: Path, made_from: str, options: Options) -> bool:
+    """Whether the page that stands at `out` may stay.
+
+    Raises
+    ------
+    InputError
+        If what stands there is no page of ours; with force, one that is no page at all.
+    """
+    if out.is_dir():
+        raise ArtifactError(f"{out}: is a folder, name a file in it")
+    if not out.exists():
+        return False
+    with out.open("rb") as file:
+        head = file.read(HEAD).decode("utf-8", "replace")
+    found = MARK.search(head)
+    if found is None and not (options.force and out.suffix.lower() in SUFFIXES):
+        how = (
+            "name another --out, or replace it with --force"
+            if out.suffix.lower() in SUFFIXES
+            else "name another --out"
+        )
+        raise InputError(f"{out}: is a file that beltid did not write, not replaced; {how}")
+    return found is not None and found[1] == made_from and not options.force
+
+
+def write(out: Path, page: Page) -> int:
+    """Write a page, whole or not at all; its size in bytes."""
+    text = rendered(page)
+    write_text(out, text)
+    return len(text.encode())

@@ -1,0 +1,162 @@
+"""beltid report: the results of a belt as one page, and those of several belts side by side."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from beltid.config import ConfigSource
+from beltid.errors import BeltidError, InputError
+from beltid.report.belt_page import belt_page
+from beltid.report.belts_page import belts_page
+from beltid.report.html import Page
+from beltid.report.results import BeltResults
+from beltid.report.summary import Summary
+from beltid.report.verdict import verdict_of, whole
+from beltid.stages.belt_results import ARTIFACTS, gather
+from beltid.stages.pages import hash_of, up_to_date, write
+from beltid.stages.recorded_curves import PRESS, RIG, press_curves, rig_curves
+from beltid.stages.talk import Options
+
+NAME: Final = "report.html"
+STAGE: Final = "report"
+
+
+def run(
+    folders: Sequence[Path], out: Path | None, options: Options, source: ConfigSource | None = None
+) -> Summary:
+    """Write the report of every belt, and with several of them a page that compares them.
+
+    Parameters
+    ----------
+    folders : sequence of Path
+        Folders of the results, one per belt.
+    out : Path or None
+        The page; with several belts the one that compares them. By default report.html in the
+        folder of a belt, and in the folder above for several.
+    options : Options
+        Force and listener.
+    source : ConfigSource, optional
+        Config that names the recordings of a belt, for its figures over time.
+
+    Raises
+    ------
+    ArtifactError
+        If there is no such folder, nothing of ours in it, or a page cannot be written.
+    InputError
+        If a file that is no report of ours stands where one is to stand.
+    """
+    different = {os.path.realpath(folder) for folder in folders}
+    if len(different) < len(folders):
+        raise InputError("a folder is named twice, each belt must be named once")
+    if source is not None:
+        for folder in folders:
+            if len(folders) == 1 or source.config.belt.name == folder.resolve().name:
+                keep_curves(source, folder, options)
+    if len(folders) == 1:
+        return of_belt(folders[0], out or folders[0] / NAME, options)
+    single = [of_belt(folder, folder / NAME, options) for folder in folders]
+    both = of_belts(folders, out or _above(folders) / NAME, options)
+    if both.up_to_date and not all(summary.up_to_date for summary in single):
+        options.talk.say(f"{both.out} is up to date")
+    return both
+
+
+def _above(folders: Sequence[Path]) -> Path:
+    return Path(os.path.commonpath([folder.absolute().parent for folder in folders]))
+
+
+def keep_curves(source: ConfigSource, folder: Path, options: Options) -> None:
+    """Keep in the folder of a belt what its figures need of the recordings, where they are."""
+    data = source.config.data
+    friction = folder / "friction.parquet"
+    makers = []
+    if data.press is not None and (folder / "stiffness.parquet").exists():
+        press = data.press
+        makers.append(lambda: press_curves(source, press, folder / f"{PRESS}.parquet", options))
+    if data.rig is not None and friction.exists():
+        rig = data.rig
+        makers.append(lambda: rig_curves(source, rig, friction, folder / f"{RIG}.parquet", options))
+    for maker in makers:
+        try:
+            maker()
+        except BeltidError as error:
+            for problem in error.problems:
+                options.talk.warn(f"no curves for the report: {problem}")
+
+
+def of_belt(folder: Path, out: Path, options: Options) -> Summary:
+    """Write the report of one belt, unless it is up to date."""
+    made_from = hash_of(_files(folder), folder.resolve().name)
+    standing = up_to_date(out, made_from, options)
+    results = gather(folder, with_profiles=not standing)
+    if standing:
+        return _summary([results], out, {}, up_to_date=True)
+    page = belt_page(results, made_from)
+    size = write(out, page)
+    return _summary([results], out, {**_counts(page), "size_kB": size / 1000.0})
+
+
+def of_belts(folders: Sequence[Path], out: Path, options: Options) -> Summary:
+    """Write the page that compares several belts, unless it is up to date."""
+    links = [
+        Path(os.path.relpath(folder / NAME, out.absolute().parent)).as_posix() for folder in folders
+    ]
+    files = [pair for folder in folders for pair in _files(folder)]
+    made_from = hash_of(files, *links)
+    standing = up_to_date(out, made_from, options)
+    results = [gather(folder, with_profiles=False) for folder in folders]
+    if standing:
+        return _summary(results, out, {}, up_to_date=True)
+    page = belts_page(results, links, made_from)
+    size = write(out, page)
+    return _summary(results, out, {**_counts(page), "size_kB": size / 1000.0})
+
+
+def _files(folder: Path) -> list[tuple[str, Path]]:
+    """Artifacts that stand in the folder of a belt."""
+    paths = [(name, folder / f"{name}.parquet") for name in ARTIFACTS]
+    return [(f"{folder.resolve().name}/{name}", path) for name, path in paths if path.is_file()]
+
+
+def _counts(page: Page) -> dict[str, Any]:
+    pictures = [picture for section in page.sections for picture in section.pictures]
+    drawn = sum(picture.figure is not None for picture in pictures)
+    return {"figures": drawn, "figures_missing": len(pictures) - drawn}
+
+
+def _summary(
+    results: Sequence[BeltResults], out: Path, facts: dict[str, Any], *, up_to_date: bool = False
+) -> Summary:
+    origins = {result.origin for result in results}
+    mixed = len(origins) > 1
+    return Summary(
+        stage=STAGE,
+        title="what was identified, how well it agrees, and how far to trust it",
+        out=out,
+        facts=facts,
+        table=[
+            {**row, "origin": result.origin} if mixed else row
+            for result in results
+            for row in [_row(result)]
+        ],
+        warnings=tuple(
+            f"{result.belt}: {problem}" for result in results for problem in result.problems
+        ),
+        verdict=verdict_of(results[0]).headline if len(results) == 1 else "",
+        up_to_date=up_to_date,
+        origin=None if mixed else next(iter(origins)),
+    )
+
+
+def _row(results: BeltResults) -> dict[str, Any]:
+    row: dict[str, Any] = {"belt": results.belt, "artifacts": len(results.sheets)}
+    for name in ("compare", "compare_refined"):
+        sheet = results.get(name)
+        figures = whole(sheet) if sheet else {}
+        prefix = "refined_" if name.endswith("refined") else ""
+        row[f"{prefix}rms_percent"] = figures.get("rms_percent")
+        row[f"{prefix}within_tolerance"] = bool(sheet.extra.get("passed")) if sheet else None
+    return row
