@@ -5,10 +5,12 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Annotated, Any, Final, Literal
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, PositiveFloat
 
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
+from beltid.laws.uncertain_surface import UncertainSurface
 
 FORMAT: Final = "beltlaw"
 VERSION: Final = 1
@@ -46,6 +48,12 @@ class NormalPart(Part):
 
     k_linear_N_m2: NonNegativeFloat = Field(description="coefficient of the penetration [N/m²]")
     k_quadratic_N_m3: NonNegativeFloat = Field(description="of the squared penetration [N/m³]")
+    k_linear_u_N_m2: NonNegativeFloat | None = Field(
+        default=None, description="combined standard uncertainty, k = 1 [N/m²]"
+    )
+    k_quadratic_u_N_m3: NonNegativeFloat | None = Field(
+        default=None, description="combined standard uncertainty, k = 1 [N/m³]"
+    )
     k_linear_se_N_m2: NonNegativeFloat | None = Field(
         default=None, description="standard error [N/m²]"
     )
@@ -62,6 +70,17 @@ class NormalPart(Part):
     )
 
 
+class Contribution(Part):
+    """What one source of error contributes to the uncertainty of mu."""
+
+    source: str = Field(description="name of the source; combined: all of them together")
+    basis: str = Field(default="", description="stated, assumed or fitted")
+    contribution_percent: NonNegativeFloat = Field(
+        description="RMS over the measured range, percent of mu, k = 1"
+    )
+    largest_percent: NonNegativeFloat | None = Field(default=None, description="at worst")
+
+
 class FrictionPart(Part):
     """Friction coefficient mu over line force f_N and sliding speed v, bicubic between nodes.
 
@@ -74,8 +93,23 @@ class FrictionPart(Part):
     mu: tuple[tuple[PositiveFloat, ...], ...] = Field(
         description="friction coefficient at the nodes [-]: a row per force, a column per speed"
     )
+    mu_u: tuple[tuple[NonNegativeFloat, ...], ...] | None = Field(
+        default=None, description="combined standard uncertainty of mu, k = 1 [-]"
+    )
     mu_se: tuple[tuple[NonNegativeFloat | None, ...], ...] | None = Field(
-        default=None, description="standard errors of mu [-]; null where unknown"
+        default=None, description="part of it by the scatter of the runs alone; null where unknown"
+    )
+    budget: tuple[Contribution, ...] = Field(default=(), description="where mu_u comes from")
+    factor: tuple[Matrix, ...] | None = Field(
+        default=None,
+        description="factor[i][j] is the row S of node i, j: the covariance of ln mu at two nodes "
+        "is the product of their rows",
+    )
+    sources: tuple[str, ...] = Field(
+        default=(), description="names of the first columns of factor; the others are scatter"
+    )
+    ensemble: tuple[Matrix, ...] | None = Field(
+        default=None, description="surfaces of a Monte Carlo ensemble: mu at the nodes [-]"
     )
     x_nodes: tuple[float, ...] = Field(description="ln(1 + f_N/f_ref_N_m) of the force nodes [-]")
     y_nodes: tuple[float, ...] = Field(description="ln(1 + v/v_ref_m_s) of the speed nodes [-]")
@@ -138,8 +172,8 @@ class ContactLaw(Part):
     provenance: Provenance
 
     @property
-    def surface(self) -> FrictionSurface:
-        """The friction surface."""
+    def surface(self) -> UncertainSurface:
+        """The friction surface with its uncertainty."""
         return _surface(self.friction)
 
     @property
@@ -154,31 +188,43 @@ class ContactLaw(Part):
 
 
 @lru_cache(maxsize=8)
-def _surface(part: FrictionPart) -> FrictionSurface:
+def _surface(part: FrictionPart) -> UncertainSurface:
     se = None
     if part.mu_se is not None:
         se = [[float("nan") if cell is None else cell for cell in row] for row in part.mu_se]
-    return FrictionSurface(part.normal_force_N_m, part.slip_speed_m_s, part.mu, se)
+    surface = FrictionSurface(part.normal_force_N_m, part.slip_speed_m_s, part.mu, se)
+    return UncertainSurface(surface, part.factor, part.sources, part.ensemble)
 
 
-def friction_part(surface: FrictionSurface, method: str) -> FrictionPart:
+def friction_part(
+    surface: FrictionSurface, method: str, budget: tuple[Contribution, ...] = ()
+) -> FrictionPart:
     """The friction part of a law, from its surface.
 
     Parameters
     ----------
     surface : FrictionSurface
-        The surface.
+        The surface; an `UncertainSurface` brings its covariance along.
     method : str
         How it was found.
+    budget : tuple of Contribution
+        Where its uncertainty comes from.
     """
     tables = surface.tables()
     se = surface.mu_se_nodes
+    known = surface if isinstance(surface, UncertainSurface) else UncertainSurface(surface)
+    factor, members = known.factor, known.members
     return FrictionPart(
         method=method,
         normal_force_N_m=_plain(surface.normal_force_N_m),
         slip_speed_m_s=_plain(surface.slip_speed_m_s),
         mu=_plain(surface.mu_nodes),
+        mu_u=None if factor is None else _plain(surface.mu_nodes * np.linalg.norm(factor, axis=2)),
         mu_se=None if se is None else _plain(se, none_for_nan=True),
+        budget=budget,
+        factor=None if factor is None else _plain(factor),
+        sources=known.sources,
+        ensemble=None if members is None else _plain(members),
         x_nodes=_plain(tables.x_nodes),
         y_nodes=_plain(tables.y_nodes),
         f_ref_N_m=tables.f_ref if tables.f_ref < float("inf") else None,

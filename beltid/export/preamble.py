@@ -90,11 +90,21 @@ def _validity(law: ContactLaw) -> list[str]:
 
 
 def _uncertainty(law: ContactLaw) -> str:
-    surface = law.surface
-    if surface.mu_se_nodes is None or not np.isfinite(surface.mu_se_nodes).any():
-        return "Standard error of mu: not known."
-    share = 100.0 * surface.mu_se_nodes / surface.mu_nodes
+    part, mu = law.friction, np.array(law.friction.mu)
+    if part.mu_u is not None:
+        known, what = np.array(part.mu_u) / mu, "Standard uncertainty of mu (k = 1)"
+        largest = max(
+            (row for row in part.budget if row.source != "combined"),
+            key=lambda row: row.contribution_percent,
+            default=None,
+        )
+        more = "" if largest is None else f" Largest contribution: {largest.source}."
+    elif part.mu_se is not None and any(cell is not None for row in part.mu_se for cell in row):
+        known, what = np.array(part.mu_se, dtype=float) / mu, "Standard error of mu"
+        more = " Scatter of the runs alone."
+    else:
+        return "Standard uncertainty of mu: not known."
     return (
-        f"Standard error of mu: {np.nanmedian(share):.2g} % in the middle, "
-        f"{np.nanmax(share):.2g} % at worst."
+        f"{what}: {100.0 * np.nanmedian(known):.2g} % in the middle, "
+        f"{100.0 * np.nanmax(known):.2g} % at worst.{more}"
     )

@@ -73,7 +73,7 @@ def matlab(law: ContactLaw, choices: Choices) -> Export:
             "of s^a t^b in cell i, j, with s from x_nodes = log1p(f_N/f_ref_N_m), t from y_nodes.",
         ],
     )
-    se = surface.mu_se_nodes
+    se, unknown = surface.mu_se_nodes, np.full(surface.mu_nodes.shape, np.nan)
     content = {
         "readme": "\n".join(lines),
         "origin": law.origin or "not stated",
@@ -87,7 +87,8 @@ def matlab(law: ContactLaw, choices: Choices) -> Export:
         "normal_force_N_m": surface.normal_force_N_m,
         "slip_speed_m_s": surface.slip_speed_m_s,
         "mu": surface.mu_nodes,
-        "mu_se": np.full(surface.mu_nodes.shape, np.nan) if se is None else se,
+        "mu_u": np.array(part.mu_u) if part.mu_u else unknown,
+        "mu_se": unknown if se is None else se,
         "x_nodes": np.array(part.x_nodes),
         "y_nodes": np.array(part.y_nodes),
         "f_ref_N_m": np.inf if part.f_ref_N_m is None else part.f_ref_N_m,
@@ -161,11 +162,12 @@ def _normal_csv(law: ContactLaw) -> str:
 
 def _nodes_csv(law: ContactLaw) -> str:
     part = law.friction
-    rows = ["normal_force_N_m,slip_speed_m_s,mu,mu_se"]
+    rows = ["normal_force_N_m,slip_speed_m_s,mu,mu_u,mu_se"]
     for i, force in enumerate(part.normal_force_N_m):
         for j, speed in enumerate(part.slip_speed_m_s):
-            se = None if part.mu_se is None else part.mu_se[i][j]
-            rows.append(f"{force!r},{speed!r},{part.mu[i][j]!r},{'' if se is None else repr(se)}")
+            doubts = (None if of is None else of[i][j] for of in (part.mu_u, part.mu_se))
+            cells = (force, speed, part.mu[i][j], *doubts)
+            rows.append(",".join("" if cell is None else repr(cell) for cell in cells))
     return "\n".join(rows) + "\n"
 
 

@@ -11,7 +11,15 @@ from beltid._version import __version__
 from beltid.config import Config, find_config
 from beltid.errors import ArtifactError, InputError
 from beltid.export.belt_width import ribbed_width
-from beltid.export.law import BeltFacts, ContactLaw, NormalPart, Provenance, Validity, friction_part
+from beltid.export.law import (
+    BeltFacts,
+    ContactLaw,
+    Contribution,
+    NormalPart,
+    Provenance,
+    Validity,
+    friction_part,
+)
 from beltid.export.law_file import SUFFIX
 from beltid.stages.origin import MEASURED, SYNTHETIC
 from beltid.stages.tables import law_of, surface_of
@@ -69,6 +77,8 @@ def law_of_folder(folder: Path, named: Path | None, wanted: str | None, talk: Ta
         normal=NormalPart(
             k_linear_N_m2=normal.k_linear_N_m2,
             k_quadratic_N_m3=normal.k_quadratic_N_m3,
+            k_linear_u_N_m2=_known(stiffness, "k_linear_u_N_m2", row),
+            k_quadratic_u_N_m3=_known(stiffness, "k_quadratic_u_N_m3", row),
             k_linear_se_N_m2=_known(stiffness, "k_linear_se_N_m2", row),
             k_quadratic_se_N_m3=_known(stiffness, "k_quadratic_se_N_m3", row),
             covariance=_covariance(stiffness, row),
@@ -76,7 +86,9 @@ def law_of_folder(folder: Path, named: Path | None, wanted: str | None, talk: Ta
             hysteresis_ratio=_known(stiffness, "hysteresis_ratio", row),
         ),
         friction=friction_part(
-            surface_of(surface), str(surface.metadata.extra.get("method", "published"))
+            surface_of(surface),
+            str(surface.metadata.extra.get("method", "published")),
+            _budget(surface),
         ),
         validity=_validity(stiffness, surface),
         provenance=_provenance(folder, stiffness, surface),
@@ -104,8 +116,19 @@ def _belt(config: Config) -> BeltFacts:
 
 
 def _known(artifact: Artifact, column: str, row: int) -> float | None:
+    if column not in artifact.columns:
+        return None
     value = float(artifact.columns[column][row])
     return value if np.isfinite(value) else None
+
+
+def _budget(surface: Artifact) -> tuple[Contribution, ...]:
+    """Where the uncertainty of mu comes from, largest first, the combined one last."""
+    return tuple(
+        Contribution(**{name: row[name] for name in Contribution.model_fields if name in row})
+        for row in surface.metadata.extra.get("budget") or ()
+        if row.get("contribution_percent") is not None
+    )
 
 
 def _covariance(stiffness: Artifact, row: int) -> Any:

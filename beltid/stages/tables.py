@@ -65,7 +65,7 @@ def load_surface(path: str | Path) -> UncertainSurface:
         If the file is missing, damaged or of another kind.
     """
     if _is_law_file(path):
-        return UncertainSurface(load_law(path).surface)
+        return load_law(path).surface
     return surface_of(read_artifact(path, "surface"))
 
 

@@ -17,6 +17,7 @@ import beltid
 from beltid.errors import ArtifactError, InputError
 from beltid.export.law import BeltFacts, ContactLaw, NormalPart, Provenance, Validity, friction_part
 from beltid.export.law_file import law_from_text, law_text, schema
+from beltid.laws.uncertain_surface import UncertainSurface
 
 
 def test_round_trip_is_exact(law: ContactLaw) -> None:
@@ -68,6 +69,26 @@ def test_unknown_standard_errors_and_a_law_without_range_come_back() -> None:
     assert again.friction.f_ref_N_m is None
     assert "NaN" not in law_text(law)
     assert "Infinity" not in law_text(law)
+
+
+def test_covariance_and_ensemble_come_back_to_the_bit(law: ContactLaw) -> None:
+    rng = np.random.default_rng(2)
+    factor = 0.01 * rng.normal(size=(8, 5, 4))
+    members = law.surface.mu_nodes * np.exp(0.01 * rng.normal(size=(6, 8, 5)))
+    surface = UncertainSurface(law.surface, factor, ["gain", "radius"], members)
+    known = law.model_copy(update={"friction": friction_part(surface, "refined")})
+    document = json.loads(law_text(known))
+    jsonschema.validate(document, schema())
+    mu_u = document["friction"]["mu_u"]
+    assert mu_u[3][2] == pytest.approx(
+        law.surface.mu_nodes[3, 2] * np.sqrt(np.sum(factor[3, 2] ** 2)), rel=1e-12
+    )
+    again = law_from_text(law_text(known), "law").surface
+    np.testing.assert_array_equal(again.factor, factor)
+    np.testing.assert_array_equal(again.members, members)
+    assert again.sources == ("gain", "radius")
+    f, v = 2500.0, 0.013
+    assert float(again.mu_u(f, v)) == float(surface.mu_u(f, v))
 
 
 def test_the_file_keeps_to_the_schema_and_the_schema_to_its_own(law: ContactLaw) -> None:
