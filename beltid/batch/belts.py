@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import csv
+import io
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
 from beltid.errors import EXIT_BATCH_FAILED, EXIT_DONE
 from beltid.report.summary import Summary
+from beltid.store.atomic import write_bytes
 
 DONE: Final = "done"
 UP_TO_DATE: Final = "up to date"
@@ -16,6 +19,7 @@ FAILED: Final = "failed"
 NOT_RUN: Final = "not run"
 OUT_OF_TOLERANCE: Final = "out of tolerance"
 SKIPPED: Final = "no recording"
+SWEEP_TABLE: Final = "sweep.csv"
 
 
 @dataclass(slots=True)
@@ -25,7 +29,11 @@ class BeltRun:
     Attributes
     ----------
     belt : str
-        Name of the belt, and of its case in a sweep.
+        Name of the belt.
+    case : str
+        Name of the case, in a sweep.
+    swept : dict
+        Swept values of the case by ``section.key``.
     states : dict
         Name of a stage -> what became of it, in the order of the chain.
     summaries : dict
@@ -35,9 +43,16 @@ class BeltRun:
     """
 
     belt: str
+    case: str
+    swept: Mapping[str, Any]
     states: dict[str, str]
     summaries: dict[str, Summary] = field(default_factory=dict)
     troubles: dict[str, tuple[int, tuple[str, ...]]] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """Belt and case."""
+        return f"{self.belt}/{self.case}" if self.case else self.belt
 
     @property
     def exit_status(self) -> int:
@@ -82,20 +97,23 @@ def batch_summary(belts: Sequence[BeltRun], folder: Path) -> Summary:
         status = failed[0].exit_status if len(belts) == 1 else EXIT_BATCH_FAILED
     origins = {belt.origin for belt in belts}
     mixed = len(origins) > 1
+    kind = "cases" if any(belt.case for belt in belts) else "belts"
     nothing_done = all(belt.up_to_date for belt in belts)
     if failed:
-        verdict = f"{len(failed)} of {len(belts)} belts failed: " + ", ".join(
-            belt.belt for belt in failed
+        verdict = f"{len(failed)} of {len(belts)} {kind} failed: " + ", ".join(
+            belt.name for belt in failed
         )
     else:
-        verdict = "everything is up to date, nothing was done" if nothing_done else "all belts done"
+        verdict = (
+            "everything is up to date, nothing was done" if nothing_done else f"all {kind} done"
+        )
     return Summary(
         stage="run",
         title="from the recordings to the comparison",
         out=folder,
-        facts={"belts": len(belts), "belts_failed": len(failed)},
+        facts={kind: len(belts), f"{kind}_failed": len(failed)},
         table=[_row(belt) for belt in belts],
-        shown=(*_short_row(belts[0]), *(["origin"] if mixed else [])) if belts else (),
+        shown=_shown(belts, mixed),
         verdict=verdict,
         exit_status=status,
         up_to_date=nothing_done,
@@ -103,9 +121,46 @@ def batch_summary(belts: Sequence[BeltRun], folder: Path) -> Summary:
     )
 
 
+def _shown(belts: Sequence[BeltRun], mixed: bool) -> tuple[str, ...]:
+    """Columns that a person gets to see; those of the sweeps after the belt, its status last."""
+    rows = [_short_row(belt) for belt in belts]
+    swept = dict.fromkeys(key for belt in belts for key in belt.swept)
+    first, *rest = dict.fromkeys(name for row in rows for name in row) if rows else ("belt",)
+    if swept:  # what does not differ between the cases is left to programs
+        rest = [
+            name for name in rest if name == "status" or len({row.get(name) for row in rows}) > 1
+        ]
+    columns = [first, *swept, *(name for name in rest if name not in swept)]
+    return (*columns, *(["origin"] if mixed else []))
+
+
+def write_sweep_tables(belts: Sequence[BeltRun], folder: Path) -> None:
+    """Write the table of every sweep beside the folders of its cases: ``sweep.csv``.
+
+    Raises
+    ------
+    ArtifactError
+        If it cannot be written.
+    """
+    sweeps: dict[str, list[BeltRun]] = {}
+    for belt in belts:
+        if belt.case:
+            sweeps.setdefault(belt.belt, []).append(belt)
+    for name, cases in sweeps.items():
+        rows = [{"case": case.case, **_short_row(case), "origin": case.origin} for case in cases]
+        text = io.StringIO(newline="")
+        writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+        content, path = text.getvalue().encode(), folder / name / SWEEP_TABLE
+        if not (path.is_file() and path.read_bytes() == content):
+            write_bytes(path, content)
+
+
 def _row(belt: BeltRun) -> dict[str, Any]:
     return {
         **_short_row(belt),
+        "case": belt.case or None,
         "origin": belt.origin,
         "exit_status": belt.exit_status,
         "stages": dict(belt.states),
@@ -133,6 +188,7 @@ def _short_row(belt: BeltRun) -> dict[str, Any]:
     ]
     return {
         "belt": belt.belt,
+        **belt.swept,
         "k_linear_N_m2": stiffness.facts["k_linear_N_m2"] if stiffness else None,
         "k_quadratic_N_m3": stiffness.facts["k_quadratic_N_m3"] if stiffness else None,
         "runs": friction.facts["runs"] if friction else None,

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from beltid.batch.belts import batch_summary
-from beltid.batch.local import ProcessWorkers
+from beltid.batch.belts import batch_summary, write_sweep_tables
+from beltid.batch.local import local_workers
 from beltid.batch.schedule import Chain, run_chains
 from beltid.batch.steps import Step
 from beltid.config import ConfigSource
@@ -22,9 +22,7 @@ from beltid.stages import (
     refine_surface,
     simulate_rig,
 )
-from beltid.stages.campaign import available_cores
 from beltid.stages.talk import Options
-from beltid.stages.workers import Workers
 
 
 def _same(*roles: str) -> dict[str, str]:
@@ -69,10 +67,13 @@ class BatchOptions(Options):
         Worker processes, where no workers are given; None for one per core, 1 for none but this.
     fail_fast : bool
         Whether the first belt that fails stops the others.
+    whole : bool
+        Whether all cases of each sweep are among the sources, so that its table can be written.
     """
 
     jobs: int | None = None
     fail_fast: bool = False
+    whole: bool = True
 
 
 def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptions) -> Summary:
@@ -81,25 +82,21 @@ def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptio
     Parameters
     ----------
     sources : sequence of ConfigSource
-        One config per belt.
+        One config per belt, or per case of a sweep.
     folder : Path
-        Folder of the results; each belt has a folder in it.
+        Folder of the results; each belt has a folder in it, each case one in that of its belt.
     options : BatchOptions
         Force, listener, workers.
     """
     chains = []
     for source in sources:
-        name = source.config.belt.name
-        chains.append(Chain(name, source, folder / name, CHAIN, options.talk))
+        chains.append(Chain(source, folder / source.name, CHAIN, options.talk))
     workers = options.workers or local_workers(options.jobs)
     try:
         run_chains(chains, workers, force=options.force, fail_fast=options.fail_fast)
     finally:
         workers.close()
-    return batch_summary([chain.run for chain in chains], folder)
-
-
-def local_workers(jobs: int | None) -> Workers:
-    """Workers on this machine: processes, or just the caller."""
-    count = jobs or available_cores()
-    return Workers() if count == 1 else ProcessWorkers(count)
+    runs = [chain.run for chain in chains]
+    if options.whole:
+        write_sweep_tables(runs, folder)
+    return batch_summary(runs, folder)

@@ -19,17 +19,13 @@ from multiprocessing import process
 from typing import Any, Final
 
 from beltid.errors import BeltidError
-from beltid.stages.workers import Result, Workers
+from beltid.stages.workers import Halted, Result, Workers, available_cores
 
 MOST_LOSSES: Final = 3
 """Workers lost one after the other, without a result between them, before a call is given up."""
 ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """The workers are the parallelism; threads of the linear algebra below them only get in the way."""
 IMPORTED: Final = ("beltid.batch.chain", "pyarrow.csv", "pyarrow.parquet", "scipy.interpolate")
-
-
-class Halted(Exception):
-    """The workers were told to stop: no result comes any more."""
 
 
 class ProcessWorkers(Workers):
@@ -54,7 +50,6 @@ class ProcessWorkers(Workers):
             return
         from multiprocessing import forkserver
 
-        _one_thread_each()
         forkserver.set_forkserver_preload(list(IMPORTED))
         with _deaf_children():
             forkserver.ensure_running()
@@ -140,7 +135,8 @@ def _start_method() -> str:
     return "forkserver" if "forkserver" in methods else "spawn"
 
 
-def _one_thread_each() -> None:
+def one_thread_each() -> None:
+    """Let the linear algebra of this process, if not begun, and its workers run in one thread."""
     for name in ONE_THREAD:
         os.environ.setdefault(name, "1")
 
@@ -178,3 +174,10 @@ def _begin() -> None:
 def _end_with(caller: Any) -> None:
     caller.join()
     os._exit(1)
+
+
+def local_workers(jobs: int | None) -> Workers:
+    """Workers on this machine, one per core if not told: processes, or for one job the caller."""
+    one_thread_each()
+    count = jobs or available_cores()
+    return Workers() if count == 1 else ProcessWorkers(count)

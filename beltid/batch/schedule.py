@@ -32,10 +32,8 @@ class Chain:
 
     Parameters
     ----------
-    name : str
-        Name of the belt, and of its case in a sweep.
     source : ConfigSource
-        Its config.
+        The config of the belt, or of one case of a sweep.
     folder : Path
         Folder of its results.
     steps : sequence of Step
@@ -45,14 +43,17 @@ class Chain:
     """
 
     def __init__(
-        self, name: str, source: ConfigSource, folder: Path, steps: Sequence[Step], talk: Talk
+        self, source: ConfigSource, folder: Path, steps: Sequence[Step], talk: Talk
     ) -> None:
         self.source, self.folder = source, folder
-        self.talk = Named(name, talk)
+        self.talk = Named(source.name, talk)
         self.files = source.config.data.files
         self.waiting = list(steps)
         self.run = BeltRun(
-            name, {step.name: SKIPPED if step.optional else NOT_RUN for step in steps}
+            source.config.belt.name,
+            source.case,
+            source.swept,
+            {step.name: SKIPPED if step.optional else NOT_RUN for step in steps},
         )
         self._announced = False
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from beltid.config import ConfigSource, find_config, load_config
+from beltid.config import ConfigSource, load_cases
+from beltid.config.discovery import ENVIRONMENT_VARIABLE, named_by_environment
 from beltid.config.yaml_source import parse, read_text
 from beltid.errors import BeltidError, ConfigError, InputError
 
@@ -20,7 +23,7 @@ def config_sources(paths: Sequence[Path], explicit: Path | None = None) -> list[
     Parameters
     ----------
     paths : sequence of Path
-        Configs, one per belt.
+        Configs, one per belt; one with a sweep makes a source per case.
     explicit : Path or None
         A config named otherwise; it counts as one more.
 
@@ -29,25 +32,61 @@ def config_sources(paths: Sequence[Path], explicit: Path | None = None) -> list[
     ConfigError
         With everything that is wrong with all of them: missing recordings, belts of one name.
     """
-    named = [*paths, *([explicit] if explicit is not None else [])]
+    named = [(path, str(path)) for path in paths]
+    if explicit is not None:
+        named.append((explicit, f"{explicit} (--config)"))
+    if not named:
+        path = named_by_environment()
+        if path is None:
+            raise InputError("no config named: beltid run CONFIG.yaml, or set $BELTID_CONFIG")
+        named.append((path, f"{path} (named by ${ENVIRONMENT_VARIABLE})"))
     problems: list[str] = []
-    sources: list[ConfigSource] = []
-    for path in named:
+    belts: list[list[ConfigSource]] = []
+    for path, origin in named:
         try:
-            sources.append(ConfigSource(load_config(path), str(path), path))
+            cases = load_cases(path)
+            belts.append([ConfigSource(c, origin, path, case, swept) for case, swept, c in cases])
         except BeltidError as error:
             problems += error.problems
-    if not named:
-        found = find_config(None)
-        if found.path is None:
-            raise InputError("no config named: beltid run CONFIG.yaml, or set $BELTID_CONFIG")
-        sources = [found]
-    for source in sources:
-        problems += _missing_recordings(source)
-    problems += _same_names(sources)
+    for cases_of_belt in belts:
+        problems += _missing_recordings(cases_of_belt[0])
+    problems += _same_names([cases_of_belt[0] for cases_of_belt in belts])
     if problems:
         raise ConfigError(problems)
-    return sources
+    return [source for cases_of_belt in belts for source in cases_of_belt]
+
+
+@dataclass(frozen=True, slots=True)
+class Shard:
+    """One of several parts of a batch that run by themselves, such as the jobs of an array.
+
+    Attributes
+    ----------
+    number, count : int
+        Which part, from 1, of how many.
+    """
+
+    number: int
+    count: int
+
+    @classmethod
+    def parse(cls, text: str) -> Shard:
+        """The shard that a text such as ``2/4`` names.
+
+        Raises
+        ------
+        InputError
+            If it names none.
+        """
+        match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
+        number, count = (int(part) for part in match.groups()) if match else (0, 0)
+        if not 1 <= number <= count:
+            raise InputError(f"--shard = {text}, must be i/n with 1 <= i <= n, such as 2/4")
+        return cls(number, count)
+
+    def of(self, sources: Sequence[ConfigSource]) -> list[ConfigSource]:
+        """The belts and cases of this part: every n-th."""
+        return list(sources[self.number - 1 :: self.count])
 
 
 def _missing_recordings(source: ConfigSource) -> list[str]:

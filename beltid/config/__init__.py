@@ -8,6 +8,7 @@ Module           Responsibility
 ``fields``       kinds of values: numbers with bounds and units, names, lists
 ``yaml_source``  YAML text -> plain values with their places
 ``messages``     words of the errors
+``sweep``        a section of lists of values -> cases
 ``loading``      file or dict -> `Config`
 ``discovery``    which config belongs to a recording
 ``writing``      `Config` -> YAML text
@@ -15,8 +16,8 @@ Module           Responsibility
 """
 
 from beltid.config.discovery import ConfigSource, find_config
-from beltid.config.loading import load_config
+from beltid.config.loading import load_cases, load_config
 from beltid.config.model import Config
 from beltid.config.writing import config_text
 
-__all__ = ["Config", "ConfigSource", "config_text", "find_config", "load_config"]
+__all__ = ["Config", "ConfigSource", "config_text", "find_config", "load_cases", "load_config"]

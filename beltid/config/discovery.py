@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from beltid.config.loading import load_config
 from beltid.config.model import Config
@@ -28,11 +29,23 @@ class ConfigSource:
         Where it came from, in words, to be told to the user and stored with results.
     path : Path or None
         The file, or None for the built-in rig.
+    case : str
+        Name of the case, if the config is one of a sweep.
+    swept : dict
+        Its swept values by ``section.key``.
     """
 
     config: Config
     origin: str
     path: Path | None = None
+    case: str = ""
+    swept: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """Name of the belt, and of the case in a sweep: that of the folder of the results."""
+        belt = self.config.belt.name
+        return f"{belt}/{self.case}" if self.case else belt
 
 
 def find_config(
@@ -58,14 +71,20 @@ def find_config(
     if explicit is not None:
         path = Path(explicit)
         return ConfigSource(load_config(path), f"{path} (--config)", path)
-    named = os.environ.get(ENVIRONMENT_VARIABLE, "").strip()
-    if named:
-        return _found(Path(named), f"named by ${ENVIRONMENT_VARIABLE}")
+    named = named_by_environment()
+    if named is not None:
+        return _found(named, f"named by ${ENVIRONMENT_VARIABLE}")
     if recording_path is not None:
         for candidate in _candidates(Path(recording_path)):
             if _is_file(candidate):
                 return _found(candidate, f"found for {Path(recording_path).name}")
     return ConfigSource(Config(), BUILT_IN)
+
+
+def named_by_environment() -> Path | None:
+    """The config that the environment variable names, if it names one."""
+    named = os.environ.get(ENVIRONMENT_VARIABLE, "").strip()
+    return Path(named) if named else None
 
 
 def _found(path: Path, how: str) -> ConfigSource:

@@ -11,6 +11,7 @@ from pydantic import ValidationError
 
 from beltid.config.messages import problems_of
 from beltid.config.model import Config
+from beltid.config.sweep import swept_cases, take_sweep
 from beltid.config.yaml_source import Source, parse, read_text
 from beltid.errors import ConfigError
 
@@ -51,7 +52,42 @@ def load_config(source: str | Path | Mapping[str, Any] | Config | None = None) -
     return _with_paths_from(config, path.parent)
 
 
+def load_cases(path: Path) -> list[tuple[str, dict[str, Any], Config]]:
+    """Load every case of a config: one without a sweep is a single case without a name.
+
+    Parameters
+    ----------
+    path : Path
+        A YAML file.
+
+    Returns
+    -------
+    list of (str, dict, Config)
+        Name of the case (that of its folder), its swept values by ``section.key``, its config.
+
+    Raises
+    ------
+    ConfigError
+        With everything that is wrong with any of them.
+    """
+    source = parse(read_text(path), str(path))
+    sweep = take_sweep(source)
+    if not sweep:
+        return [("", {}, _with_paths_from(_checked(source), path.parent))]
+    problems = list(source.problems)
+    cases = []
+    for name, values, case in swept_cases(source, sweep):
+        try:
+            cases.append((name, values, _with_paths_from(_checked(case), path.parent)))
+        except ConfigError as error:
+            problems += error.problems
+    if problems:
+        raise ConfigError(_first(list(dict.fromkeys(problems))))
+    return cases
+
+
 def _checked(source: Source) -> Config:
+    take_sweep(source)  # a single stage works on the config without it
     # `compare:` with nothing under it, everything commented out, means its defaults
     values = {key: value for key, value in source.values.items() if value is not None}
     empty_unknown = {

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final, cast
@@ -17,7 +16,7 @@ from beltid.params import OperatingPoint
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import DEFAULT_STEPS, Method, RunResult, SimulationSettings
 from beltid.rigsim.rig import campaign as rig_campaign
-from beltid.stages.workers import Workers
+from beltid.stages.workers import Workers, available_cores
 from beltid.store import schemas
 
 if TYPE_CHECKING:
@@ -261,13 +260,6 @@ def simulated_group(
 ) -> list[RunResult | BeltidError]:
     """Results of a few runs in their order: what a worker is given at a time."""
     return [result for _, result in rig_campaign(bench, points, settings, jobs=1)]
-
-
-def available_cores() -> int:
-    """Cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return max(1, len(os.sched_getaffinity(0)))
-    return os.cpu_count() or 1
 
 
 def result_row(run: PlannedRun, result: RunResult | BeltidError) -> dict[str, Any]:

@@ -6,10 +6,15 @@ anywhere; files are written by the caller alone. The result of a call depends on
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
 Result = TypeVar("Result")
+
+
+class Halted(Exception):
+    """The workers were told to stop: no result comes any more."""
 
 
 class Workers:
@@ -57,3 +62,10 @@ class Workers:
 
     def close(self) -> None:
         """End, when nothing is under way."""
+
+
+def available_cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return max(1, len(os.sched_getaffinity(0)))
+    return os.cpu_count() or 1

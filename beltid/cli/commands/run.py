@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,12 +10,12 @@ import typer
 
 from beltid.cli.common import Common, with_common_options
 from beltid.cli.execute import finish
-from beltid.cli.inputs import Jobs
 from beltid.cli.program import PlainCommand, app
 
 if TYPE_CHECKING:
     from beltid.cli.talk import TerminalTalk
     from beltid.report.summary import Summary
+    from beltid.stages.workers import Workers
 
 
 @app.command("run", cls=PlainCommand, short_help="CONFIG.yaml -> runs/<belt>/: all of the above")
@@ -32,7 +33,41 @@ def run(
             "that the environment variable BELTID_CONFIG names.",
         ),
     ] = None,
-    jobs: Jobs = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            "--jobs", "-j", min=1, help="Worker processes of all belts. Default: one per core."
+        ),
+    ] = None,
+    fail_fast: Annotated[
+        bool, typer.Option("--fail-fast", help="Stop all belts when the first one fails.")
+    ] = False,
+    shard: Annotated[
+        str | None,
+        typer.Option(
+            metavar="I/N",
+            help="Run only every N-th belt or case from the I-th on, such as 2/4: for the jobs of "
+            "an array. A last run without it finds all up to date and sums up.",
+        ),
+    ] = None,
+    executor: Annotated[
+        str,
+        typer.Option(
+            metavar="local|dask", help="Who simulates: this machine, or an existing Dask cluster."
+        ),
+    ] = "local",
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Scheduler of the cluster, such as tcp://host:8786. Default: the one that the "
+            "environment variable DASK_SCHEDULER_ADDRESS names.",
+        ),
+    ] = None,
+    scheduler_file: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="File in which the scheduler wrote its address."),
+    ] = None,
     *,
     common: Common,
 ) -> None:
@@ -42,14 +77,76 @@ def run(
     with both surfaces, and both are compared. Results go to runs/<belt>/. What is up to date is
     kept, so that a second run does nothing. A belt that fails does not stop the others.
 
+    A config with a section sweep, such as sweep: {belt.bending_stiffness_N_m2: [0.01, 0.02]}, is
+    run for all combinations: runs/<belt>/<case>/, with one table, runs/<belt>/sweep.csv.
+
     Example: beltid run configs/4pk.yaml configs/5pk.yaml
     """
-    from beltid.batch import BatchOptions, config_sources, run_batch
-
     folder = common.out or Path("runs")
+    where = Where(executor, scheduler, scheduler_file, jobs)
 
     def work(talk: TerminalTalk) -> Summary:
-        sources = config_sources(configs or [], common.config)
-        return run_batch(sources, folder, BatchOptions(force=common.force, talk=talk, jobs=jobs))
+        from beltid.batch.sources import Shard, config_sources
 
-    finish(work, common, kept=f"what was finished stands in {folder}")
+        part = None if shard is None else Shard.parse(shard)
+        where.check()
+        sources = config_sources(configs or [], common.config)
+        chosen = sources if part is None else part.of(sources)
+        first_time = any(not (folder / source.name).is_dir() for source in chosen)
+        workers = where.workers(at_once=first_time or common.force)
+        from beltid.batch.chain import BatchOptions, run_batch
+
+        if part is not None:
+            talk.say(f"part {part.number} of {part.count}: {len(chosen)} of {len(sources)}")
+        options = BatchOptions(
+            force=common.force,
+            talk=talk,
+            workers=workers,
+            fail_fast=fail_fast,
+            whole=part is None,
+        )
+        return run_batch(chosen, folder, options)
+
+    kept = f"what was finished stands in {folder}; the same command goes on from there"
+    finish(work, common, kept=kept)
+
+
+@dataclass(frozen=True, slots=True)
+class Where:
+    """Where the work is done: options of this command that belong together."""
+
+    executor: str
+    scheduler: str | None
+    scheduler_file: Path | None
+    jobs: int | None
+
+    def check(self) -> None:
+        """Say what is wrong with the options."""
+        from beltid.errors import InputError
+
+        problems = []
+        if self.executor not in ("local", "dask"):
+            problems.append(f"--executor = {self.executor}, must be local or dask")
+        cluster = {"--scheduler": self.scheduler, "--scheduler-file": self.scheduler_file}
+        given = [name for name, value in cluster.items() if value is not None]
+        if self.executor == "local":
+            problems += [f"{name}: needs --executor dask" for name in given]
+        elif self.jobs is not None:
+            problems.append("--jobs: is for this machine; a cluster has the workers that it has")
+        if len(given) > 1:
+            problems.append("--scheduler, --scheduler-file: only one of them can be given")
+        if problems:
+            raise InputError(problems)
+
+    def workers(self, *, at_once: bool) -> Workers:
+        """The workers; those of this machine are started at once if there is work for sure."""
+        if self.executor == "dask":
+            from beltid.batch.cluster import ClusterWorkers
+
+            return ClusterWorkers(self.scheduler, self.scheduler_file)
+        from beltid.batch.local import ProcessWorkers, local_workers
+
+        workers = local_workers(self.jobs)
+        if at_once and isinstance(workers, ProcessWorkers):
+            workers.prepare()
+        return workers
