@@ -41,8 +41,6 @@ class BigRecording:
         Its runs.
     notes : callable
         What was found out, left out or missing; complete once the runs have been read.
-    sha256 : callable
-        Hash of the bytes, once the runs have been read.
     """
 
     path: Path

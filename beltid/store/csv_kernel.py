@@ -8,7 +8,7 @@ quotation mark, more digits, a ragged row) is left to the exact reader.
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -130,7 +130,8 @@ def parse_rows(data, marks, slots, label_column, numbers, changes, powers):  # t
                     i += 1
                     down = data[i] == _MINUS
                     i += data[i] == _MINUS or data[i] == _PLUS
-                    exponent, first = 0, i
+                    exponent: Any = 0
+                    first = i
                     while np.uint8(data[i] - _ZERO) <= _NINE and i - first < 4:
                         exponent = exponent * 10 + np.uint8(data[i] - _ZERO)
                         i += 1

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import gzip
-import hashlib
 import queue
 import threading
 import zlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import Final
 
 import numpy as np
 
@@ -59,15 +58,9 @@ class ByteStream:
     ----------
     path : Path
         The file, plain or packed with gzip.
-
-    Attributes
-    ----------
-    sha256 : str
-        Hash of the bytes of the file as it lies there, once all are read.
     """
 
     path: Path
-    sha256: str = ""
     _queue: queue.Queue[bytes | Exception] = field(default_factory=lambda: queue.Queue(2))
     _stopped: threading.Event = field(default_factory=threading.Event)
 
@@ -95,33 +88,13 @@ class ByteStream:
     def _read(self) -> None:
         try:
             with self.path.open("rb") as raw:
-                hashed = _Hashed(raw)
-                packed = raw.peek(2)[:2] == b"\x1f\x8b"  # type: ignore[attr-defined]
-                source = gzip.GzipFile(fileobj=hashed) if packed else hashed  # type: ignore[call-overload]
+                packed = raw.peek(2)[:2] == b"\x1f\x8b"
+                source = gzip.GzipFile(fileobj=raw) if packed else raw
                 while not self._stopped.is_set() and (chunk := source.read(CHUNK)):
                     self._queue.put(chunk)
-                hashed.finish()
-                self.sha256 = hashed.digest.hexdigest()
             self._queue.put(b"")
         except Exception as error:  # told where the chunks are asked for
             self._queue.put(error)
-
-
-class _Hashed:
-    """A file whose bytes are hashed as they are read."""
-
-    def __init__(self, raw: BinaryIO) -> None:
-        self.raw = raw
-        self.digest = hashlib.sha256()
-
-    def read(self, size: int = -1) -> bytes:
-        data = self.raw.read(size)
-        self.digest.update(data)
-        return data
-
-    def finish(self) -> None:
-        while self.read(CHUNK):
-            pass
 
 
 def _drain(waiting: queue.Queue[bytes | Exception]) -> None:
@@ -232,15 +205,7 @@ class _Reader:
                 f"{self.name}:{line}: byte 0x{rows[error.start]:02X} is not UTF-8"
             ) from None
         body = body.replace("\r\n", "\n").replace("\r", "\n") if "\r" in body else body
-        layout = Layout(
-            self.layout.header,
-            (),
-            self.layout.separator,
-            self.layout.decimal,
-            body,
-            self.line,
-            (),
-        )
+        layout = replace(self.layout, body=body, first_line=self.line)
         self.line += body.count("\n")
         read = read_rows(layout, self.wanted, self.name, self.problems)
         if not len(read.lines):

@@ -162,5 +162,7 @@ def _labels(values: pa.Array) -> list[tuple[int, str | None]]:
         values = values.dictionary_encode()
     words = [str(word).strip() or None for word in values.dictionary.to_pylist()]
     codes = pc.fill_null(values.indices, -1).to_numpy(zero_copy_only=False)
-    starts = np.append(0, np.flatnonzero(np.diff(codes)) + 1) if codes.size else []
+    if not codes.size:
+        return []
+    starts = np.append(0, np.flatnonzero(np.diff(codes)) + 1)
     return [(int(i), words[codes[i]] if codes[i] >= 0 else None) for i in starts]

@@ -163,9 +163,9 @@ class RunStream:
     def _finished(self, pieces: _Pieces) -> Iterator[RunColumns]:
         columns = pieces.columns()
         n = sum(pieces.sizes)
-        for column, by in self.conversions.items():
+        for name, by in self.conversions.items():
             if by != Conversion(1.0):
-                columns[column] = (columns[column] + by.shift) * by.factor
+                columns[name] = (columns[name] + by.shift) * by.factor
         for column in self.table.columns:
             if column.dtype == "float64" and column.name not in columns:
                 columns[column.name] = np.full(n, np.nan)

@@ -1,0 +1,204 @@
+"""A recording read run by run gives what it gives when it is read at once."""
+
+from __future__ import annotations
+
+import gzip
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from beltid.config import load_config
+from beltid.errors import InputError
+from beltid.store import csv_stream
+from beltid.store.big_recordings import is_big, open_big
+from beltid.store.csv_kernel import GOOD, NOT_SIMPLE, POWERS_OF_TEN, parse_rows
+from beltid.store.recordings import read_recording
+
+RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"
+
+
+def same_as_read_at_once(path: Path, config: object = None) -> None:
+    at_once = read_recording(path, "rig", config).columns
+    n = 0
+    for run in open_big(path, config):
+        size = len(run.columns["time_s"])
+        for name, values in run.columns.items():
+            assert np.array_equal(values, at_once[name][n : n + size], equal_nan=True), name
+        assert set(at_once["run"][n : n + size]) == {run.label}
+        n += size
+    assert n == len(at_once["run"])
+
+
+@pytest.fixture
+def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Chunks and blocks that end anywhere within rows and runs."""
+    monkeypatch.setattr(csv_stream, "CHUNK", 9973)
+    monkeypatch.setattr(csv_stream, "MOST_ROWS", 61)
+
+
+def some_rows(n: int = 1500) -> list[str]:
+    return RIG.read_text().splitlines()[: n + 1]
+
+
+def parsed(cells: list[str]) -> tuple[int, np.ndarray]:
+    data = np.frombuffer("".join(f"r,{cell}\n" for cell in cells).encode(), dtype=np.uint8)
+    numbers = np.full((1, len(cells)), np.nan)
+    slots, marks = np.array([-1, 0]), np.array([ord(","), ord(".")])
+    changes = np.empty((4, 3), dtype=np.int64)
+    rows, _, _, status = parse_rows(data, marks, slots, 0, numbers, changes, POWERS_OF_TEN)
+    return status, numbers[0, :rows]
+
+
+def test_the_recordings_of_the_paper_s_rig(small_chunks: None) -> None:
+    same_as_read_at_once(RIG)
+
+
+def test_rows_in_windows_manners_with_a_comma(small_chunks: None, tmp_path: Path) -> None:
+    rows = [line.replace(",", ";").replace(".", ",") for line in some_rows()]
+    path = tmp_path / "rig.csv"
+    path.write_bytes(b"\xef\xbb\xbf" + "\r\n".join(rows).encode())
+    same_as_read_at_once(path)
+
+
+def test_rows_that_only_the_exact_reader_takes(small_chunks: None, tmp_path: Path) -> None:
+    rows = some_rows()
+    cells = [row.split(",") for row in rows]
+    cells[200][2] = "NaN"
+    cells[333] = [f'"{cell}"' for cell in cells[333]]
+    cells[700][2] = f"{float(cells[700][2]):.17f}"
+    path = tmp_path / "rig.csv"
+    path.write_text("\n".join(",".join(row) for row in cells) + "\n\n")
+    same_as_read_at_once(path)
+
+
+def test_other_names_and_units(small_chunks: None, tmp_path: Path) -> None:
+    rows = some_rows()
+    rows[0] = rows[0].replace("tension_tight_N", "Zugtrum").replace("arc_deg", "Bogen")
+    path = tmp_path / "rig.csv"
+    path.write_text("\n".join(rows) + "\n")
+    config = load_config(
+        {
+            "columns": {"rig": {"tension_tight_N": "Zugtrum", "arc_deg": "Bogen"}},
+            "units": {"rig": {"pulley_speed_rad_s": "rpm"}},
+        }
+    )
+    same_as_read_at_once(path, config)
+
+
+def test_packed_with_gzip(small_chunks: None, tmp_path: Path) -> None:
+    path = tmp_path / "rig.csv.gz"
+    path.write_bytes(gzip.compress(RIG.read_bytes(), mtime=0))
+    same_as_read_at_once(path)
+    path.write_bytes(path.read_bytes()[:-2000])
+    with pytest.raises(InputError, match=r"rig\.csv\.gz: the gzip file is damaged or cut off"):
+        list(open_big(path))
+
+
+def test_parquet_in_a_file_and_in_folders(tmp_path: Path) -> None:
+    import pandas as pd
+
+    frame = pd.read_csv(RIG, dtype={"run": str})
+    path = tmp_path / "rig.parquet"
+    frame.to_parquet(path, index=False, row_group_size=700)
+    same_as_read_at_once(path)
+    for (arc, run), part in frame.groupby(["arc_deg", "run"], sort=False):
+        folder = tmp_path / "season" / f"arc_deg={arc:g}" / f"run={run}"
+        folder.mkdir(parents=True)
+        part.drop(columns=["arc_deg", "run"]).to_parquet(folder / "part.parquet", index=False)
+    assert is_big(tmp_path / "season")
+    wanted = dict(iter(frame.groupby("run")))
+    found = {run.label: run.columns for run in open_big(tmp_path / "season")}
+    assert found.keys() == wanted.keys()
+    for label, columns in found.items():
+        for name, values in columns.items():
+            assert np.array_equal(values, wanted[label][name], equal_nan=True)
+
+
+def test_a_damaged_parquet_file_is_refused(tmp_path: Path) -> None:
+    import pandas as pd
+
+    path = tmp_path / "rig.parquet"
+    pd.read_csv(RIG, dtype={"run": str}).to_parquet(path, index=False)
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(InputError, match=r"rig\.parquet: damaged"):
+        list(open_big(path))
+
+
+def test_a_run_that_goes_on_after_others_is_refused_with_both_places(
+    small_chunks: None, tmp_path: Path
+) -> None:
+    rows = some_rows()
+    labels = [row.split(",")[0] for row in rows]
+    second = next(i for i in range(2, len(labels)) if labels[i] != labels[1])
+    rows.append(rows[1])
+    path = tmp_path / "rig.csv"
+    path.write_text("\n".join(rows) + "\n")
+    message = rf"rig\.csv:{len(rows)}: run {labels[1]} goes on here .* it began in line 2:"
+    with pytest.raises(InputError, match=message):
+        list(open_big(path))
+    assert second > 2
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "cell"),
+    [(700, 2, "-3.1"), (901, 3, "0"), (40, 6, "400"), (41, 1, "-1"), (42, 4, "inf"), (43, 3, "x")],
+)
+def test_what_is_wrong_is_told_as_when_read_at_once(
+    small_chunks: None, tmp_path: Path, row: int, column: int, cell: str
+) -> None:
+    cells = [line.split(",") for line in some_rows()]
+    cells[row][column] = cell
+    path = tmp_path / "rig.csv"
+    path.write_text("\n".join(",".join(line) for line in cells) + "\n")
+    with pytest.raises(InputError) as at_once:
+        read_recording(path, "rig")
+    with pytest.raises(InputError) as streamed:
+        list(open_big(path))
+    assert streamed.value.problems == at_once.value.problems
+    assert f"rig.csv:{row + 1}: " in str(streamed.value)
+
+
+def test_a_row_cut_short_is_refused_with_its_line(small_chunks: None, tmp_path: Path) -> None:
+    rows = some_rows()
+    rows[820] = rows[820].rsplit(",", 1)[0]
+    path = tmp_path / "rig.csv"
+    path.write_text("\n".join(rows) + "\n")
+    with pytest.raises(InputError, match=r"rig\.csv:821: 7 cells, must be 8"):
+        list(open_big(path))
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(st.floats(-9e6, 9e6, allow_nan=False), min_size=1, max_size=20), st.integers(0, 9))
+def test_numbers_are_the_nearest_doubles(values: list[float], places: int) -> None:
+    cells = [f"{value:.{places}f}" for value in values]
+    status, numbers = parsed(cells)
+    assert status == GOOD
+    assert numbers.tolist() == [float(cell) for cell in cells]
+
+
+@given(st.from_regex(r"-?[0-9]{1,9}(\.[0-9]{0,8})?([eE][-+]?[0-9]{1,2})?", fullmatch=True))
+def test_exponents_are_read_or_left_to_the_exact_reader(cell: str) -> None:
+    status, numbers = parsed([cell])
+    assert status == NOT_SIMPLE or numbers.tolist() == [float(cell)]
+
+
+@pytest.mark.parametrize("cell", ["", "-", ".", "1e", "nan", "1,5", "0x1", "1.2.3", "1_0", " 1"])
+def test_what_is_no_plain_number_is_left_to_the_exact_reader(cell: str) -> None:
+    status, numbers = parsed(["1.0", cell])
+    assert status == NOT_SIMPLE
+    assert numbers.tolist() == [1.0]
+
+
+@pytest.mark.parametrize("cell", ["9007199254740993", "12345678901234567890", "1e23", "1e-30"])
+def test_more_than_a_double_holds_exactly_is_left_to_the_exact_reader(cell: str) -> None:
+    assert parsed([cell])[0] == NOT_SIMPLE
+
+
+def test_a_cell_that_repeats_in_part_is_read_anew() -> None:
+    cells = ["22.5"] * 70 + ["22.51", "22.5", "22", "2", "22.5", "-22.5"]
+    status, numbers = parsed(cells)
+    assert status == GOOD
+    assert numbers.tolist() == [float(cell) for cell in cells]
