@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -69,11 +70,26 @@ class BatchOptions(Options):
         Whether the first belt that fails stops the others.
     whole : bool
         Whether all cases of each sweep are among the sources, so that its table can be written.
+    bootstrap, seed : int
+        Draws of the Monte Carlo check of the refined surface (0: no check), and their seed.
     """
 
     jobs: int | None = None
     fail_fast: bool = False
     whole: bool = True
+    bootstrap: int = 0
+    seed: int = 0
+
+
+def chain_of(options: BatchOptions) -> tuple[Step, ...]:
+    """The steps of a chain; draws of a Monte Carlo check go to the workers one by one."""
+    if not options.bootstrap:
+        return CHAIN
+    checked = partial(refine_surface.run, bootstrap=options.bootstrap, seed=options.seed)
+    return tuple(
+        replace(step, run=checked, spreads=True) if step.run is refine_surface.run else step
+        for step in CHAIN
+    )
 
 
 def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptions) -> Summary:
@@ -90,7 +106,7 @@ def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptio
     """
     chains = []
     for source in sources:
-        chains.append(Chain(source, folder / source.name, CHAIN, options.talk))
+        chains.append(Chain(source, folder / source.name, chain_of(options), options.talk))
     workers = options.workers or local_workers(options.jobs)
     try:
         run_chains(chains, workers, force=options.force, fail_fast=options.fail_fast)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,19 +10,18 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.config import Config, ConfigSource, load_config
-from beltid.errors import InputError
 from beltid.identify.surface import SurfaceSettings
-from beltid.identify.surface import build_surface as publish
 from beltid.laws.penalty import NormalLaw
+from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.refine.inverse import RefinedSurface
 from beltid.refine.inverse import refine_surface as refine
 from beltid.report.summary import Summary
-from beltid.rigsim.model import Bench
 from beltid.stages.campaign import checked_law
 from beltid.stages.laws_beside import friction_formulas, friction_law_rows
 from beltid.stages.making import Made, Recipe, make
-from beltid.stages.measured import measured_runs
 from beltid.stages.outcome import Outcome
+from beltid.stages.refine_monte_carlo import CHECKED, Draws, MonteCarlo, check_table, monte_carlo
+from beltid.stages.refine_runs import NEEDED, prepared_campaign, speed_labels
 from beltid.stages.surface_doubt import QUANTITY, SurfaceDoubt
 from beltid.stages.tables import law_of, surface_of, table_columns
 from beltid.stages.talk import Options
@@ -34,6 +32,7 @@ from beltid.stages.uncertainties import (
     standard_uncertainties,
     stated_keys,
 )
+from beltid.stages.workers import Workers
 from beltid.store.artifacts import read_artifact
 from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.press_law import PressLaw
@@ -53,17 +52,6 @@ KEYS: Final = (
     "press.segment_length_cm",
     SECTION,
 )
-NEEDED: Final = (
-    "run",
-    "arc_deg",
-    "initial_tension_N",
-    "pulley_speed_rad_s",
-    "slip_speed_m_s",
-    "normal_force_N_m",
-    "mu_sliding",
-    "mu_sliding_se",
-)
-PUBLISHED: Final = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding", "mu_sliding_se")
 MISFIT_COLUMNS: Final = (
     "group",
     "runs",
@@ -72,7 +60,6 @@ MISFIT_COLUMNS: Final = (
     "rms_after_percent",
     "mean_after_percent",
 )
-SPEED_GAP: Final = 0.1  # a run further than this from every speed of the surface is left out
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,17 +76,33 @@ class Refinement:
         Their arcs [deg].
     doubt : SurfaceDoubt
         What is not known of the surface, by its causes.
+    check : MonteCarlo, optional
+        The Monte Carlo check of that.
     """
 
     refined: RefinedSurface
     runs: tuple[str, ...]
     arcs_deg: np.ndarray
     doubt: SurfaceDoubt
+    check: MonteCarlo | None = None
 
     @property
     def surface(self) -> Any:
-        """The refined `FrictionSurface`."""
-        return self.refined.surface
+        """The refined surface with its covariance, an `UncertainSurface`."""
+        members = None
+        if self.check is not None:
+            shape = self.refined.surface.mu_nodes.shape
+            members = self.check.members().T.reshape(-1, *shape)
+        names = [source.name for source in self.doubt.sources]
+        return UncertainSurface(self.refined.surface, self.doubt.factor, names, members)
+
+    def outliers(self) -> tuple[str, ...]:
+        """Runs that lost their weight, each with a sentence."""
+        weight = self.refined.weight
+        return tuple(
+            f"run {self.runs[k]}: far from what the others say, weight {weight[k]:.2g}"
+            for k in np.flatnonzero(weight < 0.5)
+        )
 
     def misfit_table(self) -> list[dict[str, Any]]:
         """Misfit of the simulated coefficients before and after, per arc and in all [%]."""
@@ -127,17 +130,28 @@ def _rms_percent(values: np.ndarray) -> float:
     return 100.0 * float(np.sqrt(np.mean(np.square(values))))
 
 
-def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
-    """Refine the surface of a friction table with a stiffness, write it, sum it up."""
+def run(
+    config: ConfigSource,
+    inputs: Mapping[str, Path],
+    out: Path,
+    options: Options,
+    bootstrap: int = 0,
+    seed: int = 0,
+) -> Summary:
+    """Refine the surface of a friction table with a stiffness, write it, sum it up.
+
+    `bootstrap` draws check the uncertainty; 0 leaves the check out.
+    """
+    draws = Draws(bootstrap, seed, options.talk, options.workers or Workers())
 
     def compute() -> Outcome[Refinement]:
         artifact = read_artifact(inputs["friction"], "friction")
         stiffness = read_artifact(inputs["stiffness"], "stiffness")
         law = press_law(law_of(stiffness), config.config, stiffness)
         options.talk.say(f"{artifact.path}: {len(artifact.columns['run'])} runs, inverse solution")
-        return _outcome(artifact.columns, law, config.config, str(artifact.path))
+        return _outcome(artifact.columns, law, config.config, str(artifact.path), draws)
 
-    choices = {"uncertainty_stated": stated_keys(config.config)}
+    choices = {"uncertainty_stated": stated_keys(config.config), **draws.choices}
     return summarise(make(Recipe(KIND, config, KEYS, inputs, choices), out, options, compute))
 
 
@@ -145,6 +159,9 @@ def refine_surface(
     friction: Any,
     law: NormalLaw,
     config: Config | Mapping[str, Any] | str | Path | None = None,
+    *,
+    bootstrap: int = 0,
+    seed: int = 0,
 ) -> Outcome[Refinement]:
     """Find the friction surface with which the simulated rig gives the measured tension ratios.
 
@@ -156,6 +173,10 @@ def refine_surface(
         Normal contact law of the belt.
     config : Config, dict, path or None
         Belt and rig; None is the built-in 5PK rig.
+    bootstrap : int
+        Draws of the Monte Carlo check of the uncertainty; 0 leaves it out.
+    seed : int
+        Of the draws.
 
     Returns
     -------
@@ -172,24 +193,26 @@ def refine_surface(
     """
     model = load_config(config)
     columns = table_columns(friction, "friction", NEEDED)
-    return _outcome(columns, press_law(checked_law(law), model), model, "friction table")
+    press = press_law(checked_law(law), model)
+    return _outcome(columns, press, model, "friction table", Draws(bootstrap, seed))
 
 
 def _outcome(
-    columns: Mapping[str, np.ndarray], press: PressLaw, config: Config, name: str
+    columns: Mapping[str, np.ndarray], press: PressLaw, config: Config, name: str, draws: Draws
 ) -> Outcome[Refinement]:
-    campaign, speeds, used, set_aside = _prepared(columns, press, config, name)
+    campaign, speeds, used, set_aside = prepared_campaign(columns, press, config, name)
     refined = refine(campaign.bench, campaign.measured.runs, speeds)
     labels = tuple(str(columns["run"][i]) for i in used)
-    doubt = _doubt(campaign, refined, speeds, config)
-    result = Refinement(refined, labels, columns["arc_deg"][used], doubt)
-    far = [(labels[k], refined.weight[k]) for k in np.flatnonzero(refined.weight < 0.5)]
+    slopes = simulated_slopes(campaign, refined, speeds)
+    doubt = _doubt(campaign, refined, slopes, config)
+    settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
+    check = monte_carlo(campaign, refined, doubt, slopes, settings, draws) if draws.count else None
+    result = Refinement(refined, labels, columns["arc_deg"][used], doubt, check)
     beside = friction_formulas(refined.surface)
-    table = _table(result, speeds[_speed_labels(columns, used, speeds)])
     force = campaign.measured.normal_force
     return Outcome(
         kind=KIND,
-        columns={**table, **doubt.columns(len(table["mu"]))},
+        columns=_table(result, speeds[speed_labels(columns, used, speeds)]),
         result=result,
         validity=dict(refined.surface.validity),
         set_aside=set_aside,
@@ -205,44 +228,25 @@ def _outcome(
             "noise_scale": refined.smoothness.noise_scale,
             "effective_parameters": refined.effective_parameters,
             **doubt.extra((float(force.min()), float(force.max()))),
+            **(check.extra(draws) if check else {}),
             **beside.extra,
         },
         notes=(
             "the range of validity is that of the forces that acted in the contact, peaks included",
+            *([check.note()] if check else []),
             *beside.notes,
         ),
-        warnings=tuple(
-            f"run {label}: far from what the others say, weight {weight:.2g}"
-            for label, weight in far
-        ),
+        warnings=(*result.outliers(), *(check.warnings() if check else ())),
     )
 
 
-def _prepared(
-    columns: Mapping[str, np.ndarray], press: PressLaw, config: Config, name: str
-) -> tuple[Campaign, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-    """Campaign with the surface to start from, its speeds, its rows, and what was set aside."""
-    good, set_aside = _usable(columns)
-    if good.size < 4:
-        raise InputError(f"{name}: {good.size} runs can be used, at least 4 are needed")
-    arc_deg, f, v, mu, mu_se = (columns[key][good] for key in PUBLISHED)
-    settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
-    start = publish(arc_deg, f, v, mu, mu_se, settings).surface
-    speeds = start.slip_speed_m_s
-    used = _at_speeds(columns, good, speeds, set_aside)
-    rig = config.rig_params()
-    bench = Bench(config.belt_params(), rig, config.contact_params(), press.law, start)
-    return Campaign(measured_runs(columns, used, rig.R), bench, press), speeds, used, set_aside
-
-
 def _doubt(
-    campaign: Campaign, refined: RefinedSurface, speeds: np.ndarray, config: Config
+    campaign: Campaign, refined: RefinedSurface, slopes: np.ndarray, config: Config
 ) -> SurfaceDoubt:
     """What the causes of error do to the refined surface."""
     n_arcs = int(campaign.measured.arc.max()) + 1
     given = standard_uncertainties(config)
     sources = all_sources(given, n_arcs, campaign.press.has_scatter)
-    slopes = simulated_slopes(campaign, refined, speeds)
     return SurfaceDoubt(
         surface=refined.surface,
         sources=sources,
@@ -256,46 +260,6 @@ def _share(percent: float | None) -> float | None:
     return None if percent is None else percent / 100.0
 
 
-def _usable(columns: Mapping[str, np.ndarray]) -> tuple[np.ndarray, list[dict[str, Any]]]:
-    """Rows that can be used, and those that cannot, with the reason."""
-    n = len(columns["mu_sliding"])
-    status = columns.get("status", np.full(n, "ok", dtype=object))
-    good, set_aside = [], []
-    for i in range(n):
-        why = "" if status[i] == "ok" else str(status[i])
-        for key in ("arc_deg", "initial_tension_N", *PUBLISHED[1:4]):
-            value = float(columns[key][i])
-            if not why and not 0.0 < value < math.inf:
-                why = f"{key} = {value:g}, must be > 0"
-        if why:
-            set_aside.append({"run": str(columns["run"][i]), "why": why})
-        else:
-            good.append(i)
-    return np.array(good, dtype=int), set_aside
-
-
-def _at_speeds(
-    columns: Mapping[str, np.ndarray],
-    good: np.ndarray,
-    speeds: np.ndarray,
-    set_aside: list[dict[str, Any]],
-) -> np.ndarray:
-    """Rows at one of the speeds of the surface; the others are set aside."""
-    away = np.abs(np.log(columns["slip_speed_m_s"][good][:, None] / speeds)).min(axis=1)
-    for i in good[away > SPEED_GAP]:
-        why = "its speed is not one of those of the surface"
-        set_aside.append({"run": str(columns["run"][i]), "why": why})
-    return np.asarray(good[away <= SPEED_GAP])
-
-
-def _speed_labels(
-    columns: Mapping[str, np.ndarray], used: np.ndarray, speeds: np.ndarray
-) -> np.ndarray:
-    """Index of the speed setting of each used run."""
-    v = columns["slip_speed_m_s"][used]
-    return np.asarray(np.argmin(np.abs(np.log(v[:, None] / speeds)), axis=1))
-
-
 def _table(result: Refinement, run_speed: np.ndarray) -> dict[str, np.ndarray]:
     """Rows of the surface table: the surface that all arcs have in common."""
     surface = result.refined.surface
@@ -303,6 +267,7 @@ def _table(result: Refinement, run_speed: np.ndarray) -> dict[str, np.ndarray]:
     arcs = [np.unique(result.arcs_deg[run_speed == v]).size for v in speeds]
     errors = surface.mu_se_nodes
     assert errors is not None
+    members = {} if result.check is None else {"mu_members": result.check.members()}
     return {
         "arc_deg": np.full(forces.size * speeds.size, np.nan),
         "normal_force_N_m": np.repeat(forces, speeds.size),
@@ -311,6 +276,8 @@ def _table(result: Refinement, run_speed: np.ndarray) -> dict[str, np.ndarray]:
         "mu_se": errors.ravel(),
         "n_arcs": np.tile(np.array(arcs), forces.size),
         "mu_spread": np.full(forces.size * speeds.size, np.nan),
+        **result.doubt.columns(forces.size * speeds.size),
+        **members,
     }
 
 
@@ -318,6 +285,8 @@ def summarise(made: Made) -> Summary:
     """Sum up a refined surface."""
     extra, validity = made.artifact.metadata.extra, made.artifact.metadata.validity
     surface = surface_of(made.artifact)
+    check = extra.get("monte_carlo")
+    places = check["linear_fails_at"] if check else []
     return Summary(
         stage="refine-surface",
         title="simulated less measured friction coefficient: published surface, then refined",
@@ -334,11 +303,14 @@ def summarise(made: Made) -> Summary:
             "valid_force_N_m": validity["normal_force_N_m"],
             "valid_speed_m_s": validity["slip_speed_m_s"],
             "budget": extra["budget"],
+            **({"draws": check["replicates"], "seed": check["seed"]} if check else {}),
+            **({"linear_fails_at": places} if places else {}),
         },
         beside={
             "standard uncertainty of the refined surface, in percent of mu": budget_table(
                 extra["budget"], QUANTITY
-            )
+            ),
+            **({CHECKED: check_table(check["table"])} if check else {}),
         },
         table=[{name: row[name] for name in MISFIT_COLUMNS} for row in extra["misfit"]],
         notes=made.notes,

@@ -1,15 +1,16 @@
 """How sure a result is: the law of propagation (GUM), its Monte Carlo check, and the validation.
 
-=============== ==========================================================================
-Module          Responsibility
-=============== ==========================================================================
-``sources``     what is not known exactly, how large, and which results it touches together
-``press_law``   errors of the press in the coefficients of the contact law
-``campaign``    a friction campaign, and the same with errors put right
-``refined``     sensitivities of the refined surface
-``published``   the same for the surface of the published procedure
-``budget``      contributions named, compared and combined
-``monte_carlo`` the chain again with drawn errors (JCGM 101)
-``validation``  simulated less measured, in units of its uncertainty (ASME V&V 20)
-=============== ==========================================================================
+================ =========================================================================
+Module           Responsibility
+================ =========================================================================
+``sources``      what is not known exactly, how large, and which results it touches together
+``press_law``    errors of the press in the coefficients of the contact law
+``campaign``     a friction campaign, and the same with errors put right
+``refined``      sensitivities of the refined surface
+``published``    the same for the surface of the published procedure
+``budget``       contributions named, compared and combined
+``monte_carlo``  the chain again with drawn errors (JCGM 101)
+``linear_check`` where the law of propagation is not good enough
+``validation``   simulated less measured, in units of its uncertainty (ASME V&V 20)
+================ =========================================================================
 """

@@ -72,11 +72,11 @@ def published_changes(
     return np.stack(columns, axis=-1) if columns else np.zeros((*nominal.mu.shape, 0))
 
 
-def scatter_factor(curves: CurveSet, grid: SurfaceGrid) -> Array:
-    """Factor (nf, nv, r) of the covariance of ln mu by the scatter of runs and arcs.
+def scatter_factor(curves: CurveSet, grid: SurfaceGrid, *, arcs: bool = True) -> Array:
+    """Factor (nf, nv, r) of the covariance of ln mu by the scatter of runs, and of arcs.
 
-    Its diagonal is that of the standard errors of the nodes; an unknown standard error counts as
-    none.
+    With arcs its diagonal is that of the standard errors of the nodes; an unknown standard error
+    counts as none.
     """
     nf, nv = grid.mu.shape
     relative = np.where(np.isfinite(grid.mu_se), grid.mu_se, 0.0) / grid.mu
@@ -89,7 +89,7 @@ def scatter_factor(curves: CurveSet, grid: SurfaceGrid) -> Array:
         shrink = np.minimum(1.0, relative[:, k] / np.where(known > 0.0, known, 1.0))
         covariance[:, k, :, k] = of_runs * np.outer(shrink, shrink)
         excess[:, k] = np.sqrt(np.maximum(relative[:, k] ** 2 - (known * shrink) ** 2, 0.0))
-    flat = covariance.reshape(nf * nv, nf * nv) + np.outer(excess, excess)
+    flat = covariance.reshape(nf * nv, nf * nv) + arcs * np.outer(excess, excess)
     if not np.any(flat):
         return np.zeros((nf, nv, 0))
     return factor_of(flat).reshape(nf, nv, -1)

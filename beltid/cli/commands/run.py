@@ -10,6 +10,7 @@ import typer
 
 from beltid.cli.common import Common, with_common_options
 from beltid.cli.execute import finish
+from beltid.cli.inputs import Bootstrap, Seed
 from beltid.cli.program import PlainCommand, app
 
 if TYPE_CHECKING:
@@ -33,6 +34,8 @@ def run(
             "that the environment variable BELTID_CONFIG names.",
         ),
     ] = None,
+    bootstrap: Bootstrap = 0,
+    seed: Seed = 0,
     jobs: Annotated[
         int | None,
         typer.Option(
@@ -103,6 +106,8 @@ def run(
             talk=talk,
             workers=workers,
             fail_fast=fail_fast,
+            bootstrap=bootstrap,
+            seed=seed,
             whole=part is None,
         )
         return run_batch(chosen, folder, options)

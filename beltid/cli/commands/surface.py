@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
+from functools import partial
+from typing import TYPE_CHECKING
+
 from beltid.cli.common import Common, with_common_options
 from beltid.cli.execute import execute
-from beltid.cli.inputs import Friction, Stiffness
+from beltid.cli.inputs import Bootstrap, Friction, Jobs, Seed, Stiffness
 from beltid.cli.program import PlainCommand, app
+
+if TYPE_CHECKING:
+    from beltid.cli.talk import TerminalTalk
+    from beltid.stages.talk import Options
 
 
 @app.command(
@@ -33,17 +41,40 @@ def build_surface(friction: Friction, *, common: Common) -> None:
     short_help="friction, stiffness -> surface_refined.parquet: without the bias",
 )
 @with_common_options
-def refine_surface(friction: Friction, stiffness: Stiffness, *, common: Common) -> None:
+def refine_surface(
+    friction: Friction,
+    stiffness: Stiffness,
+    bootstrap: Bootstrap = 0,
+    seed: Seed = 0,
+    jobs: Jobs = None,
+    *,
+    common: Common,
+) -> None:
     """Find the friction surface with which the simulated rig gives the measured tensions.
 
     The published procedure gives each coefficient the mean force on the arc, which ignores that
     a stiff belt presses harder where it enters and leaves the pulley. Here the surface is solved
     for, all arcs together; its smoothness is chosen by the data. Shows what is left of the
-    difference between simulated and measured coefficients. Writes surface_refined.parquet.
+    difference between simulated and measured coefficients, and a budget of the uncertainty: what
+    is not known of the benches is stated under uncertainty: in the config. Writes
+    surface_refined.parquet.
 
     Example: beltid refine-surface friction.parquet stiffness.parquet
     """
     from beltid.stages import refine_surface as stage
 
-    inputs = {"friction": friction, "stiffness": stiffness}
-    execute(stage.run, inputs, "surface_refined.parquet", common)
+    with ExitStack() as stack:
+
+        def options(talk: TerminalTalk) -> Options:
+            from beltid.batch.chain import local_workers
+            from beltid.stages.talk import Options
+
+            workers = None
+            if bootstrap:
+                workers = local_workers(jobs)
+                stack.callback(workers.stop)  # an interrupt waits for nobody
+            return Options(force=common.force, talk=talk, workers=workers)
+
+        run = partial(stage.run, bootstrap=bootstrap, seed=seed)
+        inputs = {"friction": friction, "stiffness": stiffness}
+        execute(run, inputs, "surface_refined.parquet", common, options)

@@ -1,0 +1,88 @@
+"""The runs that a surface is refined from, and the surface to start from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.config import Config
+from beltid.errors import InputError
+from beltid.identify.surface import SurfaceSettings
+from beltid.identify.surface import build_surface as publish
+from beltid.rigsim.model import Bench
+from beltid.stages.measured import measured_runs
+from beltid.uncertainty.campaign import Campaign
+from beltid.uncertainty.press_law import PressLaw
+
+NEEDED: Final = (
+    "run",
+    "arc_deg",
+    "initial_tension_N",
+    "pulley_speed_rad_s",
+    "slip_speed_m_s",
+    "normal_force_N_m",
+    "mu_sliding",
+    "mu_sliding_se",
+)
+PUBLISHED: Final = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding", "mu_sliding_se")
+SPEED_GAP: Final = 0.1  # a run further than this from every speed of the surface is left out
+
+
+def prepared_campaign(
+    columns: Mapping[str, np.ndarray], press: PressLaw, config: Config, name: str
+) -> tuple[Campaign, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+    """Campaign with the surface to start from, its speeds, its rows, and what was set aside."""
+    good, set_aside = _usable(columns)
+    if good.size < 4:
+        raise InputError(f"{name}: {good.size} runs can be used, at least 4 are needed")
+    arc_deg, f, v, mu, mu_se = (columns[key][good] for key in PUBLISHED)
+    settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
+    start = publish(arc_deg, f, v, mu, mu_se, settings).surface
+    speeds = start.slip_speed_m_s
+    used = _at_speeds(columns, good, speeds, set_aside)
+    rig = config.rig_params()
+    bench = Bench(config.belt_params(), rig, config.contact_params(), press.law, start)
+    return Campaign(measured_runs(columns, used, rig.R), bench, press), speeds, used, set_aside
+
+
+def _usable(columns: Mapping[str, np.ndarray]) -> tuple[np.ndarray, list[dict[str, Any]]]:
+    """Rows that can be used, and those that cannot, with the reason."""
+    n = len(columns["mu_sliding"])
+    status = columns.get("status", np.full(n, "ok", dtype=object))
+    good, set_aside = [], []
+    for i in range(n):
+        why = "" if status[i] == "ok" else str(status[i])
+        for key in ("arc_deg", "initial_tension_N", *PUBLISHED[1:4]):
+            value = float(columns[key][i])
+            if not why and not 0.0 < value < math.inf:
+                why = f"{key} = {value:g}, must be > 0"
+        if why:
+            set_aside.append({"run": str(columns["run"][i]), "why": why})
+        else:
+            good.append(i)
+    return np.array(good, dtype=int), set_aside
+
+
+def _at_speeds(
+    columns: Mapping[str, np.ndarray],
+    good: np.ndarray,
+    speeds: np.ndarray,
+    set_aside: list[dict[str, Any]],
+) -> np.ndarray:
+    """Rows at one of the speeds of the surface; the others are set aside."""
+    away = np.abs(np.log(columns["slip_speed_m_s"][good][:, None] / speeds)).min(axis=1)
+    for i in good[away > SPEED_GAP]:
+        why = "its speed is not one of those of the surface"
+        set_aside.append({"run": str(columns["run"][i]), "why": why})
+    return np.asarray(good[away <= SPEED_GAP])
+
+
+def speed_labels(
+    columns: Mapping[str, np.ndarray], used: np.ndarray, speeds: np.ndarray
+) -> np.ndarray:
+    """Index of the speed setting of each used run."""
+    v = columns["slip_speed_m_s"][used]
+    return np.asarray(np.argmin(np.abs(np.log(v[:, None] / speeds)), axis=1))
