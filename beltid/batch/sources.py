@@ -12,6 +12,7 @@ from beltid.config import ConfigSource, load_cases
 from beltid.config.discovery import ENVIRONMENT_VARIABLE, named_by_environment
 from beltid.config.yaml_source import parse, read_text
 from beltid.errors import BeltidError, ConfigError, InputError
+from beltid.store.sources import exists
 
 RECORDINGS: Final = {"press": True, "rig": True, "speedloss": False}
 """Recordings of a chain, and whether it needs them."""
@@ -100,9 +101,8 @@ def _missing_recordings(source: ConfigSource) -> list[str]:
         at = places.prefix(("data", kind))
         if file is None and needed:
             problems.append(f"{at}data.{kind} is missing, the chain needs this recording")
-        elif file is not None and not file.is_file():
-            what = "is a folder" if file.is_dir() else "there is no such file"
-            problems.append(f"{at}data.{kind} = {file}, {what}")
+        elif file is not None and not exists(file):
+            problems.append(f"{at}data.{kind} = {file}, there is no such file")
     return problems
 
 

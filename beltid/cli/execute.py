@@ -51,9 +51,10 @@ def execute(
     """
     from beltid.config import find_config
     from beltid.stages.talk import Options
+    from beltid.store.sources import folder_of
 
     first = next(iter(inputs.values()))
-    out = common.out or first.parent / default_name
+    out = common.out or folder_of(first) / default_name
 
     def work(talk: TerminalTalk) -> Summary:
         source = find_config(first, common.config)

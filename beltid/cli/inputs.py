@@ -13,9 +13,13 @@ def _input(what: str, metavar: str) -> typer.models.ArgumentInfo:
     return argument
 
 
-Press = Annotated[Path, _input("Recording of the compression press (CSV).", "PRESS")]
-SpeedLoss = Annotated[Path, _input("Recording of the speed-loss bench (CSV).", "SPEEDLOSS")]
-Rig = Annotated[Path, _input("Recording of the friction rig (CSV or Parquet).", "RIG")]
+FILES = (
+    "CSV, Zwick, LabVIEW .lvm, TDMS, MDF, MATLAB, Excel, Parquet; or a folder, a pattern in quotes "
+    "or a zip file with a file per run"
+)
+Press = Annotated[Path, _input(f"Recording of the compression press ({FILES}).", "PRESS")]
+SpeedLoss = Annotated[Path, _input(f"Recording of the speed-loss bench ({FILES}).", "SPEEDLOSS")]
+Rig = Annotated[Path, _input(f"Recording of the friction rig ({FILES}).", "RIG")]
 Friction = Annotated[Path, _input("friction.parquet of fit-friction.", "FRICTION")]
 Surface = Annotated[
     Path, _input("surface.parquet of build-surface or surface_refined.parquet.", "SURFACE")

@@ -14,10 +14,8 @@ SEARCHED: Final = 400
 """Rows in which the header is looked for."""
 BLOCK: Final = 5
 """Rows that must look alike to be the begin of the numbers."""
-OTHER_UNITS: Final = frozenset(
-    "1 - -- % # V mV mV/V A mA Hz Pa kPa MPa bar W kW J g kg mm/s mm/min m/s m/s^2 m/s² N/mm N/mm² "
-    "l/min".split()
-)
+_OTHER: Final = "1 - -- % # V mV mV/V A mA Hz Pa kPa MPa bar W kW J g kg mm/s mm/min m/s m/s^2 m/s²"
+OTHER_UNITS: Final = frozenset((*_OTHER.split(), "N/mm", "N/mm²", "l/min"))
 """Units that no column of ours has, but that stand in a row of units."""
 _NUMBER: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _MISSING: Final = frozenset(("", "nan", "-", "na", "n/a", "null", "none"))

@@ -26,7 +26,7 @@ from beltid.store.artifacts import Artifact, read_artifact
 from beltid.store.recordings import columns_of, read_recording
 
 KIND: Final = "compare"
-KEYS: Final = ("compare", "columns.rig", "units.rig", "dialect")
+KEYS: Final = ("compare", "columns.rig", "units.rig", "runs.rig", "dialect")
 NEEDED: Final = (
     "run",
     "arc_deg",

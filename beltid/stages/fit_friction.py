@@ -20,7 +20,7 @@ from beltid.stages.talk import Options
 from beltid.store.recordings import columns_of, read_recording
 
 KIND: Final = "friction"
-KEYS: Final = ("friction", "rig.pulley_radius_m", "columns.rig", "units.rig", "dialect")
+KEYS: Final = ("friction", "rig.pulley_radius_m", "columns.rig", "units.rig", "runs.rig", "dialect")
 
 
 def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:

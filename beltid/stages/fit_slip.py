@@ -30,6 +30,7 @@ KEYS: Final = (
     "rig.pulley_speeds_rad_s",
     "columns.speedloss",
     "units.speedloss",
+    "runs.speedloss",
     "dialect",
 )
 

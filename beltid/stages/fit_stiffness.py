@@ -20,7 +20,7 @@ from beltid.stages.talk import Options
 from beltid.store.recordings import columns_of, read_recording
 
 KIND: Final = "stiffness"
-KEYS: Final = ("press", "columns.press", "units.press", "dialect")
+KEYS: Final = ("press", "columns.press", "units.press", "runs.press", "dialect")
 POOLED: Final = "pooled"
 
 

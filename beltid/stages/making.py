@@ -21,7 +21,7 @@ from beltid.stages.origin import RECORDINGS, origin_of
 from beltid.store.artifacts import Artifact, Metadata, plain, read_artifact, write_artifact
 from beltid.store.files import read_bytes
 from beltid.store.fingerprint import source_sha256
-from beltid.store.hashing import sha256
+from beltid.store.sources import content_sha256
 
 if TYPE_CHECKING:
     from beltid.config import ConfigSource
@@ -127,7 +127,7 @@ def make(recipe: Recipe, out: Path, options: Options, compute: Callable[[], Outc
     Stale
         If it would have to be computed and the options say only to look.
     """
-    hashes = {role: sha256(read_bytes(path)) for role, path in recipe.inputs.items()}
+    hashes = _input_hashes(recipe)
     standing = admit(recipe, out, options)
     if standing is not None and not options.force and _fresh(standing, recipe, hashes):
         return Made(standing, up_to_date=True)
@@ -138,6 +138,17 @@ def make(recipe: Recipe, out: Path, options: Options, compute: Callable[[], Outc
     outcome = compute()
     write_artifact(out, recipe.kind, outcome.columns, _metadata(outcome, recipe, hashes))
     return Made(read_artifact(out, recipe.kind), up_to_date=False)
+
+
+def _input_hashes(recipe: Recipe) -> dict[str, str]:
+    """SHA-256 of every input by its role, and of the tables of runs that belong to recordings."""
+    tables = recipe.source.config.runs.tables
+    hashes = {}
+    for role, path in recipe.inputs.items():
+        hashes[role] = content_sha256(path, [tables[role]] if role in tables else [])
+        if role in tables:
+            hashes[f"{role}_runs"] = content_sha256(tables[role])
+    return hashes
 
 
 def admit(recipe: Recipe, out: Path, options: Options) -> Artifact | None:

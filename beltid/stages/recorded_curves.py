@@ -26,8 +26,8 @@ from beltid.store.recordings import read_recording
 
 PRESS: Final = "press_curves"
 RIG: Final = "rig_curves"
-PRESS_KEYS: Final = ("press", "columns.press", "units.press", "dialect")
-RIG_KEYS: Final = ("columns.rig", "units.rig", "dialect")
+PRESS_KEYS: Final = ("press", "columns.press", "units.press", "runs.press", "dialect")
+RIG_KEYS: Final = ("columns.rig", "units.rig", "runs.rig", "dialect")
 MOST_SET_ASIDE: Final = 12
 """Runs set aside that are kept to be looked at."""
 MOST_SAMPLES: Final = 1200

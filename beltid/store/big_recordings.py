@@ -13,16 +13,16 @@ from pathlib import Path
 from typing import Any, Final
 
 from beltid.errors import InputError
+from beltid.formats.encoding import decode
 from beltid.store import schemas
-from beltid.store.csv_reader import Wanted
 from beltid.store.csv_stream import ByteStream, csv_blocks
-from beltid.store.dialect import ReadOptions, decode, layout
-from beltid.store.header import check_header
+from beltid.store.dialect import ReadOptions
 from beltid.store.parquet_stream import parquet_blocks, parquet_files
 from beltid.store.problems import Problems
-from beltid.store.recordings import csv_conversions
+from beltid.store.roles import unit_conversion
 from beltid.store.run_stream import RunColumns, RunStream
-from beltid.units import conversion
+from beltid.store.text_tables import text_layout, text_notes, wanted_columns
+from beltid.units import Conversion
 
 BIG: Final = 64 << 20
 """Bytes of a file from which on it is read run by run."""
@@ -95,27 +95,16 @@ def _csv(path: Path, options: ReadOptions) -> BigRecording:
     if first[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) or "16" in (options.encoding or ""):
         raise InputError(f"{name}: is in UTF-16; a file of this size must be in UTF-8")
     head = first[:HEAD] if len(first) <= HEAD else first[: first.rfind(b"\n", 0, HEAD) + 1]
-    text = decode(head, name, options.encoding)
-    in_file = {c.name: options.names.get(c.name, c.name) for c in table.columns}
-    found = layout(text, name, options, in_file.values())
-    header_line = found.first_line - 1 - options.units_row
-    check_header(found.header, in_file, table, f"{name}:{header_line}", problems)
+    decoded = decode(head, name, options.encoding)
+    found = text_layout(decoded, name, options, table)
+    readings, wanted = wanted_columns(found, name, table, options, problems)
     problems.raise_if_any()
-    wanted = {
-        ours: Wanted(found.header.index(theirs), table.column(ours).dtype == "string", shown)
-        for ours, theirs in in_file.items()
-        if theirs in found.header
-        for shown in [ours if ours == theirs else f'{ours} (column "{theirs}")']
-    }
-    conversions, notes = csv_conversions(found, wanted, table, options, name, problems)
-    problems.raise_if_any()
+    conversions = {r: reading.conversion for r, reading in readings.items() if reading.unit_stated}
     body = _after_lines(first, found.first_line - 1)
     blocks = csv_blocks(itertools.chain([body], chunks), found, wanted, name, problems)
     runs = RunStream(blocks, table, name, conversions, problems)
-    left_out = [n for n in found.header if n and n not in in_file.values()]
-    if left_out:
-        notes.append("columns left out: " + ", ".join(left_out[:12]))
-    return BigRecording(path, runs, lambda: (*found.notes, *notes, *runs.notes()))
+    notes = (*decoded.notes, *found.notes, *text_notes(found, readings, table))
+    return BigRecording(path, runs, lambda: (*notes, *runs.notes()))
 
 
 def _after_lines(data: bytes, lines: int) -> bytes:
@@ -131,8 +120,11 @@ def _parquet(path: Path, options: ReadOptions) -> BigRecording:
     blocks = parquet_blocks(path, table, options.names)
     conversions = {
         ours: known
-        for ours, unit in options.units.items()
-        if (known := conversion(unit, table.column(ours).unit))
+        for ours in options.units
+        if isinstance(
+            known := unit_conversion(table.column(ours), ours, "", options, "rig", False),
+            Conversion,
+        )
     }
     runs = RunStream(blocks, table, name, conversions, problems)
     runs.row_word = ", row "

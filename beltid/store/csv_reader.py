@@ -55,11 +55,6 @@ class Rows:
     lines: np.ndarray
 
 
-def is_number(text: str) -> bool:
-    """Whether a cell reads as a number, with a decimal point or a decimal comma."""
-    return bool(_NUMBER.fullmatch(text.replace(",", ".")))
-
-
 def read_rows(layout: Layout, wanted: Mapping[str, Wanted], name: str, problems: Problems) -> Rows:
     """Read the wanted columns.
 

@@ -1,8 +1,7 @@
-"""How a CSV file is written: encoding, separator, decimal sign, header, row of units."""
+"""How a table in a text file is written: separator, decimal sign, header, row of units."""
 
 from __future__ import annotations
 
-import codecs
 import csv
 import re
 from collections.abc import Iterable, Mapping
@@ -10,6 +9,9 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from beltid.errors import InputError
+from beltid.formats.bench_file import Field
+from beltid.formats.table_head import SEARCHED, TableHead, fields_of, find_head, is_units_row
+from beltid.units import Calibration
 
 SEPARATORS: Final = (",", ";", "\t", "|")
 MAX_COLUMNS: Final = 2000
@@ -29,22 +31,25 @@ class ReadOptions:
     names : mapping
         Our column -> its name in the file.
     units : mapping
-        Our column -> its unit in the file.
+        Our column -> its unit in the file, or the calibration of its sensor.
     separator, decimal, encoding : str or None
         None means: found out from the file.
     skip_lines : int
         Lines before the header.
     units_row : bool
         Whether a row of units follows the header.
+    runs : object or None
+        What the config says about label and settings of the runs.
     """
 
     names: Mapping[str, str] = field(default_factory=dict)
-    units: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str | Calibration] = field(default_factory=dict)
     separator: str | None = None
     decimal: str | None = None
     encoding: str | None = None
     skip_lines: int = 0
     units_row: bool = False
+    runs: Any = None
 
     @classmethod
     def of(cls, config: Any, kind: str) -> ReadOptions:
@@ -60,6 +65,7 @@ class ReadOptions:
             encoding=dialect.encoding,
             skip_lines=dialect.skip_lines,
             units_row=dialect.units_row,
+            runs=config.runs.of(kind),
         )
 
 
@@ -81,6 +87,10 @@ class Layout:
         Line number of the first row in the file, from 1.
     notes : tuple of str
         What was found out rather than stated.
+    header_line : int
+        Line number of the header, from 1.
+    fields : tuple of Field
+        What the lines above the header tell.
     """
 
     header: tuple[str, ...]
@@ -90,36 +100,8 @@ class Layout:
     body: str
     first_line: int
     notes: tuple[str, ...]
-
-
-def decode(data: bytes, name: str, encoding: str | None) -> str:
-    """Text of a file, with single line feeds.
-
-    Raises
-    ------
-    InputError
-        If the bytes are not text, or not in the encoding.
-    """
-    if data[:4] == b"PK\x03\x04":
-        raise InputError(f"{name}: is a workbook or a zip file, save the sheet as CSV")
-    if data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
-        encoding = "utf-16"
-    elif b"\0" in data[:65536] and not (encoding or "").lower().startswith(("utf-16", "utf-32")):
-        raise InputError(f"{name}: is not a text file, a CSV file is needed")
-    used = encoding or "utf-8"
-    if used.lower().replace("_", "-") in ("utf-8", "utf8"):
-        used = "utf-8-sig"
-    try:
-        text = data.decode(used)
-    except UnicodeDecodeError as error:
-        line = data[: error.start].count(b"\n") + 1
-        hint = "" if encoding else "; if it is of Windows, set dialect: {encoding: cp1252}"
-        raise InputError(
-            f"{name}:{line}: byte 0x{data[error.start]:02X} is not {encoding or 'UTF-8'}{hint}"
-        ) from None
-    if "\0" in text:
-        raise InputError(f"{name}: is not a text file, a CSV file is needed")
-    return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
+    header_line: int
+    fields: tuple[Field, ...] = ()
 
 
 def layout(text: str, name: str, options: ReadOptions, wanted: Iterable[str]) -> Layout:
@@ -142,23 +124,83 @@ def layout(text: str, name: str, options: ReadOptions, wanted: Iterable[str]) ->
         If there is no header, or nothing after it.
     """
     notes: list[str] = []
+    names = set(wanted)
     start, line = _header_start(text, name, options.skip_lines, notes)
-    end = _line_end(text, start)
-    head = text[start:end]
-    separator = options.separator or _separator(head, set(wanted), notes)
+    head = text[start : _line_end(text, start)]
+    separator = options.separator or best_separator(head, names)
     header = tuple(cell.strip() for cell in _cells(head, separator, name, line))
+    fields: tuple[Field, ...] = ()
+    if not options.skip_lines and not names <= set(header):
+        found = _search(text, options.separator)
+        if found is not None and (found[0].header_row + 1, found[1]) != (line, separator):
+            below, separator = found
+            line = below.header_row + 1
+            start = _offset(text, line)
+            header, fields = below.names, below.fields
+            notes.append(f"header found in line {line}")
+    if not fields and line > 1:
+        fields = fields_of([[row] for row in text[:start].split("\n") if row.startswith("#")])
+    while header and not header[-1]:  # a separator at the end of the line
+        header = header[:-1]
+    if separator != "," and not options.separator:
+        notes.append(f"separator {_NAMES.get(separator, repr(separator))} found in the header")
     if len(header) > MAX_COLUMNS:
         raise InputError(f"{name}:{line}: {len(header)} columns, at most {MAX_COLUMNS} are read")
-    unit_cells: tuple[str, ...] = ()
-    if options.units_row:
-        start, line = end + 1, line + 1
-        end = _line_end(text, start)
-        unit_cells = tuple(c.strip() for c in _cells(text[start:end], separator, name, line))
-    body = text[end + 1 :]
+    header_line = line
+    unit_cells, start, line = _units_row(text, start, line, separator, options, name)
+    body = text[start:]
     if not body.strip():
-        raise InputError(f"{name}: holds no samples, only a header in line {line}")
+        raise InputError(f"{name}: holds no samples, only a header in line {header_line}")
     decimal = options.decimal or _decimal(body, separator, notes)
-    return Layout(header, unit_cells, separator, decimal, body, line + 1, tuple(notes))
+    return Layout(
+        header, unit_cells, separator, decimal, body, line, tuple(notes), header_line, fields
+    )
+
+
+def _units_row(
+    text: str, start: int, line: int, separator: str, options: ReadOptions, name: str
+) -> tuple[tuple[str, ...], int, int]:
+    """Cells of the row of units below the header, stated or plain to see; where the rows begin."""
+    start, line = _line_end(text, start) + 1, line + 1
+    at, below = start, line
+    while at < len(text) and not text[at : _line_end(text, at)].strip():
+        at, below = _line_end(text, at) + 1, below + 1
+    end = _line_end(text, at)
+    try:
+        cells = tuple(cell.strip() for cell in _cells(text[at:end], separator, name, below))
+    except InputError:
+        cells = ()  # the reader of the rows tells it better
+    if cells and (options.units_row or is_units_row(cells)):
+        return cells, end + 1, below + 1
+    return (), start, line
+
+
+def _search(text: str, stated: str | None) -> tuple[TableHead, str] | None:
+    """The header above the first numbers and its separator, under title lines."""
+    lines = text[: _offset(text, SEARCHED + 1)].split("\n")
+    best: tuple[TableHead, str] | None = None
+    for separator in (stated,) if stated else SEPARATORS:
+        head = find_head([_cells_or_line(line, separator) for line in lines])
+        if head is not None and (best is None or len(head.names) > len(best[0].names)):
+            best = head, separator
+    return best
+
+
+def _cells_or_line(line: str, separator: str) -> list[str]:
+    try:
+        return next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+    except csv.Error:
+        return [line]
+
+
+def _offset(text: str, line: int) -> int:
+    """Offset of the begin of a line, counted from 1; the end of the text for later ones."""
+    start = 0
+    for _ in range(line - 1):
+        start = text.find("\n", start) + 1
+        if start == 0:
+            return len(text)
+    return start
 
 
 def _line_end(text: str, start: int) -> int:
@@ -191,17 +233,14 @@ def _cells(row: str, separator: str, name: str, line: int) -> list[str]:
         raise InputError(f"{name}:{line}: not a row of a CSV file: {error}") from None
 
 
-def _separator(head: str, wanted: set[str], notes: list[str]) -> str:
+def best_separator(head: str, wanted: set[str]) -> str:
     """The separator under which most wanted names are found, then the most frequent one."""
 
     def score(separator: str) -> tuple[int, int]:
         cells = {cell.strip().strip('"') for cell in head.split(separator)}
         return len(cells & wanted), len(cells)
 
-    best = max(SEPARATORS, key=score)
-    if best != ",":
-        notes.append(f"separator {_NAMES[best]} found in the header")
-    return best
+    return max(SEPARATORS, key=score)
 
 
 def _decimal(body: str, separator: str, notes: list[str]) -> str:
@@ -219,15 +258,3 @@ def _decimal(body: str, separator: str, notes: list[str]) -> str:
         notes.append("decimal comma found in the numbers")
         return ","
     return "."
-
-
-def header_further_down(found: Layout, wanted: Iterable[str]) -> int:
-    """Line among the next 100 that names more columns than the supposed header; 0 if none."""
-    names = set(wanted)
-    rows = found.body[:100_000].split("\n")[:100]
-    hits = [
-        max(len(names & {c.strip().strip('"') for c in row.split(mark)}) for mark in SEPARATORS)
-        for row in rows
-    ]
-    best = max(range(len(hits)), key=hits.__getitem__)
-    return found.first_line + best if hits[best] > len(names & set(found.header)) else 0

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
+from beltid.formats.table_head import is_number
 from beltid.store import schemas
-from beltid.store.csv_reader import Wanted, is_number
+from beltid.store.csv_reader import Wanted
 from beltid.store.dialect import Layout
 from beltid.store.problems import Problems
+
+SETTINGS = ("arc_deg", "initial_tension_N")
 
 
 def check_header(
@@ -17,21 +20,39 @@ def check_header(
     table: schemas.Table,
     place: str,
     problems: Problems,
+    told: Collection[str] = (),
 ) -> None:
-    """Note columns that are missing or stand twice, with what they may be called instead."""
+    """Note columns that are missing, with what they may be called instead.
+
+    Parameters
+    ----------
+    header : tuple of str
+        Names of the columns found.
+    in_file : mapping
+        Our columns -> their names in the file.
+    table : Table
+        What is needed.
+    place : str
+        Place of the header.
+    problems : Problems
+        Collects what is missing.
+    told : collection of str
+        Columns that were found, or need not be since they are told elsewhere.
+    """
     shown = ", ".join(header[:20]) + (", ..." if len(header) > 20 else "")
     missing = []
     for ours, theirs in in_file.items():
-        if header.count(theirs) > 1:
-            problems.add(f"{place}: column {theirs} stands {header.count(theirs)} times")
-        if theirs in header or not (table.column(ours).required or theirs != ours):
+        if ours in told or not (table.column(ours).required or theirs != ours):
             continue
         free = [column for column in header if column not in in_file.values()]
         close = difflib.get_close_matches(theirs, free, n=1, cutoff=0.6)
         guess = f", did you mean {close[0]}?" if close else ""
         called = ours if ours == theirs else f"{theirs} (which the config names for {ours})"
-        missing.append((ours, close))
-        problems.add(f"{place}: column {called} is missing{guess}")
+        setting = ours in SETTINGS and not close
+        if not setting:
+            missing.append((ours, close))
+        advice = _advice(ours, table.kind) if setting else guess
+        problems.add(f"{place}: column {called} is missing{advice}")
     other = _kind_of(header, table.kind)
     if missing and other:
         problems.add(
@@ -44,6 +65,21 @@ def check_header(
             f"{place}: the columns found are {shown}; other names are told by the config, "
             f'columns: {{{table.kind}: {{{ours}: "{example}"}}}}'
         )
+
+
+def missing_setting(setting: str, kind: str, place: str) -> str:
+    """Say that neither a column nor anything else tells a setting, and how it can be told."""
+    return f"{place}: column {setting} is missing{_advice(setting, kind)}"
+
+
+def _advice(setting: str, kind: str) -> str:
+    """The ways to tell a setting that no column holds."""
+    return (
+        f"; if it holds for every run: runs: {{{kind}: {{values: {{{setting}: ...}}}}}}; if the "
+        f"names of the files tell it: runs: {{{kind}: {{pattern: "
+        f'"{{run}}_{{{setting}}}.csv"}}}}; or in a table of the files: runs: {{{kind}: '
+        "{table: runs.csv}}"
+    )
 
 
 def _kind_of(header: tuple[str, ...], kind: str) -> str:

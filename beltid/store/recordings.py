@@ -1,4 +1,4 @@
-"""Recordings of the benches: CSV (or Parquet) in, validated columns out."""
+"""Recordings of the benches: files of any format in, validated columns out."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ import numpy as np
 from beltid.errors import InputError
 from beltid.store import schemas
 from beltid.store.checks import Checker
-from beltid.store.csv_reader import Wanted, read_rows
-from beltid.store.dialect import Layout, ReadOptions, decode, header_further_down, layout
-from beltid.store.files import read_bytes, unpacked
+from beltid.store.dialect import ReadOptions
 from beltid.store.frames import columns_of_frame
-from beltid.store.hashing import sha256
-from beltid.store.header import check_header, hint_units_row
+from beltid.store.joining import completed, joined
+from beltid.store.opening import open_sources, read_opened
 from beltid.store.problems import Problems
-from beltid.units import Conversion, allowed_units, canonical_unit, conversion
+from beltid.store.roles import Reading, unit_conversion
+from beltid.store.sources import content_sha256, sources_of
+from beltid.units import Conversion
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,9 @@ class Recording:
     notes : tuple of str
         What was found out, left out or missing.
     lines : ndarray
-        Line of every row in the file, from 1; empty for a file without lines.
+        Line of every row in the file, from 1; empty for files without lines, or several.
+    readings : dict
+        Our columns -> how they were read; empty where the file has our own columns.
     """
 
     kind: str
@@ -50,6 +52,7 @@ class Recording:
     sha256: str
     notes: tuple[str, ...] = ()
     lines: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    readings: dict[str, Reading] = field(default_factory=dict)
 
     def line_of(self, index: int) -> int:
         """Line in the file, from 1, of the row with this index; for Parquet the row, from 1."""
@@ -62,11 +65,13 @@ def read_recording(path: str | Path, kind: str, config: Any = None) -> Recording
     Parameters
     ----------
     path : path
-        A CSV file, plain or packed with gzip, or a Parquet file with the same columns.
+        A file of any format that benches write (see `beltid.formats`), plain or packed with gzip;
+        a Parquet file with the columns of the kind; or a folder, a pattern such as ``runs/*.lvm``
+        or a zip file with a file per run.
     kind : {"press", "rig", "speedloss"}
         What it is a recording of.
     config : Config, optional
-        Names, units and dialect of the bench's files.
+        Names, units and dialect of the bench's files, and where settings of the runs stand.
 
     Raises
     ------
@@ -74,14 +79,30 @@ def read_recording(path: str | Path, kind: str, config: Any = None) -> Recording
         With everything that is wrong, each with its line.
     """
     path = Path(path)
-    data = read_bytes(path)
-    digest = sha256(data)
     options = ReadOptions.of(config, kind)
-    if data[:4] == b"PAR1":
-        columns, notes = _from_parquet(data, path, kind, options)
-        return Recording(kind, columns, path, digest, notes)
-    text = decode(unpacked(data, path), str(path), options.encoding)
-    return _from_csv(text, path, kind, options, digest)
+    besides = [] if options.runs is None or options.runs.table is None else [options.runs.table]
+    sources = sources_of(path, besides)
+    digest = content_sha256(path, besides)
+    if len(sources) == 1:
+        data = sources[0].read()
+        if data[:4] == b"PAR1":
+            columns, told = _from_parquet(data, path, kind, options)
+            return Recording(kind, columns, path, digest, told)
+    table, problems = schemas.table(kind), Problems()
+    read = [read_opened(one, table, options, problems) for one in open_sources(sources, options)]
+    if not all(read):  # what cannot be read at all; wrong rows are told with what the checks find
+        problems.raise_if_any()
+    pieces = [piece for found in read for piece in found]
+    columns, rows, notes, stated = joined(pieces, table, options, str(path), problems)
+
+    def place(index: int) -> tuple[str, int]:
+        return rows.place_of(index)
+
+    notes += Checker(str(path), columns, table, place, problems).run({*options.units, *stated})
+    problems.raise_if_any()
+    lines = rows.lines if len(pieces) == 1 else np.empty(0, dtype=np.int64)
+    readings = {r: reading for piece in pieces for r, reading in piece.readings.items()}
+    return Recording(kind, columns, path, digest, tuple(notes), lines, readings)
 
 
 def columns_of(frame: Any, kind: str, config: Any = None) -> dict[str, np.ndarray]:
@@ -106,86 +127,10 @@ def columns_of(frame: Any, kind: str, config: Any = None) -> dict[str, np.ndarra
     return _checked_frame(frame, kind, "frame", ReadOptions.of(config, kind))[0]
 
 
-def _from_csv(text: str, path: Path, kind: str, options: ReadOptions, digest: str) -> Recording:
-    name, table = str(path), schemas.table(kind)
-    in_file = {c.name: options.names.get(c.name, c.name) for c in table.columns}
-    found = layout(text, name, options, in_file.values())
-    header_line = found.first_line - 1 - options.units_row
-    problems = Problems()
-    check_header(found.header, in_file, table, f"{name}:{header_line}", problems)
-    if problems.count and (later := header_further_down(found, in_file.values())):
-        setting = f"dialect: {{skip_lines: {later - 1}}}"
-        problems.add(f"{name}:{later}: the header seems to stand here, set {setting}")
-    problems.raise_if_any()
-    wanted = {
-        ours: Wanted(found.header.index(theirs), table.column(ours).dtype == "string", shown)
-        for ours, theirs in in_file.items()
-        if theirs in found.header
-        for shown in [ours if ours == theirs else f'{ours} (column "{theirs}")']
-    }
-    conversions, notes = csv_conversions(found, wanted, table, options, name, problems)
-    problems.raise_if_any()
-    rows = read_rows(found, wanted, name, problems)
-    if problems.count and len(rows.lines) == 0:
-        problems.raise_if_any()
-    columns = _completed(rows.columns, table, len(rows.lines))
-    _convert(columns, conversions)
-
-    def place(index: int) -> tuple[str, int]:
-        line = int(rows.lines[index])
-        return f"{name}:{line}", line
-
-    notes += Checker(name, columns, table, place, problems).run({*options.units, *conversions})
-    if problems.count:
-        hint_units_row(found, wanted, name, problems)
-    problems.raise_if_any()
-    left_out = [n for n in found.header if n and n not in in_file.values()]
-    if left_out:
-        notes.append("columns left out: " + ", ".join(left_out[:12]))
-    return Recording(kind, columns, path, digest, (*found.notes, *notes), rows.lines)
-
-
-def csv_conversions(
-    found: Layout,
-    wanted: Mapping[str, Wanted],
-    table: schemas.Table,
-    options: ReadOptions,
-    name: str,
-    problems: Problems,
-) -> tuple[dict[str, Conversion], list[str]]:
-    """Conversions stated by the config, else by the row of units."""
-    conversions: dict[str, Conversion] = {}
-    notes: list[str] = []
-    for ours, w in wanted.items():
-        target = table.column(ours).unit
-        cell = found.unit_cells[w.index] if w.index < len(found.unit_cells) else ""
-        unit = options.units.get(ours) or cell
-        if w.is_text or canonical_unit(unit) in ("", "-", "1"):
-            continue
-        known = conversion(unit, target)
-        if known is None:
-            problems.add(
-                f"{name}:{found.first_line - 1}: {w.shown} is in {unit}, must be one of "
-                + ", ".join(allowed_units(target))
-            )
-            continue
-        conversions[ours] = known
-        if canonical_unit(unit) != target:
-            notes.append(f"{w.shown} converted from {unit} to {target}")
-    return conversions, notes
-
-
 def _convert(columns: dict[str, np.ndarray], conversions: Mapping[str, Conversion]) -> None:
     for column, by in conversions.items():
         if by != Conversion(1.0):
             columns[column] = (columns[column] + by.shift) * by.factor
-
-
-def _completed(
-    columns: Mapping[str, np.ndarray], table: schemas.Table, length: int
-) -> dict[str, np.ndarray]:
-    """Columns in the order of the schema; an optional one that is absent is all nan."""
-    return {c.name: columns.get(c.name, np.full(length, np.nan)) for c in table.columns}
 
 
 def _from_parquet(
@@ -221,11 +166,13 @@ def _checked_frame(
     columns = columns_of_frame(frame, table, name, options.names, problems)
     problems.raise_if_any()
     length = len(next(iter(columns.values())))
-    columns = _completed(columns, table, length)
+    columns = completed(columns, table, length)
     conversions = {
         ours: known
-        for ours, unit in options.units.items()
-        if (known := conversion(unit, table.column(ours).unit))
+        for ours in options.units
+        if isinstance(
+            known := unit_conversion(table.column(ours), ours, "", options, kind, False), Conversion
+        )
     }
     _convert(columns, conversions)
 

@@ -1,0 +1,294 @@
+"""Which channel of a file is which of our columns, in which unit: stated or recognised."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final, Literal
+
+from beltid.formats.table_head import unit_in_name, without_unit
+from beltid.store.columns import Column, Table
+from beltid.store.dialect import ReadOptions
+from beltid.store.problems import Problems
+from beltid.store.vocabulary import roles_meant, simplified
+from beltid.units import (
+    Calibration,
+    Conversion,
+    allowed_units,
+    calibration,
+    canonical_unit,
+    conversion,
+)
+
+RAW: Final = ("V", "mV", "mV/V", "A", "mA")
+"""Units of signals that mean nothing without a calibration."""
+_TURNS: Final = ("drehzahl", "rpm", "rev", "tour")
+
+How = Literal["config", "own name", "recognised"]
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A channel that may be one of our columns.
+
+    Attributes
+    ----------
+    name, unit : str
+        As the file writes them.
+    key : object
+        Where the reader finds it.
+    group : str
+        Group it stands in, "" where the file has no groups.
+    """
+
+    name: str
+    unit: str
+    key: Any
+    group: str = ""
+
+    @property
+    def shown(self) -> str:
+        """Name and unit in words."""
+        return (
+            f"{self.name} [{self.unit}]" if self.unit and not unit_in_name(self.name) else self.name
+        )
+
+    @property
+    def qualified(self) -> str:
+        """The name with its group: ``group/name``."""
+        return f"{self.group}/{self.name}"
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """How one of our columns is read.
+
+    Attributes
+    ----------
+    role : str
+        Our column.
+    candidate : Candidate
+        The channel.
+    how : {"config", "own name", "recognised"}
+        Who says so.
+    conversion : Conversion
+        From the numbers in the file, with the sign.
+    unit_stated : bool
+        Whether file or config tells the unit.
+    negated : bool
+        Whether the sign is turned.
+    """
+
+    role: str
+    candidate: Candidate
+    how: How
+    conversion: Conversion = field(default_factory=lambda: Conversion(1.0))
+    unit_stated: bool = False
+    negated: bool = False
+
+    @property
+    def shown(self) -> str:
+        """How messages call the column."""
+        name = self.candidate.name
+        return self.role if name == self.role else f'{self.role} (column "{name}")'
+
+
+def readings_of(
+    candidates: Sequence[Candidate],
+    table: Table,
+    options: ReadOptions,
+    place: str,
+    problems: Problems,
+    roles: Collection[str] | None = None,
+) -> dict[str, Reading]:
+    """Find the channel of every column of a table.
+
+    Parameters
+    ----------
+    candidates : sequence of Candidate
+        Channels of the file.
+    table : Table
+        What is needed.
+    options : ReadOptions
+        What the config states.
+    place : str
+        Place of the names, for messages.
+    problems : Problems
+        Collects what cannot be decided.
+    roles : collection of str, optional
+        Only these of our columns.
+
+    Returns
+    -------
+    dict
+        Our columns that were found; those that are missing are left to the caller.
+    """
+    columns = [c for c in table.columns if roles is None or c.name in roles]
+    found: dict[str, tuple[Candidate, How, bool]] = {}
+    for column in columns:
+        chosen = _named(column.name, candidates, options, place, problems)
+        if chosen is not None:
+            found[column.name] = chosen
+    taken = {id(candidate) for candidate, _, _ in found.values()}
+    free = [c for c in candidates if c.name and id(c) not in taken]
+    for column in columns:
+        if column.name in found or column.name in options.names:
+            continue
+        meant = [c for c in free if column.name in roles_meant(c.name, table.kind)]
+        fitting = [c for c in meant if _fits(c, column, options)] or meant
+        if len(fitting) == 1:
+            found[column.name] = (fitting[0], "recognised", False)
+        elif fitting:
+            problems.add(_ambiguous(column, fitting, table.kind, place))
+    return {
+        column.name: _reading(column, *found[column.name], table.kind, options, place, problems)
+        for column in columns
+        if column.name in found
+    }
+
+
+def notes_of(readings: Mapping[str, Reading], table: Table) -> list[str]:
+    """What was recognised or converted, in words."""
+    notes = []
+    for role, reading in readings.items():
+        if reading.how == "recognised":
+            notes.append(f"read {reading.candidate.shown} as {role}")
+        elif reading.unit_stated and reading.conversion != Conversion(1.0):
+            unit = table.column(role).unit
+            theirs = reading.candidate.unit or "the unit stated"
+            notes.append(f"{reading.shown} converted from {theirs} to {unit}")
+    return notes
+
+
+def _named(
+    role: str,
+    candidates: Sequence[Candidate],
+    options: ReadOptions,
+    place: str,
+    problems: Problems,
+) -> tuple[Candidate, How, bool] | None:
+    """The channel that the config names, or that is called like our column."""
+    theirs = options.names.get(role, role)
+    how: How = "config" if role in options.names else "own name"
+    named, negated = _called(theirs, candidates, loosely=how == "config"), False
+    if not named and how == "config" and theirs.startswith("-"):
+        named, negated = _called(theirs[1:].strip(), candidates, loosely=True), True
+    if len(named) > 1:
+        groups = ", ".join(c.group for c in named if c.group)
+        where = f" (in {groups}; name one as group/channel)" if groups else ""
+        problems.add(f"{place}: column {theirs} stands {len(named)} times{where}")
+    return (named[0], how, negated) if named else None
+
+
+def _called(name: str, candidates: Sequence[Candidate], *, loosely: bool) -> list[Candidate]:
+    exact = [c for c in candidates if name in (c.name, c.qualified)]
+    if exact or not loosely:
+        return exact
+    return [c for c in candidates if without_unit(c.name) == name]
+
+
+def _fits(candidate: Candidate, column: Column, options: ReadOptions) -> bool:
+    """Whether the unit of a channel, where it is told, can be that of a column."""
+    unit = candidate.unit or unit_in_name(candidate.name)
+    known = canonical_unit(unit)
+    if not unit or column.dtype == "string" or column.name in options.units:
+        return True
+    return known in RAW or conversion(unit, column.unit) is not None
+
+
+def _ambiguous(column: Column, meant: Sequence[Candidate], kind: str, place: str) -> str:
+    first = meant[0]
+    groups = {c.group for c in meant}
+    name = first.qualified if len(groups) > 1 else first.name
+    shown = ", ".join(c.qualified if len(groups) > 1 else c.shown for c in meant[:8])
+    return (
+        f"{place}: {shown} can be {column.name}, say which: "
+        f'columns: {{{kind}: {{{column.name}: "{name}"}}}}'
+    )
+
+
+def _reading(
+    column: Column,
+    candidate: Candidate,
+    how: How,
+    negated: bool,
+    kind: str,
+    options: ReadOptions,
+    place: str,
+    problems: Problems,
+) -> Reading:
+    if column.dtype == "string":
+        return Reading(column.name, candidate, how)
+    unit = candidate.unit or unit_in_name(candidate.name)
+    converted = unit_conversion(column, candidate.name, unit, options, kind, how == "recognised")
+    if isinstance(converted, str):
+        problems.add(f"{place}: {converted}")
+        converted = None
+    known = converted or Conversion(1.0)
+    sign = -1.0 if negated else 1.0
+    return Reading(
+        column.name,
+        candidate,
+        how,
+        Conversion(sign * known.factor, known.shift),
+        converted is not None,
+        negated,
+    )
+
+
+def unit_conversion(
+    column: Column, name: str, unit: str, options: ReadOptions, kind: str, recognised: bool
+) -> Conversion | str | None:
+    """Conversion of a channel's numbers to a column's unit.
+
+    Returns
+    -------
+    Conversion, str or None
+        A str is what is wrong; None: no unit is told, and the name says it is the column's.
+    """
+    shown = column.name if name == column.name else f'{column.name} (column "{name}")'
+    setting = options.units.get(column.name)
+    known = setting if isinstance(setting, Calibration) else None
+    if isinstance(setting, str):
+        known = calibration(setting, column.unit)
+    if known is not None:
+        converted = known.conversion(unit)
+        return converted or (
+            f"{shown} is in {unit}, but the calibration of the config is for {known.per}"
+        )
+    if isinstance(setting, str):
+        return conversion(setting, column.unit)
+    plain = canonical_unit(unit)
+    line = f"units: {{{kind}: {{{column.name}: "
+    if plain in ("", "-"):
+        if not recognised:
+            return None
+        return (
+            f"the unit of {name}, read as {column.name}, is not told; "
+            f"say it: {line}{column.unit}}}}}"
+        )
+    if plain in RAW:
+        return (
+            f"{shown} is in {unit}, its calibration must be told: "
+            f"{line}250 {column.unit}/{'mV' if plain == 'mV' else 'V'}}}}}, "
+            f"or {{factor: 250, offset: 0}}"
+        )
+    if column.unit == "rad/s" and plain == "rev/s" and _unclear_turns(unit, name):
+        return f"{shown} is in {unit}: turns or radians? say {line}rev/s}}}} or {line}rad/s}}}}"
+    if column.unit == "rad/s" and plain in ("m/s", "mm/s"):
+        return (
+            f"{shown} is in {unit}; divide by the radius R of the pulley: "
+            f"{line}{{factor: 1/R, offset: 0}}}}}}, 1/R as a number in 1/m"
+        )
+    converted = conversion(unit, column.unit)
+    if converted is None and plain == "1":
+        return None
+    return converted or f"{shown} is in {unit}, must be one of " + ", ".join(
+        allowed_units(column.unit)
+    )
+
+
+def _unclear_turns(unit: str, name: str) -> bool:
+    """Whether 1/s may be turns as well as radians."""
+    per_second = unit.strip(" []()").replace(" ", "") in ("1/s", "s-1", "s^-1", "s⁻¹")
+    return per_second and not any(word in simplified(name) for word in _TURNS)

@@ -1,0 +1,322 @@
+"""Label and settings of runs whose recordings do not hold them as columns.
+
+They stand in the name of the file, in its header, in a table beside the files, or hold for all
+runs: what the config says comes first, then what the header tells in words that are known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.errors import InputError
+from beltid.formats.bench_file import Field
+from beltid.formats.encoding import decode
+from beltid.formats.name_pattern import name_pattern, number
+from beltid.store.columns import Table
+from beltid.store.csv_reader import Wanted, read_rows
+from beltid.store.dialect import ReadOptions, layout
+from beltid.store.files import read_bytes
+from beltid.store.pieces import Piece
+from beltid.store.problems import Problems
+from beltid.store.roles import unit_conversion
+from beltid.store.vocabulary import FILE_NAMES, roles_meant, simplified
+from beltid.units import conversion
+
+SETTINGS: Final = ("arc_deg", "initial_tension_N", "temperature_degC")
+"""Columns that may be told once for a whole run."""
+
+
+def told_elsewhere(
+    runs: Any, names: Sequence[str], fields: Sequence[Field], table: Table
+) -> set[str]:
+    """Columns that need not stand in the file: label and settings that are told elsewhere."""
+    roles = {table.label}
+    if runs is None:
+        return roles | _told_by(fields, table)
+    roles |= {role for role in SETTINGS if getattr(runs.values, role, None) is not None}
+    roles |= {role for role in SETTINGS if getattr(runs.fields, role, None) is not None}
+    if runs.pattern:
+        roles |= set(name_pattern(runs.pattern).names)
+    if runs.table is not None:
+        roles |= set(SETTINGS)
+    return roles | _told_by(fields, table)
+
+
+def _told_by(fields: Sequence[Field], table: Table) -> set[str]:
+    return {role for f in fields for role in roles_meant(f.name, table.kind) if role in SETTINGS}
+
+
+@dataclass(frozen=True, slots=True)
+class RunTable:
+    """A table of runs: a row per file.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    rows : dict
+        Name of a file (or group) -> its line and the values it tells, by our columns.
+    """
+
+    path: Path
+    rows: Mapping[str, tuple[int, Mapping[str, str | float]]]
+
+
+def read_run_table(path: Path, table: Table) -> RunTable:
+    """Read a table of runs.
+
+    Raises
+    ------
+    InputError
+        If it has no column of file names, or cells that are no values.
+    """
+    problems = Problems()
+    name = str(path)
+    decoded = decode(read_bytes(path), name)
+    wanted = [c.name for c in table.columns if c.name in (*SETTINGS, table.label)]
+    found = layout(decoded.text, name, ReadOptions(), ["file"])
+    place = f"{name}:{found.header_line}"
+    files = [i for i, column in enumerate(found.header) if simplified(column) in FILE_NAMES]
+    if len(files) != 1:
+        raise InputError(
+            f"{place}: one column must hold the names of the files and be called file; "
+            "found are " + ", ".join(found.header[:20])
+        )
+    columns = {"file": Wanted(files[0], True, "file")}
+    conversions = {}
+    for i, column in enumerate(found.header):
+        meant = [r for r in (column, *roles_meant(column, table.kind)) if r in wanted]
+        if i == files[0] or not meant:
+            continue
+        role = meant[0]
+        ours = table.column(role)
+        columns[role] = Wanted(i, ours.dtype == "string", column)
+        if ours.dtype != "string":
+            cell = found.unit_cells[i] if i < len(found.unit_cells) else ""
+            from beltid.formats.table_head import unit_in_name
+
+            known = unit_conversion(
+                ours,
+                column,
+                cell or unit_in_name(column),
+                ReadOptions(),
+                table.kind,
+                column != role,
+            )
+            if isinstance(known, str):
+                problems.add(f"{place}: {known}")
+            conversions[role] = None if isinstance(known, str) else known
+    problems.raise_if_any()
+    rows = read_rows(found, columns, name, problems)
+    problems.raise_if_any()
+    told: dict[str, tuple[int, Mapping[str, str | float]]] = {}
+    for k, line in enumerate(rows.lines.tolist()):
+        file = str(rows.columns["file"][k] or "")
+        if file in told:
+            problems.add(f"{name}:{line}: {file} stands in line {told[file][0]}, too")
+        values: dict[str, str | float] = {}
+        for role in columns:
+            cell = rows.columns[role][k]
+            if role == "file" or cell is None or cell != cell:
+                continue
+            by = conversions.get(role)
+            values[role] = (
+                cell
+                if isinstance(cell, str)
+                else (float(cell) if by is None else (float(cell) + by.shift) * by.factor)
+            )
+        told[file] = (line, values)
+    problems.raise_if_any()
+    return RunTable(path, told)
+
+
+class RunSettings:
+    """Gives pieces of a recording their label and settings.
+
+    Parameters
+    ----------
+    table : Table
+        The kind of recording.
+    options : ReadOptions
+        What the config states.
+    """
+
+    def __init__(self, table: Table, options: ReadOptions) -> None:
+        self.table = table
+        self.runs = options.runs
+        self.options = options
+        self.pattern = None
+        self.run_table: RunTable | None = None
+        self.used: set[str] = set()
+        if self.runs is not None and self.runs.pattern:
+            self.pattern = name_pattern(self.runs.pattern)
+        if self.runs is not None and self.runs.table is not None:
+            self.run_table = read_run_table(self.runs.table, table)
+
+    def of(self, piece: Piece, problems: Problems) -> tuple[dict[str, str | float], list[str]]:
+        """Label and settings told about a piece outside its columns, and notes about them."""
+        told: dict[str, str | float] = {}
+        notes: list[str] = []
+        self._from_header(piece, told, notes, problems)
+        if self.runs is not None:
+            for role in SETTINGS:
+                value = getattr(self.runs.values, role, None)
+                if value is not None:
+                    told[role] = value
+        self._from_fields(piece, told, problems)
+        self._from_name(piece, told, problems)
+        self._from_table(piece, told, problems)
+        return told, notes
+
+    def _complete(self, piece: Piece) -> bool:
+        """Whether label and settings stand in the recording itself."""
+        needed = [r for r in SETTINGS if r in self.table.names and self.table.column(r).required]
+        return all(role in piece.readings for role in (self.table.label, *needed))
+
+    def finish(self, problems: Problems) -> None:
+        """Note rows of the table of runs that no file belongs to."""
+        if self.run_table is None:
+            return
+        for name, (line, _) in self.run_table.rows.items():
+            if name not in self.used:
+                problems.add(f"{self.run_table.path}:{line}: {name} is not among the files read")
+
+    def _from_header(
+        self, piece: Piece, told: dict[str, Any], notes: list[str], problems: Problems
+    ) -> None:
+        """Header fields whose names are known words."""
+        for role in SETTINGS:
+            if role not in self.table.names or role in piece.readings:
+                continue
+            meant = [f for f in piece.fields if role in roles_meant(f.name, self.table.kind)]
+            values = {}
+            for found in meant:
+                value = self._field_value(role, found, recognised=True)
+                if not isinstance(value, str):
+                    values[found.name] = value
+                elif self.table.column(role).required and not self._stated(role):
+                    problems.add(f"{piece.place}: {value}")
+            if len(set(values.values())) > 1 and not self._stated(role):
+                shown = ", ".join(f"{n} = {v:g}" for n, v in values.items())
+                problems.add(
+                    f"{piece.place}: header fields {shown} can be {role}, say which: runs: "
+                    f'{{{self.table.kind}: {{fields: {{{role}: "{next(iter(values))}"}}}}}}'
+                )
+            elif values:
+                told[role] = next(iter(values.values()))
+                notes.append(f"read header field {next(iter(values))} as {role}")
+
+    def _stated(self, role: str) -> bool:
+        """Whether the config tells a setting in another way."""
+        runs = self.runs
+        return runs is not None and (
+            getattr(runs.values, role, None) is not None
+            or getattr(runs.fields, role, None) is not None
+            or (self.pattern is not None and role in self.pattern.names)
+            or runs.table is not None
+        )
+
+    def _field_value(self, role: str, found: Field, *, recognised: bool) -> float | str:
+        """Value of a header field in our unit, or what is wrong with it."""
+        column = self.table.column(role)
+        try:
+            value = float(found.text.strip().replace(",", "."))
+        except ValueError:
+            return f'header field {found.name} = "{found.text}", must be a number'
+        by = unit_conversion(
+            column, found.name, found.unit, self.options, self.table.kind, recognised
+        )
+        if isinstance(by, str):
+            return by
+        return value if by is None else (value + by.shift) * by.factor
+
+    def _from_fields(self, piece: Piece, told: dict[str, Any], problems: Problems) -> None:
+        """Header fields that the config names."""
+        if self.runs is None:
+            return
+        for role in type(self.runs.fields).model_fields:
+            name = getattr(self.runs.fields, role)
+            if name is None:
+                continue
+            found = [f for f in piece.fields if f.name == name]
+            if not found:
+                known = ", ".join(f.name for f in piece.fields[:20]) or "none"
+                problems.add(
+                    f"{piece.place}: there is no header field {name} (which the config names for "
+                    f"{role}); found: {known}"
+                )
+                continue
+            if role == self.table.label:
+                told[role] = found[0].text
+                continue
+            value = self._field_value(role, found[0], recognised=False)
+            if isinstance(value, str):
+                problems.add(f"{piece.place}: {value}")
+            else:
+                told[role] = value
+
+    def _from_name(self, piece: Piece, told: dict[str, Any], problems: Problems) -> None:
+        if self.pattern is None:
+            return
+        values = next(
+            (v for name in piece.names if (v := self.pattern.values(name)) is not None), None
+        )
+        if values is None and self._complete(piece):
+            return
+        if values is None:
+            problems.add(
+                f"{piece.place}: the name is not made up as runs.{self.table.kind}.pattern = "
+                f'"{self.runs.pattern}" says'
+            )
+            return
+        for role, text in values.items():
+            if role == self.table.label:
+                told[role] = text
+            elif role in SETTINGS and role in self.table.names:
+                unit = self.pattern.units.get(role, self.table.column(role).unit)
+                by = conversion(unit, self.table.column(role).unit)
+                try:
+                    value = number(text)
+                except ValueError:
+                    problems.add(f'{piece.place}: {role} = "{text}" in the name, must be a number')
+                    continue
+                if by is None:
+                    problems.add(f"{piece.place}: {role} in {unit}, which is no unit of it")
+                else:
+                    told[role] = (value + by.shift) * by.factor
+
+    def _from_table(self, piece: Piece, told: dict[str, Any], problems: Problems) -> None:
+        if self.run_table is None:
+            return
+        name = next((n for n in piece.names if n in self.run_table.rows), None)
+        if name is None and self._complete(piece):
+            return
+        if name is None:
+            problems.add(f"{self.run_table.path}: has no row for {piece.names[0]}")
+            return
+        self.used.add(name)
+        told.update(self.run_table.rows[name][1])
+
+
+def fill(columns: dict[str, np.ndarray], told: Mapping[str, str | float], length: int) -> list[str]:
+    """Put what is told about a run into its columns; returns the columns it replaced."""
+    replaced = []
+    for role, value in told.items():
+        if isinstance(value, str):
+            values = np.empty(length, dtype=object)
+            values[:] = value
+        else:
+            values = np.full(length, float(value))
+            before = columns.get(role)
+            known = None if before is None else before[np.isfinite(before)]
+            if known is not None and known.size and not np.allclose(known, value, rtol=1e-6):
+                replaced.append(
+                    f"{role} = {value:g} as told replaces {known[0]:g} of the recording"
+                )
+        columns[role] = values
+    return replaced

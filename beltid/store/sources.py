@@ -1,0 +1,246 @@
+"""The files of a recording: one file, or one per run in a folder, a pattern or a zip file."""
+
+from __future__ import annotations
+
+import glob
+import hashlib
+import io
+import re
+import zipfile
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Final
+
+from beltid.errors import InputError
+from beltid.formats.sniff import ZIP, sniff
+from beltid.store.files import MAX_BYTES, read_bytes
+from beltid.store.hashing import sha256
+
+MAX_FILES: Final = 5000
+MAX_RATIO: Final = 1000
+"""Most by which a file in a zip file may be packed: recordings never reach it, bombs do."""
+_NOT_RECORDINGS: Final = frozenset({".yaml", ".yml", ".md", ".json", ".html", ".pdf", ".png"})
+_COMPANIONS: Final = frozenset({".tdms_index"})
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """One file of a recording.
+
+    Attributes
+    ----------
+    name : str
+        Its name for messages.
+    path : Path
+        The file, or the zip file that holds it.
+    member : str
+        Its name in the zip file, "" outside of one.
+    """
+
+    name: str
+    path: Path
+    member: str = ""
+
+    def read(self) -> bytes:
+        """Its bytes."""
+        data = read_bytes(self.path)
+        return _member_bytes(data, self.path, self.member) if self.member else data
+
+
+def is_many(path: Path) -> bool:
+    """Whether a path stands for several files: a folder or a pattern."""
+    return path.is_dir() or (not path.exists() and glob.has_magic(str(path)))
+
+
+def exists(path: Path) -> bool:
+    """Whether there is a file, a folder or something that matches a pattern."""
+    return path.exists() or (glob.has_magic(str(path)) and any(glob.iglob(str(path))))
+
+
+def sources_of(path: Path, besides: Sequence[Path] = ()) -> list[Source]:
+    """Files that a path stands for.
+
+    Parameters
+    ----------
+    path : Path
+        A file, a zip file, a folder, or a pattern with ``*`` and ``?``.
+    besides : sequence of Path
+        Files that are no recordings even if they are found: a table of the runs.
+
+    Raises
+    ------
+    InputError
+        If there is none, or a folder holds files of several kinds.
+    """
+    if is_many(path):
+        files = _files(path, {b.absolute() for b in besides})
+        return [Source(str(file), file) for file in files]
+    with _opened(path) as head:
+        first = head.read(4)
+    if first[:2] == b"PK":
+        data = read_bytes(path)
+        if sniff(data) == ZIP:
+            members = list(_members(data, path))
+            return [
+                Source(f"{path}/{m}" if len(members) > 1 else str(path), path, m) for m in members
+            ]
+    return [Source(str(path), path)]
+
+
+def content_sha256(path: Path, besides: Sequence[Path] = ()) -> str:
+    """SHA-256 of a file; of the names and contents of the files where there are several."""
+    if not is_many(path):
+        return _file_sha256(path)
+    lines = []
+    for source in sources_of(path, besides):
+        root = path if path.is_dir() else _root(path)
+        name = source.path.relative_to(root).as_posix()
+        lines.append(f"{name}\0{_file_sha256(source.path)}\n")
+    return sha256("".join(lines).encode())
+
+
+def _file_sha256(path: Path) -> str:
+    """SHA-256 of a file of any size, read in parts."""
+    with _opened(path) as file:
+        try:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+
+
+def folder_of(path: Path) -> Path:
+    """Folder beside which results belong: of a pattern the part before its first sign."""
+    if not path.exists() and glob.has_magic(str(path)):
+        return _root(path)
+    return path.parent
+
+
+def _root(path: Path) -> Path:
+    parts = []
+    for part in path.parts:
+        if glob.has_magic(part):
+            break
+        parts.append(part)
+    return Path(*parts) if parts else Path()
+
+
+def _opened(path: Path) -> io.BufferedIOBase:
+    try:
+        return path.open("rb")
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such file") from None
+    except PermissionError:
+        raise InputError(f"{path}: no permission to read it") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"{path}: cannot be read: {reason}") from None
+
+
+def _files(path: Path, besides: set[Path]) -> list[Path]:
+    """Files of a folder or pattern in the order of their names; those of one kind only."""
+    try:
+        found = (
+            [f for f in path.iterdir() if f.is_file()]
+            if path.is_dir()
+            else [Path(f) for f in glob.glob(str(path), recursive=True) if Path(f).is_file()]
+        )
+    except PermissionError:
+        raise InputError(f"{path}: no permission to look into it") from None
+    files = [
+        f
+        for f in found
+        if not f.name.startswith((".", "~$"))
+        and f.suffix.lower() not in _COMPANIONS
+        and f.absolute() not in besides
+    ]
+    if path.is_dir():
+        files = [
+            f for f in files if f.suffix.lower() not in _NOT_RECORDINGS and not _is_artifact(f)
+        ]
+        _refuse_kinds(files, path)
+    if not files:
+        what = "holds no recording" if path.is_dir() else "no file matches this pattern"
+        raise InputError(f"{path}: {what}")
+    if len(files) > MAX_FILES:
+        raise InputError(f"{path}: {len(files)} files, at most {MAX_FILES} are read")
+    return sorted(files, key=lambda f: natural(f.as_posix()))
+
+
+def natural(name: str) -> tuple[tuple[int, str], ...]:
+    """Key that sorts run2 before run10."""
+    return tuple((int(p), "") if p.isdigit() else (-1, p) for p in re.split(r"(\d+)", name) if p)
+
+
+def _is_artifact(file: Path) -> bool:
+    if file.suffix.lower() != ".parquet":
+        return False
+    from beltid.errors import ArtifactError
+    from beltid.store.artifacts import read_artifact
+
+    try:
+        read_artifact(file)
+    except ArtifactError:
+        return False
+    return True
+
+
+def _refuse_kinds(files: Sequence[Path], path: Path) -> None:
+    kinds: dict[str, int] = {}
+    for file in files:
+        ending = "".join(file.suffixes[-2:] if file.suffix == ".gz" else file.suffixes[-1:]).lower()
+        kinds[ending] = kinds.get(ending, 0) + 1
+    if len(kinds) > 1:
+        shown = ", ".join(f"{n} {ending or 'without ending'}" for ending, n in kinds.items())
+        most = max(kinds, key=lambda ending: kinds[ending])
+        raise InputError(
+            f"{path}: holds files of several kinds ({shown}); "
+            f"name those that are runs, such as {path / f'*{most}'}"
+        )
+
+
+def _members(data: bytes, path: Path) -> Iterator[str]:
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            entries = [e for e in archive.infolist() if not e.is_dir()]
+    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError, EOFError):
+        raise InputError(f"{path}: the zip file is damaged or cut off") from None
+    names = [
+        e.filename
+        for e in entries
+        if not PurePosixPath(e.filename).name.startswith(".")
+        and not e.filename.startswith("__MACOSX/")
+    ]
+    if not names:
+        raise InputError(f"{path}: the zip file is empty")
+    if len(names) > MAX_FILES:
+        raise InputError(f"{path}: holds {len(names)} files, at most {MAX_FILES} are read")
+    endings = {PurePosixPath(name).suffix.lower() for name in names}
+    if len(endings) > 1:
+        raise InputError(
+            f"{path}: holds files of several kinds ({', '.join(sorted(endings))}); "
+            "pack only the runs, all of one format"
+        )
+    total = sum(e.file_size for e in entries)
+    if total > MAX_BYTES:
+        raise InputError(f"{path}: unpacks to more than {MAX_BYTES >> 20} MB, split the recording")
+    for entry in entries:
+        if entry.file_size > MAX_RATIO * max(entry.compress_size, 1) and entry.file_size > 1 << 20:
+            raise InputError(f"{path}: {entry.filename} is packed more than {MAX_RATIO} times")
+        if entry.flag_bits & 1:
+            raise InputError(f"{path}: {entry.filename} is locked with a password")
+    yield from sorted(names, key=natural)
+
+
+def _member_bytes(data: bytes, path: Path, member: str) -> bytes:
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive, archive.open(member) as file:
+            plain = file.read(MAX_BYTES + 1)
+    except (zipfile.BadZipFile, OSError, EOFError, zlib.error, ValueError, NotImplementedError):
+        raise InputError(f"{path}: {member} in the zip file is damaged or cut off") from None
+    if len(plain) > MAX_BYTES:
+        raise InputError(f"{path}: unpacks to more than {MAX_BYTES >> 20} MB, split the recording")
+    if not plain:
+        raise InputError(f"{path}: {member} in the zip file is empty")
+    return plain
