@@ -75,7 +75,9 @@ def cell(name: str, value: Any) -> str:
 def _number(name: str, value: float) -> str:
     if math.isnan(value):
         return MISSING
-    if "_se" in name or name in MAGNITUDES:  # the doubt of a doubt is large: two digits
+    if (
+        "_se" in name or "_u_" in name or name in MAGNITUDES
+    ):  # the doubt of a doubt is large: two digits
         return f"{value:.2g}"
     if name.startswith("mu") and math.isfinite(value):
         return f"{value:.4f}"

@@ -15,12 +15,22 @@ from beltid.identify.statistics import as_set
 from beltid.report.summary import Summary
 from beltid.stages.making import Made, Recipe, make
 from beltid.stages.outcome import Outcome, rows_of, span
+from beltid.stages.reduced_doubt import friction_doubt
 from beltid.stages.reduction import friction_settings, reduction_columns
 from beltid.stages.talk import Options
+from beltid.stages.uncertainties import SECTION, budget_details, stated_keys
 from beltid.store.recordings import columns_of, read_recording
 
 KIND: Final = "friction"
-KEYS: Final = ("friction", "rig.pulley_radius_m", "columns.rig", "units.rig", "runs.rig", "dialect")
+KEYS: Final = (
+    "friction",
+    "rig.pulley_radius_m",
+    "columns.rig",
+    "units.rig",
+    "runs.rig",
+    "dialect",
+    SECTION,
+)
 
 
 def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
@@ -31,7 +41,8 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
         options.talk.say(f"{recording.path}: {len(recording.columns['time_s'])} samples")
         return _outcome(recording.columns, config.config, recording.notes, str(recording.path))
 
-    return summarise(make(Recipe(KIND, config, KEYS, inputs), out, options, compute))
+    choices = {"uncertainty_stated": stated_keys(config.config)}
+    return summarise(make(Recipe(KIND, config, KEYS, inputs, choices), out, options, compute))
 
 
 def fit_friction(
@@ -75,12 +86,14 @@ def _outcome(
         column: span(table[column][good])
         for column in ("normal_force_N_m", "slip_speed_m_s", "mu_sliding", "arc_deg")
     }
+    doubt, budget = friction_doubt(table, config)
     return Outcome(
         kind=KIND,
-        columns=table,
+        columns={**table, **doubt},
         result=reduced,
         validity=ranges,
         set_aside=[{"run": run, "why": why} for run, why in aside],
+        extra={"budget": budget},
         notes=(*notes, *_notes(reduced)),
         warnings=tuple(f"run {run} set aside: {why}" for run, why in aside),
     )
@@ -127,7 +140,9 @@ def summarise(made: Made) -> Summary:
             "mu_sliding_range": validity["mu_sliding"],
             "normal_force_range_N_m": validity["normal_force_N_m"],
             "slip_speed_range_m_s": validity["slip_speed_m_s"],
+            "budget": made.artifact.metadata.extra["budget"],
         },
+        details=budget_details(made.artifact.metadata.extra["budget"]),
         table=rows_of(
             columns,
             "run",
@@ -141,6 +156,7 @@ def summarise(made: Made) -> Summary:
             "normal_force_N_m",
             "mu_sliding",
             "mu_sliding_se",
+            "mu_sliding_u",
             "mu_sticking",
             "status",
         ),

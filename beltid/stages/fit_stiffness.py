@@ -15,12 +15,14 @@ from beltid.report.summary import Summary
 from beltid.stages.laws_beside import normal_law_rows, normal_laws
 from beltid.stages.making import Made, Recipe, make
 from beltid.stages.outcome import Outcome, rows_of
+from beltid.stages.reduced_doubt import stiffness_doubt
 from beltid.stages.reduction import stiffness_settings
 from beltid.stages.talk import Options
+from beltid.stages.uncertainties import SECTION, budget_details, stated_keys
 from beltid.store.recordings import columns_of, read_recording
 
 KIND: Final = "stiffness"
-KEYS: Final = ("press", "columns.press", "units.press", "runs.press", "dialect")
+KEYS: Final = ("press", "columns.press", "units.press", "runs.press", "dialect", SECTION)
 POOLED: Final = "pooled"
 
 
@@ -32,7 +34,8 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
         options.talk.say(f"{recording.path}: {len(recording.columns['force_N'])} samples")
         return _outcome(recording.columns, config.config, recording.notes)
 
-    return summarise(make(Recipe(KIND, config, KEYS, inputs), out, options, compute))
+    choices = {"uncertainty_stated": stated_keys(config.config)}
+    return summarise(make(Recipe(KIND, config, KEYS, inputs, choices), out, options, compute))
 
 
 def fit_stiffness(
@@ -72,9 +75,11 @@ def _outcome(
     result = identify(columns, settings)
     beside = normal_laws(columns, settings, result)
     effect = result.temperature
+    laws = (*result.laws, result.pooled)
+    doubt, budget = stiffness_doubt(laws, config)
     return Outcome(
         kind=KIND,
-        columns=_columns((*result.laws, result.pooled)),
+        columns={**_columns(laws), **doubt},
         result=result,
         validity={
             "penetration_m": (0.0, result.pooled.max_penetration_m),
@@ -91,6 +96,7 @@ def _outcome(
                 "statement": effect.statement,
             },
             "n_effective": result.pooled.n_effective,
+            "budget": budget,
             "n_missing": result.n_missing,
             "n_spikes": result.n_spikes,
             **beside.extra,
@@ -132,8 +138,10 @@ def summarise(made: Made) -> Summary:
         "temperature_degC",
         "k_linear_N_m2",
         "k_linear_se_N_m2",
+        "k_linear_u_N_m2",
         "k_quadratic_N_m3",
         "k_quadratic_se_N_m3",
+        "k_quadratic_u_N_m3",
         "contact_offset_mm",
         "rms_residual_N_m",
         "hysteresis_ratio",
@@ -163,18 +171,21 @@ def summarise(made: Made) -> Summary:
                 for name in (
                     "k_linear_N_m2",
                     "k_linear_se_N_m2",
+                    "k_linear_u_N_m2",
                     "k_quadratic_N_m3",
                     "k_quadratic_se_N_m3",
+                    "k_quadratic_u_N_m3",
                 )
             },
             "temperature_matters": extra["temperature"]["matters"],
             "quadratic_law_supported": choice.get("quadratic_supported"),
             "damping_at_press_speed_N_s_m": loss.get("C_P_N_s_m"),
+            "budget": extra["budget"],
         },
         table=rows,
         shown=tuple(name for name in pooled if name != "max_penetration_m"),
         overview=overview,
-        details={"choice of law": normal_law_rows(extra)},
+        details={"choice of law": normal_law_rows(extra), **budget_details(extra["budget"])},
         notes=made.notes,
         warnings=made.warnings,
         up_to_date=made.up_to_date,

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from beltid.config.model import PressSection
 
 
+NOT_REDUCED = ("mu_sliding_u", "normal_force_u_N_m")
+"""Columns that hold what the reduction does not know: the calibration of the bench."""
+
+
 def friction_settings(values: Mapping[str, Any]) -> FrictionSettings:
     """Settings of the reduction from a section ``friction`` of a config or of an artifact."""
     known = {field.name for field in fields(FrictionSettings)}
@@ -41,6 +45,8 @@ def reduction_columns(reduced: Sequence[RunReduction]) -> dict[str, np.ndarray]:
     """
     columns: dict[str, np.ndarray] = {}
     for column in schemas.table("friction").columns:
+        if column.name in NOT_REDUCED:
+            continue
         if column.name == "notes":
             values = [_notes(r) for r in reduced]
         else:

@@ -73,5 +73,13 @@ def budget_table(rows: Sequence[Mapping[str, Any]], quantity: str) -> list[dict[
     ]
 
 
+def budget_details(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[dict[str, Any]]]:
+    """A table for each quantity of a budget."""
+    return {
+        f"standard uncertainty of {quantity}, in percent of it": budget_table(rows, quantity)
+        for quantity in dict.fromkeys(row["quantity"] for row in rows)
+    }
+
+
 def _with_unit(value: float | None, unit: str) -> str:
     return "" if value is None else f"{value:.3g} {unit}"

@@ -92,6 +92,10 @@ _STIFFNESS = Table(
         positive("max_force_N_m", "N/m", "largest line force of the fit"),
         count("n_samples", "samples used"),
         *optional(
+            nonnegative("k_linear_u_N_m2", "N/m²", "combined standard uncertainty", nullable=True),
+            nonnegative(
+                "k_quadratic_u_N_m3", "N/m³", "combined standard uncertainty", nullable=True
+            ),
             count("n_cycles", "load cycles used"),
             count("n_set_aside", "samples set aside"),
             text("tests", "labels of the tests used", nullable=True),
@@ -139,6 +143,10 @@ _FRICTION = Table(
         count("n_samples", "samples of the plateau"),
         text("status", "ok, or why it was set aside"),
         *optional(
+            nonnegative("mu_sliding_u", "1", "combined standard uncertainty", nullable=True),
+            nonnegative(
+                "normal_force_u_N_m", "N/m", "combined standard uncertainty", nullable=True
+            ),
             nonnegative("mu_sticking_se", "1", "standard error", nullable=True),
             text("mu_sticking_reason", "why mu_sticking is missing", nullable=True),
             real("imbalance_N", "N", "tight minus slack cell at rest"),

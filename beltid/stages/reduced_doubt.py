@@ -1,0 +1,75 @@
+"""Combined uncertainties of reduced recordings: coefficients of the press law, runs of the rig."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.config import Config
+from beltid.identify.stiffness_result import LawEstimate
+from beltid.laws.penalty import NormalLaw
+from beltid.stages.measured import measured_runs, valid_rows
+from beltid.stages.uncertainties import standard_uncertainties
+from beltid.uncertainty.budget import Scatter, budget, combined
+from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.sources import Errors, press_sources, rig_sources
+
+COEFFICIENTS: Final = ("k_linear_N_m2", "k_quadratic_N_m3")
+Found = tuple[dict[str, np.ndarray], list[dict[str, Any]]]
+
+
+def friction_doubt(columns: Mapping[str, np.ndarray], config: Config) -> Found:
+    """Columns ``mu_sliding_u`` and ``normal_force_u_N_m`` of a friction table, and the budget.
+
+    Runs that cannot be used have none.
+    """
+    rows = valid_rows(columns, np.flatnonzero(columns["status"] == "ok"))
+    measured = measured_runs(columns, rows, config.rig_params().R)
+    sources = rig_sources(standard_uncertainties(config), int(measured.arc.max()) + 1)
+    of_mu, of_force = np.zeros((2, rows.size, len(sources)))
+    for k, source in enumerate(sources):
+        after = measured.corrected(Errors.single(source))
+        of_mu[:, k] = after.mu / measured.mu - 1.0
+        of_force[:, k] = after.normal_force / measured.normal_force - 1.0
+    scatter = measured.mu_se / measured.mu
+    none = np.zeros(rows.size)
+    mu_u, force_u = (np.full(len(columns["status"]), np.nan) for _ in range(2))
+    mu_u[rows] = measured.mu * combined(of_mu, scatter)
+    force_u[rows] = measured.normal_force * combined(of_force, none)
+    of_runs = Scatter("scatter of the samples", scatter)
+    return (
+        {"mu_sliding_u": mu_u, "normal_force_u_N_m": force_u},
+        [
+            *budget("mu_sliding", sources, of_mu, of_runs),
+            *budget("normal_force_N_m", sources, of_force, Scatter(of_runs.name, none)),
+        ],
+    )
+
+
+def stiffness_doubt(laws: Sequence[LawEstimate], config: Config) -> Found:
+    """Columns ``k_..._u_...`` of a stiffness table, and the budget of the last law, the pooled."""
+    given = standard_uncertainties(config)
+    sources = press_sources(given)
+    u = np.zeros((len(laws), 2))
+    rows: list[dict[str, Any]] = []
+    for i, law in enumerate(laws):
+        k = np.array([law.k_linear_N_m2, law.k_quadratic_N_m3])
+        press = PressLaw(
+            NormalLaw(*k.tolist()),
+            np.zeros((2, 2)),
+            law.max_penetration_m,
+            config.press.segment_length_cm / 100.0,
+        )
+        size = np.where(k > 0.0, k, 1.0)
+        changes = np.array([press.coefficients(Errors.single(s)) - k for s in sources])
+        changes = changes.reshape(-1, 2) / size
+        scatter = np.array([law.k_linear_se_N_m2, law.k_quadratic_se_N_m3]) / size
+        u[i] = size * combined(changes.T, scatter)
+        freedom = max(law.n_effective - 2.0 - len(law.tests), 1.0)
+        if law is laws[-1]:
+            for j, name in enumerate(COEFFICIENTS):
+                of_curves = Scatter("scatter of the press curves", scatter[j : j + 1], freedom)
+                rows += budget(name, sources, changes[:, j][None, :], of_curves)
+    return {"k_linear_u_N_m2": u[:, 0], "k_quadratic_u_N_m3": u[:, 1]}, rows
