@@ -16,6 +16,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import process
+from pathlib import Path
 from typing import Any, Final
 
 from beltid.errors import BeltidError
@@ -51,7 +52,7 @@ class ProcessWorkers(Workers):
         from multiprocessing import forkserver
 
         forkserver.set_forkserver_preload(list(IMPORTED))
-        with _deaf_children():
+        with _deaf_children(), _same_package():
             forkserver.ensure_running()
 
     def as_ended(
@@ -152,6 +153,21 @@ def _deaf_children() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextlib.contextmanager
+def _same_package() -> Iterator[None]:
+    """Start a Python that imports the package from where this one has it."""
+    before = os.environ.get("PYTHONPATH")
+    root = str(Path(__file__).resolve().parents[2])
+    os.environ["PYTHONPATH"] = os.pathsep.join([root, *([before] if before else [])])
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["PYTHONPATH"]
+        else:
+            os.environ["PYTHONPATH"] = before
 
 
 def _kill(pool: ProcessPoolExecutor, others: Collection[Any]) -> None:

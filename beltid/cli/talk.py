@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,6 +15,7 @@ from beltid.stages.talk import Talk
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.progress import Progress
 
 LINE_EVERY_S: Final = 10.0
 PLAIN_WIDTH: Final = 100
@@ -55,12 +57,15 @@ class TerminalTalk(Talk):
     def __init__(self, *, quiet: bool = False, verbose: bool = False) -> None:
         self.quiet = quiet
         self.verbose = verbose and not quiet
-        self._live: Console | None = None
+        self._lock = threading.RLock()  # belts of a batch talk at the same time
+        self._bars: Progress | None = None
+        self._followed = 0
 
     def _line(self, text: str) -> None:
-        if self._live is not None:  # above the progress bar, not through it
-            self._live.print(text, markup=False, highlight=False, soft_wrap=True)
-        else:
+        with self._lock:
+            if self._bars is not None:  # above the progress bars, not through them
+                self._bars.console.print(text, markup=False, highlight=False, soft_wrap=True)
+                return
             try:
                 print(text, file=sys.stderr, flush=True)
             except OSError:  # nobody can hear it; the work goes on
@@ -89,7 +94,7 @@ class TerminalTalk(Talk):
         """Follow a task: a bar with the remaining time on a terminal, else a line now and then."""
         if self.quiet:
             yield lambda: None
-        elif sys.stderr.isatty() and self._live is None:
+        elif sys.stderr.isatty():
             with self._bar(label, total) as advance:
                 yield advance
         else:
@@ -97,27 +102,41 @@ class TerminalTalk(Talk):
 
     @contextmanager
     def _bar(self, label: str, total: int) -> Iterator[Callable[[], None]]:
-        from rich.progress import (
-            BarColumn,
-            MofNCompleteColumn,
-            Progress,
-            TextColumn,
-            TimeRemainingColumn,
-        )
+        """One more bar below the others, as long as its task goes on."""
+        with self._lock:
+            bars = self._bars = self._bars or _bars()
+            self._followed += 1
+            task = bars.add_task(label, total=total)
+        try:
+            yield lambda: bars.advance(task)
+        finally:
+            with self._lock:
+                bars.remove_task(task)
+                self._followed -= 1
+                if not self._followed:
+                    bars.stop()
+                    self._bars = None
 
-        columns = (
-            TextColumn("{task.description}", markup=False),
-            BarColumn(bar_width=None),
-            MofNCompleteColumn(),
-            TimeRemainingColumn(),
-        )
-        with Progress(*columns, console=console_for("stderr"), transient=True) as bar:
-            task = bar.add_task(label, total=total)
-            self._live = bar.console
-            try:
-                yield lambda: bar.advance(task)
-            finally:
-                self._live = None
+
+def _bars() -> Progress:
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    bars = Progress(
+        TextColumn("{task.description}", markup=False),
+        BarColumn(bar_width=None),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        console=console_for("stderr"),
+        transient=True,
+    )
+    bars.start()
+    return bars
 
 
 class _Lines:
