@@ -83,15 +83,32 @@ def finish(work: Callable[[TerminalTalk], Summary], common: Common, kept: str) -
         with _heard_warnings(talk):
             summary = work(talk)
         _tell(summary, talk, time.monotonic() - start)
-        try:
+        with _stdout():
             _print(summary, common)
-        except BrokenPipeError:  # the reader (head, less) has seen enough
-            mute("stdout")
-            raise typer.Exit from None
-        except OSError as error:
-            mute("stdout")
-            raise BeltidError(told(error)) from None
     raise typer.Exit(summary.exit_status)
+
+
+def print_text(work: Callable[[TerminalTalk], str], common: Common) -> None:
+    """Do the work, whose product is a text, print it on stdout and exit with its status."""
+    talk = TerminalTalk(quiet=common.quiet, verbose=common.verbose)
+    with _statuses(talk, kept="nothing was written"):
+        text = work(talk)
+        with _stdout():
+            print(text, end="", flush=True)
+    raise typer.Exit
+
+
+@contextmanager
+def _stdout() -> Iterator[None]:
+    """What can go wrong while a product is printed."""
+    try:
+        yield
+    except BrokenPipeError:  # the reader (head, less) has seen enough
+        mute("stdout")
+        raise typer.Exit from None
+    except OSError as error:
+        mute("stdout")
+        raise BeltidError(told(error)) from None
 
 
 @contextmanager

@@ -51,14 +51,14 @@ def _lines(section: Section, indent: str) -> Iterator[str]:
                 yield f"{indent}{name}:"
                 yield from body
             continue
-        comment = _comment(field.annotation, field.metadata)
+        comment = allowed(field.annotation, field.metadata)
         if value is None and (not comment or isinstance(section, Unstated)):
             continue  # a name or unit that is not stated
-        text = f"{indent}{name}: {_value(value)}"
+        text = f"{indent}{name}: {value_text(value)}"
         yield f"{text:<{_COMMENT_COLUMN}}  # {comment}" if comment else text
 
 
-def _comment(annotation: Any, metadata: list[Any]) -> str:
+def allowed(annotation: Any, metadata: list[Any]) -> str:
     """What a key allows, from the very annotation that checks it."""
     or_null = "null or " if type(None) in get_args(annotation) else ""
     for check in checks_of(annotation, metadata):
@@ -81,7 +81,8 @@ def checks_of(annotation: Any, metadata: Any = ()) -> Iterator[Checked]:
             yield from checks_of(part)
 
 
-def _value(value: Any) -> str:
+def value_text(value: Any) -> str:
+    """A value as YAML text."""
     if value is None:
         return "null"
     if isinstance(value, bool):
@@ -91,9 +92,9 @@ def _value(value: Any) -> str:
         # 1e-05 is a number in YAML 1.2 only; with a point every reader takes it as one
         return text if "." in text else text.replace("e", ".0e")
     if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(_value(item) for item in value) + "]"
+        return "[" + ", ".join(value_text(item) for item in value) + "]"
     if isinstance(value, Calibration):
-        factor = f"{_value(value.factor)}, offset: {_value(value.offset)}"
+        factor = f"{value_text(value.factor)}, offset: {value_text(value.offset)}"
         return f"{{factor: {factor}}}"
     if isinstance(value, Path):
         return _text(os.path.abspath(value))  # the text may be saved in any folder

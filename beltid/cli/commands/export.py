@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from beltid.cli.common import Common, with_common_options
-from beltid.cli.execute import finish
+from beltid.cli.execute import finish, print_text
 from beltid.cli.program import PlainCommand, app
 
 if TYPE_CHECKING:
@@ -131,8 +131,7 @@ def export(
     from beltid.stages.export_law import run as stage
 
     if target == SCHEMA:
-        typer.echo(schema_text(), nl=False)
-        raise typer.Exit
+        print_text(lambda talk: schema_text(), common)
 
     def work(talk: TerminalTalk) -> Summary:
         if source is None:

@@ -1,0 +1,108 @@
+"""What runs here, what a file is, which values hold."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from beltid.cli.common import Common, with_common_options
+from beltid.cli.execute import finish, print_text
+from beltid.cli.program import PlainCommand, app
+
+if TYPE_CHECKING:
+    from beltid.cli.talk import TerminalTalk
+    from beltid.report.summary import Summary
+
+config_app = typer.Typer(
+    name="config",
+    help="Show the values that hold and where they come from, or check configs.",
+    short_help="show or check a config",
+    rich_markup_mode=None,
+    no_args_is_help=True,
+    context_settings={"help_option_names": ["--help", "-h"]},
+)
+app.add_typer(config_app)
+
+
+@app.command(
+    "info", cls=PlainCommand, short_help="what an artifact is; without one, what runs here"
+)
+@with_common_options
+def info(
+    file: Annotated[
+        Path | None,
+        typer.Argument(metavar="FILE", help="An artifact (.parquet) or a law file (.json)."),
+    ] = None,
+    *,
+    common: Common,
+) -> None:
+    """Tell what a file is: kind, origin, range of validity, hashes of what it was made from.
+
+    With --verbose also its settings, what was set aside and why, and fit statistics. Without a
+    file: version, libraries and environment of this program, to go with a question or a report.
+
+    Example: beltid info runs/5pk/friction.parquet
+    """
+    from beltid.stages import about as stage
+
+    finish(lambda talk: stage.program() if file is None else stage.file_info(file), common, kept="")
+
+
+@config_app.command("show", cls=PlainCommand, short_help="the values that hold, and their origin")
+@with_common_options
+def show(
+    file: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="FILE", help="Input whose config is looked for, as every command does."
+        ),
+    ] = None,
+    origin: Annotated[
+        bool, typer.Option("--origin", help="Tell for each value the file and line it is from.")
+    ] = False,
+    *,
+    common: Common,
+) -> None:
+    """Print the values that hold, as YAML with the range of every key.
+
+    The config is that of --config, else the one that a command would find for FILE, else the
+    built-in 5PK rig. With --origin a table: key, value, and the file and line that state it.
+
+    Example: beltid config show rig.csv --origin
+    """
+    from beltid.config import find_config
+    from beltid.stages import about as stage
+
+    if origin or common.json:
+
+        def work(talk: TerminalTalk) -> Summary:
+            return stage.config_origins(find_config(file, common.config))
+
+        finish(work, common, kept="")
+
+    def text(talk: TerminalTalk) -> str:
+        source = find_config(file, common.config)
+        talk.say(f"config: {source.origin}")
+        return stage.shown_config(source)
+
+    print_text(text, common)
+
+
+@config_app.command("check", cls=PlainCommand, short_help="all that is wrong in configs")
+@with_common_options
+def check(
+    configs: Annotated[list[Path], typer.Argument(metavar="CONFIG", help="Configs to check.")],
+    *,
+    common: Common,
+) -> None:
+    """Check configs: unknown keys, values that are not allowed, recordings that are not there.
+
+    All problems are told at once, with file, line and column. Exit status 2 if there are any.
+
+    Example: beltid config check configs/5pk.yaml
+    """
+    from beltid.stages import about as stage
+
+    finish(lambda talk: stage.check_configs(configs), common, kept="")

@@ -1,0 +1,145 @@
+"""A config for a new belt, by asking or by flags."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from beltid.cli.common import Common, with_common_options
+from beltid.cli.execute import finish
+from beltid.cli.program import PlainCommand, app
+
+if TYPE_CHECKING:
+    from beltid.cli.talk import TerminalTalk
+    from beltid.report.summary import Summary
+
+QUESTIONS: Final = (
+    ("belt.name", "Name of the belt (folder of the results)"),
+    ("belt.type", "Type, such as 5PK"),
+    ("belt.ribs", "Number of ribs"),
+    ("belt.axial_stiffness_N", "Axial stiffness EA [N]"),
+    ("belt.bending_stiffness_N_m2", "Bending stiffness EI [N m²]"),
+    ("press.segment_length_cm", "Length of belt under the press [cm]"),
+    ("rig.pulley_radius_m", "Radius of the belt's centreline on the pulley [m]"),
+    ("rig.span_length_m", "Free belt from load cell to pulley [m]"),
+    ("data.press", "Recording of the press (file, empty: none)"),
+    ("data.rig", "Recording of the friction rig (file, empty: none)"),
+    ("data.speedloss", "Recording of the speed-loss bench (file, empty: none)"),
+    ("data.origin", "Where they come from: measured or synthetic (empty: not said)"),
+)
+"""What is asked on a terminal, in this order; an empty answer keeps the default."""
+
+
+def _numbers(text: str | None) -> list[Any] | None:
+    """``40,68,82`` as a list; what is no number is left for the config to complain about."""
+    from beltid.config.yaml_source import scalar
+
+    return None if text is None else [scalar(part.strip()) for part in text.split(",")]
+
+
+def _option(help: str, metavar: str) -> Any:
+    return typer.Option(help=help, metavar=metavar)
+
+
+def on_terminal() -> bool:
+    """Whether somebody is there to answer."""
+    return sys.stdin.isatty()
+
+
+@app.command("init", cls=PlainCommand, short_help="write a commented config for a new belt")
+@with_common_options(out_help="The file. Default: <NAME>.yaml in the current folder.")
+def init(
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", help="Name of the belt, such as 6pk.")
+    ] = None,
+    belt_type: Annotated[
+        str | None, typer.Option("--type", help="Type of the belt.", metavar="TEXT")
+    ] = None,
+    ribs: Annotated[int | None, _option("Number of ribs.", "N")] = None,
+    width: Annotated[float | None, _option("Width of the ribbed side.", "m")] = None,
+    axial_stiffness: Annotated[float | None, _option("EA.", "N")] = None,
+    bending_stiffness: Annotated[float | None, _option("EI.", "Nm²")] = None,
+    mass_per_length: Annotated[float | None, _option("Mass per length.", "kg/m")] = None,
+    segment_length: Annotated[float | None, _option("Belt under the press.", "cm")] = None,
+    pulley_radius: Annotated[
+        float | None, _option("Radius of the belt's centreline on the pulley.", "m")
+    ] = None,
+    span_length: Annotated[
+        float | None, _option("Free belt from load cell to pulley.", "m")
+    ] = None,
+    arcs: Annotated[str | None, _option("Contact arcs, such as 40,68,82.", "DEG,...")] = None,
+    tensions: Annotated[str | None, _option("Initial tensions.", "N,...")] = None,
+    speeds: Annotated[str | None, _option("Pulley speeds.", "RAD/S,...")] = None,
+    press: Annotated[Path | None, _option("Recording of the press.", "FILE")] = None,
+    rig: Annotated[Path | None, _option("Recording of the friction rig.", "FILE")] = None,
+    speedloss: Annotated[Path | None, _option("Recording of the speed-loss bench.", "FILE")] = None,
+    origin: Annotated[
+        str | None,
+        typer.Option(
+            help="Where the recordings come from: measured or synthetic.",
+            metavar="WORD",
+            autocompletion=lambda: ["measured", "synthetic"],
+        ),
+    ] = None,
+    no_input: Annotated[
+        bool, typer.Option("--no-input", help="Ask nothing, even on a terminal.")
+    ] = False,
+    *,
+    common: Common,
+) -> None:
+    """Write the config of a new belt, with the meaning, unit and range of every key.
+
+    On a terminal, what no flag says is asked; elsewhere it keeps its default and is marked so in
+    the file. A file that stands there is replaced with --force only.
+
+    Example: beltid init 6pk --press press.csv --rig rig.csv --pulley-radius 0.06
+    """
+    from beltid.stages import new_config as stage
+    from beltid.stages.talk import Options
+
+    flags = {
+        "belt.name": name,
+        "belt.type": belt_type,
+        "belt.ribs": ribs,
+        "belt.width_m": width,
+        "belt.axial_stiffness_N": axial_stiffness,
+        "belt.bending_stiffness_N_m2": bending_stiffness,
+        "belt.mass_per_length_kg_m": mass_per_length,
+        "press.segment_length_cm": segment_length,
+        "rig.pulley_radius_m": pulley_radius,
+        "rig.span_length_m": span_length,
+        "rig.arcs_deg": _numbers(arcs),
+        "rig.initial_tensions_N": _numbers(tensions),
+        "rig.pulley_speeds_rad_s": _numbers(speeds),
+        "data.press": press,
+        "data.rig": rig,
+        "data.speedloss": speedloss,
+        "data.origin": origin,
+    }
+    stated = {key: value for key, value in flags.items() if value is not None}
+    ask = on_terminal() and not (no_input or common.quiet or common.json)
+
+    def work(talk: TerminalTalk) -> Summary:
+        answers = _asked(stated) if ask else stated
+        return stage.run(answers, common.out, Options(force=common.force, talk=talk))
+
+    finish(work, common, kept="no config was written")
+
+
+def _asked(stated: dict[str, Any]) -> dict[str, Any]:
+    """The answers to what no flag said."""
+    from beltid.config.yaml_source import scalar
+
+    answers = dict(stated)
+    for key, question in QUESTIONS:
+        if key not in stated:
+            text = typer.prompt(question, default="", show_default=False, err=True).strip()
+            if text:
+                answers[key] = text if key.startswith("data.") or key in _WORDS else scalar(text)
+    return answers
+
+
+_WORDS: Final = ("belt.name", "belt.type")

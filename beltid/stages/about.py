@@ -1,0 +1,195 @@
+"""beltid info and beltid config: what runs here, what a file is, which values hold."""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, Final
+
+from beltid._version import __version__
+from beltid.config import ConfigSource, config_text, load_cases
+from beltid.config.discovery import ENVIRONMENT_VARIABLE
+from beltid.config.effective import DEFAULT, effective_values
+from beltid.errors import ConfigError
+from beltid.report.summary import Summary, json_value
+from beltid.stages.tables import load_law
+from beltid.store.artifacts import Artifact, read_artifact
+from beltid.store.fingerprint import source_sha256
+
+LIBRARIES: Final = ("numpy", "scipy", "numba", "pandas", "pyarrow", "pydantic", "matplotlib")
+VARIABLES: Final = (ENVIRONMENT_VARIABLE, "NO_COLOR", "COLUMNS", "NUMBA_CACHE_DIR")
+
+
+def program() -> Summary:
+    """What runs here: program, Python, libraries, environment."""
+    rows = [{"library": name, "version": _version(name)} for name in LIBRARIES]
+    return Summary(
+        stage="info",
+        title=f"beltid {__version__}",
+        facts={
+            "version": __version__,
+            "sources_sha256": source_sha256(),
+            "folder": str(Path(__file__).parents[1]),
+            "python": f"{platform.python_version()} ({sys.executable})",
+            "platform": platform.platform(),
+            "processors": os.cpu_count(),
+        },
+        table=rows,
+        beside={
+            "environment": [
+                {"variable": name, "value": os.environ.get(name, "not set")} for name in VARIABLES
+            ]
+        },
+    )
+
+
+def file_info(path: Path) -> Summary:
+    """What an artifact or a law file says about itself.
+
+    Raises
+    ------
+    ArtifactError
+        If it is damaged or neither of them.
+    """
+    if path.suffix == ".json":
+        return _law_info(path)
+    artifact = read_artifact(path)
+    metadata = artifact.metadata
+    rows = len(next(iter(artifact.columns.values())))
+    known = {"notes", "warnings", "origin", "config", "method"}
+    return Summary(
+        stage="info",
+        title=f"{path.name}: {artifact.kind} artifact",
+        facts={
+            "kind": artifact.kind,
+            "schema_version": artifact.schema_version,
+            "rows": rows,
+            **({"method": metadata.extra["method"]} if "method" in metadata.extra else {}),
+            "written_by": f"beltid {artifact.software_version}",
+            "config": metadata.extra.get("config"),
+            "file_sha256": artifact.sha256,
+            "config_sha256": metadata.config_sha256,
+            "sources_sha256": artifact.software_sha256,
+            **{f"valid {name}": span for name, span in metadata.validity.items()},
+            "set_aside": len(metadata.set_aside),
+        },
+        table=_columns(artifact),
+        details={
+            "made from": [{"input": name, "sha256": sha} for name, sha in metadata.inputs.items()],
+            "set aside": list(metadata.set_aside),
+            "settings": [
+                {"setting": key, "value": json_value(value)}
+                for key, value in metadata.settings.items()
+            ],
+            "further": [
+                {"name": key, "value": json_value(value)}
+                for key, value in metadata.extra.items()
+                if key not in known
+            ],
+        },
+        notes=tuple(metadata.extra.get("notes", ())),
+        warnings=tuple(metadata.extra.get("warnings", ())),
+        origin=metadata.extra.get("origin"),
+    )
+
+
+def _law_info(path: Path) -> Summary:
+    law = load_law(path)
+    return Summary(
+        stage="info",
+        title=f"{path.name}: contact law of the belt {law.belt.name}",
+        facts={
+            "kind": law.format,
+            "version": law.version,
+            "belt": law.belt.type or law.belt.name,
+            "method": law.friction.method,
+            "written_by": law.provenance.software,
+            "config": law.provenance.config,
+            **{f"valid {name}": span for name, span in law.validity.model_dump().items() if span},
+        },
+        table=[
+            {"made from": name, "sha256": sha}
+            for name, sha in {**law.provenance.artifacts, **law.provenance.recordings}.items()
+        ],
+        notes=law.provenance.notes,
+        origin=law.origin,
+    )
+
+
+def _columns(artifact: Artifact) -> list[dict[str, Any]]:
+    return [{"column": name, "unit": artifact.units.get(name, "")} for name in artifact.columns]
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def shown_config(source: ConfigSource) -> str:
+    """YAML text of the values that hold, every key with its range."""
+    return config_text(source.config)
+
+
+def config_origins(source: ConfigSource) -> Summary:
+    """Every value that holds, and the file and line that state it."""
+    rows = [
+        {"key": entry.key, "value": json_value(entry.value), "from": entry.origin}
+        for entry in effective_values(source)
+    ]
+    stated = [row for row in rows if row["from"] != DEFAULT]
+    return Summary(
+        stage="config show",
+        title=source.origin,
+        facts={
+            "config_sha256": source.config.sha256,
+            "stated": len(stated),
+            "defaults": len(rows) - len(stated),
+        },
+        table=rows,
+        origin=source.config.data.origin,
+    )
+
+
+def check_configs(paths: Sequence[Path]) -> Summary:
+    """Check configs, and whether the recordings they name are there.
+
+    Raises
+    ------
+    ConfigError
+        With everything that is wrong in all of them.
+    """
+    problems: list[str] = []
+    warnings: list[str] = []
+    rows: list[dict[str, Any]] = []
+    for path in paths:
+        try:
+            cases = load_cases(path)
+        except ConfigError as error:
+            problems += error.problems
+            continue
+        config = cases[0][2]
+        missing = {kind: file for kind, file in config.data.files.items() if not file.is_file()}
+        warnings += [f"{path}: data.{kind}: there is no {file}" for kind, file in missing.items()]
+        rows.append(
+            {
+                "config": str(path),
+                "belt": config.belt.name,
+                "cases": len(cases),
+                "recordings": len(config.data.files) - len(missing),
+                "missing": len(missing),
+            }
+        )
+    if problems:
+        raise ConfigError(problems)
+    return Summary(
+        stage="config check",
+        title="every key known, every value allowed",
+        table=rows,
+        warnings=tuple(warnings),
+    )

@@ -1,0 +1,102 @@
+"""beltid init: a commented config for a new belt."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from beltid.config import Config, load_config
+from beltid.config.discovery import ConfigSource
+from beltid.config.effective import DEFAULT, effective_values
+from beltid.config.meanings import SECTIONS
+from beltid.config.template import template_text
+from beltid.errors import InputError
+from beltid.report.summary import Summary, json_value
+from beltid.stages.talk import Options
+from beltid.store import atomic
+
+RECORDINGS: Final = ("press", "rig", "speedloss")
+
+
+def run(stated: Mapping[str, Any], out: Path | None, options: Options) -> Summary:
+    """Write the config of a new belt.
+
+    Parameters
+    ----------
+    stated : mapping
+        Values by their key (``section.key``); recordings as paths from the current folder.
+    out : Path or None
+        The file; None for ``<name>.yaml``.
+    options : Options
+        Force and listener.
+
+    Raises
+    ------
+    InputError
+        If a value is not allowed, or the file stands there already.
+    """
+    values = _with_type_of_name(dict(stated))
+    path = out or Path(f"{values.get('belt.name', Config().belt.name)}.yaml")
+    config = load_config(_sections(_relative(values, path.parent)))
+    if path.exists() and not options.force:
+        raise InputError(f"{path}: stands there already, not replaced; --force replaces it")
+    if path.suffix not in (".yaml", ".yml"):
+        raise InputError(f"{path}: a config is a YAML file, name it {path.stem}.yaml")
+    atomic.write_text(path, template_text(config, frozenset(values)))
+    for kind, file in load_config(path).data.files.items():  # what was written is what is read
+        if not file.exists():
+            options.talk.warn(f"data.{kind}: there is no {file} yet")
+    return _summary(path, config, frozenset(values))
+
+
+def _with_type_of_name(values: dict[str, Any]) -> dict[str, Any]:
+    """A belt that is called 6pk is of the type 6PK and has six ribs, if nothing else is said."""
+    match = re.fullmatch(r"(\d{1,2})(p[hjklm])", str(values.get("belt.name", "")), re.IGNORECASE)
+    if match:
+        values.setdefault("belt.type", match[0].upper())
+    of_type = re.match(r"(\d{1,2})\s*P[HJKLM]", str(values.get("belt.type", "")), re.IGNORECASE)
+    if of_type:
+        values.setdefault("belt.ribs", int(of_type[1]))
+    return values
+
+
+def _relative(values: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Recordings as paths from the folder of the config."""
+    for kind in RECORDINGS:
+        key = f"data.{kind}"
+        if values.get(key) is not None:
+            values[key] = Path(os.path.relpath(values[key], folder)).as_posix()
+    return values
+
+
+def _sections(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    sections: dict[str, dict[str, Any]] = {}
+    for key, value in values.items():
+        section, _, name = key.partition(".")
+        sections.setdefault(section, {})[name] = value
+    return sections
+
+
+def _summary(path: Path, config: Config, stated: frozenset[str]) -> Summary:
+    rows = [
+        {
+            "key": entry.key,
+            "value": json_value(entry.value),
+            "origin": "stated" if entry.key in stated else DEFAULT,
+        }
+        for entry in effective_values(ConfigSource(config, ""))
+        if entry.key.partition(".")[0] in SECTIONS
+    ]
+    assumed = sum(row["origin"] == DEFAULT for row in rows)
+    return Summary(
+        stage="init",
+        title=f"config of the belt {config.belt.name}",
+        out=path,
+        facts={"stated": len(rows) - assumed, "defaults": assumed},
+        table=rows,
+        overview=[row for row in rows if row["origin"] != DEFAULT],
+        origin=config.data.origin,
+    )

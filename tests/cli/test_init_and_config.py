@@ -1,0 +1,173 @@
+"""A config for a new belt; the values that hold and where they come from; what a file is."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from beltid import __version__
+from beltid.config import Config, load_config
+from beltid.config.meanings import MEANINGS, SECTIONS
+from beltid.config.template import template_text
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def test_every_key_that_a_new_config_writes_out_has_a_meaning() -> None:
+    keys = {
+        f"{section}.{name}"
+        for section in SECTIONS
+        for name in type(getattr(Config(), section)).model_fields
+    }
+    assert set(MEANINGS) == keys
+
+
+def test_init_writes_a_config_that_states_what_was_said(beltid: Any) -> None:
+    Path("benches").mkdir()
+    Path("benches/press.csv").touch()
+    made = beltid(
+        *("init", "7pk", "--press", "benches/press.csv", "--rig", "benches/rig.csv"),
+        *("--pulley-radius", "0.06", "--arcs", "40,68", "-o", "configs/seven.yaml"),
+    )
+    assert made.exit_code == 0, made.stderr
+    config = load_config("configs/seven.yaml")
+    assert (config.belt.name, config.belt.type, config.belt.ribs) == ("7pk", "7PK", 7)
+    assert config.rig.pulley_radius_m == 0.06
+    assert config.rig.arcs_deg == (40.0, 68.0)
+    assert config.data.press is not None
+    assert config.data.press.samefile("benches/press.csv")
+    assert "data.rig: there is no" in made.stderr
+    assert "data.press: there is no" not in made.stderr
+    # what nobody stated stays a default: an assumed uncertainty must not turn into a stated one
+    assert not config.uncertainty.model_fields_set
+    assert config.belt.model_fields_set == {"name", "type", "ribs"}
+    assert config.rig.model_fields_set == {"pulley_radius_m", "arcs_deg"}
+
+
+def test_every_line_of_a_new_config_is_valid_once_its_sign_is_taken_away(beltid: Any) -> None:
+    beltid("init", "new")
+    text = Path("new.yaml").read_text()
+    Path("all.yaml").write_text(text.replace("\n  # ", "\n  "))
+    assert load_config("all.yaml").model_dump() == load_config("new.yaml").model_dump()
+    assert len(load_config("all.yaml").uncertainty.model_fields_set) > 10
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    name=st.from_regex(r"[A-Za-z0-9][A-Za-z0-9._-]{0,20}", fullmatch=True),
+    belt_type=st.text(st.characters(categories=("L", "N", "P", "Zs")), min_size=1, max_size=40),
+    radius=st.floats(0.002, 5.0),
+    arcs=st.lists(st.floats(0.1, 359.0), min_size=1, max_size=4, unique=True),
+)
+def test_any_values_come_back(name: str, belt_type: str, radius: float, arcs: list[float]) -> None:
+    if not belt_type.isprintable():
+        return
+    config = Config.model_validate(
+        {
+            "belt": {"name": name, "type": belt_type},
+            "rig": {"pulley_radius_m": radius, "arcs_deg": arcs},
+        }
+    )
+    stated = frozenset({"belt.name", "belt.type", "rig.pulley_radius_m", "rig.arcs_deg"})
+    Path("any.yaml").write_text(template_text(config, stated), encoding="utf-8")
+    assert load_config("any.yaml") == config
+
+
+def test_init_replaces_nothing_without_force(beltid: Any) -> None:
+    Path("a.yaml").write_text("belt: {name: mine}\n")
+    refused = beltid("init", "a")
+    assert refused.exit_code == 2
+    assert "a.yaml: stands there already, not replaced; --force replaces it" in refused.stderr
+    assert Path("a.yaml").read_text() == "belt: {name: mine}\n"
+    assert beltid("init", "a", "--force").exit_code == 0
+    assert beltid("init", "a", "-o", "press.csv").exit_code == 2
+
+
+def test_init_tells_all_that_is_wrong_and_writes_nothing(beltid: Any) -> None:
+    refused = beltid(
+        "init", "a/b", "--ribs", "0", "--arcs", "40,400,x", "--origin", "guess", "--speeds", ""
+    )
+    assert refused.exit_code == 2
+    for key in ("belt.name", "belt.ribs = 0", "rig.arcs_deg[1] = 400", "data.origin", "rig.pull"):
+        assert key in refused.stderr
+    assert list(Path().iterdir()) == []
+
+
+def test_init_asks_on_a_terminal(beltid: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    answers = iter(["eight", "8PJ", "", "9e4", *[""] * 6, "measured"])
+    asked = []
+
+    def prompt(question: str, **options: Any) -> str:
+        asked.append(question)
+        return next(answers)
+
+    monkeypatch.setattr("typer.prompt", prompt)
+    monkeypatch.setattr("beltid.cli.commands.init.on_terminal", lambda: True)
+    made = beltid("init", "--bending-stiffness", "0.01")
+    assert made.exit_code == 0, made.stderr
+    config = load_config("eight.yaml")
+    assert (config.belt.type, config.belt.ribs) == ("8PJ", 8)
+    assert config.belt.axial_stiffness_N == 9e4
+    assert config.belt.bending_stiffness_N_m2 == 0.01
+    assert config.data.origin == "measured"
+    assert not any("EI" in question for question in asked)  # a flag said it
+    assert beltid("init", "nine", "--no-input").exit_code == 0
+
+
+def test_config_show_prints_yaml_that_is_the_same_config(beltid: Any) -> None:
+    Path("beltid.yaml").write_text("belt: {name: mine, ribs: 6}\nrig:\n  arcs_deg: [30]\n")
+    shown = beltid("config", "show", "rig.csv")
+    assert "config: beltid.yaml (found for rig.csv)" in shown.stderr.replace(f"{Path.cwd()}/", "")
+    Path("again.yaml").write_text(shown.stdout)
+    assert load_config("again.yaml") == load_config("beltid.yaml")
+
+
+def test_config_show_tells_the_line_of_every_value(beltid: Any) -> None:
+    Path("my.yaml").write_text("belt: {name: mine}\nrig:\n\n  arcs_deg: [30]\n")
+    shown = beltid("config", "show", "-c", "my.yaml", "--origin", "--json")
+    rows = {row["key"]: row for row in json.loads(shown.stdout)["table"]}
+    assert rows["belt.name"] == {"key": "belt.name", "value": "mine", "from": "my.yaml:1"}
+    assert rows["rig.arcs_deg"]["from"] == "my.yaml:4"
+    assert rows["rig.supports"]["from"] == "default"
+    table = beltid("config", "show", "-c", "my.yaml", "--origin").stdout
+    assert "my.yaml:4" in table
+
+
+def test_config_check_tells_what_is_wrong_in_all_of_them(beltid: Any) -> None:
+    Path("good.yaml").write_text("belt: {name: good}\ndata: {press: none.csv}\n")
+    Path("bad.yaml").write_text("belt: {ribs: 0}\n")
+    Path("worse.yaml").write_text("rig: {radius: 1}\n")
+    good = beltid("config", "check", "good.yaml")
+    assert good.exit_code == 0
+    assert "data.press: there is no none.csv" in good.stderr
+    bad = beltid("config", "check", "bad.yaml", "good.yaml", "worse.yaml")
+    assert bad.exit_code == 2
+    assert "bad.yaml:1:14: belt.ribs = 0" in bad.stderr
+    assert "worse.yaml:1:7: rig.radius is not a known key" in bad.stderr
+
+
+def test_info_without_a_file_tells_what_runs_here(beltid: Any) -> None:
+    product = json.loads(beltid("info", "--json").stdout)
+    assert product["facts"]["version"] == __version__
+    assert {row["library"] for row in product["table"]} >= {"numpy", "scipy"}
+
+
+def test_info_tells_what_an_artifact_is(bench: Path, beltid: Any) -> None:
+    product = json.loads(beltid("info", bench / "friction.parquet", "--json").stdout)
+    assert product["facts"]["kind"] == "friction"
+    assert product["facts"]["rows"] == 32
+    units = {row["column"]: row["unit"] for row in product["table"]}
+    assert units["normal_force_N_m"] == "N/m"
+    (made_from,) = product["details"]["made from"]
+    assert made_from["input"] == "rig"
+    refused = beltid("info", bench / "rig.csv")
+    assert refused.exit_code == 2
+    assert "not an artifact" in refused.stderr
