@@ -137,10 +137,10 @@ def fields_of(rows: Sequence[Sequence[str]]) -> tuple[Field, ...]:
         if len(cells) == 1:
             name, mark, text = _parted(cells[0])
             if mark and name:
-                fields.append(_field(name, text, ""))
+                fields.append(read_field(name, text, ""))
         elif len(cells) <= 3 and cells[0]:
             fields.append(
-                _field(cells[0].rstrip(":= "), cells[1], cells[2] if len(cells) > 2 else "")
+                read_field(cells[0].rstrip(":= "), cells[1], cells[2] if len(cells) > 2 else "")
             )
     return tuple(fields)
 
@@ -151,7 +151,7 @@ def _parted(text: str) -> tuple[str, str, str]:
     return name.strip(), mark, value.strip()
 
 
-def _field(name: str, text: str, unit: str) -> Field:
+def read_field(name: str, text: str, unit: str = "") -> Field:
     """A field whose unit stands in a cell of its own, in its name, or after the number."""
     unit = unit or unit_in_name(name)
     number = re.match(r"\s*([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([^\d\s].*)$", text)

@@ -43,8 +43,8 @@ def aligned(
 ) -> tuple[dict[str, np.ndarray], np.ndarray, list[str]]:
     """Values of all channels at the times of the master, by linear interpolation.
 
-    Only the time that all channels share is kept: nothing is extrapolated. A missing sample stays
-    missing.
+    Only the time that the sensors of `MASTERS` share is kept, and other channels are missing
+    outside the time they cover: nothing is extrapolated. A missing sample stays missing.
 
     Parameters
     ----------
@@ -76,8 +76,9 @@ def aligned(
         _check(r, channel, master, kind, place, problems)
     if problems.count > wrong:
         return {}, master.time_s[:0], []
-    first = max(c.time_s[0] for c in channels.values())
-    last = min(c.time_s[-1] for c in channels.values())
+    bounding = [c for r, c in channels.items() if r in MASTERS[kind]]
+    first = max(c.time_s[0] for c in bounding)
+    last = min(c.time_s[-1] for c in bounding)
     kept = (master.time_s >= first) & (master.time_s <= last)
     if int(kept.sum()) < MIN_OVERLAP:
         problems.add(
@@ -95,7 +96,7 @@ def aligned(
     ]
     if not kept.all():
         notes.append(
-            f"{int((~kept).sum())} samples outside the time shared by all channels, {first:g} to "
+            f"{int((~kept).sum())} samples outside the time shared by the sensors, {first:g} to "
             f"{last:g} s, left out"
         )
     return values, time, notes
@@ -137,4 +138,4 @@ def _interpolated(channel: Timed, time: np.ndarray) -> np.ndarray:
         at = np.searchsorted(channel.time_s, time, side="right") - 1
         labels: np.ndarray = channel.values[np.maximum(at, 0)]
         return labels
-    return np.interp(time, channel.time_s, channel.values)
+    return np.interp(time, channel.time_s, channel.values, left=np.nan, right=np.nan)

@@ -17,6 +17,7 @@ from beltid.errors import InputError
 from beltid.formats.bench_file import Field
 from beltid.formats.encoding import decode
 from beltid.formats.name_pattern import name_pattern, number
+from beltid.formats.table_head import read_field, unit_in_name
 from beltid.store.columns import Table
 from beltid.store.csv_reader import Wanted, read_rows
 from beltid.store.dialect import ReadOptions, layout
@@ -98,8 +99,6 @@ def read_run_table(path: Path, table: Table) -> RunTable:
         columns[role] = Wanted(i, ours.dtype == "string", column)
         if ours.dtype != "string":
             cell = found.unit_cells[i] if i < len(found.unit_cells) else ""
-            from beltid.formats.table_head import unit_in_name
-
             known = unit_conversion(
                 ours,
                 column,
@@ -201,6 +200,7 @@ class RunSettings:
                     values[found.name] = value
                 elif self.table.column(role).required and not self._stated(role):
                     problems.add(f"{piece.place}: {value}")
+                    told[role] = np.nan  # told once what is wrong
             if len(set(values.values())) > 1 and not self._stated(role):
                 shown = ", ".join(f"{n} = {v:g}" for n, v in values.items())
                 problems.add(
@@ -209,7 +209,8 @@ class RunSettings:
                 )
             elif values:
                 told[role] = next(iter(values.values()))
-                notes.append(f"read header field {next(iter(values))} as {role}")
+                if role not in values:
+                    notes.append(f"read header field {next(iter(values))} as {role}")
 
     def _stated(self, role: str) -> bool:
         """Whether the config tells a setting in another way."""
@@ -224,12 +225,18 @@ class RunSettings:
     def _field_value(self, role: str, found: Field, *, recognised: bool) -> float | str:
         """Value of a header field in our unit, or what is wrong with it."""
         column = self.table.column(role)
+        plain = read_field(found.name, found.text, found.unit)
         try:
-            value = float(found.text.strip().replace(",", "."))
+            value = float(plain.text.strip().replace(",", "."))
         except ValueError:
             return f'header field {found.name} = "{found.text}", must be a number'
         by = unit_conversion(
-            column, found.name, found.unit, self.options, self.table.kind, recognised
+            column,
+            found.name,
+            plain.unit,
+            self.options,
+            self.table.kind,
+            recognised and found.name != role,
         )
         if isinstance(by, str):
             return by

@@ -48,9 +48,9 @@ CASES: dict[str, tuple[Callable[[Path], Any], list[str], list[str]]] = {
         [r"rig\.csv:10: tension_tight_N", r"rig\.csv:20: tension_tight_N"],
     ),
     "missing column": (
-        lambda f: replaced(f / "rig.csv", 1, 4, "omega"),
+        lambda f: replaced(f / "rig.csv", 1, 4, "w"),
         ["fit-friction", "rig.csv"],
-        [r"column pulley_speed_rad_s is missing", "omega"],
+        [r"column pulley_speed_rad_s is missing", "w"],
     ),
     "config value": (
         config_text("rig:\n  arcs_deg: [40, 400]\n"),
@@ -85,7 +85,7 @@ CASES: dict[str, tuple[Callable[[Path], Any], list[str], list[str]]] = {
     "folder as recording": (
         lambda f: None,
         ["fit-friction", "."],
-        [r"is a folder"],
+        [r"speedloss\.csv:1: these are the columns of a speedloss recording, not of a rig"],
     ),
     "wrong kind of artifact": (
         lambda f: None,
