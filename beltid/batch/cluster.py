@@ -77,7 +77,7 @@ class ClusterWorkers(Workers):
                 raise Halted
             self._waiting |= set(futures)
         try:
-            for future in as_completed(futures):
+            for future in as_completed(futures, loop=self._client.loop):
                 yield futures[future], self._result(future)
         finally:
             with self._lock:
@@ -151,6 +151,8 @@ def _connected(scheduler: str | None, scheduler_file: Path | None) -> tuple[Clie
             "--executor dask: no scheduler named; give --scheduler tcp://host:8786, "
             "--scheduler-file FILE, or set DASK_SCHEDULER_ADDRESS"
         )
+    if address is not None:
+        _check_address(address)
     # its log would stand between our lines; what matters is said as an error
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     where = str(address or scheduler_file)
@@ -169,3 +171,14 @@ def _connected(scheduler: str | None, scheduler_file: Path | None) -> tuple[Clie
             f"start some with: dask worker {where}"
         ) from None
     return client, where
+
+
+def _check_address(address: str) -> None:
+    from distributed.comm import get_address_host_port
+
+    try:
+        get_address_host_port(address)
+    except (ValueError, TypeError, ImportError) as error:
+        raise InputError(
+            f"cluster {address}: not an address of a scheduler, such as tcp://host:8786: {error}"
+        ) from None
