@@ -26,6 +26,7 @@ from beltid.units import Conversion
 
 BIG: Final = 64 << 20
 """Bytes of a file from which on it is read run by run."""
+ENDINGS: Final = (".csv", ".csv.gz", ".parquet")
 HEAD: Final = 1 << 20
 
 
@@ -57,9 +58,7 @@ def is_big(path: Path, from_bytes: int = BIG) -> bool:
     try:
         if path.is_dir():
             return bool(parquet_files(path))
-        return path.stat().st_size >= from_bytes and path.name.lower().endswith(
-            (".csv", ".csv.gz", ".txt", ".txt.gz", ".parquet")
-        )
+        return path.stat().st_size >= from_bytes and path.name.lower().endswith(ENDINGS)
     except OSError:
         return False
 
@@ -99,12 +98,13 @@ def _csv(path: Path, options: ReadOptions) -> BigRecording:
     found = text_layout(decoded, name, options, table)
     readings, wanted = wanted_columns(found, name, table, options, problems)
     problems.raise_if_any()
-    conversions = {r: reading.conversion for r, reading in readings.items() if reading.unit_stated}
     body = _after_lines(first, found.first_line - 1)
-    blocks = csv_blocks(itertools.chain([body], chunks), found, wanted, name, problems)
+    source = itertools.chain([body], chunks)
+    blocks = csv_blocks(source, found, wanted, decoded.encoding, name, problems)
+    conversions = {role: r.conversion for role, r in readings.items() if r.unit_stated or r.negated}
     runs = RunStream(blocks, table, name, conversions, problems)
-    notes = (*decoded.notes, *found.notes, *text_notes(found, readings, table))
-    return BigRecording(path, runs, lambda: (*notes, *runs.notes()))
+    told = (*decoded.notes, *found.notes, *text_notes(found, readings, table))
+    return BigRecording(path, runs, lambda: (*told, *runs.notes()))
 
 
 def _after_lines(data: bytes, lines: int) -> bytes:
@@ -119,10 +119,10 @@ def _parquet(path: Path, options: ReadOptions) -> BigRecording:
     name, table, problems = str(path), schemas.table("rig"), Problems()
     blocks = parquet_blocks(path, table, options.names)
     conversions = {
-        ours: known
-        for ours in options.units
+        column.name: known
+        for column in table.columns
         if isinstance(
-            known := unit_conversion(table.column(ours), ours, "", options, "rig", False),
+            known := unit_conversion(column, column.name, "", options, table.kind, False),
             Conversion,
         )
     }

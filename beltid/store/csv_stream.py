@@ -115,6 +115,7 @@ def csv_blocks(
     chunks: Iterator[bytes],
     layout: Layout,
     wanted: Mapping[str, Wanted],
+    encoding: str,
     name: str,
     problems: Problems,
 ) -> Iterator[Block]:
@@ -123,17 +124,19 @@ def csv_blocks(
     Parameters
     ----------
     chunks : iterator of bytes
-        The file from its first row on, in UTF-8 or another encoding that holds ASCII.
+        The file from its first row on.
     layout : Layout
         Its header; the body is not used.
     wanted : mapping of str to Wanted
         Columns to read; exactly one holds text, the label.
+    encoding : str
+        Encoding of the file: UTF-8 or another one that holds ASCII.
     name : str
         File name for messages.
     problems : Problems
         Collects rows that cannot be read.
     """
-    reader = _Reader(layout, wanted, name, problems)
+    reader = _Reader(layout, wanted, encoding, name, problems)
     rest = b""
     for chunk in chunks:
         end = chunk.rfind(b"\n") + 1
@@ -154,9 +157,15 @@ class _Reader:
     """Clean rows by the compiled kernel, all others by the exact reader."""
 
     def __init__(
-        self, layout: Layout, wanted: Mapping[str, Wanted], name: str, problems: Problems
+        self,
+        layout: Layout,
+        wanted: Mapping[str, Wanted],
+        encoding: str,
+        name: str,
+        problems: Problems,
     ) -> None:
         self.layout, self.wanted, self.name, self.problems = layout, wanted, name, problems
+        self.encoding = encoding
         self.line = layout.first_line
         self.label = next(key for key, w in wanted.items() if w.is_text)
         self.numeric = [key for key, w in wanted.items() if not w.is_text]
@@ -186,7 +195,7 @@ class _Reader:
             )
             if rows:
                 found = [change for change in self.changes[:n_changes].tolist() if change[0] < rows]
-                labels = [(row, _text(data[begin + a : begin + b])) for row, a, b in found]
+                labels = [(row, self._text(data[begin + a : begin + b])) for row, a, b in found]
                 columns = {key: self.numbers[slot, :rows] for slot, key in enumerate(self.numeric)}
                 yield Block(columns, labels, self.line)
                 self.line += rows
@@ -198,11 +207,11 @@ class _Reader:
     def _exactly(self, rows: bytes) -> Iterator[Block]:
         """Rows that the kernel leaves alone."""
         try:
-            body = rows.decode()
+            body = rows.decode(self.encoding)
         except UnicodeDecodeError as error:
             line = self.line + rows[: error.start].count(b"\n")
             raise InputError(
-                f"{self.name}:{line}: byte 0x{rows[error.start]:02X} is not UTF-8"
+                f"{self.name}:{line}: byte 0x{rows[error.start]:02X} is not {self.encoding}"
             ) from None
         body = body.replace("\r\n", "\n").replace("\r", "\n") if "\r" in body else body
         layout = replace(self.layout, body=body, first_line=self.line)
@@ -216,7 +225,6 @@ class _Reader:
         columns = {key: read.columns[key] for key in self.numeric}
         yield Block(columns, [(i, labels[i]) for i in starts], read.lines)
 
-
-def _text(cell: bytes) -> str | None:
-    text = cell.decode(errors="replace").strip()
-    return None if text in MISSING_WORDS else text
+    def _text(self, cell: bytes) -> str | None:
+        text = cell.decode(self.encoding, errors="replace").strip()
+        return None if text in MISSING_WORDS else text
