@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from beltid.stages.workers import Workers
-
-Result = TypeVar("Result")
 
 
 class Talk:
@@ -95,9 +93,3 @@ class Options:
     talk: Talk = field(default_factory=Talk)
     workers: Workers | None = None
     peek: bool = False
-
-    def call(self, function: Callable[..., Result], *arguments: Any) -> Result:
-        """Result of a heavy call; see `Workers.call`."""
-        if self.workers is None:
-            return function(*arguments)
-        return self.workers.call(function, *arguments)
