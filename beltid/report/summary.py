@@ -43,6 +43,8 @@ class Summary:
     origin : str or None
         Where the data come from: "measured", "synthetic", None where nobody said. Synthetic data
         are called so wherever they are shown.
+    snippet : str
+        Lines to be copied into a file, such as a section of a config.
     """
 
     stage: str
@@ -60,6 +62,7 @@ class Summary:
     exit_status: int = 0
     up_to_date: bool = False
     origin: str | None = None
+    snippet: str = ""
 
     def as_json(self) -> dict[str, Any]:
         """One JSON object; a missing number is null."""
@@ -75,6 +78,7 @@ class Summary:
             "details": json_value({**self.beside, **self.details}),
             "notes": list(self.notes),
             "warnings": list(self.warnings),
+            **({"snippet": self.snippet} if self.snippet else {}),
         }
 
 

@@ -34,7 +34,9 @@ def show(summary: Summary, console: Console, *, complete: bool = False) -> None:
     """
     with console.capture() as capture:
         for part in renderables(summary, console, complete=complete):
-            console.print(part, markup=False, highlight=False)
+            # lines to be copied stay as they are
+            whole = getattr(part, "no_wrap", None) is True
+            console.print(part, markup=False, highlight=False, soft_wrap=whole)
     # a table fills its last column with blanks, which only disturb what reads the output
     lines = (line.rstrip() for line in capture.get().splitlines())
     console.file.write("\n".join(lines).strip("\n") + "\n")
@@ -59,6 +61,8 @@ def renderables(
     for name, more in {**summary.beside, **(summary.details if complete else {})}.items():
         yield Text(name, style="bold")
         yield table_or_records(more, console)
+    if summary.snippet:
+        yield Text(f"\n{summary.snippet}", no_wrap=True)
     if summary.verdict:
         good = summary.exit_status == 0
         yield Text(summary.verdict, style="bold green" if good else "bold red")

@@ -1,0 +1,59 @@
+"""Look into a file of a bench before anything is computed with it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from beltid.cli.common import Common, with_common_options
+from beltid.cli.execute import finish
+from beltid.cli.inputs import FILES
+from beltid.cli.program import PlainCommand, app
+from beltid.errors import InputError
+
+if TYPE_CHECKING:
+    from beltid.cli.talk import TerminalTalk
+    from beltid.report.summary import Summary
+
+KINDS = ("press", "rig", "speedloss")
+
+
+@app.command(
+    "inspect", cls=PlainCommand, short_help="FILE -> what is understood of it, and a config section"
+)
+@with_common_options
+def inspect(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help=f"Recording of any bench ({FILES}).")
+    ],
+    kind: Annotated[
+        str | None,
+        typer.Option(
+            metavar="press|rig|speedloss",
+            help="What it is a recording of. Default: found out from the names of the channels.",
+        ),
+    ] = None,
+    *,
+    common: Common,
+) -> None:
+    """Say what is understood of a file: format, channels, units, rates, runs, gaps.
+
+    Prints every channel with the column it is read as, the runs, and a section for the config that
+    states the reading, ready to be pasted. What cannot be decided is said with the lines that
+    settle it, and the status is 2. Nothing is written.
+
+    Example: beltid inspect export.txt
+    """
+    from beltid.config import find_config
+    from beltid.stages import inspect_file as stage
+
+    def work(talk: TerminalTalk) -> Summary:
+        if kind is not None and kind not in KINDS:
+            raise InputError(f"--kind {kind}, must be " + ", ".join(KINDS))
+        source = find_config(file, common.config)
+        talk.say(f"config: {source.origin}")
+        return stage.run(source, file, stage.InspectOptions(talk=talk, kind=kind))
+
+    finish(work, common, kept="nothing was changed")
