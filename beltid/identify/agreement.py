@@ -88,6 +88,7 @@ def compare_points(
         n_usable=int(np.count_nonzero(tables[0].reason == "")),
         not_compared=matches.counts,
         not_compared_runs=matches.left_out,
+        rows=(matches.measured, matches.simulated),
     )
 
 

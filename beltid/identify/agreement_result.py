@@ -151,6 +151,8 @@ class AgreementResult:
         Runs without a partner or set aside: reason and number.
     not_compared_runs : tuple of (str, str)
         The same run by run: label with side, reason.
+    rows : tuple of ndarray of int (n,)
+        Rows of the matched runs in the measured and in the simulated table.
     u_validation : ndarray (n,), optional
         Standard uncertainty of the relative differences [-]; nan where it is not known.
     """
@@ -174,6 +176,7 @@ class AgreementResult:
     n_usable: int
     not_compared: dict[str, int]
     not_compared_runs: tuple[tuple[str, str], ...]
+    rows: tuple[NDArray[np.intp], NDArray[np.intp]]
     u_validation: Array | None = None
 
     @property

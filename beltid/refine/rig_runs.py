@@ -135,6 +135,17 @@ def surfaces_of(curves: Curves, parameters: Array) -> list[FrictionSurface]:
     ]
 
 
+def lookup_weights(
+    model: RigModel, state: StaticState, surface: FrictionSurface
+) -> tuple[float, Array, Array]:
+    """Simulated mu, line forces of its look-ups (m,) [N/m], and d ln mu / d ln mu(look-up) (m,)."""
+    beta, speed = model.point.beta, model.point.omega * model.path.R
+    mu = float(friction_coefficient(state.T_A, state.T_B, beta))
+    s = tension_sensitivity(model, state)
+    per_mu = (s.tension_tight_N / state.T_A - s.tension_slack_N / state.T_B) / (beta * mu)
+    return mu, s.normal_force_N_m, per_mu * surface.mu(s.normal_force_N_m, speed)
+
+
 def sweep_with_slopes(rig: RigRuns, curves: Curves, parameters: Array) -> Sweep:
     """Simulate every run with the surface of its speed, and differentiate."""
     surfaces = surfaces_of(curves, parameters)
@@ -147,13 +158,9 @@ def sweep_with_slopes(rig: RigRuns, curves: Curves, parameters: Array) -> Sweep:
         values = parameters.reshape(-1, k)
         by_speed = np.asarray(np.gradient(values, curves.log_speed, axis=0), dtype=float)
     for i, (model, state) in enumerate(rig.slide(surfaces)):
-        beta = rig.beta[i]
-        mu = float(friction_coefficient(state.T_A, state.T_B, beta))
-        s = tension_sensitivity(model, state)
-        per_mu = (s.tension_tight_N / state.T_A - s.tension_slack_N / state.T_B) / (beta * mu)
         j = rig.label[i]
-        basis = curves.basis(np.log(s.normal_force_N_m))
-        row = (per_mu * surfaces[j].mu(s.normal_force_N_m, np.exp(curves.log_speed[j]))) @ basis
+        mu, force, weight = lookup_weights(model, state, surfaces[j])
+        row = weight @ curves.basis(np.log(force))
         J[i, j * k : (j + 1) * k] = row
         speed_slope[i] = float(row @ by_speed[j])
         log_mu[i] = np.log(mu) + rig.off_speed[i] * speed_slope[i]

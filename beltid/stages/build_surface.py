@@ -135,6 +135,7 @@ def _doubt(
         sources=sources,
         changes=published_changes(measured, result.average, sources, settings),
         scatter=scatter_factor(published_curves(measured, settings), result.average),
+        arcs_deg=measured.arcs_deg,
     )
 
 

@@ -13,15 +13,18 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.config import Config, ConfigSource, load_config
-from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE
+from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, ArtifactError
 from beltid.identify.agreement import AgreementResult, AgreementSettings, compare_points
 from beltid.identify.friction import reduce_runs
 from beltid.report.summary import Summary
-from beltid.stages.making import Made, Recipe, make
+from beltid.stages.making import SUFFIX, Made, Recipe, make
 from beltid.stages.outcome import Outcome, rows_of
 from beltid.stages.reduction import friction_settings, reduction_columns
+from beltid.stages.simulated_doubt import RunsDoubt, runs_doubt_of
 from beltid.stages.tables import table_columns
 from beltid.stages.talk import Options
+from beltid.stages.uncertainties import budget_details
+from beltid.stages.validation import dominant, validated, within_words
 from beltid.store.artifacts import Artifact, read_artifact
 from beltid.store.recordings import columns_of, read_recording
 
@@ -44,6 +47,7 @@ TOLERANCES: Final = {
     "max_mean_relative_error": "mean magnitude",
     "max_relative_error": "largest",
     "min_share_compared": "runs compared",
+    "max_rms_error_over_uncertainty": "RMS over its uncertainty",
 }
 
 
@@ -58,6 +62,7 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
             friction.columns,
             _reduced(recording.columns, *_reduced_with(friction, config.config)),
             config.config,
+            _doubt_of(inputs["simulated"]),
         )
 
     return summarise(make(Recipe(KIND, config, KEYS, inputs), out, options, compute))
@@ -127,11 +132,24 @@ def _reduced_with(friction: Artifact, config: Config) -> tuple[float, Mapping[st
     return float(radius), stored.get("friction", config.friction.model_dump())
 
 
+def _doubt_of(path: Path) -> RunsDoubt | None:
+    """What an artifact of simulate-rig tells of its uncertainty; other files tell nothing."""
+    if path.suffix.lower() != SUFFIX:
+        return None
+    try:
+        return runs_doubt_of(read_artifact(path, "simulated").metadata.extra)
+    except ArtifactError:
+        return None
+
+
 def _outcome(
-    measured: Mapping[str, np.ndarray], simulated: Mapping[str, np.ndarray], config: Config
+    measured: Mapping[str, np.ndarray],
+    simulated: Mapping[str, np.ndarray],
+    config: Config,
+    doubt: RunsDoubt | None = None,
 ) -> Outcome[AgreementResult]:
     section = config.compare
-    result = compare_points(
+    plain = compare_points(
         measured,
         simulated,
         AgreementSettings(
@@ -139,9 +157,12 @@ def _outcome(
             max_mean_relative_error=section.max_mean_relative_error,
             max_relative_error=section.max_relative_error,
             min_share_compared=MIN_SHARE_COMPARED,
+            max_rms_error_over_uncertainty=section.max_rms_error_over_uncertainty,
         ),
     )
-    columns = result.to_columns()
+    proven = validated(plain, measured, simulated, doubt)
+    result = proven.result
+    columns = {**result.to_columns(), **proven.columns()}
     columns["status"] = np.full(len(columns["run"]), "ok", dtype=object)
     few = (
         [
@@ -170,7 +191,9 @@ def _outcome(
             "averaged": result.averaged_table(),
             "n_measured": result.n_measured,
             "n_simulated": result.n_simulated,
+            **proven.extra(),
         },
+        notes=proven.notes(),
         warnings=(*few, *left_out),
     )
 
@@ -201,7 +224,12 @@ def summarise(made: Made) -> Summary:
             "runs_simulated": extra["n_simulated"],
             "groups": extra["statistics"],
             "judged": extra["judged"],
+            "within_two_u_validation": within_words(extra["validation"]),
+            "rms_over_u_validation": extra["validation"]["rms_e_over_u"],
+            "u_validation_mostly_from": dominant(extra["budget"]),
+            "budget": extra["budget"],
         },
+        details=budget_details(extra["budget"]),
         table=rows_of(
             made.artifact.columns,
             "run",
@@ -213,6 +241,11 @@ def summarise(made: Made) -> Summary:
             "mu_simulated",
             "difference",
             "relative_difference",
+            "u_measured",
+            "u_input",
+            "u_numerical",
+            "u_validation",
+            "e_over_u",
             "within_tolerance",
         ),
         shown=(
@@ -223,6 +256,7 @@ def summarise(made: Made) -> Summary:
             "normal_force_N_m",
             "mu_measured",
             "mu_simulated",
+            "e_over_u",
             "within_tolerance",
         ),
         overview=statistics,
@@ -242,6 +276,8 @@ def _verdict(passed: bool, judged: list[dict[str, Any]]) -> str:
         if name == "min_share_compared":
             return f"{TOLERANCES[name]} {found:.0f} % < {100.0 * row['allowed']:g} %"
         sign = "<=" if row["holds"] else ">"
+        if name == "max_rms_error_over_uncertainty":
+            return f"{TOLERANCES[name]} {found / 100.0:.2f} {sign} {row['allowed']:g}"
         return f"{TOLERANCES[name]} {found:.2f} % {sign} {100.0 * row['allowed']:g} %"
 
     shown = [row for row in judged if row["tolerance"] != "min_share_compared" or not row["holds"]]

@@ -36,7 +36,7 @@ from beltid.stages.workers import Workers
 from beltid.store.artifacts import read_artifact
 from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.refined import factor_of, on_nodes, parameter_changes, simulated_slopes
+from beltid.uncertainty.refined import factor_of, on_nodes, parameter_changes, refined_slopes
 from beltid.uncertainty.sources import all_sources
 
 KIND: Final = "surface"
@@ -201,9 +201,9 @@ def _outcome(
     columns: Mapping[str, np.ndarray], press: PressLaw, config: Config, name: str, draws: Draws
 ) -> Outcome[Refinement]:
     campaign, speeds, used, set_aside = prepared_campaign(columns, press, config, name)
-    refined = refine(campaign.bench, campaign.measured.runs, speeds)
+    refined = draws.workers.call(refine, campaign.bench, campaign.measured.runs, speeds)
     labels = tuple(str(columns["run"][i]) for i in used)
-    slopes = simulated_slopes(campaign, refined, speeds)
+    slopes = draws.workers.call(refined_slopes, campaign, refined, speeds)
     doubt = _doubt(campaign, refined, slopes, config)
     settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
     check = monte_carlo(campaign, refined, doubt, slopes, settings, draws) if draws.count else None
@@ -252,6 +252,7 @@ def _doubt(
         sources=sources,
         changes=on_nodes(refined, parameter_changes(campaign, refined, sources, slopes)),
         scatter=on_nodes(refined, factor_of(refined.covariance)),
+        arcs_deg=campaign.measured.arcs_deg,
         degrees_of_freedom=max(len(campaign.measured.mu) - refined.effective_parameters, 1.0),
     )
 

@@ -23,9 +23,12 @@ from beltid.stages.campaign import (
 )
 from beltid.stages.making import Made, Recipe, admit, make
 from beltid.stages.outcome import Outcome
+from beltid.stages.simulated_doubt import Inputs, RunsDoubt, runs_doubt
 from beltid.stages.simulated_runs import Campaign, simulate
 from beltid.stages.tables import law_of, surface_of
 from beltid.stages.talk import Options
+from beltid.stages.uncertainties import SECTION, press_law, stated_keys
+from beltid.stages.workers import Workers
 from beltid.store.artifacts import read_artifact
 
 KIND: Final = "simulated"
@@ -41,6 +44,8 @@ KEYS: Final = (
     "simulation.steps_per_run",
     "simulation.friction_solver",
     "simulation.sticking_ratio",
+    "press.segment_length_cm",
+    SECTION,
 )
 SHOWN_FAILURES: Final = 20
 ROW: Final = (
@@ -104,17 +109,34 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
     runs = planned_runs(model, Picked(chosen.arcs_deg, chosen.tensions_N, chosen.speeds_rad_s))
 
     @functools.cache
+    def given() -> Inputs:
+        surface = read_artifact(inputs["surface"], "surface")
+        stiffness = read_artifact(inputs["stiffness"], "stiffness")
+        return Inputs(
+            surface_of(surface),
+            surface.metadata.extra.get("uncertainty") or {},
+            press_law(law_of(stiffness), model, stiffness),
+        )
+
+    @functools.cache
     def campaign() -> Campaign:
-        surface = surface_of(read_artifact(inputs["surface"], "surface"))
-        law = law_of(read_artifact(inputs["stiffness"], "stiffness"))
+        laws = given().surface, given().press.law
         options.talk.say(f"{len(runs)} runs, {settings.method}")
         how = options.talk, options.workers or chosen.jobs
-        return simulate(model, (surface, law), runs, settings, how)
+        return simulate(model, laws, runs, settings, how)
+
+    def compute() -> Outcome[Campaign]:
+        done = campaign()
+        _refuse_nothing(done)
+        workers = options.workers or Workers()
+        doubt = runs_doubt(done.finished, given(), model, settings.elements, workers)
+        return _outcome(done, model, settings, doubt)
 
     choices: dict[str, Any] = {
         "method": settings.method,
         "elements": settings.elements,
         "runs": [[r.label, r.arc_deg, r.initial_tension_N, r.pulley_speed_rad_s] for r in runs],
+        "uncertainty_stated": stated_keys(model),
     }
     if settings.method == "steady":
         choices["sliding_samples"] = sliding_samples(model)
@@ -125,7 +147,7 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
     beside = profiles.path_beside(out)
     if times:  # what stands in the way is said before the work
         admit(of_profiles, beside, options)
-    made = make(recipe, out, options, lambda: _outcome(campaign(), model, settings))
+    made = make(recipe, out, options, compute)
     if not times:
         return summarise(made)
     more = make(of_profiles, beside, options, lambda: profiles.profiles_outcome(campaign(), times))
@@ -136,13 +158,26 @@ def _with_defaults(options: Options) -> SimulateOptions:
     return SimulateOptions(**{f.name: getattr(options, f.name) for f in fields(Options)})
 
 
-def _outcome(done: Campaign, config: Config, settings: SimulationSettings) -> Outcome[Campaign]:
-    failures = [f"run {run.label}: {line}" for run, e in done.failures for line in e.problems]
+def _failures(done: Campaign) -> list[str]:
+    return [f"run {run.label}: {line}" for run, e in done.failures for line in e.problems]
+
+
+def _refuse_nothing(done: Campaign) -> None:
+    """A campaign without a single result is a failure."""
     if not done.finished:
+        failures = _failures(done)
         more = len(failures) - SHOWN_FAILURES
         raise NumericsError(
             [*failures[:SHOWN_FAILURES], *([f"and {more} more"] if more > 0 else [])]
         )
+
+
+def _outcome(
+    done: Campaign,
+    config: Config,
+    settings: SimulationSettings,
+    doubt: tuple[RunsDoubt | None, tuple[str, ...]],
+) -> Outcome[Campaign]:
     runs, results = zip(*done.finished, strict=True)
     records = {run.label: solver_record(result) for run, result in done.finished}
     rows = [{**row, "solver": records.get(row["run"])} for row in done.rows()]
@@ -169,9 +204,10 @@ def _outcome(done: Campaign, config: Config, settings: SimulationSettings) -> Ou
             "runs": rows,
             "clamped_lookups": outside,
             "lookups": points,
+            **({"uncertainty": doubt[0].extra()} if doubt[0] else {}),
         },
-        notes=tuple(notes),
-        warnings=tuple(failures),
+        notes=(*notes, *doubt[1]),
+        warnings=tuple(_failures(done)),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -29,6 +29,8 @@ class SurfaceDoubt:
         Change of ln mu by one standard uncertainty of each source.
     scatter : ndarray, shape (nf, nv, r)
         Factor of the covariance by what differs from run to run.
+    arcs_deg : ndarray
+        The arc settings, as the sources count them [deg].
     degrees_of_freedom : float or None
         Of the scatter.
     """
@@ -37,6 +39,7 @@ class SurfaceDoubt:
     sources: Sequence[Source]
     changes: np.ndarray
     scatter: np.ndarray
+    arcs_deg: np.ndarray
     degrees_of_freedom: float | None = None
 
     @property
@@ -74,8 +77,12 @@ class SurfaceDoubt:
             changes,
             Scatter("scatter of the runs", scatter, self.degrees_of_freedom),
         )
-        named = [{"name": s.name, "error": s.error, "place": s.place} for s in self.sources]
+        named = [asdict(source) for source in self.sources]
         return {
-            "uncertainty": {"sources": named, "budget_force_N_m": [low, high]},
+            "uncertainty": {
+                "sources": named,
+                "arcs_deg": self.arcs_deg,
+                "budget_force_N_m": [low, high],
+            },
             "budget": rows,
         }

@@ -46,7 +46,7 @@ class Scatter:
 
 
 def budget(
-    quantity: str, sources: Sequence[Source], changes: Array, scatter: Scatter
+    quantity: str, sources: Sequence[Source], changes: Array, *scatter: Scatter
 ) -> list[dict[str, object]]:
     """Rows of a budget, the combined standard uncertainty last.
 
@@ -58,8 +58,8 @@ def budget(
         Errors that act on all values together.
     changes : ndarray, shape (n, K)
         Relative change of the n values by one standard uncertainty of each source [-].
-    scatter : Scatter
-        The rest.
+    *scatter : Scatter
+        The rest, independent of each other; at least one.
 
     Returns
     -------
@@ -67,10 +67,11 @@ def budget(
         quantity, source, acts_on, basis, standard_uncertainty, unit, contribution_percent,
         largest_percent, share_percent (of the combined variance), degrees_of_freedom.
     """
-    square = {name: np.zeros(scatter.relative.size) for name in dict.fromkeys(_names(sources))}
+    n = scatter[0].relative.size
+    square = {name: np.zeros(n) for name in dict.fromkeys(_names(sources))}
     for source, change in zip(sources, changes.T, strict=True):
         square[source.name] += change**2
-    total = sum(square.values()) + np.square(scatter.relative)
+    total = sum((np.square(s.relative) for s in scatter), start=sum(square.values(), np.zeros(n)))
     whole = float(np.mean(total))
     rows: list[dict[str, object]] = []
     first = {source.name: source for source in reversed(sources)}
@@ -91,18 +92,7 @@ def budget(
         )
     rows = [row for row in rows if float(str(row["largest_percent"])) > LEAST_PERCENT]
     rows.sort(key=lambda row: -float(str(row["contribution_percent"])))
-    rows.append(
-        {
-            "quantity": quantity,
-            "source": scatter.name,
-            "acts_on": EACH,
-            "basis": FITTED,
-            "standard_uncertainty": None,
-            "unit": "",
-            **_figures(np.square(scatter.relative), whole),
-            "degrees_of_freedom": scatter.degrees_of_freedom,
-        }
-    )
+    rows += [_scatter_row(quantity, part, whole) for part in scatter if np.any(part.relative)]
     freedom = effective_freedom(whole, scatter)
     rows.append(
         {
@@ -124,15 +114,17 @@ def combined(changes: Array, scatter: Array) -> Array:
     return np.asarray(np.sqrt(np.sum(np.square(changes), axis=-1) + np.square(scatter)))
 
 
-def effective_freedom(whole: float, scatter: Scatter) -> float:
+def effective_freedom(whole: float, scatter: Sequence[Scatter]) -> float:
     """Effective degrees of freedom by Welch and Satterthwaite; infinite where nothing limits them.
 
     The scatter alone has finite ones: a standard uncertainty that was stated counts as known.
     """
-    own = float(np.mean(np.square(scatter.relative)))
-    if scatter.degrees_of_freedom is None or own == 0.0:
-        return math.inf
-    return scatter.degrees_of_freedom * (whole / own) ** 2
+    spent = sum(
+        float(np.mean(np.square(part.relative))) ** 2 / part.degrees_of_freedom
+        for part in scatter
+        if part.degrees_of_freedom is not None
+    )
+    return whole**2 / spent if spent > 0.0 else math.inf
 
 
 def coverage_factor(level: float, degrees_of_freedom: float = math.inf) -> float:
@@ -141,6 +133,19 @@ def coverage_factor(level: float, degrees_of_freedom: float = math.inf) -> float
     if math.isinf(degrees_of_freedom):
         return float(ndtri(upper))
     return float(stdtrit(degrees_of_freedom, upper))
+
+
+def _scatter_row(quantity: str, part: Scatter, whole: float) -> dict[str, object]:
+    return {
+        "quantity": quantity,
+        "source": part.name,
+        "acts_on": EACH,
+        "basis": FITTED,
+        "standard_uncertainty": None,
+        "unit": "",
+        **_figures(np.square(part.relative), whole),
+        "degrees_of_freedom": part.degrees_of_freedom,
+    }
 
 
 def _names(sources: Sequence[Source]) -> list[str]:

@@ -52,6 +52,12 @@ class Measured:
     mu_se: Array
 
     @property
+    def arcs_deg(self) -> Array:
+        """Contact arc of each setting, in the order of their numbers [deg]."""
+        numbers = range(int(self.arc.max()) + 1)
+        return np.array([np.degrees(self.beta[self.arc == k].mean()) for k in numbers])
+
+    @property
     def normal_force(self) -> Array:
         """Mean of Eq. (8) over the arc [N/m]."""
         return mean_normal_force(self.tight, self.slack, self.R)

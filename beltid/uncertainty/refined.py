@@ -17,6 +17,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from beltid.laws.friction_surface import FrictionSurface
 from beltid.refine.inverse import RefinedSurface
 from beltid.refine.rig_runs import RigRuns, mesh_of, surfaces_of
 from beltid.uncertainty.campaign import Campaign
@@ -40,14 +41,21 @@ def log_inputs(campaign: Campaign) -> Array:
     return np.log(np.column_stack(columns))
 
 
-def simulated_slopes(campaign: Campaign, refined: RefinedSurface, speeds: Array) -> Array:
+def refined_slopes(campaign: Campaign, refined: RefinedSurface, speeds: Array) -> Array:
     """Derivatives of the simulated ln mu of each run by the ln of each input, shape (n, 8)."""
     surfaces = surfaces_of(refined.curves, refined.parameters)
+    return simulated_slopes(campaign, surfaces, speeds, refined.speed_slope)
+
+
+def simulated_slopes(
+    campaign: Campaign, surfaces: Sequence[FrictionSurface], speeds: Array, speed_slope: Array
+) -> Array:
+    """The same with any surface for each speed, and the slope by ln v of each run (n,)."""
     elements = mesh_of(campaign.bench, campaign.measured.runs, MESH)
 
     def log_mu(of: Campaign) -> Array:
         rig = RigRuns(of.bench, of.measured.runs, speeds, elements)
-        return rig.log_mu(surfaces, refined.speed_slope)
+        return rig.log_mu(surfaces, speed_slope)
 
     base = log_mu(campaign)
     columns = [log_mu(_stepped(campaign, name)) - base for name in INPUTS]

@@ -1,0 +1,188 @@
+"""Differences of a comparison in units of their uncertainty (ASME V&V 20): gathered and told."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.identify.agreement import AgreementResult
+from beltid.stages.simulated_doubt import RunsDoubt
+from beltid.uncertainty.budget import Scatter, budget
+from beltid.uncertainty.sources import Source
+from beltid.uncertainty.validation import WITHIN, Validation
+
+QUANTITY: Final = "difference"
+SHOWN: Final = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Validated:
+    """A comparison with the uncertainty of its differences.
+
+    Attributes
+    ----------
+    result : AgreementResult
+        The comparison, with ``u_validation``.
+    validation : Validation
+        The parts of that.
+    sources : tuple of Source
+        Shared errors.
+    inputs_known : bool
+        Whether the uncertainty of the simulated runs is known.
+    """
+
+    result: AgreementResult
+    validation: Validation
+    sources: tuple[Source, ...]
+    inputs_known: bool
+
+    def columns(self) -> dict[str, np.ndarray]:
+        """Columns of the comparison table; absolute, of mu."""
+        mu = self.result.mu_measured
+        parts = self.validation
+        known = np.where(self.inputs_known, 1.0, np.nan)
+        return {
+            "u_measured": parts.measured * mu,
+            "u_input": parts.u_input * mu * known,
+            "u_numerical": parts.numerical * mu * known,
+            "u_validation": parts.u_validation * mu,
+            "e_over_u": self.result.error_over_uncertainty,
+        }
+
+    def extra(self) -> dict[str, Any]:
+        """What the artifact keeps of it."""
+        parts = self.validation
+        rows = budget(
+            QUANTITY,
+            self.sources,
+            parts.difference,
+            Scatter("scatter of the measured runs", parts.measured_scatter),
+            Scatter("scatter behind the simulated runs", parts.simulated_scatter),
+            Scatter("mesh and time steps of the simulation", parts.numerical),
+            Scatter("settings that the bench missed", parts.settings),
+        )
+        ratio = np.abs(self.result.error_over_uncertainty)
+        rms = self.result.rms_error_over_uncertainty
+        return {
+            "budget": rows,
+            "validation": {
+                "n": int(ratio.size),
+                "within_2u": int(np.count_nonzero(ratio <= WITHIN)),
+                "rms_e_over_u": rms if np.isfinite(rms) else None,
+                "inputs_known": self.inputs_known,
+            },
+        }
+
+    def notes(self) -> tuple[str, ...]:
+        """What the reader should know of it."""
+        if self.inputs_known:
+            return ()
+        return (
+            "the uncertainty of the simulated runs is not known (no artifact of simulate-rig that "
+            "tells it): u_validation holds what is known of the measured ones, and the scatter",
+        )
+
+
+def validated(
+    result: AgreementResult,
+    measured: Mapping[str, np.ndarray],
+    simulated: Mapping[str, np.ndarray],
+    doubt: RunsDoubt | None,
+) -> Validated:
+    """Uncertainties of the differences of a comparison.
+
+    Parameters
+    ----------
+    result : AgreementResult
+        The comparison.
+    measured, simulated : mapping of str to ndarray
+        The reduced runs of both sides.
+    doubt : RunsDoubt or None
+        What is known of the simulated runs.
+    """
+    of_measured, of_simulated = result.rows
+    mu = result.mu_measured
+    scatter = _column(measured, "mu_sliding_se", of_measured) / mu
+    combined = _column(measured, "mu_sliding_u", of_measured) / mu
+    whole = np.where(combined > 0.0, combined, scatter)
+    none = np.zeros(mu.size)
+    parts = Validation(
+        measured=whole,
+        measured_scatter=whole,
+        simulated_scatter=_column(simulated, "mu_sliding_se", of_simulated) / mu,
+        numerical=none,
+        settings=none,
+        simulated=np.zeros((mu.size, 0)),
+        difference=np.zeros((mu.size, 0)),
+    )
+    rows = _rows_of(doubt, simulated, of_simulated)
+    if doubt is not None and rows is not None:
+        missed = np.column_stack(
+            [
+                _log_ratio(
+                    _column(measured, "initial_tension_N", of_measured),
+                    _column(simulated, "nominal_tension_N", of_simulated),
+                ),
+                _log_ratio(
+                    np.abs(result.pulley_speed_rad_s),
+                    np.abs(_column(simulated, "pulley_speed_rad_s", of_simulated)),
+                ),
+            ]
+        )
+        parts = Validation(
+            measured=whole,
+            measured_scatter=scatter,
+            simulated_scatter=doubt.scatter[rows],
+            numerical=doubt.numerical[rows],
+            settings=np.abs(np.sum(doubt.by_setting[rows] * missed, axis=1)),
+            simulated=doubt.simulated[rows],
+            difference=doubt.difference[rows],
+        )
+    return Validated(
+        result=replace(result, u_validation=parts.u_validation),
+        validation=parts,
+        sources=doubt.sources if doubt is not None and rows is not None else (),
+        inputs_known=rows is not None,
+    )
+
+
+def _rows_of(
+    doubt: RunsDoubt | None, simulated: Mapping[str, np.ndarray], of_simulated: np.ndarray
+) -> list[int] | None:
+    """Row of each matched run in what is known of the simulated ones; None if one is missing."""
+    if doubt is None:
+        return None
+    places = {label: k for k, label in enumerate(doubt.runs)}
+    rows = [places.get(str(simulated["run"][i])) for i in of_simulated]
+    return None if None in rows else [row for row in rows if row is not None]
+
+
+def _column(columns: Mapping[str, np.ndarray], name: str, rows: np.ndarray) -> np.ndarray:
+    """Values of a column; zero where they are not known."""
+    if name not in columns:
+        return np.zeros(rows.size)
+    values = np.asarray(columns[name], dtype=float)[rows]
+    return np.where(np.isfinite(values), values, 0.0)
+
+
+def _log_ratio(found: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Logarithm of found over wanted settings (n,); zero where one is not known."""
+    known = (found > 0.0) & (wanted > 0.0)
+    return np.log(np.where(known, found, 1.0) / np.where(known, wanted, 1.0))
+
+
+def within_words(validation: Mapping[str, Any]) -> str:
+    """In how many points the difference is within its uncertainty, in words."""
+    return f"{validation['within_2u']} of {validation['n']} runs"
+
+
+def dominant(rows: list[dict[str, Any]]) -> str:
+    """The largest contributions, in words."""
+    parts = [row for row in rows if row["source"] != "combined" and row["contribution_percent"] > 0]
+    parts.sort(key=lambda row: -row["contribution_percent"])
+    return ", ".join(
+        f"{row['source']} {row['contribution_percent']:.2g} %" for row in parts[:SHOWN]
+    )

@@ -1,0 +1,162 @@
+"""What is not known of simulated runs, and of their difference from measured ones.
+
+An error of the bench acts on a comparison in two ways: what was measured is wrong, and so is what
+the simulation was given (the surface, which was made from the same bench; arc, tension, radius,
+stiffnesses). Both are moved together: what an arc does to the measured coefficient and to a surface
+made from it cancels in their difference. Therefore the changes of the simulated ln mu and of the
+difference are kept by source, with their signs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.uncertain_surface import UncertainSurface
+from beltid.params import OperatingPoint
+from beltid.refine.rig_runs import MeasuredRun, RigRuns, lookup_weights, mesh_of
+from beltid.rigsim.model import Bench
+from beltid.uncertainty.campaign import Campaign, Measured
+from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.refined import INPUTS, residual_change, simulated_slopes
+from beltid.uncertainty.sources import Errors, Source
+
+Array = NDArray[np.float64]
+
+FINER_MESH = 2.0
+"""Elements over those used, to see what the mesh changes."""
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedDoubt:
+    """Relative changes of simulated coefficients, arrays by run.
+
+    Attributes
+    ----------
+    simulated : ndarray, shape (n, K)
+        Of the simulated coefficient by one standard uncertainty of each source.
+    difference : ndarray, shape (n, K)
+        Of simulated less measured coefficient.
+    scatter : ndarray, shape (n,)
+        Standard uncertainty by the scatter behind the surface.
+    mesh : ndarray, shape (n,)
+        Change by twice as many elements.
+    mu : ndarray, shape (n,)
+        Simulated coefficient in the sliding limit [-].
+    by_setting : ndarray, shape (n, 2)
+        Derivatives of ln mu by the ln of initial tension and speed: a bench misses its settings.
+    """
+
+    simulated: Array
+    difference: Array
+    scatter: Array
+    mesh: Array
+    mu: Array
+    by_setting: Array
+
+
+def simulated_doubt(
+    bench: Bench,
+    press: PressLaw,
+    points: Sequence[OperatingPoint],
+    arc: NDArray[np.intp],
+    sources: Sequence[Source],
+    elements: int | None = None,
+) -> SimulatedDoubt:
+    """Uncertainty of simulated runs (sliding limit).
+
+    Parameters
+    ----------
+    bench : Bench
+        The bench; its surface is an `UncertainSurface` for its part to be known.
+    press : PressLaw
+        The making of its contact law.
+    points : sequence of OperatingPoint
+        The runs.
+    arc : ndarray of int, shape (n,)
+        Number of the arc setting of each run, as in the sources.
+    sources : sequence of Source
+        Errors; the first ones are those of the columns of the surface's factor.
+    elements : int, optional
+        Belt elements; by default those of the simulation.
+
+    Raises
+    ------
+    ConvergenceError
+        If a run cannot be simulated.
+    """
+    runs = [MeasuredRun(point, 1.0, 0.0) for point in points]
+    omegas = np.unique([point.omega for point in points])
+    speeds = omegas * bench.rig.R
+    mesh = [elements] * len(runs) if elements else mesh_of(bench, runs, 1.0)
+    rig = RigRuns(bench, runs, speeds, mesh)
+    n, surface = len(runs), bench.surface
+    by_surface, scatter = np.zeros((n, len(sources))), np.zeros(n)
+    log_mu, speed_slope, tensions = np.zeros(n), np.zeros(n), np.zeros((n, 2))
+    for i, (model, state) in enumerate(rig.slide([surface] * speeds.size)):
+        v = float(speeds[rig.label[i]])
+        mu, force, weight = lookup_weights(model, state, surface)
+        shared, scatter[i] = _of_surface(surface, force, v, weight)
+        by_surface[i, : shared.size] = shared
+        _, per_v = surface.gradient(force, v)
+        speed_slope[i] = float(weight @ (per_v * v / surface.mu(force, v)))
+        log_mu[i], tensions[i] = np.log(mu), (state.T_A, state.T_B)
+    finer = RigRuns(bench, runs, speeds, [2 * round(0.5 * FINER_MESH * m) for m in mesh])
+    change = finer.log_mu([surface] * speeds.size, speed_slope) - log_mu
+    measured = _as_measured(points, tensions, np.exp(log_mu), bench.rig.R)
+    campaign = Campaign(replace(measured, arc=arc), bench, press)
+    slopes = simulated_slopes(campaign, [surface] * speeds.size, speeds, speed_slope)
+    of_difference, of_simulated = np.zeros((n, len(sources))), np.zeros((n, len(sources)))
+    for k, source in enumerate(sources):
+        errors = Errors.single(source)
+        residual = residual_change(campaign, errors, slopes, speed_slope)
+        of_difference[:, k] = by_surface[:, k] - residual
+        of_measured = np.log(campaign.measured.corrected(errors).mu / campaign.measured.mu)
+        of_simulated[:, k] = of_difference[:, k] + of_measured
+    return SimulatedDoubt(
+        simulated=of_simulated,
+        difference=of_difference,
+        scatter=scatter,
+        mesh=np.abs(change),
+        mu=np.exp(log_mu),
+        by_setting=np.column_stack([slopes[:, INPUTS.index("initial tension")], speed_slope]),
+    )
+
+
+def _of_surface(
+    surface: FrictionSurface, force: Array, speed: float, weight: Array
+) -> tuple[Array, float]:
+    """Change of ln mu of a run by each source of its surface, and the scatter's part."""
+    if isinstance(surface, UncertainSurface) and surface.factor is not None:
+        columns = weight @ surface.factor_at(force, speed)
+        shared = len(surface.sources)
+        return columns[:shared], float(np.linalg.norm(columns[shared:]))
+    relative = surface.mu_se_at(force, speed) / surface.mu(force, speed)
+    return np.zeros(0), float(np.abs(weight) @ np.where(np.isfinite(relative), relative, 0.0))
+
+
+def _as_measured(
+    points: Sequence[OperatingPoint], tensions: Array, mu: Array, R: float
+) -> Measured:
+    """The simulated runs in the place of measured ones."""
+    return Measured(
+        R=R,
+        arc=np.zeros(mu.size, dtype=np.intp),
+        beta=np.array([point.beta for point in points]),
+        T_0=np.array([point.T_0 for point in points]),
+        omega=np.array([point.omega for point in points]),
+        tight=tensions[:, 0],
+        slack=tensions[:, 1],
+        mu=mu,
+        mu_se=np.zeros(mu.size),
+    )
+
+
+def with_rig_sources(stored: Sequence[Source], given: Sequence[Source]) -> tuple[Source, ...]:
+    """Sources of a surface as they were when it was made, then those that it does not know."""
+    known = {(source.error, source.place) for source in stored}
+    return (*stored, *(s for s in given if (s.error, s.place) not in known))
