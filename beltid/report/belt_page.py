@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from beltid.report import tables
-from beltid.report.figures import arc, friction, press, proof, runs, slip, surface
+from beltid.report.figures import arc, budget, friction, press, proof, runs, slip, surface
 from beltid.report.html import Page, Section
 from beltid.report.interactive import as_json, surface_plot
 from beltid.report.results import BeltResults, Sheet
@@ -42,6 +42,7 @@ def belt_page(results: BeltResults, made_from: str) -> Page:
             _friction(results),
             _surface(results),
             _proof(results),
+            _uncertainty(results),
             _aside(results),
             _made(results),
         ),
@@ -114,6 +115,21 @@ def _proof(results: BeltResults) -> Section:
         [*friction.simulated(results), *proof.pictures(results)],
         [tables.agreement(sheet, of) for sheet, of in known],
         _said(*(sheet for sheet, _ in known)),
+    )
+
+
+def _uncertainty(results: BeltResults) -> Section:
+    pictures = budget.pictures(results)
+    table = tables.budget(results)
+    return Section(
+        "uncertainty",
+        "Where the uncertainty comes from",
+        "Standard uncertainties (k = 1), relative to the value. What is assumed can be stated in "
+        "the config, section uncertainty."
+        if pictures
+        else budget.NONE,
+        pictures,
+        [table] if table else (),
     )
 
 

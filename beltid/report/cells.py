@@ -97,3 +97,16 @@ def fact(name: str, value: Any) -> tuple[str, str]:
     words, unit = name_and_unit(name)
     text = cell(name, value)
     return words, f"{text} {unit}" if unit and text != MISSING else text
+
+
+def scientific(value: float, digits: int = 4) -> str:
+    """A number with its power of ten in superscripts.
+
+    Examples
+    --------
+    >>> scientific(6.4999e7)
+    '6.500·10⁷'
+    """
+    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    power = str(int(exponent)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    return f"{mantissa}·10{power}"

@@ -9,12 +9,12 @@ import numpy as np
 
 from beltid.report.drawing import INK, ORDERED, SIMULATED
 from beltid.report.figures.friction import FORCE, MU
-from beltid.report.figures.surface import MILLI, SPEED, WORDS, grid_of
+from beltid.report.figures.surface import MILLI, SPEED, WORDS, grid_of, ticks
 from beltid.report.results import BeltResults, Sheet
 
 NODES: Final = (61, 41)
 DIGITS: Final = 5
-CAMERA: Final = {"eye": {"x": -1.5, "y": -1.7, "z": 0.9}}
+CAMERA: Final = {"eye": {"x": -1.25, "y": -1.4, "z": 0.7}}
 HOVER: Final = "f<sub>N</sub> = %{x:.4g} N/m<br>v = %{y:.3g} mm/s<br>µ = %{z:.4f}"
 
 
@@ -67,6 +67,7 @@ def _trace(sheet: Sheet, shown: bool, limits: tuple[float, float]) -> dict[str, 
         "cmax": limits[1],
         "colorbar": {"title": {"text": "µ"}, "thickness": 12, "len": 0.7},
         "hovertemplate": f"{HOVER}<extra></extra>",
+        "opacity": 0.9,
         "visible": shown,
     }
 
@@ -102,11 +103,12 @@ def _plain(label: Any) -> str:
 
 def _axis(title: str, values: list[float]) -> dict[str, Any]:
     low, high = min(values), max(values)
-    return {
-        "title": {"text": title},
-        "type": "log" if 0.0 < 3.0 * low < high else "linear",
-        "color": INK,
-    }
+    axis: dict[str, Any] = {"title": {"text": title}, "color": INK}
+    if 0.0 < 3.0 * low < high:
+        shown = ticks(np.array([low, high])).tolist()
+        names = [f"{tick:g}" for tick in shown]
+        axis |= {"type": "log", "tickvals": shown, "ticktext": names}
+    return axis
 
 
 def _layout(sheets: list[Sheet], points: int) -> dict[str, Any]:

@@ -68,8 +68,16 @@ class Sheet:
 
     @property
     def surface(self) -> FrictionSurface:
-        """The averaged surface of a surface table."""
-        return surface_from_columns(self.columns)
+        """The averaged surface of a surface table; its errors are the widest that are known."""
+        columns = dict(self.columns)
+        if "mu_u" in columns:
+            columns["mu_se"] = columns["mu_u"]
+        return surface_from_columns(columns)
+
+    @property
+    def doubt(self) -> str:
+        """What the errors of the surface are."""
+        return "combined standard uncertainty" if "mu_u" in self.columns else "standard error"
 
     def law(self, row: int) -> NormalLaw:
         """The normal law in a row of a stiffness table."""

@@ -44,6 +44,18 @@ GROUP_COLUMNS: Final = (
     "force_low_N_m",
     "force_high_N_m",
 )
+BUDGET_COLUMNS: Final = (
+    "artifact",
+    "quantity",
+    "source",
+    "acts_on",
+    "basis",
+    "standard_uncertainty",
+    "unit",
+    "contribution_percent",
+    "largest_percent",
+    "share_percent",
+)
 SHORT_HASH: Final = 12
 
 
@@ -120,7 +132,7 @@ def nodes(sheet: Sheet, of: str) -> View:
         rows.append(row)
     speeds = [f"{1e3 * v:.3g} mm/s" for v in surface.slip_speed_m_s]
     return View(
-        f"µ ± standard error at the nodes of the {of} surface",
+        f"µ ± {sheet.doubt} at the nodes of the {of} surface",
         (heading("normal_force_N_m"), *speeds),
         rows,
         (True,) * (1 + len(speeds)),
@@ -132,6 +144,16 @@ def agreement(sheet: Sheet, of: str) -> View:
     """Differences of groups of points."""
     rows = sheet.extra.get("statistics") or []
     return view(f"Simulated less measured µ, {of} surface", rows, GROUP_COLUMNS)
+
+
+def budget(results: BeltResults) -> View | None:
+    """The budget of every uncertainty, source by source; None if there is none."""
+    rows = [
+        {**row, "artifact": name}
+        for name, sheet in results.sheets.items()
+        for row in sheet.extra.get("budget") or ()
+    ]
+    return view("Budget of the uncertainties", rows, BUDGET_COLUMNS, folded=True) if rows else None
 
 
 def set_aside(results: BeltResults) -> View | None:

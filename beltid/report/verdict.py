@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.report.cells import cell
+from beltid.report.cells import cell, scientific
 from beltid.report.results import BeltResults, Sheet
 
 WORDS: Final = {"compare_refined": "refined", "compare": "published"}
@@ -102,17 +102,29 @@ def _normal_contact(results: BeltResults) -> Card | None:
     if stiffness is None:
         return None
     row = stiffness.pooled_row
-    value, se = (
-        [float(stiffness[name][row]) for name in (f"k_linear{e}_N_m2", f"k_quadratic{e}_N_m3")]
-        for e in ("", "_se")
+    k_linear, k_quadratic = (
+        float(stiffness[name][row]) for name in ("k_linear_N_m2", "k_quadratic_N_m3")
+    )
+    what, doubts = (
+        "u",
+        [float(stiffness[f"k_{n}"][row]) for n in ("linear_u_N_m2", "quadratic_u_N_m3")],
+    )
+    if not np.isfinite(doubts).all():
+        what, doubts = (
+            "s.e.",
+            [float(stiffness[f"k_{n}"][row]) for n in ("linear_se_N_m2", "quadratic_se_N_m3")],
+        )
+    first, second = (
+        100.0 * doubt / max(k, 1e-300)
+        for doubt, k in zip(doubts, (k_linear, k_quadratic), strict=True)
     )
     depth = MICRO * float(stiffness["max_penetration_m"][row])
     return Card(
-        "Normal contact, per metre of belt",
-        f"{value[0]:.4g} δ + {value[1]:.4g} δ²",
+        "Normal contact, N per metre of belt",
+        f"{scientific(k_linear)} δ + {scientific(k_quadratic)} δ²",
         (
-            f"k₁ ± {se[0]:.2g} N/m², k₂ ± {se[1]:.2g} N/m³ (1 s.e.)",
-            f"valid to δ = {depth:.3g} µm, {float(stiffness['max_force_N_m'][row]):.4g} N/m",
+            f"δ in m; coefficients ± {first:.2g} %, ± {second:.2g} % ({what})",
+            f"up to δ = {depth:.3g} µm, {_newtons(float(stiffness['max_force_N_m'][row]))} N/m",
         ),
     )
 
@@ -126,7 +138,7 @@ def _friction(results: BeltResults) -> Card | None:
     return Card(
         f"Friction surface, {of}",
         f"µ = {m0:.3g} to {m1:.3g}",
-        (f"{f0:.4g} to {f1:.4g} N/m", f"{MILLI * v0:.3g} to {MILLI * v1:.3g} mm/s"),
+        (f"{_newtons(f0)} to {_newtons(f1)} N/m", f"{MILLI * v0:.3g} to {MILLI * v1:.3g} mm/s"),
     )
 
 
@@ -176,8 +188,9 @@ def _trust(results: BeltResults) -> list[str]:
     if sheet is not None:
         (f0, f1), (v0, v1), _ = _ranges(sheet)
         said.append(
-            f"The friction law holds from {f0:.4g} to {f1:.4g} N/m and from {MILLI * v0:.3g} to "
-            f"{MILLI * v1:.3g} mm/s; outside the nearest value is taken, nothing is extrapolated."
+            f"The friction law holds from {_newtons(f0)} to {_newtons(f1)} N/m and from "
+            f"{MILLI * v0:.3g} to {MILLI * v1:.3g} mm/s; outside, the nearest value is taken, "
+            "nothing is extrapolated."
         )
     if results.get("compare_refined") is not None:
         said.append(
@@ -189,18 +202,31 @@ def _trust(results: BeltResults) -> list[str]:
         if simulated is not None:
             of = "refined" if name.endswith("refined") else "published"
             said += [f"Simulation with the {of} surface: {note}." for note in simulated.notes]
+    said += _doubts(results)
     slip = results.get("slip")
     statement = (slip.extra.get("rig_speeds") or {}).get("statement") if slip else ""
     if statement:
         said.append(f"{statement[0].upper()}{statement[1:]}.")
-    stiffness = results.get("stiffness")
-    if stiffness is not None:
-        said += [
-            text
-            for text in (
-                (stiffness.extra.get("temperature") or {}).get("statement"),
-                (stiffness.extra.get("law_choice") or {}).get("verdict"),
-            )
-            if text
-        ]
     return said
+
+
+def _doubts(results: BeltResults) -> list[str]:
+    """Combined uncertainty of the surface and the largest source of it."""
+    sheet = results.best_surface
+    rows = list(sheet.extra.get("budget") or ()) if sheet else []
+    total = next((row for row in rows if row["source"] == "combined"), None)
+    if total is None:
+        return []
+    largest = max(
+        (row for row in rows if row is not total), key=lambda row: row["contribution_percent"] or 0
+    )
+    return [
+        f"The combined standard uncertainty of µ is {total['contribution_percent']:.2g} % within "
+        f"the range of the runs, mostly from: {largest['source']} "
+        f"({largest['contribution_percent']:.2g} %, {largest['basis']})."
+    ]
+
+
+def _newtons(value: float) -> str:
+    """A force per length with four digits, never as a power of ten."""
+    return cell("normal_force_N_m", float(f"{value:.4g}"))

@@ -91,7 +91,7 @@ def _cut(
         f"belts-{over}",
         f"Friction over {words}, at {letter} = {told}",
         f"The refined surface of each belt (else the published one) over its own range of "
-        f"{words}, with twice its standard error as a band.",
+        f"{words}, with twice its uncertainty as a band.",
         fig,
     )
 

@@ -20,7 +20,6 @@ from beltid.report.picture import Picture, absent
 from beltid.report.results import BeltResults
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 FORCE: Final = "normal force per length [N/m]"
@@ -39,13 +38,16 @@ def measured(results: BeltResults) -> list[Picture]:
     good = friction["status"] == "ok"
     if not good.any():
         return [absent("friction", MEASURED_TITLE, "No run could be used.", "Fig. 12")]
-    names = ("arc_deg", "slip_speed_m_s", "normal_force_N_m", "mu_sliding", "mu_sliding_se")
+    known = np.isfinite(friction["mu_sliding_u"]).any()
+    doubt = "mu_sliding_u" if known else "mu_sliding_se"
+    doubts = "combined standard uncertainties" if known else "standard errors"
+    names = ("arc_deg", "slip_speed_m_s", "normal_force_N_m", "mu_sliding", doubt)
     fig = over_force(*(friction[name][good] for name in names))
     return [
         Picture(
             "friction",
             MEASURED_TITLE,
-            "One point per run with two standard errors, at the mean normal force of Eq. (8); a "
+            f"One point per run with two {doubts}, at the mean normal force of Eq. (8); a "
             "line joins the runs of one arc and speed. Shade: sliding speed; marker and line: "
             "contact arc.",
             fig,
@@ -125,11 +127,11 @@ def over_force(
                 )
         logarithmic(axes, "x", force_N_m)
         axes.set(xlabel=FORCE, ylabel=MU)
-        _two_legends(fig, axes, arc_values, speed_values)
+        _two_legends(fig, arc_values, speed_values)
     return fig
 
 
-def _two_legends(fig: Figure, axes: Axes, arcs: np.ndarray, speeds: np.ndarray) -> None:
+def _two_legends(fig: Figure, arcs: np.ndarray, speeds: np.ndarray) -> None:
     from matplotlib.lines import Line2D
 
     by_speed: list[Any] = [
@@ -147,8 +149,7 @@ def _two_legends(fig: Figure, axes: Axes, arcs: np.ndarray, speeds: np.ndarray) 
         )
         for i, arc in enumerate(arcs)
     ]
-    first = axes.legend(handles=by_speed[::-1], title="v [mm/s]", loc="upper right")
-    axes.add_artist(first)
+    fig.legend(handles=by_speed[::-1], title="v [mm/s]", loc="outside right upper", frameon=False)
     fig.legend(
         handles=by_arc,
         title=None,

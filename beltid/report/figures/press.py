@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from beltid.report.cells import scientific
 from beltid.report.drawing import (
     FAINT,
     GROUPS,
@@ -115,9 +116,9 @@ def pooled(stiffness: Sheet, curves: Sheet | None) -> Picture:
         axes.set(xlabel=PENETRATION, ylabel=FORCE)
         legend(axes, loc="upper left")
     caption = (
-        f"The law f = k₁ δ + k₂ δ² with k₁ = {law.k_linear_N_m2:.4g} N/m² and "
-        f"k₂ = {law.k_quadratic_N_m3:.4g} N/m³, per metre of belt, runs half-way between the "
-        "branches. It holds up to the dot, the deepest penetration measured."
+        f"The law f = k₁ δ + k₂ δ² with k₁ = {scientific(law.k_linear_N_m2)} N/m² and "
+        f"k₂ = {scientific(law.k_quadratic_N_m3)} N/m³, per metre of belt, runs half-way between "
+        "the branches. It holds up to the dot, the deepest penetration measured."
     )
     if curves is None:
         caption += f" {NO_CURVES}"
@@ -155,11 +156,10 @@ def deviation(stiffness: Sheet) -> Picture:
             axes.plot(own * MICRO, relative, color=colour, ls=line, label=f"{at[k]:g} °C")
         axes.set(xlabel=PENETRATION, ylabel="force, difference from the pooled law [%]")
         legend_below(fig, [axes])
-    statement = (stiffness.extra.get("temperature") or {}).get("statement", "")
     return Picture(
         "press-deviation",
         "Influence of temperature",
         "Force of the law at each temperature less that of the pooled law, relative; the band is "
-        f"twice the standard error of the pooled law. {statement}".strip(),
+        "twice the standard error of the pooled law.",
         fig,
     )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -23,9 +24,12 @@ from beltid.report.figures.friction import FORCE, MU
 from beltid.report.picture import Picture, absent
 from beltid.report.results import BeltResults, Sheet
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 WORDS: Final = {"compare": "published", "compare_refined": "refined"}
 SURFACES: Final = {"compare": "surface", "compare_refined": "surface_refined"}
-MILLI: Final = 1e3
+COLOURS: Final = {"compare": MEASURED, "compare_refined": SIMULATED}
 
 
 def pictures(results: BeltResults) -> list[Picture]:
@@ -41,6 +45,9 @@ def pictures(results: BeltResults) -> list[Picture]:
     sheets = [sheet for name in WORDS if (sheet := results.get(name)) is not None]
     if sheets:
         found.append(differences(sheets))
+    judged = [sheet for sheet in sheets if np.isfinite(sheet["e_over_u"]).any()]
+    if judged:
+        found.append(over_uncertainty(judged))
     return found
 
 
@@ -92,7 +99,7 @@ def averaged(sheet: Sheet, results: BeltResults) -> Picture:
         f"Measured against simulated, {WORDS[sheet.name]} surface",
         "Means over the arcs at each tension and speed. Squares: measured, with twice the standard "
         "error of the mean over arcs; circles: simulated with the identified laws; band: twice the "
-        f"standard error of the surface. {_verdict(sheet)}",
+        f"{_doubt(results, sheet)} of the surface. {_verdict(sheet)}",
         fig,
         "Fig. 17",
     )
@@ -124,6 +131,11 @@ def _band(
     return band if np.isfinite(band).all() else None
 
 
+def _doubt(results: BeltResults, sheet: Sheet) -> str:
+    surface = results.get(SURFACES[sheet.name])
+    return surface.doubt if surface is not None else "standard error"
+
+
 def _verdict(sheet: Sheet) -> str:
     rows = sheet.extra.get("statistics") or [{}]
     whole: dict[str, Any] = rows[0]
@@ -137,26 +149,8 @@ def _verdict(sheet: Sheet) -> str:
 
 def differences(sheets: list[Sheet]) -> Picture:
     """Relative differences run by run over the normal force."""
-    with style():
-        fig = figure(height=4.4)
-        axes = fig.subplots()
-        for sheet, colour in zip(sheets, (MEASURED, SIMULATED), strict=False):
-            relative = 100.0 * sheet["difference"] / sheet["mu_measured"]
-            arcs = as_set(sheet["arc_deg"])
-            for i, arc in enumerate(np.unique(arcs[np.isfinite(arcs)])):
-                rows = arcs == arc
-                axes.plot(
-                    sheet["normal_force_N_m"][rows],
-                    relative[rows],
-                    MARKERS[i % len(MARKERS)],
-                    color=colour,
-                    mfc=colour if sheet.name == "compare_refined" else "none",
-                    label=f"{WORDS[sheet.name]}, arc {arc:.3g}°",
-                )
-        axes.axhline(0.0, color=INK, lw=0.8)
-        logarithmic(axes, "x", sheets[0]["normal_force_N_m"])
-        axes.set(xlabel=FORCE, ylabel="simulated less measured µ [%]")
-        legend_below(fig, [axes], columns=2)
+    relative = [100.0 * sheet["difference"] / sheet["mu_measured"] for sheet in sheets]
+    fig = _run_by_run(sheets, relative, "simulated less measured µ [%]")
     return Picture(
         "differences",
         "What is left between simulation and measurement",
@@ -165,3 +159,50 @@ def differences(sheets: list[Sheet]) -> Picture:
         "something that the model does not know; scatter is noise.",
         fig,
     )
+
+
+def over_uncertainty(sheets: list[Sheet]) -> Picture:
+    """Differences run by run over the uncertainty that they may have."""
+    ratios = [sheet["e_over_u"] for sheet in sheets]
+    fig = _run_by_run(sheets, ratios, "difference over its standard uncertainty [-]", bound=2.0)
+    told = [
+        f"{WORDS[sheet.name]} surface: {found['within_2u']} of {found['n']} runs within."
+        for sheet in sheets
+        if (found := sheet.extra.get("validation")) and found.get("n")
+    ]
+    return Picture(
+        "validation",
+        "Differences against their uncertainty",
+        "Simulated less measured coefficient over the standard uncertainty of this difference; "
+        f"dashed: twice the uncertainty. {' '.join(told)}".strip(),
+        fig,
+    )
+
+
+def _run_by_run(
+    sheets: Sequence[Sheet], values: Sequence[np.ndarray], label: str, bound: float = 0.0
+) -> Figure:
+    """A value of every run over its normal force, a marker per arc, a colour per surface."""
+    with style():
+        fig = figure(height=4.4)
+        axes = fig.subplots()
+        for sheet, y in zip(sheets, values, strict=True):
+            colour = COLOURS[sheet.name]
+            arcs = as_set(sheet["arc_deg"])
+            for i, arc in enumerate(np.unique(arcs[np.isfinite(arcs)])):
+                rows = arcs == arc
+                axes.plot(
+                    sheet["normal_force_N_m"][rows],
+                    y[rows],
+                    MARKERS[i % len(MARKERS)],
+                    color=colour,
+                    mfc=colour if sheet.name == "compare_refined" else "none",
+                    label=f"{WORDS[sheet.name]}, arc {arc:.3g}°",
+                )
+        axes.axhline(0.0, color=INK, lw=0.8)
+        for line in (-bound, bound) if bound else ():
+            axes.axhline(line, color=INK, lw=0.8, ls="--")
+        logarithmic(axes, "x", sheets[0]["normal_force_N_m"])
+        axes.set(xlabel=FORCE, ylabel=label)
+        legend_below(fig, [axes], columns=2)
+    return fig

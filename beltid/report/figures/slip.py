@@ -50,17 +50,12 @@ def against_torque(slip: Sheet) -> Picture:
             axes.axhline(v, color=FAINT, lw=0.9, ls=(0, (1, 2)), label=label)
         axes.set(xlabel="torque of the driven pulley [N m]", ylabel="sliding speed [mm/s]")
         legend_below(fig, [axes], columns=2)
-    statement = (slip.extra.get("rig_speeds") or {}).get("statement", "")
     return Picture(
         "slip",
         "Sliding speed in service",
         "Largest sliding speed between belt and pulley, from the speed loss of the two-pulley "
         "drive by Eq. (7), with two standard errors; dotted: the speeds at which the friction rig "
-        f"runs. {_sentence(statement)}".strip(),
+        "runs.",
         fig,
         "Fig. 9",
     )
-
-
-def _sentence(text: str) -> str:
-    return f"{text[0].upper()}{text[1:]}." if text else ""

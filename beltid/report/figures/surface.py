@@ -102,7 +102,7 @@ def as_map(sheet: Sheet, friction: Sheet | None) -> Picture:
     return Picture(
         f"map-{sheet.name}",
         f"The {WORDS[sheet.name]} surface as a map",
-        f"Contours of µ between {f0:.4g} and {f1:.4g} N/m, {MILLI * v0:.3g} and "
+        f"Contours of µ between {f0:,.0f} and {f1:,.0f} N/m, {MILLI * v0:.3g} and "
         f"{MILLI * v1:.3g} mm/s (box); beyond it the nearest value is taken, nothing is "
         f"extrapolated. {_why_wider(sheet)}".strip(),
         fig,
@@ -169,8 +169,8 @@ def _drawn(sheet: Sheet, friction: Sheet | None) -> Figure:
             )
         for axis, values, logs in ((axes.xaxis, f, log_f), (axes.yaxis, v * MILLI, log_v)):
             if logs:
-                ticks = _ticks(values)
-                axis.set_ticks(np.log10(ticks), [f"{tick:g}" for tick in ticks])
+                shown = ticks(values)
+                axis.set_ticks(np.log10(shown), [f"{tick:g}" for tick in shown])
         axes.set_xlabel(FORCE, labelpad=6)
         axes.set_ylabel(SPEED, labelpad=6)
         axes.zaxis.set_rotate_label(False)
@@ -180,7 +180,7 @@ def _drawn(sheet: Sheet, friction: Sheet | None) -> Figure:
     return fig
 
 
-def _ticks(values: np.ndarray) -> np.ndarray:
+def ticks(values: np.ndarray) -> np.ndarray:
     """Round numbers within a range, for a logarithmic axis."""
     decades = 10.0 ** np.arange(-6, 9)
     steps = (1.0, 2.0, 5.0) if values[-1] < 100.0 * values[0] else (1.0,)

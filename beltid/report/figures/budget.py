@@ -1,0 +1,96 @@
+"""Where the uncertainty comes from: the budget of each result, source by source."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.report.drawing import GROUPS, INK, figure, legend_below, style
+from beltid.report.picture import Picture
+from beltid.report.results import BeltResults
+
+Row = Mapping[str, Any]
+
+COMBINED: Final = "combined"
+MOST_SOURCES: Final = 8
+WORDS: Final = {
+    "surface_refined": "the refined surface",
+    "surface": "the published surface",
+    "friction": "the friction coefficient of a run",
+    "stiffness": "the normal law",
+}
+QUANTITIES: Final = {
+    "surface": "µ",
+    "mu_sliding": "µ",
+    "normal_force_N_m": "normal force",
+    "k_linear_N_m2": "k₁",
+    "k_quadratic_N_m3": "k₂",
+}
+BASES: Final = {
+    "fitted": ("from the data", GROUPS[0], ""),
+    "stated": ("stated in the config", GROUPS[2], "..."),
+    "assumed": ("assumed (default)", GROUPS[6], "///"),
+}
+NONE: Final = "No artifact in this folder carries a budget of its uncertainty."
+
+
+def pictures(results: BeltResults) -> list[Picture]:
+    """A figure for the budget of every quantity, that of the surface first."""
+    found = []
+    for name in WORDS:
+        sheet = results.get(name)
+        rows = [row for row in (sheet.extra.get("budget") or ()) if row] if sheet else []
+        for quantity in dict.fromkeys(str(row["quantity"]) for row in rows):
+            found.append(
+                of_quantity(name, quantity, [r for r in rows if r["quantity"] == quantity])
+            )
+    return found
+
+
+def of_quantity(name: str, quantity: str, rows: Sequence[Row]) -> Picture:
+    """Contributions of the sources to one quantity, the largest first, and their sum."""
+    single = sorted(
+        (row for row in rows if row["source"] != COMBINED), key=_contribution, reverse=True
+    )
+    total = next((row for row in rows if row["source"] == COMBINED), None)
+    shown = [*single[:MOST_SOURCES]]
+    with style():
+        fig = figure(height=1.3 + 0.32 * (len(shown) + 1))
+        axes = fig.subplots()
+        for basis, (label, colour, hatch) in BASES.items():
+            at = [i for i, row in enumerate(shown) if row.get("basis") == basis]
+            if at:
+                values = [_contribution(shown[i]) for i in at]
+                axes.barh(
+                    at, values, 0.7, color=colour, hatch=hatch, edgecolor=INK, lw=0.6, label=label
+                )
+        names = [str(row["source"]) for row in shown]
+        if total is not None:
+            bar = axes.barh(len(shown), _contribution(total), 0.7, color=INK, label=COMBINED)
+            axes.bar_label(bar, [f"{_contribution(total):.2g} %"], padding=3)
+            names.append(COMBINED)
+        axes.set_yticks(range(len(names)), names)
+        axes.invert_yaxis()
+        axes.margins(x=0.16)
+        axes.grid(axis="y", visible=False)
+        axes.set_xlabel("standard uncertainty (k = 1) [%]")
+        legend_below(fig, [axes], columns=2)
+    what = QUANTITIES.get(quantity, quantity)
+    left_out = len(single) - len(shown)
+    more = f" {left_out} smaller sources are in the table." if left_out else ""
+    largest = float(total.get("largest_percent") or np.nan) if total is not None else np.nan
+    worst = f", {largest:.2g} % at worst" if np.isfinite(largest) else ""
+    return Picture(
+        f"budget-{name}-{quantity}",
+        f"Uncertainty of {what}: {WORDS[name]}",
+        f"What each source contributes, relative to the value, root mean square over the range of "
+        f"the runs; the combined value is the root of the sum of squares{worst}. Errors that all "
+        f"runs share do not average out.{more}",
+        fig,
+    )
+
+
+def _contribution(row: Row) -> float:
+    return float(row.get("contribution_percent") or 0.0)
