@@ -3,7 +3,7 @@
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help run run-all test check bench clean
+.PHONY: help run run-all test check bench docs clean
 
 # another Python: make PYTHON=/path/to/python3.12 run
 PYTHON ?= $(shell for p in python3 python3.14 python3.13 python3.12 python3.11 python; do \
@@ -46,8 +46,11 @@ check: $(DEVELOPMENT)  ## formatting, lint, types, import contracts
 bench: $(BENCHMARK)  ## the benchmark beside its peer; writes benchmarks/RESULTS.md
 	$(BIN)/python -m benchmarks.bench $(ARGS)
 
+docs: $(DEVELOPMENT)  ## the pages of docs/ as HTML in docs/_build/html
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
+
 clean:  ## remove .venv, caches and the results of run and run-all
-	rm -rf $(VENV) runs/4pk runs/5pk runs/6pk dist build
+	rm -rf $(VENV) runs/4pk runs/5pk runs/6pk dist build docs/_build
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache .benchmarks
 	find beltid tests -type d -name __pycache__ -prune -exec rm -rf {} +
 

@@ -1,0 +1,92 @@
+"""The documentation: its pages build without a warning, and the tutorial does what it says."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import beltid
+from beltid.cli import app
+
+ROOT = Path(__file__).parents[2]
+SPHINX = (sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html")
+TUTORIAL = ROOT / "docs" / "tutorial.md"
+
+
+def blocks(language: str) -> list[str]:
+    """Fenced blocks of the tutorial, in their order."""
+    return re.findall(rf"^```{language}\n(.*?)^```$", TUTORIAL.read_text(), re.M | re.S)
+
+
+def commands() -> list[str]:
+    return [line[2:] for block in blocks("console") for line in block.splitlines() if line]
+
+
+def cut_recording_short(path: Path) -> None:
+    """Keep 18 of the 120 runs: the commands are tested here, not the numbers."""
+    header, *lines = path.read_text().splitlines(keepends=True)
+    cells = [line.strip().split(",") for line in lines]
+    in_reach = [row[6] in ("40", "82") and row[7] in ("100", "270", "411") for row in cells]
+    labels = dict.fromkeys(row[0] for row, near in zip(cells, in_reach, strict=True) if near)
+    slow = {label for i, label in enumerate(labels) if i % 5 < 3}  # of five speeds each
+    kept = [line for line, row in zip(lines, cells, strict=True) if row[0] in slow]
+    path.write_text(header + "".join(kept))
+
+
+def cut_config_short(path: Path) -> None:
+    text = path.read_text()
+    for key, values in (
+        ("arcs_deg", "[40, 82]"),
+        ("initial_tensions_N", "[100, 270, 411]"),
+        ("pulley_speeds_rad_s", "[0.05, 0.10, 0.21]"),
+    ):
+        text, count = re.subn(rf"^  # {key}: .*$", f"  {key}: {values}", text, flags=re.M)
+        assert count == 1
+    path.write_text(f"{text}\nsimulation: {{method: steady}}\n")
+
+
+def test_commands_of_the_tutorial_run_one_after_the_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("BELTID", str(ROOT))
+    monkeypatch.delenv("BELTID_CONFIG", raising=False)
+    assert len(commands()) > 10
+    for command in commands():
+        if command.startswith("beltid "):
+            done = CliRunner().invoke(app, shlex.split(command)[1:])
+            assert done.exit_code == 0, f"{command}\n{done.output}\n{done.exception!r}"
+        else:
+            subprocess.run(command, shell=True, check=True)
+            cut_recording_short(tmp_path / "rig.csv")
+        if command.startswith("beltid init"):
+            cut_config_short(tmp_path / "5pk.yaml")
+    assert (tmp_path / "runs" / "5pk" / "report.html").is_file()
+    law = beltid.load_law(tmp_path / "law" / "5pk.beltlaw.json")
+    assert law.synthetic
+    assert (law.belt.name, law.belt.ribs) == ("5pk", 5)
+    for block in blocks("python"):
+        exec(block, {})
+
+
+def test_pages_build_without_a_warning(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [*SPHINX, "-d", tmp_path / "doctrees", ROOT / "docs", tmp_path / "html"],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "beltid.simulate_rig" in (tmp_path / "html" / "api.html").read_text()
+
+
+def test_every_target_and_every_command_is_told_by_the_pages() -> None:
+    from beltid.cli.commands.export import TARGET_NAMES
+
+    told = (ROOT / "docs" / "export.md").read_text()
+    assert all(f"`{name}`" in told or f"export {name}" in told for name in TARGET_NAMES)
