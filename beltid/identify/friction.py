@@ -6,7 +6,7 @@ the recording. A run that cannot be reduced is set aside with its reason, never 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,6 +26,7 @@ from beltid.identify.friction_run import (
 )
 from beltid.identify.friction_slow_ripple import allow_for_slow_ripple
 from beltid.identify.friction_start import Found, Run, Start, start_run
+from beltid.identify.friction_tails import average_over_tails
 from beltid.identify.peak import StickingPeak, sticking_peak
 from beltid.identify.plateau import Plateau, PlateauCriteria, settle
 from beltid.identify.rest_phase import SetAsideError
@@ -96,7 +97,7 @@ def reduce_run(
     run = start_run(record, pulley_radius_m, chosen)
     if run.state is not None:
         run.correction = correction_of_one(run.state.rest, chosen.correct_imbalance)
-    return allow_for_slow_ripple([_finished(run, pulley_radius_m, chosen)])[0]
+    return read_together([finish_run(run, pulley_radius_m, chosen)])[0]
 
 
 def reduce_runs(
@@ -136,7 +137,7 @@ def reduce_runs(
     cells = corrections(rests, chosen.correct_imbalance)
     for run, correction in zip(at_rest, cells, strict=True):
         run.correction = correction
-    return allow_for_slow_ripple([_finished(run, pulley_radius_m, chosen) for run in runs])
+    return read_together([finish_run(run, pulley_radius_m, chosen) for run in runs])
 
 
 def _check_radius(pulley_radius_m: float) -> None:
@@ -144,8 +145,13 @@ def _check_radius(pulley_radius_m: float) -> None:
         raise InputError(f"pulley_radius_m = {pulley_radius_m!r}, must be > 0")
 
 
-def _finished(run: Run, R: float, settings: FrictionSettings) -> RunReduction:
-    """Reduce the sliding of a run."""
+def read_together(runs: Sequence[RunReduction]) -> tuple[RunReduction, ...]:
+    """What only all runs of a bench tell: the shape of their tails, and a slow ripple."""
+    return allow_for_slow_ripple(average_over_tails(runs))
+
+
+def finish_run(run: Run, R: float, settings: FrictionSettings) -> RunReduction:
+    """Reduce the sliding of a run; `read_together` is to follow."""
     if run.state is not None:
         try:
             _slide(run, run.state, R, settings)
@@ -191,6 +197,7 @@ def _fill_plateau(run: Run, R: float, channels: Channels, t: Array, plateau: Pla
     beta = float(np.radians(run.record.arc_deg))
     start, end = plateau.start_s, float(t[-1])
     cells = run.correction.log_ratio_se(tight, slack, found["initial_tension_N"])
+    cells = float(np.hypot(cells, plateau.systematic_se))
     temperature = NAN
     if channels.temperature is not None:
         values = channels.temperature[(channels.time_s >= start) & (channels.time_s <= end)]
@@ -202,6 +209,8 @@ def _fill_plateau(run: Run, R: float, channels: Channels, t: Array, plateau: Pla
         "tension_slack_N": slack,
         "mu_sliding": float(friction_coefficient(tight, slack, beta)),
         "mu_sliding_se": float(np.hypot(plateau.log_ratio_se, cells) / beta),
+        "cells_log_ratio_se": cells,
+        "tails": plateau.tails,
         "normal_force_N_m": float(mean_normal_force(tight, slack, R)),
         "temperature_degC": temperature,
         "n_samples": int(np.count_nonzero(~plateau.rejected[t >= start])),
@@ -216,8 +225,6 @@ def _fill_plateau(run: Run, R: float, channels: Channels, t: Array, plateau: Pla
 
 
 def _note_plateau(plateau: Plateau, notes: list[str]) -> None:
-    if plateau.drift != 0.0:
-        notes.append(f"mu drifts by {100 * plateau.drift:+.2g} % over the sliding phase")
     if abs(plateau.tail_left) > 1e-3:
         notes.append(
             f"mu is still {100 * plateau.tail_left:+.2g} % off its plateau at the end of the "

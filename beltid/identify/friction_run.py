@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from beltid.errors import InputError
 from beltid.identify.condense import Raw
+from beltid.identify.sliding_tails import Tails
 
 Array = NDArray[np.float64]
 
@@ -122,7 +123,8 @@ class RunReduction:
     mu_sliding: float
     """Eq. (6) of the two plateau tensions [-]."""
     mu_sliding_se: float
-    """Standard error from the noise of the record, correlation of samples allowed for [-]."""
+    """Standard error from the noise of the record, its correlation, the shape of the tail and the
+    cells [-]."""
     mu_sticking: float
     """Peak of mu at the end of the build-up [-]; nan where the record does not resolve it."""
     mu_sticking_se: float
@@ -157,6 +159,10 @@ class RunReduction:
     """Time constant of the decay from the peak [s]; nan without one."""
     drift: float
     """Relative change of mu by drift over the sliding phase [-]; zero without one."""
+    cells_log_ratio_se: float
+    """Part of the standard error of ln(T_tight/T_slack) that cells and converters leave [-]."""
+    tails: Tails | None
+    """ln(T_tight/T_slack) of the plateau for tails of other shapes; None if it was not found."""
     swapped: bool
     """Whether the columns of the tight and the slack cell were exchanged."""
     notes: tuple[str, ...]

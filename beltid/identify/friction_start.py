@@ -19,11 +19,15 @@ SPEED_CHANGE_ALLOWED = 0.2
 """Relative change of the pulley's speed between the halves of the rotation."""
 
 
+_EMPTY_VALUES: Found = {
+    "int": 0,
+    "bool": False,
+    "str": "",
+    "tuple[str, ...]": (),
+    "Tails | None": None,
+}
 _EMPTY: Found = {
-    column.name: {"int": 0, "bool": False, "str": "", "tuple[str, ...]": ()}.get(
-        str(column.type), NAN
-    )
-    for column in fields(RunReduction)
+    column.name: _EMPTY_VALUES.get(str(column.type), NAN) for column in fields(RunReduction)
 }
 
 

@@ -18,6 +18,7 @@ from beltid.identify.signal import (
 from beltid.identify.sliding import fit_sliding, plausible_samples
 from beltid.identify.sliding_misfit import misfit, rise_before, rounding_se
 from beltid.identify.sliding_model import SlidingFit
+from beltid.identify.sliding_tails import Tails, weigh_tails
 from beltid.identify.steady_window import steady_window
 
 Array = NDArray[np.float64]
@@ -66,19 +67,23 @@ class Plateau:
     """Tight and slack tension of the plateau [N]: without tail and ripple, with a drift at the
     middle of the steady window, shape (2,)."""
     log_ratio_se: float
-    """Standard error of ln(T_tight/T_slack) [-]."""
+    """Standard error of ln(T_tight/T_slack) if the fit has the right terms [-]."""
     tail_left: float
     """Relative part of the tail in ln(T_tight/T_slack) at the end of the record [-]."""
     systematic_se: float
-    """Part of that standard error that more samples would not lessen [-]."""
+    """Standard error of ln(T_tight/T_slack) by coarse converters [-]."""
     drift: float
     """Relative change of ln(T_tight/T_slack) by drift over the sliding phase [-]."""
+    tails: Tails
+    """ln(T_tight/T_slack) of the plateau for tails of other shapes."""
 
 
 def settle(
     t: Array, tensions: Array, criteria: PlateauCriteria, step: ArrayLike = (0.0, 0.0)
 ) -> Plateau:
-    """Level and steady window of a sliding phase.
+    """Level and steady window of a sliding phase, with a tail of one exponential.
+
+    What a slower tail would change is in `Plateau.tails`.
 
     Parameters
     ----------
@@ -123,11 +128,7 @@ def settle(
     missed = rise_before(early, fit) / fit.log_ratio
     found = _judged(time, fit, start_s, rejected, criteria, whole=whole, missed=missed)
     rounding = rounding_se(tensions[near][start * per_block :], fit, per_block, step)
-    return replace(
-        found,
-        log_ratio_se=float(np.hypot(found.log_ratio_se, rounding)),
-        systematic_se=rounding,
-    )
+    return replace(found, systematic_se=rounding)
 
 
 def _steady_from(
@@ -265,15 +266,27 @@ def _judged(
             f"allowed is {100 * criteria.max_drift:g} %"
         )
     over_window = rate * (end - start_s)
+    # the drift counts from the middle of the record, the plateau from that of the window
+    levels = fit.levels + fit.drift * 0.5 * (start_s - float(t[0]))
+    log_ratio_se = float(np.hypot(fit.log_ratio_se, over_window / np.sqrt(12.0)))
     return Plateau(
         fit=fit,
         from_start=end - float(t[0]) > 0.95 * whole,
         start_s=start_s,
         rejected=rejected,
-        # the drift counts from the middle of the record, the plateau from that of the window
-        levels=fit.levels + fit.drift * 0.5 * (start_s - float(t[0])),
-        log_ratio_se=float(np.hypot(fit.log_ratio_se, over_window / np.sqrt(12.0))),
+        levels=levels,
+        log_ratio_se=log_ratio_se,
         tail_left=tail_end,
         systematic_se=0.0,
         drift=drift,
+        tails=_tails(t, fit, float(np.log(levels[0] / levels[1])), log_ratio_se),
     )
+
+
+def _tails(t: Array, fit: SlidingFit, log_ratio: float, log_ratio_se: float) -> Tails:
+    """Plateau for tails of other shapes.
+
+    A drift and a slow tail may pass for each other: a fit with a drift counts beside them.
+    """
+    tails = weigh_tails(t, fit)
+    return tails.beside(log_ratio, log_ratio_se) if np.any(fit.drift) else tails

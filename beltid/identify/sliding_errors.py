@@ -39,7 +39,7 @@ def with_errors(fit: SlidingFit, scheme: LinearScheme, t: Array, sigma: Array) -
     residual = fit.residual[fit.used]
     series = residual @ (np.array([1.0, -1.0]) / fit.levels)
     n, n_terms = series.size, scheme.inverse.shape[0] + int(np.isfinite(fit.tau))
-    time = _correlation_time(series, n_terms)
+    time = correlation_time(series, n_terms)
     # every fitted term takes slow noise out of the residual: n/time samples are independent
     covariance = residual.T @ residual / (n * (1.0 - min(n_terms * time / n, MOST_TAKEN)))
     slope = None
@@ -66,7 +66,7 @@ def with_errors(fit: SlidingFit, scheme: LinearScheme, t: Array, sigma: Array) -
     )
 
 
-def _correlation_time(series: Array, n_terms: int) -> float:
+def correlation_time(series: Array, n_terms: int) -> float:
     """Integrated autocorrelation time of the noise behind a residual [samples].
 
     A fitted term takes slow noise, ``tau/n`` of the variance each, out of the residual, so that its

@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 def misfit(fit: SlidingFit, sigma: Array) -> float:
     """Variance of the block means of the residual over what white noise gives (about 1)."""
-    series = _log_residual(fit)[fit.used]
+    series = fit.log_residual[fit.used]
     blocks = min(12, series.size // 4)
     if blocks < 2:
         return 0.0
@@ -21,11 +21,6 @@ def misfit(fit: SlidingFit, sigma: Array) -> float:
     means = np.mean(series[-size * blocks :].reshape(blocks, size), axis=1)
     white = float(np.hypot(*(sigma / fit.levels)))
     return float(np.mean(means**2)) * size / white**2
-
-
-def _log_residual(fit: SlidingFit) -> Array:
-    """Residual of ln(T_tight/T_slack) to first order."""
-    return fit.residual[:, 0] / fit.levels[0] - fit.residual[:, 1] / fit.levels[1]
 
 
 def rise_before(early: Array, fit: SlidingFit) -> float:
@@ -37,7 +32,7 @@ def rise_before(early: Array, fit: SlidingFit) -> float:
     if not (min(high, low) > 0.0 and np.all(fit.levels > 0.0)):
         return 0.0
     rise = fit.log_ratio - float(np.log(high / low))
-    spread = float(np.std(_log_residual(fit)[fit.used])) / np.sqrt(early.shape[0])
+    spread = float(np.std(fit.log_residual[fit.used])) / np.sqrt(early.shape[0])
     return rise - 4.0 * float(np.hypot(1.25 * spread, fit.log_ratio_se))
 
 

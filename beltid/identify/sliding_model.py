@@ -65,6 +65,34 @@ class SlidingFit:
             return float("nan")
         return float(np.log(self.levels[0] / self.levels[1]))
 
+    @property
+    def log_residual(self) -> Array:
+        """Residual of ln(T_tight/T_slack) to first order [-], shape (n,)."""
+        return self.residual @ self.combinations[:, 0]
+
+    @property
+    def combinations(self) -> Array:
+        """Two combinations of the tensions whose noise is alike and not correlated [1/N].
+
+        The first is ln(T_tight/T_slack) to first order; a column each, shape (2, 2).
+        """
+        tight, slack = self.levels
+        noise = np.std(self.residual[self.used], axis=0)
+        ratio = float(noise[1] / noise[0]) if np.all(noise > 0.0) else 1.0
+        return np.array([[1.0 / tight, ratio / slack], [-1.0 / slack, 1.0 / (ratio * tight)]])
+
+    def deviation(self, t: Array) -> Array:
+        """Tensions less their levels, ripple included [N], shape (n, 2).
+
+        Parameters
+        ----------
+        t : ndarray
+            Times of the samples that were fitted [s], shape (n,).
+        """
+        middle = 0.5 * float(t[0] + t[-1])
+        moves = self.tail * self.decay(t)[:, None] + self.drift * (t - middle)[:, None]
+        return self.residual + self.ripple + moves
+
     def tail_at(self, t: Array | float) -> Array:
         """Part of the tail in ln(T_tight/T_slack) at the times `t` [-]."""
         decay = self.decay(t)

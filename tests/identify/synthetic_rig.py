@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -9,6 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+
+SHAPES: dict[str, Callable[[Array], Array]] = {
+    "exponential": lambda x: np.exp(-x),
+    "two exponentials": lambda x: 0.6 * np.exp(-x) + 0.4 * np.exp(-x / 3.0),
+    "stretched": lambda x: np.exp(-(x**0.6)),
+    "power law": lambda x: (1.0 + x) ** -2,
+}
+"""Decay of the sticking peak over time in units of the recipe's `tail`."""
 
 
 @dataclass(frozen=True)
@@ -23,6 +33,7 @@ class Recipe:
     mu: float = 0.8
     peak: float = 0.05
     tail: float = 0.6
+    shape: str = "exponential"
     build_up: float = 0.2
     omega: float = 0.21
     run_up: float = 0.0
@@ -46,7 +57,7 @@ def record(recipe: Recipe) -> dict[str, Array]:
     t = np.arange(n) / r.rate
     turned = np.clip(t - r.rest, 0.0, None)
     after = np.clip(turned - r.build_up, 0.0, None)
-    mu = r.mu * (1.0 + r.peak * np.exp(-after / r.tail))
+    mu = r.mu * (1.0 + r.peak * SHAPES[r.shape](after / r.tail))
     mu *= 1.0 + r.drift * after / (r.duration - r.rest - r.build_up)
     ratio = np.exp(mu * np.radians(r.arc_deg))
     slack = 2.0 * r.initial / (1.0 + ratio)
@@ -63,6 +74,15 @@ def record(recipe: Recipe) -> dict[str, Array]:
         "tension_slack_N": slack + _noise(rng, n, r) - 0.5 * r.offset,
         "pulley_speed_rad_s": speed,
     }
+
+
+def bench(recipe: Recipe, n_runs: int) -> dict[str, Array]:
+    """Columns of rig.csv of runs that differ in noise and phase of the ripple only."""
+    runs = [record(recipe.but(seed=recipe.seed + k)) for k in range(n_runs)]
+    size = runs[0]["time_s"].size
+    columns = {name: np.concatenate([run[name] for run in runs]) for name in runs[0]}
+    label, arc = np.repeat(np.arange(float(n_runs)), size), np.full(n_runs * size, recipe.arc_deg)
+    return {**columns, "run": label, "arc_deg": arc}
 
 
 def _noise(rng: np.random.Generator, n: int, recipe: Recipe) -> Array:
