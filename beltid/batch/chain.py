@@ -10,6 +10,7 @@ from typing import Final
 
 from beltid.batch.belts import batch_summary, write_sweep_tables
 from beltid.batch.local import local_workers
+from beltid.batch.reports import write_reports
 from beltid.batch.schedule import Chain, run_chains
 from beltid.batch.steps import Step
 from beltid.config import ConfigSource
@@ -70,6 +71,8 @@ class BatchOptions(Options):
         Whether the first belt that fails stops the others.
     whole : bool
         Whether all cases of each sweep are among the sources, so that its table can be written.
+    report : bool
+        Whether to write the reports at the end.
     bootstrap, seed : int
         Draws of the Monte Carlo check of the refined surface (0: no check), and their seed.
     """
@@ -77,6 +80,7 @@ class BatchOptions(Options):
     jobs: int | None = None
     fail_fast: bool = False
     whole: bool = True
+    report: bool = True
     bootstrap: int = 0
     seed: int = 0
 
@@ -115,4 +119,6 @@ def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptio
     runs = [chain.run for chain in chains]
     if options.whole:
         write_sweep_tables(runs, folder)
+    if options.report:
+        write_reports(chains, folder, options)
     return batch_summary(runs, folder)

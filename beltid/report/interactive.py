@@ -14,7 +14,7 @@ from beltid.report.results import BeltResults, Sheet
 
 NODES: Final = (61, 41)
 DIGITS: Final = 5
-CAMERA: Final = {"eye": {"x": -1.25, "y": -1.4, "z": 0.7}}
+CAMERA: Final = {"eye": {"x": -1.5, "y": -1.65, "z": 0.8}, "center": {"x": 0, "y": 0, "z": -0.12}}
 HOVER: Final = "f<sub>N</sub> = %{x:.4g} N/m<br>v = %{y:.3g} mm/s<br>µ = %{z:.4f}"
 
 

@@ -71,6 +71,9 @@ def run(
         Path | None,
         typer.Option(metavar="FILE", help="File in which the scheduler wrote its address."),
     ] = None,
+    no_report: Annotated[
+        bool, typer.Option("--no-report", help="Write no report.html at the end.")
+    ] = False,
     *,
     common: Common,
 ) -> None:
@@ -78,7 +81,8 @@ def run(
 
     Stiffness, sliding speeds, friction, the surface as published and refined; the rig is simulated
     with both surfaces, and both are compared. Results go to runs/<belt>/. What is up to date is
-    kept, so that a second run does nothing. A belt that fails does not stop the others.
+    kept, so that a second run does nothing. A belt that fails does not stop the others. At the end
+    stands a report: runs/<belt>/report.html, and for several belts runs/report.html.
 
     A config with a section sweep, such as sweep: {belt.bending_stiffness_N_m2: [0.01, 0.02]}, is
     run for all combinations: runs/<belt>/<case>/, with one table, runs/<belt>/sweep.csv.
@@ -109,6 +113,7 @@ def run(
             bootstrap=bootstrap,
             seed=seed,
             whole=part is None,
+            report=not no_report,
         )
         return run_batch(chosen, folder, options)
 

@@ -102,7 +102,7 @@ def as_map(sheet: Sheet, friction: Sheet | None) -> Picture:
     return Picture(
         f"map-{sheet.name}",
         f"The {WORDS[sheet.name]} surface as a map",
-        f"Contours of µ between {f0:,.0f} and {f1:,.0f} N/m, {MILLI * v0:.3g} and "
+        f"Contours of µ between {f0:.0f} and {f1:.0f} N/m, {MILLI * v0:.3g} and "
         f"{MILLI * v1:.3g} mm/s (box); beyond it the nearest value is taken, nothing is "
         f"extrapolated. {_why_wider(sheet)}".strip(),
         fig,
