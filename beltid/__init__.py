@@ -25,6 +25,7 @@ Module                 Responsibility                                         Pa
 ``export``             the contact law for other programs
 ``store``              files: tables, recordings, artifacts
 ``config``             YAML to a frozen model; errors with line and column
+``uncertainty``        budgets, Monte Carlo check, differences in their units JCGM 100, 101
 ``refine``             inverse problem: the surface that gives the tensions   beyond section 7
 ``identify.stiffness`` press recording to normal contact law                  Eqs. (1) to (4)
 ``identify.slip``      speed loss to sliding speed                            Eq. (7)
@@ -60,6 +61,7 @@ if TYPE_CHECKING:
     from beltid.export.law import ContactLaw
     from beltid.laws.friction_surface import FrictionSurface
     from beltid.laws.penalty import NormalLaw
+    from beltid.laws.uncertain_surface import UncertainSurface
     from beltid.stages.build_surface import build_surface
     from beltid.stages.compare import compare
     from beltid.stages.fit_friction import fit_friction
@@ -82,6 +84,7 @@ __all__ = [
     "InputError",
     "NormalLaw",
     "NumericsError",
+    "UncertainSurface",
     "__version__",
     "build_surface",
     "compare",
@@ -118,6 +121,7 @@ _HOMES = {
     "ContactLaw": "export.law",
     "FrictionSurface": "laws.friction_surface",
     "NormalLaw": "laws.penalty",
+    "UncertainSurface": "laws.uncertain_surface",
     "build_surface": "stages.build_surface",
     "refine_surface": "stages.refine_surface",
     "compare": "stages.compare",

@@ -191,9 +191,10 @@ def refine_surface(
     ConvergenceError
         If a run cannot be simulated or the iteration does not converge.
     """
+    law = checked_law(law)
     model = load_config(config)
     columns = table_columns(friction, "friction", NEEDED)
-    press = press_law(checked_law(law), model)
+    press = press_law(law, model)
     return _outcome(columns, press, model, "friction table", Draws(bootstrap, seed))
 
 
