@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from beltid.cli.common import Common
+from beltid.cli.explain import codes_of
 from beltid.cli.signals import Stopped
 from beltid.cli.streams import mute, told
 from beltid.cli.talk import TerminalTalk, console_for
-from beltid.errors import EXIT_INTERRUPTED, BeltidError, BeltidWarning
+from beltid.errors import EXIT_INTERRUPTED, EXIT_NUMERICS, BeltidError, BeltidWarning
 
 if TYPE_CHECKING:
     from beltid.config import ConfigSource
@@ -119,6 +120,9 @@ def _statuses(talk: TerminalTalk, kept: str) -> Iterator[None]:
     except BeltidError as error:
         for problem in error.problems:
             talk.error(problem)
+        codes = codes_of(error.problems, numerics=error.exit_status == EXIT_NUMERICS)
+        if codes:
+            talk.say("note: " + ", ".join(f"`beltid explain {c}`" for c in codes) + " tells more")
         raise typer.Exit(error.exit_status) from None
     except KeyboardInterrupt:
         talk.error(f"interrupted; {kept}")

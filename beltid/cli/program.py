@@ -60,6 +60,7 @@ COMMANDS: Final = (
     "export",
     "info",
     "config",
+    "explain",
 )
 
 

@@ -9,11 +9,17 @@ import typer
 
 from beltid.cli.common import Common, with_common_options
 from beltid.cli.execute import finish, print_text
+from beltid.cli.explain import CODES
 from beltid.cli.program import PlainCommand, app
 
 if TYPE_CHECKING:
     from beltid.cli.talk import TerminalTalk
     from beltid.report.summary import Summary
+
+
+def _codes(incomplete: str) -> list[str]:
+    return [code for code in CODES if code.startswith(incomplete)]
+
 
 config_app = typer.Typer(
     name="config",
@@ -106,3 +112,32 @@ def check(
     from beltid.stages import about as stage
 
     finish(lambda talk: stage.check_configs(configs), common, kept="")
+
+
+@app.command("explain", cls=PlainCommand, short_help="what an error means and what to do")
+@with_common_options
+def explain(
+    code: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="CODE", help="Name that stands below an error.", autocompletion=_codes
+        ),
+    ] = None,
+    *,
+    common: Common,
+) -> None:
+    """Explain an error: what it means, and what to do about it. Without CODE: list the codes.
+
+    Example: beltid explain columns
+    """
+    from beltid.cli.explain import page
+    from beltid.errors import InputError
+
+    def text(talk: TerminalTalk) -> str:
+        if code is None:
+            return "".join(f"{known}\n" for known in CODES)
+        if code not in CODES:
+            raise InputError(f"CODE = {code}, must be one of {', '.join(CODES)}")
+        return page(code)
+
+    print_text(text, common)
