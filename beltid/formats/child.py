@@ -40,10 +40,14 @@ def main(folder: Path, jobs: list[tuple[str, str]]) -> None:
     for number, (format_name, path) in enumerate(jobs):
         try:
             found = read_format(format_name, Path(path))
+            if not found.groups:
+                raise FormatError("holds no channel with samples")
             save(found, folder / f"{number}.part")
             os.replace(folder / f"{number}.part", folder / f"{number}.npz")
         except FormatError as error:
             reason = f"{REFUSED}{error}"
+        except ImportError as error:
+            reason = f"{REFUSED}the library that reads its format cannot be loaded: {error}"
         except MemoryError:
             reason = f"{DAMAGED}it asks for more memory than a file of its size can need"
         except Exception as error:  # a damaged file can raise nearly anything

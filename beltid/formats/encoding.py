@@ -58,6 +58,8 @@ def decode(data: bytes, name: str, encoding: str | None = None) -> Decoded:
         notes = ("not UTF-8, read as latin-1",)
     if "\0" in text:
         raise InputError(f"{name}: is not a text file, nor of another format that is known")
+    if text and text[-1] not in "\r\n":
+        notes += ("the last line does not end: if the file was cut off, its last number is wrong",)
     text = text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
     return Decoded(text, used.removesuffix("-sig"), notes)
 

@@ -26,16 +26,17 @@ def read(path: Path) -> BenchFile:
         broken = archive.testzip()
         if broken is not None:
             raise FormatError(f"damaged: {broken} in it does not have its checksum")
-    book = load_workbook(path, read_only=True, data_only=True, keep_links=False)
     notes: list[str] = []
     groups = []
-    for sheet in book.worksheets:
-        rows = [_trimmed(row) for row in sheet.iter_rows(values_only=True)]
-        group = _group(sheet.title, rows)
-        if group is not None:
-            groups.append(group)
-        elif any(rows):
-            notes.append(f"sheet {sheet.title} left out: no table of numbers found")
+    with path.open("rb") as stream:
+        book = load_workbook(stream, read_only=True, data_only=True, keep_links=False)
+        for sheet in book.worksheets:
+            rows = [_trimmed(row) for row in sheet.iter_rows(values_only=True)]
+            group = _group(sheet.title, rows)
+            if group is not None:
+                groups.append(group)
+            elif any(rows):
+                notes.append(f"sheet {sheet.title} left out: no table of numbers found")
     if not groups:
         raise FormatError("no sheet holds a table: a header and rows of numbers below it")
     return BenchFile("Excel workbook", tuple(groups), (), tuple(notes))

@@ -41,6 +41,7 @@ def check_header(
     """
     shown = ", ".join(header[:20]) + (", ..." if len(header) > 20 else "")
     missing = []
+    told_so: list[str] = []
     for ours, theirs in in_file.items():
         if ours in told or not (table.column(ours).required or theirs != ours):
             continue
@@ -52,7 +53,9 @@ def check_header(
         if not setting:
             missing.append((ours, close))
         advice = _advice(ours, table.kind) if setting else guess
-        problems.add(f"{place}: column {called} is missing{advice}")
+        told_so.append(f"{place}: column {called} is missing{advice}")
+    for text in told_so if missing else ():  # settings alone: who gives them their values says it
+        problems.add(text)
     other = _kind_of(header, table.kind)
     if missing and other:
         problems.add(

@@ -91,6 +91,7 @@ def joined(
         parts.append(completed(columns, table, len(piece)))
     settings.finish(problems)
     if problems.count > wrong:
+        problems.told_once([piece.place for piece in pieces])
         problems.raise_if_any()
     starts = np.cumsum([0, *(len(piece) for piece in pieces)])[:-1]
     whole = (

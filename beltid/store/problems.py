@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -34,6 +35,27 @@ class Problems:
     def add_uncounted(self, more: int) -> None:
         """Count problems that are like one already noted."""
         self.count += max(0, more)
+
+    def told_once(self, places: Sequence[str]) -> None:
+        """Make one of problems that are the same in several files.
+
+        Parameters
+        ----------
+        places : sequence of str
+            Names of the files, with which their problems begin.
+        """
+        alike: dict[str, list[tuple[int, str]]] = {}
+        for line, text in self.found:
+            place = next((p for p in places if text.startswith(p)), "")
+            rest = text[len(place) :].partition(": ")[2] if place else text
+            alike.setdefault(rest if place else f"\0{text}", []).append((line, text))
+        self.found = []
+        for rest, told in alike.items():
+            line, text = told[0]
+            if len(told) > 1 and not rest.startswith("\0"):
+                text = f"{text[: -len(rest) - 2]} and {len(told) - 1} more: {rest}"
+                self.count -= len(told) - 1
+            self.found.append((line, text))
 
     def raise_if_any(self) -> None:
         """Raise an InputError with the first problems and the number of the others.

@@ -89,8 +89,10 @@ def read_recording(path: str | Path, kind: str, config: Any = None) -> Recording
             columns, told = _from_parquet(data, path, kind, options)
             return Recording(kind, columns, path, digest, told)
     table, problems = schemas.table(kind), Problems()
+    names = [source.name for source in sources]
     read = [read_opened(one, table, options, problems) for one in open_sources(sources, options)]
     if not all(read):  # what cannot be read at all; wrong rows are told with what the checks find
+        problems.told_once(names)
         problems.raise_if_any()
     pieces = [piece for found in read for piece in found]
     columns, rows, notes, stated = joined(pieces, table, options, str(path), problems)
