@@ -1,8 +1,8 @@
 """A friction surface as plain tables, and the scalar law that reads them.
 
 Kernels that know no objects take the arrays of :class:`SurfaceTables`; the bodies of
-:func:`locate` and :func:`evaluate_tables` are fit for compilation as they stand (indexing and
-``math`` only).
+:func:`locate`, :func:`evaluate_cell` and :func:`evaluate_tables` are fit for compilation as they
+stand (indexing and ``math`` only).
 """
 
 from __future__ import annotations
@@ -90,6 +90,8 @@ def locate(nodes: Any, reference: float, value: float) -> tuple[int, float, floa
     last = len(nodes) - 1
     if value < 0.0:
         return 0, 0.0, 0.0, 1
+    if reference == math.inf:
+        return 0, 0.0, 0.0, 0
     x = math.log1p(value / reference)
     if x < nodes[0]:
         return 0, 0.0, 0.0, 1
@@ -135,6 +137,14 @@ def evaluate_tables(
         return math.nan, math.nan, math.nan, 3
     i, s, ds_df, f_outside = locate(x_nodes, f_ref, f)
     j, t, dt_dv, v_outside = locate(y_nodes, v_ref, abs(v))
+    mu, mu_s, mu_t = evaluate_cell(C, i, j, s, t)
+    if v < 0.0:
+        mu_t = -mu_t
+    return mu, mu_s * ds_df, mu_t * dt_dv, f_outside + 2 * v_outside
+
+
+def evaluate_cell(C: Any, i: int, j: int, s: float, t: float) -> tuple[float, float, float]:
+    """Friction coefficient in cell (i, j) and its derivatives in the local coordinates s and t."""
     mu = 0.0
     mu_s = 0.0
     mu_t = 0.0
@@ -144,6 +154,4 @@ def evaluate_tables(
         mu_s = mu_s * s + mu
         mu = mu * s + row
         mu_t = mu_t * s + row_t
-    if v < 0.0:
-        mu_t = -mu_t
-    return mu, mu_s * ds_df, mu_t * dt_dv, f_outside + 2 * v_outside
+    return mu, mu_s, mu_t

@@ -19,13 +19,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.rigsim.compiled import leaf
+from beltid.rigsim.compiled import kernel, leaf
 
 Array = NDArray[np.float64]
 
 GAUSS_POINTS = 3
 
 
+@kernel
 def hermite(xi: Array, h: Array) -> tuple[Array, Array, Array]:
     """Shape functions of elements of length ``h`` and their first two derivatives in s.
 
@@ -42,29 +43,47 @@ def hermite(xi: Array, h: Array) -> tuple[Array, Array, Array]:
         Values, first [1/m] and second [1/m²] derivatives for (r_i, r'_i, r_j, r'_j); the functions
         of r' carry a length, so their units are [m], [-] and [1/m].
     """
-    x = np.asarray(xi, dtype=float)
-    x2, x3 = x * x, x * x * x
-    N = np.stack([1 - 3 * x2 + 2 * x3, x - 2 * x2 + x3, 3 * x2 - 2 * x3, x3 - x2], axis=-1)
-    N_x = np.stack([6 * x2 - 6 * x, 1 - 4 * x + 3 * x2, 6 * x - 6 * x2, 3 * x2 - 2 * x], axis=-1)
-    N_xx = np.stack([12 * x - 6, 6 * x - 4, 6 - 12 * x, 6 * x - 2], axis=-1)
-    length = np.asarray(h, dtype=float)[:, None, None]
-    scale = np.where(np.array([False, True, False, True]), length, 1.0)
-    return N * scale, N_x * scale / length, N_xx * scale / length**2
+    shape = (h.size, xi.size, 4)
+    N, N_s, N_ss = np.empty(shape), np.empty(shape), np.empty(shape)
+    for e in range(h.size):
+        L = h[e]
+        for i in range(xi.size):
+            x = xi[i]
+            N[e, i, 2] = x * x * (3.0 - 2.0 * x)
+            N[e, i, 0] = 1.0 - N[e, i, 2]
+            N[e, i, 1] = L * x * (1.0 - x) * (1.0 - x)
+            N[e, i, 3] = L * x * x * (x - 1.0)
+            N_s[e, i, 2] = 6.0 * x * (1.0 - x) / L
+            N_s[e, i, 0] = -N_s[e, i, 2]
+            N_s[e, i, 1] = 1.0 + x * (3.0 * x - 4.0)
+            N_s[e, i, 3] = x * (3.0 * x - 2.0)
+            N_ss[e, i, 2] = 6.0 * (1.0 - 2.0 * x) / (L * L)
+            N_ss[e, i, 0] = -N_ss[e, i, 2]
+            N_ss[e, i, 1] = (6.0 * x - 4.0) / L
+            N_ss[e, i, 3] = (6.0 * x - 2.0) / L
+    return N, N_s, N_ss
 
 
+_UNIT_MASS = np.array(
+    [
+        [156.0, 22.0, 54.0, -13.0],
+        [22.0, 4.0, 13.0, -3.0],
+        [54.0, 13.0, 156.0, -22.0],
+        [-13.0, -3.0, -22.0, 4.0],
+    ]
+)
+
+
+@kernel
 def mass_matrix(h: Array, rhoA: float) -> Array:
     """Consistent mass matrices of the shape functions, shape (n_e, 4, 4); constant, Eq. (10)."""
-    unit = np.array(
-        [
-            [156.0, 22.0, 54.0, -13.0],
-            [22.0, 4.0, 13.0, -3.0],
-            [54.0, 13.0, 156.0, -22.0],
-            [-13.0, -3.0, -22.0, 4.0],
-        ]
-    )
-    length = np.asarray(h, dtype=float)[:, None, None]
-    gradient = np.array([0, 1, 0, 1])
-    return rhoA * length / 420.0 * unit * length ** (gradient[:, None] + gradient[None, :])
+    M = np.empty((h.size, 4, 4))
+    for e in range(h.size):
+        for j in range(4):
+            for k in range(4):
+                length = h[e] ** (1 + j % 2 + k % 2)
+                M[e, j, k] = rhoA * length / 420.0 * _UNIT_MASS[j, k]
+    return M
 
 
 @leaf

@@ -33,6 +33,7 @@ def factorize(A: NDArray[np.float64], pivots: NDArray[np.int64]) -> bool:
         False if a pivot vanished, that is the matrix is singular to working precision.
     """
     n = A.shape[0]
+    right = 0  # last column that the rows exchanged so far reach
     for k in range(n):
         last = min(k + HALF, n - 1)
         p = k
@@ -44,7 +45,7 @@ def factorize(A: NDArray[np.float64], pivots: NDArray[np.int64]) -> bool:
         pivots[k] = p
         if not largest > 0.0:
             return False
-        right = min(k + 2 * HALF, n - 1)
+        right = max(right, min(p + HALF, n - 1))
         if p != k:
             for j in range(k, right + 1):
                 kept = A[k, HALF + j - k]

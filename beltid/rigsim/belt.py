@@ -18,7 +18,8 @@ from beltid.rigsim.compiled import kernel
 Array = NDArray[np.float64]
 
 
-_GAUSS_RULE = np.polynomial.legendre.leggauss(GAUSS_POINTS)
+_x, _w = np.polynomial.legendre.leggauss(GAUSS_POINTS)
+_GAUSS_RULE = np.array([0.5 * (_x + 1.0), 0.5 * _w])  # points and weights on [0, 1]
 
 
 class BeltArrays(NamedTuple):
@@ -57,26 +58,27 @@ class BeltArrays(NamedTuple):
     damping_time: float
 
 
+Tables = tuple[Array, Array, Array, Array, Array, Array, Array, Array]
+
+
 def belt_arrays(belt: Belt, nodes: Array, points_per_element: int) -> BeltArrays:
     """Tabulate shape functions, weights and masses of a belt on given nodes (n_e + 1,) [m]."""
-    h = np.diff(nodes)
-    x_g, w_g = _GAUSS_RULE
-    n_c = points_per_element
-    _, B_s, B_ss = hermite(0.5 * (x_g + 1.0), h)
+    tables: Tables = _tables(nodes, points_per_element, float(belt.rhoA))
+    return BeltArrays(*tables, float(belt.EA), float(belt.EI), float(belt.damping_time))
+
+
+@kernel
+def _tables(nodes: Array, n_c: int, rhoA: float) -> Tables:
+    """Arrays of :class:`BeltArrays`."""
+    h = nodes[1:] - nodes[:-1]
+    _, B_s, B_ss = hermite(_GAUSS_RULE[0], h)
     N_c, D_c, _ = hermite((np.arange(n_c) + 0.5) / n_c, h)
-    return BeltArrays(
-        h=h,
-        B_s=np.ascontiguousarray(B_s),
-        B_ss=np.ascontiguousarray(B_ss),
-        w_g=np.outer(h, 0.5 * w_g),
-        N_c=np.ascontiguousarray(N_c),
-        D_c=np.ascontiguousarray(D_c),
-        w_c=np.repeat(h[:, None] / n_c, n_c, axis=1),
-        M=np.ascontiguousarray(mass_matrix(h, belt.rhoA)),
-        EA=float(belt.EA),
-        EI=float(belt.EI),
-        damping_time=float(belt.damping_time),
-    )
+    w_g = np.empty((h.size, GAUSS_POINTS))
+    w_c = np.empty((h.size, n_c))
+    for e in range(h.size):
+        w_g[e] = h[e] * _GAUSS_RULE[1]
+        w_c[e] = h[e] / n_c
+    return h, B_s, B_ss, w_g, N_c, D_c, w_c, mass_matrix(h, rhoA)
 
 
 @kernel

@@ -25,12 +25,11 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 from numpy.typing import NDArray
 
+from beltid.laws import surface_tables
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
-from beltid.laws.surface_tables import evaluate_tables, locate
 from beltid.params import Contact
 from beltid.rigsim.belt import BeltArrays
 from beltid.rigsim.compiled import kernel, leaf
@@ -160,41 +159,38 @@ class Points(NamedTuple):
     v_old: Array
 
 
+@kernel
 def new_points(belt: BeltArrays, status: int) -> Points:
     """Contact points at rest, all patches with the given status, no forces."""
     n_e, n_c = belt.w_c.shape
-
-    def zeros(*shape: int) -> Array:
-        return np.zeros(shape)
-
     return Points(
-        status=np.full(n_e, status),
-        sign=np.ones(n_e),
-        la_T=zeros(n_e),
-        ratio=np.ones(n_e),
-        slip=zeros(n_e),
-        force=zeros(n_e),
-        limit=zeros(n_e),
-        theta_old=zeros(n_e, n_c),
-        rho_old=zeros(n_e, n_c),
-        limit_old=zeros(n_e, n_c),
-        theta=zeros(n_e, n_c),
-        rho=zeros(n_e, n_c),
-        f_N=zeros(n_e, n_c),
-        F_N=zeros(n_e, n_c),
-        F_T=zeros(n_e, n_c),
-        F_max=zeros(n_e, n_c),
-        point_slip=zeros(n_e, n_c),
-        weight=zeros(n_e, n_c),
-        f_look=zeros(n_e, n_c, 2),
-        F_look=zeros(n_e, n_c, 2),
-        memory=zeros(1),
-        v_old=zeros(n_e, n_c),
+        np.full(n_e, status),
+        np.ones(n_e),
+        np.zeros(n_e),
+        np.ones(n_e),
+        np.zeros(n_e),
+        np.zeros(n_e),
+        np.zeros(n_e),
+        np.zeros((n_e, n_c)),
+        np.zeros((n_e, n_c)),
+        np.zeros((n_e, n_c)),
+        np.zeros((n_e, n_c)),
+        np.zeros((n_e, n_c)),
+        np.zeros((n_e, n_c)),
+        np.zeros((n_e, n_c)),
+        np.zeros((n_e, n_c)),
+        np.zeros((n_e, n_c)),
+        np.zeros((n_e, n_c)),
+        np.zeros((n_e, n_c)),
+        np.zeros((n_e, n_c, 2)),
+        np.zeros((n_e, n_c, 2)),
+        np.zeros(1),
+        np.zeros((n_e, n_c)),
     )
 
 
-register_jitable(locate)
-look_up = leaf(evaluate_tables)
+locate = leaf(surface_tables.locate)
+evaluate_cell = leaf(surface_tables.evaluate_cell)
 
 
 @leaf
@@ -276,20 +272,13 @@ def remember(belt: BeltArrays, points: Points, q: Array) -> None:
 
 
 @leaf
-def out_of_reach(belt: BeltArrays, points: Points, R: float, q: Array, e: int) -> bool:
-    """Whether an element cannot touch, as both its nodes are further away than half its length.
-
-    Then the output of its points is set to that of open ones, without going through them.
-    """
+def within_reach(q: Array, e: int, h: float, R: float) -> bool:
+    """Whether an element can touch: a node of it is nearer to the pulley than half its length."""
     d = 4 * e
-    from_here = math.sqrt(q[d] * q[d] + q[d + 1] * q[d + 1])
-    from_there = math.sqrt(q[d + 4] * q[d + 4] + q[d + 5] * q[d + 5])
-    if min(from_here, from_there) - R < 0.55 * belt.h[e]:
-        return False
-    for c in range(belt.w_c.shape[1]):
-        points.f_N[e, c] = points.F_N[e, c] = points.F_T[e, c] = points.F_max[e, c] = 0.0
-        points.point_slip[e, c] = points.F_look[e, c, 0] = points.F_look[e, c, 1] = 0.0
-    return True
+    from_here = q[d] * q[d] + q[d + 1] * q[d + 1]
+    from_there = q[d + 4] * q[d + 4] + q[d + 5] * q[d + 5]
+    reach = R + 0.55 * h
+    return min(from_here, from_there) < reach * reach
 
 
 @leaf
@@ -298,56 +287,58 @@ def press(
     pulley: ContactArrays,
     motion: Motion,
     points: Points,
-    frame: Array,
-    e: int,
-    c: int,
+    frames: Array,
     q: Array,
     stretch: float,
-) -> bool:
-    """Normal force of a point, Eq. (1), and its frame; returns whether it touches.
+) -> None:
+    """Normal forces of all points, Eq. (1), and the frames of those that touch.
 
-    ``frame`` (FRAME,) receives n_x, n_y, kappa = t.r'/rho, sigma; couple P and second derivatives
-    K_dd, K_ds, K_ss of the part's energy; what the dissipation adds to the derivatives of F_N in
-    delta and sigma; and the stress-free length of the part.
+    ``frames`` (n_e, n_c, FRAME) receives n_x, n_y, kappa = t.r'/rho, sigma; couple P and second
+    derivatives K_dd, K_ds, K_ss of the part's energy; what the dissipation adds to the derivatives
+    of F_N in delta and sigma; and the stress-free length of the part.
     """
-    N, D = belt.N_c[e, c], belt.D_c[e, c]
-    x = y = sx = sy = 0.0
-    for j in range(4):
-        k = 4 * e + 2 * j
-        x += N[j] * q[k]
-        y += N[j] * q[k + 1]
-        sx += D[j] * q[k]
-        sy += D[j] * q[k + 1]
-    rho = math.sqrt(x * x + y * y)
-    nx, ny = x / rho, y / rho
-    sigma = -(nx * sx + ny * sy)
-    w = belt.w_c[e, c]
-    delta = pulley.R - rho
-    V_d, V_s, V_dd, V_ds, V_ss = part_energy(
-        delta, sigma, 0.5 * w, pulley.k_linear, pulley.k_quadratic
-    )
-    points.rho[e, c] = rho
-    points.f_N[e, c] = V_d
-    points.F_look[e, c, 0] = points.F_look[e, c, 1] = 0.0
-    points.F_T[e, c] = points.F_max[e, c] = points.F_N[e, c] = points.point_slip[e, c] = 0.0
-    if V_d == 0.0:
-        return False
-    points.theta[e, c] = math.atan2(x, y)
-    frame[:] = 0.0
-    frame[0], frame[1] = nx, ny
-    frame[2] = (ny * sx - nx * sy) / rho
-    frame[3] = sigma
-    w *= stretch
-    points.F_N[e, c] = w * V_d
-    frame[4] = w * V_s
-    frame[5], frame[6], frame[7] = w * V_dd, w * V_ds, w * V_ss
-    approach = (points.rho_old[e, c] - rho) * motion.rate
-    if approach > 0.0:
-        # of a part that touches in part only that share dissipates, else the force would jump
-        touching = touching_share(delta, sigma, 0.5 * belt.w_c[e, c])
-        share, share_d, share_s = touching[0], touching[1], touching[2]
-        points.F_N[e, c] += share * pulley.C_P * approach
-        frame[8] = pulley.C_P * (share * motion.rate + share_d * approach)
-        frame[9] = pulley.C_P * share_s * approach
-    frame[10] = w
-    return True
+    R = pulley.R
+    n_c = belt.w_c.shape[1]
+    for e in range(belt.h.size):
+        reached = within_reach(q, e, belt.h[e], R)
+        for c in range(n_c):
+            points.F_look[e, c, 0] = points.F_look[e, c, 1] = 0.0
+            points.F_T[e, c] = points.F_max[e, c] = points.point_slip[e, c] = 0.0
+            points.f_N[e, c] = points.F_N[e, c] = 0.0
+            if not reached:
+                continue
+            x = y = sx = sy = 0.0
+            for j in range(4):
+                k = 4 * e + 2 * j
+                x += belt.N_c[e, c, j] * q[k]
+                y += belt.N_c[e, c, j] * q[k + 1]
+                sx += belt.D_c[e, c, j] * q[k]
+                sy += belt.D_c[e, c, j] * q[k + 1]
+            rho = math.sqrt(x * x + y * y)
+            inverse = 1.0 / rho
+            nx, ny = x * inverse, y * inverse
+            sigma = -(nx * sx + ny * sy)
+            a, delta = 0.5 * belt.w_c[e, c], R - rho
+            V_d, V_s, V_dd, V_ds, V_ss = part_energy(
+                delta, sigma, a, pulley.k_linear, pulley.k_quadratic
+            )
+            points.rho[e, c] = rho
+            if V_d == 0.0:
+                continue
+            points.theta[e, c] = math.atan2(x, y)
+            w = belt.w_c[e, c] * stretch
+            F_N, more_d, more_s = w * V_d, 0.0, 0.0
+            approach = (points.rho_old[e, c] - rho) * motion.rate
+            if approach > 0.0:
+                # of a part that touches in part only that share dissipates, else the force jumps
+                touching = touching_share(delta, sigma, a)
+                C_P, share, share_d, share_s = pulley.C_P, touching[0], touching[1], touching[2]
+                F_N += share * C_P * approach
+                more_d = C_P * (share * motion.rate + share_d * approach)
+                more_s = C_P * share_s * approach
+            points.f_N[e, c], points.F_N[e, c] = V_d, F_N
+            frames[e, c, 0], frames[e, c, 1] = nx, ny
+            frames[e, c, 2], frames[e, c, 3] = (ny * sx - nx * sy) * inverse, sigma
+            frames[e, c, 4], frames[e, c, 5] = w * V_s, w * V_dd
+            frames[e, c, 6], frames[e, c, 7] = w * V_ds, w * V_ss
+            frames[e, c, 8], frames[e, c, 9], frames[e, c, 10] = more_d, more_s, w

@@ -23,9 +23,9 @@ from beltid.rigsim.contact import (
     ContactArrays,
     Motion,
     Points,
+    evaluate_cell,
     in_range,
-    look_up,
-    out_of_reach,
+    locate,
     press,
     touching_share,
 )
@@ -37,70 +37,66 @@ GAUSS = 1.0 / math.sqrt(3.0)
 
 @leaf
 def sliding_friction(
-    belt: BeltArrays,
-    pulley: ContactArrays,
-    motion: Motion,
-    points: Points,
-    frame: Array,
-    e: int,
-    c: int,
+    belt: BeltArrays, pulley: ContactArrays, motion: Motion, points: Points, frames: Array
 ) -> int:
-    """Friction limit of a point: mu(f_N, v) f_N integrated over what touches of its part.
+    """Friction limits of all points: mu(f_N, v) f_N integrated over what touches of each part.
 
     The line force varies over a part, strongly where the contact ends, and mu with it: two Gauss
-    points. Reads the normal force and its derivatives; writes ``F_max``, ``point_slip`` and the
-    look-ups of the point, and the derivatives of the limit in delta [N/m], sigma [N] and slip [N/m]
-    into ``frame``. Friction with a memory takes the speed that it has followed so far. Returns the
-    number of look-ups outside the measured range, 0 or 1.
+    points. Reads the normal forces and their derivatives; writes ``F_max``, ``point_slip`` and the
+    look-ups, and the derivatives of the limit in delta [N/m], sigma [N] and slip [N/m] into
+    ``frames``. Friction with a memory takes the speed that it has followed so far. Returns the
+    number of points with a look-up outside the measured range.
     """
-    rho = points.rho[e, c]
-    if motion.rate == 0.0:
-        slip = v = motion.omega * pulley.R
-    else:
-        turned = points.theta[e, c] - points.theta_old[e, c]
-        slip = rho * (motion.omega / motion.rate - turned)
-        v = abs(slip) * pulley.R / rho * motion.rate
-    points.point_slip[e, c] = slip
-    follows = motion.rate > 0.0 and points.memory[0] > 0.0
-    if follows:
-        v = points.v_old[e, c]
-    share, share_d, share_s, middle, middle_d, middle_s, half, half_d, half_s = touching_share(
-        pulley.R - rho, frame[3], 0.5 * belt.w_c[e, c]
-    )
-    elastic = limit = T_d = T_s = T_v = 0.0
+    R, k1, k2, rate = pulley.R, pulley.k_linear, pulley.k_quadratic, motion.rate
+    follows = rate > 0.0 and points.memory[0] > 0.0
     outside = 0
-    for i in range(2):
-        at = GAUSS if i == 1 else -GAUSS
-        delta = middle + at * half
-        f = delta * (pulley.k_linear + pulley.k_quadratic * delta)
-        k = pulley.k_linear + 2.0 * pulley.k_quadratic * delta
-        mu, mu_f, mu_v, _ = look_up(
-            pulley.x_nodes, pulley.y_nodes, pulley.f_ref, pulley.v_ref, pulley.C, f, v
-        )
-        if not (in_range(pulley.f_range, f) and in_range(pulley.v_range, v)):
-            outside = 1
-        w = 0.5 * frame[10]
-        points.f_look[e, c, i] = f
-        points.F_look[e, c, i] = w * share * f
-        elastic += w * share * f
-        limit += w * share * mu * f
-        if not follows:
-            T_v += w * share * mu_v * f
-        slope = (mu + mu_f * f) * k
-        T_d += w * (share_d * mu * f + share * slope * (middle_d + at * half_d))
-        T_s += w * (share_s * mu * f + share * slope * (middle_s + at * half_s))
-    # the dissipative part of the normal force rubs with the mean coefficient
-    mean = limit / elastic
-    more = points.F_N[e, c] / elastic
-    points.F_look[e, c, 0] *= more
-    points.F_look[e, c, 1] *= more
-    factor = motion.friction * points.ratio[e]
-    points.F_max[e, c] = factor * mean * points.F_N[e, c]
-    more_d = mean * (frame[5] + frame[8] - more * frame[5])
-    more_s = mean * (frame[6] + frame[9] - more * frame[6])
-    frame[FRICTION] = factor * (more * T_d + more_d)
-    frame[FRICTION + 1] = factor * (more * T_s + more_s)
-    frame[FRICTION + 2] = factor * more * T_v * math.copysign(motion.rate * pulley.R / rho, slip)
+    slip = v = motion.omega * R
+    j, t, dt_dv, _ = locate(pulley.y_nodes, pulley.v_ref, v)
+    for e in range(belt.h.size):
+        factor = motion.friction * points.ratio[e]
+        for c in range(belt.w_c.shape[1]):
+            if points.f_N[e, c] == 0.0:
+                continue
+            rho = points.rho[e, c]
+            if rate > 0.0:
+                slip = rho * (motion.omega / rate - points.theta[e, c] + points.theta_old[e, c])
+                v = points.v_old[e, c] if follows else abs(slip) * R / rho * rate
+                j, t, dt_dv, _ = locate(pulley.y_nodes, pulley.v_ref, v)
+            points.point_slip[e, c] = slip
+            share, share_d, share_s, middle, middle_d, middle_s, half, half_d, half_s = (
+                touching_share(R - rho, frames[e, c, 3], 0.5 * belt.w_c[e, c])
+            )
+            elastic = limit = T_d = T_s = T_v = 0.0
+            within = in_range(pulley.v_range, v)
+            w = 0.5 * frames[e, c, 10]
+            for i in range(2):
+                at = GAUSS if i == 1 else -GAUSS
+                delta = middle + at * half
+                f = delta * (k1 + k2 * delta)
+                cell, s, ds_df, _ = locate(pulley.x_nodes, pulley.f_ref, f)
+                mu, mu_s, mu_t = evaluate_cell(pulley.C, cell, j, s, t)
+                within = within and in_range(pulley.f_range, f)
+                points.f_look[e, c, i] = f
+                points.F_look[e, c, i] = w * share * f
+                elastic += w * share * f
+                limit += w * share * mu * f
+                T_v += w * share * mu_t * dt_dv * f
+                slope = (mu + mu_s * ds_df * f) * (k1 + 2.0 * k2 * delta)
+                T_d += w * (share_d * mu * f + share * slope * (middle_d + at * half_d))
+                T_s += w * (share_s * mu * f + share * slope * (middle_s + at * half_s))
+            outside += 0 if within else 1
+            # the dissipative part of the normal force rubs with the mean coefficient
+            inverse = 1.0 / elastic
+            mean, more = limit * inverse, points.F_N[e, c] * inverse
+            points.F_look[e, c, 0] *= more
+            points.F_look[e, c, 1] *= more
+            points.F_max[e, c] = factor * mean * points.F_N[e, c]
+            more_d = mean * (frames[e, c, 5] + frames[e, c, 8] - more * frames[e, c, 5])
+            more_s = mean * (frames[e, c, 6] + frames[e, c, 9] - more * frames[e, c, 6])
+            frames[e, c, FRICTION] = factor * (more * T_d + more_d)
+            frames[e, c, FRICTION + 1] = factor * (more * T_s + more_s)
+            by_slip = 0.0 if follows else math.copysign(rate * R / rho, slip)
+            frames[e, c, FRICTION + 2] = factor * more * T_v * by_slip
     return outside
 
 
@@ -123,156 +119,190 @@ def add_contact(
     multiplier plus ``augmentation * slip``, which vanishes as the iteration converges.
     """
     outside = 0
-    n_c = belt.w_c.shape[1]
-    frames = np.empty((n_c, FRAME))
-    touching = np.empty(n_c, dtype=np.bool_)
-    pull = np.empty(8)
-    for e in range(belt.h.size):
-        any_touching = False
-        points.limit[e] = points.force[e] = points.slip[e] = 0.0
-        if out_of_reach(belt, points, pulley.R, q, e):
-            continue
-        for c in range(n_c):
-            touching[c] = press(belt, pulley, motion, points, frames[c], e, c, q, stretch)
-            any_touching = any_touching or touching[c]
-        if not any_touching:
-            continue
-        if motion.friction > 0.0:
-            for c in range(n_c):
-                if touching[c]:
-                    outside += sliding_friction(belt, pulley, motion, points, frames[c], e, c)
-            spread_friction(belt, motion, points, frames, pull, e, A)
-        else:
-            frames[:, FRICTION:] = 0.0
-        for c in range(n_c):
-            if touching[c]:
-                add_point(belt, points, frames[c], e, c, stretch, A, residual, residual_stretch)
+    frames = np.zeros((belt.h.size, belt.w_c.shape[1], FRAME))
+    points.limit[:] = 0.0
+    points.force[:] = 0.0
+    points.slip[:] = 0.0
+    press(belt, pulley, motion, points, frames, q, stretch)
+    if motion.friction > 0.0:
+        outside = sliding_friction(belt, pulley, motion, points, frames)
+        spread_friction(belt, motion, points, frames, A)
+    add_points(belt, points, frames, stretch, A, residual, residual_stretch)
     return outside
 
 
 @leaf
 def spread_friction(
-    belt: BeltArrays,
-    motion: Motion,
-    points: Points,
-    frames: Array,
-    pull: Array,
-    e: int,
-    A: Array,
+    belt: BeltArrays, motion: Motion, points: Points, frames: Array, A: Array
 ) -> None:
-    """Tangential forces of a patch by its status; adds the tangent that couples its points.
+    """Tangential forces of all patches by status; adds the tangent that couples their points.
 
-    In ``frames`` the friction derivatives of the points become those of the forces; ``pull`` (8,)
-    is room for the direction of the patch.
+    In ``frames`` the friction derivatives of the points become those of the forces.
     """
     n_c = belt.w_c.shape[1]
-    limit = limit_old = 0.0
-    for c in range(n_c):
-        limit += points.F_max[e, c]
-        if points.F_max[e, c] > 0.0:
-            limit_old += points.limit_old[e, c]
-    points.limit[e] = limit
-    if limit == 0.0:
-        return
-    slip = 0.0
-    pull[:] = 0.0
-    for c in range(n_c):
-        if points.F_max[e, c] == 0.0:
+    pull = np.empty(8)
+    for e in range(belt.h.size):
+        limit = limit_old = 0.0
+        for c in range(n_c):
+            limit += points.F_max[e, c]
+            if points.F_max[e, c] > 0.0:
+                limit_old += points.limit_old[e, c]
+        points.limit[e] = limit
+        if limit == 0.0:
             continue
-        # the spread is that of the last step: as a constant it makes the tangent exact
-        weight = points.F_max[e, c] / limit
-        if limit_old > 0.0:
-            weight = points.limit_old[e, c] / limit_old
-        slip += weight * points.point_slip[e, c]
-        tx, ty = frames[c, 1], -frames[c, 0]
-        for j in range(4):
-            pull[2 * j] += weight * belt.N_c[e, c, j] * tx
-            pull[2 * j + 1] += weight * belt.N_c[e, c, j] * ty
-        points.weight[e, c] = weight
-    points.slip[e] = slip
-    sticks = points.status[e] == STICK
-    force = points.la_T[e] + motion.augmentation * slip if sticks else points.sign[e] * limit
-    points.force[e] = force
-    for c in range(n_c):
-        if points.F_max[e, c] == 0.0:
-            continue
-        if sticks:
-            points.F_T[e, c] = points.weight[e, c] * force
-            frames[c, FRICTION:] = 0.0
-        else:
-            points.F_T[e, c] = points.sign[e] * points.F_max[e, c]
-            frames[c, FRICTION:] *= points.sign[e]
-    if sticks:
+        slip = 0.0
+        sticks = points.status[e] == STICK
         for j in range(8):
-            row = 4 * e + j
-            for k in range(8):
-                A[row, HALF + k - j] += motion.augmentation * pull[j] * pull[k]
+            pull[j] = 0.0
+        for c in range(n_c):
+            if points.F_max[e, c] == 0.0:
+                continue
+            # the spread is that of the last step: as a constant it makes the tangent exact
+            weight = points.F_max[e, c] / limit
+            if limit_old > 0.0:
+                weight = points.limit_old[e, c] / limit_old
+            points.weight[e, c] = weight
+            slip += weight * points.point_slip[e, c]
+            if sticks:
+                for j in range(4):
+                    along = weight * belt.N_c[e, c, j]
+                    pull[2 * j] += along * frames[e, c, 1]
+                    pull[2 * j + 1] -= along * frames[e, c, 0]
+        points.slip[e] = slip
+        sign = points.sign[e]
+        force = points.la_T[e] + motion.augmentation * slip if sticks else sign * limit
+        points.force[e] = force
+        for c in range(n_c):
+            points.F_T[e, c] = sign * points.F_max[e, c]
+            if sticks and points.F_max[e, c] > 0.0:
+                points.F_T[e, c] = points.weight[e, c] * force
+            for i in range(FRICTION, FRAME):
+                frames[e, c, i] *= 0.0 if sticks else sign
+        if sticks:
+            for j in range(8):
+                for k in range(8):
+                    A[4 * e + j, HALF + k - j] += motion.augmentation * pull[j] * pull[k]
 
 
 @leaf
-def add_point(
+def add_points(
     belt: BeltArrays,
     points: Points,
-    frame: Array,
-    e: int,
-    c: int,
+    frames: Array,
     stretch: float,
     A: Array,
     residual: Array,
     residual_stretch: Array,
 ) -> None:
-    """Add the forces of one contact point and their tangent.
+    """Add the forces of all contact points and their tangent.
 
     The force on the belt is ``F_N n + (P kappa + F_T) t`` on r and ``P n`` on r'.
     """
-    nx, ny, kappa, sigma, P = frame[0], frame[1], frame[2], frame[3], frame[4]
-    K_ds, K_ss = frame[6], frame[7]
-    F_d, F_s = frame[5] + frame[8], frame[6] + frame[9]  # of F_N, with the dissipation
-    T_d, T_s, T_slip = frame[11], frame[12], frame[13]
+    shorter = 1.0 / stretch
+    for e in range(belt.h.size):
+        for c in range(belt.w_c.shape[1]):
+            if points.f_N[e, c] == 0.0:
+                continue
+            nx, ny, kappa = frames[e, c, 0], frames[e, c, 1], frames[e, c, 2]
+            P, F_N, F_T = frames[e, c, 4], points.F_N[e, c], points.F_T[e, c]
+            g_t = P * kappa + F_T
+            g0, g1 = F_N * nx + g_t * ny, F_N * ny - g_t * nx
+            # a force that only holds a patch in place is too large at first: turn no more than
+            # the limit
+            turning = min(max(F_T, -points.F_max[e, c]), points.F_max[e, c])
+            h = point_tangent(
+                (nx, ny, kappa, frames[e, c, 3]),
+                (P, F_N, turning, 1.0 / points.rho[e, c]),
+                (frames[e, c, 5], frames[e, c, 6], frames[e, c, 7]),
+                (frames[e, c, 8], frames[e, c, 9]),
+                (frames[e, c, 11], frames[e, c, 12], frames[e, c, 13]),
+            )
+            for j in range(4):
+                row = 4 * e + 2 * j
+                N, D = belt.N_c[e, c, j], belt.D_c[e, c, j]
+                fx, fy = N * g0 + D * P * nx, N * g1 + D * P * ny
+                residual[row] -= fx
+                residual[row + 1] -= fy
+                residual_stretch[row] -= fx * shorter
+                residual_stretch[row + 1] -= fy * shorter
+                a00, a01, a02, a03 = (
+                    N * h[0] + D * h[8],
+                    N * h[1] + D * h[9],
+                    N * h[2] + D * h[12],
+                    N * h[3] + D * h[13],
+                )
+                a10, a11, a12, a13 = (
+                    N * h[4] + D * h[10],
+                    N * h[5] + D * h[11],
+                    N * h[6] + D * h[13],
+                    N * h[7] + D * h[14],
+                )
+                for k in range(4):
+                    col = HALF + 2 * (k - j)
+                    N_k, D_k = belt.N_c[e, c, k], belt.D_c[e, c, k]
+                    A[row, col] += a00 * N_k + a02 * D_k
+                    A[row, col + 1] += a01 * N_k + a03 * D_k
+                    A[row + 1, col - 1] += a10 * N_k + a12 * D_k
+                    A[row + 1, col] += a11 * N_k + a13 * D_k
+
+
+@leaf
+def point_tangent(
+    frame: tuple[float, float, float, float],
+    forces: tuple[float, float, float, float],
+    normal: tuple[float, float, float],
+    dissipative: tuple[float, float],
+    friction: tuple[float, float, float],
+) -> tuple[float, ...]:
+    """Minus the derivative of a point's force on (r, r') in (r, r').
+
+    Parameters
+    ----------
+    frame : tuple
+        n_x, n_y, kappa = t.r'/rho [1/m], sigma [-].
+    forces : tuple
+        Couple P [N], normal force [N], tangential force that turns with the normal [N], 1/rho.
+    normal, dissipative, friction : tuple
+        K_dd, K_ds, K_ss; what the dissipation adds to K_dd and K_ds; derivatives of the tangential
+        force in delta, sigma and slip.
+
+    Returns
+    -------
+    tuple
+        Blocks r r (0, 1, 4, 5), r r' (2, 3, 6, 7), r' r (8 ... 11, row by row) and of the symmetric
+        r' r' the entries xx, xy, yy (12 ... 14).
+    """
+    nx, ny, kappa, sigma = frame
+    P, F_N, turning, curvature = forces
+    K_dd, K_ds, K_ss = normal
+    T_d, T_s, T_slip = friction
+    F_d, F_s = K_dd + dissipative[0], K_ds + dissipative[1]
     tx, ty = ny, -nx
-    rho, F_N, F_T = points.rho[e, c], points.F_N[e, c], points.F_T[e, c]
-    # a force that only holds a patch in place is too large at first: turn no more than the limit
-    turning = min(max(F_T, -points.F_max[e, c]), points.F_max[e, c])
-    g_t = P * kappa + F_T
-    g0, g1 = F_N * nx + g_t * tx, F_N * ny + g_t * ty
-    g2, g3 = P * nx, P * ny
-    # minus the derivative, in the frame (n, t): r n, r t, r' n, r' t
-    k_nt = F_s * kappa + (P * kappa + turning) / rho
-    k_tn = K_ds * kappa + P * kappa / rho + T_d
-    k_tt = K_ss * kappa * kappa - F_N / rho - P * sigma / (rho * rho)
-    k_tt += T_s * kappa + T_slip
+    turn = P * curvature
+    # in the frame (n, t): r n, r t, r' n, r' t
+    k_nt = F_s * kappa + (P * kappa + turning) * curvature
+    k_tn = K_ds * kappa + turn * kappa + T_d
+    k_tt = (K_ss * kappa + T_s) * kappa - F_N * curvature - turn * sigma * curvature + T_slip
     k_ts = K_ss * kappa + T_s
     k_st = K_ss * kappa
-    turn = P / rho
-    h00 = nx * (F_d * nx + k_nt * tx) + tx * (k_tn * nx + k_tt * tx)
-    h01 = nx * (F_d * ny + k_nt * ty) + tx * (k_tn * ny + k_tt * ty)
-    h10 = ny * (F_d * nx + k_nt * tx) + ty * (k_tn * nx + k_tt * tx)
-    h11 = ny * (F_d * ny + k_nt * ty) + ty * (k_tn * ny + k_tt * ty)
-    h02 = (nx * F_s + tx * k_ts) * nx - turn * tx * tx
-    h03 = (nx * F_s + tx * k_ts) * ny - turn * tx * ty
-    h12 = (ny * F_s + ty * k_ts) * nx - turn * ty * tx
-    h13 = (ny * F_s + ty * k_ts) * ny - turn * ty * ty
-    h20 = nx * (K_ds * nx + k_st * tx) - turn * tx * tx
-    h21 = nx * (K_ds * ny + k_st * ty) - turn * tx * ty
-    h30 = ny * (K_ds * nx + k_st * tx) - turn * ty * tx
-    h31 = ny * (K_ds * ny + k_st * ty) - turn * ty * ty
-    h22, h23, h33 = K_ss * nx * nx, K_ss * nx * ny, K_ss * ny * ny
-    N, D = belt.N_c[e, c], belt.D_c[e, c]
-    for j in range(4):
-        row = 4 * e + 2 * j
-        fx = N[j] * g0 + D[j] * g2
-        fy = N[j] * g1 + D[j] * g3
-        residual[row] -= fx
-        residual[row + 1] -= fy
-        residual_stretch[row] -= fx / stretch
-        residual_stretch[row + 1] -= fy / stretch
-        a00, a01 = N[j] * h00 + D[j] * h20, N[j] * h01 + D[j] * h21
-        a02, a03 = N[j] * h02 + D[j] * h22, N[j] * h03 + D[j] * h23
-        a10, a11 = N[j] * h10 + D[j] * h30, N[j] * h11 + D[j] * h31
-        a12, a13 = N[j] * h12 + D[j] * h23, N[j] * h13 + D[j] * h33
-        for k in range(4):
-            col = HALF + 2 * (k - j)
-            A[row, col] += a00 * N[k] + a02 * D[k]
-            A[row, col + 1] += a01 * N[k] + a03 * D[k]
-            A[row + 1, col - 1] += a10 * N[k] + a12 * D[k]
-            A[row + 1, col] += a11 * N[k] + a13 * D[k]
+    n_x, n_y = F_d * nx + k_nt * tx, F_d * ny + k_nt * ty
+    t_x, t_y = k_tn * nx + k_tt * tx, k_tn * ny + k_tt * ty
+    s_x, s_y = nx * F_s + tx * k_ts, ny * F_s + ty * k_ts
+    g_x, g_y = K_ds * nx + k_st * tx, K_ds * ny + k_st * ty
+    return (
+        nx * n_x + tx * t_x,
+        nx * n_y + tx * t_y,
+        s_x * nx - turn * tx * tx,
+        s_x * ny - turn * tx * ty,
+        ny * n_x + ty * t_x,
+        ny * n_y + ty * t_y,
+        s_y * nx - turn * ty * tx,
+        s_y * ny - turn * ty * ty,
+        nx * g_x - turn * tx * tx,
+        nx * g_y - turn * tx * ty,
+        ny * g_x - turn * ty * tx,
+        ny * g_y - turn * ty * ty,
+        K_ss * nx * nx,
+        K_ss * nx * ny,
+        K_ss * ny * ny,
+    )

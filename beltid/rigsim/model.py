@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,8 +15,9 @@ from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.rigsim.banded import WIDTH
 from beltid.rigsim.belt import BeltArrays, belt_arrays
+from beltid.rigsim.compiled import kernel
 from beltid.rigsim.contact import ContactArrays, contact_arrays, with_surface
-from beltid.rigsim.path import Path, graded_nodes
+from beltid.rigsim.path import Path, graded_nodes, path_coordinates
 from beltid.rigsim.supports import Reactions, SupportArrays, new_reactions
 
 Array = NDArray[np.float64]
@@ -76,8 +78,9 @@ class RigModel:
 
     def path_coordinates(self) -> Array:
         """Nodal coordinates of the belt on its path, shape (4 (n_e + 1),)."""
-        parts = [self.path.position(self.nodes), self.path.tangent(self.nodes)]
-        return np.ascontiguousarray(np.concatenate(parts, axis=1).ravel())
+        path = self.path
+        coordinates: Array = path_coordinates(path.R, path.span, path.beta, self.nodes)
+        return coordinates
 
     def with_surface(self, surface: FrictionSurface) -> RigModel:
         """The same rig with another friction surface."""
@@ -87,16 +90,22 @@ class RigModel:
 
     def workspace(self) -> Workspace:
         """Room for the linearised system."""
-        n = 4 * self.nodes.size
-        belt = self.system.belt
-        return Workspace(
-            A=np.zeros((n, WIDTH)),
-            pivots=np.zeros(n, dtype=np.int64),
-            vectors=np.zeros((2, n)),
-            steps=np.zeros((2, n)),
-            strain_old=np.zeros((*belt.w_g.shape, 2)),
-            reactions=new_reactions(),
-        )
+        workspace: Workspace = new_workspace(self.system.belt)
+        return workspace
+
+
+@kernel
+def new_workspace(belt: BeltArrays) -> Workspace:
+    """Room for the linearised system of a belt."""
+    n = 4 * belt.h.size + 4
+    return Workspace(
+        np.zeros((n, WIDTH)),
+        np.zeros(n, dtype=np.int64),
+        np.zeros((2, n)),
+        np.zeros((2, n)),
+        np.zeros((belt.h.size, belt.w_g.shape[1], 2)),
+        new_reactions(),
+    )
 
 
 def _falls(surface: FrictionSurface) -> bool:
@@ -115,6 +124,10 @@ class Bench:
         Normal contact law, Eq. (3).
     surface : FrictionSurface
         Coefficient of friction over line force and sliding speed.
+    pulley : ContactArrays
+        Pulley and laws for compiled code.
+    friction_falls : bool
+        Whether mu falls with the speed anywhere on the surface.
     """
 
     belt: Belt
@@ -122,6 +135,13 @@ class Bench:
     contact: Contact
     law: NormalLaw
     surface: FrictionSurface
+    pulley: ContactArrays = field(init=False, repr=False, compare=False)
+    friction_falls: bool = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        pulley = contact_arrays(self.rig.R, self.contact, self.law, self.surface)
+        object.__setattr__(self, "pulley", pulley)
+        object.__setattr__(self, "friction_falls", _falls(self.surface))
 
     def model(self, point: OperatingPoint, elements: int | None = None) -> RigModel:
         """Build the model of one run; ``elements`` overrides the default number of elements.
@@ -138,10 +158,12 @@ class Bench:
             )
         path = Path(self.rig.R, self.rig.span, point.beta)
         nodes = graded_nodes(self.belt, self.rig, self.law, point, elements)
-        ends = path.tangent(np.array([0.0, path.length]))
+        along, down = math.cos(0.5 * point.beta), math.sin(0.5 * point.beta)
         system = System(
             belt=belt_arrays(self.belt, nodes, self.contact.points_per_element),
-            pulley=contact_arrays(self.rig.R, self.contact, self.law, self.surface),
-            supports=SupportArrays(self.rig.supports == "clamped", np.ascontiguousarray(ends)),
+            pulley=self.pulley,
+            supports=SupportArrays(
+                self.rig.supports == "clamped", np.array([[along, down], [along, -down]])
+            ),
         )
-        return RigModel(path, point, nodes, self.belt.rhoA, system, _falls(self.surface))
+        return RigModel(path, point, nodes, self.belt.rhoA, system, self.friction_falls)

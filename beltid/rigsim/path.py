@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, OperatingPoint, Rig
+from beltid.rigsim.compiled import kernel
 
 Array = NDArray[np.float64]
 
@@ -52,23 +53,35 @@ class Path:
         """Path coordinate of the second tangent point [m]."""
         return self.span + self.R * self.beta
 
+    def coordinates(self, s: Array) -> Array:
+        """Points of the path [m] and its unit tangents towards B, shape (n, 4)."""
+        rows: Array = path_coordinates(self.R, self.span, self.beta, np.asarray(s, dtype=float))
+        return rows.reshape(-1, 4)
+
     def position(self, s: Array) -> Array:
         """Points of the path, shape (n, 2) [m]."""
-        s = np.asarray(s, dtype=float)
-        theta = self.angle(s)
-        normal = np.stack([np.sin(theta), np.cos(theta)], axis=-1)
-        beyond = np.where(s < self.entry, s - self.entry, np.maximum(s - self.exit, 0.0))
-        return self.R * normal + beyond[:, None] * self.tangent(s)
+        return self.coordinates(s)[:, :2]
 
     def tangent(self, s: Array) -> Array:
         """Unit tangents towards B, shape (n, 2)."""
-        theta = self.angle(s)
-        return np.stack([np.cos(theta), -np.sin(theta)], axis=-1)
+        return self.coordinates(s)[:, 2:]
 
-    def angle(self, s: Array) -> Array:
-        """Direction of the path: angle of the arc's normal from the top [rad], shape (n,)."""
-        half = 0.5 * self.beta
-        return np.clip((np.asarray(s, dtype=float) - self.span) / self.R - half, -half, half)
+
+@kernel
+def path_coordinates(R: float, span: float, beta: float, nodes: Array) -> Array:
+    """Positions and tangents of the path at nodes (n,) [m], as coordinates of the belt (4 n,)."""
+    q = np.empty(4 * nodes.size)
+    half = 0.5 * beta
+    for i in range(nodes.size):
+        s = nodes[i]
+        theta = min(max((s - span) / R - half, -half), half)
+        beyond = min(s - span, 0.0) + max(s - span - R * beta, 0.0)
+        sine, cosine = math.sin(theta), math.cos(theta)
+        q[4 * i] = R * sine + beyond * cosine
+        q[4 * i + 1] = R * cosine - beyond * sine
+        q[4 * i + 2] = cosine
+        q[4 * i + 3] = -sine
+    return q
 
 
 def bending_length(EI: float, T: float) -> float:
@@ -81,25 +94,73 @@ def bed_length(EI: float, k: float) -> float:
     return (4.0 * EI / k) ** 0.25
 
 
+@dataclass(frozen=True, slots=True)
+class Touchdown:
+    """Where a tightened belt touches down on the pulley, without friction.
+
+    Parameters
+    ----------
+    offset : float
+        Path coordinate of the first contact, from the tangent point towards the arc [m].
+    layer : float
+        Length over which the pressure grows from zero to that of the arc [m].
+    """
+
+    offset: float
+    layer: float
+
+
+def touchdown(belt: Belt, rig: Rig, law: NormalLaw, T_0: float) -> Touchdown:
+    """Closed form of the lay-on near a tangent point: beam on an elastic bed under tension.
+
+    The gap to the pulley obeys ``EI u_xxxx - T u_xx + k (u + delta_0) = 0`` in contact, with the
+    penetration ``delta_0`` of the pressure T/R and the stiffness k there; in the span the curvature
+    decays as ``exp(d/l)``. Curvature, shear and slope are continuous where u = 0.
+
+    Parameters
+    ----------
+    belt, rig, law : Belt, Rig, NormalLaw
+        The bench.
+    T_0 : float
+        Tension [N].
+    """
+    EI, R, T = belt.EI, rig.R, T_0
+    delta = float(law.penetration(T / R))
+    k = float(law.stiffness(delta))
+    bend = bending_length(EI, T)
+    # exp(-p x) and exp(-q x) on the bed, real or not: p q and p + q are real in any case
+    pq = 2.0 / bed_length(EI, k) ** 2
+    p_q = math.sqrt(T / EI + 2.0 * pq)
+    # where u = 0: u_xx + (p + q) u_x + p q delta_0 = 0 on the bed, and its derivative;
+    # in the span kappa_x = kappa/bend, kappa = 1/R - u_xx
+    curvature = 1.0 / (R * bend) + delta * pq * pq / p_q
+    curvature /= p_q - pq / p_q + 1.0 / bend
+    slope = -(curvature + delta * pq) / p_q
+    kappa = 1.0 / R - curvature
+    offset = R * (slope + kappa * bend)
+    for _ in range(3):  # the force passes through the support, at an angle to the tangent
+        angle = (offset * offset / (2.0 * R) - kappa * bend * bend) / (rig.span + offset)
+        offset = R * (slope + kappa * bend + angle)
+    slow = T * T - 4.0 * EI * k
+    layer = 2.0 / p_q if slow <= 0.0 else math.sqrt((T + math.sqrt(slow)) / (2.0 * k))
+    return Touchdown(offset, layer)
+
+
 def element_count(belt: Belt, rig: Rig, law: NormalLaw, beta: float, T_0: float) -> int:
-    """Default number of elements: one per ``ELEMENT_IN_BEDS`` elastic-bed lengths, graded; even."""
-    _, total = _mesh_density(belt, rig, law, Path(rig.R, rig.span, beta), T_0)
-    return _count(float(total[-1]))
+    """Default number of elements: that of the wanted lengths over ``ELEMENT``; even."""
+    half = 0.5 * Path(rig.R, rig.span, beta).length
+    return _count(float(_elements_before(*wanted_lengths(belt, rig, law, half, T_0))[-1]))
 
 
-def _count(beds_of_half: float) -> int:
-    wanted = 2 * math.ceil(beds_of_half / ELEMENT_IN_BEDS)
+def _count(of_half: float) -> int:
+    wanted = 2 * math.ceil(of_half / ELEMENT)
     return min(max(wanted, FEWEST_ELEMENTS), MOST_ELEMENTS)
 
 
 def graded_nodes(
     belt: Belt, rig: Rig, law: NormalLaw, point: OperatingPoint, n: int | None = None
 ) -> Array:
-    """Nodes of a mesh graded from the bending length and the elastic-bed length.
-
-    On the arc all elements have a length in proportion to the elastic-bed length; in the spans
-    they grow with the distance from the tangent point, in units of the bending length (and from a
-    clamped support). Both halves are alike.
+    """Nodes of a mesh graded from the lengths of the contact's ends, see :func:`wanted_lengths`.
 
     Parameters
     ----------
@@ -113,33 +174,96 @@ def graded_nodes(
     Returns
     -------
     ndarray, shape (n + 1,)
-        Path coordinates of the nodes [m].
+        Path coordinates of the nodes [m]. Both halves are alike.
     """
-    path = Path(rig.R, rig.span, point.beta)
-    s, total = _mesh_density(belt, rig, law, path, point.T_0)
-    if n is None:
-        n = _count(float(total[-1]))
-    half = np.interp(np.linspace(0.0, total[-1], n // 2 + 1), total, s)
-    return np.concatenate([half, path.length - half[-2::-1]])
+    half = 0.5 * Path(rig.R, rig.span, point.beta).length
+    at, lengths = wanted_lengths(belt, rig, law, half, point.T_0)
+    before = _elements_before(at, lengths)
+    nodes: Array = _place(at, lengths, before, n or _count(float(before[-1])))
+    return nodes
 
 
-def _mesh_density(
-    belt: Belt, rig: Rig, law: NormalLaw, path: Path, T_0: float
+def wanted_lengths(
+    belt: Belt, rig: Rig, law: NormalLaw, half: float, T_0: float
 ) -> tuple[Array, Array]:
-    """Half of the path and, along it, the number of bed-length elements from the support on."""
-    bed = bed_length(belt.EI, float(law.stiffness(law.penetration(T_0 / rig.R))))
+    """Lengths of the elements in proportion, linear between points of half the path.
+
+    Where the contact ends, the fourth derivative of the deflection, on which the error of cubic
+    elements depends, jumps; it decays over the layer of :func:`touchdown` on the pulley's side and
+    over the bending length in the span. So the elements are as long as the layer there, grow
+    in both directions, and on the arc no further than ``LONGEST``. A clamp bends the belt, too.
+
+    Parameters
+    ----------
+    belt, rig, law : Belt, Rig, NormalLaw
+        The bench.
+    half : float
+        Half the length of the path [m].
+    T_0 : float
+        Tension [N].
+
+    Returns
+    -------
+    at, lengths : ndarray, shape (m,)
+        Path coordinates from the support to the middle, and the lengths there [m].
+    """
+    end = touchdown(belt, rig, law, T_0)
     bend = bending_length(belt.EI, T_0)
-    s = np.linspace(0.0, 0.5 * path.length, 1001)
-    wanted = bed * (1.0 + np.maximum(path.entry - s, 0.0) / bend)
-    if rig.supports == "clamped":
-        wanted = np.minimum(wanted, bend * (1.0 + s / bend))
-    density = 1.0 / wanted
-    steps = 0.5 * (density[1:] + density[:-1]) * np.diff(s)
-    return s, np.concatenate([[0.0], np.cumsum(steps)])
+    layer = end.layer
+    start = min(max(rig.span + end.offset + INSIDE * layer, 0.5 * rig.span), 0.9 * half)
+    growth = GROWTH_IN_SPAN * layer / max(bend, layer)
+    points = [(0.0, layer + growth * start)]
+    if rig.supports == "clamped" and bend < points[0][1]:
+        crossing = (points[0][1] - bend) / (1.0 + growth)
+        points = [(0.0, bend), (min(crossing, start), min(bend + crossing, points[0][1]))]
+        points[1] = (points[1][0], layer + growth * (start - points[1][0]))
+    points.append((start, layer))
+    full = start + (LONGEST - 1.0) * layer / GROWTH_ON_ARC
+    if full < half:
+        points.append((full, LONGEST * layer))
+    points.append((half, min(layer + GROWTH_ON_ARC * (half - start), LONGEST * layer)))
+    table = np.array(points).T
+    return table[0], table[1]
 
 
-# With 1.0 the tensions of rigs with arcs of 40 to 150 degrees and tensions of 50 to 450 N differ by
-# 0.02 % at most from those of a converged mesh, mu constant or falling with the force.
-ELEMENT_IN_BEDS = 1.0
+@kernel
+def _elements_before(at: Array, lengths: Array) -> Array:
+    """Number of elements from the support up to each point (m,), not yet a whole one."""
+    count = np.zeros(at.size)
+    for i in range(1, at.size):
+        ratio = lengths[i] / lengths[i - 1]
+        mean = lengths[i]
+        if abs(ratio - 1.0) > 1e-9:
+            mean = (lengths[i] - lengths[i - 1]) / math.log(ratio)
+        count[i] = count[i - 1] + (at[i] - at[i - 1]) / mean
+    return count
+
+
+@kernel
+def _place(at: Array, lengths: Array, before: Array, n: int) -> Array:
+    """Nodes (n + 1,) of n elements in proportion to the lengths, and their mirror image."""
+    nodes = np.empty(n + 1)
+    piece = 0
+    for k in range(n // 2 + 1):
+        count = before[-1] * k / (n // 2)
+        while piece < at.size - 2 and count > before[piece + 1]:
+            piece += 1
+        slope = (lengths[piece + 1] - lengths[piece]) / (at[piece + 1] - at[piece])
+        more = count - before[piece]
+        if abs(slope) > 1e-9:
+            more = math.expm1(slope * more) / slope
+        nodes[k] = at[piece] + lengths[piece] * more
+        nodes[n - k] = 2.0 * at[-1] - nodes[k]
+    nodes[n // 2] = at[-1]
+    return nodes
+
+
+INSIDE = 0.3  # finest elements this far inside the first contact, over the layer
+GROWTH_IN_SPAN = (
+    1.3  # of the length of the elements over the distance, where layer = bending length
+)
+GROWTH_ON_ARC = 0.2
+LONGEST = 1.5  # on the arc, over the layer
+ELEMENT = 0.8  # length of the default elements over the wanted one
 FEWEST_ELEMENTS = 10
 MOST_ELEMENTS = 1000

@@ -22,7 +22,7 @@ from beltid.rigsim.belt import add_internal
 from beltid.rigsim.compiled import kernel
 from beltid.rigsim.contact import SLIDE, Motion, Points, new_points
 from beltid.rigsim.contact_forces import add_contact
-from beltid.rigsim.model import RigModel, System, Workspace
+from beltid.rigsim.model import RigModel, System, Workspace, new_workspace
 from beltid.rigsim.supports import force_change, hold, release
 
 Array = NDArray[np.float64]
@@ -32,6 +32,8 @@ ROUNDING = 1.0e-13  # of a residual force over EA R/h: what is left in double pr
 SLIP_ROUNDING = 2.0e-16  # of a slip over R
 MOST_ITERATIONS = 40
 LARGEST_MOVE = 5.0e-3  # of a node in one iteration [m]
+# tensions over T_0 by way of which the belt is laid on, one way after the other
+DETOURS = ((1.0,), (2.0, 1.0), (8.0, 4.0, 2.0, 1.4, 1.0))
 DEEPEST = 0.1  # penetration over the radius that still is a contact
 
 
@@ -150,6 +152,17 @@ def newton(
     return Outcome(False, MOST_ITERATIONS, error / T_0, stretch, outside)
 
 
+@kernel
+def equilibrium(
+    system: System, motion: Motion, q: Array, stretch: float, T_0: float, tighten: bool
+) -> tuple[Outcome, Array, Points]:
+    """Static equilibrium from the coordinates ``q``, updated in place; forces (4,) and contact."""
+    points = new_points(system.belt, SLIDE)
+    work = new_workspace(system.belt)
+    outcome = newton(system, motion, points, q, stretch, T_0, tighten, work)
+    return outcome, work.reactions.force, points
+
+
 @dataclass(frozen=True, slots=True)
 class StaticState:
     """A static equilibrium of the rig.
@@ -191,8 +204,11 @@ class StaticState:
         return math.hypot(self.force[2], self.force[3])
 
 
-def _state(q: Array, points: Points, work: Workspace, outcome: Outcome, spent: int) -> StaticState:
-    force = work.reactions.force.copy()
+def _state(
+    model: RigModel, q: Array, found: tuple[Outcome, Array, Points], spent: int
+) -> StaticState:
+    outcome, force, points = found
+    _refuse_nonsense(model, points)
     iterations = spent + outcome.iterations
     return StaticState(
         q, outcome.stretch, force, points, iterations, outcome.residual, outcome.outside
@@ -210,24 +226,20 @@ def lay_on(model: RigModel) -> StaticState:
         If Newton's method fails, also when T_0 is approached from higher tensions.
     """
     system, point = model.system, model.point
-    motion = Motion(omega=point.omega, rate=0.0, friction=0.0, augmentation=0.0)
-    work = model.workspace()
+    motion = Motion(point.omega, 0.0, 0.0, 0.0)
     spent = 0
-    for detour in ((), (2.0, 1.0), (8.0, 4.0, 2.0, 1.4, 1.0)):
+    for detour in DETOURS:
         q = model.path_coordinates()
-        points = new_points(system.belt, SLIDE)
         stretch = 1.0 / (1.0 + point.T_0 / system.belt.EA)
-        for factor in detour or (1.0,):
-            outcome = newton(system, motion, points, q, stretch, factor * point.T_0, True, work)
+        for factor in detour:
+            found = equilibrium(system, motion, q, stretch, factor * point.T_0, True)
+            outcome = found[0]
             stretch = outcome.stretch
-            if not outcome.converged:
-                spent += outcome.iterations
-                break
-            if factor == 1.0:
-                state = _state(q, points, work, outcome, spent)
-                _refuse_nonsense(model, state)
-                return state
+            if outcome.converged and factor == 1.0:
+                return _state(model, q, found, spent)
             spent += outcome.iterations
+            if not outcome.converged:
+                break
     raise _failure("laying the belt on", point, spent, outcome.residual)
 
 
@@ -242,28 +254,24 @@ def slide(model: RigModel, laid: StaticState) -> StaticState:
         If Newton's method fails, also when the friction is raised in steps.
     """
     system, point = model.system, model.point
-    work = model.workspace()
     spent = 0
     for stages in (1, 4, 16):
         q = laid.q.copy()
-        points = new_points(system.belt, SLIDE)
         for k in range(1, stages + 1):
-            motion = Motion(omega=point.omega, rate=0.0, friction=k / stages, augmentation=0.0)
-            outcome = newton(system, motion, points, q, laid.stretch, point.T_0, False, work)
-            if not outcome.converged:
-                spent += outcome.iterations
-                break
-            if k == stages:
-                state = _state(q, points, work, outcome, spent)
-                _refuse_nonsense(model, state)
-                return state
+            motion = Motion(point.omega, 0.0, k / stages, 0.0)
+            found = equilibrium(system, motion, q, laid.stretch, point.T_0, False)
+            outcome = found[0]
+            if outcome.converged and k == stages:
+                return _state(model, q, found, spent)
             spent += outcome.iterations
+            if not outcome.converged:
+                break
     raise _failure("the sliding belt", point, spent, outcome.residual)
 
 
-def _refuse_nonsense(model: RigModel, state: StaticState) -> None:
+def _refuse_nonsense(model: RigModel, points: Points) -> None:
     """An equilibrium may be one of a rig that makes no sense: then say so."""
-    points, R = state.points, model.path.R
+    R = model.path.R
     touches = points.F_N > 0.0
     if not touches.any():
         raise NumericsError(f"{describe(model.point)}: the belt does not touch the pulley")

@@ -39,6 +39,7 @@ class Reactions(NamedTuple):
     stretch: Array
 
 
+@kernel
 def new_reactions() -> Reactions:
     """Room for the reactions of one rig."""
     return Reactions(np.zeros(4), np.zeros((4, WIDTH)), np.zeros(4))

@@ -297,7 +297,8 @@ def test_wrong_grid_is_refused(f: object, v: object, mu: object, message: str) -
 
 def test_scalar_law_compiles_as_it_stands() -> None:
     numba = pytest.importorskip("numba")
-    names = {**vars(surface_tables), "locate": numba.njit(surface_tables.locate)}
+    parts = (surface_tables.locate, surface_tables.evaluate_cell)
+    names = {**vars(surface_tables), **{part.__name__: numba.njit(part) for part in parts}}
     compiled = numba.njit(FunctionType(evaluate_tables.__code__, names))
     T = noisy().tables()
     rng = np.random.default_rng(1)

@@ -61,7 +61,7 @@ def at(arc_deg: float = 82.0, T_0: float = 270.0, omega: float = 0.21) -> Operat
 
 def true_surface_5pk(n_f: int = 120, n_v: int = 40) -> FrictionSurface:
     """True friction of the synthetic 5PK bench (rigdata/README.md) on a dense grid."""
-    f = np.geomspace(1.0, 6.0e4, n_f)
+    f = np.geomspace(0.05, 6.0e4, n_f)  # a part that just touches has next to no force
     v = np.geomspace(1.0e-4, 0.3, n_v)
     mu0, a, c, v0 = 0.95, 0.18, 0.45, 0.0015
     speed = 1 + c * (np.log1p(v / v0) / np.log1p(0.01 / v0) - 1)
