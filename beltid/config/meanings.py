@@ -27,6 +27,8 @@ MEANINGS: Final = {
     "press.segment_length_cm": "length of belt under the press; scales the stiffness",
     "press.reference_temperature_degC": "the law handed on is that at this temperature",
     "press.machine_compliance_mm_N": "travel that the press itself takes up, per force",
+    "press.force_gain": "true force over reading of the press",
+    "press.displacement_gain": "true travel over reading of the press",
     "press.cycles": "load cycles used; virgin rubber is stiffer in its first",
     "rig.pulley_radius_m": "radius of the belt's centreline on the pulley",
     "rig.span_length_m": "free belt from a load cell to where it meets the pulley",

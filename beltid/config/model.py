@@ -50,6 +50,8 @@ class PressSection(Section):
     segment_length_cm: Annotated[float, Number(0.1, 100, "cm")] = 4.0
     reference_temperature_degC: Annotated[float, Number(-60, 200, "°C")] = 22.0
     machine_compliance_mm_N: Annotated[float, Number(0, 1e-2, "mm/N")] = 0.0
+    force_gain: Annotated[float, Number(0.1, 10)] = 1.0
+    displacement_gain: Annotated[float, Number(0.1, 10)] = 1.0
     cycles: Annotated[Literal["last", "first", "all"], Choice(("last", "first", "all"))] = "last"
 
 
@@ -150,13 +152,23 @@ class _AutoOnOff(Choice):
 
 
 class FrictionSection(Section):
-    """How a run of the friction rig is reduced to a friction coefficient."""
+    """How a run of the friction rig is reduced to a friction coefficient.
+
+    What is known of the load cells comes first: T = gain (reading - tare) / cos(tilt), with the
+    angle between the span and the axis of its cell; then the imbalance that is left.
+    """
 
     min_plateau_samples: Annotated[int, Count(8, 1_000_000)] = 12
     spike_threshold: Annotated[float, Number(3, 100)] = 6.0
     correct_imbalance: Annotated[Literal["auto"] | bool, _AutoOnOff(("auto", "true", "false"))] = (
         "auto"
     )
+    tension_tight_tare_N: Annotated[float, Number(-1e4, 1e4, "N")] = 0.0
+    tension_slack_tare_N: Annotated[float, Number(-1e4, 1e4, "N")] = 0.0
+    tension_tight_gain: Annotated[float, Number(0.1, 10)] = 1.0
+    tension_slack_gain: Annotated[float, Number(0.1, 10)] = 1.0
+    tension_tight_tilt_deg: Annotated[float, Number(-60, 60, "°")] = 0.0
+    tension_slack_tilt_deg: Annotated[float, Number(-60, 60, "°")] = 0.0
     max_mu: Annotated[float, Number(0.01, 100)] = 3.0
 
 

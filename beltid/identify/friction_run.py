@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from beltid.errors import InputError
 from beltid.identify.condense import Raw
+from beltid.identify.friction_cells import KnownCell, KnownCells
 from beltid.identify.sliding_tails import Tails
 
 Array = NDArray[np.float64]
@@ -50,6 +51,18 @@ class FrictionSettings:
     each cell, with the noise of the rest phase. ``False``: never; the standard error allows for a
     clear one. ``"auto"``: where it is clear, as what all runs of the bench together show it
     to be: a difference of the zero points, or of the gains; otherwise as with ``False``."""
+    tension_tight_tare_N: float = 0.0
+    """Reading of the cell of the column tension_tight_N without a load [N]."""
+    tension_slack_tare_N: float = 0.0
+    """The same of the other cell [N]."""
+    tension_tight_gain: float = 1.0
+    """True force over reading, less tare, of the cell of the column tension_tight_N [-]."""
+    tension_slack_gain: float = 1.0
+    """The same of the other cell [-]."""
+    tension_tight_tilt_deg: float = 0.0
+    """Angle between the span at that cell and its axis [deg]."""
+    tension_slack_tilt_deg: float = 0.0
+    """The same of the other cell [deg]."""
     max_mu: float = 3.0
     """Largest credible friction coefficient [-]."""
     max_peak_error: float = 0.015
@@ -65,6 +78,12 @@ class FrictionSettings:
             "spike_threshold": (3.0, 100.0),
             "max_missing_fraction": (0.0, 0.95),
             "max_imbalance": (0.0, 2.0),
+            "tension_tight_tare_N": (-1.0e4, 1.0e4),
+            "tension_slack_tare_N": (-1.0e4, 1.0e4),
+            "tension_tight_gain": (0.1, 10.0),
+            "tension_slack_gain": (0.1, 10.0),
+            "tension_tight_tilt_deg": (-60.0, 60.0),
+            "tension_slack_tilt_deg": (-60.0, 60.0),
             "max_mu": (0.01, 100.0),
             "max_peak_error": (0.0, 1.0),
         }
@@ -80,6 +99,18 @@ class FrictionSettings:
             )
         if problems:
             raise InputError(problems)
+
+    @property
+    def cells(self) -> KnownCells:
+        """What is known to be wrong with the load cells."""
+        return KnownCells(
+            tight=KnownCell(
+                self.tension_tight_tare_N, self.tension_tight_gain, self.tension_tight_tilt_deg
+            ),
+            slack=KnownCell(
+                self.tension_slack_tare_N, self.tension_slack_gain, self.tension_slack_tilt_deg
+            ),
+        )
 
 
 @dataclass(frozen=True, slots=True)

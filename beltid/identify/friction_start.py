@@ -73,7 +73,9 @@ def start_run(record: RunRecord, R: float, settings: FrictionSettings) -> Run:
 def _start(run: Run, R: float, settings: FrictionSettings) -> Start:
     """Find one quantity after the other, so that a run set aside keeps what came before."""
     found = run.found
-    channels = prepare(run.record, settings)
+    channels = settings.cells.applied(prepare(run.record, settings))
+    if settings.cells.note:
+        run.notes.append(settings.cells.note)
     found |= {"n_spikes": channels.n_spikes, "n_missing": channels.n_missing}
     rotation = find_rotation(channels.speed)
     found |= {

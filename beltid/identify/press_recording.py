@@ -112,8 +112,8 @@ def _one_test(
     test = prepare_test(
         label,
         part["time_s"],
-        part["displacement_mm"],
-        part["force_N"],
+        settings.displacement_gain * part["displacement_mm"],
+        settings.force_gain * part["force_N"],
         part["temperature_degC"],
         settings.machine_compliance_m_N,
     )
@@ -128,6 +128,8 @@ def _one_test(
             f"test {label}: too little travel before contact to check the zero of the load cell"
         )
     found = [press_curve(test, cycle, settings.segment_length_m) for cycle in chosen]
+    gains = (("force", settings.force_gain), ("displacement", settings.displacement_gain))
+    notes += [f"test {label}: {name} gain {gain:g} applied" for name, gain in gains if gain != 1.0]
     return found, notes, test.n_missing, test.n_spikes
 
 

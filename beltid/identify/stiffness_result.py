@@ -25,6 +25,9 @@ class StiffnessSettings:
         Temperature of the pooled law if temperature matters [°C].
     machine_compliance_m_N : float
         Yield of the press itself per force, contained in the crosshead travel [m/N].
+    force_gain, displacement_gain : float
+        True force over reading, and true travel over reading [-]; the zero of the force is found
+        in the travel before contact.
     cycles : {"last", "first", "all"}
         Which cycles of a test to use; the first is that of virgin rubber.
     """
@@ -32,6 +35,8 @@ class StiffnessSettings:
     segment_length_m: float
     reference_temperature_degC: float = 22.0
     machine_compliance_m_N: float = 0.0
+    force_gain: float = 1.0
+    displacement_gain: float = 1.0
     cycles: CycleChoice = "last"
 
     def __post_init__(self) -> None:
@@ -43,6 +48,8 @@ class StiffnessSettings:
                 0.0 <= self.machine_compliance_m_N <= 1e-5,
                 "in [0, 1e-05] m/N",
             ),
+            ("force_gain", 0.1 <= self.force_gain <= 10.0, "in [0.1, 10]"),
+            ("displacement_gain", 0.1 <= self.displacement_gain <= 10.0, "in [0.1, 10]"),
         )
         problems = [
             f"press.{name} = {getattr(self, name)!r}, must be {allowed}"

@@ -122,7 +122,8 @@ def _simulated_columns(simulated: Any, config: Config) -> dict[str, np.ndarray]:
 def _reduced(
     columns: Mapping[str, np.ndarray], pulley_radius_m: float, settings: Mapping[str, Any]
 ) -> dict[str, np.ndarray]:
-    return reduction_columns(reduce_runs(columns, pulley_radius_m, friction_settings(settings)))
+    chosen = friction_settings(settings, of_bench=False)
+    return reduction_columns(reduce_runs(columns, pulley_radius_m, chosen))
 
 
 def _reduced_with(friction: Artifact, config: Config) -> tuple[float, Mapping[str, Any]]:

@@ -20,10 +20,23 @@ if TYPE_CHECKING:
 NOT_REDUCED = ("mu_sliding_u", "normal_force_u_N_m")
 """Columns that hold what the reduction does not know: the calibration of the bench."""
 
+CELLS = ("tension_tight_", "tension_slack_")
+"""How settings begin that tell what is known of the load cells."""
 
-def friction_settings(values: Mapping[str, Any]) -> FrictionSettings:
-    """Settings of the reduction from a section ``friction`` of a config or of an artifact."""
+
+def friction_settings(values: Mapping[str, Any], *, of_bench: bool = True) -> FrictionSettings:
+    """Settings of the reduction from a section ``friction`` of a config or of an artifact.
+
+    Parameters
+    ----------
+    values : mapping
+        The section.
+    of_bench : bool
+        Whether they are for a recording of the bench; the simulated rig has perfect load cells.
+    """
     known = {field.name for field in fields(FrictionSettings)}
+    if not of_bench:
+        known = {name for name in known if not name.startswith(CELLS)}
     return FrictionSettings(**{name: v for name, v in values.items() if name in known})
 
 
@@ -33,6 +46,8 @@ def stiffness_settings(press: PressSection) -> StiffnessSettings:
         segment_length_m=press.segment_length_cm / 100.0,
         reference_temperature_degC=press.reference_temperature_degC,
         machine_compliance_m_N=press.machine_compliance_mm_N / 1000.0,
+        force_gain=press.force_gain,
+        displacement_gain=press.displacement_gain,
         cycles=press.cycles,
     )
 
