@@ -19,6 +19,10 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
+TOLD = "known errors of the load cells taken off"
+"""How the note begins."""
+
+
 @dataclass(frozen=True, slots=True)
 class KnownCell:
     """Known errors of one load cell; the defaults are those of a perfect one."""
@@ -79,7 +83,7 @@ class KnownCells:
         """What is taken off, for the user; empty if there is nothing."""
         cells = (self.tight.described("tight cell"), self.slack.described("slack cell"))
         said = "; ".join(filter(None, cells))
-        return f"known errors of the load cells taken off: {said}" if said else ""
+        return f"{TOLD}: {said}" if said else ""
 
     def applied(self, channels: Channels) -> Channels:
         """Channels with tensions in place of readings."""

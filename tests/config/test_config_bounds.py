@@ -23,10 +23,14 @@ from beltid.identify.stiffness import StiffnessSettings
 from beltid.identify.surface import SurfaceSettings
 from beltid.params import OperatingPoint
 from beltid.rigsim.rig import DEFAULT_STEPS, SimulationSettings
+from beltid.stages.reduction import stiffness_settings
 from beltid.stages.uncertainties import standard_uncertainties
 
 SLIP = SlipResult(
-    points=(SlipPoint("1", 60.0, 310.0, 5.0, 0.4, 0.01, 0.02, 0.0005, 100, "ok"),),
+    points=(
+        SlipPoint("1", 60.0, 310.0, 5.0, 0.4, 0.01, 0.02, 0.0005, 100, "ok"),
+        SlipPoint("2", 60.0, 310.0, 1.0, 0.04, 0.001, 0.002, 0.0001, 100, "ok"),
+    ),
     ratio=1.0,
     ratio_se=0.0,
     max_slip_speed_m_s=0.02,
@@ -37,16 +41,6 @@ SLIP = SlipResult(
 
 def with_slip(config: Config) -> RequiredSpeeds:
     return required_pulley_speeds(SLIP, config.rig.pulley_radius_m, config.slip.n_speeds)
-
-
-def with_press(config: Config) -> StiffnessSettings:
-    press = config.press
-    return StiffnessSettings(
-        segment_length_m=press.segment_length_cm / 100.0,
-        reference_temperature_degC=press.reference_temperature_degC,
-        machine_compliance_m_N=press.machine_compliance_mm_N / 1000.0,
-        cycles=press.cycles,
-    )
 
 
 def with_points(config: Config) -> tuple[OperatingPoint, ...]:
@@ -64,7 +58,7 @@ def with_simulation(config: Config) -> SimulationSettings:
 
 SCIENCE: dict[str, tuple[Callable[[Config], Any], ...]] = {
     "belt": (lambda c: c.belt_params(),),
-    "press": (with_press,),
+    "press": (lambda c: stiffness_settings(c.press),),
     "rig": (lambda c: c.rig_params(), with_points, with_slip),
     "contact": (lambda c: c.contact_params(),),
     "compare": (lambda c: AgreementSettings(**c.compare.model_dump()),),
@@ -101,17 +95,31 @@ def bounded() -> list[tuple[str, str, Number | Count, bool]]:
 
 def test_no_section_with_numbers_is_forgotten() -> None:
     assert len(bounded()) > 25
-    assert set(SCIENCE) == set(Config.model_fields) - {"data", "columns", "units", "runs", "dialect"}
+    assert set(SCIENCE) == set(Config.model_fields) - {
+        "data",
+        "columns",
+        "units",
+        "runs",
+        "dialect",
+    }
+
+
+DESCRIPTIVE = {("belt", "ribs"), ("belt", "width_m")}
+"""Numbers that only describe the belt: no science takes them."""
 
 
 @pytest.mark.parametrize(("section", "key", "check", "is_list"), bounded())
 def test_the_science_takes_what_the_config_takes(
     section: str, key: str, check: Number | Count, is_list: bool
 ) -> None:
+    default = [repr(science(Config())) for science in SCIENCE[section]]
     for value in edges(check):
-        config = load_config({section: {key: [value] if is_list else value}})
-        for science in SCIENCE[section]:
-            science(config)
+        wanted = [value] if is_list else value
+        config = load_config({section: {key: wanted}})
+        taken = [repr(science(config)) for science in SCIENCE[section]]
+        unchanged = wanted == getattr(getattr(Config(), section), key)
+        # the value arrives: what the science makes of it is not what it makes of the default
+        assert (taken == default) == (unchanged or (section, key) in DESCRIPTIVE)
 
 
 @pytest.mark.parametrize(
