@@ -11,6 +11,7 @@ import numpy as np
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError
 from beltid.identify.friction import RunReduction, reduce_runs
+from beltid.identify.friction_cells import TOLD
 from beltid.identify.statistics import as_set
 from beltid.report.summary import Summary
 from beltid.stages.making import Made, Recipe, make
@@ -105,7 +106,7 @@ def _notes(reduced: Sequence[RunReduction]) -> tuple[str, ...]:
     missing = [r for r in reduced if r.n_missing]
     swapped = [r.run for r in reduced if r.swapped]
     unresolved = [r for r in reduced if r.ok and not np.isfinite(r.mu_sticking)]
-    lines = []
+    lines = list(dict.fromkeys(n for r in reduced for n in r.notes if n.startswith(TOLD)))
     if spikes:
         lines.append(f"{sum(r.n_spikes for r in spikes)} spikes left out, in {len(spikes)} runs")
     if missing:
