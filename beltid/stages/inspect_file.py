@@ -18,9 +18,8 @@ from beltid.report.summary import Summary
 from beltid.stages.talk import Options
 from beltid.store import schemas
 from beltid.store.dialect import ReadOptions
-from beltid.store.problems import Problems
 from beltid.store.recordings import Recording, read_recording
-from beltid.store.roles import Reading, readings_of
+from beltid.store.roles import Question, Reading, readings_of
 from beltid.store.sources import sources_of
 from beltid.store.understanding import (
     FileView,
@@ -127,7 +126,7 @@ def _readings(
         groups.setdefault(candidate.group, []).append(candidate)
     found: dict[str, Reading] = {}
     for group in groups.values():
-        found = {**readings_of(group, table, options, "", Problems()), **found}
+        found = {**readings_of(group, Question(table, options)), **found}
     return found
 
 

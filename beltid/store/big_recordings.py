@@ -19,7 +19,7 @@ from beltid.store.csv_stream import ByteStream, csv_blocks
 from beltid.store.dialect import ReadOptions
 from beltid.store.parquet_stream import parquet_blocks, parquet_files
 from beltid.store.problems import Problems
-from beltid.store.roles import unit_conversion
+from beltid.store.roles import Question, unit_conversion
 from beltid.store.run_stream import RunColumns, RunStream
 from beltid.store.text_tables import text_layout, text_notes, wanted_columns
 from beltid.units import Conversion
@@ -122,7 +122,7 @@ def _parquet(path: Path, options: ReadOptions) -> BigRecording:
         column.name: known
         for column in table.columns
         if isinstance(
-            known := unit_conversion(column, column.name, "", options, table.kind, False),
+            known := unit_conversion(column, column.name, "", Question(table, options), False),
             Conversion,
         )
     }

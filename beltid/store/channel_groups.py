@@ -16,7 +16,7 @@ from beltid.store.dialect import ReadOptions
 from beltid.store.header import check_header
 from beltid.store.pieces import Piece
 from beltid.store.problems import Problems
-from beltid.store.roles import Candidate, Reading, notes_of, readings_of
+from beltid.store.roles import Candidate, Question, Reading, notes_of, readings_of
 from beltid.store.run_settings import SETTINGS, told_elsewhere
 from beltid.store.text_tables import convert
 
@@ -51,10 +51,12 @@ def read_groups(
     problems : Problems
         Collects what is wrong.
     """
-    whole = [i for i, group in enumerate(file.groups) if _is_whole(group, table, options)]
+    question = Question(table, options, name, problems)
+    reader = _Reader(file, question)
+    whole = [i for i, group in enumerate(file.groups) if _is_whole(group, question)]
     notes = list(file.notes)
     if len(whole) < 2:
-        piece = _piece(file, file.groups, None, name, table, options, problems)
+        piece = reader.piece(file.groups, None)
         pieces = [] if piece is None else [piece]
     else:
         other = [g.name for i, g in enumerate(file.groups) if i not in whole]
@@ -63,9 +65,7 @@ def read_groups(
         pieces = [
             piece
             for i in whole
-            for piece in [
-                _piece(file, [file.groups[i]], file.groups[i].name, name, table, options, problems)
-            ]
+            for piece in [reader.piece([file.groups[i]], file.groups[i].name)]
             if piece is not None
         ]
     if pieces and notes:
@@ -81,107 +81,104 @@ def _sensors(table: Table) -> list[str]:
     ]
 
 
-def _is_whole(group: Group, table: Table, options: ReadOptions) -> bool:
+def _is_whole(group: Group, question: Question) -> bool:
     """Whether a group holds all the sensors that a run needs."""
-    found = readings_of(candidates_of([group], named=True), table, options, group.name, Problems())
-    return all(role in found for role in _sensors(table))
+    silent = Question(question.table, question.options, group.name)
+    found = readings_of(candidates_of([group], named=True), silent)
+    return all(role in found for role in _sensors(question.table))
 
 
-def _piece(
-    file: BenchFile,
-    groups: Sequence[Group],
-    run_name: str | None,
-    name: str,
-    table: Table,
-    options: ReadOptions,
-    problems: Problems,
-) -> Piece | None:
-    place = f"{name}, {run_name}" if run_name else name
-    wrong = problems.count
-    readings = _readings(groups, table, options, place, problems)
-    fields = (*file.fields, *(f for group in groups for f in group.fields))
-    path = PurePath(name)
-    names: tuple[str, ...] = (path.name, path.stem)
-    if run_name:
-        names = (f"{path.name}/{run_name}", run_name, *names)
-    channels = [channel.name for group in groups for channel in group.channels]
-    clocked = any(c.time_s is not None for group in groups for c in group.channels)
-    if problems.count == wrong:
-        in_file = {c.name: options.names.get(c.name, c.name) for c in table.columns}
-        told = told_elsewhere(options.runs, names, fields, table)
-        told |= set(readings) | ({"time_s"} if clocked else set())
-        check_header(tuple(channels), in_file, table, place, problems, told)
-    if problems.count > wrong:
-        return None
-    columns, notes = _columns(groups, readings, table, place, problems)
-    if problems.count > wrong:
-        return None
-    convert(columns, {r: reading for r, reading in readings.items() if r != "time_s"})
-    used = {reading.candidate.name for reading in readings.values()}
-    left_out = [channel for channel in channels if channel not in used]
-    said = [*notes_of(readings, table), *notes]
-    if left_out:
-        said.append("channels left out: " + ", ".join(dict.fromkeys(left_out[:12])))
-    length = len(next(iter(columns.values())))
-    first = groups[0].first_row if len(groups) == 1 else 0
-    rows = first + np.arange(length) if first else np.empty(0, dtype=np.int64)
-    label = run_name or path.stem
-    return Piece(
-        place, names, label, columns, readings, fields, rows, tuple(said), place, tuple(channels)
-    )
+class _Reader:
+    """Reads pieces from the groups of one file."""
+
+    def __init__(self, file: BenchFile, question: Question) -> None:
+        self.file = file
+        self.question = question
+
+    def piece(self, groups: Sequence[Group], run_name: str | None) -> Piece | None:
+        """Columns of groups that are one run, or of all of them; None if something is wrong."""
+        name, table, problems = self.question.place, self.question.table, self.question.problems
+        options = self.question.options
+        place = f"{name}, {run_name}" if run_name else name
+        wrong = problems.count
+        question = Question(table, options, place, problems)
+        readings = _readings(groups, question)
+        fields = (*self.file.fields, *(f for group in groups for f in group.fields))
+        path = PurePath(name)
+        names: tuple[str, ...] = (path.name, path.stem)
+        if run_name:
+            names = (f"{path.name}/{run_name}", run_name, *names)
+        channels = [channel.name for group in groups for channel in group.channels]
+        clocked = any(c.time_s is not None for group in groups for c in group.channels)
+        if problems.count == wrong:
+            in_file = {c.name: options.names.get(c.name, c.name) for c in table.columns}
+            told = told_elsewhere(options.runs, names, fields, table)
+            told |= set(readings) | ({"time_s"} if clocked else set())
+            check_header(tuple(channels), in_file, table, place, problems, told)
+        if problems.count > wrong:
+            return None
+        columns, notes = _columns(groups, readings, question)
+        if problems.count > wrong:
+            return None
+        convert(columns, {r: reading for r, reading in readings.items() if r != "time_s"})
+        used = {reading.candidate.name for reading in readings.values()}
+        left_out = [channel for channel in channels if channel not in used]
+        said = [*notes_of(readings, table), *notes]
+        if left_out:
+            said.append("channels left out: " + ", ".join(dict.fromkeys(left_out[:12])))
+        length = len(next(iter(columns.values())))
+        first = groups[0].first_row if len(groups) == 1 else 0
+        rows = first + np.arange(length) if first else np.empty(0, dtype=np.int64)
+        label = run_name or path.stem
+        return Piece(place, names, label, columns, readings, fields, rows, tuple(said), place)
 
 
-def _readings(
-    groups: Sequence[Group], table: Table, options: ReadOptions, place: str, problems: Problems
-) -> dict[str, Reading]:
+def _readings(groups: Sequence[Group], question: Question) -> dict[str, Reading]:
     """Channels of our columns; a group that holds all sensors is asked before the others."""
+    table = question.table
     candidates = candidates_of(groups, named=len(groups) > 1)
     if len(groups) == 1:
-        return readings_of(candidates, table, options, place, problems)
-    whole = [i for i, group in enumerate(groups) if _is_whole(group, table, options)]
+        return readings_of(candidates, question)
+    whole = [i for i, group in enumerate(groups) if _is_whole(group, question)]
     if not whole:
         # every raster may have a time of its own; a single one is that of all
-        clock = readings_of(candidates, table, options, place, Problems(), ["time_s"])
+        clock = readings_of(candidates, Question(table, question.options), ["time_s"])
         roles = [c.name for c in table.columns if c.name != "time_s" or clock]
-        return readings_of(candidates, table, options, place, problems, roles)
+        return readings_of(candidates, question, roles)
     inside = [c for c in candidates if c.key[0] == whole[0]]
     outside = [c for c in candidates if c.key[0] != whole[0]]
-    found = readings_of(inside, table, options, place, problems)
+    found = readings_of(inside, question)
     lacking = [c.name for c in table.columns if c.name not in found and c.name != "time_s"]
-    return {**found, **readings_of(outside, table, options, place, problems, lacking)}
+    return {**found, **readings_of(outside, question, lacking)}
 
 
 def _columns(
-    groups: Sequence[Group],
-    readings: dict[str, Reading],
-    table: Table,
-    place: str,
-    problems: Problems,
+    groups: Sequence[Group], readings: dict[str, Reading], question: Question
 ) -> tuple[dict[str, np.ndarray], list[str]]:
     """Values of our columns on one time."""
     taken = {r: _channel(groups, reading) for r, reading in readings.items()}
     values = {
-        r: _typed(channel, readings[r], table, place, _first_row(groups, readings[r]), problems)
+        r: _typed(channel, readings[r], _first_row(groups, readings[r]), question)
         for r, channel in taken.items()
     }
-    wrong = problems.count
-    clocks = _Clocks(groups, readings, values, table, place, problems)
+    problems, wrong = question.problems, question.problems.count
+    clocks = _Clocks(groups, readings, values, question)
     timed: dict[str, Timed] = {}
     for role, channel in taken.items():
         if role == "time_s":
             continue
         clock = clocks.of(*readings[role].candidate.key)
         if clock is None:
-            problems.add(f"{place}: there is no time for {channel.name}")
+            question.complain(f"there is no time for {channel.name}")
         elif len(clock) != len(values[role]):
-            problems.add(
-                f"{place}: {channel.name} has {len(values[role])} samples, its time {len(clock)}"
+            question.complain(
+                f"{channel.name} has {len(values[role])} samples, its time {len(clock)}"
             )
         else:
             timed[role] = Timed(channel.name, values[role], clock)
     if problems.count > wrong or not timed:
         return {}, []
-    columns, time, notes = aligned(timed, table.kind, place, problems)
+    columns, time, notes = aligned(timed, question.kind, question.place, problems)
     return {**columns, "time_s": time}, notes
 
 
@@ -203,16 +200,13 @@ class _Clocks:
         groups: Sequence[Group],
         readings: dict[str, Reading],
         values: dict[str, np.ndarray],
-        table: Table,
-        place: str,
-        problems: Problems,
+        question: Question,
     ) -> None:
         self.groups = groups
         self.shared = readings.get("time_s")
         self.raw = values.get("time_s")
-        self.table = table
-        self.place = place
-        self.problems = problems
+        # the file's own words alone: what the config names for the time was looked for before
+        self.question = replace(question, options=ReadOptions())
         self.known: dict[int, np.ndarray | None] = {}
 
     def of(self, g: int, c: int) -> np.ndarray | None:
@@ -234,20 +228,16 @@ class _Clocks:
 
     def _in_group(self, g: int) -> np.ndarray | None:
         candidates = candidates_of([self.groups[g]], named=False)
-        found = readings_of(
-            candidates, self.table, ReadOptions(), self.place, self.problems, ["time_s"]
-        )
+        found = readings_of(candidates, self.question, ["time_s"])
         if "time_s" not in found:
             return self._shared()
         channel = self.groups[g].channels[found["time_s"].candidate.key[1]]
         return None if channel.is_text else channel.values * found["time_s"].conversion.factor
 
 
-def _typed(
-    channel: Channel, reading: Reading, table: Table, place: str, first: int, problems: Problems
-) -> np.ndarray:
+def _typed(channel: Channel, reading: Reading, first: int, question: Question) -> np.ndarray:
     """Values of a channel with the type of our column."""
-    if table.column(reading.role).dtype == "string":
+    if question.table.column(reading.role).dtype == "string":
         return _labels(channel.values)
     if not channel.is_text:
         return np.asarray(channel.values, dtype=float)
@@ -258,8 +248,12 @@ def _typed(
         if is_number(str(text).strip()):
             numbers[i] = float(str(text).strip().replace(",", "."))
         else:
-            where = f"{place}:{first + i}" if first else f"{place}, sample {i + 1}"
-            problems.add(f'{where}: {reading.shown} = "{str(text)[:40]}", must be a number', i + 1)
+            where = (
+                f"{question.place}:{first + i}" if first else f"{question.place}, sample {i + 1}"
+            )
+            question.problems.add(
+                f'{where}: {reading.shown} = "{str(text)[:40]}", must be a number', i + 1
+            )
     return numbers
 
 

@@ -35,8 +35,6 @@ class Piece:
         What was found out.
     name_place : str
         Place of the names of the channels, for messages.
-    found : tuple of str
-        Names of the channels found, for messages.
     """
 
     place: str
@@ -48,7 +46,6 @@ class Piece:
     rows: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     notes: tuple[str, ...] = ()
     name_place: str = ""
-    found: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))

@@ -17,7 +17,7 @@ from beltid.store.frames import columns_of_frame
 from beltid.store.joining import completed, joined
 from beltid.store.opening import open_sources, read_opened
 from beltid.store.problems import Problems
-from beltid.store.roles import Reading, unit_conversion
+from beltid.store.roles import Question, Reading, unit_conversion
 from beltid.store.sources import content_sha256, sources_of
 from beltid.units import Conversion
 
@@ -169,11 +169,12 @@ def _checked_frame(
     problems.raise_if_any()
     length = len(next(iter(columns.values())))
     columns = completed(columns, table, length)
+    question = Question(table, options, name)
     conversions = {
         ours: known
         for ours in options.units
         if isinstance(
-            known := unit_conversion(table.column(ours), ours, "", options, kind, False), Conversion
+            known := unit_conversion(table.column(ours), ours, "", question, False), Conversion
         )
     }
     _convert(columns, conversions)

@@ -93,20 +93,12 @@ class Reading:
         return self.role if name == self.role else f'{self.role} (column "{name}")'
 
 
-def readings_of(
-    candidates: Sequence[Candidate],
-    table: Table,
-    options: ReadOptions,
-    place: str,
-    problems: Problems,
-    roles: Collection[str] | None = None,
-) -> dict[str, Reading]:
-    """Find the channel of every column of a table.
+@dataclass(frozen=True, slots=True)
+class Question:
+    """What is asked of the channels of a file.
 
-    Parameters
+    Attributes
     ----------
-    candidates : sequence of Candidate
-        Channels of the file.
     table : Table
         What is needed.
     options : ReadOptions
@@ -115,6 +107,34 @@ def readings_of(
         Place of the names, for messages.
     problems : Problems
         Collects what cannot be decided.
+    """
+
+    table: Table
+    options: ReadOptions
+    place: str = ""
+    problems: Problems = field(default_factory=Problems)
+
+    @property
+    def kind(self) -> str:
+        """Kind of recording."""
+        return self.table.kind
+
+    def complain(self, text: str) -> None:
+        """Note what cannot be decided."""
+        self.problems.add(f"{self.place}: {text}")
+
+
+def readings_of(
+    candidates: Sequence[Candidate], question: Question, roles: Collection[str] | None = None
+) -> dict[str, Reading]:
+    """Find the channel of every column of a table.
+
+    Parameters
+    ----------
+    candidates : sequence of Candidate
+        Channels of the file.
+    question : Question
+        What is needed and what the config states.
     roles : collection of str, optional
         Only these of our columns.
 
@@ -123,10 +143,11 @@ def readings_of(
     dict
         Our columns that were found; those that are missing are left to the caller.
     """
-    columns = [c for c in table.columns if roles is None or c.name in roles]
+    options = question.options
+    columns = [c for c in question.table.columns if roles is None or c.name in roles]
     found: dict[str, tuple[Candidate, How, bool]] = {}
     for column in columns:
-        chosen = _named(column.name, candidates, options, place, problems)
+        chosen = _named(column.name, candidates, question)
         if chosen is not None:
             found[column.name] = chosen
     taken = {id(candidate) for candidate, _, _ in found.values()}
@@ -134,14 +155,14 @@ def readings_of(
     for column in columns:
         if column.name in found or column.name in options.names:
             continue
-        meant = [c for c in free if column.name in roles_meant(c.name, table.kind)]
+        meant = [c for c in free if column.name in roles_meant(c.name, question.kind)]
         fitting = [c for c in meant if _fits(c, column, options)] or meant
         if len(fitting) == 1:
             found[column.name] = (fitting[0], "recognised", False)
         elif fitting:
-            problems.add(_ambiguous(column, fitting, table.kind, place))
+            question.complain(_ambiguous(column, fitting, question.kind))
     return {
-        column.name: _reading(column, *found[column.name], table.kind, options, place, problems)
+        column.name: _reading(column, *found[column.name], question)
         for column in columns
         if column.name in found
     }
@@ -161,13 +182,10 @@ def notes_of(readings: Mapping[str, Reading], table: Table) -> list[str]:
 
 
 def _named(
-    role: str,
-    candidates: Sequence[Candidate],
-    options: ReadOptions,
-    place: str,
-    problems: Problems,
+    role: str, candidates: Sequence[Candidate], question: Question
 ) -> tuple[Candidate, How, bool] | None:
     """The channel that the config names, or that is called like our column."""
+    options = question.options
     theirs = options.names.get(role, role)
     how: How = "config" if role in options.names else "own name"
     named, negated = _called(theirs, candidates, loosely=how == "config"), False
@@ -176,7 +194,7 @@ def _named(
     if len(named) > 1:
         groups = ", ".join(c.group for c in named if c.group)
         where = f" (in {groups}; name one as group/channel)" if groups else ""
-        problems.add(f"{place}: column {theirs} stands {len(named)} times{where}")
+        question.complain(f"column {theirs} stands {len(named)} times{where}")
     return (named[0], how, negated) if named else None
 
 
@@ -196,33 +214,25 @@ def _fits(candidate: Candidate, column: Column, options: ReadOptions) -> bool:
     return known in RAW or conversion(unit, column.unit) is not None
 
 
-def _ambiguous(column: Column, meant: Sequence[Candidate], kind: str, place: str) -> str:
+def _ambiguous(column: Column, meant: Sequence[Candidate], kind: str) -> str:
     first = meant[0]
     groups = {c.group for c in meant}
     name = first.qualified if len(groups) > 1 else first.name
     shown = ", ".join(c.qualified if len(groups) > 1 else c.shown for c in meant[:8])
     return (
-        f"{place}: {shown} can be {column.name}, say which: "
-        f'columns: {{{kind}: {{{column.name}: "{name}"}}}}'
+        f'{shown} can be {column.name}, say which: columns: {{{kind}: {{{column.name}: "{name}"}}}}'
     )
 
 
 def _reading(
-    column: Column,
-    candidate: Candidate,
-    how: How,
-    negated: bool,
-    kind: str,
-    options: ReadOptions,
-    place: str,
-    problems: Problems,
+    column: Column, candidate: Candidate, how: How, negated: bool, question: Question
 ) -> Reading:
     if column.dtype == "string":
         return Reading(column.name, candidate, how)
     unit = candidate.unit or unit_in_name(candidate.name)
-    converted = unit_conversion(column, candidate.name, unit, options, kind, how == "recognised")
+    converted = unit_conversion(column, candidate.name, unit, question, how == "recognised")
     if isinstance(converted, str):
-        problems.add(f"{place}: {converted}")
+        question.complain(converted)
         converted = None
     known = converted or Conversion(1.0)
     sign = -1.0 if negated else 1.0
@@ -237,9 +247,20 @@ def _reading(
 
 
 def unit_conversion(
-    column: Column, name: str, unit: str, options: ReadOptions, kind: str, recognised: bool
+    column: Column, name: str, unit: str, question: Question, recognised: bool
 ) -> Conversion | str | None:
     """Conversion of a channel's numbers to a column's unit.
+
+    Parameters
+    ----------
+    column : Column
+        Our column.
+    name, unit : str
+        As the file writes them.
+    question : Question
+        What the config states; nothing is noted there.
+    recognised : bool
+        Whether the name alone says what the channel is: its unit must be told then.
 
     Returns
     -------
@@ -247,7 +268,7 @@ def unit_conversion(
         A str is what is wrong; None: no unit is told, and the name says it is the column's.
     """
     shown = column.name if name == column.name else f'{column.name} (column "{name}")'
-    setting = options.units.get(column.name)
+    setting, kind = question.options.units.get(column.name), question.kind
     known = setting if isinstance(setting, Calibration) else None
     if isinstance(setting, str):
         known = calibration(setting, column.unit)

@@ -24,7 +24,7 @@ from beltid.store.dialect import ReadOptions, layout
 from beltid.store.files import read_bytes
 from beltid.store.pieces import Piece
 from beltid.store.problems import Problems
-from beltid.store.roles import unit_conversion
+from beltid.store.roles import Question, unit_conversion
 from beltid.store.vocabulary import FILE_NAMES, roles_meant, simplified
 from beltid.units import conversion
 
@@ -103,8 +103,7 @@ def read_run_table(path: Path, table: Table) -> RunTable:
                 ours,
                 column,
                 cell or unit_in_name(column),
-                ReadOptions(),
-                table.kind,
+                Question(table, ReadOptions()),
                 column != role,
             )
             if isinstance(known, str):
@@ -234,8 +233,7 @@ class RunSettings:
             column,
             found.name,
             plain.unit,
-            self.options,
-            self.table.kind,
+            Question(self.table, self.options),
             recognised and found.name != role,
         )
         if isinstance(by, str):

@@ -14,7 +14,7 @@ from beltid.store.dialect import Layout, ReadOptions, layout
 from beltid.store.header import check_header, hint_units_row
 from beltid.store.pieces import Piece
 from beltid.store.problems import Problems
-from beltid.store.roles import Candidate, Reading, notes_of, readings_of
+from beltid.store.roles import Candidate, Question, Reading, notes_of, readings_of
 from beltid.store.run_settings import told_elsewhere
 from beltid.units import Conversion
 
@@ -72,7 +72,6 @@ def read_text(
         rows.lines,
         notes,
         f"{name}:{found.header_line}",
-        found.header,
     )
 
 
@@ -104,7 +103,8 @@ def wanted_columns(
     place = f"{name}:{found.header_line}"
     wrong = problems.count
     at_units = f"{name}:{found.first_line - 1}" if found.unit_cells else place
-    readings = readings_of(candidates_of(found), table, options, at_units, problems)
+    question = Question(table, options, at_units, problems)
+    readings = readings_of(candidates_of(found), question)
     if problems.count == wrong:
         in_file = {c.name: options.names.get(c.name, c.name) for c in table.columns}
         in_file |= {role: reading.candidate.name for role, reading in readings.items()}

@@ -18,7 +18,7 @@ from beltid.store.csv_reader import Wanted, read_rows
 from beltid.store.dialect import ReadOptions
 from beltid.store.opening import Opened, open_sources
 from beltid.store.problems import Problems
-from beltid.store.roles import Candidate, readings_of
+from beltid.store.roles import Candidate, Question, readings_of
 from beltid.store.run_settings import SETTINGS
 from beltid.store.sources import sources_of
 from beltid.store.text_tables import candidates_of as text_candidates
@@ -130,9 +130,9 @@ def kinds_meant(view: FileView, config: Any = None) -> dict[str, float]:
         options = ReadOptions.of(config, kind)
         found: set[str] = set()
         for group in _groups(view.candidates):
-            problems = Problems()
-            readings = readings_of(group, table, options, "", problems, sensors)
-            unclear = {c for c in sensors if any(c in text for _, text in problems.found)}
+            question = Question(table, options)
+            readings = readings_of(group, question, sensors)
+            unclear = {c for c in sensors if any(c in text for _, text in question.problems.found)}
             found |= set(readings) | unclear
         shares[kind] = len(found) / len(sensors)
     return shares
