@@ -26,7 +26,7 @@ def second(bench: Path) -> Path:
 
 
 def test_chain_makes_what_the_single_commands_make(bench: Path, beltid: Any) -> None:
-    result = beltid("run", "beltid.yaml")
+    result = beltid("run", "--no-report", "beltid.yaml")
     assert result.exit_code == 0, result.stderr
     for kind in ARTIFACTS:
         made = (bench / "runs" / "5pk" / f"{kind}.parquet").read_bytes()
@@ -34,20 +34,20 @@ def test_chain_makes_what_the_single_commands_make(bench: Path, beltid: Any) -> 
 
 
 def test_second_run_does_nothing_and_says_so(bench: Path, beltid: Any) -> None:
-    assert beltid("run", "beltid.yaml").exit_code == 0
+    assert beltid("run", "--no-report", "beltid.yaml").exit_code == 0
     before = states(bench / "runs")
-    result = beltid("run", "beltid.yaml")
+    result = beltid("run", "--no-report", "beltid.yaml")
     assert result.exit_code == 0
     assert states(bench / "runs") == before
     assert "everything is up to date, nothing was done" in result.stdout
 
 
 def test_only_what_depends_on_a_change_is_made_again(bench: Path, beltid: Any) -> None:
-    assert beltid("run", "beltid.yaml").exit_code == 0
+    assert beltid("run", "--no-report", "beltid.yaml").exit_code == 0
     before = states(bench / "runs")
     config = bench / "beltid.yaml"
     config.write_text(config.read_text() + "press: {reference_temperature_degC: 40}\n")
-    result = beltid("run", "beltid.yaml")
+    result = beltid("run", "--no-report", "beltid.yaml")
     after = states(bench / "runs")
     changed = {Path(name).stem for name in after if after[name] != before[name]}
     # the temperature does not matter for this belt: the law, and so its force, is the same, but
@@ -57,7 +57,7 @@ def test_only_what_depends_on_a_change_is_made_again(bench: Path, beltid: Any) -
 
 
 def test_the_refined_surface_is_proven_beside_the_published_one(bench: Path, beltid: Any) -> None:
-    result = beltid("run", "beltid.yaml", "--json")
+    result = beltid("run", "--no-report", "beltid.yaml", "--json")
     row = json.loads(result.stdout)["table"][0]
     # the bias of the published procedure goes; what stays is noise and the set tensions,
     # which the bench missed by up to 2 %
@@ -72,7 +72,7 @@ def test_the_refined_surface_is_proven_beside_the_published_one(bench: Path, bel
 def test_several_belts_have_their_folders_and_a_line_each(
     bench: Path, beltid: Any, second: Path
 ) -> None:
-    result = beltid("run", "beltid.yaml", "second.yaml", "-o", "out", "--json")
+    result = beltid("run", "--no-report", "beltid.yaml", "second.yaml", "-o", "out", "--json")
     assert result.exit_code == 0
     product = json.loads(result.stdout)
     assert [row["belt"] for row in product["table"]] == ["5pk", "second"]
@@ -84,7 +84,7 @@ def test_several_belts_have_their_folders_and_a_line_each(
 def test_a_failing_belt_does_not_stop_the_others(bench: Path, beltid: Any, second: Path) -> None:
     (bench / "bad.csv").write_text((bench / "rig.csv").read_text().replace("R006,", ",", 1))
     second.write_text(second.read_text().replace("rig: rig.csv", "rig: bad.csv"))
-    result = beltid("run", "second.yaml", "beltid.yaml", "--json")
+    result = beltid("run", "--no-report", "second.yaml", "beltid.yaml", "--json")
     assert result.exit_code == 5
     bad, good = json.loads(result.stdout)["table"]
     assert good["exit_status"] == 0
@@ -108,27 +108,27 @@ def test_a_single_belt_gives_its_own_status(bench: Path, beltid: Any) -> None:
     config = bench / "beltid.yaml"
     text = config.read_text()
     config.write_text(text + "compare: {max_rms_relative_error: 0.001}\n")
-    assert beltid("run", "beltid.yaml").exit_code == 4
+    assert beltid("run", "--no-report", "beltid.yaml").exit_code == 4
     (bench / "press.csv").write_text("test,time_s\n")
     config.write_text(text)
-    assert beltid("run", "beltid.yaml").exit_code == 2
+    assert beltid("run", "--no-report", "beltid.yaml").exit_code == 2
 
 
 def test_failure_leaves_earlier_artifacts(bench: Path, beltid: Any) -> None:
-    assert beltid("run", "beltid.yaml").exit_code == 0
+    assert beltid("run", "--no-report", "beltid.yaml").exit_code == 0
     before = states(bench / "runs")
     (bench / "rig.csv").write_text((bench / "rig.csv").read_text().replace("R006,", ",", 1))
-    assert beltid("run", "beltid.yaml").exit_code == 2
+    assert beltid("run", "--no-report", "beltid.yaml").exit_code == 2
     assert states(bench / "runs") == before
 
 
 def test_a_belt_without_speed_loss_recording_does_without_it(bench: Path, beltid: Any) -> None:
     config = bench / "beltid.yaml"
     config.write_text(config.read_text().replace(", speedloss: speedloss.csv", ""))
-    result = beltid("run", "beltid.yaml", "--json")
+    result = beltid("run", "--no-report", "beltid.yaml", "--json")
     assert result.exit_code == 0
     assert json.loads(result.stdout)["table"][0]["stages"]["fit-slip"] == "no recording"
-    assert "everything is up to date" in beltid("run", "beltid.yaml").stdout
+    assert "everything is up to date" in beltid("run", "--no-report", "beltid.yaml").stdout
 
 
 def test_everything_wrong_with_the_configs_is_said_before_anything_runs(
@@ -136,7 +136,7 @@ def test_everything_wrong_with_the_configs_is_said_before_anything_runs(
 ) -> None:
     (bench / "beltid.yaml").write_text("data:\n  press: press.csv\n  rig: gone.csv\n")
     second.write_text("belt: {name: 5PK}\ndata: {rig: rig.csv}\n")
-    result = beltid("run", "beltid.yaml", "second.yaml", "none.yaml")
+    result = beltid("run", "--no-report", "beltid.yaml", "second.yaml", "none.yaml")
     assert result.exit_code == 2
     assert result.stdout == ""
     assert "beltid.yaml:3:8: data.rig = gone.csv, there is no such file" in result.stderr
@@ -147,7 +147,7 @@ def test_everything_wrong_with_the_configs_is_said_before_anything_runs(
 
 
 def test_without_any_config_it_says_how_to_name_one(bench: Path, beltid: Any) -> None:
-    result = beltid("run")
+    result = beltid("run", "--no-report")
     assert result.exit_code == 2
     assert "beltid run CONFIG.yaml" in result.stderr
 
@@ -156,5 +156,5 @@ def test_config_from_the_environment_is_run(
     bench: Path, beltid: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("BELTID_CONFIG", str(bench / "beltid.yaml"))
-    assert beltid("run").exit_code == 0
+    assert beltid("run", "--no-report").exit_code == 0
     assert (bench / "runs" / "5pk" / "compare.parquet").is_file()
