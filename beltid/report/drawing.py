@@ -43,7 +43,6 @@ STYLE: Final[dict[str, Any]] = {
     "axes.axisbelow": True,
     "axes.formatter.limits": (-4, 5),
     "axes.formatter.useoffset": False,
-    "axes.formatter.use_mathtext": True,
     "grid.color": GRID,
     "grid.linewidth": 0.6,
     "xtick.color": INK,
@@ -166,6 +165,10 @@ def saved(fig: Figure, kind: str) -> bytes:
     """Bytes of a figure as "svg", "png" or "pdf"; the same for the same figure."""
     buffer = io.BytesIO()
     with style():
+        engine = fig.get_layout_engine()
+        if engine is not None:  # once is enough; matplotlib would arrange it for every pass
+            engine.execute(fig)
+            fig.set_layout_engine("none")
         fig.savefig(buffer, format=kind, metadata=NO_DATES[kind], dpi=RESOLUTION)
     return buffer.getvalue()
 
