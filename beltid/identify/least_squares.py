@@ -17,49 +17,65 @@ from beltid.errors import FitError, InputError
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class LinearFit:
-    """Result of a linear least-squares problem ``min |A x - b|``.
+@dataclass(frozen=True, slots=True, eq=False)
+class LeastSquares:
+    """What the minimum of a sum of squares says about its scatter.
 
     Attributes
     ----------
-    coefficients : ndarray
-        x, shape (p,).
     cofactor : ndarray
-        ``(A^T A)^-1``, shape (p, p); times a residual variance it is the covariance of x.
+        Inverse of ``J^T J`` of the residuals' Jacobian, shape (p, p); times a residual variance it
+        is the covariance of the parameters.
     residuals : ndarray
-        ``b - A x``, shape (n,).
+        Residuals at the minimum, shape (n,).
     """
 
-    coefficients: Array
     cofactor: Array
     residuals: Array
 
     @property
+    def n_free(self) -> int:
+        """Number of parameters that were free at the minimum."""
+        return self.cofactor.shape[0]
+
+    @property
     def sum_of_squares(self) -> float:
-        """Residual sum of squares, in the squared unit of b."""
+        """Residual sum of squares."""
         return float(self.residuals @ self.residuals)
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Number of observations less number of coefficients, ``n - p``."""
-        return self.residuals.size - self.coefficients.size
+        """Number of observations less that of the free parameters."""
+        return self.residuals.size - self.n_free
 
     @property
     def residual_variance(self) -> float:
-        """``sum_of_squares / (n - p)``; nan without degrees of freedom."""
+        """``sum_of_squares / degrees_of_freedom``; nan without any."""
         dof = self.degrees_of_freedom
         return self.sum_of_squares / dof if dof > 0 else float("nan")
 
     @property
     def covariance(self) -> Array:
-        """Covariance of the coefficients for independent residuals, shape (p, p)."""
+        """Covariance of the parameters for independent residuals, shape (p, p)."""
         return self.cofactor * self.residual_variance
 
     @property
     def se(self) -> Array:
-        """Standard errors of the coefficients for independent residuals, shape (p,)."""
+        """Standard errors of the parameters for independent residuals, shape (p,)."""
         return np.sqrt(np.diag(self.covariance))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearFit(LeastSquares):
+    """Result of a linear least-squares problem ``min |A x - b|``; J is A.
+
+    Attributes
+    ----------
+    coefficients : ndarray
+        x, shape (p,).
+    """
+
+    coefficients: Array
 
 
 def solve_least_squares(design: ArrayLike, observed: ArrayLike) -> LinearFit:
@@ -110,7 +126,7 @@ def solve_least_squares(design: ArrayLike, observed: ArrayLike) -> LinearFit:
     x = _back_substitute(R, Q.T @ b) / scale
     x = x + _back_substitute(R, Q.T @ (b - A @ x)) / scale
     R_inverse = _back_substitute(R, np.eye(R.shape[0])) / scale[:, None]
-    return LinearFit(x, R_inverse @ R_inverse.T, b - A @ x)
+    return LinearFit(R_inverse @ R_inverse.T, b - A @ x, x)
 
 
 def _back_substitute(R: Array, right: Array) -> Array:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import ConvergenceError, InputError
+from beltid.identify.least_squares import LeastSquares
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -40,19 +41,16 @@ SEEN = 1.0e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class NonlinearFit:
+class NonlinearFit(LeastSquares):
     """A minimum of ``sum (w (y - model(theta)))²``.
+
+    The cofactor has zero rows and columns for parameters at a bound (they are no longer free); the
+    variance of one that the data do not determine is infinite and its covariances are nan.
 
     Attributes
     ----------
     parameters : ndarray
         theta at the minimum, shape (p,).
-    cofactor : ndarray
-        ``(J^T W² J)^-1``, shape (p, p); rows and columns of parameters at a bound are zero (they
-        are no longer free), the variance of one that the data do not determine is infinite and its
-        covariances are nan.
-    residuals : ndarray
-        ``w (y - model)``, shape (n,).
     at_bound : ndarray of bool
         Parameters that ended at a bound, shape (p,).
     determined : ndarray of bool
@@ -62,32 +60,14 @@ class NonlinearFit:
     """
 
     parameters: Array
-    cofactor: Array
-    residuals: Array
     at_bound: Mask
     determined: Mask
     evaluations: int
 
     @property
-    def sum_of_squares(self) -> float:
-        """Weighted residual sum of squares."""
-        return float(self.residuals @ self.residuals)
-
-    @property
-    def degrees_of_freedom(self) -> int:
-        """Number of observations less that of the parameters that were free at the end."""
-        return self.residuals.size - int(np.count_nonzero(~self.at_bound))
-
-    @property
-    def residual_variance(self) -> float:
-        """``sum_of_squares / degrees_of_freedom``; nan without any."""
-        dof = self.degrees_of_freedom
-        return self.sum_of_squares / dof if dof > 0 else float("nan")
-
-    @property
-    def covariance(self) -> Array:
-        """Covariance with the residual variance taken from the scatter, shape (p, p)."""
-        return self.cofactor * self.residual_variance
+    def n_free(self) -> int:
+        """Number of parameters that were free at the end."""
+        return int(np.count_nonzero(~self.at_bound))
 
     @property
     def se(self) -> Array:
@@ -164,7 +144,7 @@ def fit_nonlinear(
             residual=left,
         )
     cofactor, determined = cofactor_of(J, free)
-    return NonlinearFit(theta, cofactor, -r, ~free, determined, int(found.nfev))
+    return NonlinearFit(cofactor, -r, theta, ~free, determined, int(found.nfev))
 
 
 def _search(residuals: Model, derivatives: Model, start: Array, bounds: tuple[Array, Array]) -> Any:
