@@ -147,7 +147,11 @@ def write_sweep_tables(belts: Sequence[BeltRun], folder: Path) -> None:
         if belt.case:
             sweeps.setdefault(belt.belt, []).append(belt)
     for name, cases in sweeps.items():
-        rows = [{"case": case.case, **_short_row(case), "origin": case.origin} for case in cases]
+        rows = [
+            # the same text whether a case was made now or before
+            {"case": case.case, **_short_row(case), "origin": case.origin, "status": _ended(case)}
+            for case in cases
+        ]
         text = io.StringIO(newline="")
         writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
         writer.writeheader()
@@ -181,11 +185,6 @@ def _short_row(belt: BeltRun) -> dict[str, Any]:
         summary.facts["groups"][0] if (summary := belt.summaries.get(name)) else {}
         for name in ("compare", "compare refined")
     )
-    unsettled = [
-        f"{name} {state}"
-        for name, state in belt.states.items()
-        if state in (FAILED, OUT_OF_TOLERANCE)
-    ]
     return {
         "belt": belt.belt,
         **belt.swept,
@@ -196,5 +195,15 @@ def _short_row(belt: BeltRun) -> dict[str, Any]:
         "largest_percent": compared.get("largest_percent"),
         "refined_rms_percent": refined.get("rms_percent"),
         "refined_largest_percent": refined.get("largest_percent"),
-        "status": ", ".join(unsettled) or (UP_TO_DATE if belt.up_to_date else DONE),
+        "status": UP_TO_DATE if belt.up_to_date else _ended(belt),
     }
+
+
+def _ended(belt: BeltRun) -> str:
+    """How it ended: done, or what went wrong."""
+    unsettled = [
+        f"{name} {state}"
+        for name, state in belt.states.items()
+        if state in (FAILED, OUT_OF_TOLERANCE)
+    ]
+    return ", ".join(unsettled) or DONE

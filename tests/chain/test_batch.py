@@ -1,0 +1,260 @@
+"""Several belts at once: the same bytes however the work is divided, and what stops it."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from small_bench import BELTID, beltid, contents, environment, numbers
+
+from beltid.batch.local import MOST_LOSSES, ProcessWorkers
+from beltid.batch.sources import Shard
+from beltid.errors import BeltidError, InputError
+from beltid.stages.workers import Halted, Workers
+
+BOTH = ("run", "one.yaml", "two.yaml")
+
+
+def test_results_do_not_depend_on_the_number_of_workers(bench: Path, by_one: Path) -> None:
+    done = beltid(bench, *BOTH, "-j", "2")
+    assert done.returncode == 0, done.stderr
+    assert contents(bench / "runs") == contents(by_one)
+
+
+def test_shards_make_what_one_run_makes_and_a_last_run_finds_it(bench: Path, by_one: Path) -> None:
+    for number, belt in ((1, "one"), (2, "two")):
+        done = beltid(bench, *BOTH, "-j", "1", "--shard", f"{number}/2", "--json")
+        assert done.returncode == 0, done.stderr
+        assert [row["belt"] for row in json.loads(done.stdout)["table"]] == [belt]
+    made = contents(bench / "runs")
+    assert made == contents(by_one)
+    last = beltid(bench, *BOTH)
+    assert "everything is up to date, nothing was done" in last.stdout
+    assert contents(bench / "runs") == made
+
+
+@pytest.mark.parametrize("text", ["0/2", "3/2", "1/0", "1", "a/b", "1/2/3", "-1/2", ""])
+def test_a_shard_that_is_none_is_said(text: str) -> None:
+    with pytest.raises(InputError, match=r"must be i/n with 1 <= i <= n"):
+        Shard.parse(text)
+
+
+def test_shards_divide_all_belts_among_them() -> None:
+    belts: Any = list("abcdefg")
+    parts = [Shard.parse(f"{i}/3").of(belts) for i in (1, 2, 3)]
+    assert parts == [["a", "d", "g"], ["b", "e"], ["c", "f"]]
+    assert Shard.parse("9/9").of(belts) == []
+
+
+def test_the_first_failure_ends_it_if_that_is_asked_for(bench: Path) -> None:
+    (bench / "press.csv").write_text("test,time_s\n")
+    bad = (bench / "one.yaml").read_text()
+    (bench / "three.yaml").write_text(bad.replace("name: one", "name: three"))
+    done = beltid(bench, *BOTH, "three.yaml", "--fail-fast", "--json", "-j", "2")
+    assert done.returncode == 5
+    states = [row["stages"] for row in json.loads(done.stdout)["table"]]
+    assert states[0]["fit-stiffness"] == "failed"
+    assert states[0]["compare refined"] == states[2]["fit-stiffness"] == "not run"
+    # without it the others go as far as they can
+    done = beltid(bench, *BOTH, "--json", "-j", "1")
+    states = [row["stages"] for row in json.loads(done.stdout)["table"]]
+    assert [state["build-surface"] for state in states] == ["done", "done"]
+
+
+# --- sweeps ------------------------------------------------------------------------------------
+
+
+def test_a_sweep_makes_a_folder_per_case_and_one_table(bench: Path) -> None:
+    config = bench / "two.yaml"
+    text = config.read_text()
+    config.write_text(text + "sweep: {belt.bending_stiffness_N_m2: [0.005, 0.02]}\n")
+    done = beltid(bench, "run", "two.yaml", "-j", "2", "--json")
+    assert done.returncode == 0, done.stderr
+    rows = json.loads(done.stdout)["table"]
+    names = ["bending_stiffness_N_m2-0.005", "bending_stiffness_N_m2-0.02"]
+    assert [row["case"] for row in rows] == names
+    assert [row["belt.bending_stiffness_N_m2"] for row in rows] == [0.005, 0.02]
+    with (bench / "runs" / "two" / "sweep.csv").open(newline="") as file:
+        table = list(csv.DictReader(file))
+    assert [float(row["rms_percent"]) for row in table] == [row["rms_percent"] for row in rows]
+    # the published procedure ignores bending: the stiffer the belt, the larger its bias
+    assert rows[0]["rms_percent"] < rows[1]["rms_percent"]
+    made = contents(bench / "runs")
+    assert {Path(name).parent.name for name in made} == {"two", *names}
+    again = beltid(bench, "run", "two.yaml")
+    assert "everything is up to date" in again.stdout
+    assert contents(bench / "runs") == made
+    # a case is what a config with its value would be, whatever the other cases are
+    config.write_text(text + "belt: {name: two, bending_stiffness_N_m2: 0.02}\n")
+    config.write_text(config.read_text().replace("belt: {name: two}\n", "", 1))
+    assert beltid(bench, "run", "two.yaml", "-o", "alone", "-j", "1").returncode == 0
+    for path, data in contents(bench / "alone" / "two").items():
+        assert made[f"two/{names[1]}/{path}"] == data, path
+
+
+# --- workers -----------------------------------------------------------------------------------
+
+
+def square(number: int) -> int:
+    return number * number
+
+
+def die_unless(marker: str, number: int) -> int:
+    """Kill the worker once, the first time that the call is made."""
+    try:
+        os.close(os.open(marker, os.O_CREAT | os.O_EXCL))
+    except FileExistsError:
+        return number
+    os.kill(os.getpid(), signal.SIGKILL)
+    return 0
+
+
+def die() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def refuse(words: str) -> None:
+    raise InputError([words, "and more"])
+
+
+@pytest.mark.parametrize("kind", [Workers, lambda: ProcessWorkers(2)])
+def test_every_call_has_its_result(kind: Any) -> None:
+    workers = kind()
+    try:
+        calls = [(n,) for n in range(7)]
+        assert sorted(workers.as_ended(square, calls)) == [(n, n * n) for n in range(7)]
+        with pytest.raises(InputError) as caught:
+            workers.call(refuse, "no")
+        assert caught.value.problems == ("no", "and more")
+        assert workers.call(square, 3) == 9
+    finally:
+        workers.close()
+
+
+def test_a_worker_that_is_killed_is_replaced_and_its_call_made_again(tmp_path: Path) -> None:
+    workers = ProcessWorkers(2)
+    try:
+        calls = [(str(tmp_path / "once"), n) for n in range(4)]
+        assert sorted(workers.as_ended(die_unless, calls)) == [(n, n) for n in range(4)]
+        with pytest.raises(BeltidError, match=rf"killed {MOST_LOSSES + 1} times"):
+            workers.call(die)
+    finally:
+        workers.close()
+
+
+def test_workers_that_are_stopped_give_up_at_once() -> None:
+    workers = ProcessWorkers(1)
+    assert workers.call(square, 2) == 4  # it runs
+    heard: list[type] = []
+
+    def wait() -> None:
+        try:
+            workers.call(time.sleep, 60.0)
+        except Halted:
+            heard.append(Halted)
+
+    waiting = threading.Thread(target=wait)
+    waiting.start()
+    time.sleep(0.2)
+    start = time.monotonic()
+    workers.stop()
+    waiting.join(timeout=10.0)
+    assert heard == [Halted]
+    assert time.monotonic() - start < 2.0
+
+
+# --- interrupts --------------------------------------------------------------------------------
+
+
+def processes_of(group: int) -> list[str]:
+    """Processes of a group that still live."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*"):
+        try:
+            stat = (entry / "stat").read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if int(stat[2]) == group and stat[0] != "Z":
+            found.append((entry / "cmdline").read_text().replace("\0", " "))
+    return found
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
+@pytest.mark.parametrize(
+    ("number", "status", "word"),
+    [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")],
+)
+def test_an_interrupt_ends_all_within_two_seconds_and_keeps_what_is_finished(
+    bench: Path, by_one: Path, number: int, status: int, word: str
+) -> None:
+    long = (bench / "one.yaml").read_text().replace("steps_per_run: 52", "steps_per_run: 20000")
+    (bench / "one.yaml").write_text(long)
+    process = subprocess.Popen(
+        [*BELTID, "run", "one.yaml", "-j", "2"],
+        cwd=bench,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment(),
+        start_new_session=True,
+    )
+    assert process.stderr is not None
+    talk = ""
+    while "runs, transient" not in talk:
+        line = process.stderr.readline()
+        assert line, talk
+        talk += line
+    time.sleep(0.7)  # workers are at it
+    start = time.monotonic()
+    # Ctrl-C reaches the whole group, a system's SIGTERM the program alone
+    (os.killpg if number == signal.SIGINT else os.kill)(process.pid, number)
+    process.wait(timeout=30)
+    elapsed = time.monotonic() - start
+    stdout, rest = process.communicate(timeout=30)
+    assert process.returncode == status
+    assert elapsed < 2.0
+    assert stdout == ""
+    assert f"{word}; what was finished stands in runs; the same command goes on" in rest
+    assert "Traceback" not in talk + rest
+    while processes_of(process.pid) and time.monotonic() - start < 5.0:
+        time.sleep(0.05)
+    assert processes_of(process.pid) == []
+    kept = contents(bench / "runs")
+    assert "one/stiffness.parquet" in kept
+    assert [name for name in kept if "tmp" in name] == []
+    (bench / "one.yaml").write_text(long.replace("20000", "52"))
+    assert beltid(bench, "run", "one.yaml", "-j", "2").returncode == 0
+    assert numbers(bench / "runs" / "one") == numbers(by_one / "one")
+
+
+def test_workers_end_with_a_caller_that_is_killed(bench: Path) -> None:
+    long = (bench / "one.yaml").read_text().replace("steps_per_run: 52", "steps_per_run: 20000")
+    (bench / "one.yaml").write_text(long)
+    process = subprocess.Popen(
+        [*BELTID, "run", "one.yaml", "-j", "2"],
+        cwd=bench,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment(),
+        start_new_session=True,
+    )
+    assert process.stderr is not None
+    for line in process.stderr:
+        if "runs, transient" in line:
+            break
+    time.sleep(0.3)
+    process.kill()
+    process.wait()
+    process.stderr.close()
+    start = time.monotonic()
+    while processes_of(process.pid) and time.monotonic() - start < 10.0:
+        time.sleep(0.05)
+    assert processes_of(process.pid) == []
