@@ -62,7 +62,7 @@ class _Hints:
             "--out",
             "-o",
             metavar="FILE",
-            help="File to write. Default: beside the input, with the name given above.",
+            help="File to write, - for stdout. Default: beside the input, as named above.",
         ),
     ]
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]

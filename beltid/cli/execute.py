@@ -7,7 +7,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ import typer
 
 from beltid.cli.common import Common
 from beltid.cli.explain import codes_of
+from beltid.cli.piping import piped
 from beltid.cli.signals import Stopped
 from beltid.cli.streams import mute, told
 from beltid.cli.talk import TerminalTalk, console_for
@@ -42,7 +43,7 @@ def execute(
     stage : callable
         ``run`` of a stage.
     inputs : mapping of str to Path
-        Its input files by role; the first one tells where results and configs are.
+        Its input files by role; the first one tells where results and configs are. ``-`` is stdin.
     default_name : str
         Name of the result beside the first input, if the user named none.
     common : Common
@@ -55,18 +56,34 @@ def execute(
     from beltid.store.sources import folder_of
 
     first = next(iter(inputs.values()))
-    out = common.out or folder_of(first) / default_name
+    named = common.out or folder_of(first) / default_name
+    kept = f"{named} was not written" + (" again" if named.exists() else "")
+    names: dict[str, str] = {}
+    with ExitStack() as passing:
 
-    def work(talk: TerminalTalk) -> Summary:
-        source = find_config(first, common.config)
-        talk.say(f"config: {source.origin}")
-        chosen = options(talk) if options else Options(force=common.force, talk=talk)
-        return stage(source, inputs, out, chosen)
+        def work(talk: TerminalTalk) -> Summary:
+            files = passing.enter_context(piped(inputs, named, common.json))
+            names.update(files.names)
+            source = find_config(first, common.config)
+            talk.say(f"config: {source.origin}")
+            chosen = options(talk) if options else Options(force=common.force, talk=talk)
+            summary = stage(source, files.inputs, files.out, chosen)
+            if files.to_stdout:
+                _tell(summary, talk, 0.0)
+                with _stdout():
+                    files.send()
+                raise typer.Exit(summary.exit_status)
+            return summary
 
-    finish(work, common, kept=f"{out} was not written" + (" again" if out.exists() else ""))
+        finish(work, common, kept, names)
 
 
-def finish(work: Callable[[TerminalTalk], Summary], common: Common, kept: str) -> None:
+def finish(
+    work: Callable[[TerminalTalk], Summary],
+    common: Common,
+    kept: str,
+    names: Mapping[str, str] | None = None,
+) -> None:
     """Do the work, print its summary on stdout, exit with its status.
 
     Parameters
@@ -77,8 +94,10 @@ def finish(work: Callable[[TerminalTalk], Summary], common: Common, kept: str) -
         The common options.
     kept : str
         What to say about the results after an interrupt.
+    names : mapping of str to str, optional
+        Words to say in the place of others, such as stdin for a passing file.
     """
-    talk = TerminalTalk(quiet=common.quiet, verbose=common.verbose)
+    talk = TerminalTalk(quiet=common.quiet, verbose=common.verbose, names=names)
     start = time.monotonic()
     with _statuses(talk, kept):
         with _heard_warnings(talk):

@@ -28,6 +28,7 @@ From bench recordings to a friction law that is proven on a simulated copy of th
                    compare --------> compare.parquet
 
 `beltid run CONFIG.yaml` does all of it. Results go to stdout, talk and progress to stderr.
+As the name of an input - is stdin, after --out it is stdout.
 """
 
 EXIT_STATUSES = """\

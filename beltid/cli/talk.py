@@ -6,7 +6,7 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Final
 
@@ -52,16 +52,27 @@ class TerminalTalk(Talk):
         Whether to say warnings and errors only.
     verbose : bool
         Whether to say details, too.
+    names : mapping of str to str, optional
+        Words to say in the place of others, such as stdin for a passing file.
     """
 
-    def __init__(self, *, quiet: bool = False, verbose: bool = False) -> None:
+    def __init__(
+        self,
+        *,
+        quiet: bool = False,
+        verbose: bool = False,
+        names: Mapping[str, str] | None = None,
+    ) -> None:
         self.quiet = quiet
+        self._names = {} if names is None else names
         self.verbose = verbose and not quiet
         self._lock = threading.RLock()  # belts of a batch talk at the same time
         self._bars: Progress | None = None
         self._followed = 0
 
     def _line(self, text: str) -> None:
+        for word, other in self._names.items():
+            text = text.replace(word, other)
         with self._lock:
             if self._bars is not None:  # above the progress bars, not through them
                 self._bars.console.print(text, markup=False, highlight=False, soft_wrap=True)
