@@ -113,7 +113,7 @@ class _Reader:
         if problems.count == wrong:
             in_file = {c.name: options.names.get(c.name, c.name) for c in table.columns}
             told = told_elsewhere(options.runs, names, fields, table)
-            told |= set(readings) | ({"time_s"} if clocked else set())
+            told |= set(readings) | ({"time_s"} if clocked or len(groups) > 1 else set())
             check_header(tuple(channels), in_file, table, place, problems, told)
         if problems.count > wrong:
             return None
@@ -127,7 +127,8 @@ class _Reader:
         if left_out:
             said.append("channels left out: " + ", ".join(dict.fromkeys(left_out[:12])))
         length = len(next(iter(columns.values())))
-        first = groups[0].first_row if len(groups) == 1 else 0
+        # rows of the file are those of the samples only where none was interpolated
+        first = groups[0].first_row if len(groups) == 1 and not notes else 0
         rows = first + np.arange(length) if first else np.empty(0, dtype=np.int64)
         label = run_name or path.stem
         return Piece(place, names, label, columns, readings, fields, rows, tuple(said), place)

@@ -246,7 +246,12 @@ def best_separator(head: str, wanted: set[str]) -> str:
 def _decimal(body: str, separator: str, notes: list[str]) -> str:
     """A decimal comma where the first rows leave no other reading."""
     if separator == ",":
-        return "."
+        rows = csv.reader(body[:20_000].split("\n")[:200]) if '",' in body[:20_000] else ()
+        quoted = {cell for row in rows for cell in row if _COMMA_NUMBER.fullmatch(cell)}
+        if not quoted:
+            return "."
+        notes.append("decimal comma found in quoted numbers")
+        return ","
     cells = [
         cell.strip().strip('"')
         for row in body[:20_000].split("\n")[:200]

@@ -20,7 +20,7 @@ PHASE: Final = 5
 def run_labels(
     columns: Mapping[str, np.ndarray], label: str, place: str, problems: Problems
 ) -> tuple[np.ndarray, list[str]]:
-    """Label of every sample.
+    """Label of every sample of a piece.
 
     Parameters
     ----------
