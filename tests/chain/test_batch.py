@@ -20,7 +20,7 @@ from beltid.batch.sources import Shard
 from beltid.errors import BeltidError, InputError
 from beltid.stages.workers import Halted, Workers
 
-BOTH = ("run", "one.yaml", "two.yaml")
+BOTH = ("run", "--no-report", "one.yaml", "two.yaml")
 
 
 def test_results_do_not_depend_on_the_number_of_workers(bench: Path, by_one: Path) -> None:

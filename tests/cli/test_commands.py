@@ -246,14 +246,14 @@ def test_the_chain_tells_belts_of_synthetic_data_apart(bench: Path, beltid: Any)
     text = (bench / "beltid.yaml").read_text()
     virtual = text.replace("data: {", "data: {origin: synthetic, ")
     (bench / "beltid.yaml").write_text(virtual)
-    whole = beltid("run", "beltid.yaml")
+    whole = beltid("run", "--no-report", "beltid.yaml")
     assert whole.stdout.startswith("run (synthetic data): ")
     assert "synthetic data" in whole.stderr.splitlines()[0]
     (bench / "real.yaml").write_text(text.replace("name: 5pk", "name: real"))
-    mixed = beltid("run", "beltid.yaml", "real.yaml")
+    mixed = beltid("run", "--no-report", "beltid.yaml", "real.yaml")
     assert mixed.stdout.startswith("run: ")
     assert sum("synthetic" in line for line in mixed.stdout.splitlines()) == 1
-    rows = json.loads(beltid("run", "beltid.yaml", "real.yaml", "--json").stdout)["table"]
+    rows = json.loads(beltid("run", "--no-report", "beltid.yaml", "real.yaml", "--json").stdout)["table"]
     assert [row["origin"] for row in rows] == ["synthetic", None]
 
 
