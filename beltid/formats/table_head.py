@@ -20,7 +20,8 @@ OTHER_UNITS: Final = frozenset((*_OTHER.split(), "N/mm", "N/mm²", "l/min"))
 _NUMBER: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _MISSING: Final = frozenset(("", "nan", "-", "na", "n/a", "null", "none"))
 _IN_NAME: Final = re.compile(r"[\[(<{]([^\[\](){}<>]*)[\])>}]\s*$")
-_AFTER_NAME: Final = re.compile(r"\s(?:/|in)\s*(\S+)\s*$")
+# "Zeit / s", "Zeit/s", "Zeit in s"; not the slash within a unit, as in "v rad/s"
+_AFTER_NAME: Final = re.compile(r"(?:\s+/\s*|(?<=\w{4})/|\s+in\s+)(\S+)\s*$")
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +122,8 @@ def without_unit(name: str) -> str:
     """The name of a channel without the unit that stands in it."""
     if not unit_in_name(name):
         return name.strip()
-    return _AFTER_NAME.sub("", _IN_NAME.sub("", name)).strip()
+    where = _IN_NAME if _IN_NAME.search(name) else _AFTER_NAME
+    return where.sub("", name).strip()
 
 
 def fields_of(rows: Sequence[Sequence[str]]) -> tuple[Field, ...]:

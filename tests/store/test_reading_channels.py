@@ -74,7 +74,8 @@ def test_names_in_three_languages(kind):
     for role, names in NAMES[kind].items():
         for name in names:
             assert roles_meant(name, kind) == (role,), name
-            assert roles_meant(f"{name} [N]", kind) == (role,), name
+            for written in (f"{name} [N]", f"{name} (N)", f"{name} / N", f"{name} in N"):
+                assert roles_meant(written, kind) == (role,), written
 
 
 def test_other_channels_are_not_taken_for_ours():
