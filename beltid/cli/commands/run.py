@@ -71,6 +71,9 @@ def run(
         Path | None,
         typer.Option(metavar="FILE", help="File in which the scheduler wrote its address."),
     ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", "-n", help="Tell what would be done, and do nothing.")
+    ] = False,
     no_report: Annotated[
         bool, typer.Option("--no-report", help="Write no report.html at the end.")
     ] = False,
@@ -99,6 +102,12 @@ def run(
         where.check()
         sources = config_sources(configs or [], common.config)
         chosen = sources if part is None else part.of(sources)
+        if dry_run:
+            from beltid.batch.chain import BatchOptions
+            from beltid.batch.plan import plan_batch
+
+            asked = BatchOptions(force=common.force, bootstrap=bootstrap, seed=seed)
+            return plan_batch(chosen, folder, asked)
         first_time = any(not (folder / source.name).is_dir() for source in chosen)
         workers = where.workers(at_once=first_time or common.force)
         from beltid.batch.chain import BatchOptions, run_batch

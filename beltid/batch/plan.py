@@ -1,0 +1,87 @@
+"""What a batch would do, without doing it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from beltid.batch.belts import NOT_RUN, SKIPPED, UP_TO_DATE
+from beltid.batch.chain import BatchOptions, chain_of
+from beltid.batch.steps import Step
+from beltid.config import ConfigSource
+from beltid.errors import EXIT_DONE, BeltidError
+from beltid.report.summary import Summary
+from beltid.stages.making import Stale
+from beltid.stages.simulate_rig import SimulateOptions
+
+TO_BE_MADE: Final = "to be made"
+WRONG: Final = "cannot be made"
+
+
+def plan_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptions) -> Summary:
+    """Tell which steps a batch would carry out; nothing is written.
+
+    Parameters
+    ----------
+    sources : sequence of ConfigSource
+        One config per belt, or per case of a sweep.
+    folder : Path
+        Folder of the results.
+    options : BatchOptions
+        As for the batch itself.
+    """
+    rows: list[dict[str, Any]] = []
+    warnings: list[str] = []
+    status = EXIT_DONE
+    for source in sources:
+        for row, error in _planned(source, folder / source.name, options):
+            rows.append(row)
+            if error is not None:
+                status = status or error.exit_status
+                warnings += [f"{source.name}: {row['step']}: {line}" for line in error.problems]
+    count = sum(row["state"] == TO_BE_MADE for row in rows)
+    return Summary(
+        stage="run --dry-run",
+        title="what would be done; nothing was",
+        facts={"belts": len(sources), "steps": len(rows), "steps_to_be_made": count},
+        table=rows,
+        warnings=tuple(warnings),
+        exit_status=status,
+    )
+
+
+def _planned(
+    source: ConfigSource, folder: Path, options: BatchOptions
+) -> Iterator[tuple[dict[str, Any], BeltidError | None]]:
+    """Each step of a belt: its row, and what is wrong with it."""
+    files = source.config.data.files
+    stale: set[str] = set()
+    for step in chain_of(options):
+        out = folder / f"{step.makes}.parquet"
+        state, error = NOT_RUN, None
+        if not all(name in files for name in step.needs.values()):
+            state = SKIPPED if step.optional else NOT_RUN
+        elif options.force or stale & set(step.needs.values()):
+            state = TO_BE_MADE
+        else:
+            state, error = _state(step, source, files, out)
+        if state in (UP_TO_DATE, TO_BE_MADE):
+            files[step.makes] = out
+        if state == TO_BE_MADE:
+            stale.add(step.makes)
+        yield {"belt": source.name, "step": step.name, "artifact": str(out), "state": state}, error
+
+
+def _state(
+    step: Step, source: ConfigSource, files: dict[str, Path], out: Path
+) -> tuple[str, BeltidError | None]:
+    """Whether the artifact of a step is up to date, as the step itself sees it."""
+    inputs = {role: files[name] for role, name in step.needs.items()}
+    try:
+        step.run(source, inputs, out, SimulateOptions(peek=True))
+    except Stale:
+        return TO_BE_MADE, None
+    except BeltidError as error:
+        return WRONG, error
+    return UP_TO_DATE, None
