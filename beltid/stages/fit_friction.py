@@ -14,6 +14,7 @@ from beltid.identify.friction import RunReduction, reduce_runs
 from beltid.identify.friction_cells import TOLD
 from beltid.identify.statistics import as_set
 from beltid.report.summary import Summary
+from beltid.stages.big_recording import read_by_runs, reduce_big
 from beltid.stages.making import Made, Recipe, make
 from beltid.stages.outcome import Outcome, rows_of, span
 from beltid.stages.reduced_doubt import friction_doubt
@@ -38,9 +39,15 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
     """Read a recording of the friction rig (input ``rig``), reduce it, write it, sum it up."""
 
     def compute() -> Outcome[tuple[RunReduction, ...]]:
-        recording = read_recording(inputs["rig"], "rig", config.config)
-        options.talk.say(f"{recording.path}: {len(recording.columns['time_s'])} samples")
-        return _outcome(recording.columns, config.config, recording.notes, str(recording.path))
+        path, model = inputs["rig"], config.config
+        if read_by_runs(path, model):
+            reduced, notes, n_samples = reduce_big(path, model, options.workers)
+        else:
+            recording = read_recording(path, "rig", model)
+            reduced, notes = _reduced(recording.columns, model), recording.notes
+            n_samples = len(recording.columns["time_s"])
+        options.talk.say(f"{path}: {n_samples} samples")
+        return _outcome(reduced, model, notes, str(path))
 
     choices = {"uncertainty_stated": stated_keys(config.config)}
     return summarise(make(Recipe(KIND, config, KEYS, inputs, choices), out, options, compute))
@@ -69,15 +76,17 @@ def fit_friction(
         If the recording cannot be used, or none of its runs.
     """
     model = load_config(config)
-    return _outcome(columns_of(frame, "rig", model), model, (), "frame")
+    return _outcome(_reduced(columns_of(frame, "rig", model), model), model, (), "frame")
+
+
+def _reduced(columns: Mapping[str, np.ndarray], config: Config) -> tuple[RunReduction, ...]:
+    settings = friction_settings(config.friction.model_dump())
+    return reduce_runs(columns, config.rig.pulley_radius_m, settings)
 
 
 def _outcome(
-    columns: Mapping[str, np.ndarray], config: Config, notes: tuple[str, ...], name: str
+    reduced: tuple[RunReduction, ...], config: Config, notes: tuple[str, ...], name: str
 ) -> Outcome[tuple[RunReduction, ...]]:
-    reduced = reduce_runs(
-        columns, config.rig.pulley_radius_m, friction_settings(config.friction.model_dump())
-    )
     table = reduction_columns(reduced)
     good = table["status"] == "ok"
     aside = [(r.run, r.status) for r in reduced if not r.ok]

@@ -17,6 +17,7 @@ from beltid.identify.press_curves import Branch
 from beltid.identify.statistics import as_set
 from beltid.identify.stiffness import fit_stiffness
 from beltid.laws.capstan import friction_coefficient
+from beltid.stages.big_recording import columns_of_runs, read_by_runs
 from beltid.stages.making import Made, Recipe, make
 from beltid.stages.outcome import Outcome
 from beltid.stages.reduction import stiffness_settings
@@ -52,9 +53,12 @@ def rig_curves(
     """A typical run of every arc over time, and runs that were set aside."""
 
     def compute() -> Outcome[tuple[str, ...]]:
-        recording = read_recording(rig, "rig", source.config)
         runs = chosen_runs(read_artifact(friction, "friction").columns)
-        return Outcome(RIG, _run_columns(recording.columns, runs), runs)
+        if read_by_runs(rig, source.config):
+            columns = columns_of_runs(rig, source.config, runs)
+        else:
+            columns = read_recording(rig, "rig", source.config).columns
+        return Outcome(RIG, _run_columns(columns, runs), runs)
 
     recipe = Recipe(RIG, source, RIG_KEYS, {"rig": rig, "friction": friction})
     return make(recipe, out, options, compute)

@@ -53,12 +53,14 @@ class BigRecording:
         return iter(self.runs)
 
 
-def is_big(path: Path, from_bytes: int = BIG) -> bool:
-    """Whether a recording is one to be read run by run."""
+def is_big(path: Path) -> bool:
+    """Whether a recording is to be read run by run: a big one, or one in folders."""
     try:
         if path.is_dir():
-            return bool(parquet_files(path))
-        return path.stat().st_size >= from_bytes and path.name.lower().endswith(ENDINGS)
+            files = parquet_files(path)
+            in_folders = any(file.parent != path for file in files)
+            return in_folders or sum(file.stat().st_size for file in files) >= BIG
+        return path.name.lower().endswith(ENDINGS) and path.stat().st_size >= BIG
     except OSError:
         return False
 

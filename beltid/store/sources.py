@@ -17,6 +17,7 @@ from beltid.errors import InputError
 from beltid.formats.sniff import ZIP, sniff
 from beltid.store.files import MAX_BYTES, read_bytes
 from beltid.store.hashing import sha256
+from beltid.store.parquet_stream import parquet_files
 
 MAX_FILES: Final = 5000
 MAX_RATIO: Final = 1000
@@ -155,7 +156,9 @@ def _files(path: Path, besides: set[Path]) -> list[Path]:
         and f.suffix.lower() not in _COMPANIONS
         and f.absolute() not in besides
     ]
-    if path.is_dir():
+    if path.is_dir() and not files:  # folders in it: a table in parts
+        files = parquet_files(path)
+    elif path.is_dir():
         files = [
             f for f in files if f.suffix.lower() not in _NOT_RECORDINGS and not _is_artifact(f)
         ]

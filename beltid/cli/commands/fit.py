@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
+from typing import TYPE_CHECKING
+
 from beltid.cli.common import Common, with_common_options
 from beltid.cli.execute import execute
 from beltid.cli.inputs import Press, Rig, SpeedLoss
+from beltid.cli.pool import workers_until
 from beltid.cli.program import PlainCommand, app
+
+if TYPE_CHECKING:
+    from beltid.cli.talk import TerminalTalk
+    from beltid.stages.talk import Options
 
 
 @app.command(
@@ -107,8 +115,20 @@ def fit_friction(rig: Rig, *, common: Common) -> None:
     columns: {rig: {arc_deg: wrap}}, units: {rig: {pulley_speed_rad_s: rpm}}.
     Separator, decimal sign and encoding are found out, or stated under dialect:.
 
+    A file of more than 64 MB is read run by run, so that it need not fit into the memory: the rows
+    of a run must stand together. So is a folder with Parquet files in folders.
+
     Example: beltid fit-friction rig.csv
     """
     from beltid.stages import fit_friction as stage
 
-    execute(stage.run, {"rig": rig}, "friction.parquet", common)
+    with ExitStack() as stack:
+
+        def options(talk: TerminalTalk) -> Options:
+            from beltid.stages.talk import Options
+            from beltid.store.big_recordings import is_big
+
+            workers = workers_until(stack) if is_big(rig) else None
+            return Options(force=common.force, talk=talk, workers=workers)
+
+        execute(stage.run, {"rig": rig}, "friction.parquet", common, options)

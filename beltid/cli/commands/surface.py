@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from beltid.cli.common import Common, with_common_options
 from beltid.cli.execute import execute
 from beltid.cli.inputs import Bootstrap, Friction, Jobs, Seed, Stiffness
+from beltid.cli.pool import workers_until
 from beltid.cli.program import PlainCommand, app
 
 if TYPE_CHECKING:
@@ -66,13 +67,9 @@ def refine_surface(
     with ExitStack() as stack:
 
         def options(talk: TerminalTalk) -> Options:
-            from beltid.batch.chain import local_workers
             from beltid.stages.talk import Options
 
-            workers = None
-            if bootstrap:
-                workers = local_workers(jobs)
-                stack.callback(workers.stop)  # an interrupt waits for nobody
+            workers = workers_until(stack, jobs) if bootstrap else None
             return Options(force=common.force, talk=talk, workers=workers)
 
         run = partial(stage.run, bootstrap=bootstrap, seed=seed)

@@ -1,0 +1,114 @@
+"""Recordings of the friction rig that are read run by run: reduced, or some runs picked."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Collection, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.config import Config
+from beltid.identify.friction_run import NAN, RunRecord, RunReduction, arc_problem
+from beltid.identify.friction_stream import reduce_stream
+from beltid.stages.reduction import friction_settings
+from beltid.stages.workers import Workers
+from beltid.store.big_recordings import is_big, open_big
+from beltid.store.run_stream import RunColumns
+
+BATCH: Final = 16
+"""Runs per worker that are handed over at a time."""
+
+
+def read_by_runs(path: Path, config: Config) -> bool:
+    """Whether a recording is read run by run: a big one whose rows tell all settings."""
+    runs = config.runs.rig
+    return is_big(path) and runs == type(runs)()
+
+
+def reduce_big(
+    path: Path, config: Config, workers: Workers | None
+) -> tuple[tuple[RunReduction, ...], tuple[str, ...], int]:
+    """Reduce a recording run by run, in bounded memory.
+
+    Parameters
+    ----------
+    path : Path
+        The recording.
+    config : Config
+        Names and units of its columns, radius of the pulley, settings of the reduction.
+    workers : Workers or None
+        Who reduces the runs while the next ones are read.
+
+    Returns
+    -------
+    reductions, notes, n_samples
+        A reduction per run, what was found out about the file, and its samples.
+    """
+    recording = open_big(path, config)
+    settings = friction_settings(config.friction.model_dump())
+    mapper = map if workers is None else partial(_shared, workers)
+    reduced = reduce_stream(
+        (_record(run) for run in recording), config.rig.pulley_radius_m, settings, mapper
+    )
+    return reduced, recording.notes(), recording.runs.n_samples
+
+
+def columns_of_runs(path: Path, config: Config, labels: Collection[str]) -> dict[str, np.ndarray]:
+    """The samples of some runs of a recording."""
+    chosen = [run for run in open_big(path, config) if run.label in labels]
+    sizes = [run.columns["time_s"].size for run in chosen]
+    columns = {
+        name: np.concatenate([run.columns[name] for run in chosen]) for name in chosen[0].columns
+    }
+    return {
+        "run": np.repeat(np.array([run.label for run in chosen], dtype=object), sizes)
+    } | columns
+
+
+def _record(run: RunColumns) -> RunRecord:
+    columns = run.columns
+    arc = float(columns["arc_deg"][0])
+    temperature = columns["temperature_degC"]
+    return RunRecord(
+        time_s=columns["time_s"],
+        tension_tight_N=columns["tension_tight_N"],
+        tension_slack_N=columns["tension_slack_N"],
+        pulley_speed_rad_s=columns["pulley_speed_rad_s"],
+        temperature_degC=temperature,
+        run=run.label,
+        arc_deg=arc,
+        nominal_tension_N=float(columns.get("initial_tension_N", [NAN])[0]),
+        defect=arc_problem(arc),
+    )
+
+
+def _shared(
+    workers: Workers, function: Callable[[Any], Any], items: Iterable[Any]
+) -> Iterator[Any]:
+    """Results of calls in the order of their items; the next items are made meanwhile."""
+    size = BATCH * workers.jobs
+    source = iter(items)
+    with ThreadPoolExecutor(1) as beside:
+        under_way = None
+        while batch := list(itertools.islice(source, size)):
+            if under_way is not None:
+                yield from under_way.result()
+            under_way = beside.submit(_batch, workers, function, batch)
+        if under_way is not None:
+            yield from under_way.result()
+
+
+def _batch(workers: Workers, function: Callable[[Any], Any], items: list[Any]) -> list[Any]:
+    chunks = [items[k :: workers.jobs] for k in range(workers.jobs)]
+    results: list[Any] = [None] * len(items)
+    for k, part in workers.as_ended(_each, [(function, chunk) for chunk in chunks if chunk]):
+        results[k :: workers.jobs] = part
+    return results
+
+
+def _each(function: Callable[[Any], Any], items: list[Any]) -> list[Any]:
+    return [function(item) for item in items]

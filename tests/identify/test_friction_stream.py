@@ -1,0 +1,67 @@
+"""Runs reduced one after the other give what they give together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import astuple
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from beltid.identify.friction import FrictionSettings, RunReduction, reduce_runs
+from beltid.identify.friction_stream import reduce_stream
+from beltid.identify.rig_table import run_records
+from beltid.store.recordings import read_recording
+
+RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"
+RADIUS_M = 0.05
+
+
+@pytest.fixture(scope="module")
+def recording() -> dict[str, np.ndarray]:
+    columns = read_recording(RIG, "rig").columns
+    labels = dict.fromkeys(columns["run"])
+    chosen = np.isin(columns["run"], list(labels)[::7])
+    return {name: values[chosen] for name, values in columns.items()}
+
+
+def backwards(function: Any, items: Iterable[Any]) -> Iterator[Any]:
+    """A mapper that does the calls in another order, as other processes do."""
+    waiting = list(items)
+    results = [function(item) for item in reversed(waiting)]
+    yield from reversed(results)
+
+
+def same(some: Iterable[RunReduction], others: Iterable[RunReduction]) -> bool:
+    return [repr(astuple(r)) for r in some] == [repr(astuple(r)) for r in others]
+
+
+def offset(columns: Mapping[str, np.ndarray], newton: float) -> dict[str, np.ndarray]:
+    return {**columns, "tension_tight_N": columns["tension_tight_N"] + newton}
+
+
+@pytest.mark.parametrize("mode", ["auto", True, False])
+@pytest.mark.parametrize("newton", [0.0, 2.5])
+def test_streamed_runs_are_those_of_the_whole_recording(
+    recording: dict[str, np.ndarray], newton: float, mode: Any
+) -> None:
+    """Cells that agree, and cells whose zero points differ, which only all runs together tell."""
+    columns = offset(recording, newton)
+    settings = FrictionSettings(correct_imbalance=mode)
+    together = reduce_runs(columns, RADIUS_M, settings)
+    records = run_records(columns)
+    assert same(reduce_stream(iter(records), RADIUS_M, settings), together)
+    assert same(reduce_stream(iter(records), RADIUS_M, settings, backwards), together)
+
+
+def test_a_run_that_is_set_aside_keeps_its_place(recording: dict[str, np.ndarray]) -> None:
+    columns = {name: values.copy() for name, values in recording.items()}
+    labels = list(dict.fromkeys(columns["run"]))
+    columns["pulley_speed_rad_s"][columns["run"] == labels[1]] = 0.0
+    settings = FrictionSettings()
+    streamed = reduce_stream(run_records(columns), RADIUS_M, settings)
+    assert [r.run for r in streamed] == labels
+    assert "never turns" in streamed[1].status
+    assert same(streamed, reduce_runs(columns, RADIUS_M, settings))

@@ -1,0 +1,99 @@
+"""A big recording gives the same friction table as one that is read at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from beltid.config import find_config
+from beltid.errors import InputError
+from beltid.stages import fit_friction
+from beltid.stages.recorded_curves import rig_curves
+from beltid.stages.talk import Options
+from beltid.stages.workers import Workers
+from beltid.store import big_recordings
+from beltid.store.artifacts import read_artifact
+
+RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"
+
+
+@pytest.fixture(scope="module")
+def some_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    header, *rows = RIG.read_text().splitlines()
+    labels = list(dict.fromkeys(row.split(",")[0] for row in rows))[::8]
+    path = tmp_path_factory.mktemp("bench") / "rig.csv"
+    kept = [row for row in rows if row.split(",")[0] in labels]
+    path.write_text("\n".join([header, *kept]) + "\n")
+    return path
+
+
+@pytest.fixture
+def everything_is_big(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(big_recordings, "BIG", 1)
+
+
+def fitted(rig: Path, out: Path, workers: Workers | None = None) -> bytes:
+    options = Options(workers=workers)
+    fit_friction.run(find_config(rig, None), {"rig": rig}, out, options)
+    return out.read_bytes()
+
+
+def test_the_artifact_is_the_same_to_the_byte(
+    some_runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at_once = fitted(some_runs, tmp_path / "at_once.parquet")
+    monkeypatch.setattr(big_recordings, "BIG", 1)
+    assert fitted(some_runs, tmp_path / "streamed.parquet") == at_once
+    two = Workers()
+    two.jobs = 2  # the calls of one batch in two parts
+    assert fitted(some_runs, tmp_path / "shared.parquet", two) == at_once
+
+
+def test_runs_for_the_figures_are_picked_from_the_stream(
+    some_runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    friction = tmp_path / "friction.parquet"
+    fitted(some_runs, friction)
+    source = find_config(some_runs, None)
+    at_once = rig_curves(source, some_runs, friction, tmp_path / "a.parquet", Options())
+    monkeypatch.setattr(big_recordings, "BIG", 1)
+    streamed = rig_curves(source, some_runs, friction, tmp_path / "b.parquet", Options())
+    for name, values in at_once.artifact.columns.items():
+        found = streamed.artifact.columns[name]
+        same = values == found if values.dtype == object else np.isclose(values, found, rtol=0)
+        assert np.all(same | (values != values)), name
+
+
+def test_what_is_wrong_far_down_is_told_and_nothing_is_written(
+    some_runs: Path, tmp_path: Path, everything_is_big: None
+) -> None:
+    rows = some_runs.read_text().splitlines()
+    cells = rows[-5].split(",")
+    cells[2] = "-4"
+    rows[-5] = ",".join(cells)
+    path = tmp_path / "rig.csv"
+    path.write_text("\n".join(rows) + "\n")
+    out = tmp_path / "friction.parquet"
+    with pytest.raises(InputError, match=rf"rig\.csv:{len(rows) - 4}: tension_tight_N = -4"):
+        fitted(path, out)
+    assert not out.exists()
+
+
+def test_a_friction_artifact_of_a_folder_of_parquet_files(some_runs: Path, tmp_path: Path) -> None:
+    import pandas as pd
+
+    folder = tmp_path / "season"
+    for run, part in pd.read_csv(some_runs, dtype={"run": str}).groupby("run", sort=False):
+        (folder / f"run={run}").mkdir(parents=True)
+        part.drop(columns="run").to_parquet(folder / f"run={run}" / "0.parquet", index=False)
+    fitted(some_runs, tmp_path / "at_once.parquet")
+    fitted(folder, tmp_path / "folder.parquet")
+    one, other = (
+        read_artifact(tmp_path / name, "friction").columns
+        for name in ("at_once.parquet", "folder.parquet")
+    )
+    order = np.argsort(one["run"].astype(str)), np.argsort(other["run"].astype(str))
+    for name in ("mu_sliding", "mu_sliding_se", "normal_force_N_m"):
+        assert np.array_equal(one[name][order[0]], other[name][order[1]])
