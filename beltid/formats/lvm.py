@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from beltid.errors import InputError
-from beltid.formats.bench_file import BenchFile, Channel, Field, Group
+from beltid.formats.bench_file import BenchFile, Channel, Field, Group, even_times
 
 END: Final = "***End_of_Header***"
 _SEPARATORS: Final = {"tab": "\t", "comma": ",", "space": " "}
@@ -220,7 +220,7 @@ class _Reader:
             step = float(header.cell("Delta_X", k).replace(",", "."))
         except ValueError:
             return None
-        return start + step * np.arange(length) if step > 0 else None
+        return even_times(start, step, length) if step > 0 else None
 
     def _fields(self, header: _Header) -> tuple[Field, ...]:
         """What the segment says about itself beyond its channels."""

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.formats.bench_file import BenchFile, Channel, Field, FormatError, Group
+from beltid.formats.bench_file import BenchFile, Channel, Field, FormatError, Group, even_times
 
 UNIT_PROPERTIES: Final = ("unit_string", "NI_UnitDescription", "Unit", "unit", "Units", "units")
 _WAVEFORM: Final = ("wf_", "NI_")
@@ -101,7 +101,7 @@ def _time(
         offset += float((np.datetime64(start) - origin) / np.timedelta64(1, "us")) * 1e-6
     key = (offset, step, length)
     if key not in times:
-        times[key] = offset + step * np.arange(length)
+        times[key] = even_times(offset, step, length)
     return times[key]
 
 
