@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from beltid._version import __version__
-from beltid.config import Config, find_config
-from beltid.errors import ArtifactError, InputError
+from beltid.config import Config, ConfigSource, find_config, load_config
+from beltid.errors import ArtifactError, ConfigError, InputError
 from beltid.export.belt_width import ribbed_width
 from beltid.export.law import (
     BeltFacts,
@@ -62,18 +63,22 @@ def law_of_folder(folder: Path, named: Path | None, wanted: str | None, talk: Ta
         )
     stiffness = read_artifact(folder / STIFFNESS, "stiffness")
     surface = _surface_artifact(folder, wanted, talk)
-    source = find_config(folder / STIFFNESS, named)
-    talk.say(f"config: {source.origin}")
-    belongs = source.config.sha256 == surface.metadata.config_sha256
-    if not belongs and named is not None:
-        talk.warn(f"{surface.path.name} was made with another config than {source.origin}")
-    known = belongs or named is not None
+    source = _config(folder, named, surface)
+    if source is None:
+        talk.warn(
+            "the config of these results was not found: type, ribs and width of the belt are not "
+            "known; --config names it"
+        )
+    else:
+        talk.say(f"config: {source.origin}")
+        if source.config.sha256 != surface.metadata.config_sha256:
+            talk.warn(f"{surface.path.name} was made with another config than {source.origin}")
     row = int(np.flatnonzero(np.isnan(stiffness.columns["temperature_degC"]))[0])
     normal = law_of(stiffness)
     return ContactLaw(
         about=ABOUT,
         origin=_origin(stiffness, surface),
-        belt=_belt(source.config) if known else BeltFacts(name=folder.resolve().name),
+        belt=BeltFacts(name=folder.resolve().name) if source is None else _belt(source.config),
         normal=NormalPart(
             k_linear_N_m2=normal.k_linear_N_m2,
             k_quadratic_N_m3=normal.k_quadratic_N_m3,
@@ -100,6 +105,26 @@ def _surface_artifact(folder: Path, wanted: str | None, talk: Talk) -> Artifact:
         wanted = "refined" if (folder / SURFACES["refined"]).is_file() else "published"
     talk.say(f"surface: {wanted}")
     return read_artifact(folder / SURFACES[wanted], "surface")
+
+
+def _config(folder: Path, named: Path | None, surface: Artifact) -> ConfigSource | None:
+    """The config that the user named, else the one that the results were made with, by its hash.
+
+    It is looked for beside the results and in the current folder, in the folders above them, and in
+    their subfolders ``configs``.
+    """
+    if named is not None:
+        return find_config(None, named)
+    candidates = [find_config(folder / STIFFNESS)]
+    name = str(surface.metadata.extra.get("config") or "")
+    places = dict.fromkeys([Path(), *(Path(p) for p in folder.resolve().parents)])
+    for place in places if name else ():
+        for path in (place / name, place / "configs" / name):
+            with contextlib.suppress(ConfigError):
+                if path.is_file():
+                    candidates.append(ConfigSource(load_config(path), f"{path}", path))
+    made_with = surface.metadata.config_sha256
+    return next((c for c in candidates if c.config.sha256 == made_with), None)
 
 
 def _belt(config: Config) -> BeltFacts:

@@ -119,10 +119,23 @@ def test_units_and_reference_point_reach_the_files(results: Path) -> None:
     assert "--speed = 3" in outside.stderr
 
 
+def test_the_config_is_found_by_its_hash_in_the_folders_above(results: Path) -> None:
+    """As after `beltid run configs/six.yaml`: results in runs/six, the config in configs/."""
+    (results.parent / "configs").mkdir()
+    (results / "beltid.yaml").rename(results.parent / "configs" / "beltid.yaml")
+    (results.parent / "beltid.yaml").write_text("belt: {name: other, ribs: 9}\n")
+    made = call("abaqus", results)
+    assert made.exit_code == 0, made.stderr
+    assert "configs/beltid.yaml" in made.stderr
+    assert (results / "export" / "belt_six_abaqus.inp").is_file()
+
+
 def test_without_the_config_of_these_results_no_belt_is_assumed(results: Path) -> None:
     """The built-in 5PK belt must not pass for another one."""
     (results / "beltid.yaml").unlink()
-    assert call("json", results).exit_code == 0
+    unnamed = call("json", results)
+    assert unnamed.exit_code == 0
+    assert "the config of these results was not found" in unnamed.stderr
     law = beltid.load_law(results / "export" / "results.beltlaw.json")
     assert law.belt.type is None
     needs = call("abaqus", results)
