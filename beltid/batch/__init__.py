@@ -10,6 +10,7 @@ Module       Responsibility
 ``chain``    the stages of a belt in their order
 ``steps``    one of them: up to date, or who makes it
 ``schedule`` which step of which belt comes next
+``locks``    one batch at a time in a folder
 ``local``    worker processes on this machine
 ``cluster``  workers of a Dask cluster
 ``belts``    what became of each belt, and the table that tells it

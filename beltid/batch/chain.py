@@ -10,6 +10,7 @@ from typing import Final
 
 from beltid.batch.belts import batch_summary, write_sweep_tables
 from beltid.batch.local import local_workers
+from beltid.batch.locks import alone_in
 from beltid.batch.reports import write_reports
 from beltid.batch.schedule import Chain, run_chains
 from beltid.batch.steps import Step
@@ -25,6 +26,7 @@ from beltid.stages import (
     simulate_rig,
 )
 from beltid.stages.talk import Options
+from beltid.store.atomic import remove_stale
 
 
 def _same(*roles: str) -> dict[str, str]:
@@ -111,14 +113,20 @@ def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptio
     chains = []
     for source in sources:
         chains.append(Chain(source, folder / source.name, chain_of(options), options.talk))
-    workers = options.workers or local_workers(options.jobs)
-    try:
-        run_chains(chains, workers, force=options.force, fail_fast=options.fail_fast)
-    finally:
-        workers.close()
-    runs = [chain.run for chain in chains]
-    if options.whole:
-        write_sweep_tables(runs, folder)
-    if options.report:
-        write_reports(chains, folder, options)
+    folders = [chain.folder for chain in chains]
+    with alone_in(folders, options.talk):
+        workers = options.workers or local_workers(options.jobs)
+        try:
+            run_chains(chains, workers, force=options.force, fail_fast=options.fail_fast)
+        except BaseException:
+            for of_belt in folders:  # what killed workers left behind
+                remove_stale(of_belt)
+            raise
+        finally:
+            workers.close()
+        runs = [chain.run for chain in chains]
+        if options.whole:
+            write_sweep_tables(runs, folder)
+        if options.report:
+            write_reports(chains, folder if options.whole else None, options)
     return batch_summary(runs, folder)

@@ -14,15 +14,15 @@ from beltid.stages.talk import Options
 STEP = "report"
 
 
-def write_reports(chains: Sequence[Chain], folder: Path, options: Options) -> None:
+def write_reports(chains: Sequence[Chain], folder: Path | None, options: Options) -> None:
     """Write the reports of belts that have results; cases of a sweep have a table instead.
 
     Parameters
     ----------
     chains : sequence of Chain
         The chains, ended.
-    folder : Path
-        Folder of the results of the batch.
+    folder : Path or None
+        Folder of the results of the batch; None for a part of one, which compares nothing.
     options : Options
         Force and listener.
     """
@@ -44,7 +44,7 @@ def write_reports(chains: Sequence[Chain], folder: Path, options: Options) -> No
         _finished(chain.run, summary)
         chain.talk.say(f"{STEP}: {chain.run.states[STEP]}, {summary.out}")
         reported.append(chain)
-    if len(reported) > 1:
+    if len(reported) > 1 and folder is not None:
         page = folder / report_belt.NAME
         try:
             report_belt.of_belts([chain.folder for chain in reported], page, options)

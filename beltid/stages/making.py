@@ -8,6 +8,7 @@ are not replaced at all.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 from collections.abc import Callable, Mapping
@@ -123,10 +124,12 @@ def make(recipe: Recipe, out: Path, options: Options, compute: Callable[[], Outc
     Raises
     ------
     InputError
-        If an input is missing, or `out` is an input or a file that must not be replaced.
+        If an input is missing or changes while it is read, or `out` is an input or a file that
+        must not be replaced.
     Stale
         If it would have to be computed and the options say only to look.
     """
+    seen = _signatures(recipe)
     hashes = _input_hashes(recipe)
     standing = admit(recipe, out, options)
     if standing is not None and not options.force and _fresh(standing, recipe, hashes):
@@ -136,6 +139,7 @@ def make(recipe: Recipe, out: Path, options: Options, compute: Callable[[], Outc
     if standing is not None and not options.force:
         options.talk.detail(f"{out}: made from other inputs or settings, made again")
     outcome = compute()
+    _refuse_changed(recipe, seen, hashes)
     write_artifact(out, recipe.kind, outcome.columns, _metadata(outcome, recipe, hashes))
     return Made(read_artifact(out, recipe.kind), up_to_date=False)
 
@@ -149,6 +153,34 @@ def _input_hashes(recipe: Recipe) -> dict[str, str]:
         if role in tables:
             hashes[f"{role}_runs"] = content_sha256(tables[role])
     return hashes
+
+
+def _signatures(recipe: Recipe) -> dict[str, tuple[int, int, int]]:
+    """What the file system says of every input; it changes when a file is replaced or written."""
+    signatures = {}
+    for role, path in recipe.inputs.items():
+        with contextlib.suppress(OSError):  # what is wrong with it is said by the one who reads it
+            found = path.stat()
+            signatures[role] = (found.st_mtime_ns, found.st_size, found.st_ino)
+    return signatures
+
+
+def _refuse_changed(
+    recipe: Recipe, seen: Mapping[str, tuple[int, int, int]], hashes: Mapping[str, str]
+) -> None:
+    """The inputs that were read must be those whose hashes the artifact will carry."""
+    if _signatures(recipe) == seen:
+        return
+    now = _input_hashes(recipe)
+    changed = [role for role in recipe.inputs if now[role] != hashes[role]]
+    if changed:
+        raise InputError(
+            [
+                f"{recipe.inputs[role]}: was changed while it was read (another process at work?), "
+                "run again"
+                for role in changed
+            ]
+        )
 
 
 def admit(recipe: Recipe, out: Path, options: Options) -> Artifact | None:

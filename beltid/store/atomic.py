@@ -41,7 +41,7 @@ def write_bytes(path: str | Path, data: bytes) -> None:
         target = Path(os.path.realpath(shown))
         _check_target(shown, target)
         target.parent.mkdir(parents=True, exist_ok=True)
-        _remove_stale(target)
+        _remove_stale(target.parent, re.escape(target.name))
         _replace(target, data)
     except (OSError, ValueError) as error:
         raise ArtifactError(f"{shown}: not written: {_reason(error)}{_kept(target)}") from None
@@ -105,17 +105,23 @@ def _sync_folder(folder: Path) -> None:
             os.close(descriptor)
 
 
-def _remove_stale(target: Path) -> None:
-    """Remove temporary files of this name whose writer is gone."""
+def remove_stale(folder: Path) -> None:
+    """Remove the temporary files in a folder whose writers are gone; a missing folder is fine."""
+    with contextlib.suppress(OSError):
+        _remove_stale(folder, r".+")
+
+
+def _remove_stale(folder: Path, of_names: str) -> None:
+    """Remove temporary files, of names that match, whose writers are gone."""
     pattern = re.compile(
-        rf"\.{re.escape(target.name)}\.(?P<host>[A-Za-z0-9]+)-(?P<pid>\d+)-[0-9a-f]{{8}}\.beltid-tmp"
+        rf"\.(?:{of_names})\.(?P<host>[A-Za-z0-9]+)-(?P<pid>\d+)-[0-9a-f]{{8}}\.beltid-tmp"
     )
     here = _owner().rsplit("-", 1)[0]
-    for name in os.listdir(target.parent):
+    for name in os.listdir(folder):
         match = pattern.fullmatch(name)
         if match is None:
             continue
-        left_over = target.parent / name
+        left_over = folder / name
         with contextlib.suppress(OSError):
             age = time.time() - left_over.stat().st_mtime
             gone = match["host"] == here and not _alive(int(match["pid"]))

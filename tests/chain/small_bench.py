@@ -53,9 +53,9 @@ def environment(**settings: str) -> dict[str, str]:
 
 
 def beltid(folder: Path, *arguments: str, **settings: str) -> subprocess.CompletedProcess[str]:
-    """Run the program to its end."""
+    """Run the program to its end, without reports."""
     return subprocess.run(
-        [*BELTID, *arguments],
+        [*BELTID, *arguments, "--no-report"],
         cwd=folder,
         capture_output=True,
         text=True,

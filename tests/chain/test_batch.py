@@ -198,7 +198,7 @@ def test_an_interrupt_ends_all_within_two_seconds_and_keeps_what_is_finished(
     long = (bench / "one.yaml").read_text().replace("steps_per_run: 52", "steps_per_run: 20000")
     (bench / "one.yaml").write_text(long)
     process = subprocess.Popen(
-        [*BELTID, "run", "one.yaml", "-j", "2"],
+        [*BELTID, "run", "one.yaml", "-j", "2", "--no-report"],
         cwd=bench,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -239,7 +239,7 @@ def test_workers_end_with_a_caller_that_is_killed(bench: Path) -> None:
     long = (bench / "one.yaml").read_text().replace("steps_per_run: 52", "steps_per_run: 20000")
     (bench / "one.yaml").write_text(long)
     process = subprocess.Popen(
-        [*BELTID, "run", "one.yaml", "-j", "2"],
+        [*BELTID, "run", "one.yaml", "-j", "2", "--no-report"],
         cwd=bench,
         stderr=subprocess.PIPE,
         text=True,

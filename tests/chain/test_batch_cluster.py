@@ -78,7 +78,7 @@ def test_a_worker_killed_in_the_middle_changes_no_byte(
     bench: Path, by_one: Path, cluster: Cluster
 ) -> None:
     process = subprocess.Popen(
-        [*BELTID, "run", "one.yaml", "two.yaml", "--executor", "dask"],
+        [*BELTID, "run", "one.yaml", "two.yaml", "--executor", "dask", "--no-report"],
         cwd=bench,
         stderr=subprocess.PIPE,
         stdout=subprocess.DEVNULL,

@@ -1,0 +1,61 @@
+"""One batch at a time in the folder of a belt: a second one waits, then finds all up to date."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Final
+
+from beltid.stages.talk import Talk
+from beltid.store.atomic import remove_stale
+
+LOCK: Final = ".beltid-lock"
+
+
+@contextlib.contextmanager
+def alone_in(folders: Sequence[Path], talk: Talk) -> Iterator[None]:
+    """Be the only batch in some folders, and clear away what a killed one left there.
+
+    The system lets a lock go when its holder ends, however it ends. Where there are no locks (some
+    network file systems) the batch goes on without: files are whole all the same.
+
+    Parameters
+    ----------
+    folders : sequence of Path
+        Folders of results.
+    talk : Talk
+        Hears that another batch is waited for.
+    """
+    with contextlib.ExitStack() as held:
+        for folder in sorted(set(folders)):  # in one order, so that no two wait for each other
+            descriptor = _opened(folder)
+            if descriptor is not None:
+                held.callback(os.close, descriptor)
+                _lock(descriptor, folder, talk)
+            remove_stale(folder)
+        yield
+
+
+def _opened(folder: Path) -> int | None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        return os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o666)
+    except OSError:  # the first stage will say what is wrong with the folder
+        return None
+
+
+def _lock(descriptor: int, folder: Path, talk: Talk) -> None:
+    try:
+        import fcntl
+    except ImportError:  # not a POSIX system
+        return
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        talk.say(f"{folder}: another beltid run is at work there, waiting for it")
+        with contextlib.suppress(OSError):
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+    except OSError:
+        return
