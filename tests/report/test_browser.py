@@ -1,0 +1,115 @@
+"""The report in a real browser: opened from the disk, without a network, turned with the mouse."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from beltid.report.belt_page import belt_page
+from beltid.report.html import rendered
+
+sys.path.insert(0, str(Path(__file__).parent))
+from report_belt_data import results
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+WIDE, NARROW = {"width": 1000, "height": 500}, {"width": 390, "height": 800}
+CAMERA = "document.getElementById('surface-plot')._fullLayout.scene._scene.getCamera().eye"
+
+
+def executable() -> str | None:
+    """The browser that the environment names, or one that is installed."""
+    named = os.environ.get("BELTID_BROWSER")
+    return named or next((path for name in BROWSERS if (path := shutil.which(name))), None)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    path = executable()
+    if path is None:
+        pytest.skip("no Chromium or Chrome is installed, and BELTID_BROWSER names none")
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    with api.sync_playwright() as play:
+        running = play.chromium.launch(executable_path=path, args=FLAGS, timeout=30_000)
+        yield running
+        running.close()
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("page") / "report.html"
+    path.write_text(rendered(belt_page(results(), "0" * 64)), encoding="utf-8")
+    return path.as_uri()
+
+
+@pytest.fixture(scope="module")
+def opened(browser: Any, address: str) -> Iterator[tuple[Any, list[str], list[str]]]:
+    """The page with all that it complained about and asked for."""
+    context = browser.new_context(viewport=WIDE, offline=True)
+    page = context.new_page()
+    complaints: list[str] = []
+    requests: list[str] = []
+    page.on("console", lambda m: complaints.append(m.text) if m.type == "error" else None)
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on("request", lambda request: requests.append(request.url))
+    page.goto(address, timeout=30_000)
+    page.wait_for_function(f"() => {{ try {{ return {CAMERA}.x < 0 }} catch {{ return false }} }}")
+    yield page, complaints, requests
+    context.close()
+
+
+def test_every_figure_is_seen(opened: Any) -> None:
+    page, _, _ = opened
+    figures = page.locator("figure")
+    assert figures.count() == 17
+    for k in range(figures.count()):
+        figure = figures.nth(k)
+        drawn = figure.locator(".plot:visible, .drawing:visible svg").first.bounding_box()
+        assert drawn["width"] > 300, figure.get_attribute("id")
+        assert drawn["height"] > 100, figure.get_attribute("id")
+        assert figure.locator("figcaption").inner_text().strip()
+
+
+def test_nothing_is_asked_from_elsewhere_and_nothing_goes_wrong(opened: Any, address: str) -> None:
+    _, complaints, requests = opened
+    assert complaints == []
+    assert {r for r in requests if not r.startswith(("data:", "blob:"))} == {address}
+
+
+def test_surface_is_turned_with_the_mouse(opened: Any) -> None:
+    page, complaints, _ = opened
+    plot = page.locator("#surface-plot")
+    plot.scroll_into_view_if_needed()
+    before = page.evaluate(CAMERA)
+    box = plot.bounding_box()
+    x, y = box["x"] + 0.45 * box["width"], box["y"] + 0.55 * box["height"]
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 120, y + 20, steps=2)
+    page.mouse.up()
+    page.wait_for_function(f"(x) => Math.abs({CAMERA}.x - x) > 0.05", arg=before["x"])
+    assert complaints == []
+
+
+def test_a_narrow_screen_needs_no_scrolling_sideways(opened: Any) -> None:
+    page, _, _ = opened
+    page.set_viewport_size(NARROW)
+    page.wait_for_timeout(300)
+    assert page.evaluate("document.documentElement.scrollWidth") <= NARROW["width"]
+    page.set_viewport_size(WIDE)
+
+
+def test_static_part_needs_no_scripts(browser: Any, address: str) -> None:
+    context = browser.new_context(viewport=NARROW, offline=True, java_script_enabled=False)
+    page = context.new_page()
+    page.goto(address, timeout=30_000)
+    drawing = page.locator("#figure-surface-space .drawing svg")
+    assert drawing.bounding_box()["width"] > 250
+    assert not page.locator("#surface-plot").is_visible()
+    context.close()

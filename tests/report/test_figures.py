@@ -1,0 +1,223 @@
+"""Each figure shows the numbers of the artifacts, with units on its axes."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from beltid.report.belt_page import belt_page
+from beltid.report.drawing import inline_svg, saved
+from beltid.report.figures import arc, belts, budget, press, proof, runs, slip
+from beltid.report.figures import friction as friction_figures
+from beltid.report.figures import surface as surface_figures
+from beltid.report.picture import Picture
+
+sys.path.insert(0, str(Path(__file__).parent))
+from report_belt_data import ARCS, SPEEDS, friction, results, stiffness, surface, without
+
+
+def axes_of(picture: Picture) -> list[Any]:
+    assert picture.figure is not None, picture.caption
+    return picture.figure.axes
+
+
+def line(axes: Any, label: str) -> np.ndarray:
+    (found,) = (x for x in axes.get_lines() if x.get_label() == label)
+    return np.column_stack(found.get_data())
+
+
+def everything() -> list[Picture]:
+    return [p for section in belt_page(results(), "0" * 64).sections for p in section.pictures]
+
+
+def test_every_figure_is_drawn_and_its_axes_have_units() -> None:
+    pictures = everything()
+    assert len(pictures) == 17
+    assert len({p.key for p in pictures}) == len(pictures)
+    for picture in pictures:
+        labels = [text.get_text() for text in picture.figure.texts]  # type: ignore[union-attr]
+        for axes in axes_of(picture):
+            labels += [axes.get_xlabel(), axes.get_ylabel()]
+        shown = [text for text in labels if text]
+        assert (
+            sum("[" in text for text in shown) >= 2
+            or "budget" in picture.key
+            or (picture.key == "belts-agreement")
+        ), (picture.key, shown)
+        assert len(picture.caption) > 40, picture.key
+
+
+def test_law_at_a_temperature_is_that_of_its_row() -> None:
+    picture = press.by_temperature(results().sheets["stiffness"], results().get("press_curves"))
+    hot = next(axes for axes in axes_of(picture) if axes.get_title() == "60 °C")
+    depth, force = line(hot, "law")[-1]
+    assert depth == pytest.approx(100.0)
+    assert force == pytest.approx(6.6e7 * 1e-4 + 3.1e11 * 1e-8)
+    loading = line(hot, "loading, measured")
+    assert loading[-1, 1] == pytest.approx(1.05 * (6.5e7 * 1e-4 + 3.05e11 * 1e-8))
+    assert loading.shape[0] == 12  # its own test alone
+
+
+def test_influence_of_temperature_is_the_difference_of_the_laws() -> None:
+    axes = axes_of(press.deviation(results().sheets["stiffness"]))[0]
+    table = stiffness()
+    deep = 1e-4
+    force = table["k_linear_N_m2"] * deep + table["k_quadratic_N_m3"] * deep**2
+    assert line(axes, "60 °C")[-1, 1] == pytest.approx(100.0 * (force[1] / force[2] - 1.0))
+
+
+def test_error_of_the_law_comes_from_its_covariance() -> None:
+    depth = np.array([5e-5])
+    got = press.force_se(results().sheets["stiffness"], 2, depth)
+    d = depth[0]
+    assert got[0] ** 2 == pytest.approx(1e8 * d**2 - 2e11 * d**3 + 1e15 * d**4)
+
+
+def test_slip_is_drawn_over_torque_for_every_setting() -> None:
+    (picture,) = slip.pictures(results())
+    containers = axes_of(picture)[0].containers
+    assert len(containers) == 2
+    x, y = containers[0].lines[0].get_data()
+    assert list(x) == [0.0, 4.0, 8.0]
+    assert list(y) == pytest.approx([0.0, 4.0, 8.0])  # mm/s
+
+
+def test_run_over_time_is_the_recorded_one_with_its_phases() -> None:
+    (picture,) = runs.pictures(results())
+    above, below = axes_of(picture)
+    table = friction()
+    assert "R08" in picture.caption  # the typical run of the largest arc
+    assert line(above, "tight span")[-1, 1] == pytest.approx(table["tension_tight_N"][8])
+    assert line(below, "µ, Eq. (6)")[-1, 1] == pytest.approx(table["mu_sliding"][8])
+    spans = {p.get_label(): p.get_extents() for p in below.patches}
+    assert "sliding plateau" in spans
+    plateau = next(p for p in below.patches if p.get_label() == "sliding plateau")
+    assert (plateau.get_x(), plateau.get_width()) == pytest.approx((2.0, 2.0))
+
+
+def test_a_run_set_aside_is_shown_with_its_reason() -> None:
+    (picture,) = runs.set_aside(results())
+    assert "never turned" in picture.caption
+    assert "R11" in picture.title
+
+
+def test_normal_force_along_the_arc_is_the_profile() -> None:
+    (picture,) = arc.pictures(results())
+    assert len(axes_of(picture)) == len(ARCS)
+    points = line(axes_of(picture)[0], "simulated contact")
+    assert points[:, 1].max() == pytest.approx(9000.0)
+    assert points[-1, 0] == pytest.approx(50.0)  # mm
+    assert "1.8 times" in picture.caption  # 9000 over the mean of 5000
+
+
+def test_measured_coefficients_are_the_runs_that_can_be_used() -> None:
+    (picture,) = friction_figures.measured(results())
+    found = np.concatenate(
+        [np.column_stack(c.lines[0].get_data()) for c in axes_of(picture)[0].containers]
+    )
+    table = friction()
+    good = table["status"] == "ok"
+    assert len(axes_of(picture)[0].containers) == len(ARCS) * len(SPEEDS)
+    expected = np.column_stack([table["normal_force_N_m"], table["mu_sliding"]])[good]
+    for points in (found, expected):
+        points[:] = points[np.lexsort(points.T.round(6))]
+    np.testing.assert_allclose(found, expected)
+
+
+def test_map_holds_the_surface_the_points_and_the_range() -> None:
+    sheet = results().sheets["surface"]
+    axes = axes_of(surface_figures.as_map(sheet, results().get("friction")))[0]
+    box = line(axes, "range of validity")
+    assert box[:, 0].min() == 2000.0
+    assert box[:, 0].max() == 8000.0
+    assert box[:, 1].max() == pytest.approx(10.5)
+    assert line(axes, "measured runs (mean of Eq. 8)").shape == (11, 2)
+    f, v, mu = surface_figures.grid_of(sheet.surface, 5, 3)
+    table = surface()
+    assert mu[0, 0] == pytest.approx(table["mu"][0])
+    assert mu[-1, -1] == pytest.approx(table["mu"][-1])
+    assert f[0] == pytest.approx(2000.0)
+    assert v[-1] == pytest.approx(0.0105)
+
+
+def test_measured_against_simulated_are_the_means_over_arcs() -> None:
+    whole = results()
+    axes = axes_of(proof.averaged(whole.sheets["compare"], whole))[0]
+    measured = np.concatenate([np.column_stack(c.lines[0].get_data()) for c in axes.containers])
+    rows = whole.sheets["compare"].extra["averaged"]
+    assert sorted(measured[:, 1]) == pytest.approx(sorted(row["mu_measured"] for row in rows))
+    drawn = [x for x in axes.get_lines() if x.get_marker() == "o" and x.get_xdata().size]
+    simulated = np.concatenate([x.get_ydata() for x in drawn])
+    assert sorted(simulated) == pytest.approx(sorted(row["mu_simulated"] for row in rows))
+
+
+def test_differences_are_relative_and_in_percent() -> None:
+    whole = results()
+    picture = proof.differences([whole.sheets["compare"], whole.sheets["compare_refined"]])
+    axes = axes_of(picture)[0]
+    assert line(axes, "published, arc 40°")[:, 1] == pytest.approx(-3.0)
+    assert line(axes, "refined, arc 82°")[:, 1] == pytest.approx(0.1)
+
+
+def test_budget_shows_the_sources_from_the_largest_on_and_their_sum() -> None:
+    (picture,) = budget.pictures(results())
+    axes = axes_of(picture)[0]
+    names = [label.get_text() for label in axes.get_yticklabels()]
+    assert names == ["contact arc", "scatter", "combined"]
+    assert sorted(p.get_width() for p in axes.patches) == pytest.approx([0.3, 0.4, 0.5])
+
+
+def test_combined_uncertainty_takes_the_place_of_the_scatter() -> None:
+    sheet = results().sheets["surface"]
+    assert sheet.surface.mu_se_at(4000.0, 0.0025) == pytest.approx(0.004)
+    columns = {**sheet.columns, "mu_u": np.full(8, 0.01)}
+    wider = type(sheet)("surface", "surface", columns)
+    assert wider.surface.mu_se_at(4000.0, 0.0025) == pytest.approx(0.01)
+    assert wider.doubt == "combined standard uncertainty"
+
+
+def test_belts_are_compared_at_a_force_and_a_speed_that_all_have() -> None:
+    two = [results("one"), results("two")]
+    over_force, over_speed = belts.friction(two)
+    for picture in (over_force, over_speed):
+        lines = {x.get_label(): x for x in axes_of(picture)[0].get_lines()}
+        assert {"one", "two"} <= set(lines)
+    assert "f = 4000 N/m" in over_speed.title  # the geometric middle of 2000 and 8000
+    widths = sorted(p.get_width() for p in axes_of(belts.agreement(two))[0].patches)
+    assert widths == pytest.approx([0.1, 0.1, 3.0, 3.0])
+
+
+@pytest.mark.parametrize(
+    "missing", ["stiffness", "slip", "friction", "surface_refined", "compare", "rig_curves"]
+)
+def test_a_figure_that_cannot_be_drawn_says_why(missing: str) -> None:
+    page = belt_page(without(missing), "0" * 64)
+    absent = [p for section in page.sections for p in section.pictures if p.figure is None]
+    if missing != "rig_curves":
+        assert any(f"{missing}.parquet" in p.caption for p in absent)
+    else:
+        assert any("beltid report --config" in p.caption for p in absent)
+
+
+def test_the_same_data_give_the_same_bytes() -> None:
+    for kind in ("svg", "pdf", "png"):
+        one, two = (saved(slip.pictures(results())[0].figure, kind) for _ in range(2))
+        assert one == two, kind
+
+
+def test_names_within_a_figure_are_its_own() -> None:
+    picture = slip.pictures(results())[0]
+    assert picture.figure is not None
+    text = inline_svg(picture.figure, "mine")
+    import re
+
+    names = re.findall(r'\bid="([^"]+)"', text)
+    assert names
+    assert all(name.startswith("mine-") for name in names)
+    used = re.findall(r'(?:href="#|url\(#)([^")]+)', text)
+    assert set(used) <= set(names)
+    assert "<?xml" not in text

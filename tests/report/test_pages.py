@@ -1,0 +1,221 @@
+"""A page is well-formed, brings everything along, lets nothing in, and stays when up to date."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import re
+import sys
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from beltid.errors import ArtifactError, InputError
+from beltid.report.belt_page import belt_page
+from beltid.report.belts_page import belts_page
+from beltid.report.html import rendered
+from beltid.report.interactive import as_json, surface_plot
+from beltid.report.results import BeltResults
+from beltid.stages import report_belt
+from beltid.stages.talk import Options
+
+sys.path.insert(0, str(Path(__file__).parent))
+from report_belt_data import NAUGHTY, results, sheets, without, write
+
+VOID = {"meta", "link", "br", "hr", "img", "input", "wbr"}
+
+
+class Nesting(HTMLParser):
+    """Checks that every element is closed where it was opened, and collects what matters."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.ids: list[str] = []
+        self.headings: list[int] = []
+        self.figures = 0
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in VOID:
+            self.open.append(tag)
+        self.ids += [value for name, value in attrs if name == "id" and value]
+        self.figures += tag == "figure"
+        if re.fullmatch("h[1-6]", tag):
+            self.headings.append(int(tag[1]))
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.ids += [value for name, value in attrs if name == "id" and value]
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+@pytest.fixture(scope="module")
+def page() -> str:
+    return rendered(belt_page(results(), "0" * 64))
+
+
+def head_of(belt: BeltResults) -> str:
+    """The page without its sections, which take their time."""
+    return rendered(replace(belt_page(belt, "0" * 64), sections=()))
+
+
+def checked(text: str) -> Nesting:
+    parser = Nesting()
+    parser.feed(text)
+    parser.close()
+    assert parser.open == []
+    return parser
+
+
+def test_page_is_well_formed_and_every_name_stands_once(page: str) -> None:
+    parser = checked(page)
+    assert len(parser.ids) == len(set(parser.ids))
+    assert parser.headings[0] == 1
+    assert parser.headings.count(1) == 1
+    assert parser.figures == 17
+    anchors = re.findall(r'<a [^>]*href="#([^"]+)"', page)
+    assert set(anchors) <= set(parser.ids)
+
+
+def test_page_needs_nothing_from_elsewhere(page: str) -> None:
+    without_scripts = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
+    assert not re.search(r'(src|data|action)="|<link|@import|url\((?!#)', without_scripts)
+    policy = re.search(r'Content-Security-Policy" content="([^"]+)"', page)
+    assert policy is not None
+    scripts = re.findall(r"<script>(.*?)</script>", page, flags=re.DOTALL)
+    assert len(scripts) == 2
+    for script in scripts:
+        digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+        assert f"sha256-{digest}" in policy[1].replace("&#39;", "'")
+    assert "unsafe-eval" not in policy[1]
+    assert policy[1].startswith("default-src &#39;none&#39;")
+
+
+def test_page_is_not_too_large(page: str) -> None:
+    assert len(page.encode()) < 8e6
+
+
+def test_the_same_results_give_the_same_page(page: str) -> None:
+    assert rendered(belt_page(results(), "0" * 64)) == page
+
+
+def test_names_cannot_bring_markup_along() -> None:
+    whole = sheets()
+    friction = whole["friction"]
+    labels = friction.columns["run"].copy()
+    labels[:] = NAUGHTY
+    status = friction.columns["status"].copy()
+    status[0] = NAUGHTY
+    extra = {"origin": NAUGHTY, "notes": [NAUGHTY], "warnings": [NAUGHTY], "config": NAUGHTY}
+    columns = {**friction.columns, "run": labels, "status": status}
+    whole["friction"] = replace(friction, columns=columns, extra=extra)
+    naughty = replace(results(NAUGHTY), sheets=whole, problems=(NAUGHTY,))
+    for text in (
+        rendered(belt_page(naughty, "0" * 64)),
+        rendered(belts_page([naughty], [f"{NAUGHTY}/report.html"], "0" * 64)),
+    ):
+        checked(text)
+        assert "<script>alert" not in text
+        assert "&lt;script&gt;alert" in text
+    plot = surface_plot(naughty)
+    assert plot is not None
+    assert "<" not in as_json(plot)
+
+
+def test_synthetic_data_are_called_so_on_top(page: str) -> None:
+    head = page[: page.index("<nav")]
+    assert "Synthetic data." in head
+    real = replace(
+        results(),
+        sheets={
+            name: replace(sheet, extra={**sheet.extra, "origin": "measured"})
+            for name, sheet in sheets().items()
+        },
+    )
+    body = head_of(real).split("<body>")[1]
+    assert "ynthetic" not in re.sub(r"<script.*?</script>", "", body, flags=re.DOTALL)
+
+
+def test_verdict_is_that_of_the_comparison(page: str) -> None:
+    head = page[: page.index("<nav")]
+    assert "PASS 0.10 % RMS" in head
+    assert "FAIL 3.00 % RMS" in head
+    assert "Identified and proven" in head
+    assert "Identified, but out of tolerance" in head_of(without("compare_refined"))
+    assert "Not proven" in head_of(without("compare", "compare_refined"))
+
+
+def test_no_surface_no_scripts() -> None:
+    text = head_of(without("surface", "surface_refined"))
+    assert "<script" not in text
+    assert "script-src &#39;none&#39;" in text
+
+
+def test_surface_plot_holds_the_surface() -> None:
+    plot = surface_plot(results())
+    assert plot is not None
+    refined, published, points = plot["data"]
+    assert refined["visible"]
+    assert not published["visible"]
+    assert published["x"][0] == 2000.0
+    assert published["z"][0][0] == pytest.approx(1.2 - 0.1 + 0.025)
+    assert published["z"][-1][-1] == pytest.approx(1.2 - 0.4 + 0.105)
+    assert refined["z"][0][0] == pytest.approx(1.05 * published["z"][0][0], rel=1e-4)
+    assert len(points["x"]) == 11
+
+
+def test_report_of_a_folder_is_kept_while_nothing_changes(tmp_path: Path) -> None:
+    folder = write(tmp_path / "belt", "stiffness", "slip")
+    out = folder / "report.html"
+    first = report_belt.run([folder], None, Options())
+    assert not first.up_to_date
+    before = out.stat().st_mtime_ns
+    assert report_belt.run([folder], None, Options()).up_to_date
+    assert out.stat().st_mtime_ns == before
+    write(folder, "friction")
+    assert not report_belt.run([folder], None, Options()).up_to_date
+    assert "never turned" in out.read_text()
+
+
+def test_a_damaged_artifact_is_told_and_the_rest_is_shown(tmp_path: Path) -> None:
+    folder = write(tmp_path / "belt", "stiffness", "slip")
+    path = folder / "slip.parquet"
+    path.write_bytes(path.read_bytes()[:-40])
+    summary = report_belt.run([folder], None, Options())
+    assert any("slip.parquet: damaged" in line for line in summary.warnings)
+    assert "slip.parquet: damaged" in (folder / "report.html").read_text()
+
+
+def test_a_file_that_is_no_report_is_not_replaced(tmp_path: Path) -> None:
+    folder = write(tmp_path / "belt", "slip")
+    (folder / "report.html").write_text("<html>my own page</html>")
+    with pytest.raises(InputError, match="did not write"):
+        report_belt.run([folder], None, Options())
+    report_belt.run([folder], None, Options(force=True))
+    (folder / "data.csv").write_text("1,2")
+    with pytest.raises(InputError, match="not replaced"):
+        report_belt.run([folder], folder / "data.csv", Options(force=True))
+    assert (folder / "data.csv").read_text() == "1,2"
+
+
+def test_a_folder_without_results_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ArtifactError, match="no such folder"):
+        report_belt.run([tmp_path / "nothing"], None, Options())
+    with pytest.raises(ArtifactError, match="no results of a belt"):
+        report_belt.run([tmp_path], None, Options())
+
+
+def test_several_belts_are_compared_on_a_page_with_links(tmp_path: Path) -> None:
+    folders = [write(tmp_path / name, "slip", "stiffness") for name in ("one", "two")]
+    summary = report_belt.run(folders, None, Options())
+    assert summary.out == tmp_path / "report.html"
+    text = (tmp_path / "report.html").read_text()
+    checked(text)
+    for name in ("one", "two"):
+        assert f'href="{name}/report.html"' in text
+        assert (tmp_path / name / "report.html").is_file()
+    with pytest.raises(InputError, match="twice"):
+        report_belt.run([folders[0], folders[0]], None, Options())
