@@ -18,7 +18,8 @@ from beltid.identify.signal import (
 from beltid.identify.sliding import fit_sliding, plausible_samples
 from beltid.identify.sliding_misfit import misfit, rise_before, rounding_se
 from beltid.identify.sliding_model import SlidingFit
-from beltid.identify.sliding_tails import Tails, weigh_tails
+from beltid.identify.sliding_tail_fit import weigh_tails
+from beltid.identify.sliding_tails import Tails
 from beltid.identify.steady_window import steady_window
 
 Array = NDArray[np.float64]
