@@ -3,7 +3,7 @@
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help run run-all test check bench docs clean
+.PHONY: help run run-all test check bench verify docs clean
 
 # another Python: make PYTHON=/path/to/python3.12 run
 PYTHON ?= $(shell for p in python3 python3.14 python3.13 python3.12 python3.11 python; do \
@@ -45,6 +45,9 @@ check: $(DEVELOPMENT)  ## formatting, lint, types, import contracts
 
 bench: $(BENCHMARK)  ## the benchmark beside its peer; writes benchmarks/RESULTS.md
 	$(BIN)/python -m benchmarks.bench $(ARGS)
+
+verify: $(DEVELOPMENT)  ## long proofs that the tests cannot wait for; they write their tables to docs/
+	$(BIN)/python -m benchmarks.faults $(ARGS)
 
 docs: $(DEVELOPMENT)  ## the pages of docs/ as HTML in docs/_build/html
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
