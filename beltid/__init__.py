@@ -25,6 +25,7 @@ Module                 Responsibility                                         Pa
 ``export``             the contact law for other programs
 ``store``              files: tables, recordings, artifacts
 ``config``             YAML to a frozen model; errors with line and column
+``formats``            what benches write: bytes to channels with units
 ``uncertainty``        budgets, Monte Carlo check, differences in their units JCGM 100, 101
 ``refine``             inverse problem: the surface that gives the tensions   beyond section 7
 ``identify.stiffness`` press recording to normal contact law                  Eqs. (1) to (4)

@@ -52,7 +52,7 @@ class _Content:
         for name, value in group.attrs.items():  # plain HDF5 keeps its settings there
             if not name.startswith("MATLAB") and np.ndim(value) == 0:
                 members.setdefault(name, _text_or_number(value))
-        return _structs(members)
+        return members
 
     def _value(self, item: Any, depth: int) -> Any:
         import h5py
@@ -61,7 +61,7 @@ class _Content:
         if self.seen > MAX_OBJECTS:
             raise FormatError(f"holds more than {MAX_OBJECTS} variables")
         if isinstance(item, h5py.Group):
-            return self.group(item, depth + 1)
+            return _structs(self.group(item, depth + 1))
         if not isinstance(item, h5py.Dataset):
             return None
         if item.is_virtual or item.external:
@@ -107,7 +107,7 @@ def _table(values: np.ndarray) -> dict[str, Any]:
     }
 
 
-def _structs(members: dict[str, Any]) -> dict[str, Any]:
+def _structs(members: dict[str, Any]) -> dict[str, Any] | list[dict[str, Any]]:
     """An array of structs, which version 7.3 keeps as a struct of lists, as a list of structs."""
     lengths = {len(v) for v in members.values() if isinstance(v, list)}
     if not members or not all(isinstance(v, list) for v in members.values()) or len(lengths) != 1:
@@ -115,4 +115,4 @@ def _structs(members: dict[str, Any]) -> dict[str, Any]:
     (length,) = lengths
     if all(isinstance(item, str) for v in members.values() for item in v):
         return members  # columns of texts
-    return {f"({i + 1})": {k: v[i] for k, v in members.items()} for i in range(length)}
+    return [{k: v[i] for k, v in members.items()} for i in range(length)]

@@ -18,6 +18,7 @@ UNITS: Final[tuple[tuple[str, str], ...]] = (
     ("_deg", "°"),
     ("_mm", "mm"),
     ("_um", "µm"),
+    ("_Hz", "Hz"),
     ("_N", "N"),
     ("_s", "s"),
     ("_m", "m"),

@@ -1,22 +1,39 @@
 """The only room that knows files.
 
-=============== =====================================================================
-Module          Responsibility
-=============== =====================================================================
-``columns``     what a column and a table are
-``schemas``     every table: columns, types, units, ranges; schema versions
-``recordings``  recordings of the benches -> validated columns
-``dialect``     how a CSV file is written: encoding, separator, decimal sign, header
-``header``      whether the header names the columns that are needed
-``csv_reader``  rows -> columns: fast where the file is clean, exact about places
-``frames``      DataFrames, Arrow tables and dicts -> columns
-``checks``      whether the columns can be what they claim to be
-``problems``    everything wrong with a file, told together
-``artifacts``   Parquet files that say what they are and show any damage
-``tables``      columns of an artifact <-> Arrow
-``files``       bytes of an input file, plain or packed
-``atomic``      files appear whole or not at all
-``hashing``     SHA-256 of bytes and of columns
-``fingerprint`` SHA-256 of our own sources
-=============== =====================================================================
+================== =====================================================================
+Module             Responsibility
+================== =====================================================================
+``columns``        what a column and a table are
+``schemas``        every table: columns, types, units, ranges; schema versions
+``recordings``     recordings of the benches, any format -> validated columns
+``sources``        the files of a recording: one, or one per run in a folder or zip file
+``opening``        files unpacked, their format recognised, their channels read
+``text_tables``    a table in a text file -> a piece of a recording
+``channel_groups`` groups of channels of other formats -> pieces of a recording
+``pieces``         what was read from one file or group, before its runs are known
+``roles``          which channel is which of our columns, in which unit and sign
+``vocabulary``     names of channels in German, English and French laboratories
+``alignment``      channels of different rates brought to one time
+``run_settings``   label and settings of a run from names, headers and tables
+``run_split``      runs that no column labels, told apart
+``joining``        pieces joined: every sample with label and settings of its run
+``understanding``  what ``beltid inspect`` tells: formats, channels, runs, gaps
+``dialect``        how a table in a text file is written
+``header``         whether the header names the columns that are needed
+``csv_reader``     rows -> columns: fast where the file is clean, exact about places
+``big_recordings`` recordings of any size, read run by run
+``run_stream``     runs out of blocks of rows
+``csv_stream``     blocks of rows out of a text file of any size
+``csv_kernel``     clean rows -> numbers, compiled
+``parquet_stream`` blocks of rows out of Parquet files
+``frames``         DataFrames, Arrow tables and dicts -> columns
+``checks``         whether the columns can be what they claim to be
+``problems``       everything wrong with a file, told together
+``artifacts``      Parquet files that say what they are and show any damage
+``tables``         columns of an artifact <-> Arrow
+``files``          bytes of an input file, plain or packed
+``atomic``         files appear whole or not at all
+``hashing``        SHA-256 of bytes and of columns
+``fingerprint``    SHA-256 of our own sources
+================== =====================================================================
 """

@@ -43,7 +43,9 @@ def fit_stiffness(press: Press, *, common: Common) -> None:
 
     Columns of other names or units: say so in the config, such as
     columns: {press: {force_N: Load}}, units: {press: {force_N: kN}}.
-    Separator, decimal sign and encoding are found out, or stated under dialect:.
+    Exports of testing machines and measuring programs are read as they are, known names and units
+    are recognised: beltid inspect FILE tells how. Separator, decimal sign and encoding are found
+    out, or stated under dialect:.
 
     Example: beltid fit-stiffness press.csv
     """
@@ -75,7 +77,9 @@ def fit_slip(speedloss: SpeedLoss, *, common: Common) -> None:
 
     Columns of other names or units: say so in the config, such as
     columns: {speedloss: {torque_N_m: M}}, units: {speedloss: {torque_N_m: N mm}}.
-    Separator, decimal sign and encoding are found out, or stated under dialect:.
+    Exports of testing machines and measuring programs are read as they are, known names and units
+    are recognised: beltid inspect FILE tells how. Separator, decimal sign and encoding are found
+    out, or stated under dialect:.
 
     Example: beltid fit-slip speedloss.csv
     """
@@ -113,7 +117,9 @@ def fit_friction(rig: Rig, *, common: Common) -> None:
 
     Columns of other names or units: say so in the config, such as
     columns: {rig: {arc_deg: wrap}}, units: {rig: {pulley_speed_rad_s: rpm}}.
-    Separator, decimal sign and encoding are found out, or stated under dialect:.
+    Exports of testing machines and measuring programs are read as they are, known names and units
+    are recognised: beltid inspect FILE tells how. Separator, decimal sign and encoding are found
+    out, or stated under dialect:.
 
     A file of more than 64 MB is read run by run, so that it need not fit into the memory: the rows
     of a run must stand together. So is a folder with Parquet files in folders.
