@@ -7,6 +7,13 @@ With data y = J p + noise, noise ~ N(0, s² diag(se²)), and the improper prior
 the probability of the data given (s, a, b), with p integrated out, has a maximum where the model is
 neither too stiff nor too loose (restricted maximum likelihood; D. J. C. MacKay, Neural Computation
 4 (1992) 415). What P does not see (a level per speed and a common slope) is free.
+
+Where noise hides the curvature, the marginal likelihood hardly falls towards a rigid power law, and
+its maximum often lies there: the surface would then be surer of itself than it may be (its 95 %
+intervals held the truth of curved laws in 73 % of cases). So s, a and b have wide log-normal priors
+of their own: stated standard errors that are right within a half, curvatures of ln mu over ln f_N
+of about 0.1, slopes that differ by some hundredths between speeds, each within a factor of two to
+three at one standard deviation. Data that see the shape override them.
 """
 
 from __future__ import annotations
@@ -21,6 +28,10 @@ from scipy.optimize import minimize
 Array = NDArray[np.float64]
 
 SMALLEST_SCALE, LARGEST_SCALE = 0.5, 20.0
+# centre and width of ln of the hyperparameters before the data
+SCALE_BEFORE = (0.0, 0.5)
+BENDING_BEFORE = (5.0, 1.5)
+DIFFERENCE_BEFORE = (7.0, 2.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +106,7 @@ class LinearModel:
 
 
 def choose_smoothness(model: LinearModel, start: Smoothness) -> Smoothness:
-    """Hyperparameters of largest marginal likelihood, within wide bounds."""
+    """Most probable hyperparameters: marginal likelihood times their own wide priors."""
     several = bool(np.any(model.difference))
 
     def unpack(x: Array) -> Smoothness:
@@ -105,8 +116,14 @@ def choose_smoothness(model: LinearModel, start: Smoothness) -> Smoothness:
     bounds = [(np.log(SMALLEST_SCALE), np.log(LARGEST_SCALE)), (-6.0, 18.0), (-6.0, 18.0)]
     x0 = [np.log(start.noise_scale), np.log(start.bending), np.log(start.difference or 1.0)]
     n = 3 if several else 2
+    before = np.array([SCALE_BEFORE, BENDING_BEFORE, DIFFERENCE_BEFORE][:n])
+
+    def cost(x: Array) -> float:
+        away = (x - before[:, 0]) / before[:, 1]
+        return float(0.5 * away @ away) - model.log_evidence(unpack(x))
+
     best = minimize(
-        lambda x: -model.log_evidence(unpack(x)),
+        cost,
         np.array(x0[:n]),
         bounds=bounds[:n],
         method="L-BFGS-B",
