@@ -31,7 +31,10 @@ class Part(BaseModel):
 class BeltFacts(Part):
     """The belt that the law was identified with."""
 
-    name: str = Field(description="name of the belt")
+    name: str = Field(
+        description="name of the belt; files are named by it",
+        pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$",
+    )
     type: str | None = Field(default=None, description="type, such as 5PK")
     ribs: int | None = Field(default=None, description="number of ribs", ge=1)
     width_m: PositiveFloat | None = Field(default=None, description="width of the ribbed side [m]")

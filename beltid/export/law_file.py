@@ -69,7 +69,8 @@ def law_from_text(text: str, name: str) -> ContactLaw:
             f"{name}: was changed after beltid wrote it; if that is meant, remove its key {SEAL}"
         )
     try:
-        law = ContactLaw.model_validate(values)
+        # strict, and as JSON: a text in the place of a number is none, a list stands for a tuple
+        law = ContactLaw.model_validate_json(json.dumps(values), strict=True)
         surface = law.surface
         law.normal_law  # noqa: B018  (raises if there is no stiffness)
     except ValidationError as error:

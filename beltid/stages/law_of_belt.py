@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 from pathlib import Path
 from typing import Any, Final
 
@@ -78,7 +79,7 @@ def law_of_folder(folder: Path, named: Path | None, wanted: str | None, talk: Ta
     return ContactLaw(
         about=ABOUT,
         origin=_origin(stiffness, surface),
-        belt=BeltFacts(name=folder.resolve().name) if source is None else _belt(source.config),
+        belt=BeltFacts(name=_name_of(folder)) if source is None else _belt(source.config),
         normal=NormalPart(
             k_linear_N_m2=normal.k_linear_N_m2,
             k_quadratic_N_m3=normal.k_quadratic_N_m3,
@@ -125,6 +126,12 @@ def _config(folder: Path, named: Path | None, surface: Artifact) -> ConfigSource
                     candidates.append(ConfigSource(load_config(path), f"{path}", path))
     made_with = surface.metadata.config_sha256
     return next((c for c in candidates if c.config.sha256 == made_with), None)
+
+
+def _name_of(folder: Path) -> str:
+    """Name of a folder as the name of a belt."""
+    name = re.sub(r"[^A-Za-z0-9._-]+", "_", folder.resolve().name).lstrip("._-")
+    return name[:64] or "belt"
 
 
 def _belt(config: Config) -> BeltFacts:

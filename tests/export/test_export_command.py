@@ -130,6 +130,13 @@ def test_the_config_is_found_by_its_hash_in_the_folders_above(results: Path) -> 
     assert (results / "export" / "belt_six_abaqus.inp").is_file()
 
 
+def test_any_folder_gives_a_name_for_files(results: Path) -> None:
+    (results / "beltid.yaml").unlink()
+    odd = results.rename(results.parent / "5PK Prüfung (neu)")
+    assert call("exudyn", odd).exit_code == 0
+    assert (odd / "export" / "belt_5pk_pr_fung_neu__exudyn.py").is_file()
+
+
 def test_without_the_config_of_these_results_no_belt_is_assumed(results: Path) -> None:
     """The built-in 5PK belt must not pass for another one."""
     (results / "beltid.yaml").unlink()

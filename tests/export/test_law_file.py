@@ -173,6 +173,24 @@ def test_all_that_is_wrong_is_told_at_once(law: ContactLaw) -> None:
     assert all(word in told for word in ("normal.k_linear_N_m2", "origin", "extra"))
 
 
+@pytest.mark.parametrize(
+    ("part", "key", "value"),
+    [
+        ("belt", "name", "../../elsewhere"),  # files are named by it
+        ("belt", "name", "a\nb"),
+        ("normal", "k_linear_N_m2", "7e7"),
+        ("belt", "ribs", 0),
+    ],
+)
+def test_values_that_a_law_cannot_have_are_refused(
+    law: ContactLaw, part: str, key: str, value: Any
+) -> None:
+    document = unsealed(law)
+    document[part][key] = value
+    with pytest.raises(ArtifactError, match=rf"mine: {part}\.{key}"):
+        law_from_text(json.dumps(document), "mine")
+
+
 def test_python_api_takes_the_law_file(law: ContactLaw, tmp_path: Path) -> None:
     path = tmp_path / "5pk.beltlaw.json"
     path.write_text(law_text(law))

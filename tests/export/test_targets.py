@@ -79,6 +79,19 @@ def test_a_reduced_law_states_how_far_it_is_from_the_law(law: ContactLaw, target
         assert f"{100 * deviation.worst:.2g} % at worst" in re.sub(r"\n\W*", " ", stated)
 
 
+def test_no_text_of_a_law_leaves_the_comment(law: ContactLaw) -> None:
+    """A law file from elsewhere must not bring code into the modules made of it."""
+    belt = BeltFacts(name="5pk", type="5PK\nimport os", ribs=5)
+    provenance = law.provenance.model_copy(update={"software": "me\rraise SystemExit"})
+    hostile = law.model_copy(update={"belt": belt, "provenance": provenance})
+    for target in ("exudyn", "chrono", "mbdyn", "adams", "modelica", "abaqus", "csv"):
+        for data in written(hostile, target).values():
+            lines = data.decode("ascii").replace("\r", "\n").splitlines()
+            for line in lines:
+                if "import os" in line or "SystemExit" in line:
+                    assert line.startswith(("#", "!", "**")), (target, line)
+
+
 def test_measured_data_are_not_called_synthetic(law: ContactLaw) -> None:
     measured = law.model_copy(update={"origin": "measured"})
     for target in TARGETS:
