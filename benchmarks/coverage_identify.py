@@ -37,7 +37,8 @@ Row = tuple[str, list[tuple[Array, Array]]]
 
 INTRODUCTION = """# Coverage of the identification's intervals
 
-Written by `python -m benchmarks.coverage_identify` ({seconds:.0f} s on one core). All recordings
+Written by `python -m benchmarks.coverage_identify` ({seconds:.0f} s on one core,
+with other work on the machine). All recordings
 are **synthetic**, with a known answer. *Covered* is the part of the intervals `value ± 1.96 se`
 that contain it, 95 % if the standard errors are exact; *z* is the root mean square of error over
 standard error, 1 if they are; below 1 they are too large, which is the safe side. The errors are
