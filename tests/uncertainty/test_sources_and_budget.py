@@ -1,0 +1,158 @@
+"""Errors of the benches and their budgets, against closed forms."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from virtual_bench import GIVEN, LAW
+
+from beltid.errors import InputError
+from beltid.laws.penalty import NormalLaw
+from beltid.uncertainty.budget import Scatter, budget, combined, coverage_factor
+from beltid.uncertainty.campaign import Measured
+from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.sources import (
+    Errors,
+    StandardUncertainties,
+    all_sources,
+    press_sources,
+    rig_sources,
+)
+
+TIGHT, SLACK = np.array([371.0, 143.0]), np.array([182.0, 70.0])
+BETA = np.radians([82.0, 40.0])
+NONE = np.zeros((2, 2))
+
+
+def runs() -> Measured:
+    return Measured(
+        R=0.05,
+        arc=np.array([1, 0]),
+        beta=BETA,
+        T_0=np.array([270.0, 100.0]),
+        omega=np.array([0.21, 0.42]),
+        tight=TIGHT,
+        slack=SLACK,
+        mu=np.log(TIGHT / SLACK) / BETA,
+        mu_se=np.full(2, 1e-3),
+    )
+
+
+def errors(**values: list[float]) -> Errors:
+    return Errors({name: np.array(value) for name, value in values.items()})
+
+
+def test_a_gain_of_both_cells_cancels_in_mu_but_not_in_the_force():
+    after = runs().corrected(errors(tension_gain=[0.01]))
+    np.testing.assert_allclose(after.mu, runs().mu, rtol=1e-14)
+    np.testing.assert_allclose(after.normal_force, 1.01 * runs().normal_force, rtol=1e-12)
+    np.testing.assert_allclose(after.T_0, [272.7, 101.0])
+
+
+def test_a_difference_of_gains_and_a_zero_point_change_mu_by_eq_6():
+    after = runs().corrected(errors(cell_gain=[0.004, -0.002]))
+    np.testing.assert_allclose(after.mu - runs().mu, math.log(1.004 / 0.998) / BETA, rtol=1e-10)
+    after = runs().corrected(errors(cell_offset=[0.0, 0.7]))
+    np.testing.assert_allclose(after.mu, np.log(TIGHT / (SLACK + 0.7)) / BETA, rtol=1e-12)
+    np.testing.assert_allclose(after.T_0, [270.35, 100.35])
+
+
+def test_an_arc_acts_on_its_own_setting_or_on_all():
+    one = runs().corrected(errors(arc_setting=[0.0, 0.01]))
+    np.testing.assert_allclose(one.mu / runs().mu, [BETA[0] / (BETA[0] + 0.01), 1.0], rtol=1e-12)
+    both = runs().corrected(errors(arc=[0.01]))
+    np.testing.assert_allclose(both.mu / runs().mu, BETA / (BETA + 0.01), rtol=1e-12)
+
+
+def test_radius_and_speed_move_force_and_sliding_speed():
+    after = runs().corrected(errors(pulley_radius=[0.02], pulley_speed=[0.03]))
+    np.testing.assert_allclose(after.normal_force, runs().normal_force / 1.02, rtol=1e-12)
+    np.testing.assert_allclose(after.slip_speed, runs().slip_speed * 1.02 * 1.03, rtol=1e-12)
+
+
+def test_an_error_as_large_as_a_tension_is_refused():
+    with pytest.raises(InputError, match="lowest tension 70 N"):
+        runs().corrected(errors(cell_offset=[0.0, -71.0]))
+    with pytest.raises(InputError, match=r"uncertainty\.arc = -1"):
+        StandardUncertainties(arc=-1.0)
+
+
+def test_gains_of_the_press_scale_the_coefficients():
+    press = PressLaw(LAW, NONE, 1e-4, 0.04)
+    found = press.coefficients(
+        errors(press_force=[0.02], press_displacement=[0.01], segment_length=[0.03])
+    )
+    expected = [6.5e7 * 1.02 / 1.03 / 1.01, 3.0256e11 * 1.02 / 1.03 / 1.01**2]
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("law", [LAW, NormalLaw(1.0e8), NormalLaw(0.0, 5.0e11)])
+def test_a_compliance_of_the_press_that_is_put_right_stiffens_the_law(law):
+    # the record of the law, its travel shortened by what the machine gave way, fitted anew with a
+    # free contact point
+    c, length = 2.0e-9, 0.04
+    delta = np.linspace(0.0, 1.2e-4, 4001)
+    force = law.force(delta)
+    travel = delta - c * length * force
+    present = [law.k_linear_N_m2 > 0.0, law.k_quadratic_N_m3 > 0.0]
+    k = np.array([law.k_linear_N_m2, law.k_quadratic_N_m3])
+    offset = 0.0
+    for _ in range(20):
+        d = travel - offset
+        columns = [column for column, there in zip((d, d**2), present, strict=True) if there]
+        design = np.column_stack([*columns, -(k[0] + 2.0 * k[1] * d)])
+        size = np.linalg.norm(design, axis=0)
+        residual = force - (k[0] * d + k[1] * d**2)
+        step = np.linalg.lstsq(design / size, residual, rcond=None)[0] / size
+        k[present] += step[:-1]
+        offset += step[-1]
+    found = PressLaw(law, NONE, 1.2e-4, length).coefficients(errors(machine_compliance=[c]))
+    np.testing.assert_allclose(found, k, rtol=2e-3)
+    assert found.max() > max(law.k_linear_N_m2, law.k_quadratic_N_m3)
+
+
+def test_scatter_of_the_press_has_its_covariance():
+    covariance = np.array([[1.0e12, -2.0e15], [-2.0e15, 9.0e18]])
+    press = PressLaw(LAW, covariance, 1e-4, 0.04)
+    nominal = press.coefficients(Errors())
+    columns = [press.coefficients(errors(law=z)) - nominal for z in ([1.0, 0.0], [0.0, 1.0])]
+    np.testing.assert_allclose(np.array(columns).T @ np.array(columns), covariance, rtol=1e-6)
+
+
+def test_sources_say_what_was_stated():
+    u = StandardUncertainties(arc=0.01, cell_gain=0.002, stated=frozenset({"arc"}))
+    basis = {source.name: source.basis for source in rig_sources(u, 3)}
+    assert basis == {
+        "gain of each load cell": "assumed",
+        "contact arc, all settings together": "stated",
+    }
+    assert [s.place for s in rig_sources(u, 3)] == [0, 1, 0]
+    assert len(press_sources(u)) == 0
+    assert sum(s.error == "arc_setting" for s in all_sources(GIVEN, 3)) == 3
+
+
+def test_a_budget_adds_squares_and_names_the_largest_first():
+    sources = rig_sources(StandardUncertainties(tension_gain=0.002, cell_gain=0.001), 1)
+    changes = np.array([[0.01, 0.03, 0.04], [0.01, 0.03, 0.04]])
+    rows = budget("x", sources, changes, Scatter("scatter", np.array([0.02, 0.02]), 9.0))
+    found = {row["source"]: row["contribution_percent"] for row in rows}
+    assert list(found) == [
+        "gain of each load cell",
+        "gain common to both load cells",
+        "scatter",
+        "combined",
+    ]
+    assert found["gain of each load cell"] == pytest.approx(5.0)
+    assert found["combined"] == pytest.approx(100 * math.sqrt(0.0001 + 0.0025 + 0.0004))
+    assert sum(row["share_percent"] for row in rows[:-1]) == pytest.approx(100.0)
+    # Welch–Satterthwaite: u^4 / (u_s^4 / 9)
+    assert rows[-1]["degrees_of_freedom"] == pytest.approx(9.0 * 0.003**2 / 0.0004**2)
+    np.testing.assert_allclose(combined(changes, np.full(2, 0.02)), math.sqrt(0.003))
+
+
+def test_coverage_factors_are_those_of_the_tables():
+    assert coverage_factor(0.95) == pytest.approx(1.960, abs=5e-4)
+    assert coverage_factor(0.95, 10.0) == pytest.approx(2.228, abs=5e-4)  # JCGM 100, table G.2
+    assert coverage_factor(0.95, 4.0) == pytest.approx(2.776, abs=5e-4)

@@ -1,0 +1,139 @@
+"""Linear uncertainties of both surfaces: against new fits, dimensions, truth, and Monte Carlo."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from repetitions import repetition
+from virtual_bench import GIVEN, SMALL, read_campaign
+
+from beltid.identify.surface import SurfaceSettings
+from beltid.refine.inverse import refine_surface
+from beltid.uncertainty.linear_check import linear_check
+from beltid.uncertainty.monte_carlo import gathered, prepare, replicates
+from beltid.uncertainty.published import (
+    changes_at_nodes,
+    published_changes,
+    published_curves,
+    published_grid,
+    scatter_factor,
+)
+from beltid.uncertainty.refined import INPUTS, on_nodes, parameter_changes, refined_slopes
+from beltid.uncertainty.sources import Errors, all_sources, rig_sources
+
+SETTINGS = SurfaceSettings()
+
+
+@pytest.fixture(scope="module")
+def nominal():
+    campaign = read_campaign(SMALL, np.random.default_rng(4))
+    refined = refine_surface(campaign.bench, campaign.measured.runs, SMALL.speeds)
+    slopes = refined_slopes(campaign, refined, SMALL.speeds)
+    sources = all_sources(GIVEN, len(SMALL.arcs_deg), law_scatter=False)
+    return prepare(campaign, refined, SMALL.speeds, SETTINGS, (sources, slopes))
+
+
+def test_slopes_obey_the_dimensions(nominal):
+    # scaled forces (T0, EI, EA and both stiffnesses) with a surface scaled along the force change
+    # nothing; neither do scaled lengths
+    slope = dict(zip(INPUTS, nominal.slopes.T, strict=True))
+    curves, refined = nominal.refined.curves, nominal.refined
+    step = 1e-5
+    basis = (curves.basis(curves.log_force + step) - curves.basis(curves.log_force - step)) / (
+        2 * step
+    )
+    inner = np.ones(curves.log_force.size)
+    inner[[0, -1]] = 2.0  # one-sided there: the nearest value holds beyond
+    slopes = (inner[:, None] * basis) @ refined.parameters.reshape(curves.log_speed.size, -1).T
+    shift = -refined.J @ slopes.T.ravel()
+    forces = slope["initial tension"] + slope["EI"] + slope["EA"]
+    forces = forces + slope["k_linear"] + slope["k_quadratic"] + shift
+    lengths = slope["radius"] + slope["span"] + 2.0 * slope["EI"]
+    lengths = lengths - 2.0 * slope["k_linear"] - 3.0 * slope["k_quadratic"] - shift
+    assert np.max(np.abs(forces)) < 0.02
+    assert np.max(np.abs(lengths)) < 0.03
+
+
+def test_the_refined_surface_follows_an_error_as_a_new_fit_does():
+    # nearly without noise: a new fit chooses its smoothness anew, which must not matter
+    design = replace(SMALL, noise=1e-4)
+    campaign = read_campaign(design, np.random.default_rng(4))
+    refined = refine_surface(campaign.bench, campaign.measured.runs, SMALL.speeds)
+    slopes = refined_slopes(campaign, refined, SMALL.speeds)
+    sources = all_sources(GIVEN, len(SMALL.arcs_deg), law_scatter=False)
+    for name in ("bending_stiffness", "cell_offset", "pulley_radius"):
+        source = next(s for s in sources if s.error == name)
+        change = parameter_changes(campaign, refined, [source], slopes)
+        corrected = campaign.corrected(Errors.single(source))
+        again = refine_surface(corrected.bench, corrected.measured.runs, SMALL.speeds)
+        f, v = refined.surface.normal_force_N_m[3:-2], refined.surface.slip_speed_m_s
+        found = np.log(again.surface.mu(f[:, None], v) / refined.surface.mu(f[:, None], v))
+        expected = on_nodes(refined, change)[3:-2, :, 0]
+        np.testing.assert_allclose(found, expected, atol=0.15 * np.abs(expected).max())
+
+
+def test_the_published_surface_follows_an_error_as_the_procedure_does(nominal):
+    measured, grid = nominal.campaign.measured, nominal.published
+    sources = rig_sources(GIVEN, 2)
+    changes = published_changes(measured, grid, sources, SETTINGS)
+    both = changes[..., [s.error == "tension_gain" for s in sources]][..., 0]
+    # a gain of both cells moves the forces alone: mu changes by the slope along the force
+    by_f, _ = grid.to_surface().gradient(grid.normal_force_N_m[:, None], grid.slip_speed_m_s)
+    expected = -by_f * grid.normal_force_N_m[:, None] / grid.mu * GIVEN.tension_gain
+    np.testing.assert_allclose(both, expected, atol=1e-5)
+    other = published_grid(measured.corrected(Errors.single(sources[0])), SETTINGS)
+    np.testing.assert_allclose(changes_at_nodes(grid, other), both, atol=1e-12)
+
+
+def test_scatter_of_the_published_surface_has_the_standard_errors_of_its_nodes(nominal):
+    grid = nominal.published
+    curves = published_curves(nominal.campaign.measured, SETTINGS)
+    factor = scatter_factor(curves, grid)
+    np.testing.assert_allclose(np.sqrt(np.sum(factor**2, axis=-1)), grid.mu_se / grid.mu, rtol=1e-6)
+
+
+def test_replicates_depend_on_seed_and_number_only(nominal):
+    together = replicates(nominal, 11, range(4))
+    apart = gathered([replicates(nominal, 11, [k]) for k in range(4)])
+    np.testing.assert_array_equal(together.refined, apart.refined)
+    np.testing.assert_array_equal(together.published, apart.published)
+    other = replicates(nominal, 12, [0])
+    assert np.any(other.refined[0] != together.refined[0])
+
+
+def test_monte_carlo_agrees_where_the_errors_are_small(nominal):
+    sources = nominal.sources
+    found = replicates(nominal, 1, range(60))
+    assert not found.failed
+    changes = parameter_changes(nominal.campaign, nominal.refined, sources, nominal.slopes)
+    shared = np.sum(on_nodes(nominal.refined, changes) ** 2, axis=-1)
+    scatter = np.square(nominal.refined.surface.mu_se_nodes / nominal.refined.surface.mu_nodes)
+    linear = np.sqrt(shared + scatter)
+    check = linear_check(found.refined.reshape(60, -1), linear.ravel())
+    # 60 draws give a standard deviation to 9 %; nodes move together
+    assert np.sqrt(np.mean(check.found**2)) == pytest.approx(np.sqrt(np.mean(linear**2)), rel=0.25)
+    assert not check.too_far.any()
+
+
+def test_a_check_finds_what_is_not_linear():
+    z = np.random.default_rng(0).standard_normal(500)
+    draws = np.stack([0.01 * z, 0.013 * z, np.expm1(0.6 * z) * 0.01, 0.0 * z], axis=1)
+    check = linear_check(draws, np.array([0.01, 0.01, 0.006, 0.0]))
+    assert check.too_far.tolist() == [False, True, True, False]
+    assert check.lopsided.tolist() == [False, False, True, False]
+    row = check.row("all", np.ones(4, dtype=bool))
+    assert row["linear_fails"] == 2
+    assert row["largest_asymmetry"] > 2.0
+
+
+def test_intervals_of_the_refined_surface_hold_the_truth():
+    # 10 campaigns, errors of the bench drawn anew for each; benchmarks/coverage.py draws many
+    found = [repetition(replace(SMALL, noise=0.002), 50 + seed) for seed in range(10)]
+    z = np.array([r.error / r.combined for r in found])
+    assert 0.88 <= np.mean(np.abs(z) < 1.96) <= 1.0
+    assert 0.6 < np.sqrt(np.mean(z**2)) < 1.35
+    # the scatter alone, as if many runs averaged the bench's errors away, does not hold it
+    alone = np.array([r.error / r.scatter for r in found])
+    assert np.mean(np.abs(alone) < 1.96) < 0.8

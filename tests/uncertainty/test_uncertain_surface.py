@@ -1,0 +1,77 @@
+"""Band, covariance and ensemble of a surface, against direct Gaussian computations."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+from beltid.errors import InputError
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.uncertain_surface import UncertainSurface
+
+F, V = np.array([1000.0, 2000.0, 4000.0]), np.array([0.01, 0.02])
+MU = np.array([[1.0, 1.1], [0.9, 1.0], [0.8, 0.9]])
+FACTOR = np.zeros((3, 2, 3))
+FACTOR[..., 0] = 0.004  # one error that moves all nodes
+FACTOR[0, 0, 1] = FACTOR[2, 1, 2] = 0.003
+
+
+def surface(**more: np.ndarray) -> UncertainSurface:
+    plain = FrictionSurface(F, V, MU, 0.003 * MU)
+    return UncertainSurface(plain, FACTOR, ["gain"], **more)
+
+
+def test_combined_uncertainty_at_nodes_and_beyond():
+    s = surface()
+    assert s.mu_u(1000.0, 0.01) == pytest.approx(0.005)
+    assert s.mu_u(2000.0, 0.02) == pytest.approx(0.004)
+    assert s.mu_u(90.0, 0.001) == pytest.approx(0.005)  # that of the nearest node
+    assert s.mu_se(2000.0, 0.02) == pytest.approx(0.003)
+    assert np.isnan(s.mu_u(np.nan, 0.01))
+    assert s.mu_u(F[:, None], V).shape == (3, 2)
+
+
+def test_bands_hold_their_level():
+    low, high = surface().band(1000.0, 0.01)
+    assert high / 1.0 == pytest.approx(np.exp(1.959964 * 0.005), rel=1e-6)
+    assert low * high == pytest.approx(1.0)
+    with pytest.raises(InputError, match=r"level = 1\.5, must be in \(0, 1\)"):
+        surface().band(1000.0, 0.01, level=1.5)
+
+
+def test_the_ensemble_has_the_covariance():
+    members = np.array([m.mu_nodes for m in surface().ensemble(400, seed=3)])
+    logs = np.log(members / MU).reshape(400, -1)
+    rows = FACTOR.reshape(6, 3)
+    expected = rows @ rows.T
+    np.testing.assert_allclose(np.cov(logs.T), expected, atol=4 * 2.5e-5 / np.sqrt(400))
+    again = surface().ensemble(2, seed=3)
+    np.testing.assert_array_equal(again[1].mu_nodes, members[1])
+
+
+def test_members_of_a_monte_carlo_come_first():
+    members = np.stack([MU, 1.1 * MU, 1.2 * MU])
+    found = surface(members=members).ensemble(2)
+    assert len(found) == 2
+    np.testing.assert_array_equal(found[1].mu_nodes, 1.1 * MU)
+
+
+def test_without_covariance_the_standard_error_is_all_that_is_known():
+    plain = UncertainSurface(FrictionSurface(F, V, MU, 0.01 * MU))
+    assert plain.mu_u(1000.0, 0.01) == pytest.approx(0.01)
+    with pytest.raises(InputError, match="no covariance"):
+        plain.ensemble()
+    with pytest.raises(InputError, match=r"factor: shape \(2, 2, 1\)"):
+        UncertainSurface(FrictionSurface(F, V, MU), np.zeros((2, 2, 1)))
+
+
+def test_it_is_a_friction_surface_and_survives_a_pickle():
+    s = surface(members=np.stack([MU]))
+    again = pickle.loads(pickle.dumps(s))
+    assert again == s
+    assert again.sources == ("gain",)
+    np.testing.assert_array_equal(again.factor, FACTOR)
+    np.testing.assert_array_equal(again.members[0], MU)
+    assert s.mu(1000.0, 0.01) == pytest.approx(1.0)
