@@ -114,6 +114,14 @@ class FrictionPart(Part):
     ensemble: tuple[Matrix, ...] | None = Field(
         default=None, description="surfaces of a Monte Carlo ensemble: mu at the nodes [-]"
     )
+    sticking_ratio: PositiveFloat | None = Field(
+        default=None,
+        description="peak before sliding over the sliding coefficient, mean of the runs; it grows "
+        "with the time at rest and is not part of mu",
+    )
+    sticking_ratio_sd: NonNegativeFloat | None = Field(
+        default=None, description="its standard deviation between runs"
+    )
     x_nodes: tuple[float, ...] = Field(description="ln(1 + f_N/f_ref_N_m) of the force nodes [-]")
     y_nodes: tuple[float, ...] = Field(description="ln(1 + v/v_ref_m_s) of the speed nodes [-]")
     f_ref_N_m: PositiveFloat | None = Field(description="null: mu does not depend on the force")
@@ -200,7 +208,10 @@ def _surface(part: FrictionPart) -> UncertainSurface:
 
 
 def friction_part(
-    surface: FrictionSurface, method: str, budget: tuple[Contribution, ...] = ()
+    surface: FrictionSurface,
+    method: str,
+    budget: tuple[Contribution, ...] = (),
+    sticking: tuple[float, float] | None = None,
 ) -> FrictionPart:
     """The friction part of a law, from its surface.
 
@@ -212,6 +223,8 @@ def friction_part(
         How it was found.
     budget : tuple of Contribution
         Where its uncertainty comes from.
+    sticking : tuple of float, optional
+        Ratio of sticking peak and sliding coefficient: mean and standard deviation of the runs.
     """
     tables = surface.tables()
     se = surface.mu_se_nodes
@@ -227,6 +240,8 @@ def friction_part(
         budget=budget,
         factor=None if factor is None else _plain(factor),
         sources=known.sources,
+        sticking_ratio=None if sticking is None else sticking[0],
+        sticking_ratio_sd=None if sticking is None else sticking[1],
         ensemble=None if members is None else _plain(members),
         x_nodes=_plain(tables.x_nodes),
         y_nodes=_plain(tables.y_nodes),

@@ -40,6 +40,7 @@ def preamble(law: ContactLaw, target: str, own: Sequence[str], units: UnitSystem
         + _hashes(law),
         *_validity(law),
         _uncertainty(law),
+        *_sticking(law),
         "Outside the measured range take the nearest measured value: never extrapolate.",
         f"Units: {units.length}, N, s. Line force [{units.line_force}] is the normal force per "
         "length of belt; friction is mu times it, against the sliding.",
@@ -87,6 +88,17 @@ def _validity(law: ContactLaw) -> list[str]:
         if span is not None
     ]
     return [f"Measured range: {'; '.join(parts)}."] if parts else []
+
+
+def _sticking(law: ContactLaw) -> list[str]:
+    part = law.friction
+    if part.sticking_ratio is None:
+        return []
+    return [
+        f"Peak before sliding: {part.sticking_ratio:.3g} times mu, with a standard deviation of "
+        f"{part.sticking_ratio_sd or 0.0:.2g} between runs. It grows with the time at rest and is "
+        "not part of mu."
+    ]
 
 
 def _uncertainty(law: ContactLaw) -> str:

@@ -64,6 +64,7 @@ def law_of_folder(folder: Path, named: Path | None, wanted: str | None, talk: Ta
         )
     stiffness = read_artifact(folder / STIFFNESS, "stiffness")
     surface = _surface_artifact(folder, wanted, talk)
+    friction = _friction(folder, surface)
     source = _config(folder, named, surface)
     if source is None:
         talk.warn(
@@ -95,9 +96,10 @@ def law_of_folder(folder: Path, named: Path | None, wanted: str | None, talk: Ta
             surface_of(surface),
             str(surface.metadata.extra.get("method", "published")),
             _budget(surface),
+            _sticking(friction),
         ),
         validity=_validity(stiffness, surface),
-        provenance=_provenance(folder, stiffness, surface),
+        provenance=_provenance(stiffness, surface, friction),
     )
 
 
@@ -163,6 +165,25 @@ def _budget(surface: Artifact) -> tuple[Contribution, ...]:
     )
 
 
+def _friction(folder: Path, surface: Artifact) -> Artifact | None:
+    """The friction artifact that the surface was made from, if it still stands in the folder."""
+    try:
+        friction = read_artifact(folder / "friction.parquet", "friction")
+    except ArtifactError:
+        return None
+    return friction if friction.sha256 == surface.metadata.inputs.get("friction") else None
+
+
+def _sticking(friction: Artifact | None) -> tuple[float, float] | None:
+    """Sticking peak over sliding coefficient: mean and standard deviation of the runs."""
+    if friction is None:
+        return None
+    columns = friction.columns
+    ratio = columns["mu_sticking"] / columns["mu_sliding"]
+    ratio = ratio[(columns["status"] == "ok") & np.isfinite(ratio)]
+    return (float(ratio.mean()), float(ratio.std(ddof=1))) if ratio.size > 1 else None
+
+
 def _covariance(stiffness: Artifact, row: int) -> Any:
     value = stiffness.columns["covariance"][row]
     if value is None:
@@ -188,15 +209,10 @@ def _validity(stiffness: Artifact, surface: Artifact) -> Validity:
     )
 
 
-def _provenance(folder: Path, stiffness: Artifact, surface: Artifact) -> Provenance:
+def _provenance(stiffness: Artifact, surface: Artifact, friction: Artifact | None) -> Provenance:
     """Hashes of the artifacts, and of the recordings as far as the chain behind them is here."""
     recordings = dict(stiffness.metadata.inputs)
-    needed = surface.metadata.inputs.get("friction")
-    try:
-        friction = read_artifact(folder / "friction.parquet", "friction")
-    except ArtifactError:
-        friction = None
-    if friction is not None and friction.sha256 == needed:
+    if friction is not None:
         recordings |= friction.metadata.inputs
     config = surface.metadata.extra.get("config")
     return Provenance(

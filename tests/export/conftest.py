@@ -19,11 +19,24 @@ from beltid.export.law import (
 )
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.store.artifacts import Metadata, write_artifact
+from beltid.store.hashing import sha256
 
 FORCES = np.geomspace(400.0, 12000.0, 8)
 SPEEDS = np.geomspace(0.0025, 0.04, 5)
 K_LINEAR, K_QUADRATIC = 6.5e7, 3.0256e11  # Eq. (3) of the paper
 COVARIANCE = [[1.4e8, -1.0e12], [-1.0e12, 8.2e15]]
+UNUSED = (
+    "arc_deg",
+    "initial_tension_N",
+    "nominal_tension_N",
+    "pulley_speed_rad_s",
+    "slip_speed_m_s",
+    "tension_tight_N",
+    "tension_slack_N",
+    "mu_sliding_se",
+    "normal_force_N_m",
+    "temperature_degC",
+)
 SHA = {"press": "a" * 64, "rig": "b" * 64}
 
 
@@ -82,6 +95,21 @@ def write_results(folder: Path, config: Config, origin: str | None = "synthetic"
             extra={"origin": origin},
         ),
     )
+    friction = folder / "friction.parquet"
+    sliding = np.array([1.0, 0.8, 0.9, 0.7])
+    write_artifact(
+        friction,
+        "friction",
+        {
+            **{name: np.full(4, np.nan) for name in UNUSED},
+            "run": [f"R{i}" for i in range(4)],
+            "mu_sliding": sliding,
+            "mu_sticking": sliding * [1.02, 1.06, np.nan, 3.0],
+            "n_samples": np.full(4, 100),
+            "status": ["ok", "ok", "ok", "no plateau"],
+        },
+        Metadata(inputs={"rig": SHA["rig"]}),
+    )
     surface = known_surface()
     for name, method, factor in (
         ("surface", "published", 0.95),
@@ -100,6 +128,7 @@ def write_results(folder: Path, config: Config, origin: str | None = "synthetic"
             },
             Metadata(
                 config_sha256=config.sha256,
+                inputs={"friction": sha256(friction.read_bytes())},
                 validity={
                     "normal_force_N_m": [FORCES[0], FORCES[-1]],
                     "slip_speed_m_s": [SPEEDS[0], SPEEDS[-1]],

@@ -46,11 +46,24 @@ def test_law_file_tells_belt_hashes_range_and_uncertainty(results: Path, tmp_pat
     assert law.normal_law == beltid.load_stiffness(results / "stiffness.parquet")
     stiffness = read_artifact(results / "stiffness.parquet")
     assert law.provenance.artifacts["stiffness"] == stiffness.sha256
-    assert law.provenance.recordings == {"press": "a" * 64}  # friction.parquet is not there
+    assert law.provenance.recordings == {"press": "a" * 64, "rig": "b" * 64}
+    # two runs slid and had a peak: 1.02 and 1.06 times the sliding coefficient
+    assert law.friction.sticking_ratio == pytest.approx(1.04)
+    assert law.friction.sticking_ratio_sd == pytest.approx(0.04 / 2**0.5)
     assert law.validity.press_force_N_m == (0.0, 1e4)
     assert law.normal.covariance == ((1.4e8, -1.0e12), (-1.0e12, 8.2e15))
     assert law.normal.k_linear_se_N_m2 == 1.2e4
     assert law.friction.method == "refined"
+
+
+def test_only_the_runs_that_the_surface_was_made_from_count(results: Path) -> None:
+    data = bytearray((results / "friction.parquet").read_bytes())
+    data[len(data) // 4] ^= 1
+    (results / "friction.parquet").write_bytes(bytes(data))
+    call("json", results)
+    law = beltid.load_law(results / "export" / "six.beltlaw.json")
+    assert law.provenance.recordings == {"press": "a" * 64}
+    assert law.friction.sticking_ratio is None
 
 
 def test_the_published_surface_can_be_asked_for_and_stands_in(results: Path) -> None:
