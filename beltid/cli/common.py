@@ -88,6 +88,7 @@ def with_common_options(
     *,
     out_help: str = "",
     out_names: tuple[str, ...] = (),
+    out_metavar: str = "FOLDER",
 ) -> Callable[..., Any]:
     """Give a command the common options; it receives them as its argument ``common``.
 
@@ -99,9 +100,16 @@ def with_common_options(
         Help of ``--out`` where it is not the usual one.
     out_names : tuple of str
         Further names of ``--out``.
+    out_metavar : str
+        What ``--out`` takes, with a help of its own.
     """
     if command is None:
-        return functools.partial(with_common_options, out_help=out_help, out_names=out_names)
+        return functools.partial(
+            with_common_options,
+            out_help=out_help,
+            out_names=out_names,
+            out_metavar=out_metavar,
+        )
     hints = get_type_hints(command, include_extras=True)
     own = [
         parameter.replace(annotation=hints[parameter.name])
@@ -112,7 +120,7 @@ def with_common_options(
     if out_help:
         common["out"] = Annotated[
             Path | None,
-            typer.Option("--out", "-o", *out_names, metavar="FOLDER", help=out_help),
+            typer.Option("--out", "-o", *out_names, metavar=out_metavar, help=out_help),
         ]
     keyword = inspect.Parameter.KEYWORD_ONLY
     shared = [

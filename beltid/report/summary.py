@@ -45,6 +45,8 @@ class Summary:
         are called so wherever they are shown.
     snippet : str
         Lines to be copied into a file, such as a section of a config.
+    drawing : Figure or None
+        A figure, shown in the terminal as well as it can be.
     """
 
     stage: str
@@ -63,6 +65,7 @@ class Summary:
     up_to_date: bool = False
     origin: str | None = None
     snippet: str = ""
+    drawing: Any = None
 
     def as_json(self) -> dict[str, Any]:
         """One JSON object; a missing number is null."""

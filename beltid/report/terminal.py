@@ -61,6 +61,12 @@ def renderables(
     for name, more in {**summary.beside, **(summary.details if complete else {})}.items():
         yield Text(name, style="bold")
         yield table_or_records(more, console)
+    if summary.drawing is not None:
+        from beltid.report.braille import drawn
+
+        for axes in summary.drawing.axes:
+            if text := drawn(axes, console.width):
+                yield Text(f"\n{text}", no_wrap=True)
     if summary.snippet:
         yield Text(f"\n{summary.snippet}", no_wrap=True)
     if summary.verdict:

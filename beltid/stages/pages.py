@@ -49,6 +49,8 @@ def up_to_date(out: Path, made_from: str, options: Options) -> bool:
     InputError
         If what stands there is no page of ours; with force, one that is no page at all.
     """
+    if str(out) == "-":
+        raise InputError("--out = -, must be a file: a page of several MB is not for stdout")
     if out.is_dir():
         raise ArtifactError(f"{out}: is a folder, name a file in it")
     if not out.exists():

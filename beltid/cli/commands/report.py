@@ -17,7 +17,11 @@ if TYPE_CHECKING:
 
 
 @app.command("report", cls=PlainCommand, short_help="runs/<belt> -> report.html: figures, verdict")
-@with_common_options
+@with_common_options(
+    out_help="Page to write. Default: report.html in the folder of a belt, for several belts in "
+    "the folder above.",
+    out_metavar="FILE",
+)
 def report(
     folders: Annotated[
         list[Path],
@@ -49,3 +53,36 @@ def report(
         return stage.run(folders, common.out, Options(force=common.force, talk=talk), source)
 
     finish(work, common, kept="reports that were finished stand")
+
+
+@app.command(
+    "show", cls=PlainCommand, short_help="any artifact: a table and a drawing, or a figure"
+)
+@with_common_options(
+    out_help="Figure to write: .svg, .png or .pdf. Default: draw in the terminal.",
+    out_metavar="FILE",
+)
+def show(
+    artifact: Annotated[
+        Path, typer.Argument(metavar="ARTIFACT", help="A .parquet file that beltid wrote.")
+    ],
+    figure: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Which figure, where there are several."),
+    ] = None,
+    *,
+    common: Common,
+) -> None:
+    """Show any artifact: what it is, its first rows, and a drawing in the terminal.
+
+    With --out a figure is written to a file, for a paper or a slide. --verbose prints every row.
+
+    Example: beltid show runs/5pk/surface_refined.parquet -o map.pdf --figure map-surface_refined
+    """
+    from beltid.stages import show_artifact as stage
+    from beltid.stages.talk import Options
+
+    def work(talk: TerminalTalk) -> Summary:
+        return stage.run(artifact, common.out, figure, Options(force=common.force, talk=talk))
+
+    finish(work, common, kept="nothing was written")

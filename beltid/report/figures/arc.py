@@ -11,6 +11,8 @@ from beltid.report.picture import Picture, absent
 from beltid.report.results import ArcProfile, BeltResults
 
 TITLE: Final = "Normal force along the arc"
+POSITION: Final = "position along the arc from the tight side [mm]"
+FORCE: Final = "normal force per length [N/m]"
 MILLI: Final = 1e3
 
 
@@ -47,8 +49,8 @@ def along_arcs(profiles: tuple[ArcProfile, ...]) -> Picture:
                 loc="left",
             )
             axes.set_ylim(bottom=0.0)
-        grid.flat[-1].set_xlabel("position along the arc from the tight side [mm]")
-        fig.supylabel("normal force per length [N/m]", fontsize=10)
+        grid.flat[-1].set_xlabel(POSITION)
+        fig.supylabel(FORCE, fontsize=10)
         legend_below(fig, list(grid.flat))
     worst = max(float(np.max(p.profile["normal_force_N_m"])) / p.mean_force_N_m for p in profiles)
     return Picture(

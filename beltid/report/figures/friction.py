@@ -150,6 +150,8 @@ def _two_legends(fig: Figure, arcs: np.ndarray, speeds: np.ndarray) -> None:
         for i, arc in enumerate(arcs)
     ]
     fig.legend(handles=by_speed[::-1], title="v [mm/s]", loc="outside right upper", frameon=False)
+    if arcs.size == 1 and arcs[0] == 0.0:  # of no arc
+        return
     fig.legend(
         handles=by_arc,
         title=None,

@@ -8,6 +8,11 @@
   const figure = plot.closest("figure");
   const drawing = figure.querySelector(".drawing");
   plot.hidden = false;
+  if (plot.clientWidth < 480) { // a narrow screen: from farther away, without the scale
+    const eye = data.layout.scene.camera.eye;
+    for (const axis of ["x", "y", "z"]) eye[axis] *= 1.35;
+    for (const trace of data.data) trace.showscale = false;
+  }
   Plotly.newPlot(plot, data.data, data.layout, data.config).then(function () {
     drawing.style.display = "none"; // print shows it again
     figure.querySelector(".only-live").hidden = false;

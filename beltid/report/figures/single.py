@@ -1,0 +1,117 @@
+"""The figures of one artifact on its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from beltid.report.drawing import figure, group, legend_below, style
+from beltid.report.figures import arc, budget, friction, press, proof, runs, slip, surface
+from beltid.report.figures.press import FORCE, MICRO, PENETRATION
+from beltid.report.picture import Picture
+from beltid.report.results import BeltResults, Sheet
+
+MOST_PROFILES: Final = 7
+MILLI: Final = 1e3
+
+
+def pictures(sheet: Sheet) -> list[Picture]:
+    """Figures of an artifact, the most telling first; empty if it has none."""
+    found = [*MAKERS[sheet.kind](sheet), *budget.pictures(_alone(sheet))]
+    return [picture for picture in found if picture.figure is not None]
+
+
+def _alone(sheet: Sheet) -> BeltResults:
+    return BeltResults(sheet.name, {_name(sheet): sheet})
+
+
+def _name(sheet: Sheet) -> str:
+    """Name of the artifact in the chain."""
+    refined = sheet.extra.get("method") == "refined" or sheet.name.endswith("_refined")
+    return f"{sheet.kind}_refined" if refined and sheet.kind in REFINED else sheet.kind
+
+
+REFINED: Final = ("surface", "simulated", "compare")
+
+
+def _surface(sheet: Sheet) -> list[Picture]:
+    law = sheet.surface
+    f, v = np.meshgrid(law.normal_force_N_m, law.slip_speed_m_s, indexing="ij")
+    errors = None if law.mu_se_nodes is None else law.mu_se_nodes.ravel()
+    fig = friction.over_force(np.zeros(f.size), v.ravel(), f.ravel(), law.mu_nodes.ravel(), errors)
+    cuts = Picture(
+        "cuts",
+        "The friction surface along the force",
+        f"A line per speed of the grid, with twice the {sheet.doubt}.",
+        fig,
+    )
+    named = replace(sheet, name=_name(sheet))
+    return [cuts, surface.as_map(named, None), surface.in_space(named, None)]
+
+
+def _compare(sheet: Sheet) -> list[Picture]:
+    named = replace(sheet, name=_name(sheet))
+    return proof.pictures(BeltResults(sheet.name, {named.name: named}))
+
+
+def _profiles(sheet: Sheet) -> list[Picture]:
+    """Normal force along the arc of the first profiles."""
+    labels = [f"{run} at {t:.4g} s" for run, t in zip(sheet["run"], sheet["time_s"], strict=True)]
+    names = list(dict.fromkeys(labels))
+    rows = np.array(labels)
+    with style():
+        fig = figure(height=4.4)
+        axes = fig.subplots()
+        for i, name in enumerate(names[:MOST_PROFILES]):
+            at = rows == name
+            look = {**group(i), "markevery": 8}
+            x = sheet["arc_position_m"][at] * MILLI
+            axes.plot(x, sheet["normal_force_N_m"][at], label=name, **look)
+        axes.set(xlabel=arc.POSITION, ylabel=arc.FORCE)
+        legend_below(fig, [axes], columns=2)
+    more = len(names) - MOST_PROFILES
+    told = f" {more} more are in the table." if more > 0 else ""
+    return [Picture("profiles", arc.TITLE, f"Simulated contact at chosen times.{told}", fig)]
+
+
+def _press_curves(sheet: Sheet) -> list[Picture]:
+    with style():
+        fig = figure()
+        axes = fig.subplots()
+        for k, branch in enumerate(press.BRANCHES):
+            rows = sheet["branch"] == branch
+            look = {**group(k), "linestyle": "none", "markersize": 3}
+            x, y = sheet["penetration_m"][rows] * MICRO, sheet["line_force_N_m"][rows]
+            axes.plot(x, y, label=branch, **look)
+        axes.set(xlabel=PENETRATION, ylabel=FORCE)
+        legend_below(fig, [axes])
+    return [Picture("branches", "Branches of the press", "All tests.", fig)]
+
+
+def _rig_curves(sheet: Sheet) -> list[Picture]:
+    with style():
+        fig = figure()
+        axes = fig.subplots()
+        for k, run in enumerate(dict.fromkeys(sheet["run"].tolist())):
+            rows = sheet["run"] == run
+            look = {**group(k), "marker": None}
+            axes.plot(sheet["time_s"][rows], sheet["mu"][rows], label=str(run), **look)
+        axes.set(xlabel="time [s]", ylabel=friction.MU)
+        legend_below(fig, [axes], columns=4)
+    return [Picture("runs", runs.TITLE, "Apparent friction coefficient of the runs kept.", fig)]
+
+
+MAKERS: Final[dict[str, Callable[[Sheet], list[Picture]]]] = {
+    "stiffness": lambda sheet: [press.pooled(sheet, None), press.deviation(sheet)],
+    "slip": lambda sheet: [slip.against_torque(sheet)],
+    "friction": lambda sheet: friction.measured(_alone(sheet)),
+    "surface": _surface,
+    "simulated": lambda sheet: friction.simulated(_alone(sheet)),
+    "profiles": _profiles,
+    "compare": _compare,
+    "press_curves": _press_curves,
+    "rig_curves": _rig_curves,
+}
