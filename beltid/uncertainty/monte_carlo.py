@@ -173,7 +173,7 @@ def _replicate(nominal: Nominal, rng: np.random.Generator) -> tuple[Array, Array
     rough = nominal.open_roughness
     pull = np.einsum("pr,r->p", rough, rng.standard_normal(rough.shape[1]))
     corrected = nominal.campaign.corrected(errors)
-    parameters = _refined_again(nominal, corrected, errors, (scatter, pull))
+    parameters = refined_again(nominal, corrected, errors, (scatter, pull))
     change = on_nodes(nominal.refined, (parameters - nominal.refined.parameters)[:, None])
     noisy = with_scatter(corrected.measured, measured.mu_se / measured.mu * scatter)
     again = published_grid(noisy, nominal.settings)
@@ -191,7 +191,7 @@ def with_scatter(measured: Measured, change: Array) -> Measured:
     )
 
 
-def _refined_again(
+def refined_again(
     nominal: Nominal, corrected: Campaign, errors: Errors, drawn: tuple[Array, Array]
 ) -> Array:
     """Parameters of the refined surface with drawn errors: chord steps from the linear guess."""
