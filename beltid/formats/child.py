@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import sys
 import warnings
 from importlib import import_module
@@ -59,7 +58,11 @@ def main(folder: Path, jobs: list[tuple[str, str]]) -> None:
 
 
 def limit(memory_bytes: int, cpu_s: int) -> None:
-    """Limit memory and computing time of this process."""
+    """Limit memory and computing time of this process, where the system can."""
+    try:
+        import resource
+    except ImportError:  # Windows: the parent still ends what takes too long
+        return
     for what, value in (
         (resource.RLIMIT_AS, memory_bytes),
         (resource.RLIMIT_CPU, cpu_s),

@@ -39,6 +39,8 @@ def decode(data: bytes, name: str, encoding: str | None = None) -> Decoded:
     """
     if data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
         encoding = "utf-16"
+    elif data[:3] == codecs.BOM_UTF8:  # the mark of the file itself comes before the config
+        encoding = "utf-8"
     elif b"\0" in data[:65536] and not (encoding or "").lower().startswith(("utf-16", "utf-32")):
         raise InputError(f"{name}: is not a text file, nor of another format that is known")
     used = encoding or "utf-8"

@@ -66,7 +66,8 @@ def _one_child(jobs: Sequence[tuple[str, Path]]) -> tuple[list[BenchFile | Forma
     }
     with tempfile.TemporaryDirectory(prefix="beltid-") as folder:
         limits = [str(BASE_MEMORY + MEMORY_PER_BYTE * size), str(cpu_s)]
-        command = [sys.executable, "-m", "beltid.formats.child", folder, *limits]
+        # -P: nothing is imported from the folder of the recordings
+        command = [sys.executable, "-P", "-m", "beltid.formats.child", folder, *limits]
         asked = json.dumps([[name, str(path.absolute())] for name, path in jobs])
         try:
             status = subprocess.run(

@@ -18,8 +18,9 @@ from beltid.report.summary import Summary
 from beltid.stages.talk import Options
 from beltid.store import schemas
 from beltid.store.dialect import ReadOptions
+from beltid.store.readings import Question, Reading
 from beltid.store.recordings import Recording, read_recording
-from beltid.store.roles import Question, Reading, readings_of
+from beltid.store.roles import readings_of
 from beltid.store.sources import sources_of
 from beltid.store.understanding import (
     FileView,

@@ -11,10 +11,13 @@ Module             Responsibility
 ``text_tables``    a table in a text file -> a piece of a recording
 ``channel_groups`` groups of channels of other formats -> pieces of a recording
 ``pieces``         what was read from one file or group, before its runs are known
-``roles``          which channel is which of our columns, in which unit and sign
+``readings``       what is asked of the channels of a file, and how one is read
+``roles``          which channel is which of our columns
+``channel_units``  its unit, converted to that of our column
 ``vocabulary``     names of channels in German, English and French laboratories
 ``alignment``      channels of different rates brought to one time
 ``run_settings``   label and settings of a run from names, headers and tables
+``run_table``      a table of runs: a row per file
 ``run_split``      runs that no column labels, told apart
 ``joining``        pieces joined: every sample with label and settings of its run
 ``understanding``  what ``beltid inspect`` tells: formats, channels, runs, gaps

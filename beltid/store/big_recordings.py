@@ -15,11 +15,12 @@ from typing import Any, Final
 from beltid.errors import InputError
 from beltid.formats.encoding import decode
 from beltid.store import schemas
+from beltid.store.channel_units import unit_conversion
 from beltid.store.csv_stream import ByteStream, csv_blocks
 from beltid.store.dialect import ReadOptions
 from beltid.store.parquet_stream import parquet_blocks, parquet_files
 from beltid.store.problems import Problems
-from beltid.store.roles import Question, unit_conversion
+from beltid.store.readings import Question
 from beltid.store.run_stream import RunColumns, RunStream
 from beltid.store.text_tables import text_layout, text_notes, wanted_columns
 from beltid.units import Conversion

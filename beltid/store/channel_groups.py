@@ -16,7 +16,8 @@ from beltid.store.dialect import ReadOptions
 from beltid.store.header import check_header
 from beltid.store.pieces import Piece
 from beltid.store.problems import Problems
-from beltid.store.roles import Candidate, Question, Reading, notes_of, readings_of
+from beltid.store.readings import Candidate, Question, Reading
+from beltid.store.roles import notes_of, readings_of
 from beltid.store.run_settings import SETTINGS, told_elsewhere
 from beltid.store.text_tables import convert
 

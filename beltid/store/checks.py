@@ -129,6 +129,14 @@ class Checker:
         """Range, infinity and absence of the numbers of a column."""
         values = self.columns[column.name]
         wrong = np.isinf(values) | outside(values, column)
+        negative = int((values < 0.0).sum())
+        if column.low == 0.0 and column.unit == "N" and negative > max(9, 0.5 * values.size):
+            self.problems.add(
+                f"{self.name}: {column.name} is negative nearly everywhere; if the cell counts the "
+                f"other way, turn its sign by a minus before its name in the file: columns: "
+                f'{{{self.table.kind}: {{{column.name}: "-{column.name}"}}}}'
+            )
+            return []
         self._report(
             np.flatnonzero(wrong),
             lambda i: f"{column.name} = {values[i]:g}, must be {column.allowed}",

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from beltid.formats.bench_file import Field
-from beltid.store.roles import Reading
+from beltid.store.readings import Reading
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,13 +11,14 @@ import numpy as np
 
 from beltid.errors import InputError
 from beltid.store import schemas
+from beltid.store.channel_units import unit_conversion
 from beltid.store.checks import Checker
 from beltid.store.dialect import ReadOptions
 from beltid.store.frames import columns_of_frame
 from beltid.store.joining import completed, joined
 from beltid.store.opening import open_sources, read_opened
 from beltid.store.problems import Problems
-from beltid.store.roles import Question, Reading, unit_conversion
+from beltid.store.readings import Question, Reading
 from beltid.store.sources import content_sha256, sources_of
 from beltid.units import Conversion
 

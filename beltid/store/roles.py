@@ -1,127 +1,16 @@
-"""Which channel of a file is which of our columns, in which unit: stated or recognised."""
+"""Which channel of a file is which of our columns: stated or recognised."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Final, Literal
 
 from beltid.formats.table_head import unit_in_name, without_unit
+from beltid.store.channel_units import RAW, unit_conversion
 from beltid.store.columns import Column, Table
 from beltid.store.dialect import ReadOptions
-from beltid.store.problems import Problems
-from beltid.store.vocabulary import roles_meant, simplified
-from beltid.units import (
-    Calibration,
-    Conversion,
-    allowed_units,
-    calibration,
-    canonical_unit,
-    conversion,
-)
-
-RAW: Final = ("V", "mV", "mV/V", "A", "mA")
-"""Units of signals that mean nothing without a calibration."""
-_TURNS: Final = ("drehzahl", "rpm", "rev", "tour")
-
-How = Literal["config", "own name", "recognised"]
-
-
-@dataclass(frozen=True, slots=True)
-class Candidate:
-    """A channel that may be one of our columns.
-
-    Attributes
-    ----------
-    name, unit : str
-        As the file writes them.
-    key : object
-        Where the reader finds it.
-    group : str
-        Group it stands in, "" where the file has no groups.
-    """
-
-    name: str
-    unit: str
-    key: Any
-    group: str = ""
-
-    @property
-    def shown(self) -> str:
-        """Name and unit in words."""
-        return (
-            f"{self.name} [{self.unit}]" if self.unit and not unit_in_name(self.name) else self.name
-        )
-
-    @property
-    def qualified(self) -> str:
-        """The name with its group: ``group/name``."""
-        return f"{self.group}/{self.name}"
-
-
-@dataclass(frozen=True, slots=True)
-class Reading:
-    """How one of our columns is read.
-
-    Attributes
-    ----------
-    role : str
-        Our column.
-    candidate : Candidate
-        The channel.
-    how : {"config", "own name", "recognised"}
-        Who says so.
-    conversion : Conversion
-        From the numbers in the file, with the sign.
-    unit_stated : bool
-        Whether file or config tells the unit.
-    negated : bool
-        Whether the sign is turned.
-    """
-
-    role: str
-    candidate: Candidate
-    how: How
-    conversion: Conversion = field(default_factory=lambda: Conversion(1.0))
-    unit_stated: bool = False
-    negated: bool = False
-
-    @property
-    def shown(self) -> str:
-        """How messages call the column."""
-        name = self.candidate.name
-        return self.role if name == self.role else f'{self.role} (column "{name}")'
-
-
-@dataclass(frozen=True, slots=True)
-class Question:
-    """What is asked of the channels of a file.
-
-    Attributes
-    ----------
-    table : Table
-        What is needed.
-    options : ReadOptions
-        What the config states.
-    place : str
-        Place of the names, for messages.
-    problems : Problems
-        Collects what cannot be decided.
-    """
-
-    table: Table
-    options: ReadOptions
-    place: str = ""
-    problems: Problems = field(default_factory=Problems)
-
-    @property
-    def kind(self) -> str:
-        """Kind of recording."""
-        return self.table.kind
-
-    def complain(self, text: str) -> None:
-        """Note what cannot be decided."""
-        self.problems.add(f"{self.place}: {text}")
+from beltid.store.readings import Candidate, How, Question, Reading
+from beltid.store.vocabulary import roles_meant
+from beltid.units import Conversion, canonical_unit, conversion
 
 
 def readings_of(
@@ -244,72 +133,3 @@ def _reading(
         converted is not None,
         negated,
     )
-
-
-def unit_conversion(
-    column: Column, name: str, unit: str, question: Question, recognised: bool
-) -> Conversion | str | None:
-    """Conversion of a channel's numbers to a column's unit.
-
-    Parameters
-    ----------
-    column : Column
-        Our column.
-    name, unit : str
-        As the file writes them.
-    question : Question
-        What the config states; nothing is noted there.
-    recognised : bool
-        Whether the name alone says what the channel is: its unit must be told then.
-
-    Returns
-    -------
-    Conversion, str or None
-        A str is what is wrong; None: no unit is told, and the name says it is the column's.
-    """
-    shown = column.name if name == column.name else f'{column.name} (column "{name}")'
-    setting, kind = question.options.units.get(column.name), question.kind
-    known = setting if isinstance(setting, Calibration) else None
-    if isinstance(setting, str):
-        known = calibration(setting, column.unit)
-    if known is not None:
-        converted = known.conversion(unit)
-        return converted or (
-            f"{shown} is in {unit}, but the calibration of the config is for {known.per}"
-        )
-    if isinstance(setting, str):
-        return conversion(setting, column.unit)
-    plain = canonical_unit(unit)
-    line = f"units: {{{kind}: {{{column.name}: "
-    if plain in ("", "-"):
-        if not recognised:
-            return None
-        return (
-            f"the unit of {name}, read as {column.name}, is not told; "
-            f"say it: {line}{column.unit}}}}}"
-        )
-    if plain in RAW:
-        return (
-            f"{shown} is in {unit}, its calibration must be told: "
-            f"{line}250 {column.unit}/{'mV' if plain == 'mV' else 'V'}}}}}, "
-            f"or {{factor: 250, offset: 0}}"
-        )
-    if column.unit == "rad/s" and plain == "rev/s" and _unclear_turns(unit, name):
-        return f"{shown} is in {unit}: turns or radians? say {line}rev/s}}}} or {line}rad/s}}}}"
-    if column.unit == "rad/s" and plain in ("m/s", "mm/s"):
-        return (
-            f"{shown} is in {unit}; divide by the radius R of the pulley: "
-            f"{line}{{factor: 1/R, offset: 0}}}}}}, 1/R as a number in 1/m"
-        )
-    converted = conversion(unit, column.unit)
-    if converted is None and plain == "1":
-        return None
-    return converted or f"{shown} is in {unit}, must be one of " + ", ".join(
-        allowed_units(column.unit)
-    )
-
-
-def _unclear_turns(unit: str, name: str) -> bool:
-    """Whether 1/s may be turns as well as radians."""
-    per_second = unit.strip(" []()").replace(" ", "") in ("1/s", "s-1", "s^-1", "s⁻¹")
-    return per_second and not any(word in simplified(name) for word in _TURNS)

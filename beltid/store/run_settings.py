@@ -7,29 +7,22 @@ runs: what the config says comes first, then what the header tells in words that
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
-from beltid.errors import InputError
 from beltid.formats.bench_file import Field
-from beltid.formats.encoding import decode
 from beltid.formats.name_pattern import name_pattern, number
-from beltid.formats.table_head import read_field, unit_in_name
+from beltid.formats.table_head import read_field
+from beltid.store.channel_units import unit_conversion
 from beltid.store.columns import Table
-from beltid.store.csv_reader import Wanted, read_rows
-from beltid.store.dialect import ReadOptions, layout
-from beltid.store.files import read_bytes
+from beltid.store.dialect import ReadOptions
 from beltid.store.pieces import Piece
 from beltid.store.problems import Problems
-from beltid.store.roles import Question, unit_conversion
-from beltid.store.vocabulary import FILE_NAMES, roles_meant, simplified
+from beltid.store.readings import Question
+from beltid.store.run_table import SETTINGS, RunTable, read_run_table
+from beltid.store.vocabulary import roles_meant
 from beltid.units import conversion
-
-SETTINGS: Final = ("arc_deg", "initial_tension_N", "temperature_degC")
-"""Columns that may be told once for a whole run."""
 
 
 def told_elsewhere(
@@ -50,87 +43,6 @@ def told_elsewhere(
 
 def _told_by(fields: Sequence[Field], table: Table) -> set[str]:
     return {role for f in fields for role in roles_meant(f.name, table.kind) if role in SETTINGS}
-
-
-@dataclass(frozen=True, slots=True)
-class RunTable:
-    """A table of runs: a row per file.
-
-    Attributes
-    ----------
-    path : Path
-        The file.
-    rows : dict
-        Name of a file (or group) -> its line and the values it tells, by our columns.
-    """
-
-    path: Path
-    rows: Mapping[str, tuple[int, Mapping[str, str | float]]]
-
-
-def read_run_table(path: Path, table: Table) -> RunTable:
-    """Read a table of runs.
-
-    Raises
-    ------
-    InputError
-        If it has no column of file names, or cells that are no values.
-    """
-    problems = Problems()
-    name = str(path)
-    decoded = decode(read_bytes(path), name)
-    wanted = [c.name for c in table.columns if c.name in (*SETTINGS, table.label)]
-    found = layout(decoded.text, name, ReadOptions(), ["file"])
-    place = f"{name}:{found.header_line}"
-    files = [i for i, column in enumerate(found.header) if simplified(column) in FILE_NAMES]
-    if len(files) != 1:
-        raise InputError(
-            f"{place}: one column must hold the names of the files and be called file; "
-            "found are " + ", ".join(found.header[:20])
-        )
-    columns = {"file": Wanted(files[0], True, "file")}
-    conversions = {}
-    for i, column in enumerate(found.header):
-        meant = [r for r in (column, *roles_meant(column, table.kind)) if r in wanted]
-        if i == files[0] or not meant:
-            continue
-        role = meant[0]
-        ours = table.column(role)
-        columns[role] = Wanted(i, ours.dtype == "string", column)
-        if ours.dtype != "string":
-            cell = found.unit_cells[i] if i < len(found.unit_cells) else ""
-            known = unit_conversion(
-                ours,
-                column,
-                cell or unit_in_name(column),
-                Question(table, ReadOptions()),
-                column != role,
-            )
-            if isinstance(known, str):
-                problems.add(f"{place}: {known}")
-            conversions[role] = None if isinstance(known, str) else known
-    problems.raise_if_any()
-    rows = read_rows(found, columns, name, problems)
-    problems.raise_if_any()
-    told: dict[str, tuple[int, Mapping[str, str | float]]] = {}
-    for k, line in enumerate(rows.lines.tolist()):
-        file = str(rows.columns["file"][k] or "")
-        if file in told:
-            problems.add(f"{name}:{line}: {file} stands in line {told[file][0]}, too")
-        values: dict[str, str | float] = {}
-        for role in columns:
-            cell = rows.columns[role][k]
-            if role == "file" or cell is None or cell != cell:
-                continue
-            by = conversions.get(role)
-            values[role] = (
-                cell
-                if isinstance(cell, str)
-                else (float(cell) if by is None else (float(cell) + by.shift) * by.factor)
-            )
-        told[file] = (line, values)
-    problems.raise_if_any()
-    return RunTable(path, told)
 
 
 class RunSettings:

@@ -9,7 +9,7 @@ import re
 import zipfile
 import zlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Final
 
@@ -38,16 +38,20 @@ class Source:
         The file, or the zip file that holds it.
     member : str
         Its name in the zip file, "" outside of one.
+    packed : bytes
+        The zip file.
     """
 
     name: str
     path: Path
     member: str = ""
+    packed: bytes = field(default=b"", repr=False)
 
     def read(self) -> bytes:
         """Its bytes."""
-        data = read_bytes(self.path)
-        return _member_bytes(data, self.path, self.member) if self.member else data
+        if self.member:
+            return _member_bytes(self.packed, self.path, self.member)
+        return read_bytes(self.path)
 
 
 def is_many(path: Path) -> bool:
@@ -84,9 +88,8 @@ def sources_of(path: Path, besides: Sequence[Path] = ()) -> list[Source]:
         data = read_bytes(path)
         if sniff(data) == ZIP:
             members = list(_members(data, path))
-            return [
-                Source(f"{path}/{m}" if len(members) > 1 else str(path), path, m) for m in members
-            ]
+            names = [f"{path}/{m}" if len(members) > 1 else str(path) for m in members]
+            return [Source(n, path, m, data) for n, m in zip(names, members, strict=True)]
     return [Source(str(path), path)]
 
 

@@ -14,7 +14,8 @@ from beltid.store.dialect import Layout, ReadOptions, layout
 from beltid.store.header import check_header, hint_units_row
 from beltid.store.pieces import Piece
 from beltid.store.problems import Problems
-from beltid.store.roles import Candidate, Question, Reading, notes_of, readings_of
+from beltid.store.readings import Candidate, Question, Reading
+from beltid.store.roles import notes_of, readings_of
 from beltid.store.run_settings import told_elsewhere
 from beltid.units import Conversion
 

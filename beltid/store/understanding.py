@@ -18,7 +18,8 @@ from beltid.store.csv_reader import Wanted, read_rows
 from beltid.store.dialect import ReadOptions
 from beltid.store.opening import Opened, open_sources
 from beltid.store.problems import Problems
-from beltid.store.roles import Candidate, Question, readings_of
+from beltid.store.readings import Candidate, Question
+from beltid.store.roles import readings_of
 from beltid.store.run_settings import SETTINGS
 from beltid.store.sources import sources_of
 from beltid.store.text_tables import candidates_of as text_candidates
