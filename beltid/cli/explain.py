@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from importlib.resources import files
 from typing import Final
 
 PATTERNS: Final = (
@@ -58,6 +57,8 @@ def page(code: str) -> str:
     """
     if code not in CODES:
         raise KeyError(code)
+    from importlib.resources import files  # slow, and the help must be fast
+
     return (files("beltid.cli") / "explanations" / f"{code}.md").read_text("utf-8")
 
 

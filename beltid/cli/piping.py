@@ -10,7 +10,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Final
 
 from beltid.errors import InputError
@@ -83,6 +82,8 @@ def piped(inputs: Mapping[str, Path], out: Path, json: bool) -> Iterator[Piped]:
         raise InputError(f"- (stdin) can be one input only, not {' and '.join(from_stdin)}")
     if out == DASH and json:
         raise InputError("--out - and --json both want stdout, name a file for --out")
+    from tempfile import TemporaryDirectory  # slow, and the help must be fast
+
     with TemporaryDirectory(prefix="beltid-") as name:
         folder, names, files = Path(name), {}, dict(inputs)
         for role in from_stdin:

@@ -146,7 +146,8 @@ def _summary(
             "target": name,
             "file": file,
             "holds": TARGETS[name].holds,
-            "reduced": "; ".join(f"{what}: {dev}" for what, dev in export.reductions.items()),
+            "reduced": ", ".join(export.reductions) or "nothing",
+            "worst_percent": 100.0 * max((d.worst for d in export.reductions.values()), default=0),
         }
         for name, export in made.items()
         for file in export.files
@@ -175,7 +176,7 @@ def _summary(
             "valid_speed_m_s": valid.slip_speed_m_s,
         },
         table=rows,
-        shown=("target", "file", "holds"),
+        shown=("target", "file", "reduced", "worst_percent"),
         details=details if any(details.values()) else {},
         warnings=warnings,
         up_to_date=up_to_date,

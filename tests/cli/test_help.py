@@ -22,6 +22,10 @@ COMMANDS = {
     "simulate-rig": ("SURFACE", "simulated.parquet"),
     "compare": ("FRICTION", "compare.parquet"),
     "run": ("CONFIG", "runs/<belt>/"),
+    "export": ("TARGET", "export/ in the folder of the law"),
+    "init": ("NAME", "<NAME>.yaml"),
+    "info": ("FILE", "range of validity"),
+    "explain": ("CODE", "what it means"),
 }
 OPTIONS = ("--config", "-c", "--out", "-o", "--json", "-q", "-v", "--force", "--version")
 

@@ -120,11 +120,10 @@ def export(
     --force only.
 
     \b
-    Examples:
-      beltid export exudyn runs/5pk
-      beltid export recurdyn runs/5pk --normal-force 5000 --units mm
-      beltid export all runs/5pk -o laws/5pk
-      beltid export --list
+    Example: beltid export exudyn runs/5pk
+             beltid export recurdyn runs/5pk --normal-force 5000 --units mm
+             beltid export all runs/5pk -o laws/5pk
+             beltid export --list
     """
     from beltid.errors import InputError
     from beltid.stages.export_law import SCHEMA, ExportOptions, schema_text
