@@ -21,7 +21,7 @@ Module                 Responsibility                                         Pa
 ``cli``                the commands; the only room that prints or exits
 ``batch``              the chain over one belt or several
 ``stages``             one file per command: read, science, write, sum up
-``report``             summaries for the terminal
+``report``             figures, pages, summaries for the terminal
 ``export``             the contact law for other programs
 ``store``              files: tables, recordings, artifacts
 ``config``             YAML to a frozen model; errors with line and column

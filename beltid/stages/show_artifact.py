@@ -80,7 +80,8 @@ def _summary(
     told = {
         name: {row[name] for row in rows} - {None} for name in columns
     }  # a column that says the same in every row says little
-    telling = [name for name in columns if len(told[name]) > 1][:FEW_COLUMNS]
+    telling = [name for name in columns if len(told[name]) > 1] or list(columns)
+    telling = telling[:FEW_COLUMNS]
     facts: dict[str, Any] = {
         "kind": artifact.kind,
         "rows": len(rows),
