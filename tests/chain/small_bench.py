@@ -61,7 +61,7 @@ def beltid(folder: Path, *arguments: str, **settings: str) -> subprocess.Complet
         text=True,
         env=environment(**settings),
         check=False,
-        timeout=120,
+        timeout=300,  # kernels may have to be compiled
     )
 
 

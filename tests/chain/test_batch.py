@@ -63,10 +63,6 @@ def test_the_first_failure_ends_it_if_that_is_asked_for(bench: Path) -> None:
     states = [row["stages"] for row in json.loads(done.stdout)["table"]]
     assert states[0]["fit-stiffness"] == "failed"
     assert states[0]["compare refined"] == states[2]["fit-stiffness"] == "not run"
-    # without it the others go as far as they can
-    done = beltid(bench, *BOTH, "--json", "-j", "1")
-    states = [row["stages"] for row in json.loads(done.stdout)["table"]]
-    assert [state["build-surface"] for state in states] == ["done", "done"]
 
 
 # --- sweeps ------------------------------------------------------------------------------------
@@ -230,6 +226,8 @@ def test_an_interrupt_ends_all_within_two_seconds_and_keeps_what_is_finished(
     kept = contents(bench / "runs")
     assert "one/stiffness.parquet" in kept
     assert [name for name in kept if "tmp" in name] == []
+    if number == signal.SIGTERM:
+        return
     (bench / "one.yaml").write_text(long.replace("20000", "52"))
     assert beltid(bench, "run", "one.yaml", "-j", "2").returncode == 0
     assert numbers(bench / "runs" / "one") == numbers(by_one / "one")
