@@ -6,25 +6,12 @@ import sys
 
 import typer
 
-from beltid.cli.commands import about, export, fit, init, inspect, proof, report, run, surface
 from beltid.cli.program import app
 from beltid.cli.signals import Stopped, hear_signals
 from beltid.cli.streams import is_of_help, mute, prepare_streams, told
 from beltid.errors import EXIT_INPUT
 
-__all__ = [
-    "about",
-    "app",
-    "export",
-    "fit",
-    "init",
-    "inspect",
-    "main",
-    "proof",
-    "report",
-    "run",
-    "surface",
-]
+__all__ = ["app", "main"]
 
 
 def main() -> None:

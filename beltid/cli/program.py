@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import Any, Final
 
 import typer
 from typer.core import TyperCommand, TyperGroup
+from typer.main import get_group
 
 from beltid.cli.common import Version
 
@@ -45,32 +47,53 @@ Exit status:
 """
 
 
-COMMANDS: Final = (
-    "init",
-    "inspect",
-    "fit-stiffness",
-    "fit-slip",
-    "fit-friction",
-    "build-surface",
-    "refine-surface",
-    "simulate-rig",
-    "compare",
-    "run",
-    "report",
-    "show",
-    "export",
-    "info",
-    "config",
-    "explain",
-)
+COMMANDS: Final = {
+    "init": ("init", "write a commented config for a new belt"),
+    "inspect": ("inspect", "FILE -> what is understood of it, and a config section"),
+    "fit-stiffness": ("fit", "PRESS.csv -> stiffness.parquet: the normal contact law"),
+    "fit-slip": ("fit", "SPEEDLOSS.csv -> slip.parquet: sliding speeds in service"),
+    "fit-friction": ("fit", "RIG.csv -> friction.parquet: a friction coefficient per run"),
+    "build-surface": ("surface", "friction -> surface.parquet: friction over force and speed"),
+    "refine-surface": (
+        "surface",
+        "friction, stiffness -> surface_refined.parquet: without the bias",
+    ),
+    "simulate-rig": ("proof", "surface, stiffness -> simulated.parquet: the rig again"),
+    "compare": ("proof", "friction, simulated -> compare.parquet: do they agree?"),
+    "run": ("run", "CONFIG.yaml -> runs/<belt>/: all of the above"),
+    "report": ("report", "runs/<belt> -> report.html: figures, verdict"),
+    "show": ("report", "any artifact: a table and a drawing, or a figure"),
+    "export": ("export", "runs/<belt> -> the law for multibody codes"),
+    "info": ("about", "what an artifact is; without one, what runs here"),
+    "config": ("about", "show or check a config"),
+    "explain": ("about", "what an error means and what to do"),
+}
+"""The commands in the order of the work: the module each is in, and what the help says of it."""
 
 
 class InOrder(TyperGroup):
-    """The commands in the order of the work."""
+    """The commands in the order of the work; a module is imported when a command of it is called.
+
+    Importing and building them all would be half of the time that the help takes.
+    """
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Names of the commands as the help lists them."""
-        return sorted(super().list_commands(ctx), key=COMMANDS.index)
+        return list(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """The command of a name; None if there is none, and then all are known for a suggestion."""
+        if cmd_name not in self.commands:
+            wanted = [COMMANDS[cmd_name]] if cmd_name in COMMANDS else COMMANDS.values()
+            for module, _ in wanted:
+                import_module(f"beltid.cli.commands.{module}")
+            self.commands = get_group(app).commands
+        return self.commands.get(cmd_name)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """The list of commands, from the table."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, short) for name, (_, short) in COMMANDS.items()])
 
 
 class PlainCommand(TyperCommand):

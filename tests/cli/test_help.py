@@ -8,10 +8,12 @@ import sys
 import time
 
 import pytest
+from typer.main import get_command
 from typer.testing import CliRunner
 
 from beltid import __version__
 from beltid.cli import app
+from beltid.cli.program import COMMANDS as LISTED
 
 COMMANDS = {
     "fit-stiffness": ("PRESS", "stiffness.parquet"),
@@ -53,6 +55,18 @@ def test_help_of_a_command_says_input_output_and_example(command: str) -> None:
         assert re.search(rf"(?<![\w-]){option}\b", text), option
     # words of the code have no place here
     assert not re.search(r"\b(dict|ndarray|None|callable|Path|DataFrame|list\[)", text)
+
+
+def test_the_list_of_the_help_is_what_the_commands_say_of_themselves() -> None:
+    """The list is a table, so that the help need not import the commands."""
+    group = get_command(app)
+    for name, (_, short) in LISTED.items():
+        command = group.get_command(None, name)  # type: ignore[attr-defined]
+        assert command.short_help == short
+
+
+def test_a_misspelt_command_is_told_the_right_one() -> None:
+    assert "fit-friction" in CliRunner().invoke(app, ["fit-frictoin"]).stderr
 
 
 @pytest.mark.parametrize("arguments", [["--version"], ["fit-friction", "--version"]])
