@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 MAX_LINES = 3
-COARSE = np.linspace(0.0, 1.0, 20)
+COARSE = np.linspace(0.0, 1.0, 24)
 FINE = np.linspace(0.0, 1.0, 7)
 """Trial time constants, as fractions of the logarithmic range."""
 LONGEST_TAIL = 0.5
@@ -111,7 +111,7 @@ def _search_tail(t: Array, scaled: Array, basis: Array, drift: bool) -> tuple[fl
     residual = scaled - basis @ (basis.T @ scaled)
     length = float(t[-1] - t[0])
     longest = length * (1.0 / 6.0 if drift else LONGEST_TAIL)
-    shortest = min(max(1.5 * length / t.size, 0.004 * length), 0.5 * longest)
+    shortest = min(1.5 * length / t.size, 0.5 * longest)
     trial = shortest * (longest / shortest) ** COARSE
     gain = _tail_gain(t, residual, basis, trial)[0]
     k = int(np.argmax(gain))

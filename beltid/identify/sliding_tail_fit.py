@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 RANGE = (0.01, 0.5, 2.0)
 """Shortest time constant, longest one of a single or first tail and of a second tail, over the
 length of the record; log-uniform a priori."""
+BELOW_FIT = 0.25
+"""Shortest time constant over that of the fit, where many samples resolve a tail so short."""
 LEAST_RATIO = 1.25
 """Least ratio of the two time constants of a double tail."""
 SLOW_PART = 0.5
@@ -48,7 +50,7 @@ def weigh_tails(t: Array, fit: SlidingFit) -> Tails:
         Fit with a single tail: levels to first approximation, ripple, outliers.
     """
     record = _Record.of(t, fit)
-    low, high_1, high_2 = np.log(record.length * np.array(RANGE))
+    low, high_1, high_2 = record.log_range
     pairs = _Pairs.over(
         record,
         np.linspace(low, high_1, POINTS),
@@ -67,6 +69,8 @@ class _Record:
     """A record with all but its tail taken off; `q` is an orthonormal basis of the regressors."""
 
     t: Array
+    log_range: tuple[float, float, float]
+    """Logarithms of the shortest and the longest time constants, see `RANGE`."""
     q: Array
     row: Array
     """Weights of the samples in the level without a tail, shape (n,)."""
@@ -95,10 +99,12 @@ class _Record:
         q, r = np.linalg.qr(np.hstack(columns)[fit.used])
         row = np.linalg.solve(r, q.T)[0]
         rest = series - q @ (q.T @ series)
-        share = _proportion(t[fit.used], rest, q)
+        log_range = _log_range(float(t[fit.used][-1]), fit.tau)
+        share = _proportion(t[fit.used], rest, q, *log_range[:2])
         weights = np.array([1.0, share]) / (1.0 + share**2)
         return cls(
             t=t[fit.used],
+            log_range=log_range,
             q=q,
             row=row,
             rest=rest @ weights,
@@ -107,10 +113,6 @@ class _Record:
             reference=fit.log_ratio,
             fit_squares=float(np.sum((fit.residual[fit.used] @ combinations @ weights) ** 2)),
         )
-
-    @property
-    def length(self) -> float:
-        return float(self.t[-1])
 
     @property
     def squares(self) -> float:
@@ -132,9 +134,15 @@ class _Record:
         return 0.5 * np.log(2.0 * np.pi * variance) - np.log(2.0 * self.largest)
 
 
-def _proportion(t: Array, rest: Array, q: Array) -> float:
+def _log_range(length: float, tau: float) -> tuple[float, float, float]:
+    """Logarithms of the time constants of `RANGE`, around that of the fit [s] (nan without)."""
+    low, high_1, high_2 = np.log(length * np.array(RANGE)).tolist()
+    return (min(low, float(np.log(BELOW_FIT * tau))) if tau > 0.0 else low), high_1, high_2
+
+
+def _proportion(t: Array, rest: Array, q: Array, low: float, high: float) -> float:
     """Amplitude of the tail in the companion over that in y; less where noise hides the tail."""
-    grid = np.log(float(t[-1]) * np.geomspace(*RANGE[:2], POINTS))
+    grid = np.linspace(low, high, POINTS)
     decays = np.exp(-t[:, None] / np.exp(grid))
     decays -= q @ (q.T @ decays)
     power = np.sum(decays**2, axis=0)
@@ -149,7 +157,7 @@ def _proportion(t: Array, rest: Array, q: Array) -> float:
 
 def _single(record: _Record, noise: float) -> tuple[Hypothesis, float]:
     """A single tail or none, and the largest amplitude that it may have (with its sign)."""
-    low, high = np.log(record.length * np.array(RANGE[:2]))
+    low, high, _ = record.log_range
     grid = np.linspace(low, high, POINTS)
     for zoom in range(ZOOMS + 1):
         decays, shares = record.decays(grid)
@@ -246,7 +254,7 @@ class _Pairs:
         evidence = -0.5 * (self.squares / self.noise + self.slow**2 / (own + scale**2))
         evidence += np.log(2.0 * sd / scale) + positive
         evidence += self.record.log_freedom(self.noise * self.fast_cofactor)
-        low, high_1, high_2 = np.log(self.record.length * np.array(RANGE))
+        low, high_1, high_2 = self.record.log_range
         evidence -= np.log(high_2 - self.first - np.log(LEAST_RATIO))[:, None] + np.log(
             high_1 - low
         )
@@ -260,7 +268,7 @@ class _Pairs:
     def closer(self, amplitude: float) -> _Pairs:
         """The same over grids that close in on the probability."""
         weights = self.weighted(amplitude)[0]
-        low, high_1, high_2 = np.log(self.record.length * np.array(RANGE))
+        low, high_1, high_2 = self.record.log_range
         return _Pairs.over(
             self.record,
             _closer(self.first, np.max(weights, axis=1), low, high_1),
