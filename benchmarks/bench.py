@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 from benchmarks import report
+from benchmarks.inverse_problem import measure_inverse
 from benchmarks.start_up import measure_start_up
 from benchmarks.steady_state import compare_steady
 from benchmarks.transient_runs import compare_transient, measure_growth, peak_memory
@@ -60,11 +61,13 @@ def main() -> int:
     growth = measure_growth(max(2, rounds // 3))
     peaks = peak_memory()
     start_up = measure_start_up(2 * rounds + 1)
+    inverse = measure_inverse(rounds)
     targets = [
         *report.steady_targets(steady),
         *report.transient_targets(transient),
         *report.growth_targets(growth, peaks),
         *report.start_up_targets(start_up),
+        *report.inverse_targets(inverse),
     ]
     memory = report.table(
         ("time steps", "peak memory"), [(str(n), f"{kB:.0f} kB") for n, kB in peaks.items()]
@@ -77,6 +80,7 @@ def main() -> int:
         "## Growth with the mesh\n\n" + report.growth_section(growth),
         "## Memory of a run in time\n\n" + memory,
         "## First call\n\n" + report.start_up_section(start_up),
+        "## Inverse problem\n\n" + report.inverse_section(inverse),
     ]
     text = "\n".join(parts)
     RESULTS.write_text(text.rstrip() + "\n", encoding="utf-8")

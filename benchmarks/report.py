@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
+from benchmarks.inverse_problem import Inverse
 from benchmarks.start_up import StartUp
 from benchmarks.steady_state import ACCURACIES, OwnMesh, PeerMesh, SteadyComparison
 from benchmarks.transient_runs import (
@@ -234,6 +235,35 @@ def start_up_targets(result: StartUp) -> list[Target]:
     """The command against its library."""
     ratio = result.help / result.typer
     return [Target("`beltid --help` over `import typer`", "<= 2", f"{ratio:.2f}", ratio <= 2.0)]
+
+
+def inverse_section(result: Inverse) -> str:
+    """The inverse problem and the check of its uncertainty."""
+    rows = [
+        ("inverse problem, 120 runs, surface of 5 speeds", f"{result.solution:.2f} s"),
+        ("its sensitivities to all inputs of the rig", f"{result.sensitivities:.2f} s"),
+        ("a replicate of the Monte Carlo check", f"{result.replicate:.2f} s"),
+    ]
+    return table(("one core, after warm-up", "best time"), rows)
+
+
+def inverse_targets(result: Inverse) -> list[Target]:
+    """The inverse problem in a second; 500 replicates in three minutes on two cores."""
+    minutes = 500.0 * result.replicate / 2.0 / 60.0
+    return [
+        Target(
+            "inverse problem on 120 runs",
+            "< 1 s",
+            f"{result.solution:.2f} s",
+            result.solution < 1.0,
+        ),
+        Target(
+            "500 bootstrap replicates, two cores (from one core)",
+            "< 3 min",
+            f"{minutes:.1f} min",
+            minutes < 3.0,
+        ),
+    ]
 
 
 def targets_table(targets: Sequence[Target]) -> str:

@@ -1,0 +1,91 @@
+"""The inverse problem on 120 runs, and a replicate of the Monte Carlo check of its uncertainty."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from beltid.identify.surface import SurfaceSettings, build_surface
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
+from beltid.params import Contact
+from beltid.refine.inverse import refine_surface
+from beltid.rigsim.model import Bench
+from beltid.rigsim.rig import SimulationSettings, campaign
+from beltid.uncertainty.campaign import Campaign, Measured
+from beltid.uncertainty.monte_carlo import prepare, replicates
+from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.refined import refined_slopes
+from beltid.uncertainty.sources import StandardUncertainties, all_sources
+from benchmarks.work import BELT, POINTS, RIG
+
+LAW = NormalLaw(6.5e7, 3.0256e11)
+NOISE = 0.0025
+GIVEN = StandardUncertainties(0.002, 0.001, 0.05, 0.002, 0.004, 0.002, 5e-4, 0.002, 0.05, 0.05)
+
+
+@dataclass(frozen=True, slots=True)
+class Inverse:
+    """Times on one core [s] after warm-up: the solution, its sensitivities, a replicate."""
+
+    solution: float
+    sensitivities: float
+    replicate: float
+
+
+def _measured() -> Measured:
+    """120 simulated runs with noise, in the place of measured ones."""
+    f, v = np.geomspace(80.0, 4e4, 40), np.geomspace(1e-3, 0.3, 20)
+    mu = 0.95 * (f[:, None] / 5400.0) ** -0.18 * (1.0 + 0.1 * np.log(v / 0.01))
+    bench = Bench(BELT, RIG, Contact(), LAW, FrictionSurface(f, v, mu))
+    found = dict(campaign(bench, POINTS, SimulationSettings("steady"), jobs=1))
+    runs = [found[i] for i in range(len(POINTS))]
+    beta = np.array([point.beta for point in POINTS])
+    noise = 1.0 + NOISE * np.random.default_rng(1).standard_normal(beta.size)
+    apparent = np.array([run.mu for run in runs]) * noise  # type: ignore[union-attr]
+    return Measured(
+        R=RIG.R,
+        arc=np.unique(np.round(beta, 6), return_inverse=True)[1],
+        beta=beta,
+        T_0=np.array([point.T_0 for point in POINTS]),
+        omega=np.array([point.omega for point in POINTS]),
+        tight=np.array([run.tension_tight_N for run in runs]),  # type: ignore[union-attr]
+        slack=np.array([run.tension_slack_N for run in runs]),  # type: ignore[union-attr]
+        mu=apparent,
+        mu_se=NOISE * apparent,
+    )
+
+
+def measure_inverse(rounds: int) -> Inverse:
+    """Take the times; the best of each counts."""
+    measured = _measured()
+    speeds = np.unique(measured.slip_speed)
+    start = build_surface(
+        [math.degrees(b) for b in measured.beta],
+        measured.normal_force,
+        measured.slip_speed,
+        measured.mu,
+        measured.mu_se,
+    ).surface
+    bench = Bench(BELT, RIG, Contact(), LAW, start)
+    whole = Campaign(measured, bench, PressLaw(LAW, np.zeros((2, 2)), 1.2e-4, 0.04))
+    refined = refine_surface(bench, measured.runs, speeds)
+    slopes = refined_slopes(whole, refined, speeds)
+    sources = all_sources(GIVEN, 3, law_scatter=False)
+    nominal = prepare(whole, refined, speeds, SurfaceSettings(), (sources, slopes))
+    replicates(nominal, 0, [0])
+    times: dict[str, list[float]] = {"solution": [], "sensitivities": [], "replicate": []}
+    for number in range(rounds):
+        clock = [time.perf_counter()]
+        refine_surface(bench, measured.runs, speeds)
+        clock.append(time.perf_counter())
+        refined_slopes(whole, refined, speeds)
+        clock.append(time.perf_counter())
+        replicates(nominal, 1, [number])
+        clock.append(time.perf_counter())
+        for name, seconds in zip(times, np.diff(clock), strict=True):
+            times[name].append(float(seconds))
+    return Inverse(**{name: min(values) for name, values in times.items()})
