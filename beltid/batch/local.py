@@ -40,6 +40,7 @@ class ProcessWorkers(Workers):
 
     def __init__(self, jobs: int) -> None:
         self.jobs = jobs
+        self.about = f"{jobs} processes on this machine"
         self._lock = threading.Lock()
         self._pool: ProcessPoolExecutor | None = None
         self._halted = False

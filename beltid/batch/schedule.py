@@ -25,6 +25,7 @@ from beltid.stages.talk import Named, Talk
 from beltid.stages.workers import Workers
 
 STEPS_AHEAD = 2  # steps under way for each worker: while some read and write, others compute
+MOST_STEPS = 64  # of a large cluster: a campaign alone is a few dozen calls
 
 
 class Chain:
@@ -122,7 +123,7 @@ def run_chains(
         Whether the first step that fails ends it all.
     """
     alone = workers.jobs == 1
-    most = 1 if alone else STEPS_AHEAD * workers.jobs
+    most = 1 if alone else min(STEPS_AHEAD * workers.jobs, MOST_STEPS)
     under_way: dict[Future[Summary], tuple[Chain, Order, float]] = {}
     clerks: Executor = _Here() if alone else ThreadPoolExecutor(most)
     try:

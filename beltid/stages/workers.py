@@ -26,9 +26,12 @@ class Workers:
         Calls at the same time.
     share_files : bool
         Whether they see the files of the caller, so that a whole stage can be given to them.
+    about : str
+        Who they are, in words.
     """
 
     jobs: int = 1
+    about: str = "this process alone"
     share_files: bool = True
 
     def call(self, function: Callable[..., Result], *arguments: Any) -> Result:

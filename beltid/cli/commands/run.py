@@ -112,6 +112,7 @@ def run(
         workers = where.workers(at_once=first_time or common.force)
         from beltid.batch.chain import BatchOptions, run_batch
 
+        talk.detail(f"workers: {workers.about}")
         if part is not None:
             talk.say(f"part {part.number} of {part.count}: {len(chosen)} of {len(sources)}")
         options = BatchOptions(
