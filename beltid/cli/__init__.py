@@ -3,9 +3,14 @@
 ============ ================================================
 Module       Responsibility
 ============ ================================================
-``app``      the commands and their help
+``app``      how a call begins and ends
+``program``  the help of the program and the list of its commands
+``commands`` the commands, a module for those that belong together
+``inputs``   arguments that several commands share
 ``common``   options that every command has
 ``execute``  run a stage, print its summary, exit statuses
+``piping``   - in the place of a file: stdin, stdout
+``explain``  pages about errors, found by a code
 ``signals``  being told to stop by the system
 ``streams``  closed and full standard streams
 ``talk``     what goes to stderr: notes, warnings, progress
