@@ -19,16 +19,17 @@ from beltid.stages.talk import Options
 from beltid.store import schemas
 from beltid.store.dialect import ReadOptions
 from beltid.store.readings import Question, Reading
-from beltid.store.recordings import Recording, read_recording
+from beltid.store.recordings import Recording, read_recording, recording_of
 from beltid.store.roles import readings_of
 from beltid.store.sources import sources_of
 from beltid.store.understanding import (
     FileView,
     RunView,
     kinds_meant,
-    look_into,
+    open_all,
     runs_found,
     unit_of,
+    views_of,
 )
 from beltid.units import Calibration, canonical_unit
 
@@ -68,12 +69,17 @@ def run(source: ConfigSource, path: Path, options: InspectOptions) -> Summary:
         If a file cannot be read at all, or its kind cannot be found out.
     """
     config = source.config
-    views = look_into(path, config)
+    opened = open_all(path, config)
+    views = views_of(opened, path, config)
     kind = options.kind or _guessed(views[0], config, path)
     recording: Recording | None = None
     problems: tuple[str, ...] = ()
     try:
-        recording = read_recording(path, kind, config)
+        recording = (
+            recording_of(opened, path, kind, ReadOptions.of(config, kind), digest="")
+            if opened
+            else read_recording(path, kind, config)
+        )
     except InputError as error:
         problems = error.problems
     runs = [] if recording is None else runs_found(recording.columns, kind)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from beltid.store.checks import Checker
 from beltid.store.dialect import ReadOptions
 from beltid.store.frames import columns_of_frame
 from beltid.store.joining import completed, joined
-from beltid.store.opening import open_sources, read_opened
+from beltid.store.opening import Opened, open_sources, read_opened
 from beltid.store.problems import Problems
 from beltid.store.readings import Question, Reading
 from beltid.store.sources import content_sha256, sources_of
@@ -89,11 +89,36 @@ def read_recording(path: str | Path, kind: str, config: Any = None) -> Recording
         if data[:4] == b"PAR1":
             columns, told = _from_parquet(data, path, kind, options)
             return Recording(kind, columns, path, digest, told)
+    return recording_of(open_sources(sources, options), path, kind, options, digest)
+
+
+def recording_of(
+    opened: Sequence[Opened], path: Path, kind: str, options: ReadOptions, digest: str
+) -> Recording:
+    """The recording that opened files hold.
+
+    Parameters
+    ----------
+    opened : sequence of Opened
+        The files.
+    path : Path
+        What was named.
+    kind : {"press", "rig", "speedloss"}
+        What it is a recording of.
+    options : ReadOptions
+        What the config states.
+    digest : str
+        SHA-256 of names and contents.
+
+    Raises
+    ------
+    InputError
+        With everything that is wrong, each with its line.
+    """
     table, problems = schemas.table(kind), Problems()
-    names = [source.name for source in sources]
-    read = [read_opened(one, table, options, problems) for one in open_sources(sources, options)]
+    read = [read_opened(one, table, options, problems) for one in opened]
     if not all(read):  # what cannot be read at all; wrong rows are told with what the checks find
-        problems.told_once(names)
+        problems.told_once([one.name for one in opened])
         problems.raise_if_any()
     pieces = [piece for found in read for piece in found]
     columns, rows, notes, stated = joined(pieces, table, options, str(path), problems)

@@ -85,37 +85,44 @@ class FileView:
         return [channel.candidate for channel in self.channels]
 
 
-def look_into(path: Path, config: Any = None) -> list[FileView]:
-    """Channels of the file that a path names, or of all files that it stands for.
+def open_all(path: Path, config: Any = None) -> list[Opened]:
+    """The files that a path stands for, opened; none for a Parquet file.
 
     Parameters
     ----------
     path : Path
         File, folder, pattern or zip file.
     config : Config, optional
-        Dialect of text files.
+        Dialect of text files, tables of runs.
 
     Raises
     ------
     InputError
         If a file cannot be read.
     """
-    options = ReadOptions.of(config, "rig")
     tables = [] if config is None else list(config.runs.tables.values())
-    problems = Problems()
-    views = []
     sources = sources_of(path, tables)
     if len(sources) == 1 and sources[0].read()[:4] == b"PAR1":
-        return [_parquet(path)]
-    for opened in open_sources(sources, options):
-        for wrong in opened.wrong:
+        return []
+    opened = open_sources(sources, ReadOptions.of(config, "rig"))
+    problems = Problems()
+    for one in opened:
+        for wrong in one.wrong:
             problems.add(wrong)
-        if opened.text is not None:
-            views.append(_text(opened, options))
-        elif opened.channels is not None:
-            views.append(_channels(opened))
     problems.raise_if_any()
-    return views
+    return opened
+
+
+def views_of(opened: Sequence[Opened], path: Path, config: Any = None) -> list[FileView]:
+    """Channels of opened files, or of the Parquet file that the path names."""
+    options = ReadOptions.of(config, "rig")
+    views = []
+    for one in opened:
+        if one.text is not None:
+            views.append(_text(one, options))
+        elif one.channels is not None:
+            views.append(_channels(one))
+    return views or [_parquet(path)]
 
 
 def kinds_meant(view: FileView, config: Any = None) -> dict[str, float]:

@@ -73,7 +73,7 @@ def test_flipped_bits_and_cuts_never_end_this_process(tmp_path, name):
     assert sum(isinstance(one, FormatError) for one in must_be_seen) >= len(must_be_seen) - 1
 
 
-@pytest.mark.parametrize("name", DELICATE)
+@pytest.mark.parametrize("name", ["tdms", "mat5", "mat73", "xlsx"])
 def test_what_only_begins_like_a_format(tmp_path, name):
     path = WRITERS[name](tmp_path)
     head = path.read_bytes()[:600]

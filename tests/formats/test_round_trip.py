@@ -14,7 +14,7 @@ from beltid.errors import InputError
 from beltid.stages.fit_friction import fit_friction
 from beltid.stages.fit_stiffness import fit_stiffness
 from beltid.store.recordings import read_recording
-from beltid.store.understanding import look_into
+from beltid.store.understanding import open_all, views_of
 
 EXACT = {"tdms", "mat5", "mat73", "xlsx", "zip", "gzip"}
 """Formats that keep the numbers as they are; the others convert units, to the last digits."""
@@ -95,7 +95,8 @@ DATA = Path(__file__).parent / "data"
 
 
 def test_the_sample_of_zwick():
-    (view,) = look_into(DATA / "zwick-testxpert-export.txt")
+    path = DATA / "zwick-testxpert-export.txt"
+    (view,) = views_of(open_all(path), path)
     shown = {c.candidate.name: (c.candidate.unit, c.n_samples, c.first) for c in view.channels}
     assert view.format == "Zwick testXpert text"
     assert shown["Standardkraft"] == ("N", 38, 0.576537916)
@@ -109,7 +110,8 @@ def test_the_sample_of_zwick():
 
 
 def test_the_sample_of_labview():
-    (view,) = look_into(DATA / "labview-two-channels.lvm")
+    path = DATA / "labview-two-channels.lvm"
+    (view,) = views_of(open_all(path), path)
     first, second = view.channels
     assert (first.candidate.name, first.candidate.unit) == ("Excitation (Trigger)", "Newtons")
     assert second.candidate.unit == "m/s^2"
