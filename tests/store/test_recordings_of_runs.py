@@ -255,3 +255,21 @@ def test_the_hash_of_a_folder_follows_names_and_contents(tmp_path, runs):
     (folder / "notes.md").write_text("no recording")
     (folder / ".hidden.csv").write_text("no recording")
     assert content_sha256(folder) == content_sha256(tmp_path / "runs" / "R*.csv")
+
+
+def test_results_among_the_recordings_are_no_recordings(tmp_path, runs):
+    from typer.testing import CliRunner
+
+    from beltid.cli import app
+
+    folder = per_run(tmp_path / "runs", runs, "{label}_{arc}deg_{tension}N.csv")
+    config = tmp_path / "c.yaml"
+    config.write_text('runs: {rig: {pattern: "{run}_{arc_deg}deg_{initial_tension_N}N.csv"}}\n')
+    call = ["fit-friction", "-c", str(config), "-q"]
+    before = content_sha256(folder)
+    out = str(folder / "friction.parquet")
+    assert CliRunner().invoke(app, [*call, str(folder), "-o", out]).exit_code == 0
+    assert content_sha256(folder) == content_sha256(folder / "*") == before
+    expect(read_recording(folder, "rig", load_config(config)).columns, runs)
+    again = CliRunner().invoke(app, ["fit-friction", "-c", str(config), str(folder), "-o", out])
+    assert "is up to date" in again.stderr
