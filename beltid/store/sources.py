@@ -158,13 +158,12 @@ def _files(path: Path, besides: set[Path]) -> list[Path]:
         if not f.name.startswith((".", "~$"))
         and f.suffix.lower() not in _COMPANIONS
         and f.absolute() not in besides
+        and not _is_artifact(f)  # results stand beside what they were made from
     ]
     if path.is_dir() and not files:  # folders in it: a table in parts
         files = parquet_files(path)
     elif path.is_dir():
-        files = [
-            f for f in files if f.suffix.lower() not in _NOT_RECORDINGS and not _is_artifact(f)
-        ]
+        files = [f for f in files if f.suffix.lower() not in _NOT_RECORDINGS]
         _refuse_kinds(files, path)
     if not files:
         what = "holds no recording" if path.is_dir() else "no file matches this pattern"
