@@ -12,7 +12,7 @@ from beltid.report.figures.friction import FORCE, MU
 from beltid.report.figures.surface import MILLI, SPEED, WORDS, grid_of, ticks
 from beltid.report.results import BeltResults, Sheet
 
-NODES: Final = (61, 41)
+NODES: Final = (41, 31)
 DIGITS: Final = 5
 CAMERA: Final = {"eye": {"x": -1.5, "y": -1.65, "z": 0.8}, "center": {"x": 0, "y": 0, "z": -0.12}}
 HOVER: Final = "f<sub>N</sub> = %{x:.4g} N/m<br>v = %{y:.3g} mm/s<br>µ = %{z:.4f}"
