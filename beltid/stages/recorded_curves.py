@@ -13,6 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.config import ConfigSource
+from beltid.identify.friction_cells import KnownCells
 from beltid.identify.press_curves import Branch
 from beltid.identify.statistics import as_set
 from beltid.identify.stiffness import fit_stiffness
@@ -20,7 +21,7 @@ from beltid.laws.capstan import friction_coefficient
 from beltid.stages.big_recording import columns_of_runs, read_by_runs
 from beltid.stages.making import Made, Recipe, make
 from beltid.stages.outcome import Outcome
-from beltid.stages.reduction import stiffness_settings
+from beltid.stages.reduction import friction_settings, stiffness_settings
 from beltid.stages.talk import Options
 from beltid.store.artifacts import read_artifact
 from beltid.store.recordings import read_recording
@@ -28,7 +29,13 @@ from beltid.store.recordings import read_recording
 PRESS: Final = "press_curves"
 RIG: Final = "rig_curves"
 PRESS_KEYS: Final = ("press", "columns.press", "units.press", "runs.press", "dialect")
-RIG_KEYS: Final = ("columns.rig", "units.rig", "runs.rig", "dialect")
+CELLS: Final = tuple(
+    f"friction.tension_{span}_{error}"
+    for span in ("tight", "slack")
+    for error in ("tare_N", "gain", "tilt_deg")
+)
+"""What is known of the load cells: taken off here as in the reduction."""
+RIG_KEYS: Final = ("columns.rig", "units.rig", "runs.rig", "dialect", *CELLS)
 MOST_SET_ASIDE: Final = 12
 """Runs set aside that are kept to be looked at."""
 MOST_SAMPLES: Final = 1200
@@ -58,7 +65,8 @@ def rig_curves(
             columns = columns_of_runs(rig, source.config, runs)
         else:
             columns = read_recording(rig, "rig", source.config).columns
-        return Outcome(RIG, _run_columns(columns, runs), runs)
+        cells = friction_settings(source.config.friction.model_dump()).cells
+        return Outcome(RIG, _run_columns(columns, runs, cells), runs)
 
     recipe = Recipe(RIG, source, RIG_KEYS, {"rig": rig, "friction": friction})
     return make(recipe, out, options, compute)
@@ -112,11 +120,14 @@ def _branch_columns(branches: tuple[Branch, ...]) -> dict[str, np.ndarray]:
     }
 
 
-def _run_columns(rig: Mapping[str, np.ndarray], runs: tuple[str, ...]) -> dict[str, np.ndarray]:
+def _run_columns(
+    rig: Mapping[str, np.ndarray], runs: tuple[str, ...], cells: KnownCells
+) -> dict[str, np.ndarray]:
     kept = np.concatenate(
         [thinned(np.flatnonzero(rig["run"] == run), rig["tension_tight_N"]) for run in runs]
     )
-    tight, slack = rig["tension_tight_N"][kept], rig["tension_slack_N"][kept]
+    tight = cells.tight.tension(rig["tension_tight_N"][kept])
+    slack = cells.slack.tension(rig["tension_slack_N"][kept])
     good = (tight > 0.0) & (slack > 0.0)
     beta = np.radians(rig["arc_deg"][kept][good])
     mu = np.full(kept.size, np.nan)

@@ -255,8 +255,8 @@ _RIG_CURVES = Table(
     (
         text("run", "label of the run"),
         _TIME,
-        real("tension_tight_N", "N", "tension of the tight span, as recorded"),
-        real("tension_slack_N", "N", "tension of the slack span, as recorded"),
+        real("tension_tight_N", "N", "tension of the tight span, known cell errors taken off"),
+        real("tension_slack_N", "N", "tension of the slack span, known cell errors taken off"),
         real("mu", "1", "apparent friction coefficient of these tensions, Eq. (6)"),
         real("pulley_speed_rad_s", "rad/s", "speed of the pulley"),
     ),

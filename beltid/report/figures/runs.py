@@ -143,6 +143,7 @@ def _caption(friction: Sheet, row: int, good: bool) -> str:
         return f"{settings} Set aside: {friction['status'][row]}."
     return (
         f"{settings} The belt is at rest, then µ rises to the sticking peak and settles; the "
-        "sliding plateau (shaded) is the reference. Tensions are drawn as recorded; a difference "
-        "of the load cells, spikes and ripple are taken care of in the dashed result."
+        "sliding plateau (shaded) is the reference. Tensions are drawn as recorded, less what the "
+        "config knows of the load cells; a difference of the cells that is left, spikes and ripple "
+        "are taken care of in the dashed result."
     )
