@@ -86,6 +86,15 @@ def test_slip_is_drawn_over_torque_for_every_setting() -> None:
     assert list(y) == pytest.approx([0.0, 4.0, 8.0])  # mm/s
 
 
+def test_slip_at_an_unknown_tension_is_drawn_as_well() -> None:
+    sheet = results().sheets["slip"]
+    columns = {**sheet.columns, "initial_tension_N": np.full(6, np.nan)}
+    picture = slip.against_torque(type(sheet)("slip", "slip", columns))
+    labels = [c.get_label() for c in axes_of(picture)[0].containers]
+    assert labels == ["22 rad/s, T₀ unknown", "76.8 rad/s, T₀ unknown"]
+    assert all(len(c.lines[0].get_xdata()) == 3 for c in axes_of(picture)[0].containers)
+
+
 def test_run_over_time_is_the_recorded_one_with_its_phases() -> None:
     (picture,) = runs.pictures(results())
     above, below = axes_of(picture)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
 from beltid.identify.statistics import as_set
@@ -9,7 +11,9 @@ from beltid.report.drawing import FAINT, figure, group, legend_below, style
 from beltid.report.picture import Picture, absent
 from beltid.report.results import BeltResults, Sheet
 
-MILLI = 1e3
+MILLI: Final = 1e3
+UNKNOWN: Final = -1.0
+"""Stands for a tension that is not known."""
 
 
 def pictures(results: BeltResults) -> list[Picture]:
@@ -24,9 +28,8 @@ def pictures(results: BeltResults) -> list[Picture]:
 def against_torque(slip: Sheet) -> Picture:
     """Largest sliding speed over torque for each setting of the drive (Fig. 9)."""
     drivers, tensions = as_set(slip["driver_speed_rad_s"]), as_set(slip["initial_tension_N"])
-    settings = sorted(
-        {pair for pair in zip(drivers.tolist(), tensions.tolist(), strict=True) if pair == pair}
-    )
+    tensions = np.where(np.isnan(tensions), UNKNOWN, tensions)
+    settings = sorted(set(zip(drivers.tolist(), tensions.tolist(), strict=True)))
     with style():
         fig = figure(height=4.2)
         axes = fig.subplots()
@@ -39,7 +42,8 @@ def against_torque(slip: Sheet) -> Picture:
                 2.0 * np.nan_to_num(slip["slip_speed_se_m_s"][rows]) * MILLI,
                 **group(i),
                 capsize=2,
-                label=f"{speed:.3g} rad/s, T₀ = {tension:.3g} N",
+                label=f"{speed:.3g} rad/s, T₀ "
+                + ("unknown" if tension == UNKNOWN else f"= {tension:.3g} N"),
             )
         radius = slip.settings.get("rig.pulley_radius_m")
         speeds = slip.settings.get("rig.pulley_speeds_rad_s") or ()
