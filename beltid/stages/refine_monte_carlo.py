@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -212,6 +213,8 @@ def _size(factor: np.ndarray) -> np.ndarray:
 
 def _spread_out(nominal: Nominal, draws: Draws) -> Replicates:
     """Replicates in their order, however many workers there are."""
+    # as a worker gets it: sums over an array round otherwise where it lies otherwise in memory
+    nominal = pickle.loads(pickle.dumps(nominal))
     groups: Sequence[range] = [
         range(first, min(first + PER_CALL, draws.count))
         for first in range(0, draws.count, PER_CALL)

@@ -126,4 +126,4 @@ def factor_of(covariance: Array) -> Array:
     # the sign of an eigenvector is chance: the same everywhere
     largest = np.argmax(np.abs(factor), axis=0)
     signs = np.sign(factor[largest, np.arange(factor.shape[1])])
-    return np.asarray((factor * signs)[:, ::-1])
+    return np.ascontiguousarray((factor * signs)[:, ::-1])
