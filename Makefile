@@ -52,6 +52,9 @@ verify: $(DEVELOPMENT)  ## long proofs that the tests cannot wait for; they writ
 docs: $(DEVELOPMENT)  ## the pages of docs/ as HTML in docs/_build/html
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
 
+verify: $(DEVELOPMENT)  ## random rigs against an independent rod; writes benchmarks/VERIFICATION.md
+	$(BIN)/python -m benchmarks.verify $(ARGS)
+
 clean:  ## remove .venv, caches and the results of run and run-all
 	rm -rf $(VENV) runs/4pk runs/5pk runs/6pk dist build docs/_build
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache .benchmarks

@@ -90,7 +90,7 @@ class Contact:
     Parameters
     ----------
     C_P : float
-        Normal damping of one contact point, Eq. (4) [N s/m].
+        Normal damping of one contact point of the default mesh, Eq. (4) [N s/m].
     points_per_element : int
         Equally spaced contact points of a belt element.
     sticking_ratio : float

@@ -19,8 +19,9 @@ INTRODUCTION = """# Benchmarks
 
 Written by `make bench`; every figure comes from one run on one machine.
 
-{machine}- one thread unless said otherwise; {rounds} rounds in which all take turns, the best time
-  of each counts; after warm-up; other work on the machine in the meantime is possible
+{machine}- one thread unless said otherwise, its processor time; {rounds} rounds in which all take
+  turns, the best time of each counts; after warm-up; other work on the machine in the meantime is
+  possible
 
 ## Work
 

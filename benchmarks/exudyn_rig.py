@@ -64,7 +64,7 @@ def mesh(beta: float, settings: PeerSettings) -> NDArray[np.float64]:
     """Path coordinates of the nodes [m]."""
     if settings.graded:
         point = OperatingPoint(beta, MESH_TENSION_N, 1.0)
-        return graded_nodes(BELT, RIG, LAW, point, settings.elements)
+        return graded_nodes(BELT, RIG, LAW, point, settings.elements)[0]
     return np.linspace(0.0, Path(RIG.R, RIG.span, beta).length, settings.elements + 1)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 import tracemalloc
 from dataclasses import dataclass
 
@@ -53,7 +54,9 @@ def run_all(jobs: int, elements: int | None = None) -> list[float]:
 def compare_transient(rounds: int) -> TransientComparison:
     """Measure the campaign, and the cost per step of both at equal elements."""
     iterations = run_all(1)
-    times = fastest({"two": lambda: run_all(2), "one": lambda: run_all(1)}, rounds)
+    times = fastest(
+        {"two": lambda: run_all(2), "one": lambda: run_all(1)}, rounds, time.perf_counter
+    )
     bench = constant_bench()
     settings = SimulationSettings(method="transient", elements=EQUAL_ELEMENTS, steps=STEPS)
     steady = SimulationSettings(method="steady", elements=EQUAL_ELEMENTS)

@@ -52,12 +52,20 @@ def factorize(A: NDArray[np.float64], pivots: NDArray[np.int64]) -> bool:
                 A[k, HALF + j - k] = A[p, HALF + j - p]
                 A[p, HALF + j - p] = kept
         inverse = 1.0 / A[k, HALF]
+        filled = right - k > HALF
         for i in range(k + 1, last + 1):
-            factor = A[i, HALF + k - i] * inverse
-            A[i, HALF + k - i] = factor
-            if factor != 0.0:
-                for j in range(k + 1, right + 1):
-                    A[i, HALF + j - i] -= factor * A[k, HALF + j - k]
+            at = HALF + k - i
+            factor = A[i, at] * inverse
+            A[i, at] = factor
+            if factor == 0.0:
+                continue
+            # loops of fixed length are fast; beyond the last column the storage holds zeros
+            if filled:
+                for j in range(1, 2 * HALF + 1):
+                    A[i, at + j] -= factor * A[k, HALF + j]
+            else:
+                for j in range(1, HALF + 1):
+                    A[i, at + j] -= factor * A[k, HALF + j]
     return True
 
 

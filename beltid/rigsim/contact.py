@@ -123,13 +123,14 @@ class Points(NamedTuple):
 
     Patches: ``status`` and ``sign`` (direction of sliding) decide what acts; ``la_T`` is the
     multiplier of a sticking patch [N]; ``ratio`` its limit of friction over the sliding one;
-    output ``slip`` of the step [m], tangential ``force`` and its ``limit`` [N].
+    output ``slip`` of the step [m], tangential ``force`` and its ``limit`` [N], and ``pull``
+    (n_e, 8), the direction W_T in the coordinates of the element.
 
     Points: ``theta_old``, ``rho_old`` and ``limit_old`` belong to the last step; output ``theta``
     and ``rho`` (of points that touch), line force ``f_N`` of the part [N/m], normal and tangential
-    force ``F_N``, ``F_T`` and limit ``F_max`` [N], ``point_slip`` of the step [m], ``weight`` in
-    the patch [-]. mu is looked up twice in a part: at the line forces ``f_look`` [N/m], each for
-    the normal force ``F_look`` [N], arrays (n_e, n_c, 2).
+    force ``F_N``, ``F_T`` and limit ``F_max`` [N], ``point_slip`` of the step [m]. mu is looked up
+    twice in a part: at the line forces ``f_look`` [N/m], each for the normal force ``F_look`` [N],
+    arrays (n_e, n_c, 2).
 
     ``memory`` (1,) is the slip over which friction follows a change of speed [m], 0 for at once;
     ``v_old`` (n_e, n_c) is the speed that it has followed up to the last step [m/s].
@@ -142,6 +143,7 @@ class Points(NamedTuple):
     slip: Array
     force: Array
     limit: Array
+    pull: Array
     theta_old: Array
     rho_old: Array
     limit_old: Array
@@ -152,7 +154,6 @@ class Points(NamedTuple):
     F_T: Array
     F_max: Array
     point_slip: Array
-    weight: Array
     f_look: Array
     F_look: Array
     memory: Array
@@ -171,7 +172,7 @@ def new_points(belt: BeltArrays, status: int) -> Points:
         np.zeros(n_e),
         np.zeros(n_e),
         np.zeros(n_e),
-        np.zeros((n_e, n_c)),
+        np.zeros((n_e, 8)),
         np.zeros((n_e, n_c)),
         np.zeros((n_e, n_c)),
         np.zeros((n_e, n_c)),

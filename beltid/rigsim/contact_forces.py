@@ -140,7 +140,6 @@ def spread_friction(
     In ``frames`` the friction derivatives of the points become those of the forces.
     """
     n_c = belt.w_c.shape[1]
-    pull = np.empty(8)
     for e in range(belt.h.size):
         limit = limit_old = 0.0
         for c in range(n_c):
@@ -150,38 +149,36 @@ def spread_friction(
         points.limit[e] = limit
         if limit == 0.0:
             continue
+        # the spread is that of the last step: as a constant it makes the tangent exact
+        spread = points.limit_old if limit_old > 0.0 else points.F_max
+        share = 1.0 / (limit_old if limit_old > 0.0 else limit)
         slip = 0.0
-        sticks = points.status[e] == STICK
         for j in range(8):
-            pull[j] = 0.0
+            points.pull[e, j] = 0.0
         for c in range(n_c):
             if points.F_max[e, c] == 0.0:
                 continue
-            # the spread is that of the last step: as a constant it makes the tangent exact
-            weight = points.F_max[e, c] / limit
-            if limit_old > 0.0:
-                weight = points.limit_old[e, c] / limit_old
-            points.weight[e, c] = weight
+            weight = share * spread[e, c]
             slip += weight * points.point_slip[e, c]
-            if sticks:
-                for j in range(4):
-                    along = weight * belt.N_c[e, c, j]
-                    pull[2 * j] += along * frames[e, c, 1]
-                    pull[2 * j + 1] -= along * frames[e, c, 0]
+            for j in range(4):
+                along = weight * belt.N_c[e, c, j]
+                points.pull[e, 2 * j] += along * frames[e, c, 1]
+                points.pull[e, 2 * j + 1] -= along * frames[e, c, 0]
         points.slip[e] = slip
-        sign = points.sign[e]
+        sign, sticks = points.sign[e], points.status[e] == STICK
         force = points.la_T[e] + motion.augmentation * slip if sticks else sign * limit
         points.force[e] = force
         for c in range(n_c):
             points.F_T[e, c] = sign * points.F_max[e, c]
             if sticks and points.F_max[e, c] > 0.0:
-                points.F_T[e, c] = points.weight[e, c] * force
+                points.F_T[e, c] = share * spread[e, c] * force
             for i in range(FRICTION, FRAME):
                 frames[e, c, i] *= 0.0 if sticks else sign
         if sticks:
             for j in range(8):
+                stiff = motion.augmentation * points.pull[e, j]
                 for k in range(8):
-                    A[4 * e + j, HALF + k - j] += motion.augmentation * pull[j] * pull[k]
+                    A[4 * e + j, HALF + k - j] += stiff * points.pull[e, k]
 
 
 @leaf

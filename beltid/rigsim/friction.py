@@ -69,22 +69,7 @@ def violations(belt: BeltArrays, points: Points) -> Certificate:
 
 
 @kernel
-def advance(belt: BeltArrays, points: Points, step: Array, e: int) -> float:
-    """Advance of a patch along ``t`` in a step (n,) of the coordinates [m]."""
-    total = 0.0
-    for c in range(belt.w_c.shape[1]):
-        if points.F_max[e, c] == 0.0:
-            continue
-        tx, ty = math.cos(points.theta[e, c]), -math.sin(points.theta[e, c])
-        for j in range(4):
-            k = 4 * e + 2 * j
-            moved = tx * step[k] + ty * step[k + 1]
-            total += points.weight[e, c] * belt.N_c[e, c, j] * moved
-    return total
-
-
-@kernel
-def revise(belt: BeltArrays, motion: Motion, points: Points, step: Array, most_changes: int) -> int:
+def revise(motion: Motion, points: Points, step: Array, most_changes: int) -> int:
     """Update multipliers and statuses with the solution ``step`` (n,) of the linearised system.
 
     All patches that break the law change sides at once, which can go in circles; with
@@ -105,7 +90,9 @@ def revise(belt: BeltArrays, motion: Motion, points: Points, step: Array, most_c
             points.sign[e] = 1.0
             points.la_T[e] = 0.0
             continue
-        moved = advance(belt, points, step, e)
+        moved = 0.0  # advance of the patch along t
+        for j in range(8):
+            moved += points.pull[e, j] * step[4 * e + j]
         if points.status[e] == STICK:
             la_T = points.force[e] - motion.augmentation * moved
             beyond = abs(la_T) > points.limit[e] * (1.0 + 0.1 * CONE_TOLERANCE)

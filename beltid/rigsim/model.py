@@ -157,11 +157,12 @@ class Bench:
                 "N, where it would stretch the belt by 20 %"
             )
         path = Path(self.rig.R, self.rig.span, point.beta)
-        nodes = graded_nodes(self.belt, self.rig, self.law, point, elements)
+        nodes, fineness = graded_nodes(self.belt, self.rig, self.law, point, elements)
         along, down = math.cos(0.5 * point.beta), math.sin(0.5 * point.beta)
         system = System(
             belt=belt_arrays(self.belt, nodes, self.contact.points_per_element),
-            pulley=self.pulley,
+            # C_P belongs to a point of the default mesh: along the belt the damping stays the same
+            pulley=self.pulley._replace(C_P=self.pulley.C_P / fineness),
             supports=SupportArrays(
                 self.rig.supports == "clamped", np.array([[along, down], [along, -down]])
             ),

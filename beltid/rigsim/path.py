@@ -159,7 +159,7 @@ def _count(of_half: float) -> int:
 
 def graded_nodes(
     belt: Belt, rig: Rig, law: NormalLaw, point: OperatingPoint, n: int | None = None
-) -> Array:
+) -> tuple[Array, float]:
     """Nodes of a mesh graded from the lengths of the contact's ends, see :func:`wanted_lengths`.
 
     Parameters
@@ -173,14 +173,17 @@ def graded_nodes(
 
     Returns
     -------
-    ndarray, shape (n + 1,)
+    nodes : ndarray, shape (n + 1,)
         Path coordinates of the nodes [m]. Both halves are alike.
+    fineness : float
+        Number of elements over the default one.
     """
     half = 0.5 * Path(rig.R, rig.span, point.beta).length
     at, lengths = wanted_lengths(belt, rig, law, half, point.T_0)
     before = _elements_before(at, lengths)
-    nodes: Array = _place(at, lengths, before, n or _count(float(before[-1])))
-    return nodes
+    default = _count(float(before[-1]))
+    count = n or default
+    return _place(at, lengths, before, count), count / default
 
 
 def wanted_lengths(

@@ -35,7 +35,8 @@ class ContactState:
     tangential_force : ndarray
         Friction force of the points [N].
     slip_speed : ndarray
-        Speed of the pulley's surface relative to the belt [m/s].
+        Speed of the pulley's surface, at the radius R, relative to the belt [m/s]: the one at which
+        mu is looked up; omega R where the belt rests.
     sticks : ndarray
         1 where the belt sticks, else 0.
     """

@@ -16,7 +16,7 @@ from beltid.rigsim.friction import CONE_TOLERANCE, SLIP_TOLERANCE, Certificate, 
 from beltid.rigsim.lcp import friction_lcp
 from beltid.rigsim.model import System, Workspace
 from beltid.rigsim.steady import force_tolerance, largest_force, move
-from beltid.rigsim.supports import release
+from beltid.rigsim.supports import release, restrain
 from beltid.rigsim.transient import (
     Drive,
     Kinematics,
@@ -32,14 +32,11 @@ Array = NDArray[np.float64]
 MOST_ITERATIONS = 60
 
 
-def directions(system: System, points: Points, touching: NDArray[np.intp], n: int) -> Array:
+def directions(points: Points, touching: NDArray[np.intp], n: int) -> Array:
     """Generalised directions W_T of the touching patches, shape (n, m)."""
     W = np.zeros((n, touching.size))
     for i, e in enumerate(touching):
-        for c in np.flatnonzero(points.F_max[e] > 0.0):
-            t = np.array([np.cos(points.theta[e, c]), -np.sin(points.theta[e, c])])
-            along = np.outer(system.belt.N_c[e, c], t).ravel()
-            W[4 * e : 4 * e + 8, i] += points.weight[e, c] * along
+        W[4 * e : 4 * e + 8, i] = points.pull[e]
     return W
 
 
@@ -97,11 +94,11 @@ def _complementarity_iteration(
     touching = np.flatnonzero(points.limit > 0.0)
     force, slip = points.force[touching].copy(), points.slip[touching].copy()
     limits = points.limit[touching].copy()
-    W = directions(system, points, touching, state.q.size)
-    held = _held(system, W)
+    W = directions(points, touching, state.q.size)
     compliance = np.empty_like(W)
     for i in range(touching.size):
-        column = np.ascontiguousarray(held[:, i])
+        column = W[:, i].copy()
+        restrain(system.supports, column)
         solve(work.A, work.pivots, column)
         release(system.supports, column)
         compliance[:, i] = column
@@ -119,19 +116,6 @@ def _complementarity_iteration(
     points.status[touching] = np.where(slides, SLIDE, STICK)
     points.sign[touching] = np.sign(wanted)
     return solution.pivots
-
-
-def _held(system: System, W: Array) -> Array:
-    """Right-hand sides with the rows of the held coordinates set to zero, shape of ``W``."""
-    held = W.copy()
-    if system.supports.clamped:
-        for first, direction in zip((2, -2), system.supports.directions, strict=True):
-            cosine, sine = direction
-            along, across = held[first].copy(), held[first + 1].copy()
-            held[first] = cosine * along + sine * across
-            held[first + 1] = 0.0
-    held[[0, 1, -4, -3]] = 0.0
-    return held
 
 
 def march_by_lemke(

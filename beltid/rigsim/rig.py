@@ -121,10 +121,6 @@ class RunResult:
     ----------
     tension_tight_N, tension_slack_N : float
         Forces on the supports in the sliding state [N].
-    mu : float
-        Apparent coefficient of friction by Eq. (6) [-].
-    normal_force_N_m : float
-        Mean of Eq. (8) over the arc [N/m].
     recording : dict of ndarray, or None
         time_s, tension_tight_N, tension_slack_N, pulley_speed_rad_s of a transient run.
     record : SolverRecord
@@ -139,13 +135,23 @@ class RunResult:
 
     tension_tight_N: float
     tension_slack_N: float
-    mu: float
-    normal_force_N_m: float
     recording: Mapping[str, Array] | None
     record: SolverRecord
     sliding: ContactState
     snapshots: tuple[tuple[float, ContactState], ...] = ()
     sensitivity: TensionSensitivity | None = None
+
+    @property
+    def mu(self) -> float:
+        """Apparent coefficient of friction by Eq. (6) [-]."""
+        beta = self.sliding.model.point.beta
+        return float(friction_coefficient(self.tension_tight_N, self.tension_slack_N, beta))
+
+    @property
+    def normal_force_N_m(self) -> float:
+        """Mean of Eq. (8) over the arc [N/m]."""
+        R = self.sliding.model.path.R
+        return float(mean_normal_force(self.tension_tight_N, self.tension_slack_N, R))
 
     @property
     def profile(self) -> dict[str, NDArray[np.generic]]:
@@ -200,7 +206,7 @@ def _simulate_laid(
         lookups=int(np.count_nonzero(sliding.points.F_N > 0.0)),
     )
     state = steady_contact(model, sliding)
-    return _result(model, (sliding.T_A, sliding.T_B), state, record, sensitivity=sensitivity)
+    return RunResult(sliding.T_A, sliding.T_B, None, record, state, (), sensitivity)
 
 
 def _transient_result(model: RigModel, run: TransientRun) -> RunResult:
@@ -224,29 +230,7 @@ def _transient_result(model: RigModel, run: TransientRun) -> RunResult:
     }
     last = run.snapshots[-1][1]
     tensions = float(run.T_A[-1]), float(run.T_B[-1])
-    return _result(model, tensions, last, record, recording, run.snapshots[:-1])
-
-
-def _result(
-    model: RigModel,
-    tensions: tuple[float, float],
-    state: ContactState,
-    record: SolverRecord,
-    recording: Mapping[str, Array] | None = None,
-    snapshots: tuple[tuple[float, ContactState], ...] = (),
-    sensitivity: TensionSensitivity | None = None,
-) -> RunResult:
-    return RunResult(
-        tension_tight_N=tensions[0],
-        tension_slack_N=tensions[1],
-        mu=float(friction_coefficient(*tensions, model.point.beta)),
-        normal_force_N_m=float(mean_normal_force(*tensions, model.path.R)),
-        recording=recording,
-        record=record,
-        sliding=state,
-        snapshots=snapshots,
-        sensitivity=sensitivity,
-    )
+    return RunResult(*tensions, recording, record, last, run.snapshots[:-1])
 
 
 def campaign(

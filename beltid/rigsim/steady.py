@@ -152,15 +152,31 @@ def newton(
     return Outcome(False, MOST_ITERATIONS, error / T_0, stretch, outside)
 
 
+Found = tuple[Outcome, Array, Points, float]
+
+
 @kernel
 def equilibrium(
     system: System, motion: Motion, q: Array, stretch: float, T_0: float, tighten: bool
-) -> tuple[Outcome, Array, Points]:
-    """Static equilibrium from the coordinates ``q``, updated in place; forces (4,) and contact."""
+) -> Found:
+    """Static equilibrium from the coordinates ``q``, which are updated in place.
+
+    Returns
+    -------
+    outcome, force, points : Outcome, ndarray (4,), Points
+        How the iteration ended, forces of the supports [N], contact.
+    depth : float
+        Largest penetration [m]; negative if the belt does not touch.
+    """
     points = new_points(system.belt, SLIDE)
     work = new_workspace(system.belt)
     outcome = newton(system, motion, points, q, stretch, T_0, tighten, work)
-    return outcome, work.reactions.force, points
+    depth = -1.0
+    for e in range(points.status.size):
+        for c in range(points.rho.shape[1]):
+            if points.F_N[e, c] > 0.0:
+                depth = max(depth, system.pulley.R - points.rho[e, c], 0.0)
+    return outcome, work.reactions.force, points, depth
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,11 +220,9 @@ class StaticState:
         return math.hypot(self.force[2], self.force[3])
 
 
-def _state(
-    model: RigModel, q: Array, found: tuple[Outcome, Array, Points], spent: int
-) -> StaticState:
-    outcome, force, points = found
-    _refuse_nonsense(model, points)
+def _state(model: RigModel, q: Array, found: Found, spent: int) -> StaticState:
+    outcome, force, points, depth = found
+    _refuse_nonsense(model, depth)
     iterations = spent + outcome.iterations
     return StaticState(
         q, outcome.stretch, force, points, iterations, outcome.residual, outcome.outside
@@ -269,13 +283,11 @@ def slide(model: RigModel, laid: StaticState) -> StaticState:
     raise _failure("the sliding belt", point, spent, outcome.residual)
 
 
-def _refuse_nonsense(model: RigModel, points: Points) -> None:
+def _refuse_nonsense(model: RigModel, depth: float) -> None:
     """An equilibrium may be one of a rig that makes no sense: then say so."""
     R = model.path.R
-    touches = points.F_N > 0.0
-    if not touches.any():
+    if depth < 0.0:
         raise NumericsError(f"{describe(model.point)}: the belt does not touch the pulley")
-    depth = R - float(points.rho[touches].min())
     if depth > DEEPEST * R:
         raise NumericsError(
             f"{describe(model.point)}: the belt sinks {1e3 * depth:.3g} mm into the pulley, must "

@@ -113,6 +113,20 @@ def hold(supports: SupportArrays, A: Array, vectors: Array, reactions: Reactions
 
 
 @kernel
+def restrain(supports: SupportArrays, vector: Array) -> None:
+    """Turn further right-hand sides (n,) like those of :func:`hold`; held rows become zero."""
+    n = vector.size
+    if supports.clamped:
+        for end in range(2):
+            a = 2 if end == 0 else n - 2
+            cosine, sine = supports.directions[end, 0], supports.directions[end, 1]
+            x, y = vector[a], vector[a + 1]
+            vector[a], vector[a + 1] = cosine * x + sine * y, 0.0
+    for i in range(4):
+        vector[held_row(i, n)] = 0.0
+
+
+@kernel
 def release(supports: SupportArrays, step: Array) -> None:
     """Turn the solution (n,) of the held system back to nodal coordinates."""
     if supports.clamped:

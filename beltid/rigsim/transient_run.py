@@ -39,7 +39,7 @@ PLATEAU_FACTOR = 5.0  # time step of the plateau over that of the build-up
 STEPS_PER_SWING = 10.0  # plateau steps per period of the slack span, at most
 MEMORY = 0.5  # slip over which falling friction follows the speed, over the travel of the build-up
 SETTLED = 5.0e-3  # largest difference of the last tensions to the steady ones [-]
-AUGMENTATION = 3.0e2  # over the axial stiffness EA per shortest element [-]
+AUGMENTATION = 1.0e2  # over the axial stiffness EA per shortest element [-]
 
 Marcher = Callable[[System, Points, Kinematics, Schedule, Drive, Workspace, Recorder], int]
 

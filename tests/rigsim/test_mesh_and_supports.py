@@ -67,7 +67,7 @@ def test_mesh_is_increasing_symmetric_and_resolves_the_bed(
     belt, rig = Belt(1e5, EI, 0.1), Rig(R, L, supports)  # type: ignore[arg-type]
     point = OperatingPoint(math.radians(arc_deg), T_0, 0.2)
     n = None if half is None else 2 * half
-    nodes = graded_nodes(belt, rig, LAW_5PK, point, n)
+    nodes, _ = graded_nodes(belt, rig, LAW_5PK, point, n)
     path = Path(R, L, point.beta)
     h = np.diff(nodes)
     assert np.all(h > 0)

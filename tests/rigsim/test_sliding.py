@@ -118,6 +118,16 @@ def test_apparent_friction_tends_to_the_given_one_without_bending_and_with_stiff
     assert errors[-1] < 5e-5
 
 
+@pytest.mark.parametrize("EI", [1e-7, 1e-5])
+@pytest.mark.parametrize("k", [1e8, 1e9])
+def test_a_string_obeys_euler_eytelwein_on_the_default_mesh(EI: float, k: float) -> None:
+    """No bending: T_A/T_B = exp(mu beta) but for the penetration, a thousandth of the radius."""
+    for T_0 in (50, 450):
+        run = simulate(bench(EI, law=NormalLaw(k)), at(82, T_0), steady())
+        depth = T_0 / 0.05 / k
+        assert run.mu == pytest.approx(0.5, rel=0.6 * depth / 0.05 + 1e-4)
+
+
 @FIXED
 @given(
     st.floats(25, 170),

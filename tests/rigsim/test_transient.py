@@ -14,6 +14,7 @@ from rig_bench import LAW_5PK, March, at, bench, start, true_surface_5pk
 
 from beltid.errors import ConvergenceError
 from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
 from beltid.params import Contact
 from beltid.rigsim.contact import STICK
 from beltid.rigsim.rig import SimulationSettings, simulate
@@ -256,3 +257,31 @@ def test_a_plateau_that_does_not_settle_is_refused() -> None:
     # never a wrong value without a word: 0.5 % in the tensions is 1 % of their ratio's logarithm
     assert max(ends, default=0.0) < 0.015
     assert len(ends) < 3
+
+
+@pytest.mark.parametrize("elements", [10, 160])
+def test_the_normal_damping_of_a_belt_does_not_depend_on_the_mesh(elements: int) -> None:
+    """C_P belongs to a point of the default mesh; others carry the same damping per length."""
+    rig = bench()
+    default, other = rig.model(at()), rig.model(at(), elements)
+    per_length = [
+        model.system.pulley.C_P * model.system.belt.w_c.size for model in (default, other)
+    ]
+    assert per_length[1] == pytest.approx(per_length[0], rel=1e-12)
+    assert default.system.pulley.C_P == rig.contact.C_P
+
+
+def test_a_fine_mesh_reaches_the_plateau() -> None:
+    fine = simulate(bench(), at(), SimulationSettings(elements=320))
+    still = simulate(bench(), at(), SimulationSettings("steady", 320))
+    assert fine.tension_tight_N == pytest.approx(still.tension_tight_N, rel=1e-5)
+
+
+def test_a_resting_belt_slips_with_the_speed_of_the_pulleys_surface_in_both_methods() -> None:
+    """Whatever the penetration, here 1 % of R: the speed is that of the surface, at the radius R.
+
+    In time the belt still creeps to rest, by some 1e-4 of that speed.
+    """
+    for method in (SimulationSettings(), SimulationSettings("steady")):
+        speed = simulate(bench(law=NormalLaw(1e7)), at(82, 270, 0.21), method).profile
+        np.testing.assert_allclose(speed["slip_speed_m_s"], 0.21 * 0.05, rtol=1e-3)
