@@ -37,8 +37,8 @@ ALLOWED = 0.2  # error of a tension [%]
 
 INTRODUCTION = """# Random rigs against an independent rod
 
-Written by `make verify`. {count} synthetic rigs, drawn with seed {seed}: arcs 10 to 170°, radii 0.01
-to 0.3 m, tensions 20 to 2000 N, EA 3e4 to 3e5 N, EI such that the belt lies on the pulley (the
+Written by `make verify`. {count} synthetic rigs, drawn with seed {seed}: arcs 10 to 170°, radii
+0.01 to 0.3 m, tensions 20 to 2000 N, EA 3e4 to 3e5 N, EI such that the belt lies on the pulley (the
 bending length below a third of arc and span), normal laws linear or quadratic with a penetration
 of 0.03 to 3 % of the radius, mu 0.2 to 1.2, half of them as a surface mu(f_N, v), supports pinned
 or clamped. Both tensions with the default mesh, by the steady method, against the elastic rod in

@@ -304,8 +304,13 @@ def share_in_contact(model: RigModel, q: Array) -> Array:
 
 @pytest.mark.parametrize(("towards", "dissipates"), [(-1.0, True), (1.0, False)])
 def test_what_touches_dissipates_while_approaching_only(towards: float, dissipates: bool) -> None:
-    """Eqs. (1), (2), (4): C_P belongs to a point; a part that touches in part has its share."""
+    """Eqs. (1), (2), (4): a part that touches in part has its share.
+
+    C_P belongs to a point of the default mesh; with m times its elements a point has C_P/m.
+    """
     model, q, stretch = pressed(surface=False, C_P=300.0)
+    default = bench(law=LAW_5PK).model(model.point).system.belt.h.size
+    C_P = 300.0 * default / model.system.belt.h.size
     points = new_points(model.system.belt, SLIDE)
     assembled(model, Motion(0.0, 0.0, 0.0, 0.0), points, q, stretch)
     elastic = points.F_N.copy()
@@ -314,5 +319,5 @@ def test_what_touches_dissipates_while_approaching_only(towards: float, dissipat
     assembled(model, Motion(0.0, rate, 0.0, 0.0), points, q, stretch)
     share = share_in_contact(model, q)
     assert 0 < np.count_nonzero((share > 0) & (share < 1)) < 10
-    expected = elastic + (300.0 * rate * moved * share if dissipates else 0.0)
+    expected = elastic + (C_P * rate * moved * share if dissipates else 0.0)
     np.testing.assert_allclose(points.F_N, expected, atol=1e-4 * 0.3)
