@@ -194,7 +194,8 @@ def wanted_lengths(
     Where the contact ends, the fourth derivative of the deflection, on which the error of cubic
     elements depends, jumps; it decays over the layer of :func:`touchdown` on the pulley's side and
     over the bending length in the span. So the elements are as long as the layer there, grow
-    in both directions, and on the arc no further than ``LONGEST``. A clamp bends the belt, too.
+    in both directions, and on the arc no further than ``LONGEST``; around a small pulley they are
+    shorter, as their angle counts. A clamp bends the belt, too.
 
     Parameters
     ----------
@@ -212,7 +213,7 @@ def wanted_lengths(
     """
     end = touchdown(belt, rig, law, T_0)
     bend = bending_length(belt.EI, T_0)
-    layer = end.layer
+    layer = min(end.layer, WIDEST * rig.R)
     start = min(max(rig.span + end.offset + INSIDE * layer, 0.5 * rig.span), 0.9 * half)
     growth = GROWTH_IN_SPAN * layer / max(bend, layer)
     points = [(0.0, layer + growth * start)]
@@ -261,6 +262,7 @@ def _place(at: Array, lengths: Array, before: Array, n: int) -> Array:
     return nodes
 
 
+WIDEST = 0.15  # wanted angle of an element where the contact begins, at most [rad]
 INSIDE = 0.3  # finest elements this far inside the first contact, over the layer
 GROWTH_IN_SPAN = (
     1.3  # of the length of the elements over the distance, where layer = bending length
