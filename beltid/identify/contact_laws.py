@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import FitError
-from beltid.identify.least_squares import solve_least_squares
-from beltid.identify.nonlinear_fit import NonlinearFit, fit_nonlinear
+from beltid.identify.nonlinear_fit import NonlinearFit
 from beltid.identify.press_curves import PressCurve
 from beltid.identify.shared_law import test_of_curve
 
@@ -28,12 +27,9 @@ Array = NDArray[np.float64]
 LawName = Literal["linear", "quadratic", "power", "cubic"]
 LAW_NAMES: tuple[LawName, ...] = ("linear", "quadratic", "power", "cubic")
 
-EXPONENTS = (0.8, 1.0, 1.25, 1.5, 2.0, 3.0)
-"""First values of the exponent; the best of them is taken."""
-EXPONENT_BOUNDS = (0.2, 12.0)
-DISTANCE_BOUNDS = (1.0e-3, 100.0)
-"""Of L, in units of the travel that is fitted."""
 SMALLEST = 1.0e-9
+NAMES = ("k_linear", "k_quadratic", "k_cubic")
+UNITS = ("N/m²", "N/m³", "N/m⁴")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,13 +101,28 @@ class FittedLaw:
     positions : ndarray
         p of every test, shape (tests,).
     fit : NonlinearFit
-        All unknowns, the shape first.
+        All unknowns, those of the shape first.
+    shape_by_unknowns : ndarray
+        Derivatives of the shape by its unknowns, shape (q, k); k < q where a coefficient of the
+        quadratic law is held at zero.
     """
 
     name: LawName
     shape: Array
     positions: Array
     fit: NonlinearFit
+    shape_by_unknowns: Array
+
+    @property
+    def is_held(self) -> bool:
+        """Whether a coefficient is held at zero, as it would be negative."""
+        return self.shape_by_unknowns.shape[1] < self.shape.size
+
+    @property
+    def shape_cofactor(self) -> Array:
+        """Covariance of the shape for independent nodes, shape (q, q)."""
+        k = self.shape_by_unknowns.shape[1]
+        return self.shape_by_unknowns @ self.fit.covariance[:k, :k] @ self.shape_by_unknowns.T
 
     def values(self, data: CurveData, positions: Array | None = None) -> Array:
         """Forces of the law at the nodes [units of F], shape (n,)."""
@@ -129,106 +140,37 @@ def shape_values(name: LawName, shape: Array, y: Array) -> Array:
     if name == "power":
         L, n = shape
         return np.maximum(1.0 + y / L, SMALLEST) ** n
+    if name == "quadratic" and _is_pure(shape):  # no force before the contact point
+        y = np.maximum(y, -2.0 / shape[0])
     return 1.0 + y * np.polynomial.polynomial.polyval(y, shape)
 
 
-def _slope(name: LawName, shape: Array, y: Array) -> Array:
+def _is_pure(shape: Array) -> bool:
+    """Whether a quadratic law has no linear part: a double zero."""
+    A, B = shape
+    return bool(abs(A * A - 4.0 * B) <= 1e-12 * A * A)
+
+
+def slope_values(name: LawName, shape: Array, y: Array) -> Array:
     """Derivative of :func:`shape_values` by y."""
     if name == "power":
         L, n = shape
         base = 1.0 + y / L
         return np.where(base > SMALLEST, n / L * np.maximum(base, SMALLEST) ** (n - 1.0), 0.0)
+    if name == "quadratic" and _is_pure(shape):
+        y = np.maximum(y, -2.0 / shape[0])
     powers = np.arange(1, shape.size + 1)
     return np.asarray(np.polynomial.polynomial.polyval(y, powers * shape), dtype=float)
 
 
-def _by_shape(name: LawName, shape: Array, y: Array) -> Array:
+def shape_gradient(name: LawName, shape: Array, y: Array) -> Array:
     """Derivatives of :func:`shape_values` by the shape, shape (n, q)."""
     if name == "power":
         base = np.maximum(1.0 + y / shape[0], SMALLEST)
         return np.column_stack(
-            [-_slope(name, shape, y) * y / shape[0], base ** shape[1] * np.log(base)]
+            [-slope_values(name, shape, y) * y / shape[0], base ** shape[1] * np.log(base)]
         )
     return np.column_stack([y**k for k in range(1, shape.size + 1)])
-
-
-def fit_law(name: LawName, data: CurveData, start: FittedLaw | None = None) -> FittedLaw:
-    """Fit one law to the nodes, with a free position for every test.
-
-    Parameters
-    ----------
-    name : {"linear", "quadratic", "power", "cubic"}
-        The law.
-    data : CurveData
-        Nodes.
-    start : FittedLaw, optional
-        Where the shape is searched from; by default first values are taken from the nodes.
-
-    Raises
-    ------
-    FitError
-        If there are fewer nodes than unknowns, or they do not determine the law.
-    ConvergenceError
-        If the search does not reach a minimum.
-    """
-    q = n_shape(name)
-    p = data.reference_positions()
-    if data.x.size <= q + p.size:
-        raise FitError(f"{name} law: {data.x.size} nodes, must be more than {q + p.size}")
-    shape = _first_shape(name, data, p) if start is None else start.shape
-    low = np.full(q + p.size, -np.inf)
-    high = -low
-    if name == "power":
-        low[:2], high[:2] = np.transpose([DISTANCE_BOUNDS, EXPONENT_BOUNDS])
-        shape = np.clip(shape, low[:2], high[:2])
-
-    def model(theta: Array) -> Array:
-        return shape_values(name, theta[:q], data.x - theta[q:][data.owner])
-
-    def jacobian(theta: Array) -> Array:
-        y = data.x - theta[q:][data.owner]
-        slope = -_slope(name, theta[:q], y)
-        own = data.owner[:, None] == np.arange(p.size)
-        return np.column_stack([_by_shape(name, theta[:q], y), np.where(own, slope[:, None], 0.0)])
-
-    fit = fit_nonlinear(model, jacobian, data.f, np.concatenate([shape, p]), bounds=(low, high))
-    return FittedLaw(name, fit.parameters[:q], fit.parameters[q:], fit)
-
-
-def _first_shape(name: LawName, data: CurveData, p: Array) -> Array:
-    """First values of the shape, from linear problems."""
-    y = data.x - p[data.owner]
-    if name != "power":
-        columns = np.column_stack([y**k for k in range(1, n_shape(name) + 1)])
-        return solve_least_squares(columns, data.f - 1.0).coefficients
-    best, found = np.inf, np.array([1.0, 1.0])
-    for n in EXPONENTS:  # f^(1/n) is linear in y
-        root = np.maximum(data.f, 0.0) ** (1.0 / n) - 1.0
-        slope = float(y @ root) / float(y @ y)
-        if slope <= 0.0:
-            continue
-        trial = np.array([1.0 / slope, n])
-        rss = float(np.sum((data.f - shape_values(name, trial, y)) ** 2))
-        if rss < best:
-            best, found = rss, trial
-    return found
-
-
-def position_of(law: FittedLaw, data: CurveData) -> Array:
-    """Positions p with which a law of known shape fits the nodes best, shape (tests,)."""
-    found = data.reference_positions()
-    for j in range(found.size):
-        mine = data.owner == j
-        x, f = data.x[mine], data.f[mine]
-
-        def model(p: Array, x: Array = x) -> Array:
-            return shape_values(law.name, law.shape, x - p[0])
-
-        def jacobian(p: Array, x: Array = x) -> Array:
-            return -_slope(law.name, law.shape, x - p[0])[:, None]
-
-        found[j] = fit_nonlinear(model, jacobian, f, found[j : j + 1]).parameters[0]
-    return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -271,6 +213,10 @@ def coefficients_of(law: FittedLaw, data: CurveData) -> Coefficients:
             ("k", "n"), ("N/m^(1+n)", "-"), np.array([k, n]), gradient, float(L * span)
         )
     q = law.shape.size
+    if law.name == "quadratic" and _is_pure(law.shape):
+        A, B = law.shape
+        values, gradient = np.array([0.0, F / span**2 * B]), np.diag([0.0, F / span**2])
+        return Coefficients(NAMES[:q], UNITS[:q], values, gradient, 2.0 / A * span)
     polynomial = np.concatenate([[1.0], law.shape])
     roots = np.polynomial.polynomial.polyroots(polynomial)
     real = roots[np.abs(roots.imag) < 1e-9 * np.abs(roots)].real
@@ -285,8 +231,8 @@ def coefficients_of(law: FittedLaw, data: CurveData) -> Coefficients:
     along = np.array([(k + 1) * _taylor(polynomial, zero, k + 1) for k in orders])
     scale = F / span ** np.array(orders)
     return Coefficients(
-        names=("k_linear", "k_quadratic", "k_cubic")[:q],
-        units=("N/m²", "N/m³", "N/m⁴")[:q],
+        names=NAMES[:q],
+        units=UNITS[:q],
         values=values * scale,
         gradient=(direct + np.outer(along, zero_by)) * scale[:, None],
         distance_m=-zero * span,

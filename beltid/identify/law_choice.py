@@ -22,14 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import FitError, InputError, NumericsError
+from beltid.identify.contact_law_fits import fit_law, position_of
 from beltid.identify.contact_laws import (
     LAW_NAMES,
     CurveData,
     FittedLaw,
     LawName,
     coefficients_of,
-    fit_law,
-    position_of,
     shape_values,
 )
 from beltid.identify.law_verdict import verdict_of
@@ -136,6 +135,16 @@ class LawChoice:
     def candidate(self, law: LawName) -> LawCandidate:
         """The figures of one law."""
         return next(c for c in self.laws if c.law == law)
+
+    def misfits(self, top_force_N_m: float) -> str:
+        """How far off the curves each law is, in words; over the largest force [N/m]."""
+        said = []
+        for c in self.laws:
+            exponent = f" (exponent {c.values['n']:.3g})" if "n" in c.values else ""
+            off = 100.0 * c.rms_residual_N_m / top_force_N_m
+            note = f" ({c.note})" if c.note else ""
+            said.append(f"{c.law}{exponent} off by {off:.2g} % of the largest force RMS{note}")
+        return "; ".join(said)
 
 
 def choose_normal_law(
@@ -246,8 +255,8 @@ def _parameters(law: FittedLaw, data: CurveData) -> tuple[tuple[LawParameter, ..
     """Coefficients over the penetration with their errors; what is odd about them."""
     found = coefficients_of(law, data)
     q = law.shape.size
-    covariance = law.fit.covariance[:q, :q] * _correlation(law.fit.residuals, data)
-    if law.fit.determined[:q].all():
+    covariance = law.shape_cofactor * _correlation(law.fit.residuals, data)
+    if law.fit.determined[: law.shape_by_unknowns.shape[1]].all():
         se = np.sqrt(np.maximum(np.diag(found.gradient @ covariance @ found.gradient.T), 0.0))
     else:
         se = np.full(q, np.inf)
@@ -260,6 +269,9 @@ def _parameters(law: FittedLaw, data: CurveData) -> tuple[tuple[LawParameter, ..
     elif found.values.min() < 0.0:
         negative = [n for n, v in zip(found.names, found.values, strict=True) if v < 0.0]
         note = f"{law.name} law: {', '.join(negative)} negative"
+    elif law.is_held:
+        zero = [n for n, v in zip(found.names, found.values, strict=True) if v == 0.0]
+        note = f"{law.name} law: {', '.join(zero)} would be negative and is held at zero"
     rows = zip(found.names, found.units, found.values.tolist(), se.tolist(), strict=True)
     return tuple(LawParameter(*row) for row in rows), note
 

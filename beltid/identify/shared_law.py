@@ -41,6 +41,8 @@ DOUBT = 0.00135
 standard errors, more where few independent nodes determine them (Student's t)."""
 NEGLIGIBLE_SHARE = 2.0e-3
 """So is one that changes the force by less than this share of the largest force."""
+LARGEST_MISFIT = 0.1
+"""A law with a coefficient held at zero may be off by this share of the largest force."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,13 +127,14 @@ def fit_shared_law(curves: Sequence[PressCurve], place: str) -> SharedLaw:
     Returns
     -------
     SharedLaw
-        With ``k >= 0``. A coefficient that comes out negative but is statistically zero, or
-        cannot be seen in the force, is set to zero and the rest fitted again; this is noted.
+        With ``k >= 0``. A coefficient that comes out negative is set to zero and the rest fitted
+        again; a note says so, and how far off the law is if this is no matter of noise.
 
     Raises
     ------
     FitError
-        If the force does not rise, or a coefficient is negative beyond doubt.
+        If the force does not rise, or the law with a negative coefficient set to zero is off by
+        more than `LARGEST_MISFIT`.
     ConvergenceError
         If the contact points are not found.
     """
@@ -142,38 +145,51 @@ def fit_shared_law(curves: Sequence[PressCurve], place: str) -> SharedLaw:
     se = np.sqrt(np.diag(full.covariance))
     if full.B < 0.0:
         span = max(float(np.ptp(c.position_m)) for c in curves)
-        share = -full.B * span**2 / top
-        _require_small(place, "k_quadratic", (full.B, se[1], full.significant), share, "N/m³")
-        note = (
-            f"{place}: k_quadratic came out as {full.B:.3g} ± {se[1]:.2g} N/m³, "
-            "not different from zero: a linear law was fitted"
-        )
-        return _law(_fit(curves, "linear"), (note,))
+        wrong = _Negative("k_quadratic", "N/m³", full.B, float(se[1]), -full.B * span**2 / top)
+        return _held(curves, "linear", wrong, full.significant, place)
     square = full.A**2 - 4.0 * full.B * full.F
     if square < 0.0:
         gradient = np.array([2.0 * full.A, -4.0 * full.F])
         square_se = float(np.sqrt(gradient @ full.covariance[:2, :2] @ gradient))
         share = -square / (4.0 * full.B) / top
-        _require_small(place, "k_linear²", (square, square_se, full.significant), share, "N²/m⁴")
-        note = (
-            f"{place}: k_linear² came out as {square:.3g} ± {square_se:.2g} N²/m⁴, "
-            "not different from zero: a purely quadratic law was fitted"
-        )
-        return _law(_fit(curves, "purely quadratic"), (note,))
+        wrong = _Negative("k_linear²", "N²/m⁴", square, square_se, share)
+        return _held(curves, "purely quadratic", wrong, full.significant, place)
     return _law(full)
 
 
-def _require_small(
-    place: str, name: str, found: tuple[float, float, float], share: float, unit: str
-) -> None:
-    """Refuse a value (with its standard error and what is significant) that is negative."""
-    value, se, significant = found
-    if -value > significant * se and share > NEGLIGIBLE_SHARE:
+@dataclass(frozen=True, slots=True)
+class _Negative:
+    """A coefficient that came out negative; `share` is what it changes of the largest force."""
+
+    name: str
+    unit: str
+    value: float
+    se: float
+    share: float
+
+
+def _held(
+    curves: Sequence[PressCurve], form: Form, wrong: _Negative, significant: float, place: str
+) -> SharedLaw:
+    """The law with the coefficient at zero; refused where it is far off the curves."""
+    found = _fit(curves, form)
+    law = f"{place}: {wrong.name} came out as {wrong.value:.3g} ± {wrong.se:.2g} {wrong.unit}"
+    if -wrong.value <= significant * wrong.se or wrong.share <= NEGLIGIBLE_SHARE:
+        return _law(found, (f"{law}, not different from zero: a {form} law was fitted",))
+    top = float(max(np.max(c.middle_N_m) for c in curves))
+    off = float(max(np.max(np.abs(r)) for r in found.residuals)) / top
+    if off > LARGEST_MISFIT:
         raise FitError(
-            f"{place}: {name} = {value:.4g} ± {se:.2g} {unit} (changes the force by "
-            f"{100 * share:.2g} % of its largest value), must be >= 0: the curve is not a law "
+            f"{law} (changes the force by {100 * wrong.share:.2g} % of its largest value), must "
+            f"be >= 0, and with zero the law is off by up to {100 * off:.2g} % of the largest "
+            f"force, allowed is {100 * LARGEST_MISFIT:g} %: the curve is not a law "
             "k_linear delta + k_quadratic delta² that stiffens from a contact point"
         )
+    note = (
+        f"{law}, negative beyond doubt: it is held at zero, and the {form} law is off by up to "
+        f"{100 * off:.2g} % of the largest force"
+    )
+    return _law(found, (note,))
 
 
 def _fit(curves: Sequence[PressCurve], form: Form) -> _Parabola:
@@ -253,6 +269,8 @@ def _model(curves: Sequence[PressCurve], F: float, theta: Array, form: Form) -> 
     A, B, p = _unpack(theta, F, form)
     test = test_of_curve(curves)
     y = np.concatenate([c.position_m - q for c, q in zip(curves, p[test], strict=True)])
+    if form == "purely quadratic":  # no force before the contact point
+        y = np.maximum(y, -2.0 * F / A)
     f = np.concatenate([c.middle_N_m for c in curves])
     owner = np.repeat(test, [c.position_m.size for c in curves])
     by_A = y + A * y * y / (2.0 * F) if form == "purely quadratic" else y

@@ -16,7 +16,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.errors import FitError
+from beltid.errors import FitError, InputError, NumericsError
+from beltid.identify.law_choice import compare_laws
 from beltid.identify.press_curves import PressCurve, thinned_branches
 from beltid.identify.press_recording import read_tests
 from beltid.identify.shared_law import SharedLaw, fit_shared_law
@@ -70,13 +71,16 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
         except FitError as error:
             problems.extend(error.problems)
     if problems:
-        raise FitError(problems)
+        raise _refused(problems, recording.curves)
     effect = temperature_effect(list(groups.values()), list(groups), _largest_difference(laws))
     if effect.matters:
         nearest = min(laws, key=lambda e: _distance(e, settings))
         pooled, notes = _at_reference(nearest, recording.curves, settings)
     else:
-        pooled = _estimate(recording.curves, None, "press, all tests", offsets)
+        try:
+            pooled = _estimate(recording.curves, None, "press, all tests", offsets)
+        except FitError as error:
+            raise _refused(error.problems, recording.curves) from error
         notes = ["The pooled law is that of all tests."]
     for curve in recording.curves:  # those of unknown temperature, if temperature matters
         offsets.setdefault(curve.test, curve.touch_m)
@@ -91,6 +95,16 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
         n_spikes=recording.n_spikes,
         notes=(effect.statement, *notes, *pooled.notes, *recording.notes),
     )
+
+
+def _refused(problems: Sequence[str], curves: Sequence[PressCurve]) -> FitError:
+    """The reasons, with what other laws make of the curves."""
+    try:
+        choice = compare_laws(curves)
+    except (InputError, NumericsError):
+        return FitError([*problems])
+    top = max(c.top_force_N_m for c in curves)
+    return FitError([*problems, f"the laws compared: {choice.misfits(top)}"])
 
 
 def _group_by_temperature(curves: Sequence[PressCurve]) -> dict[float, list[PressCurve]]:

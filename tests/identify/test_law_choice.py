@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +10,8 @@ import pytest
 from press_bench import Bench
 
 from beltid.errors import InputError
-from beltid.identify.contact_laws import CurveData, coefficients_of, fit_law
+from beltid.identify.contact_law_fits import fit_law
+from beltid.identify.contact_laws import CurveData, coefficients_of
 from beltid.identify.dissipation import estimate_dissipation
 from beltid.identify.law_choice import choose_normal_law, compare_laws
 from beltid.identify.law_verdict import verdict_of
@@ -113,6 +114,24 @@ def test_noise_free_laws_come_out_exactly_and_the_simplest_wins():
         assert [p.value for p in best.parameters] == pytest.approx(truth, rel=2e-3)
 
 
+@pytest.mark.parametrize("power", [0.8, 2.4])
+def test_the_quadratic_law_that_is_judged_is_the_one_that_is_handed_on(power):
+    """Where a coefficient would be negative, too."""
+    record = OtherBench(powers=((1e4 / 1.2e-4**power, power),), dt=0.3).record(4)
+    pooled = fit_stiffness(record, SETTINGS).pooled
+    choice = choose_normal_law(record, SETTINGS)
+    quadratic = choice.candidate("quadratic")
+    values = [pooled.k_linear_N_m2, pooled.k_quadratic_N_m3]
+    assert list(quadratic.values.values()) == pytest.approx(values, rel=1e-6)
+    assert 0.0 in values
+    assert "held at zero" in quadratic.note
+    assert f"A power (exponent {power}" in choice.verdict
+    free = next(p for p in quadratic.parameters if p.value)
+    held = next(p for p in quadratic.parameters if not p.value)
+    assert held.se == 0.0
+    assert 0.0 < free.se < 0.1 * free.value
+
+
 def test_contact_point_is_free_in_every_law():
     """Tests that touch at different travel give the same laws as tests that touch at one."""
     curves = read_tests(POWER.record(6), SETTINGS).curves
@@ -138,8 +157,7 @@ def test_errors_of_the_coefficients_follow_those_of_the_shape(law):
         step = np.zeros(fitted.shape.size)
         step[j] = 1e-6 * abs(fitted.shape[j])
         high, low = (
-            coefficients_of(type(fitted)(law, fitted.shape + s, fitted.positions, fitted.fit), data)
-            for s in (step, -step)
+            coefficients_of(replace(fitted, shape=fitted.shape + s), data) for s in (step, -step)
         )
         difference = (high.values - low.values) / (2.0 * step[j])
         assert difference == pytest.approx(exact[:, j], rel=1e-5)

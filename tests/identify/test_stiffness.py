@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import sys
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -68,7 +68,7 @@ def test_the_machine_compliance_cannot_be_left_out():
 
 
 def test_the_first_cycle_is_nine_percent_stiffer():
-    result = fit_stiffness(load("6pk"), StiffnessSettings(0.04, 22.0, 1.5e-8, "first"))
+    result = fit_stiffness(load("6pk"), StiffnessSettings(0.04, 22.0, 1.5e-8, cycles="first"))
     k_linear, k_quadratic, _ = TRUTH["6pk"]
     assert worst_force_error(result.pooled, 1.09 * k_linear, 1.09 * k_quadratic) < 1e-3
     assert any("3 cycles found, used: 1" in note for note in result.notes)
@@ -239,11 +239,55 @@ def test_a_linear_law_is_legitimate_and_said_to_be_so():
     pytest.fail("k_quadratic never came out negative in six recordings of a linear law")
 
 
-def test_a_softening_curve_is_refused_with_its_numbers():
-    bench = Bench(k_linear=1.6e8, k_quadratic=-4.0e11, temperatures=(22.0,))
-    bench = replace(bench, top_force=1.2e4)
-    with pytest.raises(FitError, match=r"k_quadratic = -\d.*must be >= 0"):
+def test_a_curve_that_softens_a_little_gives_a_linear_law_and_how_far_off_it_is():
+    bench = Bench(k_linear=1.6e8, k_quadratic=-4.0e11, temperatures=(22.0,), top_force=1.2e4)
+    pooled = fit_stiffness(bench.record(13), settings(bench)).pooled
+    assert pooled.k_quadratic_N_m3 == 0.0
+    note = next(n for n in pooled.notes if "negative beyond doubt" in n)
+    # best straight line, contact point free, through a parabola over the range of the nodes
+    delta = np.linspace(0.0, bench.top, 400)
+    line = np.polyval(np.polyfit(delta, bench.force(delta), 1), delta)
+    off = 100.0 * np.max(np.abs(bench.force(delta) - line)) / bench.top_force
+    told = float(note.split("off by up to ")[1].split(" %")[0])
+    assert told == pytest.approx(off, rel=0.25)
+
+
+@dataclass(frozen=True)
+class SteepBench(Bench):
+    """A bench with a force that grows with a power of the penetration."""
+
+    power: float = 3.0
+
+    def force(self, delta):
+        return 1.0e4 * (np.maximum(delta, 0.0) / 1.0e-4) ** self.power
+
+
+def test_a_cubic_force_gives_the_best_law_without_a_linear_part_and_its_distance():
+    bench = SteepBench(dt=0.3)
+    pooled = fit_stiffness(bench.record(1), settings(bench)).pooled
+    assert pooled.k_linear_N_m2 == 0.0
+    # least squares of k (delta - offset)² through the true curve, over all of it
+    delta = np.linspace(0.0, bench.top, 2000)
+    force = bench.force(delta)
+    trials = np.linspace(0.0, 0.5 * bench.top, 501)
+    best = (np.inf, 0.0)
+    for offset in trials:
+        column = np.maximum(delta - offset, 0.0) ** 2
+        k = column @ force / (column @ column)
+        best = min(best, (float(np.sum((force - k * column) ** 2)), float(k)))
+    assert pooled.k_quadratic_N_m3 == pytest.approx(best[1], rel=0.02)
+    assert any("off by up to" in note for note in pooled.notes)
+
+
+def test_a_curve_far_from_the_law_is_refused_with_its_numbers_and_what_other_laws_make_of_it():
+    bench = SteepBench(dt=0.3, power=0.4)
+    with pytest.raises(FitError, match=r"k_quadratic came out as -\d.*must be >= 0") as refused:
         fit_stiffness(bench.record(13), settings(bench))
+    said = refused.value.problems[-1]
+    assert "the laws compared" in said
+    assert all(law in said for law in ("linear off by", "quadratic off by", "cubic off by"))
+    exponent = float(said.split("power (exponent ")[1].split(")")[0])
+    assert exponent == pytest.approx(0.4, rel=0.05)
 
 
 def test_recordings_that_cannot_be_used_are_refused_all_at_once():
@@ -282,7 +326,7 @@ def test_missing_columns_and_wrong_settings_name_every_problem():
         fit_stiffness({"test": np.array(["a"])}, StiffnessSettings(0.04))
     assert len(error.value.problems) == 3
     with pytest.raises(InputError) as error:
-        StiffnessSettings(0.0, 22.0, -1.0, "middle")  # type: ignore[arg-type]
+        StiffnessSettings(0.0, 22.0, -1.0, cycles="middle")  # type: ignore[arg-type]
     assert [p.split(" = ")[0] for p in error.value.problems] == [
         "press.segment_length_m",
         "press.machine_compliance_m_N",
