@@ -113,7 +113,8 @@ def settle(
     time, values = thin[:, 0], thin[:, 1:]
     sigma = channel_noise(values)
     fit, start = _adequate_fit(time, values, sigma, fewest)
-    early = values[start // 3 : start]
+    before = slice(start // 3, start)
+    early = time[before], values[before]
     time, values = time[start:], values[start:]
     fit = _with_drift_if_called_for(time, values, sigma, fit)
     if not fit.log_ratio > 0.0:
@@ -126,7 +127,7 @@ def settle(
     fitted = near[start * per_block :]
     rejected[fitted[~np.repeat(fit.used, per_block)[: fitted.size]]] = True
     whole = float(t[-1] - t[0])
-    missed = rise_before(early, fit) / fit.log_ratio
+    missed = rise_before(*early, time, fit) / fit.log_ratio
     found = _judged(time, fit, start_s, rejected, criteria, whole=whole, missed=missed)
     rounding = rounding_se(tensions[near][start * per_block :], fit, per_block, step)
     return replace(found, systematic_se=rounding)

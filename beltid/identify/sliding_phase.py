@@ -49,7 +49,9 @@ def sliding_phase(channels: Channels, rotation: Rotation) -> tuple[Array, Array,
         raise SetAsideError(f"too short: {n - first} usable samples while the pulley turns")
     second_half = slice((rotation.first + rotation.end) // 2, rotation.end)
     check_cells(channels, rotation.first, second_half, median(tensions[:first, 1]))
-    settled = median(difference[(first + n) // 2 :])
+    # by time: a simulated recording has most of its samples in the build-up
+    middle = 0.5 * float(t[first] + t[-1])
+    settled = median(difference[min(int(np.searchsorted(t, middle)), n - 1) :])
     at_rest = median(difference[:first])
     least = 6.0 * difference_sigma(difference) / np.sqrt(0.5 * (n - first))
     if settled - at_rest <= max(least, 0.01 * median(tensions[:first, 1])):
@@ -58,7 +60,7 @@ def sliding_phase(channels: Channels, rotation: Rotation) -> tuple[Array, Array,
         )
     reached = running_median(difference[first:], 5) - at_rest >= 0.9 * (settled - at_rest)
     build_up = int(np.argmax(reached))
-    if build_up > 0.5 * (n - first):
+    if t[first + build_up] > middle:
         raise SetAsideError("never slides: the tensions still part at the end of the record")
     behind = t[first] + 1.5 * (t[first + build_up] - t[first])
     slide = max(int(np.searchsorted(t, behind, side="right")), first + build_up + 1)

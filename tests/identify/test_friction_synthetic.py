@@ -544,3 +544,22 @@ def test_a_million_samples_take_less_than_two_seconds() -> None:
     assert time.perf_counter() - begin < 2.0
     assert run.status == "ok"
     assert abs(run.mu_sliding / 0.8 - 1.0) < 2e-4
+
+
+def test_a_build_up_with_most_of_the_samples_is_no_lack_of_sliding() -> None:
+    """A simulated recording has its samples where the tensions change."""
+    time = np.concatenate([np.linspace(0.0, 1.0, 10), 1.0 + np.geomspace(1e-3, 20.0, 150)])
+    turned = np.maximum(time - 1.0, 0.0)
+    ratio = 0.9 * (1.0 - np.exp(-turned / 1.5))
+    half = 300.0 * np.tanh(0.5 * ratio)
+    assert np.mean(ratio[10:] < 0.8) > 0.7
+    run = reduce_run(
+        time,
+        300.0 + half,
+        300.0 - half,
+        np.where(turned > 0.0, 0.2, 0.0),
+        arc_deg=60.0,
+        pulley_radius_m=0.05,
+    )
+    assert run.status == "ok"
+    assert run.mu_sliding == pytest.approx(0.9 / np.radians(60.0), rel=1e-3)

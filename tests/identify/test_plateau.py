@@ -114,6 +114,20 @@ def test_settle_refuses_what_does_not_settle() -> None:
         settle(T[:7], np.ones((7, 2)), CRITERIA)
 
 
+def test_settle_accepts_a_rise_that_is_over_and_refuses_one_that_goes_on() -> None:
+    """A swing before a level that lasts, as in a simulated start; a drift over the same part."""
+    t = np.concatenate([np.linspace(0.0, 0.1, 120, endpoint=False), np.linspace(0.1, 1.0, 180)])
+    swing = -0.06 * np.exp(-t / 0.05) * np.cos(2.0 * np.pi * t / 0.12)
+    over = np.log(2.0) * (1.0 + swing)
+    still = np.log(2.0) * (1.0 + 0.05 * t)
+    assert np.ptp(over[t > 0.5]) < 1e-4
+    tensions = [np.column_stack([300.0 * np.exp(y), np.full(t.size, 300.0)]) for y in (over, still)]
+    plateau = settle(t, tensions[0], CRITERIA)
+    assert np.log(plateau.levels[0] / plateau.levels[1]) == pytest.approx(np.log(2.0), rel=1e-3)
+    with pytest.raises(SetAsideError, match=r"rises|changes by \+"):
+        settle(t, tensions[1], CRITERIA)
+
+
 def test_spikes_are_found_at_the_ends_and_steep_edges_are_none() -> None:
     rng = np.random.default_rng(1)
     x = np.where(np.arange(200) < 100, 50.0, 150.0) + 0.5 * rng.normal(size=200)
