@@ -42,6 +42,7 @@ MOST_ITERATIONS = 90
 MOST_HALVINGS = 8
 REPEATS = 2  # solves for the multipliers in an iteration, beyond the first
 FREE_REVISIONS = 25  # iterations in which all patches may change sides at once
+PATIENCE = 4  # then half as many again and again, each for so many iterations, down to one
 
 
 class Kinematics(NamedTuple):
@@ -176,7 +177,8 @@ def step(
         release(system.supports, solution)
         tighten_sticks(system, motion, points, work)
         move(trial, solution)
-        most_changes = points.status.size if iteration < FREE_REVISIONS else 1
+        halved = max(iteration - FREE_REVISIONS, 0) // PATIENCE
+        most_changes = max(points.status.size >> halved, 1)
         changes += revise(motion, points, solution, most_changes)
     return StepOutcome(False, MOST_ITERATIONS, changes, error / T_0, outside, certificate)
 
