@@ -6,8 +6,12 @@ line returns for it. Anything else that escapes is a bug.
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Sequence
+from typing import Final
 
+LONGEST_LINE: Final = 4000
+"""Characters of a message that are shown; hostile files have names of megabytes."""
 EXIT_DONE = 0
 EXIT_BUG = 1
 EXIT_INPUT = 2
@@ -15,6 +19,23 @@ EXIT_NUMERICS = 3
 EXIT_OUT_OF_TOLERANCE = 4
 EXIT_BATCH_FAILED = 5
 EXIT_INTERRUPTED = 130
+
+
+def printable(text: str) -> str:
+    """A text on one line, without characters that command a terminal or turn the reading order.
+
+    Parameters
+    ----------
+    text : str
+        Anything, such as a cell of a file in a message.
+    """
+    if len(text) > LONGEST_LINE:
+        text = f"{text[: LONGEST_LINE - 300]} ... {text[-295:]}"
+    if text.isprintable():
+        return text
+    return "".join(
+        c if c.isprintable() or unicodedata.category(c) == "Zs" else ascii(c)[1:-1] for c in text
+    )
 
 
 class BeltidWarning(UserWarning):
@@ -29,15 +50,15 @@ class BeltidError(Exception):
     exit_status : int
         Exit status of the command line for this error.
     problems : tuple of str
-        One line per problem, each with its place, what was found and what is allowed.
+        One line per problem, each with its place, what was found and what is allowed; what
+        they quote is made printable.
     """
 
     exit_status: int = EXIT_INPUT
 
     def __init__(self, problems: str | Sequence[str]) -> None:
-        self.problems: tuple[str, ...] = (
-            (problems,) if isinstance(problems, str) else tuple(problems)
-        )
+        given = (problems,) if isinstance(problems, str) else problems
+        self.problems: tuple[str, ...] = tuple(printable(line) for line in given)
         super().__init__("\n".join(self.problems))
 
 

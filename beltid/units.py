@@ -140,6 +140,9 @@ _SPELLINGS: Final[dict[str, str]] = {
     "lbfft": "lbf ft",
 }
 
+LONGEST: Final = 80
+"""Longer texts are no units, and are not searched for one."""
+
 _BY_LOWER: Final[dict[str, str]] = {
     word.lower(): unit
     for words in (
@@ -164,6 +167,8 @@ def canonical_unit(text: str) -> str:
     str
         The spelling used in `CONVERSIONS`, or the text without brackets if it is not known.
     """
+    if len(text) > LONGEST:
+        return text
     bare = re.sub(r"^[\[(<{]\s*|\s*[\])>}]$", "", text.strip())
     tight = re.sub(r"[\s*·⋅.]+", "", bare)
     if tight in _SPELLINGS:
@@ -228,9 +233,11 @@ _PER_VOLT: Final = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\
 
 def calibration(text: str, target: str) -> Calibration | None:
     """Calibration factor such as ``250 N/V`` or ``0.5 kN/mV``; None if the text is none."""
-    found = _PER_VOLT.fullmatch(text.strip())
+    found = _PER_VOLT.fullmatch(text.strip()) if len(text) <= LONGEST else None
     known = conversion(found[2], target) if found else None
-    if found is None or known is None or known.shift or not float(found[1]):
+    if found is None or known is None or known.shift:
+        return None
+    if not 0.0 < abs(float(found[1]) * known.factor) < float("inf"):
         return None
     return Calibration(float(found[1]) * known.factor, 0.0, found[3])
 

@@ -198,7 +198,7 @@ class _Reader:
             used = ~np.isnan(values)
             length = int(np.flatnonzero(used)[-1]) + 1 if used.any() else 0
             stated = header.cell("Samples", k)
-            if stated.isdigit() and int(stated) > length and int(stated) > len(table):
+            if stated.isdecimal() and float(stated) > max(length, len(table)):
                 self.problems.append(
                     f"{self.name}:{first + len(table)}: {names[y]} has {len(table)} samples, its "
                     f"header tells {stated}: the file is cut off"

@@ -19,6 +19,8 @@ OTHER_UNITS: Final = frozenset((*_OTHER.split(), "N/mm", "N/mm²", "l/min"))
 """Units that no column of ours has, but that stand in a row of units."""
 _NUMBER: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _MISSING: Final = frozenset(("", "nan", "-", "na", "n/a", "null", "none"))
+LONGEST_NAME: Final = 300
+"""Longer names of channels are not searched for a unit."""
 _IN_NAME: Final = re.compile(r"[\[(<{]([^\[\](){}<>]*)[\])>}]\s*$")
 # "Zeit / s", "Zeit/s", "Zeit in s"; not the slash within a unit, as in "v rad/s"
 _AFTER_NAME: Final = re.compile(r"(?:\s+/\s*|(?<=\w{4})/|\s+in\s+)(\S+)\s*$")
@@ -113,6 +115,8 @@ def is_unit(text: str) -> bool:
 
 def unit_in_name(name: str) -> str:
     """Unit that stands in a channel's name: ``Kraft [N]``, ``Weg (mm)``, ``Zeit / s``; else ""."""
+    if len(name) > LONGEST_NAME:
+        return ""
     found = _IN_NAME.search(name) or _AFTER_NAME.search(name)
     unit = found[1].strip() if found else ""
     return unit if unit and is_unit(unit) else ""

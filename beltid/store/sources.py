@@ -175,7 +175,8 @@ def _files(path: Path, besides: set[Path]) -> list[Path]:
 
 def natural(name: str) -> tuple[tuple[int, str], ...]:
     """Key that sorts run2 before run10."""
-    return tuple((int(p), "") if p.isdigit() else (-1, p) for p in re.split(r"(\d+)", name) if p)
+    parts = re.split(r"([0-9]{1,18})", name)  # int() is for these only
+    return tuple((int(p), "") if i % 2 else (-1, p) for i, p in enumerate(parts) if p)
 
 
 def _is_artifact(file: Path) -> bool:
