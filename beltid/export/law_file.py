@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from typing import Any, Final
 
 import numpy as np
@@ -50,7 +51,7 @@ def law_from_text(text: str, name: str) -> ContactLaw:
         If it is no contact law, is damaged, or was changed by hand and still claims to be whole.
     """
     try:
-        values = json.loads(text, parse_constant=_refuse_constant)
+        values = json.loads(text, parse_constant=_refuse_constant, parse_float=_finite)
     except (ValueError, RecursionError) as error:
         raise ArtifactError(f"{name}: not a contact law: no JSON ({error})") from None
     if not isinstance(values, dict) or values.get("format") != "beltlaw":
@@ -110,6 +111,13 @@ def _seal(values: dict[str, Any]) -> str:
 
 def _refuse_constant(word: str) -> float:
     raise ValueError(f"{word} is no number in JSON")
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if math.isinf(number):
+        raise ValueError(f"{text[:20]} is too large a number")
+    return number
 
 
 def _check_patches(law: ContactLaw, expected: np.ndarray, name: str) -> None:

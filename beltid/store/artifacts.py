@@ -22,11 +22,10 @@ from beltid.store import atomic, schemas
 from beltid.store.files import read_bytes
 from beltid.store.fingerprint import source_sha256
 from beltid.store.hashing import columns_sha256, sha256
+from beltid.store.parquet_open import damaged, open_parquet
 
 METADATA_KEY: Final = b"beltid"
 SEAL_KEY: Final = b"beltid_sha256"
-MAX_CELLS: Final = 500_000_000
-MAX_EXPANSION: Final = 20_000  # cells per byte of file; constant columns pack tightly
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,7 +204,7 @@ def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Art
     except ArtifactError:
         raise
     except Exception as error:  # a damaged file can raise nearly anything
-        raise _damaged(path, error) from None
+        raise ArtifactError(f"{path}: {damaged(error)}") from None
     if not whole:
         raise ArtifactError(f"{path}: damaged: the numbers do not match their checksum")
     return Artifact(
@@ -223,21 +222,8 @@ def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Art
 
 def _open(data: bytes, path: Path, kind: str | None) -> tuple[Any, dict[str, Any]]:
     """Parquet file and the metadata of its seal, both checked as far as the footer tells."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        file = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True)
-        stored = file.schema_arrow.metadata or {}
-        cells = file.metadata.num_rows * max(1, file.metadata.num_columns)
-        sizes = [
-            file.metadata.row_group(i).total_byte_size for i in range(file.metadata.num_row_groups)
-        ]
-    except Exception as error:  # a damaged file can raise nearly anything
-        raise _damaged(path, error) from None
-    limit = min(MAX_CELLS, MAX_EXPANSION * len(data))
-    if not (0 <= cells <= limit and all(0 <= size <= 8 * limit for size in sizes)):
-        raise ArtifactError(f"{path}: damaged: it claims {cells:,} values in {len(data):,} bytes")
+    file = open_parquet(data, schemas.TEXT_COLUMNS, str(path), ArtifactError)
+    stored = file.schema_arrow.metadata or {}
     if METADATA_KEY not in stored:
         if SEAL_KEY in stored:
             raise ArtifactError(f"{path}: damaged: its metadata are missing")
@@ -246,11 +232,27 @@ def _open(data: bytes, path: Path, kind: str | None) -> tuple[Any, dict[str, Any
         raise ArtifactError(f"{path}: damaged: its metadata do not match their checksum")
     try:
         record = json.loads(stored[METADATA_KEY])
-    except ValueError as error:
-        raise _damaged(path, error) from None
-    if not isinstance(record, dict):
+    except (ValueError, RecursionError) as error:
+        raise ArtifactError(f"{path}: {damaged(error)}") from None
+    if not isinstance(record, dict) or not _is_record(record):
         raise ArtifactError(f"{path}: damaged: its metadata are not those of an artifact")
     return file, record
+
+
+def _is_record(record: Mapping[str, Any]) -> bool:
+    """Whether every part of the metadata is of its type; a right seal alone does not say that."""
+    sections = all(isinstance(record.get(n), dict) for n in ("validity", "settings", "extra"))
+    texts = [record.get(n) for n in ("config_sha256", "content_sha256", "software_version")]
+    named = all(isinstance(record.get(n), dict) for n in ("inputs", "units"))
+    aside = record.get("set_aside")
+    return (
+        sections
+        and named
+        and all(isinstance(v, str) for v in (*record["inputs"].values(), *record["units"].values()))
+        and all(isinstance(text, str) for text in texts)
+        and isinstance(aside, list)
+        and all(isinstance(item, dict) for item in aside)
+    )
 
 
 def _check_kind(path: Path, found: str, needed: str | None) -> None:
@@ -274,11 +276,6 @@ def _needed(kind: str | None) -> str:
     if kind is None:
         return ""
     return f", a {kind} artifact is needed; `{schemas.table(kind).command}` writes one"
-
-
-def _damaged(path: Path, error: BaseException) -> ArtifactError:
-    reason = " ".join(str(error).split())[:120]
-    return ArtifactError(f"{path}: damaged: {reason or type(error).__name__}")
 
 
 def plain(value: Any) -> Any:

@@ -10,6 +10,7 @@ import numpy as np
 
 from beltid.errors import InputError
 from beltid.store.csv_stream import Block
+from beltid.store.parquet_open import damaged, open_parquet, refused_columns
 from beltid.store.schemas import Table
 
 if TYPE_CHECKING:
@@ -51,7 +52,12 @@ def parquet_blocks(path: Path, table: Table, names: Mapping[str, str]) -> Iterat
     for file in files:
         from_folders = _from_folders(file.relative_to(path)) if path.is_dir() else {}
         for batch in _batches(file, table, names, from_folders):
-            yield _block(batch, table, names, from_folders, row)
+            try:
+                batch.validate(full=True)
+                block = _block(batch, table, names, from_folders, row)
+            except Exception as error:  # a text that is no UTF-8, a number that no float64 holds
+                raise InputError(f"{file}: {damaged(error)}") from None
+            yield block
             row += batch.num_rows
 
 
@@ -64,14 +70,13 @@ def _batches(
     file: Path, table: Table, names: Mapping[str, str], from_folders: Mapping[str, str]
 ) -> Iterator[pa.RecordBatch]:
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
-    try:
-        source = pq.ParquetFile(file, page_checksum_verification=True, memory_map=False)
-        there = source.schema_arrow
-    except Exception as error:  # a damaged file can raise nearly anything
-        raise InputError(f"{file}: {_reason(error)}") from None
-    problems, wanted = [], []
+    source = open_parquet(file, [names.get(table.label, table.label)], str(file), InputError)
+    there = source.schema_arrow
+    ours = [names.get(column.name, column.name) for column in table.columns]
+    problems, wanted = refused_columns(there, ours, str(file)), []
+    if problems:
+        raise InputError(problems)
     for column in table.columns:
         theirs = names.get(column.name, column.name)
         if theirs in from_folders:
@@ -90,11 +95,7 @@ def _batches(
     try:
         yield from source.iter_batches(batch_size=ROWS, columns=wanted)
     except Exception as error:
-        raise InputError(f"{file}: {_reason(error)}") from None
-
-
-def _reason(error: Exception) -> str:
-    return "damaged: " + (" ".join(str(error).split())[:120] or type(error).__name__)
+        raise InputError(f"{file}: {damaged(error)}") from None
 
 
 def _is_number(kind: Any) -> bool:

@@ -165,18 +165,25 @@ def _from_parquet(
     data: bytes, path: Path, kind: str, options: ReadOptions
 ) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
     """Columns of a Parquet file: an artifact of ours (simulated) or one with the same columns."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     from beltid.store.artifacts import SEAL_KEY, artifact_from_bytes
+    from beltid.store.parquet_open import damaged, open_parquet, refused_columns
 
+    table, names = schemas.table(kind), options.names
+    wanted = {names.get(column.name, column.name): column.required for column in table.columns}
+    file = open_parquet(data, [names.get(table.label, table.label)], str(path), InputError)
+    there = file.schema_arrow
+    sealed = SEAL_KEY in (there.metadata or {})
+    if problems := [] if sealed else refused_columns(there, list(wanted), str(path)):
+        raise InputError(problems)
+    # all of them where one is missing: the message tells what is there
+    missing = any(needed and column not in there.names for column, needed in wanted.items())
+    chosen = None if missing else [column for column in wanted if column in there.names]
     try:
-        file = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True)
-        sealed = SEAL_KEY in (file.schema_arrow.metadata or {})
-        frame = None if sealed else file.read(use_threads=False)
+        frame = None if sealed else file.read(use_threads=False, columns=chosen)
+        if frame is not None:
+            frame.validate(full=True)
     except Exception as error:  # a damaged file can raise nearly anything
-        reason = " ".join(str(error).split())[:120]
-        raise InputError(f"{path}: damaged: {reason or type(error).__name__}") from None
+        raise InputError(f"{path}: {damaged(error)}") from None
     if sealed:
         needed = "simulated" if kind == "rig" else None
         artifact = artifact_from_bytes(data, path, needed)

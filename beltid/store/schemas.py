@@ -294,6 +294,17 @@ ARTIFACTS: Final = (
 )
 
 
+TEXT_COLUMNS: Final = tuple(
+    dict.fromkeys(
+        column.name
+        for kind in ARTIFACTS
+        for column in TABLES[kind].columns
+        if column.dtype == "string"
+    )
+)
+"""Columns of artifacts that hold texts."""
+
+
 def table(kind: str) -> Table:
     """The table of a kind.
 

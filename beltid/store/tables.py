@@ -177,7 +177,7 @@ def columns_of_arrow(arrow: pa.Table, table: Table, name: str) -> dict[str, np.n
     Raises
     ------
     ArtifactError
-        If a column is missing or of another type.
+        If a column is missing or of another type, or a value is not allowed.
     """
     columns: dict[str, np.ndarray] = {}
     for column in table.columns:
@@ -186,12 +186,22 @@ def columns_of_arrow(arrow: pa.Table, table: Table, name: str) -> dict[str, np.n
                 raise ArtifactError(f"{name}: damaged: column {column.name} is missing")
             continue
         chunked = arrow.column(column.name)
-        if chunked.type != _arrow_type(column):
+        if column.dtype == "string":  # one copy of every text: a file may repeat a long one
+            chunked = chunked.dictionary_encode()
+        found = chunked.type.value_type if column.dtype == "string" else chunked.type
+        if found != _arrow_type(column):
             raise ArtifactError(
-                f"{name}: damaged: column {column.name} holds {chunked.type}, "
+                f"{name}: damaged: column {column.name} holds {found}, "
                 f"must hold {_arrow_type(column)}"
             )
         columns[column.name] = _from_arrow(chunked, column)
+    problems = [
+        f"{problem} (damaged)"
+        for column_name, cells in columns.items()
+        for problem in _problems(cells, table.column(column_name), name)
+    ]
+    if problems:
+        raise ArtifactError(problems)
     return columns
 
 
@@ -211,8 +221,8 @@ def _from_arrow(chunked: pa.ChunkedArray, column: Column) -> np.ndarray:
     if column.dtype == "list":
         return _matrix(chunked.to_pylist(), column)
     if column.dtype == "string":
-        array = np.empty(len(chunked), dtype=object)
-        array[:] = chunked.to_pylist()
-        return array
+        encoded = chunked.unify_dictionaries().combine_chunks()
+        words = np.array([*encoded.dictionary.to_pylist(), None], dtype=object)
+        return np.asarray(words[encoded.indices.fill_null(-1).to_numpy(zero_copy_only=False)])
     # a copy: the caller may write to it, and Arrow's memory is read-only
     return np.array(chunked.to_numpy(), dtype=column.dtype)
