@@ -13,7 +13,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Collection, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import process
 from pathlib import Path
@@ -24,6 +24,8 @@ from beltid.stages.workers import Halted, Result, Workers, available_cores
 
 MOST_LOSSES: Final = 3
 """Workers lost one after the other, without a result between them, before a call is given up."""
+LOOK_UP_S: Final = 0.2
+"""Time after which a caller who waits looks whether it was told to stop [s]."""
 ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """The workers are the parallelism; threads of the linear algebra below them only get in the way."""
 IMPORTED: Final = ("beltid.batch.chain", "pyarrow.csv", "pyarrow.parquet", "scipy.interpolate")
@@ -74,7 +76,7 @@ class ProcessWorkers(Workers):
             try:
                 for index, arguments in waiting.items():
                     futures[pool.submit(function, *arguments)] = index
-                for future in as_completed(futures):
+                for future in self._as_completed(futures):
                     index, result = futures[future], future.result()
                     del waiting[index]
                     losses = 0
@@ -93,6 +95,18 @@ class ProcessWorkers(Workers):
             finally:
                 for future in futures:
                     future.cancel()
+
+    def _as_completed(self, futures: Collection[Future[Result]]) -> Iterator[Future[Result]]:
+        """Futures in the order in which they end.
+
+        Not that of the library: it never hears of futures that a pool cancels as it is shut down.
+        """
+        waiting = set(futures)
+        while waiting:
+            done, waiting = wait(waiting, timeout=LOOK_UP_S, return_when=FIRST_COMPLETED)
+            if self._halted:
+                raise Halted
+            yield from done
 
     def stop(self) -> None:
         """Kill the workers; calls that wait for them raise `Halted`."""

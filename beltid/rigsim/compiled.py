@@ -5,7 +5,8 @@ go unnoticed. Here the cache folder carries a hash of all sources of the compile
 starts a fresh folder. Every cache file is sealed with its hash: machine code with a flipped bit
 would crash the process. A file that does not match is thrown away and its kernel compiled anew.
 Names of data files follow from the signature, so that processes that compile at the same time
-cannot give one file two meanings.
+cannot give one file two meanings; they wait for each other, so that none compiles what another one
+is compiling.
 """
 
 from __future__ import annotations
@@ -89,12 +90,41 @@ def cache_folder() -> pathlib.Path:
     return pathlib.Path(base) / f"kernels-{digest.hexdigest()[:16]}"
 
 
+class _Turn:
+    """Whose turn it is to compile a kernel: of many processes at once, one does, the others wait.
+
+    The system lets a lock go when its holder ends, however it ends. Kernels that call each other
+    are waited for from caller to callee only, so that no two processes wait for each other.
+    """
+
+    def __init__(self, path: str) -> None:
+        self.path = path
+        self.descriptor: int | None = None
+
+    def take(self) -> None:
+        """Wait for the turn; where there are no locks it is everybody's."""
+        try:
+            import fcntl
+
+            self.descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o666)
+            fcntl.flock(self.descriptor, fcntl.LOCK_EX)
+        except (ImportError, OSError):
+            self.end()
+
+    def end(self) -> None:
+        """Let the next one."""
+        if self.descriptor is not None:
+            os.close(self.descriptor)
+            self.descriptor = None
+
+
 def _heal(cache: Any) -> None:
-    """Seal a numba cache object, and make it survive damaged files and an unwritable folder."""
+    """Seal a numba cache object; make it survive damage, an unwritable folder, and a crowd."""
     sealed = SealedCacheFile.__new__(SealedCacheFile)
     sealed.__dict__.update(cache._cache_file.__dict__)
     cache._cache_file = sealed
     load, save = cache.load_overload, cache.save_overload
+    turn = _Turn(f"{sealed._index_path}.lock")
 
     def load_or_discard(sig: Any, target_context: Any) -> Any:
         try:
@@ -104,6 +134,16 @@ def _heal(cache: Any) -> None:
             pathlib.Path(cache.cache_path).mkdir(parents=True, exist_ok=True)
             return None
 
+    def load_in_turn(sig: Any, target_context: Any) -> Any:
+        found = load_or_discard(sig, target_context)
+        if found is None:  # it will be compiled, and saved
+            turn.end()
+            turn.take()
+            found = load_or_discard(sig, target_context)
+            if found is not None:  # by another process meanwhile
+                turn.end()
+        return found
+
     def save_if_possible(sig: Any, data: Any) -> None:
         try:
             save(sig, data)
@@ -111,8 +151,10 @@ def _heal(cache: Any) -> None:
             warnings.warn(
                 f"compiled kernels could not be cached in {cache.cache_path}", stacklevel=2
             )
+        finally:
+            turn.end()
 
-    cache.load_overload = load_or_discard
+    cache.load_overload = load_in_turn
     cache.save_overload = save_if_possible
 
 
