@@ -176,8 +176,9 @@ def _slide(run: Run, start: Start, R: float, settings: FrictionSettings) -> None
         settings.min_plateau_fraction,
     )
     step = start.channels.steps
+    at_rest = 0.5 * float(channels.time_s[0] + channels.time_s[rotation.first])
     plateau = settle(
-        t[slide:], tensions[slide:], criteria, step[::-1] if found["swapped"] else step
+        t[slide:], tensions[slide:], criteria, step[::-1] if found["swapped"] else step, at_rest
     )
     if plateau.systematic_se > 0.0:
         notes.append(f"the converters of the cells resolve only {max(step):.3g} N")

@@ -16,6 +16,13 @@ from beltid.identify.signal import (
     robust_sigma,
 )
 from beltid.identify.sliding import fit_sliding, plausible_samples
+from beltid.identify.sliding_drift import (
+    drift_rate,
+    odds_of_a_cell,
+    rate_se,
+    settled_levels,
+    with_drift_if_called_for,
+)
 from beltid.identify.sliding_misfit import misfit, rise_before, rounding_se
 from beltid.identify.sliding_model import SlidingFit
 from beltid.identify.sliding_tail_fit import weigh_tails
@@ -32,12 +39,8 @@ SAME_MISFIT = 4.0
 """Misfits within this factor tell nothing but the memory of the noise."""
 TAIL_AT_END = 2.0
 """Largest tail at the end of the record, in units of the tolerance: the fit takes it off."""
-SCREENED_DRIFT = 3.0
-"""Score from which on a fit with a drift is tried."""
-SIGNIFICANT_DRIFT = 14.0
-"""Least gain of a drift in sums of squared noise (chi-square, two degrees of freedom: 1e-3)."""
-VISIBLE_DRIFT = 1.0e-3
-"""Least relative change of ln(T_tight/T_slack) by a drift that is fitted."""
+CLEAR_DRIFT = 3.0
+"""Standard errors from which on too large a drift sets a run aside."""
 HIDDEN_TAIL_START = 0.25
 """Part of the sliding phase left out where noise may hide a tail."""
 
@@ -75,12 +78,16 @@ class Plateau:
     """Standard error of ln(T_tight/T_slack) by coarse converters [-]."""
     drift: float
     """Relative change of ln(T_tight/T_slack) by drift over the sliding phase [-]."""
-    tails: Tails
+    tails: Tails | None = None
     """ln(T_tight/T_slack) of the plateau for tails of other shapes."""
 
 
 def settle(
-    t: Array, tensions: Array, criteria: PlateauCriteria, step: ArrayLike = (0.0, 0.0)
+    t: Array,
+    tensions: Array,
+    criteria: PlateauCriteria,
+    step: ArrayLike = (0.0, 0.0),
+    since_s: float | None = None,
 ) -> Plateau:
     """Level and steady window of a sliding phase, with a tail of one exponential.
 
@@ -96,6 +103,8 @@ def settle(
         What counts as settled.
     step : array_like
         Steps of the converters of both cells [N], zero if they are fine, shape (2,).
+    since_s : float, optional
+        When the cells were last known to be right [s]; by default when the sliding starts.
 
     Raises
     ------
@@ -116,7 +125,7 @@ def settle(
     before = slice(start // 3, start)
     early = time[before], values[before]
     time, values = time[start:], values[start:]
-    fit = _with_drift_if_called_for(time, values, sigma, fit)
+    fit, rival = with_drift_if_called_for(time, values, sigma, fit)
     if not fit.log_ratio > 0.0:
         raise SetAsideError("the tensions do not settle at two positive values")
     start_s = max(
@@ -128,9 +137,26 @@ def settle(
     rejected[fitted[~np.repeat(fit.used, per_block)[: fitted.size]]] = True
     whole = float(t[-1] - t[0])
     missed = rise_before(*early, time, fit) / fit.log_ratio
-    found = _judged(time, fit, start_s, rejected, criteria, whole=whole, missed=missed)
-    rounding = rounding_se(tensions[near][start * per_block :], fit, per_block, step)
-    return replace(found, systematic_se=rounding)
+    elapsed = 0.5 * (start_s + float(t[-1])) - (float(t[0]) if since_s is None else since_s)
+    lengths = _Lengths(whole, elapsed, missed)
+    found = _judged(time, fit, start_s, rejected, criteria, lengths)
+    return replace(
+        found,
+        systematic_se=rounding_se(tensions[near][start * per_block :], fit, per_block, step),
+        tails=_tails(time, fit, rival, start_s, elapsed),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Lengths:
+    """What the judgement needs to know beyond the fitted samples."""
+
+    whole: float
+    """Length of the sliding phase, also where the fit starts later [s]."""
+    elapsed: float
+    """Time from when the cells were right to the middle of the steady window [s]."""
+    missed: float
+    """Relative rise of ln(T_tight/T_slack) before the start of the fit [-]."""
 
 
 def _steady_from(
@@ -183,30 +209,6 @@ def _adequate_fit(t: Array, tensions: Array, sigma: Array, fewest: int) -> tuple
     return fit, start
 
 
-def _with_drift_if_called_for(
-    t: Array, tensions: Array, sigma: Array, fit: SlidingFit
-) -> SlidingFit:
-    """The fit itself, or one with a drift if the record shows one."""
-    if t.size < 16 or not np.all(fit.levels > 0.0):
-        return fit
-    if not (fit.tau_at_bound or abs(fit.drift_score) > SCREENED_DRIFT):
-        return fit
-    other = fit_sliding(t, tensions, sigma, drift=True)
-    if not np.all(other.levels > 0.0):
-        return fit
-    both = fit.used & other.used
-    plain, drifting = (float(np.sum((f.residual[both] / sigma) ** 2)) for f in (fit, other))
-    if fit.tau_at_bound:
-        return other if drifting < plain else fit
-    rate = float(other.drift[0] / other.levels[0] - other.drift[1] / other.levels[1])
-    if abs(rate) * float(t[-1] - t[0]) < VISIBLE_DRIFT * abs(other.log_ratio):
-        return fit
-    # judged by the residual that the drift leaves: without it the drift itself looks like noise
-    # with a long memory
-    unit = drifting / (2.0 * np.count_nonzero(both)) * other.correlation_time
-    return other if plain - drifting > SIGNIFICANT_DRIFT * unit else fit
-
-
 def _without_ripple(tensions: Array, fit: SlidingFit) -> Array:
     """ln(T_tight/T_slack) with the ripple taken off; nan where that is not positive."""
     plain = tensions - fit.ripple
@@ -237,15 +239,10 @@ def _judged(
     start_s: float,
     rejected: NDArray[np.bool_],
     criteria: PlateauCriteria,
-    *,
-    whole: float,
-    missed: float,
+    lengths: _Lengths,
 ) -> Plateau:
-    """Levels of the plateau, or the reason why they are not to be trusted.
-
-    `whole` is the length of the sliding phase, also where the fit starts later [s], and `missed`
-    the relative rise of ln(T_tight/T_slack) before that start.
-    """
+    """Levels of the plateau, or the reason why they are not to be trusted."""
+    whole, missed = lengths.whole, lengths.missed
     end = float(t[-1])
     tail_end = float(fit.tail_at(end)) / fit.log_ratio
     allowed = TAIL_AT_END * criteria.steady_tolerance
@@ -255,9 +252,9 @@ def _judged(
             f"never settles: mu still {direction} at the end, {100 * abs(tail_end):.2g} % away "
             f"from its plateau, allowed is {100 * allowed:g} %"
         )
-    rate = float(fit.drift[0] / fit.levels[0] - fit.drift[1] / fit.levels[1])
-    drift = rate * whole / fit.log_ratio
-    if abs(drift) > criteria.max_drift:
+    drift = drift_rate(fit) * whole / fit.log_ratio
+    doubt = rate_se(t, fit) * whole / fit.log_ratio if drift else 0.0
+    if abs(drift) > max(criteria.max_drift, CLEAR_DRIFT * doubt):
         raise SetAsideError(
             f"drifts: mu changes by {100 * drift:+.2g} % over the sliding phase, "
             f"allowed is {100 * criteria.max_drift:g} %"
@@ -267,10 +264,7 @@ def _judged(
             f"never settles: mu rises by {100 * missed:.2g} % while the belt slides, "
             f"allowed is {100 * criteria.max_drift:g} %"
         )
-    over_window = rate * (end - start_s)
-    # the drift counts from the middle of the record, the plateau from that of the window
-    levels = fit.levels + fit.drift * 0.5 * (start_s - float(t[0]))
-    log_ratio_se = float(np.hypot(fit.log_ratio_se, over_window / np.sqrt(12.0)))
+    levels, log_ratio_se = settled_levels(t, fit, start_s, lengths.elapsed)
     return Plateau(
         fit=fit,
         from_start=end - float(t[0]) > 0.95 * whole,
@@ -281,14 +275,17 @@ def _judged(
         tail_left=tail_end,
         systematic_se=0.0,
         drift=drift,
-        tails=_tails(t, fit, float(np.log(levels[0] / levels[1])), log_ratio_se),
     )
 
 
-def _tails(t: Array, fit: SlidingFit, log_ratio: float, log_ratio_se: float) -> Tails:
-    """Plateau for tails of other shapes.
-
-    A drift and a slow tail may pass for each other: a fit with a drift counts beside them.
-    """
-    tails = weigh_tails(t, fit)
-    return tails.beside(log_ratio, log_ratio_se) if np.any(fit.drift) else tails
+def _tails(
+    t: Array, fit: SlidingFit, rival: SlidingFit | None, start_s: float, elapsed: float
+) -> Tails:
+    """Plateau for tails of other shapes; a fit with a drift counts beside them."""
+    if rival is None:
+        return weigh_tails(t, fit)
+    levels, se = settled_levels(t, rival, start_s, elapsed)
+    tails = weigh_tails(t, rival)
+    if not np.all(levels > 0.0):
+        return tails
+    return tails.beside(float(np.log(levels[0] / levels[1])), se, odds_of_a_cell(t, rival))

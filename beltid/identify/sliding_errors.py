@@ -62,7 +62,7 @@ def with_errors(fit: SlidingFit, scheme: LinearScheme, t: Array, sigma: Array) -
         log_ratio_se=errors[0],
         start_log_ratio_se=errors[1],
         correlation_time=time,
-        drift_score=_drift_score(t[fit.used], series, scheme.q, slope, fit.levels),
+        drift_score=_drift_score(t[fit.used], residual, scheme.q, slope, fit.combinations),
     )
 
 
@@ -86,20 +86,28 @@ def correlation_time(series: Array, n_terms: int) -> float:
     return max(time, integrated_autocorrelation_time(series))
 
 
-def _drift_score(t: Array, series: Array, q: Array, slope: Array | None, levels: Array) -> float:
-    """Score of a linear drift added to the model, for white noise (standard normal without one)."""
-    column = (t - np.mean(t)) / float(t[-1] - t[0])
-    if slope is not None:
-        extra = slope @ (np.array([1.0, -1.0]) / levels)
-        extra -= q @ (q.T @ extra)
-        size = float(np.linalg.norm(extra))
-        if size > 0.0:
-            q = np.column_stack([q, extra / size])
-    column -= q @ (q.T @ column)
-    size = float(np.linalg.norm(column))
-    if size < 1e-3 * np.sqrt(t.size):
-        return 0.0
-    return float(column @ series) / size / max(float(np.std(series)), NOISE_FLOOR)
+def _drift_score(t: Array, residual: Array, q: Array, slope: Array | None, by: Array) -> float:
+    """Score of a linear drift added to the model, for white noise (standard normal without one).
+
+    That of ln(T_tight/T_slack), or of its companion (`SlidingFit.combinations`, columns of `by`):
+    a tail may take the drift of a cell out of the one, hardly out of both.
+    """
+    scores = []
+    for weights in by.T:
+        column, basis = (t - np.mean(t)) / float(t[-1] - t[0]), q
+        if slope is not None:
+            extra = slope @ weights
+            extra -= q @ (q.T @ extra)
+            size = float(np.linalg.norm(extra))
+            if size > 0.0:
+                basis = np.column_stack([q, extra / size])
+        column -= basis @ (basis.T @ column)
+        size = float(np.linalg.norm(column))
+        if size < 1e-3 * np.sqrt(t.size):
+            continue
+        series = residual @ weights
+        scores.append(float(column @ series) / size / max(float(np.std(series)), NOISE_FLOOR))
+    return max(scores, key=abs, default=0.0)
 
 
 def _influence(at: Array, row: Array, q: Array, slope: Array | None, sigma: Array) -> Array:

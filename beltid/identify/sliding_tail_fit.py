@@ -31,6 +31,8 @@ SLOW_PART = 0.5
 """Typical slow amplitude over that of the whole tail (scale of a half-normal prior)."""
 LARGEST_TAIL = 0.3
 """Amplitudes are uniform a priori up to this part of ln(T_tight/T_slack)."""
+NO_TAIL_HAS_THAT = 2.0
+"""Gain in log odds that a drift must bring where no tail shows, to count at all."""
 NO_TAIL = 0.2
 """Prior probability that a single tail is none."""
 POINTS = 28
@@ -61,6 +63,8 @@ def weigh_tails(t: Array, fit: SlidingFit) -> Tails:
         pairs = pairs.closer(amplitude)
         single, amplitude = _single(record, pairs.noise)
     odds = 0.5 * (float(np.min(pairs.squares)) - record.fit_squares) / pairs.noise
+    # no tail explains what moves in the combination in which the tail does not show
+    odds += max(0.5 * record.unexplained - NO_TAIL_HAS_THAT, 0.0)
     return Tails(single, pairs.summary(amplitude), odds)
 
 
@@ -84,6 +88,8 @@ class _Record:
     """ln(T_tight/T_slack) of the fit [-]."""
     fit_squares: float
     """Sum of squares that the fit leaves of `rest`."""
+    unexplained: float
+    """Sum of squares that the fit takes off the combination without a tail, over its noise."""
 
     @classmethod
     def of(cls, t: Array, fit: SlidingFit) -> _Record:
@@ -102,6 +108,12 @@ class _Record:
         log_range = _log_range(float(t[fit.used][-1]), fit.tau)
         share = _proportion(t[fit.used], rest, q, *log_range[:2])
         weights = np.array([1.0, share]) / (1.0 + share**2)
+        residual = fit.residual[fit.used] @ combinations
+        across = np.array([-share, 1.0])
+        rest_of_fit = residual @ across
+        left = float(rest_of_fit @ rest_of_fit)
+        taken = max(float(np.sum((rest @ across) ** 2)) - left, 0.0)
+        time = correlation_time(rest_of_fit, q.shape[1] + 2)
         return cls(
             t=t[fit.used],
             log_range=log_range,
@@ -111,7 +123,8 @@ class _Record:
             level=fit.log_ratio + float(row @ series[:, 0]),
             level_cofactor=(1.0 + share**2) * float(row @ row),
             reference=fit.log_ratio,
-            fit_squares=float(np.sum((fit.residual[fit.used] @ combinations @ weights) ** 2)),
+            fit_squares=float(np.sum((residual @ weights) ** 2)),
+            unexplained=taken * rest_of_fit.size / (left * time) if left > 0.0 else 0.0,
         )
 
     @property

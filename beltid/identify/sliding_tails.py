@@ -61,15 +61,17 @@ class Tails:
         """
         return self.double.log_evidence - self.single.log_evidence - WORTH
 
-    def beside(self, level: float, se: float) -> Tails:
+    def beside(self, level: float, se: float, log_odds: float = 0.0) -> Tails:
         """Put the fit beside the tails that were weighed for it, as it has a drift.
 
         Parameters
         ----------
         level, se : float
             Its level of ln(T_tight/T_slack) and standard error [-].
+        log_odds : float
+            What else speaks for it.
         """
-        return replace(self, rival=Hypothesis(level, se, self.log_odds_of_fit))
+        return replace(self, rival=Hypothesis(level, se, self.log_odds_of_fit + log_odds))
 
     @property
     def probability_of_fit(self) -> float:
