@@ -113,28 +113,29 @@ def _search_tail(t: Array, scaled: Array, basis: Array, drift: bool) -> tuple[fl
     longest = length * (1.0 / 6.0 if drift else LONGEST_TAIL)
     shortest = min(1.5 * length / t.size, 0.5 * longest)
     trial = shortest * (longest / shortest) ** COARSE
-    gain = _tail_gain(t, residual, basis, trial)[0]
+    gain = _tail_gain(t, residual, basis, trial)
     k = int(np.argmax(gain))
     near = trial[max(k - 1, 0)], trial[min(k + 1, trial.size - 1)]
     fine = near[0] * (near[1] / near[0]) ** FINE
-    fine_gain = _tail_gain(t, residual, basis, fine)[0]
+    fine_gain = _tail_gain(t, residual, basis, fine)
     tau = float(np.exp(parabolic_maximum(np.log(fine), fine_gain)))
-    best, column, projection = _tail_gain(t, residual, basis, np.array([tau]))
-    noise = float(np.sum(residual**2) - best[0]) / max(residual.size - 4, 1)
-    if best[0] < SIGNIFICANT_TAIL * max(noise, 1e-4):
+    best = float(_tail_gain(t, residual, basis, np.array([tau]))[0])
+    noise = (float(np.sum(residual**2)) - best) / max(residual.size - 4, 1)
+    if best < SIGNIFICANT_TAIL * max(noise, 1e-4):
         return float("nan"), False, residual
-    rest = residual - column * projection / float(np.sum(column**2))
+    column = np.exp(-(t - t[0]) / tau)
+    column -= basis @ (basis.T @ column)
+    rest = residual - np.outer(column, column @ residual / float(column @ column))
     return tau, tau > 0.98 * longest, rest
 
 
-def _tail_gain(t: Array, residual: Array, basis: Array, trial: Array) -> tuple[Array, Array, Array]:
+def _tail_gain(t: Array, residual: Array, basis: Array, trial: Array) -> Array:
     """Sum of squares that a tail of each trial time constant takes off the residual."""
-    tail = np.exp(-(t - t[0])[:, None] / trial)
-    tail -= basis @ (basis.T @ tail)
-    size = np.sum(tail * tail, axis=0)
-    projection = tail.T @ residual
-    gain = np.sum(projection**2, axis=1) / np.maximum(size, 1e-9 * t.size)
-    return gain, tail, projection
+    tail = np.exp(np.outer(-1.0 / trial, t - t[0]))
+    # the residual is orthogonal to the basis: only the size of a tail needs what is left of it
+    size = np.einsum("ij,ij->i", tail, tail) - np.sum((tail @ basis) ** 2, axis=1)
+    gain = np.sum((tail @ residual) ** 2, axis=1) / np.maximum(size, 1e-9 * t.size)
+    return np.asarray(gain, dtype=float)
 
 
 def _solve(

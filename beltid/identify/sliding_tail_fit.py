@@ -69,6 +69,26 @@ def weigh_tails(t: Array, fit: SlidingFit) -> Tails:
 
 
 @dataclass(frozen=True, slots=True)
+class _Decays:
+    """Exponentials of k time constants; a record is orthogonal to the regressors already."""
+
+    decay: Array
+    """Shape (k, n)."""
+    explained: Array
+    """Coefficients over the regressors, shape (k, m)."""
+    power: Array
+    """Sums of squares of what the regressors leave, shape (k,)."""
+    projection: Array
+    """Products with the record, shape (k,)."""
+    share: Array
+    """What they add to the level, shape (k,)."""
+
+    def left(self, k: int, q: Array) -> Array:
+        """What the regressors leave of one of them."""
+        return np.asarray(self.decay[k] - q @ self.explained[k], dtype=float)
+
+
+@dataclass(frozen=True, slots=True)
 class _Record:
     """A record with all but its tail taken off; `q` is an orthonormal basis of the regressors."""
 
@@ -137,10 +157,12 @@ class _Record:
         """Largest credible amplitude [-]."""
         return LARGEST_TAIL * abs(self.reference)
 
-    def decays(self, log_tau: Array) -> tuple[Array, Array]:
-        """Exponentials less what the regressors explain, and what they add to the level."""
-        decay = np.exp(-self.t[:, None] / np.exp(log_tau))
-        return decay - self.q @ (self.q.T @ decay), self.row @ decay
+    def decays(self, log_tau: Array) -> _Decays:
+        """Exponentials, and what the regressors explain of them."""
+        decay = np.exp(np.outer(-np.exp(-log_tau), self.t))
+        explained = decay @ self.q
+        power = np.einsum("ij,ij->i", decay, decay) - np.sum(explained**2, axis=1)
+        return _Decays(decay, explained, power, decay @ self.rest, decay @ self.row)
 
     def log_freedom(self, variance: Array) -> Array:
         """Logarithm of the integral over an amplitude that is known with `variance`."""
@@ -156,13 +178,13 @@ def _log_range(length: float, tau: float) -> tuple[float, float, float]:
 def _proportion(t: Array, rest: Array, q: Array, low: float, high: float) -> float:
     """Amplitude of the tail in the companion over that in y; less where noise hides the tail."""
     grid = np.linspace(low, high, POINTS)
-    decays = np.exp(-t[:, None] / np.exp(grid))
-    decays -= q @ (q.T @ decays)
-    power = np.sum(decays**2, axis=0)
-    both = rest.T @ decays / power
-    best = int(np.argmax(power * np.sum(both**2, axis=0)))
-    amplitudes = both[:, best]
-    residual = rest - np.outer(decays[:, best], amplitudes)
+    decays = np.exp(np.outer(-np.exp(-grid), t))
+    explained = decays @ q
+    power = np.einsum("ij,ij->i", decays, decays) - np.sum(explained**2, axis=1)
+    both = (decays @ rest) / power[:, None]
+    best = int(np.argmax(power * np.sum(both**2, axis=1)))
+    amplitudes = both[best]
+    residual = rest - np.outer(decays[best] - q @ explained[best], amplitudes)
     noise = float(np.mean(residual**2)) / power[best]
     size = amplitudes[0] ** 2 + noise
     return float(amplitudes[0] * amplitudes[1] / size) if size > 0.0 else 0.0
@@ -173,9 +195,9 @@ def _single(record: _Record, noise: float) -> tuple[Hypothesis, float]:
     low, high, _ = record.log_range
     grid = np.linspace(low, high, POINTS)
     for zoom in range(ZOOMS + 1):
-        decays, shares = record.decays(grid)
-        power = np.sum(decays * decays, axis=0)
-        amplitudes, variances = (record.rest @ decays) / power, noise / power
+        decays = record.decays(grid)
+        power, shares = decays.power, decays.share
+        amplitudes, variances = decays.projection / power, noise / power
         evidence = -0.5 * (record.squares - power * amplitudes**2) / noise
         evidence += record.log_freedom(variances)
         best = int(np.argmax(evidence))
@@ -227,17 +249,19 @@ class _Pairs:
     @classmethod
     def over(cls, record: _Record, first: Array, second: Array) -> _Pairs:
         """Solve the 2 x 2 normal equations of all pairs."""
-        (e_1, l_1), (e_2, l_2) = record.decays(first), record.decays(second)
-        g_11, g_22 = np.sum(e_1 * e_1, axis=0)[:, None], np.sum(e_2 * e_2, axis=0)
-        g_12, c_1, c_2 = e_1.T @ e_2, (record.rest @ e_1)[:, None], record.rest @ e_2
+        one, two = record.decays(first), record.decays(second)
+        g_11, g_22 = one.power[:, None], two.power
+        g_12 = one.decay @ two.decay.T - one.explained @ two.explained.T
+        c_1, c_2 = one.projection[:, None], two.projection
         determinant = np.maximum(g_11 * g_22 - g_12**2, 1e-9 * g_11 * g_22)
         slow = (g_11 * c_2 - g_12 * c_1) / determinant
         squares = record.squares - c_1**2 / g_11 - slow**2 * determinant / g_11
         squares[second < first[:, None] + np.log(LEAST_RATIO) * (1.0 - 1e-9)] = np.inf
         i, j = np.unravel_index(np.argmin(squares), squares.shape)
         fast = (c_1[i, 0] - g_12[i, j] * slow[i, j]) / g_11[i, 0]
-        residual = record.rest - fast * e_1[:, i] - slow[i, j] * e_2[:, j]
-        share = l_1[:, None]
+        residual = record.rest - fast * one.left(int(i), record.q)
+        residual -= slow[i, j] * two.left(int(j), record.q)
+        share = one.share[:, None]
         return cls(
             record=record,
             first=first,
@@ -247,7 +271,7 @@ class _Pairs:
             fast_cofactor=1.0 / g_11,
             squares=squares,
             level=record.level - share * c_1 / g_11,
-            slope=share * g_12 / g_11 - l_2,
+            slope=share * g_12 / g_11 - two.share,
             fast_share=share,
             noise=_noise(record, residual),
         )

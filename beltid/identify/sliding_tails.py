@@ -24,6 +24,8 @@ WORTH = 0.3
 """Log evidence that a double tail must be better by."""
 THIRD = 1.5
 """Change of the level by more exponentials over what the second one clearly changed."""
+SETTLED = 1.0e-12
+"""Change of the share below which the maximisation ends."""
 LARGEST_VOTE = 2.0
 """Largest log odds of one run among those of its bench."""
 
@@ -127,7 +129,10 @@ def share_of_double(runs: Sequence[Tails]) -> float:
     """
     votes = np.clip([run.log_odds for run in runs], -LARGEST_VOTE, LARGEST_VOTE)
     share = 0.5
+    odds = np.exp(votes)
     for _ in range(200):
-        double = share * np.exp(votes)
+        before, double = share, share * odds
         share = float(1.0 + np.sum(double / (double + 1.0 - share))) / (2.0 + len(runs))
+        if abs(share - before) < SETTLED:
+            break
     return share

@@ -231,8 +231,10 @@ def _lagged_sums(residual: Array, valid: Mask) -> tuple[Array, Array]:
     n = residual.size
     length = 1 << (2 * n - 1).bit_length()
     spectrum = np.fft.rfft(residual, length)
+    products = np.fft.irfft(spectrum.real**2 + spectrum.imag**2, length)[:n]
+    if valid.all():
+        return products, np.arange(n, 0.0, -1.0)
     presence = np.fft.rfft(valid.astype(float), length)
-    products = np.fft.irfft(np.abs(spectrum) ** 2, length)[:n]
     pairs = np.fft.irfft(np.abs(presence) ** 2, length)[:n]
     return products, pairs
 
