@@ -15,7 +15,7 @@ from beltid.identify.signal import (
     median,
     robust_sigma,
 )
-from beltid.identify.sliding import fit_sliding, plausible_samples
+from beltid.identify.sliding import fit_sliding, fit_without_errors, plausible_samples
 from beltid.identify.sliding_drift import (
     drift_rate,
     odds_of_a_cell,
@@ -23,6 +23,7 @@ from beltid.identify.sliding_drift import (
     settled_levels,
     with_drift_if_called_for,
 )
+from beltid.identify.sliding_errors import LinearScheme, with_errors
 from beltid.identify.sliding_misfit import misfit, rise_before, rounding_se
 from beltid.identify.sliding_model import SlidingFit
 from beltid.identify.sliding_tail_fit import weigh_tails
@@ -190,18 +191,19 @@ def _adequate_fit(t: Array, tensions: Array, sigma: Array, fewest: int) -> tuple
     The tail of a real peak need not be one exponential from its very start. Noise with a memory
     looks like a misfit, too, but the same from every start: then nothing is gained by a later one.
     """
-    tried: list[tuple[float, SlidingFit, int]] = []
+    tried: list[tuple[float, SlidingFit, LinearScheme, int]] = []
     for fraction in LATER_STARTS:
         start = int(fraction * t.size)
         if tried and t.size - start < fewest:
             break
-        fit = fit_sliding(t[start:], tensions[start:], sigma)
-        tried.append((misfit(fit, sigma), fit, start))
+        fit, scheme = fit_without_errors(t[start:], tensions[start:], sigma)
+        tried.append((misfit(fit, sigma), fit, scheme, start))
         if tried[-1][0] < ADEQUATE:
             break
-    least = min(size for size, _, _ in tried)
+    least = min(size for size, *_ in tried)
     limit = max(SAME_MISFIT * least, ADEQUATE)
-    _, fit, start = next(entry for entry in tried if entry[0] <= limit)
+    _, fit, scheme, start = next(entry for entry in tried if entry[0] <= limit)
+    fit = with_errors(fit, scheme, t[start:], sigma)
     hidden = int(HIDDEN_TAIL_START * t.size)
     unseen = not np.isfinite(fit.tau) and fit.log_ratio_se > 5e-4 * abs(fit.log_ratio)
     if unseen and start < hidden and t.size - hidden >= fewest:

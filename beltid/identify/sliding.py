@@ -49,6 +49,13 @@ def fit_sliding(t: Array, tensions: Array, sigma: Array, *, drift: bool = False)
     -------
     SlidingFit
     """
+    return with_errors(*fit_without_errors(t, tensions, sigma, drift=drift), t, sigma)
+
+
+def fit_without_errors(
+    t: Array, tensions: Array, sigma: Array, *, drift: bool = False
+) -> tuple[SlidingFit, LinearScheme]:
+    """The same without standard errors, and what `with_errors` needs to tell them."""
     used = plausible_samples(tensions, sigma)
     for _ in range(4):
         terms = _select_terms(t[used], tensions[used] / sigma, drift)
@@ -59,7 +66,7 @@ def fit_sliding(t: Array, tensions: Array, sigma: Array, *, drift: bool = False)
         if np.count_nonzero(kept) < max(8, used.size // 3) or np.array_equal(kept, used):
             break
         used = kept
-    return with_errors(fit, scheme, t, sigma)
+    return fit, scheme
 
 
 def plausible_samples(tensions: Array, sigma: Array) -> Mask:

@@ -68,7 +68,7 @@ class SlidingFit:
     @property
     def log_residual(self) -> Array:
         """Residual of ln(T_tight/T_slack) to first order [-], shape (n,)."""
-        return self.residual @ self.combinations[:, 0]
+        return self.residual @ (np.array([1.0, -1.0]) / self.levels)
 
     @property
     def combinations(self) -> Array:

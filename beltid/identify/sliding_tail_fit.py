@@ -13,29 +13,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
-from beltid.identify.signal import line_columns
 from beltid.identify.sliding_errors import MOST_TAKEN, ROUNDING, correlation_time
 from beltid.identify.sliding_model import SlidingFit
+from beltid.identify.sliding_tail_record import POINTS, Decays, TailRecord
 from beltid.identify.sliding_tails import Hypothesis, Tails, mixture
 
 Array = NDArray[np.float64]
 
-RANGE = (0.01, 0.5, 2.0)
-"""Shortest time constant, longest one of a single or first tail and of a second tail, over the
-length of the record; log-uniform a priori."""
-BELOW_FIT = 0.25
-"""Shortest time constant over that of the fit, where many samples resolve a tail so short."""
 LEAST_RATIO = 1.25
 """Least ratio of the two time constants of a double tail."""
 SLOW_PART = 0.5
 """Typical slow amplitude over that of the whole tail (scale of a half-normal prior)."""
-LARGEST_TAIL = 0.3
-"""Amplitudes are uniform a priori up to this part of ln(T_tight/T_slack)."""
 NO_TAIL_HAS_THAT = 2.0
 """Gain in log odds that a drift must bring where no tail shows, to count at all."""
 NO_TAIL = 0.2
 """Prior probability that a single tail is none."""
-POINTS = 28
 ZOOMS = 2
 NEGLIGIBLE = 1.0e-4
 """Weight, relative to the largest, at which a grid of time constants is cut off."""
@@ -51,151 +43,31 @@ def weigh_tails(t: Array, fit: SlidingFit) -> Tails:
     fit : SlidingFit
         Fit with a single tail: levels to first approximation, ripple, outliers.
     """
-    record = _Record.of(t, fit)
+    record = TailRecord.of(t, fit)
     low, high_1, high_2 = record.log_range
-    pairs = _Pairs.over(
-        record,
-        np.linspace(low, high_1, POINTS),
-        np.linspace(low + np.log(LEAST_RATIO), high_2, POINTS),
-    )
-    single, amplitude = _single(record, pairs.noise)
+    grid = np.linspace(low, high_1, POINTS)
+    first = record.decays(grid)
+    second = np.linspace(low + np.log(LEAST_RATIO), high_2, POINTS)
+    pairs = _Pairs.of(record, (grid, first), (second, record.decays(second)))
+    single, amplitude = _single(record, grid, first, pairs.noise)
     for _ in range(ZOOMS):
         pairs = pairs.closer(amplitude)
-        single, amplitude = _single(record, pairs.noise)
+        single, amplitude = _single(record, grid, first, pairs.noise)
     odds = 0.5 * (float(np.min(pairs.squares)) - record.fit_squares) / pairs.noise
     # no tail explains what moves in the combination in which the tail does not show
     odds += max(0.5 * record.unexplained - NO_TAIL_HAS_THAT, 0.0)
     return Tails(single, pairs.summary(amplitude), odds)
 
 
-@dataclass(frozen=True, slots=True)
-class _Decays:
-    """Exponentials of k time constants; a record is orthogonal to the regressors already."""
+def _single(
+    record: TailRecord, grid: Array, decays: Decays, noise: float
+) -> tuple[Hypothesis, float]:
+    """A single tail or none, and the largest amplitude that it may have (with its sign).
 
-    decay: Array
-    """Shape (k, n)."""
-    explained: Array
-    """Coefficients over the regressors, shape (k, m)."""
-    power: Array
-    """Sums of squares of what the regressors leave, shape (k,)."""
-    projection: Array
-    """Products with the record, shape (k,)."""
-    share: Array
-    """What they add to the level, shape (k,)."""
-
-    def left(self, k: int, q: Array) -> Array:
-        """What the regressors leave of one of them."""
-        return np.asarray(self.decay[k] - q @ self.explained[k], dtype=float)
-
-
-@dataclass(frozen=True, slots=True)
-class _Record:
-    """A record with all but its tail taken off; `q` is an orthonormal basis of the regressors."""
-
-    t: Array
-    log_range: tuple[float, float, float]
-    """Logarithms of the shortest and the longest time constants, see `RANGE`."""
-    q: Array
-    row: Array
-    """Weights of the samples in the level without a tail, shape (n,)."""
-    rest: Array
-    """Series with the tail of y and the least noise, less what the regressors explain, (n,)."""
-    level: float
-    """Level without a tail [-]."""
-    level_cofactor: float
-    """Its variance over that of a sample of `rest`."""
-    reference: float
-    """ln(T_tight/T_slack) of the fit [-]."""
-    fit_squares: float
-    """Sum of squares that the fit leaves of `rest`."""
-    unexplained: float
-    """Sum of squares that the fit takes off the combination without a tail, over its noise."""
-
-    @classmethod
-    def of(cls, t: Array, fit: SlidingFit) -> _Record:
-        """Combine both tensions so that the tail stands out of the noise the most.
-
-        y itself has not the least noise for that: its companion, the combination with as much
-        noise that is not correlated with it, carries the tail, too, in some proportion to y.
-        """
-        combinations = fit.combinations
-        series = (fit.deviation(t) @ combinations)[fit.used]
-        t = t - t[0]
-        columns = [np.ones((t.size, 1)), *(line_columns(t, line) for line in fit.lines)]
-        q, r = np.linalg.qr(np.hstack(columns)[fit.used])
-        row = np.linalg.solve(r, q.T)[0]
-        rest = series - q @ (q.T @ series)
-        log_range = _log_range(float(t[fit.used][-1]), fit.tau)
-        share = _proportion(t[fit.used], rest, q, *log_range[:2])
-        weights = np.array([1.0, share]) / (1.0 + share**2)
-        residual = fit.residual[fit.used] @ combinations
-        across = np.array([-share, 1.0])
-        rest_of_fit = residual @ across
-        left = float(rest_of_fit @ rest_of_fit)
-        taken = max(float(np.sum((rest @ across) ** 2)) - left, 0.0)
-        time = correlation_time(rest_of_fit, q.shape[1] + 2)
-        return cls(
-            t=t[fit.used],
-            log_range=log_range,
-            q=q,
-            row=row,
-            rest=rest @ weights,
-            level=fit.log_ratio + float(row @ series[:, 0]),
-            level_cofactor=(1.0 + share**2) * float(row @ row),
-            reference=fit.log_ratio,
-            fit_squares=float(np.sum((residual @ weights) ** 2)),
-            unexplained=taken * rest_of_fit.size / (left * time) if left > 0.0 else 0.0,
-        )
-
-    @property
-    def squares(self) -> float:
-        """Sum of squares without a tail."""
-        return float(self.rest @ self.rest)
-
-    @property
-    def largest(self) -> float:
-        """Largest credible amplitude [-]."""
-        return LARGEST_TAIL * abs(self.reference)
-
-    def decays(self, log_tau: Array) -> _Decays:
-        """Exponentials, and what the regressors explain of them."""
-        decay = np.exp(np.outer(-np.exp(-log_tau), self.t))
-        explained = decay @ self.q
-        power = np.einsum("ij,ij->i", decay, decay) - np.sum(explained**2, axis=1)
-        return _Decays(decay, explained, power, decay @ self.rest, decay @ self.row)
-
-    def log_freedom(self, variance: Array) -> Array:
-        """Logarithm of the integral over an amplitude that is known with `variance`."""
-        return 0.5 * np.log(2.0 * np.pi * variance) - np.log(2.0 * self.largest)
-
-
-def _log_range(length: float, tau: float) -> tuple[float, float, float]:
-    """Logarithms of the time constants of `RANGE`, around that of the fit [s] (nan without)."""
-    low, high_1, high_2 = np.log(length * np.array(RANGE)).tolist()
-    return (min(low, float(np.log(BELOW_FIT * tau))) if tau > 0.0 else low), high_1, high_2
-
-
-def _proportion(t: Array, rest: Array, q: Array, low: float, high: float) -> float:
-    """Amplitude of the tail in the companion over that in y; less where noise hides the tail."""
-    grid = np.linspace(low, high, POINTS)
-    decays = np.exp(np.outer(-np.exp(-grid), t))
-    explained = decays @ q
-    power = np.einsum("ij,ij->i", decays, decays) - np.sum(explained**2, axis=1)
-    both = (decays @ rest) / power[:, None]
-    best = int(np.argmax(power * np.sum(both**2, axis=1)))
-    amplitudes = both[best]
-    residual = rest - np.outer(decays[best] - q @ explained[best], amplitudes)
-    noise = float(np.mean(residual**2)) / power[best]
-    size = amplitudes[0] ** 2 + noise
-    return float(amplitudes[0] * amplitudes[1] / size) if size > 0.0 else 0.0
-
-
-def _single(record: _Record, noise: float) -> tuple[Hypothesis, float]:
-    """A single tail or none, and the largest amplitude that it may have (with its sign)."""
+    The search begins with the exponentials `decays` of a grid over all time constants.
+    """
     low, high, _ = record.log_range
-    grid = np.linspace(low, high, POINTS)
     for zoom in range(ZOOMS + 1):
-        decays = record.decays(grid)
         power, shares = decays.power, decays.share
         amplitudes, variances = decays.projection / power, noise / power
         evidence = -0.5 * (record.squares - power * amplitudes**2) / noise
@@ -204,6 +76,7 @@ def _single(record: _Record, noise: float) -> tuple[Hypothesis, float]:
         weights = np.exp(evidence - evidence[best])
         if zoom < ZOOMS:
             grid = _closer(grid, weights, low, high)
+            decays = record.decays(grid)
     cell = float(grid[1] - grid[0]) / (high - low)
     with_tail = float(evidence[best] + np.log(np.sum(weights) * cell))
     level_noise = noise * record.level_cofactor
@@ -228,7 +101,7 @@ def _either(none: Hypothesis, tail: Hypothesis) -> Hypothesis:
 class _Pairs:
     """Least squares with two tails for every pair of time constants, shape (m, k) each."""
 
-    record: _Record
+    record: TailRecord
     first: Array
     second: Array
     slow: Array
@@ -247,9 +120,16 @@ class _Pairs:
     """Variance of a sample by its autocorrelation time, of the pair that fits best."""
 
     @classmethod
-    def over(cls, record: _Record, first: Array, second: Array) -> _Pairs:
-        """Solve the 2 x 2 normal equations of all pairs."""
-        one, two = record.decays(first), record.decays(second)
+    def over(cls, record: TailRecord, first: Array, second: Array) -> _Pairs:
+        """All pairs of two grids."""
+        return cls.of(record, (first, record.decays(first)), (second, record.decays(second)))
+
+    @classmethod
+    def of(
+        cls, record: TailRecord, faster: tuple[Array, Decays], slower: tuple[Array, Decays]
+    ) -> _Pairs:
+        """Solve the 2 x 2 normal equations of all pairs; grids with their exponentials."""
+        (first, one), (second, two) = faster, slower
         g_11, g_22 = one.power[:, None], two.power
         g_12 = one.decay @ two.decay.T - one.explained @ two.explained.T
         c_1, c_2 = one.projection[:, None], two.projection
@@ -321,7 +201,7 @@ class _Pairs:
         return _summed(weights, self.level + self.slope * slow, variance, log_evidence)
 
 
-def _noise(record: _Record, residual: Array) -> float:
+def _noise(record: TailRecord, residual: Array) -> float:
     """Variance of a sample by its autocorrelation time."""
     n, n_terms = residual.size, record.q.shape[1] + 4
     time = correlation_time(residual, n_terms)
