@@ -13,9 +13,9 @@ from typing import Any, Final
 
 from beltid.errors import ConfigError
 
-MAX_BYTES: Final = 1_000_000
+MAX_BYTES: Final = 300_000
 MAX_DEPTH: Final = 16
-MAX_VALUES: Final = 20_000  # counted where an alias puts them, so that aliases cannot multiply
+MAX_VALUES: Final = 5_000  # counted where an alias puts them, so that aliases cannot multiply
 
 KeyPath = tuple[str | int, ...]
 

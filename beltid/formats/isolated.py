@@ -17,7 +17,7 @@ from beltid.formats.exchange import load
 
 BASE_MEMORY: Final = 3 << 30
 MEMORY_PER_BYTE: Final = 12
-BASE_CPU_S: Final = 60
+BASE_CPU_S: Final = 20
 CPU_S_PER_MB: Final = 3
 CRASHES: Final = 5
 

@@ -17,13 +17,13 @@ BLOCK: Final = 5
 _OTHER: Final = "1 - -- % # V mV mV/V A mA Hz Pa kPa MPa bar W kW J g kg mm/s mm/min m/s m/s^2 m/s²"
 OTHER_UNITS: Final = frozenset((*_OTHER.split(), "N/mm", "N/mm²", "l/min"))
 """Units that no column of ours has, but that stand in a row of units."""
-_NUMBER: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_NUMBER: Final = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
 _MISSING: Final = frozenset(("", "nan", "-", "na", "n/a", "null", "none"))
 LONGEST_NAME: Final = 300
 """Longer names of channels are not searched for a unit."""
 _IN_NAME: Final = re.compile(r"[\[(<{]([^\[\](){}<>]*)[\])>}]\s*$")
 # "Zeit / s", "Zeit/s", "Zeit in s"; not the slash within a unit, as in "v rad/s"
-_AFTER_NAME: Final = re.compile(r"(?:\s+/\s*|(?<=\w{4})/|\s+in\s+)(\S+)\s*$")
+_AFTER_NAME: Final = re.compile(r"(?:(?<!\s)\s+/\s*|(?<=\w{4})/|(?<!\s)\s+in\s+)(\S+)\s*$")
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from beltid.store.dialect import MISSING_WORDS, Layout
 from beltid.store.problems import Problems
 from beltid.store.tables import absent
 
-_NUMBER: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_NUMBER: Final = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
 _COMMA_TO_POINT: Final = str.maketrans(",.", ".?")
 _INFINITE: Final = re.compile(r"[-+]?(inf|infinity)", re.IGNORECASE)
 
