@@ -41,6 +41,8 @@ DOUBT = 0.00135
 standard errors, more where few independent nodes determine them (Student's t)."""
 NEGLIGIBLE_SHARE = 2.0e-3
 """So is one that changes the force by less than this share of the largest force."""
+HELD = "negative beyond doubt"
+"""Says a note on a coefficient that is held at zero against the data."""
 LARGEST_MISFIT = 0.1
 """A law with a coefficient held at zero may be off by this share of the largest force."""
 
@@ -186,7 +188,7 @@ def _held(
             "k_linear delta + k_quadratic delta² that stiffens from a contact point"
         )
     note = (
-        f"{law}, negative beyond doubt: it is held at zero, and the {form} law is off by up to "
+        f"{law}, {HELD}: it is held at zero, and the {form} law is off by up to "
         f"{100 * off:.2g} % of the largest force"
     )
     return _law(found, (note,))

@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.config import Config, ConfigSource, load_config
+from beltid.identify.shared_law import HELD
 from beltid.identify.stiffness import LawEstimate, StiffnessResult
 from beltid.identify.stiffness import fit_stiffness as identify
 from beltid.report.summary import Summary
@@ -101,8 +102,11 @@ def _outcome(
             "n_spikes": result.n_spikes,
             **beside.extra,
         },
-        notes=(*notes, *result.notes, *beside.notes),
-        warnings=tuple(f"test {test} set aside: {why}" for test, why in result.set_aside),
+        notes=(*notes, *(n for n in result.notes if HELD not in n), *beside.notes),
+        warnings=(
+            *(f"test {test} set aside: {why}" for test, why in result.set_aside),
+            *(note for note in result.pooled.notes if HELD in note),
+        ),
     )
 
 

@@ -51,7 +51,6 @@ def normal_laws(
             "laws": [asdict(law) for law in choice.laws],
         }
         notes.append(choice.verdict)
-        notes += [law.note for law in choice.laws if law.note and law.law == "quadratic"]
     except BeltidError as error:
         notes.append(f"No comparison of normal laws: {error}")
     try:

@@ -42,6 +42,17 @@ def test_stiffness_carries_the_verdict_and_the_dissipation(stiffness):
     assert float(words[2]) == pytest.approx(6.5e7, rel=2e-3)  # rigdata/README.md
 
 
+def test_a_coefficient_held_against_the_data_is_a_warning_with_the_misfit():
+    press = read_recording(RIGDATA / "5pk" / "press.csv", "press").columns
+    steep = dict(press)  # the same travel, a force that grows faster
+    steep["force_N"] = np.sign(press["force_N"]) * 400.0 * np.abs(press["force_N"] / 400.0) ** 2.2
+    outcome = beltid.fit_stiffness(steep, CONFIG)
+    assert outcome.result.pooled.k_linear_N_m2 == 0.0
+    assert any("held at zero" in w and "off by up to" in w for w in outcome.warnings)
+    assert not any("off by up to" in note for note in outcome.notes)
+    assert outcome.extra["law_choice"]["quadratic_supported"] is False
+
+
 def test_surface_carries_formulas_that_are_what_they_say(friction):
     outcome = beltid.build_surface(friction, CONFIG)
     record = outcome.extra["friction_laws"]
