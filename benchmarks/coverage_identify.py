@@ -44,8 +44,8 @@ that contain it, 95 % if the standard errors are exact; *z* is the root mean squ
 standard error, 1 if they are; below 1 they are too large, which is the safe side. The errors are
 relative to the true value.
 
-A zero that drifts by so little that the noise of a run hides it (0.3 N within a run in the table) is
-not allowed for: state it as an uncertainty of the cells.
+A zero that drifts by so little that the noise of a run hides it (0.3 N within a run in the table)
+is not allowed for: state it as an uncertainty of the cells.
 
 """
 
