@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from beltid.batch.belts import batch_summary, write_sweep_tables
+from beltid.batch.containment import refuse_links_out
 from beltid.batch.local import local_workers
 from beltid.batch.locks import alone_in
 from beltid.batch.reports import write_reports
@@ -109,7 +110,13 @@ def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptio
         Folder of the results; each belt has a folder in it, each case one in that of its belt.
     options : BatchOptions
         Force, listener, workers.
+
+    Raises
+    ------
+    InputError
+        If a link would lead results out of the folder.
     """
+    refuse_links_out(folder, [source.name for source in sources])
     chains = []
     for source in sources:
         chains.append(Chain(source, folder / source.name, chain_of(options), options.talk))

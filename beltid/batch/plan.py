@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from beltid.batch.belts import NOT_RUN, SKIPPED, UP_TO_DATE
 from beltid.batch.chain import BatchOptions, chain_of
+from beltid.batch.containment import refuse_links_out
 from beltid.batch.steps import Step
 from beltid.config import ConfigSource
 from beltid.errors import EXIT_DONE, BeltidError
@@ -31,6 +32,7 @@ def plan_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOpti
     options : BatchOptions
         As for the batch itself.
     """
+    refuse_links_out(folder, [source.name for source in sources])
     rows: list[dict[str, Any]] = []
     warnings: list[str] = []
     status = EXIT_DONE

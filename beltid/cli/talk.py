@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Final
 
 from beltid.cli.streams import mute
+from beltid.errors import printable
 from beltid.stages.talk import Talk
 
 if TYPE_CHECKING:
@@ -73,6 +74,7 @@ class TerminalTalk(Talk):
     def _line(self, text: str) -> None:
         for word, other in self._names.items():
             text = text.replace(word, other)
+        text = "\n".join(printable(line) for line in text.split("\n"))
         with self._lock:
             if self._bars is not None:  # above the progress bars, not through them
                 self._bars.console.print(text, markup=False, highlight=False, soft_wrap=True)

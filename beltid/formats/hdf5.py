@@ -33,7 +33,10 @@ class _Content:
     """Groups and datasets of a file as nested dicts of plain values."""
 
     def __init__(self, file: Any) -> None:
+        import h5py
+
         self.file = file
+        self.number = h5py.h5o.get_info(file.id).fileno
         self.seen = 0
 
     def group(self, group: Any, depth: int) -> dict[str, Any]:
@@ -44,11 +47,14 @@ class _Content:
         if depth > MAX_DEPTH:
             return members
         for name in group:
-            if name.startswith("#"):  # where MATLAB keeps what references point to
-                continue
             if isinstance(group.get(name, getlink=True), h5py.ExternalLink):
                 raise FormatError(f"{name} is a link to another file, which is not followed")
-            members[name] = self._value(group[name], depth)
+            if name.startswith("#"):  # where MATLAB keeps what references point to
+                continue
+            item = group[name]
+            if h5py.h5o.get_info(item.id).fileno != self.number:  # by a link to such a link
+                raise FormatError(f"{name} is a link to another file, which is not followed")
+            members[name] = self._value(item, depth)
         for name, value in group.attrs.items():  # plain HDF5 keeps its settings there
             if not name.startswith("MATLAB") and np.ndim(value) == 0:
                 members.setdefault(name, _text_or_number(value))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
+from beltid.errors import printable
 from beltid.report.cells import cell, fact, heading
 from beltid.report.summary import Summary
 
@@ -93,7 +94,7 @@ def _facts(facts: dict[str, Any]) -> Table:
 def _texts(cells: Sequence[str]) -> list[Any]:
     from rich.text import Text
 
-    return [Text(text) for text in cells]
+    return [Text(printable(text)) for text in cells]
 
 
 def table_or_records(rows: Rows, console: Console) -> RenderableType:
@@ -158,5 +159,5 @@ def _records(names: list[str], texts: list[list[str]]) -> RenderableType:
     for row in texts:
         for i, (name, text) in enumerate(zip(names, row, strict=True)):
             words, value = heading(name), text
-            lines.append(f"{'  ' if i else '- '}{words}: {value}")
+            lines.append(printable(f"{'  ' if i else '- '}{words}: {value}"))
     return Text("\n".join(lines))
