@@ -46,14 +46,14 @@ check: $(DEVELOPMENT)  ## formatting, lint, types, import contracts
 bench: $(BENCHMARK)  ## the benchmark beside its peer; writes benchmarks/RESULTS.md
 	$(BIN)/python -m benchmarks.bench $(ARGS)
 
-verify: $(DEVELOPMENT)  ## long proofs that the tests cannot wait for; they write their tables to docs/
-	$(BIN)/python -m benchmarks.faults $(ARGS)
+verify: $(DEVELOPMENT)  ## long proofs that the tests cannot wait for; each writes its table
+	$(BIN)/python -m benchmarks.verify
+	$(BIN)/python -m benchmarks.coverage
+	$(BIN)/python -m benchmarks.coverage_identify
+	$(BIN)/python -m benchmarks.faults
 
 docs: $(DEVELOPMENT)  ## the pages of docs/ as HTML in docs/_build/html
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
-
-verify: $(DEVELOPMENT)  ## random rigs against an independent rod; writes benchmarks/VERIFICATION.md
-	$(BIN)/python -m benchmarks.verify $(ARGS)
 
 clean:  ## remove .venv, caches and the results of run and run-all
 	rm -rf $(VENV) runs/4pk runs/5pk runs/6pk dist build docs/_build

@@ -12,6 +12,7 @@ from pathlib import Path
 from benchmarks.inverse_problem import Inverse
 from benchmarks.start_up import StartUp
 from benchmarks.steady_state import ACCURACIES, OwnMesh, PeerMesh, SteadyComparison
+from benchmarks.streaming import Streamed
 from benchmarks.transient_runs import (
     EQUAL_ELEMENTS,
     PEER_MORE_STEPS,
@@ -263,6 +264,24 @@ def inverse_targets(result: Inverse) -> list[Target]:
             f"{minutes:.1f} min",
             minutes < 3.0,
         ),
+    ]
+
+
+def streaming_targets(results: Sequence[Streamed]) -> list[Target]:
+    """A big CSV file in 1.5 times the bare reading of it, in less than 1 GiB."""
+    peak = max(result.peak_mb for result in results)
+    return [
+        *(
+            Target(
+                f"fit-friction over reading, CSV, {result.samples_per_run:,} samples a run",
+                "<= 1.5",
+                f"{result.ratio:.2f}",
+                result.ratio <= 1.5,
+            )
+            for result in results
+            if result.kind == "csv"
+        ),
+        Target("peak memory of fit-friction", "< 1024 MB", f"{peak:.0f} MB", peak < 1024.0),
     ]
 
 
