@@ -29,13 +29,21 @@ def printable(text: str) -> str:
     text : str
         Anything, such as a cell of a file in a message.
     """
-    if len(text) > LONGEST_LINE:
-        text = f"{text[: LONGEST_LINE - 300]} ... {text[-295:]}"
+    text = _shortened(text)
     if text.isprintable():
         return text
-    return "".join(
-        c if c.isprintable() or unicodedata.category(c) == "Zs" else ascii(c)[1:-1] for c in text
+    return _shortened(
+        "".join(
+            c if c.isprintable() or unicodedata.category(c) == "Zs" else ascii(c)[1:-1]
+            for c in text
+        )
     )
+
+
+def _shortened(text: str) -> str:
+    if len(text) <= LONGEST_LINE:
+        return text
+    return f"{text[: LONGEST_LINE - 300]} ... {text[-295:]}"
 
 
 class BeltidWarning(UserWarning):

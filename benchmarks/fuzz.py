@@ -1,0 +1,184 @@
+"""Every reader against changed files, guided by coverage: it must return or refuse with status 2.
+
+    python -m benchmarks.fuzz [--seconds 300] [--inputs 150000] [--only csv yaml ...]
+
+Files start from tests/hostile/corpus and are changed there where their structure allows
+(tests/hostile/mutation.py); atheris keeps what reaches new code. A finding is an exception that is
+no `BeltidError`, an input that takes more than 3 s of computing time, a crash of the process, or
+more than 4 GB of memory. Findings are written to build/fuzz/<reader>/, and the exit status is 1.
+Readers that the product runs in a child process run here in one process, too: an exception is then
+no finding (the child tells it), a crash or a hang is.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import random
+import subprocess
+import sys
+import time
+import traceback
+from pathlib import Path
+from typing import Final
+
+ROOT: Final = Path(__file__).parents[1]
+HOSTILE: Final = ROOT / "tests" / "hostile"
+BUILD: Final = ROOT / "build" / "fuzz"
+SLOW_S: Final = 3.0
+RESTARTS: Final = 200
+SHARES: Final = {"tdms": 0.5, "mdf": 0.1, "mat": 0.5, "hdf5": 0.5, "xlsx": 0.2}
+"""Inputs of a reader, in parts of those of the others: these are slow."""
+
+sys.path.insert(0, str(HOSTILE))
+
+
+def one_reader(reader: str, inputs: int, seconds: float, seed: int) -> None:
+    """Fuzz one reader in this process; atheris ends it."""
+    import atheris
+
+    with atheris.instrument_imports(include=["beltid.config", "beltid.formats", "beltid.store"]):
+        import mutation
+        import readers
+    folder = BUILD / reader
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "grown").mkdir(exist_ok=True)
+    seeds = readers.seeds(reader)
+    change = mutation.MUTATORS[reader]
+    told: set[str] = set()
+    count = {"inputs": 0, "refused": 0, "taken": 0, "findings": 0, "slowest_s": 0.0}
+    state = folder / "state.json"
+    end = time.monotonic() + seconds
+
+    def note(data: bytes, text: str, kind: str) -> None:
+        if kind in told:
+            return
+        told.add(kind)
+        count["findings"] += 1
+        name = hashlib.sha256(data).hexdigest()[:12]
+        (folder / f"{name}.input").write_bytes(data)
+        (folder / f"{name}.txt").write_text(text)
+
+    def test(data: bytes) -> None:
+        if time.monotonic() > end:
+            state.write_text(json.dumps(count))
+            os._exit(0)  # anything else is a crash to atheris
+        (folder / "last.input").write_bytes(data)
+        count["inputs"] += 1
+        start = time.process_time()
+        try:
+            refused = readers.read(reader, data)
+            count["refused" if refused else "taken"] += 1
+        except Exception as error:
+            frames = traceback.extract_tb(error.__traceback__)
+            kind = f"{type(error).__name__} {frames[-1].filename}:{frames[-1].lineno}"
+            note(data, traceback.format_exc(), kind)
+        spent = time.process_time() - start
+        count["slowest_s"] = max(count["slowest_s"], spent)
+        if spent > SLOW_S:
+            note(data, f"{spent:.1f} s\n", f"slow {int(spent)}")
+        if count["inputs"] % 100 == 0 or count["inputs"] >= inputs:
+            state.write_text(json.dumps(count))
+
+    def changed(data: bytes, max_size: int, seed: int) -> bytes:
+        dice = random.Random(seed)
+        base = dice.choice(seeds) if dice.random() < 0.3 or not data else data
+        return change(base, dice, seeds)[:max_size]
+
+    corpus = [str(folder / "grown"), str(readers.CORPUS / reader)]
+    limits = [f"-runs={inputs}", "-timeout=30", "-rss_limit_mb=4096", "-max_len=300000"]
+    place = f"-artifact_prefix={folder}/"
+    atheris.Setup(
+        [
+            sys.argv[0],
+            *corpus,
+            *limits,
+            place,
+            "-verbosity=0",
+            "-print_final_stats=0",
+            f"-seed={seed}",
+        ],
+        test,
+        custom_mutator=changed,
+    )
+    atheris.Fuzz()
+
+
+def fuzz(reader: str, inputs: int, seconds: float) -> dict[str, float]:
+    """Fuzz one reader in processes of its own, until its inputs or its time are spent."""
+    import readers
+
+    folder, end = BUILD / reader, time.monotonic() + seconds
+    folder.mkdir(parents=True, exist_ok=True)
+    names = ("inputs", "refused", "taken", "findings", "slowest_s", "ended")
+    whole = dict.fromkeys(names, 0.0)
+    for seed in range(1, RESTARTS):
+        left, rest_s = inputs - int(whole["inputs"]), end - time.monotonic()
+        if left <= 0 or rest_s <= 1.0:
+            break
+        (folder / "state.json").write_text("{}")
+        command = [sys.executable, "-m", "benchmarks.fuzz", "--reader", reader]
+        command += ["--inputs", str(left), "--seconds", str(rest_s), "--seed", str(seed)]
+        with (folder / "log.txt").open("w") as log:
+            subprocess.run(command, cwd=ROOT, stdout=log, stderr=log, check=False)
+        state = json.loads((folder / "state.json").read_text())
+        for name in names[:4]:
+            whole[name] += state.get(name, 0)
+        whole["slowest_s"] = max(whole["slowest_s"], state.get("slowest_s", 0.0))
+        ended = [p for p in folder.iterdir() if p.name.startswith(("crash", "timeout", "oom"))]
+        for path in ended:
+            whole["inputs"] += 1
+            survived = reader in readers.ISOLATED and _child_survives(reader, path)
+            whole["ended" if survived else "findings"] += 1
+            path.rename(folder / f"{'ended' if survived else 'finding'}-{path.name}")
+        if not ended:
+            break
+    return {n: v if n == "slowest_s" else int(v) for n, v in whole.items()}
+
+
+def _child_survives(reader: str, path: Path) -> bool:
+    """Whether the product tells what is wrong with a file that ends the process that reads it."""
+    from beltid.formats.bench_file import BenchFile, FormatError
+    from beltid.formats.isolated import read_isolated
+
+    (found,) = read_isolated([(reader, path)])
+    return isinstance(found, (BenchFile, FormatError))
+
+
+def main() -> int:
+    """Fuzz the readers one after the other, and tell what came of it."""
+    from mutation import MUTATORS
+
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--inputs", type=int, default=150_000, help="in all")
+    parser.add_argument("--seconds", type=float, default=3600.0, help="in all")
+    parser.add_argument("--only", nargs="*", default=list(MUTATORS))
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--reader", help=argparse.SUPPRESS)
+    asked = parser.parse_args()
+    if asked.reader:
+        one_reader(asked.reader, asked.inputs, asked.seconds, asked.seed)
+        return 0
+    parts = sum(SHARES.get(reader, 1.0) for reader in asked.only)
+    total = findings = 0
+    print(
+        f"{'reader':<16}{'inputs':>9}{'refused':>9}{'taken':>9}{'ended the child':>17}"
+        f"{'findings':>10}{'slowest':>9}"
+    )
+    for reader in asked.only:
+        share = SHARES.get(reader, 1.0) / parts
+        count = fuzz(reader, int(asked.inputs * share), asked.seconds / len(asked.only))
+        total, findings = total + int(count["inputs"]), findings + int(count["findings"])
+        print(
+            f"{reader:<16}{count['inputs']:>9,}{count['refused']:>9,}{count['taken']:>9,}"
+            f"{count['ended']:>17,}{count['findings']:>10}{count['slowest_s']:>7.2f} s",
+            flush=True,
+        )
+    print(f"{'all':<16}{total:>9,}{'':>35}{findings:>10}")
+    return 1 if findings else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

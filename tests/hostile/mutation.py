@@ -1,0 +1,289 @@
+"""Changes to a file that keep most of its structure, so that they get past its first bytes."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import json
+import random
+import re
+import struct
+import zipfile
+import zlib
+from collections.abc import Callable, Sequence
+
+NASTY: tuple[str, ...] = (
+    "",
+    "0",
+    "-1",
+    "1e999",
+    "-1e308",
+    "nan",
+    "inf",
+    ".inf",
+    "1_000",
+    "²",
+    "٣",
+    "1²3",
+    "9" * 400,
+    "9" * 5000,
+    "0x" + "f" * 300,
+    "=1+1",
+    "\0",
+    "\x1b[31m",
+    "\ud7ff\ufffe",
+    "\u2028",
+    "\r",
+    '"',
+    "'",
+    "***End_of_Header***",
+    "{[",
+    "&a",
+    "*a",
+    "<<",
+    "!!python/object/apply:os.system [true]",
+    "? ",
+    "---",
+    "%YAML 9.9",
+    "null",
+    "true",
+    "[]",
+    "{}",
+    "1,5",
+    "../../x",
+    " " * 3000 + "x",
+    "a / " * 500,
+    "((((" * 200,
+    "kN",
+    "degC",
+)
+EXTREMES: tuple[int, ...] = (
+    0,
+    1,
+    -1,
+    0x7F,
+    0x80,
+    0xFF,
+    0x7FFF,
+    0xFFFF,
+    2**31 - 1,
+    2**31,
+    2**32 - 1,
+)
+_WORD = re.compile(rb"[-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?|\w+")
+
+Mutator = Callable[[bytes, random.Random, Sequence[bytes]], bytes]
+
+
+def bytes_changed(data: bytes, dice: random.Random, others: Sequence[bytes] = ()) -> bytes:
+    """Bits, fields of 2, 4 and 8 bytes, cuts, repeats, pieces of another file."""
+    out = bytearray(data)
+    for _ in range(dice.choice((1, 1, 2, 4, 8))):
+        if not out:
+            return bytes(out)
+        # heads of files hold their structure
+        at = dice.randrange(min(len(out), dice.choice((64, 1024, 1 << 30))))
+        kind = dice.randrange(7)
+        if kind == 0:
+            out[at] ^= 1 << dice.randrange(8)
+        elif kind in (1, 2):
+            width = dice.choice("BHIQ")
+            size = struct.calcsize(width)
+            value = dice.choice(EXTREMES) & (256**size - 1)
+            out[at : at + size] = struct.pack(dice.choice("<>") + width, value)
+        elif kind == 3:
+            del out[at : at + dice.choice((1, 4, 64, len(out)))]
+        elif kind == 4:
+            out[at:at] = out[at : at + dice.choice((4, 64, 512))]
+        elif kind == 5 and others:
+            other = dice.choice(others)
+            start = dice.randrange(len(other) or 1)
+            out[at : at + 32] = other[start : start + 32]
+        else:
+            out[at : at + 4] = dice.randbytes(4)
+    return bytes(out)
+
+
+def text_changed(data: bytes, dice: random.Random, others: Sequence[bytes] = ()) -> bytes:
+    """Words, cells and lines of a text, exchanged for nasty ones, repeated, left out."""
+    for _ in range(dice.choice((1, 1, 2, 3))):
+        kind = dice.randrange(9)
+        words = list(_WORD.finditer(data))
+        lines = data.split(b"\n")
+        if kind <= 3 and words:
+            word = dice.choice(words)
+            new = dice.choice(NASTY).encode("utf-8", "surrogatepass")
+            data = data[: word.start()] + new + data[word.end() :]
+        elif kind == 4:
+            i, j = dice.randrange(len(lines)), dice.randrange(len(lines))
+            lines[i], lines[j] = lines[j], lines[i]
+            data = b"\n".join(lines)
+        elif kind == 5:
+            i = dice.randrange(len(lines))
+            lines[i : i + 1] = [lines[i]] * dice.choice((0, 0, 2, 50))
+            data = b"\n".join(lines)
+        elif kind == 6:
+            old, new = (
+                dice.choice((b",", b";", b"\t", b"\n", b":", b"-", b".")),
+                dice.choice(
+                    (b",", b";", b"\t", b"\r", b"\r\n", b" ", b"", b"\0", b"\xff", b"\xc2\xa0")
+                ),
+            )
+            data = data.replace(old, new, dice.choice((1, -1)))
+        elif kind == 7:
+            at = dice.randrange(len(data) + 1)
+            new = dice.choice(NASTY).encode("utf-8", "surrogatepass")
+            data = data[:at] + new * dice.choice((1, 1, 30)) + data[at:]
+        else:
+            data = bytes_changed(data, dice, others)
+        data = data[: 1 << 18]
+    return data
+
+
+def gzip_changed(data: bytes, dice: random.Random, others: Sequence[bytes] = ()) -> bytes:
+    """The text in a gzip file, or the file itself."""
+    if dice.random() < 0.7:
+        try:
+            return gzip.compress(text_changed(gzip.decompress(data), dice), mtime=0)
+        except (OSError, EOFError, zlib.error):
+            pass
+    return bytes_changed(data, dice, others)
+
+
+def zip_changed(data: bytes, dice: random.Random, others: Sequence[bytes] = ()) -> bytes:
+    """The texts in a zip file, their names and methods, or the file itself."""
+    if dice.random() < 0.6:
+        try:
+            return _repacked(data, dice)
+        except Exception:  # what was changed before is no zip file any more
+            pass
+    return bytes_changed(data, dice, others)
+
+
+def _repacked(data: bytes, dice: random.Random) -> bytes:
+    out = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(data)) as old, zipfile.ZipFile(out, "w") as new:
+        names = old.namelist()
+        chosen = dice.choice(names)
+        for name in names:
+            content = old.read(name)
+            if name == chosen:
+                kind = dice.randrange(5)
+                if kind == 0:
+                    name = dice.choice(("../" + name, "1²3.csv", "/etc/x.csv", "a" * 300, name))
+                elif kind == 1:
+                    continue
+                else:
+                    content = text_changed(content, dice)
+            method = dice.choice((zipfile.ZIP_DEFLATED, zipfile.ZIP_STORED, zipfile.ZIP_LZMA))
+            new.writestr(name, content, method)
+    return out.getvalue()
+
+
+def parquet_changed(data: bytes, dice: random.Random, others: Sequence[bytes] = ()) -> bytes:
+    """Columns, types and metadata of a Parquet file, sealed again; or the file itself."""
+    if dice.random() < 0.6:
+        try:
+            return _rewritten(data, dice)
+        except Exception:  # what was changed before is no Parquet file any more
+            pass
+    return bytes_changed(data, dice, others)
+
+
+def _rewritten(data: bytes, dice: random.Random) -> bytes:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    from beltid.store.artifacts import METADATA_KEY, SEAL_KEY
+    from beltid.store.hashing import sha256
+
+    table = pq.read_table(pa.BufferReader(data))
+    metadata = dict(table.schema.metadata or {})
+    name = dice.choice(table.column_names)
+    index = table.column_names.index(name)
+    kind = dice.randrange(6)
+    if kind == 0:
+        n = table.num_rows
+        new = dice.choice(
+            (
+                pa.array([None] * n),
+                pa.array(["x"] * n),
+                pa.array([b"\xff"] * n),
+                pa.array([float("inf")] * n),
+                pa.array([float("nan")] * n),
+                pa.array([[1.0]] * n),
+                pa.array([{"a": 1}] * n),
+                pa.array([2**63] * n, pa.uint64()),
+                pa.array([0] * n, pa.timestamp("ns")),
+                pa.array([0] * n, pa.date32()),
+                pa.array([0] * n, pa.duration("s")),
+                pa.array(["x"] * n).dictionary_encode(),
+                pa.array([True] * n),
+                pa.nulls(n, pa.decimal128(38, 2)),
+            )
+        )
+        table = table.set_column(index, name, new)
+    elif kind == 1:
+        table = table.remove_column(index)
+    elif kind == 2:
+        table = table.append_column(name, table.column(name))  # a name twice
+    elif kind == 3:
+        table = table.slice(0, dice.choice((0, 1)))
+    elif METADATA_KEY in metadata:
+        text = metadata[METADATA_KEY].decode()
+        if kind == 4:
+            record = json.loads(text)
+            key = dice.choice(list(record))
+            record[key] = dice.choice((None, 1, "x", [], {}, [[1]], {"x": {"y": None}}, 1e400))
+            text = json.dumps(record)
+        else:
+            text = text_changed(text.encode(), dice).decode("utf-8", "replace")
+        metadata[METADATA_KEY] = text.encode()
+        metadata[SEAL_KEY] = sha256(text.encode()).encode()
+    out = io.BytesIO()
+    pq.write_table(table.replace_schema_metadata(metadata), out, write_page_checksum=True)
+    return out.getvalue()
+
+
+def law_changed(data: bytes, dice: random.Random, others: Sequence[bytes] = ()) -> bytes:
+    """Values of a law at any depth, with its seal left as it is or taken off."""
+    if dice.random() < 0.5:
+        return text_changed(data, dice, others)
+    try:
+        law = json.loads(data)
+    except (ValueError, RecursionError):
+        return text_changed(data, dice, others)
+    if not isinstance(law, dict):
+        return data
+    if dice.random() < 0.7:
+        law.pop("content_sha256", None)
+    place = law
+    while True:
+        keys = list(place) if isinstance(place, dict) else list(range(len(place)))
+        if not keys:
+            break
+        key = dice.choice(keys)
+        if isinstance(place[key], (dict, list)) and place[key] and dice.random() < 0.8:
+            place = place[key]
+            continue
+        place[key] = dice.choice(
+            (None, 0, -1, 1e308, float("inf"), 10**400, "x", "\ud800", [], {}, True, [[[]]], 1e-320)
+        )
+        break
+    return json.dumps(law).encode()
+
+
+MUTATORS: dict[str, Mutator] = {
+    "gzip": gzip_changed,
+    "zip": zip_changed,
+    "xlsx": zip_changed,
+    "artifact": parquet_changed,
+    "parquet": parquet_changed,
+    "parquet_stream": parquet_changed,
+    "law": law_changed,
+    **dict.fromkeys(
+        ("yaml", "csv", "csv_stream", "press", "speedloss", "lvm", "zwick"), text_changed
+    ),
+    **dict.fromkeys(("tdms", "mdf", "mat", "hdf5"), bytes_changed),
+}
+"""Reader -> how its files are changed."""
