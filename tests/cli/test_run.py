@@ -114,6 +114,18 @@ def test_a_single_belt_gives_its_own_status(bench: Path, beltid: Any) -> None:
     assert beltid("run", "--no-report", "beltid.yaml").exit_code == 2
 
 
+def test_the_refined_surface_decides(bench: Path, beltid: Any) -> None:
+    """The published one misses by percents, the refined one by tenths of them."""
+    config = bench / "beltid.yaml"
+    config.write_text(config.read_text() + "compare: {max_rms_relative_error: 0.01}\n")
+    result = beltid("run", "--no-report", "--json", "beltid.yaml")
+    row = json.loads(result.stdout)["table"][0]
+    assert row["stages"]["compare"] == "out of tolerance"
+    assert row["stages"]["compare refined"] == "done"
+    assert row["status"] == "done, compare out of tolerance"
+    assert result.exit_code == 0
+
+
 def test_failure_leaves_earlier_artifacts(bench: Path, beltid: Any) -> None:
     assert beltid("run", "--no-report", "beltid.yaml").exit_code == 0
     before = states(bench / "runs")
