@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import io
+import os
 import zlib
 from pathlib import Path
 from typing import Final
@@ -32,7 +33,8 @@ def read_bytes(path: Path, error_type: type[InputError] = InputError) -> bytes:
         if path.is_dir():
             raise error_type(f"{path}: is a folder, a file is needed")
         with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
+            size = os.fstat(file.fileno()).st_size  # 0 for what is no file on a disk
+            data = file.read(min(size or MAX_BYTES, MAX_BYTES) + 1)
     except FileNotFoundError:
         raise error_type(f"{path}: there is no such file") from None
     except PermissionError:

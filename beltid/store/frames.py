@@ -75,11 +75,25 @@ def _names(frame: Any, name: str) -> list[str]:
 def _column(frame: Any, theirs: str) -> Any:
     column = frame[theirs]
     if hasattr(column, "to_pylist") and not hasattr(column, "iloc"):  # an Arrow column
+        if hasattr(column.type, "value_type") and hasattr(column.type, "index_type"):
+            return _shared_words(column)
         try:
             return np.asarray(column.to_numpy())
         except (ValueError, TypeError):
             return column.to_pylist()
     return column
+
+
+def _shared_words(column: Any) -> np.ndarray:
+    """An Arrow column of words as objects, every word once in memory however often it is there."""
+    parts = column.unify_dictionaries().chunks if hasattr(column, "chunks") else [column]
+    whole = [np.empty(0, dtype=object)]
+    for part in parts:
+        words = np.empty(len(part.dictionary) + 1, dtype=object)
+        words[:-1] = part.dictionary.to_pylist()  # the last stays None, for what is missing
+        codes = part.indices.cast("int64").fill_null(len(words) - 1)
+        whole.append(words[codes.to_numpy(zero_copy_only=False)])
+    return np.concatenate(whole)
 
 
 def _values(values: Any, column: Column, name: str, problems: Problems) -> np.ndarray:

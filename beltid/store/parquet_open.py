@@ -56,7 +56,11 @@ def open_parquet(
         texts = [
             text
             for text in dict.fromkeys(labels)
-            if there.names.count(text) == 1 and pa.types.is_string(there.field(text).type)
+            if there.names.count(text) == 1
+            and (
+                pa.types.is_string(there.field(text).type)
+                or pa.types.is_large_string(there.field(text).type)
+            )
         ]
         return opened(texts) if texts else file
     except InputError:
@@ -78,7 +82,7 @@ def damaged(error: BaseException) -> str:
     return "damaged: " + (" ".join(str(error).split())[:120] or type(error).__name__)
 
 
-def refused_columns(there: pa.Schema, wanted: Sequence[str], name: str) -> list[str]:
+def refused_columns(there: pa.Schema, wanted: Sequence[str], label: str, name: str) -> list[str]:
     """What is wrong with columns that are to be read: given twice, nested, of foreign types.
 
     Parameters
@@ -87,6 +91,8 @@ def refused_columns(there: pa.Schema, wanted: Sequence[str], name: str) -> list[
         The columns of the file.
     wanted : sequence of str
         Their names; those that are missing are not spoken of.
+    label : str
+        The one that may hold texts.
     name : str
         Name of the file in messages.
     """
@@ -100,6 +106,12 @@ def refused_columns(there: pa.Schema, wanted: Sequence[str], name: str) -> list[
         if count != 1:
             continue
         kind = there.field(column).type
-        if pa.types.is_nested(kind) or isinstance(kind, pa.BaseExtensionType):
-            problems.append(f"{name}: column {column} holds {kind}, must hold numbers or texts")
+        inner = kind.value_type if pa.types.is_dictionary(kind) else kind
+        text = pa.types.is_string(inner) or pa.types.is_large_string(inner)
+        plain = (
+            pa.types.is_primitive(inner) or pa.types.is_null(inner) or pa.types.is_decimal(inner)
+        )
+        if not (plain or (text and column == label)):
+            allowed = "texts or whole numbers" if column == label else "numbers"
+            problems.append(f"{name}: column {column} holds {kind}, must hold {allowed}")
     return problems

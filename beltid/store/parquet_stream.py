@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 ROWS: Final = 1 << 18
 """Rows of a block."""
+LONGEST_LABEL: Final = 1000
 
 
 def parquet_files(folder: Path) -> list[Path]:
@@ -71,10 +72,11 @@ def _batches(
 ) -> Iterator[pa.RecordBatch]:
     import pyarrow as pa
 
-    source = open_parquet(file, [names.get(table.label, table.label)], str(file), InputError)
+    label = names.get(table.label, table.label)
+    source = open_parquet(file, [label], str(file), InputError)
     there = source.schema_arrow
     ours = [names.get(column.name, column.name) for column in table.columns]
-    problems, wanted = refused_columns(there, ours, str(file)), []
+    problems, wanted = refused_columns(there, ours, label, str(file)), []
     if problems:
         raise InputError(problems)
     for column in table.columns:
@@ -93,9 +95,21 @@ def _batches(
     if problems:
         raise InputError(problems)
     try:
+        if label in wanted:
+            _refuse_long(next(source.iter_batches(batch_size=64, columns=[label]), None), file)
         yield from source.iter_batches(batch_size=ROWS, columns=wanted)
+    except InputError:
+        raise
     except Exception as error:
         raise InputError(f"{file}: {damaged(error)}") from None
+
+
+def _refuse_long(first: pa.RecordBatch | None, file: Path) -> None:
+    """Refuse labels that would fill the memory if every row of a block had one."""
+    words = [] if first is None else first.column(0).to_pylist()
+    longest = max((len(str(word)) for word in words), default=0)
+    if longest > LONGEST_LABEL:
+        raise InputError(f"{file}: labels of {longest} characters, must be at most {LONGEST_LABEL}")
 
 
 def _is_number(kind: Any) -> bool:

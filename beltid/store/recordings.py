@@ -170,10 +170,11 @@ def _from_parquet(
 
     table, names = schemas.table(kind), options.names
     wanted = {names.get(column.name, column.name): column.required for column in table.columns}
-    file = open_parquet(data, [names.get(table.label, table.label)], str(path), InputError)
+    label = names.get(table.label, table.label)
+    file = open_parquet(data, [label], str(path), InputError)
     there = file.schema_arrow
     sealed = SEAL_KEY in (there.metadata or {})
-    if problems := [] if sealed else refused_columns(there, list(wanted), str(path)):
+    if problems := [] if sealed else refused_columns(there, list(wanted), label, str(path)):
         raise InputError(problems)
     # all of them where one is missing: the message tells what is there
     missing = any(needed and column not in there.names for column, needed in wanted.items())

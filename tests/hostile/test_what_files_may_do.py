@@ -1,0 +1,267 @@
+"""What is in a file stays data: no code, no other files, no network, no commands to a terminal."""
+
+from __future__ import annotations
+
+import ast
+import csv
+import io
+import json
+import resource
+import socket
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from typer.testing import CliRunner
+
+from beltid.cli import app
+from beltid.errors import LONGEST_LINE, ArtifactError, InputError, printable
+from beltid.store import parquet_open
+from beltid.store.artifacts import METADATA_KEY, SEAL_KEY, read_artifact
+from beltid.store.big_recordings import open_big
+from beltid.store.hashing import sha256
+from beltid.store.recordings import read_recording
+
+ROOT = Path(__file__).parents[2]
+CORPUS = Path(__file__).parent / "corpus"
+DATA = ROOT / "rigdata" / "5pk"
+
+
+def rig(n: int = 12) -> dict[str, list[object]]:
+    return {
+        "run": ["R1"] * n,
+        "time_s": [0.1 * i for i in range(n)],
+        "tension_tight_N": [120.0] * n,
+        "tension_slack_N": [80.0] * n,
+        "pulley_speed_rad_s": [0.1] * n,
+        "temperature_degC": [22.0] * n,
+        "arc_deg": [40.0] * n,
+        "initial_tension_N": [100.0] * n,
+    }
+
+
+def written(path: Path, columns: dict[str, object]) -> Path:
+    pq.write_table(pa.table(columns), path)
+    return path
+
+
+def test_a_small_parquet_file_that_claims_a_great_many_rows_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(parquet_open, "MAX_CELLS", 1_000_000)  # the test is to be quick
+    n = 2_000_000
+    column = pa.DictionaryArray.from_arrays(pa.array(np.zeros(n, np.int8)), pa.array([1.0]))
+    path = written(tmp_path / "rig.parquet", {"time_s": column})
+    with pytest.raises(InputError, match=r"it claims 2,000,000 values in [\d,]+ bytes"):
+        read_recording(path, "rig")
+
+
+def test_a_long_text_in_every_row_takes_the_memory_of_one(tmp_path):
+    n = 100_000
+    label = pa.DictionaryArray.from_arrays(pa.array(np.zeros(n, np.int32)), ["x" * 100_000])
+    columns = {name: pa.array([cells[0]] * n) for name, cells in rig(1).items()}
+    columns["time_s"] = pa.array(np.arange(n) * 0.01)
+    # 1e5 times 1e5 characters are 10 GB
+    path = written(tmp_path / "rig.parquet", {**columns, "run": label})
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    read_recording(path, "rig")
+    with pytest.raises(InputError, match="labels of 100000 characters, must be at most 1000"):
+        list(open_big(path))
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 300_000  # KiB
+
+
+@pytest.mark.parametrize(
+    "column",
+    [
+        pa.array([[1.0]] * 12),
+        pa.array([{"a": 1.0}] * 12),
+        pa.ExtensionArray.from_storage(pa.uuid(), pa.array([b"0" * 16] * 12, pa.binary(16))),
+    ],
+    ids=["list", "struct", "extension"],
+)
+def test_nested_and_extension_types_are_refused(tmp_path, column):
+    path = written(tmp_path / "rig.parquet", {**rig(), "arc_deg": column})
+    for read in (lambda p: read_recording(p, "rig"), lambda p: list(open_big(p))):
+        with pytest.raises(InputError, match=r"column arc_deg holds .*, must hold numbers"):
+            read(path)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("inputs", 3), ("extra", None), ("set_aside", [1]), ("units", {"a": 1}), ("kind", ["x"])],
+)
+def test_metadata_of_a_wrong_type_are_refused_though_their_seal_is_right(tmp_path, key, value):
+    table = pq.read_table(CORPUS / "artifact" / "slip.parquet")
+    record = json.loads(table.schema.metadata[METADATA_KEY]) | {key: value}
+    text = json.dumps(record).encode()
+    sealed = {METADATA_KEY: text, SEAL_KEY: sha256(text).encode()}
+    path = tmp_path / "slip.parquet"
+    pq.write_table(table.replace_schema_metadata(sealed), path)
+    with pytest.raises(ArtifactError):
+        read_artifact(path)
+
+
+@pytest.mark.parametrize("name", ["#hidden", "shown"])
+def test_hdf5_links_by_way_of_links_to_other_files_are_not_followed(tmp_path, name):
+    other, path = tmp_path / "other.h5", tmp_path / "rig.h5"
+    with h5py.File(other, "w") as file:
+        for column, cells in rig().items():
+            if column != "run":
+                file[f"secret/{column}"] = np.array(cells, dtype=float)
+    with h5py.File(path, "w") as file:
+        file.create_group("#refs#")[name] = h5py.ExternalLink(str(other), "/secret")
+        file["R1"] = h5py.SoftLink(f"/#refs#/{name}")
+    with pytest.raises(InputError, match="R1 is a link to another file, which is not followed"):
+        read_recording(path, "rig")
+
+
+def belts_config(folder: Path) -> Path:
+    path = folder / "belt.yaml"
+    files = f"{{press: {DATA}/press.csv, rig: {DATA}/rig.csv}}"
+    path.write_text(f"belt: {{name: belt}}\ndata: {files}\n")
+    return path
+
+
+@pytest.mark.parametrize("arguments", [[], ["--dry-run"]])
+@pytest.mark.parametrize("link", ["belt", "belt/stiffness.parquet", "belt/report.html"])
+def test_a_link_out_of_the_folder_of_the_results_is_refused(tmp_path, link, arguments):
+    outside = tmp_path / "outside"
+    outside.mkdir()
+    path = tmp_path / "runs" / link
+    path.parent.mkdir(parents=True)
+    path.symlink_to(outside if link == "belt" else outside / "new")
+    call = ["run", str(belts_config(tmp_path)), "--runs-dir", str(tmp_path / "runs"), *arguments]
+    result = CliRunner().invoke(app, call)
+    assert result.exit_code == 2
+    assert f"{path}: is a link to {path.resolve()}, out of the folder" in result.stderr
+    assert list(outside.iterdir()) == []
+
+
+def test_the_folder_of_the_results_itself_may_be_a_link(tmp_path):
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "runs").symlink_to(tmp_path / "disk")
+    call = ["run", str(belts_config(tmp_path)), "--runs-dir", str(tmp_path / "runs"), "--dry-run"]
+    assert CliRunner().invoke(app, call).exit_code == 0
+
+
+def test_names_in_files_cannot_command_a_terminal(tmp_path):
+    path = tmp_path / "rig.csv"
+    names = ",".join(rig())
+    path.write_text(names + "\n\x1b]0;owned\x07[red]\u202e,0,x,1,1,1,1,1\n")
+    result = CliRunner().invoke(app, ["fit-friction", str(path)])
+    assert result.exit_code == 2
+    assert '"x", must be a number' in result.stderr
+    shown = CliRunner().invoke(app, ["inspect", str(path)])
+    for text in (result.output, result.stderr, shown.output, shown.stderr):
+        assert not set("\x1b\x07\u202e") & set(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("plain 5 µm · 20 °C", "plain 5 µm · 20 °C"),
+        ("no\u00a0break", "no\u00a0break"),
+        ("a\nerror: b", "a\\nerror: b"),
+        ("\x1b[31m", "\\x1b[31m"),
+        ("\u202etxt.exe", "\\u202etxt.exe"),
+        ("\ud800", "\\ud800"),
+    ],
+)
+def test_messages_are_one_printable_line(text, shown):
+    assert printable(text) == shown
+    assert InputError(text).problems == (shown,)
+    assert len(printable(text * LONGEST_LINE)) <= LONGEST_LINE
+
+
+def test_no_cell_of_an_exported_table_is_a_formula(tmp_path):
+    law = CORPUS / "law" / "5pk.beltlaw.json"
+    result = CliRunner().invoke(app, ["export", "csv", str(law), "-o", str(tmp_path), "-q"])
+    assert result.exit_code == 0, result.stderr
+    tables = sorted(tmp_path.glob("*.csv"))
+    assert tables
+    for path in tables:
+        lines = [line for line in path.read_text().splitlines() if not line.startswith("#")]
+        header, *rows = csv.reader(io.StringIO("\n".join(lines)))
+        assert all(name[0].isalpha() for name in header)
+        assert all(cell == "" or np.isfinite(float(cell)) for row in rows for cell in row)
+
+
+def test_nothing_in_the_package_unpickles_or_evaluates():
+    """Names that run what a file holds; numpy's readers are told not to."""
+    # what they computed themselves: in a nameless file, and on the way to another process
+    own = ("friction_stream.py", "refine_monte_carlo.py")
+    forbidden = {"pickle", "marshal", "shelve", "dill", "cloudpickle", "eval", "exec", "compile"}
+    for path in (ROOT / "beltid").rglob("*.py"):
+        if path.name in own:
+            continue
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            named = {a.name for a in node.names} if isinstance(node, ast.Import) else set()
+            if isinstance(node, ast.ImportFrom):
+                named = {node.module}
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+                named = {node.func.id}
+            assert not named & forbidden, f"{path}:{node.lineno}: {named & forbidden}"
+            if isinstance(node, ast.Call) and ast.unparse(node.func) in ("np.load", "numpy.load"):
+                told = {k.arg: ast.unparse(k.value) for k in node.keywords}
+                assert told.get("allow_pickle") == "False", f"{path}:{node.lineno}"
+
+
+def test_the_stages_need_no_network(tmp_path, monkeypatch):
+    def refused(*_: object, **__: object) -> None:
+        raise AssertionError("the network was asked for")
+
+    for name in ("connect", "connect_ex", "bind", "sendto"):
+        monkeypatch.setattr(socket.socket, name, refused, raising=False)
+    monkeypatch.setattr(socket, "getaddrinfo", refused)
+    lines = (DATA / "rig.csv").read_text().splitlines(keepends=True)
+    labels = list(dict.fromkeys(line.split(",")[0] for line in lines[1:]))
+    some = set(labels[::4])
+    kept = [line for line in lines[1:] if line.split(",")[0] in some]
+    (tmp_path / "rig.csv").write_text("".join([lines[0], *kept]))
+    for call in (
+        ["fit-stiffness", DATA / "press.csv", "-o", tmp_path / "stiffness.parquet"],
+        ["fit-slip", DATA / "speedloss.csv", "-o", tmp_path / "slip.parquet"],
+        ["fit-friction", tmp_path / "rig.csv", "-o", tmp_path / "friction.parquet"],
+        ["build-surface", tmp_path / "friction.parquet", "-o", tmp_path / "surface.parquet"],
+        ["export", "json", tmp_path, "-o", tmp_path / "law"],
+        ["report", tmp_path],
+    ):
+        result = CliRunner().invoke(app, [str(part) for part in call])
+        assert result.exit_code == 0, result.output + result.stderr
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "words"),
+    [
+        ("tension_tight_N", "inf", "tension_tight_N = inf, must be > 0"),
+        ("tension_slack_N", "0", "tension_slack_N = 0, must be > 0"),
+        ("tension_slack_N", "-3", "tension_slack_N = -3, must be > 0"),
+        ("arc_deg", "400", "arc_deg = 400, must be"),
+        ("time_s", "nan", "time_s is empty"),
+        ("pulley_speed_rad_s", "-inf", "pulley_speed_rad_s = -inf, must be"),
+        ("initial_tension_N", "-50", "initial_tension_N = -50, must be"),
+    ],
+)
+def test_numbers_that_nature_does_not_have_are_refused_with_their_line(
+    tmp_path, column, value, words
+):
+    columns = rig()
+    rows = [dict(zip(columns, cells, strict=True)) for cells in zip(*columns.values(), strict=True)]
+    rows[4][column] = value
+    path = tmp_path / "rig.csv"
+    body = [",".join(str(cell) for cell in row.values()) for row in rows]
+    path.write_text("\n".join([",".join(columns), *body]) + "\n")
+    with pytest.raises(InputError) as caught:
+        read_recording(path, "rig")
+    assert any(line.startswith(f"{path}:6: ") and words in line for line in caught.value.problems)
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e-3, "kN"), (1e4, "mN")])
+def test_tensions_wrong_by_a_thousand_are_not_believed(tmp_path, factor, unit):
+    columns = rig()
+    for name in ("tension_tight_N", "tension_slack_N"):
+        columns[name] = [value * factor for value in columns[name]]
+    path = written(tmp_path / "rig.parquet", columns)
+    with pytest.raises(InputError, match=f"not plausible in N; if it is in {unit}, say so"):
+        read_recording(path, "rig")
