@@ -3,7 +3,7 @@
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help run run-all test check bench verify docs clean
+.PHONY: help run run-all test check check-lowest bench verify fuzz mutants coverage lock docs clean
 
 # another Python: make PYTHON=/path/to/python3.12 run
 PYTHON ?= $(shell for p in python3 python3.14 python3.13 python3.12 python3.11 python; do \
@@ -22,7 +22,7 @@ PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 help:  ## show this help
 	@echo "beltid: contact parameters between a V-ribbed belt and a pulley"
 	@echo
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 	@echo
 	@echo "  ARGS=... adds arguments (make run ARGS=--force), PYTHON=... names another Python."
 
@@ -42,6 +42,7 @@ check: $(DEVELOPMENT)  ## formatting, lint, types, import contracts
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python -m benchmarks.audit
 
 bench: $(BENCHMARK)  ## the benchmark beside its peer; writes benchmarks/RESULTS.md
 	$(BIN)/python -m benchmarks.bench $(ARGS)
@@ -51,6 +52,21 @@ verify: $(DEVELOPMENT)  ## long proofs that the tests cannot wait for; each writ
 	$(BIN)/python -m benchmarks.coverage
 	$(BIN)/python -m benchmarks.coverage_identify
 	$(BIN)/python -m benchmarks.faults
+
+fuzz: $(DEVELOPMENT)  ## every reader against 150,000 changed files (nightly)
+	$(PIP_INSTALL) --editable ".[fuzz]" && $(BIN)/python -m benchmarks.fuzz $(ARGS)
+
+mutants: $(DEVELOPMENT)  ## small faults in the science, which its tests must see
+	$(BIN)/python -m benchmarks.mutants $(ARGS)
+
+coverage: $(DEVELOPMENT)  ## branches of the science that its tests reach, kernels not compiled
+	$(PIP_INSTALL) --editable ".[care]" && NUMBA_DISABLE_JIT=1 $(BIN)/python -m coverage run --branch --source=beltid.laws,beltid.identify,beltid.refine,beltid.uncertainty -m pytest -q tests/laws tests/identify tests/refine tests/uncertainty $(ARGS) && $(BIN)/python -m coverage report
+
+lock: $(DEVELOPMENT)  ## the newest dependencies, with their hashes, to requirements*.lock
+	$(PIP_INSTALL) --editable ".[care]" && for s in ":" "-dev:--extra dev"; do $(BIN)/uv pip compile pyproject.toml $${s#*:} --python-version 3.11 --universal --generate-hashes --no-header -q --upgrade -o requirements$${s%%:*}.lock; done
+
+check-lowest: $(DEVELOPMENT)  ## the lowest dependencies that are allowed, in a place of their own
+	$(PIP_INSTALL) --editable ".[care]" && $(BIN)/uv venv -q --clear --python 3.11 build/lowest && $(BIN)/uv pip install -q --python build/lowest/bin/python --resolution lowest-direct --editable . && $(BIN)/uv pip install -q --python build/lowest/bin/python pytest hypothesis && build/lowest/bin/python -m pytest -q tests/formats/test_round_trip.py tests/store/test_artifacts.py tests/config/test_config_errors.py tests/hostile/test_changed_files.py tests/report/test_show.py
 
 docs: $(DEVELOPMENT)  ## the pages of docs/ as HTML in docs/_build/html
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
