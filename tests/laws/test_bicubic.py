@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from beltid.laws.bicubic import patches
+from beltid.laws.bicubic import bounded_cubic, patches
 from beltid.laws.friction_surface import FrictionSurface
 
 Array = NDArray[np.float64]
@@ -118,3 +118,13 @@ def test_local_peak_of_one_node_is_not_overshot() -> None:
     assert values.max() <= 1.4
     far = (f[:, 0] < FORCES[2]) | (f[:, 0] > FORCES[4])
     assert np.all(values[far] == 0.8)  # a spline would ring there
+
+
+def test_bounded_cubic_is_the_natural_spline_where_no_bound_acts():
+    from scipy.interpolate import CubicSpline
+
+    x = np.array([0.0, 0.7, 1.5, 2.1, 3.0])
+    z = 1.0 + 2.0 * x + 0.1 * np.sin(x)  # steep enough for the spline to stay between its points
+    at = np.linspace(0.0, 3.0, 61)
+    expected = CubicSpline(x, z, bc_type="natural")(at)
+    np.testing.assert_allclose(bounded_cubic(x, z, at), expected, rtol=1e-12)
