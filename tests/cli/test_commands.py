@@ -253,7 +253,8 @@ def test_the_chain_tells_belts_of_synthetic_data_apart(bench: Path, beltid: Any)
     mixed = beltid("run", "--no-report", "beltid.yaml", "real.yaml")
     assert mixed.stdout.startswith("run: ")
     assert sum("synthetic" in line for line in mixed.stdout.splitlines()) == 1
-    rows = json.loads(beltid("run", "--no-report", "beltid.yaml", "real.yaml", "--json").stdout)["table"]
+    result = beltid("run", "--no-report", "beltid.yaml", "real.yaml", "--json")
+    rows = json.loads(result.stdout)["table"]
     assert [row["origin"] for row in rows] == ["synthetic", None]
 
 
