@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -85,23 +84,35 @@ def write_recording(path: Path, runs: int, samples: int, seed: int = 0) -> None:
             parquet.close()
 
 
+READ = """
+import sys, time
+import pyarrow.csv, pyarrow.parquet
+start = time.perf_counter()
+(pyarrow.csv.read_csv if sys.argv[1].endswith(".csv") else pyarrow.parquet.read_table)(sys.argv[1])
+print(time.perf_counter() - start)
+"""
+
+
 def read_time_s(path: Path) -> float:
-    """Time in which pyarrow alone reads a file, both with all cores."""
-    import pyarrow.csv as pc
-    import pyarrow.parquet as pq
+    """Time in which pyarrow alone reads a file, both with all cores.
 
+    In a process of its own: the memory of this one would count as that of the programs it starts.
+    """
+    call = [sys.executable, "-c", READ, str(path)]
+    return float(subprocess.run(call, check=True, capture_output=True, text=True).stdout)
+
+
+def command_cost(*arguments: str) -> tuple[float, float]:
+    """Time [s] of a call of the program, and the most memory [MB] of it or one of its workers."""
     start = time.perf_counter()
-    (pc.read_csv if path.suffix == ".csv" else pq.read_table)(path)
-    return time.perf_counter() - start
-
-
-def command_time_s(*arguments: str) -> float:
-    """Time of a call of the program."""
-    start = time.perf_counter()
-    subprocess.run(
-        [sys.executable, "-m", "beltid", *arguments], check=True, stdout=subprocess.DEVNULL
+    program = subprocess.Popen(
+        [sys.executable, "-m", "beltid", *arguments], stdout=subprocess.DEVNULL
     )
-    return time.perf_counter() - start
+    _, status, usage = os.wait4(program.pid, 0)
+    program.returncode = os.waitstatus_to_exitcode(status)
+    if program.returncode:
+        raise RuntimeError(f"beltid {' '.join(arguments)}: exit status {program.returncode}")
+    return time.perf_counter() - start, usage.ru_maxrss / 1e3
 
 
 def measure(kind: str, megabytes: float, samples_per_run: int) -> Streamed:
@@ -112,12 +123,13 @@ def measure(kind: str, megabytes: float, samples_per_run: int) -> Streamed:
         write_recording(path, runs, samples_per_run)
         write_recording(small, 3, 200)
         out = str(Path(folder) / "friction.parquet")
-        reading, reducing, empty = [], [], []
+        reading, reducing, empty, peaks = [], [], [], []
         for _ in range(ROUNDS):
             reading.append(read_time_s(path))
-            reducing.append(command_time_s("fit-friction", str(path), "-o", out, "-q", "--force"))
-            empty.append(command_time_s("fit-friction", str(small), "-o", out, "-q", "--force"))
-        peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e3
+            spent, peak = command_cost("fit-friction", str(path), "-o", out, "-q", "--force")
+            reducing.append(spent)
+            peaks.append(peak)
+            empty.append(command_cost("fit-friction", str(small), "-o", out, "-q", "--force")[0])
         return Streamed(
             kind,
             path.stat().st_size / 1e6,
@@ -125,7 +137,7 @@ def measure(kind: str, megabytes: float, samples_per_run: int) -> Streamed:
             samples_per_run,
             min(reading),
             min(reducing) - min(empty),
-            peak,
+            max(peaks),
         )
 
 
