@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from beltid.errors import ArtifactError
-from beltid.store.artifacts import read_artifact
+from beltid.store.artifacts import may_be_artifact, read_artifact
 
 RECORDINGS: Final = ("press", "rig", "speedloss")
 """Roles of inputs whose origin the config states."""
@@ -42,8 +42,10 @@ def origin_of(inputs: Mapping[str, Path], stated: str | None) -> str | None:
 
 def _origin(role: str, path: Path, stated: str | None) -> str | None:
     try:
-        artifact = read_artifact(path)
-    except ArtifactError:  # a recording as the bench wrote it
+        artifact = read_artifact(path) if may_be_artifact(path) else None
+    except ArtifactError:
+        artifact = None
+    if artifact is None:  # a recording as the bench wrote it, of any size
         # a simulation that is brought along as a table adds no data of a bench
         return stated if role in RECORDINGS else MEASURED
     if role in RECORDINGS:

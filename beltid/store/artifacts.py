@@ -163,6 +163,19 @@ def artifact_bytes(
     return buffer.getvalue()
 
 
+def may_be_artifact(path: Path) -> bool:
+    """Whether the foot of a file has a seal of ours; the file is not read for that."""
+    import pyarrow.parquet as pq
+
+    try:
+        with path.open("rb") as file:
+            if file.read(4) != b"PAR1":
+                return False
+        return SEAL_KEY in (pq.read_schema(path).metadata or {})
+    except Exception:  # a damaged file can raise nearly anything
+        return False
+
+
 def read_artifact(path: str | Path, kind: str | None = None) -> Artifact:
     """Read an artifact and verify that it is whole and of the kind that is needed.
 
