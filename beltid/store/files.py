@@ -2,16 +2,36 @@
 
 from __future__ import annotations
 
+import contextlib
 import gzip
 import io
 import os
 import zlib
+from collections.abc import Iterator
+from io import BufferedReader
 from pathlib import Path
 from typing import Final
 
 from beltid.errors import InputError
 
 MAX_BYTES: Final = 1 << 30
+
+
+@contextlib.contextmanager
+def opened(path: Path, error_type: type[InputError] = InputError) -> Iterator[BufferedReader]:
+    """Open a file to be read; whatever is wrong then or while it is read is an `error_type`."""
+    try:
+        with path.open("rb") as file:
+            yield file
+    except FileNotFoundError:
+        raise error_type(f"{path}: there is no such file") from None
+    except IsADirectoryError:
+        raise error_type(f"{path}: is a folder, a file is needed") from None
+    except PermissionError:
+        raise error_type(f"{path}: no permission to read it") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise error_type(f"{path}: cannot be read: {reason}") from None
 
 
 def read_bytes(path: Path, error_type: type[InputError] = InputError) -> bytes:
@@ -29,19 +49,9 @@ def read_bytes(path: Path, error_type: type[InputError] = InputError) -> bytes:
     InputError
         If the file is missing, a folder, may not be read, or is too large.
     """
-    try:
-        if path.is_dir():
-            raise error_type(f"{path}: is a folder, a file is needed")
-        with path.open("rb") as file:
-            size = os.fstat(file.fileno()).st_size  # 0 for what is no file on a disk
-            data = file.read(min(size or MAX_BYTES, MAX_BYTES) + 1)
-    except FileNotFoundError:
-        raise error_type(f"{path}: there is no such file") from None
-    except PermissionError:
-        raise error_type(f"{path}: no permission to read it") from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise error_type(f"{path}: cannot be read: {reason}") from None
+    with opened(path, error_type) as file:
+        size = os.fstat(file.fileno()).st_size  # 0 for what is no file on a disk
+        data = file.read(min(size or MAX_BYTES, MAX_BYTES) + 1)
     if len(data) > MAX_BYTES:
         raise error_type(f"{path}: larger than {MAX_BYTES >> 20} MB, split the recording")
     if not data:

@@ -14,7 +14,7 @@ from typing import Final
 
 from beltid.errors import InputError
 from beltid.formats.sniff import ZIP, sniff
-from beltid.store.files import MAX_BYTES, read_bytes
+from beltid.store.files import MAX_BYTES, opened, read_bytes
 from beltid.store.hashing import sha256
 from beltid.store.parquet_stream import parquet_files
 
@@ -81,7 +81,7 @@ def sources_of(path: Path, besides: Sequence[Path] = ()) -> list[Source]:
     if is_many(path):
         files = _files(path, {b.absolute() for b in besides})
         return [Source(str(file), file) for file in files]
-    with _opened(path) as head:
+    with opened(path) as head:
         first = head.read(4)
     if first[:2] == b"PK":
         data = read_bytes(path)
@@ -106,11 +106,8 @@ def content_sha256(path: Path, besides: Sequence[Path] = ()) -> str:
 
 def _file_sha256(path: Path) -> str:
     """SHA-256 of a file of any size, read in parts."""
-    with _opened(path) as file:
-        try:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-        except OSError as error:
-            raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    with opened(path) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def folder_of(path: Path) -> Path:
@@ -127,18 +124,6 @@ def _root(path: Path) -> Path:
             break
         parts.append(part)
     return Path(*parts) if parts else Path()
-
-
-def _opened(path: Path) -> io.BufferedIOBase:
-    try:
-        return path.open("rb")
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file") from None
-    except PermissionError:
-        raise InputError(f"{path}: no permission to read it") from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(f"{path}: cannot be read: {reason}") from None
 
 
 def _files(path: Path, besides: set[Path]) -> list[Path]:
