@@ -9,6 +9,7 @@ from __future__ import annotations
 import codecs
 import math
 import re
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,7 @@ from beltid.units import Calibration, allowed_units, calibration, conversion
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler
 
+_LARGEST = sys.float_info.max  # compared with, not converted: a whole number may be beyond it
 COMPLAINT = "beltid"
 """Type of the errors raised here; their context holds ``allowed``."""
 
@@ -241,7 +243,7 @@ class UnitOf(Checked):
             "factor" in value
             and set(value) <= {"factor", "offset"}
             and len(numbers) == len(value)
-            and all(math.isfinite(v) for v in numbers)
+            and all(-_LARGEST <= v <= _LARGEST for v in numbers)
             and value["factor"] != 0
         )
         if not good:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 import unicodedata
 from dataclasses import dataclass
@@ -33,10 +34,15 @@ class Words:
     def mean(self, name: str) -> bool:
         """Whether a simplified name is one of these."""
         for key in self.keys:
-            rest, hits = re.subn(rf"\b{re.escape(key)}\b", " ", name, count=1)
+            rest, hits = _as_words(key).subn(" ", name, count=1)
             if hits and all(word in self.fillers for word in rest.split()):
                 return True
         return False
+
+
+@functools.cache  # of the few hundred keys below
+def _as_words(key: str) -> re.Pattern[str]:
+    return re.compile(rf"\b{re.escape(key)}\b")
 
 
 def _words(keys: str, fillers: str = "") -> Words:
