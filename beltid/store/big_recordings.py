@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import codecs
 import itertools
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -102,6 +103,11 @@ def _csv(path: Path, options: ReadOptions) -> BigRecording:
     readings, wanted = wanted_columns(found, name, table, options, problems)
     problems.raise_if_any()
     body = _after_lines(first, found.first_line - 1)
+    if re.search(rb"\r(?!\n)", first[: len(first) - len(body)]):
+        raise InputError(
+            f"{name}: lines that end in a carriage return alone; a file of this size must have "
+            "line feeds"
+        )
     source = itertools.chain([body], chunks)
     blocks = csv_blocks(source, found, wanted, decoded.encoding, name, problems)
     conversions = {role: r.conversion for role, r in readings.items() if r.unit_stated or r.negated}
@@ -111,10 +117,12 @@ def _csv(path: Path, options: ReadOptions) -> BigRecording:
 
 
 def _after_lines(data: bytes, lines: int) -> bytes:
-    """Bytes after some lines."""
+    """Bytes after some lines; none if there are not more."""
     at = 0
     for _ in range(lines):
-        at = data.index(b"\n", at) + 1
+        at = data.find(b"\n", at) + 1
+        if not at:
+            return b""
     return data[at:]
 
 
