@@ -1,168 +1,157 @@
 """Mutation testing of the science: small faults are put in, and the tests must see them.
 
-    python -m benchmarks.mutants [--seconds 480] [--seed 1] [--rooms laws identify]
+    python -m benchmarks.mutants [--seconds 1800] [--seed 1] [--rooms laws identify] [--only MODULE]
 
-A sample of all single changes to comparisons, signs, operators, constants and conditions of a room
-is tried one by one in a copy of the project, against the tests of that room (the first failure
-ends a trial). mutmut does the same for whole packages, but it runs modules from rewritten copies
-whose functions the compiler of the kernels cannot compile; so this is its small stand-in.
+A sample of all single changes to comparisons, signs, operators, numbers and conditions of a room is
+tried one by one in a copy of the project. A trial runs only the tests that reach the changed line,
+the fastest first, and ends at the first failure; it is a fork of a process that has imported the
+libraries already. Changes to what runs at import (constants, defaults) are held against the tests
+that run any function of the module or of one that imports from it. mutmut does the same for whole
+packages, but it runs modules from rewritten copies whose functions the compiler of the kernels
+cannot compile; so this is its small stand-in.
 """
 
 from __future__ import annotations
 
 import argparse
-import ast
+import contextlib
+import importlib
 import os
+import pickle
 import random
 import shutil
-import subprocess
+import signal
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
+from benchmarks.mutant_places import Mutant, mutants_of
+from benchmarks.mutant_reach import Reach, trace, trial
+
 ROOT: Final = Path(__file__).parents[1]
 COPIED: Final = ("beltid", "tests", "rigdata", "pyproject.toml")
-LIMIT_S: Final = 120.0
-
-_COMPARED: Final = {
-    ast.Lt: ast.LtE,
-    ast.LtE: ast.Lt,
-    ast.Gt: ast.GtE,
-    ast.GtE: ast.Gt,
-    ast.Eq: ast.NotEq,
-    ast.NotEq: ast.Eq,
+TESTS: Final = {
+    "laws": ["tests/laws", "tests/uncertainty/test_uncertain_surface.py"],
+    "identify": ["tests/identify"],
+    "refine": ["tests/refine"],
+    "uncertainty": ["tests/uncertainty"],
 }
-_OPERATED: Final = {
-    ast.Add: ast.Sub,
-    ast.Sub: ast.Add,
-    ast.Mult: ast.Div,
-    ast.Div: ast.Mult,
-    ast.Pow: ast.Mult,
-}
+TIMED: Final = ("_take_less_than_", "_seconds")
+"""Tests of speed: a busy machine, not a fault, would fail them."""
+WARM: Final = (
+    "numpy.testing",
+    "scipy.interpolate",
+    "scipy.optimize",
+    "scipy.signal",
+    "scipy.special",
+    "scipy.stats",
+    "numba",
+)
 
 
-@dataclass(frozen=True, slots=True)
-class Mutant:
-    """One change: where, and what it turns into what."""
-
-    path: Path
-    line: int
-    before: str
-    after: str
-    text: str
-
-
-def mutants_of(path: Path) -> Iterator[Mutant]:
-    """Every single change to a module that is not in an annotation, a message or a docstring."""
-    source = path.read_text("utf-8")
-    count = len(list(_places(ast.parse(source))))
-    for number in range(count):
-        tree = ast.parse(source)
-        node, change = list(_places(tree))[number]
-        before = ast.unparse(node)
-        change()
-        yield Mutant(path, node.lineno, before, ast.unparse(node), ast.unparse(tree))
-
-
-def _places(tree: ast.Module) -> Iterator[tuple[ast.expr | ast.stmt, object]]:
-    skipped: set[int] = set()
-    for node in ast.walk(tree):
-        if isinstance(node, (ast.Raise, ast.JoinedStr, ast.AnnAssign)) or (
-            isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
-        ):
-            inside = node.value if isinstance(node, ast.AnnAssign) else None
-            skipped |= {id(n) for n in ast.walk(node)}
-            if inside is not None:
-                skipped -= {id(n) for n in ast.walk(inside)}
-        if isinstance(node, (ast.FunctionDef, ast.arg)):
-            note = node.returns if isinstance(node, ast.FunctionDef) else node.annotation
-            if note is not None:
-                skipped |= {id(n) for n in ast.walk(note)}
-    for node in ast.walk(tree):
-        if id(node) in skipped:
-            continue
-        if isinstance(node, ast.Compare) and type(node.ops[0]) in _COMPARED:
-            yield node, lambda n=node: n.ops.__setitem__(0, _COMPARED[type(n.ops[0])]())
-        elif isinstance(node, ast.BinOp) and type(node.op) in _OPERATED:
-            yield node, lambda n=node: setattr(n, "op", _OPERATED[type(n.op)]())
-        elif isinstance(node, ast.BoolOp):
-            yield (
-                node,
-                lambda n=node: setattr(
-                    n, "op", ast.Or() if isinstance(n.op, ast.And) else ast.And()
-                ),
-            )
-        elif isinstance(node, ast.Constant) and type(node.value) in (int, float):
-            yield (
-                node,
-                lambda n=node: setattr(n, "value", n.value * 1.1 if n.value % 1 else n.value + 1),
-            )
-        elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
-            yield node, lambda n=node: setattr(n, "op", ast.UAdd())
-        elif isinstance(node, (ast.If, ast.IfExp)):
-            yield node, lambda n=node: setattr(n, "test", ast.UnaryOp(ast.Not(), n.test))
+def forked(work: Callable[[], bool], limit_s: float) -> str:
+    """The end of some work in a process of its own: passed, failed or endless."""
+    child = os.fork()
+    if child == 0:
+        with open(os.devnull, "w") as nowhere:
+            os.dup2(nowhere.fileno(), 1)
+            os.dup2(nowhere.fileno(), 2)
+        good = False
+        try:
+            good = work()
+        finally:
+            os._exit(0 if good else 1)
+    end = time.monotonic() + limit_s
+    while time.monotonic() < end:
+        done, status = os.waitpid(child, os.WNOHANG)
+        if done:
+            return "passed" if status == 0 else "failed"
+        time.sleep(0.01)
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    return "endless"
 
 
-def killed(mutant: Mutant, copy: Path, room: str) -> bool:
-    """Whether the tests of a room see a mutant."""
-    place = copy / mutant.path.relative_to(ROOT)
-    original = place.read_text("utf-8")
-    place.write_text(mutant.text, "utf-8")
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider"]
-    environment = {**os.environ, "PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
+def outcome(mutant: Mutant, reach: Reach) -> str:
+    """Whether the tests see a mutant: seen, endless (seen, too), survived or not reached."""
+    tests = reach.of(mutant.path, mutant.lines)
+    if not tests:
+        at_import = any((str(mutant.path), line) in reach.tests for line in mutant.lines)
+        tests = reach.of_import(mutant.path, Path.cwd()) if at_import else []
+    if not tests:
+        return "not reached"
+    original, times = mutant.path.read_bytes(), mutant.path.stat()
+    mutant.path.write_text(mutant.text, "utf-8")
+    spent = sum(reach.seconds[t] for t in tests)
     try:
-        done = subprocess.run(
-            [*command, f"tests/{room}"],
-            cwd=copy,
-            env=environment,
-            timeout=LIMIT_S,
-            capture_output=True,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:  # an endless loop is seen, too
-        return True
+        end = forked(lambda: trial(tests), 30.0 + 8.0 * spent)
     finally:
-        place.write_text(original, "utf-8")
-    return done.returncode != 0
+        mutant.path.write_bytes(original)
+        os.utime(mutant.path, ns=(times.st_atime_ns, times.st_mtime_ns))
+    return {"passed": "survived", "failed": "seen"}.get(end, end)
+
+
+def try_room(room: str, found: list[Mutant], seconds: float) -> None:
+    """Trace the tests of a room, try its mutants until the time is over, and tell the score."""
+    result = Path("reach.pickle")
+    begin = time.monotonic()
+    if forked(lambda: trace(TESTS[room], TIMED, result), 3600.0) != "passed":
+        sys.exit(f"{room}: the tests cannot be traced")
+    reach: Reach = pickle.loads(result.read_bytes())
+    everything = sorted(reach.seconds, key=reach.seconds.__getitem__)
+    if forked(lambda: trial(everything), 3600.0) != "passed":
+        sys.exit(f"{room}: tests fail without a mutant")
+    print(
+        f"{room}: {len(everything)} tests, traced in {time.monotonic() - begin:.0f} s", flush=True
+    )
+    counted, begin = Counter[str](), time.monotonic()
+    for mutant in found:
+        if time.monotonic() - begin > seconds:
+            break
+        end = outcome(mutant, reach)
+        counted[end] += 1
+        if end in ("survived", "not reached"):
+            print(f"{end} {mutant.name}", flush=True)
+    tried, seen = sum(counted.values()), counted["seen"] + counted["endless"]
+    print(
+        f"{room}: {seen} of {tried} tried seen ({100 * seen / max(tried, 1):.1f} %), of which"
+        f" {counted['endless']} by their endless run; {counted['survived']} survived,"
+        f" {counted['not reached']} not reached; {len(found)} possible;"
+        f" {time.monotonic() - begin:.0f} s",
+        flush=True,
+    )
 
 
 def main() -> None:
     """Try a sample and tell the score and what survived."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=480.0, help="for each room")
+    parser.add_argument("--seconds", type=float, default=1800.0, help="for each room")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--rooms", nargs="*", default=["laws", "identify"])
+    parser.add_argument("--rooms", nargs="*", choices=TESTS, default=["laws", "identify"])
+    parser.add_argument("--only", default="", help="modules whose path has this in it")
     asked = parser.parse_args()
+    for module in WARM:
+        importlib.import_module(module)
+    sys.dont_write_bytecode = True
     with tempfile.TemporaryDirectory(prefix="beltid-mutants-") as folder:
         for name in COPIED:
-            source = ROOT / name
-            if source.is_dir():
-                shutil.copytree(source, Path(folder, name))
-            else:
-                shutil.copy(source, folder)
-        for room in asked.rooms:
-            found = [
-                m for p in sorted((ROOT / "beltid" / room).glob("*.py")) for m in mutants_of(p)
-            ]
-            random.Random(asked.seed).shuffle(found)
-            end, tried, seen = time.monotonic() + asked.seconds, 0, 0
-            for mutant in found:
-                if time.monotonic() > end:
-                    break
-                tried += 1
-                if killed(mutant, Path(folder), room):
-                    seen += 1
-                else:
-                    where = f"{mutant.path.relative_to(ROOT)}:{mutant.line}"
-                    print(
-                        f"survived {where}: {mutant.before[:90]}  ->  {mutant.after[:90]}",
-                        flush=True,
-                    )
-            print(f"{room}: {seen} of {tried} tried seen, {len(found)} possible", flush=True)
+            place = Path(folder, name)
+            copy: Callable[..., object] = (
+                shutil.copytree if (ROOT / name).is_dir() else shutil.copy2
+            )
+            copy(ROOT / name, place)
+        sys.path.insert(0, folder)
+        with contextlib.chdir(folder):
+            for room in asked.rooms:
+                modules = sorted(Path(folder, "beltid", room).glob("*.py"))
+                modules = [m for m in modules if asked.only in m.name]
+                found = [m for p in modules for m in mutants_of(p, Path(folder))]
+                random.Random(asked.seed).shuffle(found)
+                try_room(room, found, asked.seconds)
 
 
 if __name__ == "__main__":
