@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 ROWS: Final = 1 << 18
 """Rows of a block."""
 LONGEST_LABEL: Final = 1000
+LABELS: Final = 4096
+"""Rows whose labels are read at a time to see how long they are."""
 
 
 def parquet_files(folder: Path) -> list[Path]:
@@ -96,7 +98,8 @@ def _batches(
         raise InputError(problems)
     try:
         if label in wanted:
-            _refuse_long(next(source.iter_batches(batch_size=64, columns=[label]), None), file)
+            for labels in source.iter_batches(batch_size=LABELS, columns=[label]):
+                _refuse_long(labels.column(0), file)
         yield from source.iter_batches(batch_size=ROWS, columns=wanted)
     except InputError:
         raise
@@ -104,12 +107,17 @@ def _batches(
         raise InputError(f"{file}: {damaged(error)}") from None
 
 
-def _refuse_long(first: pa.RecordBatch | None, file: Path) -> None:
+def _refuse_long(labels: pa.Array, file: Path) -> None:
     """Refuse labels that would fill the memory if every row of a block had one."""
-    words = [] if first is None else first.column(0).to_pylist()
-    longest = max((len(str(word)) for word in words), default=0)
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    words = labels.dictionary if pa.types.is_dictionary(labels.type) else labels
+    if not _is_text(words.type):
+        return
+    longest = pc.max(pc.binary_length(words)).as_py() or 0
     if longest > LONGEST_LABEL:
-        raise InputError(f"{file}: labels of {longest} characters, must be at most {LONGEST_LABEL}")
+        raise InputError(f"{file}: labels of {longest} bytes, must be at most {LONGEST_LABEL}")
 
 
 def _is_number(kind: Any) -> bool:

@@ -19,10 +19,11 @@ from typer.testing import CliRunner
 
 from beltid.cli import app
 from beltid.errors import LONGEST_LINE, ArtifactError, InputError, printable
-from beltid.store import parquet_open
+from beltid.store import parquet_open, schemas
 from beltid.store.artifacts import METADATA_KEY, SEAL_KEY, read_artifact
 from beltid.store.big_recordings import open_big
 from beltid.store.hashing import sha256
+from beltid.store.parquet_stream import parquet_blocks
 from beltid.store.recordings import read_recording
 
 ROOT = Path(__file__).parents[2]
@@ -66,9 +67,20 @@ def test_a_long_text_in_every_row_takes_the_memory_of_one(tmp_path):
     path = written(tmp_path / "rig.parquet", {**columns, "run": label})
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     read_recording(path, "rig")
-    with pytest.raises(InputError, match="labels of 100000 characters, must be at most 1000"):
+    with pytest.raises(InputError, match="labels of 100000 bytes, must be at most 1000"):
         list(open_big(path))
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 300_000  # KiB
+
+
+def test_a_long_label_far_down_is_refused_before_the_first_block(tmp_path):
+    n = 9000
+    columns = {name: pa.array([cells[0]] * n) for name, cells in rig(1).items()}
+    columns["time_s"] = pa.array(np.arange(n) * 0.01)
+    columns["run"] = pa.array(["R1"] * (n - 1) + ["x" * 1001])
+    path = tmp_path / "rig.parquet"
+    pq.write_table(pa.table(columns), path, row_group_size=2000)
+    with pytest.raises(InputError, match="labels of 1001 bytes, must be at most 1000"):
+        next(parquet_blocks(path, schemas.table("rig"), {}))
 
 
 @pytest.mark.parametrize(
