@@ -6,6 +6,7 @@ import functools
 import gc
 import pickle
 import resource
+import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,10 @@ import coverage
 import hypothesis
 import pytest
 
-OPTIONS: Final = ("-q", "-x", "-p", "no:cacheprovider", "--no-header")
+OPTIONS: Final = (
+    *("-q", "--no-header", "--tb=no", "--assert=plain", "-o", "addopts="),
+    *("-p", "no:cacheprovider", "-p", "no:xdist", "-p", "no:faulthandler"),
+)
 MEMORY_BYTES: Final = 8 * 2**30
 
 
@@ -95,7 +99,7 @@ def trace(folders: list[str], left_out: tuple[str, ...], result: Path) -> bool:
     measured = coverage.Coverage(data_file=None, source=["beltid"], config_file=False)
     tracer = _Tracer(measured)
     measured.start()
-    pytest.main(["-q", *OPTIONS[2:], *folders], plugins=[tracer])
+    pytest.main([*OPTIONS, *folders], plugins=[tracer])
     measured.stop()
     data, reached = measured.get_data(), dict[tuple[str, int], set[str]]()
     seconds = {
@@ -119,9 +123,10 @@ def trace(folders: list[str], left_out: tuple[str, ...], result: Path) -> bool:
 def trial(tests: list[str]) -> bool:
     """Whether all these tests pass; in a process that has not imported the package yet."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
+    sys.dont_write_bytecode = True
     _repeatable()
     files = sorted({test.split("::")[0] for test in tests})
-    return pytest.main([*OPTIONS, *files], plugins=[_Chosen(tests)]) == pytest.ExitCode.OK
+    return pytest.main([*OPTIONS, "-x", *files], plugins=[_Chosen(tests)]) == pytest.ExitCode.OK
 
 
 def _repeatable() -> None:

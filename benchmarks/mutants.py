@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import gc
 import importlib
 import os
 import pickle
@@ -50,6 +51,9 @@ WARM: Final = (
     "scipy.special",
     "scipy.stats",
     "numba",
+    "_hypothesis_pytestplugin",
+    "_pytest.unittest",
+    "_pytest.unraisableexception",
 )
 
 
@@ -136,7 +140,7 @@ def main() -> None:
     asked = parser.parse_args()
     for module in WARM:
         importlib.import_module(module)
-    sys.dont_write_bytecode = True
+    gc.freeze()  # else every trial looks through all of them
     with tempfile.TemporaryDirectory(prefix="beltid-mutants-") as folder:
         for name in COPIED:
             place = Path(folder, name)
