@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.rigsim.belt import BeltArrays
-from beltid.rigsim.compiled import kernel
+from beltid.rigsim.compiled import kernel, leaf
 from beltid.rigsim.contact import SLIDE, STICK, Motion, Points
 
 Array = NDArray[np.float64]
@@ -72,17 +72,21 @@ def violations(belt: BeltArrays, points: Points) -> Certificate:
 def revise(motion: Motion, points: Points, step: Array, most_changes: int) -> int:
     """Update multipliers and statuses with the solution ``step`` (n,) of the linearised system.
 
-    All patches that break the law change sides at once, which can go in circles; with
-    ``most_changes`` = 1 only the first one does (Murty's least-index rule, which ends for every
-    right-hand side if the compliance of the patches is a P-matrix).
+    Patches that break the law change sides, and with them what a slip front would sweep by Newton's
+    rule for its place (:func:`let_go`, :func:`catch`). That can go in circles; with
+    ``most_changes`` = 1 only the first patch that breaks the law changes (Murty's least-index rule,
+    which ends for every right-hand side if the compliance of the patches is a P-matrix).
 
     Returns
     -------
     int
         Patches that changed between stick and slide.
     """
-    changes = 0
-    for e in range(points.status.size):
+    n_e = points.status.size
+    backward = np.zeros(n_e, dtype=np.bool_)
+    beyond = np.zeros(n_e, dtype=np.bool_)
+    broken = 0
+    for e in range(n_e):
         if points.limit[e] <= 0.0:
             # a patch that closes is dragged by the pulley until it is seen to stick: held at once
             # with a slip that is not yet small, it would be torn off again
@@ -95,18 +99,89 @@ def revise(motion: Motion, points: Points, step: Array, most_changes: int) -> in
             moved += points.pull[e, j] * step[4 * e + j]
         if points.status[e] == STICK:
             la_T = points.force[e] - motion.augmentation * moved
-            beyond = abs(la_T) > points.limit[e] * (1.0 + 0.1 * CONE_TOLERANCE)
-            if beyond and changes < most_changes:
-                points.status[e] = SLIDE
-                points.sign[e] = math.copysign(1.0, la_T)
-                changes += 1
-            else:
-                points.la_T[e] = la_T
-        elif (
-            changes < most_changes
-            and points.sign[e] * (points.slip[e] - moved) < -0.1 * SLIP_TOLERANCE
-        ):
-            points.status[e] = STICK
-            points.la_T[e] = points.force[e]
-            changes += 1
+            beyond[e] = abs(la_T) > points.limit[e] * (1.0 + 0.1 * CONE_TOLERANCE)
+            beyond[e] = beyond[e] and broken < most_changes
+            points.la_T[e] = la_T
+            broken += beyond[e]
+        elif broken < most_changes:
+            backward[e] = points.sign[e] * (points.slip[e] - moved) < -0.1 * SLIP_TOLERANCE
+            broken += backward[e]
+    changes = 0
+    e = 0
+    while e < n_e:
+        end = e + 1
+        if beyond[e]:
+            while end < n_e and beyond[end]:
+                end += 1
+            changes += let_go(points, e, end, most_changes == n_e)
+        elif backward[e]:
+            while end < n_e and backward[end]:
+                end += 1
+            changes += catch(points, e, end, most_changes == n_e)
+        e = end
     return changes
+
+
+@leaf
+def sticks(points: Points, e: int) -> bool:
+    """Whether there is a patch ``e``, it touches and sticks."""
+    return 0 <= e < points.status.size and points.limit[e] > 0.0 and points.status[e] == STICK
+
+
+@leaf
+def let_go(points: Points, begin: int, end: int, ahead: bool) -> int:
+    """Make the patches ``begin`` to ``end`` slide and, with ``ahead``, those beyond that follow.
+
+    A front that has to advance shows as a force on the first patches behind it. What these cannot
+    take falls on the next ones, so the front moves on until they have taken all of it. For a
+    rod of length L sliding behind its front with the surplus g of its friction per length, the
+    force is ``g (L_1**2 - L**2)/(2 L)`` if the front belongs at ``L_1``: the patches swept are
+    Newton's step for ``L**2 = L_1**2``, however fine the mesh.
+    """
+    left, right = sticks(points, begin - 1), sticks(points, end)
+    carried = 0.0
+    for e in range(begin, end):
+        carried += points.la_T[e]
+    sign = math.copysign(1.0, carried)
+    for e in range(begin, end):
+        points.status[e] = SLIDE
+        points.sign[e] = sign if ahead else math.copysign(1.0, points.la_T[e])
+        carried -= sign * points.limit[e]
+    changes = end - begin
+    if not ahead:
+        return changes
+    if left and right:
+        carried *= 0.5
+    for direction in (-1, 1):
+        surplus = sign * carried
+        e = end if direction == 1 else begin - 1
+        while sticks(points, e):
+            surplus += sign * points.la_T[e] - points.limit[e]
+            if surplus <= 0.0:
+                break
+            points.status[e] = SLIDE
+            points.sign[e] = sign
+            changes += 1
+            e += direction
+    return changes
+
+
+@leaf
+def catch(points: Points, begin: int, end: int, half: bool) -> int:
+    """Make the patches ``begin`` to ``end``, that would slip backwards, stick.
+
+    Behind a front that is too far ahead by d the slip is a parabola, backwards over 2 d. With
+    ``half`` the half next to the patches that stick is caught, so the front moves back to where it
+    belongs.
+    """
+    left, right = sticks(points, begin - 1), sticks(points, end)
+    if half and left != right:
+        middle = (end - begin + 1) // 2
+        if left:
+            end = begin + middle
+        else:
+            begin = end - middle
+    for e in range(begin, end):
+        points.status[e] = STICK
+        points.la_T[e] = points.force[e]
+    return end - begin
