@@ -37,6 +37,7 @@ Array = NDArray[np.float64]
 BUILD_UP_MARGIN = 1.25
 PLATEAU_FACTOR = 5.0  # time step of the plateau over that of the build-up
 STEPS_PER_SWING = 10.0  # plateau steps per period of the slack span, at most
+SETTLING = 12.0  # plateau over the time in which the damped contact gives way, at least
 MEMORY = 0.5  # slip over which falling friction follows the speed, over the travel of the build-up
 SETTLED = 5.0e-3  # largest difference of the last tensions to the steady ones [-]
 AUGMENTATION = 1.0e2  # over the axial stiffness EA per shortest element [-]
@@ -92,6 +93,17 @@ def build_up_travel(model: RigModel, laid: StaticState, sliding: StaticState) ->
     return model.path.R * float(np.max(turned))
 
 
+def settling_time(model: RigModel, sliding: StaticState) -> float:
+    """Time in which the contact gives way to a new load: damping over stiffness of all points [s].
+
+    With the penetration delta of a point, Eq. (4) is ``C_P delta_dot + w k'(delta) delta = F``.
+    """
+    pulley, touches = model.system.pulley, sliding.points.F_N > 0.0
+    f_N, w = sliding.points.f_N[touches], model.system.belt.w_c[touches] * sliding.stretch
+    slope = np.sqrt(pulley.k_linear**2 + 4.0 * pulley.k_quadratic * f_N)
+    return float(pulley.C_P * f_N.size / np.sum(w * slope))
+
+
 def make_schedule(model: RigModel, laid: StaticState, sliding: StaticState, steps: int) -> Schedule:
     """Rest, build-up in small steps of travel, and a plateau in larger ones.
 
@@ -105,7 +117,8 @@ def make_schedule(model: RigModel, laid: StaticState, sliding: StaticState, step
     travel = BUILD_UP_MARGIN * build_up_travel(model, laid, sliding)
     dt = travel / build_up / (model.path.R * model.point.omega)
     period = 2.0 * model.path.span * math.sqrt(model.rhoA / sliding.T_B)
-    dt_plateau = max(PLATEAU_FACTOR * dt, period / STEPS_PER_SWING)
+    settling = SETTLING * settling_time(model, sliding)
+    dt_plateau = max(PLATEAU_FACTOR * dt, period / STEPS_PER_SWING, settling / plateau)
     return Schedule(
         dt=np.concatenate([np.full(rest + build_up, dt), np.full(plateau, dt_plateau)]),
         omega=np.concatenate([np.zeros(rest), np.full(build_up + plateau, model.point.omega)]),

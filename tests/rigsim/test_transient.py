@@ -16,7 +16,8 @@ from beltid.errors import ConvergenceError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Contact
-from beltid.rigsim.contact import STICK
+from beltid.rigsim.contact import SLIDE, STICK, Points
+from beltid.rigsim.friction import catch, let_go
 from beltid.rigsim.rig import SimulationSettings, simulate
 
 Array = NDArray[np.float64]
@@ -285,3 +286,72 @@ def test_a_resting_belt_slips_with_the_speed_of_the_pulleys_surface_in_both_meth
     for method in (SimulationSettings(), SimulationSettings("steady")):
         speed = simulate(bench(law=NormalLaw(1e7)), at(82, 270, 0.21), method).profile
         np.testing.assert_allclose(speed["slip_speed_m_s"], 0.21 * 0.05, rtol=1e-3)
+
+
+@pytest.mark.parametrize("elements", [160, 640])
+def test_a_finer_mesh_takes_no_more_iterations_for_its_slip_fronts(elements: int) -> None:
+    """Several patches are swept in a step, and still found at once."""
+    point = at(82.0, 250.0, 0.5)
+
+    def iterations(n: int) -> int:
+        plan = SimulationSettings(method="transient", elements=n, steps=52)
+        return simulate(bench(), point, plan).record.newton_iterations
+
+    assert iterations(elements) < 1.3 * iterations(20)
+
+
+@pytest.mark.parametrize("half", [True, False])
+@pytest.mark.parametrize(("begin", "end", "caught"), [(4, 8, (4, 6)), (12, 17, (14, 17))])
+def test_half_of_what_slips_behind_a_front_is_caught(
+    begin: int, end: int, caught: tuple[int, int], half: bool
+) -> None:
+    points = chain_of_patches(20)
+    points.status[4:17] = SLIDE
+    first, last = caught if half else (begin, end)
+    assert catch(points, begin, end, half) == last - first
+    sliding = np.zeros(20, dtype=bool)
+    sliding[4:17] = True
+    sliding[first:last] = False
+    np.testing.assert_array_equal(points.status == SLIDE, sliding)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_front_sweeps_the_patches_that_take_its_force(sign: float, mirrored: bool) -> None:
+    """A force of 5.4 limits on the first of many patches that carry 0.1 of theirs.
+
+    The first keeps one limit, each of the next takes 0.9 more: 4.4 need four whole ones.
+    """
+    points = chain_of_patches(20)
+    points.la_T[:] = 0.2 * sign
+    points.status[:3] = SLIDE
+    points.la_T[3] = 2.0 * (1.0 + 4.4) * sign
+    if mirrored:
+        points.status[:], points.la_T[:] = points.status[::-1].copy(), points.la_T[::-1].copy()
+    place = 16 if mirrored else 3
+    assert let_go(points, place, place + 1, True) == 1 + 4
+    swept = slice(12, 17) if mirrored else slice(3, 8)
+    assert np.all(points.status[swept] == SLIDE)
+    assert np.all(points.sign[swept] == sign)
+    assert np.count_nonzero(points.status == SLIDE) == 3 + 5
+
+
+def chain_of_patches(n: int) -> Points:
+    """Patches that touch and stick, each with a limit of 2 N."""
+    march = start(bench(), at(), elements=n)
+    march.points.limit[:] = 2.0
+    march.points.status[:] = STICK
+    return march.points
+
+
+@pytest.mark.parametrize(("T_0", "k", "omega"), [(26.0, 8.7e5, 0.2), (60.0, 1.5e6, 2.0)])
+def test_a_soft_damped_contact_is_given_the_time_to_settle(
+    T_0: float, k: float, omega: float
+) -> None:
+    """The damped contact gives way in C_P/(w k), 50 times slower than that of a firm belt."""
+    rig = bench(EI=2e-3, R=0.04, law=NormalLaw(k), mu=0.8)
+    point = at(140.0, T_0, omega)
+    run = simulate(rig, point, SimulationSettings(method="transient"))
+    steady = simulate(rig, point, SimulationSettings(method="steady"))
+    assert run.tension_tight_N == pytest.approx(steady.tension_tight_N, rel=1e-4)
+    assert run.tension_slack_N == pytest.approx(steady.tension_slack_N, rel=1e-4)
