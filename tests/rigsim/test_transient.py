@@ -318,14 +318,14 @@ def test_half_of_what_slips_behind_a_front_is_caught(
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_a_front_sweeps_the_patches_that_take_its_force(sign: float, mirrored: bool) -> None:
-    """A force of 5.4 limits on the first of many patches that carry 0.1 of theirs.
+    """A force of 2.8 limits on the first of many patches that carry 0.6 of theirs.
 
-    The first keeps one limit, each of the next takes 0.9 more: 4.4 need four whole ones.
+    The first keeps one limit, each of the next takes 0.4 more: 1.8 need four whole ones.
     """
     points = chain_of_patches(20)
-    points.la_T[:] = 0.2 * sign
+    points.la_T[:] = 1.2 * sign
     points.status[:3] = SLIDE
-    points.la_T[3] = 2.0 * (1.0 + 4.4) * sign
+    points.la_T[3] = 2.0 * (1.0 + 1.8) * sign
     if mirrored:
         points.status[:], points.la_T[:] = points.status[::-1].copy(), points.la_T[::-1].copy()
     place = 16 if mirrored else 3
