@@ -128,3 +128,16 @@ def test_bounded_cubic_is_the_natural_spline_where_no_bound_acts():
     at = np.linspace(0.0, 3.0, 61)
     expected = CubicSpline(x, z, bc_type="natural")(at)
     np.testing.assert_allclose(bounded_cubic(x, z, at), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("by_x", "by_y", "by_z"), [(1e8, 1, 1), (1, 1e8, 1), (1, 1, 1e-8)])
+def test_which_slopes_are_limited_depends_on_no_unit(by_x, by_y, by_z):
+    rng = np.random.default_rng(4)
+    x, y = np.cumsum(rng.lognormal(0, 0.5, 9)), np.cumsum(rng.lognormal(0, 0.5, 7))
+    # steep along both axes, so that slopes are free and some twists are not
+    z = 5.0 + 2.0 * x[:, None] + 2.0 * y + rng.normal(0.0, 0.4, (9, 7))
+    C, limited = patches(x, y, z)
+    scaled, same = patches(by_x * x, by_y * y, by_z * z)
+    assert 0 < limited.sum() < limited.size
+    assert np.array_equal(limited, same)
+    np.testing.assert_allclose(scaled, by_z * C, rtol=1e-9, atol=1e-9 * by_z)

@@ -14,6 +14,7 @@ from beltid.laws.friction_formulas import (
     FRICTION_LAWS,
     PARAMETERS,
     FrictionFormula,
+    has_force_exponent,
     has_speed_scale,
     speed_terms,
 )
@@ -76,3 +77,27 @@ def test_polynomial_and_power_laws_by_hand():
     )
     assert polynomial_force(2.0, [1.0, 10.0, 100.0]) == pytest.approx(2 + 40 + 800)
     assert power_force(delta, 1e10, 1.5) == pytest.approx([0, 0, 1e10 * 5e-5**1.5, 1e4], rel=1e-13)
+
+
+def test_terms_of_the_laws_by_hand():
+    v, scale = np.array([0.0, 0.003]), 0.01
+    fading_1, fading_2 = math.exp(-0.3), math.exp(-0.09)
+    expected = {
+        "coulomb": [[1.0], [1.0]],
+        "power": [[1.0], [1.0]],
+        "power_log": [[1.0, 0.0], [1.0, math.log(1.3)]],
+        "power_stribeck_1": [[1.0, 0.0, 0.0], [fading_1, 1.0 - fading_1, 0.003]],
+        "power_stribeck_2": [[1.0, 0.0, 0.0], [fading_2, 1.0 - fading_2, 0.003]],
+    }
+    for law in FRICTION_LAWS:
+        terms, derivatives = speed_terms(law, v, math.log(scale))
+        assert terms == pytest.approx(np.array(expected[law]), rel=1e-14)
+        assert derivatives.shape == terms.shape
+        assert has_force_exponent(law) == ("a" in PARAMETERS[law])
+
+
+@pytest.mark.parametrize("law", ["coulomb", "power"])
+def test_laws_without_a_speed_scale_do_not_change_with_it(law):
+    terms, derivatives = speed_terms(law, np.array([0.1, 0.2]), -3.0)
+    assert np.array_equal(terms, [[1.0], [1.0]])
+    assert np.array_equal(derivatives, [[0.0], [0.0]])

@@ -168,6 +168,7 @@ def test_shapes_broadcast_and_scalars_stay_scalars() -> None:
     assert surface.mu(np.empty((0, 3)), 0.01).shape == (0, 3)
     assert np.ndim(surface.mu(3000.0, 0.01)) == 0
     assert surface.gradient(F, 0.01)[0].shape == (8,)
+    assert surface.degree == (3, 3)
     assert surface.covers(F[:, None], V).all()
 
 
@@ -284,6 +285,7 @@ def test_all_problems_of_a_grid_come_at_once() -> None:
     [
         ([2000.0, 1000.0], [0.01], [[1.0], [1.0]], "must be strictly increasing"),
         ([1000.0, 1000.0 + 1e-10], [0.01], [[1.0], [1.0]], "must be strictly increasing"),
+        ([0.0, 0.0], [0.01], [[1.0], [1.0]], "must be strictly increasing"),
         ([], [0.01], np.empty((0, 1)), "at least one node"),
         ([[1.0]], [0.01], [[1.0]], "one-dimensional"),
         (["a"], [0.01], [[1.0]], "normal_force_N_m: must be an array of numbers"),
@@ -305,3 +307,41 @@ def test_scalar_law_compiles_as_it_stands() -> None:
     for f, v in zip(rng.uniform(-100, 9000, 50), rng.uniform(-0.06, 0.06, 50), strict=True):
         point = (T.x_nodes, T.y_nodes, T.f_ref, T.v_ref, T.C, f, v)
         assert compiled(*point) == pytest.approx(evaluate_tables(*point), rel=1e-12)
+
+
+def test_slope_at_rest_is_the_one_from_above() -> None:
+    surface = FrictionSurface([2000.0], [0.0, 0.01, 0.03], [[0.5, 0.6, 0.8]])
+    _, (at_rest, above, below) = surface.gradient(2000.0, [0.0, 1e-9, -1e-9])
+    assert at_rest == pytest.approx(above, rel=1e-6)
+    assert at_rest > 0.0
+    assert below == pytest.approx(-above, rel=1e-12)
+
+
+def test_standard_error_of_a_grid_with_one_node_on_an_axis() -> None:
+    by_speed = FrictionSurface([1000.0], [0.01, 0.03], [[1.0, 1.0]], [[0.02, 0.04]])
+    assert by_speed.mu_se_at(5000.0, 0.01 * (np.sqrt(2 * 4) - 1)) == pytest.approx(0.03)
+    by_force = FrictionSurface([1000.0, 3000.0], [0.01], [[1.0], [1.0]], [[0.02], [0.04]])
+    assert by_force.mu_se_at(1000 * (np.sqrt(2 * 4) - 1), 1.0) == pytest.approx(0.03)
+
+
+def test_standard_error_takes_the_two_neighbours_of_each_axis() -> None:
+    nodes, se = np.array([1.0, 3.0, 7.0, 15.0]), np.array([0.01, 0.02, 0.04, 0.08])
+    middles = np.array([np.sqrt(2 * 4), np.sqrt(4 * 8), np.sqrt(8 * 16)]) - 1  # ln 2, 4, 8, 16
+    expected = pytest.approx([0.015, 0.03, 0.06], rel=1e-13)
+    by_force = FrictionSurface(1000 * nodes, [0.01, 0.02], np.ones((4, 2)), np.c_[se, se])
+    assert by_force.mu_se_at(1000 * middles, 0.01) == expected
+    by_speed = FrictionSurface([1000.0, 2000.0], nodes, np.ones((2, 4)), np.stack([se, se]))
+    assert by_speed.mu_se_at(1000.0, middles) == expected
+
+
+def test_negative_zero_is_zero() -> None:
+    plus, minus = (FrictionSurface([z, 1000.0], [0.01], [[1.0], [0.9]]) for z in (0.0, -0.0))
+    assert plus == minus
+    assert hash(plus) == hash(minus)
+
+
+def test_a_surface_that_is_not_constant_does_not_say_so() -> None:
+    single = FrictionSurface([5000.0], [0.01], [[0.9]])
+    by_speed_alone = FrictionSurface([0.0], [0.01, 0.02], [[0.9, 1.0]])
+    assert "1 x 1 nodes, normal_force_N_m 5000..5000" in repr(single)
+    assert "1 x 2 nodes, normal_force_N_m 0..inf" in repr(by_speed_alone)

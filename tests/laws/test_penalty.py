@@ -39,7 +39,7 @@ def test_paper_units_are_centimetres_of_belt_and_metres_of_gap() -> None:
 def test_open_gap_has_neither_force_nor_stiffness() -> None:
     gap = np.array([-1e-3, -1e-9, 0.0])
     assert np.array_equal(PAPER.force(gap), np.zeros(3))
-    assert np.array_equal(PAPER.stiffness(gap[:2]), np.zeros(2))
+    assert np.array_equal(PAPER.stiffness(gap), np.zeros(3))  # touching does not press yet
 
 
 @given(st.floats(1e-7, 1e-3), stiffness, stiffness)
@@ -55,6 +55,10 @@ def test_stiffness_is_the_derivative_of_the_force(delta: float, k1: float, k2: f
 def test_penetration_inverts_the_force_without_cancellation(f: float, k1: float, k2: float) -> None:
     law = NormalLaw(k1, k2)
     assert law.force(law.penetration(f)) == pytest.approx(f, rel=1e-12)
+
+
+def test_without_a_quadratic_coefficient_the_law_is_a_line() -> None:
+    assert NormalLaw(1e8) == NormalLaw(1e8, 0.0)
 
 
 def test_purely_quadratic_law_has_the_square_root_as_inverse() -> None:

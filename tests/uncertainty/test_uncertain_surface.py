@@ -37,8 +37,32 @@ def test_bands_hold_their_level():
     low, high = surface().band(1000.0, 0.01)
     assert high / 1.0 == pytest.approx(np.exp(1.959964 * 0.005), rel=1e-6)
     assert low * high == pytest.approx(1.0)
-    with pytest.raises(InputError, match=r"level = 1\.5, must be in \(0, 1\)"):
-        surface().band(1000.0, 0.01, level=1.5)
+    low, high = surface().band(2000.0, 0.01)  # mu = 0.9, u(ln mu) = 0.4 %
+    assert (low, high) == pytest.approx(0.9 * np.exp(1.959964 * np.array([-0.004, 0.004])))
+    for level in (1.5, 1.0, 0.0, -0.1):
+        with pytest.raises(InputError, match=rf"level = {level}, must be in \(0, 1\)"):
+            surface().band(1000.0, 0.01, level=level)
+
+
+def test_the_factor_is_bilinear_between_nodes_in_the_coordinates_of_the_surface():
+    # ln(1 + f / 1000 N/m) of the nodes: ln 2, ln 3, ln 5; a middle is a geometric mean
+    middle_v = 0.01 * (np.sqrt(2 * 3) - 1)
+    low, high = 1000 * (np.sqrt(2 * 3) - 1), 1000 * (np.sqrt(3 * 5) - 1)
+    found = surface().factor_at([low, high, np.nan], middle_v)
+    np.testing.assert_allclose(found[0], [0.004, 0.003 / 4, 0.0], rtol=1e-12, atol=1e-18)
+    np.testing.assert_allclose(found[1], [0.004, 0.0, 0.003 / 4], rtol=1e-12, atol=1e-18)
+    assert np.isnan(found[2]).all()
+    quarter = 1000 * (2 ** (3 / 4) * 3 ** (1 / 4) - 1)
+    np.testing.assert_allclose(
+        surface().factor_at(quarter, 0.01), [0.004, 0.00225, 0.0], rtol=1e-12, atol=1e-18
+    )
+
+
+def test_one_speed_and_one_force_have_their_uncertainty_too():
+    one_speed = UncertainSurface(FrictionSurface(F, V[:1], MU[:, :1]), FACTOR[:, :1])
+    assert one_speed.mu_u(1000.0, 0.5) == pytest.approx(0.005)
+    one_force = UncertainSurface(FrictionSurface(F[:1], V, MU[:1]), FACTOR[:1])
+    assert one_force.mu_u(9000.0, 0.02) == pytest.approx(1.1 * 0.004)
 
 
 def test_the_ensemble_has_the_covariance():

@@ -1,0 +1,72 @@
+"""Cells and local coordinates of the tables, by hand, on the nodes and on both sides of them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from beltid.laws.surface_tables import evaluate_cell, locate, log_nodes
+
+LN2 = math.log(2.0)
+NODES, REFERENCE = log_nodes(np.array([1000.0, 3000.0, 7000.0]))
+
+
+def test_nodes_are_logarithms_over_the_smallest_positive_one() -> None:
+    assert pytest.approx([LN2, 2 * LN2, 3 * LN2], rel=1e-15) == NODES
+    assert REFERENCE == 1000.0
+    nodes, reference = log_nodes(np.array([0.0, 500.0, 1500.0]))
+    assert nodes == pytest.approx([0.0, LN2, 2 * LN2], rel=1e-15)
+    assert reference == 500.0
+    assert log_nodes(np.array([0.0]))[1] == math.inf
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (-5.0, (0, 0.0, 0.0, 1)),
+        (0.0, (0, 0.0, 0.0, 1)),
+        (999.0, (0, 0.0, 0.0, 1)),
+        (1000.0, (0, 0.0, 1 / (LN2 * 2000.0), 0)),
+        (1000.0 * (2**1.5 - 1), (0, 0.5, 1 / (LN2 * 1000.0 * 2**1.5), 0)),
+        (3000.0, (1, 0.0, 1 / (LN2 * 4000.0), 0)),
+        (1000.0 * (2**2.25 - 1), (1, 0.25, 1 / (LN2 * 1000.0 * 2**2.25), 0)),
+        (7000.0, (1, 1.0, 1 / (LN2 * 8000.0), 0)),
+        (7001.0, (1, 1.0, 0.0, 1)),
+    ],
+)
+def test_cell_and_slope_of_a_value(value: float, expected: tuple[int, float, float, int]) -> None:
+    found = locate(NODES, REFERENCE, value)
+    assert (found[0], found[3]) == (expected[0], expected[3])
+    assert found[1:3] == pytest.approx(expected[1:3], rel=1e-14, abs=1e-15)
+
+
+def test_a_single_node_is_inside_only_there() -> None:
+    node, reference = log_nodes(np.array([1000.0]))
+    assert locate(node, reference, 1000.0) == (0, 0.0, 0.0, 0)
+    assert locate(node, reference, 999.0) == (0, 0.0, 0.0, 1)
+    assert locate(node, reference, 1001.0) == (0, 0.0, 0.0, 1)
+
+
+def test_an_axis_without_dependence_has_no_outside_but_below_zero() -> None:
+    node, reference = log_nodes(np.array([0.0]))
+    assert locate(node, reference, 123.0) == (0, 0.0, 0.0, 0)
+    assert locate(node, reference, -1.0) == (0, 0.0, 0.0, 1)
+
+
+def test_zero_may_be_the_first_node() -> None:
+    nodes, reference = log_nodes(np.array([0.0, 1000.0]))
+    assert locate(nodes, reference, 0.0) == pytest.approx((0, 0.0, 1 / (LN2 * 1000.0), 0))
+
+
+def test_a_cell_is_its_polynomial_with_both_derivatives() -> None:
+    C = np.random.default_rng(2).uniform(-1.0, 1.0, (1, 1, 4, 4))
+    p = np.polynomial.polynomial
+    s, t = 0.3, 0.7
+    expected = (
+        p.polyval2d(s, t, C[0, 0]),
+        p.polyval2d(s, t, p.polyder(C[0, 0], axis=0)),
+        p.polyval2d(s, t, p.polyder(C[0, 0], axis=1)),
+    )
+    assert evaluate_cell(C, 0, 0, s, t) == pytest.approx(expected, rel=1e-13)
