@@ -233,6 +233,11 @@ def test_standard_error_is_that_of_the_node_and_bilinear_between() -> None:
     assert np.isnan(smooth().mu_se_at(3000.0, 0.01))
 
 
+def test_a_standard_error_of_zero_is_a_statement_too() -> None:
+    surface = FrictionSurface([1000.0], [0.01], [[1.0]], [[0.0]])
+    assert surface.mu_se_at(1000.0, 0.01) == 0.0
+
+
 def test_unknown_standard_error_stays_where_it_is() -> None:
     se = np.array([[0.01, np.nan], [0.02, 0.08]])
     surface = FrictionSurface([1000.0, 3000.0], [0.01, 0.03], np.ones((2, 2)), se)
@@ -314,6 +319,9 @@ def test_slope_at_rest_is_the_one_from_above() -> None:
     _, (at_rest, above, below) = surface.gradient(2000.0, [0.0, 1e-9, -1e-9])
     assert at_rest == pytest.approx(above, rel=1e-6)
     assert at_rest > 0.0
+    T = surface.tables()
+    found = evaluate_tables(T.x_nodes, T.y_nodes, T.f_ref, T.v_ref, T.C, 2000.0, 0.0)
+    assert found[2] == pytest.approx(at_rest, rel=1e-12)
     assert below == pytest.approx(-above, rel=1e-12)
 
 

@@ -91,6 +91,19 @@ def test_without_covariance_the_standard_error_is_all_that_is_known():
         UncertainSurface(FrictionSurface(F, V, MU), np.zeros((2, 2, 1)))
 
 
+def test_every_source_has_a_column_and_scatter_need_not_be():
+    plain = FrictionSurface(F, V, MU)
+    assert UncertainSurface(plain, FACTOR[..., :1], ["gain"]).mu_u(2000.0, 0.02) == pytest.approx(
+        0.004
+    )
+    with pytest.raises(InputError, match="factor: shape"):
+        UncertainSurface(plain, FACTOR[..., :1], ["gain", "zero"])
+    with pytest.raises(InputError, match="factor: shape"):
+        UncertainSurface(plain, FACTOR[..., 0])
+    with pytest.raises(InputError, match=r"members: shape \(2, 3\), must be \(n, 3, 2\)"):
+        UncertainSurface(plain, members=np.ones((2, 3)))
+
+
 def test_it_is_a_friction_surface_and_survives_a_pickle():
     s = surface(members=np.stack([MU]))
     again = pickle.loads(pickle.dumps(s))
