@@ -2,22 +2,20 @@
 
 What the cells' zero points and gains are shows only when all runs have been seen at rest
 (`friction_imbalance`). A run whose cells agree is reduced at once, as nothing will be corrected
-most of the time; if it is after all, or the cells do not agree, it is reduced from its condensed
-samples, which wait in a temporary file.
+most of the time. All runs wait, condensed, until that is known, in a temporary file if they are
+many: one whose cells do not agree, or that is corrected after all, is reduced then.
 """
 
 from __future__ import annotations
 
-import itertools
 import pickle
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Final
+from typing import IO, Any, Final
 
 from beltid.identify.condense import condensed
-from beltid.identify.friction import finish_run, read_together
 from beltid.identify.friction_imbalance import (
     SIGNIFICANT,
     CellCorrection,
@@ -25,7 +23,10 @@ from beltid.identify.friction_imbalance import (
     corrections,
 )
 from beltid.identify.friction_run import FrictionSettings, RunRecord, RunReduction
-from beltid.identify.friction_start import start_run
+from beltid.identify.friction_slide import finish_run
+from beltid.identify.friction_slow_ripple import allow_for_slow_ripple
+from beltid.identify.friction_start import Run, start_run
+from beltid.identify.friction_tails import average_over_tails
 from beltid.identify.rest_phase import Rest
 
 Mapper = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
@@ -39,17 +40,38 @@ IN_MEMORY: Final = 128 << 20
 class _Begun:
     """A run seen for the first time."""
 
-    rest: Rest | None
+    rest: Rest | None = None
     """None if the run was set aside before."""
-    assumed: CellCorrection | None
+    assumed: CellCorrection | None = None
     """The correction it was reduced with; None if it was not."""
-    reduction: RunReduction | None
+    reduction: RunReduction | None = None
+    started: Run | None = None
+    """The run itself where it is not reduced yet."""
+
+
+class _Waiting:
+    """Runs that wait in a file, each at its place."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
+        self._places: dict[int, int] = {}
+
+    def put(self, k: int, run: RunRecord | Run) -> None:
+        """Keep the k-th run; it takes the place of what was kept of it before."""
+        self._places[k] = self._file.seek(0, 2)
+        pickle.dump(run, self._file, pickle.HIGHEST_PROTOCOL)
+
+    def take(self, k: int) -> RunRecord | Run:
+        """What was kept of the k-th run."""
+        self._file.seek(self._places[k])
+        run: RunRecord | Run = pickle.load(self._file)
+        return run
 
 
 def reduce_stream(
     records: Iterable[RunRecord], R: float, settings: FrictionSettings, mapper: Mapper = map
 ) -> tuple[RunReduction, ...]:
-    """Reduce runs as `friction.reduce_runs` does, whatever their number.
+    """Reduce the runs of a bench, whatever their number.
 
     Parameters
     ----------
@@ -61,30 +83,58 @@ def reduce_stream(
         Settings of the reduction.
     mapper : callable
         ``map``, or one that shares the work among processes.
+
+    Returns
+    -------
+    tuple of RunReduction
+        One for every run, in their order.
     """
-    with tempfile.SpooledTemporaryFile(max_size=IN_MEMORY) as waiting:
-
-        def short() -> Iterator[RunRecord]:
-            for record in records:
-                kept = condensed(record, settings.spike_threshold)
-                pickle.dump(kept, waiting, pickle.HIGHEST_PROTOCOL)
-                yield kept
-
-        begun = list(mapper(partial(_begin, R=R, settings=settings), short()))
+    with tempfile.SpooledTemporaryFile(max_size=IN_MEMORY) as file:
+        waiting = _Waiting(file)
+        begun = _begin_all(records, R, settings, mapper, waiting)
         found = iter(
             corrections([run.rest for run in begun if run.rest], settings.correct_imbalance)
         )
         needed = [next(found) if run.rest else CellCorrection() for run in begun]
-        done = [run.assumed == need for run, need in zip(begun, needed, strict=True)]
-        waiting.seek(0)
-        stored = (pickle.load(waiting) for _ in begun)
-        due = itertools.compress(zip(stored, needed, strict=True), (not d for d in done))
+        due = (
+            (waiting.take(k), need)
+            for k, (run, need) in enumerate(zip(begun, needed, strict=True))
+            if run.assumed != need
+        )
         second = mapper(partial(_conclude, R=R, settings=settings), due)
         reductions = [
-            run.reduction if run.reduction and is_done else next(second)
-            for run, is_done in zip(begun, done, strict=True)
+            run.reduction if run.reduction and run.assumed == need else next(second)
+            for run, need in zip(begun, needed, strict=True)
         ]
     return read_together(reductions)
+
+
+def read_together(runs: Sequence[RunReduction]) -> tuple[RunReduction, ...]:
+    """What only all runs of a bench tell: the shape of their tails, and a slow ripple."""
+    return allow_for_slow_ripple(average_over_tails(runs))
+
+
+def _begin_all(
+    records: Iterable[RunRecord],
+    R: float,
+    settings: FrictionSettings,
+    mapper: Mapper,
+    waiting: _Waiting,
+) -> list[_Begun]:
+    """All runs seen for the first time; what is left of them waits."""
+
+    def kept() -> Iterator[RunRecord]:
+        for k, record in enumerate(records):
+            short = condensed(record, settings.spike_threshold)
+            waiting.put(k, short)
+            yield short
+
+    begun = []
+    for k, run in enumerate(mapper(partial(_begin, R=R, settings=settings), kept())):
+        if run.started is not None:
+            waiting.put(k, run.started)
+        begun.append(replace(run, started=None))
+    return begun
 
 
 def _begin(record: RunRecord, R: float, settings: FrictionSettings) -> _Begun:
@@ -97,14 +147,15 @@ def _begin(record: RunRecord, R: float, settings: FrictionSettings) -> _Begun:
     if settings.correct_imbalance != "auto":
         run.correction = alone
     elif abs(rest.imbalance_N) > SIGNIFICANT * rest.imbalance_se_N or alone != CellCorrection():
-        return _Begun(rest, None, None)
+        return _Begun(rest, started=run)
     return _Begun(rest, run.correction, finish_run(run, R, settings))
 
 
 def _conclude(
-    item: tuple[RunRecord, CellCorrection], R: float, settings: FrictionSettings
+    item: tuple[RunRecord | Run, CellCorrection], R: float, settings: FrictionSettings
 ) -> RunReduction:
-    record, correction = item
-    run = start_run(record, R, settings)
+    """Reduce a run with the correction that its bench calls for."""
+    kept, correction = item
+    run = kept if isinstance(kept, Run) else start_run(kept, R, settings)
     run.correction = correction
     return finish_run(run, R, settings)

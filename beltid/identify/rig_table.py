@@ -46,7 +46,10 @@ def run_records(columns: Mapping[str, ArrayLike]) -> tuple[RunRecord, ...]:
     labels = columns["run"]
     labels = labels if isinstance(labels, np.ndarray) else np.asarray(labels, dtype=object)
     check_columns({"run": labels, **numeric})
-    return tuple(_record(label, rows, numeric) for label, rows in _groups(labels.tolist()))
+    return tuple(
+        run_record(label, {name: values[rows] for name, values in numeric.items()})
+        for label, rows in _groups(labels.tolist())
+    )
 
 
 def check_columns(columns: Mapping[str, NDArray[Any]]) -> None:
@@ -93,27 +96,35 @@ def _label_text(label: object) -> str:
     return str(label)
 
 
-def _record(label: str, rows: NDArray[np.intp], numeric: Mapping[str, Array]) -> RunRecord:
-    """The rows of one run; nominal settings that change within it are a defect."""
+def run_record(label: str, columns: Mapping[str, Array]) -> RunRecord:
+    """One run from its columns; nominal settings that change within it are a defect.
+
+    Parameters
+    ----------
+    label : str
+        Its label.
+    columns : mapping of str to ndarray
+        The numeric columns of rig.csv, shape (n,) each, n >= 1; those that may be missing may be
+        missing.
+    """
     defects = []
     nominal = {}
     for name in ("arc_deg", "initial_tension_N"):
-        values = numeric[name][rows] if name in numeric else np.array([NAN])
+        values = columns.get(name, np.array([NAN]))
         first = float(values[0])
         nominal[name] = first
-        same = (values == first) | (np.isnan(values) & np.isnan(first))
+        same = np.isnan(values) if np.isnan(first) else values == first
         if not np.all(same):
             other = float(values[np.argmin(same)])
             defects.append(f"{name} changes within the run from {first:g} to {other:g}")
     if not defects:
         defects = [arc_problem(nominal["arc_deg"])]
-    temperature = numeric.get("temperature_degC")
     return RunRecord(
-        time_s=numeric["time_s"][rows],
-        tension_tight_N=numeric["tension_tight_N"][rows],
-        tension_slack_N=numeric["tension_slack_N"][rows],
-        pulley_speed_rad_s=numeric["pulley_speed_rad_s"][rows],
-        temperature_degC=None if temperature is None else temperature[rows],
+        time_s=columns["time_s"],
+        tension_tight_N=columns["tension_tight_N"],
+        tension_slack_N=columns["tension_slack_N"],
+        pulley_speed_rad_s=columns["pulley_speed_rad_s"],
+        temperature_degC=columns.get("temperature_degC"),
         run=label,
         arc_deg=nominal["arc_deg"],
         nominal_tension_N=nominal["initial_tension_N"],

@@ -12,12 +12,12 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.config import Config
-from beltid.identify.friction_run import NAN, RunRecord, RunReduction, arc_problem
+from beltid.identify.friction_run import RunReduction
 from beltid.identify.friction_stream import reduce_stream
+from beltid.identify.rig_table import run_record
 from beltid.stages.reduction import friction_settings
 from beltid.stages.workers import Workers
 from beltid.store.big_recordings import is_big, open_big
-from beltid.store.run_stream import RunColumns
 
 BATCH: Final = 16
 """Runs per worker that are handed over at a time."""
@@ -52,7 +52,10 @@ def reduce_big(
     settings = friction_settings(config.friction.model_dump())
     mapper = map if workers is None else partial(_shared, workers)
     reduced = reduce_stream(
-        (_record(run) for run in recording), config.rig.pulley_radius_m, settings, mapper
+        (run_record(run.label, run.columns) for run in recording),
+        config.rig.pulley_radius_m,
+        settings,
+        mapper,
     )
     return reduced, recording.notes(), recording.runs.n_samples
 
@@ -67,23 +70,6 @@ def columns_of_runs(path: Path, config: Config, labels: Collection[str]) -> dict
     return {
         "run": np.repeat(np.array([run.label for run in chosen], dtype=object), sizes)
     } | columns
-
-
-def _record(run: RunColumns) -> RunRecord:
-    columns = run.columns
-    arc = float(columns["arc_deg"][0])
-    temperature = columns["temperature_degC"]
-    return RunRecord(
-        time_s=columns["time_s"],
-        tension_tight_N=columns["tension_tight_N"],
-        tension_slack_N=columns["tension_slack_N"],
-        pulley_speed_rad_s=columns["pulley_speed_rad_s"],
-        temperature_degC=temperature,
-        run=run.label,
-        arc_deg=arc,
-        nominal_tension_N=float(columns.get("initial_tension_N", [NAN])[0]),
-        defect=arc_problem(arc),
-    )
 
 
 def _shared(
