@@ -62,8 +62,10 @@ def test_samples_that_say_nothing_about_their_correlation_are_independent():
     assert integrated_autocorrelation_time([1.0, 2.0, 3.0]) == 1.0
     assert integrated_autocorrelation_time(np.full(50, 0.1)) == 1.0
     later, eps = np.arange(50) >= 25, np.finfo(float).eps
-    assert integrated_autocorrelation_time(1.0 + 12 * eps * later) == 1.0  # 6 to either side
-    assert integrated_autocorrelation_time(1.0 + 40 * eps * later) > 5.0
+    for size in (2.0**-20, 1.0, 2.0**20):
+        equal, different = size * (1.0 + 12 * eps * later), size * (1.0 + 40 * eps * later)
+        assert integrated_autocorrelation_time(equal) == 1.0  # six units of rounding to each side
+        assert integrated_autocorrelation_time(different) > 5.0
     assert integrated_autocorrelation_time((-1.0) ** np.arange(50)) == 1.0
 
 
@@ -95,6 +97,7 @@ def test_spread_of_a_few_samples():
     assert mad_sigma([5.0, 5.0, 5.0, 6.0]) == pytest.approx(
         0.25 * math.sqrt(math.pi / 2), rel=1e-12
     )
+    assert mad_sigma([0.01, 0.02, 0.03]) == pytest.approx(0.01 / NORMAL_QUARTILE, rel=1e-12)
     assert math.isnan(mad_sigma([np.inf]))
     assert mad_sigma([2.0, 2.0]) == 0.0
 
@@ -111,12 +114,21 @@ def test_an_outlier_lies_beyond_its_threshold(threshold, limit):
     assert not outlier_mask([0.0, 9e9, np.nan])[:2].any()
 
 
-def test_the_last_bit_of_equal_samples_is_no_outlier():
-    x = np.full(100, 1.0)
-    x[[3, 50]] += np.array([1, -4]) * np.finfo(float).eps
+@pytest.mark.parametrize("size", [2.0**-20, 1.0, 2.0**20])
+def test_the_last_bit_of_equal_samples_is_no_outlier(size):
+    x = np.full(100, size)
+    x[[3, 50]] += np.array([1, -4]) * size * np.finfo(float).eps
     assert not outlier_mask(x).any()
-    x[7] += 1e-13  # some hundred times the rounding
+    x[7] += 1e-13 * size  # some hundred times the rounding
     assert outlier_mask(x).nonzero()[0].tolist() == [7]
+
+
+def test_the_window_of_a_local_reference_holds_its_pairs():
+    x = np.random.default_rng(9).normal(size=40) + np.arange(40.0)
+    distance = x - reference_by_hand(list(x), 2)
+    for threshold in (1.0, 2.0):
+        expected = np.abs(distance) > threshold * mad_sigma(distance)
+        assert np.array_equal(outlier_mask(x, threshold, window=5), expected)
 
 
 def reference_by_hand(x: list[float], w: int) -> list[float]:
@@ -162,6 +174,21 @@ def test_a_spike_disagrees_with_all_that_is_around_it(n):
     assert not spike_mask(x, threshold=1.001 * highest / spread).any()
     assert spike_mask(x, floor=0.999 * highest).sum() == 1
     assert not spike_mask(x, floor=1.001 * highest).any()
+
+
+@pytest.mark.parametrize("place", [0, 5, 6, 7, 20, 32, 33, 34, 39])
+def test_the_smallest_spike_is_twelve_spreads(place):
+    rng = np.random.default_rng(place)
+    clean = 0.2 * np.arange(40) + 0.01 * rng.normal(size=40)
+    found = []
+    for height in np.linspace(0.02, 0.4, 39):
+        x = clean + height * (np.arange(40) == place)
+        far = disagreements(list(x))
+        expected = far > 12.0 * float(np.median(far)) / NORMAL_QUARTILE
+        assert np.array_equal(spike_mask(x), expected)
+        found.append(bool(expected[place]))
+    assert found[0] is False
+    assert found[-1] is True
 
 
 def test_nine_samples_are_enough_to_tell_a_spike():
