@@ -1,20 +1,21 @@
 """The command line: the only room that prints or exits.
 
-============ ================================================
-Module       Responsibility
-============ ================================================
-``app``      how a call begins and ends
-``program``  the help of the program and the list of its commands
-``commands`` the commands, a module for those that belong together
-``inputs``   arguments that several commands share
-``common``   options that every command has
-``execute``  run a stage, print its summary, exit statuses
-``piping``   - in the place of a file: stdin, stdout
-``explain``  pages about errors, found by a code
-``signals``  being told to stop by the system
-``streams``  closed and full standard streams
-``talk``     what goes to stderr: notes, warnings, progress
-============ ================================================
+============== ================================================
+Module         Responsibility
+============== ================================================
+``app``        how a call begins and ends
+``program``    the help of the program and the list of its commands
+``commands``   the commands, a module for those that belong together
+``inputs``     arguments that several commands share
+``recordings`` what the help says about recordings
+``common``     options that every command has
+``execute``    run a stage, print its summary, exit statuses
+``piping``     - in the place of a file: stdin, stdout
+``explain``    pages about errors, found by a code
+``signals``    being told to stop by the system
+``streams``    closed and full standard streams
+``talk``       what goes to stderr: notes, warnings, progress
+============== ================================================
 """
 
 from beltid.cli.app import app, main

@@ -109,6 +109,16 @@ def nonnegative(name: str, unit: str, meaning: str, *, nullable: bool = False) -
     return Column(name, "float64", unit, meaning, nullable, 0.0)
 
 
+def standard_error(name: str, unit: str) -> Column:
+    """What noise leaves in doubt; it may be missing."""
+    return nonnegative(name, unit, "standard error", nullable=True)
+
+
+def uncertainty(name: str, unit: str) -> Column:
+    """What noise and benches leave in doubt together; it may be missing."""
+    return nonnegative(name, unit, "combined standard uncertainty", nullable=True)
+
+
 def real(name: str, unit: str, meaning: str, *, nullable: bool = True) -> Column:
     """Any finite number; it may be missing unless said otherwise."""
     return Column(name, "float64", unit, meaning, nullable)

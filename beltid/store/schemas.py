@@ -18,35 +18,47 @@ from beltid.store.columns import (
     optional,
     positive,
     real,
+    standard_error,
     text,
+    uncertainty,
 )
 
 __all__ = ["ARTIFACTS", "RECORDINGS", "TABLES", "Column", "Table", "table"]
 
-_TIME = real("time_s", "s", "time", nullable=False)
+_RUN = text("run", "label of the run")
+_TEST = text("test", "label of the test")
+_TIME = real("time_s", "s", "time from the start of the recording", nullable=False)
 _TEMPERATURE = Column(
     "temperature_degC", "float64", "degC", "temperature", True, -90.0, 200.0, required=False
 )
 _ARC = Column(
     "arc_deg", "float64", "deg", "contact arc", False, 0.0, 360.0, open_low=True, open_high=True
 )
+_PULLEY_SPEED = real("pulley_speed_rad_s", "rad/s", "speed of the pulley")
+_FORCE = nonnegative("normal_force_N_m", "N/m", "mean of Eq. (8) over the arc", nullable=True)
+_SLIDING_SPEED = real("slip_speed_m_s", "m/s", "sliding speed omega R")
+_SET_TENSION = positive("nominal_tension_N", "N", "tension the run was set to", nullable=True)
+_STATUS = text("status", "ok, or why it was set aside")
+_NOTES = text("notes", "what the user should know", nullable=True)
 _RIG = (
-    text("run", "label of the run"),
+    _RUN,
     _TIME,
     positive("tension_tight_N", "N", "tension of the tight span", nullable=True),
     positive("tension_slack_N", "N", "tension of the slack span", nullable=True),
-    real("pulley_speed_rad_s", "rad/s", "speed of the pulley"),
+    replace(_PULLEY_SPEED, meaning="speed of the pulley, 0 before it turns"),
     _TEMPERATURE,
     _ARC,
     positive("initial_tension_N", "N", "nominal tension before the pulley turns"),
 )
+
+_POINT = replace(_RUN, meaning="label of the operating point")
 
 _PRESS = Table(
     "press",
     1,
     "the compression press",
     (
-        text("test", "label of the test"),
+        _TEST,
         _TEMPERATURE,
         _TIME,
         real("displacement_mm", "mm", "travel of the crosshead, growing towards the plate"),
@@ -59,7 +71,7 @@ _SPEEDLOSS = Table(
     1,
     "the speed-loss bench",
     (
-        text("run", "label of the operating point"),
+        _POINT,
         _TIME,
         positive("initial_tension_N", "N", "tension of the belt at rest"),
         real("torque_N_m", "N m", "torque of the driven pulley"),
@@ -76,8 +88,8 @@ _STIFFNESS = Table(
         real("temperature_degC", "degC", "temperature; null for the pooled law"),
         nonnegative("k_linear_N_m2", "N/m²", "linear coefficient of Eq. (3)"),
         nonnegative("k_quadratic_N_m3", "N/m³", "quadratic coefficient of Eq. (3)"),
-        nonnegative("k_linear_se_N_m2", "N/m²", "standard error", nullable=True),
-        nonnegative("k_quadratic_se_N_m3", "N/m³", "standard error", nullable=True),
+        standard_error("k_linear_se_N_m2", "N/m²"),
+        standard_error("k_quadratic_se_N_m3", "N/m³"),
         Column(
             "covariance",
             "list",
@@ -92,14 +104,12 @@ _STIFFNESS = Table(
         positive("max_force_N_m", "N/m", "largest line force of the fit"),
         count("n_samples", "samples used"),
         *optional(
-            nonnegative("k_linear_u_N_m2", "N/m²", "combined standard uncertainty", nullable=True),
-            nonnegative(
-                "k_quadratic_u_N_m3", "N/m³", "combined standard uncertainty", nullable=True
-            ),
+            uncertainty("k_linear_u_N_m2", "N/m²"),
+            uncertainty("k_quadratic_u_N_m3", "N/m³"),
             count("n_cycles", "load cycles used"),
             count("n_set_aside", "samples set aside"),
             text("tests", "labels of the tests used", nullable=True),
-            text("notes", "what the user should know", nullable=True),
+            _NOTES,
         ),
     ),
 )
@@ -113,12 +123,12 @@ _SLIP = Table(
         real("torque_N_m", "N m", "torque of the driven pulley"),
         real("speed_loss_rad_s", "rad/s", "driver minus driven speed"),
         real("slip_speed_m_s", "m/s", "sliding speed, Eq. (7)"),
-        nonnegative("slip_speed_se_m_s", "m/s", "standard error", nullable=True),
+        standard_error("slip_speed_se_m_s", "m/s"),
         *optional(
-            text("run", "label of the operating point"),
+            _POINT,
             count("n_samples", "samples used"),
-            text("status", "ok, or why it was set aside"),
-            text("notes", "what the user should know", nullable=True),
+            _STATUS,
+            _NOTES,
         ),
     ),
 )
@@ -127,30 +137,28 @@ _FRICTION = Table(
     1,
     "beltid fit-friction",
     (
-        text("run", "label of the run"),
+        _RUN,
         replace(_ARC, nullable=True),
         positive("initial_tension_N", "N", "tension measured at rest", nullable=True),
-        positive("nominal_tension_N", "N", "tension the run was set to", nullable=True),
-        real("pulley_speed_rad_s", "rad/s", "speed of the pulley on the plateau"),
-        real("slip_speed_m_s", "m/s", "sliding speed omega R"),
+        _SET_TENSION,
+        replace(_PULLEY_SPEED, meaning="speed of the pulley on the plateau"),
+        _SLIDING_SPEED,
         positive("tension_tight_N", "N", "tension of the tight span, sliding", nullable=True),
         positive("tension_slack_N", "N", "tension of the slack span, sliding", nullable=True),
         real("mu_sliding", "1", "friction coefficient while sliding, Eq. (6)"),
-        nonnegative("mu_sliding_se", "1", "standard error", nullable=True),
+        standard_error("mu_sliding_se", "1"),
         real("mu_sticking", "1", "friction coefficient at the sticking peak"),
-        nonnegative("normal_force_N_m", "N/m", "mean of Eq. (8) over the arc", nullable=True),
+        _FORCE,
         real("temperature_degC", "degC", "temperature"),
         count("n_samples", "samples of the plateau"),
-        text("status", "ok, or why it was set aside"),
+        _STATUS,
         *optional(
-            nonnegative("mu_sliding_u", "1", "combined standard uncertainty", nullable=True),
-            nonnegative(
-                "normal_force_u_N_m", "N/m", "combined standard uncertainty", nullable=True
-            ),
-            nonnegative("mu_sticking_se", "1", "standard error", nullable=True),
+            uncertainty("mu_sliding_u", "1"),
+            uncertainty("normal_force_u_N_m", "N/m"),
+            standard_error("mu_sticking_se", "1"),
             text("mu_sticking_reason", "why mu_sticking is missing", nullable=True),
             real("imbalance_N", "N", "tight minus slack cell at rest"),
-            nonnegative("imbalance_se_N", "N", "standard error", nullable=True),
+            standard_error("imbalance_se_N", "N"),
             real("start_time_s", "s", "start of the rotation"),
             real("peak_time_s", "s", "time of the sticking peak"),
             real("plateau_start_s", "s", "start of the sliding plateau"),
@@ -162,7 +170,7 @@ _FRICTION = Table(
             nonnegative("tail_time_s", "s", "decay time from the peak", nullable=True),
             real("drift", "1", "relative drift of mu over the plateau"),
             Column("swapped", "bool", "", "whether the cells were found swapped"),
-            text("notes", "what the user should know", nullable=True),
+            _NOTES,
         ),
     ),
     label="run",
@@ -176,7 +184,7 @@ _SURFACE = Table(
         positive("normal_force_N_m", "N/m", "normal force per length"),
         positive("slip_speed_m_s", "m/s", "sliding speed"),
         positive("mu", "1", "friction coefficient", nullable=True),
-        nonnegative("mu_se", "1", "standard error", nullable=True),
+        standard_error("mu_se", "1"),
         count("n_arcs", "arcs that were averaged"),
         *optional(
             nonnegative("mu_spread", "1", "standard deviation between arcs", nullable=True),
@@ -211,17 +219,17 @@ _COMPARE = Table(
     (
         text("run", "label of the measured run"),
         replace(_ARC, nullable=True),
-        positive("nominal_tension_N", "N", "tension the run was set to", nullable=True),
-        real("pulley_speed_rad_s", "rad/s", "speed of the pulley"),
+        _SET_TENSION,
+        _PULLEY_SPEED,
         real("mu_measured", "1", "measured friction coefficient"),
         real("mu_simulated", "1", "simulated friction coefficient"),
         real("difference", "1", "simulated minus measured"),
         Column("within_tolerance", "bool", "", "whether the point is within tolerance"),
         *optional(
             real("relative_difference", "1", "difference over measured"),
-            nonnegative("mu_measured_se", "1", "standard error", nullable=True),
-            nonnegative("normal_force_N_m", "N/m", "mean of Eq. (8), measured", nullable=True),
-            real("slip_speed_m_s", "m/s", "sliding speed"),
+            standard_error("mu_measured_se", "1"),
+            replace(_FORCE, meaning="mean of Eq. (8), measured"),
+            _SLIDING_SPEED,
             nonnegative("u_measured", "1", "standard uncertainty of mu_measured", nullable=True),
             nonnegative("u_input", "1", "of mu_simulated by its inputs", nullable=True),
             nonnegative("u_numerical", "1", "of mu_simulated by its mesh", nullable=True),
@@ -239,7 +247,7 @@ _PRESS_CURVES = Table(
     1,
     "beltid run",
     (
-        text("test", "label of the test"),
+        _TEST,
         real("temperature_degC", "degC", "temperature"),
         count("cycle", "number of the cycle, from 1"),
         text("branch", "loading or unloading"),
@@ -253,12 +261,12 @@ _RIG_CURVES = Table(
     1,
     "beltid run",
     (
-        text("run", "label of the run"),
+        _RUN,
         _TIME,
         real("tension_tight_N", "N", "tension of the tight span, known cell errors taken off"),
         real("tension_slack_N", "N", "tension of the slack span, known cell errors taken off"),
         real("mu", "1", "apparent friction coefficient of these tensions, Eq. (6)"),
-        real("pulley_speed_rad_s", "rad/s", "speed of the pulley"),
+        _PULLEY_SPEED,
     ),
     label="run",
 )
@@ -281,17 +289,7 @@ TABLES: Final[dict[str, Table]] = {
     )
 }
 RECORDINGS: Final = ("press", "rig", "speedloss")
-ARTIFACTS: Final = (
-    "stiffness",
-    "slip",
-    "friction",
-    "surface",
-    "simulated",
-    "profiles",
-    "compare",
-    "press_curves",
-    "rig_curves",
-)
+ARTIFACTS: Final = tuple(kind for kind in TABLES if kind not in RECORDINGS)
 
 
 TEXT_COLUMNS: Final = tuple(

@@ -10,7 +10,7 @@ import typer
 from beltid.cli.common import Common, with_common_options
 from beltid.cli.execute import finish, print_text
 from beltid.cli.explain import CODES
-from beltid.cli.program import PlainCommand, app
+from beltid.cli.program import PlainCommand, app, command
 
 if TYPE_CHECKING:
     from beltid.cli.talk import TerminalTalk
@@ -32,9 +32,7 @@ config_app = typer.Typer(
 app.add_typer(config_app)
 
 
-@app.command(
-    "info", cls=PlainCommand, short_help="what an artifact is; without one, what runs here"
-)
+@command("info")
 @with_common_options
 def info(
     file: Annotated[
@@ -114,7 +112,7 @@ def check(
     finish(lambda talk: stage.check_configs(configs), common, kept="")
 
 
-@app.command("explain", cls=PlainCommand, short_help="what an error means and what to do")
+@command("explain")
 @with_common_options
 def explain(
     code: Annotated[

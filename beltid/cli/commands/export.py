@@ -10,7 +10,7 @@ import typer
 
 from beltid.cli.common import Common, with_common_options
 from beltid.cli.execute import finish, print_text
-from beltid.cli.program import PlainCommand, app
+from beltid.cli.program import command
 
 if TYPE_CHECKING:
     from beltid.cli.talk import TerminalTalk
@@ -62,7 +62,7 @@ def _list(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.command("export", cls=PlainCommand, short_help="runs/<belt> -> the law for multibody codes")
+@command("export")
 @with_common_options(out_help="Folder of the files. Default: export/ in the folder of the law.")
 def export(
     target: Annotated[

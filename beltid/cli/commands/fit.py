@@ -9,21 +9,19 @@ from beltid.cli.common import Common, with_common_options
 from beltid.cli.execute import execute
 from beltid.cli.inputs import Press, Rig, SpeedLoss
 from beltid.cli.pool import workers_until
-from beltid.cli.program import PlainCommand, app
+from beltid.cli.program import command
+from beltid.cli.recordings import reads_recording
 
 if TYPE_CHECKING:
     from beltid.cli.talk import TerminalTalk
     from beltid.stages.talk import Options
 
 
-@app.command(
-    "fit-stiffness",
-    cls=PlainCommand,
-    short_help="PRESS.csv -> stiffness.parquet: the normal contact law",
-)
+@command("fit-stiffness")
 @with_common_options
+@reads_recording("press", name="force_N: Load", unit="force_N: kN")
 def fit_stiffness(press: Press, *, common: Common) -> None:
-    r"""Find how stiff the contact of ribs and grooves is, from a compression press.
+    """Find how stiff the contact of ribs and grooves is, from a compression press.
 
     The normal force per metre of belt is k_linear * penetration + k_quadratic * penetration².
     Contact point, machine compliance, load cycles and hysteresis are taken care of; a test tells
@@ -33,19 +31,7 @@ def fit_stiffness(press: Press, *, common: Common) -> None:
     the travel that the press itself takes up (press.machine_compliance_mm_N, default 0): both
     scale the law, so state your own.
 
-    \b
-    Columns of the CSV (more are ignored):
-      test                 text   label of the test
-      temperature_degC     °C     may be missing
-      time_s               s      from the start of the test
-      displacement_mm      mm     travel of the crosshead, growing towards the plate
-      force_N              N      force of the press, positive in compression
-
-    Columns of other names or units: say so in the config, such as
-    columns: {press: {force_N: Load}}, units: {press: {force_N: kN}}.
-    Exports of testing machines and measuring programs are read as they are, known names and units
-    are recognised: beltid inspect FILE tells how. Separator, decimal sign and encoding are found
-    out, or stated under dialect:.
+    (columns)
 
     Example: beltid fit-stiffness press.csv
     """
@@ -54,32 +40,16 @@ def fit_stiffness(press: Press, *, common: Common) -> None:
     execute(stage.run, {"press": press}, "stiffness.parquet", common)
 
 
-@app.command(
-    "fit-slip",
-    cls=PlainCommand,
-    short_help="SPEEDLOSS.csv -> slip.parquet: sliding speeds in service",
-)
+@command("fit-slip")
 @with_common_options
+@reads_recording("speedloss", name="torque_N_m: M", unit="torque_N_m: N mm")
 def fit_slip(speedloss: SpeedLoss, *, common: Common) -> None:
-    r"""Find the sliding speeds in service, from the speed loss of a two-pulley drive.
+    """Find the sliding speeds in service, from the speed loss of a two-pulley drive.
 
     They tell at which pulley speeds the friction rig has to run for this belt. The sliding speed
     is the speed loss times rig.pulley_radius_m of the config, default 0.05. Writes slip.parquet.
 
-    \b
-    Columns of the CSV (more are ignored):
-      run                  text   label of the operating point
-      time_s               s      from the start of the run
-      initial_tension_N    N      tension of the belt at rest
-      torque_N_m           N m    torque of the driven pulley
-      driver_speed_rad_s   rad/s  speed of the driver pulley
-      driven_speed_rad_s   rad/s  speed of the driven pulley
-
-    Columns of other names or units: say so in the config, such as
-    columns: {speedloss: {torque_N_m: M}}, units: {speedloss: {torque_N_m: N mm}}.
-    Exports of testing machines and measuring programs are read as they are, known names and units
-    are recognised: beltid inspect FILE tells how. Separator, decimal sign and encoding are found
-    out, or stated under dialect:.
+    (columns)
 
     Example: beltid fit-slip speedloss.csv
     """
@@ -88,38 +58,21 @@ def fit_slip(speedloss: SpeedLoss, *, common: Common) -> None:
     execute(stage.run, {"speedloss": speedloss}, "slip.parquet", common)
 
 
-@app.command(
-    "fit-friction",
-    cls=PlainCommand,
-    short_help="RIG.csv -> friction.parquet: a friction coefficient per run",
-)
+@command("fit-friction")
 @with_common_options
+@reads_recording("rig", name="arc_deg: wrap", unit="pulley_speed_rad_s: rpm")
 def fit_friction(rig: Rig, *, common: Common) -> None:
-    r"""Find the friction coefficient of every run of the friction rig.
+    """Find the friction coefficient of every run of the friction rig.
 
     Each run gives the sliding coefficient (Euler-Eytelwein, over the steady plateau) with its
-    standard error, the sticking peak, the sliding speed and the normal force per length. A run
-    that cannot be used is set aside with its reason. Writes friction.parquet.
+    standard error, the sticking peak, the sliding speed and the normal force per length. Every
+    coefficient depends on the contact arc that is stated. A run that cannot be used is set aside
+    with its reason. Writes friction.parquet.
 
     Sliding speed and normal force need the radius of the belt's centreline on the pulley: 0.05 m
     unless a config says rig.pulley_radius_m, whatever bench the file is from.
 
-    \b
-    Columns of the CSV (more are ignored):
-      run                  text   label of the run
-      time_s               s      from the start of the run
-      tension_tight_N      N      load cell of the tight span
-      tension_slack_N      N      load cell of the slack span
-      pulley_speed_rad_s   rad/s  0 before the pulley turns
-      temperature_degC     °C     may be missing
-      arc_deg              °      contact arc of the run: every coefficient depends on it
-      initial_tension_N    N      tension before the pulley turns, as it was set
-
-    Columns of other names or units: say so in the config, such as
-    columns: {rig: {arc_deg: wrap}}, units: {rig: {pulley_speed_rad_s: rpm}}.
-    Exports of testing machines and measuring programs are read as they are, known names and units
-    are recognised: beltid inspect FILE tells how. Separator, decimal sign and encoding are found
-    out, or stated under dialect:.
+    (columns)
 
     A file of more than 64 MB is read run by run, so that it need not fit into the memory: the rows
     of a run must stand together. So is a folder with Parquet files in folders.

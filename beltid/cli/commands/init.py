@@ -10,7 +10,7 @@ import typer
 
 from beltid.cli.common import Common, with_common_options
 from beltid.cli.execute import finish
-from beltid.cli.program import PlainCommand, app
+from beltid.cli.program import command
 
 if TYPE_CHECKING:
     from beltid.cli.talk import TerminalTalk
@@ -49,7 +49,7 @@ def on_terminal() -> bool:
     return sys.stdin.isatty()
 
 
-@app.command("init", cls=PlainCommand, short_help="write a commented config for a new belt")
+@command("init")
 @with_common_options(out_help="The file. Default: <NAME>.yaml in the current folder.")
 def init(
     name: Annotated[

@@ -10,7 +10,7 @@ import typer
 from beltid.cli.common import Common, with_common_options
 from beltid.cli.execute import finish
 from beltid.cli.inputs import FILES
-from beltid.cli.program import PlainCommand, app
+from beltid.cli.program import command
 from beltid.errors import InputError
 
 if TYPE_CHECKING:
@@ -20,9 +20,7 @@ if TYPE_CHECKING:
 KINDS = ("press", "rig", "speedloss")
 
 
-@app.command(
-    "inspect", cls=PlainCommand, short_help="FILE -> what is understood of it, and a config section"
-)
+@command("inspect")
 @with_common_options
 def inspect(
     file: Annotated[

@@ -9,18 +9,14 @@ import typer
 from beltid.cli.common import Common, with_common_options
 from beltid.cli.execute import execute
 from beltid.cli.inputs import Friction, Jobs, Simulated, Stiffness, Surface
-from beltid.cli.program import PlainCommand, app
+from beltid.cli.program import command
 
 if TYPE_CHECKING:
     from beltid.cli.talk import TerminalTalk
     from beltid.stages.talk import Options
 
 
-@app.command(
-    "simulate-rig",
-    cls=PlainCommand,
-    short_help="surface, stiffness -> simulated.parquet: the rig again",
-)
+@command("simulate-rig")
 @with_common_options
 def simulate_rig(
     surface: Surface,
@@ -109,9 +105,7 @@ def simulate_rig(
     execute(stage.run, inputs, name, common, options)
 
 
-@app.command(
-    "compare", cls=PlainCommand, short_help="friction, simulated -> compare.parquet: do they agree?"
-)
+@command("compare")
 @with_common_options
 def compare(friction: Friction, simulated: Simulated, *, common: Common) -> None:
     """Compare the simulated with the measured friction coefficients; exit 0 or 4.

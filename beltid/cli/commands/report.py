@@ -9,14 +9,14 @@ import typer
 
 from beltid.cli.common import Common, with_common_options
 from beltid.cli.execute import finish
-from beltid.cli.program import PlainCommand, app
+from beltid.cli.program import command
 
 if TYPE_CHECKING:
     from beltid.cli.talk import TerminalTalk
     from beltid.report.summary import Summary
 
 
-@app.command("report", cls=PlainCommand, short_help="runs/<belt> -> report.html: figures, verdict")
+@command("report")
 @with_common_options(
     out_help="Page to write. Default: report.html in the folder of a belt, for several belts in "
     "the folder above.",
@@ -55,9 +55,7 @@ def report(
     finish(work, common, kept="reports that were finished stand")
 
 
-@app.command(
-    "show", cls=PlainCommand, short_help="any artifact: a table and a drawing, or a figure"
-)
+@command("show")
 @with_common_options(
     out_help="Figure to write: .svg, .png or .pdf. Default: draw in the terminal.",
     out_metavar="FILE",

@@ -11,7 +11,7 @@ import typer
 from beltid.cli.common import Common, with_common_options
 from beltid.cli.execute import finish
 from beltid.cli.inputs import Bootstrap, Seed
-from beltid.cli.program import PlainCommand, app
+from beltid.cli.program import command
 
 if TYPE_CHECKING:
     from beltid.cli.talk import TerminalTalk
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from beltid.stages.workers import Workers
 
 
-@app.command("run", cls=PlainCommand, short_help="CONFIG.yaml -> runs/<belt>/: all of the above")
+@command("run")
 @with_common_options(
     out_help="Folder of the results, one folder per belt in it. Default: runs",
     out_names=("--runs-dir",),

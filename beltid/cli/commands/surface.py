@@ -10,18 +10,14 @@ from beltid.cli.common import Common, with_common_options
 from beltid.cli.execute import execute
 from beltid.cli.inputs import Bootstrap, Friction, Jobs, Seed, Stiffness
 from beltid.cli.pool import workers_until
-from beltid.cli.program import PlainCommand, app
+from beltid.cli.program import command
 
 if TYPE_CHECKING:
     from beltid.cli.talk import TerminalTalk
     from beltid.stages.talk import Options
 
 
-@app.command(
-    "build-surface",
-    cls=PlainCommand,
-    short_help="friction -> surface.parquet: friction over force and speed",
-)
+@command("build-surface")
 @with_common_options
 def build_surface(friction: Friction, *, common: Common) -> None:
     """Build the friction surface: the coefficient over normal force and sliding speed.
@@ -36,11 +32,7 @@ def build_surface(friction: Friction, *, common: Common) -> None:
     execute(stage.run, {"friction": friction}, "surface.parquet", common)
 
 
-@app.command(
-    "refine-surface",
-    cls=PlainCommand,
-    short_help="friction, stiffness -> surface_refined.parquet: without the bias",
-)
+@command("refine-surface")
 @with_common_options
 def refine_surface(
     friction: Friction,
