@@ -75,7 +75,7 @@ def law_from_text(text: str, name: str) -> ContactLaw:
         surface = law.surface
         law.normal_law  # noqa: B018  (raises if there is no stiffness)
     except ValidationError as error:
-        raise ArtifactError(_told(error, name)) from None
+        raise ArtifactError(told(error, name)) from None
     except InputError as error:
         raise ArtifactError([f"{name}: {line}" for line in error.problems]) from None
     _check_patches(law, surface.tables().C, name)
@@ -133,7 +133,8 @@ def _check_patches(law: ContactLaw, expected: np.ndarray, name: str) -> None:
         )
 
 
-def _told(error: ValidationError, name: str) -> list[str]:
+def told(error: ValidationError, name: str) -> list[str]:
+    """What does not fit into a law, a line per problem."""
     problems = [
         f"{name}: {'.'.join(str(part) for part in detail['loc'])}: {detail['msg']}"
         for detail in error.errors(include_url=False)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from beltid.errors import InputError
 from beltid.identify.surface import surface_from_columns
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
@@ -88,7 +89,23 @@ class Sheet:
     @property
     def pooled_row(self) -> int:
         """Row of the pooled law of a stiffness table."""
-        return int(np.flatnonzero(np.isnan(self.columns["temperature_degC"]))[0])
+        rows = np.flatnonzero(np.isnan(self.columns["temperature_degC"]))
+        if not rows.size:
+            raise InputError("stiffness: no row without temperature_degC, must have the pooled law")
+        return int(rows[0])
+
+    def check(self) -> None:
+        """Look whether what figures and tables rely on is there.
+
+        Raises
+        ------
+        InputError
+            If it is not.
+        """
+        if self.kind == "surface":
+            self.surface  # noqa: B018  (raises if its rows are no grid)
+        elif self.kind == "stiffness":
+            self.pooled_row  # noqa: B018  (raises if there is none)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -217,9 +217,10 @@ def _doubts(results: BeltResults) -> list[str]:
     total = next((row for row in rows if row["source"] == "combined"), None)
     if total is None:
         return []
-    largest = max(
-        (row for row in rows if row is not total), key=lambda row: row["contribution_percent"] or 0
-    )
+    parts = [row for row in rows if row is not total and row["contribution_percent"] is not None]
+    if not parts or total["contribution_percent"] is None:
+        return []
+    largest = max(parts, key=lambda row: row["contribution_percent"])
     return [
         f"The combined standard uncertainty of µ is {total['contribution_percent']:.2g} % within "
         f"the range of the runs, mostly from: {largest['source']} "

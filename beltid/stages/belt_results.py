@@ -9,8 +9,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.errors import ArtifactError, BeltidError
-from beltid.params import Belt, Contact, OperatingPoint, Rig
+from beltid.config import load_config
+from beltid.errors import ArtifactError, BeltidError, InputError
+from beltid.params import OperatingPoint
 from beltid.report.results import ArcProfile, BeltResults, Sheet
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import SimulationSettings, simulate
@@ -36,9 +37,15 @@ MADE_FROM: Final = {PRESS: ("stiffness", "press"), RIG: ("friction", "rig")}
 
 
 def sheet_of(artifact: Artifact) -> Sheet:
-    """An artifact as the report sees it."""
+    """An artifact as the report sees it.
+
+    Raises
+    ------
+    ArtifactError
+        If its rows do not make what figures and tables rely on.
+    """
     metadata = artifact.metadata
-    return Sheet(
+    sheet = Sheet(
         name=artifact.path.stem,
         kind=artifact.kind,
         columns=artifact.columns,
@@ -52,6 +59,11 @@ def sheet_of(artifact: Artifact) -> Sheet:
         software_sha256=artifact.software_sha256,
         software_version=artifact.software_version,
     )
+    try:
+        sheet.check()
+    except InputError as error:
+        raise ArtifactError([f"{artifact.path}: {line}" for line in error.problems]) from None
+    return sheet
 
 
 def gather(folder: Path, *, with_profiles: bool = True) -> BeltResults:
@@ -135,20 +147,16 @@ def arc_profiles(sheets: Mapping[str, Sheet]) -> tuple[tuple[ArcProfile, ...], l
 
 def _bench(settings: Mapping[str, Any], stiffness: Sheet, surface: Sheet) -> Bench:
     """The simulated rig that a recording was made with, by the settings that it carries."""
-    contact = settings["contact"]
+    sections: dict[str, dict[str, Any]] = {"belt": {}, "rig": {}}
+    for key, value in settings.items():
+        section, _, name = key.partition(".")
+        if section in sections:
+            sections[section][name] = value
+    config = load_config({**sections, "contact": settings.get("contact", {})})
     return Bench(
-        Belt(
-            EA=settings["belt.axial_stiffness_N"],
-            EI=settings["belt.bending_stiffness_N_m2"],
-            rhoA=settings["belt.mass_per_length_kg_m"],
-            damping_time=settings["belt.damping_time_s"],
-        ),
-        Rig(
-            R=settings["rig.pulley_radius_m"],
-            span=settings["rig.span_length_m"],
-            supports=settings["rig.supports"],
-        ),
-        Contact(C_P=contact["damping_N_s_m"], points_per_element=contact["points_per_element"]),
+        config.belt_params(),
+        config.rig_params(),
+        config.contact_params(),
         stiffness.law(stiffness.pooled_row),
         surface.surface,
     )

@@ -33,6 +33,7 @@ from beltid.uncertainty.sources import rig_sources
 KIND: Final = "surface"
 KEYS: Final = ("surface", "rig.pulley_radius_m", SECTION)
 METHOD: Final = "published"
+FIGURES: Final = ("n_points", "rms_arc_spread", "budget")
 NEEDED: Final = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
 
 
@@ -45,7 +46,9 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
         return _outcome(artifact.columns, config.config, str(artifact.path))
 
     choices = {"uncertainty_stated": stated_keys(config.config)}
-    return summarise(make(Recipe(KIND, config, KEYS, inputs, choices), out, options, compute))
+    return summarise(
+        make(Recipe(KIND, config, KEYS, inputs, choices, FIGURES), out, options, compute)
+    )
 
 
 def build_surface(
@@ -155,8 +158,8 @@ def summarise(made: Made) -> Summary:
             "arcs_deg": np.unique(arcs[np.isfinite(arcs)]).tolist(),
             "force_nodes": surface.normal_force_N_m.size,
             "speed_nodes": surface.slip_speed_m_s.size,
-            "valid_force_N_m": validity["normal_force_N_m"],
-            "valid_speed_m_s": validity["slip_speed_m_s"],
+            "valid_force_N_m": validity.get("normal_force_N_m"),
+            "valid_speed_m_s": validity.get("slip_speed_m_s"),
             "arc_to_arc_spread_rms_percent": None if spread is None else 100.0 * spread,
             "budget": extra["budget"],
         },

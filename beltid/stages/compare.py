@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.config import Config, ConfigSource, load_config
-from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, ArtifactError
+from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, ArtifactError, ConfigError
 from beltid.identify.agreement import AgreementResult, AgreementSettings, compare_points
 from beltid.identify.friction import reduce_runs
 from beltid.report.summary import Summary
@@ -29,6 +29,15 @@ from beltid.store.artifacts import Artifact, read_artifact
 from beltid.store.recordings import columns_of, read_recording
 
 KIND: Final = "compare"
+FIGURES: Final = (
+    "passed",
+    "statistics",
+    "n_measured",
+    "n_simulated",
+    "judged",
+    "validation",
+    "budget",
+)
 KEYS: Final = ("compare", "columns.rig", "units.rig", "runs.rig", "dialect")
 NEEDED: Final = (
     "run",
@@ -65,7 +74,9 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
             _doubt_of(inputs["simulated"]),
         )
 
-    return summarise(make(Recipe(KIND, config, KEYS, inputs), out, options, compute))
+    return summarise(
+        make(Recipe(KIND, config, KEYS, inputs, figures=FIGURES), out, options, compute)
+    )
 
 
 def compare(
@@ -129,8 +140,15 @@ def _reduced(
 def _reduced_with(friction: Artifact, config: Config) -> tuple[float, Mapping[str, Any]]:
     """Radius and settings with which the measured runs were reduced."""
     stored = friction.metadata.settings
-    radius = stored.get("rig.pulley_radius_m", config.rig.pulley_radius_m)
-    return float(radius), stored.get("friction", config.friction.model_dump())
+    radius = stored.get("rig.pulley_radius_m") or config.rig.pulley_radius_m
+    known = type(config.friction).model_fields
+    section = {key: v for key, v in stored.get("friction", {}).items() if key in known}
+    try:
+        found = load_config({"friction": section}) if section else config
+    except ConfigError as error:
+        lines = [f"{friction.path}: its settings: {line}" for line in error.problems]
+        raise ArtifactError(lines) from None
+    return float(radius), found.friction.model_dump()
 
 
 def _doubt_of(path: Path) -> RunsDoubt | None:
@@ -273,13 +291,14 @@ def summarise(made: Made) -> Summary:
 def _verdict(passed: bool, judged: list[dict[str, Any]]) -> str:
     def told(row: Mapping[str, Any]) -> str:
         name = row["tolerance"]
+        words = TOLERANCES.get(name, name)
         found = float("nan") if row["found"] is None else 100.0 * row["found"]
         if name == "min_share_compared":
-            return f"{TOLERANCES[name]} {found:.0f} % < {100.0 * row['allowed']:g} %"
+            return f"{words} {found:.0f} % < {100.0 * row['allowed']:g} %"
         sign = "<=" if row["holds"] else ">"
         if name == "max_rms_error_over_uncertainty":
-            return f"{TOLERANCES[name]} {found / 100.0:.2f} {sign} {row['allowed']:g}"
-        return f"{TOLERANCES[name]} {found:.2f} % {sign} {100.0 * row['allowed']:g} %"
+            return f"{words} {found / 100.0:.2f} {sign} {row['allowed']:g}"
+        return f"{words} {found:.2f} % {sign} {100.0 * row['allowed']:g} %"
 
     shown = [row for row in judged if row["tolerance"] != "min_share_compared" or not row["holds"]]
     return f"{'PASS' if passed else 'FAIL'}: " + ", ".join(told(row) for row in shown)

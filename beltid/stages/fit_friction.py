@@ -24,6 +24,7 @@ from beltid.stages.uncertainties import SECTION, budget_details, stated_keys
 from beltid.store.recordings import columns_of, read_recording
 
 KIND: Final = "friction"
+FIGURES: Final = ("budget",)
 KEYS: Final = (
     "friction",
     "rig.pulley_radius_m",
@@ -50,7 +51,9 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
         return _outcome(reduced, model, notes, str(path))
 
     choices = {"uncertainty_stated": stated_keys(config.config)}
-    return summarise(make(Recipe(KIND, config, KEYS, inputs, choices), out, options, compute))
+    return summarise(
+        make(Recipe(KIND, config, KEYS, inputs, choices, FIGURES), out, options, compute)
+    )
 
 
 def fit_friction(
@@ -147,9 +150,9 @@ def summarise(made: Made) -> Summary:
         facts={
             "runs": len(good),
             "runs_set_aside": n_aside,
-            "mu_sliding_range": validity["mu_sliding"],
-            "normal_force_range_N_m": validity["normal_force_N_m"],
-            "slip_speed_range_m_s": validity["slip_speed_m_s"],
+            "mu_sliding_range": validity.get("mu_sliding"),
+            "normal_force_range_N_m": validity.get("normal_force_N_m"),
+            "slip_speed_range_m_s": validity.get("slip_speed_m_s"),
             "budget": made.artifact.metadata.extra["budget"],
         },
         details=budget_details(made.artifact.metadata.extra["budget"]),

@@ -24,6 +24,7 @@ from beltid.store.recordings import columns_of, read_recording
 from beltid.store.tables import outside
 
 KIND: Final = "slip"
+FIGURES: Final = ("rig_speeds", "max_slip_speed_m_s", "max_slip_run")
 KEYS: Final = (
     "slip",
     "rig.pulley_radius_m",
@@ -43,7 +44,9 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
         options.talk.say(f"{recording.path}: {len(recording.columns['time_s'])} samples")
         return _outcome(recording.columns, config.config, recording.notes, str(recording.path))
 
-    return summarise(make(Recipe(KIND, config, KEYS, inputs), out, options, compute))
+    return summarise(
+        make(Recipe(KIND, config, KEYS, inputs, figures=FIGURES), out, options, compute)
+    )
 
 
 def fit_slip(

@@ -23,6 +23,7 @@ from beltid.stages.uncertainties import SECTION, budget_details, stated_keys
 from beltid.store.recordings import columns_of, read_recording
 
 KIND: Final = "stiffness"
+FIGURES: Final = ("temperature", "budget")
 KEYS: Final = ("press", "columns.press", "units.press", "runs.press", "dialect", SECTION)
 POOLED: Final = "pooled"
 
@@ -36,7 +37,9 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
         return _outcome(recording.columns, config.config, recording.notes)
 
     choices = {"uncertainty_stated": stated_keys(config.config)}
-    return summarise(make(Recipe(KIND, config, KEYS, inputs, choices), out, options, compute))
+    return summarise(
+        make(Recipe(KIND, config, KEYS, inputs, choices, FIGURES), out, options, compute)
+    )
 
 
 def fit_stiffness(

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from pydantic import ValidationError
 
 from beltid._version import __version__
 from beltid.config import Config, ConfigSource, find_config, load_config
@@ -22,7 +23,7 @@ from beltid.export.law import (
     Validity,
     friction_part,
 )
-from beltid.export.law_file import SUFFIX
+from beltid.export.law_file import SUFFIX, told
 from beltid.stages.origin import MEASURED, SYNTHETIC
 from beltid.stages.tables import law_of, surface_of
 from beltid.stages.talk import Talk
@@ -75,6 +76,19 @@ def law_of_folder(folder: Path, named: Path | None, wanted: str | None, talk: Ta
         talk.say(f"config: {source.origin}")
         if source.config.sha256 != surface.metadata.config_sha256:
             talk.warn(f"{surface.path.name} was made with another config than {source.origin}")
+    try:
+        return _put_together(folder, stiffness, surface, friction, source)
+    except ValidationError as error:
+        raise ArtifactError(told(error, str(folder))) from None
+
+
+def _put_together(
+    folder: Path,
+    stiffness: Artifact,
+    surface: Artifact,
+    friction: Artifact | None,
+    source: ConfigSource | None,
+) -> ContactLaw:
     row = int(np.flatnonzero(np.isnan(stiffness.columns["temperature_degC"]))[0])
     normal = law_of(stiffness)
     return ContactLaw(

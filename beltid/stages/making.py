@@ -54,6 +54,8 @@ class Recipe:
         Files it is made from, by their role.
     choices : dict
         Settings of this call that are not in the config.
+    figures : tuple of str
+        What its metadata must tell for the summary; one without is made again.
     """
 
     kind: str
@@ -61,6 +63,7 @@ class Recipe:
     keys: tuple[str, ...]
     inputs: Mapping[str, Path]
     choices: dict[str, Any] = field(default_factory=dict)
+    figures: tuple[str, ...] = ()
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -235,6 +238,7 @@ def _fresh(artifact: Artifact, recipe: Recipe, hashes: dict[str, str]) -> bool:
         and artifact.software_sha256 == source_sha256()
         and artifact.metadata.inputs == hashes
         and artifact.metadata.settings == recipe.settings
+        and set(recipe.figures) <= set(artifact.metadata.extra)
     )
 
 

@@ -41,6 +41,16 @@ from beltid.uncertainty.sources import all_sources
 
 KIND: Final = "surface"
 METHOD: Final = "refined"
+FIGURES: Final = (
+    "n_points",
+    "iterations",
+    "noise_scale",
+    "effective_parameters",
+    "arc_spread_before",
+    "rms_arc_spread",
+    "budget",
+    "misfit",
+)
 KEYS: Final = (
     "belt.axial_stiffness_N",
     "belt.bending_stiffness_N_m2",
@@ -152,7 +162,9 @@ def run(
         return _outcome(artifact.columns, law, config.config, str(artifact.path), draws)
 
     choices = {"uncertainty_stated": stated_keys(config.config), **draws.choices}
-    return summarise(make(Recipe(KIND, config, KEYS, inputs, choices), out, options, compute))
+    return summarise(
+        make(Recipe(KIND, config, KEYS, inputs, choices, FIGURES), out, options, compute)
+    )
 
 
 def refine_surface(
@@ -302,8 +314,8 @@ def summarise(made: Made) -> Summary:
             "arc_to_arc_spread_after_percent": _percent(extra["rms_arc_spread"]),
             "force_nodes": surface.normal_force_N_m.size,
             "speed_nodes": surface.slip_speed_m_s.size,
-            "valid_force_N_m": validity["normal_force_N_m"],
-            "valid_speed_m_s": validity["slip_speed_m_s"],
+            "valid_force_N_m": validity.get("normal_force_N_m"),
+            "valid_speed_m_s": validity.get("slip_speed_m_s"),
             "budget": extra["budget"],
             **({"draws": check["replicates"], "seed": check["seed"]} if check else {}),
             **({"linear_fails_at": places} if places else {}),

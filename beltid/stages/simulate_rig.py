@@ -32,6 +32,7 @@ from beltid.stages.workers import Workers
 from beltid.store.artifacts import read_artifact
 
 KIND: Final = "simulated"
+FIGURES: Final = ("method", "runs")
 KEYS: Final = (
     "belt.axial_stiffness_N",
     "belt.bending_stiffness_N_m2",
@@ -140,9 +141,12 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
     }
     if settings.method == "steady":
         choices["sliding_samples"] = sliding_samples(model)
-    recipe = Recipe(KIND, config, KEYS, inputs, choices)
+    recipe = Recipe(KIND, config, KEYS, inputs, choices, FIGURES)
     of_profiles = replace(
-        recipe, kind=profiles.KIND, choices={**choices, "profile_times_s": list(times)}
+        recipe,
+        kind=profiles.KIND,
+        choices={**choices, "profile_times_s": list(times)},
+        figures=(),
     )
     beside = profiles.path_beside(out)
     if times:  # what stands in the way is said before the work
@@ -214,7 +218,7 @@ def _outcome(
 def summarise(made: Made, of_profiles: Made | None = None) -> Summary:
     """Sum up a simulated recording, and the profiles beside it."""
     extra = made.artifact.metadata.extra
-    rows = [{name: row[name] for name in ROW} for row in extra["runs"]]
+    rows = [{name: row.get(name) for name in ROW} for row in extra["runs"]]
     good = [row for row in rows if row["status"] == "ok"]
     failed = len(rows) - len(good)
     beside = {} if of_profiles is None else {"profiles": str(of_profiles.artifact.path)}
@@ -232,7 +236,7 @@ def summarise(made: Made, of_profiles: Made | None = None) -> Summary:
         },
         table=rows,
         overview=_per_setting(good) if len(rows) > 20 else [],
-        details={"solver": [_solver_row(row) for row in extra["runs"] if row["solver"]]},
+        details={"solver": [_solver_row(row) for row in extra["runs"] if row.get("solver")]},
         notes=(*made.notes, *(of_profiles.notes if of_profiles else ())),
         warnings=made.warnings,
         verdict=f"{failed} of {len(rows)} runs failed" if failed else "",
@@ -247,7 +251,7 @@ def _solver_row(row: Mapping[str, Any]) -> dict[str, Any]:
     record = row["solver"]
     share = record["clamped_lookups"] / max(record["lookups"], 1)
     return {
-        "run": row["run"],
+        "run": row.get("run"),
         **{name: record[name] for name in SOLVER},
         "clamped_lookups_percent": 100.0 * share,
     }

@@ -101,9 +101,13 @@ def runs_doubt_of(extra: Mapping[str, Any]) -> RunsDoubt | None:
     told = extra.get("uncertainty")
     if not told:
         return None
-    sources = tuple(Source(**source) for source in told["sources"])
+    sources = _sources(told["sources"])
     arrays = {name: np.array(told[name], dtype=float) for name in ARRAYS}
     return RunsDoubt(sources=sources, runs=tuple(told["runs"]), **arrays)
+
+
+def _sources(told: Sequence[Mapping[str, Any]]) -> tuple[Source, ...]:
+    return tuple(Source(**{name: one[name] for name in Source.__slots__}) for one in told)
 
 
 def runs_doubt(
@@ -116,7 +120,7 @@ def runs_doubt(
     """Uncertainty of the runs of a campaign that were simulated; a note if it stays unknown."""
     arcs = _arcs(inputs.stored.get("arcs_deg", ()), [run.arc_deg for run, _ in finished])
     given = all_sources(standard_uncertainties(config), len(arcs), inputs.press.has_scatter)
-    stored = [Source(**source) for source in inputs.stored.get("sources", ())]
+    stored = _sources(inputs.stored.get("sources", ()))
     sources = with_rig_sources(stored, given)
     bench = Bench(
         config.belt_params(),

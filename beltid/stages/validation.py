@@ -181,7 +181,11 @@ def within_words(validation: Mapping[str, Any]) -> str:
 
 def dominant(rows: list[dict[str, Any]]) -> str:
     """The largest contributions, in words."""
-    parts = [row for row in rows if row["source"] != "combined" and row["contribution_percent"] > 0]
+    parts = [
+        row
+        for row in rows
+        if row["source"] != "combined" and (row["contribution_percent"] or 0.0) > 0.0
+    ]
     parts.sort(key=lambda row: -row["contribution_percent"])
     return ", ".join(
         f"{row['source']} {row['contribution_percent']:.2g} %" for row in parts[:SHOWN]

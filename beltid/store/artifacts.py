@@ -199,6 +199,7 @@ def read_artifact(path: str | Path, kind: str | None = None) -> Artifact:
 
 def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Artifact:
     """Artifact from the bytes of its file; see `read_artifact`."""
+    from beltid.store.contents import wrong_contents
     from beltid.store.tables import columns_of_arrow
 
     if data[:4] != b"PAR1":
@@ -220,6 +221,9 @@ def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Art
         raise ArtifactError(f"{path}: {damaged(error)}") from None
     if not whole:
         raise ArtifactError(f"{path}: damaged: the numbers do not match their checksum")
+    wrong = wrong_contents(found, record)
+    if wrong:
+        raise ArtifactError([f"{path}: damaged or written by others: {line}" for line in wrong])
     return Artifact(
         kind=found,
         columns=columns,

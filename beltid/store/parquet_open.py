@@ -15,6 +15,9 @@ MAX_CELLS: Final = 500_000_000
 MAX_EXPANSION: Final = 20_000
 """Cells per byte of file; constant columns pack tightly."""
 
+BUFFER: Final = 1 << 20
+"""Bytes of a column that are read at a time."""
+
 
 def open_parquet(
     source: bytes | Path, labels: Sequence[str], name: str, error_type: type[InputError]
@@ -45,7 +48,13 @@ def open_parquet(
     def opened(texts: list[str]) -> Any:
         data = pa.BufferReader(source) if isinstance(source, bytes) else source
         return pq.ParquetFile(
-            data, page_checksum_verification=True, read_dictionary=texts, memory_map=False
+            data,
+            page_checksum_verification=True,
+            read_dictionary=texts,
+            memory_map=False,
+            # what was read ahead would stay until the end of the file, and its whole row group
+            pre_buffer=False,
+            buffer_size=BUFFER,
         )
 
     try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -12,6 +12,10 @@ from beltid.store.schemas import Column, Table
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+
+LARGEST: Final = 1e100
+"""Size of a number of an artifact: its square and its cube can be computed."""
 
 
 def normalised(columns: Mapping[str, Any], table: Table, name: str) -> dict[str, np.ndarray]:
@@ -125,12 +129,14 @@ def _problems(cells: np.ndarray, column: Column, name: str) -> list[str]:
     if column.dtype == "bool":
         return []
     numbers = cells.astype(float)
-    wrong = np.isinf(numbers) | outside(numbers, column)
+    huge = np.abs(numbers) > LARGEST
+    wrong = huge | outside(numbers, column)
     if not column.nullable:
         wrong |= np.isnan(numbers)
     rows = np.flatnonzero(wrong.any(axis=1) if wrong.ndim > 1 else wrong)
     return [
         f"{name}: {column.name} = {cells[i]} in row {i + 1}, must be {column.allowed}"
+        + (f" and at most {LARGEST:g} in size" if np.any(huge[i]) else "")
         for i in rows[:3]
     ]
 

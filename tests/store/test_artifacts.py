@@ -28,6 +28,7 @@ from beltid.store.artifacts import (
     write_artifact,
 )
 from beltid.store.recordings import read_recording
+from beltid.store.tables import LARGEST
 
 RIGDATA = Path(__file__).parents[2] / "rigdata"
 METADATA = Metadata(
@@ -118,7 +119,7 @@ def test_any_parquet_reader_finds_nulls_units_and_metadata(tmp_path):
 
 @settings(max_examples=30, deadline=None)
 @given(
-    values=arrays(np.float64, 5, elements=st.floats(allow_infinity=False)),
+    values=arrays(np.float64, 5, elements=st.floats(-LARGEST, LARGEST) | st.just(np.nan)),
     words=st.lists(st.text(st.characters(exclude_categories=["Cs"])), min_size=5, max_size=5),
 )
 def test_numbers_and_texts_come_back_bit_for_bit(values, words):
@@ -129,6 +130,15 @@ def test_numbers_and_texts_come_back_bit_for_bit(values, words):
     assert read["mu_sliding"][kept].tobytes() == values[kept].tobytes()
     assert np.isnan(read["mu_sliding"][~kept]).all()
     assert read["notes"].tolist() == words
+
+
+@pytest.mark.parametrize("value", [2.0 * LARGEST, -2.0 * LARGEST, np.inf])
+def test_numbers_whose_powers_overflow_are_refused(value):
+    columns = example("friction", 5) | {"mu_sliding": [0.5, value, 0.5, 0.5, 0.5]}
+    with pytest.raises(
+        ArtifactError, match=r"in row 2, must be finite and at most 1e\+100 in size"
+    ):
+        artifact_bytes("friction", columns, METADATA)
 
 
 def test_an_empty_table_and_missing_extras_come_back():
