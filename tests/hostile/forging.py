@@ -112,7 +112,7 @@ def column_changes(
     yield "rows twice", lambda c: {name: np.concatenate([v, v]) for name, v in c.items()}
     yield "reversed", lambda c: {name: v[::-1].copy() for name, v in c.items()}
     table = schemas.table(kind)
-    for name, cells in columns.items():
+    for name in columns:
         dtype = table.column(name).dtype
         if not table.column(name).required:
             yield f"{name} left out", lambda c, n=name: {k: v for k, v in c.items() if k != n}
