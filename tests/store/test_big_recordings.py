@@ -6,13 +6,15 @@ import gzip
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltid.config import load_config
 from beltid.errors import InputError
-from beltid.store import csv_stream
+from beltid.store import csv_stream, parquet_stream, schemas
 from beltid.store.big_recordings import is_big, open_big
 from beltid.store.csv_kernel import GOOD, NOT_SIMPLE, POWERS_OF_TEN, parse_rows
 from beltid.store.recordings import read_recording
@@ -202,3 +204,27 @@ def test_a_cell_that_repeats_in_part_is_read_anew() -> None:
     status, numbers = parsed(cells)
     assert status == GOOD
     assert numbers.tolist() == [float(cell) for cell in cells]
+
+
+@pytest.mark.parametrize("rows_of_a_group", [100_000, 1_500_000])
+def test_a_parquet_file_takes_a_part_of_its_size_in_memory(
+    rows_of_a_group: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither the file nor a row group of it is held at once, and nothing of it stays."""
+    monkeypatch.setattr(parquet_stream, "ROWS", 1 << 14)
+    rng = np.random.default_rng(4)
+    columns = {"run": np.full(1_500_000, "a")}
+    columns |= {
+        column.name: rng.uniform(20.0, 30.0, 1_500_000)
+        for column in schemas.table("rig").columns
+        if column.dtype == "float64"
+    }
+    path = tmp_path / "rig.parquet"
+    pq.write_table(pa.table(columns), path, row_group_size=rows_of_a_group)
+    del columns
+    before, most, n = pa.total_allocated_bytes(), 0, 0
+    for block in parquet_stream.parquet_blocks(path, schemas.table("rig"), {}):
+        most = max(most, pa.total_allocated_bytes() - before)
+        n += block.n_rows
+    assert n == 1_500_000
+    assert most < path.stat().st_size / 3
