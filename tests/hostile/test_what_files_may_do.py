@@ -7,7 +7,6 @@ import csv
 import io
 import json
 import resource
-import socket
 from pathlib import Path
 
 import h5py
@@ -218,30 +217,6 @@ def test_nothing_in_the_package_unpickles_or_evaluates():
             if isinstance(node, ast.Call) and ast.unparse(node.func) in ("np.load", "numpy.load"):
                 told = {k.arg: ast.unparse(k.value) for k in node.keywords}
                 assert told.get("allow_pickle") == "False", f"{path}:{node.lineno}"
-
-
-def test_the_stages_need_no_network(tmp_path, monkeypatch):
-    def refused(*_: object, **__: object) -> None:
-        raise AssertionError("the network was asked for")
-
-    for name in ("connect", "connect_ex", "bind", "sendto"):
-        monkeypatch.setattr(socket.socket, name, refused, raising=False)
-    monkeypatch.setattr(socket, "getaddrinfo", refused)
-    lines = (DATA / "rig.csv").read_text().splitlines(keepends=True)
-    labels = list(dict.fromkeys(line.split(",")[0] for line in lines[1:]))
-    some = set(labels[::4])
-    kept = [line for line in lines[1:] if line.split(",")[0] in some]
-    (tmp_path / "rig.csv").write_text("".join([lines[0], *kept]))
-    for call in (
-        ["fit-stiffness", DATA / "press.csv", "-o", tmp_path / "stiffness.parquet"],
-        ["fit-slip", DATA / "speedloss.csv", "-o", tmp_path / "slip.parquet"],
-        ["fit-friction", tmp_path / "rig.csv", "-o", tmp_path / "friction.parquet"],
-        ["build-surface", tmp_path / "friction.parquet", "-o", tmp_path / "surface.parquet"],
-        ["export", "json", tmp_path, "-o", tmp_path / "law"],
-        ["report", tmp_path],
-    ):
-        result = CliRunner().invoke(app, [str(part) for part in call])
-        assert result.exit_code == 0, result.output + result.stderr
 
 
 @pytest.mark.parametrize(
