@@ -1,0 +1,265 @@
+"""Bench signals against sums by hand, and both sides of every limit."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar
+
+from beltid.identify.signal import (
+    NOISE_FLOOR,
+    block_means,
+    channel_noise,
+    converter_error,
+    converter_steps,
+    difference_sigma,
+    line_columns,
+    median,
+    parabolic_maximum,
+    robust_sigma,
+    running_median,
+    spike_mask,
+    strongest_line,
+)
+
+NORMAL_QUARTILE = 0.6744897501960817  # of a standard normal variable: half of them lie within it
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 7, 8])
+def test_median_and_robust_spread(n):
+    x = np.random.default_rng(n).normal(3.0, 1.0, n)
+    assert median(x) == pytest.approx(float(np.median(x)), rel=1e-15)
+    spread = float(np.median(np.abs(x - np.median(x)))) / NORMAL_QUARTILE
+    assert robust_sigma(x) == pytest.approx(spread, rel=1e-12)
+
+
+def median_by_hand(x, window):
+    half = window // 2
+    mirrored = [*x[half:0:-1], *x, *x[-2 : -2 - half : -1]]
+    return [float(np.median(mirrored[i : i + window])) for i in range(len(x))]
+
+
+@pytest.mark.parametrize(("n", "window", "used"), [(20, 7, 7), (8, 7, 7), (7, 7, 7), (6, 7, 5)])
+def test_running_median_is_mirrored_at_its_ends(n, window, used):
+    x = np.random.default_rng(n).normal(size=n)
+    assert running_median(x, window) == pytest.approx(median_by_hand(list(x), used))
+    assert running_median(x[:2], window).tolist() == x[:2].tolist()
+    assert running_median(np.array([1.0, 9.0, 2.0]), window).tolist() == [9.0, 2.0, 9.0]
+
+
+def test_noise_of_alternating_and_of_coarse_samples():
+    x = 0.3 * (-1.0) ** np.arange(21)
+    assert difference_sigma(x) == pytest.approx(0.6 / NORMAL_QUARTILE / math.sqrt(2.0), rel=1e-12)
+    assert difference_sigma(np.array([1.0, 3.0])) == pytest.approx(
+        2.0 / NORMAL_QUARTILE / math.sqrt(2.0), rel=1e-12
+    )
+    assert difference_sigma(np.array([1.0])) == 0.0
+    # a hundred steps, seven of 1, five of 3, the others none: the largest two are left out
+    steps = np.zeros(100)
+    steps[2::8], steps[[5, 21, 37, 53, 69]] = 0.0, 3.0
+    steps[[7, 23, 39, 55, 71, 87, 95]] = 1.0
+    expected = math.sqrt((7 * 1.0 + 3 * 9.0) / 97) / math.sqrt(2.0)
+    assert difference_sigma(np.cumsum(steps)) == pytest.approx(expected, rel=1e-12)
+
+
+def test_noise_of_the_channels_holds_the_error_of_a_converter_and_a_floor():
+    flat = np.full(50, 250.0)
+    assert channel_noise(np.column_stack([flat, -2.0 * flat])) == pytest.approx(
+        [250.0 * NOISE_FLOOR, 500.0 * NOISE_FLOOR], rel=1e-12
+    )
+    chatter = 250.0 + 0.3 * (-1.0) ** np.arange(50)
+    chatter[20] = chatter[19] + 0.2  # the smallest step
+    found = channel_noise(np.column_stack([chatter, chatter]))[0]
+    white = 0.6 / NORMAL_QUARTILE / math.sqrt(2.0)
+    assert found == pytest.approx(math.hypot(white, 0.2 / math.sqrt(12.0)), rel=1e-9)
+
+
+def test_steps_of_a_converter_through_zero():
+    rng = np.random.default_rng(1)
+    levels = 0.25 * rng.integers(1000, 1016, 200)
+    others = 0.25 * rng.integers(400, 410, 200)
+    assert converter_steps(levels, others) == pytest.approx((0.25, 0.25), rel=1e-9)
+    # a grid that holds only multiples of two and three steps
+    few = 0.25 * np.array([1000, 1002, 1005] * 30)
+    assert converter_steps(few, few) == pytest.approx((0.25, 0.25), rel=1e-9)
+    fine = rng.normal(250.0, 1.0, 200)
+    assert converter_steps(fine, fine - 100.0) == (0.0, 0.0)
+
+
+def stairs(lowest, step, count=12):
+    """Levels that are passed once, in their order: nothing chatters."""
+    return np.repeat(lowest + step * np.arange(float(count)), 5)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "step"),
+    [
+        (stairs(250.0, 0.25), stairs(100.0, 0.25), 0.25),
+        (stairs(250.0, 0.5), stairs(100.25, 0.5), 0.25),
+        (stairs(0.0, 4.0), stairs(40.0, 4.0), 4.0),
+        (stairs(-10.0, 2.5), stairs(10.0, 2.5), 2.5),
+        (stairs(12.0, 4.0, 1), stairs(12.0, 4.0, 2), 4.0),
+        (stairs(250.0 + 0.01, 1.0), stairs(100.01, 1.0), 1.0),  # a hundredth of a step off zero
+        (stairs(250.0 + 0.04, 1.0), stairs(100.04, 1.0), 0.0),
+        (stairs(-10.4, 2.5), stairs(9.6, 2.5), 0.0),
+        (stairs(250.1, 0.25), stairs(100.1, 0.25), 0.0),
+        (stairs(1.0, 1.0, 1), stairs(1.0, 1.0, 1), 0.0),  # one level tells no step
+        (stairs(2000.0, 1.0, 2) + 1e-4 * (np.arange(10) > 8), stairs(2.0, 1.0), 0.0),
+    ],
+)
+def test_an_even_grid_through_zero_is_a_converter_without_chatter(first, second, step):
+    assert converter_steps(first, second) == pytest.approx((step, step), rel=1e-4)
+
+
+def test_levels_must_repeat():
+    once, twice = np.arange(250.0, 262.0), np.repeat(np.arange(100.0, 112.0), 2)
+    assert converter_steps(once, once - 50.0) == (0.0, 0.0)
+    assert converter_steps(twice, twice + 50.0) == pytest.approx((1.0, 1.0))
+    assert converter_steps(np.append(twice, 300.0), twice + 50.0) == (0.0, 0.0)
+
+
+def test_smallest_gap_may_be_two_or_three_steps_but_not_four():
+    for gaps, expected in (((2, 3), 1.0), ((3, 4), 1.0), ((4, 5), 0.0)):
+        levels = 60.0 + np.cumsum([0, *gaps * 3])
+        first = np.repeat(levels, 5)
+        assert converter_steps(first, first)[0] == pytest.approx(expected, rel=1e-6)
+
+
+def test_steps_of_a_converter_off_zero_show_in_chatter_only():
+    chatter = 250.1 + 0.25 * np.array([0, 1, 0, 2, 1, 3, 1, 0, 2, 3, 1, 2] * 5)
+    straight = np.repeat(100.07 + 0.3 * np.arange(12.0), 5)
+    assert converter_steps(chatter, straight) == pytest.approx((0.25, 0.0), rel=1e-6)
+    assert converter_steps(straight, chatter) == pytest.approx((0.0, 0.25), rel=1e-6)
+    # to and fro three times is chatter, twice is not
+    thrice = np.array([0, 1, 0, 1, 1, 1, 1, 1, 1, 2, 2, 2, 3, 3]) + 0.31
+    twice = np.array([0, 0, 1, 0, 1, 1, 1, 1, 1, 2, 2, 2, 3, 3]) + 0.31
+    rising = np.repeat(np.arange(7.0), 2) + 0.47 + 1000.0 / 7.0
+    assert converter_steps(np.append(thrice, 0.31), rising)[0] == pytest.approx(1.0)
+    assert converter_steps(np.sort(twice), rising)[0] == 0.0
+
+
+def test_error_that_a_coarse_converter_leaves():
+    found = converter_error([0.499, 0.501, 0.9], [1.0, 1.0, 2.0])
+    assert found == pytest.approx([1.0 / math.sqrt(12.0), 0.0, 2.0 / math.sqrt(12.0)])
+
+
+def spikes_by_hand(x, threshold):
+    middle = median_by_hand(list(x), 7)
+    wide = [middle[0]] * 3 + middle + [middle[-1]] * 3
+    change = [abs(wide[i + 6] - wide[i]) for i in range(len(x))]
+    sigma = max(difference_sigma(x), 10.0 * NOISE_FLOOR * float(np.median(np.abs(x))))
+    return [abs(a - m) - c for a, m, c in zip(x, middle, change, strict=True)], sigma
+
+
+def test_a_spike_exceeds_noise_and_local_change():
+    rng = np.random.default_rng(2)
+    x = np.concatenate([np.full(20, 100.0), np.linspace(100.0, 200.0, 12), np.full(20, 200.0)])
+    for noise in (0.5, 1e-3):  # the floor of the second is 0.02
+        y = x + noise * rng.normal(size=x.size)
+        y[[3, 45]] += 30.0, -20.0
+        far, sigma = spikes_by_hand(y, 6.0)
+        for threshold in (0.5, 2.0, 6.0, 100.0, 999.0, 1001.0, 2000.0):
+            expected = [f > threshold * sigma for f in far]
+            assert spike_mask(y, threshold).tolist() == expected
+    assert not spike_mask(np.array([1.0, 1.0, 99.0, 1.0]), 0.5).any()
+    assert spike_mask(np.array([1.0, 1.0, 99.0, 1.0, 1.0]), 0.5).tolist() == [0, 0, 1, 0, 0]
+
+
+def test_blocks_hold_equally_many_samples_but_for_the_last():
+    x = np.random.default_rng(3).normal(size=(3001, 2))
+    thin = block_means(x)
+    assert thin.shape == (1501, 2)
+    np.testing.assert_allclose(thin[:-1], 0.5 * (x[0:-1:2] + x[1::2]), rtol=1e-12)
+    np.testing.assert_array_equal(thin[-1], x[-1])
+    assert block_means(x[:3000]) is not None
+    assert block_means(x[:3000]).shape == (3000, 2)
+
+
+def test_a_line_is_a_cosine_and_a_sine_of_its_frequency():
+    t = np.array([0.0, 0.1, 0.25])
+    expected = [[1.0, 0.0], [math.cos(0.4 * math.pi), math.sin(0.4 * math.pi)], [-1.0, 0.0]]
+    assert line_columns(t, 2.0) == pytest.approx(np.array(expected), abs=1e-15)
+
+
+def lined(periods, amplitude, n=200, seed=0):
+    """Two residual signals with a line, orthogonal to constants, and the basis of constants."""
+    t = np.linspace(2.0, 12.0, n)
+    noise = np.random.default_rng(seed).normal(size=(n, 2))
+    wave = np.sin(2 * np.pi * periods / 10.0 * (t - 2.0) + 0.3)[:, None] * [amplitude, 0.0]
+    basis = np.full((n, 1), 1.0 / np.sqrt(n))
+    signals = noise + wave
+    return t, signals - basis @ (basis.T @ signals), basis
+
+
+def gain(t, residuals, basis, frequency):
+    """Squares that a line takes out of the residuals, by least squares."""
+    columns = np.column_stack([basis, np.cos(2 * np.pi * frequency * t)])
+    columns = np.column_stack([columns, np.sin(2 * np.pi * frequency * t)])
+    fit = columns @ np.linalg.lstsq(columns, residuals, rcond=None)[0]
+    return float(np.sum(fit**2))
+
+
+@pytest.mark.parametrize("periods", [2.0, 2.6, 7.3, 40.0])
+def test_a_line_is_where_it_takes_out_most(periods):
+    t, residuals, basis = lined(periods, 2.0)
+    found = strongest_line(t, residuals, basis)
+    bounds = ((periods - 0.4) / 10.0, (periods + 0.4) / 10.0)
+    best = minimize_scalar(lambda f: -gain(t, residuals, basis, f), bounds=bounds, method="bounded")
+    # the parabola of seven trials across the maximum is some hundredth of their range off
+    assert found == pytest.approx(best.x, abs=0.01 * 0.1)
+
+
+@pytest.mark.parametrize("n", [200, 4000])
+def test_a_line_must_stand_out_of_white_noise(n):
+    """Power a^2 n / 4 against m + ln(n / 2) + 9 with m = 2, and the noise adds its own 2."""
+    limit = 2.0 * math.sqrt((2 + math.log(n / 2.0) + 9.0) / n)
+    found = {
+        share: sum(
+            strongest_line(*lined(12.25, share * limit, n, seed)) is not None for seed in range(20)
+        )
+        for share in (0.6, 1.4)
+    }
+    assert found[0.6] <= 2
+    assert found[1.4] >= 18
+
+
+@pytest.mark.parametrize("n", [23, 24])
+def test_two_dozen_samples_are_needed_for_a_line(n):
+    t, residuals, basis = lined(5.0, 30.0, n)
+    found = strongest_line(t / 20.0, residuals, basis)  # in half a second
+    assert (found is not None) == (n == 24)
+    assert found is None or found == pytest.approx(10.0, rel=0.01)
+
+
+def test_lines_from_one_and_a_half_periods_to_nine_tenths_of_the_highest_frequency():
+    for periods, seen in ((1.8, True), (85.0, True), (97.0, False)):
+        t, residuals, basis = lined(periods, 3.0)
+        found = strongest_line(t, residuals, basis)
+        assert (found is not None and abs(found - periods / 10.0) < 0.01) == seen
+
+
+def test_what_is_no_line():
+    t, residuals, basis = lined(6.0, 3.0)
+    assert strongest_line(t, residuals, basis) is not None
+    assert strongest_line(np.zeros_like(t), residuals, basis) is None
+    few = slice(None, 23)
+    small = np.full((23, 1), 1.0 / np.sqrt(23))
+    assert strongest_line(t[few], 9.0 * np.sin(np.arange(23.0))[:, None], small) is None
+    # red noise rises towards low frequencies: no line stands out of its neighbours
+    rng = np.random.default_rng(4)
+    walks = np.cumsum(rng.normal(size=(200, 2)), axis=0)
+    found = [strongest_line(t, 3.0 * (w - w.mean(axis=0)), basis) for w in (walks, walks[::-1])]
+    assert found == [None, None]
+    # less than one and a half periods
+    slow = np.cos(2 * np.pi * 0.7 / 10.0 * (t - 2.0))[:, None] + 0.01 * rng.normal(size=(200, 1))
+    assert strongest_line(t, 50.0 * (slow - slow.mean()), basis) is None
+
+
+def test_vertex_of_a_parabola_on_the_edge_and_without_curvature():
+    x = np.linspace(0.0, 1.0, 6)
+    assert parabolic_maximum(x, -((x - 0.21) ** 2)) == pytest.approx(0.21)
+    assert parabolic_maximum(x, -x) == 0.0
+    assert parabolic_maximum(x, np.array([0.0, 1.0, 1.0, 0.0, 0.0, 0.0])) == pytest.approx(0.3)
+    assert parabolic_maximum(x, np.zeros(6)) == 0.0
