@@ -163,13 +163,16 @@ def main() -> int:
         return 0
     parts = sum(SHARES.get(reader, 1.0) for reader in asked.only)
     total = findings = 0
+    end = time.monotonic() + asked.seconds
     print(
         f"{'reader':<16}{'inputs':>9}{'refused':>9}{'taken':>9}{'ended the child':>17}"
         f"{'findings':>10}{'slowest':>9}"
     )
-    for reader in asked.only:
+    for number, reader in enumerate(asked.only):
         share = SHARES.get(reader, 1.0) / parts
-        count = fuzz(reader, int(asked.inputs * share), asked.seconds / len(asked.only))
+        # what a quick reader leaves of its time is for those after it
+        seconds = (end - time.monotonic()) / (len(asked.only) - number)
+        count = fuzz(reader, round(asked.inputs * share), seconds)
         total, findings = total + int(count["inputs"]), findings + int(count["findings"])
         print(
             f"{reader:<16}{count['inputs']:>9,}{count['refused']:>9,}{count['taken']:>9,}"

@@ -14,9 +14,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from beltid.store import schemas
-from beltid.store.artifacts import METADATA_KEY, SEAL_KEY, read_artifact
+from beltid.store.artifacts import METADATA_KEY, SEAL_KEY
 from beltid.store.hashing import columns_sha256, sha256
-from beltid.store.tables import arrow_table
+from beltid.store.tables import arrow_table, columns_of_arrow
 
 Columns = dict[str, np.ndarray]
 SECTIONS = ("extra", "validity", "settings", "set_aside")
@@ -40,10 +40,11 @@ GONE = object()
 """Stands for a key that is left out."""
 
 
-def opened(path: Path) -> tuple[Columns, dict[str, Any]]:
-    """Columns and record of an artifact."""
-    record = json.loads(pq.read_schema(path).metadata[METADATA_KEY])
-    return dict(read_artifact(path).columns), record
+def unpacked(data: bytes) -> tuple[Columns, dict[str, Any]]:
+    """Columns and record of an artifact, even of one that is refused for its figures."""
+    arrow = pq.read_table(pa.BufferReader(data))
+    record = json.loads(arrow.schema.metadata[METADATA_KEY])
+    return columns_of_arrow(arrow, schemas.table(record["kind"]), "forged"), record
 
 
 def sealed(columns: Columns, record: dict[str, Any]) -> bytes:
@@ -137,7 +138,7 @@ def column_changes(
 
 def forgeries(path: Path) -> Iterator[tuple[str, bytes]]:
     """Wrong artifacts made from a right one, with what is wrong in words."""
-    columns, record = opened(path)
+    columns, record = unpacked(path.read_bytes())
     for what, change in column_changes(columns, record["kind"]):
         yield what, sealed(change(columns), record)
     for section in SECTIONS:

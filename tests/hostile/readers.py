@@ -8,17 +8,28 @@ import warnings
 from collections.abc import Callable
 from pathlib import Path
 
-from beltid.config.loading import load_cases
+from beltid.config.loading import load_cases, load_config
 from beltid.errors import LONGEST_LINE, BeltidError
 from beltid.export.law_file import law_from_text
 from beltid.formats.child import read_format
 from beltid.formats.exchange import load, save
+from beltid.report import tables
+from beltid.report.results import BeltResults
+from beltid.report.verdict import verdict_of
+from beltid.stages.about import file_info
+from beltid.stages.belt_results import sheet_of
+from beltid.stages.simulated_doubt import runs_doubt_of
+from beltid.stages.tables import law_of, surface_of
+from beltid.stages.uncertainties import press_law
 from beltid.store.artifacts import read_artifact
 from beltid.store.big_recordings import open_big
 from beltid.store.dialect import ReadOptions
 from beltid.store.opening import Opened
 from beltid.store.recordings import read_recording, recording_of
 
+CONFIG = load_config()
+SETTINGS = load_config({"runs": {"rig": {"values": {"arc_deg": 82, "initial_tension_N": 270}}}})
+"""For files that do not tell the settings of their run."""
 CORPUS = Path(__file__).parent / "corpus"
 ISOLATED = ("tdms", "mdf", "mat", "hdf5", "xlsx")
 """Readers that run in a child process, where they may raise anything but must end."""
@@ -28,11 +39,28 @@ _FOLDER = Path(tempfile.mkdtemp(prefix="beltid-hostile-", dir=_SHM if _SHM.is_di
 
 
 def _recording(kind: str) -> Callable[[Path], object]:
-    return lambda path: read_recording(path, kind)
+    return lambda path: read_recording(path, kind, CONFIG)
 
 
 def _stream(path: Path) -> object:
     return [run.label for run in open_big(path)]
+
+
+def _artifact(path: Path) -> object:
+    """An artifact, and what stages and the report make of it before they compute or draw."""
+    artifact = read_artifact(path)
+    sheet = sheet_of(artifact)
+    if artifact.kind == "surface":
+        surface_of(artifact)
+    elif artifact.kind == "stiffness":
+        press_law(law_of(artifact), CONFIG, artifact)
+    elif artifact.kind == "simulated":
+        runs_doubt_of(artifact.metadata.extra)
+    results = BeltResults("x", {artifact.kind: sheet})
+    verdict_of(results)
+    for table in (tables.budget, tables.set_aside, tables.provenance, tables.settings):
+        table(results)
+    return file_info(path).as_json()
 
 
 def _law(path: Path) -> object:
@@ -67,10 +95,10 @@ READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "speedloss": ("x.csv", _recording("speedloss")),
     "csv_stream": ("x.csv", _stream),
     "zwick": ("x.txt", _recording("press")),
-    "lvm": ("x.lvm", _recording("rig")),
+    "lvm": ("x.lvm", lambda path: read_recording(path, "rig", SETTINGS)),
     "gzip": ("x.csv.gz", _recording("rig")),
     "zip": ("x.zip", _recording("rig")),
-    "artifact": ("x.parquet", read_artifact),
+    "artifact": ("x.parquet", _artifact),
     "parquet": ("x.parquet", _recording("rig")),
     "parquet_stream": ("x.parquet", _stream),
     "law": ("x.beltlaw.json", _law),
