@@ -186,12 +186,17 @@ def _same_package() -> Iterator[None]:
 
 
 def _kill(pool: ProcessPoolExecutor, others: Collection[Any]) -> None:
-    """Kill the children that came with a pool."""
-    for child in multiprocessing.active_children():
-        if child not in others:
-            with contextlib.suppress(OSError, ValueError):
-                child.kill()
-    pool.shutdown(wait=True, cancel_futures=True)
+    """Kill the children that came with a pool, also those that are being started meanwhile."""
+    ending = threading.Thread(
+        target=pool.shutdown, kwargs={"wait": True, "cancel_futures": True}, daemon=True
+    )
+    ending.start()
+    while ending.is_alive():  # the pool waits for a worker that was started after the others died
+        for child in multiprocessing.active_children():
+            if child not in others:
+                with contextlib.suppress(OSError, ValueError):
+                    child.kill()
+        ending.join(0.02)
 
 
 def _begin() -> None:
