@@ -20,14 +20,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from beltid.errors import BeltidError
-from beltid.stages.workers import Halted, Result, Workers, available_cores
+from beltid.stages.workers import Halted, Result, Workers, available_cores, one_thread_each
 
 MOST_LOSSES: Final = 3
 """Workers lost one after the other, without a result between them, before a call is given up."""
 LOOK_UP_S: Final = 0.2
 """Time after which a caller who waits looks whether it was told to stop [s]."""
-ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-"""The workers are the parallelism; threads of the linear algebra below them only get in the way."""
 IMPORTED: Final = ("beltid.batch.chain", "pyarrow.csv", "pyarrow.parquet", "scipy.interpolate")
 
 
@@ -149,12 +147,6 @@ class ProcessWorkers(Workers):
 def _start_method() -> str:
     methods = multiprocessing.get_all_start_methods()
     return "forkserver" if "forkserver" in methods else "spawn"
-
-
-def one_thread_each() -> None:
-    """Let the linear algebra of this process, if not begun, and its workers run in one thread."""
-    for name in ONE_THREAD:
-        os.environ.setdefault(name, "1")
 
 
 @contextlib.contextmanager

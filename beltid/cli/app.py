@@ -10,12 +10,14 @@ from beltid.cli.program import app
 from beltid.cli.signals import Stopped, hear_signals
 from beltid.cli.streams import is_of_help, mute, prepare_streams, told
 from beltid.errors import EXIT_INPUT
+from beltid.stages.workers import one_thread_each
 
 __all__ = ["app", "main"]
 
 
 def main() -> None:
     """Entry point of the command line."""
+    one_thread_each()
     prepare_streams()
     hear_signals()
     try:

@@ -8,9 +8,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 Result = TypeVar("Result")
+
+ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""The workers are the parallelism. Threads of the linear algebra below them only get in the way,
+and matrices as small as those here take longer on several cores than on one."""
 
 
 class Halted(Exception):
@@ -72,3 +76,9 @@ def available_cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return max(1, len(os.sched_getaffinity(0)))
     return os.cpu_count() or 1
+
+
+def one_thread_each() -> None:
+    """Let the linear algebra of this process, if not begun, and its workers run in one thread."""
+    for name in ONE_THREAD:
+        os.environ.setdefault(name, "1")

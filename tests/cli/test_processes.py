@@ -272,3 +272,23 @@ def test_being_told_to_stop_is_said_with_what_is_kept(
     assert b"Traceback" not in talk
     assert (folder / "simulated.parquet").read_bytes() == before
     assert [f.name for f in folder.iterdir() if "tmp" in f.name] == []
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="counts threads as Linux does")
+@pytest.mark.parametrize(("stated", "threads"), [({}, 1), ({"OPENBLAS_NUM_THREADS": "2"}, 2)])
+def test_the_linear_algebra_of_a_command_runs_in_one_thread(
+    stated: dict[str, str], threads: int
+) -> None:
+    """Its matrices are so small that threads cost more than they do; who states more gets them."""
+    code = (
+        "import os, sys; from beltid.cli import main\n"
+        "try: main()\n"
+        "except SystemExit: pass\n"
+        "import numpy; a = numpy.ones((500, 500)); a @ a\n"
+        "print(len(os.listdir('/proc/self/task')))"
+    )
+    free = {name: v for name, v in environment().items() if not name.endswith("_NUM_THREADS")}
+    done = subprocess.run(
+        [sys.executable, "-c", code, "--version"], capture_output=True, env={**free, **stated}
+    )
+    assert int(done.stdout.splitlines()[-1]) == min(threads, len(os.sched_getaffinity(0)))
