@@ -1,0 +1,193 @@
+"""When the pulley turns, and what the cells show before: records whose answer is known by hand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from beltid.identify.rest_phase import SetAsideError, find_rotation, rest_state
+
+
+def speed_record(top=0.2, rest=100, ramp=20, full=200, after=30):
+    """At rest, a straight ramp, full speed, at rest again: sample k of the ramp has k / ramp."""
+    up = top * np.arange(1, ramp + 1) / (ramp + 1)
+    return np.concatenate([np.zeros(rest), up, np.full(full, top), np.zeros(after)])
+
+
+@pytest.mark.parametrize("unit", [1.0, -1.0, 1000.0, 1e-3])
+def test_rotation_of_a_clean_record(unit):
+    # so long that no difference but zero counts for its noise
+    found = find_rotation(unit * speed_record(full=2000))
+    # the ramp begins at 1/21 of the top, above 3 %, and ends at 20/21, below 97 %
+    assert (found.first, found.full_speed, found.end) == (100, 120, 2120)
+    assert found.speed_rad_s == pytest.approx(0.2 * abs(unit), rel=1e-12)
+    assert found.reversed == (unit < 0)
+    assert found.unsteadiness == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_slow_ramp_counts_from_three_hundredths_of_the_speed():
+    found = find_rotation(speed_record(ramp=198, full=15000))
+    assert found.first == 100 + 5  # 6/199 is the first above 0.03
+    assert found.full_speed == 100 + 193  # 194/199 is the first above 0.97
+
+
+def test_noise_at_rest_is_no_rotation_and_noise_at_speed_no_end_of_it():
+    rng = np.random.default_rng(0)
+    speed = speed_record(rest=200, ramp=40, full=400, after=0)
+    speed += rng.normal(0.0, 0.004, speed.size)
+    found = find_rotation(speed)
+    # four medians of |noise|, doubled: 8 * 0.67 * 0.004 = 0.022 rad/s, 4.5 samples of the ramp
+    assert 202 <= found.first <= 208
+    assert 232 <= found.full_speed <= 242
+    assert found.end == 640
+    assert found.speed_rad_s == pytest.approx(0.2, rel=0.005)
+
+
+def test_the_longest_rotation_counts():
+    speed = np.concatenate([speed_record(full=60, after=40), speed_record(top=0.2, rest=50)])
+    start = speed_record(full=60, after=40).size + 50
+    found = find_rotation(speed)
+    assert (found.first, found.end) == (start, start + 220)
+
+
+def test_change_of_the_speed_between_the_halves_of_full_speed():
+    speed = speed_record(full=2000, after=0)
+    speed[1120:] = 0.204
+    found = find_rotation(speed)
+    assert found.full_speed == 120
+    assert found.speed_rad_s == pytest.approx(0.204)
+    assert found.unsteadiness == pytest.approx(0.004 / 0.204, rel=1e-9)
+
+
+def test_what_is_no_rotation():
+    with pytest.raises(SetAsideError, match="never turns: pulley_speed_rad_s stays within 0 rad/s"):
+        find_rotation(np.zeros(300))
+    noise = np.random.default_rng(1).normal(0.0, 0.01, 400)
+    with pytest.raises(SetAsideError, match="never turns"):
+        find_rotation(noise)
+    short = np.random.default_rng(2).normal(0.0, 0.001, 400)
+    short[392:396] = 0.2  # the noise is above half of its own largest values for longer
+    with pytest.raises(SetAsideError, match=r"turns in less than 5 % of the samples"):
+        find_rotation(short)
+    short[370:396] = 0.2
+    assert find_rotation(short).first == 370
+
+
+def test_a_reverse_jerk_before_the_rotation_is_no_part_of_it():
+    speed = speed_record(ramp=0)
+    speed[97:100] = -0.05
+    assert find_rotation(speed).first == 100
+    speed[97:100] = 0.05
+    assert find_rotation(speed).first == 97
+
+
+def resting(n=200, tension=270.0, imbalance=4.0, noise=0.5, seed=0):
+    rng = np.random.default_rng(seed)
+    tight = tension + 0.5 * imbalance + noise * rng.normal(size=n)
+    return tight, tension - 0.5 * imbalance + noise * rng.normal(size=n)
+
+
+def test_rest_is_the_mean_of_both_cells_and_their_difference():
+    tight, slack = resting()
+    found = rest_state(np.append(tight, 999.0), np.append(slack, 1.0), 200, 10)
+    assert found.n_samples == 200
+    assert found.tension_N == pytest.approx(0.5 * np.mean(tight + slack), rel=1e-12)
+    assert found.imbalance_N == pytest.approx(np.mean(tight - slack), rel=1e-12)
+    # two cells of 0.5 N; the memory of white noise is estimated, and never below one sample
+    white = float(np.std(tight - slack, ddof=1)) / math.sqrt(200.0)
+    assert white * 0.999 < found.imbalance_se_N < 1.3 * white
+
+
+def test_noise_with_a_memory_has_a_larger_error():
+    tight, slack = (np.repeat(x, 4) for x in resting(500))
+    found = rest_state(tight, slack, 2000, 10)
+    expected = float(np.std(tight[::4] - slack[::4], ddof=1)) / math.sqrt(500.0)
+    assert found.imbalance_se_N == pytest.approx(expected, rel=0.25)
+
+
+@pytest.mark.parametrize("signs", [(1.0, -1.0), (1.0, 0.0), (0.0, -1.0)])
+def test_tensions_that_part_before_the_speed_rises_are_left_out(signs):
+    tight, slack = resting()
+    away = np.concatenate([np.zeros(170), np.linspace(4.0, 60.0, 30)])
+    found = rest_state(tight + signs[0] * away, slack + signs[1] * away, 200, 10)
+    assert 168 <= found.n_samples <= 174
+    assert found.imbalance_N == pytest.approx(4.0, abs=0.2)
+    assert found.tension_N == pytest.approx(270.0, abs=0.1)
+
+
+def test_gaps_and_outliers_at_rest_are_left_out():
+    tight, slack = resting()
+    tight[[5, 6]], slack[70] = np.nan, np.nan
+    tight[50] += 30.0  # moves difference and mean
+    tight[90], slack[90] = tight[90] + 20.0, slack[90] + 20.0  # the mean alone
+    kept = np.delete(np.arange(200), [5, 6, 70, 50, 90])
+    found = rest_state(tight, slack, 200, 10)
+    assert found.n_samples == 195
+    assert found.imbalance_N == pytest.approx(np.mean((tight - slack)[kept]), rel=1e-12)
+    assert found.tension_N == pytest.approx(0.5 * np.mean((tight + slack)[kept]), rel=1e-12)
+
+
+def test_too_short_a_rest():
+    tight, slack = resting(12)
+    assert rest_state(tight, slack, 12, 12).n_samples == 12
+    tight[3] = np.nan
+    with pytest.raises(SetAsideError, match=r"no rest phase: 11 usable samples .* must be >= 12"):
+        rest_state(tight, slack, 12, 12)
+
+
+def test_coarse_converters_leave_their_rounding_in_the_imbalance():
+    tight, slack = np.full(100, 270.0), np.full(100, 265.0)
+    found = rest_state(tight, slack, 100, 10, (1.0, 2.0))
+    assert found.imbalance_N == 5.0
+    assert found.imbalance_se_N == pytest.approx(math.sqrt((1.0 + 4.0) / 12.0), rel=1e-9)
+    assert rest_state(tight, slack, 100, 10).imbalance_se_N == 0.0
+
+
+def chatter(n, by):
+    return by * (-1.0) ** np.arange(n)
+
+
+@pytest.mark.parametrize(("by", "first"), [(0.001, 107), (0.01, 159)])
+def test_the_rotation_starts_above_eight_times_what_the_rest_shows(by, first):
+    speed = speed_record(ramp=198, full=15000, after=0)  # (k + 1) / 199 of 0.2 rad/s
+    speed[:100] += chatter(100, by)
+    assert find_rotation(speed).first == first  # above 0.008; above 0.3 of the top at most
+
+
+def test_the_speed_must_stand_out_of_rest_and_noise():
+    for by, turns in ((0.024, True), (0.026, False)):  # eight times that against 0.2
+        speed = speed_record(full=15000, after=0)
+        speed[:100] += chatter(100, by)
+        assert_turns(speed, turns)
+    # noise sqrt(2) / 0.6745 of the chatter, five times that
+    for by, turns in ((0.0175, True), (0.023, False)):
+        assert_turns(speed_record(full=2000, after=0) + chatter(2120, by), turns)
+
+
+def assert_turns(speed, turns):
+    if turns:
+        assert find_rotation(speed).first < 110
+    else:
+        with pytest.raises(SetAsideError, match="never turns"):
+            find_rotation(speed)
+
+
+def test_without_noise_a_ten_thousandth_of_the_tension_is_the_measure():
+    for part, left in ((0.15, 0), (0.175, 5)):  # 6e-4 of 270 N
+        tight, slack = np.full(100, 270.0), np.full(100, 270.0)
+        tight[-5:] += part
+        found = rest_state(tight, slack, 100, 10)
+        assert found.n_samples == 100 - left - (5 if part < 0.16 else 0)
+    for part, left in ((0.0265, 0), (0.0275, 1)):  # 1e-4 of 270 N
+        tight, slack = np.full(100, 270.0), np.full(100, 270.0)
+        tight[50], slack[50] = 270.0 + part, 270.0 + part
+        assert rest_state(tight, slack, 100, 10).n_samples == 100 - left
+
+
+def test_the_error_of_a_dozen_independent_samples():
+    difference = chatter(12, 1.0)
+    found = rest_state(270.0 + difference, np.full(12, 270.0), 12, 12)
+    assert found.imbalance_N == pytest.approx(0.0, abs=1e-12)
+    assert found.imbalance_se_N == pytest.approx(math.sqrt(12.0 / 11.0 / 12.0), rel=1e-9)
