@@ -162,7 +162,7 @@ def test_the_speed_must_stand_out_of_rest_and_noise():
         speed[:100] += chatter(100, by)
         assert_turns(speed, turns)
     # noise sqrt(2) / 0.6745 of the chatter, five times that
-    for by, turns in ((0.0175, True), (0.023, False)):
+    for by, turns in ((0.016, True), (0.023, False)):
         assert_turns(speed_record(full=2000, after=0) + chatter(2120, by), turns)
 
 
