@@ -29,9 +29,11 @@ Array = NDArray[np.float64]
 
 TOLERANCE = 1.0e-9  # residual force over T_0
 ROUNDING = 1.0e-13  # of a residual force over EA R/h: what is left in double precision
+BENDING_ROUNDING = 1.0e-15  # over 12 EI R/h**3, which counts on fine meshes
 SLIP_ROUNDING = 2.0e-16  # of a slip over R
 MOST_ITERATIONS = 40
 LARGEST_MOVE = 5.0e-3  # of a node in one iteration [m]
+LARGEST_TURN = 0.1  # of the tangent at a node in one iteration [-]
 # tensions over T_0 by way of which the belt is laid on, one way after the other
 DETOURS = ((1.0,), (2.0, 1.0), (8.0, 4.0, 2.0, 1.4, 1.0))
 DEEPEST = 0.1  # penetration over the radius that still is a contact
@@ -67,8 +69,9 @@ def largest_force(system: System, residual: Array) -> float:
 @kernel
 def force_tolerance(system: System, motion: Motion, T_0: float) -> float:
     """Residual force that counts as zero [N]: a share of T_0, but not below the rounding."""
-    EA = system.belt.EA * (1.0 + system.belt.damping_time * motion.rate)
-    rounding = ROUNDING * EA / system.belt.h.min() + SLIP_ROUNDING * motion.augmentation
+    h, damped = system.belt.h.min(), 1.0 + system.belt.damping_time * motion.rate
+    elastic = ROUNDING * system.belt.EA / h + BENDING_ROUNDING * 12.0 * system.belt.EI / h**3
+    rounding = elastic * damped + SLIP_ROUNDING * motion.augmentation
     return max(TOLERANCE * T_0, rounding * system.pulley.R)
 
 
@@ -90,11 +93,14 @@ def linearize(
 
 @kernel
 def move(q: Array, step: Array) -> float:
-    """Add a step to the coordinates, shortened if a node would jump; returns the factor."""
-    largest = 0.0
+    """Add a step to the coordinates, shortened if a node would jump or turn; returns the factor."""
+    largest = turn = 0.0
     for i in range(0, q.size, 4):
         largest = max(largest, abs(step[i]), abs(step[i + 1]))
+        turn = max(turn, abs(step[i + 2]), abs(step[i + 3]))
     factor = 1.0 if largest <= LARGEST_MOVE else LARGEST_MOVE / largest
+    if turn * factor > LARGEST_TURN:
+        factor = LARGEST_TURN / turn
     q += factor * step
     return factor
 
