@@ -70,15 +70,37 @@ def finished(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
     return folder
 
 
-@pytest.fixture
-def bench(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy of the finished folder to work in, as the current folder."""
-    folder = tmp_path / "bench"
+@pytest.fixture(scope="session")
+def chained(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The finished folder with the results of the whole chain in runs/, made once."""
+    folder = tmp_path_factory.mktemp("chained") / "bench"
     shutil.copytree(finished, folder)
-    monkeypatch.chdir(folder)
+    call = ["run", "--no-report", str(folder / "beltid.yaml"), "-o", str(folder / "runs")]
+    result = CliRunner().invoke(app, call)
+    assert result.exit_code == 0, result.stderr
+    return folder
+
+
+def working_copy(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of a folder to work in, as the current folder."""
+    copy = tmp_path / "bench"
+    shutil.copytree(folder, copy)
+    monkeypatch.chdir(copy)
     monkeypatch.delenv("BELTID_CONFIG", raising=False)
     monkeypatch.setenv("COLUMNS", "100")
-    return folder
+    return copy
+
+
+@pytest.fixture
+def bench(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of the folder with the results of the single commands."""
+    return working_copy(finished, tmp_path, monkeypatch)
+
+
+@pytest.fixture
+def ran(chained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The same, with the results of the whole chain."""
+    return working_copy(chained, tmp_path, monkeypatch)
 
 
 Call = Callable[..., object]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import functools
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +16,7 @@ from beltid.identify.surface import build_surface
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
-from beltid.refine.inverse import MeasuredRun, refine_surface
+from beltid.refine.inverse import MeasuredRun, RefinedSurface, refine_surface
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import SimulationSettings, simulate
 
@@ -57,6 +58,13 @@ def bench_and_runs(
     return bench, [MeasuredRun(*run) for run in zip(points, mu, se, strict=True)], f
 
 
+@functools.cache
+def solved(belt: str, noise: float = 0.0) -> RefinedSurface:
+    """The inverse problem of a whole bench, solved once for all tests that look at it."""
+    bench, runs, _ = bench_and_runs(belt, noise)
+    return refine_surface(bench, runs, SPEEDS)
+
+
 def errors(belt: str, surface: FrictionSurface, runs: list[MeasuredRun], f: np.ndarray) -> tuple:
     """RMS and largest relative error over the forces of the runs at each speed."""
     all_errors = []
@@ -71,7 +79,7 @@ def errors(belt: str, surface: FrictionSurface, runs: list[MeasuredRun], f: np.n
 @pytest.mark.parametrize("belt", list(BELTS))
 def test_without_noise_the_bias_of_the_published_procedure_goes(belt):
     bench, runs, f = bench_and_runs(belt)
-    refined = refine_surface(bench, runs, SPEEDS)
+    refined = solved(belt)
     before, _ = errors(belt, bench.surface, runs, f)
     after, worst = errors(belt, refined.surface, runs, f)
     assert before > 0.03
@@ -82,8 +90,8 @@ def test_without_noise_the_bias_of_the_published_procedure_goes(belt):
 
 
 def test_with_noise_of_half_a_percent():
-    bench, runs, f = bench_and_runs("5pk", noise=0.005)
-    refined = refine_surface(bench, runs, SPEEDS)
+    _, runs, f = bench_and_runs("5pk", noise=0.005)
+    refined = solved("5pk", 0.005)
     rms, worst = errors("5pk", refined.surface, runs, f)
     assert rms < 0.005
     assert worst < 0.02
@@ -92,8 +100,8 @@ def test_with_noise_of_half_a_percent():
 
 
 def test_arcs_collapse():
-    bench, runs, _ = bench_and_runs("5pk")
-    refined = refine_surface(bench, runs, SPEEDS)
+    _, runs, _ = bench_and_runs("5pk")
+    refined = solved("5pk")
     arcs = np.array([round(math.degrees(run.point.beta)) for run in runs])
 
     def spread(misfit: np.ndarray) -> float:
@@ -115,15 +123,15 @@ def test_a_run_that_is_far_off_loses_its_weight():
 
 def test_peaks_of_the_force_belong_to_the_range():
     # reference table (docs/verification.md): peak 9695 N/m where the mean of (8) is 5308 N/m
-    bench, runs, f = bench_and_runs("5pk")
-    refined = refine_surface(bench, runs, SPEEDS)
+    _, _, f = bench_and_runs("5pk")
+    refined = solved("5pk")
     assert np.all(refined.force_range[:, 1] > 1.5 * f.max())
     assert np.all(refined.force_range[:, 0] < f.min())
 
 
 def test_standard_errors_grow_where_nothing_was_measured():
-    bench, runs, f = bench_and_runs("5pk", noise=0.005)
-    refined = refine_surface(bench, runs, SPEEDS)
+    _, _, f = bench_and_runs("5pk", noise=0.005)
+    refined = solved("5pk", 0.005)
     relative = refined.surface.mu_se_nodes / refined.surface.mu_nodes
     inside = (refined.surface.normal_force_N_m > f.min()) & (
         refined.surface.normal_force_N_m < f.max()
@@ -144,8 +152,7 @@ def test_one_speed_and_one_arc():
 
 def test_simulating_with_the_refined_surface_gives_the_measured_coefficients():
     bench, runs, _ = bench_and_runs("6pk")
-    refined = refine_surface(bench, runs, SPEEDS)
-    bench = replace(bench, surface=refined.surface)
+    bench = replace(bench, surface=solved("6pk").surface)
     for run in runs[3::17]:
         found = simulate(bench, run.point, SimulationSettings("steady"))
         assert found.mu == pytest.approx(run.mu, rel=0.003)
