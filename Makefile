@@ -34,8 +34,8 @@ run-all: $(RUNTIME)  ## the same for the belts 4PK, 5PK and 6PK
 	@echo "The recordings in rigdata/ are synthetic (rigdata/README.md)." >&2
 	$(BIN)/beltid run configs/4pk.yaml configs/5pk.yaml configs/6pk.yaml $(ARGS)
 
-test: $(DEVELOPMENT)  ## the tests
-	$(BIN)/python -m pytest $(ARGS)
+test: $(DEVELOPMENT)  ## the tests, in two processes (one: make test ARGS="-n 0")
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(ARGS)
 
 check: $(DEVELOPMENT)  ## formatting, lint, types, import contracts
 	$(BIN)/ruff format --check .
