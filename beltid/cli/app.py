@@ -9,7 +9,7 @@ import typer
 from beltid.cli.program import app
 from beltid.cli.signals import Stopped, hear_signals
 from beltid.cli.streams import is_of_help, mute, prepare_streams, told
-from beltid.errors import EXIT_INPUT
+from beltid.errors import EXIT_INPUT, printable
 from beltid.stages.workers import one_thread_each
 
 __all__ = ["app", "main"]
@@ -26,8 +26,11 @@ def main() -> None:
         typer.echo(f"error: {stopped.word}", err=True)
         sys.exit(stopped.exit_status)
     except OSError as error:
-        if not is_of_help(error):
+        if is_of_help(error):
+            mute("stdout")
+            typer.echo(f"error: {told(error)}", err=True)
+        elif error.filename is None:
             raise
-        mute("stdout")
-        typer.echo(f"error: {told(error)}", err=True)
+        else:  # a name too long, before the work
+            typer.echo(f"error: {printable(f'{error.filename}: {error.strerror}')}", err=True)
         sys.exit(EXIT_INPUT)

@@ -19,7 +19,14 @@ from beltid.cli.piping import piped
 from beltid.cli.signals import Stopped
 from beltid.cli.streams import mute, told
 from beltid.cli.talk import TerminalTalk, console_for
-from beltid.errors import EXIT_INTERRUPTED, EXIT_NUMERICS, BeltidError, BeltidWarning
+from beltid.errors import (
+    EXIT_INPUT,
+    EXIT_INTERRUPTED,
+    EXIT_NUMERICS,
+    BeltidError,
+    BeltidWarning,
+    printable,
+)
 
 if TYPE_CHECKING:
     from beltid.config import ConfigSource
@@ -143,6 +150,11 @@ def _statuses(talk: TerminalTalk, kept: str) -> Iterator[None]:
         if codes:
             talk.say("note: " + ", ".join(f"`beltid explain {c}`" for c in codes) + " tells more")
         raise typer.Exit(error.exit_status) from None
+    except OSError as error:
+        if error.filename is None:  # nothing that the user named
+            raise
+        talk.error(printable(f"{error.filename}: {error.strerror}"))
+        raise typer.Exit(EXIT_INPUT) from None
     except KeyboardInterrupt:
         talk.error(f"interrupted; {kept}")
         raise typer.Exit(EXIT_INTERRUPTED) from None

@@ -66,6 +66,13 @@ def sheet_of(artifact: Artifact) -> Sheet:
     return sheet
 
 
+def check_folder(folder: Path) -> None:
+    """Refuse what is no folder (`ArtifactError`)."""
+    if not folder.is_dir():
+        what = "is a file, the folder of a belt's results is needed"
+        raise ArtifactError(f"{folder}: {what if folder.exists() else 'there is no such folder'}")
+
+
 def gather(folder: Path, *, with_profiles: bool = True) -> BeltResults:
     """Read what stands in the folder of a belt; what is missing or damaged is told.
 
@@ -81,9 +88,7 @@ def gather(folder: Path, *, with_profiles: bool = True) -> BeltResults:
     ArtifactError
         If there is no such folder, or nothing of ours in it.
     """
-    if not folder.is_dir():
-        what = "is a file, the folder of a belt's results is needed"
-        raise ArtifactError(f"{folder}: {what if folder.exists() else 'there is no such folder'}")
+    check_folder(folder)
     sheets: dict[str, Sheet] = {}
     problems: list[str] = []
     for name, kind in ARTIFACTS.items():

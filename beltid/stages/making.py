@@ -22,6 +22,7 @@ from beltid.stages.origin import RECORDINGS, origin_of
 from beltid.store.artifacts import Artifact, Metadata, plain, read_artifact, write_artifact
 from beltid.store.files import read_bytes
 from beltid.store.fingerprint import source_sha256
+from beltid.store.schemas import ARTIFACTS
 from beltid.store.sources import content_sha256
 
 if TYPE_CHECKING:
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
 
 BUILT_IN: Final = "built-in 5PK rig"
 SUFFIX: Final = ".parquet"
+RECORDED: Final = "simulated"
+"""The artifact in whose place a recording may be named."""
 FOREIGN: Final = "a file that beltid did not write"
 
 
@@ -151,11 +154,23 @@ def _input_hashes(recipe: Recipe) -> dict[str, str]:
     """SHA-256 of every input by its role, and of the tables of runs that belong to recordings."""
     tables = recipe.source.config.runs.tables
     hashes = {}
+    _refuse_folders(recipe)
     for role, path in recipe.inputs.items():
         hashes[role] = content_sha256(path, [tables[role]] if role in tables else [])
         if role in tables:
             hashes[f"{role}_runs"] = content_sha256(tables[role])
     return hashes
+
+
+def _refuse_folders(recipe: Recipe) -> None:
+    """An artifact is one file; only recordings may be folders."""
+    problems = [
+        f"{path}: is a folder, a {role} artifact is needed, a file such as {path / role}{SUFFIX}"
+        for role, path in recipe.inputs.items()
+        if role in ARTIFACTS and role != RECORDED and path.is_dir()
+    ]
+    if problems:
+        raise ArtifactError(problems)
 
 
 def _signatures(recipe: Recipe) -> dict[str, tuple[int, int, int]]:

@@ -19,7 +19,7 @@ KIND: Final = "profiles"
 
 def path_beside(recording: Path) -> Path:
     """Where the profiles of a simulated recording stand."""
-    return recording.with_name(f"{recording.stem}_{KIND}.parquet")
+    return recording.parent / f"{recording.stem}_{KIND}.parquet"
 
 
 def profiles_outcome(done: Campaign, times_s: Sequence[float]) -> Outcome[Campaign]:

@@ -15,7 +15,7 @@ from beltid.report.html import Page
 from beltid.report.results import BeltResults
 from beltid.report.summary import Summary
 from beltid.report.verdict import verdict_of, whole
-from beltid.stages.belt_results import ARTIFACTS, gather
+from beltid.stages.belt_results import ARTIFACTS, check_folder, gather
 from beltid.stages.pages import hash_of, up_to_date, write
 from beltid.stages.recorded_curves import PRESS, RIG, press_curves, rig_curves
 from beltid.stages.talk import Options
@@ -48,6 +48,8 @@ def run(
     InputError
         If a file that is no report of ours stands where one is to stand.
     """
+    for folder in folders:
+        check_folder(folder)
     different = {os.path.realpath(folder) for folder in folders}
     if len(different) < len(folders):
         raise InputError("a folder is named twice, each belt must be named once")
