@@ -34,6 +34,8 @@ class Words:
     def mean(self, name: str) -> bool:
         """Whether a simplified name is one of these."""
         for key in self.keys:
+            if key not in name:
+                continue
             rest, hits = _as_words(key).subn(" ", name, count=1)
             if hits and all(word in self.fillers for word in rest.split()):
                 return True
