@@ -1,0 +1,193 @@
+"""Data that are too few, or no table: each step refuses with words, or says what it cannot know."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from beltid.errors import InputError
+from beltid.identify import friction_law_doubt, law_verdict
+from beltid.identify.dissipation import estimate_dissipation
+from beltid.identify.friction_laws import fit_friction_laws
+from beltid.identify.nonlinear_fit import cofactor_of, fit_nonlinear
+from beltid.identify.rig_table import run_records
+from beltid.identify.signal import parabolic_maximum, running_median
+from beltid.identify.slip import fit_slip
+from beltid.identify.steady_window import steady_window
+from beltid.identify.stiffness import StiffnessSettings, fit_stiffness
+from beltid.identify.surface import surface_from_columns
+
+PRESS = ("time_s", "displacement_mm", "force_N")
+SLIP = ("initial_tension_N", "torque_N_m", "driver_speed_rad_s", "driven_speed_rad_s")
+RIG = ("time_s", "tension_tight_N", "tension_slack_N", "pulley_speed_rad_s", "arc_deg")
+LINE = np.arange(6.0)
+
+
+def rig(run: Any, **others: Any) -> dict[str, Any]:
+    """Columns of a rig recording, zero but for those given."""
+    return {"run": np.asarray(run), **{name: np.zeros(len(run)) for name in RIG}, **others}
+
+
+def line(parameters: Any) -> Any:
+    return parameters[0] + parameters[1] * LINE
+
+
+def ones(rows: int) -> Callable[[Any], Any]:
+    return lambda parameters: np.column_stack([np.ones(rows), LINE[:rows]])
+
+
+REFUSED = {
+    "no two columns of one length": (
+        lambda: run_records(rig([1, 1, 1], time_s=np.arange(4.0))),
+        "columns differ in length: run 3, time_s 4, tension_tight_N 3",
+    ),
+    "a column that is a matrix": (
+        lambda: run_records(rig([1, 1, 1], time_s=np.zeros((3, 2)))),
+        r"column time_s has shape \(3, 2\), must be one-dimensional",
+    ),
+    "no sample of a rig": (
+        lambda: run_records(rig([])),
+        "no samples: must be >= 1",
+    ),
+    "press columns of two lengths": (
+        lambda: fit_stiffness(
+            {"test": np.zeros(4), **{n: np.zeros(5 if n == "force_N" else 4) for n in PRESS}},
+            StiffnessSettings(0.04, 22.0),
+        ),
+        r"columns force_N \(5,\), must be \(4,\) as test is",
+    ),
+    "speed-loss columns of two lengths": (
+        lambda: fit_slip(
+            {"run": np.zeros(4), **{n: np.zeros(5 if n == "torque_N_m" else 4) for n in SLIP}}, 0.05
+        ),
+        r"columns torque_N_m \(5,\), must be \(4,\) as run is",
+    ),
+    "a point of the contact without length": (
+        lambda: estimate_dissipation({}, StiffnessSettings(0.04, 22.0), 0.0),
+        "point_length_m = 0.0, must be > 0 m",
+    ),
+    "a shared error below zero": (
+        lambda: fit_friction_laws([1e3, 2e3], [0.01, 0.01], [0.8, 0.7], shared_relative_se=-0.1),
+        "shared_relative_se = -0.1, must be >= 0",
+    ),
+    "a jacobian with a row too few": (
+        lambda: fit_nonlinear(line, ones(5), line([1.0, 2.0]), [0.0, 0.0]),
+        r"model \(6,\) and jacobian \(5, 2\), must be \(6,\) and \(6, 2\)",
+    ),
+    "a surface with a node missing": (
+        lambda: surface_from_columns(
+            {
+                "arc_deg": np.full(3, np.nan),
+                "normal_force_N_m": np.array([1e3, 2e3, 1e3]),
+                "slip_speed_m_s": np.array([0.01, 0.01, 0.02]),
+                "mu": np.array([0.8, 0.7, 0.9]),
+            }
+        ),
+        "3 averaged rows for 2 forces and 2 speeds, must have each combination once",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_is_no_table_is_refused_with_what_was_found(case: str) -> None:
+    call, words = REFUSED[case]
+    with pytest.raises(InputError, match=words):
+        call()
+
+
+def test_a_surface_without_standard_errors_is_a_surface() -> None:
+    force, speed = np.meshgrid([1e3, 2e3], [0.01, 0.02], indexing="ij")
+    mu = np.array([[0.8, 0.9], [0.7, 0.75]])
+    columns = {
+        "arc_deg": np.full(4, np.nan),
+        "normal_force_N_m": force.ravel(),
+        "slip_speed_m_s": speed.ravel(),
+        "mu": mu.ravel(),
+    }
+    surface = surface_from_columns(columns)
+    np.testing.assert_array_equal(surface.mu_nodes, mu)
+    assert surface.mu_se_nodes is None
+
+
+def test_labels_of_runs_are_texts_whatever_they_were() -> None:
+    labels = np.array([3.0, 2.5, "R1", float("nan")], dtype=object)
+    assert [record.run for record in run_records(rig(labels))] == ["3", "2.5", "R1", ""]
+
+
+def test_a_setting_that_changes_within_a_run_is_its_defect() -> None:
+    (record,) = run_records(rig([1, 1, 1], arc_deg=np.array([82.0, 82.0, 68.0])))
+    assert "arc_deg changes within the run from 82 to 68" in record.defect
+
+
+# --- as many parameters as points --------------------------------------------------------------
+
+
+def test_without_degrees_of_freedom_errors_are_believed_or_unknown() -> None:
+    scale = friction_law_doubt.covariance_scale
+    assert scale(0.0, 0, True, 1.5) == 1.5
+    assert scale(0.0, 0, False, 1.5) == math.inf
+    # else chi² per degree of freedom counts, known errors are never made smaller by it
+    assert scale(8.0, 4, False, 1.5) == 3.0
+    assert scale(2.0, 4, True, 1.5) == 1.5
+    note = friction_law_doubt.chi_square_note
+    assert note("power", 0.0, 0) == ["power: as many parameters as points, the misfit says nothing"]
+    # chi² of 4 degrees of freedom beyond 400 has a probability below 1e-80
+    (said,) = note("power", 400.0, 4)
+    assert "standard errors are widened 10 times" in said
+    assert note("power", 4.0, 4) == []
+
+
+def test_without_a_criterion_no_law_is_chosen() -> None:
+    rows = [("power", math.nan, 0.01, 0.02, True), ("coulomb", math.nan, 0.1, 0.2, True)]
+    assert "Too few independent points" in friction_law_doubt.verdict_of(rows, "")
+    supported, words = law_verdict.verdict_of(
+        [("linear", math.nan, math.nan, 0.1), ("quadratic", 0.0, 1.0, 0.0)], None, 3.0
+    )
+    assert supported
+    assert "3 independent nodes are too few" in words
+
+
+def test_two_points_at_one_force_tell_no_exponent() -> None:
+    found = fit_friction_laws([2e3, 2e3, 2e3], [0.01, 0.02, 0.04], [0.8, 0.82, 0.84])
+    assert {"power", "power_log"}.isdisjoint(fit.law for fit in found.fits)
+
+
+def test_parameters_that_are_held_have_no_variance() -> None:
+    J = np.column_stack([np.ones(6), LINE])
+    cofactor, determined = cofactor_of(J, np.zeros(2, dtype=bool))
+    assert not cofactor.any()
+    assert not determined.any()
+    # the plain inverse of J'J otherwise: n = 6, sum x = 15, sum x² = 55
+    cofactor, determined = cofactor_of(J)
+    np.testing.assert_allclose(cofactor, np.array([[55.0, -15.0], [-15.0, 6.0]]) / 105.0)
+    assert determined.all()
+
+
+# --- records of a few samples ------------------------------------------------------------------
+
+
+def test_three_samples_have_no_steady_window() -> None:
+    t = np.arange(8.0)
+    find = functools.partial(steady_window, tolerance=0.1, min_samples=2, min_fraction=0.1)
+    assert find(t[:3], np.ones(3)) is None
+    assert find(t, np.ones(8)) is not None
+    # a slope of one per second is nowhere steady to a tenth
+    assert find(t, t) is None
+
+
+def test_a_parabola_gives_its_top_and_an_edge_gives_itself() -> None:
+    x = np.linspace(0.0, 1.0, 11)
+    assert parabolic_maximum(x, -np.square(x - 0.53)) == pytest.approx(0.53, abs=1e-12)
+    assert parabolic_maximum(x, x) == 1.0
+    assert parabolic_maximum(x, np.ones(11)) == 0.0
+    # a neighbour below by half a rounding: the curvature comes out as zero
+    assert parabolic_maximum(np.arange(3.0), np.array([np.nextafter(1.0, 0.0), 1.0, 1.0])) == 1.0
+
+
+def test_the_median_of_two_samples_is_they_themselves() -> None:
+    np.testing.assert_array_equal(running_median(np.array([2.0, 5.0]), 9), [2.0, 5.0])

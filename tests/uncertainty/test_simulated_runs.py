@@ -1,0 +1,144 @@
+"""What is not known of simulated runs: against runs simulated anew with the error put in."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from virtual_bench import BELT, LAW, RIG, TRUE_SURFACE
+
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.uncertain_surface import UncertainSurface
+from beltid.params import Contact, OperatingPoint
+from beltid.rigsim.model import Bench
+from beltid.rigsim.rig import SimulationSettings, simulate
+from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.simulated import SimulatedDoubt, simulated_doubt, with_rig_sources
+from beltid.uncertainty.sources import StandardUncertainties, rig_sources
+from beltid.uncertainty.validation import Validation
+
+POINTS = [
+    OperatingPoint(math.radians(arc), T_0, omega)
+    for arc, T_0, omega in ((40.0, 220.0, 0.1), (82.0, 130.0, 0.1), (82.0, 320.0, 0.42))
+]
+ARC = np.array([0, 1, 1], dtype=np.intp)
+SHARE, OWN = 0.02, 0.015
+GIVEN = StandardUncertainties(arc=math.radians(0.2), tension_gain=0.002)
+
+
+def scaled(by: float) -> FrictionSurface:
+    mu = by * TRUE_SURFACE.mu_nodes
+    return FrictionSurface(TRUE_SURFACE.normal_force_N_m, TRUE_SURFACE.slip_speed_m_s, mu, OWN * mu)
+
+
+def bench(surface: FrictionSurface) -> Bench:
+    return Bench(BELT, RIG, Contact(), LAW, surface)
+
+
+def doubt(surface: FrictionSurface, given: StandardUncertainties = GIVEN) -> SimulatedDoubt:
+    press = PressLaw(LAW, np.zeros((2, 2)), 1.2e-4, 0.04)
+    return simulated_doubt(bench(surface), press, POINTS, ARC, rig_sources(given, 2), elements=40)
+
+
+def log_mu(surface: FrictionSurface, point: OperatingPoint) -> float:
+    return math.log(simulate(bench(surface), point, SimulationSettings("steady", 40)).mu)
+
+
+@pytest.fixture(scope="module")
+def plain() -> SimulatedDoubt:
+    return doubt(scaled(1.0))
+
+
+@pytest.fixture(scope="module")
+def by_sensitivity() -> np.ndarray:
+    """Change of ln mu of the runs by ln of a factor on the whole surface, from new runs."""
+    step = 0.01
+    return np.array(
+        [
+            (log_mu(scaled(1.0 + step), p) - log_mu(scaled(1.0), p)) / math.log1p(step)
+            for p in POINTS
+        ]
+    )
+
+
+def test_an_error_of_the_surface_acts_as_on_runs_simulated_anew(
+    plain: SimulatedDoubt, by_sensitivity: np.ndarray
+) -> None:
+    # the first source scales all nodes together; one more column is scatter
+    nodes = np.ones(TRUE_SURFACE.mu_nodes.shape)
+    sources = rig_sources(GIVEN, 2)
+    names = [source.error for source in sources]
+    factor = np.stack([SHARE * nodes, 0.0 * nodes, OWN * nodes], axis=-1)
+    found = doubt(UncertainSurface(scaled(1.0), factor, names[:2]))
+    change = found.simulated - plain.simulated
+    np.testing.assert_allclose(change[:, 0], SHARE * by_sensitivity, rtol=0.02)
+    np.testing.assert_allclose(change[:, 1:], 0.0, atol=1e-12)
+    np.testing.assert_allclose(found.difference - plain.difference, change, atol=1e-12)
+    np.testing.assert_allclose(found.scatter, OWN * by_sensitivity, rtol=0.02)
+    np.testing.assert_allclose(found.mu, plain.mu, rtol=1e-12)
+
+
+def test_without_a_covariance_the_standard_errors_add_up(
+    plain: SimulatedDoubt, by_sensitivity: np.ndarray
+) -> None:
+    np.testing.assert_allclose(plain.scatter, OWN * by_sensitivity, rtol=0.05)
+    np.testing.assert_allclose(
+        np.log(plain.mu), [log_mu(scaled(1.0), point) for point in POINTS], atol=1e-9
+    )
+
+
+def test_an_error_of_the_bench_is_in_what_was_measured_as_the_formulas_say(
+    plain: SimulatedDoubt,
+) -> None:
+    errors = [source.error for source in rig_sources(GIVEN, 2)]
+    of_measured = plain.simulated - plain.difference
+    # Eq. (6): the logarithm of the tensions over the arc; a gain of both cells cancels
+    beta = np.array([point.beta for point in POINTS])
+    expected = -np.log1p(GIVEN.arc / beta)
+    np.testing.assert_allclose(of_measured[:, errors.index("arc")], expected, rtol=1e-9)
+    np.testing.assert_allclose(of_measured[:, errors.index("tension_gain")], 0.0, atol=1e-12)
+
+
+def test_slopes_by_the_settings_are_those_of_runs_simulated_anew(plain: SimulatedDoubt) -> None:
+    surface, step = scaled(1.0), 1e-3
+    for i, point in enumerate(POINTS):
+        for k, name in enumerate(("T_0", "omega")):
+            up, down = (
+                log_mu(surface, replace(point, **{name: getattr(point, name) * (1 + s)}))
+                for s in (step, -step)
+            )
+            assert plain.by_setting[i, k] == pytest.approx((up - down) / (2 * step), abs=2e-3)
+
+
+def test_a_mesh_twice_as_fine_is_the_measure_of_the_mesh(plain: SimulatedDoubt) -> None:
+    for i, point in enumerate(POINTS):
+        fine = simulate(bench(scaled(1.0)), point, SimulationSettings("steady", 80)).mu
+        assert plain.mesh[i] == pytest.approx(abs(math.log(fine / plain.mu[i])), abs=1e-7)
+
+
+def test_sources_a_surface_knows_are_kept_as_they_were() -> None:
+    stored = rig_sources(GIVEN, 2)
+    given = rig_sources(replace(GIVEN, arc=math.radians(9.0), cell_offset=0.1), 2)
+    together = with_rig_sources(stored, given)
+    assert together[: len(stored)] == stored
+    assert [(s.error, s.place) for s in together[len(stored) :]] == [
+        ("cell_offset", 0),
+        ("cell_offset", 1),
+    ]
+
+
+def test_parts_of_a_validation_add_up_in_squares() -> None:
+    one = np.array([1.0])
+    found = Validation(
+        measured=0.9 * one,
+        measured_scatter=2.0 * one,
+        simulated_scatter=3.0 * one,
+        numerical=4.0 * one,
+        settings=6.0 * one,
+        simulated=np.array([[2.0, 0.0]]),
+        difference=np.array([[1.0, 3.0]]),
+    )
+    assert found.u_input == pytest.approx(7.0)  # 2² + 3² + 6²
+    assert found.u_validation == pytest.approx(math.sqrt(75.0))  # 1² + 3² + 2² + 3² + 4² + 6²
