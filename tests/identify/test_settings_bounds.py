@@ -1,0 +1,143 @@
+"""Settings of the identification: both ends of every range are allowed, what lies beyond is not."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import pytest
+
+from beltid.errors import InputError
+from beltid.identify.friction_run import FrictionSettings
+from beltid.identify.law_verdict import verdict_of
+from beltid.identify.matching import MatchSettings
+from beltid.identify.stiffness_result import StiffnessSettings
+from beltid.identify.surface import SurfaceSettings
+
+CLOSED = [
+    (FrictionSettings, "steady_tolerance", 1e-6, 0.2),
+    (FrictionSettings, "max_drift", 0.0, 1.0),
+    (FrictionSettings, "min_plateau_samples", 8, 1_000_000),
+    (FrictionSettings, "min_plateau_fraction", 0.02, 0.9),
+    (FrictionSettings, "min_rest_samples", 1, 1_000_000),
+    (FrictionSettings, "spike_threshold", 3.0, 100.0),
+    (FrictionSettings, "max_missing_fraction", 0.0, 0.95),
+    (FrictionSettings, "max_imbalance", 0.0, 2.0),
+    (FrictionSettings, "tension_tight_tare_N", -1e4, 1e4),
+    (FrictionSettings, "tension_slack_tare_N", -1e4, 1e4),
+    (FrictionSettings, "tension_tight_gain", 0.1, 10.0),
+    (FrictionSettings, "tension_slack_gain", 0.1, 10.0),
+    (FrictionSettings, "tension_tight_tilt_deg", -60.0, 60.0),
+    (FrictionSettings, "tension_slack_tilt_deg", -60.0, 60.0),
+    (FrictionSettings, "max_mu", 0.01, 100.0),
+    (FrictionSettings, "max_peak_error", 0.0, 1.0),
+    (StiffnessSettings, "segment_length_m", 1e-3, 1.0),
+    (StiffnessSettings, "machine_compliance_m_N", 0.0, 1e-5),
+    (StiffnessSettings, "force_gain", 0.1, 10.0),
+    (StiffnessSettings, "displacement_gain", 0.1, 10.0),
+]
+OPEN = [
+    (SurfaceSettings, "speed_gap", 0.0, 1.0),
+    (SurfaceSettings, "force_gap", 0.0, 1.0),
+    (MatchSettings, "arc", 0.0, 1.0),
+    (MatchSettings, "tension", 0.0, 1.0),
+    (MatchSettings, "speed", 0.0, 1.0),
+]
+
+
+def make(kind, name, value):
+    needed = {"segment_length_m": 0.04} if kind is StiffnessSettings else {}
+    return kind(**{**needed, name: value})
+
+
+@pytest.mark.parametrize(("kind", "name", "low", "high"), CLOSED)
+def test_a_closed_range_holds_its_ends_and_no_more(kind, name, low, high):
+    for end in (low, high):
+        assert getattr(make(kind, name, end), name) == end
+    step = 1 if isinstance(low, int) else 1e-3 * (high - low)
+    beyond = [low - step, high + step, math.nan]
+    # a share of a small end, too: 0.001 is no end of a range from 0.0011
+    beyond += [0.95 * low, 1.05 * high] if low > 0.0 else []
+    for value in beyond:
+        with pytest.raises(InputError, match=f"{name} = "):
+            make(kind, name, value)
+
+
+@pytest.mark.parametrize(("kind", "name", "low", "high"), OPEN)
+def test_an_open_range_holds_neither_end(kind, name, low, high):
+    for inside in (low + 1e-9, high - 1e-9):
+        assert getattr(make(kind, name, inside), name) == inside
+    for value in (low, high, low - 0.1, high + 0.1, math.nan):
+        with pytest.raises(InputError, match=f"{name} = "):
+            make(kind, name, value)
+
+
+def test_other_settings():
+    assert SurfaceSettings(force_nodes=2).force_nodes == 2
+    with pytest.raises(InputError, match="force_nodes = 1, must be >= 2"):
+        SurfaceSettings(force_nodes=1)
+    assert StiffnessSettings(0.04, reference_temperature_degC=-273.0).cycles == "last"
+    with pytest.raises(InputError, match="reference_temperature_degC"):
+        StiffnessSettings(0.04, reference_temperature_degC=-273.15)
+    with pytest.raises(InputError, match=r"correct_imbalance = 'maybe'"):
+        FrictionSettings(correct_imbalance="maybe")  # type: ignore[arg-type]
+
+
+def test_defaults_are_those_that_are_documented():
+    assert FrictionSettings() == FrictionSettings(
+        steady_tolerance=0.005,
+        max_drift=0.02,
+        min_plateau_samples=12,
+        min_plateau_fraction=0.2,
+        min_rest_samples=3,
+        spike_threshold=6.0,
+        max_missing_fraction=0.3,
+        max_imbalance=0.2,
+        tension_tight_tare_N=0.0,
+        tension_slack_tare_N=0.0,
+        tension_tight_gain=1.0,
+        tension_slack_gain=1.0,
+        tension_tight_tilt_deg=0.0,
+        tension_slack_tilt_deg=0.0,
+        max_mu=3.0,
+        max_peak_error=0.015,
+    )
+    assert MatchSettings() == MatchSettings(arc=0.001, tension=0.005, speed=0.03)
+    assert SurfaceSettings() == SurfaceSettings(force_nodes=None, speed_gap=0.03, force_gap=0.01)
+    assert StiffnessSettings(0.04) == StiffnessSettings(
+        segment_length_m=0.04,
+        reference_temperature_degC=22.0,
+        machine_compliance_m_N=0.0,
+        force_gain=1.0,
+        displacement_gain=1.0,
+    )
+
+
+QUADRATIC = ("quadratic", 0.0, 1.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("rows", "supported", "said"),
+    [
+        ([], True, "No choice of law: 7 independent nodes"),
+        ([("cubic", math.nan, 1.0, 0.0)], True, "No choice of law"),
+        ([("linear", 1.9, 1.0, 0.02)], False, "A linear law does as well: it differs .* 2 %"),
+        ([("linear", 2.1, 1.0, 0.02)], True, r"linear law is no better \(AICc higher by 2.1\)"),
+        ([("linear", 30.0, 1.0, 0.004)], False, r"at most 0.4 % .* \(AICc higher by 30\)"),
+        ([("cubic", -6.1, 0.9, 0.006)], False, r"A cubic law predicts better by 10 % \(AICc lower"),
+        ([("cubic", -5.9, 0.9, 0.006)], True, r"a cubic law adds nothing \(AICc lower by 5.9\)"),
+        ([("cubic", -6.1, 1.01, 0.006)], True, "a cubic law adds nothing"),
+        ([("cubic", -6.1, 0.9, 0.004)], True, "provably better but differs by 0.4 % of the"),
+        ([("power", -1.0, 0.9, 0.02)], True, r"a power \(exponent 1.7\) law does as well"),
+        ([("power", 2.5, 1.0, 0.02)], True, r"a power \(exponent 1.7\) law is no better"),
+        (
+            [("cubic", -7.0, 0.9, 0.01), ("power", -9.0, 0.8, 0.01), ("linear", 1.0, 1.0, 0.02)],
+            False,
+            r"A power \(exponent 1.7\) law predicts better by 20 %",
+        ),
+    ],
+)
+def test_the_quadratic_law_is_judged_by_criterion_prediction_and_difference(rows, supported, said):
+    found, text = verdict_of([QUADRATIC, *rows], 1.7, 7.0)
+    assert found == supported
+    assert re.search(said, text), text
