@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from beltid.report import tables
@@ -61,6 +62,18 @@ def _said(*sheets: Sheet | None) -> list[str]:
     return list(dict.fromkeys([*warnings, *notes]))
 
 
+def _said_of_both(known: Sequence[tuple[Sheet, str]]) -> list[str]:
+    """The same for a published and a refined artifact: what one alone says names it."""
+    said = {of: _said(sheet) for sheet, of in known}
+    common = [line for line in _said(*(sheet for sheet, _ in known)) if _by_all(line, said)]
+    own = [f"{of} surface: {line}" for of in said for line in said[of] if line not in common]
+    return [*common, *(line[0].upper() + line[1:] for line in own)]
+
+
+def _by_all(line: str, said: Mapping[str, list[str]]) -> bool:
+    return all(line in lines for lines in said.values())
+
+
 def _stiffness(results: BeltResults) -> Section:
     stiffness = results.get("stiffness")
     return Section(
@@ -100,7 +113,7 @@ def _surface(results: BeltResults) -> Section:
         "which the simulated rig gives the measured tensions.",
         pictures,
         [tables.nodes(sheet, of) for sheet, of in known],
-        _said(*(sheet for sheet, _ in known)),
+        _said_of_both(known),
         live=SPACE if best is not None else "",
     )
 
@@ -114,7 +127,7 @@ def _proof(results: BeltResults) -> Section:
         "simulated recordings go through the same reduction.",
         [*friction.simulated(results), *proof.pictures(results)],
         [tables.agreement(sheet, of) for sheet, of in known],
-        _said(*(sheet for sheet, _ in known)),
+        _said_of_both(known),
     )
 
 

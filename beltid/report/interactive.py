@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.report.drawing import INK, ORDERED, SIMULATED
-from beltid.report.figures.friction import FORCE, MU
+from beltid.report.figures.friction import FORCE
 from beltid.report.figures.surface import MILLI, SPEED, WORDS, grid_of, ticks
 from beltid.report.results import BeltResults, Sheet
 
@@ -141,7 +141,7 @@ def _layout(sheets: list[Sheet], points: int) -> dict[str, Any]:
         "scene": {
             "xaxis": _axis(FORCE, f),
             "yaxis": _axis(SPEED, v),
-            "zaxis": {"title": {"text": MU}, "color": INK},
+            "zaxis": {"title": {"text": "μ"}, "color": INK},
             "camera": CAMERA,
             "aspectmode": "manual",
             "aspectratio": {"x": 1.2, "y": 1.0, "z": 0.8},

@@ -102,6 +102,18 @@ def test_the_same_results_give_the_same_page(page: str) -> None:
     assert rendered(belt_page(results(), "0" * 64)) == page
 
 
+def test_what_one_surface_alone_says_names_it() -> None:
+    belt = results()
+    said = {"surface": ["common", "best: a"], "surface_refined": ["best: b", "common"]}
+    named = {
+        name: replace(belt.get(name), extra={**belt.get(name).extra, "notes": lines})
+        for name, lines in said.items()
+    }
+    page = belt_page(replace(belt, sheets={**belt.sheets, **named}), "0" * 64)
+    notes = next(section.notes for section in page.sections if section.key == "surface")
+    assert list(notes) == ["common", "Refined surface: best: b", "Published surface: best: a"]
+
+
 def test_names_cannot_bring_markup_along() -> None:
     whole = sheets()
     friction = whole["friction"]
