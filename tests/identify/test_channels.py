@@ -1,0 +1,320 @@
+"""Channels of one run and what is set aside: counts by hand, both sides of every limit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from beltid.identify.channels import check_cells, prepare
+from beltid.identify.condense import missing_rows
+from beltid.identify.friction_run import FrictionSettings, RunRecord
+from beltid.identify.peak import sticking_peak
+from beltid.identify.plateau import Plateau
+from beltid.identify.rest_phase import Rotation, SetAsideError
+from beltid.identify.sliding_model import SlidingFit
+from beltid.identify.sliding_phase import sliding_phase, unswapped
+
+SETTINGS = FrictionSettings()
+N, FIRST = 200, 50
+ROTATION = Rotation(FIRST, FIRST, N, 0.2, False, 0.0)
+
+
+def columns(seed=0):
+    """At rest at 250 N for 50 samples, then at 350 and 150 N with white noise of 0.5 N."""
+    rng = np.random.default_rng(seed)
+    part = np.where(np.arange(N) < FIRST, 0.0, 100.0)
+    return {
+        "time_s": 0.05 * np.arange(N),
+        "tension_tight_N": 250.0 + part + 0.5 * rng.normal(size=N),
+        "tension_slack_N": 250.0 - part + 0.5 * rng.normal(size=N),
+        "pulley_speed_rad_s": np.where(np.arange(N) < FIRST, 0.0, 0.2),
+    }
+
+
+def prepared(**changed):
+    return prepare(RunRecord(**{**columns(), **changed}), SETTINGS)
+
+
+def refused(message, **changed):
+    with pytest.raises(SetAsideError, match=message):
+        prepared(**changed)
+
+
+def test_a_clean_record_stays_as_it_is():
+    found = prepared(temperature_degC=np.arange(float(N)))
+    for name, values in (("tight", "tension_tight_N"), ("slack", "tension_slack_N")):
+        assert np.array_equal(getattr(found, name), columns()[values])
+    assert (found.n_spikes, found.n_missing, found.steps) == (0, 0, (0.0, 0.0))
+    assert found.usable.all()
+    assert found.temperature[7] == 7.0
+
+
+def test_gaps_spikes_and_missing_rows_are_counted_once_each():
+    c = columns()
+    tight, slack, t = c["tension_tight_N"], c["tension_slack_N"], c["time_s"]
+    tight[[60, 61]], slack[[61, 70]] = np.nan, 0.0
+    tight[100], slack[[100, 120]] = tight[100] + 40.0, slack[[100, 120]] - 30.0
+    t[150] = np.nan
+    found = prepared(**c, temperature_degC=np.arange(float(N)))
+    assert found.n_spikes == 2  # samples 100 and 120
+    # samples 60, 61 and 70; the row without a time, and the hole that it leaves in the time base
+    assert found.n_missing == 3 + 1 + 1
+    assert found.time_s.size == N - 1
+    assert np.flatnonzero(~found.usable).tolist() == [60, 61, 70, 100, 120]
+    assert found.temperature[150] == 151.0
+
+
+def test_negative_readings_are_kept():
+    c = columns()
+    c["tension_slack_N"] = np.where(np.arange(N) < FIRST, 250.0, 1.0) + np.random.default_rng(
+        1
+    ).normal(0.0, 0.6, N)
+    found = prepared(**c)
+    assert np.nanmin(found.slack) < 0.0
+    assert found.n_missing == 0
+
+
+def test_records_that_cannot_be_a_run():
+    short = {name: values[:1] for name, values in columns().items()}
+    refused("too short: 1 samples", **short)
+    for lost, fine in ((100, True), (101, False)):
+        t = columns()["time_s"]
+        t[np.random.default_rng(0).permutation(N)[:lost]] = np.nan
+        if fine:
+            assert prepared(time_s=t).time_s.size == N - lost
+        else:
+            refused("time_s is missing in 101 of 200 samples", time_s=t)
+    t = columns()["time_s"]
+    t[80:] -= 1.0
+    refused(r"goes back from 3.95 to 3 s at sample 81", time_s=t)
+    t = columns()["time_s"]
+    t[80] = t[79]
+    assert prepared(time_s=t).time_s.size == N
+    refused("time_s stands still at 2 s", time_s=np.full(N, 2.0))
+    lone = {name: np.array([values[0], np.nan]) for name, values in columns().items()}
+    refused("time_s is missing in 1 of 2", **lone)
+
+
+@pytest.mark.parametrize("name", ["tension_tight_N", "tension_slack_N"])
+def test_cells_that_are_missing_dead_or_not_positive(name):
+    for lost, fine in ((60, True), (61, False)):  # three tenths
+        for value, message in ((np.nan, "is missing in 30.5 %"), (-5.0, "is not positive in 30.5")):
+            x = columns()[name]
+            x[np.random.default_rng(0).permutation(N)[:lost]] = value
+            if fine:
+                assert prepared(**{name: x}).time_s.size == N
+            else:
+                refused(f"{name} {message}", **{name: x})
+    refused(f"{name} is dead: 250 N throughout", **{name: np.full(N, 250.0)})
+
+
+def test_gaps_of_the_speed_are_bridged_up_to_a_half():
+    speed = np.linspace(0.1, 0.3, N)
+    speed[[10, 11, 90]] = np.nan
+    assert prepared(pulley_speed_rad_s=speed).speed == pytest.approx(np.linspace(0.1, 0.3, N))
+    for lost, fine in ((100, True), (101, False)):
+        speed = np.full(N, 0.2)
+        speed[:lost] = np.nan
+        if fine:
+            assert prepared(pulley_speed_rad_s=speed).speed == pytest.approx(0.2)
+        else:
+            refused("pulley_speed_rad_s is missing in 101 of 200", pulley_speed_rad_s=speed)
+
+
+def checked(tight, slack, tension=250.0):
+    found = prepared(tension_tight_N=tight, tension_slack_N=slack)
+    check_cells(found, FIRST, slice(FIRST, N), tension)
+
+
+def test_a_cell_answers_by_a_fiftieth_of_the_other():
+    c = columns()
+    noise = 0.01 * np.random.default_rng(3).normal(size=N)
+    turning = np.arange(N) >= FIRST
+    for answer, fine in ((-2.2, True), (-1.8, False)):
+        slack = 250.0 + noise + answer * turning
+        if fine:
+            checked(c["tension_tight_N"], slack)
+        else:
+            with pytest.raises(SetAsideError, match=r"tension_slack_N is dead: it changes by 1.8"):
+                checked(c["tension_tight_N"], slack)
+            with pytest.raises(SetAsideError, match=r"tension_tight_N is dead: it changes by 1.8"):
+                checked(slack, c["tension_slack_N"])
+    # a change of the other one by a fifth of the tension tells
+    quiet = 250.0 + noise
+    checked(250.0 + 49.0 * turning + noise[::-1], quiet)
+    with pytest.raises(SetAsideError, match="tension_slack_N is dead"):
+        checked(250.0 + 51.0 * turning + noise[::-1], quiet)
+
+
+def test_a_cell_at_one_extreme_for_more_than_a_quarter_of_the_sliding_is_saturated():
+    for part, fine in ((37, True), (38, False)):  # of 150 samples
+        for name, sign in (("tension_tight_N", 1.0), ("tension_slack_N", -1.0)):
+            c = columns()
+            x = sign * c[name]
+            order = FIRST + np.argsort(x[FIRST:])
+            x[order[-part:]] = x[order[-part]]
+            c[name] = sign * x
+            if fine:
+                checked(c["tension_tight_N"], c["tension_slack_N"])
+            else:
+                with pytest.raises(SetAsideError, match=rf"{name} is saturated: 25.3 % of the"):
+                    checked(c["tension_tight_N"], c["tension_slack_N"])
+
+
+def test_a_coarse_converter_is_not_saturated():
+    c = columns(1)
+    checked(np.round(c["tension_tight_N"]), np.round(c["tension_slack_N"]))
+
+
+def test_cells_are_exchanged_where_nine_tenths_of_the_sliding_say_so():
+    c = columns()
+    for n_above, exchanged in ((7, True), (8, False)):  # of the 75 samples of the second half
+        tight, slack = c["tension_slack_N"].copy(), c["tension_tight_N"].copy()
+        tight[125 : 125 + 9 * n_above : 9] = 360.0
+        channels = prepared()
+        swapped = type(channels)(
+            time_s=c["time_s"], tight=tight, slack=slack, speed=c["pulley_speed_rad_s"],
+            temperature=None, n_spikes=0, n_missing=0,
+        )  # fmt: skip
+        notes = []
+        found, did = unswapped(swapped, ROTATION, notes)
+        assert np.count_nonzero(tight[125:] > slack[125:]) == n_above
+        assert did == exchanged
+        assert len(notes) == int(exchanged)
+        assert np.array_equal(found.tight, slack if exchanged else tight)
+    assert unswapped(prepared(), ROTATION, notes)[1] is False
+
+
+def test_the_sliding_starts_half_as_far_again_behind_the_build_up():
+    t = 0.05 * np.arange(N)
+    rise = np.clip((np.arange(N) - FIRST + 1) / 40.0, 0.0, 1.0)  # full at sample 89
+    channels = type(prepared())(
+        time_s=t, tight=250.0 + 100.0 * rise, slack=250.0 - 100.0 * rise,
+        speed=np.ones(N), temperature=None, n_spikes=0, n_missing=0,
+    )  # fmt: skip
+    time, tensions, first, slide = sliding_phase(channels, ROTATION)
+    assert time.size == N
+    assert tensions.shape == (N, 2)
+    assert first == FIRST
+    # nine tenths at sample 85, 35 samples on; half as far again is sample 102.5
+    assert slide == 103
+    late = Rotation(FIRST, 120, N, 0.2, False, 0.0)
+    assert sliding_phase(channels, late)[3] == 120
+
+
+def test_a_belt_that_never_slides():
+    channels = prepared()
+    flat = type(channels)(
+        time_s=channels.time_s, tight=np.full(N, 250.0), slack=np.full(N, 249.0),
+        speed=np.ones(N), temperature=None, n_spikes=0, n_missing=0,
+    )  # fmt: skip
+    for part, slides in ((2.3, False), (2.7, True)):  # a hundredth of 249 N
+        parting = np.where(np.arange(N) >= FIRST, 0.5 * part, 0.0)
+        changed = type(channels)(
+            time_s=flat.time_s, tight=flat.tight + parting, slack=flat.slack - parting,
+            speed=flat.speed, temperature=None, n_spikes=0, n_missing=0,
+        )  # fmt: skip
+        if slides:
+            assert sliding_phase(changed, ROTATION)[2] == FIRST
+        else:
+            with pytest.raises(SetAsideError, match=r"never slides: the tensions part by 2\.3 N"):
+                sliding_phase(changed, ROTATION)
+    growing = np.clip(np.arange(N) - FIRST, 0.0, None)
+    changed = type(channels)(
+        time_s=flat.time_s, tight=flat.tight + growing, slack=flat.slack - 0.5 * growing,
+        speed=flat.speed, temperature=None, n_spikes=0, n_missing=0,
+    )  # fmt: skip
+    with pytest.raises(SetAsideError, match="still part at the end"):
+        sliding_phase(changed, ROTATION)
+
+
+def test_rows_that_an_even_time_base_leaves_out():
+    t = 0.1 * np.arange(100)
+    assert missing_rows(t) == 0
+    assert missing_rows(np.delete(t, [10, 40, 41, 42])) == 4
+    assert missing_rows(np.delete(t, [0, 99])) == 0
+    uneven = np.cumsum(np.random.default_rng(0).uniform(0.05, 0.2, 100))
+    assert missing_rows(uneven) == 0
+    assert missing_rows(np.array([0.0, 0.0, 0.0, 5.0])) == 0
+    # a tenth of the steps may differ, no more
+    for k, expected in ((9, 9), (11, 0)):
+        assert missing_rows(np.delete(0.1 * np.arange(101 + k), 5 + 9 * np.arange(k))) == expected
+
+
+# --- the sticking peak ---
+
+TAIL, TAU, LEVELS = np.array([40.0, -20.0]), 2.0, np.array([400.0, 160.0])
+
+
+def peak_record(noise=0.0, step=0.02, join=60):
+    """At rest for 50 samples, a straight build-up, and the tail of the peak from `join` on."""
+    t = step * np.arange(600)
+    decay = np.exp(-(t - t[join]) / TAU)[:, None]
+    tensions = LEVELS + TAIL * decay
+    tensions[:50] = 260.0
+    share = ((np.arange(50, join) - 49) / (join - 49))[:, None]
+    tensions[50:join] = 260.0 + share * (LEVELS + TAIL - 260.0) * 0.9
+    rng = np.random.default_rng(0)
+    return t, tensions + noise * rng.normal(size=tensions.shape), t[join]
+
+
+def fitted(t, t_0, **changed):
+    n = t.size
+    fields = {
+        "t_0": t_0, "levels": LEVELS, "tail": TAIL, "tau": TAU, "tau_at_bound": False,
+        "drift": np.zeros(2), "lines": (), "ripple_N": np.zeros(2),
+        "used": np.ones(n, dtype=bool), "residual": np.zeros((n, 2)), "ripple": np.zeros((n, 2)),
+        "log_ratio_se": 1e-4, "start_log_ratio_se": 2e-3, "correlation_time": 1.0,
+        "drift_score": 0.0,
+    }  # fmt: skip
+    fit = SlidingFit(**{**fields, **changed})
+    return Plateau(
+        fit=fit, from_start=True, start_s=5.0, rejected=np.zeros(n, dtype=bool), levels=LEVELS,
+        log_ratio_se=1e-4, tail_left=0.0, systematic_se=1e-3, drift=0.0,
+    )  # fmt: skip
+
+
+def test_the_peak_lies_between_the_last_sample_of_the_build_up_and_the_first_of_the_tail():
+    t, tensions, t_0 = peak_record()
+    found = sticking_peak(t, tensions, 50, 80, fitted(t[80:], t_0), 0.015)
+    assert found.reason == ""
+    assert found.time_s == pytest.approx(t_0 - 0.01, rel=1e-12)
+    decay = math.exp(0.01 / TAU)
+    value = math.log((400.0 + 40.0 * decay) / (160.0 - 20.0 * decay))
+    assert found.log_ratio == pytest.approx(value, rel=1e-12)
+    # the moment is known to a sample: its slope over the sample, and the fit's own errors
+    first, last = (
+        math.log((400.0 + 40.0 * d) / (160.0 - 20.0 * d)) for d in (math.exp(0.02 / TAU), 1.0)
+    )
+    timing = (first - last) / math.sqrt(12.0)
+    floor = 3 * 2e-5 * np.median(tensions[80:], axis=0)  # noise-free: rounding alone
+    climbed = np.abs(LEVELS + TAIL - 260.0)
+    margin = (t_0 - t[49]) * float(np.min(floor / climbed))
+    timing *= math.hypot(0.02, margin) / 0.02
+    expected = math.sqrt(timing**2 + 2e-3**2 + 1e-3**2)
+    assert found.log_ratio_se == pytest.approx(expected, rel=1e-3)
+
+
+def test_reasons_for_no_peak():
+    t, tensions, t_0 = peak_record()
+    plain = fitted(t[80:], t_0)
+    calls = [
+        (fitted(t[80:], t_0, tau=math.nan, tail=np.zeros(2)), "no peak stands out"),
+        (fitted(t[80:], t_0, tail=-TAIL), "approach the plateau from below"),
+        (fitted(t[80:], t_0, start_log_ratio_se=0.5), "no peak stands out of the plateau"),
+        (fitted(t[80:], t_0, start_log_ratio_se=0.03), "leave the peak uncertain by"),
+    ]
+    for plateau, reason in calls:
+        assert reason in sticking_peak(t, tensions, 50, 80, plateau, 0.015).reason
+    late = replace(plain, from_start=False)
+    assert "exponentially" in sticking_peak(t, tensions, 50, 80, late, 0.015).reason
+    above = tensions.copy()
+    above[59] = [500.0, 120.0]  # the sample before lies above the tail, not on the build-up
+    assert "exponentially" in sticking_peak(t, above, 50, 80, plain, 0.015).reason
+    # 1.5 % of ln(440 / 140) is 0.0172
+    for se, resolved in ((0.0169, True), (0.0174, False)):
+        plateau = fitted(t[80:], t_0, start_log_ratio_se=se)
+        assert (sticking_peak(t, tensions, 50, 80, plateau, 0.015).reason == "") == resolved
