@@ -1,0 +1,184 @@
+"""The average over arcs by hand: who counts where, what is carried on, what is in doubt."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from beltid.identify.surface_average import average
+from beltid.identify.surface_curves import Curve, CurveSet
+from beltid.identify.surface_range import common_range
+
+SPEEDS = np.array([0.01, 0.02, 0.04])
+
+
+def curve(arc, speed, f, mu, se=0.01, band=(0.1, 3.0)):
+    f, mu = np.array(f, float), np.array(mu, float)
+    return Curve(arc, speed, f, mu, np.full(f.size, se), band)
+
+
+def curve_set(*curves):
+    arcs = np.array(sorted({c.arc_deg for c in curves}))
+    speeds = SPEEDS[: max(c.speed for c in curves) + 1]
+    return CurveSet(arcs, speeds, curves)
+
+
+LONG, SHORT = (1000.0, 2000.0, 4000.0), (1000.0, 2000.0)
+
+
+def test_nodes_that_all_arcs_cover():
+    curves = curve_set(
+        curve(40.0, 0, LONG, (1.0, 0.9, 0.8), 0.01),
+        curve(40.0, 1, LONG, (1.2, 1.1, 1.0), 0.01),
+        curve(80.0, 0, LONG, (0.9, 0.8, 0.7), 0.02),
+        curve(80.0, 1, LONG, (1.1, 1.0, 0.86), 0.02),
+    )
+    grid, notes = average(curves, 3, True)
+    assert notes == ()
+    assert grid.normal_force_N_m == pytest.approx(LONG, rel=1e-12)
+    assert math.isnan(grid.arc_deg)
+    assert grid.mu == pytest.approx(np.array([[0.95, 1.15], [0.85, 1.05], [0.75, 0.93]]), rel=1e-9)
+    assert np.all(grid.n_arcs == 2)
+    apart = np.array([[0.1, 0.1], [0.1, 0.1], [0.1, 0.14]])
+    assert grid.mu_spread == pytest.approx(apart / math.sqrt(2.0), rel=1e-9)
+    runs = 0.01**2 + 0.02**2
+    excess = (apart**2 / 2 - runs / 2) / grid.mu**2
+    tau2 = excess.mean(axis=1)[:, None]  # over both speeds at the same force
+    assert grid.mu_se == pytest.approx(np.sqrt(runs / 4 + tau2 * grid.mu**2 / 2), rel=1e-9)
+    unknown, _ = average(curves, 3, False)
+    assert unknown.mu_se == pytest.approx(grid.mu_se, rel=1e-9)
+
+
+def test_spread_that_the_runs_explain_is_none():
+    curves = curve_set(
+        curve(40.0, 0, LONG, (1.0, 0.9, 0.8), 0.1), curve(80.0, 0, LONG, (0.99, 0.9, 0.8), 0.1)
+    )
+    grid, _ = average(curves, 3, True)
+    assert grid.mu_se == pytest.approx(math.sqrt(0.02) / 2, rel=1e-9)
+    alone, _ = average(curve_set(curve(40.0, 0, LONG, (1.0, 0.9, 0.8), 0.1)), 3, True)
+    assert alone.arc_deg == 40.0
+    assert alone.mu_se == pytest.approx(0.1, rel=1e-9)
+    assert np.isnan(alone.mu_spread).all()
+    assert np.isnan(average(curve_set(curve(40.0, 0, LONG, (1, 1, 1))), 3, False)[0].mu_se).all()
+
+
+def test_an_arc_that_ends_is_carried_on_in_parallel():
+    curves = curve_set(
+        curve(40.0, 0, LONG, (1.0, 0.9, 0.72)),
+        curve(60.0, 0, LONG, (1.1, 1.0, 0.8)),
+        curve(80.0, 0, SHORT, (0.7, 0.6)),
+    )
+    grid, notes = average(curves, 3, True)
+    assert notes == ()
+    growth = (0.72 + 0.8) / (0.9 + 1.0)
+    assert grid.mu[:, 0] == pytest.approx([2.8 / 3, 2.5 / 3, (0.72 + 0.8 + 0.6 * growth) / 3])
+    assert grid.n_arcs[:, 0].tolist() == [3, 3, 2]
+    assert grid.mu_spread[2, 0] == pytest.approx(0.08 / math.sqrt(2.0))
+    # the last force has half as much freedom as the others, and tells its spread itself
+    runs = 2 * 0.01**2
+    excess = (0.08**2 / 2 - runs / 2) / grid.mu[2, 0] ** 2
+    expected = math.sqrt(runs / 4 + excess * grid.mu[2, 0] ** 2 / 2)
+    assert grid.mu_se[2, 0] == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_force_where_most_arcs_have_ended_takes_the_spread_of_its_neighbour():
+    ends = [curve(a, 0, SHORT, (1.0 + 0.001 * a, 0.9 + 0.001 * a)) for a in (40.0, 50.0, 60.0)]
+    curves = curve_set(
+        *ends, curve(70.0, 0, LONG, (1.0, 0.9, 0.8)), curve(80.0, 0, LONG, (1.2, 1.1, 1.0))
+    )
+    grid, _ = average(curves, 3, True)
+    assert grid.n_arcs[:, 0].tolist() == [5, 5, 2]
+    runs = 5 * 0.01**2
+    spread = np.std([0.94, 0.95, 0.96, 0.9, 1.1], ddof=1)
+    tau2 = (spread**2 - runs / 5) / grid.mu[1, 0] ** 2
+    expected = math.sqrt(2 * 0.01**2 / 4 + tau2 * grid.mu[2, 0] ** 2 / 2)
+    assert grid.mu_se[2, 0] == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize(("top", "told"), [(1.008, False), (1.03, True)])
+def test_nodes_are_held_within_the_values_measured_at_their_speed(top, told):
+    curves = curve_set(
+        curve(40.0, 0, LONG, (1.0, 1.0, 1.0 * top), band=(0.75, 1.0)),
+        curve(80.0, 0, LONG, (1.0, 1.0, 1.0), band=(0.9, 1.0)),
+    )
+    grid, notes = average(curves, 3, True)
+    assert grid.mu.max() == 1.0
+    # the mean of the last node lies half the excess above the band
+    assert bool(notes) == told
+    if told:
+        assert notes[0].startswith("1 of 3 nodes held within the values measured at their speed")
+        assert f"up to {1 - 2 / (1 + top):.1%} outside" in notes[0]
+    below = curve_set(curve(40.0, 0, LONG, (1.0, 0.9, 0.8), band=(0.85, 1.0)))
+    assert average(below, 3, True)[0].mu[:, 0] == pytest.approx([1.0, 0.9, 0.85])
+
+
+def test_a_speed_an_arc_was_never_run_at_follows_in_proportion():
+    curves = curve_set(
+        curve(40.0, 0, LONG, (1.0, 0.9, 0.8)),
+        curve(40.0, 1, LONG, (1.2, 1.1, 1.0)),
+        curve(40.0, 2, LONG, (1.5, 1.4, 1.3)),
+        curve(80.0, 0, LONG, (0.9, 0.81, 0.72)),  # nine tenths of the other
+        curve(80.0, 2, LONG, (1.05, 0.98, 0.91)),  # seven tenths
+    )
+    grid, _ = average(curves, 3, True)
+    # half way between the logarithms of the speeds: eight tenths
+    assert grid.mu[:, 1] == pytest.approx(np.array([1.2, 1.1, 1.0]) * 0.9, rel=1e-9)
+    assert grid.n_arcs[:, 1].tolist() == [1, 1, 1]
+
+
+def test_a_speed_that_ends_early_is_held_with_the_change_of_the_others_in_doubt():
+    curves = curve_set(
+        curve(40.0, 0, LONG, (1.0, 0.9, 0.8)),
+        curve(40.0, 1, LONG, (1.2, 1.1, 1.0)),
+        curve(40.0, 2, SHORT, (1.5, 1.4)),
+    )
+    grid, notes = average(curves, 3, True)
+    assert "speed 0.04 m/s: measured up to 2000 N/m only" in notes[0]
+    assert grid.n_arcs.tolist() == [[1, 1, 1], [1, 1, 1], [1, 1, 0]]
+    assert grid.mu[:, 2] == pytest.approx([1.5, 1.4, 1.4])
+    change = 0.5 * ((1 - 0.8 / 0.9) + (1 - 1.0 / 1.1))
+    assert grid.mu_se[2, 2] == pytest.approx(1.4 * math.hypot(0.01 / 1.4, change), rel=1e-9)
+    assert grid.mu_se[1, 2] == pytest.approx(0.01, rel=1e-9)
+
+
+def test_arcs_that_meet_at_one_force_share_it():
+    curves = curve_set(
+        curve(40.0, 0, (1000.0, 1400.0, 2000.0), (1.0, 0.95, 0.9)),
+        curve(80.0, 0, (2000.0, 2800.0, 4000.0), (0.8, 0.75, 0.7)),
+        curve(80.0, 1, (1000.0, 2000.0, 4000.0), (0.9, 0.85, 0.8)),
+    )
+    grid, notes = average(curves, 3, True)
+    assert grid.normal_force_N_m == pytest.approx(LONG)
+    assert not any("share no force" in note for note in notes)  # both have 2000 N/m
+
+
+def test_nodes_are_put_where_the_points_are():
+    f_1, f_2 = (
+        np.array([1000.0, 1500.0, 2500.0, 4000.0]),
+        np.array([1100.0, 1600.0, 2700.0, 4000.0]),
+    )
+    curves = curve_set(
+        curve(40.0, 0, f_1, (1.0, 0.9, 0.8, 0.7)), curve(80.0, 0, f_2, (1.0, 0.9, 0.8, 0.7))
+    )
+    grid, _ = average(curves, None, True)
+    inner = [math.sqrt(1500.0 * 1600.0), math.sqrt(2500.0 * 2700.0)]
+    assert grid.normal_force_N_m == pytest.approx([1000.0, *inner, 4000.0], rel=1e-9)
+    assert common_range(curves) == (1000.0, 4000.0)
+    # a centre within three tenths of the usual distance of an end is left out
+    for third, nodes in ((3600.0, 3), (3000.0, 4)):
+        f = np.array([1000.0, 2000.0, third, 4000.0])
+        lone = curve_set(curve(40.0, 0, f, (1.0, 0.9, 0.8, 0.7)))
+        assert average(lone, None, True)[0].normal_force_N_m.size == nodes
+
+
+def test_a_single_tension_is_a_surface_over_the_speed_alone():
+    curves = curve_set(
+        curve(40.0, 0, [1000.0], [1.0]), curve(80.0, 0, [1200.0], [0.9]),
+        curve(40.0, 1, [1100.0], [1.2]), curve(80.0, 1, [1300.0], [1.1]),
+    )  # fmt: skip
+    grid, _ = average(curves, None, True)
+    middle = math.exp(np.mean(np.log([1000.0, 1200.0, 1100.0, 1300.0])))
+    assert grid.normal_force_N_m == pytest.approx([middle], rel=1e-12)
+    assert grid.mu == pytest.approx(np.array([[0.95, 1.15]]), rel=1e-12)
