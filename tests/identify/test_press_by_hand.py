@@ -1,0 +1,148 @@
+"""Press records and friction points small enough to be followed by hand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from press_bench import Bench
+
+from beltid.errors import InputError
+from beltid.identify.dissipation import estimate_dissipation
+from beltid.identify.friction_points import friction_points
+from beltid.identify.press_cycles import turning_points
+from beltid.identify.press_dwell import moving_part
+from beltid.identify.stiffness_result import StiffnessSettings
+
+SETTINGS = StiffnessSettings(segment_length_m=0.04)
+
+
+@pytest.mark.parametrize(
+    ("travel", "expected"),
+    [
+        ([0, 1, 2, 3], [0, 3]),
+        ([0, 1, 3, 2.5, 3, 5], [0, 5]),  # back by half: no turn
+        ([0, 1, 3, 1.9, 3, 5], [0, 2, 3, 5]),
+        ([0, 3, 0, 3, 0], [0, 1, 2, 3, 4]),
+        ([0, 3, 2.0, 4], [0, 3]),  # back by one, and no more
+        ([2, 0, 3], [0, 1, 2]),
+        ([2, 1.5, 3, 0], [0, 1, 2, 3]),
+        ([0, 3, 0, 0.5], [0, 1, 2]),  # what is left is no turn: the end is the lowest point
+        ([0, 0.2, 0.1], [0, 2]),
+    ],
+)
+def test_turns_are_ways_back_beyond_the_threshold(travel, expected):
+    assert turning_points(np.array(travel, float), 1.0).tolist() == expected
+
+
+def quiet(**changed):
+    silent = {"travel_noise": 0.0, "force_noise": 0.0, "temperatures": (22.0,), "toe": 2e-5}
+    return Bench(**{**silent, **changed})
+
+
+def test_loss_of_branches_in_proportion_to_the_law():
+    """Branches f (1 ± 0.12): the loop over the work of loading is 0.24 / 1.12."""
+    bench = quiet(hysteresis="relative", tests_per_temperature=2)
+    found = estimate_dissipation(bench.record(1), SETTINGS, point_length_m=0.002)
+    assert found.n_cycles == 2
+    assert found.loss_ratio == pytest.approx(0.24 / 1.12, rel=2e-3)
+    top = bench.top
+    law = bench.k_linear * top**2 / 2 + bench.k_quadratic * top**3 / 3
+    assert found.energy_J_m == pytest.approx(0.24 * law, rel=2e-3)
+    assert found.approach_speed_m_s == pytest.approx(1.7e-6, rel=0.01)
+    # a damper at the speed of the press over the depth of the contact
+    assert found.damping_N_s_m2 == pytest.approx(0.24 * law / (1.7e-6 * top), rel=0.02)
+    assert found.C_P_N_s_m == pytest.approx(0.002 * found.damping_N_s_m2, rel=1e-12)
+    equal = found.approach_speed_m_s * found.C_P_N_s_m / 300.0
+    assert found.equal_speed_m_s == pytest.approx(equal, rel=1e-12)
+    assert math.isnan(found.rate_exponent)
+    one = estimate_dissipation(quiet().record(1), SETTINGS)
+    assert math.isnan(one.energy_se_J_m)
+    assert math.isnan(one.C_P_se_N_s_m)
+    assert one.C_P_N_s_m == pytest.approx(1e-3 * one.damping_N_s_m2, rel=1e-12)
+
+
+def test_a_clock_that_stands_is_refused():
+    record = quiet().record(0)
+    record["time_s"] = np.zeros_like(record["time_s"])
+    with pytest.raises(InputError, match="test S22-0: the clock does not run"):
+        estimate_dissipation(record, SETTINGS)
+
+
+def test_a_dwell_belongs_to_no_branch():
+    up, hold = np.arange(0.0, 100.0), np.full(60, 99.0)
+    travel = 1e-6 * np.concatenate([up, hold])
+    force, time = 1e6 * travel, 0.1 * np.arange(travel.size)
+    found = moving_part(time, travel, force, slice(0, travel.size), 0.0)
+    assert found[0] == 0
+    assert found[-1] in (98, 99)
+    assert np.array_equal(np.diff(found), np.ones(found.size - 1))
+    # without a clock the number of the sample is the time
+    again = moving_part(np.full(travel.size, np.nan), travel, force, slice(0, travel.size), 0.0)
+    assert np.array_equal(found, again)
+    whole = moving_part(time, travel, force, slice(0, 100), 0.0)
+    assert whole.tolist() == list(range(100))
+    hidden = moving_part(time, travel, force, slice(0, travel.size), 1.0)  # a metre of noise
+    assert hidden.tolist() == list(range(160))
+    # a press driven in steps stands most of the time: nothing within is left out
+    steps = 1e-6 * np.repeat(np.arange(20.0), 8)
+    stepped = moving_part(0.1 * np.arange(160.0), steps, 1e6 * steps, slice(0, 160), 0.0)
+    assert np.array_equal(np.diff(stepped), np.ones(stepped.size - 1))
+
+
+def points(f, v, mu, se=None):
+    return friction_points(f, v, mu, se)
+
+
+def test_points_are_ordered_by_speed_and_force():
+    found = points([3.0, 1.0, 2.0, 5.0], [0.102, 0.2, -0.1, 0.1029], [0.9, 1.1, 1.0, 0.8])
+    assert found.f.tolist() == [2.0, 3.0, 5.0, 1.0]
+    assert found.setting.tolist() == [0, 0, 0, 1]
+    assert found.v.tolist() == [0.1, 0.102, 0.1029, 0.2]
+    assert found.n_speeds == 2
+    assert [x.tolist() for x in found.along_force(found.mu)] == [[1.0, 0.9, 0.8], [1.1]]
+    assert (found.errors_known, found.se.tolist()) == (False, found.mu.tolist())
+    assert points([1.0, 2.0], [0.1, 0.1031], [1, 1]).n_speeds == 2
+    assert points([1.0, 2.0], [0.1, 0.1029], [1, 1]).n_speeds == 1
+
+
+def test_forces_differ_from_a_twentieth_on():
+    assert not points([100.0, 104.9], [0.1, 0.1], [1, 1]).forces_differ
+    assert points([100.0, 105.1], [0.1, 0.1], [1, 1]).forces_differ
+
+
+def test_errors_that_are_missing_are_the_usual_ones():
+    found = points([1, 2, 3, 4], [0.1] * 4, [1.0, 2.0, 1.0, 0.5], [0.01, np.nan, 0.03, 0.0])
+    assert found.errors_known
+    assert found.se.tolist() == [0.01, 0.04, 0.03, 0.01]  # 2 %, the median of 1 and 3 %
+    assert found.notes == ("2 points without a standard error: 2 % taken",)
+    assert points([1, 2], [0.1] * 2, [1, 1], [0.01, 0.02]).notes == ()
+
+
+def test_points_that_are_not_positive_are_left_out():
+    found = points([1, 0, 3, 4, 5], [0.1, 0.1, 0.0, 0.1, 0.1], [1, 1, 1, -1, 1], [0.1] * 5)
+    assert found.f.tolist() == [1.0, 5.0]
+    assert found.notes == ("3 of 5 points left out: force, speed, mu must be > 0",)
+    with pytest.raises(InputError, match="1 usable points of 2, must be at least 2"):
+        points([1, 0], [0.1, 0.1], [1, 1])
+    with pytest.raises(InputError) as error:
+        points([1, 2], [0.1], [1, 1], [0.1] * 3)
+    assert error.value.problems == (
+        "slip_speed_m_s: 1 values, must be 2 as many as mu",
+        "mu_se: 3 values, must be 2 as many as mu",
+    )
+
+
+def test_exponent_is_the_common_slope_within_the_speeds():
+    f = np.array([1000.0, 2000.0, 4000.0, 1000.0, 3000.0, 1500.0])
+    v = np.array([0.01, 0.01, 0.01, 0.02, 0.02, 0.04])
+    law = np.repeat([1.0, 1.3, 1.6], [3, 2, 1]) * (f / 1000.0) ** -0.17
+    assert points(f, v, law, 0.01 * law).exponent() == pytest.approx(0.17, rel=1e-10)
+    rough = law * np.exp([0.02, -0.01, 0.03, -0.02, 0.01, 0.5])
+    relative = np.array([0.01, 0.02, 0.03, 0.01, 0.04, 0.01])
+    # least squares with a level for each speed
+    columns = np.column_stack([np.log(f), v == 0.01, v == 0.02, v == 0.04]) / relative[:, None]
+    slope = np.linalg.lstsq(columns, np.log(rough) / relative, rcond=None)[0][0]
+    assert points(f, v, rough, relative * rough).exponent() == pytest.approx(-slope, rel=1e-9)
+    assert points([1000.0, 1000.0], [0.01, 0.02], [1.0, 1.1]).exponent() == 0.0
