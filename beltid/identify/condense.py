@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.identify.signal import (
-    NOISE_FLOOR,
     converter_steps,
-    difference_sigma,
     median,
     spike_mask,
+    spike_sigma,
 )
 
 if TYPE_CHECKING:
@@ -198,18 +197,18 @@ def _spikes(blocks: _Blocks, threshold: float) -> Mask:
     change = np.abs(np.diff(middle))
     change = np.maximum(change, np.append(change[0], change[:-1]))
     part = x[-PART:]  # where the belt slides, if it slides at all
-    noise = max(difference_sigma(part), 10.0 * NOISE_FLOOR * median(np.abs(part)))
+    noise = spike_sigma(part)
     # both sides of the noise reach about a quarter beyond a spike that just counts
     suspicious = np.flatnonzero(high - low > 1.25 * threshold * noise + change)
     if suspicious.size > MOST_SUSPICIOUS * starts.size:
         return spike_mask(x, threshold)
     found = np.zeros(x.size, dtype=bool)
-    ends = np.append(starts[1:], x.size)
-    for block in suspicious.tolist():
-        first, last = int(starts[block]), int(ends[block])
-        begin = max(first - AROUND, 0)
-        near = spike_mask(x[begin : last + AROUND], threshold)
-        found[first:last] |= near[first - begin : last - begin]
+    # all of them at once, each with its surroundings as a signal of its own
+    first = starts[suspicious][:, None]
+    width = int(starts[1]) + 2 * AROUND
+    samples = np.clip(first - AROUND, 0, x.size - width) + np.arange(width)
+    own = (samples >= first) & (samples < first + starts[1])
+    found[samples[own]] = spike_mask(x[samples], threshold)[own]
     return found
 
 

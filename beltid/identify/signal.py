@@ -38,10 +38,15 @@ def robust_sigma(x: Array) -> float:
 
 
 def running_median(x: Array, window: int) -> Array:
-    """Median over a centred odd window, mirrored at the ends (so that a spike there is seen)."""
-    if x.size < 3:
+    """Median over a centred odd window, mirrored at the ends (so that a spike there is seen).
+
+    Of signals of shape (..., n), each on its own.
+    """
+    n = x.shape[-1]
+    if n < 3:
         return x.copy()
-    return median_filter(x, size=min(window, x.size - 1 + x.size % 2), mode="mirror")
+    size = [1] * (x.ndim - 1) + [min(window, n - 1 + n % 2)]
+    return median_filter(x, size=size, mode="mirror")
 
 
 def difference_sigma(x: Array) -> float:
@@ -147,24 +152,29 @@ def spike_mask(x: Array, threshold: float) -> Mask:
     Parameters
     ----------
     x : ndarray
-        Finite samples in their order of time, shape (n,).
+        Finite samples in their order of time, shape (n,), or several signals, shape (k, n).
     threshold : float
         Limit in standard deviations of the white noise.
 
     Returns
     -------
     ndarray of bool
-        True for a spike, shape (n,).
+        True for a spike, of the shape of `x`.
     """
-    if x.size < 5:
-        return np.zeros(x.size, dtype=bool)
+    if x.shape[-1] < 5:
+        return np.zeros(x.shape, dtype=bool)
     middle = running_median(x, SPIKE_WINDOW)
     half = SPIKE_WINDOW // 2
-    padded = np.concatenate([np.full(half, middle[0]), middle, np.full(half, middle[-1])])
-    local_change = np.abs(padded[2 * half :] - padded[: -2 * half])
-    floor = 10.0 * NOISE_FLOOR * median(np.abs(x))
-    sigma = max(difference_sigma(x), floor)
+    before, after = (np.repeat(end, half, axis=-1) for end in (middle[..., :1], middle[..., -1:]))
+    padded = np.concatenate([before, middle, after], axis=-1)
+    local_change = np.abs(padded[..., 2 * half :] - padded[..., : -2 * half])
+    sigma = np.array([spike_sigma(row) for row in np.atleast_2d(x)]).reshape(*x.shape[:-1], 1)
     return np.abs(x - middle) > threshold * sigma + local_change
+
+
+def spike_sigma(x: Array) -> float:
+    """White noise of a signal, with a floor for one that is free of it."""
+    return max(difference_sigma(x), 10.0 * NOISE_FLOOR * median(np.abs(x)))
 
 
 def block_means(columns: Array, limit: int = THINNED_SAMPLES) -> Array:
@@ -189,6 +199,22 @@ def block_means(columns: Array, limit: int = THINNED_SAMPLES) -> Array:
     starts = np.arange(0, n, -(-n // limit))
     counts = np.diff(np.append(starts, n))
     return np.add.reduceat(columns, starts, axis=0) / counts[:, None]
+
+
+def exponentials(tau: Array, t: Array) -> Array:
+    """Decays ``exp(-t/tau)`` with k time constants [s], shape (k, n)."""
+    exponent = (-1.0 / tau)[:, None] * t
+    return np.exp(exponent, out=exponent)
+
+
+def sums_of_squares(rows: Array) -> Array:
+    """Sum of the squares of every row, shape (k,); products of matrices are the fastest way."""
+    return np.matmul(rows[:, None, :], rows[:, :, None])[:, 0, 0]
+
+
+def column_spread(columns: Array) -> Array:
+    """Standard deviation of a few long columns, shape (m,); laid out as rows, as numpy likes it."""
+    return np.std(np.ascontiguousarray(columns.T), axis=1)
 
 
 def line_columns(t: Array, frequency: float) -> Array:

@@ -8,11 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.identify.signal import (
+    exponentials,
     line_columns,
     median,
     parabolic_maximum,
     robust_sigma,
     strongest_line,
+    sums_of_squares,
 )
 from beltid.identify.sliding_errors import LinearScheme, with_errors
 from beltid.identify.sliding_model import SlidingFit
@@ -58,11 +60,11 @@ def fit_without_errors(
     """The same without standard errors, and what `with_errors` needs to tell them."""
     used = plausible_samples(tensions, sigma)
     for _ in range(4):
-        terms = _select_terms(t[used], tensions[used] / sigma, drift)
+        terms = _select_terms(t[used], np.compress(used, tensions, axis=0) / sigma, drift)
         fit, scheme = _solve(t, tensions, used, terms, drift)
         spread = np.array([robust_sigma(fit.residual[used, c]) for c in (0, 1)])
         limit = 6.0 * np.maximum(spread, sigma)
-        kept = np.all(np.abs(fit.residual) <= limit, axis=1)
+        kept = np.logical_and(*(np.abs(fit.residual) <= limit).T)
         if np.count_nonzero(kept) < max(8, used.size // 3) or np.array_equal(kept, used):
             break
         used = kept
@@ -74,7 +76,7 @@ def plausible_samples(tensions: Array, sigma: Array) -> Mask:
     middle = np.array([median(column) for column in tensions.T])
     deviation = np.abs(tensions - middle)
     spread = np.maximum([1.5 * median(column) for column in deviation.T], sigma)
-    near = np.all(deviation <= 8.0 * spread + 0.15 * np.abs(middle), axis=1)
+    near = np.logical_and(*(deviation <= 8.0 * spread + 0.15 * np.abs(middle)).T)
     return near if np.count_nonzero(near) >= 8 else np.ones(tensions.shape[0], dtype=bool)
 
 
@@ -97,7 +99,7 @@ def _select_terms(t: Array, scaled: Array, drift: bool) -> _Terms:
             column = np.exp(-(t - t[0]) / tau)[:, None]
             column -= basis @ (basis.T @ column)
             basis = np.hstack([basis, column / np.linalg.norm(column)])
-        noise = np.sqrt(np.mean(residual**2, axis=0))
+        noise = np.sqrt(sums_of_squares(residual.T) / t.size)
         scale = np.maximum(noise, 0.01)
         line = strongest_line(t, residual / scale, basis)
         if line is None or any(abs(line - known) * (t[-1] - t[0]) < 0.3 for known in lines):
@@ -138,11 +140,10 @@ def _search_tail(t: Array, scaled: Array, basis: Array, drift: bool) -> tuple[fl
 
 def _tail_gain(t: Array, residual: Array, basis: Array, trial: Array) -> Array:
     """Sum of squares that a tail of each trial time constant takes off the residual."""
-    tail = np.exp(np.outer(-1.0 / trial, t - t[0]))
+    tail = exponentials(trial, t - t[0])
     # the residual is orthogonal to the basis: only the size of a tail needs what is left of it
-    size = np.einsum("ij,ij->i", tail, tail) - np.sum((tail @ basis) ** 2, axis=1)
-    gain = np.sum((tail @ residual) ** 2, axis=1) / np.maximum(size, 1e-9 * t.size)
-    return np.asarray(gain, dtype=float)
+    size = sums_of_squares(tail) - sums_of_squares(tail @ basis)
+    return sums_of_squares(tail @ residual) / np.maximum(size, 1e-9 * t.size)
 
 
 def _solve(
@@ -156,9 +157,9 @@ def _solve(
     if has_tail:
         decay = np.exp(-(t - origin) / terms.tau)
         columns = np.column_stack([columns, decay])
-    q, r = np.linalg.qr(columns[used])
-    inverse = np.linalg.solve(r, q.T)
-    coefficients = inverse @ tensions[used]
+    q, r = np.linalg.qr(np.compress(used, columns, axis=0))
+    inverse = np.linalg.inv(r) @ q.T
+    coefficients = inverse @ np.compress(used, tensions, axis=0)
     waves = coefficients[1 : 1 + n_ripple]
     fit = SlidingFit(
         t_0=origin,

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.identify.signal import NOISE_FLOOR
+from beltid.identify.signal import NOISE_FLOOR, column_spread
 from beltid.identify.sliding import fit_sliding
 from beltid.identify.sliding_model import SlidingFit
 
@@ -115,5 +115,6 @@ def _drift_noise(t: Array, fit: SlidingFit) -> Array:
     if np.any(tail):
         tail = tail - np.mean(tail)
         column = column - tail * float(tail @ column) / float(tail @ tail)
-    noise = np.std(fit.residual[fit.used], axis=0) * np.sqrt(fit.correlation_time)
+    noise = column_spread(np.compress(fit.used, fit.residual, axis=0))
+    noise = noise * np.sqrt(fit.correlation_time)
     return np.maximum(noise, NOISE_FLOOR * fit.levels) / float(np.linalg.norm(column))

@@ -36,7 +36,7 @@ def with_errors(fit: SlidingFit, scheme: LinearScheme, t: Array, sigma: Array) -
     start = fit.levels + fit.tail
     if not np.all(fit.levels > 0.0):
         return fit
-    residual = fit.residual[fit.used]
+    residual = np.compress(fit.used, fit.residual, axis=0)
     series = residual @ (np.array([1.0, -1.0]) / fit.levels)
     n, n_terms = series.size, scheme.inverse.shape[0] + int(np.isfinite(fit.tau))
     time = correlation_time(series, n_terms)

@@ -19,6 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beltid.identify.signal import column_spread
+
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
@@ -77,7 +79,7 @@ class SlidingFit:
         The first is ln(T_tight/T_slack) to first order; a column each, shape (2, 2).
         """
         tight, slack = self.levels
-        noise = np.std(self.residual[self.used], axis=0)
+        noise = column_spread(np.compress(self.used, self.residual, axis=0))
         ratio = float(noise[1] / noise[0]) if np.all(noise > 0.0) else 1.0
         return np.array([[1.0 / tight, ratio / slack], [-1.0 / slack, 1.0 / (ratio * tight)]])
 

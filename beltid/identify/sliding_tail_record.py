@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.identify.signal import line_columns
+from beltid.identify.signal import exponentials, line_columns, sums_of_squares
 from beltid.identify.sliding_errors import correlation_time
 from beltid.identify.sliding_model import SlidingFit
 
@@ -75,16 +75,16 @@ class TailRecord:
         noise that is not correlated with it, carries the tail, too, in some proportion to y.
         """
         combinations = fit.combinations
-        series = (fit.deviation(t) @ combinations)[fit.used]
+        series = np.compress(fit.used, fit.deviation(t) @ combinations, axis=0)
         t = t - t[0]
         columns = [np.ones((t.size, 1)), *(line_columns(t, line) for line in fit.lines)]
-        q, r = np.linalg.qr(np.hstack(columns)[fit.used])
-        row = np.linalg.solve(r, q.T)[0]
+        q, r = np.linalg.qr(np.compress(fit.used, np.hstack(columns), axis=0))
+        row = np.linalg.inv(r)[0] @ q.T
         rest = series - q @ (q.T @ series)
         log_range = _log_range(float(t[fit.used][-1]), fit.tau)
         share = _proportion(t[fit.used], rest, q, *log_range[:2])
         weights = np.array([1.0, share]) / (1.0 + share**2)
-        residual = fit.residual[fit.used] @ combinations
+        residual = np.compress(fit.used, fit.residual, axis=0) @ combinations
         across = np.array([-share, 1.0])
         rest_of_fit = residual @ across
         left = float(rest_of_fit @ rest_of_fit)
@@ -115,9 +115,9 @@ class TailRecord:
 
     def decays(self, log_tau: Array) -> Decays:
         """Exponentials, and what the regressors explain of them."""
-        decay = np.exp(np.outer(-np.exp(-log_tau), self.t))
+        decay = exponentials(np.exp(log_tau), self.t)
         explained = decay @ self.q
-        power = np.einsum("ij,ij->i", decay, decay) - np.sum(explained**2, axis=1)
+        power = sums_of_squares(decay) - sums_of_squares(explained)
         return Decays(decay, explained, power, decay @ self.rest, decay @ self.row)
 
     def log_freedom(self, variance: Array) -> Array:
@@ -134,9 +134,9 @@ def _log_range(length: float, tau: float) -> tuple[float, float, float]:
 def _proportion(t: Array, rest: Array, q: Array, low: float, high: float) -> float:
     """Amplitude of the tail in the companion over that in y; less where noise hides the tail."""
     grid = np.linspace(low, high, POINTS)
-    decays = np.exp(np.outer(-np.exp(-grid), t))
+    decays = exponentials(np.exp(grid), t)
     explained = decays @ q
-    power = np.einsum("ij,ij->i", decays, decays) - np.sum(explained**2, axis=1)
+    power = sums_of_squares(decays) - sums_of_squares(explained)
     both = (decays @ rest) / power[:, None]
     best = int(np.argmax(power * np.sum(both**2, axis=1)))
     amplitudes = both[best]
