@@ -101,7 +101,8 @@ def test_levels_errors_and_evidence_are_integrals_over_all_tails(late):
         # the noise is that of the best pair of the grid, and its memory: known to a percent
         assert stated.log_evidence == pytest.approx(expected[2], rel=0.01)
     odds = found.double.log_evidence - found.single.log_evidence
-    assert odds == pytest.approx(double[2] - single[2], rel=0.01, abs=0.1)
+    # a grid of 28 time constants tells the odds to a quarter; with 112 the numbers are these
+    assert odds == pytest.approx(double[2] - single[2], rel=0.01, abs=0.25)
 
 
 def test_record_of_a_tail_is_least_squares_without_it():
