@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 ROWS: Final = 1 << 18
 """Rows of a block."""
 LONGEST_LABEL: Final = 1000
-LABELS: Final = 4096
+LABELS: Final = 1 << 14
 """Rows whose labels are read at a time to see how long they are."""
 
 
