@@ -1,0 +1,163 @@
+"""The F test between temperatures, and doubts of a friction law, from sums of squares by hand."""
+
+from __future__ import annotations
+
+import math
+import re
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.stats import f as fisher
+
+from beltid.identify.friction_law_doubt import chi_square_note, covariance_scale
+from beltid.identify.statistics import integrated_autocorrelation_time
+from beltid.identify.temperature_effect import scatter_of, temperature_effect
+
+K_1, K_2, N = 6.5e7, 3.0e11, 40
+
+
+def curve(test, factor, seed, noise=30.0):
+    rng = np.random.default_rng(seed)
+    delta = np.linspace(1.5e-5, 1.0e-4, N)
+    force = factor * (K_1 * delta + K_2 * delta**2) + noise * rng.normal(size=N)
+    return SimpleNamespace(test=test, position_m=delta + 1e-5 * rng.uniform(), middle_N_m=force)
+
+
+def squares(curves):
+    """Residual sum of squares of one law with a contact point for each test, by scipy."""
+    tests = list(dict.fromkeys(c.test for c in curves))
+
+    def residuals(p):
+        return np.concatenate(
+            [
+                p[0] * (y := 1e4 * c.position_m - p[2 + tests.index(c.test)])
+                + p[1] * y * y
+                - 1e-3 * c.middle_N_m
+                for c in curves
+            ]
+        )
+
+    start = [K_1 * 1e-7, K_2 * 1e-11, *[0.05] * len(tests)]
+    found = least_squares(residuals, start, xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    return 2e6 * found.cost, np.split(1e3 * found.fun, len(curves))
+
+
+def by_hand(groups):
+    curves = [c for g in groups for c in g]
+    own = [squares([c]) for c in curves]
+    parts = [r for _, residuals in own for r in residuals]
+    tau = float(np.mean([integrated_autocorrelation_time(r) for r in parts]))
+    n, each, m = N * len(curves), sum(s for s, _ in own), len(groups)
+    noise, noise_dof = each / (n - 3 * len(curves)) * tau, n / tau - 3 * len(curves)
+    shared = sum(squares(g)[0] for g in groups)
+    dof = 3 * len(curves) - 2 * m - sum(len({c.test for c in g}) for g in groups)
+    between = (shared - each) / dof if dof else math.nan
+    f = (squares(curves)[0] - shared) / (2 * (m - 1))
+    return noise, noise_dof, between, dof, f
+
+
+def campaign(step, scatter, seed=0, noise=30.0):
+    rng = np.random.default_rng(seed)
+    return [
+        [
+            curve(f"{t}-{k}", 1 + step * t + scatter * rng.normal(), 10 * t + k + seed, noise)
+            for k in (0, 1)
+        ]
+        for t in (0, 1, 2)
+    ]
+
+
+def test_scatter_within_and_between_the_curves():
+    groups = campaign(0.0, 0.01)
+    groups[0][1].test = groups[0][0].test  # two cycles of one test
+    noise, noise_dof, between, dof, _ = by_hand(groups)
+    found = scatter_of(groups)
+    assert found.noise == pytest.approx(noise, rel=1e-6)
+    assert found.noise_dof == pytest.approx(noise_dof, rel=1e-6)
+    assert (found.between_dof, dof) == (7.0, 7)
+    assert found.between == pytest.approx(between, rel=1e-5)
+    assert found.curves_differ == (fisher.sf(between / noise, dof, noise_dof) < 0.05)
+    assert found.inflation == pytest.approx(max(1.0, between / noise), rel=1e-5)
+
+
+def test_alike_curves_do_not_widen_the_error():
+    for seed in range(3):
+        groups = campaign(0.0, 0.0, 100 * seed)
+        noise, _, between, _, _ = by_hand(groups)
+        expected = max(1.0, between / noise)
+        assert scatter_of(groups).inflation == pytest.approx(expected, rel=1e-4)
+    single = scatter_of([[curve("a", 1.0, 1)], [curve("b", 1.0, 2)]])
+    assert single.between_dof == 0.0
+    assert math.isnan(single.between)
+    assert single.inflation == 1.0
+    assert not single.curves_differ
+    silent = scatter_of([[curve("a", 1.0, 1, 0.0)]])
+    top = float(np.max(curve("a", 1.0, 1, 0.0).middle_N_m))
+    assert silent.noise == pytest.approx((1e-10 * top) ** 2, rel=1e-9)
+
+
+@pytest.mark.parametrize(("step", "scatter"), [(0.02, 0.0), (0.0, 0.0), (0.02, 0.02), (0.2, 0.02)])
+def test_statistic_of_the_temperature(step, scatter):
+    groups = campaign(step, scatter, 7)
+    noise, noise_dof, between, dof, gain = by_hand(groups)
+    differ = fisher.sf(between / noise, dof, noise_dof) < 0.05
+    against, within = (between, dof) if differ else (noise, noise_dof)
+    p = fisher.sf(gain / against, 4, within)
+    found = temperature_effect(groups, [22.0, 40.0, 60.0], 0.03)
+    assert found.f_statistic == pytest.approx(gain / against, rel=1e-4)
+    assert (found.f_dof_between, found.f_dof_within) == (4.0, pytest.approx(within, rel=1e-6))
+    assert found.f_p_value == pytest.approx(p, rel=1e-3, abs=1e-12)
+    assert found.matters == (p < 0.01)
+    yardstick = "the scatter of tests at one temperature" if differ else "the noise"
+    assert f"against {yardstick}, p = " in found.statement
+    does = "matters" if p < 0.01 else "does not matter"
+    assert found.statement.startswith(f"Temperature {does} between 22 to 60 °C: F(4, {within:.0f})")
+    assert "largest difference 3 % of the force" in found.statement
+
+
+@pytest.mark.parametrize(("difference", "matters"), [(0.0051, True), (0.0049, False)])
+def test_a_proven_difference_of_half_a_percent_matters(difference, matters):
+    found = temperature_effect(campaign(0.05, 0.0), [22.0, 40.0, 60.0], difference)
+    assert found.matters == matters
+    said = "Temperature matters" if matters else "Temperature has a provable but negligible"
+    assert found.statement.startswith(said)
+
+
+def test_one_temperature_says_nothing():
+    found = temperature_effect([[curve("a", 1.0, 1)]], [22.0], 0.0)
+    assert found.statement == "All tests are at 22 °C: no statement on temperature."
+    assert math.isnan(found.f_statistic)
+    assert not found.matters
+    assert "an unknown temperature" in temperature_effect([], [], 0.0).statement
+
+
+def test_covariance_of_known_and_unknown_errors():
+    assert covariance_scale(30.0, 10, True, 1.5) == 4.5
+    assert covariance_scale(3.0, 10, True, 1.5) == 1.5  # known errors are believed
+    assert covariance_scale(3.0, 10, False, 1.5) == pytest.approx(0.45)
+    assert covariance_scale(3.0, 0, True, 1.5) == 1.5
+    assert covariance_scale(3.0, 0, False, 1.5) == math.inf
+
+
+@pytest.mark.parametrize(
+    ("chi_square", "dof", "said"),
+    [
+        (400.0, 100, "misses the points by more than their errors; .* widened 2 times"),
+        (130.0, 100, None),
+        (5.0, 100, "scatter by less than their errors"),
+        (80.0, 100, None),
+        (3.0, 1, None),  # far from one, but no wonder
+        (0.2, 1, None),
+        (3.0, 0, "as many parameters as points"),
+    ],
+)
+def test_misfit_that_is_told(chi_square, dof, said):
+    found = chi_square_note("power", chi_square, dof)
+    if said is None:
+        assert found == []
+    else:
+        assert len(found) == 1
+        assert re.search(said, found[0])
+        assert found[0].startswith("power: ")
