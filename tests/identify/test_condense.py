@@ -79,6 +79,17 @@ def test_spikes_are_taken_out_of_the_samples() -> None:
     assert abs(result.mu_sliding - clean.mu_sliding) < 0.1 * clean.mu_sliding_se
 
 
+def test_spikes_at_the_ends_of_the_record_and_of_its_blocks_are_taken_out() -> None:
+    """In the first and the last block there are samples on one side only."""
+    n = 20_011
+    size = n // BLOCKS
+    at = [0, 40, 10 * size - 1, 12 * size, n - 40, n - 1]
+    columns = long_run(n=n)
+    columns["tension_tight_N"][at] += 40.0
+    assert condensed(as_record(long_run(n=n)), 6.0).raw.n_spikes == 0  # type: ignore[union-attr]
+    assert condensed(as_record(columns), 6.0).raw.n_spikes == len(at)  # type: ignore[union-attr]
+
+
 def test_many_spikes_are_taken_out_as_well() -> None:
     columns = long_run()
     at = np.arange(6_000, 59_000, 50)
