@@ -1,14 +1,16 @@
 """Mutation testing of the science: small faults are put in, and the tests must see them.
 
-    python -m benchmarks.mutants [--seconds 1800] [--seed 1] [--rooms laws identify] [--only MODULE]
+    python -m benchmarks.mutants [--seconds 1800] [--seed 1] [--rooms laws identify]
+                                 [--only MODULE] [--test-seconds 10]
 
 A sample of all single changes to comparisons, signs, operators, numbers and conditions of a room is
 tried one by one in a copy of the project. A trial runs only the tests that reach the changed line,
-the fastest first, and ends at the first failure; it is a fork of a process that has imported the
-libraries already. Changes to what runs at import (constants, defaults) are held against the tests
-that run any function of the module or of one that imports from it. mutmut does the same for whole
-packages, but it runs modules from rewritten copies whose functions the compiler of the kernels
-cannot compile; so this is its small stand-in.
+the fastest first, as many as fit into `--test-seconds` (so the score is a lower bound), and ends at
+the first failure; it is a fork of a process that has imported the libraries already. Changes to
+what runs at import (constants, defaults) are held against the tests that run any function of the
+module or of one that imports from it. mutmut does the same for whole packages, but it runs modules
+from rewritten copies whose functions the compiler of the kernels cannot compile; so this is its
+small stand-in.
 """
 
 from __future__ import annotations
@@ -25,8 +27,10 @@ import signal
 import sys
 import tempfile
 import time
+from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable
+from itertools import accumulate
 from pathlib import Path
 from typing import Final
 
@@ -80,26 +84,27 @@ def forked(work: Callable[[], bool], limit_s: float) -> str:
     return "endless"
 
 
-def outcome(mutant: Mutant, reach: Reach) -> str:
+def outcome(mutant: Mutant, reach: Reach, test_seconds: float = float("inf")) -> str:
     """Whether the tests see a mutant: seen, endless (seen, too), survived or not reached."""
     tests = reach.of(mutant.path, mutant.lines)
-    if not tests:
-        at_import = any((str(mutant.path), line) in reach.tests for line in mutant.lines)
-        tests = reach.of_import(mutant.path, Path.cwd()) if at_import else []
+    if not tests and any((str(mutant.path), line) in reach.tests for line in mutant.lines):
+        tests = reach.of_import(mutant.path, Path.cwd())
     if not tests:
         return "not reached"
+    spent = list(accumulate(reach.seconds[t] for t in tests))
+    tests = tests[: max(bisect_right(spent, test_seconds), 1)]
     original, times = mutant.path.read_bytes(), mutant.path.stat()
     mutant.path.write_text(mutant.text, "utf-8")
-    spent = sum(reach.seconds[t] for t in tests)
+    limit = 30.0 + 8.0 * spent[len(tests) - 1]
     try:
-        end = forked(lambda: trial(tests), 30.0 + 8.0 * spent)
+        end = forked(lambda: trial(tests), limit)
     finally:
         mutant.path.write_bytes(original)
         os.utime(mutant.path, ns=(times.st_atime_ns, times.st_mtime_ns))
     return {"passed": "survived", "failed": "seen"}.get(end, end)
 
 
-def try_room(room: str, found: list[Mutant], seconds: float) -> None:
+def try_room(room: str, found: list[Mutant], seconds: float, test_seconds: float) -> None:
     """Trace the tests of a room, try its mutants until the time is over, and tell the score."""
     result = Path("reach.pickle")
     begin = time.monotonic()
@@ -116,7 +121,7 @@ def try_room(room: str, found: list[Mutant], seconds: float) -> None:
     for mutant in found:
         if time.monotonic() - begin > seconds:
             break
-        end = outcome(mutant, reach)
+        end = outcome(mutant, reach, test_seconds)
         counted[end] += 1
         if end in ("survived", "not reached"):
             print(f"{end} {mutant.name}", flush=True)
@@ -134,6 +139,7 @@ def main() -> None:
     """Try a sample and tell the score and what survived."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=1800.0, help="for each room")
+    parser.add_argument("--test-seconds", type=float, default=10.0, help="of a trial, at most")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--rooms", nargs="*", choices=TESTS, default=["laws", "identify"])
     parser.add_argument("--only", default="", help="modules whose path has this in it")
@@ -155,7 +161,7 @@ def main() -> None:
                 modules = [m for m in modules if asked.only in m.name]
                 found = [m for p in modules for m in mutants_of(p, Path(folder))]
                 random.Random(asked.seed).shuffle(found)
-                try_room(room, found, asked.seconds)
+                try_room(room, found, asked.seconds, asked.test_seconds)
 
 
 if __name__ == "__main__":
