@@ -57,7 +57,7 @@ fuzz: $(DEVELOPMENT)  ## every reader against 150,000 changed files (nightly)
 	$(PIP_INSTALL) --editable ".[fuzz]" && $(BIN)/python -m benchmarks.fuzz $(ARGS)
 
 mutants: $(DEVELOPMENT)  ## small faults in the science, which its tests must see
-	$(BIN)/python -m benchmarks.mutants $(ARGS)
+	$(PIP_INSTALL) --editable ".[care]" && $(BIN)/python -m benchmarks.mutants $(ARGS)
 
 coverage: $(DEVELOPMENT)  ## branches of the science that its tests reach, but for compiled kernels
 	$(PIP_INSTALL) --editable ".[care]" && $(BIN)/python -m coverage run --branch --source=beltid.laws,beltid.identify,beltid.refine,beltid.uncertainty -m pytest -q tests/laws tests/identify tests/refine tests/uncertainty $(ARGS) && $(BIN)/python -m coverage report
