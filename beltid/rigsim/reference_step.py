@@ -106,15 +106,18 @@ def _complementarity_iteration(
     solve(work.A, work.pivots, free)
     release(system.supports, free)
     G = W.T @ compliance
-    wanted, _, solution = friction_lcp(G, slip - W.T @ free + G @ force, limits)
+    slip_free = slip - W.T @ free + G @ force
+    wanted, slips, solution = friction_lcp(G, slip_free, limits)
     move(state.trial, free + compliance @ (wanted - force))
     points.status[:] = SLIDE  # a patch that closes: as in friction.revise
     points.sign[:] = 1.0
     points.la_T[:] = 0.0
     points.la_T[touching] = wanted
-    slides = np.abs(wanted) >= limits * (1.0 - 1e-12)
+    # one of slip and distance to the limit is zero but for rounding: the other one tells
+    of_forces, of_slips = np.max(limits, initial=0.0), np.max(np.abs(slip_free), initial=0.0)
+    slides = np.abs(slips) * of_forces > (limits - np.abs(wanted)) * of_slips
     points.status[touching] = np.where(slides, SLIDE, STICK)
-    points.sign[touching] = np.sign(wanted)
+    points.sign[touching] = np.where(slides, np.sign(slips), np.sign(wanted))
     return solution.pivots
 
 

@@ -308,6 +308,7 @@ def march(
                 points.status[:] = kept_status
                 points.sign[:] = kept_sign
                 points.la_T[:] = kept_la
+                record.halvings[k] = halvings
                 halvings += 1
                 if halvings > MOST_HALVINGS:
                     return k

@@ -23,7 +23,6 @@ from beltid.rigsim.model import RigModel, System, Workspace
 from beltid.rigsim.profile import ContactState
 from beltid.rigsim.steady import StaticState, describe
 from beltid.rigsim.transient import (
-    MOST_HALVINGS,
     Drive,
     Kinematics,
     Recorder,
@@ -191,7 +190,8 @@ def run_transient(
         spent = int(record.iterations[done])
         raise ConvergenceError(
             f"{describe(model.point)}: the step at {time[done]:.4g} s found no solution in {spent} "
-            f"iterations, cut {MOST_HALVINGS} times (residual {record.residual[done]:.2g} of T0)",
+            f"iterations, cut {record.halvings[done]} times "
+            f"(residual {record.residual[done]:.2g} of T0)",
             iterations=spent,
             residual=float(record.residual[done]),
         )

@@ -15,9 +15,10 @@ from rig_bench import LAW_5PK, March, at, bench, start, true_surface_5pk
 from beltid.errors import ConvergenceError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
-from beltid.params import Contact
+from beltid.params import Contact, OperatingPoint
 from beltid.rigsim.contact import SLIDE, STICK, Points
 from beltid.rigsim.friction import catch, let_go
+from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import SimulationSettings, simulate
 
 Array = NDArray[np.float64]
@@ -176,11 +177,22 @@ def test_implicit_steps_converge_at_least_with_the_first_power_of_the_time_step(
     assert changes[-1] < 1e-5 * values[-1]
 
 
-def test_newton_and_lemke_agree() -> None:
+@pytest.mark.parametrize(
+    ("rig", "point"),
+    [
+        (
+            bench(law=LAW_5PK, mu=true_surface_5pk(30, 12), contact=Contact(sticking_ratio=1.1)),
+            at(68, 220),
+        ),
+        # soft, lightly loaded: the slips of the plateau's steps are large against the rounding
+        (bench(1e-3, R=0.095, law=NormalLaw(5.3e5, 1.6e9), mu=0.59), at(17, 45, 0.2)),
+        (bench(0.012, R=0.155, span=0.16, law=NormalLaw(2.7e6), mu=0.91), at(88, 425, 0.2)),
+    ],
+)
+def test_newton_and_lemke_agree(rig: Bench, point: OperatingPoint) -> None:
     """The active set and the complementarity problem on the Delassus matrix, step by step."""
-    rig = bench(law=LAW_5PK, mu=true_surface_5pk(30, 12), contact=Contact(sticking_ratio=1.1))
     runs = [
-        simulate(rig, at(68, 220), SimulationSettings(steps=60, friction_solver=solver))
+        simulate(rig, point, SimulationSettings(steps=60, friction_solver=solver))
         for solver in ("newton", "lemke")
     ]
     for column in ("tension_tight_N", "tension_slack_N"):
