@@ -21,6 +21,12 @@ def environment(**settings: str) -> dict[str, str]:
     return {**inherited, **settings}
 
 
+def hear_signals() -> None:
+    """In a new process: signals do what they do, also where the tests run in the background."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
+
+
 def run(folder: Path, *arguments: str, **settings: str) -> subprocess.CompletedProcess[bytes]:
     return subprocess.run(
         [*BELTID, *arguments],
@@ -156,6 +162,7 @@ def test_an_interrupted_campaign_is_status_130_and_leaves_the_old_one(
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         env=environment(),
+        preexec_fn=hear_signals,
     )
     assert process.stderr is not None
     talk = b""
@@ -243,6 +250,7 @@ def signalled(folder: Path, number: int, **settings: str) -> tuple[int, bytes]:
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         env=environment(**settings),
+        preexec_fn=hear_signals,
     )
     assert process.stderr is not None
     talk = b""
