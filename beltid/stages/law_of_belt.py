@@ -89,8 +89,8 @@ def _put_together(
     friction: Artifact | None,
     source: ConfigSource | None,
 ) -> ContactLaw:
+    normal = law_of(stiffness)  # refuses one without a pooled law
     row = int(np.flatnonzero(np.isnan(stiffness.columns["temperature_degC"]))[0])
-    normal = law_of(stiffness)
     return ContactLaw(
         about=ABOUT,
         origin=_origin(stiffness, surface),

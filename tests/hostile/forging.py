@@ -6,7 +6,6 @@ import copy
 import io
 import json
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -136,14 +135,17 @@ def column_changes(
             yield f"{name} of none", _with(name, lambda v: v[:, :0])
 
 
-def forgeries(path: Path) -> Iterator[tuple[str, bytes]]:
-    """Wrong artifacts made from a right one, with what is wrong in words."""
-    columns, record = unpacked(path.read_bytes())
+def forgeries(data: bytes) -> Iterator[tuple[str, Callable[[], bytes]]]:
+    """Wrong artifacts that a right one can become: what is wrong in words, and who writes it."""
+    columns, record = unpacked(data)
     for what, change in column_changes(columns, record["kind"]):
-        yield what, sealed(change(columns), record)
+        yield what, lambda change=change: sealed(change(columns), record)
     for section in SECTIONS:
         for place in places(record[section]):
             for new in (GONE, *WRONG):
                 words = "gone" if new is GONE else repr(new)[:20]
                 where = ".".join(str(part) for part in (section, *place))
-                yield f"{where} = {words}", sealed(columns, changed(record, (section, *place), new))
+                yield (
+                    f"{where} = {words}",
+                    lambda at=(section, *place), new=new: sealed(columns, changed(record, at, new)),
+                )
