@@ -4,8 +4,8 @@
 
 Files start from tests/hostile/corpus and are changed there where their structure allows
 (tests/hostile/mutation.py); atheris keeps what reaches new code. A finding is an exception that is
-no `BeltidError`, an input that takes more than 3 s of computing time, a crash of the process, or
-more than 4 GB of memory. Findings are written to build/fuzz/<reader>/, and the exit status is 1.
+no `BeltidError`, an input that takes more than 3 s of computing time (twice), a crash of the
+process, or more than 4 GB of memory. Findings are written to build/fuzz/<reader>/, and the exit status is 1.
 Readers that the product runs in a child process run here in one process, too: an exception is then
 no finding (the child tells it), a crash or a hang is.
 """
@@ -13,6 +13,7 @@ no finding (the child tells it), a crash or a hang is.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import hashlib
 import json
 import os
@@ -76,6 +77,11 @@ def one_reader(reader: str, inputs: int, seconds: float, seed: int) -> None:
             kind = f"{type(error).__name__} {frames[-1].filename}:{frames[-1].lineno}"
             note(data, traceback.format_exc(), kind)
         spent = time.process_time() - start
+        if spent > SLOW_S:  # what a busy machine did to it is not in both
+            start = time.process_time()
+            with contextlib.suppress(Exception):
+                readers.read(reader, data)
+            spent = min(spent, time.process_time() - start)
         count["slowest_s"] = max(count["slowest_s"], spent)
         if spent > SLOW_S:
             note(data, f"{spent:.1f} s\n", f"slow {int(spent)}")
