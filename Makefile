@@ -14,6 +14,8 @@ ARGS ?=
 
 VENV := .venv
 BIN := $(VENV)/bin
+# tests of the simulated rig that are short also without compiled kernels
+PLAIN := $(addprefix tests/rigsim/test_,$(addsuffix .py,ancf banded lcp mesh_and_supports contact coarse_mesh))
 RUNTIME := $(VENV)/.installed-runtime
 DEVELOPMENT := $(VENV)/.installed-development
 BENCHMARK := $(VENV)/.installed-benchmark
@@ -59,8 +61,11 @@ fuzz: $(DEVELOPMENT)  ## every reader against 150,000 changed files (nightly)
 mutants: $(DEVELOPMENT)  ## small faults in the science, which its tests must see
 	$(PIP_INSTALL) --editable ".[care]" && $(BIN)/python -m benchmarks.mutants $(ARGS)
 
-coverage: $(DEVELOPMENT)  ## branches of the science that its tests reach, but for compiled kernels
-	$(PIP_INSTALL) --editable ".[care]" && $(BIN)/python -m coverage run --branch --source=beltid.laws,beltid.identify,beltid.refine,beltid.uncertainty -m pytest -q tests/laws tests/identify tests/refine tests/uncertainty $(ARGS) && $(BIN)/python -m coverage report
+coverage: $(DEVELOPMENT)  ## branches of the science that its tests reach; kernels run uncompiled
+	$(PIP_INSTALL) --editable ".[care]"
+	$(BIN)/python -m coverage run --branch --source=beltid.laws,beltid.identify,beltid.refine,beltid.uncertainty -m pytest -q tests/laws tests/identify tests/refine tests/uncertainty $(ARGS)
+	$(BIN)/python -m coverage run --branch --append --source=beltid.laws,beltid.rigsim -m pytest -q -p benchmarks.plain_kernels $(PLAIN)
+	$(BIN)/python -m coverage report
 
 lock: $(DEVELOPMENT)  ## the newest dependencies, with their hashes, to requirements*.lock
 	$(PIP_INSTALL) --editable ".[care]" && for s in ":" "-dev:--extra dev"; do $(BIN)/uv pip compile pyproject.toml $${s#*:} --python-version 3.11 --universal --generate-hashes --no-header -q --upgrade -o requirements$${s%%:*}.lock; done

@@ -9,6 +9,7 @@ import pytest
 from repetitions import repetition
 from virtual_bench import GIVEN, SMALL, read_campaign
 
+from beltid.errors import ConvergenceError
 from beltid.identify.surface import SurfaceSettings
 from beltid.refine.inverse import refine_surface
 from beltid.uncertainty.linear_check import linear_check
@@ -88,6 +89,48 @@ def test_scatter_of_the_published_surface_has_the_standard_errors_of_its_nodes(n
     np.testing.assert_allclose(np.sqrt(np.sum(factor**2, axis=-1)), grid.mu_se / grid.mu, rtol=1e-6)
 
 
+def test_runs_without_scatter_have_no_factor_and_a_single_run_has_its_own_error(nominal):
+    measured = nominal.campaign.measured
+    sure = replace(measured, mu_se=0.0 * measured.mu)
+    curves, grid = published_curves(sure, SETTINGS), published_grid(sure, SETTINGS)
+    assert scatter_factor(curves, grid, arcs=False).shape == (*grid.mu.shape, 0)
+    # one arc and one tension: the error of a node is that of its run
+    second = SMALL.tensions_N[1]
+    kept = (measured.arc == 0) & (second == measured.T_0)
+    names = ("arc", "beta", "T_0", "omega", "tight", "slack", "mu", "mu_se")
+    one = replace(measured, **{name: getattr(measured, name)[kept] for name in names})
+    curves, grid = published_curves(one, SETTINGS), published_grid(one, SETTINGS)
+    factor = scatter_factor(curves, grid, arcs=False)
+    np.testing.assert_allclose(np.sqrt(np.sum(factor**2, axis=-1)), SMALL.noise, rtol=1e-6)
+
+
+def test_nodes_that_come_or_go_do_not_change_the_published_surface(nominal):
+    measured, grid = nominal.campaign.measured, nominal.published
+    other = published_grid(measured, replace(SETTINGS, force_nodes=25))
+    assert other.mu.shape != grid.mu.shape
+    np.testing.assert_allclose(changes_at_nodes(grid, other), 0.0, atol=1e-3)
+
+
+def test_a_replicate_that_does_not_converge_says_so(nominal, monkeypatch):
+    monkeypatch.setattr("beltid.uncertainty.monte_carlo.MOST_ITERATIONS", 1)
+    monkeypatch.setattr("beltid.uncertainty.monte_carlo.TOLERANCE", 0.0)
+    nothing = np.zeros(nominal.campaign.measured.mu.size), np.zeros(nominal.refined.parameters.size)
+    with pytest.raises(ConvergenceError, match="did not converge in 1 iterations"):
+        refined_again(nominal, nominal.campaign, Errors(), nothing)
+
+
+def test_without_sources_nothing_is_shared(nominal):
+    found = parameter_changes(nominal.campaign, nominal.refined, [], nominal.slopes)
+    assert found.shape == (nominal.refined.parameters.size, 0)
+
+
+def test_errors_of_several_places_may_come_in_any_order():
+    sources = rig_sources(GIVEN, 3)
+    errors = Errors.drawn(sources[::-1], np.ones(len(sources)))
+    assert [errors.at("arc_setting", k) for k in range(3)] == [GIVEN.arc_setting] * 3
+    assert errors.at("arc_setting", 3) == 0.0
+
+
 def test_replicates_depend_on_seed_and_number_only(nominal):
     together = replicates(nominal, 11, range(4))
     apart = gathered([replicates(nominal, 11, [k]) for k in range(4)])
@@ -120,6 +163,11 @@ def test_a_check_finds_what_is_not_linear():
     row = check.row("all", np.ones(4, dtype=bool))
     assert row["linear_fails"] == 2
     assert row["largest_asymmetry"] > 2.0
+    assert check.row("none", np.zeros(4, dtype=bool)) == {
+        "group": "none",
+        "values": 0,
+        "linear_fails": 0,
+    }
 
 
 def test_intervals_of_the_refined_surface_hold_the_truth():
