@@ -8,6 +8,7 @@ import re
 import pytest
 
 from beltid.errors import InputError
+from beltid.identify.friction_cells import KnownCell
 from beltid.identify.friction_run import FrictionSettings
 from beltid.identify.law_verdict import verdict_of
 from beltid.identify.matching import MatchSettings
@@ -141,3 +142,9 @@ def test_the_quadratic_law_is_judged_by_criterion_prediction_and_difference(rows
     found, text = verdict_of([QUADRATIC, *rows], 1.7, 7.0)
     assert found == supported
     assert re.search(said, text), text
+
+
+def test_a_cell_of_which_nothing_is_known_is_perfect():
+    assert KnownCell() == KnownCell(tare_N=0.0, gain=1.0, tilt_deg=0.0)
+    assert KnownCell().is_perfect
+    assert KnownCell(tare_N=2.0, gain=1.1, tilt_deg=60.0).tension(12.0) == pytest.approx(22.0)

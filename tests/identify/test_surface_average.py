@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from beltid.identify.surface import SurfaceResult
 from beltid.identify.surface_average import average
 from beltid.identify.surface_curves import Curve, CurveSet
 from beltid.identify.surface_range import common_range
@@ -182,3 +183,16 @@ def test_a_single_tension_is_a_surface_over_the_speed_alone():
     middle = math.exp(np.mean(np.log([1000.0, 1200.0, 1100.0, 1300.0])))
     assert grid.normal_force_N_m == pytest.approx([middle], rel=1e-12)
     assert grid.mu == pytest.approx(np.array([[0.95, 1.15]]), rel=1e-12)
+
+
+def test_spread_between_arcs_is_relative_to_their_mean():
+    curves = curve_set(
+        curve(40.0, 0, LONG, (0.5, 0.4, 0.3)), curve(80.0, 0, LONG, (0.4, 0.4, 0.28))
+    )
+    grid, _ = average(curves, 3, True)
+    result = SurfaceResult(grid, (), 6, (), ())
+    apart = np.array([0.1 / 0.45, 0.0, 0.02 / 0.29]) / math.sqrt(2.0)
+    assert result.rms_arc_spread == pytest.approx(math.sqrt(np.mean(apart**2)), rel=1e-9)
+    assert result.max_arc_spread == pytest.approx(apart[0], rel=1e-9)
+    alone, _ = average(curve_set(curve(40.0, 0, LONG, (0.5, 0.4, 0.3))), 3, True)
+    assert math.isnan(SurfaceResult(alone, (), 3, (), ()).rms_arc_spread)
