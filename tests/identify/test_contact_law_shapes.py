@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from beltid.errors import FitError
+from beltid.identify.contact_law_fits import fit_law
 from beltid.identify.contact_laws import (
     CurveData,
     FittedLaw,
@@ -185,3 +186,22 @@ def test_covariance_and_values_of_a_held_law():
     nodes = data(x=(0.35, 0.4), f=(1.0, 1.0), owner=(0, 1))
     assert free.values(nodes) == pytest.approx([1 + 0.2 + 0.005, 1 - 0.2 + 0.005])
     assert free.values(nodes, np.array([0.35, 0.3])) == pytest.approx([1.0, 1.205])
+
+
+def test_a_law_that_softens_is_held_at_a_line_and_a_squared_one_at_a_pure_square():
+    y = np.linspace(-0.4, 0.5, 20)
+    softening = data(x=y, f=1 + 2.0 * y - 0.4 * y**2, owner=np.zeros(20, int))
+    held, line = fit_law("quadratic", softening), fit_law("linear", softening)
+    assert held.is_held
+    assert held.shape == pytest.approx([line.shape[0], 0.0], rel=1e-12)
+    expected = np.array([[line.shape_cofactor[0, 0], 0.0], [0.0, 0.0]])
+    assert held.shape_cofactor == pytest.approx(expected, rel=1e-12)
+    # steeper than a square from any contact point: (1 + y / L)^3
+    steep = data(x=y, f=(1 + y / 0.9) ** 3, owner=np.zeros(20, int))
+    square = fit_law("quadratic", steep)
+    A, B = square.shape
+    assert square.is_held
+    assert pytest.approx(4 * B, rel=1e-12) == A * A
+    # one unknown, the distance L: dA/dL = -2/L², dB/dL = -2/L³
+    L = 2.0 / A
+    assert square.shape_by_unknowns[:, 0] == pytest.approx([-2 / L**2, -2 / L**3], rel=1e-9)
