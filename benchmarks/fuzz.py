@@ -5,7 +5,8 @@
 Files start from tests/hostile/corpus and are changed there where their structure allows
 (tests/hostile/mutation.py); atheris keeps what reaches new code. A finding is an exception that is
 no `BeltidError`, an input that takes more than 3 s of computing time (twice), a crash of the
-process, or more than 4 GB of memory. Findings are written to build/fuzz/<reader>/, and the exit status is 1.
+process, or more than 4 GB of memory. Findings are written to build/fuzz/<reader>/, and the exit
+status is 1.
 Readers that the product runs in a child process run here in one process, too: an exception is then
 no finding (the child tells it), a crash or a hang is.
 """

@@ -128,6 +128,10 @@ def _root(path: Path) -> Path:
 
 def _files(path: Path, besides: set[Path]) -> list[Path]:
     """Files of a folder or pattern in the order of their names; those of one kind only."""
+    if path.parts.count("**") > 1 and not path.is_dir():
+        raise InputError(
+            f"{path}: ** stands in it more than once, which finds the same files again"
+        )
     try:
         found = (
             [f for f in path.iterdir() if f.is_file()]
