@@ -41,7 +41,7 @@ def test_friction_coefficient_inverts_the_tension_ratio(
 
 
 def test_tensions_that_do_not_pull_have_no_coefficient() -> None:
-    mu = capstan.friction_coefficient([100.0, -1.0, 5.0], [50.0, 10.0, 0.0], 1.0)
+    mu = capstan.friction_coefficient([100.0, -1.0, 5.0, 0.0], [50.0, 10.0, 0.0, 5.0], 1.0)
     assert mu[0] == pytest.approx(math.log(2.0))
     assert np.all(np.isnan(mu[1:]))
     assert capstan.friction_coefficient(0.2, 0.1, 0.5) == pytest.approx(2 * math.log(2.0))

@@ -58,6 +58,14 @@ def test_the_factor_is_bilinear_between_nodes_in_the_coordinates_of_the_surface(
     )
 
 
+def test_the_two_neighbours_of_each_axis_count():
+    v = np.array([0.01, 0.03, 0.07])  # ln(1 + v / 0.01 m/s) of ln 2, 4, 8
+    columns = np.tile(np.array([0.01, 0.02, 0.05])[:, None], (3, 1, 1))
+    s = UncertainSurface(FrictionSurface(F, v, np.ones((3, 3))), columns)
+    middles = 0.01 * (np.array([np.sqrt(2 * 4), np.sqrt(4 * 8)]) - 1)
+    np.testing.assert_allclose(s.mu_u(2000.0, middles), [0.015, 0.035], rtol=1e-12)
+
+
 def test_one_speed_and_one_force_have_their_uncertainty_too():
     one_speed = UncertainSurface(FrictionSurface(F, V[:1], MU[:, :1]), FACTOR[:, :1])
     assert one_speed.mu_u(1000.0, 0.5) == pytest.approx(0.005)
