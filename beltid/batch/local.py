@@ -183,7 +183,9 @@ def _kill(pool: ProcessPoolExecutor, others: Collection[Any]) -> None:
         target=pool.shutdown, kwargs={"wait": True, "cancel_futures": True}, daemon=True
     )
     ending.start()
-    while ending.is_alive():  # the pool waits for a worker that was started after the others died
+    ended = False
+    while not ended:  # the pool waits for a worker that was started after the others died
+        ended = not ending.is_alive()  # once more after the end: the last one may have come late
         for child in multiprocessing.active_children():
             if child not in others:
                 with contextlib.suppress(OSError, ValueError):
