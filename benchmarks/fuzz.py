@@ -66,6 +66,7 @@ def one_reader(reader: str, inputs: int, seconds: float, seed: int) -> None:
     def test(data: bytes) -> None:
         if time.monotonic() > end:
             state.write_text(json.dumps(count))
+            readers.clean()
             os._exit(0)  # anything else is a crash to atheris
         (folder / "last.input").write_bytes(data)
         count["inputs"] += 1

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import atexit
+import shutil
 import tempfile
 import unicodedata
 import warnings
@@ -86,6 +88,12 @@ def _isolated(format_name: str) -> Callable[[Path], object]:
         return recording_of([opened], path, "rig", ReadOptions(), "")
 
     return read
+
+
+@atexit.register
+def clean() -> None:
+    """Remove the folder of the files that were tried."""
+    shutil.rmtree(_FOLDER, ignore_errors=True)
 
 
 READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
