@@ -1,13 +1,32 @@
-"""Being told to stop by the system: said like Ctrl-C, with the status that shells expect."""
+"""Being told to stop, by Ctrl-C or by the system: said alike, with the status that shells expect.
+
+A signal is heard between any two steps of Python code, also of code that compiled code calls: the
+classes of what a kernel returns are looked up in Python, and the compiler hands over what it has
+made. Compiled code does not expect an exception there: it loses it, or crashes. So a signal that
+comes there is put off for a moment, and one that was lost is heard again.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import signal
+import sys
+import threading
 from types import FrameType
-from typing import Final, NoReturn
+from typing import TYPE_CHECKING, Final, NoReturn
+
+if TYPE_CHECKING:
+    from sys import UnraisableHookArgs
 
 WORDS: Final = {"SIGTERM": "terminated", "SIGHUP": "hung up"}
+MOMENT_S: Final = 0.01
+# functions that numba's kernels and LLVM call, and the one that makes a named tuple
+CALLED_BY_COMPILED_CODE: Final = {
+    "_numba_unpickle",
+    "_raw_object_cache_notify",
+    "_raw_object_cache_getbuffer",
+    "__new__",
+}
 
 
 class Stopped(BaseException):
@@ -28,14 +47,58 @@ class Stopped(BaseException):
 
 
 def hear_signals() -> None:
-    """Raise `Stopped` when told to stop; a signal that is ignored (nohup) stays ignored."""
-    for name in WORDS:
+    """Raise `KeyboardInterrupt` or `Stopped` when told to stop.
+
+    A signal that is ignored (nohup) stays ignored.
+    """
+    for name in ("SIGINT", *WORDS):
         number = getattr(signal, name, None)
         if number is None or signal.getsignal(number) == signal.SIG_IGN:
             continue
         with contextlib.suppress(ValueError, OSError):  # not in the main thread
             signal.signal(number, _stop)
+    sys.unraisablehook = _hear_again
 
 
-def _stop(number: int, frame: FrameType | None) -> NoReturn:
-    raise Stopped(number)
+def _stop(number: int, frame: FrameType | None) -> None:
+    if _called_by_compiled_code(frame):
+        _put_off(number)
+    else:
+        _raise(number)
+
+
+def _raise(number: int) -> NoReturn:
+    raise KeyboardInterrupt if number == signal.SIGINT else Stopped(number)
+
+
+def _called_by_compiled_code(frame: FrameType | None) -> bool:
+    while frame is not None:
+        if frame.f_code.co_name in CALLED_BY_COMPILED_CODE:
+            return True
+        frame = frame.f_back
+    return False
+
+
+def _put_off(number: int) -> None:
+    """Send the signal again in a moment."""
+    later = threading.Timer(MOMENT_S, _send, (number,))
+    later.daemon = True
+    later.start()
+
+
+def _send(number: int) -> None:
+    thread = threading.main_thread().ident
+    if hasattr(signal, "pthread_kill") and thread is not None:
+        signal.pthread_kill(thread, number)  # so that it interrupts what the main thread waits for
+    else:
+        signal.raise_signal(number)
+
+
+def _hear_again(lost: UnraisableHookArgs) -> None:
+    """Hear a signal again whose exception was lost where nothing can be raised."""
+    if isinstance(lost.exc_value, Stopped):
+        _put_off(lost.exc_value.exit_status - 128)
+    elif isinstance(lost.exc_value, KeyboardInterrupt):
+        _put_off(signal.SIGINT)
+    else:
+        sys.__unraisablehook__(lost)
