@@ -58,7 +58,8 @@ def test_changed_files_are_taken_or_refused(reader, number):
 def test_files_that_crash_their_library_are_refused(path):
     (found,) = read_isolated([(path.name.split("-")[0], path)])
     assert isinstance(found, FormatError)
-    assert "crashed" in str(found)
+    # what a library does that reads memory at random is up to chance: mostly it dies
+    assert "crashed" in str(found) or "damaged" in str(found)
 
 
 @pytest.mark.parametrize(
