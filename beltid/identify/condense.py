@@ -31,12 +31,15 @@ BLOCKS = 4096
 are."""
 PART = 4096
 """Samples from which the noise and the steps of a channel are told."""
+SEARCHED = 16
+"""Samples of a part that is searched for spikes or not, at most: noise alone spreads the more, the
+more samples there are."""
 AROUND = 32
-"""Samples on either side of a suspicious block that tell whether it holds a spike."""
+"""Samples on either side of a suspicious part that tell whether it holds a spike."""
 STUCK = 0.02
 """Share of the samples at one and the same extreme value above which a cell may be saturated."""
 MOST_SUSPICIOUS = 0.05
-"""Share of suspicious blocks above which the whole channel is searched for spikes."""
+"""Share of suspicious parts above which the whole channel is searched for spikes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,8 +194,12 @@ def _clean(blocks: _Blocks, threshold: float) -> tuple[Array, Mask, Mask]:
 
 
 def _spikes(blocks: _Blocks, threshold: float) -> Mask:
-    """Spikes as `spike_mask` finds them, searched only where the range of a block asks for it."""
-    x, starts, low, high = blocks.x, blocks.starts, blocks.low, blocks.high
+    """Spikes as `spike_mask` finds them, searched only where the range of a part asks for it."""
+    x, starts = blocks.x, blocks.starts
+    if starts[1] > SEARCHED:
+        starts = np.arange(0, x.size, SEARCHED)
+        blocks = _Blocks.of(x, starts)
+    low, high = blocks.low, blocks.high
     middle = np.append(0.5 * (low + high), 0.5 * (low[-1] + high[-1]))
     change = np.abs(np.diff(middle))
     change = np.maximum(change, np.append(change[0], change[:-1]))

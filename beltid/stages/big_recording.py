@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import itertools
+from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -19,8 +20,10 @@ from beltid.stages.reduction import friction_settings
 from beltid.stages.workers import Workers
 from beltid.store.big_recordings import is_big, open_big
 
-BATCH: Final = 16
+BATCH: Final = 8
 """Runs per worker that are handed over at a time."""
+MOST_UNDER_WAY: Final = 8
+"""Batches that wait for their workers, at most."""
 
 
 def read_by_runs(path: Path, config: Config) -> bool:
@@ -78,14 +81,21 @@ def _shared(
     """Results of calls in the order of their items; the next items are made meanwhile."""
     size = BATCH * workers.jobs
     source = iter(items)
+    batch = list(itertools.islice(source, size))
+    if len(batch) < size:  # workers take longer to start than that
+        yield from map(function, batch)
+        return
+    under_way: deque[Future[list[Any]]] = deque()
     with ThreadPoolExecutor(1) as beside:
-        under_way = None
-        while batch := list(itertools.islice(source, size)):
-            if under_way is not None:
-                yield from under_way.result()
-            under_way = beside.submit(_batch, workers, function, batch)
-        if under_way is not None:
-            yield from under_way.result()
+        while batch:
+            under_way.append(beside.submit(_batch, workers, function, batch))
+            while under_way[0].done() or len(under_way) > MOST_UNDER_WAY:
+                yield from under_way.popleft().result()
+                if not under_way:
+                    break
+            batch = list(itertools.islice(source, size))
+        while under_way:
+            yield from under_way.popleft().result()
 
 
 def _batch(workers: Workers, function: Callable[[Any], Any], items: list[Any]) -> list[Any]:

@@ -11,7 +11,9 @@ from __future__ import annotations
 import contextlib
 import os
 import re
+import threading
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -34,6 +36,8 @@ BUILT_IN: Final = "built-in 5PK rig"
 SUFFIX: Final = ".parquet"
 RECORDED: Final = "simulated"
 """The artifact in whose place a recording may be named."""
+LARGE: Final = 64 << 20
+"""Bytes of inputs whose hashes take longer than the start of a thread."""
 FOREIGN: Final = "a file that beltid did not write"
 
 
@@ -136,18 +140,37 @@ def make(recipe: Recipe, out: Path, options: Options, compute: Callable[[], Outc
         If it would have to be computed and the options say only to look.
     """
     seen = _signatures(recipe)
-    hashes = _input_hashes(recipe)
+    hashes = _hashed(recipe, seen)
     standing = admit(recipe, out, options)
-    if standing is not None and not options.force and _fresh(standing, recipe, hashes):
+    if standing is not None and not options.force and _fresh(standing, recipe, hashes()):
         return Made(standing, up_to_date=True)
     if options.peek:
         raise Stale
     if standing is not None and not options.force:
         options.talk.detail(f"{out}: made from other inputs or settings, made again")
     outcome = compute()
-    _refuse_changed(recipe, seen, hashes)
-    write_artifact(out, recipe.kind, outcome.columns, _metadata(outcome, recipe, hashes))
+    _refuse_changed(recipe, seen, hashes())
+    write_artifact(out, recipe.kind, outcome.columns, _metadata(outcome, recipe, hashes()))
     return Made(read_artifact(out, recipe.kind), up_to_date=False)
+
+
+def _hashed(
+    recipe: Recipe, seen: Mapping[str, tuple[int, int, int]]
+) -> Callable[[], dict[str, str]]:
+    """Hashes of the inputs; those of large files are made while the work begins."""
+    if sum(size for _, size, _ in seen.values()) < LARGE:
+        known = _input_hashes(recipe)
+        return lambda: known
+    hashes: Future[dict[str, str]] = Future()
+
+    def make() -> None:
+        try:
+            hashes.set_result(_input_hashes(recipe))
+        except Exception as error:  # raised where they are asked for
+            hashes.set_exception(error)
+
+    threading.Thread(target=make, daemon=True).start()  # nobody waits for it after an interrupt
+    return hashes.result
 
 
 def _input_hashes(recipe: Recipe) -> dict[str, str]:

@@ -27,6 +27,7 @@ Module             Responsibility
 ``big_recordings`` recordings of any size, read run by run
 ``run_stream``     runs out of blocks of rows
 ``csv_stream``     blocks of rows out of a text file of any size
+``ahead``          items made by a thread of their own
 ``csv_kernel``     clean rows -> numbers, compiled
 ``parquet_stream`` blocks of rows out of Parquet files
 ``frames``         DataFrames, Arrow tables and dicts -> columns

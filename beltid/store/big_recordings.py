@@ -16,8 +16,9 @@ from typing import Any, Final
 from beltid.errors import InputError
 from beltid.formats.encoding import decode
 from beltid.store import schemas
+from beltid.store.ahead import ahead
 from beltid.store.channel_units import unit_conversion
-from beltid.store.csv_stream import ByteStream, csv_blocks
+from beltid.store.csv_stream import AHEAD, csv_blocks, file_chunks
 from beltid.store.dialect import ReadOptions
 from beltid.store.parquet_stream import parquet_blocks, parquet_files
 from beltid.store.problems import Problems
@@ -93,7 +94,7 @@ def open_big(path: Path, config: Any = None) -> BigRecording:
 
 def _csv(path: Path, options: ReadOptions) -> BigRecording:
     name, table, problems = str(path), schemas.table("rig"), Problems()
-    chunks = iter(ByteStream(path))
+    chunks = ahead(file_chunks(path), 2)
     first = next(chunks, b"")
     if first[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) or "16" in (options.encoding or ""):
         raise InputError(f"{name}: is in UTF-16; a file of this size must be in UTF-8")
@@ -109,9 +110,9 @@ def _csv(path: Path, options: ReadOptions) -> BigRecording:
             "line feeds"
         )
     source = itertools.chain([body], chunks)
-    blocks = csv_blocks(source, found, wanted, decoded.encoding, name, problems)
+    blocks = csv_blocks(source, found, wanted, decoded.encoding, name)
     conversions = {role: r.conversion for role, r in readings.items() if r.unit_stated or r.negated}
-    runs = RunStream(blocks, table, name, conversions, problems)
+    runs = RunStream(ahead(blocks, AHEAD), table, name, conversions, problems)
     told = (*decoded.notes, *found.notes, *text_notes(found, readings, table))
     return BigRecording(path, runs, lambda: (*told, *runs.notes()))
 

@@ -95,6 +95,8 @@ class Checker:
     def _labels(self) -> np.ndarray | None:
         """Number of the run of every row, -1 without a label."""
         labels = self.columns[self.table.label]
+        if labels.size and not absent(labels[:1])[0] and np.all(labels == labels[0]):
+            return np.zeros(labels.size, dtype=np.int64)
         missing = np.flatnonzero(absent(labels))
         self._report(missing, lambda i: f"{self.table.label} is empty, it must label the recording")
         words: dict[str | None, int] = {None: -1}

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import gzip
-import queue
-import threading
+import itertools
 import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -24,6 +23,8 @@ MOST_ROWS: Final = 1 << 19
 """Rows of a block."""
 LONGEST_ROW: Final = 64 << 20
 MOST_CHANGES: Final = 1 << 16
+AHEAD: Final = 1
+"""Blocks that wait for their use."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,11 +39,14 @@ class Block:
         Rows of the block at which a label begins, and the label; the first is row 0.
     lines : ndarray or int
         Line of every row in the file, or that of the first if none is left out.
+    problems : Problems
+        Rows that cannot be read, up to this block's last one; a block of nothing else has no row.
     """
 
     numbers: dict[str, np.ndarray]
     labels: list[tuple[int, str | None]]
     lines: np.ndarray | int
+    problems: Problems = field(default_factory=Problems)
 
     @property
     def n_rows(self) -> int:
@@ -50,59 +54,22 @@ class Block:
         return len(next(iter(self.numbers.values())))
 
 
-@dataclass(slots=True)
-class ByteStream:
-    """The bytes of a file, unpacked, in chunks that are read ahead by a thread of their own.
+def file_chunks(path: Path) -> Iterator[bytes]:
+    """The bytes of a file, plain or packed with gzip, in chunks.
 
-    Parameters
-    ----------
-    path : Path
-        The file, plain or packed with gzip.
+    Raises
+    ------
+    InputError
+        If the file cannot be read or is damaged.
     """
-
-    path: Path
-    _queue: queue.Queue[bytes | Exception] = field(default_factory=lambda: queue.Queue(2))
-    _stopped: threading.Event = field(default_factory=threading.Event)
-
-    def __iter__(self) -> Iterator[bytes]:
-        """Chunks of the file.
-
-        Raises
-        ------
-        InputError
-            If the file cannot be read or is damaged.
-        """
-        reader = threading.Thread(target=self._read, daemon=True)
-        reader.start()
-        try:
-            while chunk := self._queue.get():
-                if isinstance(chunk, Exception):
-                    raise InputError(f"{self.path}: {_reason(chunk)}") from None
-                yield chunk
-        finally:
-            self._stopped.set()
-            while reader.is_alive():
-                _drain(self._queue)
-                reader.join(0.05)
-
-    def _read(self) -> None:
-        try:
-            with self.path.open("rb") as raw:
-                packed = raw.peek(2)[:2] == b"\x1f\x8b"
-                source = gzip.GzipFile(fileobj=raw) if packed else raw
-                while not self._stopped.is_set() and (chunk := source.read(CHUNK)):
-                    self._queue.put(chunk)
-            self._queue.put(b"")
-        except Exception as error:  # told where the chunks are asked for
-            self._queue.put(error)
-
-
-def _drain(waiting: queue.Queue[bytes | Exception]) -> None:
     try:
-        while True:
-            waiting.get_nowait()
-    except queue.Empty:
-        pass
+        with path.open("rb") as raw:
+            packed = raw.peek(2)[:2] == b"\x1f\x8b"
+            source = gzip.GzipFile(fileobj=raw) if packed else raw
+            while chunk := source.read(CHUNK):
+                yield chunk
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(f"{path}: {_reason(error)}") from None
 
 
 def _reason(error: Exception) -> str:
@@ -117,7 +84,6 @@ def csv_blocks(
     wanted: Mapping[str, Wanted],
     encoding: str,
     name: str,
-    problems: Problems,
 ) -> Iterator[Block]:
     """Blocks of a CSV file.
 
@@ -133,10 +99,8 @@ def csv_blocks(
         Encoding of the file: UTF-8 or another one that holds ASCII.
     name : str
         File name for messages.
-    problems : Problems
-        Collects rows that cannot be read.
     """
-    reader = _Reader(layout, wanted, encoding, name, problems)
+    reader = _Reader(layout, wanted, encoding, name)
     rest = b""
     for chunk in chunks:
         end = chunk.rfind(b"\n") + 1
@@ -162,9 +126,8 @@ class _Reader:
         wanted: Mapping[str, Wanted],
         encoding: str,
         name: str,
-        problems: Problems,
     ) -> None:
-        self.layout, self.wanted, self.name, self.problems = layout, wanted, name, problems
+        self.layout, self.wanted, self.name = layout, wanted, name
         self.encoding = encoding
         self.line = layout.first_line
         self.label = next(key for key, w in wanted.items() if w.is_text)
@@ -173,8 +136,9 @@ class _Reader:
         for slot, key in enumerate(self.numeric):
             self.slots[wanted[key].index] = slot
         self.marks = np.array([ord(layout.separator), ord(layout.decimal)], dtype=np.int64)
-        # used again for every block: a fresh array costs as much as the numbers in it
-        self.numbers = np.empty((len(self.numeric), MOST_ROWS))
+        # used again for later blocks: a fresh array costs as much as the numbers in it
+        rooms = [np.empty((len(self.numeric), MOST_ROWS)) for _ in range(AHEAD + 2)]
+        self.rooms = itertools.cycle(rooms)
         self.changes = np.empty((MOST_CHANGES, 3), dtype=np.int64)
 
     def blocks(self, data: bytes) -> Iterator[Block]:
@@ -184,19 +148,20 @@ class _Reader:
         column = self.wanted[self.label].index
         view, begin = np.frombuffer(data, dtype=np.uint8), 0
         while begin < len(data):
+            numbers = next(self.rooms)
             rows, end, n_changes, status = parse_rows(
                 view[begin:],
                 self.marks,
                 self.slots,
                 column,
-                self.numbers,
+                numbers,
                 self.changes,
                 POWERS_OF_TEN,
             )
             if rows:
                 found = [change for change in self.changes[:n_changes].tolist() if change[0] < rows]
                 labels = [(row, self._text(data[begin + a : begin + b])) for row, a, b in found]
-                columns = {key: self.numbers[slot, :rows] for slot, key in enumerate(self.numeric)}
+                columns = {key: numbers[slot, :rows] for slot, key in enumerate(self.numeric)}
                 yield Block(columns, labels, self.line)
                 self.line += rows
                 begin += end
@@ -216,14 +181,16 @@ class _Reader:
         body = body.replace("\r\n", "\n").replace("\r", "\n") if "\r" in body else body
         layout = replace(self.layout, body=body, first_line=self.line)
         self.line += body.count("\n")
-        read = read_rows(layout, self.wanted, self.name, self.problems)
-        if not len(read.lines):
-            return
+        problems = Problems()
+        read = read_rows(layout, self.wanted, self.name, problems)
         labels = read.columns[self.label]
         # one object stands for equal labels most of the time: a comparison of names is rare
-        starts = [0, *(i for i in range(1, len(labels)) if labels[i] != labels[i - 1])]
+        starts = [
+            *range(min(len(labels), 1)),
+            *(i for i in range(1, len(labels)) if labels[i] != labels[i - 1]),
+        ]
         columns = {key: read.columns[key] for key in self.numeric}
-        yield Block(columns, [(i, labels[i]) for i in starts], read.lines)
+        yield Block(columns, [(i, labels[i]) for i in starts], read.lines, problems)
 
     def _text(self, cell: bytes) -> str | None:
         text = cell.decode(self.encoding, errors="replace").strip()

@@ -32,6 +32,11 @@ class Problems:
         if len(self.found) < 20 * SHOWN:
             self.found.append((line, text))
 
+    def take(self, others: Problems) -> None:
+        """Note the problems of a part of the file."""
+        self.count += others.count
+        self.found += others.found[: 20 * SHOWN - len(self.found)]
+
     def add_uncounted(self, more: int) -> None:
         """Count problems that are like one already noted."""
         self.count += max(0, more)

@@ -120,6 +120,9 @@ class RunStream:
         """
         pieces: _Pieces | None = None
         for block in self.blocks:
+            self.problems.take(block.problems)
+            if not block.labels:
+                continue
             ends = [row for row, _ in block.labels[1:]] + [block.n_rows]
             for (start, label), end in zip(block.labels, ends, strict=True):
                 if pieces is None or pieces.label != label:

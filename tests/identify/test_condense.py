@@ -79,6 +79,23 @@ def test_spikes_are_taken_out_of_the_samples() -> None:
     assert abs(result.mu_sliding - clean.mu_sliding) < 0.1 * clean.mu_sliding_se
 
 
+def test_spikes_in_long_blocks_of_correlated_noise_are_taken_out() -> None:
+    """Blocks of 146 samples, in which the noise alone spreads over the limit of a spike."""
+    columns = long_run(n=600_000)
+    for name in ("tension_tight_N", "tension_slack_N"):
+        smooth = 0.5 * (columns[name] + np.roll(columns[name], 1))
+        columns[name] = np.where(columns["time_s"] > 0.0, smooth, columns[name])
+    before = condensed(as_record(columns), 6.0).raw
+    places = np.random.default_rng(5).choice(np.arange(200_000, 599_000, 50), 40, replace=False)
+    columns["tension_tight_N"][places[:20]] += 30.0
+    columns["tension_slack_N"][places[20:]] -= 30.0
+    after = condensed(as_record(columns), 6.0).raw
+    assert before is not None
+    assert after is not None
+    assert before.n_spikes < 10  # of 1.2 million samples
+    assert after.n_spikes - before.n_spikes == 40
+
+
 def test_spikes_at_the_ends_of_the_record_and_of_its_blocks_are_taken_out() -> None:
     """In the first and the last block there are samples on one side only."""
     n = 20_011
