@@ -18,6 +18,7 @@ from beltid.rigsim.model import System, Workspace
 from beltid.rigsim.steady import force_tolerance, largest_force, move
 from beltid.rigsim.supports import release, restrain
 from beltid.rigsim.transient import (
+    MOST_HALVINGS,
     Drive,
     Kinematics,
     Recorder,
@@ -130,19 +131,31 @@ def march_by_lemke(
     work: Workspace,
     record: Recorder,
 ) -> int:
-    """Step through a run with the reference solver; like ``transient.march``, without cutting."""
+    """Step through a run with the reference solver; like ``transient.march``."""
     for k in range(schedule.omega.size):
-        motion = Motion(float(schedule.omega[k]), 1.0 / float(schedule.dt[k]), 1.0, 0.0)
-        out = lemke_step(system, motion, points, state, drive.stretch, drive.T_0, work)
-        record.iterations[k] = out.iterations
-        record.changes[k] = out.changes
-        record.residual[k] = out.residual
-        record.slip[k] = out.certificate.slip
-        record.cone[k] = out.certificate.cone
-        if not out.converged:
-            return k
-        accept(system, motion, points, state, drive.sticking_ratio)
-        store_strains(system.belt, state.q, drive.stretch, work.strain_old)
+        parts, done, halvings = 1, 0, 0
+        while done < parts:
+            motion = Motion(float(schedule.omega[k]), parts / float(schedule.dt[k]), 1.0, 0.0)
+            kept = [a.copy() for a in (points.status, points.sign, points.la_T)]
+            out = lemke_step(system, motion, points, state, drive.stretch, drive.T_0, work)
+            record.iterations[k] += out.iterations
+            record.changes[k] += out.changes
+            record.residual[k] = out.residual
+            record.slip[k] = out.certificate.slip
+            record.cone[k] = out.certificate.cone
+            if out.converged:
+                accept(system, motion, points, state, drive.sticking_ratio)
+                store_strains(system.belt, state.q, drive.stretch, work.strain_old)
+                done += 1
+                continue
+            points.status[:], points.sign[:], points.la_T[:] = kept
+            record.halvings[k] = halvings
+            halvings += 1
+            if halvings > MOST_HALVINGS:
+                return k
+            parts *= 2
+            done *= 2
+        record.halvings[k] = halvings
         record.outside[k] = out.outside
         record.sticking[k] = out.certificate.sticking
         record.touching[k] = out.certificate.touching

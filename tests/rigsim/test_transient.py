@@ -202,6 +202,18 @@ def test_newton_and_lemke_agree(rig: Bench, point: OperatingPoint) -> None:
     assert runs[1].record.cone <= 1e-9
 
 
+def test_a_step_of_the_reference_solver_is_cut_too() -> None:
+    """Strong damping and friction at rest: a step in which many patches close has no end in one."""
+    rig = bench(
+        law=LAW_5PK, mu=true_surface_5pk(30, 12), contact=Contact(C_P=390.0, sticking_ratio=1.1)
+    )
+    plan = SimulationSettings(steps=60, elements=26, friction_solver="lemke")
+    run = simulate(rig, at(68, 220), plan)
+    assert run.record.halvings >= 1
+    assert run.record.slip_m <= SLIP_ALLOWED
+    assert run.record.cone <= 1e-9
+
+
 def test_a_recording_resolves_the_build_up() -> None:
     run = simulate(bench(law=LAW_5PK), at())
     record = run.recording
