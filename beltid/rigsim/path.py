@@ -269,6 +269,6 @@ GROWTH_IN_SPAN = (
 )
 GROWTH_ON_ARC = 0.2
 LONGEST = 1.5  # on the arc, over the layer
-ELEMENT = 0.8  # length of the default elements over the wanted one
+ELEMENT = 0.6  # length of the default elements over the wanted one
 FEWEST_ELEMENTS = 10
 MOST_ELEMENTS = 1000

@@ -212,7 +212,7 @@ def test_default_mesh_is_as_good_as_a_fine_one(supports: str, constant: bool) ->
 
 @pytest.mark.parametrize("mu", [0.5, 1.0])
 def test_graded_mesh_is_as_accurate_as_a_uniform_one_of_more_elements(mu: float) -> None:
-    """Three times the elements for the apparent mu, twice for both tensions, in the mean."""
+    """In the mean: better than twice the elements by far, as good as three times."""
     errors = []
     for arc in (40, 68, 82, 120):
         for T_0 in (100.0, 150.0, 270.0, 450.0):
@@ -224,7 +224,8 @@ def test_graded_mesh_is_as_accurate_as_a_uniform_one_of_more_elements(mu: float)
             errors.append([(error_of_mu(s, exact), error_of_tensions(s, exact)) for s in states])
     of_mu, of_tensions = np.exp(np.mean(np.log(errors), axis=0)).T
     assert of_mu[0] < of_mu[2]
-    assert of_tensions[0] < 0.5 * of_tensions[1]
+    assert of_tensions[0] < 0.6 * of_tensions[1]
+    assert of_tensions[0] < 1.2 * of_tensions[2]
 
 
 def with_uniform_mesh(model: RigModel, rig: Bench, times: int) -> RigModel:
