@@ -204,9 +204,7 @@ def test_newton_and_lemke_agree(rig: Bench, point: OperatingPoint) -> None:
 
 def test_a_step_of_the_reference_solver_is_cut_too() -> None:
     """Strong damping and friction at rest: a step in which many patches close has no end in one."""
-    rig = bench(
-        law=LAW_5PK, mu=true_surface_5pk(30, 12), contact=Contact(C_P=390.0, sticking_ratio=1.1)
-    )
+    rig = bench(law=LAW_5PK, mu=true_surface_5pk(30, 12), contact=Contact(sticking_ratio=1.1))
     plan = SimulationSettings(steps=60, elements=26, friction_solver="lemke")
     run = simulate(rig, at(68, 220), plan)
     assert run.record.halvings >= 1
