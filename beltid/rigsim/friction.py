@@ -99,25 +99,25 @@ def revise(motion: Motion, points: Points, step: Array, most_changes: int) -> in
             moved += points.pull[e, j] * step[4 * e + j]
         if points.status[e] == STICK:
             la_T = points.force[e] - motion.augmentation * moved
-            beyond[e] = abs(la_T) > points.limit[e] * (1.0 + 0.1 * CONE_TOLERANCE)
-            beyond[e] = beyond[e] and broken < most_changes
+            edge = points.limit[e] * (1.0 + 0.1 * CONE_TOLERANCE)
+            beyond[e] = broken < most_changes and abs(la_T) > edge
             points.la_T[e] = la_T
             broken += beyond[e]
         elif broken < most_changes:
             backward[e] = points.sign[e] * (points.slip[e] - moved) < -0.1 * SLIP_TOLERANCE
             broken += backward[e]
-    changes = 0
-    e = 0
+    free = most_changes == n_e
+    changes = e = 0
     while e < n_e:
         end = e + 1
         if beyond[e]:
             while end < n_e and beyond[end]:
                 end += 1
-            changes += let_go(points, e, end, most_changes == n_e)
+            changes += let_go(points, e, end, free)
         elif backward[e]:
             while end < n_e and backward[end]:
                 end += 1
-            changes += catch(points, e, end, most_changes == n_e)
+            changes += catch(points, e, end, free)
         e = end
     return changes
 

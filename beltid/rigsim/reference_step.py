@@ -26,6 +26,8 @@ from beltid.rigsim.transient import (
     StepOutcome,
     accept,
     assemble,
+    note_attempt,
+    note_step,
 )
 
 Array = NDArray[np.float64]
@@ -138,11 +140,7 @@ def march_by_lemke(
             motion = Motion(float(schedule.omega[k]), parts / float(schedule.dt[k]), 1.0, 0.0)
             kept = [a.copy() for a in (points.status, points.sign, points.la_T)]
             out = lemke_step(system, motion, points, state, drive.stretch, drive.T_0, work)
-            record.iterations[k] += out.iterations
-            record.changes[k] += out.changes
-            record.residual[k] = out.residual
-            record.slip[k] = out.certificate.slip
-            record.cone[k] = out.certificate.cone
+            note_attempt(record, k, out)
             if out.converged:
                 accept(system, motion, points, state, drive.sticking_ratio)
                 store_strains(system.belt, state.q, drive.stretch, work.strain_old)
@@ -156,8 +154,5 @@ def march_by_lemke(
             parts *= 2
             done *= 2
         record.halvings[k] = halvings
-        record.outside[k] = out.outside
-        record.sticking[k] = out.certificate.sticking
-        record.touching[k] = out.certificate.touching
-        record.force[k] = work.reactions.force
+        note_step(system, points, state, work, record, k, motion.rate, out)
     return int(schedule.omega.size)

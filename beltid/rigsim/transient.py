@@ -271,6 +271,38 @@ def keep_profile(points: Points, R: float, rate: float, out: Array) -> None:
 
 
 @kernel
+def note_attempt(record: Recorder, k: int, out: StepOutcome) -> None:
+    """Record how the step k, or a part of it, ended."""
+    record.iterations[k] += out.iterations
+    record.changes[k] += out.changes
+    record.residual[k] = out.residual
+    record.slip[k] = out.certificate.slip
+    record.cone[k] = out.certificate.cone
+
+
+@kernel
+def note_step(
+    system: System,
+    points: Points,
+    state: Kinematics,
+    work: Workspace,
+    record: Recorder,
+    k: int,
+    rate: float,
+    out: StepOutcome,
+) -> None:
+    """Record the state at the end of the step k, whose last part took 1/``rate``."""
+    record.outside[k] = out.outside
+    record.sticking[k] = out.certificate.sticking
+    record.touching[k] = out.certificate.touching
+    record.force[k] = work.reactions.force
+    for i in range(record.wanted.size):
+        if record.wanted[i] == k:
+            keep_profile(points, system.pulley.R, rate, record.profiles[i])
+            record.coordinates[i] = state.q
+
+
+@kernel
 def march(
     system: System,
     points: Points,
@@ -295,11 +327,7 @@ def march(
             kept_sign[:] = points.sign
             kept_la[:] = points.la_T
             out = step(system, motion, points, state, drive.stretch, drive.T_0, work)
-            record.iterations[k] += out.iterations
-            record.changes[k] += out.changes
-            record.residual[k] = out.residual
-            record.slip[k] = out.certificate.slip
-            record.cone[k] = out.certificate.cone
+            note_attempt(record, k, out)
             if out.converged:
                 accept(system, motion, points, state, drive.sticking_ratio)
                 store_strains(system.belt, state.q, drive.stretch, work.strain_old)
@@ -315,12 +343,5 @@ def march(
                 parts *= 2
                 done *= 2
         record.halvings[k] = halvings
-        record.outside[k] = out.outside
-        record.sticking[k] = out.certificate.sticking
-        record.touching[k] = out.certificate.touching
-        record.force[k] = work.reactions.force
-        for i in range(record.wanted.size):
-            if record.wanted[i] == k:
-                keep_profile(points, system.pulley.R, parts / schedule.dt[k], record.profiles[i])
-                record.coordinates[i] = state.q
+        note_step(system, points, state, work, record, k, parts / schedule.dt[k], out)
     return schedule.omega.size

@@ -30,6 +30,7 @@ from beltid.stages.talk import Options
 from beltid.stages.uncertainties import SECTION, press_law, stated_keys
 from beltid.stages.workers import Workers
 from beltid.store.artifacts import read_artifact
+from beltid.store.contents import SHOWN_OF_SOLVER
 
 KIND: Final = "simulated"
 FIGURES: Final = ("method", "runs")
@@ -59,16 +60,6 @@ ROW: Final = (
     "mu",
     "normal_force_N_m",
     "status",
-)
-SOLVER: Final = (
-    "elements",
-    "steps",
-    "newton_iterations",
-    "status_changes",
-    "halvings",
-    "residual",
-    "slip_m",
-    "cone",
 )
 
 
@@ -252,7 +243,7 @@ def _solver_row(row: Mapping[str, Any]) -> dict[str, Any]:
     share = record["clamped_lookups"] / max(record["lookups"], 1)
     return {
         "run": row.get("run"),
-        **{name: record[name] for name in SOLVER},
+        **{name: record[name] for name in SHOWN_OF_SOLVER},
         "clamped_lookups_percent": 100.0 * share,
     }
 

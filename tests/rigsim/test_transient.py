@@ -198,6 +198,8 @@ def test_newton_and_lemke_agree(rig: Bench, point: OperatingPoint) -> None:
     for column in ("tension_tight_N", "tension_slack_N"):
         newton, lemke = (run.recording[column] for run in runs if run.recording is not None)
         np.testing.assert_allclose(newton, lemke, rtol=1e-7)
+    force = [np.asarray(run.profile["normal_force_N_m"], dtype=float) for run in runs]
+    np.testing.assert_allclose(force[1], force[0], rtol=1e-5)
     assert runs[1].record.slip_m <= SLIP_ALLOWED
     assert runs[1].record.cone <= 1e-9
 
