@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 from beltid.report import tables
@@ -65,13 +65,10 @@ def _said(*sheets: Sheet | None) -> list[str]:
 def _said_of_both(known: Sequence[tuple[Sheet, str]]) -> list[str]:
     """The same for a published and a refined artifact: what one alone says names it."""
     said = {of: _said(sheet) for sheet, of in known}
-    common = [line for line in _said(*(sheet for sheet, _ in known)) if _by_all(line, said)]
+    first = next(iter(said.values()), [])
+    common = [line for line in first if all(line in lines for lines in said.values())]
     own = [f"{of} surface: {line}" for of in said for line in said[of] if line not in common]
     return [*common, *(line[0].upper() + line[1:] for line in own)]
-
-
-def _by_all(line: str, said: Mapping[str, list[str]]) -> bool:
-    return all(line in lines for lines in said.values())
 
 
 def _stiffness(results: BeltResults) -> Section:

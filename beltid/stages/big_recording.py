@@ -89,10 +89,8 @@ def _shared(
     with ThreadPoolExecutor(1) as beside:
         while batch:
             under_way.append(beside.submit(_batch, workers, function, batch))
-            while under_way[0].done() or len(under_way) > MOST_UNDER_WAY:
+            while under_way and (under_way[0].done() or len(under_way) > MOST_UNDER_WAY):
                 yield from under_way.popleft().result()
-                if not under_way:
-                    break
             batch = list(itertools.islice(source, size))
         while under_way:
             yield from under_way.popleft().result()

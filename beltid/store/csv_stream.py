@@ -185,10 +185,7 @@ class _Reader:
         read = read_rows(layout, self.wanted, self.name, problems)
         labels = read.columns[self.label]
         # one object stands for equal labels most of the time: a comparison of names is rare
-        starts = [
-            *range(min(len(labels), 1)),
-            *(i for i in range(1, len(labels)) if labels[i] != labels[i - 1]),
-        ]
+        starts = [i for i in range(len(labels)) if i == 0 or labels[i] != labels[i - 1]]
         columns = {key: read.columns[key] for key in self.numeric}
         yield Block(columns, [(i, labels[i]) for i in starts], read.lines, problems)
 

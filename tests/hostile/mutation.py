@@ -155,10 +155,20 @@ def gzip_changed(data: bytes, dice: random.Random, others: Sequence[bytes] = ())
 
 def zip_changed(data: bytes, dice: random.Random, others: Sequence[bytes] = ()) -> bytes:
     """The texts in a zip file, their names and methods, or the file itself."""
+    return _inside(_repacked, data, dice, others)
+
+
+def _inside(
+    change: Callable[[bytes, random.Random], bytes],
+    data: bytes,
+    dice: random.Random,
+    others: Sequence[bytes],
+) -> bytes:
+    """What a file holds; now and then the file itself."""
     if dice.random() < 0.6:
         try:
-            return _repacked(data, dice)
-        except Exception:  # what was changed before is no zip file any more
+            return change(data, dice)
+        except Exception:  # what was changed before is no file of its kind any more
             pass
     return bytes_changed(data, dice, others)
 
@@ -185,12 +195,7 @@ def _repacked(data: bytes, dice: random.Random) -> bytes:
 
 def parquet_changed(data: bytes, dice: random.Random, others: Sequence[bytes] = ()) -> bytes:
     """Columns, types and metadata of a Parquet file, sealed again; or the file itself."""
-    if dice.random() < 0.6:
-        try:
-            return _rewritten(data, dice)
-        except Exception:  # what was changed before is no Parquet file any more
-            pass
-    return bytes_changed(data, dice, others)
+    return _inside(_rewritten, data, dice, others)
 
 
 def _rewritten(data: bytes, dice: random.Random) -> bytes:
