@@ -125,15 +125,16 @@ def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptio
         workers = options.workers or local_workers(options.jobs)
         try:
             run_chains(chains, workers, force=options.force, fail_fast=options.fail_fast)
+            runs = [chain.run for chain in chains]
+            if options.whole:
+                write_sweep_tables(runs, folder)
+            if options.report:
+                write_reports(chains, folder if options.whole else None, options, workers)
         except BaseException:
+            workers.stop()
             for of_belt in folders:  # what killed workers left behind
                 remove_stale(of_belt)
             raise
         finally:
             workers.close()
-        runs = [chain.run for chain in chains]
-        if options.whole:
-            write_sweep_tables(runs, folder)
-        if options.report:
-            write_reports(chains, folder if options.whole else None, options)
     return batch_summary(runs, folder)

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Final
 
 from beltid.batch.belts import DONE, FAILED, UP_TO_DATE, BeltRun
 from beltid.batch.schedule import Chain
+from beltid.batch.steps import Heard, elsewhere
+from beltid.config import ConfigSource
 from beltid.errors import BeltidError
 from beltid.report.summary import Summary
+from beltid.stages.making import Stale
 from beltid.stages.talk import Options
+from beltid.stages.workers import Workers
 
-STEP = "report"
+STEP: Final = "report"
 
 
-def write_reports(chains: Sequence[Chain], folder: Path | None, options: Options) -> None:
+def write_reports(
+    chains: Sequence[Chain], folder: Path | None, options: Options, workers: Workers
+) -> None:
     """Write the reports of belts that have results; cases of a sweep have a table instead.
 
     Parameters
@@ -25,25 +32,23 @@ def write_reports(chains: Sequence[Chain], folder: Path | None, options: Options
         Folder of the results of the batch; None for a part of one, which compares nothing.
     options : Options
         Force and listener.
+    workers : Workers
+        Who draws the pages of several belts.
     """
     from beltid.stages import report_belt
 
-    reported = []
-    for chain in chains:
-        if chain.run.case or not chain.run.summaries:
-            continue
-        named = Options(force=options.force, talk=chain.talk)
-        try:
-            report_belt.keep_curves(chain.source, chain.folder, named)
-            summary = report_belt.of_belt(chain.folder, chain.folder / report_belt.NAME, named)
-        except BeltidError as error:
-            _failed(chain.run, error)
-            for line in error.problems:
+    wanted = [chain for chain in chains if chain.run.summaries and not chain.run.case]
+    for chain, made, heard in _made(wanted, workers, force=options.force):
+        for how, text in heard:
+            getattr(chain.talk, how)(text)
+        if isinstance(made, BeltidError):
+            _failed(chain.run, made)
+            for line in made.problems:
                 chain.talk.error(f"{STEP}: {line}")
-            continue
-        _finished(chain.run, summary)
-        chain.talk.say(f"{STEP}: {chain.run.states[STEP]}, {summary.out}")
-        reported.append(chain)
+        else:
+            _finished(chain.run, made)
+            chain.talk.say(f"{STEP}: {chain.run.states[STEP]}, {made.out}")
+    reported = [chain for chain in wanted if chain.run.states[STEP] != FAILED]
     if len(reported) > 1 and folder is not None:
         page = folder / report_belt.NAME
         try:
@@ -54,6 +59,38 @@ def write_reports(chains: Sequence[Chain], folder: Path | None, options: Options
             _failed(reported[-1].run, error)
             return
         options.talk.say(f"{STEP}: the belts side by side: {page}")
+
+
+def _made(
+    chains: Sequence[Chain], workers: Workers, *, force: bool
+) -> Iterator[tuple[Chain, Summary | BeltidError, Heard]]:
+    """Pages of belts as they are made: the summary, or what went wrong, and what was said."""
+    stale = list(chains)
+    if not force:
+        for chain in chains:
+            try:
+                made, heard = _page(chain.source, chain.folder, force=False, peek=True)
+            except Stale:
+                continue
+            stale.remove(chain)
+            yield chain, made, heard
+    # a single page is made here: it would only wait for a worker to import what draws
+    here = len(stale) == 1 or not workers.share_files
+    calls = [(chain.source, chain.folder, force) for chain in stale]
+    for index, (made, heard) in (Workers() if here else workers).as_ended(_page, calls):
+        yield stale[index], made, heard
+
+
+def _page(
+    source: ConfigSource, folder: Path, force: bool, peek: bool = False
+) -> tuple[Summary | BeltidError, Heard]:
+    from beltid.stages import report_belt
+
+    try:
+        page = folder / report_belt.NAME
+        return elsewhere(report_belt.of_chain, source, {}, page, force, peek=peek)
+    except BeltidError as error:
+        return error, []
 
 
 def _finished(run: BeltRun, summary: Summary) -> None:

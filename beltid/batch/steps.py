@@ -95,13 +95,20 @@ def carry_out(order: Order, workers: Workers, talk: Talk, *, force: bool) -> Sum
 
 
 def elsewhere(
-    run: StageRun, source: ConfigSource, inputs: Mapping[str, Path], out: Path, force: bool
+    run: StageRun,
+    source: ConfigSource,
+    inputs: Mapping[str, Path],
+    out: Path,
+    force: bool,
+    *,
+    peek: bool = False,
 ) -> tuple[Summary, Heard]:
-    """Carry out a stage in a worker: its summary, and what it said."""
+    """Carry out a stage where nobody listens, in a worker: its summary, and what it said."""
     talk = _Noted()
     with warnings.catch_warnings():
         warnings.showwarning = talk.note_warning
-        summary = run(source, inputs, out, SimulateOptions(force=force, talk=talk, jobs=1))
+        options = SimulateOptions(force=force, talk=talk, jobs=1, peek=peek)
+        summary = run(source, inputs, out, options)
     return summary, talk.heard
 
 

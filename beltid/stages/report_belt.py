@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,6 +16,7 @@ from beltid.report.results import BeltResults
 from beltid.report.summary import Summary
 from beltid.report.verdict import verdict_of, whole
 from beltid.stages.belt_results import ARTIFACTS, check_folder, gather
+from beltid.stages.making import Stale
 from beltid.stages.pages import hash_of, up_to_date, write
 from beltid.stages.recorded_curves import PRESS, RIG, press_curves, rig_curves
 from beltid.stages.talk import Options
@@ -89,6 +90,20 @@ def keep_curves(source: ConfigSource, folder: Path, options: Options) -> None:
                 options.talk.warn(f"no curves for the report: {problem}")
 
 
+def of_chain(
+    source: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options
+) -> Summary:
+    """Write the report of a belt whose chain has ended, from what stands in the folder of `out`.
+
+    Raises
+    ------
+    Stale
+        If it would have to be drawn and the options say only to look.
+    """
+    keep_curves(source, out.parent, options)
+    return of_belt(out.parent, out, options)
+
+
 def of_belt(folder: Path, out: Path, options: Options) -> Summary:
     """Write the report of one belt, unless it is up to date."""
     made_from = hash_of(_files(folder), folder.resolve().name)
@@ -96,6 +111,8 @@ def of_belt(folder: Path, out: Path, options: Options) -> Summary:
     results = gather(folder, with_profiles=not standing)
     if standing:
         return _summary([results], out, {}, up_to_date=True)
+    if options.peek:
+        raise Stale
     page = belt_page(results, made_from)
     size = write(out, page)
     return _summary([results], out, {**_counts(page), "size_kB": size / 1000.0})

@@ -33,7 +33,7 @@ def chain(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Summary]:
         section = source.config.simulation.model_copy(update={"method": "steady"})
         config = source.config.model_copy(update={"simulation": section})
         sources.append(ConfigSource(config, source.origin, source.path))
-    return folder, run_batch(sources, folder, BatchOptions(jobs=1))
+    return folder, run_batch(sources, folder, BatchOptions(jobs=1, report=False))
 
 
 def test_every_belt_passes_with_all_its_runs(chain: tuple[Path, Summary]) -> None:

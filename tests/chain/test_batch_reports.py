@@ -1,0 +1,109 @@
+"""Reports at the end of a batch: the same pages whoever draws them, one after the other or not."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from small_bench import contents
+
+from beltid.batch import config_sources
+from beltid.batch.local import ProcessWorkers
+from beltid.batch.reports import write_reports
+from beltid.batch.schedule import Chain
+from beltid.report.summary import Summary
+from beltid.stages.talk import Options, Talk
+from beltid.stages.workers import Workers
+
+
+class Notes(Talk):
+    """Talk that is kept."""
+
+    def __init__(self) -> None:
+        self.said: list[str] = []
+        self.wrong: list[str] = []
+
+    def say(self, text: str) -> None:
+        self.said.append(text)
+
+    def error(self, text: str) -> None:
+        self.wrong.append(text)
+
+
+class Counted(Workers):
+    """Two workers, who count what they are given."""
+
+    jobs = 2
+
+    def __init__(self) -> None:
+        self.calls = 0
+
+    def as_ended(
+        self, function: Callable[..., Any], calls: Sequence[tuple[Any, ...]]
+    ) -> Iterator[tuple[int, Any]]:
+        self.calls += len(calls)
+        return super().as_ended(function, calls)
+
+
+@pytest.fixture
+def ended(by_one: Path, recordings: Path, tmp_path: Path) -> Callable[[str, Talk], list[Chain]]:
+    """Chains of two belts that have come to their normal law and friction."""
+
+    def chains(name: str, talk: Talk) -> list[Chain]:
+        made = []
+        for source in config_sources([recordings / "one.yaml", recordings / "two.yaml"]):
+            belt = source.name
+            folder = tmp_path / name / belt
+            folder.mkdir(parents=True)
+            for artifact in ("stiffness", "friction"):
+                shutil.copy(by_one / belt / f"{artifact}.parquet", folder)
+            chain = Chain(source, folder, (), talk)
+            chain.run.summaries["fit-friction"] = Summary(
+                stage="fit-friction", title="", out=folder
+            )
+            made.append(chain)
+        return made
+
+    return chains
+
+
+def test_pages_do_not_depend_on_who_draws_them(ended: Any, tmp_path: Path) -> None:
+    workers = ProcessWorkers(2)
+    try:
+        for name, who in (("here", Workers()), ("there", workers)):
+            write_reports(ended(name, Talk()), tmp_path / name, Options(), who)
+    finally:
+        workers.close()
+    here, there = contents(tmp_path / "here"), contents(tmp_path / "there")
+    assert {"report.html", "one/report.html", "two/report.html"} < set(here)
+    assert there == here
+
+
+def test_only_pages_that_are_not_up_to_date_are_given_away(ended: Any, tmp_path: Path) -> None:
+    notes, workers = Notes(), Counted()
+    chains = ended("runs", notes)
+    write_reports(chains, tmp_path / "runs", Options(), workers)
+    assert workers.calls == 2
+    assert [chain.run.states["report"] for chain in chains] == ["done", "done"]
+    made = contents(tmp_path / "runs")
+    write_reports(chains, tmp_path / "runs", Options(), workers)
+    assert workers.calls == 2
+    assert [chain.run.states["report"] for chain in chains] == ["up to date", "up to date"]
+    assert contents(tmp_path / "runs") == made
+    assert f"one: report: up to date, {chains[0].folder / 'report.html'}" in notes.said
+
+
+def test_a_page_that_fails_does_not_stop_the_others(ended: Any, tmp_path: Path) -> None:
+    notes = Notes()
+    chains = ended("runs", notes)
+    mine = chains[0].folder / "report.html"
+    mine.write_text("my own notes\n")
+    write_reports(chains, tmp_path / "runs", Options(talk=notes), Counted())
+    assert mine.read_text() == "my own notes\n"
+    assert [chain.run.states["report"] for chain in chains] == ["failed", "done"]
+    assert [chain.run.exit_status for chain in chains] == [2, 0]
+    assert any("a file that beltid did not write" in line for line in notes.wrong)
+    assert not (tmp_path / "runs" / "report.html").exists()
