@@ -8,22 +8,28 @@ with their caller, however it ends.
 from __future__ import annotations
 
 import contextlib
+import math
 import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Collection, Iterator, Sequence
+import time
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 from multiprocessing import process
 from pathlib import Path
 from typing import Any, Final
 
 from beltid.errors import BeltidError
+from beltid.stages.beside import beside
 from beltid.stages.workers import Halted, Result, Workers, available_cores, one_thread_each
 
 MOST_LOSSES: Final = 3
 """Workers lost one after the other, without a result between them, before a call is given up."""
+IMPORTING_S: Final = 0.2
+"""Time after which a server that starts no worker is taken to be importing still [s]."""
 LOOK_UP_S: Final = 0.2
 """Time after which a caller who waits looks whether it was told to stop [s]."""
 IMPORTED: Final = ("beltid.batch.chain", "pyarrow.csv", "pyarrow.parquet", "scipy.interpolate")
@@ -42,6 +48,7 @@ class ProcessWorkers(Workers):
         self.jobs = jobs
         self.about = f"{jobs} processes on this machine"
         self._lock = threading.Lock()
+        self._starting = threading.Lock()
         self._pool: ProcessPoolExecutor | None = None
         self._halted = False
         self._others: Collection[Any] = ()
@@ -50,8 +57,9 @@ class ProcessWorkers(Workers):
         """Start importing beside the caller; returns at once."""
         if _start_method() != "forkserver":
             return
-        from multiprocessing import forkserver
+        from multiprocessing import forkserver, resource_tracker
 
+        resource_tracker.ensure_running()  # else started by the server, which lets signals in again
         forkserver.set_forkserver_preload(list(IMPORTED))
         with _deaf_children(), _same_package():
             forkserver.ensure_running()
@@ -72,16 +80,17 @@ class ProcessWorkers(Workers):
             pool = self._running()
             futures: dict[Future[Result], int] = {}
             try:
-                for index, arguments in waiting.items():
-                    futures[pool.submit(function, *arguments)] = index
+                # an interrupt must not come while a worker is being started: nobody would know it
+                futures = beside(partial(self._hand_over, pool, function, waiting)).result()
                 for future in self._as_completed(futures):
                     index, result = futures[future], future.result()
                     del waiting[index]
                     losses = 0
                     yield index, result
-            except (BrokenProcessPool, RuntimeError) as error:
-                # a pool that is shut down while calls are handed to it says so by RuntimeError
-                if not isinstance(error, BrokenProcessPool) and pool is self._pool:
+            except (BrokenProcessPool, RuntimeError, EOFError) as error:
+                # a pool that is shut down while calls are handed to it says so by RuntimeError,
+                # a server that is killed while it starts a worker by the end of its answer
+                if type(error) is RuntimeError and pool is self._pool:
                     raise
                 self._discard(pool)
                 losses += 1
@@ -93,6 +102,21 @@ class ProcessWorkers(Workers):
             finally:
                 for future in futures:
                     future.cancel()
+
+    def _hand_over(
+        self,
+        pool: ProcessPoolExecutor,
+        function: Callable[..., Result],
+        calls: Mapping[int, tuple[Any, ...]],
+    ) -> dict[Future[Result], int]:
+        """Give calls to a pool, which may start workers for them; the index of each call."""
+        futures = {}
+        for index, arguments in calls.items():
+            with self._starting:
+                if self._halted:
+                    raise Halted
+                futures[pool.submit(function, *arguments)] = index
+        return futures
 
     def _as_completed(self, futures: Collection[Future[Result]]) -> Iterator[Future[Result]]:
         """Futures in the order in which they end.
@@ -178,19 +202,39 @@ def _same_package() -> Iterator[None]:
 
 
 def _kill(pool: ProcessPoolExecutor, others: Collection[Any]) -> None:
-    """Kill the children that came with a pool, also those that are being started meanwhile."""
+    """Kill the children that came with a pool, also those that are being started meanwhile.
+
+    While the server is still importing, the first of them cannot be started: then it is the server
+    that is killed, which nobody else has used either.
+    """
     ending = threading.Thread(
         target=pool.shutdown, kwargs={"wait": True, "cancel_futures": True}, daemon=True
     )
     ending.start()
-    ended = False
+    ended, late = False, time.monotonic() + IMPORTING_S
     while not ended:  # the pool waits for a worker that was started after the others died
         ended = not ending.is_alive()  # once more after the end: the last one may have come late
-        for child in multiprocessing.active_children():
+        children = multiprocessing.active_children()
+        for child in children:
             if child not in others:
                 with contextlib.suppress(OSError, ValueError):
                     child.kill()
+        if not children and time.monotonic() > late:
+            _kill_server()
+            late = math.inf
         ending.join(0.02)
+
+
+def _kill_server() -> None:
+    """Kill the server that workers are forked from; the next pool starts another one."""
+    if _start_method() == "forkserver":
+        from multiprocessing import forkserver
+
+        server = getattr(forkserver, "_forkserver", None)
+        number = getattr(server, "_forkserver_pid", None)  # there is no other way to know it
+        if number is not None:
+            with contextlib.suppress(OSError):
+                os.kill(number, signal.SIGKILL)
 
 
 def _begin() -> None:

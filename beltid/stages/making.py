@@ -11,15 +11,15 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-import threading
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from beltid._version import __version__
 from beltid.errors import ArtifactError, InputError
+from beltid.stages.beside import beside
 from beltid.stages.origin import RECORDINGS, origin_of
 from beltid.store.artifacts import Artifact, Metadata, plain, read_artifact, write_artifact
 from beltid.store.files import read_bytes
@@ -161,16 +161,7 @@ def _hashed(
     if sum(size for _, size, _ in seen.values()) < LARGE:
         known = _input_hashes(recipe)
         return lambda: known
-    hashes: Future[dict[str, str]] = Future()
-
-    def make() -> None:
-        try:
-            hashes.set_result(_input_hashes(recipe))
-        except Exception as error:  # raised where they are asked for
-            hashes.set_exception(error)
-
-    threading.Thread(target=make, daemon=True).start()  # nobody waits for it after an interrupt
-    return hashes.result
+    return beside(partial(_input_hashes, recipe)).result
 
 
 def _input_hashes(recipe: Recipe) -> dict[str, str]:

@@ -7,8 +7,10 @@ import json
 import os
 import signal
 import subprocess
+import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -265,6 +267,50 @@ def test_an_interrupt_ends_all_within_two_seconds_and_keeps_what_is_finished(
     (bench / "one.yaml").write_text(long.replace("20000", "52"))
     assert beltid(bench, "run", "one.yaml", "-j", "2").returncode == 0
     assert numbers(bench / "runs" / "one") == numbers(by_one / "one")
+
+
+CALLER = """
+import sys, time
+from beltid.batch.local import ProcessWorkers
+workers = ProcessWorkers(2)
+print("ready", flush=True)
+try:
+    workers.call(time.sleep, 30.0)
+except KeyboardInterrupt:
+    begin = time.monotonic()
+    workers.stop()
+    print(f"{time.monotonic() - begin:.3f}")
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
+@pytest.mark.parametrize(
+    ("send", "delay_s"), [(os.kill, 0.3), (os.kill, 1.0), (os.killpg, 0.05), (os.killpg, 0.6)]
+)
+def test_an_interrupt_while_workers_are_being_started_leaves_none_behind(
+    send: Callable[[int, int], None], delay_s: float
+) -> None:
+    """The first of them comes when the server they are forked from has imported all it needs."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", CALLER],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment(),
+        start_new_session=True,
+        preexec_fn=hear_signals,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    time.sleep(delay_s)
+    send(process.pid, signal.SIGINT)
+    stdout, stderr = process.communicate(timeout=60)
+    assert stderr == ""
+    assert float(stdout) < 2.0
+    end = time.monotonic() + 10.0
+    while processes_of(process.pid) and time.monotonic() < end:
+        time.sleep(0.05)
+    assert processes_of(process.pid) == []
 
 
 def test_workers_end_with_a_caller_that_is_killed(bench: Path) -> None:
