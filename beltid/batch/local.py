@@ -59,8 +59,9 @@ class ProcessWorkers(Workers):
             return
         from multiprocessing import forkserver, resource_tracker
 
-        resource_tracker.ensure_running()  # else started by the server, which lets signals in again
         forkserver.set_forkserver_preload(list(IMPORTED))
+        with _deaf_children():
+            resource_tracker.ensure_running()  # lets signals in again, so not below
         with _deaf_children(), _same_package():
             forkserver.ensure_running()
 
@@ -175,11 +176,11 @@ def _start_method() -> str:
 
 @contextlib.contextmanager
 def _deaf_children() -> Iterator[None]:
-    """Start processes that Ctrl-C does not reach: the caller ends them."""
+    """Start processes that neither Ctrl-C nor a closed terminal reaches: the caller ends them."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
     try:
         yield
     finally:

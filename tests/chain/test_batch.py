@@ -272,11 +272,13 @@ def test_an_interrupt_ends_all_within_two_seconds_and_keeps_what_is_finished(
 CALLER = """
 import sys, time
 from beltid.batch.local import ProcessWorkers
+from beltid.cli.signals import Stopped, hear_signals
+hear_signals()
 workers = ProcessWorkers(2)
 print("ready", flush=True)
 try:
     workers.call(time.sleep, 30.0)
-except KeyboardInterrupt:
+except (KeyboardInterrupt, Stopped):
     begin = time.monotonic()
     workers.stop()
     print(f"{time.monotonic() - begin:.3f}")
@@ -285,10 +287,17 @@ except KeyboardInterrupt:
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
 @pytest.mark.parametrize(
-    ("send", "delay_s"), [(os.kill, 0.3), (os.kill, 1.0), (os.killpg, 0.05), (os.killpg, 0.6)]
+    ("send", "number", "delay_s"),
+    [
+        (os.kill, signal.SIGINT, 0.3),
+        (os.kill, signal.SIGTERM, 1.0),
+        (os.killpg, signal.SIGINT, 0.05),
+        (os.killpg, signal.SIGHUP, 0.6),
+        (os.killpg, signal.SIGHUP, 1.5),
+    ],
 )
 def test_an_interrupt_while_workers_are_being_started_leaves_none_behind(
-    send: Callable[[int, int], None], delay_s: float
+    send: Callable[[int, int], None], number: int, delay_s: float
 ) -> None:
     """The first of them comes when the server they are forked from has imported all it needs."""
     process = subprocess.Popen(
@@ -303,7 +312,7 @@ def test_an_interrupt_while_workers_are_being_started_leaves_none_behind(
     assert process.stdout is not None
     assert process.stdout.readline() == "ready\n"
     time.sleep(delay_s)
-    send(process.pid, signal.SIGINT)
+    send(process.pid, number)
     stdout, stderr = process.communicate(timeout=60)
     assert stderr == ""
     assert float(stdout) < 2.0
