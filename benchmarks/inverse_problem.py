@@ -15,7 +15,8 @@ from beltid.params import Contact
 from beltid.refine.inverse import refine_surface
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import SimulationSettings, campaign
-from beltid.uncertainty.campaign import Campaign, Measured
+from beltid.uncertainty.campaign import Campaign
+from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.monte_carlo import prepare, replicates
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import refined_slopes
@@ -72,7 +73,7 @@ def measure_inverse(rounds: int) -> Inverse:
     ).surface
     bench = Bench(BELT, RIG, Contact(), LAW, start)
     whole = Campaign(measured, bench, PressLaw(LAW, np.zeros((2, 2)), 1.2e-4, 0.04))
-    refined = refine_surface(bench, measured.runs, speeds)
+    refined = refine_surface(bench, whole.runs, speeds)
     slopes = refined_slopes(whole, refined, speeds)
     sources = all_sources(GIVEN, 3, law_scatter=False)
     nominal = prepare(whole, refined, speeds, SurfaceSettings(), (sources, slopes))
@@ -80,7 +81,7 @@ def measure_inverse(rounds: int) -> Inverse:
     times: dict[str, list[float]] = {"solution": [], "sensitivities": [], "replicate": []}
     for number in range(rounds):
         clock = [time.perf_counter()]
-        refine_surface(bench, measured.runs, speeds)
+        refine_surface(bench, whole.runs, speeds)
         clock.append(time.perf_counter())
         refined_slopes(whole, refined, speeds)
         clock.append(time.perf_counter())

@@ -40,6 +40,13 @@ def test_science_loads_nothing_that_it_must_not_know() -> None:
     assert done.stdout.strip() == "[]"
 
 
+@pytest.mark.parametrize("stage", ["fit_stiffness", "fit_slip", "fit_friction"])
+def test_a_recording_is_reduced_without_loading_a_compiler(stage: str) -> None:
+    code = f"import sys, beltid.stages.{stage}; print('numba' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
+
+
 def test_only_the_command_line_prints_or_exits() -> None:
     offenders = [
         str(path.relative_to(ROOT))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from beltid.uncertainty.campaign import Measured
+from beltid.uncertainty.measured import Measured
 
 POSITIVE = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
 ARC_GAP = 1e-3  # relative; arcs are nominal settings and only differ by rounding

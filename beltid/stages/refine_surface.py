@@ -214,7 +214,7 @@ def _outcome(
     columns: Mapping[str, np.ndarray], press: PressLaw, config: Config, name: str, draws: Draws
 ) -> Outcome[Refinement]:
     campaign, speeds, used, set_aside = prepared_campaign(columns, press, config, name)
-    refined = draws.workers.call(refine, campaign.bench, campaign.measured.runs, speeds)
+    refined = draws.workers.call(refine, campaign.bench, campaign.runs, speeds)
     labels = tuple(str(columns["run"][i]) for i in used)
     slopes = draws.workers.call(refined_slopes, campaign, refined, speeds)
     doubt = _doubt(campaign, refined, slopes, config)

@@ -5,7 +5,8 @@ Module           Responsibility
 ================ =========================================================================
 ``sources``      what is not known exactly, how large, and which results it touches together
 ``press_law``    errors of the press in the coefficients of the contact law
-``campaign``     a friction campaign, and the same with errors put right
+``measured``     reduced runs of a rig, and the same with errors put right
+``campaign``     the same for the runs together with the bench they are simulated on
 ``refined``      sensitivities of the refined surface
 ``published``    the same for the surface of the published procedure
 ``budget``       contributions named, compared and combined

@@ -27,7 +27,8 @@ from beltid.identify.surface import SurfaceSettings
 from beltid.identify.surface_average import SurfaceGrid
 from beltid.refine.inverse import RefinedSurface
 from beltid.refine.rig_runs import RigRuns, mesh_of, surfaces_of
-from beltid.uncertainty.campaign import Campaign, Measured
+from beltid.uncertainty.campaign import Campaign
+from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.published import changes_at_nodes, published_grid
 from beltid.uncertainty.refined import factor_of, on_nodes, residual_change
 from beltid.uncertainty.sources import Errors, Source
@@ -109,8 +110,8 @@ def prepare(
 ) -> Nominal:
     """What the replicates start from; `linear` are the sources and the slopes of the inputs."""
     sources, slopes = linear
-    mesh = mesh_of(campaign.bench, campaign.measured.runs, MESH)
-    rig = RigRuns(campaign.bench, campaign.measured.runs, speeds, mesh)
+    mesh = mesh_of(campaign.bench, campaign.runs, MESH)
+    rig = RigRuns(campaign.bench, campaign.runs, speeds, mesh)
     simulated = rig.log_mu(surfaces_of(refined.curves, refined.parameters), refined.speed_slope)
     after = np.log(campaign.measured.mu) + np.log1p(refined.misfit_after)
     return Nominal(
@@ -197,7 +198,7 @@ def refined_again(
     """Parameters of the refined surface with drawn errors: chord steps from the linear guess."""
     refined = nominal.refined
     scatter, pull = refined.errors * drawn[0], drawn[1]
-    rig = RigRuns(corrected.bench, corrected.measured.runs, nominal.speeds, nominal.mesh)
+    rig = RigRuns(corrected.bench, corrected.runs, nominal.speeds, nominal.mesh)
     target = np.log(corrected.measured.mu) + scatter - nominal.offset
     guess = scatter + residual_change(nominal.campaign, errors, nominal.slopes, refined.speed_slope)
     # products by einsum: a threaded library could round otherwise on another machine

@@ -20,7 +20,7 @@ from scipy.interpolate import CubicSpline
 from beltid.identify.surface import SurfaceSettings
 from beltid.identify.surface_average import SurfaceGrid, average
 from beltid.identify.surface_curves import CurveSet, Points, build_curves
-from beltid.uncertainty.campaign import Measured
+from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.refined import factor_of
 from beltid.uncertainty.sources import Errors, Source
 

@@ -51,10 +51,10 @@ def simulated_slopes(
     campaign: Campaign, surfaces: Sequence[FrictionSurface], speeds: Array, speed_slope: Array
 ) -> Array:
     """The same with any surface for each speed, and the slope by ln v of each run (n,)."""
-    elements = mesh_of(campaign.bench, campaign.measured.runs, MESH)
+    elements = mesh_of(campaign.bench, campaign.runs, MESH)
 
     def log_mu(of: Campaign) -> Array:
-        rig = RigRuns(of.bench, of.measured.runs, speeds, elements)
+        rig = RigRuns(of.bench, of.runs, speeds, elements)
         return rig.log_mu(surfaces, speed_slope)
 
     base = log_mu(campaign)

@@ -24,7 +24,7 @@ class Repetition:
 def repetition(design: Design, seed: int) -> Repetition:
     """A campaign read, refined and compared with the truth."""
     campaign = read_campaign(design, np.random.default_rng(seed))
-    refined = refine_surface(campaign.bench, campaign.measured.runs, design.speeds)
+    refined = refine_surface(campaign.bench, campaign.runs, design.speeds)
     sources = all_sources(design.given, len(design.arcs_deg), campaign.press.has_scatter)
     changes = np.zeros((*refined.surface.mu_nodes.shape, 0))
     if sources:

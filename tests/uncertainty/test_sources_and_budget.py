@@ -11,7 +11,7 @@ from virtual_bench import GIVEN, LAW
 from beltid.errors import InputError
 from beltid.laws.penalty import NormalLaw
 from beltid.uncertainty.budget import Scatter, budget, combined, coverage_factor
-from beltid.uncertainty.campaign import Measured
+from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.sources import (
     Errors,

@@ -30,7 +30,7 @@ SETTINGS = SurfaceSettings()
 @pytest.fixture(scope="module")
 def nominal():
     campaign = read_campaign(SMALL, np.random.default_rng(4))
-    refined = refine_surface(campaign.bench, campaign.measured.runs, SMALL.speeds)
+    refined = refine_surface(campaign.bench, campaign.runs, SMALL.speeds)
     slopes = refined_slopes(campaign, refined, SMALL.speeds)
     sources = all_sources(GIVEN, len(SMALL.arcs_deg), law_scatter=False)
     return prepare(campaign, refined, SMALL.speeds, SETTINGS, (sources, slopes))
