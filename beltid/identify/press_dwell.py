@@ -93,7 +93,7 @@ def _weighted_median(speed: Array) -> float:
     """Speed above which half of the way is travelled: standing still does not lower it."""
     ordered = np.sort(speed)
     way = np.cumsum(ordered)
-    if way.size == 0 or way[-1] <= 0.0:
+    if way.size == 0:
         return 0.0
     return float(ordered[int(np.searchsorted(way, 0.5 * way[-1]))])
 
