@@ -20,6 +20,8 @@ SPEED_ERROR = 0.2 * DWELL_SHARE
 CONTACT_SHARE = 0.05
 """The speed on the branch is that above this share of the largest force: the way to the belt is
 often driven faster."""
+NO_TIME = 1.0e-3
+"""Share of the usual time between samples below which a window has no length."""
 MIN_WINDOWS = 8
 """Fewest windows of the local speed that a branch must hold for a dwell to be told."""
 
@@ -55,8 +57,8 @@ def moving_part(
     while MIN_WINDOWS * h <= samples.size:
         speed, duration = _local_speed(clock, travel_m, samples, h)
         ramp = _weighted_median(speed[loaded])
-        error = noise_m * np.sqrt(2.0 / h) / (h * duration)
-        if ramp > 0.0 and error <= SPEED_ERROR * ramp:
+        # standard error of the speed: that of the difference of the means over their distance
+        if ramp > 0.0 and noise_m * np.sqrt(2.0 / h) <= SPEED_ERROR * ramp * h * duration:
             return _without_dwell(samples, speed >= DWELL_SHARE * ramp, h)
         h *= 2
     return samples
@@ -85,7 +87,9 @@ def _local_speed(
     ]
     (t_ahead, t_behind), (x_ahead, x_behind) = means
     spacing = t_ahead - t_behind
-    speed = np.abs(x_ahead - x_behind) / np.where(spacing > 0.0, spacing, np.inf)
+    # samples at one and the same time are apart by rounding only: they tell no speed
+    least = NO_TIME * float(np.median(np.diff(clock)))
+    speed = np.abs(x_ahead - x_behind) / np.where(spacing > least, spacing, np.inf)
     return speed, float(np.median(spacing)) / h
 
 
