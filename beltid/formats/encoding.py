@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import codecs
 from dataclasses import dataclass
+from typing import Final
 
 from beltid.errors import InputError
+
+CUT_OFF: Final = "the last line does not end: if the file was cut off, its last number is wrong"
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +64,7 @@ def decode(data: bytes, name: str, encoding: str | None = None) -> Decoded:
     if "\0" in text:
         raise InputError(f"{name}: is not a text file, nor of another format that is known")
     if text and text[-1] not in "\r\n":
-        notes += ("the last line does not end: if the file was cut off, its last number is wrong",)
+        notes += (CUT_OFF,)
     text = text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
     return Decoded(text, used.removesuffix("-sig"), notes)
 

@@ -18,8 +18,10 @@ from beltid.formats.encoding import decode
 from beltid.store import schemas
 from beltid.store.ahead import ahead
 from beltid.store.channel_units import unit_conversion
+from beltid.store.checks import SETTINGS
 from beltid.store.csv_stream import AHEAD, csv_blocks, file_chunks
 from beltid.store.dialect import ReadOptions
+from beltid.store.header import missing_setting
 from beltid.store.parquet_stream import parquet_blocks, parquet_files
 from beltid.store.problems import Problems
 from beltid.store.readings import Question
@@ -31,6 +33,7 @@ BIG: Final = 64 << 20
 """Bytes of a file from which on it is read run by run."""
 ENDINGS: Final = (".csv", ".csv.gz", ".parquet")
 HEAD: Final = 1 << 20
+_FEEDS: Final = "a file of this size must have line feeds"
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,23 +101,27 @@ def _csv(path: Path, options: ReadOptions) -> BigRecording:
     first = next(chunks, b"")
     if first[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) or "16" in (options.encoding or ""):
         raise InputError(f"{name}: is in UTF-16; a file of this size must be in UTF-8")
+    if len(first) > HEAD and b"\n" not in first[:HEAD]:
+        raise InputError(f"{name}:1: no line feed in the first {HEAD:,} bytes; {_FEEDS}")
     head = first[:HEAD] if len(first) <= HEAD else first[: first.rfind(b"\n", 0, HEAD) + 1]
     decoded = decode(head, name, options.encoding)
     found = text_layout(decoded, name, options, table)
     readings, wanted = wanted_columns(found, name, table, options, problems)
+    wrong = problems.count  # then the settings have been asked for as well
+    for setting in SETTINGS:
+        if setting not in readings and not wrong:
+            problems.add(missing_setting(setting, "rig", f"{name}:{found.header_line}"))
     problems.raise_if_any()
     body = _after_lines(first, found.first_line - 1)
     if re.search(rb"\r(?!\n)", first[: len(first) - len(body)]):
-        raise InputError(
-            f"{name}: lines that end in a carriage return alone; a file of this size must have "
-            "line feeds"
-        )
+        raise InputError(f"{name}: lines that end in a carriage return alone; {_FEEDS}")
     source = itertools.chain([body], chunks)
-    blocks = csv_blocks(source, found, wanted, decoded.encoding, name)
+    ends: list[str] = []
+    blocks = csv_blocks(source, found, wanted, decoded.encoding, name, ends)
     conversions = {role: r.conversion for role, r in readings.items() if r.unit_stated or r.negated}
     runs = RunStream(ahead(blocks, AHEAD), table, name, conversions, problems)
-    told = (*decoded.notes, *found.notes, *text_notes(found, readings, table))
-    return BigRecording(path, runs, lambda: (*told, *runs.notes()))
+    told = (*found.notes, *text_notes(found, readings, table))
+    return BigRecording(path, runs, lambda: (*decoded.notes, *ends, *told, *runs.notes()))
 
 
 def _after_lines(data: bytes, lines: int) -> bytes:

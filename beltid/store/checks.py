@@ -31,6 +31,11 @@ class Checker:
         Index of a row -> its place in words and its line.
     problems : Problems
         Collects what is wrong.
+
+    Attributes
+    ----------
+    suspects : set of str
+        Columns whose unit or sign is doubted; their numbers are not looked at one by one.
     """
 
     def __init__(
@@ -46,23 +51,29 @@ class Checker:
         self.table = table
         self.place = place
         self.problems = problems
+        self.suspects: set[str] = set()
 
-    def run(self, units_stated: Collection[str]) -> list[str]:
+    def run(
+        self, units_stated: Collection[str], judged: Collection[str] | None = None
+    ) -> list[str]:
         """Check everything; returns notes about what is allowed but worth knowing.
 
         Parameters
         ----------
         units_stated : collection of str
             Columns whose unit the user stated: not suspected of another one.
+        judged : collection of str, optional
+            Columns whose unit and sign earlier runs have shown, where these are the samples of
+            one run. None: they are all samples of the recording.
         """
-        suspects = self._units(units_stated)
+        self._units({*units_stated, *(judged or ())})
         codes = self._labels()
         notes: list[str] = []
         if codes is not None:
             self._settings(codes)
         for column in self.table.columns:
-            if column.dtype == "float64" and column.name not in suspects:
-                notes += self._numbers(column)
+            if column.dtype == "float64" and column.name not in self.suspects:
+                notes += self._numbers(column, judged)
         if codes is not None:
             self._time(codes)
         return notes
@@ -73,9 +84,8 @@ class Checker:
             self.problems.add(f"{where}: {text(int(row))}", line)
         self.problems.add_uncounted(len(rows) - 5 * SHOWN)
 
-    def _units(self, units_stated: Collection[str]) -> set[str]:
-        """Columns whose numbers are about a thousand times too small or large."""
-        suspects: set[str] = set()
+    def _units(self, units_stated: Collection[str]) -> None:
+        """Doubt columns whose numbers are about a thousand times too small or large."""
         for column in self.table.columns:
             values = self.columns[column.name]
             if column.dtype != "float64" or column.name in units_stated:
@@ -83,14 +93,13 @@ class Checker:
             finite = values[np.isfinite(values)]
             guess = _other_unit(column, self.table.kind, finite) if finite.size else ""
             if guess:
-                suspects.add(column.name)
+                self.suspects.add(column.name)
                 span = f"lies between {finite.min():g} and {finite.max():g}"
                 setting = f"units: {{{self.table.kind}: {{{column.name}: {guess}}}}}"
                 self.problems.add(
                     f"{self.name}: {column.name} {span}, not plausible in {column.unit}; "
                     f"if it is in {guess}, say so: {setting}"
                 )
-        return suspects
 
     def _labels(self) -> np.ndarray | None:
         """Number of the run of every row, -1 without a label."""
@@ -127,12 +136,14 @@ class Checker:
             )
             np.copyto(values, expected, where=np.isnan(values) & (codes >= 0))
 
-    def _numbers(self, column: Column) -> list[str]:
+    def _numbers(self, column: Column, judged: Collection[str] | None) -> list[str]:
         """Range, infinity and absence of the numbers of a column."""
         values = self.columns[column.name]
         wrong = np.isinf(values) | outside(values, column)
         negative = int((values < 0.0).sum())
-        if column.low == 0.0 and column.unit == "N" and negative > max(9, 0.5 * values.size):
+        signed = column.low == 0.0 and column.unit == "N" and column.name not in (judged or ())
+        if signed and negative > max(9, 0.5 * values.size):
+            self.suspects.add(column.name)
             self.problems.add(
                 f"{self.name}: {column.name} is negative nearly everywhere; if the cell counts the "
                 f"other way, turn its sign by a minus before its name in the file: columns: "
@@ -146,8 +157,8 @@ class Checker:
         missing = np.flatnonzero(np.isnan(values))
         if not column.nullable:
             self._report(missing, lambda i: f"{column.name} is empty, must be {column.allowed}")
-        elif missing.size == values.size and values.size and column.required:
-            self.problems.add(f"{self.name}: {column.name} holds no number at all")
+        elif missing.size == values.size and values.size and column.required and judged is None:
+            self.problems.add(no_number(self.name, column))
         elif missing.size and missing.size < values.size:
             return [f"{missing.size} of {values.size} samples of {column.name} are missing"]
         return []
@@ -167,6 +178,11 @@ class Checker:
                 "must not go backwards (is the label used twice?)"
             ),
         )
+
+
+def no_number(name: str, column: Column) -> str:
+    """Say that a column of a recording is empty."""
+    return f"{name}: {column.name} holds no number at all"
 
 
 def _other_unit(column: Column, kind: str, finite: np.ndarray) -> str:

@@ -38,9 +38,11 @@ _MOST_POWER: Final = 22
 
 @leaf
 def _end_of_cell(data, i, separator):  # type: ignore[no-untyped-def]
-    """Offset of the separator or line feed after a cell; -1 if a quotation mark is in it."""
+    """Offset of the separator or line feed after a cell; -1 if a mark or a lone return is in it."""
     while data[i] != separator and data[i] != _LINE_FEED:
-        if data[i] == _QUOTE:
+        if data[i] <= _QUOTE and (
+            data[i] == _QUOTE or (data[i] == _RETURN and data[i + 1] != _LINE_FEED)
+        ):
             return -1
         i += 1
     return i

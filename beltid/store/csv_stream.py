@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from beltid.errors import InputError
+from beltid.formats.encoding import CUT_OFF
 from beltid.store.csv_reader import Wanted, read_rows
 from beltid.store.dialect import MISSING_WORDS, Layout
 from beltid.store.problems import Problems
@@ -84,6 +85,7 @@ def csv_blocks(
     wanted: Mapping[str, Wanted],
     encoding: str,
     name: str,
+    notes: list[str],
 ) -> Iterator[Block]:
     """Blocks of a CSV file.
 
@@ -99,12 +101,21 @@ def csv_blocks(
         Encoding of the file: UTF-8 or another one that holds ASCII.
     name : str
         File name for messages.
+    notes : list of str
+        Takes what is found out at the end of the file.
+
+    Raises
+    ------
+    InputError
+        If a row is too long, or bytes are not text.
     """
     reader = _Reader(layout, wanted, encoding, name)
     rest = b""
     for chunk in chunks:
         end = chunk.rfind(b"\n") + 1
-        if end:
+        # a quotation mark without its partner: a cell may go on after the last line feed
+        whole = (rest.count(b'"') + chunk.count(b'"', 0, end)) % 2 == 0
+        if end and (whole or len(rest) + end > LONGEST_ROW):
             yield from reader.blocks(rest + chunk[:end])
             rest = chunk[end:]
         else:
@@ -113,6 +124,8 @@ def csv_blocks(
                 raise InputError(
                     f"{name}:{reader.line}: the row is longer than {LONGEST_ROW} bytes"
                 )
+    if rest and not rest.endswith((b"\n", b"\r")):
+        notes.append(CUT_OFF)
     if rest:
         yield from reader.blocks(rest + b"\n")
 
@@ -145,6 +158,9 @@ class _Reader:
         """Blocks of rows; `data` ends with a line feed."""
         from beltid.store.csv_kernel import NOT_SIMPLE, POWERS_OF_TEN, parse_rows
 
+        if b"\0" in data:
+            line = self.line + data.count(b"\n", 0, data.index(b"\0"))
+            raise InputError(f"{self.name}:{line}: holds a zero byte: damaged, or not a text file")
         column = self.wanted[self.label].index
         view, begin = np.frombuffer(data, dtype=np.uint8), 0
         while begin < len(data):
@@ -160,7 +176,10 @@ class _Reader:
             )
             if rows:
                 found = [change for change in self.changes[:n_changes].tolist() if change[0] < rows]
-                labels = [(row, self._text(data[begin + a : begin + b])) for row, a, b in found]
+                labels = [
+                    (row, self._label(data[begin + a : begin + b], self.line + row))
+                    for row, a, b in found
+                ]
                 columns = {key: numbers[slot, :rows] for slot, key in enumerate(self.numeric)}
                 yield Block(columns, labels, self.line)
                 self.line += rows
@@ -171,13 +190,7 @@ class _Reader:
 
     def _exactly(self, rows: bytes) -> Iterator[Block]:
         """Rows that the kernel leaves alone."""
-        try:
-            body = rows.decode(self.encoding)
-        except UnicodeDecodeError as error:
-            line = self.line + rows[: error.start].count(b"\n")
-            raise InputError(
-                f"{self.name}:{line}: byte 0x{rows[error.start]:02X} is not {self.encoding}"
-            ) from None
+        body = self._text(rows, self.line)
         body = body.replace("\r\n", "\n").replace("\r", "\n") if "\r" in body else body
         layout = replace(self.layout, body=body, first_line=self.line)
         self.line += body.count("\n")
@@ -189,6 +202,18 @@ class _Reader:
         columns = {key: read.columns[key] for key in self.numeric}
         yield Block(columns, [(i, labels[i]) for i in starts], read.lines, problems)
 
-    def _text(self, cell: bytes) -> str | None:
-        text = cell.decode(self.encoding, errors="replace").strip()
+    def _label(self, cell: bytes, line: int) -> str | None:
+        text = self._text(cell, line).strip()
         return None if text in MISSING_WORDS else text
+
+    def _text(self, data: bytes, line: int) -> str:
+        """Text of bytes that begin in a line."""
+        try:
+            return data.decode(self.encoding)
+        except UnicodeDecodeError as error:
+            line += data.count(b"\n", 0, error.start)
+            raise InputError(
+                f"{self.name}:{line}: byte 0x{data[error.start]:02X} is not "
+                f"{self.encoding.upper()}; if the file is in another encoding, say which: "
+                "dialect: {encoding: latin-1}"
+            ) from None

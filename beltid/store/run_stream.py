@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.errors import InputError
-from beltid.store.checks import SETTINGS, Checker
+from beltid.store.checks import SETTINGS, Checker, no_number
 from beltid.store.csv_stream import Block
 from beltid.store.problems import SHOWN, Problems
 from beltid.store.schemas import Table
@@ -109,6 +109,7 @@ class RunStream:
         self.n_samples = self.n_runs = 0
         self.missing: dict[str, int] = {}
         self._began: dict[str | None, int] = {}
+        self._judged: set[str] = set()
 
     def __iter__(self) -> Iterator[RunColumns]:
         """The runs, in the order of the file.
@@ -139,6 +140,9 @@ class RunStream:
                 self.problems.raise_if_any()
         if pieces is not None:
             yield from self._finished(pieces)
+        for column in self.table.columns:
+            if column.required and 0 < self.missing.get(column.name, 0) == self.n_samples:
+                self.problems.add(no_number(self.name, column))
         self.problems.raise_if_any()
 
     def notes(self) -> list[str]:
@@ -155,11 +159,13 @@ class RunStream:
     def _begun(self, label: str | None, block: Block, start: int) -> _Pieces:
         line = block.lines + start if isinstance(block.lines, int) else int(block.lines[start])
         if label in self._began and label is not None:
-            raise InputError(
+            self.problems.add(
                 f"{self._place(line)}: {self.table.label} {label} goes on here after others, it "
                 f"began in line {self._began[label]}: a recording of this size is read run by run, "
-                f"sort it by {self.table.label}, or give every run a label of its own"
+                f"sort it by {self.table.label}, or give every run a label of its own",
+                line,
             )
+            self.problems.raise_if_any()
         self._began[label] = line
         return _Pieces(label, line)
 
@@ -172,8 +178,10 @@ class RunStream:
         for column in self.table.columns:
             if column.dtype == "float64" and column.name not in columns:
                 columns[column.name] = np.full(n, np.nan)
-        if self.n_runs == 0 or pieces.label is None or self._is_suspect(columns):
+        shown = {n for n in {*columns} - self._judged if np.isfinite(columns[n]).any()}
+        if shown or pieces.label is None or self._is_suspect(columns):
             self._check(columns, pieces)
+        self._judged |= shown
         for column in self.table.columns:
             if column.nullable and column.dtype == "float64":
                 count = int(np.count_nonzero(np.isnan(columns[column.name])))
@@ -210,9 +218,9 @@ class RunStream:
             line = pieces.line_of(index)
             return self._place(line), line
 
-        stated = set(self.conversions)
-        if self.n_runs:  # the first run tells whether the units are plausible
-            stated = set(self.table.names)
         ordered = {name: whole[name] for name in self.table.names}
-        Checker(self.name, ordered, self.table, place, self.problems).run(stated)
+        checker = Checker(self.name, ordered, self.table, place, self.problems)
+        checker.run(self.conversions, self._judged)
+        if checker.suspects:  # most likely it is the same in all runs: told once
+            self.problems.raise_if_any()
         columns.update({name: ordered[name] for name in columns})

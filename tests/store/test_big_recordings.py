@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 
 from beltid.config import load_config
 from beltid.errors import InputError
-from beltid.store import csv_stream, parquet_stream, schemas
+from beltid.store import big_recordings, csv_stream, parquet_stream, schemas
 from beltid.store.big_recordings import is_big, open_big
 from beltid.store.csv_kernel import GOOD, NOT_SIMPLE, POWERS_OF_TEN, parse_rows
 from beltid.store.recordings import read_recording
@@ -170,6 +171,123 @@ def test_a_row_cut_short_is_refused_with_its_line(small_chunks: None, tmp_path: 
     path.write_text("\n".join(rows) + "\n")
     with pytest.raises(InputError, match=r"rig\.csv:821: 7 cells, must be 8"):
         list(open_big(path))
+
+
+def streamed(path: Path, data: bytes) -> tuple[list[str], tuple[str, ...]]:
+    """Labels of the runs and the notes of a recording read run by run."""
+    path.write_bytes(data)
+    recording = open_big(path)
+    return [run.label for run in recording], recording.notes()
+
+
+def relabelled(old: bytes, new: bytes) -> bytes:
+    return RIG.read_bytes().replace(b"\n" + old + b",", b"\n" + new + b",")
+
+
+@pytest.mark.parametrize(
+    ("label", "words"),
+    [
+        (b"R\xfc1", "byte 0xFC is not UTF-8; if the file is in another encoding, say which"),
+        (b"R\x001", "holds a zero byte: damaged, or not a text file"),
+        (b"R\r1", "1 cells, must be 8"),
+    ],
+)
+def test_a_label_that_is_no_text_is_refused_with_its_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, label: bytes, words: str
+) -> None:
+    monkeypatch.setattr(big_recordings, "HEAD", 1000)
+    data = relabelled(b"R019", label)
+    line = 1 + data[: data.index(b"\n" + label)].count(b"\n") + 1
+    with pytest.raises(InputError, match=rf"rig\.csv:{line}: {words}"):
+        streamed(tmp_path / "rig.csv", data)
+
+
+def test_a_last_line_that_does_not_end_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(big_recordings, "HEAD", 1000)
+    path, data = tmp_path / "rig.csv", RIG.read_bytes()
+    assert not any("does not end" in note for note in streamed(path, data)[1])
+    _, notes = streamed(path, data[:-1])
+    assert notes == read_recording(path, "rig").notes
+    assert "the last line does not end" in notes[0]
+
+
+def test_cells_over_several_lines_end_anywhere_in_a_chunk(
+    small_chunks: None, tmp_path: Path
+) -> None:
+    header, *rows = some_rows()
+    noted = [('"one\ntwo",' if i % 7 == 0 else "one,") + row for i, row in enumerate(rows)]
+    path = tmp_path / "rig.csv"
+    path.write_text("\n".join(["note," + header, *noted]) + "\n")
+    same_as_read_at_once(path)
+    inches = ['5" pulley,' + row for row in rows]  # marks that pair with nothing
+    path.write_text("\n".join(["note," + header, *inches]) + "\n")
+    same_as_read_at_once(path)
+
+
+def test_a_setting_that_no_column_holds_is_asked_for_once(tmp_path: Path) -> None:
+    path = tmp_path / "rig.csv"
+    rows = [row.split(",") for row in some_rows()]
+    path.write_text("\n".join(",".join(row[:6] + row[7:]) for row in rows) + "\n")
+    with pytest.raises(InputError) as at_once:
+        read_recording(path, "rig")
+    with pytest.raises(InputError) as in_a_stream:
+        open_big(path)
+    assert in_a_stream.value.problems == at_once.value.problems
+
+
+def test_a_header_that_does_not_end_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(big_recordings, "HEAD", 1000)
+    with pytest.raises(InputError, match=r"rig\.csv:1: no line feed in the first 1,000 bytes"):
+        streamed(tmp_path / "rig.csv", RIG.read_bytes().replace(b"\n", b"\r"))
+
+
+def rig_with(path: Path, tight: Callable[[str, float], float | None]) -> Path:
+    """A recording whose tight cell reads otherwise."""
+    header, *rows = some_rows()
+    cells = [row.split(",") for row in rows]
+    for row in cells:
+        found = tight(row[0], float(row[2] or "nan"))
+        row[2] = "" if found is None else repr(found)
+    path.write_text("\n".join([header, *(",".join(row) for row in cells)]) + "\n")
+    return path
+
+
+def test_a_cell_that_is_dead_in_the_first_run_refuses_no_recording(tmp_path: Path) -> None:
+    path = rig_with(tmp_path / "rig.csv", lambda run, f: None if run == "R001" else f)
+    same_as_read_at_once(path)
+
+
+def test_a_cell_that_is_dead_everywhere_is_told_at_the_end(tmp_path: Path) -> None:
+    path = rig_with(tmp_path / "rig.csv", lambda run, f: None)
+    with pytest.raises(InputError) as at_once:
+        read_recording(path, "rig")
+    with pytest.raises(InputError) as in_a_stream:
+        list(open_big(path))
+    assert in_a_stream.value.problems == at_once.value.problems
+
+
+def test_a_unit_is_doubted_in_the_first_run_that_shows_it(tmp_path: Path) -> None:
+    path = rig_with(tmp_path / "rig.csv", lambda run, f: None if run == "R001" else f / 1000)
+    with pytest.raises(InputError, match=r"tension_tight_N lies between .* if it is in kN"):
+        list(open_big(path))
+
+
+def test_a_sign_is_doubted_once(tmp_path: Path) -> None:
+    path = rig_with(tmp_path / "rig.csv", lambda run, f: -f)
+    with pytest.raises(InputError) as error:
+        list(open_big(path))
+    assert len(error.value.problems) == 1
+    assert "tension_tight_N is negative nearly everywhere" in error.value.problems[0]
+    path = rig_with(path, lambda run, f: -f if run == "R002" else f)
+    with pytest.raises(InputError) as at_once:
+        read_recording(path, "rig")
+    with pytest.raises(InputError) as in_a_stream:
+        list(open_big(path))
+    assert in_a_stream.value.problems == at_once.value.problems
 
 
 @settings(max_examples=300, deadline=None)
