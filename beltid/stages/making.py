@@ -8,7 +8,6 @@ are not replaced at all.
 
 from __future__ import annotations
 
-import contextlib
 import os
 import re
 from collections.abc import Callable, Mapping
@@ -25,7 +24,7 @@ from beltid.store.artifacts import Artifact, Metadata, plain, read_artifact, wri
 from beltid.store.files import read_bytes
 from beltid.store.fingerprint import source_sha256
 from beltid.store.schemas import ARTIFACTS
-from beltid.store.sources import content_sha256
+from beltid.store.sources import Signature, content_sha256, signature_of
 
 if TYPE_CHECKING:
     from beltid.config import ConfigSource
@@ -154,26 +153,29 @@ def make(recipe: Recipe, out: Path, options: Options, compute: Callable[[], Outc
     return Made(read_artifact(out, recipe.kind), up_to_date=False)
 
 
-def _hashed(
-    recipe: Recipe, seen: Mapping[str, tuple[int, int, int]]
-) -> Callable[[], dict[str, str]]:
+def _hashed(recipe: Recipe, seen: Mapping[str, Signature]) -> Callable[[], dict[str, str]]:
     """Hashes of the inputs; those of large files are made while the work begins."""
-    if sum(size for _, size, _ in seen.values()) < LARGE:
+    if sum(file.size for files in seen.values() for file in files) < LARGE:
         known = _input_hashes(recipe)
         return lambda: known
     return beside(partial(_input_hashes, recipe)).result
 
 
-def _input_hashes(recipe: Recipe) -> dict[str, str]:
-    """SHA-256 of every input by its role, and of the tables of runs that belong to recordings."""
+def _read_files(recipe: Recipe) -> dict[str, Path]:
+    """Every input by its role, and the tables of runs that belong to recordings."""
     tables = recipe.source.config.runs.tables
-    hashes = {}
+    of_runs = {f"{role}_runs": tables[role] for role in recipe.inputs if role in tables}
+    return {**recipe.inputs, **of_runs}
+
+
+def _input_hashes(recipe: Recipe) -> dict[str, str]:
+    """SHA-256 of every file that is read, by its role."""
     _refuse_folders(recipe)
-    for role, path in recipe.inputs.items():
-        hashes[role] = content_sha256(path, [tables[role]] if role in tables else [])
-        if role in tables:
-            hashes[f"{role}_runs"] = content_sha256(tables[role])
-    return hashes
+    tables = recipe.source.config.runs.tables
+    return {
+        role: content_sha256(path, [tables[role]] if role in tables else [])
+        for role, path in _read_files(recipe).items()
+    }
 
 
 def _refuse_folders(recipe: Recipe) -> None:
@@ -187,30 +189,24 @@ def _refuse_folders(recipe: Recipe) -> None:
         raise ArtifactError(problems)
 
 
-def _signatures(recipe: Recipe) -> dict[str, tuple[int, int, int]]:
-    """What the file system says of every input; it changes when a file is replaced or written."""
-    signatures = {}
-    for role, path in recipe.inputs.items():
-        with contextlib.suppress(OSError):  # what is wrong with it is said by the one who reads it
-            found = path.stat()
-            signatures[role] = (found.st_mtime_ns, found.st_size, found.st_ino)
-    return signatures
+def _signatures(recipe: Recipe) -> dict[str, Signature]:
+    """What the file system says of every file that is read."""
+    return {role: signature_of(path) for role, path in _read_files(recipe).items()}
 
 
 def _refuse_changed(
-    recipe: Recipe, seen: Mapping[str, tuple[int, int, int]], hashes: Mapping[str, str]
+    recipe: Recipe, seen: Mapping[str, Signature], hashes: Mapping[str, str]
 ) -> None:
     """The inputs that were read must be those whose hashes the artifact will carry."""
     if _signatures(recipe) == seen:
         return
     now = _input_hashes(recipe)
-    changed = [role for role in recipe.inputs if now[role] != hashes[role]]
+    changed = [path for role, path in _read_files(recipe).items() if now[role] != hashes[role]]
     if changed:
         raise InputError(
             [
-                f"{recipe.inputs[role]}: was changed while it was read (another process at work?), "
-                "run again"
-                for role in changed
+                f"{path}: was changed while it was read (another process at work?), run again"
+                for path in changed
             ]
         )
 

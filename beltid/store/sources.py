@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import glob
 import hashlib
 import io
@@ -104,6 +105,47 @@ def content_sha256(path: Path, besides: Sequence[Path] = ()) -> str:
     return sha256("".join(lines).encode())
 
 
+@dataclass(frozen=True, slots=True)
+class FileState:
+    """What the file system says of a file; it changes when the file is replaced or written.
+
+    Attributes
+    ----------
+    name : str
+        Where it stands.
+    modified_ns : int
+        Time of its last change [ns].
+    size : int
+        Bytes in it.
+    number : int
+        Its number on the disk.
+    """
+
+    name: str
+    modified_ns: int
+    size: int
+    number: int
+
+
+Signature = tuple[FileState, ...]
+
+
+def signature_of(path: Path) -> Signature:
+    """What the file system says of a file, or of each of the files that a path may stand for.
+
+    What is not there is left out: what is wrong with it is said by the one who reads it.
+    """
+    states = []
+    with contextlib.suppress(OSError):
+        files = _found(path) if is_many(path) else [path]
+        if path.is_dir() and all(_is_parquet(file) for file in files):  # a table in parts
+            files += parquet_files(path)
+        for file in files:
+            found = file.stat()
+            states.append(FileState(str(file), found.st_mtime_ns, found.st_size, found.st_ino))
+    return tuple(sorted(states, key=lambda state: state.name))
+
+
 def _file_sha256(path: Path) -> str:
     """SHA-256 of a file of any size, read in parts."""
     with opened(path) as file:
@@ -133,21 +175,10 @@ def _files(path: Path, besides: set[Path]) -> list[Path]:
             f"{path}: ** stands in it more than once, which finds the same files again"
         )
     try:
-        found = (
-            [f for f in path.iterdir() if f.is_file()]
-            if path.is_dir()
-            else [Path(f) for f in glob.glob(str(path), recursive=True) if Path(f).is_file()]
-        )
+        found = _found(path)
     except PermissionError:
         raise InputError(f"{path}: no permission to look into it") from None
-    files = [
-        f
-        for f in found
-        if not f.name.startswith((".", "~$"))
-        and f.suffix.lower() not in _COMPANIONS
-        and f.absolute() not in besides
-        and not _is_artifact(f)  # results stand beside what they were made from
-    ]
+    files = [f for f in found if f.absolute() not in besides and not _is_artifact(f)]
     if path.is_dir() and not files:  # folders in it: a table in parts
         files = parquet_files(path)
     elif path.is_dir():
@@ -161,14 +192,32 @@ def _files(path: Path, besides: set[Path]) -> list[Path]:
     return sorted(files, key=lambda f: natural(f.as_posix()))
 
 
+def _found(path: Path) -> list[Path]:
+    """Files of a folder or pattern that recordings may be among."""
+    if path.is_dir():
+        found = [f for f in path.iterdir() if f.is_file()]
+    else:
+        found = [Path(f) for f in glob.glob(str(path), recursive=True) if Path(f).is_file()]
+    return [
+        f
+        for f in found
+        if not f.name.startswith((".", "~$")) and f.suffix.lower() not in _COMPANIONS
+    ]
+
+
 def natural(name: str) -> tuple[tuple[int, str], ...]:
     """Key that sorts run2 before run10."""
     parts = re.split(r"([0-9]{1,18})", name)  # int() is for these only
     return tuple((int(p), "") if i % 2 else (-1, p) for i, p in enumerate(parts) if p)
 
 
+def _is_parquet(file: Path) -> bool:
+    return file.suffix.lower() == ".parquet"
+
+
 def _is_artifact(file: Path) -> bool:
-    if file.suffix.lower() != ".parquet":
+    """Whether it is a result: these stand beside what they were made from."""
+    if not _is_parquet(file):
         return False
     from beltid.errors import ArtifactError
     from beltid.store.artifacts import read_artifact

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from beltid.batch.locks import alone_in
-from beltid.config import Config, ConfigSource
+from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import ArtifactError, InputError
 from beltid.stages.making import Recipe, make
 from beltid.stages.outcome import Outcome
@@ -209,6 +209,66 @@ def test_an_input_replaced_while_it_is_read_is_noticed(tmp_path: Path, same: boo
     assert not out.exists()
     assert make(recipe, out, Options(), outcome).artifact.metadata.inputs
     assert read_artifact(out, "slip").kind == "slip"
+
+
+@pytest.mark.parametrize("named", ["runs", "runs/*.csv", "**/r2.csv"])
+@pytest.mark.parametrize("change", ["written", "added", "removed"])
+def test_one_of_many_files_changed_while_they_are_read_is_noticed(
+    tmp_path: Path, named: str, change: str
+) -> None:
+    runs, out = tmp_path / "runs", tmp_path / "slip.parquet"
+    (runs / "deeper").mkdir(parents=True)
+    for place in (runs / "r1.csv", runs / "r2.csv", runs / "deeper" / "r2.csv"):
+        place.write_text("one")
+    recipe = Recipe(
+        "slip", ConfigSource(Config(), "test"), ("slip",), {"speedloss": tmp_path / named}
+    )
+
+    def meanwhile() -> Outcome[None]:
+        if change == "written":
+            (runs / "r2.csv").write_text("two")
+        elif change == "removed":
+            (runs / "r2.csv").unlink()
+        else:
+            (runs / "new").mkdir()
+            for place in (runs / "r3.csv", runs / "new" / "r2.csv"):
+                place.write_text("one")
+        return outcome()
+
+    with pytest.raises(InputError, match="was changed while it was read"):
+        make(recipe, out, Options(), meanwhile)
+    assert not out.exists()
+
+
+def test_a_table_of_runs_changed_while_it_is_read_is_noticed(tmp_path: Path) -> None:
+    source, table, out = (tmp_path / n for n in ("rig.csv", "runs.csv", "slip.parquet"))
+    source.write_text("one")
+    table.write_text("one")
+    config = load_config({"runs": {"speedloss": {"table": str(table)}}})
+    recipe = Recipe("slip", ConfigSource(config, "test"), ("slip",), {"speedloss": source})
+
+    def meanwhile() -> Outcome[None]:
+        table.write_text("two")
+        return outcome()
+
+    with pytest.raises(InputError, match=r"runs\.csv: was changed while it was read"):
+        make(recipe, out, Options(), meanwhile)
+    assert not out.exists()
+
+
+def test_parts_of_a_parquet_folder_changed_while_they_are_read_are_noticed(tmp_path: Path) -> None:
+    part, out = tmp_path / "rig" / "arc_deg=82" / "a.parquet", tmp_path / "slip.parquet"
+    write_bytes(part, b"one")
+    recipe = Recipe(
+        "slip", ConfigSource(Config(), "test"), ("slip",), {"speedloss": tmp_path / "rig"}
+    )
+
+    def meanwhile() -> Outcome[None]:
+        write_bytes(part, b"two")
+        return outcome()
+
+    with pytest.raises(InputError, match="was changed while it was read"):
+        make(recipe, out, Options(), meanwhile)
 
 
 class Hearing(Talk):
