@@ -245,7 +245,7 @@ def _branch_at_nodes(position: Array, force: Array, edges: Array) -> Array:
         return np.polynomial.chebyshev.chebvander((at - centre) / half, degree)
 
     fit = solve_least_squares(columns(x), f)
-    bins = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, edges.size - 2)
+    bins = np.minimum(np.searchsorted(edges, x, side="right") - 1, edges.size - 2)
     count = np.bincount(bins, minlength=edges.size - 1)
     total = np.bincount(bins, weights=fit.residuals, minlength=edges.size - 1)
     nodes = 0.5 * (edges[1:] + edges[:-1])
@@ -279,7 +279,7 @@ def thinned_branches(curve: PressCurve, offset_m: float) -> tuple[Branch, ...]:
     """
     thinned = []
     for name, x, f in curve.branches:
-        parts = max(1, min(PLOT_POINTS, x.size))
+        parts = min(PLOT_POINTS, x.size)
         starts = np.linspace(0, x.size, parts + 1).astype(int)[:-1]
         sizes = np.diff(np.append(starts, x.size))
         thinned.append(

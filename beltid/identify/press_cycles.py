@@ -74,20 +74,9 @@ def turning_points(travel: Array, threshold: float) -> NDArray[np.intp]:
         elif direction <= 0 and x - travel[low] > threshold:
             turns.append(low)
             direction, high = 1, i
-        if direction > 0:
-            low = i
-        elif direction < 0:
-            high = i
     end = high if direction > 0 else low if direction < 0 else travel.size - 1
-    return np.array(_closed(turns, end, travel.size), dtype=np.intp)
-
-
-def _closed(turns: list[int], end: int, size: int) -> list[int]:
-    """Turning points with the first sample before and the last extreme behind them."""
-    points = turns if turns and turns[0] == 0 else [0, *turns]
-    if end > points[-1]:
-        points = [*points, end]
-    return points if points[-1] != 0 else [0, size - 1]
+    start = [] if turns[:1] == [0] else [0]
+    return np.array([*start, *turns, end], dtype=np.intp)
 
 
 def find_cycles(test: PressTest) -> tuple[PressCycle, ...]:

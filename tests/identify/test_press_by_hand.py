@@ -30,6 +30,10 @@ SETTINGS = StiffnessSettings(segment_length_m=0.04)
         ([2, 1.5, 3, 0], [0, 1, 2, 3]),
         ([0, 3, 0, 0.5], [0, 1, 2]),  # what is left is no turn: the end is the lowest point
         ([0, 0.2, 0.1], [0, 2]),
+        ([0.2, 0, 0.1], [0, 2]),
+        ([0, 3, 2.5], [0, 1]),
+        ([2, 1.5, 1, 0.5, 0, 0.5], [0, 4]),  # in small steps
+        ([0, 0.5, 1, 1.5, 1.2], [0, 3]),
     ],
 )
 def test_turns_are_ways_back_beyond_the_threshold(travel, expected):

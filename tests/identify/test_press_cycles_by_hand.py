@@ -1,0 +1,254 @@
+"""Cycles of presses of a few samples, and the curves of their branches, counted by hand."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from beltid.errors import InputError
+from beltid.identify.press_curves import press_curve, thinned_branches
+from beltid.identify.press_cycles import PressCycle, choose_cycles, find_cycles, turning_points
+from beltid.identify.press_preparation import PressTest
+
+
+def press(travel, force=None, **changed):
+    """A test whose force is its travel, if no other is given."""
+    x = np.asarray(travel, float)
+    load = x if force is None else np.asarray(force, float)
+    fields = {
+        "label": "A",
+        "temperature_degC": 22.0,
+        "time_s": np.arange(float(x.size)),
+        "travel_m": x,
+        "position_m": x,
+        "force_N": load,
+        "travel_sign": -1.0,
+        "travel_noise_m": 0.0,
+        "position_noise_m": 0.0,
+        "force_noise_N": 0.0,
+        "free_travel": True,
+        "n_missing": 0,
+        "n_spikes": 0,
+        "notes": (),
+    }
+    return PressTest(**{**fields, **changed})
+
+
+def path(*corners):
+    """Every whole number on the way from corner to corner."""
+    ways = [np.arange(a, b, np.sign(b - a)) for a, b in pairwise(corners)]
+    return np.concatenate([*ways, [corners[-1]]])
+
+
+def ends(found):
+    return [(c.loading.start, c.loading.stop, c.unloading.start, c.unloading.stop) for c in found]
+
+
+def test_the_first_of_equal_extremes_is_the_turning_point():
+    assert turning_points(np.array([0, 3, 3, 0, 0, 3.0]), 1.0).tolist() == [0, 1, 3, 5]
+    assert turning_points(np.array([3, 0, 0, 3.0]), 1.0).tolist() == [0, 1, 3]
+    assert turning_points(np.array([0, 3, 3.0]), 1.0).tolist() == [0, 1]
+
+
+def test_cycles_share_their_turning_points():
+    first, second = find_cycles(press(path(0, 10, 0, 12, 3)))
+    assert ends([first, second]) == [(0, 11, 10, 21), (20, 33, 32, 42)]
+    assert (first.number, first.peak_force_N, first.complete) == (1, 10.0, True)
+    assert (second.number, second.peak_force_N, second.complete) == (2, 12.0, True)
+    # the way down before the first cycle belongs to none
+    assert ends(find_cycles(press(path(5, 0, 12, 0)))) == [(5, 18, 17, 30)]
+    assert ends(find_cycles(press(path(0, 10)))) == [(0, 11, 10, 11)]
+
+
+@pytest.mark.parametrize(("least", "complete"), [(4.9, True), (5.0, False), (5.4, False)])
+def test_a_cycle_is_complete_from_below_half_its_peak(least, complete):
+    way = path(0, 10, 5)
+    force = way.astype(float)
+    force[-1] = least
+    (cycle,) = find_cycles(press(way, force))
+    assert cycle.complete == complete
+    # the crosshead has to come back: a loss of force at the end of the way is none
+    (cycle,) = find_cycles(press(path(0, 10), [*range(10), 4]))
+    assert (cycle.complete, cycle.peak_force_N) == (False, 9.0)
+    (cycle,) = find_cycles(press(path(0, 10)))
+    assert (cycle.complete, cycle.peak_force_N) == (False, 10.0)
+
+
+@pytest.mark.parametrize(("preload", "cycles"), [(49, 1), (50, 2)])
+def test_a_preload_below_half_the_largest_force_is_no_cycle(preload, cycles):
+    found = find_cycles(press(path(0, preload, 0, 100, 0)))
+    assert len(found) == cycles
+    assert found[-1].number == cycles
+    assert found[-1].loading == slice(2 * preload, 2 * preload + 101)
+
+
+@pytest.mark.parametrize(("share", "cycles"), [(0.047, 1), (0.053, 2)])
+def test_a_turn_is_a_twentieth_of_the_travel(share, cycles):
+    low, high = np.quantile(path(0, 1000), [0.01, 0.99])
+    back = round(share * (high - low))
+    assert len(find_cycles(press(path(0, 900, 900 - back, 1000)))) == cycles
+
+
+@pytest.mark.parametrize(("amplitude", "cycles"), [(0.8, 2), (1.2, 1)])
+def test_a_turn_is_ten_times_the_noise(amplitude, cycles):
+    """Chatter by `a` has second differences of 4 a: the noise is 1.4826 · 4 a / sqrt(6)."""
+    way = path(0, 100, 80, 100)
+    noisy = way + amplitude * (-1.0) ** np.arange(way.size)
+    assert len(find_cycles(press(noisy, way))) == cycles
+
+
+def test_a_crosshead_that_only_lifts_has_no_cycle():
+    with pytest.raises(InputError, match="test A: no loading found"):
+        find_cycles(press(path(10, 0), path(10, 0)))
+
+
+def cycle(number, complete=True):
+    part = slice(0, 1)
+    return PressCycle(number, part, part, 1.0, complete)
+
+
+def test_choice_of_cycles():
+    one, two, three, four = cycle(1, False), cycle(2), cycle(3), cycle(4, False)
+    every = (one, two, three, four)
+    assert choose_cycles("A", every, "all") == (
+        (two, three),
+        ("test A: 2 cycles not unloaded left out",),
+    )
+    assert choose_cycles("A", every, "first") == (
+        (two,),
+        ("test A: cycle 1 is not unloaded, cycle 2 used in its place",),
+    )
+    assert choose_cycles("A", every, "last") == (
+        (three,),
+        ("test A: cycle 4 is not unloaded, cycle 3 used in its place",),
+    )
+    whole = (two, three, cycle(5))
+    for choice, chosen in (("all", whole), ("first", whole[:1]), ("last", whole[2:])):
+        assert choose_cycles("A", whole, choice) == (chosen, ())
+    open_ = (one, four, cycle(6, False))
+    for choice, chosen in (("all", open_), ("first", open_[:1]), ("last", open_[2:])):
+        kept, (note,) = choose_cycles("A", open_, choice)
+        assert kept == chosen
+        assert note.startswith("test A: never unloaded: ")
+
+
+# --- curves of the branches ---
+
+RISE = np.linspace(0.0, 100.0, 101)
+
+
+def loop(width=10.0, n=101, **changed):
+    """Loading along F = x + width, unloading along F = x - width; a segment of half a metre."""
+    up = np.linspace(0.0, 100.0, n)
+    x = np.concatenate([up, up[-2::-1]])
+    force = np.concatenate([up + width, up[-2::-1] - width])
+    test = press(x, force, **changed)
+    return test, PressCycle(3, slice(0, n), slice(n - 1, 2 * n - 1), 100.0 + width, True)
+
+
+def test_curve_half_way_between_two_straight_branches():
+    curve = press_curve(*loop(), 0.5)
+    assert (curve.test, curve.cycle, curve.travel_sign) == ("A", 3, -1.0)
+    # force per metre: twice the force; both branches carry 1 % of 110 N from 11.1 mm on
+    low, high = curve.fit_range_m
+    assert (low, high) == (11.0, pytest.approx(99.0, abs=1.0))
+    assert curve.middle_N_m == pytest.approx(2.0 * curve.position_m, rel=1e-9)
+    assert curve.half_gap_N_m == pytest.approx(np.full(curve.position_m.size, 20.0), rel=1e-9)
+    # a node for every four samples of the branch that has fewer, in the middles of equal bins
+    count = int(high - low + 1) // 4
+    edges = np.linspace(low, high, count + 1)
+    assert curve.position_m == pytest.approx(0.5 * (edges[1:] + edges[:-1]), rel=1e-12)
+    assert curve.unloads
+    # the loading branch carries force everywhere: its ends are running medians of five samples
+    assert (curve.touch_m, curve.top_position_m, curve.top_force_N_m) == (1.0, 99.0, 218.0)
+    # loading: 2 (50 + 10) 100; unloading 8000, and 20 for the sample that both branches share
+    assert curve.dissipated_J_m == pytest.approx(3980.0, rel=1e-9)
+    assert curve.stored_J_m == pytest.approx(12000.0, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("noise", "peak", "touch"), [(0.0, 1200.0, 12.0), (2.0, 1000.0, 12.0), (2.0, 600.0, 12.0)]
+)
+def test_contact_is_a_hundredth_of_the_peak_or_six_times_the_noise(noise, peak, touch):
+    """A law through zero, half a metre: 24 N/m at a force of 12 N."""
+    x = np.concatenate([RISE, RISE[-2::-1]])
+    test = press(x, force_noise_N=noise)
+    curve = press_curve(test, PressCycle(1, slice(0, 101), slice(100, 201), peak, True), 0.5)
+    # the last sample below the threshold
+    assert curve.fit_range_m[0] == touch - 1.0
+    assert curve.touch_m == touch - 1.0
+
+
+def test_the_range_of_the_fit_keeps_clear_of_the_noise_of_the_position():
+    plain = press_curve(*loop(), 0.5)
+    kept = press_curve(*loop(position_noise_m=2.0), 0.5)
+    assert np.subtract(kept.fit_range_m, plain.fit_range_m) == pytest.approx([10.0, -10.0])
+
+
+@pytest.mark.parametrize(("inside", "enough"), [(7, False), (8, True)])
+def test_eight_samples_of_each_branch_are_enough(inside, enough):
+    """Loading alone along a law through zero; contact begins at the sample at zero."""
+    x = np.arange(float(inside + 1))
+    force = np.concatenate([[0.0], x[1:] + 10.0])
+    cycle = PressCycle(1, slice(0, x.size), slice(x.size - 1, x.size), float(x[-1]), False)
+    # the running median of five takes the last sample off
+    if not enough:
+        with pytest.raises(InputError, match="cycle 1: 7 loading samples"):
+            press_curve(press(x, force), cycle, 0.5)
+        return
+    curve = press_curve(press(x, force), cycle, 0.5)
+    assert not curve.unloads
+    assert np.all(np.isnan(curve.half_gap_N_m))
+    assert curve.position_m.size == 6
+
+
+@pytest.mark.parametrize(
+    ("n", "gap", "noise", "degree"),
+    [(66, 33, 0.0, 5), (26, 13, 0.0, 5), (25, 12, 0.0, 3), (40, 37, 2.5, 3)],
+)
+def test_curve_is_a_polynomial_and_the_bin_means_of_what_it_leaves(n, gap, noise, degree):
+    """Loading alone, with a gap in it; the noise of the position brings the gap to the end."""
+    x = np.arange(float(n))
+    x[gap:] += 0.5 * n
+    force = 20.0 + 0.1 * x**2 + 8.0 * np.sin(x)
+    part = PressCycle(1, slice(0, n), slice(n - 1, n), 1.0, False)
+    curve = press_curve(press(x, force, position_noise_m=noise), part, 0.5)
+    low, high = curve.fit_range_m
+    assert (low, high) == (2.0 + 5.0 * noise - 1.0, x[-2] - 5.0 * noise)
+    inside = x[(x >= low) & (x <= high)]
+    m = inside.size
+    assert curve.n_samples == m
+    load = 2.0 * (20.0 + 0.1 * inside**2 + 8.0 * np.sin(inside))
+    law = np.polynomial.Polynomial.fit(inside, load, degree)
+    edges = np.linspace(low, high, max(6, m // 4) + 1)
+    nodes = 0.5 * (edges[1:] + edges[:-1])
+    places = [
+        [x for x in range(m) if a <= inside[x] < b or b == high == inside[x]]
+        for a, b in pairwise(edges)
+    ]
+    assert not all(places)
+    filled = [k for k, p in enumerate(places) if p]
+    left = [float(np.mean((load - law(inside))[places[k]])) for k in filled]
+    expected = law(nodes) + np.interp(nodes, nodes[filled], left)
+    assert curve.middle_N_m == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_curve_has_at_most_120_nodes():
+    assert press_curve(*loop(n=601), 0.5).position_m.size == 120
+
+
+def test_branches_for_a_figure_are_means_of_neighbours():
+    curve = press_curve(*loop(n=301), 0.5)
+    loading, unloading = thinned_branches(curve, 1.5)
+    assert (loading.branch, loading.test, loading.cycle) == ("loading", "A", 3)
+    assert unloading.branch == "unloading"
+    name, x, f = curve.branches[0]
+    assert name == "loading"
+    assert loading.penetration_m.size == 120
+    starts = [int(k * x.size / 120) for k in range(121)]
+    means = [x[a:b].mean() for a, b in pairwise(starts)]
+    assert loading.penetration_m == pytest.approx(np.array(means) - 1.5, rel=1e-9)
+    means = [f[a:b].mean() for a, b in pairwise(starts)]
+    assert loading.line_force_N_m == pytest.approx(means, rel=1e-9)
