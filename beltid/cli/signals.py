@@ -2,8 +2,9 @@
 
 A signal is heard between any two steps of Python code, also of code that compiled code calls: the
 classes of what a kernel returns are looked up in Python, and the compiler hands over what it has
-made. Compiled code does not expect an exception there: it loses it, or crashes. So a signal that
-comes there is put off for a moment, and one that was lost is heard again.
+made; extension modules import others while they are loaded. Compiled code does not expect an
+exception there: it loses it, takes it for another one, or crashes. So a signal that comes there is
+put off for a moment, and one that was lost is heard again.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import contextlib
 import signal
 import sys
 import threading
+from importlib.machinery import ExtensionFileLoader
 from types import FrameType
 from typing import TYPE_CHECKING, Final, NoReturn
 
@@ -26,6 +28,10 @@ CALLED_BY_COMPILED_CODE: Final = {
     "_raw_object_cache_notify",
     "_raw_object_cache_getbuffer",
     "__new__",
+}
+LOADING_COMPILED_CODE: Final = {
+    ExtensionFileLoader.create_module.__code__,
+    ExtensionFileLoader.exec_module.__code__,
 }
 
 
@@ -73,7 +79,8 @@ def _raise(number: int) -> NoReturn:
 
 def _called_by_compiled_code(frame: FrameType | None) -> bool:
     while frame is not None:
-        if frame.f_code.co_name in CALLED_BY_COMPILED_CODE:
+        code = frame.f_code
+        if code.co_name in CALLED_BY_COMPILED_CODE or code in LOADING_COMPILED_CODE:
             return True
         frame = frame.f_back
     return False

@@ -34,9 +34,17 @@ FROM_A_KERNEL = (
     "type(tell)(tell.__code__.replace(co_name='_numba_unpickle'), globals())()  # as numba calls it"
 )
 
+FROM_AN_EXTENSION = (  # which imports another module while it is loaded
+    "import importlib._bootstrap_external as b; b._imp.exec_dynamic = tell; "
+    "b.ExtensionFileLoader('module', 'place').exec_module(None)"
+)
+
 
 @pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
-@pytest.mark.parametrize(("call", "finished"), [(CALLBACK, 0), (FROM_A_KERNEL, 1), ("tell()", 0)])
+@pytest.mark.parametrize(
+    ("call", "finished"),
+    [(CALLBACK, 0), (FROM_A_KERNEL, 1), (FROM_AN_EXTENSION, 1), ("tell()", 0)],
+)
 def test_a_signal_is_heard_wherever_it_comes(number: str, call: str, finished: int) -> None:
     """One that C code loses is heard again; one in the middle of a kernel waits for its end."""
     done = subprocess.run(
