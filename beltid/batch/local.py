@@ -42,10 +42,14 @@ class ProcessWorkers(Workers):
     ----------
     jobs : int
         Number of processes.
+    imported : sequence of str
+        Modules that they need.
     """
 
-    def __init__(self, jobs: int) -> None:
+    def __init__(self, jobs: int, imported: Sequence[str] = IMPORTED) -> None:
         self.jobs = jobs
+        self._imported = tuple(imported)
+        self._prepared = False
         self.about = f"{jobs} processes on this machine"
         self._lock = threading.Lock()
         self._starting = threading.Lock()
@@ -57,9 +61,10 @@ class ProcessWorkers(Workers):
         """Start importing beside the caller; returns at once."""
         if _start_method() != "forkserver":
             return
+        self._prepared = True
         from multiprocessing import forkserver, resource_tracker
 
-        forkserver.set_forkserver_preload(list(IMPORTED))
+        forkserver.set_forkserver_preload(list(self._imported))
         with _deaf_children():
             resource_tracker.ensure_running()  # lets signals in again, so not below
         with _deaf_children(), _same_package():
@@ -138,6 +143,8 @@ class ProcessWorkers(Workers):
             pool, self._pool = self._pool, None
         if pool is not None:
             _kill(pool, self._others)
+        elif self._prepared and not multiprocessing.active_children():
+            _kill_server()  # no worker was needed, it may be importing still
 
     def close(self) -> None:
         """Let the workers go; nothing is waited for."""
@@ -251,8 +258,16 @@ def _end_with(caller: Any) -> None:
     os._exit(1)
 
 
-def local_workers(jobs: int | None) -> Workers:
-    """Workers on this machine, one per core if not told: processes, or for one job the caller."""
+def local_workers(jobs: int | None, imported: Sequence[str] = IMPORTED) -> Workers:
+    """Workers on this machine, one per core if not told: processes, or for one job the caller.
+
+    Parameters
+    ----------
+    jobs : int or None
+        How many; None for one per core.
+    imported : sequence of str
+        Modules that they need; by default those of a whole chain.
+    """
     one_thread_each()
     count = jobs or available_cores()
-    return Workers() if count == 1 else ProcessWorkers(count)
+    return Workers() if count == 1 else ProcessWorkers(count, imported)

@@ -38,6 +38,9 @@ class Workers:
     about: str = "this process alone"
     share_files: bool = True
 
+    def prepare(self) -> None:
+        """Begin to start, where that takes time; returns at once."""
+
     def call(self, function: Callable[..., Result], *arguments: Any) -> Result:
         """Result of one call.
 

@@ -79,15 +79,17 @@ def fit_friction(rig: Rig, *, common: Common) -> None:
 
     Example: beltid fit-friction rig.csv
     """
-    from beltid.stages import fit_friction as stage
+    from beltid.store.big_recordings import is_big
 
     with ExitStack() as stack:
+        needs = ("beltid.stages.big_recording",)
+        workers = workers_until(stack, needs=needs) if is_big(rig) else None
+
+        from beltid.stages import fit_friction as stage  # while the workers import, too
 
         def options(talk: TerminalTalk) -> Options:
             from beltid.stages.talk import Options
-            from beltid.store.big_recordings import is_big
 
-            workers = workers_until(stack) if is_big(rig) else None
             return Options(force=common.force, talk=talk, workers=workers)
 
         execute(stage.run, {"rig": rig}, "friction.parquet", common, options)

@@ -164,9 +164,9 @@ class Where:
             from beltid.batch.cluster import ClusterWorkers
 
             return ClusterWorkers(self.scheduler, self.scheduler_file)
-        from beltid.batch.local import ProcessWorkers, local_workers
+        from beltid.batch.local import local_workers
 
         workers = local_workers(self.jobs)
-        if at_once and isinstance(workers, ProcessWorkers):
+        if at_once:
             workers.prepare()
         return workers
