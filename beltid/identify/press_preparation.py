@@ -185,8 +185,7 @@ def _require_plausible(label: str, displacement_mm: Array, force_N: Array) -> No
 def _resolution(x: Array) -> float:
     """Smallest step between two different readings: what a coarse converter resolves."""
     steps = np.diff(np.unique(x))
-    steps = steps[steps > 1e-12 * spread(x)]
-    return float(np.min(steps, initial=np.inf)) if steps.size else 0.0
+    return float(np.min(steps[steps > 1e-12 * spread(x)]))
 
 
 def _spikes(x: Array) -> NDArray[np.bool_]:
@@ -213,7 +212,7 @@ def _signs(travel: Array, force: Array) -> tuple[float, float]:
 
 def _require_contact(label: str, travel: Array, force: Array, noise: float) -> None:
     rise = float(np.max(force) - np.quantile(force, 0.01))
-    if rise <= max(MIN_FORCE_OVER_NOISE * max(noise, 0.1 * mad_sigma(force)), 0.0):
+    if rise <= MIN_FORCE_OVER_NOISE * max(noise, 0.1 * mad_sigma(force)):
         raise InputError(
             f"test {label}: no contact found: the force rises by {rise:.3g} N over a noise of "
             f"{noise:.3g} N, must be more than {MIN_FORCE_OVER_NOISE:g} times the noise"

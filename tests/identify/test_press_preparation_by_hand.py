@@ -1,0 +1,259 @@
+"""What is done to a press test before the fit, on records without noise or with known chatter."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from beltid.errors import InputError
+from beltid.identify.press_preparation import prepare_test, spread
+from beltid.identify.press_recording import read_tests
+from beltid.identify.stiffness_result import StiffnessSettings
+
+CHATTER = 1.482602218505602 * 4.0 / math.sqrt(6.0)
+"""White noise that second differences tell of a signal that goes up and down by one."""
+
+
+def prepared(travel, force, *, compliance=0.0, temperature=np.nan):
+    x, f = np.asarray(travel, float), np.asarray(force, float)
+    time, warm = np.arange(float(x.size)), np.broadcast_to(temperature, x.shape)
+    return prepare_test("A", time, x, f, warm, compliance)
+
+
+def zigzag(n, size=1.0):
+    return size * (-1.0) ** np.arange(n)
+
+
+def test_twenty_samples_are_enough():
+    ramp = np.arange(20.0)
+    found = prepared(ramp, 10.0 * ramp, temperature=[np.nan, 21.0, 22.0, 30.0] * 5)
+    assert found.travel_m == pytest.approx(1e-3 * ramp, rel=1e-12)
+    assert found.force_N.tolist() == (10.0 * ramp).tolist()
+    assert (found.travel_sign, found.temperature_degC, found.notes) == (1.0, 22.0, ())
+    assert (found.free_travel, found.n_missing, found.n_spikes) == (False, 0, 0)
+    assert math.isnan(prepared(ramp, ramp).temperature_degC)
+    with pytest.raises(InputError, match="19 usable samples, must be at least 20"):
+        prepared(ramp[1:], ramp[1:])
+
+
+@pytest.mark.parametrize(
+    ("travel", "force", "said"),
+    [
+        (1.05e-6, 1.0, ""),
+        (0.95e-6, 1.0, "displacement_mm stays within"),
+        (1.0e5, 1.0, ""),
+        (1.0e5 + 0.5, 1.0, "displacement_mm reaches"),
+        (1.0, 1.05e-6, ""),
+        (1.0, 0.95e-6, "force_N stays within"),
+        (1.0, 1.0e9, ""),
+        (1.0, 1.0e9 + 0.5, "force_N reaches"),
+    ],
+)
+def test_travel_and_force_of_no_press_are_refused(travel, force, said):
+    share = np.linspace(0.0, 1.0, 21)
+    if said:
+        with pytest.raises(InputError, match=said):
+            prepared(travel * share, force * share)
+    else:
+        assert prepared(travel * share, force * share).force_N[-1] == force
+
+
+def test_signs_make_force_and_travel_rise():
+    ramp = np.arange(30.0)
+    for signs in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+        found = prepared(signs[0] * ramp, signs[1] * ramp)
+        assert found.travel_sign == signs[0]
+        assert found.travel_m == pytest.approx(1e-3 * ramp, rel=1e-12)
+        assert found.force_N.tolist() == ramp.tolist()
+        turned = [x for x, sign in (("force", signs[1]), ("travel", signs[0])) if sign < 0]
+        assert [n.split("negative ")[1] for n in found.notes] == [
+            f"{x}, sign turned" for x in turned
+        ]
+    # a force that is always more than half its largest tells nothing about the travel
+    found = prepared(-ramp, 60.0 + ramp)
+    assert (found.travel_sign, found.travel_m[-1]) == (1.0, -0.029)
+    assert prepared(ramp, ramp - 14.5).force_N[-1] == 14.5  # as much pull as push
+
+
+def test_missing_samples_and_spikes_are_left_out():
+    n = 2001
+    share = np.linspace(0.0, 1.0, n)
+    force = 100.0 * share
+    force[[5, 7]] = np.nan
+    found = prepared(share, force)
+    assert (found.n_missing, found.n_spikes, found.time_s.size) == (2, 0, n - 2)
+    assert found.notes == ("test A: 2 samples without displacement or force left out",)
+    # two thousandths of the range of the bulk, 98 N
+    for size, spikes in ((0.0019, 0), (0.0021, 1)):
+        force = 100.0 * share
+        force[1000] += size * 98.0
+        found = prepared(share, force)
+        assert found.n_spikes == spikes
+        assert found.notes == (("test A: 1 spikes left out",) if spikes else ())
+        assert (1000.0 in found.time_s) == (not spikes)
+    # and more than the step from sample to sample
+    for size, spikes in ((0.0095, 0), (0.0105, 1)):
+        force = np.linspace(0.0, 1.0, 101)
+        force[50] += size
+        assert prepared(np.linspace(0.0, 1.0, 101), force).n_spikes == spikes
+
+
+def test_range_of_the_bulk():
+    assert spread(1000.0 + np.arange(101.0)) == pytest.approx(98.0, rel=1e-12)
+    assert spread(-7.0 - np.arange(101.0)) == pytest.approx(98.0, rel=1e-12)
+
+
+def test_noise_of_the_travel_is_at_least_its_resolution():
+    steps = 0.25 * np.repeat(np.arange(10.0), 3)
+    assert prepared(steps, steps).travel_noise_m == pytest.approx(0.25e-3, rel=1e-9)
+    rounded = 0.1 * np.repeat(np.arange(10.0), 3)
+    rounded[10] = np.nextafter(rounded[10], 1.0)  # rounding is no step
+    assert prepared(rounded, rounded).travel_noise_m == pytest.approx(0.1e-3, rel=1e-9)
+    fine = 1e-6 * np.arange(30.0)
+    assert prepared(fine, fine).travel_noise_m == pytest.approx(1e-9, rel=1e-6)
+    rough = np.arange(30.0) + zigzag(30)
+    found = prepared(rough, np.arange(30.0), compliance=1e-9)
+    assert found.travel_noise_m == pytest.approx(1e-3 * CHATTER, rel=1e-9)
+    assert found.position_noise_m == pytest.approx(1e-3 * CHATTER, rel=1e-9)
+    assert found.force_noise_N == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_machine_yields_less_than_the_crosshead_moves():
+    x = np.linspace(0.0, 1.0, 101)
+    force = 100.0 * x**2
+    found = prepared(x, force, compliance=0.6e-5)
+    assert found.position_m == pytest.approx(1e-3 * (x - 0.6 * x**2), abs=1e-12)
+    with pytest.raises(InputError, match=r"machine compliance 0.012 mm/N"):
+        prepared(x, force, compliance=1.2e-5)
+    with pytest.raises(InputError, match="the crosshead moves by 0 mm"):
+        prepared(0.0 * x, force)
+
+
+def climbing(height, noise, size=1.0, n=1001):
+    """A ramp on which every other sample lies higher; the rise from the lowest hundredth on."""
+    signal = 1000.0 + np.linspace(0.0, height, n) + zigzag(n, size)
+    return signal, float(np.max(signal) - np.quantile(signal, 0.01)) / (noise * size)
+
+
+@pytest.mark.parametrize(("height", "contact"), [(22.0, False), (25.0, True)])
+def test_contact_is_a_rise_of_ten_times_the_noise(height, contact):
+    force, ratio = climbing(height, CHATTER)
+    assert (10.0 < ratio < 11.0) if contact else (9.0 < ratio < 10.0)
+    travel = np.linspace(0.0, 1.0, force.size)
+    if contact:
+        assert prepared(travel, force).force_noise_N == pytest.approx(CHATTER, rel=1e-6)
+        return
+    with pytest.raises(InputError, match="no contact found"):
+        prepared(travel, force)
+
+
+@pytest.mark.parametrize(("height", "moves"), [(22.0, False), (24.0, True)])
+def test_the_crosshead_moves_by_ten_times_its_noise(height, moves):
+    travel, _ = climbing(height, CHATTER)
+    ratio = float(np.diff(np.quantile(travel, [0.01, 0.99]))[0]) / CHATTER
+    assert (10.0 < ratio < 11.0) if moves else (9.0 < ratio < 10.0)
+    force = np.linspace(0.0, 100.0, travel.size)
+    if moves:
+        assert prepared(travel, force).travel_sign == 1.0
+        return
+    with pytest.raises(InputError, match="must move by more than ten times its noise"):
+        prepared(travel, force)
+
+
+# --- zero of the load cell: 2 N per sample up to 200 N after the free travel ---
+
+
+def zeroed(free, *, noise=0.0, travel=None):
+    """Force of the first sample that presses, and whether there is free travel."""
+    n = len(free)
+    force = np.concatenate([free, free[0] + 2.0 * np.arange(1.0, 101.0)]) + 0.0
+    force += zigzag(n + 100, noise)
+    found = prepared(np.arange(n + 100.0) if travel is None else travel, force)
+    return float(force[-1] - found.force_N[-1]), found.free_travel
+
+
+def test_zero_is_that_of_the_first_half_of_the_free_travel():
+    assert zeroed([5.0] * 40) == (5.0, True)
+    assert zeroed([0.0] * 40) == (0.0, True)
+    assert zeroed([-3.0] * 20 + [-2.7] * 20) == (-3.0, True)
+    found = prepared(np.arange(140.0), [5.0] * 40 + [5.0 + 2.0 * k for k in range(1, 101)])
+    assert found.notes == ("test A: zero of the load cell 5 N taken off",)
+
+
+@pytest.mark.parametrize(("errors", "taken"), [(3.9, False), (4.5, True), (-4.5, True)])
+def test_zero_beyond_four_standard_errors(errors, taken):
+    """Twenty samples of chatter by 0.1 N around it: the error is 0.1 / sqrt(19)."""
+    level = errors * 0.1 / math.sqrt(19.0)
+    zero, free = zeroed(level + zigzag(40, 0.1))
+    assert free
+    assert zero == pytest.approx(level if taken else 0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(("move", "taken"), [(0.18, True), (0.2, False)])
+def test_a_zero_that_drifts_is_none(move, taken):
+    """Ten samples each: standard errors of 0.1 / 3, four times their hypotenuse is 0.189."""
+    level = 5.0 + np.repeat([0.0, move, 0.0], [10, 10, 20]) + zigzag(40, 0.1)
+    zero, free = zeroed(level)
+    assert free
+    assert zero == pytest.approx(5.0 + 0.5 * move if taken else 0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(("samples", "free"), [(9, False), (10, True)])
+def test_free_travel_has_ten_samples(samples, free):
+    assert zeroed([5.0] * samples) == (5.0 * free, free)
+
+
+@pytest.mark.parametrize(("share", "free"), [(0.0095, False), (0.0105, True)])
+def test_free_travel_is_a_hundredth_of_the_travel(share, free):
+    press = np.linspace(150.0, 250.0, 100)
+    standing = np.concatenate([np.full(40, 50.0), press])
+    travel = np.concatenate([50.0 + np.linspace(0.0, share * spread(standing), 40), press])
+    assert zeroed([5.0] * 40, travel=travel) == (5.0 * free, free)
+
+
+@pytest.mark.parametrize(
+    ("level", "touch", "noise", "free"),
+    [
+        (0.0, 0.9, 0.0, True),  # half a hundredth of 200 N is 1 N
+        (0.0, 1.05, 0.0, False),
+        (100.0, 0.9, 0.0, True),  # it is the rise that counts
+        (100.0, 1.05, 0.0, False),
+        (0.0, 1.5, 0.1, True),  # six times the noise of 0.242 N, above the median of 0.1 N
+        (0.0, 1.6, 0.1, False),
+    ],
+)
+def test_free_travel_ends_where_the_force_rises(level, touch, noise, free):
+    before = level + np.repeat([0.0, touch], [8, 3])
+    before[8:] -= zigzag(11, noise)[8:]
+    assert zeroed(before, noise=noise)[1] == free
+
+
+# --- what a recording says about itself ---
+
+
+def test_notes_of_a_recording():
+    up = np.concatenate([np.zeros(30), np.arange(1.0, 101.0)])
+    once = np.concatenate([up, up[-2::-1]])
+    twice = np.concatenate([once, once[1:]])
+    travel = np.arange(130.0)
+    way = np.concatenate([travel, travel[-2::-1]])
+
+    def recorded(force, way, **changed):
+        n = force.size
+        columns = {
+            "test": np.full(n, "A"),
+            "time_s": np.arange(float(n)),
+            "displacement_mm": way,
+            "force_N": force,
+        }
+        return read_tests({**columns, **changed}, StiffnessSettings(segment_length_m=0.04)).notes
+
+    assert recorded(once, way) == ()
+    again = np.concatenate([way, way[1:]])
+    assert recorded(twice, again) == ("test A: 2 cycles found, used: 2",)
+    short = np.concatenate([np.arange(1.0, 101.0), np.arange(99.0, 0.0, -1.0)])
+    assert recorded(short, short) == (
+        "test A: too little travel before contact to check the zero of the load cell",
+    )
