@@ -6,8 +6,9 @@ import contextlib
 import gzip
 import io
 import os
+import stat
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from io import BufferedReader
 from pathlib import Path
 from typing import Final
@@ -21,6 +22,11 @@ MAX_BYTES: Final = 1 << 30
 def opened(path: Path, error_type: type[InputError] = InputError) -> Iterator[BufferedReader]:
     """Open a file to be read; whatever is wrong then or while it is read is an `error_type`."""
     try:
+        mode = path.stat().st_mode
+        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):  # it may wait, or never end
+            raise error_type(
+                f"{path}: is a pipe or a device, a file is needed; - in its place is stdin"
+            )
         with path.open("rb") as file:
             yield file
     except FileNotFoundError:
@@ -32,6 +38,23 @@ def opened(path: Path, error_type: type[InputError] = InputError) -> Iterator[Bu
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise error_type(f"{path}: cannot be read: {reason}") from None
+
+
+def refuse_large(path: Path, files: Sequence[Path]) -> None:
+    """Refuse a recording whose files together are too large to be read at once.
+
+    Raises
+    ------
+    InputError
+        If they are.
+    """
+    with contextlib.suppress(OSError):  # what is not there is told by the one who reads it
+        if sum(file.stat().st_size for file in files) > MAX_BYTES:
+            raise InputError(_too_large(path))
+
+
+def _too_large(path: Path) -> str:
+    return f"{path}: larger than {MAX_BYTES >> 20} MB, split the recording"
 
 
 def read_bytes(path: Path, error_type: type[InputError] = InputError) -> bytes:
@@ -50,10 +73,12 @@ def read_bytes(path: Path, error_type: type[InputError] = InputError) -> bytes:
         If the file is missing, a folder, may not be read, or is too large.
     """
     with opened(path, error_type) as file:
-        size = os.fstat(file.fileno()).st_size  # 0 for what is no file on a disk
-        data = file.read(min(size or MAX_BYTES, MAX_BYTES) + 1)
+        size = os.fstat(file.fileno()).st_size  # 0 for what the system makes up, as in /proc
+        if size > MAX_BYTES:
+            raise error_type(_too_large(path))
+        data = file.read((size or MAX_BYTES) + 1)
     if len(data) > MAX_BYTES:
-        raise error_type(f"{path}: larger than {MAX_BYTES >> 20} MB, split the recording")
+        raise error_type(_too_large(path))
     if not data:
         raise error_type(f"{path}: the file is empty")
     return data

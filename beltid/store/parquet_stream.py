@@ -28,7 +28,8 @@ def parquet_files(folder: Path) -> list[Path]:
     return sorted(
         path
         for path in folder.rglob("*.parquet")
-        if not any(part.startswith((".", "_")) for part in path.relative_to(folder).parts)
+        if path.is_file()
+        and not any(part.startswith((".", "_")) for part in path.relative_to(folder).parts)
     )
 
 

@@ -14,6 +14,7 @@ from beltid.store import schemas
 from beltid.store.channel_units import unit_conversion
 from beltid.store.checks import Checker
 from beltid.store.dialect import ReadOptions
+from beltid.store.files import refuse_large
 from beltid.store.frames import columns_of_frame
 from beltid.store.joining import completed, joined
 from beltid.store.opening import Opened, open_sources, read_opened
@@ -83,6 +84,7 @@ def read_recording(path: str | Path, kind: str, config: Any = None) -> Recording
     options = ReadOptions.of(config, kind)
     besides = [] if options.runs is None or options.runs.table is None else [options.runs.table]
     sources = sources_of(path, besides)
+    refuse_large(path, list(dict.fromkeys(source.path for source in sources)))
     digest = content_sha256(path, besides)
     if len(sources) == 1:
         data = sources[0].read()

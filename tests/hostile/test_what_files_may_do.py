@@ -6,6 +6,7 @@ import ast
 import csv
 import io
 import json
+import os
 import resource
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from beltid.store import parquet_open, schemas
 from beltid.store.artifacts import METADATA_KEY, SEAL_KEY, read_artifact
 from beltid.store.big_recordings import open_big
 from beltid.store.hashing import sha256
-from beltid.store.parquet_stream import parquet_blocks
+from beltid.store.parquet_stream import parquet_blocks, parquet_files
 from beltid.store.recordings import read_recording
 
 ROOT = Path(__file__).parents[2]
@@ -253,3 +254,35 @@ def test_tensions_wrong_by_a_thousand_are_not_believed(tmp_path, factor, unit):
     path = written(tmp_path / "rig.parquet", columns)
     with pytest.raises(InputError, match=f"not plausible in N; if it is in {unit}, say so"):
         read_recording(path, "rig")
+
+
+@pytest.mark.parametrize("command", ["fit-friction", "fit-stiffness", "inspect", "show"])
+def test_a_pipe_without_a_writer_and_a_device_without_end_are_not_waited_for(tmp_path, command):
+    pipe = tmp_path / "rig.csv"
+    os.mkfifo(pipe)
+    for path in (pipe, Path("/dev/zero")):
+        result = CliRunner().invoke(app, [command, str(path)])
+        assert result.exit_code == 2, result.output
+        assert f"error: {path}: is a pipe or a device, a file is needed" in result.output
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"), [("press", "press.csv"), ("rig", "rig.txt"), ("rig", "rig.xlsx")]
+)
+def test_a_recording_too_large_for_the_memory_is_refused_before_it_is_read(tmp_path, kind, name):
+    path = tmp_path / name
+    with path.open("wb") as file:
+        file.truncate(1 << 40)
+    with pytest.raises(InputError, match="larger than 1024 MB, split the recording"):
+        read_recording(path, kind)
+    with pytest.raises(ArtifactError, match="larger than 1024 MB"):
+        read_artifact(path)
+    with pytest.raises(InputError, match="larger than 1024 MB"):  # all files of a folder together
+        read_recording(tmp_path, kind)
+
+
+def test_only_files_are_parts_of_a_parquet_recording(tmp_path):
+    written(tmp_path / "a.parquet", rig())
+    os.mkfifo(tmp_path / "b.parquet")
+    (tmp_path / "c.parquet").mkdir()
+    assert parquet_files(tmp_path) == [tmp_path / "a.parquet"]
