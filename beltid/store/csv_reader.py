@@ -15,7 +15,7 @@ from beltid.store.dialect import MISSING_WORDS, Layout
 from beltid.store.problems import Problems
 from beltid.store.tables import absent
 
-_NUMBER: Final = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
+NUMBER: Final = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
 _COMMA_TO_POINT: Final = str.maketrans(",.", ".?")
 _INFINITE: Final = re.compile(r"[-+]?(inf|infinity)", re.IGNORECASE)
 
@@ -175,6 +175,6 @@ def _cell(text: str, is_text: bool, comma: bool) -> tuple[float | str | None, bo
         return text, True
     # under a decimal comma a point would be a thousands separator: 1.234 is not read as 1.234
     number = text.translate(_COMMA_TO_POINT) if comma else text
-    if _NUMBER.fullmatch(number) or _INFINITE.fullmatch(number):
+    if NUMBER.fullmatch(number) or _INFINITE.fullmatch(number):
         return float(number), True
     return np.nan, False

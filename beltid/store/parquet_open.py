@@ -86,6 +86,16 @@ def _refuse_claims(about: Any, size: int, name: str, error_type: type[InputError
         raise error_type(f"{name}: damaged: it claims {cells:,} values in {size:,} bytes")
 
 
+def is_number(kind: pa.DataType) -> bool:
+    """Whether a type is that of plain numbers: a date or a duration would lose its unit."""
+    import pyarrow as pa
+
+    of = pa.types
+    return bool(
+        of.is_integer(kind) or of.is_floating(kind) or of.is_decimal(kind) or of.is_null(kind)
+    )
+
+
 def damaged(error: BaseException) -> str:
     """Why a file cannot be read, in the words of its library, shortened."""
     return "damaged: " + (" ".join(str(error).split())[:120] or type(error).__name__)
@@ -117,10 +127,7 @@ def refused_columns(there: pa.Schema, wanted: Sequence[str], label: str, name: s
         kind = there.field(column).type
         inner = kind.value_type if pa.types.is_dictionary(kind) else kind
         text = pa.types.is_string(inner) or pa.types.is_large_string(inner)
-        plain = (
-            pa.types.is_primitive(inner) or pa.types.is_null(inner) or pa.types.is_decimal(inner)
-        )
-        if not (plain or (text and column == label)):
+        if not (is_number(inner) or (text and column == label)):
             allowed = "texts or whole numbers" if column == label else "numbers"
             problems.append(f"{name}: column {column} holds {kind}, must hold {allowed}")
     return problems

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from beltid.errors import InputError
+from beltid.store.csv_reader import NUMBER
 from beltid.store.csv_stream import Block
-from beltid.store.parquet_open import damaged, open_parquet, refused_columns
-from beltid.store.schemas import Table
+from beltid.store.natural_order import natural
+from beltid.store.parquet_open import damaged, is_number, open_parquet, refused_columns
+from beltid.store.schemas import Column, Table
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -25,12 +27,13 @@ LABELS: Final = 1 << 14
 
 def parquet_files(folder: Path) -> list[Path]:
     """Parquet files of a folder and of the folders in it, in the order of their names."""
-    return sorted(
+    found = (
         path
         for path in folder.rglob("*.parquet")
         if path.is_file()
         and not any(part.startswith((".", "_")) for part in path.relative_to(folder).parts)
     )
+    return sorted(found, key=lambda path: natural(path.as_posix()))
 
 
 def parquet_blocks(path: Path, table: Table, names: Mapping[str, str]) -> Iterator[Block]:
@@ -85,6 +88,7 @@ def _batches(
     for column in table.columns:
         theirs = names.get(column.name, column.name)
         if theirs in from_folders:
+            problems += _wrong_folder(file, column, theirs, from_folders[theirs], there)
             continue
         if theirs not in there.names:
             if column.required:
@@ -92,7 +96,8 @@ def _batches(
             continue
         kind = there.field(theirs).type
         fits = _is_text(kind) or pa.types.is_integer(kind)
-        if not (fits if column.dtype == "string" else _is_number(kind)):
+        fits |= pa.types.is_null(kind)
+        if not (fits if column.dtype == "string" else is_number(kind)):
             problems.append(f"{file}: column {theirs} holds {kind}, must hold {column.dtype}")
         wanted.append(theirs)
     if problems:
@@ -121,12 +126,6 @@ def _refuse_long(labels: pa.Array, file: Path) -> None:
         raise InputError(f"{file}: labels of {longest} bytes, must be at most {LONGEST_LABEL}")
 
 
-def _is_number(kind: Any) -> bool:
-    import pyarrow as pa
-
-    return bool(pa.types.is_floating(kind) or pa.types.is_integer(kind))
-
-
 def _is_text(kind: Any) -> bool:
     import pyarrow as pa
 
@@ -150,7 +149,7 @@ def _block(
             if column.dtype == "string":
                 labels = [(0, from_folders[theirs])]
             else:
-                numbers[column.name] = np.full(batch.num_rows, _number(from_folders[theirs]))
+                numbers[column.name] = np.full(batch.num_rows, float(from_folders[theirs]))
         elif theirs in batch.schema.names:
             values = batch.column(theirs)
             if column.dtype == "string":
@@ -160,18 +159,26 @@ def _block(
     return Block(numbers, labels, row)
 
 
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return float("nan")
+def _wrong_folder(
+    file: Path, column: Column, theirs: str, value: str, there: pa.Schema
+) -> list[str]:
+    """What is wrong with a column that the name of a folder holds."""
+    problems = []
+    if theirs in there.names:
+        problems.append(
+            f"{file}: column {theirs} is there, and its folder is called {theirs}={value}: "
+            "one of them may hold it"
+        )
+    if column.dtype != "string" and not NUMBER.fullmatch(value):
+        problems.append(f"{file}: its folder is called {theirs}={value}, must be a number")
+    return problems
 
 
 def _floats(values: pa.Array) -> np.ndarray:
     import pyarrow as pa
 
     if not pa.types.is_float64(values.type):
-        values = values.cast(pa.float64())
+        values = values.cast(pa.float64(), safe=False)  # the nearest float64, as everywhere
     return values.to_numpy(zero_copy_only=False)  # nulls become nan
 
 

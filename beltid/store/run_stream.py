@@ -140,6 +140,8 @@ class RunStream:
                 self.problems.raise_if_any()
         if pieces is not None:
             yield from self._finished(pieces)
+        if not self.n_samples and not self.problems.count:
+            raise InputError(f"{self.name}: holds no samples")
         for column in self.table.columns:
             if column.required and 0 < self.missing.get(column.name, 0) == self.n_samples:
                 self.problems.add(no_number(self.name, column))

@@ -6,7 +6,6 @@ import contextlib
 import glob
 import hashlib
 import io
-import re
 import zipfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -17,6 +16,7 @@ from beltid.errors import InputError
 from beltid.formats.sniff import ZIP, sniff
 from beltid.store.files import MAX_BYTES, opened, read_bytes
 from beltid.store.hashing import sha256
+from beltid.store.natural_order import natural
 from beltid.store.parquet_stream import parquet_files
 
 MAX_FILES: Final = 5000
@@ -203,12 +203,6 @@ def _found(path: Path) -> list[Path]:
         for f in found
         if not f.name.startswith((".", "~$")) and f.suffix.lower() not in _COMPANIONS
     ]
-
-
-def natural(name: str) -> tuple[tuple[int, str], ...]:
-    """Key that sorts run2 before run10."""
-    parts = re.split(r"([0-9]{1,18})", name)  # int() is for these only
-    return tuple((int(p), "") if i % 2 else (-1, p) for i, p in enumerate(parts) if p)
 
 
 def _is_parquet(file: Path) -> bool:

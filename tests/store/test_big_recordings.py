@@ -346,3 +346,90 @@ def test_a_parquet_file_takes_a_part_of_its_size_in_memory(
         n += block.n_rows
     assert n == 1_500_000
     assert most < path.stat().st_size / 3
+
+
+def parts(folder: Path, name: str, changed: dict[str, pa.Array | None]) -> Path:
+    """A folder of Parquet files with one run in which columns are changed or left out."""
+    import pandas as pd
+
+    frame = pd.read_csv(RIG, dtype={"run": str}).iloc[:300]
+    table = pa.Table.from_pandas(frame, preserve_index=False)
+    for column, values in changed.items():
+        table = table.drop_columns([column])
+        table = table if values is None else table.append_column(column, values)
+    (folder / name).parent.mkdir(parents=True)
+    pq.write_table(table, folder / name)
+    return folder
+
+
+def refused_by_both(folder: Path) -> tuple[str, ...]:
+    file = next(folder.rglob("*.parquet"))
+    with pytest.raises(InputError) as at_once:
+        read_recording(file, "rig")
+    with pytest.raises(InputError) as in_a_stream:
+        list(open_big(file))
+    assert in_a_stream.value.problems == at_once.value.problems
+    return at_once.value.problems
+
+
+@pytest.mark.parametrize(
+    ("column", "values"),
+    [
+        ("time_s", pa.array(range(300), pa.timestamp("us"))),
+        ("time_s", pa.array(range(300), pa.duration("ms"))),
+        ("tension_tight_N", pa.array([True] * 300)),
+        ("run", pa.array(range(300), pa.date32())),
+    ],
+)
+def test_columns_of_dates_durations_and_truths_are_no_numbers(
+    tmp_path: Path, column: str, values: pa.Array
+) -> None:
+    problems = refused_by_both(parts(tmp_path, "x/a.parquet", {column: values}))
+    assert f"column {column} holds {values.type}, must hold " in problems[0]
+
+
+@pytest.mark.parametrize(
+    ("column", "values"),
+    [
+        ("temperature_degC", pa.nulls(300)),
+        ("tension_tight_N", pa.array([50] * 300).cast(pa.decimal128(21, 2))),
+        ("time_s", pa.array([2**60 + 1000 * i for i in range(300)])),
+    ],
+)
+def test_all_types_of_numbers_are_read_alike(tmp_path: Path, column: str, values: pa.Array) -> None:
+    folder = parts(tmp_path, "x/a.parquet", {column: values})
+    same_as_read_at_once(next(folder.rglob("*.parquet")))
+
+
+def test_a_folder_and_a_file_that_hold_the_same_column_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"a\.parquet: column arc_deg is there, and its folder"):
+        list(open_big(parts(tmp_path, "arc_deg=99/a.parquet", {})))
+
+
+@pytest.mark.parametrize("value", ["wide", "nan", "8_2", ""])
+def test_a_folder_named_by_no_number_is_refused(tmp_path: Path, value: str) -> None:
+    folder = parts(tmp_path, f"arc_deg={value}/a.parquet", {"arc_deg": None})
+    with pytest.raises(InputError, match=f"its folder is called arc_deg={value}, must be a number"):
+        list(open_big(folder))
+
+
+def test_a_recording_without_samples_is_refused(tmp_path: Path) -> None:
+    folder = parts(tmp_path, "x/a.parquet", {})
+    file = folder / "x" / "a.parquet"
+    pq.write_table(pq.read_table(file).slice(0, 0), file)
+    assert refused_by_both(folder) == (f"{file}: holds no samples",)
+
+
+def test_numbered_parts_come_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    import pandas as pd
+
+    frame = pd.read_csv(RIG, dtype={"run": str}).iloc[:1200]
+    (tmp_path / "x").mkdir()
+    for k in range(12):  # as pyarrow.parquet.write_to_dataset names them
+        part = frame.iloc[100 * k : 100 * (k + 1)]
+        part.to_parquet(tmp_path / "x" / f"part-{k}.parquet", index=False)
+    runs = list(open_big(tmp_path))
+    assert [run.label for run in runs] == list(dict.fromkeys(frame["run"]))
+    assert np.array_equal(
+        np.concatenate([run.columns["time_s"] for run in runs]), frame["time_s"].to_numpy()
+    )
