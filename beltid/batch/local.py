@@ -12,6 +12,7 @@ import math
 import multiprocessing
 import os
 import signal
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -30,6 +31,9 @@ MOST_LOSSES: Final = 3
 """Workers lost one after the other, without a result between them, before a call is given up."""
 IMPORTING_S: Final = 0.2
 """Time after which a server that starts no worker is taken to be importing still [s]."""
+LONGEST_SOCKET_FOLDER: Final = 70
+"""Bytes of the folder of temporary files: with the names of folder and socket in it 102, and a
+socket may have 103 (macOS) or 107 (Linux)."""
 LOOK_UP_S: Final = 0.2
 """Time after which a caller who waits looks whether it was told to stop [s]."""
 IMPORTED: Final = ("beltid.batch.chain", "pyarrow.csv", "pyarrow.parquet", "scipy.interpolate")
@@ -177,8 +181,14 @@ class ProcessWorkers(Workers):
 
 
 def _start_method() -> str:
+    """A server to fork from, where there can be one: it is reached by the name of a socket."""
     methods = multiprocessing.get_all_start_methods()
-    return "forkserver" if "forkserver" in methods else "spawn"
+    try:
+        folder = os.fsencode(tempfile.gettempdir())
+    except FileNotFoundError:  # every folder for temporary files is full or read-only
+        return "spawn"
+    short = len(folder) <= LONGEST_SOCKET_FOLDER
+    return "forkserver" if "forkserver" in methods and short else "spawn"
 
 
 @contextlib.contextmanager

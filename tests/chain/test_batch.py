@@ -151,6 +151,23 @@ def test_a_worker_that_is_killed_is_replaced_and_its_call_made_again(tmp_path: P
         workers.close()
 
 
+def no_folder() -> str:
+    raise FileNotFoundError(2, "No usable temporary directory found")
+
+
+@pytest.mark.parametrize("folder", [lambda: "/tmp/" + 90 * "x", no_folder])
+def test_workers_need_no_folder_of_temporary_files(
+    folder: Callable[[], str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tempfile.gettempdir", folder)
+    workers = ProcessWorkers(2)
+    try:
+        workers.prepare()
+        assert workers.call(os.path.basename, "a/b") == "b"
+    finally:
+        workers.close()
+
+
 def test_workers_that_are_stopped_give_up_at_once() -> None:
     workers = ProcessWorkers(1)
     assert workers.call(square, 2) == 4  # it runs
