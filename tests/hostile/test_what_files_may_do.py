@@ -246,7 +246,7 @@ def test_numbers_that_nature_does_not_have_are_refused_with_their_line(
     assert any(line.startswith(f"{path}:6: ") and words in line for line in caught.value.problems)
 
 
-@pytest.mark.parametrize(("factor", "unit"), [(1e-3, "kN"), (1e4, "mN")])
+@pytest.mark.parametrize(("factor", "unit"), [(1e-3, "kN"), (2e-2, "kN"), (1e3, "mN")])
 def test_tensions_wrong_by_a_thousand_are_not_believed(tmp_path, factor, unit):
     columns = rig()
     for name in ("tension_tight_N", "tension_slack_N"):
@@ -286,3 +286,24 @@ def test_only_files_are_parts_of_a_parquet_recording(tmp_path):
     os.mkfifo(tmp_path / "b.parquet")
     (tmp_path / "c.parquet").mkdir()
     assert parquet_files(tmp_path) == [tmp_path / "a.parquet"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "column", "factor", "unit"),
+    [
+        ("press", "force_N", 5e-3, "kN"),  # as if the press had gone five times as far
+        ("press", "force_N", 1e2, "mN"),
+        ("press", "displacement_mm", 2e-2, "m"),
+        ("press", "displacement_mm", 3e2, "um"),
+        ("speedloss", "torque_N_m", 1e-3, "kN m"),
+        ("speedloss", "torque_N_m", 1e3, "N mm"),
+    ],
+)
+def test_forces_travels_and_torques_wrong_by_a_thousand_are_not_believed(
+    tmp_path, kind, column, factor, unit
+):
+    columns = dict(read_recording(DATA / f"{kind}.csv", kind).columns)
+    columns[column] = columns[column] * factor
+    path = written(tmp_path / "a.parquet", columns)
+    with pytest.raises(InputError, match=f"not plausible in .*; if it is in {unit}, say so"):
+        read_recording(path, kind)
