@@ -8,7 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltid.identify.friction_law_doubt import NOT_DETERMINED, NOT_ZERO, parameters_of, verdict_of
+from beltid.identify.friction_law_doubt import (
+    NOT_DETERMINED,
+    NOT_ZERO,
+    covariance_scale,
+    parameters_of,
+    verdict_of,
+)
 from beltid.identify.friction_law_search import search_law
 from beltid.identify.friction_points import friction_points
 from beltid.laws.friction_formulas import FrictionFormula
@@ -50,12 +56,12 @@ def test_errors_of_the_named_parameters_are_carried_over():
 
 
 def test_an_error_shared_by_the_points_is_one_of_the_amplitudes():
-    found, _, _ = told("power_log", LOG, 0.01, 0.02, 0.03, 0.04, shared=0.1)
+    found, covariance, _ = told("power_log", LOG, 0.01, 0.02, 0.03, 0.04, shared=0.1)
+    assert np.sqrt(np.diag(covariance)) == pytest.approx([p.se for p in found.values()], rel=1e-6)
     plain, _, _ = told("power_log", LOG, 0.01, 0.02, 0.03, 0.04)
     assert found["mu0"].se == pytest.approx(math.hypot(0.01, 0.1 * 0.6), rel=1e-6)
     for name in ("a", "b", "v0"):  # b is a ratio of two amplitudes
         assert found[name].se == pytest.approx(plain[name].se, rel=1e-6)
-    found, _, _ = told("power_stribeck_1", STRIBECK, 0.01, 0.02, 0.03, 0.04, 0.05, shared=0.1)
     expected = {
         "mu_s": math.hypot(0.01, 0.13),
         "mu_k": math.hypot(0.02, 0.08),
@@ -63,10 +69,16 @@ def test_an_error_shared_by_the_points_is_one_of_the_amplitudes():
         "v_s": 0.001,
         "c": math.hypot(0.03, 0.15),
     }
-    assert {n: p.se for n, p in found.items()} == pytest.approx(expected, rel=1e-6)
+    for law in ("power_stribeck_1", "power_stribeck_2"):
+        found, _, _ = told(law, STRIBECK, 0.01, 0.02, 0.03, 0.04, 0.05, shared=0.1)
+        assert {n: p.se for n, p in found.items()} == pytest.approx(expected, rel=1e-6)
     found, _, _ = told("power", {"mu0": 0.9, "a": 0.22}, 0.01, 0.03, shared=0.1)
     assert found["mu0"].se == pytest.approx(math.hypot(0.01, 0.09), rel=1e-6)
     assert found["a"].se == pytest.approx(0.03, rel=1e-6)
+
+
+def test_one_degree_of_freedom_tells_the_scatter():
+    assert covariance_scale(3.0, 1, False, 1.5) == 4.5
 
 
 def statuses(law, values, *sd):
@@ -77,6 +89,8 @@ def test_a_value_within_two_errors_of_zero_is_not_told_from_it():
     power = {"mu0": 0.9, "a": 0.22}
     assert statuses("power", power, 0.01, 0.109) == {"mu0": "", "a": ""}
     assert statuses("power", power, 0.01, 0.111) == {"mu0": "", "a": NOT_ZERO}
+    assert told("power", power, 0.01, 0.111)[0]["a"].determined
+    assert not told("power", power, 0.01, 1.1)[0]["a"].determined
     open_c = {"mu_s": "", "mu_k": "", "a": "", "v_s": "", "c": NOT_ZERO}
     assert statuses("power_stribeck_1", STRIBECK, 0.01, 0.01, 0.76, 0.01, 0.01) == open_c
     # where the speed has no provable influence its scale means nothing
