@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from beltid.errors import EXIT_BATCH_FAILED, EXIT_DONE
+from beltid.errors import EXIT_BATCH_FAILED, EXIT_DONE, ArtifactError
 from beltid.report.summary import Summary
+from beltid.stages.talk import Talk
 from beltid.store.atomic import write_bytes
 
 DONE: Final = "done"
@@ -22,6 +23,7 @@ MADE_GOOD_BY: Final = {"compare": "compare refined"}
 """Comparison that may be out of tolerance -> the one that decides, if it is within."""
 SKIPPED: Final = "no recording"
 SWEEP_TABLE: Final = "sweep.csv"
+TABLE_STEP: Final = "sweep table"
 
 
 @dataclass(slots=True)
@@ -146,31 +148,38 @@ def _shown(belts: Sequence[BeltRun], mixed: bool) -> tuple[str, ...]:
     return (*columns, *(["origin"] if mixed else []))
 
 
-def write_sweep_tables(belts: Sequence[BeltRun], folder: Path) -> None:
+def write_sweep_tables(belts: Sequence[BeltRun], folder: Path, talk: Talk) -> None:
     """Write the table of every sweep beside the folders of its cases: ``sweep.csv``.
 
-    Raises
-    ------
-    ArtifactError
-        If it cannot be written.
+    One that cannot be written is a failure of the last case of its sweep.
     """
     sweeps: dict[str, list[BeltRun]] = {}
     for belt in belts:
         if belt.case:
             sweeps.setdefault(belt.belt, []).append(belt)
     for name, cases in sweeps.items():
-        rows = [
-            # the same text whether a case was made now or before
-            {"case": case.case, **_short_row(case), "origin": case.origin, "status": _ended(case)}
-            for case in cases
-        ]
-        text = io.StringIO(newline="")
-        writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-        content, path = text.getvalue().encode(), folder / name / SWEEP_TABLE
-        if not (path.is_file() and path.read_bytes() == content):
-            write_bytes(path, content)
+        try:
+            _write_sweep_table(cases, folder / name / SWEEP_TABLE)
+        except ArtifactError as error:
+            cases[-1].states[TABLE_STEP] = FAILED
+            cases[-1].troubles[TABLE_STEP] = (error.exit_status, tuple(error.problems))
+            for line in error.problems:
+                talk.error(f"{name}: {TABLE_STEP}: {line}")
+
+
+def _write_sweep_table(cases: Sequence[BeltRun], path: Path) -> None:
+    rows = [
+        # the same text whether a case was made now or before
+        {"case": case.case, **_short_row(case), "origin": case.origin, "status": _ended(case)}
+        for case in cases
+    ]
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    content = text.getvalue().encode()
+    if not (path.is_file() and path.read_bytes() == content):
+        write_bytes(path, content)
 
 
 def _row(belt: BeltRun) -> dict[str, Any]:

@@ -127,7 +127,7 @@ def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptio
             run_chains(chains, workers, force=options.force, fail_fast=options.fail_fast)
             runs = [chain.run for chain in chains]
             if options.whole:
-                write_sweep_tables(runs, folder)
+                write_sweep_tables(runs, folder, options.talk)
             if options.report:
                 write_reports(chains, folder if options.whole else None, options, workers)
         except BaseException:

@@ -77,8 +77,13 @@ def _made(
     # a single page is made here: it would only wait for a worker to import what draws
     here = len(stale) == 1 or not workers.share_files
     calls = [(chain.source, chain.folder, force) for chain in stale]
-    for index, (made, heard) in (Workers() if here else workers).as_ended(_page, calls):
-        yield stale[index], made, heard
+    missing = dict(enumerate(stale))
+    try:
+        for index, (made, heard) in (Workers() if here else workers).as_ended(_page, calls):
+            yield missing.pop(index), made, heard
+    except BeltidError as error:  # the workers were lost again and again
+        for chain in missing.values():
+            yield chain, error, []
 
 
 def _page(

@@ -11,9 +11,11 @@ import pytest
 from small_bench import contents
 
 from beltid.batch import config_sources
+from beltid.batch.belts import BeltRun, batch_summary, write_sweep_tables
 from beltid.batch.local import ProcessWorkers
 from beltid.batch.reports import write_reports
 from beltid.batch.schedule import Chain
+from beltid.errors import EXIT_INPUT, BeltidError
 from beltid.report.summary import Summary
 from beltid.stages.talk import Options, Talk
 from beltid.stages.workers import Workers
@@ -107,3 +109,38 @@ def test_a_page_that_fails_does_not_stop_the_others(ended: Any, tmp_path: Path) 
     assert [chain.run.exit_status for chain in chains] == [2, 0]
     assert any("a file that beltid did not write" in line for line in notes.wrong)
     assert not (tmp_path / "runs" / "report.html").exists()
+
+
+class Lost(Counted):
+    """Workers who are killed after the first page."""
+
+    def as_ended(
+        self, function: Callable[..., Any], calls: Sequence[tuple[Any, ...]]
+    ) -> Iterator[tuple[int, Any]]:
+        yield 0, function(*calls[0])
+        raise BeltidError("workers were killed 4 times")
+
+
+def test_workers_that_are_lost_fail_the_pages_that_they_had(ended: Any, tmp_path: Path) -> None:
+    talk = Notes()
+    chains = ended("lost", talk)
+    write_reports(chains, tmp_path / "lost", Options(talk=talk), Lost())
+    assert [chain.run.states["report"] for chain in chains] == ["done", "failed"]
+    assert talk.wrong == ["two: report: workers were killed 4 times"]
+    assert (tmp_path / "lost" / "one" / "report.html").is_file()
+
+
+def test_a_table_of_a_sweep_that_cannot_be_written_is_a_failure_of_its_last_case(
+    tmp_path: Path,
+) -> None:
+    talk = Notes()
+    runs = [BeltRun(b, c, {"rig.supports": c}, {}) for b in ("s", "t") for c in ("x", "y")]
+    (tmp_path / "s" / "sweep.csv").mkdir(parents=True)
+    write_sweep_tables(runs, tmp_path, talk)
+    assert [run.exit_status for run in runs] == [0, EXIT_INPUT, 0, 0]
+    assert runs[1].states == {"sweep table": "failed"}
+    (line,) = talk.wrong
+    assert line.startswith("s: sweep table: ")
+    assert line.endswith("sweep.csv: not written: this is a folder, name a file in it")
+    assert (tmp_path / "t" / "sweep.csv").read_text().count("\n") == 3
+    assert batch_summary(runs, tmp_path).verdict == "1 of 4 cases failed: s/y"
