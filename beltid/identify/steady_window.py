@@ -86,7 +86,7 @@ def _starts_level(value: Array, tolerance: float, noise: float) -> bool:
     A slope of medians overlooks a short tail there.
     """
     count = value.size
-    later = median(value[min(count // 4 + 1, count - 1) :])
+    later = median(value[count // 4 + 1 :])
     lead = float(np.mean(value[: max(1, count // 8)]))
     first = abs(float(value[0]) - later) <= max(tolerance, 4.0 * noise)
     return first and abs(lead - later) <= max(tolerance, 3.0 * noise)
@@ -96,8 +96,8 @@ def _is_steady(time: Array, value: Array, change: float, tolerance: float, noise
     """Whether slope and spread of a window are within tolerance and noise."""
     if abs(change) > max(tolerance, 3.0 * noise * np.sqrt(12.0 / value.size)):
         return False
-    run = time - 0.5 * (time[0] + time[-1])
-    straight = value - change / float(time[-1] - time[0]) * run
+    run = time - time[0]
+    straight = value - change / float(run[-1]) * run
     return robust_sigma(straight) <= max(tolerance, 2.5 * noise)
 
 

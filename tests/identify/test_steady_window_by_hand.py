@@ -35,6 +35,8 @@ def test_blocks_that_fill_the_signal_are_preferred():
     assert window(np.zeros(95)) == (0, 0.0)
     # 108 samples: 18 would leave none but are too few, 21 leave three
     assert window(np.zeros(108)) == (3, 0.0)
+    # 125 samples: 25 blocks would leave none but are too many
+    assert window(np.zeros(125)) == (5, 0.0)
     # four blocks at least, four samples each where there are few
     assert window(np.zeros(4)) == (0, 0.0)
     assert window(np.zeros(7)) == (3, 0.0)
@@ -101,8 +103,10 @@ def test_spread_within_the_tolerance(spread, steady):
     """Symmetric blocks have no slope; the median of their deviations is the amplitude."""
     a = spread / 1.482602218505602
     # seven blocks: too few to tell their own noise
-    found = window(blocks([0.0, a, -a, a, -a, a, 0.0], 4), 1.0)
-    assert (found is not None and found[0] == 0) == steady
+    even = np.array([0.0, a, -a, a, -a, a, 0.0])
+    for slope in (0.0, 0.8, -0.8):  # the slope is taken off
+        found = window(blocks(even + slope * np.arange(7) / 6.0, 4), 1.0)
+        assert (found == (0, slope)) == steady
 
 
 @pytest.mark.parametrize(("n", "lead", "first"), [(24, 3, 1.0), (16, 2, 1.0), (8, 1, 1.0)])
@@ -114,3 +118,34 @@ def test_the_first_blocks_lie_on_the_others(n, lead, first):
     if lead > 1:  # the mean of the lead and its first block have a limit each
         found = window(blocks([1.02] + [-1.0] * (lead - 1) + [0.0] * (n - lead), 4), 1.0)
         assert found[0] > 0
+
+
+# --- noise of blocks that repeat 0, 1, 1, 0: half of their steps are one, the others none ---
+
+EVEN = 100.0 + np.tile([0.0, 1.0, 1.0, 0.0], 6)
+STEP_NOISE = 1.482602218505602 / np.sqrt(2.0)
+
+
+def holds(offsets):
+    """Whether all blocks are steady; samples within a block are alike and tell no noise."""
+    found = window(blocks(EVEN + offsets, 50), 1e-9)
+    return found is not None and found[0] == 0
+
+
+@pytest.mark.parametrize(("share", "steady"), [(0.99, True), (1.01, False)])
+def test_blocks_tell_their_own_noise(share, steady):
+    line = 3.0 * STEP_NOISE * np.sqrt(12.0 / 24.0) * np.linspace(-0.5, 0.5, 24)
+    assert holds(share * line) == steady
+    assert holds(-share * line) == steady
+    # the first block: four times; the first eighth, at 2/3 on average: three times
+    blocks_on = np.arange(24)
+    assert holds(share * 4.0 * STEP_NOISE * (blocks_on < 1)) == steady
+    assert holds((share * 3.0 * STEP_NOISE - 2.0 / 3.0) * (blocks_on < 3)) == steady
+    # half of the blocks lie higher by h: the median of the deviations is h / 2
+    higher = 2.0 * 2.5 * STEP_NOISE / 1.482602218505602
+    assert holds(share * higher * ((blocks_on >= 6) & (blocks_on < 18))) == steady
+
+
+def test_a_window_has_three_blocks():
+    assert window(blocks([12.0, 9.0, 6.0, 3.0, 0.0, 0.0], 4)) is None
+    assert window(blocks([12.0, 9.0, 6.0, 0.0, 0.0, 0.0], 4)) == (12, 0.0)
