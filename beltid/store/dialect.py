@@ -15,6 +15,10 @@ from beltid.units import Calibration
 
 SEPARATORS: Final = (",", ";", "\t", "|")
 MAX_COLUMNS: Final = 2000
+MAX_LINES: Final = 50_000_000
+"""Lines of a file that is read at once; blank ones take memory, too."""
+MAX_BLANK: Final = 100_000
+"""Lines without a cell before the header, or before the row of units."""
 MISSING_WORDS: Final = frozenset(
     ("", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL", "None", "-")
 )
@@ -123,6 +127,8 @@ def layout(text: str, name: str, options: ReadOptions, wanted: Iterable[str]) ->
     InputError
         If there is no header, or nothing after it.
     """
+    if text.count("\n") > MAX_LINES:
+        raise InputError(f"{name}: more than {MAX_LINES:,} lines, split the recording")
     notes: list[str] = []
     names = set(wanted)
     start, line = _header_start(text, name, options.skip_lines, notes)
@@ -163,7 +169,9 @@ def _units_row(
     """Cells of the row of units below the header, stated or plain to see; where the rows begin."""
     start, line = _line_end(text, start) + 1, line + 1
     at, below = start, line
-    while at < len(text) and not text[at : _line_end(text, at)].strip():
+    while (
+        at < len(text) and below - line < MAX_BLANK and not text[at : _line_end(text, at)].strip()
+    ):
         at, below = _line_end(text, at) + 1, below + 1
     end = _line_end(text, at)
     try:
@@ -211,7 +219,7 @@ def _line_end(text: str, start: int) -> int:
 def _header_start(text: str, name: str, skip: int, notes: list[str]) -> tuple[int, int]:
     """Offset and line number of the header: after skipped, blank and comment (#) lines."""
     start, line, comments = 0, 1, 0
-    while start < len(text):
+    while start < len(text) and line - skip <= MAX_BLANK:
         row = text[start : _line_end(text, start)].strip()
         comment = row.startswith("#")
         if line > skip and re.fullmatch(r"sep=.?", row):  # what Excel puts before the header
@@ -223,7 +231,8 @@ def _header_start(text: str, name: str, skip: int, notes: list[str]) -> tuple[in
             return start, line
         comments += comment and line > skip
         start, line = _line_end(text, start) + 1, line + 1
-    raise InputError(f"{name}: holds no header (it has {line - 1} lines, {skip} are skipped)")
+    looked = "it has" if start >= len(text) else "looked for in the first"
+    raise InputError(f"{name}: holds no header ({looked} {line - 1} lines, {skip} are skipped)")
 
 
 def _cells(row: str, separator: str, name: str, line: int) -> list[str]:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import ast
 import csv
+import gzip
 import io
 import json
 import os
 import resource
+import time
 from pathlib import Path
 
 import h5py
@@ -19,7 +21,7 @@ from typer.testing import CliRunner
 
 from beltid.cli import app
 from beltid.errors import LONGEST_LINE, ArtifactError, InputError, printable
-from beltid.store import parquet_open, schemas
+from beltid.store import dialect, parquet_open, schemas
 from beltid.store.artifacts import METADATA_KEY, SEAL_KEY, read_artifact
 from beltid.store.big_recordings import open_big
 from beltid.store.hashing import sha256
@@ -307,3 +309,16 @@ def test_forces_travels_and_torques_wrong_by_a_thousand_are_not_believed(
     path = written(tmp_path / "a.parquet", columns)
     with pytest.raises(InputError, match=f"not plausible in .*; if it is in {unit}, say so"):
         read_recording(path, kind)
+
+
+@pytest.mark.parametrize("head", ["", "run,time_s\n"], ids=["nothing", "header"])
+def test_millions_of_blank_lines_cost_neither_time_nor_memory(tmp_path, monkeypatch, head):
+    path = tmp_path / "rig.csv.gz"
+    path.write_bytes(gzip.compress(head.encode() + b"\n" * 60_000_000, 1))
+    began = time.process_time()
+    with pytest.raises(InputError, match="more than 50,000,000 lines, split the recording"):
+        read_recording(path, "rig")
+    monkeypatch.setattr(dialect, "MAX_LINES", 1 << 40)
+    with pytest.raises(InputError, match=r"holds no (header|samples)"):
+        read_recording(path, "rig")
+    assert time.process_time() - began < 6.0
