@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from beltid.identify import sliding_tail_fit
 from beltid.identify.sliding import fit_sliding
 from beltid.identify.sliding_errors import correlation_time
 from beltid.identify.sliding_tail_fit import weigh_tails
@@ -27,7 +28,7 @@ def fitted(late, seed=0, noise=0.5):
 
 
 def brute_force(record):
-    """(level, se, log evidence) of a single and of a double tail."""
+    """(level, se, log evidence) of a single and of a double tail; log odds of the fit."""
     low, high_1, high_2 = record.log_range
     first = np.linspace(low, high_1, GRID)
     second = np.linspace(low + math.log(1.25), high_2, GRID + 7)
@@ -85,7 +86,8 @@ def brute_force(record):
     sd = math.sqrt(float(np.sum(w * (own + (levels - mean) ** 2)) / w.sum()))
     cell = step * (second[1] - second[0]) * (b[1] - b[0])
     double = (mean, sd, peak + math.log(w.sum() * cell) + math.log(0.8))
-    return single, double
+    odds = 0.5 * (float(squares[i, j]) - record.fit_squares) / noise
+    return single, double, odds
 
 
 @pytest.mark.parametrize(
@@ -94,7 +96,7 @@ def brute_force(record):
 def test_levels_errors_and_evidence_are_integrals_over_all_tails(late):
     fit = fitted(late)
     found = weigh_tails(T, fit)
-    single, double = brute_force(TailRecord.of(T, fit))
+    single, double, _ = brute_force(TailRecord.of(T, fit))
     for stated, expected in ((found.single, single), (found.double, double)):
         assert stated.level == pytest.approx(expected[0], abs=0.03 * expected[1])
         assert stated.se == pytest.approx(expected[1], rel=0.03)
@@ -103,6 +105,22 @@ def test_levels_errors_and_evidence_are_integrals_over_all_tails(late):
     odds = found.double.log_evidence - found.single.log_evidence
     # a grid of 28 time constants tells the odds to a quarter; with 112 the numbers are these
     assert odds == pytest.approx(double[2] - single[2], rel=0.01, abs=0.25)
+
+
+@pytest.mark.parametrize("late", [[(12.0, 1.5)], [(-9.0, 2.0)]])
+def test_odds_on_a_fine_grid(late, monkeypatch):
+    monkeypatch.setattr(sliding_tail_fit, "POINTS", 112)
+    fit = fitted(late)
+    found = weigh_tails(T, fit)
+    record = TailRecord.of(T, fit)
+    single, double, odds = brute_force(record)
+    stated = found.double.log_evidence - found.single.log_evidence
+    assert stated == pytest.approx(double[2] - single[2], abs=0.03)
+    assert found.log_odds_of_fit == pytest.approx(odds, abs=0.03)
+    # what moves across the tail counts from two on
+    moving = replace(record, unexplained=4.0 + 2.0 * 0.7)
+    monkeypatch.setattr(TailRecord, "of", lambda *_: moving)
+    assert weigh_tails(T, fit).log_odds_of_fit == pytest.approx(found.log_odds_of_fit + 0.7)
 
 
 def test_record_of_a_tail_is_least_squares_without_it():
