@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from beltid.identify.plateau import PlateauCriteria, settle
+from beltid.identify.rest_phase import SetAsideError
 from beltid.identify.steady_window import steady_window
 
 WHITE = 1.482602218505602 * 2.0 / np.sqrt(2.0)
@@ -149,3 +151,46 @@ def test_blocks_tell_their_own_noise(share, steady):
 def test_a_window_has_three_blocks():
     assert window(blocks([12.0, 9.0, 6.0, 3.0, 0.0, 0.0], 4)) is None
     assert window(blocks([12.0, 9.0, 6.0, 0.0, 0.0, 0.0], 4)) == (12, 0.0)
+
+
+# --- what is said of a sliding phase that does not settle ---
+
+
+def settled(log_ratio, *, slack=160.0, min_samples=12, min_fraction=0.2):
+    """The plateau of tensions with this ln(T_tight/T_slack), sampled every 0.02 s."""
+    ratio = np.asarray(log_ratio, float)
+    low = np.broadcast_to(slack, ratio.shape)
+    criteria = PlateauCriteria(
+        steady_tolerance=0.005,
+        max_drift=0.02,
+        min_samples=min_samples,
+        min_fraction=min_fraction,
+    )
+    t = 5.0 + 0.02 * np.arange(ratio.size)
+    return settle(t, np.column_stack([low * np.exp(ratio), low]), criteria)
+
+
+@pytest.mark.parametrize(("asked", "least"), [(12, 12), (3, 8)])
+def test_fewest_samples_of_a_sliding_phase(asked, least):
+    found = settled(np.full(least, 0.9), min_samples=asked)
+    assert np.log(found.levels[0] / found.levels[1]) == pytest.approx(0.9, rel=1e-9)
+    with pytest.raises(SetAsideError, match=f"too short: {least - 1} usable .* >= {least}"):
+        settled(np.full(least - 1, 0.9), min_samples=asked)
+
+
+@pytest.mark.parametrize(
+    ("fraction", "part", "duration"), [(0.1, 60, "1.18"), (0.2, 60, "1.18"), (0.4, 120, "2.38")]
+)
+def test_change_over_the_last_part_of_what_never_settles(fraction, part, duration):
+    """Twice the distance of the medians of its halves: the rise of a line of as many samples.
+
+    One exponential describes the last 300 of the 500 samples; the part is a fifth or more of them.
+    """
+    for sign, word in ((1.0, "rises"), (-1.0, "falls")):
+        line = 0.9 + sign * 0.001 * np.arange(500)
+        middle = float(np.median(line[-part:]))
+        size = f"{100 * 0.001 * part / middle:.2g}"
+        said = f"never settles: mu still {word} by {size} % over {duration} s, allowed is 0.5 %"
+        with pytest.raises(SetAsideError) as error:
+            settled(line, min_fraction=fraction)
+        assert str(error.value) == said
