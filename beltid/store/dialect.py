@@ -17,6 +17,8 @@ SEPARATORS: Final = (",", ";", "\t", "|")
 MAX_COLUMNS: Final = 2000
 MAX_LINES: Final = 50_000_000
 """Lines of a file that is read at once; blank ones take memory, too."""
+LONGEST_LINE: Final = 1 << 24
+"""Characters of a line, at most: cells take far more memory than their text."""
 MAX_BLANK: Final = 100_000
 """Lines without a cell before the header, or before the row of units."""
 MISSING_WORDS: Final = frozenset(
@@ -127,8 +129,7 @@ def layout(text: str, name: str, options: ReadOptions, wanted: Iterable[str]) ->
     InputError
         If there is no header, or nothing after it.
     """
-    if text.count("\n") > MAX_LINES:
-        raise InputError(f"{name}: more than {MAX_LINES:,} lines, split the recording")
+    _refuse_monstrous(text, name)
     notes: list[str] = []
     names = set(wanted)
     start, line = _header_start(text, name, options.skip_lines, notes)
@@ -161,6 +162,19 @@ def layout(text: str, name: str, options: ReadOptions, wanted: Iterable[str]) ->
     return Layout(
         header, unit_cells, separator, decimal, body, line, tuple(notes), header_line, fields
     )
+
+
+def _refuse_monstrous(text: str, name: str) -> None:
+    """Refuse what fills memory or time by its lines alone."""
+    if text.count("\n") > MAX_LINES:
+        raise InputError(f"{name}: more than {MAX_LINES:,} lines, split the recording")
+    start = 0
+    while len(text) - start > LONGEST_LINE:
+        end = text.rfind("\n", start, start + LONGEST_LINE + 1)
+        if end < 0:
+            line = text.count("\n", 0, start) + 1
+            raise InputError(f"{name}:{line}: longer than {LONGEST_LINE:,} characters")
+        start = end + 1
 
 
 def _units_row(

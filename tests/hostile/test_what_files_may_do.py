@@ -322,3 +322,14 @@ def test_millions_of_blank_lines_cost_neither_time_nor_memory(tmp_path, monkeypa
     with pytest.raises(InputError, match=r"holds no (header|samples)"):
         read_recording(path, "rig")
     assert time.process_time() - began < 6.0
+
+
+def test_a_line_that_would_fill_the_memory_is_refused_with_its_place(tmp_path):
+    path = tmp_path / "rig.csv.gz"
+    columns = rig()
+    rows = [",".join(str(cell) for cell in cells) for cells in zip(*columns.values(), strict=True)]
+    text = "\n".join([",".join(columns), *rows, "0," * (10 << 20), *rows])
+    path.write_bytes(gzip.compress(text.encode(), 1))
+    with pytest.raises(InputError) as caught:
+        read_recording(path, "rig")
+    assert caught.value.problems == (f"{path}:14: longer than 16,777,216 characters",)
