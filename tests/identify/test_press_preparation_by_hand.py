@@ -257,3 +257,49 @@ def test_notes_of_a_recording():
     assert recorded(short, short) == (
         "test A: too little travel before contact to check the zero of the load cell",
     )
+
+
+RAMP = np.concatenate([np.zeros(30), np.arange(1.0, 101.0)])
+
+
+def recording_of(*parts):
+    """A recording of parts (name, force, time); the crosshead goes up by one per sample and back.
+
+    All begin with thirty samples of free travel.
+    """
+    columns = {"test": [], "time_s": [], "displacement_mm": [], "force_N": []}
+    for name, force, time in parts:
+        steps = np.arange(float(force.size))
+        columns["test"].append(np.full(force.size, name))
+        columns["time_s"].append(steps if time is None else time)
+        columns["displacement_mm"].append(np.minimum(steps, 258.0 - steps))
+        columns["force_N"].append(force)
+    return {name: np.concatenate(values) for name, values in columns.items()}
+
+
+def test_tests_that_are_not_used_are_told_with_their_reason():
+    settings = StiffnessSettings(segment_length_m=0.04)
+    both = np.concatenate([RAMP, RAMP[-2::-1]])
+    back = np.arange(float(both.size))
+    back[7], back[50] = back[6], np.nan  # standing and unknown are no faults
+    holes = both.copy()
+    holes[[10, 12]] = np.nan
+    found = read_tests(
+        recording_of(("A", holes, back), ("B", RAMP, None), ("C", holes, None)), settings
+    )
+    assert [c.test for c in found.curves] == ["A", "C"]
+    assert found.set_aside == (("B", "test B: never unloaded, while other tests are"),)
+    assert (found.n_missing, found.n_spikes) == (4, 0)
+    assert found.notes == (
+        "tests A, C: 2 samples without displacement or force left out",
+        "set aside: test B: never unloaded, while other tests are",
+    )
+    alone = read_tests(recording_of(("B", RAMP, None)), settings)
+    assert [c.test for c in alone.curves] == ["B"]
+    assert alone.set_aside == ()
+    assert len(alone.notes) == 1
+    assert alone.notes[0].startswith("test B: never unloaded: the law is that of the loading")
+    back[60] = 58.5
+    with pytest.raises(InputError) as error:
+        read_tests(recording_of(("A", both, back)), settings)
+    assert error.value.problems == ("test A: time_s falls after 59 s, must not run backwards",)
