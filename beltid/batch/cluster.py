@@ -8,6 +8,7 @@ middle is Dask's concern: its calls are made again elsewhere.
 from __future__ import annotations
 
 import contextlib
+import json
 import logging
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -17,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Final
 from beltid._version import __version__
 from beltid.errors import BeltidError, InputError
 from beltid.stages.workers import Halted, Result, Workers
+from beltid.store.files import read_bytes
 from beltid.store.fingerprint import source_sha256
 
 if TYPE_CHECKING:
@@ -143,15 +145,15 @@ def _connected(scheduler: str | None, scheduler_file: Path | None) -> tuple[Clie
         from distributed import Client
     except ImportError:
         raise InputError(INSTALL) from None
-    if scheduler_file is not None and not scheduler_file.is_file():
-        raise InputError(f"--scheduler-file {scheduler_file}: there is no such file")
+    if scheduler_file is not None:
+        _check_file(scheduler_file)
     address = scheduler or (None if scheduler_file else dask.config.get("scheduler-address", None))
-    if address is None and scheduler_file is None:
+    if not address and scheduler_file is None:
         raise InputError(
             "--executor dask: no scheduler named; give --scheduler tcp://host:8786, "
             "--scheduler-file FILE, or set DASK_SCHEDULER_ADDRESS"
         )
-    if address is not None:
+    if address:
         _check_address(address)
     # its log would stand between our lines; what matters is said as an error
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
@@ -171,6 +173,23 @@ def _connected(scheduler: str | None, scheduler_file: Path | None) -> tuple[Clie
             f"start some with: dask worker {where}"
         ) from None
     return client, where
+
+
+def _check_file(scheduler_file: Path) -> None:
+    """Look at the file of a scheduler first: its reader waits, and leaves a traceback."""
+    if not scheduler_file.is_file():
+        raise InputError(f"--scheduler-file {scheduler_file}: there is no such file")
+    try:
+        content = json.loads(read_bytes(scheduler_file))
+    except (ValueError, RecursionError):
+        content = None
+    address = content.get("address") if isinstance(content, dict) else None
+    if not isinstance(address, str):
+        raise InputError(
+            f"--scheduler-file {scheduler_file}: not the file of a scheduler, "
+            'must be a JSON object with its "address"; dask scheduler --scheduler-file writes it'
+        )
+    _check_address(address)
 
 
 def _check_address(address: str) -> None:

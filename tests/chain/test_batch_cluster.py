@@ -1,6 +1,6 @@
 """A batch on a real Dask cluster on this machine, of which a worker is killed in the middle."""
 
-from __future__ import annotations
+from __future__ import importlib
 
 import json
 import subprocess
@@ -132,6 +132,32 @@ def test_a_scheduler_that_does_not_answer_is_given_up(
     with pytest.raises(InputError, match=r"cluster tcp://127\.0\.0\.1:9: cannot be reached"):
         cluster.ClusterWorkers("tcp://127.0.0.1:9")
     assert time.monotonic() - start < 10.0
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", b'{"addr', b"[]", b'"tcp://127.0.0.1:9"', b'{"address": 5}', b"\xff\xfe", b"[" * 100_000],
+)
+def test_a_damaged_file_of_a_scheduler_is_said_at_once(
+    tmp_path: Path, content: bytes, capfd: pytest.CaptureFixture[str]
+) -> None:
+    from beltid.batch import cluster
+    from beltid.errors import InputError
+
+    damaged = tmp_path / "scheduler.json"
+    damaged.write_bytes(content)
+    importlib.import_module("distributed")  # takes its time
+    start = time.monotonic()
+    with pytest.raises(InputError, match=r"scheduler\.json: not the file of a scheduler"):
+        cluster.ClusterWorkers(scheduler_file=damaged)
+    assert time.monotonic() - start < 5.0
+    assert capfd.readouterr().err == ""
+
+
+def test_an_empty_variable_names_no_scheduler(bench: Path) -> None:
+    done = beltid(bench, "run", "one.yaml", "--executor", "dask", DASK_SCHEDULER_ADDRESS="")
+    assert done.returncode == 2
+    assert "no scheduler named" in done.stderr
 
 
 def test_a_missing_library_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
