@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
+from unicodedata import category
 
 from beltid._version import __version__
 from beltid.report.drawing import inline_svg
@@ -126,9 +127,20 @@ def _environment() -> Environment:
     return Environment(
         loader=FileSystemLoader(TEMPLATES),
         autoescape=True,
+        finalize=_tame,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
+    )
+
+
+def _tame(value: Any) -> Any:
+    """A value of a page; a text of a file without what turns the reading order or is no sign."""
+    if type(value) is not str or value.isprintable():  # what is marked as safe is ours
+        return value
+    return "".join(
+        c if c.isprintable() or c in "\n\t" or category(c) == "Zs" else ascii(c)[1:-1]
+        for c in value
     )
 
 

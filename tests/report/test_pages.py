@@ -118,7 +118,7 @@ def test_names_cannot_bring_markup_along() -> None:
     whole = sheets()
     friction = whole["friction"]
     labels = friction.columns["run"].copy()
-    labels[:] = NAUGHTY
+    labels[:] = NAUGHTY + "\x1b[31m\u202e"
     status = friction.columns["status"].copy()
     status[0] = NAUGHTY
     extra = {"origin": NAUGHTY, "notes": [NAUGHTY], "warnings": [NAUGHTY], "config": NAUGHTY}
@@ -132,6 +132,8 @@ def test_names_cannot_bring_markup_along() -> None:
         checked(text)
         assert "<script>alert" not in text
         assert "&lt;script&gt;alert" in text
+        shown = re.sub(r"(?s)<script.*?</script>", "", text)  # the library holds odd signs
+        assert not re.search("[\x00-\x08\x0b-\x1f\x7f\u202a-\u202e\u2066-\u2069]", shown)
     plot = surface_plot(naughty)
     assert plot is not None
     assert "<" not in as_json(plot)
