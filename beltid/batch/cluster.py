@@ -12,6 +12,7 @@ import json
 import logging
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -172,7 +173,36 @@ def _connected(scheduler: str | None, scheduler_file: Path | None) -> tuple[Clie
             f"cluster {where}: has no workers (waited {CONNECT_WITHIN_S:g} s); "
             f"start some with: dask worker {where}"
         ) from None
+    try:
+        refuse_lacking(client, where)
+    except BaseException:
+        client.close(timeout=1.0)
+        raise
     return client, where
+
+
+def refuse_lacking(client: Any, where: str) -> None:
+    """Refuse workers that lack the package: they end at the first call, and it would wait for ever.
+
+    Parameters
+    ----------
+    client : distributed.Client
+        Asks the workers, without anything of the package.
+    where : str
+        The cluster, in words.
+
+    Raises
+    ------
+    InputError
+        If there is such a worker.
+    """
+    found = client.run(find_spec, "beltid", on_error="return")
+    lacking = [worker for worker, package in found.items() if package is None]
+    if lacking:
+        raise InputError(
+            f"cluster {where}: {len(lacking)} of {len(found)} workers lack beltid, "
+            f"such as {lacking[0]}; install beltid {__version__} there as it is here"
+        )
 
 
 def _check_file(scheduler_file: Path) -> None:
