@@ -26,6 +26,7 @@ from beltid.stages.workers import Workers
 
 STEPS_AHEAD = 2  # steps under way for each worker: while some read and write, others compute
 MOST_STEPS = 64  # of a large cluster: a campaign alone is a few dozen calls
+LOOK_UP_S = 0.2  # time after which one who waits for a step wakes up [s]
 
 
 class Chain:
@@ -135,7 +136,8 @@ def run_chains(
                     under_way[future] = (chain, order, start)
             if not under_way:
                 return
-            for future in wait(under_way, return_when=FIRST_COMPLETED).done:
+            # a signal that the system gives to another thread is heard when this one wakes up
+            for future in wait(under_way, LOOK_UP_S, FIRST_COMPLETED).done:
                 chain, order, start = under_way.pop(future)
                 try:
                     chain.finished(order, future.result(), time.monotonic() - start)
@@ -143,8 +145,11 @@ def run_chains(
                     chain.failed(order, error)
                 if fail_fast and chain.run.exit_status != EXIT_DONE:
                     return
+    except BaseException:  # an interrupt waits for nothing, also not for a step that has just begun
+        workers.stop()
+        raise
     finally:
-        if under_way:  # interrupted, or the first failure ends it: nothing is waited for
+        if under_way:  # the first failure ends it
             workers.stop()
         clerks.shutdown(wait=True, cancel_futures=True)
 

@@ -11,15 +11,19 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pytest
 from small_bench import BELTID, beltid, contents, environment, numbers
 
+from beltid.batch import config_sources, schedule
 from beltid.batch.local import MOST_LOSSES, ProcessWorkers
 from beltid.batch.sources import Shard
+from beltid.batch.steps import Step
 from beltid.errors import BeltidError, InputError
+from beltid.stages.talk import Talk
 from beltid.stages.workers import Halted, Workers
 
 BOTH = ("run", "--no-report", "one.yaml", "two.yaml")
@@ -284,6 +288,41 @@ def test_an_interrupt_ends_all_within_two_seconds_and_keeps_what_is_finished(
     (bench / "one.yaml").write_text(long.replace("20000", "52"))
     assert beltid(bench, "run", "one.yaml", "-j", "2").returncode == 0
     assert numbers(bench / "runs" / "one") == numbers(by_one / "one")
+
+
+class Stopping(Workers):
+    """Two workers, who tell when they are stopped."""
+
+    jobs = 2
+
+    def __init__(self) -> None:
+        self.stopped = threading.Event()
+
+    def stop(self) -> None:
+        self.stopped.set()
+
+
+def test_an_interrupt_stops_a_step_that_has_just_begun(
+    bench: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The interrupt comes when the step is under way, but not yet written down."""
+    workers = Stopping()
+    ends: list[bool] = []
+
+    def run(*place: Any) -> Any:
+        ends.append(workers.stopped.wait(10.0))
+
+    class Clerks(ThreadPoolExecutor):
+        def submit(self, *call: Any, **options: Any) -> Any:
+            super().submit(*call, **options)
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(schedule, "ThreadPoolExecutor", Clerks)
+    (source,) = config_sources([bench / "one.yaml"])
+    chain = schedule.Chain(source, bench, [Step("step", "made", {}, run, spreads=True)], Talk())
+    with pytest.raises(KeyboardInterrupt):
+        schedule.run_chains([chain], workers)
+    assert ends == [True]
 
 
 CALLER = """
