@@ -16,6 +16,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 # tests of the simulated rig that are short also without compiled kernels
 PLAIN := $(addprefix tests/rigsim/test_,$(addsuffix .py,ancf banded lcp mesh_and_supports contact coarse_mesh))
+# and those of what stands around the kernels
+COMPILED := $(addprefix tests/rigsim/test_,$(addsuffix .py,failures sensitivity_and_profile transient))
 RUNTIME := $(VENV)/.installed-runtime
 DEVELOPMENT := $(VENV)/.installed-development
 BENCHMARK := $(VENV)/.installed-benchmark
@@ -65,6 +67,7 @@ coverage: $(DEVELOPMENT)  ## branches of the science that its tests reach; kerne
 	$(PIP_INSTALL) --editable ".[care]"
 	$(BIN)/python -m coverage run --branch --source=beltid.laws,beltid.identify,beltid.refine,beltid.uncertainty -m pytest -q tests/laws tests/identify tests/refine tests/uncertainty $(ARGS)
 	$(BIN)/python -m coverage run --branch --append --source=beltid.laws,beltid.rigsim -m pytest -q -p benchmarks.plain_kernels $(PLAIN)
+	$(BIN)/python -m coverage run --branch --append --source=beltid.rigsim -m pytest -q $(COMPILED)
 	$(BIN)/python -m coverage report
 
 lock: $(DEVELOPMENT)  ## the newest dependencies, with their hashes, to requirements*.lock
