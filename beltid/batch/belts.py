@@ -13,6 +13,7 @@ from beltid.errors import EXIT_BATCH_FAILED, EXIT_DONE, ArtifactError
 from beltid.report.summary import Summary
 from beltid.stages.talk import Talk
 from beltid.store.atomic import write_bytes
+from beltid.store.files import read_bytes
 
 DONE: Final = "done"
 UP_TO_DATE: Final = "up to date"
@@ -23,6 +24,8 @@ MADE_GOOD_BY: Final = {"compare": "compare refined"}
 """Comparison that may be out of tolerance -> the one that decides, if it is within."""
 SKIPPED: Final = "no recording"
 SWEEP_TABLE: Final = "sweep.csv"
+OUR_TABLE: Final = b"case,"
+"""How a table of a sweep begins."""
 TABLE_STEP: Final = "sweep table"
 
 
@@ -178,7 +181,10 @@ def _write_sweep_table(cases: Sequence[BeltRun], path: Path) -> None:
     writer.writeheader()
     writer.writerows(rows)
     content = text.getvalue().encode()
-    if not (path.is_file() and path.read_bytes() == content):
+    standing = read_bytes(path, ArtifactError) if path.is_file() else b""
+    if standing and not standing.startswith(OUR_TABLE):
+        raise ArtifactError(f"{path}: is a file that beltid did not write, not replaced; move it")
+    if standing != content:
         write_bytes(path, content)
 
 

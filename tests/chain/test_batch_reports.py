@@ -144,3 +144,15 @@ def test_a_table_of_a_sweep_that_cannot_be_written_is_a_failure_of_its_last_case
     assert line.endswith("sweep.csv: not written: this is a folder, name a file in it")
     assert (tmp_path / "t" / "sweep.csv").read_text().count("\n") == 3
     assert batch_summary(runs, tmp_path).verdict == "1 of 4 cases failed: s/y"
+
+
+def test_a_file_of_the_user_is_not_replaced_by_the_table_of_a_sweep(tmp_path: Path) -> None:
+    talk = Notes()
+    runs = [BeltRun("s", c, {"rig.supports": c}, {}) for c in ("x", "y")]
+    mine = tmp_path / "s" / "sweep.csv"
+    mine.parent.mkdir()
+    mine.write_text("my own notes\n")
+    write_sweep_tables(runs, tmp_path, talk)
+    assert mine.read_text() == "my own notes\n"
+    assert runs[1].states == {"sweep table": "failed"}
+    assert "a file that beltid did not write" in talk.wrong[0]
