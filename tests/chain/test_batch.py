@@ -236,6 +236,28 @@ def processes_of(group: int) -> list[str]:
     return found
 
 
+def left_of(group: int, within_s: float) -> list[str]:
+    """Processes of a group that still live after some time, or none as soon as they have ended."""
+    end = time.monotonic() + within_s
+    while processes_of(group) and time.monotonic() < end:
+        time.sleep(0.05)
+    return processes_of(group)
+
+
+def begun(folder: Path, *command: str) -> subprocess.Popen[str]:
+    """A program at work, in a group of its own, that hears signals."""
+    return subprocess.Popen(
+        command,
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment(),
+        start_new_session=True,
+        preexec_fn=hear_signals,
+    )
+
+
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
 @pytest.mark.parametrize(
     ("number", "status", "word"),
@@ -247,16 +269,7 @@ def test_an_interrupt_ends_all_within_two_seconds_and_keeps_what_is_finished(
     long = (bench / "one.yaml").read_text().replace("steps_per_run: 52", "steps_per_run: 20000")
     (bench / "one.yaml").write_text(long)
     begin = time.monotonic()
-    process = subprocess.Popen(
-        [*BELTID, "run", "one.yaml", "-j", "2", "--no-report"],
-        cwd=bench,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=environment(),
-        start_new_session=True,
-        preexec_fn=hear_signals,
-    )
+    process = begun(bench, *BELTID, "run", "one.yaml", "-j", "2", "--no-report")
     assert process.stderr is not None
     talk = ""
     while "runs, transient" not in talk:
@@ -277,9 +290,7 @@ def test_an_interrupt_ends_all_within_two_seconds_and_keeps_what_is_finished(
     assert stdout == ""
     assert f"{word}; what was finished stands in runs; the same command goes on" in rest
     assert "Traceback" not in talk + rest
-    while processes_of(process.pid) and time.monotonic() - start < 20.0:
-        time.sleep(0.05)
-    assert processes_of(process.pid) == []
+    assert left_of(process.pid, 20.0) == []
     kept = contents(bench / "runs")
     assert "one/stiffness.parquet" in kept
     assert [name for name in kept if "tmp" in name] == []
@@ -353,18 +364,10 @@ except (KeyboardInterrupt, Stopped):
     ],
 )
 def test_an_interrupt_while_workers_are_being_started_leaves_none_behind(
-    send: Callable[[int, int], None], number: int, delay_s: float
+    send: Callable[[int, int], None], number: int, delay_s: float, tmp_path: Path
 ) -> None:
     """The first of them comes when the server they are forked from has imported all it needs."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", CALLER],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=environment(),
-        start_new_session=True,
-        preexec_fn=hear_signals,
-    )
+    process = begun(tmp_path, sys.executable, "-c", CALLER)
     assert process.stdout is not None
     assert process.stdout.readline() == "ready\n"
     time.sleep(delay_s)
@@ -372,10 +375,7 @@ def test_an_interrupt_while_workers_are_being_started_leaves_none_behind(
     stdout, stderr = process.communicate(timeout=60)
     assert stderr == ""
     assert float(stdout) < 2.0
-    end = time.monotonic() + 10.0
-    while processes_of(process.pid) and time.monotonic() < end:
-        time.sleep(0.05)
-    assert processes_of(process.pid) == []
+    assert left_of(process.pid, 10.0) == []
 
 
 def test_workers_end_with_a_caller_that_is_killed(bench: Path) -> None:
@@ -397,7 +397,4 @@ def test_workers_end_with_a_caller_that_is_killed(bench: Path) -> None:
     process.kill()
     process.wait()
     process.stderr.close()
-    start = time.monotonic()
-    while processes_of(process.pid) and time.monotonic() - start < 10.0:
-        time.sleep(0.05)
-    assert processes_of(process.pid) == []
+    assert left_of(process.pid, 10.0) == []
