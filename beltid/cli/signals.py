@@ -4,7 +4,8 @@ A signal is heard between any two steps of Python code, also of code that compil
 classes of what a kernel returns are looked up in Python, and the compiler hands over what it has
 made; extension modules import others while they are loaded. Compiled code does not expect an
 exception there: it loses it, takes it for another one, or crashes. So a signal that comes there is
-put off for a moment, and one that was lost is heard again.
+put off for a moment, and one that was lost is heard again. So is one that comes in the middle of
+Python's import: it would leave with the lock of all imports, for which other threads wait for ever.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ CALLED_BY_COMPILED_CODE: Final = {
     "_raw_object_cache_getbuffer",
     "__new__",
 }
+IMPORTING: Final = "<frozen importlib"
 LOADING_COMPILED_CODE: Final = {
     ExtensionFileLoader.create_module.__code__,
     ExtensionFileLoader.exec_module.__code__,
@@ -67,7 +69,7 @@ def hear_signals() -> None:
 
 
 def _stop(number: int, frame: FrameType | None) -> None:
-    if _called_by_compiled_code(frame):
+    if _untimely(frame):
         _put_off(number)
     else:
         _raise(number)
@@ -77,7 +79,10 @@ def _raise(number: int) -> NoReturn:
     raise KeyboardInterrupt if number == signal.SIGINT else Stopped(number)
 
 
-def _called_by_compiled_code(frame: FrameType | None) -> bool:
+def _untimely(frame: FrameType | None) -> bool:
+    """Whether nothing may be raised here."""
+    if frame is not None and frame.f_code.co_filename.startswith(IMPORTING):
+        return True
     while frame is not None:
         code = frame.f_code
         if code.co_name in CALLED_BY_COMPILED_CODE or code in LOADING_COMPILED_CODE:

@@ -28,6 +28,7 @@ Method = Literal["transient", "steady"]
 
 DEFAULT_STEPS = 130
 FEWEST_STEPS = 52
+LOOK_UP_S = 0.2  # time after which one who waits for runs wakes up [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -280,7 +281,8 @@ def campaign(
     with ThreadPoolExecutor(max_workers=workers) as pool:
         running = {pool.submit(together, indices) for indices in islice(waiting, 2 * workers)}
         while running:
-            ended, running = wait(running, return_when=FIRST_COMPLETED)
+            # a signal that the system gives to another thread is heard when this one wakes up
+            ended, running = wait(running, LOOK_UP_S, FIRST_COMPLETED)
             for future in ended:
                 yield from future.result()
             if not stop():

@@ -34,6 +34,9 @@ FROM_A_KERNEL = (
     "type(tell)(tell.__code__.replace(co_name='_numba_unpickle'), globals())()  # as numba calls it"
 )
 
+IN_AN_IMPORT = (
+    "type(tell)(tell.__code__.replace(co_filename='<frozen importlib._bootstrap>'), globals())()"
+)
 FROM_AN_EXTENSION = (  # which imports another module while it is loaded
     "import importlib._bootstrap_external as b; b._imp.exec_dynamic = tell; "
     "b.ExtensionFileLoader('module', 'place').exec_module(None)"
@@ -43,7 +46,13 @@ FROM_AN_EXTENSION = (  # which imports another module while it is loaded
 @pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
 @pytest.mark.parametrize(
     ("call", "finished"),
-    [(CALLBACK, 0), (FROM_A_KERNEL, 1), (FROM_AN_EXTENSION, 1), ("tell()", 0)],
+    [
+        (CALLBACK, 0),
+        (FROM_A_KERNEL, 1),
+        (FROM_AN_EXTENSION, 1),
+        (IN_AN_IMPORT, 1),
+        ("tell()", 0),
+    ],
 )
 def test_a_signal_is_heard_wherever_it_comes(number: str, call: str, finished: int) -> None:
     """One that C code loses is heard again; one in the middle of a kernel waits for its end."""
