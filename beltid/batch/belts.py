@@ -11,6 +11,7 @@ from typing import Any, Final
 
 from beltid.errors import EXIT_BATCH_FAILED, EXIT_DONE, ArtifactError
 from beltid.report.summary import Summary
+from beltid.stages.making import FOREIGN
 from beltid.stages.talk import Talk
 from beltid.store.atomic import write_bytes
 from beltid.store.files import read_bytes
@@ -183,7 +184,7 @@ def _write_sweep_table(cases: Sequence[BeltRun], path: Path) -> None:
     content = text.getvalue().encode()
     standing = read_bytes(path, ArtifactError) if path.is_file() else b""
     if standing and not standing.startswith(OUR_TABLE):
-        raise ArtifactError(f"{path}: is a file that beltid did not write, not replaced; move it")
+        raise ArtifactError(f"{path}: is {FOREIGN}, not replaced; move it")
     if standing != content:
         write_bytes(path, content)
 

@@ -25,7 +25,14 @@ from typing import Any, Final
 
 from beltid.errors import BeltidError
 from beltid.stages.beside import beside
-from beltid.stages.workers import Halted, Result, Workers, available_cores, one_thread_each
+from beltid.stages.workers import (
+    LOOK_UP_S,
+    Halted,
+    Result,
+    Workers,
+    available_cores,
+    one_thread_each,
+)
 
 MOST_LOSSES: Final = 3
 """Workers lost one after the other, without a result between them, before a call is given up."""
@@ -34,8 +41,6 @@ IMPORTING_S: Final = 0.2
 LONGEST_SOCKET_FOLDER: Final = 70
 """Bytes of the folder of temporary files: with the names of folder and socket in it 102, and a
 socket may have 103 (macOS) or 107 (Linux)."""
-LOOK_UP_S: Final = 0.2
-"""Time after which a caller who waits looks whether it was told to stop [s]."""
 IMPORTED: Final = ("beltid.batch.chain", "pyarrow.csv", "pyarrow.parquet", "scipy.interpolate")
 
 

@@ -22,11 +22,10 @@ from beltid.config import ConfigSource
 from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, BeltidError
 from beltid.report.summary import Summary
 from beltid.stages.talk import Named, Talk
-from beltid.stages.workers import Workers
+from beltid.stages.workers import LOOK_UP_S, Workers
 
 STEPS_AHEAD = 2  # steps under way for each worker: while some read and write, others compute
 MOST_STEPS = 64  # of a large cluster: a campaign alone is a few dozen calls
-LOOK_UP_S = 0.2  # time after which one who waits for a step wakes up [s]
 
 
 class Chain:

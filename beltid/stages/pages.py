@@ -11,6 +11,7 @@ from typing import Final
 from beltid._version import __version__
 from beltid.errors import ArtifactError, InputError
 from beltid.report.html import GENERATOR, Page, rendered
+from beltid.stages.making import FOREIGN
 from beltid.stages.talk import Options
 from beltid.store.atomic import write_text
 from beltid.store.files import read_bytes
@@ -64,7 +65,7 @@ def up_to_date(out: Path, made_from: str, options: Options) -> bool:
             if out.suffix.lower() in SUFFIXES
             else "name another --out"
         )
-        raise InputError(f"{out}: is a file that beltid did not write, not replaced; {how}")
+        raise InputError(f"{out}: is {FOREIGN}, not replaced; {how}")
     return found is not None and found[1] == made_from and not options.force
 
 
