@@ -28,7 +28,7 @@ Module                 Responsibility                                         Pa
 ``formats``            what benches write: bytes to channels with units
 ``uncertainty``        budgets, Monte Carlo check, differences in their units JCGM 100, 101
 ``refine``             inverse problem: the surface that gives the tensions   beyond section 7
-``identify.stiffness`` press recording to normal contact law                  Eqs. (1) to (4)
+``identify.press``     press recording to normal contact law                  Eqs. (1) to (4)
 ``identify.slip``      speed loss to sliding speed                            Eq. (7)
 ``identify.friction``  run of the rig to friction coefficient                 Eqs. (5) to (8)
 ``identify.surface``   runs to friction surface                               section 5

@@ -26,7 +26,7 @@ from press_bench import Bench  # noqa: E402
 from repetitions import repetition  # noqa: E402
 from virtual_bench import NO_ERRORS, SMALL, Design  # noqa: E402
 
-from beltid.identify.stiffness import StiffnessSettings, fit_stiffness  # noqa: E402
+from beltid.identify.press.stiffness import StiffnessSettings, fit_stiffness  # noqa: E402
 
 MIDDLE = Design((40.0, 68.0, 82.0), (60.0, 130.0, 220.0, 310.0, 400.0), (0.1, 0.21, 0.42))
 CASES = {

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.identify.friction import reduce_runs
-from beltid.identify.stiffness import StiffnessSettings, fit_stiffness
+from beltid.identify.friction.reduction import reduce_runs
+from beltid.identify.press.stiffness import StiffnessSettings, fit_stiffness
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "identify"))

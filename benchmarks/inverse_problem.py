@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beltid.identify.surface import SurfaceSettings, build_surface
+from beltid.identify.surface.surface import SurfaceSettings, build_surface
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Contact

@@ -1,1 +1,1 @@
-"""Measurement to parameters: arrays in, frozen results out. No files, no frames."""
+"""Identification: from recordings to contact parameters, a package per question."""

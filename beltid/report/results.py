@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from beltid.errors import InputError
-from beltid.identify.surface import surface_from_columns
+from beltid.identify.surface.surface import surface_from_columns
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError
-from beltid.identify.surface import SurfaceResult, SurfaceSettings
-from beltid.identify.surface import build_surface as identify
+from beltid.identify.surface.surface import SurfaceResult, SurfaceSettings
+from beltid.identify.surface.surface import build_surface as identify
 from beltid.report.summary import Summary
 from beltid.stages.laws_beside import friction_formulas, friction_law_rows
 from beltid.stages.making import Made, Recipe, make

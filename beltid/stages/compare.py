@@ -14,8 +14,8 @@ import numpy as np
 
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, ArtifactError, ConfigError
-from beltid.identify.agreement import AgreementResult, AgreementSettings, compare_points
-from beltid.identify.friction import reduce_runs
+from beltid.identify.agreement.compare import AgreementResult, AgreementSettings, compare_points
+from beltid.identify.friction.reduction import reduce_runs
 from beltid.report.summary import Summary
 from beltid.stages.making import SUFFIX, Made, Recipe, make
 from beltid.stages.outcome import Outcome, rows_of

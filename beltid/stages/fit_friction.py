@@ -10,9 +10,9 @@ import numpy as np
 
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError
-from beltid.identify.friction import RunReduction, reduce_runs
-from beltid.identify.friction_cells import TOLD
-from beltid.identify.statistics import as_set
+from beltid.identify.estimators.statistics import as_set
+from beltid.identify.friction.load_cells import TOLD
+from beltid.identify.friction.reduction import RunReduction, reduce_runs
 from beltid.report.summary import Summary
 from beltid.stages.big_recording import read_by_runs, reduce_big
 from beltid.stages.making import Made, Recipe, make

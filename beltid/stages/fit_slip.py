@@ -11,10 +11,10 @@ import numpy as np
 
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError
-from beltid.identify.slip import RequiredSpeeds, SlipPoint, SlipResult, required_pulley_speeds
-from beltid.identify.slip import fit_slip as identify
-from beltid.identify.slip_points import GROSS_SLIP, OK
-from beltid.identify.statistics import as_set
+from beltid.identify.estimators.statistics import as_set
+from beltid.identify.slip.points import GROSS_SLIP, OK
+from beltid.identify.slip.slip import RequiredSpeeds, SlipPoint, SlipResult, required_pulley_speeds
+from beltid.identify.slip.slip import fit_slip as identify
 from beltid.report.summary import Summary
 from beltid.stages.making import Made, Recipe, make
 from beltid.stages.outcome import Outcome, rows_of

@@ -9,9 +9,9 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.config import Config, ConfigSource, load_config
-from beltid.identify.shared_law import HELD
-from beltid.identify.stiffness import LawEstimate, StiffnessResult
-from beltid.identify.stiffness import fit_stiffness as identify
+from beltid.identify.press.shared_law import HELD
+from beltid.identify.press.stiffness import LawEstimate, StiffnessResult
+from beltid.identify.press.stiffness import fit_stiffness as identify
 from beltid.report.summary import Summary
 from beltid.stages.laws_beside import normal_law_rows, normal_laws
 from beltid.stages.making import Made, Recipe, make

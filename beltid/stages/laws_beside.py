@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from beltid.errors import BeltidError
-from beltid.identify.dissipation import estimate_dissipation
-from beltid.identify.friction_laws import FrictionLaws, fit_friction_laws
-from beltid.identify.law_choice import choose_normal_law
-from beltid.identify.stiffness_result import StiffnessResult, StiffnessSettings
+from beltid.identify.press.dissipation import estimate_dissipation
+from beltid.identify.press.model_selection import choose_normal_law
+from beltid.identify.press.result import StiffnessResult, StiffnessSettings
+from beltid.identify.surface.laws import FrictionLaws, fit_friction_laws
 from beltid.laws.friction_surface import FrictionSurface
 
 

@@ -13,10 +13,10 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.config import ConfigSource
-from beltid.identify.friction_cells import KnownCells
-from beltid.identify.press_curves import Branch
-from beltid.identify.statistics import as_set
-from beltid.identify.stiffness import fit_stiffness
+from beltid.identify.estimators.statistics import as_set
+from beltid.identify.friction.load_cells import KnownCells
+from beltid.identify.press.curves import Branch
+from beltid.identify.press.stiffness import fit_stiffness
 from beltid.laws.capstan import friction_coefficient
 from beltid.stages.big_recording import columns_of_runs, read_by_runs
 from beltid.stages.making import Made, Recipe, make

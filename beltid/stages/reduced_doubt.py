@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.config import Config
-from beltid.identify.stiffness_result import LawEstimate
+from beltid.identify.press.result import LawEstimate
 from beltid.laws.penalty import NormalLaw
 from beltid.stages.measured import measured_runs, valid_rows
 from beltid.stages.uncertainties import standard_uncertainties

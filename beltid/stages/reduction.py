@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beltid.identify.friction import FrictionSettings, RunReduction
-from beltid.identify.stiffness_result import StiffnessSettings
+from beltid.identify.friction.reduction import FrictionSettings, RunReduction
+from beltid.identify.press.result import StiffnessSettings
 from beltid.store import schemas
 from beltid.store.tables import outside
 

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.errors import ConvergenceError, InputError
-from beltid.identify.surface import SurfaceSettings
+from beltid.identify.surface.surface import SurfaceSettings
 from beltid.refine.inverse import RefinedSurface
 from beltid.stages.surface_doubt import SurfaceDoubt
 from beltid.stages.talk import Talk

@@ -10,8 +10,8 @@ import numpy as np
 
 from beltid.config import Config
 from beltid.errors import InputError
-from beltid.identify.surface import SurfaceSettings
-from beltid.identify.surface import build_surface as publish
+from beltid.identify.surface.surface import SurfaceSettings
+from beltid.identify.surface.surface import build_surface as publish
 from beltid.rigsim.model import Bench
 from beltid.stages.measured import measured_runs
 from beltid.uncertainty.campaign import Campaign

@@ -11,7 +11,7 @@ import numpy as np
 from beltid.errors import ArtifactError, InputError
 from beltid.export.law import ContactLaw
 from beltid.export.law_file import law_from_text
-from beltid.identify.surface import surface_from_columns
+from beltid.identify.surface.surface import surface_from_columns
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.stages.outcome import Outcome

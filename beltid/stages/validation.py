@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.identify.agreement import AgreementResult
+from beltid.identify.agreement.compare import AgreementResult
 from beltid.stages.simulated_doubt import RunsDoubt
 from beltid.uncertainty.budget import Scatter, budget
 from beltid.uncertainty.sources import Source

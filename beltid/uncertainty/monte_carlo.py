@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import BeltidError, ConvergenceError
-from beltid.identify.surface import SurfaceSettings
-from beltid.identify.surface_average import SurfaceGrid
+from beltid.identify.surface.average import SurfaceGrid
+from beltid.identify.surface.surface import SurfaceSettings
 from beltid.refine.inverse import RefinedSurface
 from beltid.refine.rig_runs import RigRuns, mesh_of, surfaces_of
 from beltid.uncertainty.campaign import Campaign

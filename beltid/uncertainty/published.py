@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from beltid.identify.surface import SurfaceSettings
-from beltid.identify.surface_average import SurfaceGrid, average
-from beltid.identify.surface_curves import CurveSet, Points, build_curves
+from beltid.identify.surface.average import SurfaceGrid, average
+from beltid.identify.surface.curves import CurveSet, Points, build_curves
+from beltid.identify.surface.surface import SurfaceSettings
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.refined import factor_of
 from beltid.uncertainty.sources import Errors, Source

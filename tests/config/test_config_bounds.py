@@ -16,11 +16,11 @@ from beltid.config import Config, load_config
 from beltid.config.fields import Count, Number
 from beltid.config.writing import checks_of
 from beltid.errors import ConfigError, InputError
-from beltid.identify.agreement import AgreementSettings
-from beltid.identify.friction import FrictionSettings
-from beltid.identify.slip import RequiredSpeeds, SlipPoint, SlipResult, required_pulley_speeds
-from beltid.identify.stiffness import StiffnessSettings
-from beltid.identify.surface import SurfaceSettings
+from beltid.identify.agreement.compare import AgreementSettings
+from beltid.identify.friction.reduction import FrictionSettings
+from beltid.identify.press.stiffness import StiffnessSettings
+from beltid.identify.slip.slip import RequiredSpeeds, SlipPoint, SlipResult, required_pulley_speeds
+from beltid.identify.surface.surface import SurfaceSettings
 from beltid.params import OperatingPoint
 from beltid.rigsim.rig import DEFAULT_STEPS, SimulationSettings
 from beltid.stages.reduction import stiffness_settings

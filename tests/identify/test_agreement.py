@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
-from beltid.identify.agreement import AgreementSettings, MatchSettings, compare_points
+from beltid.identify.agreement.compare import AgreementSettings, MatchSettings, compare_points
 
 Columns = dict[str, NDArray[Any]]
 

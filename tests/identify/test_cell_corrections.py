@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.optimize import brute, fmin
 
-from beltid.identify.channels import Channels
-from beltid.identify.friction_imbalance import CellCorrection, correction_of_one, corrections
-from beltid.identify.rest_phase import Rest
+from beltid.identify.friction.channels import Channels
+from beltid.identify.friction.imbalance import CellCorrection, correction_of_one, corrections
+from beltid.identify.friction.rest_phase import Rest
 
 TENSIONS = np.array([120.0, 160.0, 200.0, 240.0, 280.0, 320.0, 360.0, 400.0])
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltid.identify.condense import BLOCKS, condensed
-from beltid.identify.friction import FrictionSettings, reduce_run
-from beltid.identify.friction_run import RunRecord, RunReduction
+from beltid.identify.friction.condense import BLOCKS, condensed
+from beltid.identify.friction.reduction import FrictionSettings, reduce_run
+from beltid.identify.friction.run import RunRecord, RunReduction
 
 ARC_DEG, RADIUS_M, MU, TENSION_N, NOISE_N = 82.0, 0.05, 0.47, 270.0, 0.5
 N = 60_000

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from beltid.errors import FitError
-from beltid.identify.contact_law_fits import fit_law
-from beltid.identify.contact_laws import (
+from beltid.identify.press.contact_law_fits import fit_law
+from beltid.identify.press.contact_laws import (
     CurveData,
     FittedLaw,
     coefficients_of,

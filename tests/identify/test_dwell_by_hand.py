@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltid.identify.press_dwell import moving_part
+from beltid.identify.press.dwell import moving_part
 
 
 def kept(steps, *, force=1.0, dt=0.1, branch=None, noise=0.0, start=0.0):

@@ -7,8 +7,8 @@ import pytest
 from synthetic_rig import Recipe, bench
 
 from beltid.errors import InputError
-from beltid.identify.friction import FrictionSettings, RunReduction, reduce_runs
-from beltid.identify.friction_cells import KnownCell
+from beltid.identify.friction.load_cells import KnownCell
+from beltid.identify.friction.reduction import FrictionSettings, RunReduction, reduce_runs
 
 KNOWN = {
     "tension_tight_tare_N": 4.0,

@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltid.identify.friction_law_doubt import (
+from beltid.identify.surface.law_doubt import (
     NOT_DETERMINED,
     NOT_ZERO,
     covariance_scale,
     parameters_of,
     verdict_of,
 )
-from beltid.identify.friction_law_search import search_law
-from beltid.identify.friction_points import friction_points
+from beltid.identify.surface.law_search import search_law
+from beltid.identify.surface.points import friction_points
 from beltid.laws.friction_formulas import FrictionFormula
 
 LOG = {"mu0": 0.6, "a": 0.15, "b": 0.4, "v0": 0.002}

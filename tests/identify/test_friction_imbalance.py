@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from synthetic_rig import Recipe, record
 
-from beltid.identify.friction import FrictionSettings, RunReduction, reduce_runs
+from beltid.identify.friction.reduction import FrictionSettings, RunReduction, reduce_runs
 
 TENSIONS = np.tile([60.0, 120.0, 200.0, 300.0, 450.0], 5)
 MU = 0.8

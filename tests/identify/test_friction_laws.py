@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import curve_fit
 
 from beltid.errors import InputError
-from beltid.identify.friction_laws import fit_friction_laws
+from beltid.identify.surface.laws import fit_friction_laws
 from beltid.laws.friction_formulas import FRICTION_LAWS, PARAMETERS, FrictionFormula
 
 TRUTH = Path(__file__).parents[1] / "truth"

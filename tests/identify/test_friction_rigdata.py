@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beltid.identify.friction import RunReduction, reduce_runs
+from beltid.identify.friction.reduction import RunReduction, reduce_runs
 
 ROOT = Path(__file__).parents[2]
 BELTS = ("4pk", "5pk", "6pk")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from synthetic_rig import Recipe, record
 
-from beltid.identify.friction import RunReduction, reduce_runs
+from beltid.identify.friction.reduction import RunReduction, reduce_runs
 
 
 def campaign(ripple: float) -> tuple[RunReduction, ...]:

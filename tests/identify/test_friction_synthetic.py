@@ -13,7 +13,12 @@ from hypothesis import strategies as st
 from synthetic_rig import Recipe, bench, record
 
 from beltid.errors import InputError
-from beltid.identify.friction import FrictionSettings, RunReduction, reduce_run, reduce_runs
+from beltid.identify.friction.reduction import (
+    FrictionSettings,
+    RunReduction,
+    reduce_run,
+    reduce_runs,
+)
 
 Columns = dict[str, np.ndarray]
 

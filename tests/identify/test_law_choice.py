@@ -10,13 +10,13 @@ import pytest
 from press_bench import Bench
 
 from beltid.errors import InputError
-from beltid.identify.contact_law_fits import fit_law
-from beltid.identify.contact_laws import CurveData, coefficients_of
-from beltid.identify.dissipation import estimate_dissipation
-from beltid.identify.law_choice import choose_normal_law, compare_laws
-from beltid.identify.law_verdict import verdict_of
-from beltid.identify.press_recording import read_tests
-from beltid.identify.stiffness import StiffnessSettings, fit_stiffness
+from beltid.identify.press.contact_law_fits import fit_law
+from beltid.identify.press.contact_laws import CurveData, coefficients_of
+from beltid.identify.press.dissipation import estimate_dissipation
+from beltid.identify.press.model_selection import choose_normal_law, compare_laws
+from beltid.identify.press.recording import read_tests
+from beltid.identify.press.stiffness import StiffnessSettings, fit_stiffness
+from beltid.identify.press.verdict import verdict_of
 
 RIGDATA = Path(__file__).parents[2] / "rigdata"
 SETTINGS = StiffnessSettings(0.04)

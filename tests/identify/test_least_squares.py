@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltid.errors import FitError, InputError
-from beltid.identify.least_squares import solve_least_squares
+from beltid.identify.estimators.least_squares import solve_least_squares
 
 # NIST Statistical Reference Datasets, linear regression; values as certified (15 digits)
 PONTIUS_TEXT = """

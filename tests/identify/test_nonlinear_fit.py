@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from beltid.errors import ConvergenceError, InputError
-from beltid.identify.nonlinear_fit import fit_nonlinear
+from beltid.identify.estimators.nonlinear_fit import fit_nonlinear
 
 
 @dataclass(frozen=True)

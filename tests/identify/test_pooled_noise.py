@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from scipy.special import digamma, polygamma
 from scipy.stats import t as student
 
-from beltid.identify.slip_noise import (
+from beltid.identify.slip.noise import (
     pooled_correlation_time,
     pooled_means,
     pooled_variance,

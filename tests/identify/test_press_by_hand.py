@@ -9,11 +9,11 @@ import pytest
 from press_bench import Bench
 
 from beltid.errors import InputError
-from beltid.identify.dissipation import estimate_dissipation
-from beltid.identify.friction_points import friction_points
-from beltid.identify.press_cycles import turning_points
-from beltid.identify.press_dwell import moving_part
-from beltid.identify.stiffness_result import StiffnessSettings
+from beltid.identify.press.cycles import turning_points
+from beltid.identify.press.dissipation import estimate_dissipation
+from beltid.identify.press.dwell import moving_part
+from beltid.identify.press.result import StiffnessSettings
+from beltid.identify.surface.points import friction_points
 
 SETTINGS = StiffnessSettings(segment_length_m=0.04)
 

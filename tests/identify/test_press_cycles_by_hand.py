@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from beltid.errors import InputError
-from beltid.identify.press_curves import press_curve, thinned_branches
-from beltid.identify.press_cycles import PressCycle, choose_cycles, find_cycles, turning_points
-from beltid.identify.press_preparation import PressTest
+from beltid.identify.press.curves import press_curve, thinned_branches
+from beltid.identify.press.cycles import PressCycle, choose_cycles, find_cycles, turning_points
+from beltid.identify.press.preparation import PressTest
 
 
 def press(travel, force=None, **changed):

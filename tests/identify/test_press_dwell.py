@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beltid.identify.press_dwell import moving_part
-from beltid.identify.stiffness import StiffnessSettings, fit_stiffness
+from beltid.identify.press.dwell import moving_part
+from beltid.identify.press.stiffness import StiffnessSettings, fit_stiffness
 
 sys.path.insert(0, str(Path(__file__).parent))
 from press_bench import Bench

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from beltid.errors import InputError
-from beltid.identify.press_preparation import prepare_test, spread
-from beltid.identify.press_recording import read_tests
-from beltid.identify.stiffness_result import StiffnessSettings
+from beltid.identify.press.preparation import prepare_test, spread
+from beltid.identify.press.recording import read_tests
+from beltid.identify.press.result import StiffnessSettings
 
 CHATTER = 1.482602218505602 * 4.0 / math.sqrt(6.0)
 """White noise that second differences tell of a signal that goes up and down by one."""

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from beltid.identify.rest_phase import SetAsideError, find_rotation, rest_state
+from beltid.identify.friction.rest_phase import SetAsideError, find_rotation, rest_state
 
 
 def speed_record(top=0.2, rest=100, ramp=20, full=200, after=30):

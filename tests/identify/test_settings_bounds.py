@@ -8,12 +8,12 @@ import re
 import pytest
 
 from beltid.errors import InputError
-from beltid.identify.friction_cells import KnownCell
-from beltid.identify.friction_run import FrictionSettings
-from beltid.identify.law_verdict import verdict_of
-from beltid.identify.matching import MatchSettings
-from beltid.identify.stiffness_result import StiffnessSettings
-from beltid.identify.surface import SurfaceSettings
+from beltid.identify.agreement.matching import MatchSettings
+from beltid.identify.friction.load_cells import KnownCell
+from beltid.identify.friction.run import FrictionSettings
+from beltid.identify.press.result import StiffnessSettings
+from beltid.identify.press.verdict import verdict_of
+from beltid.identify.surface.surface import SurfaceSettings
 
 CLOSED = [
     (FrictionSettings, "steady_tolerance", 1e-6, 0.2),

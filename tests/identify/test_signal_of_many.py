@@ -8,7 +8,7 @@ import statistics
 import numpy as np
 import pytest
 
-from beltid.identify.signal import (
+from beltid.identify.estimators.signal import (
     column_spread,
     exponentials,
     running_median,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from beltid.identify.sliding import fit_sliding, plausible_samples
+from beltid.identify.friction.sliding import fit_sliding, plausible_samples
 
 T = np.linspace(3.0, 13.0, 201)
 ONE = np.array([1.0, 1.0])

@@ -8,12 +8,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltid.identify.signal import NOISE_FLOOR
-from beltid.identify.sliding_drift import drift_rate, odds_of_a_cell, rate_se, settled_levels
-from beltid.identify.sliding_errors import ROUNDING, LinearScheme, correlation_time, with_errors
-from beltid.identify.sliding_misfit import misfit, rise_before, rounding_se
-from beltid.identify.sliding_model import SlidingFit
-from beltid.identify.statistics import integrated_autocorrelation_time
+from beltid.identify.estimators.signal import NOISE_FLOOR
+from beltid.identify.estimators.statistics import integrated_autocorrelation_time
+from beltid.identify.friction.sliding_drift import (
+    drift_rate,
+    odds_of_a_cell,
+    rate_se,
+    settled_levels,
+)
+from beltid.identify.friction.sliding_errors import (
+    ROUNDING,
+    LinearScheme,
+    correlation_time,
+    with_errors,
+)
+from beltid.identify.friction.sliding_misfit import misfit, rise_before, rounding_se
+from beltid.identify.friction.sliding_model import SlidingFit
 
 T = np.linspace(3.0, 13.0, 101)
 LEVELS = np.array([400.0, 160.0])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from beltid.errors import InputError
-from beltid.identify.slip import fit_slip, required_pulley_speeds
+from beltid.identify.slip.slip import fit_slip, required_pulley_speeds
 
 ROOT = Path(__file__).parents[2]
 BELTS = ("4pk", "5pk", "6pk")

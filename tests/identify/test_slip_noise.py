@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltid.identify.slip import fit_slip
-from beltid.identify.slip_noise import (
+from beltid.identify.slip.noise import (
     pooled_correlation_time,
     pooled_means,
     pooled_variance,
     speed_series,
 )
+from beltid.identify.slip.slip import fit_slip
 
 RADIUS, CREEP = 0.05, 0.01
 TORQUES = np.arange(17.0)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy.signal import lfilter
 
-from beltid.identify.statistics import (
+from beltid.identify.estimators.statistics import (
     effective_sample_size,
     integrated_autocorrelation_time,
     mad_sigma,

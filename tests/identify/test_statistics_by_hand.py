@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from beltid.identify.statistics import (
+from beltid.identify.estimators.statistics import (
     as_set,
     effective_sample_size,
     integrated_autocorrelation_time,

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from beltid.errors import FitError, InputError
-from beltid.identify.stiffness import StiffnessSettings, fit_stiffness
+from beltid.identify.press.stiffness import StiffnessSettings, fit_stiffness
 
 sys.path.insert(0, str(Path(__file__).parent))
 from press_bench import HYSTERESIS, Bench

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from beltid.errors import InputError
-from beltid.identify.stiffness import StiffnessSettings, fit_stiffness
+from beltid.identify.press.stiffness import StiffnessSettings, fit_stiffness
 
 sys.path.insert(0, str(Path(__file__).parent))
 from press_bench import Bench

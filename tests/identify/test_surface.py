@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
-from beltid.identify.surface import (
+from beltid.identify.surface.surface import (
     SurfaceResult,
     SurfaceSettings,
     build_surface,

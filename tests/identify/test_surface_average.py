@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from beltid.identify.surface import SurfaceResult
-from beltid.identify.surface_average import average
-from beltid.identify.surface_curves import Curve, CurveSet
-from beltid.identify.surface_range import common_range
+from beltid.identify.surface.average import average
+from beltid.identify.surface.curves import Curve, CurveSet
+from beltid.identify.surface.range import common_range
+from beltid.identify.surface.surface import SurfaceResult
 
 SPEEDS = np.array([0.01, 0.02, 0.04])
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
-from beltid.identify.surface import SurfaceResult, SurfaceSettings, build_surface
+from beltid.identify.surface.surface import SurfaceResult, SurfaceSettings, build_surface
 
 Array = NDArray[np.float64]
 TRUTH = Path(__file__).parents[1] / "truth"

@@ -11,9 +11,9 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.stats import f as fisher
 
-from beltid.identify.friction_law_doubt import chi_square_note, covariance_scale
-from beltid.identify.statistics import integrated_autocorrelation_time
-from beltid.identify.temperature_effect import scatter_of, temperature_effect
+from beltid.identify.estimators.statistics import integrated_autocorrelation_time
+from beltid.identify.press.temperature import scatter_of, temperature_effect
+from beltid.identify.surface.law_doubt import chi_square_note, covariance_scale
 
 K_1, K_2, N = 6.5e7, 3.0e11, 40
 

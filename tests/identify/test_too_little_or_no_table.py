@@ -11,16 +11,17 @@ import numpy as np
 import pytest
 
 from beltid.errors import InputError
-from beltid.identify import friction_law_doubt, law_verdict
-from beltid.identify.dissipation import estimate_dissipation
-from beltid.identify.friction_laws import fit_friction_laws
-from beltid.identify.nonlinear_fit import cofactor_of, fit_nonlinear
-from beltid.identify.rig_table import run_records
-from beltid.identify.signal import parabolic_maximum, running_median
-from beltid.identify.slip import fit_slip
-from beltid.identify.steady_window import steady_window
-from beltid.identify.stiffness import StiffnessSettings, fit_stiffness
-from beltid.identify.surface import surface_from_columns
+from beltid.identify.estimators.nonlinear_fit import cofactor_of, fit_nonlinear
+from beltid.identify.estimators.signal import parabolic_maximum, running_median
+from beltid.identify.friction.rig_table import run_records
+from beltid.identify.friction.steady_window import steady_window
+from beltid.identify.press import verdict as law_verdict
+from beltid.identify.press.dissipation import estimate_dissipation
+from beltid.identify.press.stiffness import StiffnessSettings, fit_stiffness
+from beltid.identify.slip.slip import fit_slip
+from beltid.identify.surface import law_doubt as friction_law_doubt
+from beltid.identify.surface.laws import fit_friction_laws
+from beltid.identify.surface.surface import surface_from_columns
 
 PRESS = ("time_s", "displacement_mm", "force_N")
 SLIP = ("initial_tension_N", "torque_N_m", "driver_speed_rad_s", "driven_speed_rad_s")

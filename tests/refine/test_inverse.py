@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from beltid.errors import ConvergenceError, InputError
-from beltid.identify.surface import build_surface
+from beltid.identify.surface.surface import build_surface
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig

@@ -11,7 +11,7 @@ import pytest
 
 from beltid.config import load_config
 from beltid.errors import InputError
-from beltid.identify.friction import reduce_runs
+from beltid.identify.friction.reduction import reduce_runs
 from beltid.stages.campaign import (
     Picked,
     PlannedRun,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import beltid
-from beltid.identify.friction_laws import fit_friction_laws
+from beltid.identify.surface.laws import fit_friction_laws
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.stages.laws_beside import friction_formulas, friction_law_rows, normal_law_rows
 from beltid.store.recordings import read_recording

@@ -11,7 +11,7 @@ import pytest
 
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import BeltidError, InputError
-from beltid.identify.statistics import as_set
+from beltid.identify.estimators.statistics import as_set
 from beltid.stages.making import Recipe, make
 from beltid.stages.outcome import Outcome, rows_of, span
 from beltid.stages.talk import Options

@@ -26,7 +26,13 @@ def test_it_is_that_of_this_installation(package: Path) -> None:
 
 @pytest.mark.parametrize(
     "file",
-    ["laws/capstan.py", "identify/peak.py", "rigsim/steady.py", "store/recordings.py", "params.py"],
+    [
+        "laws/capstan.py",
+        "identify/friction/peak.py",
+        "rigsim/steady.py",
+        "store/recordings.py",
+        "params.py",
+    ],
 )
 def test_an_edit_of_what_computes_changes_it(package: Path, file: str) -> None:
     before = hash_of_sources(package)

@@ -10,7 +10,7 @@ from repetitions import repetition
 from virtual_bench import GIVEN, SMALL, read_campaign
 
 from beltid.errors import ConvergenceError
-from beltid.identify.surface import SurfaceSettings
+from beltid.identify.surface.surface import SurfaceSettings
 from beltid.refine.inverse import refine_surface
 from beltid.uncertainty.linear_check import linear_check
 from beltid.uncertainty.monte_carlo import gathered, prepare, refined_again, replicates

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from beltid.identify.statistics import as_set
+from beltid.identify.estimators.statistics import as_set
 from beltid.report.drawing import (
     FAINT,
     INK,

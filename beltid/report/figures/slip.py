@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from beltid.identify.statistics import as_set
+from beltid.identify.estimators.statistics import as_set
 from beltid.report.drawing import FAINT, figure, group, legend_below, style
 from beltid.report.picture import Picture, absent
 from beltid.report.results import BeltResults, Sheet

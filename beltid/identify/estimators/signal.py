@@ -1,0 +1,291 @@
+"""Bench signals before any physics: noise, spikes, thinning, periodic lines.
+
+Nothing here knows what a tension is. All functions work on noise-free records too: a spread of
+zero is a spread, and every test has a floor relative to the size of the signal.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import median_filter
+
+from beltid.identify.estimators.statistics import MAD_TO_SIGMA
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+SPIKE_WINDOW = 7
+"""Samples of the running median: it is blind to up to three deviating samples in a row."""
+NOISE_FLOOR = 2.0e-5
+"""Deviations below this fraction of a signal are never taken for anything but rounding."""
+THINNED_SAMPLES = 3000
+"""Records longer than this are averaged over blocks before a model is fitted to them."""
+
+
+def median(x: Array) -> float:
+    """Median of finite samples, n >= 1; an order faster on short arrays than numpy's own."""
+    half = x.size // 2
+    if x.size % 2:
+        return float(np.partition(x, half)[half])
+    low, high = np.partition(x, (half - 1, half))[half - 1 : half + 1]
+    return 0.5 * float(low + high)
+
+
+def robust_sigma(x: Array) -> float:
+    """Standard deviation from the median absolute deviation of finite samples, n >= 1."""
+    return MAD_TO_SIGMA * median(np.abs(x - median(x)))
+
+
+def running_median(x: Array, window: int) -> Array:
+    """Median over a centred odd window, mirrored at the ends (so that a spike there is seen).
+
+    Of signals of shape (..., n), each on its own.
+    """
+    n = x.shape[-1]
+    if n < 3:
+        return x.copy()
+    size = [1] * (x.ndim - 1) + [min(window, n - 1 + n % 2)]
+    return median_filter(x, size=size, mode="mirror")
+
+
+def difference_sigma(x: Array) -> float:
+    """Standard deviation of white noise on a slowly changing signal, from first differences.
+
+    Parameters
+    ----------
+    x : ndarray
+        Finite samples in their order of time, shape (n,).
+
+    Returns
+    -------
+    float
+        ``1.4826 median |x[i+1] - x[i]| / sqrt(2)``. If a coarse converter makes more than half of
+        the differences zero, the root mean square of the central 98 % takes its place.
+    """
+    if x.size < 2:
+        return 0.0
+    step = np.abs(np.diff(x))
+    sigma = MAD_TO_SIGMA * median(step)
+    if sigma == 0.0 and np.any(step > 0.0):
+        central = np.sort(step)[: max(1, int(0.98 * step.size))]
+        sigma = float(np.sqrt(np.mean(central**2)))
+    return sigma / np.sqrt(2.0)
+
+
+def channel_noise(tensions: Array) -> Array:
+    """White noise of both tensions [N], shape (2,).
+
+    The error of a coarse converter is part of it, and a floor for noise-free recordings.
+    """
+    return np.array([_noise(column) for column in tensions.T])
+
+
+def _noise(x: Array) -> float:
+    step = np.abs(np.diff(x))
+    step = step[step > 0.0]
+    converter = float(np.min(step)) / np.sqrt(12.0) if step.size else 0.0
+    return max(float(np.hypot(difference_sigma(x), converter)), NOISE_FLOOR * median(np.abs(x)))
+
+
+def converter_steps(first: Array, second: Array) -> tuple[float, float]:
+    """Steps of the converters that recorded two signals, in their unit; zero if none shows.
+
+    The values of a coarse converter repeat and lie on an even grid. So may those of a noise-free
+    recording with a straight build-up: the grid of both signals must go through zero, or the
+    signal itself must chatter.
+
+    Parameters
+    ----------
+    first, second : ndarray
+        Finite samples in their order of time, shape (n,) and (m,).
+    """
+    levels = np.unique(np.concatenate([first, second]))
+    if 2 <= levels.size <= (first.size + second.size) // 2:
+        step = _grid(np.append(levels, 0.0) if levels[0] > 0.0 else levels)
+        if step > 0.0 and abs(levels[0] / step - np.rint(levels[0] / step)) < 0.02:
+            return step, step
+    return _chatter_step(first), _chatter_step(second)
+
+
+def _chatter_step(x: Array) -> float:
+    moves = np.diff(x)
+    moves = moves[moves != 0.0]
+    levels = np.unique(x)
+    if np.count_nonzero(moves[1:] * moves[:-1] < 0.0) < 3 or levels.size > x.size // 2:
+        return 0.0
+    return _grid(levels)
+
+
+def _grid(levels: Array) -> float:
+    """Spacing of an even grid that holds all levels; zero if there is none."""
+    levels = np.sort(levels)
+    gaps = np.diff(levels)
+    if gaps.size == 0 or levels[-1] - levels[0] > 1e6 * np.min(gaps):
+        return 0.0
+    for part in (1, 2, 3):  # the smallest gap may be several steps where few levels occur
+        step = float(np.min(gaps)) / part
+        for _ in range(2):  # rounded levels: the whole range tells the step better than one gap
+            count = np.rint((levels - levels[0]) / step)
+            step = float(np.sum(count * (levels - levels[0])) / np.sum(count**2))
+        if np.max(np.abs(levels - levels[0] - step * count)) <= 0.02 * step:
+            return step
+    return 0.0
+
+
+def converter_error(noise: ArrayLike, step: ArrayLike) -> Array:
+    """Error of a mean that a coarse converter leaves, however many samples there are.
+
+    Noise of half a step and more (the converter's own error included) carries the mean across the
+    steps; below that the samples repeat one and the same rounding error, ``step / sqrt(12)``.
+    """
+    coarse = np.asarray(noise) <= 0.5 * np.asarray(step)
+    return np.where(coarse, np.asarray(step) / np.sqrt(12.0), 0.0)
+
+
+def spike_mask(x: Array, threshold: float) -> Mask:
+    """Samples far off the running median of their neighbours.
+
+    The limit grows with the local change of the median itself, so that the steep build-up of a
+    run and its corner are no spikes.
+
+    Parameters
+    ----------
+    x : ndarray
+        Finite samples in their order of time, shape (n,), or several signals, shape (k, n).
+    threshold : float
+        Limit in standard deviations of the white noise.
+
+    Returns
+    -------
+    ndarray of bool
+        True for a spike, of the shape of `x`.
+    """
+    if x.shape[-1] < 5:
+        return np.zeros(x.shape, dtype=bool)
+    middle = running_median(x, SPIKE_WINDOW)
+    half = SPIKE_WINDOW // 2
+    before, after = (np.repeat(end, half, axis=-1) for end in (middle[..., :1], middle[..., -1:]))
+    padded = np.concatenate([before, middle, after], axis=-1)
+    local_change = np.abs(padded[..., 2 * half :] - padded[..., : -2 * half])
+    sigma = np.array([spike_sigma(row) for row in np.atleast_2d(x)]).reshape(*x.shape[:-1], 1)
+    return np.abs(x - middle) > threshold * sigma + local_change
+
+
+def spike_sigma(x: Array) -> float:
+    """White noise of a signal, with a floor for one that is free of it."""
+    return max(difference_sigma(x), 10.0 * NOISE_FLOOR * median(np.abs(x)))
+
+
+def block_means(columns: Array, limit: int = THINNED_SAMPLES) -> Array:
+    """Thin a long record by averaging over blocks of equally many samples.
+
+    Parameters
+    ----------
+    columns : ndarray
+        Finite samples, shape (n, m).
+    limit : int
+        Largest number of blocks wanted.
+
+    Returns
+    -------
+    ndarray
+        The columns themselves if n <= limit, else their block means; a last incomplete block is
+        averaged over what it has.
+    """
+    n = columns.shape[0]
+    if n <= limit:
+        return columns
+    starts = np.arange(0, n, -(-n // limit))
+    counts = np.diff(np.append(starts, n))
+    return np.add.reduceat(columns, starts, axis=0) / counts[:, None]
+
+
+def exponentials(tau: Array, t: Array) -> Array:
+    """Decays ``exp(-t/tau)`` with k time constants [s], shape (k, n)."""
+    exponent = (-1.0 / tau)[:, None] * t
+    return np.exp(exponent, out=exponent)
+
+
+def sums_of_squares(rows: Array) -> Array:
+    """Sum of the squares of every row, shape (k,); products of matrices are the fastest way."""
+    return np.matmul(rows[:, None, :], rows[:, :, None])[:, 0, 0]
+
+
+def column_spread(columns: Array) -> Array:
+    """Standard deviation of a few long columns, shape (m,); laid out as rows, as numpy likes it."""
+    return np.std(np.ascontiguousarray(columns.T), axis=1)
+
+
+def line_columns(t: Array, frequency: float) -> Array:
+    """Cosine and sine of one frequency [Hz], shape (n, 2)."""
+    phase = 2.0 * np.pi * frequency * t
+    return np.column_stack([np.cos(phase), np.sin(phase)])
+
+
+def strongest_line(t: Array, residuals: Array, basis: Array) -> float | None:
+    """Frequency of a periodic component that stands out of the noise.
+
+    Parameters
+    ----------
+    t : ndarray
+        Times [s], non-decreasing, shape (n,).
+    residuals : ndarray
+        Residual signals in units of their noise, orthogonal to `basis`, shape (n, m).
+    basis : ndarray
+        Orthonormal columns already fitted, shape (n, p).
+
+    Returns
+    -------
+    float or None
+        Frequency [Hz], refined by least squares; None if no line with at least one and a half
+        periods in the record is significant, both against white noise and against its
+        neighbourhood in the spectrum (so that red noise is no line).
+    """
+    n = t.size
+    duration = float(t[-1] - t[0])
+    if n < 24 or duration <= 0.0:
+        return None
+    grid = np.linspace(t[0], t[-1], n)
+    length = 2 * (1 << (n - 1).bit_length())
+    even = np.array([np.interp(grid, t, column) for column in residuals.T])
+    spectrum = np.fft.rfft(even, length)
+    power = np.sum(spectrum.real**2 + spectrum.imag**2, axis=0) / n
+    frequency = np.fft.rfftfreq(length, duration / (n - 1))
+    first, last = np.searchsorted(frequency, [1.5 / duration, 0.45 * (n - 1) / duration])
+    if last - first < 3:
+        return None
+    k = first + int(np.argmax(power[first:last]))
+    neighbourhood = power[max(first, k // 3) : min(last, 3 * k + 1)]
+    # chi-square with 2 m degrees of freedom, over n/2 independent frequencies, at about 1e-3
+    limit = residuals.shape[1] + np.log(n / 2.0) + 9.0
+    if power[k] < limit or power[k] < 10.0 * median(neighbourhood):
+        return None
+    return _refined(t, residuals, basis, float(frequency[k]), 0.5 / duration)
+
+
+def _refined(t: Array, residuals: Array, basis: Array, centre: float, half_width: float) -> float:
+    """Maximum of the least-squares gain of a line near `centre` [Hz]."""
+    trial = centre + half_width * np.linspace(-1.0, 1.0, 7)
+    phase = 2.0 * np.pi * np.outer(t - t[0], trial)
+    cos, sin = np.cos(phase), np.sin(phase)
+    cos -= basis @ (basis.T @ cos)
+    sin -= basis @ (basis.T @ sin)
+    cc, ss, cs = np.sum(cos * cos, 0), np.sum(sin * sin, 0), np.sum(cos * sin, 0)
+    c, s = cos.T @ residuals, sin.T @ residuals
+    determinant = np.maximum(cc * ss - cs * cs, 1e-12 * t.size**2)
+    gain = (
+        np.sum(c * c, 1) * ss - 2.0 * np.sum(c * s, 1) * cs + np.sum(s * s, 1) * cc
+    ) / determinant
+    return parabolic_maximum(trial, gain)
+
+
+def parabolic_maximum(x: Array, y: Array) -> float:
+    """Abscissa of the maximum of evenly spaced samples, by the parabola through its neighbours."""
+    k = int(np.argmax(y))
+    if k in (0, x.size - 1):
+        return float(x[k])
+    curvature = y[k - 1] - 2.0 * y[k] + y[k + 1]
+    if curvature >= 0.0:
+        return float(x[k])
+    return float(x[k] + 0.5 * (x[k + 1] - x[k]) * (y[k - 1] - y[k + 1]) / curvature)

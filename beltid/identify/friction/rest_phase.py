@@ -1,0 +1,172 @@
+"""Start of a run of the friction rig: when the pulley turns, and what the cells show before.
+
+All thresholds are relative to the speed that the pulley reaches, so that neither the unit nor the
+sign of the speed channel decides where the rotation starts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.identify.estimators.signal import (
+    converter_error,
+    difference_sigma,
+    median,
+    running_median,
+)
+from beltid.identify.estimators.statistics import MAD_TO_SIGMA, integrated_autocorrelation_time
+
+Array = NDArray[np.float64]
+
+
+class SetAsideError(Exception):
+    """A run cannot be reduced; the message is the reason given in its status.
+
+    Never leaves the reduction of a run: one bad run must not stop the others.
+    """
+
+
+@dataclass(frozen=True, slots=True)
+class Rotation:
+    """The part of a record in which the pulley turns."""
+
+    first: int
+    """Index of the first sample at which the pulley turns."""
+    full_speed: int
+    """Index of the first sample at which it has reached its speed."""
+    end: int
+    """Index after the last sample at which it turns."""
+    speed_rad_s: float
+    """Magnitude of the speed reached, median over the second half of the rotation [rad/s]."""
+    reversed: bool
+    """Whether the speed channel is negative."""
+    unsteadiness: float
+    """Relative change of the speed between the two halves of the time at full speed [-]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """What the load cells show before the pulley turns."""
+
+    n_samples: int
+    tension_N: float
+    """Mean of both cells [N]."""
+    imbalance_N: float
+    """Tight minus slack cell [N]."""
+    imbalance_se_N: float
+
+
+def find_rotation(speed: Array) -> Rotation:
+    """Locate the rotation of the pulley in the speed channel.
+
+    Parameters
+    ----------
+    speed : ndarray
+        Pulley speed [rad/s], finite, shape (n,).
+
+    Raises
+    ------
+    SetAsideError
+        If the pulley never turns.
+    """
+    smooth = running_median(speed, 5)
+    magnitude = np.abs(smooth)
+    noise = difference_sigma(speed)
+    reached = float(np.quantile(magnitude, 0.95))
+    turning = magnitude > 0.5 * reached
+    first, end = _longest_run(turning)
+    top = median(magnitude[(first + end) // 2 : end]) if end > first else 0.0
+    quiet = np.abs(speed[~turning])
+    # speed noise grows with the speed on most encoders: compare with what the rest phase shows
+    background = 4.0 * median(quiet) if quiet.size >= 3 else 0.0
+    if not top > max(5.0 * noise, 2.0 * background):
+        fastest = float(np.max(magnitude))
+        if fastest > max(10.0 * top, 10.0 * noise):
+            raise SetAsideError("too short: the pulley turns in less than 5 % of the samples")
+        raise SetAsideError(
+            f"the pulley never turns: pulley_speed_rad_s stays within {fastest:.3g} rad/s"
+        )
+    threshold = max(0.03 * top, min(2.0 * background, 0.3 * top))
+    while first > 0 and abs(speed[first - 1]) > threshold and speed[first - 1] * smooth[first] > 0:
+        first -= 1
+    full = magnitude[first:end] >= 0.97 * top - 3.0 * noise
+    full_speed = first + int(np.argmax(full))
+    middle = (full_speed + end) // 2
+    halves = [magnitude[full_speed:middle], magnitude[middle:end]]
+    change = 0.0
+    if min(part.size for part in halves) >= 3:
+        change = (median(halves[1]) - median(halves[0])) / top
+    backwards = bool(median(smooth[first:end]) < 0.0)
+    return Rotation(first, full_speed, end, top, backwards, change)
+
+
+def _longest_run(mask: NDArray[np.bool_]) -> tuple[int, int]:
+    """First and end index of the longest stretch of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+    if edges.size == 0:
+        return 0, 0
+    starts, ends = edges[::2], edges[1::2]
+    k = int(np.argmax(ends - starts))
+    return int(starts[k]), int(ends[k])
+
+
+def rest_state(
+    tight: Array,
+    slack: Array,
+    first: int,
+    min_samples: int,
+    steps: tuple[float, float] = (0.0, 0.0),
+) -> Rest:
+    """Initial tension and imbalance of the cells from the samples before the rotation.
+
+    Samples just before the rotation whose tensions already part (a speed channel that lags) are
+    left out.
+
+    Parameters
+    ----------
+    tight, slack : ndarray
+        Tensions [N], spikes and gaps as nan, shape (n,).
+    first : int
+        Index of the first sample at which the pulley turns.
+    min_samples : int
+        Fewest samples that make a rest phase.
+    steps : pair of float
+        Steps of the converters of both cells [N], zero if they are fine.
+
+    Raises
+    ------
+    SetAsideError
+        If there are fewer samples at rest.
+    """
+    both = np.flatnonzero(np.isfinite(tight[:first]) & np.isfinite(slack[:first]))
+    if both.size < min_samples:
+        raise SetAsideError(
+            f"no rest phase: {both.size} usable samples before the pulley turns, "
+            f"must be >= {min_samples}"
+        )
+    difference = tight[both] - slack[both]
+    half = difference[: max(min_samples, both.size // 2)]
+    limit = 6.0 * max(difference_sigma(half), 1e-4 * median(tight[both]))
+    parted = np.abs(difference - median(half)) > limit
+    quiet = np.flatnonzero(~parted)
+    last = max(int(quiet[-1]) + 1 if quiet.size else 0, min_samples)
+    kept = both[:last]
+    mean, difference = 0.5 * (tight[kept] + slack[kept]), tight[kept] - slack[kept]
+    near = _near_median(mean) & _near_median(difference)
+    mean, difference = mean[near], difference[near]
+    n = difference.size
+    spread = float(np.std(difference)) * np.sqrt(n / max(n - 1.0, 1.0))
+    se = spread * np.sqrt(integrated_autocorrelation_time(difference) / n)
+    rounding = converter_error([np.std(tight[kept]), np.std(slack[kept])], steps)
+    se = float(np.linalg.norm([se, *rounding]))
+    return Rest(n, float(np.mean(mean)), float(np.mean(difference)), se)
+
+
+def _near_median(x: Array) -> NDArray[np.bool_]:
+    """Samples that are no outliers of a steady signal."""
+    distance = np.abs(x - median(x))
+    spread = MAD_TO_SIGMA * median(distance)
+    return distance <= max(6.0 * spread, 1e-4 * abs(median(x)), 3.0 * float(np.mean(distance)))

@@ -1,0 +1,212 @@
+"""What goes into the reduction of a run of the friction rig, and what comes out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.errors import InputError
+from beltid.identify.friction.condense import Raw
+from beltid.identify.friction.load_cells import KnownCell, KnownCells
+from beltid.identify.friction.sliding_tails import Tails
+
+Array = NDArray[np.float64]
+
+NAN = float("nan")
+
+
+@dataclass(frozen=True, slots=True)
+class FrictionSettings:
+    """Settings of the reduction. The defaults suit bench and simulated recordings alike.
+
+    Raises
+    ------
+    InputError
+        If a value is outside its range; all of them at once.
+    """
+
+    steady_tolerance: float = 0.005
+    """Change of mu over the steady window, and distance from its level at the end of the record,
+    that still count as settled, relative to mu [-]."""
+    max_drift: float = 0.02
+    """Linear drift of mu over the sliding phase that is still accepted, relative to mu [-]."""
+    min_plateau_samples: int = 12
+    """Fewest samples of a steady window."""
+    min_plateau_fraction: float = 0.2
+    """Shortest steady window over the length of the sliding phase [-]."""
+    min_rest_samples: int = 3
+    """Fewest samples before the pulley turns."""
+    spike_threshold: float = 6.0
+    """Distance from the neighbours above which a sample is a spike, in standard deviations."""
+    max_missing_fraction: float = 0.3
+    """Largest part of the samples that may be missing or not positive [-]."""
+    max_imbalance: float = 0.2
+    """Largest difference of the two cells at rest over their mean [-]."""
+    correct_imbalance: Literal["auto"] | bool = "auto"
+    """Whether the difference of the cells at rest is taken off. ``True``: in every run, half from
+    each cell, with the noise of the rest phase. ``False``: never; the standard error allows for a
+    clear one. ``"auto"``: where it is clear, as what all runs of the bench together show it
+    to be: a difference of the zero points, or of the gains; otherwise as with ``False``."""
+    tension_tight_tare_N: float = 0.0
+    """Reading of the cell of the column tension_tight_N without a load [N]."""
+    tension_slack_tare_N: float = 0.0
+    """The same of the other cell [N]."""
+    tension_tight_gain: float = 1.0
+    """True force over reading, less tare, of the cell of the column tension_tight_N [-]."""
+    tension_slack_gain: float = 1.0
+    """The same of the other cell [-]."""
+    tension_tight_tilt_deg: float = 0.0
+    """Angle between the span at that cell and its axis [deg]."""
+    tension_slack_tilt_deg: float = 0.0
+    """The same of the other cell [deg]."""
+    max_mu: float = 3.0
+    """Largest credible friction coefficient [-]."""
+    max_peak_error: float = 0.015
+    """Largest standard error of mu_sticking, relative to it, with which a peak is resolved [-]."""
+
+    def __post_init__(self) -> None:
+        ranges: dict[str, tuple[float, float]] = {
+            "steady_tolerance": (1e-6, 0.2),
+            "max_drift": (0.0, 1.0),
+            "min_plateau_samples": (8, 1_000_000),
+            "min_plateau_fraction": (0.02, 0.9),
+            "min_rest_samples": (1, 1_000_000),
+            "spike_threshold": (3.0, 100.0),
+            "max_missing_fraction": (0.0, 0.95),
+            "max_imbalance": (0.0, 2.0),
+            "tension_tight_tare_N": (-1.0e4, 1.0e4),
+            "tension_slack_tare_N": (-1.0e4, 1.0e4),
+            "tension_tight_gain": (0.1, 10.0),
+            "tension_slack_gain": (0.1, 10.0),
+            "tension_tight_tilt_deg": (-60.0, 60.0),
+            "tension_slack_tilt_deg": (-60.0, 60.0),
+            "max_mu": (0.01, 100.0),
+            "max_peak_error": (0.0, 1.0),
+        }
+        problems = [
+            f"friction.{name} = {getattr(self, name)!r}, must be in [{low:g}, {high:g}]"
+            for name, (low, high) in ranges.items()
+            if not low <= getattr(self, name) <= high
+        ]
+        if self.correct_imbalance not in ("auto", True, False):
+            problems.append(
+                f"friction.correct_imbalance = {self.correct_imbalance!r}, "
+                "must be auto, true or false"
+            )
+        if problems:
+            raise InputError(problems)
+
+    @property
+    def cells(self) -> KnownCells:
+        """What is known to be wrong with the load cells."""
+        return KnownCells(
+            tight=KnownCell(
+                self.tension_tight_tare_N, self.tension_tight_gain, self.tension_tight_tilt_deg
+            ),
+            slack=KnownCell(
+                self.tension_slack_tare_N, self.tension_slack_gain, self.tension_slack_tilt_deg
+            ),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class RunRecord:
+    """One recording of the friction rig, shape (n,) for each column, in their order of time."""
+
+    time_s: Array
+    tension_tight_N: Array
+    tension_slack_N: Array
+    pulley_speed_rad_s: Array
+    temperature_degC: Array | None = None
+    run: str = ""
+    arc_deg: float = NAN
+    nominal_tension_N: float = NAN
+    defect: str = ""
+    """Why the record cannot be one run (its nominal settings change, ...); empty if it can."""
+    raw: Raw | None = None
+    """What the samples showed, if these are means over blocks of them."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunReduction:
+    """One run of the friction rig, reduced. What could not be determined is nan.
+
+    A run that was set aside keeps what had been found before the reason showed.
+    """
+
+    run: str
+    arc_deg: float
+    """Contact arc, nominal [deg]."""
+    initial_tension_N: float
+    """Mean of both cells at rest [N]."""
+    nominal_tension_N: float
+    pulley_speed_rad_s: float
+    """Magnitude of the pulley's speed [rad/s]."""
+    slip_speed_m_s: float
+    """Sliding speed |omega| R, Eq. (7) [m/s]."""
+    tension_tight_N: float
+    """Tight tension of the plateau, without ripple and tail of the peak [N]."""
+    tension_slack_N: float
+    mu_sliding: float
+    """Eq. (6) of the two plateau tensions [-]."""
+    mu_sliding_se: float
+    """Standard error from the noise of the record, its correlation, the shape of the tail and the
+    cells [-]."""
+    mu_sticking: float
+    """Peak of mu at the end of the build-up [-]; nan where the record does not resolve it."""
+    mu_sticking_se: float
+    normal_force_N_m: float
+    """Closed mean of Eq. (8) over the arc [N/m]."""
+    temperature_degC: float
+    """Mean over the plateau [°C]."""
+    n_samples: int
+    """Samples of the steady window that were used."""
+    status: str
+    """"ok", or why the run was set aside."""
+    mu_sticking_reason: str
+    """Why mu_sticking is missing; empty if it is there."""
+    imbalance_N: float
+    """Tight minus slack cell at rest, as recorded [N]."""
+    imbalance_se_N: float
+    start_time_s: float
+    """First sample at which the pulley turns [s]."""
+    peak_time_s: float
+    """Moment of the sticking peak [s]."""
+    plateau_start_s: float
+    plateau_end_s: float
+    n_spikes: int
+    """Samples of either channel left out as spikes."""
+    n_missing: int
+    """Samples without a usable tension, and samples missing from an even time base."""
+    ripple_amplitude_N: float
+    """Amplitude of the strongest ripple of the tight tension [N]; zero without ripple."""
+    ripple_period_s: float
+    """Period of that ripple [s]; nan without ripple."""
+    tail_time_s: float
+    """Time constant of the decay from the peak [s]; nan without one."""
+    drift: float
+    """Relative change of mu by drift over the sliding phase [-]; zero without one."""
+    cells_log_ratio_se: float
+    """Part of the standard error of ln(T_tight/T_slack) that cells and converters leave [-]."""
+    tails: Tails | None
+    """ln(T_tight/T_slack) of the plateau for tails of other shapes; None if it was not found."""
+    swapped: bool
+    """Whether the columns of the tight and the slack cell were exchanged."""
+    notes: tuple[str, ...]
+    """What a user should know about the run."""
+
+    @property
+    def ok(self) -> bool:
+        """Whether the run may be used."""
+        return self.status == "ok"
+
+
+def arc_problem(arc_deg: float) -> str:
+    """Why a contact arc cannot be used; empty if it can."""
+    if math.isfinite(arc_deg) and 0.0 < arc_deg < 360.0:
+        return ""
+    return f"arc_deg = {arc_deg:g}, must be in (0, 360)"

@@ -1,0 +1,1 @@
+"""Compression press: from a recording to the normal contact law, Eqs. (1) to (4)."""

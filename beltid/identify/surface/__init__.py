@@ -1,0 +1,1 @@
+"""From reduced runs to the friction surface mu(f_N, v)."""

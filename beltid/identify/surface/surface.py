@@ -1,0 +1,281 @@
+"""Friction surface from the reduced runs of the friction rig (paper, section 5, Figs. 12 and 13).
+
+Per contact arc and speed setting a curve over the normal force; per arc a surface over the range
+that the arc covers at all speeds; averaged over arcs the surface that goes into simulations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from beltid.errors import InputError
+from beltid.identify.surface.average import SurfaceGrid, average
+from beltid.identify.surface.curves import CurveSet, Points, build_curves
+from beltid.laws.friction_surface import FrictionSurface
+
+__all__ = [
+    "SurfaceGrid",
+    "SurfaceResult",
+    "SurfaceSettings",
+    "build_surface",
+    "surface_from_columns",
+]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceSettings:
+    """How points become curves and curves a grid.
+
+    Parameters
+    ----------
+    force_nodes : int, optional
+        Number of common nodes of the normal force, evenly spaced in ln f, >= 2. By default as
+        many as the fullest curve has points, where the points are.
+    speed_gap : float
+        Relative gap that parts two settings of the speed [-].
+    force_gap : float
+        Runs of one arc and speed closer than this in force are repetitions and averaged [-].
+    """
+
+    force_nodes: int | None = None
+    speed_gap: float = 0.03
+    force_gap: float = 0.01
+
+    def __post_init__(self) -> None:
+        problems = []
+        if self.force_nodes is not None and self.force_nodes < 2:
+            problems.append(f"surface.force_nodes = {self.force_nodes}, must be >= 2")
+        problems += [
+            f"surface.{name} = {value}, must be in (0, 1)"
+            for name, value in (("speed_gap", self.speed_gap), ("force_gap", self.force_gap))
+            if not 0.0 < value < 1.0
+        ]
+        if problems:
+            raise InputError(problems)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfaceResult:
+    """Friction surfaces of a campaign.
+
+    Attributes
+    ----------
+    average : SurfaceGrid
+        Surface averaged over the arcs.
+    arcs : tuple of SurfaceGrid
+        Surface of each arc over the range that it covers itself.
+    n_points : int
+        Number of points used.
+    set_aside : tuple of str
+        Points not used, each with its reason.
+    notes : tuple of str
+        What a reader of the surface should know: missing combinations, repetitions, degrees.
+    """
+
+    average: SurfaceGrid
+    arcs: tuple[SurfaceGrid, ...]
+    n_points: int
+    set_aside: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def surface(self) -> FrictionSurface:
+        """Averaged surface, continuous."""
+        return self.average.to_surface()
+
+    @property
+    def validity(self) -> dict[str, tuple[float, float]]:
+        """Measured range of the averaged surface: lowest and highest value, units in names."""
+        return self.surface.validity
+
+    @property
+    def rms_arc_spread(self) -> float:
+        """Root mean square over the nodes of the relative spread between arcs [-]; nan for one."""
+        spread = self._relative_spread()
+        return float(np.sqrt(np.mean(spread**2))) if spread.size else float("nan")
+
+    @property
+    def max_arc_spread(self) -> float:
+        """Largest relative spread between arcs at a node [-]; nan for one arc."""
+        spread = self._relative_spread()
+        return float(spread.max()) if spread.size else float("nan")
+
+    def _relative_spread(self) -> Array:
+        relative = self.average.mu_spread / self.average.mu
+        return relative[np.isfinite(relative)]
+
+    def to_columns(self) -> dict[str, NDArray[Any]]:
+        """Columns of the surface table: a row per node, the average first (``arc_deg`` nan)."""
+        grids = (self.average, *self.arcs)
+        arc_deg = [g.arc_deg for g in grids]
+        arc_deg[0] = float("nan")  # of a single arc, too, the average is marked as such
+        columns: dict[str, NDArray[Any]] = {
+            "arc_deg": np.concatenate(
+                [np.full(g.mu.size, a) for a, g in zip(arc_deg, grids, strict=True)]
+            )
+        }
+        for name in ("normal_force_N_m", "slip_speed_m_s"):
+            columns[name] = np.concatenate([_nodes_of(g, name) for g in grids])
+        for name in ("mu", "mu_se", "n_arcs", "mu_spread"):
+            columns[name] = np.concatenate([getattr(g, name).ravel() for g in grids])
+        return columns
+
+
+def _nodes_of(grid: SurfaceGrid, name: str) -> Array:
+    axis = getattr(grid, name)
+    if name == "normal_force_N_m":
+        return np.repeat(axis, grid.mu.shape[1])
+    return np.tile(axis, grid.mu.shape[0])
+
+
+def build_surface(
+    arc_deg: ArrayLike,
+    normal_force_N_m: ArrayLike,
+    slip_speed_m_s: ArrayLike,
+    mu: ArrayLike,
+    mu_se: ArrayLike | None = None,
+    settings: SurfaceSettings | None = None,
+) -> SurfaceResult:
+    """Build the friction surface of each arc and the averaged one.
+
+    Parameters
+    ----------
+    arc_deg : array_like (n,)
+        Contact arc of each run [deg].
+    normal_force_N_m : array_like (n,)
+        Mean normal force per length, Eq. (8) [N/m].
+    slip_speed_m_s : array_like (n,)
+        Measured sliding speed [m/s]; its sign does not matter.
+    mu, mu_se : array_like (n,)
+        Sliding friction coefficient, Eq. (6), and its standard error [-]. An error that is nan is
+        replaced by the median of the others.
+    settings : SurfaceSettings, optional
+
+    Returns
+    -------
+    SurfaceResult
+
+    Raises
+    ------
+    InputError
+        If arrays differ in length, or no surface can be built from the points.
+    """
+    settings = settings or SurfaceSettings()
+    points, set_aside, notes, errors_known = _valid_points(
+        arc_deg, normal_force_N_m, slip_speed_m_s, mu, mu_se
+    )
+    curves = build_curves(points, settings.speed_gap, settings.force_gap)
+    notes += curves.notes
+    grid, grid_notes = average(curves, settings.force_nodes, errors_known)
+    arcs, arc_notes = _arc_surfaces(curves, settings, errors_known)
+    notes += [*grid_notes, *arc_notes]
+    if grid.n_arcs.max() < 2:
+        notes.append("no node was measured on two arcs: the spread between arcs is not known")
+    notes += [f"averaged surface: {line}" for line in grid.to_surface().notes]
+    return SurfaceResult(grid, arcs, points.f.size, tuple(set_aside), tuple(notes))
+
+
+def _arc_surfaces(
+    curves: CurveSet, settings: SurfaceSettings, errors_known: bool
+) -> tuple[tuple[SurfaceGrid, ...], list[str]]:
+    grids, notes = [], []
+    for arc in curves.arcs_deg:
+        try:
+            grid, more = average(curves.of_arc(arc), settings.force_nodes, errors_known)
+        except InputError as error:
+            notes += [f"arc {arc:g}°: no surface of its own, {p}" for p in error.problems]
+            continue
+        grids.append(grid)
+        notes += [f"arc {arc:g}°: {line}" for line in (*more, *grid.to_surface().notes)]
+    return tuple(grids), notes
+
+
+def _valid_points(
+    arc_deg: ArrayLike, f: ArrayLike, v: ArrayLike, mu: ArrayLike, mu_se: ArrayLike | None
+) -> tuple[Points, list[str], list[str], bool]:
+    """Points that can be used, those set aside, notes, and whether errors are known."""
+    named = {"arc_deg": arc_deg, "normal_force_N_m": f, "slip_speed_m_s": v, "mu": mu}
+    if mu_se is not None:
+        named["mu_se"] = mu_se
+    arrays = {name: np.asarray(values, dtype=float) for name, values in named.items()}
+    n = arrays["mu"].size
+    problems = [
+        f"{name}: shape {a.shape}, must be ({n},) as that of mu"
+        for name, a in arrays.items()
+        if a.shape != (n,)
+    ]
+    if problems:
+        raise InputError(problems)
+    se = arrays.pop("mu_se", np.full(n, np.nan))
+    arrays["slip_speed_m_s"] = np.abs(arrays["slip_speed_m_s"])
+    reasons = [
+        ", ".join(f"{name} = {a[k]:g}" for name, a in arrays.items() if not 0.0 < a[k] < np.inf)
+        for k in range(n)
+    ]
+    set_aside = [f"point {k}: {text}, must be > 0" for k, text in enumerate(reasons) if text]
+    good = np.array([not text for text in reasons], dtype=bool)
+    if not good.any():
+        raise InputError(
+            [f"no point for a friction surface among {n}, at least one is needed", *set_aside]
+        )
+    known = np.isfinite(se) & (se >= 0.0)
+    notes = []
+    if not (known & good).any():
+        notes.append("no standard errors of mu given: those of the surface are the arcs' spread")
+        se = np.zeros(n)
+    elif not known[good].all():
+        typical = float(np.median(se[known & good]))
+        notes.append(
+            f"{int((~known & good).sum())} points without a standard error: {typical:.3g} "
+            "(median of the others) taken"
+        )
+        se = np.where(known, se, typical)
+    points = Points(*(a[good] for a in (*arrays.values(), se)))
+    return points, set_aside, notes, bool((known & good).any())
+
+
+def surface_from_columns(columns: Mapping[str, ArrayLike]) -> FrictionSurface:
+    """Averaged surface of a surface table.
+
+    Parameters
+    ----------
+    columns : mapping of str to array_like
+        Columns arc_deg, normal_force_N_m, slip_speed_m_s, mu and, if there, mu_se; the rows of the
+        average have ``arc_deg`` nan.
+
+    Raises
+    ------
+    InputError
+        If a column or the average is missing, or its rows are no complete grid.
+    """
+    needed = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu")
+    missing = [f"surface: column {name} is missing" for name in needed if name not in columns]
+    if missing:
+        raise InputError(missing)
+    rows = np.isnan(np.asarray(columns["arc_deg"], dtype=float))
+    if not rows.any():
+        raise InputError("surface: no row without arc_deg, must have the averaged surface")
+    data = {name: np.asarray(columns[name], dtype=float)[rows] for name in needed[1:]}
+    forces, i = np.unique(data["normal_force_N_m"], return_inverse=True)
+    speeds, j = np.unique(data["slip_speed_m_s"], return_inverse=True)
+    count = np.zeros((forces.size, speeds.size), dtype=int)
+    np.add.at(count, (i, j), 1)
+    if not np.all(count == 1):
+        raise InputError(
+            f"surface: {rows.sum()} averaged rows for {forces.size} forces and {speeds.size} "
+            "speeds, must have each combination once"
+        )
+    mu = np.empty(count.shape)
+    mu[i, j] = data["mu"]
+    if "mu_se" not in columns:
+        return FrictionSurface(forces, speeds, mu)
+    mu_se = np.empty(count.shape)
+    mu_se[i, j] = np.asarray(columns["mu_se"], dtype=float)[rows]
+    return FrictionSurface(forces, speeds, mu, mu_se)
