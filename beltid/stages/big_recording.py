@@ -13,9 +13,9 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.config import Config
+from beltid.identify.friction.reduction import reduce_stream
 from beltid.identify.friction.rig_table import run_record
 from beltid.identify.friction.run import RunReduction
-from beltid.identify.friction.stream import reduce_stream
 from beltid.stages.reduction import friction_settings
 from beltid.stages.workers import Workers
 from beltid.store.big_recordings import is_big, open_big

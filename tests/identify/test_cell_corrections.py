@@ -7,10 +7,10 @@ import re
 
 import numpy as np
 import pytest
+from beltid.identify.friction.imbalance import CellCorrection, correction_of_one, corrections
 from scipy.optimize import brute, fmin
 
 from beltid.identify.friction.channels import Channels
-from beltid.identify.friction.imbalance import CellCorrection, correction_of_one, corrections
 from beltid.identify.friction.rest_phase import Rest
 
 TENSIONS = np.array([120.0, 160.0, 200.0, 240.0, 280.0, 320.0, 360.0, 400.0])

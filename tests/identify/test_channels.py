@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from beltid.identify.friction.plateau import Plateau
+from beltid.identify.friction.sliding_model import SlidingFit
 
 from beltid.identify.friction.channels import check_cells, prepare
 from beltid.identify.friction.condense import missing_rows
 from beltid.identify.friction.peak import sticking_peak
-from beltid.identify.friction.plateau import Plateau
 from beltid.identify.friction.rest_phase import Rotation, SetAsideError
 from beltid.identify.friction.run import FrictionSettings, RunRecord
-from beltid.identify.friction.sliding_model import SlidingFit
 from beltid.identify.friction.sliding_phase import sliding_phase, unswapped
 
 SETTINGS = FrictionSettings()

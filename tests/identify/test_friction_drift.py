@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from beltid.identify.friction.sliding import fit_sliding
+from beltid.identify.friction.sliding_drift import odds_of_a_cell
 from synthetic_rig import Recipe, bench
 
 from beltid.identify.friction.reduction import reduce_runs
-from beltid.identify.friction.sliding import fit_sliding
-from beltid.identify.friction.sliding_drift import odds_of_a_cell
 
 RADIUS_M = 0.05
 RUNS = 16

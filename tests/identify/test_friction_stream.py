@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-
 from beltid.identify.friction.imbalance import corrections
-from beltid.identify.friction.reduction import FrictionSettings, RunReduction, reduce_runs
-from beltid.identify.friction.rig_table import run_records
 from beltid.identify.friction.slide import finish_run
 from beltid.identify.friction.start import start_run
 from beltid.identify.friction.stream import read_together, reduce_stream
+
+from beltid.identify.friction.reduction import FrictionSettings, RunReduction, reduce_runs
+from beltid.identify.friction.rig_table import run_records
 from beltid.store.recordings import read_recording
 
 RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from beltid.identify.friction.plateau import PlateauCriteria, settle
+from beltid.identify.friction.sliding import fit_sliding
+from beltid.identify.friction.steady_window import steady_window
 
 from beltid.identify.estimators.signal import (
     NOISE_FLOOR,
@@ -13,10 +16,7 @@ from beltid.identify.estimators.signal import (
     spike_mask,
     strongest_line,
 )
-from beltid.identify.friction.plateau import PlateauCriteria, settle
 from beltid.identify.friction.rest_phase import SetAsideError
-from beltid.identify.friction.sliding import fit_sliding
-from beltid.identify.friction.steady_window import steady_window
 
 CRITERIA = PlateauCriteria(steady_tolerance=0.005, max_drift=0.02, min_samples=12, min_fraction=0.2)
 T = np.linspace(0.0, 10.0, 500)

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-
 from beltid.identify.friction.sliding import fit_sliding, plausible_samples
 
 T = np.linspace(3.0, 13.0, 201)

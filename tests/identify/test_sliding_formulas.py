@@ -7,9 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-from beltid.identify.estimators.signal import NOISE_FLOOR
-from beltid.identify.estimators.statistics import integrated_autocorrelation_time
 from beltid.identify.friction.sliding_drift import (
     drift_rate,
     odds_of_a_cell,
@@ -24,6 +21,9 @@ from beltid.identify.friction.sliding_errors import (
 )
 from beltid.identify.friction.sliding_misfit import misfit, rise_before, rounding_se
 from beltid.identify.friction.sliding_model import SlidingFit
+
+from beltid.identify.estimators.signal import NOISE_FLOOR
+from beltid.identify.estimators.statistics import integrated_autocorrelation_time
 
 T = np.linspace(3.0, 13.0, 101)
 LEVELS = np.array([400.0, 160.0])

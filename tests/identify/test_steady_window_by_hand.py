@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
 from beltid.identify.friction.plateau import PlateauCriteria, settle
-from beltid.identify.friction.rest_phase import SetAsideError
 from beltid.identify.friction.steady_window import steady_window
+
+from beltid.identify.friction.rest_phase import SetAsideError
 
 WHITE = 1.482602218505602 * 2.0 / np.sqrt(2.0)
 """White noise that first differences tell of a signal that goes up and down by one."""

@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-from beltid.identify.friction import sliding_tail_fit
 from beltid.identify.friction.sliding import fit_sliding
 from beltid.identify.friction.sliding_errors import correlation_time
 from beltid.identify.friction.sliding_tail_fit import weigh_tails
 from beltid.identify.friction.sliding_tail_record import TailRecord
 from beltid.identify.friction.sliding_tails import Hypothesis, Tails, mixture, share_of_double
+
+from beltid.identify.friction import sliding_tail_fit
 
 T = np.linspace(0.0, 10.0, 300)
 GRID = 150

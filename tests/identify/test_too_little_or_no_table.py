@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from beltid.identify.friction.steady_window import steady_window
 
 from beltid.errors import InputError
 from beltid.identify.estimators.nonlinear_fit import cofactor_of, fit_nonlinear
 from beltid.identify.estimators.signal import parabolic_maximum, running_median
 from beltid.identify.friction.rig_table import run_records
-from beltid.identify.friction.steady_window import steady_window
 from beltid.identify.press import verdict as law_verdict
 from beltid.identify.press.dissipation import estimate_dissipation
 from beltid.identify.press.stiffness import StiffnessSettings, fit_stiffness

@@ -289,3 +289,20 @@ def parabolic_maximum(x: Array, y: Array) -> float:
     if curvature >= 0.0:
         return float(x[k])
     return float(x[k] + 0.5 * (x[k + 1] - x[k]) * (y[k - 1] - y[k + 1]) / curvature)
+
+
+def converter_rounding(noise: ArrayLike, step: ArrayLike) -> Array:
+    """Error of a mean that a coarse converter leaves, however many samples there are.
+
+    Noise carries the mean across the steps: what is left is the first harmonic of the saw tooth of
+    rounding, ``step/(pi sqrt 2) exp(-2 pi² noise²/step²)``, at most ``step/sqrt 12``.
+
+    Parameters
+    ----------
+    noise, step : array_like
+        Standard deviation of the noise and step of the converter, in the same unit.
+    """
+    sigma, width = np.broadcast_arrays(np.asarray(noise, float), np.asarray(step, float))
+    ratio = np.divide(sigma, width, out=np.full(sigma.shape, np.inf), where=width > 0.0)
+    first = np.exp(-2.0 * np.square(np.pi * np.minimum(ratio, 5.0))) / (np.pi * np.sqrt(2.0))
+    return np.asarray(width * np.minimum(first, 1.0 / np.sqrt(12.0)))

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from beltid.identify.estimators.signal import converter_steps, median, spike_mask
 from beltid.identify.estimators.statistics import mad_sigma
 from beltid.identify.friction.condense import missing_rows
-from beltid.identify.friction.rest_phase import SetAsideError
+from beltid.identify.friction.rest_phase import RunRejected
 from beltid.identify.friction.run import FrictionSettings, RunRecord
 
 Array = NDArray[np.float64]
 
-CLIPPED_FRACTION = 0.25
+CLIPPED_FRACTION = 0.04
 """Part of the sliding samples at one and the same extreme value that betrays a saturated cell."""
 LEAST_ANSWER = 0.02
 """Least change of a cell over the change of the other one."""
@@ -46,29 +46,29 @@ class Channels:
         return np.isfinite(self.tight) & np.isfinite(self.slack)
 
 
-def prepare(record: RunRecord, settings: FrictionSettings) -> Channels:
+def read_channels(record: RunRecord, settings: FrictionSettings) -> Channels:
     """Check the channels of a run, take out its spikes and count its gaps.
 
     Raises
     ------
-    SetAsideError
+    RunRejected
         If the record cannot be reduced.
     """
     timed = np.isfinite(record.time_s)
     n = record.time_s.size
     if n < 2:
-        raise SetAsideError(f"too short: {n} samples")
+        raise RunRejected(f"too short: {n} samples")
     if np.count_nonzero(timed) < 0.5 * n or np.count_nonzero(timed) < 2:
-        raise SetAsideError(f"time_s is missing in {n - np.count_nonzero(timed)} of {n} samples")
+        raise RunRejected(f"time_s is missing in {n - np.count_nonzero(timed)} of {n} samples")
     t = record.time_s[timed]
     back = np.flatnonzero(np.diff(t) < 0.0)
     if back.size:
         k = int(back[0])
-        raise SetAsideError(
+        raise RunRejected(
             f"time_s goes back from {t[k]:g} to {t[k + 1]:g} s at sample {k + 2}: not one recording"
         )
     if t[-1] <= t[0]:
-        raise SetAsideError(f"time_s stands still at {t[0]:g} s")
+        raise RunRejected(f"time_s stands still at {t[0]:g} s")
     tight, spikes_tight = _tension(record.tension_tight_N[timed], "tension_tight_N", settings)
     slack, spikes_slack = _tension(record.tension_slack_N[timed], "tension_slack_N", settings)
     present = [
@@ -102,16 +102,16 @@ def _tension(
     n, limit = values.size, settings.max_missing_fraction
     if np.count_nonzero(present) < (1.0 - limit) * n:
         missing = n - np.count_nonzero(present)
-        raise SetAsideError(
+        raise RunRejected(
             f"{name} is missing in {100 * missing / n:.3g} % of the samples, "
             f"allowed is {100 * limit:g} %"
         )
     low, high = float(np.min(clean[present])), float(np.max(clean[present]))
     if low == high:
-        raise SetAsideError(f"{name} is dead: {low:g} N throughout")
+        raise RunRejected(f"{name} is dead: {low:g} N throughout")
     positive = np.count_nonzero(clean[present] > 0.0)
     if positive < (1.0 - limit) * n:
-        raise SetAsideError(
+        raise RunRejected(
             f"{name} is not positive in {100 * (n - positive) / n:.3g} % of the samples, "
             f"allowed is {100 * limit:g} %"
         )
@@ -129,7 +129,7 @@ def _speed(t: Array, speed: Array) -> Array:
     """Speed of the pulley with its gaps bridged."""
     present = np.isfinite(speed)
     if np.count_nonzero(present) < 0.5 * speed.size:
-        raise SetAsideError(
+        raise RunRejected(
             f"pulley_speed_rad_s is missing in {np.count_nonzero(~present)} of {speed.size} samples"
         )
     return speed if np.all(present) else np.interp(t, t[present], speed[present])
@@ -143,7 +143,7 @@ def check_cells(channels: Channels, first: int, sliding: slice, tension_N: float
 
     Raises
     ------
-    SetAsideError
+    RunRejected
         With the name of the cell.
     """
     change = {}
@@ -153,11 +153,11 @@ def check_cells(channels: Channels, first: int, sliding: slice, tension_N: float
         change[name] = abs(median(slide) - median(rest))
         reason = _clipped(rest, slide)
         if reason:
-            raise SetAsideError(f"tension_{name}_N is saturated: {reason}")
+            raise RunRejected(f"tension_{name}_N is saturated: {reason}")
     for name, other in (("tight", "slack"), ("slack", "tight")):
         answered = change[name] >= LEAST_ANSWER * change[other]
         if not answered and change[other] > 0.2 * tension_N:
-            raise SetAsideError(
+            raise RunRejected(
                 f"tension_{name}_N is dead: it changes by {change[name]:.3g} N while "
                 f"the other cell changes by {change[other]:.3g} N"
             )

@@ -1,22 +1,51 @@
 """Reduce the runs of the friction rig: tensions over time to one friction coefficient per run.
 
-The same function serves the bench and the simulated rig; nothing in it depends on which one wrote
-the recording. A run that cannot be reduced is set aside with its reason, never dropped.
+Two passes: every run is prepared by itself (:mod:`prepare`), then all are reduced together
+(:mod:`campaign`), each once. The same functions serve the bench and the simulated rig; nothing in
+them depends on which one wrote the recording. A run that cannot be reduced is set aside with its
+reason, never dropped.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import InputError
+from beltid.identify.friction.campaign import Bench, RunLevel, reduce_bench, rest_slopes
+from beltid.identify.friction.peak import sticking_peak
+from beltid.identify.friction.prepare import PreparedRun, prepare_run
 from beltid.identify.friction.rig_table import check_columns, run_records
-from beltid.identify.friction.run import FrictionSettings, RunRecord, RunReduction, arc_problem
-from beltid.identify.friction.stream import reduce_stream
+from beltid.identify.friction.run import (
+    NAN,
+    FrictionSettings,
+    RunRecord,
+    RunReduction,
+    arc_problem,
+)
+from beltid.identify.friction.zeros import cell_errors
+from beltid.laws.capstan import friction_coefficient, mean_normal_force
 
-__all__ = ["FrictionSettings", "RunRecord", "RunReduction", "reduce_run", "reduce_runs"]
+__all__ = [
+    "FrictionSettings",
+    "RunRecord",
+    "RunReduction",
+    "reduce_run",
+    "reduce_runs",
+    "reduce_stream",
+]
+
+Array = NDArray[np.float64]
+Mapper = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
+"""Applies a function to items, in their order, maybe in other processes."""
+
+FEWEST_FOR_MISFIT = 5
+"""Runs of a bench from which on one of them can be unlike the others."""
 
 
 def reduce_run(
@@ -64,7 +93,6 @@ def reduce_run(
     }
     arrays = {name: np.asarray(values, dtype=float) for name, values in columns.items()}
     check_columns(arrays)
-    _check_radius(pulley_radius_m)
     record = RunRecord(
         time_s=arrays["time_s"],
         tension_tight_N=arrays["tension_tight_N"],
@@ -105,10 +133,199 @@ def reduce_runs(
         If a column is missing, has another length or is not numeric, if there are no samples, or
         if the radius is not positive.
     """
-    _check_radius(pulley_radius_m)
     return reduce_stream(run_records(columns), pulley_radius_m, settings or FrictionSettings())
 
 
-def _check_radius(pulley_radius_m: float) -> None:
-    if not (np.isfinite(pulley_radius_m) and pulley_radius_m > 0.0):
-        raise InputError(f"pulley_radius_m = {pulley_radius_m!r}, must be > 0")
+def reduce_stream(
+    records: Iterable[RunRecord], R: float, settings: FrictionSettings, mapper: Mapper = map
+) -> tuple[RunReduction, ...]:
+    """Reduce the runs of a bench, whatever their number; each recording is held only once.
+
+    Parameters
+    ----------
+    records : iterable of RunRecord
+        The runs.
+    R : float
+        Radius of the belt's centreline on the pulley [m], > 0.
+    settings : FrictionSettings
+        Settings of the reduction.
+    mapper : callable
+        ``map``, or one that shares the work among processes.
+
+    Returns
+    -------
+    tuple of RunReduction
+        One for every run, in their order.
+    """
+    if not (np.isfinite(R) and R > 0.0):
+        raise InputError(f"pulley_radius_m = {R!r}, must be > 0")
+    runs = list(mapper(partial(prepare_run, R=R, settings=settings), records))
+    sliding = [k for k, run in enumerate(runs) if run.sliding is not None]
+    found = [run.found for run in runs]
+    if sliding:
+        together = _reduce_together([runs[k] for k in sliding], R, settings)
+        for k, reduced in zip(sliding, together, strict=True):
+            found[k] = reduced
+    return tuple(found)
+
+
+def _reduce_together(
+    runs: Sequence[PreparedRun], R: float, settings: FrictionSettings
+) -> list[RunReduction]:
+    """The runs of a bench that slide."""
+    rests = [run.rest for run in runs if run.rest is not None]
+    records = [run.sliding for run in runs if run.sliding is not None]
+    initial = np.array([rest.tension_N for rest in rests])
+    slopes, errors = (
+        np.array([getattr(rest, name) for rest in rests]).T
+        for name in ("slopes_N_s", "slope_ses_N_s")
+    )
+    at_rest = rest_slopes(slopes[0], errors[0], slopes[1], errors[1], initial)
+    bench, levels = reduce_bench(records, at_rest, float(np.median(initial)))
+    tight, slack = np.array([record.tensions_N for record in records]).T
+    cells = cell_errors(rests, tight, slack, settings.correct_imbalance)
+    relaxed = _relaxation(slopes[1] / initial, errors[1] / initial)
+    reduced = []
+    for k, (run, level) in enumerate(zip(runs, levels, strict=True)):
+        y = level.y - float(cells.mean[k])
+        shared = np.array([level.shared_tail, level.shared_drift, float(cells.shared[k])])
+        own = level.variance + float(cells.variance[k])
+        found = replace(
+            run.found,
+            initial_tension_N=_at_start(run, relaxed),
+            notes=(*run.found.notes, *filter(None, (cells.notes[k],))),
+            drift=level.drift / y,
+            **dict(zip(("shared_tail", "shared_drift", "shared_cells"), shared / y, strict=True)),
+        )
+        se = float(np.sqrt(own + shared @ shared))
+        found = _with_plateau(found, run, level, y, se, R, settings)
+        reason = _unusable(found, level, len(runs), settings)
+        if not reason:
+            found = replace(_with_peak(found, run, level, y, bench, settings), status="ok")
+        reduced.append(replace(found, status=reason or "ok"))
+    return reduced
+
+
+def _relaxation(slope: Array, error: Array) -> float:
+    """Relative slope of the tension at rest that all runs share [1/s], as far as it is known."""
+    known = np.isfinite(error)
+    if not known.any():
+        return 0.0
+    weight = 1.0 / np.maximum(error[known], 1e-9) ** 2
+    mean = float(np.sum(weight * slope[known]) / np.sum(weight)) / 2.0
+    variance = 0.25 / float(np.sum(weight))
+    return mean * mean**2 / (mean**2 + variance) if mean else 0.0
+
+
+def _at_start(run: PreparedRun, relaxed: float) -> float:
+    """Mean of both cells at the start of the rotation: a belt relaxes at rest [N]."""
+    assert run.rest is not None
+    elapsed = run.found.start_time_s - 0.5 * (run.rest.first_s + run.rest.last_s)
+    return run.rest.tension_N * (1.0 + relaxed * elapsed)
+
+
+def _with_plateau(
+    found: RunReduction,
+    run: PreparedRun,
+    level: RunLevel,
+    y: float,
+    se: float,
+    R: float,
+    settings: FrictionSettings,
+) -> RunReduction:
+    """Tensions of the plateau, Eq. (6) of them and Eq. (8)."""
+    record = run.sliding
+    assert record is not None
+    beta = float(np.radians(found.arc_deg))
+    tail = record.basis @ level.tail
+    settled = np.abs(tail - tail[-1]) <= settings.steady_tolerance * abs(y)
+    start = int(np.flatnonzero(~settled)[-1]) + 1 if not settled.all() else 0
+    start = min(start, record.z.size - 1)
+    count = record.count[start:]
+    # the mean of both tensions follows the tail; its plateau is where the tail is gone
+    follow = 0.5 * np.tanh(0.5 * y)
+    mean = float(np.average(record.log_mean[start:] + follow * tail[start:], weights=count))
+    tight, slack = np.exp(mean + 0.5 * y), np.exp(mean - 0.5 * y)
+    warm = np.isfinite(record.temperature[start:])
+    temperature = NAN
+    if warm.any():
+        temperature = float(np.average(record.temperature[start:][warm], weights=count[warm]))
+    notes = list(found.notes)
+    left = float(tail[-1]) / y
+    if abs(left) > 1e-3:
+        notes.append(
+            f"mu is still {100 * left:+.2g} % off its plateau at the end of the record: the tail "
+            "of the sticking peak is taken off"
+        )
+    if abs(found.drift) > settings.steady_tolerance:
+        notes.append(f"mu drifts by {100 * found.drift:+.2g} % over the sliding phase")
+    return replace(
+        found,
+        tension_tight_N=float(tight),
+        tension_slack_N=float(slack),
+        mu_sliding=float(friction_coefficient(tight, slack, beta)),
+        mu_sliding_se=se / beta,
+        normal_force_N_m=float(mean_normal_force(tight, slack, R)),
+        temperature_degC=temperature,
+        n_samples=int(count.sum()),
+        plateau_start_s=float(record.first_s[start]),
+        tail_time_s=_decay_time(record.travel, tail, record.first_s),
+        notes=tuple(notes),
+    )
+
+
+def _decay_time(travel: Array, tail: Array, time_s: Array) -> float:
+    """Time in which the tail falls to 1/e of its height after the start of the sliding [s]."""
+    if not tail[0] > 0.0:
+        return NAN
+    fallen = np.flatnonzero(tail <= tail[0] / np.e)
+    if not fallen.size:
+        return NAN
+    k = int(fallen[0])
+    share = (tail[k - 1] - tail[0] / np.e) / (tail[k - 1] - tail[k])
+    return float(time_s[k - 1] + share * (time_s[k] - time_s[k - 1]) - time_s[0])
+
+
+def _unusable(found: RunReduction, level: RunLevel, n_runs: int, settings: FrictionSettings) -> str:
+    """Why a reduced run is set aside; empty if it is not."""
+    mu, error = found.mu_sliding, found.mu_sliding_se
+    if not 0.0 < mu <= settings.max_mu:
+        return f"mu_sliding = {mu:.4g}, must be in (0, {settings.max_mu:g}]"
+    if n_runs >= FEWEST_FOR_MISFIT and level.misfit > settings.max_misfit:
+        return (
+            f"does not fit the bench: its record is off the common model by {level.misfit:.2g} "
+            f"times the noise of the other runs, allowed is {settings.max_misfit:g} times"
+        )
+    if abs(found.drift) > settings.max_drift:
+        return (
+            f"drifts: mu changes by {100 * found.drift:+.2g} % over the sliding phase, "
+            f"allowed is {100 * settings.max_drift:g} %"
+        )
+    if error > settings.max_error * mu:
+        return (
+            f"never settles: its level is known to {100 * error / mu:.2g} % only, "
+            f"allowed is {100 * settings.max_error:g} %"
+        )
+    return ""
+
+
+def _with_peak(
+    found: RunReduction,
+    run: PreparedRun,
+    level: RunLevel,
+    y: float,
+    bench: Bench,
+    settings: FrictionSettings,
+) -> RunReduction:
+    """The sticking peak, with the errors of the cells taken off."""
+    assert run.sliding is not None
+    assert run.onset is not None
+    peak = sticking_peak(run.onset, run.sliding, level, bench.shared, settings.max_peak_error)
+    beta = float(np.radians(found.arc_deg))
+    return replace(
+        found,
+        mu_sticking=(peak.z + y - level.y) / beta,
+        mu_sticking_se=peak.z_se / beta,
+        mu_sticking_reason=peak.reason,
+        peak_time_s=peak.time_s,
+    )

@@ -22,7 +22,7 @@ from beltid.identify.estimators.statistics import MAD_TO_SIGMA, integrated_autoc
 Array = NDArray[np.float64]
 
 
-class SetAsideError(Exception):
+class RunRejected(Exception):
     """A run cannot be reduced; the message is the reason given in its status.
 
     Never leaves the reduction of a run: one bad run must not stop the others.
@@ -52,11 +52,19 @@ class Rest:
     """What the load cells show before the pulley turns."""
 
     n_samples: int
+    first_s: float
+    last_s: float
+    """Times of the first and the last sample [s]."""
     tension_N: float
     """Mean of both cells [N]."""
     imbalance_N: float
     """Tight minus slack cell [N]."""
     imbalance_se_N: float
+    slopes_N_s: tuple[float, float]
+    """Slopes over time of the difference (tight minus slack) and of the sum of both cells [N/s]."""
+    slope_ses_N_s: tuple[float, float]
+    noise_N: float
+    """Standard deviation of the difference about its slope, over sqrt(2): of a cell [N]."""
 
 
 def find_rotation(speed: Array) -> Rotation:
@@ -69,15 +77,15 @@ def find_rotation(speed: Array) -> Rotation:
 
     Raises
     ------
-    SetAsideError
+    RunRejected
         If the pulley never turns.
     """
     smooth = running_median(speed, 5)
     magnitude = np.abs(smooth)
     noise = difference_sigma(speed)
     reached = float(np.quantile(magnitude, 0.95))
+    first, end = _first_rotation(magnitude, reached)
     turning = magnitude > 0.5 * reached
-    first, end = _longest_run(turning)
     top = median(magnitude[(first + end) // 2 : end]) if end > first else 0.0
     quiet = np.abs(speed[~turning])
     # speed noise grows with the speed on most encoders: compare with what the rest phase shows
@@ -85,8 +93,8 @@ def find_rotation(speed: Array) -> Rotation:
     if not top > max(5.0 * noise, 2.0 * background):
         fastest = float(np.max(magnitude))
         if fastest > max(10.0 * top, 10.0 * noise):
-            raise SetAsideError("too short: the pulley turns in less than 5 % of the samples")
-        raise SetAsideError(
+            raise RunRejected("too short: the pulley turns in less than 5 % of the samples")
+        raise RunRejected(
             f"the pulley never turns: pulley_speed_rad_s stays within {fastest:.3g} rad/s"
         )
     threshold = max(0.03 * top, min(2.0 * background, 0.3 * top))
@@ -103,17 +111,25 @@ def find_rotation(speed: Array) -> Rotation:
     return Rotation(first, full_speed, end, top, backwards, change)
 
 
-def _longest_run(mask: NDArray[np.bool_]) -> tuple[int, int]:
-    """First and end index of the longest stretch of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
-    if edges.size == 0:
+def _first_rotation(magnitude: Array, reached: float) -> tuple[int, int]:
+    """First and end index of the first start of the pulley; a later start at any speed is ignored.
+
+    Glitches of the speed channel are no starts: the stretch lasts at least a fifth as long as the
+    longest one.
+    """
+    edges = np.diff(np.concatenate([[0], (magnitude > 0.1 * reached).astype(np.int8), [0]]))
+    starts, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
+    if starts.size == 0 or reached <= 0.0:
         return 0, 0
-    starts, ends = edges[::2], edges[1::2]
-    k = int(np.argmax(ends - starts))
-    return int(starts[k]), int(ends[k])
+    long = ends - starts >= max(0.2 * float(np.max(ends - starts)), 4.0)
+    k = int(np.argmax(long)) if long.any() else int(np.argmax(ends - starts))
+    level = 0.5 * median(magnitude[starts[k] : ends[k]])
+    inside = np.flatnonzero(magnitude[starts[k] : ends[k]] > level)
+    return int(starts[k] + inside[0]), int(starts[k] + inside[-1] + 1)
 
 
 def rest_state(
+    t: Array,
     tight: Array,
     slack: Array,
     first: int,
@@ -127,6 +143,8 @@ def rest_state(
 
     Parameters
     ----------
+    t : ndarray
+        Times [s], shape (n,).
     tight, slack : ndarray
         Tensions [N], spikes and gaps as nan, shape (n,).
     first : int
@@ -138,12 +156,12 @@ def rest_state(
 
     Raises
     ------
-    SetAsideError
+    RunRejected
         If there are fewer samples at rest.
     """
     both = np.flatnonzero(np.isfinite(tight[:first]) & np.isfinite(slack[:first]))
     if both.size < min_samples:
-        raise SetAsideError(
+        raise RunRejected(
             f"no rest phase: {both.size} usable samples before the pulley turns, "
             f"must be >= {min_samples}"
         )
@@ -156,13 +174,39 @@ def rest_state(
     kept = both[:last]
     mean, difference = 0.5 * (tight[kept] + slack[kept]), tight[kept] - slack[kept]
     near = _near_median(mean) & _near_median(difference)
-    mean, difference = mean[near], difference[near]
+    mean, difference, time = mean[near], difference[near], t[kept][near]
     n = difference.size
+    slope, slope_se, noise = _slope(time, difference)
+    sum_slope, sum_se, _ = _slope(time, 2.0 * mean)
     spread = float(np.std(difference)) * np.sqrt(n / max(n - 1.0, 1.0))
     se = spread * np.sqrt(integrated_autocorrelation_time(difference) / n)
     rounding = converter_error([np.std(tight[kept]), np.std(slack[kept])], steps)
     se = float(np.linalg.norm([se, *rounding]))
-    return Rest(n, float(np.mean(mean)), float(np.mean(difference)), se)
+    return Rest(
+        n_samples=n,
+        first_s=float(time[0]),
+        last_s=float(time[-1]),
+        tension_N=float(np.mean(mean)),
+        imbalance_N=float(np.mean(difference)),
+        imbalance_se_N=se,
+        slopes_N_s=(slope, sum_slope),
+        slope_ses_N_s=(slope_se, sum_se),
+        noise_N=noise / np.sqrt(2.0),
+    )
+
+
+def _slope(t: Array, x: Array) -> tuple[float, float, float]:
+    """Slope of x over t, its standard error (infinite if unknown), and the scatter about it."""
+    away = t - t.mean()
+    squares = float(away @ away)
+    if t.size < 4 or squares <= 0.0:
+        return 0.0, float("inf"), 0.0
+    slope = float(away @ x) / squares
+    residual = x - x.mean() - slope * away
+    scatter = float(np.sqrt(residual @ residual / (t.size - 2)))
+    # noise with a memory moves a slope more than white noise does
+    memory = integrated_autocorrelation_time(residual)
+    return slope, scatter * float(np.sqrt(max(memory, 1.0) / squares)), scatter
 
 
 def _near_median(x: Array) -> NDArray[np.bool_]:

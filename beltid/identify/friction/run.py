@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from beltid.errors import InputError
 from beltid.identify.friction.condense import Raw
 from beltid.identify.friction.load_cells import KnownCell, KnownCells
-from beltid.identify.friction.sliding_tails import Tails
 
 Array = NDArray[np.float64]
 
@@ -30,14 +29,17 @@ class FrictionSettings:
     """
 
     steady_tolerance: float = 0.005
-    """Change of mu over the steady window, and distance from its level at the end of the record,
-    that still count as settled, relative to mu [-]."""
-    max_drift: float = 0.02
-    """Linear drift of mu over the sliding phase that is still accepted, relative to mu [-]."""
+    """Change of the tail, relative to mu, with which the plateau has begun [-]."""
+    max_error: float = 0.05
+    """Largest standard error of mu_sliding, relative to it, that a run may have [-]."""
+    max_drift: float = 0.1
+    """Largest drift of mu over the sliding phase, relative to it [-]."""
+    max_noise_ratio: float = 2.5
+    """Largest noise while sliding over that at rest; beyond it the belt sticks and slips [-]."""
+    max_misfit: float = 4.0
+    """Largest noise about the model of the bench over that of the other runs [-]."""
     min_plateau_samples: int = 12
-    """Fewest samples of a steady window."""
-    min_plateau_fraction: float = 0.2
-    """Shortest steady window over the length of the sliding phase [-]."""
+    """Fewest usable samples of sliding."""
     min_rest_samples: int = 3
     """Fewest samples before the pulley turns."""
     spike_threshold: float = 6.0
@@ -71,9 +73,11 @@ class FrictionSettings:
     def __post_init__(self) -> None:
         ranges: dict[str, tuple[float, float]] = {
             "steady_tolerance": (1e-6, 0.2),
+            "max_error": (1e-4, 1.0),
             "max_drift": (0.0, 1.0),
+            "max_noise_ratio": (1.0, 1e6),
+            "max_misfit": (1.0, 1e6),
             "min_plateau_samples": (8, 1_000_000),
-            "min_plateau_fraction": (0.02, 0.9),
             "min_rest_samples": (1, 1_000_000),
             "spike_threshold": (3.0, 100.0),
             "max_missing_fraction": (0.0, 0.95),
@@ -138,65 +142,68 @@ class RunReduction:
     A run that was set aside keeps what had been found before the reason showed.
     """
 
-    run: str
-    arc_deg: float
+    run: str = ""
+    arc_deg: float = NAN
     """Contact arc, nominal [deg]."""
-    initial_tension_N: float
-    """Mean of both cells at rest [N]."""
-    nominal_tension_N: float
-    pulley_speed_rad_s: float
+    initial_tension_N: float = NAN
+    """Mean of both cells at the start of the rotation [N]."""
+    nominal_tension_N: float = NAN
+    pulley_speed_rad_s: float = NAN
     """Magnitude of the pulley's speed [rad/s]."""
-    slip_speed_m_s: float
+    slip_speed_m_s: float = NAN
     """Sliding speed |omega| R, Eq. (7) [m/s]."""
-    tension_tight_N: float
+    tension_tight_N: float = NAN
     """Tight tension of the plateau, without ripple and tail of the peak [N]."""
-    tension_slack_N: float
-    mu_sliding: float
+    tension_slack_N: float = NAN
+    mu_sliding: float = NAN
     """Eq. (6) of the two plateau tensions [-]."""
-    mu_sliding_se: float
-    """Standard error from the noise of the record, its correlation, the shape of the tail and the
-    cells [-]."""
-    mu_sticking: float
+    mu_sliding_se: float = NAN
+    """Standard error from the noise of the record and its memory, the shape of the tail, drift and
+    the cells: all of it, what the runs share included [-]."""
+    mu_sticking: float = NAN
     """Peak of mu at the end of the build-up [-]; nan where the record does not resolve it."""
-    mu_sticking_se: float
-    normal_force_N_m: float
+    mu_sticking_se: float = NAN
+    normal_force_N_m: float = NAN
     """Closed mean of Eq. (8) over the arc [N/m]."""
-    temperature_degC: float
+    temperature_degC: float = NAN
     """Mean over the plateau [°C]."""
-    n_samples: int
-    """Samples of the steady window that were used."""
-    status: str
+    n_samples: int = 0
+    """Samples of the plateau."""
+    status: str = ""
     """"ok", or why the run was set aside."""
-    mu_sticking_reason: str
+    mu_sticking_reason: str = "the run was set aside"
     """Why mu_sticking is missing; empty if it is there."""
-    imbalance_N: float
+    imbalance_N: float = NAN
     """Tight minus slack cell at rest, as recorded [N]."""
-    imbalance_se_N: float
-    start_time_s: float
+    imbalance_se_N: float = NAN
+    start_time_s: float = NAN
     """First sample at which the pulley turns [s]."""
-    peak_time_s: float
+    peak_time_s: float = NAN
     """Moment of the sticking peak [s]."""
-    plateau_start_s: float
-    plateau_end_s: float
-    n_spikes: int
+    plateau_start_s: float = NAN
+    plateau_end_s: float = NAN
+    n_spikes: int = 0
     """Samples of either channel left out as spikes."""
-    n_missing: int
+    n_missing: int = 0
     """Samples without a usable tension, and samples missing from an even time base."""
-    ripple_amplitude_N: float
+    ripple_amplitude_N: float = NAN
     """Amplitude of the strongest ripple of the tight tension [N]; zero without ripple."""
-    ripple_period_s: float
+    ripple_period_s: float = NAN
     """Period of that ripple [s]; nan without ripple."""
-    tail_time_s: float
-    """Time constant of the decay from the peak [s]; nan without one."""
-    drift: float
-    """Relative change of mu by drift over the sliding phase [-]; zero without one."""
-    cells_log_ratio_se: float
-    """Part of the standard error of ln(T_tight/T_slack) that cells and converters leave [-]."""
-    tails: Tails | None
-    """ln(T_tight/T_slack) of the plateau for tails of other shapes; None if it was not found."""
-    swapped: bool
-    """Whether the columns of the tight and the slack cell were exchanged."""
-    notes: tuple[str, ...]
+    tail_time_s: float = NAN
+    """Time in which the tail falls to 1/e of its height [s]; nan without one."""
+    drift: float = NAN
+    """Relative change of mu by drift over the sliding phase [-], as far as the noise tells it."""
+    shared_tail: float = NAN
+    """Change of ln mu by one standard deviation of what the shape of the tail leaves open, which
+    all runs share [-]."""
+    shared_drift: float = NAN
+    """The same of a drift of the cells that all runs share [-]."""
+    shared_cells: float = NAN
+    """The same of the zeros and gains of the cells [-]."""
+    swapped: bool = False
+    """Whether the columns of the tight and the slack cell were swapped."""
+    notes: tuple[str, ...] = ()
     """What a user should know about the run."""
 
     @property

@@ -2,42 +2,65 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltid.identify.estimators.signal import difference_sigma, median, running_median
 from beltid.identify.friction.channels import Channels, check_cells
-from beltid.identify.friction.rest_phase import Rotation, SetAsideError
+from beltid.identify.friction.rest_phase import Rotation, RunRejected
 
 Array = NDArray[np.float64]
 
 
-def unswapped(channels: Channels, rotation: Rotation, notes: list[str]) -> tuple[Channels, bool]:
-    """Exchange the cells if the slack one carries more throughout the sliding."""
+def unswapped(channels: Channels, rotation: Rotation) -> tuple[Channels, bool]:
+    """Swap the cells if the slack one carries more throughout the sliding."""
     half = slice((rotation.full_speed + rotation.end) // 2, rotation.end)
     usable = channels.usable[half]
     difference = (channels.tight[half] - channels.slack[half])[usable]
     if difference.size < 3:
-        raise SetAsideError(f"too short: {difference.size} usable samples of sliding")
+        raise RunRejected(f"too short: {difference.size} usable samples of sliding")
     if median(difference) >= 0.0:
         return channels, False
     below = np.count_nonzero(difference < 0.0) / difference.size
     if below < 0.9:
         return channels, False
-    notes.append("the tight and the slack cell were exchanged: T_tight < T_slack while sliding")
     return replace(channels, tight=channels.slack, slack=channels.tight), True
 
 
-def sliding_phase(channels: Channels, rotation: Rotation) -> tuple[Array, Array, int, int]:
-    """Usable samples of the rotation, and where the sliding starts in them.
+@dataclass(frozen=True, slots=True, eq=False)
+class SlidingPhase:
+    """Usable samples of a run until the pulley stops, and where the belt begins to slide.
 
-    Returns
-    -------
-    time, tensions, first, slide
-        Times [s], shape (n,), tensions [N], shape (n, 2), index of the first sample of the
-        rotation, and of the first one that surely lies behind the build-up.
+    Attributes
+    ----------
+    time_s : ndarray
+        Times [s], shape (n,).
+    tensions : ndarray
+        Tight and slack tension [N], shape (n, 2).
+    first : int
+        First sample of the rotation.
+    built : int
+        First sample at which nine tenths of the build-up are reached.
+    slide : int
+        First sample that surely lies behind the build-up.
+    """
+
+    time_s: Array
+    tensions: Array
+    first: int
+    built: int
+    slide: int
+
+
+def sliding_phase(channels: Channels, rotation: Rotation) -> SlidingPhase:
+    """Find where the belt begins to slide as a whole.
+
+    Raises
+    ------
+    RunRejected
+        If it never does, or a cell does not answer.
     """
     keep = np.flatnonzero(channels.usable[: rotation.end])
     t = channels.time_s[keep]
@@ -46,7 +69,7 @@ def sliding_phase(channels: Channels, rotation: Rotation) -> tuple[Array, Array,
     difference = tensions[:, 0] - tensions[:, 1]
     n = t.size
     if n - first < 8:
-        raise SetAsideError(f"too short: {n - first} usable samples while the pulley turns")
+        raise RunRejected(f"too short: {n - first} usable samples while the pulley turns")
     second_half = slice((rotation.first + rotation.end) // 2, rotation.end)
     check_cells(channels, rotation.first, second_half, median(tensions[:first, 1]))
     # by time: a simulated recording has most of its samples in the build-up
@@ -55,14 +78,14 @@ def sliding_phase(channels: Channels, rotation: Rotation) -> tuple[Array, Array,
     at_rest = median(difference[:first])
     least = 6.0 * difference_sigma(difference) / np.sqrt(0.5 * (n - first))
     if settled - at_rest <= max(least, 0.01 * median(tensions[:first, 1])):
-        raise SetAsideError(
+        raise RunRejected(
             f"never slides: the tensions part by {settled - at_rest:.3g} N while the pulley turns"
         )
     reached = running_median(difference[first:], 5) - at_rest >= 0.9 * (settled - at_rest)
     build_up = int(np.argmax(reached))
     if t[first + build_up] > middle:
-        raise SetAsideError("never slides: the tensions still part at the end of the record")
+        raise RunRejected("never slides: the tensions still part at the end of the record")
     behind = t[first] + 1.5 * (t[first + build_up] - t[first])
     slide = max(int(np.searchsorted(t, behind, side="right")), first + build_up + 1)
     slide = max(slide, int(np.searchsorted(keep, rotation.full_speed)))
-    return t, tensions, first, slide
+    return SlidingPhase(t, tensions, first, first + build_up, slide)

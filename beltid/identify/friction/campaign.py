@@ -1,0 +1,634 @@
+"""What the runs of a bench share: the noise of the cells and the tail of the sticking peak.
+
+One Gaussian model holds for the block means z of every run (:mod:`sliding_record`):
+
+    z = y [1 + a g(x)] + y a (height g + length dg/d ln l) + ripple + turn
+        + c (white noise + zeros that wander) + common drift of the zeros,                   (S3)
+
+with the level y = mu beta that is sought (flat prior) and c the sensitivity of z to an error of a
+cell. The tail a g(x) (:mod:`tail_shapes`) belongs to the bench, its deviations in height and length
+to the run. Their variances, and those of the noise, are found by the marginal likelihood of all
+runs, with weak log-normal priors. What a run does not know it borrows from its bench. What the
+bench does not know of its tail and its drift has one sign in all runs, and is kept apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.special import log_ndtr
+
+from beltid.identify.friction.noise import wander_since_rest
+from beltid.identify.friction.sliding_record import SlidingRecord
+from beltid.identify.friction.tail_shapes import RANK, stretched, tail_basis, tail_coefficients
+
+Array = NDArray[np.float64]
+
+MEMORIES_S = (0.06, 0.5, 20.0)
+"""Memories of the wandering zeros [s]; the last one is a random walk over the time of a run."""
+RUNS_FOR_VARIANCES = 48
+"""Runs, evenly chosen, that the variances are found from; more would tell nothing new."""
+SCALE_FREEDOM = 20.0
+"""Degrees of freedom with which the noise of a run keeps to that of its bench."""
+RIPPLE_FREE = 0.1
+"""Standard deviation of the amplitude of a ripple that was found, in z: as good as free."""
+
+# priors: median and width (standard deviation of the logarithm)
+WANDER = (0.4, 1.5)
+"""Of the wandering zeros, in units of the error that white noise leaves in the mean of a run."""
+TURN = (0.4, 1.5)
+"""Of the ripple once per turn, in the same unit."""
+HEIGHT_SPREAD = (0.15, 1.0)
+LENGTH_SPREAD = (0.10, 1.0)
+"""Of the deviations of a run's tail from that of its bench, relative."""
+HEIGHT = 0.1
+"""Standard deviation of the height a >= 0 of the tail, relative to the level (half-normal)."""
+CENTRE = (np.log(5e-3), 1.2)
+"""Mean and standard deviation of ln l_c, l_c in m."""
+WIDTH = 0.7
+"""Mean of s_slow + s_fast (exponential)."""
+UNLIKE = 0.01
+"""Deviations of a tail from its family: standard deviation of each of some exponentials with
+lengths within the record, relative to the height."""
+DRIFT = (0.05, 4e-4)
+"""Probability of a drift that the zeros of all runs share, and its standard deviation in
+1/s of the median initial tension."""
+SLOW_PART = (0.10, 0.3)
+"""Probability that a part of the tail decays over a length beyond the longest record, and its
+standard deviation relative to the height."""
+RELAXATION = 1e-3
+"""Standard deviation of the relaxation of a belt at rest [1/s], which looks like a common drift of
+both cells."""
+
+
+class Stack:
+    """Records of several runs side by side, padded to one length by blocks without weight.
+
+    All is in units of the sensitivity of z: newtons at a cell.
+    """
+
+    def __init__(self, records: Sequence[SlidingRecord]) -> None:
+        n, m = len(records), max(r.z.size for r in records)
+        self.n_runs = n
+        self.level = np.array([r.level for r in records])
+        self.sensitivity = np.array([r.sensitivity for r in records])
+        self.noise_N = np.array([r.noise_N for r in records])
+        self.freedom = np.array([r.z.size - 2.0 for r in records])
+        self.shortest_m = 2.0 * min(r.step_m for r in records)
+        self.longest_m = 3.0 * max(float(r.travel[-1]) for r in records)
+        self.count = np.zeros((n, m))
+        self.z = np.zeros((n, m))
+        self.one = np.zeros((n, m))
+        self.shared = np.zeros((n, m, RANK + 2))
+        """Basis of the tails, and drifts of 1 N/s of the tight and of the slack cell."""
+        self.fixed = np.zeros((n, m, m))
+        self.parts = np.zeros((len(MEMORIES_S) + 1, n, m, m))
+        for k, r in enumerate(records):
+            b, c = r.z.size, r.sensitivity
+            since = 0.5 * (r.first_s + r.last_s) - 0.5 * sum(r.rest_s)
+            self.count[k, :b] = r.count
+            self.z[k, :b] = r.z / c
+            self.one[k, :b] = 1.0 / c
+            self.shared[k, :b, :RANK] = r.basis * (r.level / c)
+            self.shared[k, :b, RANK] = since / (r.tensions_N[0] * c)
+            self.shared[k, :b, RANK + 1] = -since / (r.tensions_N[1] * c)
+            self.fixed[k, :b, :b] = (RIPPLE_FREE / c) ** 2 * (r.waves @ r.waves.T)
+            for j, tau in enumerate(MEMORIES_S):
+                self.parts[j, k, :b, :b] = wander_since_rest(
+                    r.first_s, r.last_s, r.count, r.rest_s, r.rest_count, tau
+                )
+            self.parts[-1, k, :b, :b] = (r.level / c) ** 2 * (r.turn @ r.turn.T)
+        diagonal = np.arange(m)
+        self.fixed[:, diagonal, diagonal] += self.noise_N[:, None] ** 2 / np.maximum(
+            self.count, 1e-9
+        )
+
+    @property
+    def typical_error_N(self) -> float:
+        """Error that white noise leaves in the mean of a cell over a run, median [N]."""
+        return float(np.median(self.noise_N / np.sqrt(self.count.sum(axis=1))))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shared:
+    """Posterior of what is the same in all runs: tail in the basis, drift of both cells [N/s].
+
+    Attributes
+    ----------
+    mean : ndarray, shape (RANK + 2,)
+        Posterior mean.
+    factor : ndarray, shape (RANK + 2, k)
+        Factor of its covariance, the largest direction first.
+    stretch : ndarray, shape (RANK,)
+        Derivative of the tail by the logarithm of its length.
+    log_evidence : float
+        Logarithm of the integral over all of it.
+    height, log_centre, slow, fast : float
+        Posterior means of the parameters of the tail.
+    drifts : float
+        Posterior probability of a common drift.
+    """
+
+    mean: Array
+    factor: Array
+    stretch: Array
+    log_evidence: float
+    height: float
+    log_centre: float
+    slow: float
+    fast: float
+    drifts: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bench:
+    """What the runs of a bench share.
+
+    Attributes
+    ----------
+    sd : ndarray
+        Standard deviations: zeros that wander, by :data:`MEMORIES_S` [N], ripple once per turn,
+        height and length of the tail of a run [-].
+    shared : Shared
+        Tail and drift.
+    """
+
+    sd: Array
+    shared: Shared
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Whitened:
+    """All runs under given variances, with the level projected out; the run is the first axis.
+
+    Attributes
+    ----------
+    P : ndarray, shape (R, m, m)
+        Inverse covariance of the blocks without the level.
+    M, b : ndarray, shape (R, q, q), (R, q)
+        Squares of the shared columns, and their products with z.
+    shift : ndarray, shape (R, q)
+        Change of the level by the shared columns.
+    level, variance, squares, log_det : ndarray, shape (R,)
+        Level without them and its variance; sum of squares and log determinant of the likelihood.
+    """
+
+    P: Array
+    M: Array
+    b: Array
+    shift: Array
+    level: Array
+    variance: Array
+    squares: Array
+    log_det: Array
+
+
+def covariance(stack: Stack, sd: Array, shared: Shared | None) -> tuple[Array, Array]:
+    """Covariance of the block means (R, m, m), and its parts of unit variance (K, R, m, m)."""
+    parts = stack.parts
+    if shared is not None:
+        own = stack.shared[:, :, :RANK] @ np.column_stack([shared.mean[:RANK], shared.stretch])
+        own = own.transpose(2, 0, 1)
+        parts = np.concatenate([parts, own[:, :, :, None] * own[:, :, None, :]])
+    return stack.fixed + np.tensordot(np.square(sd[: len(parts)]), parts, axes=1), parts
+
+
+def whiten(stack: Stack, V: Array) -> Whitened:
+    """Generalised least squares of all runs, whatever is shared."""
+    inverse = np.linalg.inv(V)
+    log_det = np.linalg.slogdet(V)[1]
+    of_one = np.einsum("rij,rj->ri", inverse, stack.one)
+    ones = np.einsum("ri,ri->r", stack.one, of_one)
+    P = inverse - of_one[:, :, None] * of_one[:, None, :] / ones[:, None, None]
+    Pz = np.einsum("rij,rj->ri", P, stack.z)
+    return Whitened(
+        P=P,
+        M=stack.shared.transpose(0, 2, 1) @ (P @ stack.shared),
+        b=np.einsum("rik,ri->rk", stack.shared, Pz),
+        shift=np.einsum("ri,rik->rk", of_one, stack.shared) / ones[:, None],
+        level=np.einsum("ri,ri->r", of_one, stack.z) / ones,
+        variance=1.0 / ones,
+        squares=np.einsum("ri,ri->r", stack.z, Pz),
+        log_det=log_det + np.log(ones),
+    )
+
+
+def noise_scale(stack: Stack, w: Whitened, mean: Array) -> Array:
+    """Most probable variance of the noise of each run over that of the bench (R,)."""
+    misfit = w.squares - 2.0 * w.b @ mean + np.einsum("k,rkl,l->r", mean, w.M, mean)
+    return np.asarray((SCALE_FREEDOM + np.maximum(misfit, 0.0)) / (SCALE_FREEDOM + stack.freedom))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RestSlopes:
+    """Information on common drifts in the rest phases, as squares (2, 2) and products (2,)."""
+
+    squares: Array
+    products: Array
+
+
+def rest_slopes(
+    difference: Array, difference_se: Array, total: Array, total_se: Array, tension_N: Array
+) -> RestSlopes:
+    """What the slopes of the cells at rest say about a drift of all runs.
+
+    Parameters
+    ----------
+    difference, total : ndarray
+        Slopes of the difference (tight less slack) and of the sum of both cells [N/s], shape (R,).
+    difference_se, total_se : ndarray
+        Their standard errors.
+    tension_N : ndarray
+        Initial tensions [N].
+    """
+    n = difference.size
+    squares, products = np.zeros((2, 2)), np.zeros(2)
+    relaxation = 2.0 * RELAXATION * float(np.median(tension_N))
+    for slope, se, sign, more in (
+        (difference, difference_se, -1.0, 0.0),
+        (total, total_se, 1.0, relaxation),
+    ):
+        weight = 1.0 / np.maximum(se, 1e-12) ** 2
+        mean = float(np.sum(weight * slope) / np.sum(weight))
+        # slopes that differ by more than their noise are worth less
+        excess = float(np.sum(weight * (slope - mean) ** 2)) / max(n - 1, 1)
+        variance = max(excess, 1.0) / float(np.sum(weight)) + more**2
+        h = np.array([1.0, sign])
+        squares += np.outer(h, h) / variance
+        products += h * mean / variance
+    return RestSlopes(squares, products)
+
+
+def fit_shared(
+    stack: Stack,
+    w: Whitened,
+    scale: Array,
+    rest: RestSlopes,
+    unit_N: float,
+    height: float,
+    zooms: int,
+) -> Shared:
+    """Posterior of the tail and the common drift from some runs."""
+    M = np.einsum("r,rkl->kl", 1.0 / scale, w.M)
+    range_m = (stack.shortest_m, stack.longest_m)
+    return posterior(M, w.b.T @ (1.0 / scale), rest, unit_N, height, range_m, zooms)
+
+
+ZOOMS = 3
+
+
+def posterior(
+    M: Array,
+    b: Array,
+    rest: RestSlopes,
+    unit_N: float,
+    height: float,
+    range_m: tuple[float, float],
+    zooms: int,
+) -> Shared:
+    """Posterior of the tail and the common drift.
+
+    The squares and products of the shared columns, summed over the runs, are all that the runs say
+    about them; the hypotheses differ in the prior only.
+
+    Parameters
+    ----------
+    M, b : ndarray, shape (RANK + 2, RANK + 2), (RANK + 2,)
+        Squares and products.
+    rest : RestSlopes
+        What the rest phases say about a common drift.
+    unit_N : float
+        Median initial tension [N].
+    height : float
+        Height of the tail, roughly, relative to the level.
+    range_m : tuple of float
+        Shortest and longest length of a tail that is looked for [m].
+    zooms : int
+        How often the grid of spectra is laid anew.
+    """
+    M, b = M.copy(), b.copy()
+    M[RANK:, RANK:] += rest.squares
+    b[RANK:] += rest.products
+    D = np.zeros_like(M)
+    low, high = np.log(max(range_m[0], 2e-4)), np.log(max(range_m[1] / 9.0, 1e-3))
+    lengths = np.linspace(low, max(high, low + 1.0), 8)
+    unlike = tail_coefficients(lengths, np.zeros(8), np.zeros(8))
+    D[:RANK, :RANK] = (UNLIKE * height) ** 2 * (unlike.T @ unlike)
+    found = []
+    for prior, more in _hypotheses(range_m[1] / 3.0, unit_N, height):
+        found.append((np.log(prior), *_given(M, b, D + more, range_m, zooms)))
+    log_p = np.array([prior + tail.log_evidence for prior, tail, _, _ in found])
+    p = np.exp(log_p - log_p.max())
+    log_evidence = float(log_p.max() + np.log(p.sum()))
+    p /= p.sum()
+    means = np.array([mean for _, _, mean, _ in found])
+    mean = p @ means
+    second = sum(
+        q * (C + np.outer(m - mean, m - mean))
+        for q, m, (_, _, _, C) in zip(p, means, found, strict=True)
+    )
+    values, vectors = np.linalg.eigh(second)
+    factor = (vectors * np.sqrt(np.maximum(values, 0.0)))[:, ::-1]
+    best = found[int(np.argmax(p))][1]
+    return Shared(
+        mean=mean,
+        factor=factor,
+        stretch=sum(q * tail.stretch for q, (_, tail, _, _) in zip(p, found, strict=True)),
+        log_evidence=log_evidence,
+        height=best.height,
+        log_centre=best.log_centre,
+        slow=best.slow,
+        fast=best.fast,
+        drifts=float(p[1:4].sum()),
+    )
+
+
+def _hypotheses(reach_m: float, unit_N: float, height: float) -> list[tuple[float, Array]]:
+    """Probability, and covariance of what it adds, of every extra that a bench may have."""
+    n = RANK + 2
+    rare, sd = DRIFT
+    slow, part = SLOW_PART
+    found = [(1.0 - rare - slow, np.zeros((n, n)))]
+    for direction in ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0)):
+        column = np.concatenate([np.zeros(RANK), direction]) * sd * unit_N
+        found.append((rare / 3.0, np.outer(column, column)))
+    lengths = np.log(np.clip(reach_m * np.array([1.0, 4.0]), 2e-4, 1.0))
+    for tail in tail_coefficients(lengths, np.zeros(2), np.zeros(2)):
+        column = np.concatenate([tail, [0.0, 0.0]]) * part * height
+        found.append((slow / 2.0, np.outer(column, column)))
+    return found
+
+
+def _given(
+    M: Array, b: Array, D: Array, range_m: tuple[float, float], zooms: int
+) -> tuple[_Tail, Array, Array]:
+    """Posterior with the free part v - [tail, 0] ~ N(0, D) integrated out."""
+    n = M.shape[0]
+    inner = np.linalg.inv(np.eye(n) + M @ D)
+    G = D @ inner
+    M_eff, b_eff = inner @ M, inner @ b
+    tail = _fit_tail(M_eff[:RANK, :RANK], b_eff[:RANK], *range_m, zooms)
+    log_evidence = tail.log_evidence + 0.5 * float(b @ G @ b) + 0.5 * np.linalg.slogdet(inner)[1]
+    away = np.eye(n) - G @ M
+    mean = away[:, :RANK] @ tail.mean + G @ b
+    covariance = away[:, :RANK] @ tail.covariance @ away[:, :RANK].T + 0.5 * (G + G.T)
+    return replace(tail, log_evidence=log_evidence), mean, covariance
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tail:
+    mean: Array
+    covariance: Array
+    stretch: Array
+    log_evidence: float
+    height: float
+    log_centre: float
+    slow: float
+    fast: float
+
+
+_STEPS = np.array([28, 7, 5])
+
+
+def _fit_tail(M: Array, b: Array, shortest: float, longest: float, zooms: int) -> _Tail:
+    """Posterior of a tail from its squares (RANK, RANK) and products (RANK,).
+
+    It is summed over a grid of spectra, which is laid anew about what it found until its steps are
+    smaller than its spread.
+    """
+    low = np.array([np.log(max(shortest, 2e-4)), 0.0, 0.0])
+    high = np.array([np.log(min(max(longest, 2e-3), 0.6)), 2.5, 2.0])
+    ends = np.stack([low, high])
+    for zoom in range(zooms + 1):
+        points, C = _spectra(tuple(ends.ravel()))
+        c, s, f = points
+        log_prior = -0.5 * ((c - CENTRE[0]) / CENTRE[1]) ** 2 - (s + f) / WIDTH
+        precision = np.maximum(np.sum((C @ M) * C, axis=1), 0.0) + 1.0 / HEIGHT**2
+        best = (C @ b) / precision
+        root = np.sqrt(precision)
+        u = best * root
+        log_phi = log_ndtr(u)
+        log_p = log_prior + 0.5 * u**2 + log_phi - np.log(0.5 * root * HEIGHT)
+        top = float(np.max(log_p))
+        weight = np.exp(log_p - top)
+        total = float(weight.sum())
+        weight /= total
+        centre = points @ weight
+        spread = np.sqrt(np.maximum(np.square(points - centre[:, None]) @ weight, 0.0))
+        step = np.ptp(ends, axis=0) / (_STEPS - 1.0)
+        cell = float(np.sum(np.log(np.maximum(step, 1e-12))))
+        if np.all(spread > 1.2 * step):
+            break
+        if zoom < zooms:
+            reach = 4.0 * np.maximum(spread, 0.5 * step)
+            ends = np.stack([np.maximum(centre - reach, low), np.minimum(centre + reach, high)])
+    # moments of a height >= 0
+    ratio = np.exp(-0.5 * u**2 - log_phi) / np.sqrt(2.0 * np.pi)
+    height = best + ratio / root
+    square = height**2 + np.maximum(1.0 - ratio * (u + ratio), 1e-12) / precision
+    mean = (weight * height) @ C
+    second = (C * (weight * square)[:, None]).T @ C
+    return _Tail(
+        mean=mean,
+        covariance=second - np.outer(mean, mean),
+        stretch=stretched(mean),
+        log_evidence=top + float(np.log(total)) + cell,
+        height=float(weight @ height),
+        log_centre=float(centre[0]),
+        slow=float(centre[1]),
+        fast=float(centre[2]),
+    )
+
+
+@lru_cache(maxsize=64)
+def _spectra(ends: tuple[float, ...]) -> tuple[Array, Array]:
+    """Grid of ln l_c, s_slow, s_fast between its ends (3, n), and the tails on it (n, RANK)."""
+    axes = [np.linspace(ends[k], ends[k + 3], n) for k, n in enumerate(_STEPS)]
+    points = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")])
+    return points, tail_coefficients(*points)
+
+
+SWEEPS = 3
+
+
+def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
+    """Most probable variances of a bench, with its tail and drift."""
+    typical = stack.typical_error_N
+    typical_z = typical * float(np.median(stack.sensitivity / stack.level))
+    n = len(MEMORIES_S)
+    priors = np.array(
+        [
+            *[(np.log(WANDER[0] * typical), WANDER[1])] * n,
+            (np.log(TURN[0] * typical_z), TURN[1]),
+            (np.log(HEIGHT_SPREAD[0]), HEIGHT_SPREAD[1]),
+            (np.log(LENGTH_SPREAD[0]), LENGTH_SPREAD[1]),
+        ]
+    )
+    centre, width = priors.T
+    shared: Shared | None = None
+    scale = np.ones(stack.n_runs)
+    height = 0.05
+
+    def cost(x: Array) -> tuple[float, Array]:
+        sd = np.exp(centre + width * x)
+        V, parts = covariance(stack, sd, shared)
+        w = whiten(stack, V)
+        found = fit_shared(stack, w, scale, rest, unit_N, height, 0)
+        log_z = found.log_evidence - 0.5 * float(np.sum(w.squares / scale + w.log_det))
+        # Fisher's identity: the gradient is that of the likelihood, averaged over the posterior
+        residual = stack.z - stack.shared @ found.mean
+        columns = np.concatenate([residual[:, :, None], stack.shared @ found.factor[:, :6]], axis=2)
+        Pe = w.P @ columns
+        outer = (Pe / scale[:, None, None]) @ Pe.transpose(0, 2, 1) - w.P
+        slope = np.zeros(x.size)
+        slope[: len(parts)] = np.tensordot(parts, outer, axes=3)
+        return 0.5 * float(x @ x) - log_z, x - slope * sd**2 * width
+
+    # from above: a variance that is too small has no gradient
+    x = np.where(np.arange(n + 3) <= n, 1.5, 0.0)
+    for _ in range(SWEEPS):
+        w = whiten(stack, covariance(stack, np.exp(centre + width * x), shared)[0])
+        shared = fit_shared(stack, w, scale, rest, unit_N, height, 2)
+        scale = noise_scale(stack, w, shared.mean)
+        height = max(shared.height, 1e-3)
+        x = minimize(
+            cost,
+            x,
+            jac=True,
+            method="L-BFGS-B",
+            bounds=[(-4.0, 6.0)] * x.size,
+            options={"maxiter": 20, "ftol": 1e-6},
+        ).x
+    assert shared is not None
+    return Bench(np.exp(centre + width * x), shared)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RunLevel:
+    """Level of a run and what is not known of it; all as parts of z.
+
+    Attributes
+    ----------
+    y : float
+        Level ln(T_tight/T_slack) that is left when the tail has decayed.
+    variance : float
+        Its variance by what differs from run to run.
+    shared_tail, shared_drift : float
+        Its standard deviation by what all runs share, with the sign that all have in common.
+    misfit : float
+        Noise of the run about the model over that of the bench, standard deviations.
+    drift : float
+        Change by zeros that wander over the sliding, as far as it shows.
+    tail : ndarray, shape (RANK,)
+        Tail of the run in the basis.
+    own : ndarray, shape (RANK, 2)
+        Standard deviations of its height and its length, as tails.
+    known, lean : ndarray, shape (2, 2), (2,)
+        Share of those that the record tells, and change of the level with them.
+    """
+
+    y: float
+    variance: float
+    shared_tail: float
+    shared_drift: float
+    misfit: float
+    drift: float
+    tail: Array
+    own: Array
+    known: Array
+    lean: Array
+
+    def at(self, travel: float, shared: Shared, level: float) -> tuple[float, float]:
+        """Value of z on the model at a travel since the end of the build-up [m], and its error."""
+        basis = tail_basis(np.array([travel]))[0]
+        h = basis @ self.own
+        variance = self.variance * (1.0 - 2.0 * float(self.lean @ h))
+        variance += float(h @ h - h @ self.known @ h)
+        common = np.linalg.norm(level * (basis @ shared.factor[:RANK])) + abs(self.shared_tail)
+        error = np.sqrt(max(variance, 0.0) + float(common) ** 2)
+        return self.y + float(basis @ self.tail), float(error)
+
+
+BATCH = 128
+"""Runs that are whitened at a time: a bench of any size takes the same memory."""
+
+
+def reduce_bench(
+    records: Sequence[SlidingRecord], rest: RestSlopes, unit_N: float
+) -> tuple[Bench, list[RunLevel]]:
+    """What the runs of a bench share, and the level of every one of them.
+
+    Parameters
+    ----------
+    records : sequence of SlidingRecord
+        The runs, at least one.
+    rest : RestSlopes
+        What their rest phases say about a common drift.
+    unit_N : float
+        Median initial tension [N].
+    """
+    every = np.linspace(0, len(records) - 1, min(len(records), RUNS_FOR_VARIANCES)).astype(int)
+    bench = fit_bench(Stack([records[k] for k in every]), rest, unit_N)
+    batches = [records[k : k + BATCH] for k in range(0, len(records), BATCH)]
+    if len(batches) > 1 or len(every) < len(records):
+        M, b = np.zeros((RANK + 2, RANK + 2)), np.zeros(RANK + 2)
+        for batch in batches:
+            stack = Stack(batch)
+            w = whiten(stack, covariance(stack, bench.sd, bench.shared)[0])
+            share = 1.0 / noise_scale(stack, w, bench.shared.mean)
+            M, b = M + np.einsum("r,rkl->kl", share, w.M), b + w.b.T @ share
+        shortest = 2.0 * min(r.step_m for r in records)
+        longest = 3.0 * max(float(r.travel[-1]) for r in records)
+        range_m = (shortest, longest)
+        height = max(bench.shared.height, 1e-3)
+        bench = Bench(bench.sd, posterior(M, b, rest, unit_N, height, range_m, ZOOMS))
+    levels: list[RunLevel] = []
+    for batch in batches:
+        levels += _levels(Stack(batch), bench)
+    return bench, levels
+
+
+def _levels(stack: Stack, bench: Bench) -> list[RunLevel]:
+    """Levels of some runs of a bench."""
+    shared = bench.shared
+    V, parts = covariance(stack, bench.sd, shared)
+    w = whiten(stack, V)
+    scale = noise_scale(stack, w, shared.mean)
+    tail, drift = (
+        -(w.shift[:, part] @ shared.factor[part]) for part in (slice(None, RANK), slice(RANK, None))
+    )
+    both = tail + drift
+    # the sign of the largest direction is that of all runs
+    size = np.where(both[:, 0] < 0.0, -1.0, 1.0) * np.linalg.norm(both, axis=1)
+    share = np.clip(np.sum(drift * both, axis=1) / np.maximum(size**2, 1e-300), 0.0, 1.0)
+    residual = stack.z - stack.shared @ shared.mean
+    Pe = np.einsum("rij,rj->ri", w.P, residual)
+    wander = np.einsum("rij,rj->ri", parts[len(MEMORIES_S) - 1], Pe)
+    wander *= (bench.sd[len(MEMORIES_S) - 1] ** 2 * stack.sensitivity)[:, None]
+    own = np.column_stack([shared.mean[:RANK], shared.stretch]) * bench.sd[-2:]
+    H = stack.shared[:, :, :RANK] @ own
+    known = H.transpose(0, 2, 1) @ (w.P @ H)
+    lean = w.shift[:, :RANK] @ own
+    deviation = np.einsum("rik,ri->rk", H, Pe)
+    y = w.level - w.shift @ shared.mean
+    last = np.array([np.flatnonzero(c)[-1] for c in stack.count])
+    return [
+        RunLevel(
+            y=float(y[k]),
+            variance=float(w.variance[k] * scale[k]),
+            shared_tail=float(size[k] * np.sqrt(1.0 - share[k])),
+            shared_drift=float(size[k] * np.sqrt(share[k])),
+            misfit=float(np.sqrt(scale[k])),
+            drift=float(wander[k, last[k]] - wander[k, 0]),
+            tail=stack.level[k] * (shared.mean[:RANK] + own @ deviation[k]),
+            own=stack.level[k] * own,
+            known=known[k],
+            lean=lean[k] / stack.level[k],
+        )
+        for k in range(stack.n_runs)
+    ]

@@ -1,0 +1,221 @@
+"""First pass over the runs: from a recording to what its campaign needs of it.
+
+Sensor facts, rest, rotation and the condensed sliding of one run, whatever the other runs show.
+What is kept is small, so that a bench of any size can be read once, run by run.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.identify.estimators.signal import block_means
+from beltid.identify.friction.channels import Channels, read_channels
+from beltid.identify.friction.condense import condensed
+from beltid.identify.friction.rest_phase import (
+    Rest,
+    Rotation,
+    RunRejected,
+    find_rotation,
+    rest_state,
+)
+from beltid.identify.friction.run import FrictionSettings, RunRecord, RunReduction
+from beltid.identify.friction.sliding_phase import sliding_phase, unswapped
+from beltid.identify.friction.sliding_record import SlidingRecord, sliding_record
+from beltid.laws.capstan import sliding_speed
+
+Array = NDArray[np.float64]
+
+SPEED_CHANGE_NOTED = 0.02
+SPEED_CHANGE_ALLOWED = 0.2
+"""Relative change of the pulley's speed between the halves of the rotation."""
+ONSET = 200
+"""Most samples of the build-up that are kept for the sticking peak."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Onset:
+    """The record from the start of the rotation to the sliding, shape (n,) each."""
+
+    time_s: Array
+    travel: Array
+    """Travel of the pulley's surface since the end of the build-up [m]."""
+    z: Array
+    """ln(T_tight/T_slack); nan where a tension is not positive."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PreparedRun:
+    """A run as its campaign needs it; without `sliding` it is set aside for the reason found."""
+
+    found: RunReduction
+    rest: Rest | None = None
+    sliding: SlidingRecord | None = None
+    onset: Onset | None = None
+
+
+def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> PreparedRun:
+    """Reduce one record to what its campaign needs; what is wrong with it ends in its status.
+
+    Parameters
+    ----------
+    record : RunRecord
+        The samples.
+    R : float
+        Radius of the belt's centreline on the pulley [m].
+    settings : FrictionSettings
+        Settings of the reduction.
+    """
+    run = PreparedRun(
+        RunReduction(
+            run=record.run, arc_deg=record.arc_deg, nominal_tension_N=record.nominal_tension_N
+        )
+    )
+    try:
+        if record.defect:
+            raise RunRejected(record.defect)
+        # one quantity after the other, so that a run set aside keeps what came before
+        channels = read_channels(condensed(record, settings.spike_threshold), settings)
+        channels = settings.cells.applied(channels)
+        run = _with(run, n_spikes=channels.n_spikes, n_missing=channels.n_missing)
+        if settings.cells.note:
+            run = _noted(run, settings.cells.note)
+        rotation = find_rotation(channels.speed)
+        run = _with(
+            run,
+            pulley_speed_rad_s=rotation.speed_rad_s,
+            slip_speed_m_s=float(sliding_speed(rotation.speed_rad_s, R)),
+            start_time_s=float(channels.time_s[rotation.first]),
+        )
+        run = _noted(run, *_rotation_notes(rotation, channels))
+        rest = rest_state(
+            channels.time_s,
+            channels.tight,
+            channels.slack,
+            rotation.first,
+            settings.min_rest_samples,
+            channels.steps,
+        )
+        run = _with(
+            run,
+            initial_tension_N=rest.tension_N,
+            imbalance_N=rest.imbalance_N,
+            imbalance_se_N=rest.imbalance_se_N,
+        )
+        _check_balance(rest, settings)
+        run = replace(run, rest=rest)
+        return _slide(run, rest, channels, rotation, R, settings)
+    except RunRejected as reason:
+        return _with(replace(run, sliding=None), status=str(reason))
+
+
+def _with(run: PreparedRun, **found: object) -> PreparedRun:
+    return replace(run, found=replace(run.found, **found))  # type: ignore[arg-type]
+
+
+def _noted(run: PreparedRun, *notes: str) -> PreparedRun:
+    return _with(run, notes=(*run.found.notes, *notes))
+
+
+def _rotation_notes(rotation: Rotation, channels: Channels) -> list[str]:
+    notes = []
+    if rotation.reversed:
+        notes.append("the pulley speed is negative: its magnitude is used")
+    change = abs(rotation.unsteadiness)
+    if change > SPEED_CHANGE_ALLOWED:
+        raise RunRejected(
+            f"the pulley speed is not steady: it changes by {100 * rotation.unsteadiness:+.3g} %, "
+            f"allowed is {100 * SPEED_CHANGE_ALLOWED:g} %"
+        )
+    if change > SPEED_CHANGE_NOTED:
+        notes.append(f"the pulley speed changes by {100 * rotation.unsteadiness:+.2g} %")
+    if channels.time_s.size - rotation.end > 2:
+        notes.append(f"the pulley stops at {channels.time_s[rotation.end]:.4g} s")
+        after = np.abs(channels.speed[rotation.end :]) > 0.1 * rotation.speed_rad_s
+        if np.count_nonzero(after) > 8:
+            notes.append("the pulley starts again: only the first start is used")
+    return notes
+
+
+def _check_balance(rest: Rest, settings: FrictionSettings) -> None:
+    if abs(rest.imbalance_N) > settings.max_imbalance * rest.tension_N:
+        raise RunRejected(
+            f"the cells differ by {rest.imbalance_N:+.4g} N at rest at a mean of "
+            f"{rest.tension_N:.4g} N, allowed is {100 * settings.max_imbalance:g} %"
+        )
+
+
+def _slide(
+    run: PreparedRun,
+    rest: Rest,
+    channels: Channels,
+    rotation: Rotation,
+    R: float,
+    settings: FrictionSettings,
+) -> PreparedRun:
+    """The sliding phase, condensed."""
+    channels, swapped = unswapped(channels, rotation)
+    if swapped:
+        words = "the tight and the slack cell were swapped: T_tight < T_slack while sliding"
+        run = _with(_noted(run, words), swapped=True)
+        slopes = (-rest.slopes_N_s[0], rest.slopes_N_s[1])
+        rest = replace(rest, imbalance_N=-rest.imbalance_N, slopes_N_s=slopes)
+        run = replace(run, rest=rest)
+    phase = sliding_phase(channels, rotation)
+    first, slide = phase.first, phase.slide
+    t, tensions = phase.time_s, phase.tensions
+    if t.size - slide < settings.min_plateau_samples:
+        raise RunRejected(
+            f"too short: {t.size - slide} usable samples of sliding, "
+            f"must be >= {settings.min_plateau_samples}"
+        )
+    speed = np.abs(channels.speed)
+    turned = np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(channels.time_s))
+    angle = np.interp(t, channels.time_s, np.concatenate([[0.0], turned]))
+    angle = angle - angle[first]
+    # nine tenths of the build-up were reached at `built`: its end lies a ninth further
+    travel = R * (angle - angle[phase.built] / 0.9)
+    temperature = np.full(t.size, np.nan)
+    if channels.temperature is not None:
+        temperature = np.interp(t, channels.time_s, channels.temperature)
+    steps = channels.steps[::-1] if swapped else channels.steps
+    sliding = sliding_record(
+        t[slide:],
+        tensions[slide:],
+        angle[slide:],
+        np.maximum(travel[slide:], 0.0),
+        temperature[slide:],
+        (rest.first_s, rest.last_s),
+        rest.n_samples,
+        steps,
+    )
+    if sliding.rounding > 0.0:
+        run = _noted(run, f"the converters of the cells resolve only {max(steps):.3g} N")
+    positive = np.all(tensions[first:slide] > 0.0, axis=1)
+    ratio = np.where(positive[:, None], tensions[first:slide], np.nan)
+    with np.errstate(invalid="ignore"):
+        z = np.log(ratio[:, 0] / ratio[:, 1])
+    columns = np.column_stack([t[first:slide], travel[first:slide], z])[-20 * ONSET :]
+    onset = Onset(*block_means(columns, ONSET).T)
+    run = _with(
+        run,
+        ripple_amplitude_N=sliding.ripple_N,
+        ripple_period_s=sliding.ripple_s,
+        plateau_end_s=float(sliding.last_s[-1]),
+        n_spikes=run.found.n_spikes + sliding.n_outliers,
+    )
+    _check_noise(rest, sliding, settings)
+    return replace(run, sliding=sliding, onset=onset)
+
+
+def _check_noise(rest: Rest, sliding: SlidingRecord, settings: FrictionSettings) -> None:
+    """Refuse a run that sticks and slips: its tensions are restless only while it slides."""
+    floor = 1e-3 / sliding.sensitivity  # a restlessness of less than 0.1 % in T_tight/T_slack
+    ratio = sliding.unrest_N / max(rest.noise_N, floor)
+    if ratio > settings.max_noise_ratio and rest.n_samples >= 8:
+        raise RunRejected(
+            f"sticks and slips: the noise while sliding is {ratio:.2g} times that at rest, "
+            f"allowed is {settings.max_noise_ratio:g} times"
+        )
