@@ -21,17 +21,23 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.special import log_ndtr
+from scipy.special import log_ndtr, logsumexp
 
 from beltid.identify.friction.noise import wander_since_rest
 from beltid.identify.friction.sliding_record import SlidingRecord
-from beltid.identify.friction.tail_shapes import RANK, stretched, tail_basis, tail_coefficients
+from beltid.identify.friction.tail_shapes import (
+    RANK,
+    stretched,
+    stretching,
+    tail_basis,
+    tail_coefficients,
+)
 
 Array = NDArray[np.float64]
 
 MEMORIES_S = (0.06, 0.5, 20.0)
 """Memories of the wandering zeros [s]; the last one is a random walk over the time of a run."""
-RUNS_FOR_VARIANCES = 48
+RUNS_FOR_VARIANCES = 32
 """Runs, evenly chosen, that the variances are found from; more would tell nothing new."""
 SCALE_FREEDOM = 20.0
 """Degrees of freedom with which the noise of a run keeps to that of its bench."""
@@ -55,15 +61,29 @@ WIDTH = 0.7
 UNLIKE = 0.01
 """Deviations of a tail from its family: standard deviation of each of some exponentials with
 lengths within the record, relative to the height."""
-DRIFT = (0.05, 4e-4)
+DRIFT = (0.03, 4e-4)
 """Probability of a drift that the zeros of all runs share, and its standard deviation in
 1/s of the median initial tension."""
-SLOW_PART = (0.10, 0.3)
-"""Probability that a part of the tail decays over a length beyond the longest record, and its
-standard deviation relative to the height."""
+SLOW_PART = (0.05, 0.25, 0.15)
+"""Probability that a part of the tail decays over a length beyond the longest record, its size
+relative to the height and the standard deviation of that."""
 RELAXATION = 1e-3
 """Standard deviation of the relaxation of a belt at rest [1/s], which looks like a common drift of
 both cells."""
+
+
+TREND = 0.3
+"""Standard deviation of the powers with which the length of the tail goes with speed and force."""
+
+SHARED = RANK + 4
+"""Columns that all runs share: the basis of the tails, drifts of both cells, the two powers."""
+DRIFTS, POWERS = slice(RANK, RANK + 2), slice(RANK + 2, SHARED)
+"""Where the drifts and the powers are in them."""
+
+
+def log_settings(records: Sequence[SlidingRecord]) -> Array:
+    """Logarithms of speed and mean tension of the runs (R, 2)."""
+    return np.array([(np.log(r.speed_m_s), 0.5 * np.log(np.prod(r.tensions_N))) for r in records])
 
 
 class Stack:
@@ -72,7 +92,7 @@ class Stack:
     All is in units of the sensitivity of z: newtons at a cell.
     """
 
-    def __init__(self, records: Sequence[SlidingRecord]) -> None:
+    def __init__(self, records: Sequence[SlidingRecord], centre: Array) -> None:
         n, m = len(records), max(r.z.size for r in records)
         self.n_runs = n
         self.level = np.array([r.level for r in records])
@@ -84,8 +104,11 @@ class Stack:
         self.count = np.zeros((n, m))
         self.z = np.zeros((n, m))
         self.one = np.zeros((n, m))
-        self.shared = np.zeros((n, m, RANK + 2))
-        """Basis of the tails, and drifts of 1 N/s of the tight and of the slack cell."""
+        self.settings = log_settings(records) - centre
+        self.basis = np.zeros((n, m, RANK))
+        self.shared = np.zeros((n, m, SHARED))
+        """Basis of the tails, drifts of 1 N/s of the tight and of the slack cell, and the changes
+        of the tail with the two powers."""
         self.fixed = np.zeros((n, m, m))
         self.parts = np.zeros((len(MEMORIES_S) + 1, n, m, m))
         for k, r in enumerate(records):
@@ -94,7 +117,7 @@ class Stack:
             self.count[k, :b] = r.count
             self.z[k, :b] = r.z / c
             self.one[k, :b] = 1.0 / c
-            self.shared[k, :b, :RANK] = r.basis * (r.level / c)
+            self.basis[k, :b] = r.basis * (r.level / c)
             self.shared[k, :b, RANK] = since / (r.tensions_N[0] * c)
             self.shared[k, :b, RANK + 1] = -since / (r.tensions_N[1] * c)
             self.fixed[k, :b, :b] = (RIPPLE_FREE / c) ** 2 * (r.waves @ r.waves.T)
@@ -108,6 +131,15 @@ class Stack:
             self.count, 1e-9
         )
 
+    def stretch(self, shared: Shared | None) -> None:
+        """Make the tails of every run as long as its speed and tension ask for."""
+        powers = np.zeros(2) if shared is None else shared.powers
+        self.stretches = stretching(self.settings @ powers)
+        self.shared[:, :, :RANK] = self.basis @ self.stretches
+        if shared is not None:
+            change = self.shared[:, :, :RANK] @ stretched(shared.mean[:RANK])
+            self.shared[:, :, POWERS] = change[:, :, None] * self.settings[:, None, :]
+
     @property
     def typical_error_N(self) -> float:
         """Error that white noise leaves in the mean of a cell over a run, median [N]."""
@@ -120,16 +152,20 @@ class Shared:
 
     Attributes
     ----------
-    mean : ndarray, shape (RANK + 2,)
+    mean : ndarray, shape (SHARED,)
         Posterior mean.
-    factor : ndarray, shape (RANK + 2, k)
+    factor : ndarray, shape (SHARED, k)
         Factor of its covariance, the largest direction first.
     stretch : ndarray, shape (RANK,)
         Derivative of the tail by the logarithm of its length.
     log_evidence : float
         Logarithm of the integral over all of it.
-    height, log_centre, slow, fast : float
-        Posterior means of the parameters of the tail.
+    height : float
+        Posterior mean of the height of the tail, relative to the level.
+    spectrum : ndarray, shape (3,)
+        Posterior means of ln l_c (l_c in m), s_slow and s_fast.
+    powers : ndarray, shape (2,)
+        Powers of speed and tension with which its length goes.
     drifts : float
         Posterior probability of a common drift.
     """
@@ -139,9 +175,8 @@ class Shared:
     stretch: Array
     log_evidence: float
     height: float
-    log_centre: float
-    slow: float
-    fast: float
+    spectrum: Array
+    powers: Array
     drifts: float
 
 
@@ -231,6 +266,27 @@ class RestSlopes:
     squares: Array
     products: Array
 
+    def weigh_drifts(self, probability: float, sd: float) -> tuple[Array, Array]:
+        """Probabilities of a drift of neither, of either and of both cells alike, and their sizes.
+
+        Parameters
+        ----------
+        probability : float
+            Of any drift before the data [-].
+        sd : float
+            Standard deviation of a drift [N/s].
+
+        Returns
+        -------
+        weights, sizes : ndarray, shape (4,), (4, 2)
+            Probabilities, and standard deviations of the drifts of both cells [N/s].
+        """
+        sizes = sd * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
+        precision = 1.0 + np.einsum("hk,kl,hl->h", sizes, self.squares, sizes)
+        gain = 0.5 * (sizes @ self.products) ** 2 / precision - 0.5 * np.log(precision)
+        log_p = gain + np.log([1.0 - probability, *[probability / 3.0] * 3])
+        return np.exp(log_p - logsumexp(log_p)), sizes
+
 
 def rest_slopes(
     difference: Array, difference_se: Array, total: Array, total_se: Array, tension_N: Array
@@ -271,12 +327,13 @@ def fit_shared(
     rest: RestSlopes,
     unit_N: float,
     height: float,
+    powers: Array,
     zooms: int,
 ) -> Shared:
     """Posterior of the tail and the common drift from some runs."""
     M = np.einsum("r,rkl->kl", 1.0 / scale, w.M)
     range_m = (stack.shortest_m, stack.longest_m)
-    return posterior(M, w.b.T @ (1.0 / scale), rest, unit_N, height, range_m, zooms)
+    return posterior(M, w.b.T @ (1.0 / scale), rest, unit_N, height, powers, range_m, zooms)
 
 
 ZOOMS = 3
@@ -288,6 +345,7 @@ def posterior(
     rest: RestSlopes,
     unit_N: float,
     height: float,
+    powers: Array,
     range_m: tuple[float, float],
     zooms: int,
 ) -> Shared:
@@ -298,7 +356,7 @@ def posterior(
 
     Parameters
     ----------
-    M, b : ndarray, shape (RANK + 2, RANK + 2), (RANK + 2,)
+    M, b : ndarray, shape (SHARED, SHARED), (SHARED,)
         Squares and products.
     rest : RestSlopes
         What the rest phases say about a common drift.
@@ -306,77 +364,101 @@ def posterior(
         Median initial tension [N].
     height : float
         Height of the tail, roughly, relative to the level.
+    powers : ndarray, shape (2,)
+        Powers of speed and tension that the tails were stretched by.
     range_m : tuple of float
         Shortest and longest length of a tail that is looked for [m].
     zooms : int
         How often the grid of spectra is laid anew.
     """
     M, b = M.copy(), b.copy()
-    M[RANK:, RANK:] += rest.squares
-    b[RANK:] += rest.products
+    M[DRIFTS, DRIFTS] += rest.squares
+    b[DRIFTS] += rest.products
+    # the columns hold the change of the powers from what the tails were stretched by
+    b[POWERS] -= powers / TREND**2
+    M[POWERS, POWERS] += np.eye(2) / TREND**2
     D = np.zeros_like(M)
+    D[POWERS, POWERS] = 1e4 * np.eye(2)  # free: their prior is in M and b
     low, high = np.log(max(range_m[0], 2e-4)), np.log(max(range_m[1] / 9.0, 1e-3))
     lengths = np.linspace(low, max(high, low + 1.0), 8)
     unlike = tail_coefficients(lengths, np.zeros(8), np.zeros(8))
     D[:RANK, :RANK] = (UNLIKE * height) ** 2 * (unlike.T @ unlike)
-    found = []
-    for prior, more in _hypotheses(range_m[1] / 3.0, unit_N, height):
-        found.append((np.log(prior), *_given(M, b, D + more, range_m, zooms)))
-    log_p = np.array([prior + tail.log_evidence for prior, tail, _, _ in found])
-    p = np.exp(log_p - log_p.max())
-    log_evidence = float(log_p.max() + np.log(p.sum()))
-    p /= p.sum()
-    means = np.array([mean for _, _, mean, _ in found])
+    weights, directions = rest.weigh_drifts(DRIFT[0], DRIFT[1] * unit_N)
+    # one Gaussian with the moments of all drifts, to find where the tails are
+    mixed = D + _blocks(np.zeros(RANK), np.einsum("h,hk,hl->kl", weights, directions, directions))
+    ends = _ends(M, b, mixed, range_m, zooms)
+    none = np.zeros(SHARED)
+    if not zooms:
+        candidates = [(0.0, _given(M, b, none, mixed, ends))]
+    else:
+        slow, part, scatter = SLOW_PART
+        reach = np.log(np.clip(range_m[1] / 3.0 * np.array([1.0, 4.0]), 2e-4, 1.0))
+        tails = height * tail_coefficients(reach, np.zeros(2), np.zeros(2))
+        extras = [(1.0 - slow, np.zeros(RANK)), *((slow / 2.0, tail) for tail in tails)]
+        candidates = []
+        for weight, direction in zip(weights, directions, strict=True):
+            drift = np.outer(direction, direction)
+            given = []
+            for q, tail in extras:
+                more = none.copy()
+                more[:RANK] = part * tail
+                prior = D + _blocks(scatter * tail, drift)
+                given.append((np.log(q), _given(M, b, more, prior, ends)))
+            # a cut: sliding cannot tell a drift from a slow tail, so the rest alone weighs it
+            evidence = logsumexp([log_q + f[0].log_evidence for log_q, f in given])
+            candidates += [(np.log(weight) + log_q - evidence, f) for log_q, f in given]
+    log_p = np.array([prior + f[0].log_evidence for prior, f in candidates])
+    found = [f for _, f in candidates]
+    log_evidence = float(logsumexp(log_p))
+    p = np.exp(log_p - log_evidence)
+    means = np.array([mean for _, mean, _ in found])
     mean = p @ means
-    second = sum(
-        q * (C + np.outer(m - mean, m - mean))
-        for q, m, (_, _, _, C) in zip(p, means, found, strict=True)
-    )
+    away = means - mean
+    second = np.tensordot(p, [C for *_, C in found], axes=1) + (away * p[:, None]).T @ away
     values, vectors = np.linalg.eigh(second)
     factor = (vectors * np.sqrt(np.maximum(values, 0.0)))[:, ::-1]
-    best = found[int(np.argmax(p))][1]
+    best = found[int(np.argmax(p))][0]
     return Shared(
         mean=mean,
         factor=factor,
-        stretch=sum(q * tail.stretch for q, (_, tail, _, _) in zip(p, found, strict=True)),
+        stretch=stretched(mean[:RANK]),
         log_evidence=log_evidence,
         height=best.height,
-        log_centre=best.log_centre,
-        slow=best.slow,
-        fast=best.fast,
-        drifts=float(p[1:4].sum()),
+        spectrum=best.centre,
+        powers=powers + mean[POWERS],
+        drifts=float(weights[1:].sum()),
     )
 
 
-def _hypotheses(reach_m: float, unit_N: float, height: float) -> list[tuple[float, Array]]:
-    """Probability, and covariance of what it adds, of every extra that a bench may have."""
-    n = RANK + 2
-    rare, sd = DRIFT
-    slow, part = SLOW_PART
-    found = [(1.0 - rare - slow, np.zeros((n, n)))]
-    for direction in ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0)):
-        column = np.concatenate([np.zeros(RANK), direction]) * sd * unit_N
-        found.append((rare / 3.0, np.outer(column, column)))
-    lengths = np.log(np.clip(reach_m * np.array([1.0, 4.0]), 2e-4, 1.0))
-    for tail in tail_coefficients(lengths, np.zeros(2), np.zeros(2)):
-        column = np.concatenate([tail, [0.0, 0.0]]) * part * height
-        found.append((slow / 2.0, np.outer(column, column)))
-    return found
+def _blocks(extra: Array, drift: Array) -> Array:
+    """Covariance of an extra tail, and of a drift."""
+    D = np.zeros((SHARED, SHARED))
+    D[:RANK, :RANK] = np.outer(extra, extra)
+    D[DRIFTS, DRIFTS] = drift
+    return D
 
 
-def _given(
-    M: Array, b: Array, D: Array, range_m: tuple[float, float], zooms: int
-) -> tuple[_Tail, Array, Array]:
-    """Posterior with the free part v - [tail, 0] ~ N(0, D) integrated out."""
-    n = M.shape[0]
-    inner = np.linalg.inv(np.eye(n) + M @ D)
+Ends = tuple[float, ...]
+"""Where a grid of spectra begins and ends in ln l_c, s_slow and s_fast."""
+
+
+def _free(M: Array, D: Array) -> tuple[Array, Array]:
+    """Information that is left with a part v - [tail, 0] ~ N(0, D) free, and its posterior."""
+    inner = np.asarray(np.linalg.inv(np.eye(len(M)) + M @ D))
     G = D @ inner
-    M_eff, b_eff = inner @ M, inner @ b
-    tail = _fit_tail(M_eff[:RANK, :RANK], b_eff[:RANK], *range_m, zooms)
-    log_evidence = tail.log_evidence + 0.5 * float(b @ G @ b) + 0.5 * np.linalg.slogdet(inner)[1]
-    away = np.eye(n) - G @ M
-    mean = away[:, :RANK] @ tail.mean + G @ b
-    covariance = away[:, :RANK] @ tail.covariance @ away[:, :RANK].T + 0.5 * (G + G.T)
+    return inner, 0.5 * (G + G.T)
+
+
+def _given(M: Array, b: Array, more: Array, D: Array, ends: Ends) -> tuple[_Tail, Array, Array]:
+    """Posterior with a part v - [tail, 0] ~ N(more, D) integrated out: tail, mean, covariance."""
+    inner, G = _free(M, D)
+    c = b - M @ more
+    tail = _summed((inner @ M)[:RANK, :RANK], (inner @ c)[:RANK], ends)
+    constant = 0.5 * float(c @ G @ c) + float(b @ more) - 0.5 * float(more @ M @ more)
+    log_evidence = tail.log_evidence + constant + 0.5 * float(np.linalg.slogdet(inner)[1])
+    away = np.eye(len(M)) - G @ M
+    mean = more + away[:, :RANK] @ tail.mean + G @ c
+    covariance = away[:, :RANK] @ tail.covariance @ away[:, :RANK].T + G
     return replace(tail, log_evidence=log_evidence), mean, covariance
 
 
@@ -384,69 +466,67 @@ def _given(
 class _Tail:
     mean: Array
     covariance: Array
-    stretch: Array
     log_evidence: float
     height: float
-    log_centre: float
-    slow: float
-    fast: float
+    centre: Array
+    """Posterior means of ln l_c, s_slow and s_fast, shape (3,)."""
+    spread: Array
+    """Their standard deviations."""
 
 
 _STEPS = np.array([28, 7, 5])
 
 
-def _fit_tail(M: Array, b: Array, shortest: float, longest: float, zooms: int) -> _Tail:
-    """Posterior of a tail from its squares (RANK, RANK) and products (RANK,).
-
-    It is summed over a grid of spectra, which is laid anew about what it found until its steps are
-    smaller than its spread.
-    """
-    low = np.array([np.log(max(shortest, 2e-4)), 0.0, 0.0])
-    high = np.array([np.log(min(max(longest, 2e-3), 0.6)), 2.5, 2.0])
+def _ends(M: Array, b: Array, D: Array, range_m: tuple[float, float], zooms: int) -> Ends:
+    """Grid of spectra whose steps are smaller than the spread of the posterior."""
+    low = np.array([np.log(max(range_m[0], 2e-4)), 0.0, 0.0])
+    high = np.array([np.log(min(max(range_m[1], 2e-3), 0.6)), 2.5, 2.0])
     ends = np.stack([low, high])
-    for zoom in range(zooms + 1):
-        points, C = _spectra(tuple(ends.ravel()))
-        c, s, f = points
-        log_prior = -0.5 * ((c - CENTRE[0]) / CENTRE[1]) ** 2 - (s + f) / WIDTH
-        precision = np.maximum(np.sum((C @ M) * C, axis=1), 0.0) + 1.0 / HEIGHT**2
-        best = (C @ b) / precision
-        root = np.sqrt(precision)
-        u = best * root
-        log_phi = log_ndtr(u)
-        log_p = log_prior + 0.5 * u**2 + log_phi - np.log(0.5 * root * HEIGHT)
-        top = float(np.max(log_p))
-        weight = np.exp(log_p - top)
-        total = float(weight.sum())
-        weight /= total
-        centre = points @ weight
-        spread = np.sqrt(np.maximum(np.square(points - centre[:, None]) @ weight, 0.0))
+    inner, _ = _free(M, D)
+    for _ in range(zooms):
+        tail = _summed((inner @ M)[:RANK, :RANK], (inner @ b)[:RANK], tuple(ends.ravel()))
         step = np.ptp(ends, axis=0) / (_STEPS - 1.0)
-        cell = float(np.sum(np.log(np.maximum(step, 1e-12))))
-        if np.all(spread > 1.2 * step):
+        if np.all(tail.spread > 1.2 * step):
             break
-        if zoom < zooms:
-            reach = 4.0 * np.maximum(spread, 0.5 * step)
-            ends = np.stack([np.maximum(centre - reach, low), np.minimum(centre + reach, high)])
+        reach = 5.0 * np.maximum(tail.spread, 0.5 * step)
+        lower, upper = tail.centre - reach, tail.centre + reach
+        ends = np.stack([np.maximum(lower, low), np.minimum(upper, high)])
+    return tuple(ends.ravel())
+
+
+def _summed(M: Array, b: Array, ends: Ends) -> _Tail:
+    """Posterior of a tail from its squares (RANK, RANK) and products (RANK,), over a grid."""
+    points, C = _spectra(ends)
+    c, s, f = points
+    log_prior = -0.5 * ((c - CENTRE[0]) / CENTRE[1]) ** 2 - (s + f) / WIDTH
+    precision = np.maximum(np.sum((C @ M) * C, axis=1), 0.0) + 1.0 / HEIGHT**2
+    best = (C @ b) / precision
+    root = np.sqrt(precision)
+    u = best * root
+    log_phi = log_ndtr(u)
+    log_p = log_prior + 0.5 * u**2 + log_phi - np.log(0.5 * root * HEIGHT)
+    total = float(logsumexp(log_p))
+    weight = np.exp(log_p - total)
     # moments of a height >= 0
     ratio = np.exp(-0.5 * u**2 - log_phi) / np.sqrt(2.0 * np.pi)
     height = best + ratio / root
     square = height**2 + np.maximum(1.0 - ratio * (u + ratio), 1e-12) / precision
     mean = (weight * height) @ C
     second = (C * (weight * square)[:, None]).T @ C
+    centre = points @ weight
+    step = np.subtract(ends[3:], ends[:3]) / (_STEPS - 1.0)
     return _Tail(
         mean=mean,
         covariance=second - np.outer(mean, mean),
-        stretch=stretched(mean),
-        log_evidence=top + float(np.log(total)) + cell,
+        log_evidence=total + float(np.sum(np.log(np.maximum(step, 1e-12)))),
         height=float(weight @ height),
-        log_centre=float(centre[0]),
-        slow=float(centre[1]),
-        fast=float(centre[2]),
+        centre=centre,
+        spread=np.sqrt(np.maximum(np.square(points - centre[:, None]) @ weight, 0.0)),
     )
 
 
 @lru_cache(maxsize=64)
-def _spectra(ends: tuple[float, ...]) -> tuple[Array, Array]:
+def _spectra(ends: Ends) -> tuple[Array, Array]:
     """Grid of ln l_c, s_slow, s_fast between its ends (3, n), and the tails on it (n, RANK)."""
     axes = [np.linspace(ends[k], ends[k + 3], n) for k, n in enumerate(_STEPS)]
     points = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")])
@@ -472,13 +552,14 @@ def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
     centre, width = priors.T
     shared: Shared | None = None
     scale = np.ones(stack.n_runs)
-    height = 0.05
+    height, powers = 0.05, np.zeros(2)
+    stack.stretch(None)
 
     def cost(x: Array) -> tuple[float, Array]:
         sd = np.exp(centre + width * x)
         V, parts = covariance(stack, sd, shared)
         w = whiten(stack, V)
-        found = fit_shared(stack, w, scale, rest, unit_N, height, 0)
+        found = fit_shared(stack, w, scale, rest, unit_N, height, powers, 0)
         log_z = found.log_evidence - 0.5 * float(np.sum(w.squares / scale + w.log_det))
         # Fisher's identity: the gradient is that of the likelihood, averaged over the posterior
         residual = stack.z - stack.shared @ found.mean
@@ -493,9 +574,10 @@ def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
     x = np.where(np.arange(n + 3) <= n, 1.5, 0.0)
     for _ in range(SWEEPS):
         w = whiten(stack, covariance(stack, np.exp(centre + width * x), shared)[0])
-        shared = fit_shared(stack, w, scale, rest, unit_N, height, 2)
+        shared = fit_shared(stack, w, scale, rest, unit_N, height, powers, 2)
         scale = noise_scale(stack, w, shared.mean)
-        height = max(shared.height, 1e-3)
+        height, powers = max(shared.height, 1e-3), shared.powers
+        stack.stretch(shared)
         x = minimize(
             cost,
             x,
@@ -554,6 +636,7 @@ class RunLevel:
         return self.y + float(basis @ self.tail), float(error)
 
 
+_TAIL = np.array([*range(RANK), *range(RANK + 2, SHARED)])
 BATCH = 128
 """Runs that are whitened at a time: a bench of any size takes the same memory."""
 
@@ -572,13 +655,15 @@ def reduce_bench(
     unit_N : float
         Median initial tension [N].
     """
+    centre = np.mean(log_settings(records), axis=0)
     every = np.linspace(0, len(records) - 1, min(len(records), RUNS_FOR_VARIANCES)).astype(int)
-    bench = fit_bench(Stack([records[k] for k in every]), rest, unit_N)
+    bench = fit_bench(Stack([records[k] for k in every], centre), rest, unit_N)
     batches = [records[k : k + BATCH] for k in range(0, len(records), BATCH)]
     if len(batches) > 1 or len(every) < len(records):
-        M, b = np.zeros((RANK + 2, RANK + 2)), np.zeros(RANK + 2)
+        M, b = np.zeros((SHARED, SHARED)), np.zeros(SHARED)
         for batch in batches:
-            stack = Stack(batch)
+            stack = Stack(batch, centre)
+            stack.stretch(bench.shared)
             w = whiten(stack, covariance(stack, bench.sd, bench.shared)[0])
             share = 1.0 / noise_scale(stack, w, bench.shared.mean)
             M, b = M + np.einsum("r,rkl->kl", share, w.M), b + w.b.T @ share
@@ -586,27 +671,31 @@ def reduce_bench(
         longest = 3.0 * max(float(r.travel[-1]) for r in records)
         range_m = (shortest, longest)
         height = max(bench.shared.height, 1e-3)
-        bench = Bench(bench.sd, posterior(M, b, rest, unit_N, height, range_m, ZOOMS))
+        powers = bench.shared.powers
+        shared = posterior(M, b, rest, unit_N, height, powers, range_m, ZOOMS)
+        bench = Bench(bench.sd, shared)
     levels: list[RunLevel] = []
     for batch in batches:
-        levels += _levels(Stack(batch), bench)
+        stack = Stack(batch, centre)
+        levels += _levels(stack, bench)
     return bench, levels
 
 
 def _levels(stack: Stack, bench: Bench) -> list[RunLevel]:
     """Levels of some runs of a bench."""
     shared = bench.shared
+    stack.stretch(shared)
     V, parts = covariance(stack, bench.sd, shared)
     w = whiten(stack, V)
-    scale = noise_scale(stack, w, shared.mean)
-    tail, drift = (
-        -(w.shift[:, part] @ shared.factor[part]) for part in (slice(None, RANK), slice(RANK, None))
-    )
+    mean = shared.mean.copy()
+    mean[POWERS] = 0.0  # the tails are stretched by all of it
+    scale = noise_scale(stack, w, mean)
+    tail, drift = (-(w.shift[:, part] @ shared.factor[part]) for part in (_TAIL, DRIFTS))
     both = tail + drift
     # the sign of the largest direction is that of all runs
     size = np.where(both[:, 0] < 0.0, -1.0, 1.0) * np.linalg.norm(both, axis=1)
     share = np.clip(np.sum(drift * both, axis=1) / np.maximum(size**2, 1e-300), 0.0, 1.0)
-    residual = stack.z - stack.shared @ shared.mean
+    residual = stack.z - stack.shared @ mean
     Pe = np.einsum("rij,rj->ri", w.P, residual)
     wander = np.einsum("rij,rj->ri", parts[len(MEMORIES_S) - 1], Pe)
     wander *= (bench.sd[len(MEMORIES_S) - 1] ** 2 * stack.sensitivity)[:, None]
@@ -615,7 +704,7 @@ def _levels(stack: Stack, bench: Bench) -> list[RunLevel]:
     known = H.transpose(0, 2, 1) @ (w.P @ H)
     lean = w.shift[:, :RANK] @ own
     deviation = np.einsum("rik,ri->rk", H, Pe)
-    y = w.level - w.shift @ shared.mean
+    y = w.level - w.shift @ mean
     last = np.array([np.flatnonzero(c)[-1] for c in stack.count])
     return [
         RunLevel(
@@ -625,8 +714,8 @@ def _levels(stack: Stack, bench: Bench) -> list[RunLevel]:
             shared_drift=float(size[k] * np.sqrt(share[k])),
             misfit=float(np.sqrt(scale[k])),
             drift=float(wander[k, last[k]] - wander[k, 0]),
-            tail=stack.level[k] * (shared.mean[:RANK] + own @ deviation[k]),
-            own=stack.level[k] * own,
+            tail=stack.level[k] * stack.stretches[k] @ (shared.mean[:RANK] + own @ deviation[k]),
+            own=stack.level[k] * stack.stretches[k] @ own,
             known=known[k],
             lean=lean[k] / stack.level[k],
         )

@@ -110,6 +110,11 @@ class SlidingRecord:
         return float(np.hypot(1.0 / tight, 1.0 / slack))
 
     @property
+    def speed_m_s(self) -> float:
+        """Mean speed of the pulley's surface [m/s]."""
+        return float(np.ptp(self.travel) / max(np.ptp(self.last_s), 1e-12))
+
+    @property
     def level(self) -> float:
         """Mean of z over the later half of the travel, roughly [-]."""
         tight, slack = self.tensions_N

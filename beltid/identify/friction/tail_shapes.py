@@ -18,6 +18,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from scipy.linalg import expm
 
 Array = NDArray[np.float64]
 
@@ -76,3 +77,11 @@ def tail_coefficients(log_centre: Array, slow: Array, fast: Array) -> Array:
 def stretched(coefficients: Array) -> Array:
     """Derivative of tails by the logarithm of their length, as coefficients (..., RANK)."""
     return np.asarray(coefficients @ _basis()[3])
+
+
+def stretching(log_factor: Array) -> Array:
+    """Matrices that make tails longer, ``c -> E c``, by factors exp(log_factor), (n, RANK, RANK).
+
+    They are exact for tails in the space of the basis, E = exp(log_factor S) with S of `stretched`.
+    """
+    return np.asarray(expm(np.asarray(log_factor)[:, None, None] * _basis()[3].T))
