@@ -522,6 +522,7 @@ def _cases() -> list[Case]:
             "correlated noise, 5 samples, two exponentials",
             base.but(memory=0.8, shape="two exponentials"),
         ),
+        Case("correlated noise, 10 samples (0.2 s)", base.but(memory=np.exp(-0.1))),
         Case("correlated noise, 20 samples (0.4 s)", base.but(memory=0.95)),
         Case("slow ripple", base.but(ripple_period=1.0 / 0.35)),
         Case("strong ripple", base.but(ripple=0.03)),
