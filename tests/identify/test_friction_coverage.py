@@ -135,7 +135,11 @@ def test_a_run_whose_friction_drifts_by_four_percent_is_kept() -> None:
 
 
 def test_correlated_noise_does_not_blow_up_the_error_of_a_large_bench() -> None:
-    found = reduced("correlated noise, 10 samples (0.2 s)", 300, 1)
-    assert np.median(found.se) < 0.003
-    assert np.mean(found.kept) >= MOST_KEPT
+    """What many runs share must not be mistaken for what each of them does not know."""
+    found = reduced("AR noise 0.2 s, 0.5 N", 240, 1)
+    assert np.mean(found.kept) >= 0.9
+    # errors of a campaign go with the tension: its median error, as a standard deviation
+    assert np.median(found.se) <= 2.0 * 1.4826 * np.median(np.abs(found.error))
     assert 0.6 <= rms(found.error / found.se) <= 1.25
+    one_setting = reduced("correlated noise, 10 samples (0.2 s)", 120, 1)
+    assert np.median(one_setting.se) < 0.003
