@@ -1,0 +1,637 @@
+"""Virtual friction rigs with a known answer, to judge the reduction by. Not measured data.
+
+A `Recipe` says what a run is made of, a `Belt` turns it into a campaign over arcs, tensions and
+speeds, a `Case` adds what is wrong with the bench. `draw` makes recordings and their truth;
+nothing here knows how the reduction works.
+
+**Truth.** `mu_sliding` of a run is the friction coefficient of Eq. (6) that is left when the
+sticking peak has decayed. Where friction itself drifts within a run, it is the mean over the
+second half of the (first) sliding phase, from the end of the build-up until the pulley stops.
+A run that sticks and slips has no sliding value: its truth is nan.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+RADIUS_M = 0.05
+REFERENCE_SPEED = 0.21
+"""Pulley speed [rad/s] at which the belt's own times are stated: 10.5 mm of travel per second."""
+
+SHAPES: dict[str, Callable[[Array], Array]] = {
+    "exponential": lambda x: np.exp(-x),
+    "two exponentials": lambda x: 0.6 * np.exp(-x) + 0.4 * np.exp(-x / 3.0),
+    "stretched": lambda x: np.exp(-(x**0.6)),
+    "power law": lambda x: (1.0 + x) ** -2,
+    "twenty times": lambda x: 0.7 * np.exp(-x) + 0.3 * np.exp(-x / 20.0),
+}
+"""Decay of the sticking peak over the time since the build-up in units of the recipe's `tail`."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Slow noise of the zeros of the load cells, on top of the white noise."""
+
+    kind: Literal["ar", "walk", "1/f"]
+    sd: float
+    """Standard deviation [N]: stationary ("ar"), after `time` ("walk"), in the band from once per
+    record to half the sampling rate ("1/f")."""
+    time: float = 1.0
+    """Correlation time ("ar") or time after which a walk has reached `sd` [s]."""
+    cells: Literal["both", "tight", "slack", "common", "opposite"] = "both"
+    """Whose: each cell its own, one only, or the same in both with equal or opposite sign."""
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What a run is made of: times in s, tensions in N.
+
+    `build_up`, `tail` and `ripple_period` are times at `REFERENCE_SPEED`. They go with the
+    pulley's travel; with ``clock="time"`` the first two last equally long at every speed.
+    """
+
+    rate: float = 50.0
+    duration: float = 6.0
+    """Until the end of the (first) sliding."""
+    rest: float = 1.0
+    initial: float = 270.0
+    arc_deg: float = 82.0
+    mu: float = 0.8
+    peak: float = 0.05
+    tail: float = 0.6
+    shape: str = "exponential"
+    clock: Literal["travel", "time"] = "travel"
+    peak_spread: float = 0.0
+    """Standard deviation of the logarithm of the peak's height from run to run."""
+    tail_spread: float = 0.0
+    """The same of its length."""
+    build_up: float = 0.2
+    omega: float = REFERENCE_SPEED
+    run_up: float = 0.0
+    """Time until the pulley has its speed."""
+    idle: float = 0.0
+    """Time for which the pulley stands still after the sliding."""
+    again: tuple[float, float] | None = None
+    """A second start after `idle`: speed and friction, in units of the first."""
+    noise: float = 0.5
+    memory: float = 0.0
+    """Correlation of the noise of neighbouring samples."""
+    slow: tuple[Noise, ...] = ()
+    ripple: float = 0.004
+    ripple_period: float = 0.748
+    drift: float = 0.0
+    """Relative change of mu from the end of the build-up to the end of the sliding."""
+    stick_slip: float = 0.0
+    """Height of a saw tooth in mu at the slowest speed of a campaign, relative."""
+    relaxation: float = 0.0
+    """Part of the tension that is lost in the end, with `relaxation_time`."""
+    relaxation_time: float = 10.0
+    offset: float = 0.0
+    """Difference of the zeros of the cells, half each."""
+    seed: int = 0
+
+    def but(self, **changes: Any) -> Recipe:
+        return replace(self, **changes)
+
+
+@dataclass(frozen=True)
+class Belt:
+    """A belt on its rig: mu(f, v) = mu0 (f/5400)^-a [1 + c (L(v)/L(0.01) - 1)],
+    L(v) = ln(1 + v/v0), in which f is the mean force of Eq. (8)."""
+
+    mu0: float
+    a: float
+    c: float
+    v0: float
+    arcs_deg: tuple[float, ...] = (40.0, 68.0, 82.0)
+    tensions: tuple[float, ...] = (60.0, 90.0, 130.0, 180.0, 230.0, 290.0, 350.0, 420.0)
+    speeds: tuple[float, ...] = (0.05, 0.1, 0.21, 0.42, 0.84)
+    sliding_s: tuple[float, ...] = (12.0, 6.0, 4.0, 3.0, 3.0)
+    arc_factors: tuple[float, ...] = (1.0, 1.0, 1.0)
+    """Friction of each arc over the law's."""
+
+    def but(self, **changes: Any) -> Belt:
+        return replace(self, **changes)
+
+    def friction(self, arc_deg: Array, tension: Array, omega: Array) -> Array:
+        """mu of runs, in agreement with the mean force it leads to."""
+        v, beta = omega * RADIUS_M, np.radians(arc_deg)
+        rate = 1.0 + self.c * (np.log1p(v / self.v0) / np.log1p(0.01 / self.v0) - 1.0)
+        mu = np.full(arc_deg.size, self.mu0)
+        for _ in range(60):
+            # T_tight - T_slack = 2 T0 tanh(mu beta / 2), over R mu beta
+            force = 2.0 * tension * np.tanh(0.5 * mu * beta) / (RADIUS_M * mu * beta)
+            mu = self.mu0 * (force / 5400.0) ** -self.a * rate
+        return mu * np.array(self.arc_factors)[np.searchsorted(self.arcs_deg, arc_deg)]
+
+
+BELTS = {
+    "3pk": Belt(0.75, 0.16, 0.40, 0.0020),
+    "8pk, friction falls with speed": Belt(
+        0.60,
+        0.10,
+        -0.25,
+        0.0040,
+        arcs_deg=(50.0, 75.0, 110.0),
+        tensions=(120.0, 180.0, 250.0, 320.0, 400.0, 480.0, 560.0, 650.0),
+    ),
+    "flat": Belt(
+        0.42,
+        0.05,
+        0.30,
+        0.0010,
+        arcs_deg=(60.0, 90.0, 160.0),
+        speeds=(0.08, 0.15, 0.3, 0.6, 1.0),
+        sliding_s=(8.0, 5.0, 4.0, 3.0, 3.0),
+    ),
+}
+
+
+@dataclass
+class Frame:
+    """Runs before they are written down; shape (n runs, samples) each."""
+
+    time: Array
+    tight: Array
+    slack: Array
+    speed: Array
+    sliding: Mask
+    """Samples of the first sliding, behind the build-up."""
+    kept: Mask
+    """Samples that the recording holds."""
+    rate: float
+
+    def cells(self) -> tuple[Array, Array]:
+        return self.tight, self.slack
+
+
+Spoil = Callable[[Frame, np.random.Generator], None]
+"""What the instruments do to the readings, in place."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A bench: its runs, and what is wrong with it."""
+
+    name: str
+    recipe: Recipe = field(default_factory=Recipe)
+    spoil: Spoil | None = None
+    belt: Belt | None = None
+    """None: all runs have the recipe's settings."""
+    group: Literal["plain", "hard", "robust", "campaign"] = "plain"
+    visible: bool = True
+    """Whether the recordings can show what is wrong; if not, no interval can allow for it."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Recordings with their truth, shape (n runs,) each but the columns."""
+
+    columns: dict[str, Array]
+    """The columns of rig.csv; runs are labelled 0, 1, 2 ... in order."""
+    mu: Array
+    initial_tension_N: Array
+    """Mean tension of the spans at the start of the rotation."""
+    arc_deg: Array
+    omega: Array
+
+
+def draw(case: Case | str, n: int, seed: int = 0) -> Drawn:
+    """n runs of a case, the same for the same seed.
+
+    Fewer runs than a campaign has settings are a random choice of them; more repeat them.
+    """
+    case = CASES[case] if isinstance(case, str) else case
+    rng = np.random.default_rng([seed, zlib.crc32(case.name.encode())])
+    return _drawn(case.recipe, case.belt, case.spoil, n, rng)
+
+
+def bench(recipe: Recipe, n_runs: int) -> dict[str, Array]:
+    """Columns of rig.csv of runs that differ in noise and phase of the ripple only."""
+    return _drawn(recipe, None, None, n_runs, np.random.default_rng(recipe.seed)).columns
+
+
+def record(recipe: Recipe) -> dict[str, Array]:
+    """Columns of one run, keyed like the arguments of reduce_run."""
+    columns = bench(recipe, 1)
+    return {name: columns[name] for name in COLUMNS}
+
+
+COLUMNS = ("time_s", "tension_tight_N", "tension_slack_N", "pulley_speed_rad_s")
+
+
+def _drawn(
+    r: Recipe, belt: Belt | None, spoil: Spoil | None, n: int, rng: np.random.Generator
+) -> Drawn:
+    if belt is None:
+        arc, nominal, omega, mu = (np.full(n, x) for x in (r.arc_deg, r.initial, r.omega, r.mu))
+        initial, end, slowest = nominal, np.full(n, r.duration), r.omega
+    else:
+        arc, nominal, omega, sliding = _settings(belt, n, rng)
+        initial = nominal * (1.0 + 0.01 * rng.normal(size=n))
+        mu = belt.friction(arc, initial, omega)
+        end, slowest = r.rest + sliding, min(belt.speeds)
+    frame, mu, left = _runs(r, arc, initial, omega, mu, end, slowest, rng)
+    if spoil is not None:
+        spoil(frame, rng)
+    row = np.nonzero(frame.kept)[0]
+    columns = {
+        "run": row.astype(float),
+        "time_s": frame.time[frame.kept],
+        "tension_tight_N": frame.tight[frame.kept],
+        "tension_slack_N": frame.slack[frame.kept],
+        "pulley_speed_rad_s": frame.speed[frame.kept],
+        "arc_deg": arc[row],
+        "initial_tension_N": nominal[row],
+    }
+    return Drawn(columns, mu, initial * left, arc, omega)
+
+
+def _settings(belt: Belt, n: int, rng: np.random.Generator) -> tuple[Array, Array, Array, Array]:
+    """Arc [deg], tension [N], speed [rad/s] and time of sliding [s] of n runs."""
+    shape = (len(belt.arcs_deg), len(belt.tensions), len(belt.speeds))
+    size = int(np.prod(shape))
+    chosen = np.concatenate([np.sort(rng.permutation(size)[: n - k]) for k in range(0, n, size)])
+    arc, tension, speed = np.unravel_index(chosen, shape)
+    return (
+        np.array(belt.arcs_deg)[arc],
+        np.array(belt.tensions)[tension],
+        np.array(belt.speeds)[speed],
+        np.array(belt.sliding_s)[speed],
+    )
+
+
+def _runs(
+    r: Recipe,
+    arc_deg: Array,
+    initial: Array,
+    omega: Array,
+    mu: Array,
+    end: Array,
+    slowest: float,
+    rng: np.random.Generator,
+) -> tuple[Frame, Array, Array]:
+    """The readings, the true mu_sliding, and the part of the tension left at the start."""
+    n = omega.size
+    arc_deg, initial, omega, end = (x[:, None] for x in (arc_deg, initial, omega, end))
+    length = end + r.idle + (end - r.rest if r.again else 0.0)
+    t = np.arange(round(float(np.max(length)) * r.rate)) / r.rate
+    t = np.broadcast_to(t, (n, t.size))
+    kept = t < length - 0.5 / r.rate
+    moves = (t >= r.rest) & (t < end)
+
+    # time since the start at full speed: travel over omega R
+    turned = _ramp(np.minimum(t, end) - r.rest, r.run_up)
+    pace = REFERENCE_SPEED / omega
+    own = pace if r.clock == "travel" else 1.0
+    after = np.maximum(turned - r.build_up * own, 0.0)
+    height = r.peak * np.exp(r.peak_spread * rng.normal(size=(n, 1)))
+    tail = r.tail * own * np.exp(r.tail_spread * rng.normal(size=(n, 1)))
+    decay = SHAPES[r.shape]
+    friction = mu[:, None] * (1.0 + height * decay(after / tail))
+    friction *= 1.0 + r.drift * after / (end - r.rest - r.build_up * own)
+    truth = mu * (1.0 + 0.75 * r.drift)
+    if r.stick_slip:
+        tooth = (after / 0.3 + rng.uniform(size=(n, 1))) % 1.0 * (after > 0.0)
+        friction = np.where(omega == slowest, friction * (1.0 + r.stick_slip * tooth), friction)
+        truth = np.where(omega[:, 0] == slowest, np.nan, truth)
+    speed = omega * moves
+    if r.run_up:
+        speed = speed * np.clip((t - r.rest) / r.run_up, 0.0, 1.0)
+    if r.again:
+        faster, other = r.again
+        since = t - end - r.idle
+        second = since >= 0.0
+        later = np.maximum(since, 0.0) * faster
+        again = other * mu[:, None] * (1.0 + height * decay(later / tail))
+        friction = np.where(second, again, friction)
+        speed = np.where(second, faster * omega, speed)
+        turned = turned + later
+
+    ratio = np.exp(friction * np.radians(arc_deg))
+    low = 2.0 * initial / (1.0 + ratio)
+    rise = np.clip(turned / (r.build_up * own), 0.0, 1.0)
+    phase = rng.uniform(0.0, 2.0 * np.pi, (n, 1))
+    wave = r.ripple * np.sin(2.0 * np.pi * turned / (r.ripple_period * pace) + phase)
+    wave *= turned > 0.0
+    left = 1.0 - r.relaxation * (1.0 - np.exp(-t / r.relaxation_time))
+    tight = (initial + (low * ratio - initial) * rise) * (1.0 + wave) * left
+    slack = (initial + (low - initial) * rise) * (1.0 + 0.75 * wave) * left
+
+    tight += _white(r, t.shape, rng) + 0.5 * r.offset
+    slack += _white(r, t.shape, rng) - 0.5 * r.offset
+    for part in r.slow:
+        _add_slow(part, r.rate, tight, slack, rng)
+    if r.noise:
+        speed = speed * (1.0 + 4e-3 * rng.normal(size=t.shape)) + 5e-5 * rng.normal(size=t.shape)
+    sliding = (after > 0.0) & moves
+    at_start = 1.0 - r.relaxation * (1.0 - np.exp(-r.rest / r.relaxation_time))
+    return Frame(t, tight, slack, speed, sliding, kept, r.rate), truth, np.full(n, at_start)
+
+
+def _ramp(t: Array, run_up: float) -> Array:
+    """Time at full speed that gives the travel after the time t, with a linear run-up."""
+    t = np.maximum(t, 0.0)
+    if not run_up:
+        return t
+    return np.where(t < run_up, 0.5 * t**2 / run_up, t - 0.5 * run_up)
+
+
+def _white(r: Recipe, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
+    return r.noise * _autoregressive(r.memory, shape, rng)
+
+
+def _autoregressive(a: float, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
+    """Stationary noise of unit variance in which neighbours correlate by a."""
+    x = rng.normal(size=shape)
+    if not a:
+        return x
+    x[:, 1:] *= np.sqrt(1.0 - a**2)
+    return lfilter([1.0], [1.0, -a], x, axis=1)
+
+
+def _add_slow(
+    part: Noise, rate: float, tight: Array, slack: Array, rng: np.random.Generator
+) -> None:
+    one, other = (part.sd * _slow(part, rate, tight.shape, rng) for _ in range(2))
+    if part.cells != "slack":
+        tight += one
+    if part.cells in ("both", "slack"):
+        slack += other
+    elif part.cells in ("common", "opposite"):
+        slack += one if part.cells == "common" else -one
+
+
+def _slow(part: Noise, rate: float, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
+    """Noise of a cell in units of its `sd`."""
+    n, m = shape
+    if part.kind == "ar":
+        return _autoregressive(np.exp(-1.0 / (rate * part.time)), shape, rng)
+    if part.kind == "walk":
+        return np.cumsum(rng.normal(size=shape), axis=1) / np.sqrt(rate * part.time)
+    # amplitudes as 1/sqrt(f) from once per record, on a period four times as long so that the
+    # record does not close on itself
+    k = np.arange(4, 2 * m + 1)
+    spectrum = np.zeros((n, 2 * m + 1), dtype=complex)
+    spectrum[:, 4:] = (rng.normal(size=(n, k.size)) + 1j * rng.normal(size=(n, k.size))) / k**0.5
+    return np.fft.irfft(spectrum, 4 * m, axis=1)[:, :m] * 2.0 * m / np.sqrt(np.sum(1.0 / k))
+
+
+# What instruments do. Times are those of the recording.
+
+
+def spikes(f: Frame, rng: np.random.Generator) -> None:
+    for cell in f.cells():
+        hit = rng.random(cell.shape) < 0.01
+        cell[hit] += rng.choice([-60.0, 60.0], np.count_nonzero(hit))
+
+
+def wandering_tare(f: Frame, rng: np.random.Generator) -> None:
+    f.tight += 1.0 + 0.5 * rng.normal(size=(f.tight.shape[0], 1))
+
+
+def drifting_zeros(tight: float, slack: float) -> Spoil:
+    """Zeros of the cells that move by so many N in 6 s."""
+
+    def spoil(f: Frame, rng: np.random.Generator) -> None:
+        f.tight += tight * f.time / 6.0
+        f.slack += slack * f.time / 6.0
+
+    return spoil
+
+
+def second_ripple(period_s: float) -> Spoil:
+    """Another ripple, of 0.3 % and any phase."""
+
+    def spoil(f: Frame, rng: np.random.Generator) -> None:
+        phase = rng.uniform(0.0, 2.0 * np.pi, (f.time.shape[0], 1))
+        turned = np.maximum(f.time - 1.0, 0.0)
+        wave = 0.003 * np.sin(2.0 * np.pi * turned / period_s + phase) * (turned > 0.0)
+        f.tight *= 1.0 + wave
+        f.slack *= 1.0 + 0.75 * wave
+
+    return spoil
+
+
+def gains(f: Frame, rng: np.random.Generator) -> None:
+    """The cells differ by 1.2 %."""
+    f.tight *= 1.006
+    f.slack *= 0.994
+
+
+def zeros_on_their_own(f: Frame, rng: np.random.Generator) -> None:
+    """The zero of each cell is anywhere within 2 N in every run."""
+    for cell in f.cells():
+        cell += rng.uniform(-2.0, 2.0, (cell.shape[0], 1))
+
+
+def left_from_tightening(f: Frame, rng: np.random.Generator) -> None:
+    """Friction on the pulley holds a difference of the spans until it turns: no fault of cells."""
+    at_rest = ~np.logical_or.accumulate(f.speed > 0.01, axis=1)
+    part = 0.008 * rng.normal(size=(f.time.shape[0], 1)) * at_rest
+    f.tight *= 1.0 + part
+    f.slack *= 1.0 - part
+
+
+def clipped(part: float) -> Spoil:
+    """The tight cell reads no more than what it exceeds in a part of the sliding samples."""
+
+    def spoil(f: Frame, rng: np.random.Generator) -> None:
+        seen = np.where(f.sliding & f.kept, f.tight, np.nan)
+        np.minimum(f.tight, np.nanquantile(seen, 1.0 - part, axis=1)[:, None], out=f.tight)
+
+    return spoil
+
+
+def soft_saturation(f: Frame, rng: np.random.Generator) -> None:
+    """The tight cell loses 2 % at 500 N, as the square of the force."""
+    f.tight *= 1.0 - 0.02 * (f.tight / 500.0) ** 2
+
+
+def coarse(step: float) -> Spoil:
+    def spoil(f: Frame, rng: np.random.Generator) -> None:
+        for cell in f.cells():
+            np.round(cell / step, out=cell)
+            cell *= step
+
+    return spoil
+
+
+def hum(f: Frame, rng: np.random.Generator) -> None:
+    """2 N from the mains, 50 Hz, alike in both cells."""
+    phase = rng.uniform(0.0, 2.0 * np.pi, (f.time.shape[0], 1))
+    wave = 2.0 * np.sin(2.0 * np.pi * 50.0 * f.time + phase)
+    f.tight += wave
+    f.slack += wave
+
+
+def drop_outs(f: Frame, rng: np.random.Generator) -> None:
+    """Bursts of 0.2 s: lost rows, missing values in one cell, zeros in the other."""
+    m = round(0.2 * f.rate)
+    for run in range(f.time.shape[0]):
+        rest = np.count_nonzero(~np.logical_or.accumulate(f.sliding[run]))
+        begin = rng.integers(rest + 5, np.count_nonzero(f.kept[run]) - m, 3)
+        f.kept[run, begin[0] : begin[0] + m] = False
+        f.tight[run, begin[1] : begin[1] + m] = np.nan
+        f.slack[run, begin[2] : begin[2] + m] = 0.0
+
+
+def reversed_runs(f: Frame, rng: np.random.Generator) -> None:
+    """Every second run turns the other way: the columns name the cells, not the tensions."""
+    f.speed[::2] *= -1.0
+    f.tight[::2], f.slack[::2] = f.slack[::2].copy(), f.tight[::2].copy()
+
+
+def _cases() -> list[Case]:
+    base = Recipe()
+    loud = base.but(noise=2.0)
+    belt = BELTS["3pk"]
+    both = [Noise("ar", 0.35, 1.0), Noise("ar", 1.0, 1.0)]
+    opposite = [replace(part, cells="opposite") for part in both]
+    walk = Noise("walk", 0.5, 10.0)
+    # sliding of 5 to 100 mm in 5 s
+    wide = belt.but(speeds=(0.02, 0.042, 0.09, 0.19, 0.4), sliding_s=(5.0,) * 5)
+    turn = 2.0 * np.pi / REFERENCE_SPEED
+    plain = [
+        Case("one exponential", base),
+        Case("one exponential, four times the noise", loud),
+        Case("two exponentials", base.but(shape="two exponentials")),
+        Case("two exponentials, four times the noise", loud.but(shape="two exponentials")),
+        Case("stretched exponential", base.but(shape="stretched")),
+        Case(
+            "stretched exponential, a quarter of the noise",
+            base.but(shape="stretched", noise=0.125),
+        ),
+        Case("power law", base.but(shape="power law")),
+        Case("power law, a quarter of the noise", base.but(shape="power law", noise=0.125)),
+        Case("power law, long tail", base.but(shape="power law", tail=1.0)),
+        Case("no peak", base.but(peak=0.0)),
+        Case("correlated noise, 2 samples", base.but(memory=0.5)),
+        Case("correlated noise, 5 samples", base.but(memory=0.8)),
+        Case(
+            "correlated noise, 5 samples, two exponentials",
+            base.but(memory=0.8, shape="two exponentials"),
+        ),
+        Case("correlated noise, 10 samples (0.2 s)", base.but(memory=np.exp(-0.1))),
+        Case("correlated noise, 20 samples (0.4 s)", base.but(memory=0.95)),
+        Case("slow ripple", base.but(ripple_period=1.0 / 0.35)),
+        Case("strong ripple", base.but(ripple=0.03)),
+        Case("spikes in 1 % of the samples", base, spikes),
+        Case("tare that wanders from run to run, 1 ± 0.5 N", base, wandering_tare),
+        Case("short plateau (1.8 s, tail 0.6 s)", base.but(duration=3.0)),
+        Case(
+            "short plateau, two exponentials",
+            base.but(duration=3.0, tail=0.3, shape="two exponentials"),
+        ),
+        Case(
+            "long plateau (18.8 s), two exponentials",
+            base.but(duration=20.0, shape="two exponentials"),
+        ),
+        Case("low tension (60 N)", base.but(initial=60.0)),
+        *(
+            Case(f"zero of the {cell} cell drifts by {newton:g} N in a run", base, fault)
+            for cell, newton, fault in (
+                ("tight", 1, drifting_zeros(1.0, 0.0)),
+                ("tight", -1, drifting_zeros(-1.0, 0.0)),
+                ("slack", 1, drifting_zeros(0.0, 1.0)),
+                ("slack", -1, drifting_zeros(0.0, -1.0)),
+                ("slack", 0.3, drifting_zeros(0.0, 0.3)),
+            )
+        ),
+        Case("both zeros drift by 1 N in a run", base, drifting_zeros(1.0, 1.0)),
+        Case(
+            "zero of the slack cell drifts by 1 N, no peak",
+            base.but(peak=0.0),
+            drifting_zeros(0.0, 1.0),
+        ),
+        Case("two ripples, second of 2.1 s", base, second_ripple(2.1)),
+        Case("two ripples, second of 4.5 s", base, second_ripple(4.5)),
+        Case("ripple of 8 s, longer than the sliding", base.but(ripple_period=8.0)),
+        Case("1000 samples per second, quick build-up", base.but(rate=1000.0, build_up=0.05)),
+    ]
+    hard = [
+        Case(
+            "zero of the tight cell wanders 0.5 N in 10 s",
+            base.but(slow=(replace(walk, cells="tight"),)),
+        ),
+        Case(
+            "zero of the slack cell wanders 0.5 N in 10 s",
+            base.but(slow=(replace(walk, cells="slack"),)),
+        ),
+        Case("zeros of both cells wander 0.5 N in 10 s", base.but(slow=(walk,))),
+        Case(
+            "zeros of both cells wander 0.5 N around their place, 10 s",
+            base.but(slow=(Noise("ar", 0.5, 10.0),)),
+        ),
+        Case("tight cell clipped in 20 % of the sliding samples", base, clipped(0.2)),
+        Case("tight cell saturates softly (2 % at 500 N)", base, soft_saturation, visible=False),
+        Case("second tail twenty times longer (30 %)", base.but(shape="twenty times")),
+        Case("AR noise 1 s, 0.35 N", base.but(slow=(both[0],))),
+        Case("AR noise 1 s, 0.35 N, opposite in both cells", base.but(slow=(opposite[0],))),
+        Case("AR noise 1 s, 1 N", base.but(slow=(both[1],))),
+        Case("AR noise 1 s, 1 N, opposite in both cells", base.but(slow=(opposite[1],))),
+        Case("1/f noise, 1 N", base.but(slow=(Noise("1/f", 1.0),))),
+        Case("AR(0.9) noise", base.but(memory=0.9)),
+        Case("AR noise 0.2 s, 0.5 N", base.but(slow=(Noise("ar", 0.5, 0.2),))),
+        Case("sliding of 5 to 100 mm", base.but(build_up=0.05), belt=wide),
+        Case("ripple once per turn, 1 %", base.but(ripple=0.01, ripple_period=turn)),
+        Case("coarse converter (1 N steps)", base, coarse(1.0)),
+        Case(
+            "belt relaxes at rest, 3 % in 30 s",
+            base.but(rest=30.0, relaxation=0.03, relaxation_time=10.0, rate=20.0),
+        ),
+        Case(
+            "belt relaxes by 3 %, time constant 30 s, short rest",
+            base.but(relaxation=0.03, relaxation_time=30.0),
+        ),
+        Case("mu drifts within a run, +1 %", base.but(drift=0.01)),
+        Case("mu drifts within a run, +4 %", base.but(drift=0.04)),
+        Case("second start at twice the speed", base.but(idle=1.0, again=(2.0, 1.04))),
+        Case("second start at half the speed", base.but(idle=1.0, again=(0.5, 0.97))),
+        Case("arcs differ by 3 %", base, belt=belt.but(arc_factors=(0.985, 1.0, 1.015))),
+    ]
+    hard = [replace(case, belt=case.belt or belt, group="hard") for case in hard]
+    robust = [
+        Case("hum, 50 Hz, 2 N", base.but(rate=200.0), hum),
+        Case("spikes in 1 % of the samples, campaign", base, spikes, belt),
+        Case("drop-outs", base, drop_outs, belt),
+        Case("10 samples per second", base.but(rate=10.0), belt=belt),
+        Case("1000 samples per second", base.but(rate=1000.0)),
+        Case("soft start, 0.5 s", base.but(run_up=0.5), belt=belt),
+        Case("reversed runs", base, reversed_runs, belt),
+        Case("idle tails of 2 s", base.but(idle=2.0), belt=belt),
+        Case("zeros of the cells differ by 1.4 N", base.but(offset=1.4), belt=belt),
+        Case("gains of the cells differ by 1.2 %", base, gains, belt),
+        Case("zeros of both cells off by up to 2 N in each run", base, zeros_on_their_own, belt),
+        Case("spans differ by 0.8 % at rest only", base, left_from_tightening, belt),
+        Case("stick-slip at the slowest speed", base.but(stick_slip=0.08), belt=belt),
+    ]
+    robust = [replace(case, group="robust") for case in robust]
+    several = base.but(peak_spread=0.3, tail_spread=0.3)
+    campaign = [Case(f"campaign {name}", base, belt=b) for name, b in BELTS.items()]
+    for name, b in BELTS.items():
+        campaign += [
+            Case(f"campaign {name}: two-term tails", base.but(shape="two exponentials"), belt=b),
+            Case(f"campaign {name}: stretched tails", base.but(shape="stretched"), belt=b),
+            Case(f"campaign {name}: peaks and tails spread by 30 %", several, belt=b),
+            Case(f"campaign {name}: slow noise", base.but(slow=(Noise("ar", 0.3, 0.5),)), belt=b),
+        ]
+    campaign.append(
+        Case("campaign 3pk: tails over time", base.but(clock="time", build_up=0.1), belt=belt)
+    )
+    campaign = [replace(case, group="campaign") for case in campaign]
+    return [*plain, *hard, *robust, *campaign]
+
+
+CASES: dict[str, Case] = {case.name: case for case in _cases()}
+"""All benches by their names."""
