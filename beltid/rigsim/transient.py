@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from beltid.rigsim.banded import factorize, solve
 from beltid.rigsim.belt import add_inertia, add_internal, store_strains
 from beltid.rigsim.compiled import kernel
-from beltid.rigsim.contact import STICK, Motion, Points, remember
+from beltid.rigsim.contact import STICK, Motion, Patches, Points, remember
 from beltid.rigsim.contact_forces import add_contact
 from beltid.rigsim.friction import (
     CONE_TOLERANCE,
@@ -112,7 +112,7 @@ def assemble(
 
 
 @kernel
-def tighten_sticks(system: System, motion: Motion, points: Points, work: Workspace) -> None:
+def tighten_sticks(system: System, motion: Motion, patches: Patches, work: Workspace) -> None:
     """Let the multipliers of the linearised system take over what is left of their slips.
 
     The solution leaves a slip of force over augmentation in every sticking patch. With the factors
@@ -123,15 +123,15 @@ def tighten_sticks(system: System, motion: Motion, points: Points, work: Workspa
     for _ in range(REPEATS):
         change[:] = 0.0
         any_sticks = False
-        for e in range(points.status.size):
-            if points.limit[e] > 0.0 and points.status[e] == STICK:
+        for e in range(patches.status.size):
+            if patches.limit[e] > 0.0 and patches.status[e] == STICK:
                 any_sticks = True
-                left = points.slip[e]
+                left = patches.slip[e]
                 for j in range(8):
-                    left -= points.pull[e, j] * solution[4 * e + j]
+                    left -= patches.pull[e, j] * solution[4 * e + j]
                 for j in range(8):
-                    change[4 * e + j] += motion.augmentation * left * points.pull[e, j]
-                points.force[e] += motion.augmentation * left
+                    change[4 * e + j] += motion.augmentation * left * patches.pull[e, j]
+                patches.force[e] += motion.augmentation * left
         if not any_sticks:
             return
         restrain(system.supports, change)
@@ -175,11 +175,11 @@ def step(
         solution[:] = -residual
         solve(work.A, work.pivots, solution)
         release(system.supports, solution)
-        tighten_sticks(system, motion, points, work)
+        tighten_sticks(system, motion, points.patches, work)
         move(trial, solution)
         halved = max(iteration - FREE_REVISIONS, 0) // PATIENCE
-        most_changes = max(points.status.size >> halved, 1)
-        changes += revise(motion, points, solution, most_changes)
+        most_changes = max(points.patches.status.size >> halved, 1)
+        changes += revise(motion, points.patches, solution, most_changes)
     return StepOutcome(False, MOST_ITERATIONS, changes, error / T_0, outside, certificate)
 
 
@@ -240,21 +240,22 @@ def accept(
     system: System, motion: Motion, points: Points, state: Kinematics, sticking_ratio: float
 ) -> None:
     """Make the trial the state of the last step; friction with a memory follows the speed."""
-    if points.memory[0] > 0.0:
-        for e in range(points.status.size):
+    patches, last = points.patches, points.last
+    if last.memory[0] > 0.0:
+        for e in range(patches.status.size):
             for c in range(points.theta.shape[1]):
-                slip = abs(points.point_slip[e, c])
+                slip = abs(points.slip[e, c])
                 if slip > 0.0:
                     v = slip * motion.rate * system.pulley.R / points.rho[e, c]
-                    part = -math.expm1(-slip / points.memory[0])
-                    points.v_old[e, c] += part * (v - points.v_old[e, c])
+                    part = -math.expm1(-slip / last.memory[0])
+                    last.v[e, c] += part * (v - last.v[e, c])
     state.q_dot[:] = (state.trial - state.q) * motion.rate
     state.q[:] = state.trial
     remember(system.belt, points, state.q)
-    for e in range(points.status.size):
+    for e in range(patches.status.size):
         # what rests at the end of a step has to be torn off in the next one
-        points.ratio[e] = sticking_ratio if points.status[e] == STICK else 1.0
-        points.limit_old[e] = points.F_max[e]
+        patches.ratio[e] = sticking_ratio if patches.status[e] == STICK else 1.0
+        last.limit[e] = points.F_max[e]
 
 
 @kernel
@@ -263,10 +264,10 @@ def keep_profile(points: Points, R: float, rate: float, out: Array) -> None:
     out[0] = points.f_N
     out[1] = points.F_T
     out[4] = points.theta
-    for e in range(points.status.size):
-        out[3, e, :] = 1.0 if points.status[e] == STICK else 0.0
+    for e in range(points.patches.status.size):
+        out[3, e, :] = 1.0 if points.patches.status[e] == STICK else 0.0
         for c in range(points.theta.shape[1]):
-            slip = points.point_slip[e, c]
+            slip = points.slip[e, c]
             out[2, e, c] = slip * rate * R / points.rho[e, c] if slip != 0.0 else 0.0
 
 
@@ -313,9 +314,10 @@ def march(
     record: Recorder,
 ) -> int:
     """Step through a run; returns the number of steps done (fewer than asked if one failed)."""
-    kept_status = points.status.copy()
-    kept_sign = points.sign.copy()
-    kept_la = points.la_T.copy()
+    patches = points.patches
+    kept_status = patches.status.copy()
+    kept_sign = patches.sign.copy()
+    kept_la = patches.la_T.copy()
     for k in range(schedule.omega.size):
         parts, done, halvings = 1, 0, 0
         while done < parts:
@@ -323,9 +325,9 @@ def march(
             # a stick has to be stiff against the belt, its damping included
             hold_by = drive.augmentation * (1.0 + system.belt.damping_time * rate)
             motion = Motion(schedule.omega[k], rate, 1.0, hold_by)
-            kept_status[:] = points.status
-            kept_sign[:] = points.sign
-            kept_la[:] = points.la_T
+            kept_status[:] = patches.status
+            kept_sign[:] = patches.sign
+            kept_la[:] = patches.la_T
             out = step(system, motion, points, state, drive.stretch, drive.T_0, work)
             note_attempt(record, k, out)
             if out.converged:
@@ -333,9 +335,9 @@ def march(
                 store_strains(system.belt, state.q, drive.stretch, work.strain_old)
                 done += 1
             else:
-                points.status[:] = kept_status
-                points.sign[:] = kept_sign
-                points.la_T[:] = kept_la
+                patches.status[:] = kept_status
+                patches.sign[:] = kept_sign
+                patches.la_T[:] = kept_la
                 record.halvings[k] = halvings
                 halvings += 1
                 if halvings > MOST_HALVINGS:
