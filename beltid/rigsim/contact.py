@@ -245,6 +245,12 @@ def new_points(belt: BeltArrays, status: int) -> Points:
 
 
 @leaf
+def at_radius(slip: float, rho: float, R: float) -> float:
+    """Slip [m], or slip rate [m/s], at rho as it is at the radius R, where mu is looked up."""
+    return slip * R / rho
+
+
+@leaf
 def in_range(limits: tuple[float, float], value: float) -> bool:
     """Whether a value lies in the measured range, give or take the rounding of a step."""
     return limits[0] * (1.0 - 1e-9) <= value <= limits[1] * (1.0 + 1e-9)

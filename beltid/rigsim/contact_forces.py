@@ -31,6 +31,7 @@ from beltid.rigsim.contact import (
     Frames,
     Motion,
     Points,
+    at_radius,
     in_range,
     press,
     touching_share,
@@ -67,7 +68,7 @@ def sliding_friction(
             rho = points.rho[e, c]
             if rate > 0.0:
                 slip = rho * (motion.omega / rate - points.theta[e, c] + last.theta[e, c])
-                v = last.v[e, c] if follows else abs(slip) * R / rho * rate
+                v = last.v[e, c] if follows else at_radius(abs(slip), rho, R) * rate
                 j, t, dt_dv = locate(pulley.y_nodes, pulley.v_ref, v)
             points.slip[e, c] = slip
             frame = frames[e, c]

@@ -232,15 +232,15 @@ def _refuse_unsettled(model: RigModel, force: Array, sliding: StaticState) -> No
 def _contact(
     model: RigModel, stretch: float, support_force: Array, record: Recorder, i: int
 ) -> ContactState:
-    line_force, tangential_force, slip_speed, sticks, angle = record.profiles[i]
+    profiles = record.profiles
     return ContactState(
         model=model,
         stretch=stretch,
         support_force=support_force,
-        q=record.coordinates[i],
-        angle=angle,
-        line_force=line_force,
-        tangential_force=tangential_force,
-        slip_speed=slip_speed,
-        sticks=sticks,
+        q=profiles.coordinates[i],
+        angle=profiles.angle[i],
+        line_force=profiles.line_force[i],
+        tangential_force=profiles.tangential_force[i],
+        slip_speed=profiles.slip_speed[i],
+        sticks=profiles.sticks[i],
     )

@@ -132,8 +132,10 @@ def test_slip_front_moves_inward_from_both_ends() -> None:
     assert march.record.sticking[0] > 0.8 * march.record.touching[0]
     assert march.record.sticking[-1] == 0.0
     entry, leave = -np.inf, np.inf
-    for profile in march.record.profiles:
-        touches, sticks, angle = profile[0] > 0, profile[3] == 1.0, profile[4]
+    profiles = march.record.profiles
+    for i in range(steps):
+        touches, sticks = profiles.line_force[i] > 0, profiles.sticks[i] == 1.0
+        angle = profiles.angle[i]
         stuck = angle[touches & sticks]
         if stuck.size == 0:
             continue
@@ -146,7 +148,7 @@ def test_slip_front_moves_inward_from_both_ends() -> None:
         assert stuck.max() <= leave + 2 * TRAVEL / 0.05
         entry, leave = stuck.min(), stuck.max()
         # the law binds the mean slip of a patch; at the front one of its points may lag a little
-        assert profile[2][touches & ~sticks].min() > -0.01 * 0.02 * 0.05
+        assert profiles.slip_speed[i][touches & ~sticks].min() > -0.01 * 0.02 * 0.05
 
 
 def test_sticking_points_are_carried_by_the_pulley() -> None:
