@@ -7,8 +7,7 @@ and :func:`evaluate_cell` are fit for compilation as they stand (indexing and ``
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +15,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SurfaceTables:
+class SurfaceTables(NamedTuple):
     """A friction surface as plain arrays, for kernels that know no objects.
 
     Attributes

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
+from beltid.laws.surface_tables import SurfaceTables
 from beltid.params import Contact
 from beltid.rigsim.belt import BeltArrays
 from beltid.rigsim.compiled import kernel, leaf
@@ -48,7 +49,21 @@ STICK, SLIDE = 1, 2
 
 
 class ContactArrays(NamedTuple):
-    """Pulley, normal law and friction surface, as compiled code wants them."""
+    """Pulley, normal law and friction surface, as compiled code wants them.
+
+    Attributes
+    ----------
+    R : float
+        Radius of the belt's centreline on the pulley [m].
+    k_linear, k_quadratic : float
+        Coefficients of Eq. (3) [N/m²], [N/m³].
+    C_P : float
+        Damping of one contact point, Eq. (4) [N s/m].
+    f_range, v_range : tuple of float
+        Measured range of the surface, line force [N/m] and sliding speed [m/s].
+    surface : SurfaceTables
+        Coefficient of friction over both.
+    """
 
     R: float
     k_linear: float
@@ -56,50 +71,34 @@ class ContactArrays(NamedTuple):
     C_P: float
     f_range: tuple[float, float]
     v_range: tuple[float, float]
-    x_nodes: Array
-    y_nodes: Array
-    f_ref: float
-    v_ref: float
-    C: Array
+    surface: SurfaceTables
 
 
 def contact_arrays(
     R: float, contact: Contact, law: NormalLaw, surface: FrictionSurface
 ) -> ContactArrays:
     """Pulley of radius ``R`` [m] with the identified laws, ready for compiled code."""
+    measured = surface.validity
     # float(): an int would make the kernels be compiled once more for another signature
     return ContactArrays(
         R=float(R),
         k_linear=float(law.k_linear_N_m2),
         k_quadratic=float(law.k_quadratic_N_m3),
         C_P=float(contact.C_P),
-        **_surface_fields(surface),
+        f_range=measured["normal_force_N_m"],
+        v_range=measured["slip_speed_m_s"],
+        surface=surface.tables(),
     )
 
 
 def with_surface(pulley: ContactArrays, surface: FrictionSurface) -> ContactArrays:
     """The same pulley with another friction surface."""
-    return pulley._replace(**_surface_fields(surface))
-
-
-def _surface_fields(surface: FrictionSurface) -> dict[str, Any]:
-    tables = surface.tables()
-    return {
-        "f_range": _limits(surface.normal_force_N_m),
-        "v_range": _limits(surface.slip_speed_m_s),
-        "x_nodes": tables.x_nodes,
-        "y_nodes": tables.y_nodes,
-        "f_ref": tables.f_ref,
-        "v_ref": tables.v_ref,
-        "C": tables.C,
-    }
-
-
-def _limits(nodes: Array) -> tuple[float, float]:
-    """Measured range of an axis; the single node 0 states that there is no dependence on it."""
-    if nodes.size == 1 and nodes[0] == 0.0:
-        return 0.0, math.inf
-    return float(nodes[0]), float(nodes[-1])
+    measured = surface.validity
+    return pulley._replace(
+        f_range=measured["normal_force_N_m"],
+        v_range=measured["slip_speed_m_s"],
+        surface=surface.tables(),
+    )
 
 
 class Motion(NamedTuple):

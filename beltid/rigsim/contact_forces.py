@@ -55,11 +55,11 @@ def sliding_friction(
     number of points with a look-up outside the measured range.
     """
     R, k1, k2, rate = pulley.R, pulley.k_linear, pulley.k_quadratic, motion.rate
-    last, ratio = points.last, points.patches.ratio
+    surface, last, ratio = pulley.surface, points.last, points.patches.ratio
     follows = rate > 0.0 and last.memory[0] > 0.0
     outside = 0
     slip = v = sliding_speed(motion.omega, R)
-    j, t, dt_dv = locate(pulley.y_nodes, pulley.v_ref, v)
+    j, t, dt_dv = locate(surface.y_nodes, surface.v_ref, v)
     for e in range(belt.h.size):
         factor = motion.friction * ratio[e]
         for c in range(belt.w_c.shape[1]):
@@ -69,7 +69,7 @@ def sliding_friction(
             if rate > 0.0:
                 slip = rho * (motion.omega / rate - points.theta[e, c] + last.theta[e, c])
                 v = last.v[e, c] if follows else at_radius(abs(slip), rho, R) * rate
-                j, t, dt_dv = locate(pulley.y_nodes, pulley.v_ref, v)
+                j, t, dt_dv = locate(surface.y_nodes, surface.v_ref, v)
             points.slip[e, c] = slip
             frame = frames[e, c]
             part = touching_share(R - rho, frame.sigma, 0.5 * belt.w_c[e, c])
@@ -83,8 +83,8 @@ def sliding_friction(
                 delta_d = part.middle_d + at * part.half_d
                 delta_s = part.middle_s + at * part.half_s
                 f = elastic_force(delta, k1, k2)
-                cell, s, ds_df = locate(pulley.x_nodes, pulley.f_ref, f)
-                mu, mu_s, mu_t = evaluate_cell(pulley.C, cell, j, s, t)
+                cell, s, ds_df = locate(surface.x_nodes, surface.f_ref, f)
+                mu, mu_s, mu_t = evaluate_cell(surface.C, cell, j, s, t)
                 within = within and in_range(pulley.f_range, f)
                 points.f_look[e, c, i] = f
                 points.F_look[e, c, i] = w * share * f
