@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
-
-
-def tension_ratio(mu: ArrayLike, beta: ArrayLike) -> Array:
-    """Tension ratio T_tight/T_slack of an arc that slides as a whole, Eq. (5).
-
-    Parameters
-    ----------
-    mu : array_like
-        Coefficient of friction [-].
-    beta : array_like
-        Contact arc [rad].
-    """
-    return np.exp(np.asarray(mu, dtype=float) * np.asarray(beta, dtype=float))
+Number = TypeVar("Number", float, Array)
 
 
 def friction_coefficient(T_tight: ArrayLike, T_slack: ArrayLike, beta: ArrayLike) -> Array:
     """Coefficient of friction from the two tensions, Eq. (6).
+
+    It solves Eq. (5), ``T_tight / T_slack = exp(mu beta)``, of an arc that slides as a whole.
 
     Parameters
     ----------
@@ -44,12 +36,20 @@ def friction_coefficient(T_tight: ArrayLike, T_slack: ArrayLike, beta: ArrayLike
     return np.log(ratio) / np.asarray(beta, dtype=float)
 
 
-def sliding_speed(omega: ArrayLike, R: float) -> Array:
+def sliding_speed(omega: Number, R: float) -> Number:
     """Speed of the pulley's surface under a belt at rest, Eq. (7) [m/s].
 
-    The same formula gives the sliding speed of a drive from its angular-speed loss.
+    The same formula gives the sliding speed of a drive from its angular-speed loss. Fit for
+    compilation as it stands.
+
+    Parameters
+    ----------
+    omega : float or ndarray
+        Angular speed, or loss of angular speed [rad/s].
+    R : float
+        Radius of the belt's centreline on the pulley [m].
     """
-    return np.asarray(omega, dtype=float) * R
+    return omega * R
 
 
 def normal_force(phi: ArrayLike, T_tight: ArrayLike, mu_ref: ArrayLike, R: float) -> Array:

@@ -16,9 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from beltid.errors import InputError
 from beltid.laws.bicubic import patches
 from beltid.laws.grid_checks import axis_problems, to_array, value_problems
-from beltid.laws.surface_tables import SurfaceTables, evaluate_tables, log_nodes
-
-__all__ = ["FrictionSurface", "SurfaceTables", "evaluate_tables"]
+from beltid.laws.surface_tables import SurfaceTables, evaluate_cell, log_nodes
 
 Array = NDArray[np.float64]
 
@@ -164,8 +162,8 @@ class FrictionSurface:
             If an argument is no number or array of numbers, or their shapes do not go together.
         """
         at = self._locate(normal_force_N_m, slip_speed_m_s)
-        rows = _polynomial(self._tables.C[at.i, at.j], at.t)
-        mu = np.clip(_polynomial(rows, at.s), self.mu_nodes.min(), self.mu_nodes.max())
+        mu, _, _ = evaluate_cell(self._tables.C, at.i, at.j, at.s, at.t)
+        mu = np.clip(mu, self.mu_nodes.min(), self.mu_nodes.max())
         # the polynomial meets its node to rounding; exactly is better
         corner_f, corner_v = at.i + at.at_upper_f, at.j + at.at_upper_v
         mu = np.where(at.on_node, self.mu_nodes[corner_f, corner_v], mu)
@@ -181,9 +179,7 @@ class FrictionSurface:
         one from above).
         """
         at = self._locate(normal_force_N_m, slip_speed_m_s)
-        C = self._tables.C[at.i, at.j]
-        dmu_ds = _slope(_polynomial(C, at.t), at.s)
-        dmu_dt = _polynomial(_slope(C, at.t), at.s)
+        _, dmu_ds, dmu_dt = evaluate_cell(self._tables.C, at.i, at.j, at.s, at.t)
         unknown = np.where(at.known, 0.0, np.nan)
         return (dmu_ds * at.ds_df + unknown)[()], (dmu_dt * at.dt_dv + unknown)[()]
 
@@ -211,7 +207,7 @@ class FrictionSurface:
         return total[()]
 
     def tables(self) -> SurfaceTables:
-        """Plain float64 arrays for compiled kernels; see :func:`evaluate_tables`."""
+        """Plain float64 arrays for compiled kernels."""
         return self._tables
 
     def _locate(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> _Location:
@@ -307,20 +303,6 @@ def _along_axis(
     local = np.where(lower, 0.0, np.where(upper, 1.0, local))
     slope = np.where(inside == value, 1.0 / (width * (reference + inside)), 0.0)
     return cell, local, slope, lower | upper
-
-
-def _polynomial(coefficients: Array, u: Array) -> Array:
-    """Cubic with coefficients on the last axis, at u of the shape of the leading axes."""
-    u = u.reshape(u.shape + (1,) * (coefficients.ndim - 1 - u.ndim))
-    c = coefficients
-    return ((c[..., 3] * u + c[..., 2]) * u + c[..., 1]) * u + c[..., 0]
-
-
-def _slope(coefficients: Array, u: Array) -> Array:
-    """Derivative of :func:`_polynomial` with respect to u."""
-    u = u.reshape(u.shape + (1,) * (coefficients.ndim - 1 - u.ndim))
-    c = coefficients
-    return (3.0 * c[..., 3] * u + 2.0 * c[..., 2]) * u + c[..., 1]
 
 
 def _range_of(nodes: Array) -> tuple[float, float]:

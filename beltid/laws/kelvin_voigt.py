@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
 
 def section_force(
-    stiffness: float, strain: ArrayLike, strain_rate: ArrayLike, damping_time: float
-) -> NDArray[np.float64]:
+    stiffness: float, strain: float, strain_rate: float, damping_time: float
+) -> float:
     """Resultant of ``sigma = E eps + c d(eps)/dt`` over the section, Eq. (9).
+
+    Fit for compilation as it stands: the elements of the simulated rig call it.
 
     Parameters
     ----------
     stiffness : float
         EA [N] for the axial force, EI [N m²] for the bending moment.
-    strain, strain_rate : array_like
+    strain, strain_rate : float
         Axial strain [-] and its rate [1/s], or curvature [1/m] and its rate [1/(m s)].
     damping_time : float
-        c/E [s].
+        c/E [s]. The rate may count per time step if this, too, is in steps.
     """
-    eps = np.asarray(strain, dtype=float)
-    return stiffness * (eps + damping_time * np.asarray(strain_rate, dtype=float))
+    return stiffness * (strain + damping_time * strain_rate)

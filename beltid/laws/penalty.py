@@ -3,16 +3,67 @@
 The paper measures the gap g_N, which is *negative* in contact, and mixes centimetres of belt with
 metres of deformation. Here the penetration ``delta = -g_N >= 0`` is used, in SI units per metre of
 belt, so that Eq. (3) reads ``f_N(delta) = k_linear delta + k_quadratic delta**2`` [N/m].
+
+The functions are fit for compilation as they stand: the simulated rig compiles and calls them, and
+:class:`NormalLaw` calls the same for arrays.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import InputError
+
+Number = TypeVar("Number", float, NDArray[np.float64])
+
+
+def elastic_force(delta: Number, k_linear: float, k_quadratic: float) -> Number:
+    """Line force of a penetration ``delta`` >= 0 [m], Eq. (3) [N/m]."""
+    return delta * (k_linear + k_quadratic * delta)
+
+
+def elastic_stiffness(delta: Number, k_linear: float, k_quadratic: float) -> Number:
+    """Derivative of Eq. (3) with respect to the penetration [N/m²]."""
+    return k_linear + 2.0 * k_quadratic * delta
+
+
+def elastic_energy(delta: Number, k_linear: float, k_quadratic: float) -> Number:
+    """Integral of Eq. (3) over the penetration: energy per length [J/m]."""
+    return (k_linear / 2.0 + k_quadratic * delta / 3.0) * delta * delta
+
+
+def integral_of_energy(delta: Number, k_linear: float, k_quadratic: float) -> Number:
+    """Integral of :func:`elastic_energy` over the penetration, for its mean over a wedge [J]."""
+    return (k_linear / 6.0 + k_quadratic * delta / 12.0) * delta * delta * delta
+
+
+def stiffness_under(
+    force: NDArray[np.float64], k_linear: float, k_quadratic: float
+) -> NDArray[np.float64]:
+    """Stiffness of Eq. (3) [N/m²] where the line force is ``force`` >= 0 [N/m]."""
+    return np.sqrt(k_linear * k_linear + 4.0 * k_quadratic * force)
+
+
+def dissipative_force(g_N_dot: float, C_P: float) -> float:
+    """Dissipative part of the normal force, ``H(g_N_dot) F_diss`` of Eqs. (1), (2) and (4).
+
+    Parameters
+    ----------
+    g_N_dot : float
+        Rate of the gap [m/s], negative while the bodies approach.
+    C_P : float
+        Damping of one contact point [N s/m].
+
+    Returns
+    -------
+    float
+        Force that pushes the bodies apart [N], >= 0; zero while they separate.
+    """
+    return -C_P * g_N_dot if g_N_dot <= 0.0 else 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,12 +115,12 @@ class NormalLaw:
             Normal force per length of belt [N/m], >= 0.
         """
         delta = np.maximum(np.asarray(penetration_m, dtype=float), 0.0)
-        return delta * (self.k_linear_N_m2 + self.k_quadratic_N_m3 * delta)
+        return elastic_force(delta, self.k_linear_N_m2, self.k_quadratic_N_m3)
 
     def stiffness(self, penetration_m: ArrayLike) -> NDArray[np.float64]:
         """Derivative of :meth:`force` with respect to the penetration [N/m²]."""
         delta = np.asarray(penetration_m, dtype=float)
-        slope = self.k_linear_N_m2 + 2.0 * self.k_quadratic_N_m3 * delta
+        slope = elastic_stiffness(delta, self.k_linear_N_m2, self.k_quadratic_N_m3)
         return np.where(delta > 0.0, slope, 0.0)
 
     def penetration(self, force_N_m: ArrayLike) -> NDArray[np.float64]:
@@ -94,29 +145,5 @@ class NormalLaw:
         if np.any(f < 0):
             raise InputError(f"force_N_m = {float(np.min(f)):g}, must be >= 0: contact only pushes")
         k1, k2 = self.k_linear_N_m2, self.k_quadratic_N_m3
-        root = k1 + np.sqrt(k1 * k1 + 4.0 * k2 * f)
+        root = k1 + stiffness_under(f, k1, k2)
         return np.divide(2.0 * f, root, out=np.zeros_like(f), where=root > 0.0)
-
-
-def approaching(g_N_dot: ArrayLike) -> NDArray[np.float64]:
-    """Step function of Eq. (2): 1 while the bodies approach (g_N_dot <= 0), else 0."""
-    return np.where(np.asarray(g_N_dot, dtype=float) <= 0.0, 1.0, 0.0)
-
-
-def dissipative_force(g_N_dot: ArrayLike, C_P: float) -> NDArray[np.float64]:
-    """Dissipative part of the normal force, second term of Eq. (1) with Eqs. (2) and (4).
-
-    Parameters
-    ----------
-    g_N_dot : array_like
-        Rate of the gap [m/s], negative while approaching.
-    C_P : float
-        Damping of one contact point [N s/m].
-
-    Returns
-    -------
-    ndarray
-        Force that pushes the bodies apart [N], >= 0; zero while they separate.
-    """
-    rate = np.asarray(g_N_dot, dtype=float)
-    return approaching(rate) * C_P * -np.minimum(rate, 0.0)

@@ -1,15 +1,13 @@
-"""A friction surface as plain tables, and the scalar law that reads them.
+"""A friction surface as plain tables, and the functions that read them.
 
-Kernels that know no objects take the arrays of :class:`SurfaceTables`; the bodies of
-:func:`locate`, :func:`evaluate_cell` and :func:`evaluate_tables` are fit for compilation as they
-stand (indexing and ``math`` only).
+Kernels that know no objects take the arrays of :class:`SurfaceTables`; the bodies of :func:`locate`
+and :func:`evaluate_cell` are fit for compilation as they stand (indexing and ``math`` only).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +15,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SurfaceTables:
+class SurfaceTables(NamedTuple):
     """A friction surface as plain arrays, for kernels that know no objects.
 
     Attributes
@@ -60,11 +57,11 @@ def log_nodes(nodes: Array) -> tuple[Array, float]:
     """
     positive = nodes[nodes > 0.0]
     reference = float(positive[0]) if positive.size else math.inf
-    # math.log1p, as in evaluate_tables: a node must have the same coordinate in both, to the bit
+    # math.log1p, as in locate: a node must have the same coordinate in both, to the bit
     return np.array([math.log1p(node / reference) for node in nodes]), reference
 
 
-def locate(nodes: Any, reference: float, value: float) -> tuple[int, float, float, int]:
+def locate(nodes: Any, reference: float, value: float) -> tuple[int, float, float]:
     """Cell and local coordinate of a value on one axis of the tables.
 
     Parameters
@@ -84,73 +81,46 @@ def locate(nodes: Any, reference: float, value: float) -> tuple[int, float, floa
         Coordinate in the cell, in [0, 1].
     slope : float
         Derivative of the local coordinate with respect to the value; 0 outside.
-    outside : int
-        1 if the value was clamped to the nearest node, else 0.
     """
     last = len(nodes) - 1
-    if value < 0.0:
-        return 0, 0.0, 0.0, 1
-    if reference == math.inf:
-        return 0, 0.0, 0.0, 0
+    if value < 0.0 or last == 0:
+        return 0, 0.0, 0.0
     x = math.log1p(value / reference)
     if x < nodes[0]:
-        return 0, 0.0, 0.0, 1
+        return 0, 0.0, 0.0
     if x > nodes[last]:
-        if last == 0:
-            return 0, 0.0, 0.0, 1
-        return last - 1, 1.0, 0.0, 1
-    if last == 0:
-        return 0, 0.0, 0.0, 0
+        return last - 1, 1.0, 0.0
     cell = 0
     while cell < last - 1 and x >= nodes[cell + 1]:
         cell += 1
     width = nodes[cell + 1] - nodes[cell]
-    return cell, (x - nodes[cell]) / width, 1.0 / (width * (reference + value)), 0
+    return cell, (x - nodes[cell]) / width, 1.0 / (width * (reference + value))
 
 
-def evaluate_tables(
-    x_nodes: Any, y_nodes: Any, f_ref: float, v_ref: float, C: Any, f: float, v: float
-) -> tuple[float, float, float, int]:
-    """Friction coefficient and its derivatives at one point.
+def evaluate_cell(C: Any, i: Any, j: Any, s: Any, t: Any) -> tuple[Any, Any, Any]:
+    """Friction coefficient in a cell and its derivatives in the local coordinates.
 
     Parameters
     ----------
-    x_nodes, y_nodes, f_ref, v_ref, C
-        Fields of :class:`SurfaceTables`.
-    f : float
-        Normal force per length [N/m].
-    v : float
-        Sliding speed [m/s]; its sign does not matter for mu.
+    C : ndarray
+        Coefficients of all cells, see :class:`SurfaceTables`.
+    i, j : int or ndarray of int
+        Cell on the force and on the speed axis; arrays of one shape for many points at once.
+    s, t : float or ndarray
+        Local coordinates in the cell, in [0, 1].
 
     Returns
     -------
-    mu : float
-        Friction coefficient [-]; of the nearest measured point outside the range.
-    dmu_df : float
-        Derivative with respect to f [m/N], 0 where f is outside.
-    dmu_dv : float
-        Derivative with respect to v [s/m], 0 where v is outside; odd in v.
-    outside : int
-        0 within the measured range, 1 if f is outside, 2 if v is, 3 if both are.
+    mu, mu_s, mu_t : float or ndarray
+        Friction coefficient [-], its derivatives with respect to s and t.
     """
-    if f != f or v != v:
-        return math.nan, math.nan, math.nan, 3
-    i, s, ds_df, f_outside = locate(x_nodes, f_ref, f)
-    j, t, dt_dv, v_outside = locate(y_nodes, v_ref, abs(v))
-    mu, mu_s, mu_t = evaluate_cell(C, i, j, s, t)
-    if v < 0.0:
-        mu_t = -mu_t
-    return mu, mu_s * ds_df, mu_t * dt_dv, f_outside + 2 * v_outside
-
-
-def evaluate_cell(C: Any, i: int, j: int, s: float, t: float) -> tuple[float, float, float]:
-    """Friction coefficient in cell (i, j) and its derivatives in the local coordinates s and t."""
     mu = 0.0
     mu_s = 0.0
     mu_t = 0.0
     for a in range(3, -1, -1):  # Horner in s of the Horner sums in t
-        row = ((C[i, j, a, 3] * t + C[i, j, a, 2]) * t + C[i, j, a, 1]) * t + C[i, j, a, 0]
-        row_t = (3.0 * C[i, j, a, 3] * t + 2.0 * C[i, j, a, 2]) * t + C[i, j, a, 1]
+        c1, c2, c3 = C[i, j, a, 1], C[i, j, a, 2], C[i, j, a, 3]
+        row = ((c3 * t + c2) * t + c1) * t + C[i, j, a, 0]
+        row_t = (3.0 * c3 * t + 2.0 * c2) * t + c1
         mu_s = mu_s * s + mu
         mu = mu * s + row
         mu_t = mu_t * s + row_t

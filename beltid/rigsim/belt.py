@@ -14,6 +14,7 @@ from beltid.params import Belt
 from beltid.rigsim.ancf import GAUSS_POINTS, hermite, mass_matrix, section, strains
 from beltid.rigsim.banded import HALF
 from beltid.rigsim.compiled import kernel
+from beltid.rigsim.compiled_laws import section_force
 
 Array = NDArray[np.float64]
 
@@ -111,7 +112,10 @@ def add_internal(
     residual, residual_stretch : ndarray, shape (n,)
         Forces [N] and their derivative with respect to the stretch (added to).
     """
-    tau = belt.damping_time * rate
+    tau = belt.damping_time * rate  # the unit of time is the step
+    # in a step strain and strain rate grow together: the tangent is the law of a unit of both
+    EA = section_force(belt.EA, 1.0, 1.0, tau)
+    EI = section_force(belt.EI, 1.0, 1.0, tau)
     g = np.empty(4)
     g_stretch = np.empty(4)
     H = np.empty((4, 4))
@@ -127,10 +131,8 @@ def add_internal(
                 bx += N_ss[j] * q[d + 2 * j]
                 by += N_ss[j] * q[d + 2 * j + 1]
             eps, kappa = strains(ax, ay, bx, by, stretch)
-            N = belt.EA * (eps + tau * (eps - strain_old[e, i, 0]))
-            M = belt.EI * (kappa + tau * (kappa - strain_old[e, i, 1]))
-            EA = belt.EA * (1.0 + tau)
-            EI = belt.EI * (1.0 + tau)
+            N = section_force(belt.EA, eps, eps - strain_old[e, i, 0], tau)
+            M = section_force(belt.EI, kappa, kappa - strain_old[e, i, 1], tau)
             section(ax, ay, bx, by, (N, M), (EA, EI, stretch), g, H, g_stretch)
             w = belt.w_g[e, i]
             for j in range(4):

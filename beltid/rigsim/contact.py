@@ -27,23 +27,43 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.laws import surface_tables
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
+from beltid.laws.surface_tables import SurfaceTables
 from beltid.params import Contact
 from beltid.rigsim.belt import BeltArrays
 from beltid.rigsim.compiled import kernel, leaf
+from beltid.rigsim.compiled_laws import (
+    dissipative_force,
+    elastic_energy,
+    elastic_force,
+    elastic_stiffness,
+    integral_of_energy,
+)
 
 Array = NDArray[np.float64]
 
-STICK, SLIDE = 1, 2
+Frames = NDArray[Any]  # records of FRAME, shape (n_e, n_c)
 
-FRAME = 14  # numbers that describe a point while it is assembled, see press()
-FRICTION = 11  # the first of those that describe its friction, see sliding_friction()
+STICK, SLIDE = 1, 2
 
 
 class ContactArrays(NamedTuple):
-    """Pulley, normal law and friction surface, as compiled code wants them."""
+    """Pulley, normal law and friction surface, as compiled code wants them.
+
+    Attributes
+    ----------
+    R : float
+        Radius of the belt's centreline on the pulley [m].
+    k_linear, k_quadratic : float
+        Coefficients of Eq. (3) [N/m²], [N/m³].
+    C_P : float
+        Damping of one contact point, Eq. (4) [N s/m].
+    f_range, v_range : tuple of float
+        Measured range of the surface, line force [N/m] and sliding speed [m/s].
+    surface : SurfaceTables
+        Coefficient of friction over both.
+    """
 
     R: float
     k_linear: float
@@ -51,50 +71,34 @@ class ContactArrays(NamedTuple):
     C_P: float
     f_range: tuple[float, float]
     v_range: tuple[float, float]
-    x_nodes: Array
-    y_nodes: Array
-    f_ref: float
-    v_ref: float
-    C: Array
+    surface: SurfaceTables
 
 
 def contact_arrays(
     R: float, contact: Contact, law: NormalLaw, surface: FrictionSurface
 ) -> ContactArrays:
     """Pulley of radius ``R`` [m] with the identified laws, ready for compiled code."""
+    measured = surface.validity
     # float(): an int would make the kernels be compiled once more for another signature
     return ContactArrays(
         R=float(R),
         k_linear=float(law.k_linear_N_m2),
         k_quadratic=float(law.k_quadratic_N_m3),
         C_P=float(contact.C_P),
-        **_surface_fields(surface),
+        f_range=measured["normal_force_N_m"],
+        v_range=measured["slip_speed_m_s"],
+        surface=surface.tables(),
     )
 
 
 def with_surface(pulley: ContactArrays, surface: FrictionSurface) -> ContactArrays:
     """The same pulley with another friction surface."""
-    return pulley._replace(**_surface_fields(surface))
-
-
-def _surface_fields(surface: FrictionSurface) -> dict[str, Any]:
-    tables = surface.tables()
-    return {
-        "f_range": _limits(surface.normal_force_N_m),
-        "v_range": _limits(surface.slip_speed_m_s),
-        "x_nodes": tables.x_nodes,
-        "y_nodes": tables.y_nodes,
-        "f_ref": tables.f_ref,
-        "v_ref": tables.v_ref,
-        "C": tables.C,
-    }
-
-
-def _limits(nodes: Array) -> tuple[float, float]:
-    """Measured range of an axis; the single node 0 states that there is no dependence on it."""
-    if nodes.size == 1 and nodes[0] == 0.0:
-        return 0.0, math.inf
-    return float(nodes[0]), float(nodes[-1])
+    measured = surface.validity
+    return pulley._replace(
+        f_range=measured["normal_force_N_m"],
+        v_range=measured["slip_speed_m_s"],
+        surface=surface.tables(),
+    )
 
 
 class Motion(NamedTuple):
@@ -118,22 +122,25 @@ class Motion(NamedTuple):
     augmentation: float
 
 
-class Points(NamedTuple):
-    """State of the contact points, arrays of shape (n_e, n_c), and of the patches, (n_e,).
+class Patches(NamedTuple):
+    """The points of one element as one contact; arrays of shape (n_e,).
 
-    Patches: ``status`` and ``sign`` (direction of sliding) decide what acts; ``la_T`` is the
-    multiplier of a sticking patch [N]; ``ratio`` its limit of friction over the sliding one;
-    output ``slip`` of the step [m], tangential ``force`` and its ``limit`` [N], and ``pull``
-    (n_e, 8), the direction W_T in the coordinates of the element.
-
-    Points: ``theta_old``, ``rho_old`` and ``limit_old`` belong to the last step; output ``theta``
-    and ``rho`` (of points that touch), line force ``f_N`` of the part [N/m], normal and tangential
-    force ``F_N``, ``F_T`` and limit ``F_max`` [N], ``point_slip`` of the step [m]. mu is looked up
-    twice in a part: at the line forces ``f_look`` [N/m], each for the normal force ``F_look`` [N],
-    arrays (n_e, n_c, 2).
-
-    ``memory`` (1,) is the slip over which friction follows a change of speed [m], 0 for at once;
-    ``v_old`` (n_e, n_c) is the speed that it has followed up to the last step [m/s].
+    Attributes
+    ----------
+    status : ndarray of int
+        ``STICK`` or ``SLIDE``; with ``sign`` it decides what acts.
+    sign : ndarray
+        Direction of sliding, 1 along t or -1.
+    la_T : ndarray
+        Multiplier of a sticking patch [N].
+    ratio : ndarray
+        Limit of friction over the sliding one [-].
+    slip : ndarray
+        Slip of the step [m] (output, as all below).
+    force, limit : ndarray
+        Tangential force and its limit [N].
+    pull : ndarray, shape (n_e, 8)
+        Direction W_T in the coordinates of the element.
     """
 
     status: NDArray[np.int64]
@@ -144,20 +151,62 @@ class Points(NamedTuple):
     force: Array
     limit: Array
     pull: Array
-    theta_old: Array
-    rho_old: Array
-    limit_old: Array
+
+
+class LastStep(NamedTuple):
+    """What the contact points remember of the last time step; arrays of shape (n_e, n_c).
+
+    Attributes
+    ----------
+    theta, rho : ndarray
+        Polar coordinates, angle from the top [rad] and radius [m].
+    limit : ndarray
+        Limit of friction [N].
+    v : ndarray
+        Sliding speed that friction has followed so far [m/s].
+    memory : ndarray, shape (1,)
+        Slip over which friction follows a change of speed [m]; 0 for at once.
+    """
+
+    theta: Array
+    rho: Array
+    limit: Array
+    v: Array
+    memory: Array
+
+
+class Points(NamedTuple):
+    """State of the contact: patches, memory, and output of the points of shape (n_e, n_c).
+
+    Attributes
+    ----------
+    patches : Patches
+        The contacts that stick or slide.
+    last : LastStep
+        The last time step.
+    theta, rho : ndarray
+        Polar coordinates of the points that touch, angle from the top [rad] and radius [m].
+    f_N : ndarray
+        Elastic line force of the part [N/m].
+    F_N, F_T, F_max : ndarray
+        Normal force, tangential force and its limit [N].
+    slip : ndarray
+        Slip of the step [m].
+    f_look, F_look : ndarray, shape (n_e, n_c, 2)
+        Line forces at which mu is looked up [N/m], and the normal forces they stand for [N].
+    """
+
+    patches: Patches
+    last: LastStep
     theta: Array
     rho: Array
     f_N: Array
     F_N: Array
     F_T: Array
     F_max: Array
-    point_slip: Array
+    slip: Array
     f_look: Array
     F_look: Array
-    memory: Array
-    v_old: Array
 
 
 @kernel
@@ -165,33 +214,39 @@ def new_points(belt: BeltArrays, status: int) -> Points:
     """Contact points at rest, all patches with the given status, no forces."""
     n_e, n_c = belt.w_c.shape
     return Points(
-        np.full(n_e, status),
-        np.ones(n_e),
-        np.zeros(n_e),
-        np.ones(n_e),
-        np.zeros(n_e),
-        np.zeros(n_e),
-        np.zeros(n_e),
-        np.zeros((n_e, 8)),
-        np.zeros((n_e, n_c)),
-        np.zeros((n_e, n_c)),
-        np.zeros((n_e, n_c)),
-        np.zeros((n_e, n_c)),
-        np.zeros((n_e, n_c)),
-        np.zeros((n_e, n_c)),
-        np.zeros((n_e, n_c)),
-        np.zeros((n_e, n_c)),
-        np.zeros((n_e, n_c)),
-        np.zeros((n_e, n_c)),
-        np.zeros((n_e, n_c, 2)),
-        np.zeros((n_e, n_c, 2)),
-        np.zeros(1),
-        np.zeros((n_e, n_c)),
+        patches=Patches(
+            status=np.full(n_e, status),
+            sign=np.ones(n_e),
+            la_T=np.zeros(n_e),
+            ratio=np.ones(n_e),
+            slip=np.zeros(n_e),
+            force=np.zeros(n_e),
+            limit=np.zeros(n_e),
+            pull=np.zeros((n_e, 8)),
+        ),
+        last=LastStep(
+            theta=np.zeros((n_e, n_c)),
+            rho=np.zeros((n_e, n_c)),
+            limit=np.zeros((n_e, n_c)),
+            v=np.zeros((n_e, n_c)),
+            memory=np.zeros(1),
+        ),
+        theta=np.zeros((n_e, n_c)),
+        rho=np.zeros((n_e, n_c)),
+        f_N=np.zeros((n_e, n_c)),
+        F_N=np.zeros((n_e, n_c)),
+        F_T=np.zeros((n_e, n_c)),
+        F_max=np.zeros((n_e, n_c)),
+        slip=np.zeros((n_e, n_c)),
+        f_look=np.zeros((n_e, n_c, 2)),
+        F_look=np.zeros((n_e, n_c, 2)),
     )
 
 
-locate = leaf(surface_tables.locate)
-evaluate_cell = leaf(surface_tables.evaluate_cell)
+@leaf
+def at_radius(slip: float, rho: float, R: float) -> float:
+    """Slip [m], or slip rate [m/s], at rho as it is at the radius R, where mu is looked up."""
+    return slip * R / rho
 
 
 @leaf
@@ -200,63 +255,84 @@ def in_range(limits: tuple[float, float], value: float) -> bool:
     return limits[0] * (1.0 - 1e-9) <= value <= limits[1] * (1.0 + 1e-9)
 
 
-@leaf
-def part_energy(
-    delta: float, sigma: float, a: float, k1: float, k2: float
-) -> tuple[float, float, float, float, float]:
-    """First and second derivatives of the mean elastic energy of a part, per length.
+class PartEnergy(NamedTuple):
+    """Derivatives of the mean elastic energy of a part, per length.
 
-    The part has the half length ``a``; its penetration is ``delta + sigma x``. The energy per
-    length of Eq. (3) is ``k1 delta**2/2 + k2 delta**3/3`` where the belt touches.
-
-    Returns
-    -------
-    V_d, V_s, V_dd, V_ds, V_ss : float
-        Derivatives in delta and sigma: line force [N/m], couple [N], and their derivatives.
+    Attributes
+    ----------
+    force, couple : float
+        First derivatives in delta and sigma: line force [N/m] and couple [N].
+    K_dd, K_ds, K_ss : float
+        Second derivatives [N/m²], [N/m], [N].
     """
+
+    force: float
+    couple: float
+    K_dd: float
+    K_ds: float
+    K_ss: float
+
+
+@leaf
+def part_energy(delta: float, sigma: float, a: float, k1: float, k2: float) -> PartEnergy:
+    """Energy of Eq. (3) of a part of the half length ``a`` with the penetration delta + sigma x."""
     m = abs(sigma) * a
     if delta >= m:
-        k = k1 + 2.0 * k2 * delta
+        k = elastic_stiffness(delta, k1, k2)
         a2 = a * a / 3.0
-        f = delta * (k1 + k2 * delta) + k2 * a2 * sigma * sigma
-        return f, a2 * sigma * k, k, 2.0 * k2 * a2 * sigma, a2 * k
+        f = elastic_force(delta, k1, k2) + k2 * a2 * sigma * sigma
+        return PartEnergy(f, a2 * sigma * k, k, 2.0 * k2 * a2 * sigma, a2 * k)
     if delta <= -m:
-        return 0.0, 0.0, 0.0, 0.0, 0.0
+        return PartEnergy(0.0, 0.0, 0.0, 0.0, 0.0)
     top = delta + m  # only 0 ... top of the penetrations delta - m ... delta + m is in contact
     half = 0.5 / m
-    V = (k1 / 6.0 + k2 * top / 12.0) * top * top * top * half
-    V_d = (k1 / 2.0 + k2 * top / 3.0) * top * top * half
-    V_dd = (k1 + k2 * top) * top * half
+    V = integral_of_energy(top, k1, k2) * half
+    V_d = elastic_energy(top, k1, k2) * half
+    V_dd = elastic_force(top, k1, k2) * half
     V_s = V_d - V / m
     V_ds = V_dd - V_d / m
     V_ss = V_dd - 2.0 * V_s / m
     a_s = math.copysign(a, sigma)
-    return V_d, a_s * V_s, V_dd, a_s * V_ds, a * a * V_ss
+    return PartEnergy(V_d, a_s * V_s, V_dd, a_s * V_ds, a * a * V_ss)
+
+
+class Touching(NamedTuple):
+    """What of a part touches, and with which penetrations; derivatives in delta and sigma.
+
+    Attributes
+    ----------
+    share, share_d, share_s : float
+        Share of the part that touches [-].
+    middle, middle_d, middle_s : float
+        Penetration in the middle of what touches [m].
+    half, half_d, half_s : float
+        Half the difference of the penetrations at its ends [m].
+    """
+
+    share: float
+    share_d: float
+    share_s: float
+    middle: float
+    middle_d: float
+    middle_s: float
+    half: float
+    half_d: float
+    half_s: float
 
 
 @leaf
-def touching_share(
-    delta: float, sigma: float, a: float
-) -> tuple[float, float, float, float, float, float, float, float, float]:
-    """What of a part touches, and with which penetrations.
-
-    Returns
-    -------
-    share, share_d, share_s : float
-        Share of the part that touches [-] and its derivatives in delta and sigma.
-    middle, middle_d, middle_s : float
-        Penetration in the middle of what touches [m] and its derivatives.
-    half, half_d, half_s : float
-        Half the difference of the penetrations at its ends [m] and its derivatives.
-    """
+def touching_share(delta: float, sigma: float, a: float) -> Touching:
+    """What touches of a part of the half length ``a`` with the penetration delta + sigma x."""
     m = abs(sigma) * a
     a_s = math.copysign(a, sigma)
     if delta >= m:
-        return 1.0, 0.0, 0.0, delta, 1.0, 0.0, m, 0.0, a_s
+        return Touching(1.0, 0.0, 0.0, delta, 1.0, 0.0, m, 0.0, a_s)
     top = delta + m
     share = 0.5 * top / m
     half = 0.5 * top
-    return share, 0.5 / m, a_s * (0.5 - share) / m, half, 0.5, 0.5 * a_s, half, 0.5, 0.5 * a_s
+    return Touching(
+        share, 0.5 / m, a_s * (0.5 - share) / m, half, 0.5, 0.5 * a_s, half, 0.5, 0.5 * a_s
+    )
 
 
 @kernel
@@ -268,8 +344,8 @@ def remember(belt: BeltArrays, points: Points, q: Array) -> None:
             for j in range(4):
                 x += belt.N_c[e, c, j] * q[4 * e + 2 * j]
                 y += belt.N_c[e, c, j] * q[4 * e + 2 * j + 1]
-            points.theta_old[e, c] = math.atan2(x, y)
-            points.rho_old[e, c] = math.sqrt(x * x + y * y)
+            points.last.theta[e, c] = math.atan2(x, y)
+            points.last.rho[e, c] = math.sqrt(x * x + y * y)
 
 
 @leaf
@@ -282,29 +358,47 @@ def within_reach(q: Array, e: int, h: float, R: float) -> bool:
     return min(from_here, from_there) < reach * reach
 
 
+FRAME = np.dtype(
+    (
+        np.record,
+        [
+            (name, np.float64)
+            for name in (
+                *("n_x", "n_y"),  # normal, from pulley to belt; t = (n_y, -n_x)
+                *("kappa", "sigma"),  # t.r'/rho [1/m] and -n.r' [-]
+                "length",  # stress-free length of the part [m]
+                "couple",  # of the part's energy, in sigma [N m]
+                *("K_dd", "K_ds", "K_ss"),  # second derivatives of that energy
+                *("damp_d", "damp_s"),  # dissipation in the derivatives of F_N in delta, sigma
+                *("T_d", "T_s", "T_slip"),  # derivatives of the tangential force, and in the slip
+            )
+        ],
+    )
+)
+"""What describes a point that touches while it is assembled."""
+
+
 @leaf
 def press(
     belt: BeltArrays,
     pulley: ContactArrays,
     motion: Motion,
     points: Points,
-    frames: Array,
+    frames: Frames,
     q: Array,
     stretch: float,
 ) -> None:
     """Normal forces of all points, Eq. (1), and the frames of those that touch.
 
-    ``frames`` (n_e, n_c, FRAME) receives n_x, n_y, kappa = t.r'/rho, sigma; couple P and second
-    derivatives K_dd, K_ds, K_ss of the part's energy; what the dissipation adds to the derivatives
-    of F_N in delta and sigma; and the stress-free length of the part.
+    The fields of ``frames`` that belong to friction are left to :func:`sliding_friction`.
     """
-    R = pulley.R
+    R, rho_last = pulley.R, points.last.rho
     n_c = belt.w_c.shape[1]
     for e in range(belt.h.size):
         reached = within_reach(q, e, belt.h[e], R)
         for c in range(n_c):
             points.F_look[e, c, 0] = points.F_look[e, c, 1] = 0.0
-            points.F_T[e, c] = points.F_max[e, c] = points.point_slip[e, c] = 0.0
+            points.F_T[e, c] = points.F_max[e, c] = points.slip[e, c] = 0.0
             points.f_N[e, c] = points.F_N[e, c] = 0.0
             if not reached:
                 continue
@@ -320,26 +414,23 @@ def press(
             nx, ny = x * inverse, y * inverse
             sigma = -(nx * sx + ny * sy)
             a, delta = 0.5 * belt.w_c[e, c], R - rho
-            V_d, V_s, V_dd, V_ds, V_ss = part_energy(
-                delta, sigma, a, pulley.k_linear, pulley.k_quadratic
-            )
+            energy = part_energy(delta, sigma, a, pulley.k_linear, pulley.k_quadratic)
             points.rho[e, c] = rho
-            if V_d == 0.0:
+            if energy.force == 0.0:
                 continue
             points.theta[e, c] = math.atan2(x, y)
             w = belt.w_c[e, c] * stretch
-            F_N, more_d, more_s = w * V_d, 0.0, 0.0
-            approach = (points.rho_old[e, c] - rho) * motion.rate
-            if approach > 0.0:
+            frame = frames[e, c]
+            frame.n_x, frame.n_y = nx, ny
+            frame.kappa, frame.sigma = (ny * sx - nx * sy) * inverse, sigma
+            frame.length, frame.couple = w, w * energy.couple
+            frame.K_dd, frame.K_ds, frame.K_ss = w * energy.K_dd, w * energy.K_ds, w * energy.K_ss
+            F_N = w * energy.force
+            g_N_dot = (rho - rho_last[e, c]) * motion.rate
+            if g_N_dot < 0.0:
                 # of a part that touches in part only that share dissipates, else the force jumps
-                touching = touching_share(delta, sigma, a)
-                C_P, share, share_d, share_s = pulley.C_P, touching[0], touching[1], touching[2]
-                F_N += share * C_P * approach
-                more_d = C_P * (share * motion.rate + share_d * approach)
-                more_s = C_P * share_s * approach
-            points.f_N[e, c], points.F_N[e, c] = V_d, F_N
-            frames[e, c, 0], frames[e, c, 1] = nx, ny
-            frames[e, c, 2], frames[e, c, 3] = (ny * sx - nx * sy) * inverse, sigma
-            frames[e, c, 4], frames[e, c, 5] = w * V_s, w * V_dd
-            frames[e, c, 6], frames[e, c, 7] = w * V_ds, w * V_ss
-            frames[e, c, 8], frames[e, c, 9], frames[e, c, 10] = more_d, more_s, w
+                part, C_P = touching_share(delta, sigma, a), pulley.C_P
+                F_N += dissipative_force(g_N_dot, part.share * C_P)
+                frame.damp_d = C_P * (part.share * motion.rate - part.share_d * g_N_dot)
+                frame.damp_s = -C_P * part.share_s * g_N_dot
+            points.f_N[e, c], points.F_N[e, c] = energy.force, F_N

@@ -9,6 +9,7 @@ step.
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,16 +17,22 @@ from numpy.typing import NDArray
 from beltid.rigsim.banded import HALF
 from beltid.rigsim.belt import BeltArrays
 from beltid.rigsim.compiled import kernel, leaf
+from beltid.rigsim.compiled_laws import (
+    elastic_force,
+    elastic_stiffness,
+    evaluate_cell,
+    locate,
+    sliding_speed,
+)
 from beltid.rigsim.contact import (
     FRAME,
-    FRICTION,
     STICK,
     ContactArrays,
+    Frames,
     Motion,
     Points,
-    evaluate_cell,
+    at_radius,
     in_range,
-    locate,
     press,
     touching_share,
 )
@@ -37,53 +44,56 @@ GAUSS = 1.0 / math.sqrt(3.0)
 
 @leaf
 def sliding_friction(
-    belt: BeltArrays, pulley: ContactArrays, motion: Motion, points: Points, frames: Array
+    belt: BeltArrays, pulley: ContactArrays, motion: Motion, points: Points, frames: Frames
 ) -> int:
     """Friction limits of all points: mu(f_N, v) f_N integrated over what touches of each part.
 
     The line force varies over a part, strongly where the contact ends, and mu with it: two Gauss
-    points. Reads the normal forces and their derivatives; writes ``F_max``, ``point_slip`` and the
+    points. Reads the normal forces and their derivatives; writes ``F_max``, ``slip`` and the
     look-ups, and the derivatives of the limit in delta [N/m], sigma [N] and slip [N/m] into
     ``frames``. Friction with a memory takes the speed that it has followed so far. Returns the
     number of points with a look-up outside the measured range.
     """
     R, k1, k2, rate = pulley.R, pulley.k_linear, pulley.k_quadratic, motion.rate
-    follows = rate > 0.0 and points.memory[0] > 0.0
+    surface, last, ratio = pulley.surface, points.last, points.patches.ratio
+    follows = rate > 0.0 and last.memory[0] > 0.0
     outside = 0
-    slip = v = motion.omega * R
-    j, t, dt_dv, _ = locate(pulley.y_nodes, pulley.v_ref, v)
+    slip = v = sliding_speed(motion.omega, R)
+    j, t, dt_dv = locate(surface.y_nodes, surface.v_ref, v)
     for e in range(belt.h.size):
-        factor = motion.friction * points.ratio[e]
+        factor = motion.friction * ratio[e]
         for c in range(belt.w_c.shape[1]):
             if points.f_N[e, c] == 0.0:
                 continue
             rho = points.rho[e, c]
             if rate > 0.0:
-                slip = rho * (motion.omega / rate - points.theta[e, c] + points.theta_old[e, c])
-                v = points.v_old[e, c] if follows else abs(slip) * R / rho * rate
-                j, t, dt_dv, _ = locate(pulley.y_nodes, pulley.v_ref, v)
-            points.point_slip[e, c] = slip
-            share, share_d, share_s, middle, middle_d, middle_s, half, half_d, half_s = (
-                touching_share(R - rho, frames[e, c, 3], 0.5 * belt.w_c[e, c])
-            )
+                slip = rho * (motion.omega / rate - points.theta[e, c] + last.theta[e, c])
+                v = last.v[e, c] if follows else at_radius(abs(slip), rho, R) * rate
+                j, t, dt_dv = locate(surface.y_nodes, surface.v_ref, v)
+            points.slip[e, c] = slip
+            frame = frames[e, c]
+            part = touching_share(R - rho, frame.sigma, 0.5 * belt.w_c[e, c])
+            share = part.share
             elastic = limit = T_d = T_s = T_v = 0.0
             within = in_range(pulley.v_range, v)
-            w = 0.5 * frames[e, c, 10]
+            w = 0.5 * frame.length
             for i in range(2):
                 at = GAUSS if i == 1 else -GAUSS
-                delta = middle + at * half
-                f = delta * (k1 + k2 * delta)
-                cell, s, ds_df, _ = locate(pulley.x_nodes, pulley.f_ref, f)
-                mu, mu_s, mu_t = evaluate_cell(pulley.C, cell, j, s, t)
+                delta = part.middle + at * part.half
+                delta_d = part.middle_d + at * part.half_d
+                delta_s = part.middle_s + at * part.half_s
+                f = elastic_force(delta, k1, k2)
+                cell, s, ds_df = locate(surface.x_nodes, surface.f_ref, f)
+                mu, mu_s, mu_t = evaluate_cell(surface.C, cell, j, s, t)
                 within = within and in_range(pulley.f_range, f)
                 points.f_look[e, c, i] = f
                 points.F_look[e, c, i] = w * share * f
                 elastic += w * share * f
                 limit += w * share * mu * f
                 T_v += w * share * mu_t * dt_dv * f
-                slope = (mu + mu_s * ds_df * f) * (k1 + 2.0 * k2 * delta)
-                T_d += w * (share_d * mu * f + share * slope * (middle_d + at * half_d))
-                T_s += w * (share_s * mu * f + share * slope * (middle_s + at * half_s))
+                slope = (mu + mu_s * ds_df * f) * elastic_stiffness(delta, k1, k2)
+                T_d += w * (part.share_d * mu * f + share * slope * delta_d)
+                T_s += w * (part.share_s * mu * f + share * slope * delta_s)
             outside += 0 if within else 1
             # the dissipative part of the normal force rubs with the mean coefficient
             inverse = 1.0 / elastic
@@ -91,12 +101,12 @@ def sliding_friction(
             points.F_look[e, c, 0] *= more
             points.F_look[e, c, 1] *= more
             points.F_max[e, c] = factor * mean * points.F_N[e, c]
-            more_d = mean * (frames[e, c, 5] + frames[e, c, 8] - more * frames[e, c, 5])
-            more_s = mean * (frames[e, c, 6] + frames[e, c, 9] - more * frames[e, c, 6])
-            frames[e, c, FRICTION] = factor * (more * T_d + more_d)
-            frames[e, c, FRICTION + 1] = factor * (more * T_s + more_s)
+            more_d = mean * (frame.K_dd + frame.damp_d - more * frame.K_dd)
+            more_s = mean * (frame.K_ds + frame.damp_s - more * frame.K_ds)
+            frame.T_d = factor * (more * T_d + more_d)
+            frame.T_s = factor * (more * T_s + more_s)
             by_slip = 0.0 if follows else math.copysign(rate * R / rho, slip)
-            frames[e, c, FRICTION + 2] = factor * more * T_v * by_slip
+            frame.T_slip = factor * more * T_v * by_slip
     return outside
 
 
@@ -119,10 +129,10 @@ def add_contact(
     multiplier plus ``augmentation * slip``, which vanishes as the iteration converges.
     """
     outside = 0
-    frames = np.zeros((belt.h.size, belt.w_c.shape[1], FRAME))
-    points.limit[:] = 0.0
-    points.force[:] = 0.0
-    points.slip[:] = 0.0
+    frames = np.zeros(belt.w_c.shape, dtype=FRAME)
+    points.patches.limit[:] = 0.0
+    points.patches.force[:] = 0.0
+    points.patches.slip[:] = 0.0
     press(belt, pulley, motion, points, frames, q, stretch)
     if motion.friction > 0.0:
         outside = sliding_friction(belt, pulley, motion, points, frames)
@@ -133,59 +143,62 @@ def add_contact(
 
 @leaf
 def spread_friction(
-    belt: BeltArrays, motion: Motion, points: Points, frames: Array, A: Array
+    belt: BeltArrays, motion: Motion, points: Points, frames: Frames, A: Array
 ) -> None:
     """Tangential forces of all patches by status; adds the tangent that couples their points.
 
     In ``frames`` the friction derivatives of the points become those of the forces.
     """
     n_c = belt.w_c.shape[1]
+    patches, last = points.patches, points.last
     for e in range(belt.h.size):
-        limit = limit_old = 0.0
+        limit = limit_last = 0.0
         for c in range(n_c):
             limit += points.F_max[e, c]
             if points.F_max[e, c] > 0.0:
-                limit_old += points.limit_old[e, c]
-        points.limit[e] = limit
+                limit_last += last.limit[e, c]
+        patches.limit[e] = limit
         if limit == 0.0:
             continue
         # the spread is that of the last step: as a constant it makes the tangent exact
-        spread = points.limit_old if limit_old > 0.0 else points.F_max
-        share = 1.0 / (limit_old if limit_old > 0.0 else limit)
+        spread = last.limit if limit_last > 0.0 else points.F_max
+        share = 1.0 / (limit_last if limit_last > 0.0 else limit)
         slip = 0.0
         for j in range(8):
-            points.pull[e, j] = 0.0
+            patches.pull[e, j] = 0.0
         for c in range(n_c):
             if points.F_max[e, c] == 0.0:
                 continue
             weight = share * spread[e, c]
-            slip += weight * points.point_slip[e, c]
+            slip += weight * points.slip[e, c]
             for j in range(4):
                 along = weight * belt.N_c[e, c, j]
-                points.pull[e, 2 * j] += along * frames[e, c, 1]
-                points.pull[e, 2 * j + 1] -= along * frames[e, c, 0]
-        points.slip[e] = slip
-        sign, sticks = points.sign[e], points.status[e] == STICK
-        force = points.la_T[e] + motion.augmentation * slip if sticks else sign * limit
-        points.force[e] = force
+                patches.pull[e, 2 * j] += along * frames[e, c].n_y
+                patches.pull[e, 2 * j + 1] -= along * frames[e, c].n_x
+        patches.slip[e] = slip
+        sign, sticks = patches.sign[e], patches.status[e] == STICK
+        force = patches.la_T[e] + motion.augmentation * slip if sticks else sign * limit
+        patches.force[e] = force
         for c in range(n_c):
             points.F_T[e, c] = sign * points.F_max[e, c]
             if sticks and points.F_max[e, c] > 0.0:
                 points.F_T[e, c] = share * spread[e, c] * force
-            for i in range(FRICTION, FRAME):
-                frames[e, c, i] *= 0.0 if sticks else sign
+            frame, factor = frames[e, c], 0.0 if sticks else sign
+            frame.T_d *= factor
+            frame.T_s *= factor
+            frame.T_slip *= factor
         if sticks:
             for j in range(8):
-                stiff = motion.augmentation * points.pull[e, j]
+                stiff = motion.augmentation * patches.pull[e, j]
                 for k in range(8):
-                    A[4 * e + j, HALF + k - j] += stiff * points.pull[e, k]
+                    A[4 * e + j, HALF + k - j] += stiff * patches.pull[e, k]
 
 
 @leaf
 def add_points(
     belt: BeltArrays,
     points: Points,
-    frames: Array,
+    frames: Frames,
     stretch: float,
     A: Array,
     residual: Array,
@@ -200,106 +213,104 @@ def add_points(
         for c in range(belt.w_c.shape[1]):
             if points.f_N[e, c] == 0.0:
                 continue
-            nx, ny, kappa = frames[e, c, 0], frames[e, c, 1], frames[e, c, 2]
-            P, F_N, F_T = frames[e, c, 4], points.F_N[e, c], points.F_T[e, c]
-            g_t = P * kappa + F_T
-            g0, g1 = F_N * nx + g_t * ny, F_N * ny - g_t * nx
+            frame, F_N, F_T = frames[e, c], points.F_N[e, c], points.F_T[e, c]
+            nx, ny, P = frame.n_x, frame.n_y, frame.couple
+            g_t = P * frame.kappa + F_T
+            g_x, g_y = F_N * nx + g_t * ny, F_N * ny - g_t * nx
             # a force that only holds a patch in place is too large at first: turn no more than
             # the limit
             turning = min(max(F_T, -points.F_max[e, c]), points.F_max[e, c])
-            h = point_tangent(
-                (nx, ny, kappa, frames[e, c, 3]),
-                (P, F_N, turning, 1.0 / points.rho[e, c]),
-                (frames[e, c, 5], frames[e, c, 6], frames[e, c, 7]),
-                (frames[e, c, 8], frames[e, c, 9]),
-                (frames[e, c, 11], frames[e, c, 12], frames[e, c, 13]),
-            )
+            K = point_tangent(frame, F_N, turning, 1.0 / points.rho[e, c])
             for j in range(4):
                 row = 4 * e + 2 * j
                 N, D = belt.N_c[e, c, j], belt.D_c[e, c, j]
-                fx, fy = N * g0 + D * P * nx, N * g1 + D * P * ny
+                fx, fy = N * g_x + D * P * nx, N * g_y + D * P * ny
                 residual[row] -= fx
                 residual[row + 1] -= fy
                 residual_stretch[row] -= fx * shorter
                 residual_stretch[row + 1] -= fy * shorter
-                a00, a01, a02, a03 = (
-                    N * h[0] + D * h[8],
-                    N * h[1] + D * h[9],
-                    N * h[2] + D * h[12],
-                    N * h[3] + D * h[13],
-                )
-                a10, a11, a12, a13 = (
-                    N * h[4] + D * h[10],
-                    N * h[5] + D * h[11],
-                    N * h[6] + D * h[13],
-                    N * h[7] + D * h[14],
-                )
+                r_xx, r_xy = N * K.r_r_xx + D * K.s_r_xx, N * K.r_r_xy + D * K.s_r_xy
+                r_yx, r_yy = N * K.r_r_yx + D * K.s_r_yx, N * K.r_r_yy + D * K.s_r_yy
+                s_xx, s_xy = N * K.r_s_xx + D * K.s_s_xx, N * K.r_s_xy + D * K.s_s_xy
+                s_yx, s_yy = N * K.r_s_yx + D * K.s_s_xy, N * K.r_s_yy + D * K.s_s_yy
                 for k in range(4):
                     col = HALF + 2 * (k - j)
                     N_k, D_k = belt.N_c[e, c, k], belt.D_c[e, c, k]
-                    A[row, col] += a00 * N_k + a02 * D_k
-                    A[row, col + 1] += a01 * N_k + a03 * D_k
-                    A[row + 1, col - 1] += a10 * N_k + a12 * D_k
-                    A[row + 1, col] += a11 * N_k + a13 * D_k
+                    A[row, col] += r_xx * N_k + s_xx * D_k
+                    A[row, col + 1] += r_xy * N_k + s_xy * D_k
+                    A[row + 1, col - 1] += r_yx * N_k + s_yx * D_k
+                    A[row + 1, col] += r_yy * N_k + s_yy * D_k
+
+
+class PointTangent(NamedTuple):
+    """Minus the derivative of a point's force on (r, r') in (r, r').
+
+    The names tell force, coordinate and their components: ``r_s_xy`` belongs to the force on r_x
+    and the coordinate r'_y. The block of r' and r' is symmetric.
+    """
+
+    r_r_xx: float
+    r_r_xy: float
+    r_r_yx: float
+    r_r_yy: float
+    r_s_xx: float
+    r_s_xy: float
+    r_s_yx: float
+    r_s_yy: float
+    s_r_xx: float
+    s_r_xy: float
+    s_r_yx: float
+    s_r_yy: float
+    s_s_xx: float
+    s_s_xy: float
+    s_s_yy: float
 
 
 @leaf
-def point_tangent(
-    frame: tuple[float, float, float, float],
-    forces: tuple[float, float, float, float],
-    normal: tuple[float, float, float],
-    dissipative: tuple[float, float],
-    friction: tuple[float, float, float],
-) -> tuple[float, ...]:
-    """Minus the derivative of a point's force on (r, r') in (r, r').
+def point_tangent(frame: Any, F_N: float, turning: float, curvature: float) -> PointTangent:
+    """Tangent of a point that touches.
 
     Parameters
     ----------
-    frame : tuple
-        n_x, n_y, kappa = t.r'/rho [1/m], sigma [-].
-    forces : tuple
-        Couple P [N], normal force [N], tangential force that turns with the normal [N], 1/rho.
-    normal, dissipative, friction : tuple
-        K_dd, K_ds, K_ss; what the dissipation adds to K_dd and K_ds; derivatives of the tangential
-        force in delta, sigma and slip.
-
-    Returns
-    -------
-    tuple
-        Blocks r r (0, 1, 4, 5), r r' (2, 3, 6, 7), r' r (8 ... 11, row by row) and of the symmetric
-        r' r' the entries xx, xy, yy (12 ... 14).
+    frame : record of FRAME
+        Normal, energy and friction of the point.
+    F_N : float
+        Normal force [N].
+    turning : float
+        Tangential force that turns with the normal [N].
+    curvature : float
+        1/rho [1/m].
     """
-    nx, ny, kappa, sigma = frame
-    P, F_N, turning, curvature = forces
-    K_dd, K_ds, K_ss = normal
-    T_d, T_s, T_slip = friction
-    F_d, F_s = K_dd + dissipative[0], K_ds + dissipative[1]
+    nx, ny, kappa = frame.n_x, frame.n_y, frame.kappa
+    P, K_ds, K_ss = frame.couple, frame.K_ds, frame.K_ss
+    F_d, F_s = frame.K_dd + frame.damp_d, K_ds + frame.damp_s
     tx, ty = ny, -nx
     turn = P * curvature
     # in the frame (n, t): r n, r t, r' n, r' t
     k_nt = F_s * kappa + (P * kappa + turning) * curvature
-    k_tn = K_ds * kappa + turn * kappa + T_d
-    k_tt = (K_ss * kappa + T_s) * kappa - F_N * curvature - turn * sigma * curvature + T_slip
-    k_ts = K_ss * kappa + T_s
+    k_tn = K_ds * kappa + turn * kappa + frame.T_d
+    k_tt = (K_ss * kappa + frame.T_s) * kappa - F_N * curvature
+    k_tt = k_tt - turn * frame.sigma * curvature + frame.T_slip
+    k_ts = K_ss * kappa + frame.T_s
     k_st = K_ss * kappa
     n_x, n_y = F_d * nx + k_nt * tx, F_d * ny + k_nt * ty
     t_x, t_y = k_tn * nx + k_tt * tx, k_tn * ny + k_tt * ty
     s_x, s_y = nx * F_s + tx * k_ts, ny * F_s + ty * k_ts
     g_x, g_y = K_ds * nx + k_st * tx, K_ds * ny + k_st * ty
-    return (
-        nx * n_x + tx * t_x,
-        nx * n_y + tx * t_y,
-        s_x * nx - turn * tx * tx,
-        s_x * ny - turn * tx * ty,
-        ny * n_x + ty * t_x,
-        ny * n_y + ty * t_y,
-        s_y * nx - turn * ty * tx,
-        s_y * ny - turn * ty * ty,
-        nx * g_x - turn * tx * tx,
-        nx * g_y - turn * tx * ty,
-        ny * g_x - turn * ty * tx,
-        ny * g_y - turn * ty * ty,
-        K_ss * nx * nx,
-        K_ss * nx * ny,
-        K_ss * ny * ny,
+    return PointTangent(
+        r_r_xx=nx * n_x + tx * t_x,
+        r_r_xy=nx * n_y + tx * t_y,
+        r_r_yx=ny * n_x + ty * t_x,
+        r_r_yy=ny * n_y + ty * t_y,
+        r_s_xx=s_x * nx - turn * tx * tx,
+        r_s_xy=s_x * ny - turn * tx * ty,
+        r_s_yx=s_y * nx - turn * ty * tx,
+        r_s_yy=s_y * ny - turn * ty * ty,
+        s_r_xx=nx * g_x - turn * tx * tx,
+        s_r_xy=nx * g_y - turn * tx * ty,
+        s_r_yx=ny * g_x - turn * ty * tx,
+        s_r_yy=ny * g_y - turn * ty * ty,
+        s_s_xx=K_ss * nx * nx,
+        s_s_xy=K_ss * nx * ny,
+        s_s_yy=K_ss * ny * ny,
     )

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from beltid.rigsim.belt import BeltArrays
 from beltid.rigsim.compiled import kernel, leaf
-from beltid.rigsim.contact import SLIDE, STICK, Motion, Points
+from beltid.rigsim.contact import SLIDE, STICK, Motion, Patches, Points
 
 Array = NDArray[np.float64]
 
@@ -49,27 +49,28 @@ class Certificate(NamedTuple):
 @kernel
 def violations(belt: BeltArrays, points: Points) -> Certificate:
     """Certificate of the contact state of :func:`beltid.rigsim.contact.add_contact`."""
+    patches = points.patches
     slip = cone = limit = sticking = touching = 0.0
-    for e in range(points.status.size):
-        if points.limit[e] <= 0.0:
+    for e in range(patches.status.size):
+        if patches.limit[e] <= 0.0:
             continue
         length = 0.0
         for c in range(belt.w_c.shape[1]):
             if points.F_N[e, c] > 0.0:
                 length += belt.w_c[e, c]
         touching += length
-        limit = max(limit, points.limit[e])
-        if points.status[e] == STICK:
+        limit = max(limit, patches.limit[e])
+        if patches.status[e] == STICK:
             sticking += length
-            slip = max(slip, abs(points.slip[e]))
-            cone = max(cone, abs(points.force[e]) - points.limit[e])
+            slip = max(slip, abs(patches.slip[e]))
+            cone = max(cone, abs(patches.force[e]) - patches.limit[e])
         else:
-            slip = max(slip, -points.sign[e] * points.slip[e])
+            slip = max(slip, -patches.sign[e] * patches.slip[e])
     return Certificate(slip, cone / limit if limit > 0.0 else 0.0, sticking, touching)
 
 
 @kernel
-def revise(motion: Motion, points: Points, step: Array, most_changes: int) -> int:
+def revise(motion: Motion, patches: Patches, step: Array, most_changes: int) -> int:
     """Update multipliers and statuses with the solution ``step`` (n,) of the linearised system.
 
     Patches that break the law change sides, and with them what a slip front would sweep by Newton's
@@ -82,29 +83,29 @@ def revise(motion: Motion, points: Points, step: Array, most_changes: int) -> in
     int
         Patches that changed between stick and slide.
     """
-    n_e = points.status.size
+    n_e = patches.status.size
     backward = np.zeros(n_e, dtype=np.bool_)
     beyond = np.zeros(n_e, dtype=np.bool_)
     broken = 0
     for e in range(n_e):
-        if points.limit[e] <= 0.0:
+        if patches.limit[e] <= 0.0:
             # a patch that closes is dragged by the pulley until it is seen to stick: held at once
             # with a slip that is not yet small, it would be torn off again
-            points.status[e] = SLIDE if motion.omega > 0.0 else STICK
-            points.sign[e] = 1.0
-            points.la_T[e] = 0.0
+            patches.status[e] = SLIDE if motion.omega > 0.0 else STICK
+            patches.sign[e] = 1.0
+            patches.la_T[e] = 0.0
             continue
         moved = 0.0  # advance of the patch along t
         for j in range(8):
-            moved += points.pull[e, j] * step[4 * e + j]
-        if points.status[e] == STICK:
-            la_T = points.force[e] - motion.augmentation * moved
-            edge = points.limit[e] * (1.0 + 0.1 * CONE_TOLERANCE)
+            moved += patches.pull[e, j] * step[4 * e + j]
+        if patches.status[e] == STICK:
+            la_T = patches.force[e] - motion.augmentation * moved
+            edge = patches.limit[e] * (1.0 + 0.1 * CONE_TOLERANCE)
             beyond[e] = broken < most_changes and abs(la_T) > edge
-            points.la_T[e] = la_T
+            patches.la_T[e] = la_T
             broken += beyond[e]
         elif broken < most_changes:
-            backward[e] = points.sign[e] * (points.slip[e] - moved) < -0.1 * SLIP_TOLERANCE
+            backward[e] = patches.sign[e] * (patches.slip[e] - moved) < -0.1 * SLIP_TOLERANCE
             broken += backward[e]
     free = most_changes == n_e
     changes = e = 0
@@ -113,23 +114,23 @@ def revise(motion: Motion, points: Points, step: Array, most_changes: int) -> in
         if beyond[e]:
             while end < n_e and beyond[end]:
                 end += 1
-            changes += let_go(points, e, end, free)
+            changes += let_go(patches, e, end, free)
         elif backward[e]:
             while end < n_e and backward[end]:
                 end += 1
-            changes += catch(points, e, end, free)
+            changes += catch(patches, e, end, free)
         e = end
     return changes
 
 
 @leaf
-def sticks(points: Points, e: int) -> bool:
+def sticks(patches: Patches, e: int) -> bool:
     """Whether there is a patch ``e``, it touches and sticks."""
-    return 0 <= e < points.status.size and points.limit[e] > 0.0 and points.status[e] == STICK
+    return 0 <= e < patches.status.size and patches.limit[e] > 0.0 and patches.status[e] == STICK
 
 
 @leaf
-def let_go(points: Points, begin: int, end: int, ahead: bool) -> int:
+def let_go(patches: Patches, begin: int, end: int, ahead: bool) -> int:
     """Make the patches ``begin`` to ``end`` slide and, with ``ahead``, those beyond that follow.
 
     A front that has to advance shows as a force on the first patches behind it. What these cannot
@@ -138,15 +139,15 @@ def let_go(points: Points, begin: int, end: int, ahead: bool) -> int:
     force is ``g (L_1**2 - L**2)/(2 L)`` if the front belongs at ``L_1``: the patches swept are
     Newton's step for ``L**2 = L_1**2``, however fine the mesh.
     """
-    left, right = sticks(points, begin - 1), sticks(points, end)
+    left, right = sticks(patches, begin - 1), sticks(patches, end)
     carried = 0.0
     for e in range(begin, end):
-        carried += points.la_T[e]
+        carried += patches.la_T[e]
     sign = math.copysign(1.0, carried)
     for e in range(begin, end):
-        points.status[e] = SLIDE
-        points.sign[e] = sign if ahead else math.copysign(1.0, points.la_T[e])
-        carried -= sign * points.limit[e]
+        patches.status[e] = SLIDE
+        patches.sign[e] = sign if ahead else math.copysign(1.0, patches.la_T[e])
+        carried -= sign * patches.limit[e]
     changes = end - begin
     if not ahead:
         return changes
@@ -155,26 +156,26 @@ def let_go(points: Points, begin: int, end: int, ahead: bool) -> int:
     for direction in (-1, 1):
         surplus = sign * carried
         e = end if direction == 1 else begin - 1
-        while sticks(points, e):
-            surplus += sign * points.la_T[e] - points.limit[e]
+        while sticks(patches, e):
+            surplus += sign * patches.la_T[e] - patches.limit[e]
             if surplus <= 0.0:
                 break
-            points.status[e] = SLIDE
-            points.sign[e] = sign
+            patches.status[e] = SLIDE
+            patches.sign[e] = sign
             changes += 1
             e += direction
     return changes
 
 
 @leaf
-def catch(points: Points, begin: int, end: int, half: bool) -> int:
+def catch(patches: Patches, begin: int, end: int, half: bool) -> int:
     """Make the patches ``begin`` to ``end``, that would slip backwards, stick.
 
     Behind a front that is too far ahead by d the slip is a parabola, backwards over 2 d. With
     ``half`` the half next to the patches that stick is caught, so the front moves back to where it
     belongs.
     """
-    left, right = sticks(points, begin - 1), sticks(points, end)
+    left, right = sticks(patches, begin - 1), sticks(patches, end)
     if half and left != right:
         middle = (end - begin + 1) // 2
         if left:
@@ -182,6 +183,6 @@ def catch(points: Points, begin: int, end: int, half: bool) -> int:
         else:
             begin = end - middle
     for e in range(begin, end):
-        points.status[e] = STICK
-        points.la_T[e] = points.force[e]
+        patches.status[e] = STICK
+        patches.la_T[e] = patches.force[e]
     return end - begin

@@ -19,6 +19,16 @@ from beltid.rigsim.compiled import kernel
 
 Array = NDArray[np.float64]
 
+WIDEST = 0.15  # wanted angle of an element where the contact begins, at most [rad]
+INSIDE = 0.3  # finest elements this far inside the first contact, over the layer
+# growth of the length of the elements over the distance; in the span where layer = bending length
+GROWTH_IN_SPAN = 1.3
+GROWTH_ON_ARC = 0.2
+LONGEST = 1.5  # on the arc, over the layer
+ELEMENT = 0.6  # length of the default elements over the wanted one
+FEWEST_ELEMENTS = 10
+MOST_ELEMENTS = 1000
+
 
 @dataclass(frozen=True, slots=True)
 class Path:
@@ -260,15 +270,3 @@ def _place(at: Array, lengths: Array, before: Array, n: int) -> Array:
         nodes[n - k] = 2.0 * at[-1] - nodes[k]
     nodes[n // 2] = at[-1]
     return nodes
-
-
-WIDEST = 0.15  # wanted angle of an element where the contact begins, at most [rad]
-INSIDE = 0.3  # finest elements this far inside the first contact, over the layer
-GROWTH_IN_SPAN = (
-    1.3  # of the length of the elements over the distance, where layer = bending length
-)
-GROWTH_ON_ARC = 0.2
-LONGEST = 1.5  # on the arc, over the layer
-ELEMENT = 0.6  # length of the default elements over the wanted one
-FEWEST_ELEMENTS = 10
-MOST_ELEMENTS = 1000

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.laws.capstan import friction_coefficient, normal_force
+from beltid.laws.capstan import friction_coefficient, normal_force, sliding_speed
 from beltid.rigsim.model import RigModel
 from beltid.rigsim.steady import StaticState
 
@@ -107,6 +107,6 @@ def steady_contact(model: RigModel, state: StaticState) -> ContactState:
         angle=points.theta,
         line_force=points.f_N,
         tangential_force=points.F_T,
-        slip_speed=np.full(points.f_N.shape, model.point.omega * model.path.R),
+        slip_speed=np.full(points.f_N.shape, sliding_speed(model.point.omega, model.path.R)),
         sticks=np.zeros(points.f_N.shape),
     )

@@ -39,7 +39,7 @@ def directions(points: Points, touching: NDArray[np.intp], n: int) -> Array:
     """Generalised directions W_T of the touching patches, shape (n, m)."""
     W = np.zeros((n, touching.size))
     for i, e in enumerate(touching):
-        W[4 * e : 4 * e + 8, i] = points.pull[e]
+        W[4 * e : 4 * e + 8, i] = points.patches.pull[e]
     return W
 
 
@@ -90,13 +90,14 @@ def _complementarity_iteration(
     work: Workspace,
 ) -> int:
     """Solve the linearised step with its friction, move the trial; returns the pivots."""
+    patches = points.patches
     # S of Eq. (12): sliding patches follow their limit, sticking ones have their force given
-    points.la_T[:] = points.force
+    patches.la_T[:] = patches.force
     assemble(system, motion, points, state, stretch, work)
     factorize(work.A, work.pivots)
-    touching = np.flatnonzero(points.limit > 0.0)
-    force, slip = points.force[touching].copy(), points.slip[touching].copy()
-    limits = points.limit[touching].copy()
+    touching = np.flatnonzero(patches.limit > 0.0)
+    force, slip = patches.force[touching].copy(), patches.slip[touching].copy()
+    limits = patches.limit[touching].copy()
     W = directions(points, touching, state.q.size)
     compliance = np.empty_like(W)
     for i in range(touching.size):
@@ -112,15 +113,15 @@ def _complementarity_iteration(
     slip_free = slip - W.T @ free + G @ force
     wanted, slips, solution = friction_lcp(G, slip_free, limits)
     move(state.trial, free + compliance @ (wanted - force))
-    points.status[:] = SLIDE  # a patch that closes: as in friction.revise
-    points.sign[:] = 1.0
-    points.la_T[:] = 0.0
-    points.la_T[touching] = wanted
+    patches.status[:] = SLIDE  # a patch that closes: as in friction.revise
+    patches.sign[:] = 1.0
+    patches.la_T[:] = 0.0
+    patches.la_T[touching] = wanted
     # one of slip and distance to the limit is zero but for rounding: the other one tells
     of_forces, of_slips = np.max(limits, initial=0.0), np.max(np.abs(slip_free), initial=0.0)
     slides = np.abs(slips) * of_forces > (limits - np.abs(wanted)) * of_slips
-    points.status[touching] = np.where(slides, SLIDE, STICK)
-    points.sign[touching] = np.where(slides, np.sign(slips), np.sign(wanted))
+    patches.status[touching] = np.where(slides, SLIDE, STICK)
+    patches.sign[touching] = np.where(slides, np.sign(slips), np.sign(wanted))
     return solution.pivots
 
 
@@ -134,11 +135,12 @@ def march_by_lemke(
     record: Recorder,
 ) -> int:
     """Step through a run with the reference solver; like ``transient.march``."""
+    patches = points.patches
     for k in range(schedule.omega.size):
         parts, done, halvings = 1, 0, 0
         while done < parts:
             motion = Motion(float(schedule.omega[k]), parts / float(schedule.dt[k]), 1.0, 0.0)
-            kept = [a.copy() for a in (points.status, points.sign, points.la_T)]
+            kept = [a.copy() for a in (patches.status, patches.sign, patches.la_T)]
             out = lemke_step(system, motion, points, state, drive.stretch, drive.T_0, work)
             note_attempt(record, k, out)
             if out.converged:
@@ -146,7 +148,7 @@ def march_by_lemke(
                 store_strains(system.belt, state.q, drive.stretch, work.strain_old)
                 done += 1
                 continue
-            points.status[:], points.sign[:], points.la_T[:] = kept
+            patches.status[:], patches.sign[:], patches.la_T[:] = kept
             record.halvings[k] = halvings
             halvings += 1
             if halvings > MOST_HALVINGS:

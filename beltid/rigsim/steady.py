@@ -178,7 +178,7 @@ def equilibrium(
     work = new_workspace(system.belt)
     outcome = newton(system, motion, points, q, stretch, T_0, tighten, work)
     depth = -1.0
-    for e in range(points.status.size):
+    for e in range(points.rho.shape[0]):
         for c in range(points.rho.shape[1]):
             if points.F_N[e, c] > 0.0:
                 depth = max(depth, system.pulley.R - points.rho[e, c], 0.0)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from beltid.rigsim.banded import factorize, solve
 from beltid.rigsim.belt import add_inertia, add_internal, store_strains
 from beltid.rigsim.compiled import kernel
-from beltid.rigsim.contact import STICK, Motion, Points, remember
+from beltid.rigsim.contact import STICK, Motion, Patches, Points, at_radius, remember
 from beltid.rigsim.contact_forces import add_contact
 from beltid.rigsim.friction import (
     CONE_TOLERANCE,
@@ -112,7 +112,7 @@ def assemble(
 
 
 @kernel
-def tighten_sticks(system: System, motion: Motion, points: Points, work: Workspace) -> None:
+def tighten_sticks(system: System, motion: Motion, patches: Patches, work: Workspace) -> None:
     """Let the multipliers of the linearised system take over what is left of their slips.
 
     The solution leaves a slip of force over augmentation in every sticking patch. With the factors
@@ -123,15 +123,15 @@ def tighten_sticks(system: System, motion: Motion, points: Points, work: Workspa
     for _ in range(REPEATS):
         change[:] = 0.0
         any_sticks = False
-        for e in range(points.status.size):
-            if points.limit[e] > 0.0 and points.status[e] == STICK:
+        for e in range(patches.status.size):
+            if patches.limit[e] > 0.0 and patches.status[e] == STICK:
                 any_sticks = True
-                left = points.slip[e]
+                left = patches.slip[e]
                 for j in range(8):
-                    left -= points.pull[e, j] * solution[4 * e + j]
+                    left -= patches.pull[e, j] * solution[4 * e + j]
                 for j in range(8):
-                    change[4 * e + j] += motion.augmentation * left * points.pull[e, j]
-                points.force[e] += motion.augmentation * left
+                    change[4 * e + j] += motion.augmentation * left * patches.pull[e, j]
+                patches.force[e] += motion.augmentation * left
         if not any_sticks:
             return
         restrain(system.supports, change)
@@ -175,22 +175,52 @@ def step(
         solution[:] = -residual
         solve(work.A, work.pivots, solution)
         release(system.supports, solution)
-        tighten_sticks(system, motion, points, work)
+        tighten_sticks(system, motion, points.patches, work)
         move(trial, solution)
         halved = max(iteration - FREE_REVISIONS, 0) // PATIENCE
-        most_changes = max(points.status.size >> halved, 1)
-        changes += revise(motion, points, solution, most_changes)
+        most_changes = max(points.patches.status.size >> halved, 1)
+        changes += revise(motion, points.patches, solution, most_changes)
     return StepOutcome(False, MOST_ITERATIONS, changes, error / T_0, outside, certificate)
 
 
-class Recorder(NamedTuple):
-    """What a run records, arrays over its n steps.
+class Profiles(NamedTuple):
+    """The contact at some steps of a run, arrays of shape (m, n_e, n_c) unless given.
 
-    ``force`` (n, 4) are the held rows; ``iterations``, ``changes``, ``halvings``, ``outside`` (n,)
-    counts; ``sticking``, ``touching`` (n,) lengths [m]; ``residual``, ``slip``, ``cone`` (n,) the
-    certificate of each step. ``wanted`` (m,) are the steps whose profiles (m, 5, n_e, n_c) are
-    kept: line force [N/m], tangential force [N], slip speed [m/s], 1 where the belt sticks, angle
-    [rad].
+    Attributes
+    ----------
+    wanted : ndarray of int, shape (m,)
+        The steps.
+    coordinates : ndarray, shape (m, n)
+        Nodal coordinates of the belt.
+    line_force, tangential_force, slip_speed, sticks, angle : ndarray
+        As in :class:`beltid.rigsim.profile.ContactState`.
+    """
+
+    wanted: Counts
+    coordinates: Array
+    line_force: Array
+    tangential_force: Array
+    slip_speed: Array
+    sticks: Array
+    angle: Array
+
+
+class Recorder(NamedTuple):
+    """What a run records, arrays of shape (n,) over its steps unless given.
+
+    Attributes
+    ----------
+    force : ndarray, shape (n, 4)
+        Forces of the supports on the belt, the held rows [N].
+    iterations, changes, halvings, outside : ndarray of int
+        Newton iterations, changes between stick and slide, cuts of the step, and look-ups outside
+        the measured range.
+    sticking, touching : ndarray
+        Length of belt that sticks, and that touches [m].
+    residual, slip, cone : ndarray
+        Certificate of the step, see :class:`StepOutcome`.
+    profiles : Profiles
+        The contact at the steps that were asked for.
     """
 
     force: Array
@@ -203,20 +233,20 @@ class Recorder(NamedTuple):
     residual: Array
     slip: Array
     cone: Array
-    wanted: Counts
-    profiles: Array
-    coordinates: Array
+    profiles: Profiles
 
 
 def new_recorder(model: RigModel, n: int, wanted: Counts) -> Recorder:
     """Room for a run of ``n`` steps with profiles at the steps ``wanted``."""
-    profiles = np.zeros((wanted.size, 5, *model.system.belt.w_c.shape))
 
     def count() -> Counts:
         return np.zeros(n, dtype=np.int64)
 
     def value() -> Array:
         return np.zeros(n)
+
+    def profile() -> Array:
+        return np.zeros((wanted.size, *model.system.belt.w_c.shape))
 
     return Recorder(
         force=np.zeros((n, 4)),
@@ -229,9 +259,15 @@ def new_recorder(model: RigModel, n: int, wanted: Counts) -> Recorder:
         residual=value(),
         slip=value(),
         cone=value(),
-        wanted=wanted,
-        profiles=profiles,
-        coordinates=np.zeros((wanted.size, 4 * model.nodes.size)),
+        profiles=Profiles(
+            wanted=wanted,
+            coordinates=np.zeros((wanted.size, 4 * model.nodes.size)),
+            line_force=profile(),
+            tangential_force=profile(),
+            slip_speed=profile(),
+            sticks=profile(),
+            angle=profile(),
+        ),
     )
 
 
@@ -240,34 +276,40 @@ def accept(
     system: System, motion: Motion, points: Points, state: Kinematics, sticking_ratio: float
 ) -> None:
     """Make the trial the state of the last step; friction with a memory follows the speed."""
-    if points.memory[0] > 0.0:
-        for e in range(points.status.size):
+    patches, last = points.patches, points.last
+    if last.memory[0] > 0.0:
+        for e in range(patches.status.size):
             for c in range(points.theta.shape[1]):
-                slip = abs(points.point_slip[e, c])
+                slip = abs(points.slip[e, c])
                 if slip > 0.0:
-                    v = slip * motion.rate * system.pulley.R / points.rho[e, c]
-                    part = -math.expm1(-slip / points.memory[0])
-                    points.v_old[e, c] += part * (v - points.v_old[e, c])
+                    v = at_radius(slip * motion.rate, points.rho[e, c], system.pulley.R)
+                    part = -math.expm1(-slip / last.memory[0])
+                    last.v[e, c] += part * (v - last.v[e, c])
     state.q_dot[:] = (state.trial - state.q) * motion.rate
     state.q[:] = state.trial
     remember(system.belt, points, state.q)
-    for e in range(points.status.size):
+    for e in range(patches.status.size):
         # what rests at the end of a step has to be torn off in the next one
-        points.ratio[e] = sticking_ratio if points.status[e] == STICK else 1.0
-        points.limit_old[e] = points.F_max[e]
+        patches.ratio[e] = sticking_ratio if patches.status[e] == STICK else 1.0
+        last.limit[e] = points.F_max[e]
 
 
 @kernel
-def keep_profile(points: Points, R: float, rate: float, out: Array) -> None:
-    """Write the state of the contact into ``out`` (5, n_e, n_c), see :class:`Recorder`."""
-    out[0] = points.f_N
-    out[1] = points.F_T
-    out[4] = points.theta
-    for e in range(points.status.size):
-        out[3, e, :] = 1.0 if points.status[e] == STICK else 0.0
+def keep_profile(
+    points: Points, q: Array, R: float, rate: float, profiles: Profiles, i: int
+) -> None:
+    """Write coordinates and contact of the step as profile ``i``."""
+    profiles.coordinates[i] = q
+    profiles.line_force[i] = points.f_N
+    profiles.tangential_force[i] = points.F_T
+    profiles.angle[i] = points.theta
+    for e in range(points.theta.shape[0]):
+        profiles.sticks[i, e, :] = 1.0 if points.patches.status[e] == STICK else 0.0
         for c in range(points.theta.shape[1]):
-            slip = points.point_slip[e, c]
-            out[2, e, c] = slip * rate * R / points.rho[e, c] if slip != 0.0 else 0.0
+            v = 0.0
+            if points.slip[e, c] != 0.0:
+                v = at_radius(points.slip[e, c] * rate, points.rho[e, c], R)
+            profiles.slip_speed[i, e, c] = v
 
 
 @kernel
@@ -296,10 +338,10 @@ def note_step(
     record.sticking[k] = out.certificate.sticking
     record.touching[k] = out.certificate.touching
     record.force[k] = work.reactions.force
-    for i in range(record.wanted.size):
-        if record.wanted[i] == k:
-            keep_profile(points, system.pulley.R, rate, record.profiles[i])
-            record.coordinates[i] = state.q
+    profiles = record.profiles
+    for i in range(profiles.wanted.size):
+        if profiles.wanted[i] == k:
+            keep_profile(points, state.q, system.pulley.R, rate, profiles, i)
 
 
 @kernel
@@ -313,9 +355,10 @@ def march(
     record: Recorder,
 ) -> int:
     """Step through a run; returns the number of steps done (fewer than asked if one failed)."""
-    kept_status = points.status.copy()
-    kept_sign = points.sign.copy()
-    kept_la = points.la_T.copy()
+    patches = points.patches
+    kept_status = patches.status.copy()
+    kept_sign = patches.sign.copy()
+    kept_la = patches.la_T.copy()
     for k in range(schedule.omega.size):
         parts, done, halvings = 1, 0, 0
         while done < parts:
@@ -323,9 +366,9 @@ def march(
             # a stick has to be stiff against the belt, its damping included
             hold_by = drive.augmentation * (1.0 + system.belt.damping_time * rate)
             motion = Motion(schedule.omega[k], rate, 1.0, hold_by)
-            kept_status[:] = points.status
-            kept_sign[:] = points.sign
-            kept_la[:] = points.la_T
+            kept_status[:] = patches.status
+            kept_sign[:] = patches.sign
+            kept_la[:] = patches.la_T
             out = step(system, motion, points, state, drive.stretch, drive.T_0, work)
             note_attempt(record, k, out)
             if out.converged:
@@ -333,9 +376,9 @@ def march(
                 store_strains(system.belt, state.q, drive.stretch, work.strain_old)
                 done += 1
             else:
-                points.status[:] = kept_status
-                points.sign[:] = kept_sign
-                points.la_T[:] = kept_la
+                patches.status[:] = kept_status
+                patches.sign[:] = kept_sign
+                patches.la_T[:] = kept_la
                 record.halvings[k] = halvings
                 halvings += 1
                 if halvings > MOST_HALVINGS:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import ConvergenceError, NumericsError
+from beltid.laws.penalty import stiffness_under
 from beltid.rigsim.belt import store_strains
 from beltid.rigsim.contact import STICK, Points, new_points, remember
 from beltid.rigsim.model import RigModel, System, Workspace
@@ -99,7 +100,7 @@ def settling_time(model: RigModel, sliding: StaticState) -> float:
     """
     pulley, touches = model.system.pulley, sliding.points.F_N > 0.0
     f_N, w = sliding.points.f_N[touches], model.system.belt.w_c[touches] * sliding.stretch
-    slope = np.sqrt(pulley.k_linear**2 + 4.0 * pulley.k_quadratic * f_N)
+    slope = stiffness_under(f_N, pulley.k_linear, pulley.k_quadratic)
     return float(pulley.C_P * f_N.size / np.sum(w * slope))
 
 
@@ -176,9 +177,9 @@ def run_transient(
     belt = model.system.belt
     points = new_points(belt, STICK)
     remember(belt, points, laid.q)
-    points.ratio[:] = plan.sticking_ratio
+    points.patches.ratio[:] = plan.sticking_ratio
     if model.friction_falls:
-        points.memory[0] = MEMORY * build_up_travel(model, laid, sliding)
+        points.last.memory[0] = MEMORY * build_up_travel(model, laid, sliding)
     work = model.workspace()
     store_strains(belt, laid.q, laid.stretch, work.strain_old)
     state = Kinematics(laid.q.copy(), *(np.zeros_like(laid.q) for _ in range(3)))
@@ -231,15 +232,15 @@ def _refuse_unsettled(model: RigModel, force: Array, sliding: StaticState) -> No
 def _contact(
     model: RigModel, stretch: float, support_force: Array, record: Recorder, i: int
 ) -> ContactState:
-    line_force, tangential_force, slip_speed, sticks, angle = record.profiles[i]
+    profiles = record.profiles
     return ContactState(
         model=model,
         stretch=stretch,
         support_force=support_force,
-        q=record.coordinates[i],
-        angle=angle,
-        line_force=line_force,
-        tangential_force=tangential_force,
-        slip_speed=slip_speed,
-        sticks=sticks,
+        q=profiles.coordinates[i],
+        angle=profiles.angle[i],
+        line_force=profiles.line_force[i],
+        tangential_force=profiles.tangential_force[i],
+        slip_speed=profiles.slip_speed[i],
+        sticks=profiles.sticks[i],
     )

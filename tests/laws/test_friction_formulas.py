@@ -1,4 +1,4 @@
-"""Formulas of friction and of normal contact laws: values by hand, limits, derivatives."""
+"""Formulas of friction: values by hand, limits, derivatives."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltid.laws.contact_alternatives import polynomial_force, power_force
 from beltid.laws.friction_formulas import (
     FRICTION_LAWS,
     PARAMETERS,
@@ -68,15 +67,6 @@ def test_derivatives_by_the_speed_scale_are_those_of_differences(law, v, scale):
     h, at = 1e-6, np.array([v])
     high, low = (speed_terms(law, at, scale + s)[0] for s in (h, -h))
     assert speed_terms(law, at, scale)[1] == pytest.approx((high - low) / (2 * h), abs=1e-8)
-
-
-def test_polynomial_and_power_laws_by_hand():
-    delta = np.array([-1e-5, 0.0, 5e-5, 1e-4])
-    assert polynomial_force(delta, [6.5e7, 3.0256e11]) == pytest.approx(
-        [0.0, 0.0, 6.5e7 * 5e-5 + 3.0256e11 * 25e-10, 6.5e3 + 3025.6], rel=1e-14
-    )
-    assert polynomial_force(2.0, [1.0, 10.0, 100.0]) == pytest.approx(2 + 40 + 800)
-    assert power_force(delta, 1e10, 1.5) == pytest.approx([0, 0, 1e10 * 5e-5**1.5, 1e4], rel=1e-13)
 
 
 def test_terms_of_the_laws_by_hand():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import pickle
-from types import FunctionType
 
 import numpy as np
 import pytest
@@ -13,8 +12,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from beltid.errors import InputError
-from beltid.laws import surface_tables
-from beltid.laws.friction_surface import FrictionSurface, evaluate_tables
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.surface_tables import SurfaceTables, evaluate_cell, locate
 
 F = np.array([900.0, 1650, 2600, 3550, 4300, 5050, 5850, 6600])
 V = np.array([0.0025, 0.005, 0.0105, 0.021, 0.042])
@@ -28,6 +27,14 @@ def noisy(seed: int = 0, se: bool = True) -> FrictionSurface:
 
 def smooth() -> FrictionSurface:
     return FrictionSurface(F, V, (F[:, None] / 4000) ** -0.2 * (V / 0.01) ** 0.2)
+
+
+def looked_up(T: SurfaceTables, f: float, v: float) -> tuple[float, float, float]:
+    """mu and its derivatives at one point, as the simulated rig looks them up."""
+    i, s, ds_df = locate(T.x_nodes, T.f_ref, f)
+    j, t, dt_dv = locate(T.y_nodes, T.v_ref, abs(v))
+    mu, mu_s, mu_t = evaluate_cell(T.C, i, j, s, t)
+    return mu, mu_s * ds_df, mu_t * dt_dv * (-1.0 if v < 0.0 else 1.0)
 
 
 @st.composite
@@ -71,30 +78,12 @@ def test_scalar_law_of_the_tables_agrees_with_the_surface(
         rng.uniform(-1.2, 1.2, 30) * (surface.slip_speed_m_s[-1] + 1e-3),
         strict=True,
     ):
-        mu, dmu_df, dmu_dv, outside = evaluate_tables(
-            T.x_nodes, T.y_nodes, T.f_ref, T.v_ref, T.C, f, v
-        )
+        mu, dmu_df, dmu_dv = looked_up(T, f, v)
         assert mu == pytest.approx(float(surface.mu(f, v)), rel=1e-12)
         slope_f, slope_v = surface.gradient(f, v)
         # slopes carry the rounding of ln(1 + .) at nodes that are very close
         assert dmu_df == pytest.approx(float(slope_f), rel=1e-6, abs=1e-12)
         assert dmu_dv == pytest.approx(float(slope_v), rel=1e-6, abs=1e-9)
-        assert (outside == 0) == bool(surface.covers(f, v))
-
-
-def test_tables_tell_which_variable_is_outside() -> None:
-    T = noisy().tables()
-    for f, v, expected in [
-        (3000.0, 0.01, 0),
-        (899.0, -0.01, 1),
-        (6601.0, 0.01, 1),
-        (3000.0, 0.0, 2),
-        (3000.0, -0.05, 2),
-        (-5.0, 0.05, 3),
-        (float("nan"), 0.01, 3),
-    ]:
-        found = evaluate_tables(T.x_nodes, T.y_nodes, T.f_ref, T.v_ref, T.C, f, v)
-        assert found[3] == expected
 
 
 def test_tables_are_plain_contiguous_double_arrays() -> None:
@@ -187,8 +176,7 @@ def test_constant_surface_holds_everywhere() -> None:
     assert surface.notes == ()
     assert repr(surface) == "FrictionSurface.constant(0.5)"
     T = surface.tables()
-    found = evaluate_tables(T.x_nodes, T.y_nodes, T.f_ref, T.v_ref, T.C, 1e7, -0.3)
-    assert found == (0.5, 0.0, 0.0, 0)
+    assert looked_up(T, 1e7, -0.3) == (0.5, 0.0, 0.0)
 
 
 def test_single_measured_node_is_valid_only_there() -> None:
@@ -302,25 +290,13 @@ def test_wrong_grid_is_refused(f: object, v: object, mu: object, message: str) -
         FrictionSurface(f, v, mu)  # type: ignore[arg-type]
 
 
-def test_scalar_law_compiles_as_it_stands() -> None:
-    numba = pytest.importorskip("numba")
-    parts = (surface_tables.locate, surface_tables.evaluate_cell)
-    names = {**vars(surface_tables), **{part.__name__: numba.njit(part) for part in parts}}
-    compiled = numba.njit(FunctionType(evaluate_tables.__code__, names))
-    T = noisy().tables()
-    rng = np.random.default_rng(1)
-    for f, v in zip(rng.uniform(-100, 9000, 50), rng.uniform(-0.06, 0.06, 50), strict=True):
-        point = (T.x_nodes, T.y_nodes, T.f_ref, T.v_ref, T.C, f, v)
-        assert compiled(*point) == pytest.approx(evaluate_tables(*point), rel=1e-12)
-
-
 def test_slope_at_rest_is_the_one_from_above() -> None:
     surface = FrictionSurface([2000.0], [0.0, 0.01, 0.03], [[0.5, 0.6, 0.8]])
     _, (at_rest, above, below) = surface.gradient(2000.0, [0.0, 1e-9, -1e-9])
     assert at_rest == pytest.approx(above, rel=1e-6)
     assert at_rest > 0.0
     T = surface.tables()
-    found = evaluate_tables(T.x_nodes, T.y_nodes, T.f_ref, T.v_ref, T.C, 2000.0, 0.0)
+    found = looked_up(T, 2000.0, 0.0)
     assert found[2] == pytest.approx(at_rest, rel=1e-12)
     assert below == pytest.approx(-above, rel=1e-12)
 

@@ -125,7 +125,7 @@ def start(
     ratio = rig.contact.sticking_ratio
     points = new_points(belt, STICK)
     remember(belt, points, laid.q)
-    points.ratio[:] = ratio
+    points.patches.ratio[:] = ratio
     strain_old = np.zeros((*belt.w_g.shape, 2))
     store_strains(belt, laid.q, laid.stretch, strain_old)
     state = Kinematics(laid.q.copy(), *(np.zeros_like(laid.q) for _ in range(3)))

@@ -181,9 +181,9 @@ def fresh(model: RigModel, status: int, q: Array, stretch: float) -> Points:
     rng = np.random.default_rng(12)
     earlier = q + rng.normal(size=q.size) * np.tile([2e-6, 2e-6, 0, 0], q.size // 4)
     assembled(model, still, points, earlier, stretch)
-    points.theta_old[:] = points.theta
-    points.rho_old[:] = points.rho
-    points.limit_old[:] = points.F_max
+    points.last.theta[:] = points.theta
+    points.last.rho[:] = points.rho
+    points.last.limit[:] = points.F_max
     return points
 
 
@@ -232,7 +232,7 @@ def test_frictionless_contact_has_a_symmetric_exact_tangent() -> None:
 def test_sliding_on_a_surface_has_an_exact_tangent(rate: float, C_P: float, sign: float) -> None:
     model, q, stretch = pressed(surface=True, C_P=C_P)
     points = fresh(model, SLIDE, q, stretch)
-    points.sign[:] = sign
+    points.patches.sign[:] = sign
     motion = Motion(0.2, rate, 1.0, 0.0)
     check_tangent(model, motion, points, q, stretch, 2e-6)
 
@@ -244,7 +244,7 @@ def test_sticking_patches_have_an_exact_tangent(C_P: float) -> None:
     points = fresh(model, STICK, q, stretch)
     motion = Motion(0.2, 2.0e3, 1.0, 1.0e3)
     assembled(model, motion, points, q, stretch)
-    points.la_T[:] = 0.4 * points.limit
+    points.patches.la_T[:] = 0.4 * points.patches.limit
     check_tangent(model, motion, points, q, stretch, 2e-6)
 
 
@@ -315,7 +315,7 @@ def test_what_touches_dissipates_while_approaching_only(towards: float, dissipat
     assembled(model, Motion(0.0, 0.0, 0.0, 0.0), points, q, stretch)
     elastic = points.F_N.copy()
     rate, moved = 1.0e3, 1.0e-6
-    points.rho_old[:] = points.rho - towards * moved
+    points.last.rho[:] = points.rho - towards * moved
     assembled(model, Motion(0.0, rate, 0.0, 0.0), points, q, stretch)
     share = share_in_contact(model, q)
     assert 0 < np.count_nonzero((share > 0) & (share < 1)) < 10

@@ -16,7 +16,7 @@ from beltid.errors import ConvergenceError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Contact, OperatingPoint
-from beltid.rigsim.contact import SLIDE, STICK, Points
+from beltid.rigsim.contact import SLIDE, STICK, Patches
 from beltid.rigsim.friction import catch, let_go
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import SimulationSettings, simulate
@@ -58,13 +58,17 @@ def test_every_step_ends_with_its_certificate(
     assert record.residual.max() <= max(1e-9, 0.05 * EA / h * (1e-13 + 300 * 2e-16) / T_0)
     # the state itself, not the record: sticking within the cone, sliding on its edge, both ways
     points = march.points
-    touching = points.limit > 0
-    stuck = touching & (points.status == STICK)
+    touching = points.patches.limit > 0
+    stuck = touching & (points.patches.status == STICK)
     slides = touching & ~stuck
-    assert np.all(np.abs(points.force[stuck]) <= points.limit[stuck] * (1 + 1e-9))
-    np.testing.assert_allclose(np.abs(points.force[slides]), points.limit[slides], rtol=1e-12)
-    assert np.all(points.sign[slides] * points.slip[slides] >= -SLIP_ALLOWED)
-    np.testing.assert_allclose(points.F_T.sum(axis=1)[touching], points.force[touching], rtol=1e-9)
+    assert np.all(np.abs(points.patches.force[stuck]) <= points.patches.limit[stuck] * (1 + 1e-9))
+    np.testing.assert_allclose(
+        np.abs(points.patches.force[slides]), points.patches.limit[slides], rtol=1e-12
+    )
+    assert np.all(points.patches.sign[slides] * points.patches.slip[slides] >= -SLIP_ALLOWED)
+    np.testing.assert_allclose(
+        points.F_T.sum(axis=1)[touching], points.patches.force[touching], rtol=1e-9
+    )
 
 
 @pytest.mark.parametrize("on_surface", [False, True])
@@ -128,8 +132,10 @@ def test_slip_front_moves_inward_from_both_ends() -> None:
     assert march.record.sticking[0] > 0.8 * march.record.touching[0]
     assert march.record.sticking[-1] == 0.0
     entry, leave = -np.inf, np.inf
-    for profile in march.record.profiles:
-        touches, sticks, angle = profile[0] > 0, profile[3] == 1.0, profile[4]
+    profiles = march.record.profiles
+    for i in range(steps):
+        touches, sticks = profiles.line_force[i] > 0, profiles.sticks[i] == 1.0
+        angle = profiles.angle[i]
         stuck = angle[touches & sticks]
         if stuck.size == 0:
             continue
@@ -142,14 +148,14 @@ def test_slip_front_moves_inward_from_both_ends() -> None:
         assert stuck.max() <= leave + 2 * TRAVEL / 0.05
         entry, leave = stuck.min(), stuck.max()
         # the law binds the mean slip of a patch; at the front one of its points may lag a little
-        assert profile[2][touches & ~sticks].min() > -0.01 * 0.02 * 0.05
+        assert profiles.slip_speed[i][touches & ~sticks].min() > -0.01 * 0.02 * 0.05
 
 
 def test_sticking_points_are_carried_by_the_pulley() -> None:
     march = start(bench(), at(82, 270, 0.21))
     first = march.laid.points.theta.copy()
     turned(march, 30e-6)
-    carried = (march.points.status == STICK) & (march.points.limit > 0)
+    carried = (march.points.patches.status == STICK) & (march.points.patches.limit > 0)
     angle = np.mean((march.points.theta - first)[carried], axis=1)
     np.testing.assert_allclose(angle * 0.05, 30e-6, rtol=2e-3)
 
@@ -329,14 +335,14 @@ def test_a_finer_mesh_takes_no_more_iterations_for_its_slip_fronts(elements: int
 def test_half_of_what_slips_behind_a_front_is_caught(
     begin: int, end: int, caught: tuple[int, int], half: bool
 ) -> None:
-    points = chain_of_patches(20)
-    points.status[4:17] = SLIDE
+    patches = chain_of_patches(20)
+    patches.status[4:17] = SLIDE
     first, last = caught if half else (begin, end)
-    assert catch(points, begin, end, half) == last - first
+    assert catch(patches, begin, end, half) == last - first
     sliding = np.zeros(20, dtype=bool)
     sliding[4:17] = True
     sliding[first:last] = False
-    np.testing.assert_array_equal(points.status == SLIDE, sliding)
+    np.testing.assert_array_equal(patches.status == SLIDE, sliding)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -346,26 +352,29 @@ def test_a_front_sweeps_the_patches_that_take_its_force(sign: float, mirrored: b
 
     The first keeps one limit, each of the next takes 0.4 more: 1.8 need four whole ones.
     """
-    points = chain_of_patches(20)
-    points.la_T[:] = 1.2 * sign
-    points.status[:3] = SLIDE
-    points.la_T[3] = 2.0 * (1.0 + 1.8) * sign
+    patches = chain_of_patches(20)
+    patches.la_T[:] = 1.2 * sign
+    patches.status[:3] = SLIDE
+    patches.la_T[3] = 2.0 * (1.0 + 1.8) * sign
     if mirrored:
-        points.status[:], points.la_T[:] = points.status[::-1].copy(), points.la_T[::-1].copy()
+        patches.status[:], patches.la_T[:] = (
+            patches.status[::-1].copy(),
+            patches.la_T[::-1].copy(),
+        )
     place = 16 if mirrored else 3
-    assert let_go(points, place, place + 1, True) == 1 + 4
+    assert let_go(patches, place, place + 1, True) == 1 + 4
     swept = slice(12, 17) if mirrored else slice(3, 8)
-    assert np.all(points.status[swept] == SLIDE)
-    assert np.all(points.sign[swept] == sign)
-    assert np.count_nonzero(points.status == SLIDE) == 3 + 5
+    assert np.all(patches.status[swept] == SLIDE)
+    assert np.all(patches.sign[swept] == sign)
+    assert np.count_nonzero(patches.status == SLIDE) == 3 + 5
 
 
-def chain_of_patches(n: int) -> Points:
+def chain_of_patches(n: int) -> Patches:
     """Patches that touch and stick, each with a limit of 2 N."""
     march = start(bench(), at(), elements=n)
-    march.points.limit[:] = 2.0
-    march.points.status[:] = STICK
-    return march.points
+    march.points.patches.limit[:] = 2.0
+    march.points.patches.status[:] = STICK
+    return march.points.patches
 
 
 @pytest.mark.parametrize(("T_0", "k", "omega"), [(26.0, 8.7e5, 0.2), (60.0, 1.5e6, 2.0)])

@@ -1,0 +1,29 @@
+"""What stands in the laws is what runs: the package calls every formula, not only the tests."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import beltid.laws
+
+LAWS = Path(beltid.laws.__file__).parent
+
+
+def names_used(path: Path) -> set[str]:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+    return names | {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+
+
+def test_the_package_calls_every_function_of_the_laws() -> None:
+    files = list(LAWS.parent.rglob("*.py"))
+    used = set().union(*map(names_used, files))
+    formulas = {
+        node.name
+        for path in LAWS.glob("*.py")
+        for node in ast.parse(path.read_text(encoding="utf-8")).body
+        if isinstance(node, ast.FunctionDef)
+    }
+    assert len(formulas) > 15
+    assert sorted(formulas - used) == []
