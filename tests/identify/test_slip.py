@@ -107,6 +107,14 @@ def test_gross_slip_is_marked_and_not_counted_as_service():
     assert [p.status for p in lone.points] == ["ok", "ok", "gross slip"]
 
 
+def test_a_run_without_torque_does_not_blind_its_series():
+    columns = drive(np.arange(0.0, 17.0), np.where(np.arange(17) > 14, 0.05, 0.01))
+    columns["torque_N_m"][columns["run"] == "S04"] = np.nan
+    result = fit_slip(columns, 0.05)
+    assert [p.run for p in result.points if p.status == "gross slip"] == ["S15", "S16"]
+    assert result.max_slip_speed_m_s == pytest.approx(0.01 * 14 * 0.05, rel=0.02)
+
+
 def test_gaps_spikes_and_useless_runs_are_kept_apart():
     columns = drive()
     columns["driven_speed_rad_s"][np.flatnonzero(columns["run"] == "S08")[3]] = 0.0
