@@ -419,10 +419,59 @@ def test_arrays_of_different_length_are_named_all_at_once() -> None:
     assert [p.split(":")[0] for p in error.value.problems] == ["arc_deg", "slip_speed_m_s", "mu_se"]
 
 
-def test_speeds_without_settings_are_refused() -> None:
-    data = runs()
+def scattered(n: int, noise: float, seed: int, rise: float = 0.0) -> dict[str, Array]:
+    """Every run at a tension and a speed of its own; `rise` bends the law in ln v."""
+    rng = np.random.default_rng(seed)
+    arc = np.resize(ARCS, n)
+    f = np.exp(rng.uniform(np.log(900.0), np.log(9000.0), n))
+    v = np.exp(rng.uniform(np.log(0.0025), np.log(0.042), n))
+    mu = bent(f, v, rise) * (1.0 + noise * rng.standard_normal(n))
+    return {"arc_deg": arc, "f": f, "v": v, "mu": mu, "se": max(noise, 1e-9) * mu}
+
+
+def bent(f: Array, v: Array, rise: float) -> Array:
+    return law(f, v) * np.exp(rise * np.log(v / 0.01) ** 2 + 0.1 * rise * np.log(f / 3e3) ** 2)
+
+
+def test_runs_at_speeds_of_their_own_are_all_used() -> None:
+    for seed in range(4):
+        data = scattered(120, 0.0, seed)
+        result = build(data)
+        grid = result.average
+        assert result.n_points == 120
+        assert not any("left out" in note or "N/m only" in note for note in result.notes)
+        assert any("no repeated settings" in note for note in result.notes)
+        # each run is near to a speed, each speed near to a run
+        away = np.abs(np.log(data["v"][:, None] / grid.slip_speed_m_s))
+        assert max(away.min(axis=1).max(), away.min(axis=0).max()) < 0.1
+        assert grid.normal_force_N_m[0] < 1.05 * data["f"].min()
+        assert grid.normal_force_N_m[-1] > data["f"].max() / 1.05
+        # a power law is a plane in the logarithms: exact, but at the edge of what was measured
+        f, v = grid.normal_force_N_m[:, None], grid.slip_speed_m_s
+        free = (grid.mu > data["mu"].min()) & (grid.mu < data["mu"].max())
+        assert np.mean(free) > 0.9
+        assert grid.mu[free] == pytest.approx(law(f, v)[free], rel=1e-6)
+
+
+def test_standard_errors_without_settings_cover_noise_and_curvature() -> None:
+    pulls = []
+    for seed in range(8):
+        result = build(scattered(120, 0.003, seed, rise=0.02))
+        grid = result.average
+        true = bent(grid.normal_force_N_m[:, None], grid.slip_speed_m_s, 0.02)
+        pulls.append(((grid.mu - true) / grid.mu_se).ravel())
+        inner = (grid.mu / true - 1.0)[1:-1, 2:-2]
+        # some forty runs an arc at 0.3 %, three arcs: a tenth of a percent
+        assert np.sqrt(np.mean(inner**2)) < 2e-3
+    assert 0.7 < np.sqrt(np.mean(np.concatenate(pulls) ** 2)) < 1.3
+    assert np.mean(np.abs(np.concatenate(pulls)) < 2.0) > 0.9
+
+
+def test_too_few_runs_without_settings_are_refused() -> None:
+    data = {k: a[:12] for k, a in runs().items()}
+    data["arc_deg"] = np.repeat([40.0, 68, 82, 90], 3)
     with pytest.raises(InputError, match=r"without a gap of 3%, must be repeated settings"):
-        build({**data, "v": np.geomspace(0.005, 0.04, 120)})
+        build({**data, "v": np.geomspace(0.005, 0.0068, 12)})
 
 
 def test_wrong_settings_are_refused_all_at_once() -> None:
