@@ -37,6 +37,8 @@ SPEED_STEP = 0.18
 """Distance of the speeds of a table without settings [ln v]: every run is near to one of them."""
 FEWEST_RUNS = 6
 """Runs of an arc without settings: three for a plane, as many for the scatter about it."""
+MOST_CELLS = 400
+"""Of very many runs of an arc, neighbours are averaged first."""
 EDGE = 1e-9
 """A node made from the end of a curve lies on the curve, relative."""
 
@@ -321,9 +323,11 @@ def _scattered_curves(points: Points, arc_label: NDArray[np.intp], arcs: Array) 
                 f"arc {arc:g}°: {mine.f.size} runs, {FEWEST_RUNS} are needed without settings"
             )
             continue
+        ends = mine.f.min(), mine.f.max()
+        mine = _thinned(mine)
         x = np.log(np.column_stack([mine.f, mine.v]))
         # as many nodes along the force as a grid of that many runs would have
-        nodes = np.geomspace(mine.f.min(), mine.f.max(), int(np.ceil(np.sqrt(mine.f.size))))
+        nodes = np.geomspace(*ends, int(np.ceil(np.sqrt(mine.f.size))))
         at = np.stack(np.meshgrid(np.log(nodes), log_speed, indexing="ij"), axis=-1)
         log_mu, se = kriging(x, np.log(mine.mu), mine.se / mine.mu, at.reshape(-1, 2))
         free = np.exp(log_mu).reshape(nodes.size, -1)
@@ -339,6 +343,24 @@ def _scattered_curves(points: Points, arc_label: NDArray[np.intp], arcs: Array) 
         f"{speeds[0]:.4g} and {speeds[-1]:.4g} m/s, each arc from all of its runs"
     )
     return CurveSet(arcs, speeds, tuple(curves), (note, *few))
+
+
+def _thinned(points: Points) -> Points:
+    """Points, or their means in cells of the plane (ln f, ln v) if there are very many."""
+    if points.f.size <= MOST_CELLS:
+        return points
+    per_axis = int(np.sqrt(MOST_CELLS))
+    cells = []
+    for x in (np.log(points.f), np.log(points.v)):
+        share = (x - x.min()) / max(float(np.ptp(x)), EDGE)
+        cells.append(np.minimum(np.floor(share * per_axis), per_axis - 1))
+    _, cell = np.unique(np.stack(cells, axis=1), axis=0, return_inverse=True)
+    rows = [
+        (g.arc_deg.mean(), np.exp(np.log(g.f).mean()), np.exp(np.log(g.v).mean()),
+         np.exp(np.log(g.mu).mean()), float(np.sqrt(np.sum(g.se**2))) / g.f.size)
+        for g in (points.take(cell.ravel() == k) for k in range(int(cell.max()) + 1))
+    ]  # fmt: skip
+    return Points(*np.array(rows).T)
 
 
 def _speeds_of_table(v: Array) -> Array:

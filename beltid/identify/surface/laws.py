@@ -363,6 +363,8 @@ def _solve(law: Coulomb, points: _Points, f0: float) -> _Solution:
         before, r = q, _misfit(law, points, f, p)
         q = law_variance(points.U.T @ r, points.variance, dof)
         W = points.whitening(q)
+        if np.ptp(points.variance) == 0.0:
+            break  # q changes no weight
         p = _minimum(law, points, f, W, p, scales)
         if abs(q - before) <= 1e-9 * q + ROUNDING:
             break
@@ -450,7 +452,7 @@ def _scan(
 def _at_scale(
     law: Coulomb, points: _Points, f0: float, W: Array, a: float, scale: float, *, free_a: bool
 ) -> tuple[Array, float, bool]:
-    """Parameters for a given speed scale, chi², and whether they are determined.
+    """Parameters for a given speed scale, chi², and whether all (with a free one) are determined.
 
     Linear least squares for the amplitudes and, if free, the exponent linearised at `a`.
     """
@@ -465,7 +467,7 @@ def _at_scale(
         a, c = a + float(c[-1]), c[:-1]
     with np.errstate(all="ignore"):
         p = law.from_amplitudes(c, a, scale)
-    return p, misfit, bool(_inverse(design)[1].all())
+    return p, misfit, free_a and bool(_inverse(design)[1].all())
 
 
 def _minimum(
