@@ -516,9 +516,9 @@ def _inverse(J: Array) -> tuple[Array, NDArray[np.bool_]]:
     length = np.where(length > 0.0, length, 1.0)
     _, sizes, V = np.linalg.svd(J / length, full_matrices=False)
     seen = sizes > SINGULAR * max(float(sizes[0]), 1e-300)
-    told = np.sqrt(np.sum(V[~seen] ** 2, axis=0)) <= 1e-3
+    determined = np.sqrt(np.sum(V[~seen] ** 2, axis=0)) <= 1e-3
     inverse = (V[seen].T / sizes[seen] ** 2) @ V[seen] / np.outer(length, length)
-    return inverse, told
+    return inverse, determined
 
 
 def _aicc(solution: _Solution, n: int, n_effective: float) -> float:
@@ -580,15 +580,17 @@ def _uncertainty(solution: _Solution, points: _Points, dof: int) -> tuple[Array,
     symmetric, and several may do.
     """
     law, p = solution.law, solution.p
-    inverse, told = _inverse(solution.J)
+    inverse, determined = _inverse(solution.J)
     if dof <= 0 and not points.errors_known:
-        told = np.zeros(p.size, dtype=bool)
+        determined = np.zeros(p.size, dtype=bool)
     covariance = solution.tau * inverse
     linear = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    se = np.where(told, linear, np.inf)
-    if law.scale and told.any():
+    se = np.where(determined, linear, np.inf)
+    if law.scale and determined.any():
         at = law.parameters.index(law.scale)
-        by_scale = covariance[at] / linear[at] if told[at] and linear[at] > 0.0 else 0.0 * linear
+        by_scale = (
+            covariance[at] / linear[at] if determined[at] and linear[at] > 0.0 else 0.0 * linear
+        )
         excess = (0.5 * _moved_by_scale(solution, points)) ** 2 - by_scale**2
         se = np.hypot(se, np.sqrt(np.maximum(excess, 0.0)))
     wider = np.divide(se, linear, out=np.ones_like(se), where=np.isfinite(se) & (linear > 0.0))
