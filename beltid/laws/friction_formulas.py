@@ -1,46 +1,181 @@
+# ruff: noqa: D102 (what overrides a method of Coulomb is described there)
 """Parametric friction laws mu(f, v), for codes that take a formula in place of a surface.
 
-All are of the form ``mu = (f/f0)^(-a) sum_k c_k phi_k(v; v*)``, linear in the amplitudes c:
-
-=================  ==============================================================================
-coulomb            mu = mu0
-power              mu = mu0 (f/f0)^(-a)
-power_log          mu = mu0 (f/f0)^(-a) [1 + b ln(1 + v/v0)]
-power_stribeck_1   mu = (f/f0)^(-a) [mu_k + (mu_s - mu_k) exp(-(v/v_s)^d) + c v], d = 1
-power_stribeck_2   the same with d = 2
-=================  ==============================================================================
+=======================  =========================================================================
+:class:`Coulomb`         mu = mu0
+:class:`Power`           mu = mu0 (f/f0)^(-a)
+:class:`PowerLog`        mu = mu0 (f/f0)^(-a) [1 + b ln(1 + v/v0)]
+:class:`PowerStribeck`   mu = (f/f0)^(-a) [mu_k + (mu_s - mu_k) exp(-(v/v_s)^d) + c v], d = 1 or 2
+=======================  =========================================================================
 
 f is the normal force per length of belt [N/m], v >= 0 the sliding speed [m/s], f0 a chosen
-reference force [N/m].
+reference force [N/m]. For given exponent a and speed scale (v0 or v_s) every law is linear in
+amplitudes c: ``mu = (f/f0)^(-a) sum_k c_k phi_k(v)`` with the terms phi of the law.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
-FrictionLawName = Literal["coulomb", "power", "power_log", "power_stribeck_1", "power_stribeck_2"]
-FRICTION_LAWS: tuple[FrictionLawName, ...] = (
-    "coulomb",
-    "power",
-    "power_log",
-    "power_stribeck_1",
-    "power_stribeck_2",
-)
-PARAMETERS: Mapping[FrictionLawName, tuple[str, ...]] = {
-    "coulomb": ("mu0",),
-    "power": ("mu0", "a"),
-    "power_log": ("mu0", "a", "b", "v0"),
-    "power_stribeck_1": ("mu_s", "mu_k", "a", "v_s", "c"),
-    "power_stribeck_2": ("mu_s", "mu_k", "a", "v_s", "c"),
+
+
+class Coulomb:
+    """A constant coefficient, and what all laws have in common.
+
+    Attributes
+    ----------
+    name : str
+        Name of the law.
+    units : dict of str to str
+        Parameters in their order with their units; empty for a number.
+    scale : str
+        The parameter that is a speed scale; empty if there is none.
+    reach : float
+        The scale is sought within the measured speeds, widened by this factor each way.
+    speeds_needed : int
+        Speeds that determine the dependence on the speed.
+    open_below, open_above : tuple of str
+        Parameters that are open if the speed scale may lie far below or above all speeds.
+    """
+
+    name: str = "coulomb"
+    units: ClassVar[Mapping[str, str]] = {"mu0": ""}
+    scale: str = ""
+    reach: float = 1.0
+    speeds_needed: int = 1
+    open_below: tuple[str, ...] = ()
+    open_above: tuple[str, ...] = ()
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the parameters in their order."""
+        return tuple(self.units)
+
+    def terms(self, v: Array, scale: float) -> Array:
+        """Terms phi_k at speeds v [m/s] for a speed scale [m/s], shape (n, m)."""
+        return np.ones((v.size, 1))
+
+    def from_amplitudes(self, c: Array, a: float, scale: float) -> Array:
+        """Parameters for amplitudes c, exponent a and a speed scale [m/s]."""
+        return np.array([c[0]])
+
+    def mu(self, p: Sequence[float] | Array, f: Array, v: Array) -> Array:
+        """Coefficient [-] with parameters p at forces f [in f0] and speeds v [m/s]."""
+        return np.full(np.broadcast(f, v).shape, p[0])
+
+    def gradient(self, p: Sequence[float] | Array, f: Array, v: Array) -> Array:
+        """Derivatives of mu by the parameters, shape (n, p)."""
+        return np.ones((v.size, 1))
+
+    def text(self, p: Sequence[str], f0: str) -> str:
+        """The law with its numbers as text; f in N/m, v in m/s."""
+        return f"mu = {p[0]}"
+
+
+class Power(Coulomb):
+    """A coefficient that falls with a power of the force."""
+
+    name = "power"
+    units: ClassVar[Mapping[str, str]] = {"mu0": "", "a": ""}
+
+    def from_amplitudes(self, c: Array, a: float, scale: float) -> Array:
+        return np.array([c[0], a])
+
+    def mu(self, p: Sequence[float] | Array, f: Array, v: Array) -> Array:
+        return p[0] * f ** -p[1] * np.ones_like(v)
+
+    def gradient(self, p: Sequence[float] | Array, f: Array, v: Array) -> Array:
+        falling = f ** -p[1]
+        return np.column_stack([falling, -np.log(f) * p[0] * falling])
+
+    def text(self, p: Sequence[str], f0: str) -> str:
+        return f"mu = {p[0]} * (f / {f0})^(-({p[1]}))"
+
+
+class PowerLog(Coulomb):
+    """A power of the force, and the logarithm of the speed above a scale v0."""
+
+    name = "power_log"
+    units: ClassVar[Mapping[str, str]] = {"mu0": "", "a": "", "b": "", "v0": "m/s"}
+    scale = "v0"
+    reach = 1.0e3
+    speeds_needed = 3
+    open_below = ("v0", "mu0", "b")
+    open_above = ("v0", "b")
+
+    def terms(self, v: Array, scale: float) -> Array:
+        return np.column_stack([np.ones_like(v), np.log1p(v / scale)])
+
+    def from_amplitudes(self, c: Array, a: float, scale: float) -> Array:
+        return np.array([c[0], a, c[1] / c[0], scale])
+
+    def mu(self, p: Sequence[float] | Array, f: Array, v: Array) -> Array:
+        return p[0] * f ** -p[1] * (1.0 + p[2] * np.log1p(v / p[3]))
+
+    def gradient(self, p: Sequence[float] | Array, f: Array, v: Array) -> Array:
+        mu0, a, b, v0 = p
+        falling, log = f**-a, np.log1p(v / v0)
+        along = 1.0 + b * log
+        by_scale = -b * v / (v0 * (v0 + v))
+        columns = [along, -np.log(f) * mu0 * along, mu0 * log, mu0 * by_scale]
+        return falling[:, None] * np.column_stack(columns)
+
+    def text(self, p: Sequence[str], f0: str) -> str:
+        mu0, a, b, v0 = p
+        return f"mu = {mu0} * (f / {f0})^(-({a})) * (1 + ({b}) * ln(1 + v / {v0}))"
+
+
+class PowerStribeck(Coulomb):
+    """A power of the force, and a Stribeck curve of the speed with exponent d."""
+
+    units: ClassVar[Mapping[str, str]] = {"mu_s": "", "mu_k": "", "a": "", "v_s": "m/s", "c": "s/m"}
+    scale = "v_s"
+    reach = 10.0
+    speeds_needed = 4
+    open_below = ("v_s", "mu_s")
+    open_above = ("v_s", "mu_k", "c")
+
+    def __init__(self, d: int) -> None:
+        self.d, self.name = d, f"power_stribeck_{d}"
+
+    def terms(self, v: Array, scale: float) -> Array:
+        fading = np.exp(-((v / scale) ** self.d))
+        return np.column_stack([fading, 1.0 - fading, v])
+
+    def from_amplitudes(self, c: Array, a: float, scale: float) -> Array:
+        return np.array([c[0], c[1], a, scale, c[2]])
+
+    def mu(self, p: Sequence[float] | Array, f: Array, v: Array) -> Array:
+        mu_s, mu_k, a, v_s, c = p
+        return f**-a * (mu_k + (mu_s - mu_k) * np.exp(-((v / v_s) ** self.d)) + c * v)
+
+    def gradient(self, p: Sequence[float] | Array, f: Array, v: Array) -> Array:
+        mu_s, mu_k, a, v_s, _ = p
+        power = (v / v_s) ** self.d
+        fading = np.exp(-power)
+        by_scale = (mu_s - mu_k) * fading * self.d * power / v_s
+        by_a = -np.log(f) * self.mu(p, np.ones_like(f), v)
+        columns = [fading, 1.0 - fading, by_a, by_scale, v]
+        return (f**-a)[:, None] * np.column_stack(columns)
+
+    def text(self, p: Sequence[str], f0: str) -> str:
+        mu_s, mu_k, a, v_s, c = p
+        return (
+            f"mu = (f / {f0})^(-({a})) * ({mu_k} + ({mu_s} - {mu_k}) * exp(-(v / {v_s})^{self.d}) "
+            f"+ ({c}) * v)"
+        )
+
+
+FRICTION_LAWS: Final[Mapping[str, Coulomb]] = {
+    law.name: law for law in (Coulomb(), Power(), PowerLog(), PowerStribeck(1), PowerStribeck(2))
 }
-UNITS: Mapping[str, str] = {"v0": "m/s", "v_s": "m/s", "c": "s/m"}
-"""Units of the parameters that have one."""
+"""All laws by name, from the simplest to the richest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,103 +189,23 @@ class FrictionFormula:
     reference_force_N_m : float
         f0 [N/m].
     values : mapping of str to float
-        Parameters by name, see :data:`PARAMETERS`.
+        Parameters by name.
     """
 
-    law: FrictionLawName
+    law: str
     reference_force_N_m: float
     values: Mapping[str, float]
 
     def mu(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
-        """Friction coefficient [-]; the sign of the speed does not matter.
-
-        Parameters
-        ----------
-        normal_force_N_m : array_like
-            Normal force per length of belt [N/m], > 0.
-        slip_speed_m_s : array_like
-            Sliding speed [m/s].
-        """
-        f = np.asarray(normal_force_N_m, dtype=float)
+        """Friction coefficient [-] at forces per length [N/m] > 0 and speeds of either sign."""
+        f = np.asarray(normal_force_N_m, dtype=float) / self.reference_force_N_m
         v = np.abs(np.asarray(slip_speed_m_s, dtype=float))
-        f, v = np.broadcast_arrays(f, v)
-        p = self.values
-        if self.law == "coulomb":
-            return np.full(f.shape, p["mu0"])
-        falling = (f / self.reference_force_N_m) ** -p["a"]
-        if self.law == "power":
-            return p["mu0"] * falling
-        if self.law == "power_log":
-            return p["mu0"] * falling * (1.0 + p["b"] * np.log1p(v / p["v0"]))
-        fading = np.exp(-((v / p["v_s"]) ** stribeck_exponent(self.law)))
-        return falling * (p["mu_k"] + (p["mu_s"] - p["mu_k"]) * fading + p["c"] * v)
+        law = FRICTION_LAWS[self.law]
+        return law.mu([self.values[name] for name in law.parameters], *np.broadcast_arrays(f, v))
 
     @property
     def text(self) -> str:
         """The law with its numbers, to be read or copied; f in N/m, v in m/s."""
-        p = {name: f"{value:.6g}" for name, value in self.values.items()}
-        if self.law == "coulomb":
-            return f"mu = {p['mu0']}"
-        falling = f"(f / {self.reference_force_N_m:g})^(-({p['a']}))"
-        if self.law == "power":
-            return f"mu = {p['mu0']} * {falling}"
-        if self.law == "power_log":
-            return f"mu = {p['mu0']} * {falling} * (1 + ({p['b']}) * ln(1 + v / {p['v0']}))"
-        d = stribeck_exponent(self.law)
-        fading = f"exp(-(v / {p['v_s']})^{d:g})"
-        return (
-            f"mu = {falling} * ({p['mu_k']} + ({p['mu_s']} - {p['mu_k']}) * {fading} "
-            f"+ ({p['c']}) * v)"
-        )
-
-
-def stribeck_exponent(law: FrictionLawName) -> float:
-    """Exponent d of a Stribeck law."""
-    return 2.0 if law == "power_stribeck_2" else 1.0
-
-
-def has_force_exponent(law: FrictionLawName) -> bool:
-    """Whether mu depends on the force."""
-    return law != "coulomb"
-
-
-def has_speed_scale(law: FrictionLawName) -> bool:
-    """Whether the law has a characteristic speed, v0 or v_s."""
-    return law not in ("coulomb", "power")
-
-
-def speed_terms(law: FrictionLawName, v: Array, log_scale: float) -> tuple[Array, Array]:
-    """Terms phi_k(v) of a law, and their derivatives by the logarithm of the speed scale.
-
-    Parameters
-    ----------
-    law : str
-        The law.
-    v : ndarray
-        Sliding speeds [m/s], shape (n,).
-    log_scale : float
-        ln v0 or ln v_s; not used by laws without a scale.
-
-    Returns
-    -------
-    terms, derivatives : ndarray, shape (n, m)
-        The amplitudes that belong to them are mu0 and mu0 b of the logarithmic law, and mu_s,
-        mu_k and c of the Stribeck laws.
-    """
-    one, zero = np.ones_like(v), np.zeros_like(v)
-    if not has_speed_scale(law):
-        return one[:, None], zero[:, None]
-    ratio = v / np.exp(log_scale)
-    if law == "power_log":
-        return (
-            np.column_stack([one, np.log1p(ratio)]),
-            np.column_stack([zero, -ratio / (1.0 + ratio)]),
-        )
-    d = stribeck_exponent(law)
-    power = ratio**d
-    fading = np.exp(-power)
-    by_scale = d * power * fading
-    return (
-        np.column_stack([fading, 1.0 - fading, v]),
-        np.column_stack([by_scale, -by_scale, zero]),
-    )
+        law = FRICTION_LAWS[self.law]
+        values = [f"{self.values[name]:.6g}" for name in law.parameters]
+        return law.text(values, f"{self.reference_force_N_m:g}")

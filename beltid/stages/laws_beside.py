@@ -80,16 +80,29 @@ def normal_law_rows(extra: Mapping[str, Any]) -> list[dict[str, Any]]:
     ]
 
 
-def friction_formulas(surface: FrictionSurface) -> Beside:
-    """Fit the parametric friction laws to the nodes of a surface; never an obstacle."""
+def friction_formulas(surface: FrictionSurface, factor: np.ndarray | None = None) -> Beside:
+    """Fit the parametric friction laws to the nodes of a surface; never an obstacle.
+
+    Parameters
+    ----------
+    surface : FrictionSurface
+        The surface.
+    factor : ndarray, shape (nf, nv, r), optional
+        Factor of the covariance of ln mu at the nodes (``mu_factor``); by default that of an
+        :class:`~beltid.laws.uncertain_surface.UncertainSurface`, else the nodes count as
+        independent with their standard errors.
+    """
     force, speed = np.meshgrid(surface.normal_force_N_m, surface.slip_speed_m_s, indexing="ij")
     errors = surface.mu_se_nodes
+    if factor is None:
+        factor = getattr(surface, "factor", None)
     try:
         laws = fit_friction_laws(
             force.ravel(),
             speed.ravel(),
             surface.mu_nodes.ravel(),
             None if errors is None else errors.ravel(),
+            factor=None if factor is None else factor.reshape(force.size, -1),
         )
     except BeltidError as error:
         return Beside(notes=(f"No friction formula beside the surface: {error}",))
@@ -120,6 +133,7 @@ def _record(laws: FrictionLaws) -> dict[str, Any]:
                     "slip_speed_m_s": fit.worst_at[1],
                 },
                 "chi_square": fit.chi_square,
+                "law_error": fit.law_error,
                 "degrees_of_freedom": fit.degrees_of_freedom,
                 "criterion": fit.criterion,
                 "notes": list(fit.notes),

@@ -51,6 +51,12 @@ def test_difference_is_simulated_less_measured_over_measured() -> None:
     assert result.relative_difference == pytest.approx(np.full(36, 0.02), rel=1e-12)
     assert list(result.run) == list(measured["run"])
     assert result.not_compared == {}
+    assert result.passed  # without tolerances nothing is judged
+    assert result.within_tolerance.all()
+    order = np.argsort(measured["normal_force_N_m"], kind="stable")
+    assert list(result.force_band[order]) == ["low"] * 12 + ["middle"] * 12 + ["high"] * 12
+    backward = {**measured, "pulley_speed_rad_s": -1.01 * measured["pulley_speed_rad_s"]}
+    assert np.array_equal(compare_points(backward, simulated).mu_simulated, simulated["mu_sliding"])
 
 
 def test_statistics_of_hand_made_differences() -> None:
@@ -76,14 +82,6 @@ def test_statistics_of_hand_made_differences() -> None:
     assert middle.force_high_N_m <= high.force_low_N_m
 
 
-def test_thirds_follow_the_measured_force() -> None:
-    measured, simulated = pair()
-    simulated["normal_force_N_m"] = simulated["normal_force_N_m"][::-1]
-    columns = compare_points(measured, simulated).to_columns()
-    order = np.argsort(measured["normal_force_N_m"], kind="stable")
-    assert list(columns["force_band"][order]) == ["low"] * 12 + ["middle"] * 12 + ["high"] * 12
-
-
 def test_mean_over_arcs_is_taken_before_the_difference() -> None:
     measured, simulated = pair()
     factor = {40.0: 1.06, 68.0: 1.0, 82.0: 0.94}  # cancels in the mean over arcs
@@ -95,31 +93,6 @@ def test_mean_over_arcs_is_taken_before_the_difference() -> None:
     assert np.array_equal(result.averaged["n_arcs"], np.full(12, 3))
     row = result.averaged_table()[0]
     assert (row["nominal_tension_N"], row["pulley_speed_rad_s"]) == pytest.approx((50.0, 0.05))
-
-
-def test_mean_over_arcs_uses_the_same_arcs_on_both_sides() -> None:
-    measured, simulated = pair()
-    for side in (measured, simulated):
-        side["mu_sliding"] = side["mu_sliding"] * (1 + side["arc_deg"] / 100)
-    gone = (simulated["arc_deg"] == 82) & (simulated["nominal_tension_N"] == 50)
-    result = compare_points(measured, {k: a[~gone] for k, a in simulated.items()})
-    assert result.over_arc_averages.largest == pytest.approx(0.0, abs=1e-14)
-    assert sorted(result.averaged["n_arcs"]) == [2] * 3 + [3] * 9
-
-
-def test_measured_speeds_need_not_be_met_exactly() -> None:
-    measured, simulated = pair()
-    rng = np.random.default_rng(0)
-    scatter = 1 + 0.01 * rng.uniform(-1, 1, 36)
-    measured["pulley_speed_rad_s"] = measured["pulley_speed_rad_s"] * scatter
-    simulated["mu_sliding"] = np.arange(1.0, 37.0)
-    assert np.array_equal(compare_points(measured, simulated).mu_simulated, simulated["mu_sliding"])
-
-
-def test_direction_of_rotation_does_not_part_runs() -> None:
-    measured, simulated = pair()
-    measured["pulley_speed_rad_s"] = -measured["pulley_speed_rad_s"]
-    assert compare_points(measured, simulated).overall.n_points == 36
 
 
 def test_nearest_speed_wins_within_the_tolerance() -> None:
@@ -165,17 +138,6 @@ def test_runs_without_partner_and_set_aside_are_counted_with_reasons() -> None:
     assert (result.n_measured, result.n_simulated) == (36, 36)
 
 
-def test_every_measured_run_is_either_compared_or_accounted_for() -> None:
-    rng = np.random.default_rng(6)
-    measured, simulated = pair()
-    measured["status"][rng.random(36) < 0.2] = "spikes"
-    keep = rng.random(36) < 0.7
-    result = compare_points(measured, {k: a[keep] for k, a in simulated.items()})
-    left = [name for name, _ in result.not_compared_runs if name.startswith("measured")]
-    assert result.overall.n_points + len(left) == 36
-    assert len(set(left)) == len(left)
-
-
 @pytest.mark.parametrize(
     ("name", "inside", "outside"),
     [
@@ -198,23 +160,6 @@ def test_each_tolerance_decides(name: str, inside: float, outside: float) -> Non
         "allowed": outside,
         "holds": False,
     }
-
-
-def test_without_tolerances_nothing_is_judged() -> None:
-    measured, simulated = pair()
-    simulated["mu_sliding"] = measured["mu_sliding"] * 3
-    result = compare_points(measured, simulated)
-    assert result.passed
-    assert result.verdict_table() == []
-    assert result.within_tolerance.all()
-
-
-def test_one_point_out_of_tolerance_is_marked() -> None:
-    measured, simulated = pair()
-    simulated["mu_sliding"][11] *= 1.06
-    result = compare_points(measured, simulated, AgreementSettings(max_relative_error=0.05))
-    assert list(np.flatnonzero(~result.within_tolerance)) == [11]
-    assert not result.passed
 
 
 @given(st.integers(0, 35), st.sampled_from([np.nan, np.inf, -1.0, 0.0]), st.booleans())
@@ -243,18 +188,6 @@ def test_comparison_of_nothing_is_an_error_that_says_why() -> None:
         compare_points(measured, campaign("S"))
 
 
-def test_runs_without_settings_do_not_match_each_other() -> None:
-    measured, simulated = pair()
-    for side in (measured, simulated):
-        side["nominal_tension_N"][4] = np.nan
-    result = compare_points(measured, simulated)
-    assert result.overall.n_points == 35
-    assert set(result.not_compared) == {
-        "measured: nominal_tension_N not a number > 0",
-        "simulated: nominal_tension_N not a number > 0",
-    }
-
-
 def test_missing_columns_and_unequal_lengths_are_named() -> None:
     measured, simulated = pair()
     del measured["mu_sliding"], measured["arc_deg"]
@@ -268,33 +201,6 @@ def test_missing_columns_and_unequal_lengths_are_named() -> None:
     simulated["status"] = simulated["status"][1:]
     with pytest.raises(InputError, match=r"simulated: column status has shape \(35,\)"):
         compare_points(measured, simulated)
-
-
-def test_status_may_be_missing_and_labels_may_be_numbers() -> None:
-    measured, simulated = pair()
-    del simulated["status"]
-    simulated["run"] = np.arange(36)
-    assert compare_points(measured, simulated).overall.n_points == 36
-
-
-def test_columns_of_the_table() -> None:
-    measured, simulated = pair()
-    columns = compare_points(measured, simulated).to_columns()
-    assert list(columns) == [
-        "run",
-        "arc_deg",
-        "nominal_tension_N",
-        "pulley_speed_rad_s",
-        "normal_force_N_m",
-        "mu_measured",
-        "mu_simulated",
-        "difference",
-        "relative_difference",
-        "within_tolerance",
-        "force_band",
-    ]
-    assert {a.shape for a in columns.values()} == {(36,)}
-    assert columns["within_tolerance"].dtype == bool
 
 
 def test_rows_for_printing_are_plain_values_without_nan() -> None:

@@ -13,7 +13,6 @@ from beltid.identify.press.cycles import turning_points
 from beltid.identify.press.dissipation import estimate_dissipation
 from beltid.identify.press.dwell import moving_part
 from beltid.identify.press.result import StiffnessSettings
-from beltid.identify.surface.points import friction_points
 
 SETTINGS = StiffnessSettings(segment_length_m=0.04)
 
@@ -93,60 +92,3 @@ def test_a_dwell_belongs_to_no_branch():
     steps = 1e-6 * np.repeat(np.arange(20.0), 8)
     stepped = moving_part(0.1 * np.arange(160.0), steps, 1e6 * steps, slice(0, 160), 0.0)
     assert np.array_equal(np.diff(stepped), np.ones(stepped.size - 1))
-
-
-def points(f, v, mu, se=None):
-    return friction_points(f, v, mu, se)
-
-
-def test_points_are_ordered_by_speed_and_force():
-    found = points([3.0, 1.0, 2.0, 5.0], [0.102, 0.2, -0.1, 0.1029], [0.9, 1.1, 1.0, 0.8])
-    assert found.f.tolist() == [2.0, 3.0, 5.0, 1.0]
-    assert found.setting.tolist() == [0, 0, 0, 1]
-    assert found.v.tolist() == [0.1, 0.102, 0.1029, 0.2]
-    assert found.n_speeds == 2
-    assert [x.tolist() for x in found.along_force(found.mu)] == [[1.0, 0.9, 0.8], [1.1]]
-    assert (found.errors_known, found.se.tolist()) == (False, found.mu.tolist())
-    assert points([1.0, 2.0], [0.1, 0.1031], [1, 1]).n_speeds == 2
-    assert points([1.0, 2.0], [0.1, 0.1029], [1, 1]).n_speeds == 1
-
-
-def test_forces_differ_from_a_twentieth_on():
-    assert not points([100.0, 104.9], [0.1, 0.1], [1, 1]).forces_differ
-    assert points([100.0, 105.1], [0.1, 0.1], [1, 1]).forces_differ
-
-
-def test_errors_that_are_missing_are_the_usual_ones():
-    found = points([1, 2, 3, 4], [0.1] * 4, [1.0, 2.0, 1.0, 0.5], [0.01, np.nan, 0.03, 0.0])
-    assert found.errors_known
-    assert found.se.tolist() == [0.01, 0.04, 0.03, 0.01]  # 2 %, the median of 1 and 3 %
-    assert found.notes == ("2 points without a standard error: 2 % taken",)
-    assert points([1, 2], [0.1] * 2, [1, 1], [0.01, 0.02]).notes == ()
-
-
-def test_points_that_are_not_positive_are_left_out():
-    found = points([1, 0, 3, 4, 5], [0.1, 0.1, 0.0, 0.1, 0.1], [1, 1, 1, -1, 1], [0.1] * 5)
-    assert found.f.tolist() == [1.0, 5.0]
-    assert found.notes == ("3 of 5 points left out: force, speed, mu must be > 0",)
-    with pytest.raises(InputError, match="1 usable points of 2, must be at least 2"):
-        points([1, 0], [0.1, 0.1], [1, 1])
-    with pytest.raises(InputError) as error:
-        points([1, 2], [0.1], [1, 1], [0.1] * 3)
-    assert error.value.problems == (
-        "slip_speed_m_s: 1 values, must be 2 as many as mu",
-        "mu_se: 3 values, must be 2 as many as mu",
-    )
-
-
-def test_exponent_is_the_common_slope_within_the_speeds():
-    f = np.array([1000.0, 2000.0, 4000.0, 1000.0, 3000.0, 1500.0])
-    v = np.array([0.01, 0.01, 0.01, 0.02, 0.02, 0.04])
-    law = np.repeat([1.0, 1.3, 1.6], [3, 2, 1]) * (f / 1000.0) ** -0.17
-    assert points(f, v, law, 0.01 * law).exponent() == pytest.approx(0.17, rel=1e-10)
-    rough = law * np.exp([0.02, -0.01, 0.03, -0.02, 0.01, 0.5])
-    relative = np.array([0.01, 0.02, 0.03, 0.01, 0.04, 0.01])
-    # least squares with a level for each speed
-    columns = np.column_stack([np.log(f), v == 0.01, v == 0.02, v == 0.04]) / relative[:, None]
-    slope = np.linalg.lstsq(columns, np.log(rough) / relative, rcond=None)[0][0]
-    assert points(f, v, rough, relative * rough).exponent() == pytest.approx(-slope, rel=1e-9)
-    assert points([1000.0, 1000.0], [0.01, 0.02], [1.0, 1.1]).exponent() == 0.0

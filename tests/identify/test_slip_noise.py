@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from beltid.identify.slip.noise import (
+from beltid.identify.slip.pooled_means import (
     pooled_correlation_time,
     pooled_means,
-    pooled_variance,
     speed_series,
 )
 from beltid.identify.slip.slip import fit_slip
 
 RADIUS, CREEP = 0.05, 0.01
 TORQUES = np.arange(17.0)
+NORMAL_QUARTILE = 0.6744897501960817
 
 
 def drive(n, seed, *, torque=TORQUES, speeds=(22.0, 62.8), noise=3e-3, shaking=1.0):
@@ -80,51 +81,6 @@ def test_a_lone_short_run_is_widened_by_students_factor():
     assert se == pytest.approx(1.3213 / np.sqrt(3.0), rel=1e-3)
 
 
-def test_spikes_are_found_by_the_spread_of_the_series_and_no_good_sample_is():
-    rng = np.random.default_rng(1)
-    samples = {f"{i}": rng.normal(size=4) for i in range(30)}
-    samples["5"][2] += 100.0
-    found = pooled_means(samples, [list(samples)])
-    assert [label for label, m in found.items() if m.n_eff < 4.0] == ["5"]
-    assert abs(found["5"].mean) < 3.0
-
-
-def test_equal_variances_are_pooled_and_unequal_ones_are_not():
-    rng = np.random.default_rng(2)
-    dof = np.full(400, 4.0)
-    variance, pooled = pooled_variance(2.5 * rng.chisquare(4, 400) / 4, dof)
-    assert variance == pytest.approx(2.5, rel=0.1)
-    # the variance of ln s² is known to 0.058 by 400 runs; twice that is a trigamma of 18/2
-    assert pooled > 18.0
-    # variances that scatter as an inverse chi-square of 6 degrees of freedom
-    spread = 2.5 * 6.0 / rng.chisquare(6, 400)
-    variance, pooled = pooled_variance(spread * rng.chisquare(4, 400) / 4, dof)
-    assert variance == pytest.approx(2.5, rel=0.15)
-    assert pooled == pytest.approx(6.0, rel=0.4)
-    assert pooled_variance(np.array([1.0, 0.0]), np.array([2.0, 2.0])) == (0.0, 0.0)
-
-
-def test_the_correlation_of_short_runs_is_seen_together():
-    rng = np.random.default_rng(3)
-    runs = []
-    for _ in range(60):
-        x = rng.normal(size=300)
-        for j in range(1, x.size):
-            x[j] = 0.6 * x[j - 1] + 0.8 * x[j]
-        runs.append(x[-20:] - np.mean(x[-20:]))
-    # an autoregression of first order in 20 samples: 1 + 2 sum (1 - k/20) 0.6^k
-    assert pooled_correlation_time(runs) == pytest.approx(3.625, rel=0.2)
-    white = [r - r.mean() for r in rng.normal(size=(60, 4))]
-    assert pooled_correlation_time(white) == pytest.approx(1.0, abs=0.3)
-
-
-def test_series_are_runs_of_one_speed_unless_a_speed_has_too_few():
-    speeds = {"a": 10.0, "b": 50.0, "c": 10.1, "d": -10.05, "e": 50.2, "f": 49.9}
-    assert [set(s) for s in speed_series(speeds)] == [{"a", "c", "d"}, {"b", "e", "f"}]
-    assert speed_series(speeds | {"g": 80.0}) == (("a", "b", "c", "d", "e", "f", "g"),)
-    assert speed_series(speeds | {"g": float("nan")}) == (("a", "b", "c", "d", "e", "f", "g"),)
-
-
 @pytest.mark.parametrize("signed_torque", [False, True])
 def test_a_drive_that_turns_backwards_is_the_mirrored_one(signed_torque):
     columns, true = drive(10, 4)
@@ -143,35 +99,6 @@ def test_a_drive_that_turns_backwards_is_the_mirrored_one(signed_torque):
     assert not any("backwards" in note for note in forward.notes)
 
 
-def test_single_runs_that_turn_backwards_are_named():
-    columns, _ = drive(10, 5)
-    forward = fit_slip(columns, RADIUS)
-    part = np.isin(columns["run"], ["22-03", "62.8-05"])
-    for name in ("driver_speed_rad_s", "driven_speed_rad_s"):
-        columns[name] = np.where(part, -columns[name], columns[name])
-    result = fit_slip(columns, RADIUS)
-    assert [p.driver_speed_rad_s < 0 for p in result.points].count(True) == 2
-    assert [abs(p.driver_speed_rad_s) for p in result.points] == [
-        p.driver_speed_rad_s for p in forward.points
-    ]
-    for name in ("slip_speed_m_s", "slip_speed_se_m_s", "speed_loss_rad_s", "torque_N_m", "status"):
-        assert [getattr(p, name) for p in result.points] == [
-            getattr(p, name) for p in forward.points
-        ]
-    assert "the drive turns backwards in 22-03, 62.8-05: sign of the speeds turned" in result.notes
-
-
-def test_exchanged_pulleys_are_seen_backwards_too():
-    columns, _ = drive(10, 6)
-    exchanged = columns | {
-        "driver_speed_rad_s": -columns["driven_speed_rad_s"],
-        "driven_speed_rad_s": -columns["driver_speed_rad_s"],
-    }
-    status = {p.run: p.status for p in fit_slip(exchanged, RADIUS).points}
-    assert status["22-00"] == "ok"
-    assert "gains" in status["22-10"]
-
-
 def test_pulleys_that_turn_against_each_other_are_no_gross_slip():
     columns, _ = drive(10, 7)
     part = columns["run"] == "22-10"
@@ -181,3 +108,78 @@ def test_pulleys_that_turn_against_each_other_are_no_gross_slip():
     points = {p.run: p for p in fit_slip(columns, RADIUS).points}
     assert "opposite" in points["22-10"].status
     assert {p.status for p in points.values() if p is not points["22-10"]} == {"ok"}
+
+
+def test_runs_without_samples_and_with_one():
+    series = {"a": np.array([np.nan, np.nan]), "b": np.array([2.0]), "c": np.arange(8.0) % 2}
+    found = pooled_means(series, [["a", "b", "c"]])
+    assert math.isnan(found["a"].mean)
+    assert math.isnan(found["a"].se)
+    assert found["b"].mean == 2.0
+    # the variance of c is that of all: s² = 2/7; 68.27 % interval of t with 7 degrees: t = 1.0767
+    assert found["b"].se == pytest.approx(1.0767 * math.sqrt(2.0 / 7.0), rel=1e-4)
+    assert found["c"].mean == 0.5
+
+
+@pytest.mark.parametrize(("far", "kept"), [(0.99, True), (1.01, False)])
+def test_a_spike_lies_six_spreads_off(far, kept):
+    """Of its own run, or of the differences of the series where these are wider."""
+    base = np.array([-1.0, 0.0, 1.0] * 4)
+    wide = np.tile([5.0, -5.0], 10)  # its differences of ten
+    own, common = 1.0 / NORMAL_QUARTILE, 10.0 / NORMAL_QUARTILE / math.sqrt(2.0)
+    alone = pooled_means({"a": np.append(base, 6.0 * far * own)}, [["a"]])["a"]
+    # differences of one in the run itself: the smaller spread
+    assert (abs(alone.mean) > 1e-12) == kept
+    with_others = {"a": np.append(base, 6.0 * far * common), "b": wide, "c": wide, "d": wide}
+    found = pooled_means(with_others, [list(with_others)])["a"]
+    assert (abs(found.mean) > 1e-12) == kept
+
+
+def test_two_samples_hold_no_spike_and_the_last_bit_is_none():
+    found = pooled_means({"a": np.array([0.0, 9e9])}, [["a"]])["a"]
+    assert found.mean == 4.5e9
+    flat = np.full(20, 62.8)
+    flat[3] += 4 * np.spacing(62.8)
+    assert pooled_means({"a": flat}, [["a"]])["a"].n_eff > 0
+    kept = pooled_means({"a": flat}, [["a"]])["a"].mean
+    assert kept == pytest.approx(flat.mean(), rel=1e-16)
+
+
+def test_runs_within_two_percent_are_one_series():
+    speeds = {f"{k}": v for k, v in enumerate([10.0, 10.1, 10.19, 10.21, 10.3, 10.4])}
+    found = speed_series(speeds)
+    assert found == (("0", "1", "2"), ("3", "4", "5"))
+    assert speed_series({}) == ((),)
+    unknown = dict.fromkeys("xyz", float("nan"))
+    assert set(map(frozenset, speed_series(speeds | unknown))) <= {
+        frozenset(speeds | unknown),
+        *map(frozenset, found),
+        frozenset("xyz"),
+    }
+
+
+def test_the_noise_of_a_series_is_one_variance():
+    """se² = t² sum of squares / (all degrees of freedom) / n, for white noise and equal runs."""
+    runs = {"a": np.array([1.0, 2.0, 0.0]), "b": np.array([5.0, 3.0, 4.0]), "c": np.arange(3.0)}
+    found = pooled_means(runs, [list(runs)])
+    # 6 squares over 6 degrees of freedom: s = 1; 68.27 % interval of t with 6 of them: t = 1.0906
+    for label, mean in (("a", 1.0), ("b", 4.0), ("c", 1.0)):
+        assert found[label].mean == mean
+        assert found[label].se == pytest.approx(1.0906 / math.sqrt(3.0), rel=1e-4)
+
+
+def test_the_correlation_of_short_runs_is_seen_together():
+    rng = np.random.default_rng(3)
+    runs = []
+    for _ in range(60):
+        x = rng.normal(size=300)
+        for j in range(1, x.size):
+            x[j] = 0.6 * x[j - 1] + 0.8 * x[j]
+        runs.append(x[-20:] - np.mean(x[-20:]))
+    # an autoregression of first order in 20 samples: 1 + 2 sum (1 - k/20) 0.6^k
+    assert pooled_correlation_time(runs) == pytest.approx(3.625, rel=0.2)
+    white = [r - r.mean() for r in rng.normal(size=(60, 4))]
+    assert pooled_correlation_time(white) == pytest.approx(1.0, abs=0.3)
+    gap = np.array([1.0, np.nan, -1.0, np.nan, 1.0])
+    for nothing in ([], [np.zeros(5)], [gap], [np.array([0.3]), np.array([-0.3])]):
+        assert pooled_correlation_time(nothing) == 1.0

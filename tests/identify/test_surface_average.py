@@ -10,7 +10,6 @@ import pytest
 from beltid.identify.surface.average import average
 from beltid.identify.surface.curves import Curve, CurveSet
 from beltid.identify.surface.range import common_range
-from beltid.identify.surface.surface import SurfaceResult
 
 SPEEDS = np.array([0.01, 0.02, 0.04])
 
@@ -50,19 +49,6 @@ def test_nodes_that_all_arcs_cover():
     assert grid.mu_se == pytest.approx(np.sqrt(runs / 4 + tau2 * grid.mu**2 / 2), rel=1e-9)
     unknown, _ = average(curves, 3, False)
     assert unknown.mu_se == pytest.approx(grid.mu_se, rel=1e-9)
-
-
-def test_spread_that_the_runs_explain_is_none():
-    curves = curve_set(
-        curve(40.0, 0, LONG, (1.0, 0.9, 0.8), 0.1), curve(80.0, 0, LONG, (0.99, 0.9, 0.8), 0.1)
-    )
-    grid, _ = average(curves, 3, True)
-    assert grid.mu_se == pytest.approx(math.sqrt(0.02) / 2, rel=1e-9)
-    alone, _ = average(curve_set(curve(40.0, 0, LONG, (1.0, 0.9, 0.8), 0.1)), 3, True)
-    assert alone.arc_deg == 40.0
-    assert alone.mu_se == pytest.approx(0.1, rel=1e-9)
-    assert np.isnan(alone.mu_spread).all()
-    assert np.isnan(average(curve_set(curve(40.0, 0, LONG, (1, 1, 1))), 3, False)[0].mu_se).all()
 
 
 def test_an_arc_that_ends_is_carried_on_in_parallel():
@@ -144,17 +130,6 @@ def test_a_speed_that_ends_early_is_held_with_the_change_of_the_others_in_doubt(
     assert grid.mu_se[1, 2] == pytest.approx(0.01, rel=1e-9)
 
 
-def test_arcs_that_meet_at_one_force_share_it():
-    curves = curve_set(
-        curve(40.0, 0, (1000.0, 1400.0, 2000.0), (1.0, 0.95, 0.9)),
-        curve(80.0, 0, (2000.0, 2800.0, 4000.0), (0.8, 0.75, 0.7)),
-        curve(80.0, 1, (1000.0, 2000.0, 4000.0), (0.9, 0.85, 0.8)),
-    )
-    grid, notes = average(curves, 3, True)
-    assert grid.normal_force_N_m == pytest.approx(LONG)
-    assert not any("share no force" in note for note in notes)  # both have 2000 N/m
-
-
 def test_nodes_are_put_where_the_points_are():
     f_1, f_2 = (
         np.array([1000.0, 1500.0, 2500.0, 4000.0]),
@@ -172,27 +147,3 @@ def test_nodes_are_put_where_the_points_are():
         f = np.array([1000.0, 2000.0, third, 4000.0])
         lone = curve_set(curve(40.0, 0, f, (1.0, 0.9, 0.8, 0.7)))
         assert average(lone, None, True)[0].normal_force_N_m.size == nodes
-
-
-def test_a_single_tension_is_a_surface_over_the_speed_alone():
-    curves = curve_set(
-        curve(40.0, 0, [1000.0], [1.0]), curve(80.0, 0, [1200.0], [0.9]),
-        curve(40.0, 1, [1100.0], [1.2]), curve(80.0, 1, [1300.0], [1.1]),
-    )  # fmt: skip
-    grid, _ = average(curves, None, True)
-    middle = math.exp(np.mean(np.log([1000.0, 1200.0, 1100.0, 1300.0])))
-    assert grid.normal_force_N_m == pytest.approx([middle], rel=1e-12)
-    assert grid.mu == pytest.approx(np.array([[0.95, 1.15]]), rel=1e-12)
-
-
-def test_spread_between_arcs_is_relative_to_their_mean():
-    curves = curve_set(
-        curve(40.0, 0, LONG, (0.5, 0.4, 0.3)), curve(80.0, 0, LONG, (0.4, 0.4, 0.28))
-    )
-    grid, _ = average(curves, 3, True)
-    result = SurfaceResult(grid, (), 6, (), ())
-    apart = np.array([0.1 / 0.45, 0.0, 0.02 / 0.29]) / math.sqrt(2.0)
-    assert result.rms_arc_spread == pytest.approx(math.sqrt(np.mean(apart**2)), rel=1e-9)
-    assert result.max_arc_spread == pytest.approx(apart[0], rel=1e-9)
-    alone, _ = average(curve_set(curve(40.0, 0, LONG, (0.5, 0.4, 0.3))), 3, True)
-    assert math.isnan(SurfaceResult(alone, (), 3, (), ()).rms_arc_spread)

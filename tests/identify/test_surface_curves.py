@@ -33,16 +33,6 @@ def test_half_way_between_two_runs_the_error_falls_by_root_two() -> None:
     assert errors == pytest.approx(0.01 / np.sqrt(2) * values, rel=1e-12)
 
 
-def test_propagated_error_is_that_of_simulated_noise() -> None:
-    mu = (F / 4000) ** -0.2
-    at = np.array([950.0, 1200, 2000, 4000, 6300])
-    _, predicted = curve(mu, 0.002 * mu).at(at)
-    rng = np.random.default_rng(9)
-    draws = [curve(mu * (1 + 0.002 * rng.standard_normal(8)), mu).at(at)[0] for _ in range(2000)]
-    # 2000 draws give a standard deviation to 1.6 %; 3 of that
-    assert predicted == pytest.approx(np.std(draws, axis=0), rel=0.05)
-
-
 @given(st.integers(0, 2**32 - 1), st.integers(2, 8))
 @settings(max_examples=40, deadline=None)
 def test_curve_stays_between_neighbouring_points(seed: int, n: int) -> None:
@@ -71,17 +61,3 @@ def test_precise_repetitions_count_more_than_rough_ones() -> None:
     assert only.f == pytest.approx([1000.0, 2000.0])
     assert only.mu == pytest.approx([1.06, 0.9])  # weights 4 : 1
     assert only.se == pytest.approx([0.02 / np.sqrt(5), 0.01])
-
-
-def test_arcs_that_differ_by_rounding_are_one_arc() -> None:
-    n = 4
-    points = Points(
-        arc_deg=40.0 + 1e-7 * np.arange(n),
-        f=1000.0 * np.arange(1, n + 1),
-        v=np.full(n, 0.01),
-        mu=np.ones(n),
-        se=np.zeros(n),
-    )
-    curves = build_curves(points, 0.03, 0.01)
-    assert curves.arcs_deg == pytest.approx([40.0])
-    assert len(curves.curves) == 1

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,7 +12,6 @@ from scipy.stats import f as fisher
 
 from beltid.identify.estimators.statistics import integrated_autocorrelation_time
 from beltid.identify.press.temperature import scatter_of, temperature_effect
-from beltid.identify.surface.law_doubt import chi_square_note, covariance_scale
 
 K_1, K_2, N = 6.5e7, 3.0e11, 40
 
@@ -131,33 +129,3 @@ def test_one_temperature_says_nothing():
     assert math.isnan(found.f_statistic)
     assert not found.matters
     assert "an unknown temperature" in temperature_effect([], [], 0.0).statement
-
-
-def test_covariance_of_known_and_unknown_errors():
-    assert covariance_scale(30.0, 10, True, 1.5) == 4.5
-    assert covariance_scale(3.0, 10, True, 1.5) == 1.5  # known errors are believed
-    assert covariance_scale(3.0, 10, False, 1.5) == pytest.approx(0.45)
-    assert covariance_scale(3.0, 0, True, 1.5) == 1.5
-    assert covariance_scale(3.0, 0, False, 1.5) == math.inf
-
-
-@pytest.mark.parametrize(
-    ("chi_square", "dof", "said"),
-    [
-        (400.0, 100, "misses the points by more than their errors; .* widened 2 times"),
-        (130.0, 100, None),
-        (5.0, 100, "scatter by less than their errors"),
-        (80.0, 100, None),
-        (3.0, 1, None),  # far from one, but no wonder
-        (0.2, 1, None),
-        (3.0, 0, "as many parameters as points"),
-    ],
-)
-def test_misfit_that_is_told(chi_square, dof, said):
-    found = chi_square_note("power", chi_square, dof)
-    if said is None:
-        assert found == []
-    else:
-        assert len(found) == 1
-        assert re.search(said, found[0])
-        assert found[0].startswith("power: ")

@@ -1,4 +1,4 @@
-"""Formulas of friction: values by hand, limits, derivatives."""
+"""Formulas of friction and of normal contact laws: values by hand, limits, derivatives."""
 
 from __future__ import annotations
 
@@ -9,14 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltid.laws.friction_formulas import (
-    FRICTION_LAWS,
-    PARAMETERS,
-    FrictionFormula,
-    has_force_exponent,
-    has_speed_scale,
-    speed_terms,
-)
+from beltid.laws.friction_formulas import FRICTION_LAWS, FrictionFormula
 
 VALUES = {
     "mu0": 0.9,
@@ -31,7 +24,9 @@ VALUES = {
 
 
 def formula(law):
-    return FrictionFormula(law, 5000.0, {name: VALUES[name] for name in PARAMETERS[law]})
+    return FrictionFormula(
+        law, 5000.0, {name: VALUES[name] for name in FRICTION_LAWS[law].parameters}
+    )
 
 
 def by_hand(law, f, v):
@@ -61,33 +56,29 @@ def test_text_is_the_formula_itself(law):
     assert found == pytest.approx(by_hand(law, f, v), rel=1e-12)
 
 
-@pytest.mark.parametrize("law", [x for x in FRICTION_LAWS if has_speed_scale(x)])
-@given(v=st.floats(1e-4, 1.0), scale=st.floats(-8.0, 0.0))
-def test_derivatives_by_the_speed_scale_are_those_of_differences(law, v, scale):
-    h, at = 1e-6, np.array([v])
-    high, low = (speed_terms(law, at, scale + s)[0] for s in (h, -h))
-    assert speed_terms(law, at, scale)[1] == pytest.approx((high - low) / (2 * h), abs=1e-8)
+@pytest.mark.parametrize("law", FRICTION_LAWS)
+@given(f=st.floats(0.1, 3.0), v=st.floats(1e-4, 1.0), share=st.floats(0.2, 5.0))
+def test_derivatives_by_the_parameters_are_those_of_differences(law, f, v, share):
+    model, at = FRICTION_LAWS[law], (np.array([f]), np.array([v]))
+    p = share * np.array([VALUES[name] for name in model.parameters])
+    gradient = model.gradient(p, *at)
+    assert gradient.shape == (1, p.size)
+    for k in range(p.size):
+        step = np.zeros(p.size)
+        step[k] = 1e-5 * p[k]
+        difference = (model.mu(p + step, *at) - model.mu(p - step, *at)) / (2.0 * step[k])
+        scale = np.abs(model.mu(p, *at) / p[k])
+        assert gradient[:, k] == pytest.approx(difference, rel=1e-6, abs=1e-6 * float(scale[0]))
 
 
-def test_terms_of_the_laws_by_hand():
-    v, scale = np.array([0.0, 0.003]), 0.01
-    fading_1, fading_2 = math.exp(-0.3), math.exp(-0.09)
-    expected = {
-        "coulomb": [[1.0], [1.0]],
-        "power": [[1.0], [1.0]],
-        "power_log": [[1.0, 0.0], [1.0, math.log(1.3)]],
-        "power_stribeck_1": [[1.0, 0.0, 0.0], [fading_1, 1.0 - fading_1, 0.003]],
-        "power_stribeck_2": [[1.0, 0.0, 0.0], [fading_2, 1.0 - fading_2, 0.003]],
-    }
-    for law in FRICTION_LAWS:
-        terms, derivatives = speed_terms(law, v, math.log(scale))
-        assert terms == pytest.approx(np.array(expected[law]), rel=1e-14)
-        assert derivatives.shape == terms.shape
-        assert has_force_exponent(law) == ("a" in PARAMETERS[law])
-
-
-@pytest.mark.parametrize("law", ["coulomb", "power"])
-def test_laws_without_a_speed_scale_do_not_change_with_it(law):
-    terms, derivatives = speed_terms(law, np.array([0.1, 0.2]), -3.0)
-    assert np.array_equal(terms, [[1.0], [1.0]])
-    assert np.array_equal(derivatives, [[0.0], [0.0]])
+@pytest.mark.parametrize("law", FRICTION_LAWS)
+def test_laws_are_linear_in_their_amplitudes(law):
+    model, v, f = FRICTION_LAWS[law], np.array([0.0, 0.003, 0.05]), np.array([0.5, 1.0, 2.0])
+    amplitudes = np.array([0.9, 0.6, 2.0])[: model.terms(v, 0.01).shape[1]]
+    a = 0.2 if "a" in model.parameters else 0.0
+    p = model.from_amplitudes(amplitudes, a, 0.01)
+    expected = f**-a * (model.terms(v, 0.01) @ amplitudes)
+    assert model.mu(p, f, v) == pytest.approx(expected, rel=1e-14)
+    assert p.size == len(model.parameters)
+    if model.scale:
+        assert p[model.parameters.index(model.scale)] == 0.01

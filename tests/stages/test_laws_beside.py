@@ -10,6 +10,7 @@ import pytest
 import beltid
 from beltid.identify.surface.laws import fit_friction_laws
 from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.stages.laws_beside import friction_formulas, friction_law_rows, normal_law_rows
 from beltid.store.recordings import read_recording
 
@@ -88,6 +89,23 @@ def test_refined_surface_gives_the_law_of_the_bench_within_its_errors(friction, 
     for p in laws.fit("power_log").parameters:
         assert abs(p.value - truth[p.name]) < 3.0 * p.se, p
         assert p.se < 0.02 * truth[p.name], p
+
+
+def test_formulas_are_fitted_with_the_covariance_of_the_surface():
+    f, v = np.geomspace(1e3, 9e3, 5), np.geomspace(0.002, 0.1, 6)
+    mu = 0.9 * (f[:, None] / 3e3) ** -0.2 * np.ones(v.size)
+    surface = FrictionSurface(f, v, mu, 0.01 * mu)
+    gain = np.full((f.size, v.size, 1), 0.03)
+
+    def se_of_mu0(beside):
+        (power,) = [x for x in beside.extra["friction_laws"]["laws"] if x["law"] == "power"]
+        return power["parameters"][0]["se"] / power["parameters"][0]["value"]
+
+    independent = friction_formulas(surface)
+    assert se_of_mu0(independent) < 0.01
+    shared = friction_formulas(surface, gain)
+    assert se_of_mu0(shared) == pytest.approx(0.03, rel=1e-3)  # a gain does not average out
+    assert se_of_mu0(friction_formulas(UncertainSurface(surface, gain))) == se_of_mu0(shared)
 
 
 def test_a_surface_too_small_for_formulas_is_no_obstacle():

@@ -7,6 +7,7 @@ force.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,19 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import InputError
-from beltid.identify.agreement.matching import (
-    Matches,
-    MatchSettings,
-    RunTable,
-    match_runs,
-    run_table,
-)
+from beltid.identify.agreement.matching import MatchSettings, RunTable, match_runs, run_table
 from beltid.identify.agreement.result import (
     AgreementResult,
     AgreementSettings,
     Statistics,
     statistics,
 )
+from beltid.identify.surface.curves import settings_of
 
 __all__ = ["AgreementResult", "AgreementSettings", "MatchSettings", "Statistics", "compare_points"]
 
@@ -61,12 +57,26 @@ def compare_points(
     """
     settings = settings or AgreementSettings()
     tables = run_table(measured, "measured"), run_table(simulated, "simulated")
-    matches = match_runs(*tables, settings.match)
-    _refuse_nothing(matches, *tables)
-    real, virtual = tables[0].take(matches.measured), tables[1].take(matches.simulated)
+    *rows, left_out = match_runs(*tables, settings.match)
+    counts = dict(Counter(reason for _, reason in left_out).most_common())
+    n_measured, n_simulated = (table.mu.size for table in tables)
+    if rows[0].size == 0:
+        raise InputError(
+            [
+                "compare: no measured run has a simulated partner, must be at least one "
+                f"({n_measured} measured and {n_simulated} simulated runs)",
+                *(f"{count} runs: {reason}" for reason, count in counts.items()),
+            ]
+        )
+    real, virtual = (table.take(index) for table, index in zip(tables, rows, strict=True))
     relative = (virtual.mu - real.mu) / real.mu
     bands = _force_bands(real.force)
-    averaged = _averages_over_arcs(real, virtual.mu, settings.match)
+    arcs = settings_of(real.arc_deg, settings.match.arc)
+    averaged = _averages_over_arcs(real, virtual.mu, arcs, settings.match)
+
+    def group(name: str, here: NDArray[np.bool_]) -> Statistics:
+        return statistics(name, relative[here], real.force[here])
+
     return AgreementResult(
         run=real.run,
         arc_deg=real.arc_deg,
@@ -77,44 +87,22 @@ def compare_points(
         mu_simulated=virtual.mu,
         force_band=bands,
         averaged=averaged,
-        overall=statistics("all points", relative, real.force),
+        overall=group("all points", np.ones(relative.size, dtype=bool)),
         over_arc_averages=statistics(
             "means over arcs", averaged["relative_difference"], averaged["normal_force_N_m"]
         ),
-        per_arc=_per_arc(real, relative, settings.match),
-        thirds=tuple(
-            statistics(
-                f"{word} third of the force", relative[bands == word], real.force[bands == word]
-            )
-            for word in FORCE_BANDS
+        per_arc=tuple(
+            group(f"arc {real.arc_deg[arcs == a].mean():g}°", arcs == a)
+            for a in range(arcs.max() + 1)
         ),
+        thirds=tuple(group(f"{word} third of the force", bands == word) for word in FORCE_BANDS),
         settings=settings,
-        n_measured=tables[0].size,
-        n_simulated=tables[1].size,
+        n_measured=n_measured,
+        n_simulated=n_simulated,
         n_usable=int(np.count_nonzero(tables[0].reason == "")),
-        not_compared=matches.counts,
-        not_compared_runs=matches.left_out,
-        rows=(matches.measured, matches.simulated),
-    )
-
-
-def _refuse_nothing(matches: Matches, measured: RunTable, simulated: RunTable) -> None:
-    if matches.measured.size == 0:
-        raise InputError(
-            [
-                "compare: no measured run has a simulated partner, must be at least one "
-                f"({measured.size} measured and {simulated.size} simulated runs)",
-                *(f"{count} runs: {reason}" for reason, count in matches.counts.items()),
-            ]
-        )
-
-
-def _per_arc(real: RunTable, relative: Array, match: MatchSettings) -> tuple[Statistics, ...]:
-    labels = match.arc_labels(real)
-    return tuple(
-        statistics(f"arc {real.arc_deg[labels == a].mean():g}°", relative[here], real.force[here])
-        for a in range(labels.max() + 1)
-        for here in (labels == a,)
+        not_compared=counts,
+        not_compared_runs=left_out,
+        rows=(rows[0], rows[1]),
     )
 
 
@@ -128,27 +116,28 @@ def _force_bands(force: Array) -> NDArray[np.object_]:
 
 
 def _averages_over_arcs(
-    real: RunTable, mu_simulated: Array, match: MatchSettings
+    real: RunTable, mu_simulated: Array, arcs: NDArray[np.intp], match: MatchSettings
 ) -> dict[str, NDArray[Any]]:
     """Means over the matched arcs of each tension and speed, repetitions of an arc first."""
-    arcs = match.arc_labels(real)
-    settings = np.stack([match.tension_labels(real), match.speed_labels(real)], axis=1)
-    rows = []
-    for setting in np.unique(settings, axis=0):
-        here = np.all(settings == setting, axis=1)
-        data = np.stack([real.tension, real.speed, real.force, real.mu, mu_simulated], axis=1)
-        per_arc = [data[here & (arcs == a)].mean(axis=0) for a in np.unique(arcs[here])]
-        rows.append([*np.mean(per_arc, axis=0), float(len(per_arc))])
-    names = (
-        "nominal_tension_N",
-        "pulley_speed_rad_s",
-        "normal_force_N_m",
-        "mu_measured",
-        "mu_simulated",
-        "n_arcs",
+    columns: dict[str, NDArray[Any]] = {
+        "nominal_tension_N": real.tension,
+        "pulley_speed_rad_s": real.speed,
+        "normal_force_N_m": real.force,
+        "mu_measured": real.mu,
+        "mu_simulated": mu_simulated,
+    }
+    data = np.stack(list(columns.values()), axis=1)
+    setting = np.stack(
+        [settings_of(real.tension, match.tension), settings_of(real.speed, match.speed)], axis=1
     )
-    columns: dict[str, NDArray[Any]] = dict(zip(names, np.array(rows).T, strict=True))
-    columns["n_arcs"] = columns["n_arcs"].astype(np.int64)
+    means, counts = [], []
+    for one in np.unique(setting, axis=0):
+        here = np.all(setting == one, axis=1)
+        per_arc = [data[here & (arcs == a)].mean(axis=0) for a in np.unique(arcs[here])]
+        means.append(np.mean(per_arc, axis=0))
+        counts.append(len(per_arc))
+    columns = dict(zip(columns, np.array(means).T, strict=True))
+    columns["n_arcs"] = np.array(counts, dtype=np.int64)
     columns["difference"] = columns["mu_simulated"] - columns["mu_measured"]
     columns["relative_difference"] = columns["difference"] / columns["mu_measured"]
     return columns

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -42,22 +41,9 @@ class RunTable:
     mu: Array
     reason: NDArray[np.object_]
 
-    @property
-    def size(self) -> int:
-        """Number of runs."""
-        return int(self.mu.size)
-
     def take(self, index: NDArray[np.intp]) -> RunTable:
         """Runs of an index."""
-        return RunTable(
-            self.run[index],
-            self.arc_deg[index],
-            self.tension[index],
-            self.speed[index],
-            self.force[index],
-            self.mu[index],
-            self.reason[index],
-        )
+        return RunTable(*(getattr(self, field.name)[index] for field in fields(self)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,48 +73,6 @@ class MatchSettings:
         if problems:
             raise InputError(problems)
 
-    def arc_labels(self, runs: RunTable) -> NDArray[np.intp]:
-        """Number of the arc setting of each run, ascending."""
-        return _labels(runs.arc_deg, self.arc)
-
-    def tension_labels(self, runs: RunTable) -> NDArray[np.intp]:
-        """Number of the tension setting of each run, ascending."""
-        return _labels(runs.tension, self.tension)
-
-    def speed_labels(self, runs: RunTable) -> NDArray[np.intp]:
-        """Number of the speed setting of each run, ascending."""
-        return _labels(runs.speed, self.speed)
-
-
-def _labels(values: Array, gap: float) -> NDArray[np.intp]:
-    order = np.argsort(values, kind="stable")
-    jump = np.diff(values[order]) > gap * values[order][:-1]
-    labels = np.empty(values.size, dtype=np.intp)
-    labels[order] = np.concatenate([[0], np.cumsum(jump)])
-    return labels
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Matches:
-    """Pairs of runs with equal settings.
-
-    Attributes
-    ----------
-    measured, simulated : ndarray of int (m,)
-        Rows of the pairs; a simulated run may answer several repetitions of a measured one.
-    left_out : tuple of (str, str)
-        Every run that is in no pair: side and label, reason.
-    """
-
-    measured: NDArray[np.intp]
-    simulated: NDArray[np.intp]
-    left_out: tuple[tuple[str, str], ...]
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """Number of runs for each reason to be left out, most frequent first."""
-        return dict(Counter(reason for _, reason in self.left_out).most_common())
-
 
 def run_table(columns: Mapping[str, ArrayLike], side: str) -> RunTable:
     """Table of runs from the columns of the reduction.
@@ -154,66 +98,55 @@ def run_table(columns: Mapping[str, ArrayLike], side: str) -> RunTable:
     if problems:
         raise InputError(problems)
     values["pulley_speed_rad_s"] = np.abs(values["pulley_speed_rad_s"])
-    reason = np.array(
-        [
-            _why_not(str(status[k]), {name: float(a[k]) for name, a in values.items()})
-            for k in range(run.size)
-        ],
-        dtype=object,
-    )
+    reason = np.empty(run.size, dtype=object)
+    for k in range(run.size):
+        wrong = [name for name, a in values.items() if not 0.0 < a[k] < np.inf]
+        reason[k] = f"{' and '.join(wrong)} not a number > 0" if wrong else ""
+        if status[k] != OK:
+            reason[k] = str(status[k]) or "status is empty"
     arc, tension, speed, force, mu = values.values()
     return RunTable(run, arc, tension, speed, force, mu, reason)
 
 
-def _why_not(status: str, values: Mapping[str, float]) -> str:
-    """Why a run cannot be compared, empty if it can."""
-    if status != OK:
-        return status or "status is empty"
-    wrong = [name for name, x in values.items() if not 0.0 < x < np.inf]
-    return f"{' and '.join(wrong)} not a number > 0" if wrong else ""
-
-
-def match_runs(measured: RunTable, simulated: RunTable, settings: MatchSettings) -> Matches:
+def match_runs(
+    measured: RunTable, simulated: RunTable, settings: MatchSettings
+) -> tuple[NDArray[np.intp], NDArray[np.intp], tuple[tuple[str, str], ...]]:
     """Find for every measured run the simulated one of the same settings.
 
     Among several simulated runs within the tolerances the one with the same label wins, else the
-    one with the nearest speed.
+    one with the nearest speed; a simulated run may answer several repetitions of a measured one.
+
+    Returns
+    -------
+    measured, simulated : ndarray of int (m,)
+        Rows of the pairs.
+    left_out : tuple of (str, str)
+        Every run that is in no pair: side and label, reason.
     """
-    rows, partners = [], []
+    pairs: list[tuple[int, int]] = []
     left_out: list[tuple[str, str]] = []
     usable = simulated.reason == ""
-    answered = np.zeros(simulated.size, dtype=bool)
-    for k in range(measured.size):
-        near, distance = _candidates(measured, k, simulated, settings)
+    answered = np.zeros(usable.size, dtype=bool)
+    for k, (label, reason) in enumerate(zip(measured.run, measured.reason, strict=True)):
+        distance = np.abs(simulated.speed - measured.speed[k])
+        near = distance <= settings.speed * measured.speed[k]
+        for theirs, mine, share in (
+            (simulated.arc_deg, measured.arc_deg[k], settings.arc),
+            (simulated.tension, measured.tension[k], settings.tension),
+        ):
+            near &= np.abs(theirs - mine) <= share * mine
         answered |= near  # by a run that was set aside, too: that one is counted
-        partner = near & usable
-        if measured.reason[k]:
-            left_out.append((f"measured {measured.run[k]}", f"measured: {measured.reason[k]}"))
-        elif partner.any():
-            order = np.where(simulated.run == measured.run[k], -1.0, distance)
-            rows.append(k)
-            partners.append(int(np.argmin(np.where(partner, order, np.inf))))
+        if reason:
+            left_out.append((f"measured {label}", f"measured: {reason}"))
+        elif np.any(near & usable):
+            order = np.where(simulated.run == label, -1.0, distance)
+            pairs.append((k, int(np.argmin(np.where(near & usable, order, np.inf)))))
+        elif near.any():
+            left_out.append((f"measured {label}", f"simulated: {simulated.reason[near][0]}"))
         else:
-            why = "no simulated run with these settings"
-            if near.any():
-                why = f"simulated: {simulated.reason[near][0]}"
-            left_out.append((f"measured {measured.run[k]}", why))
-    for run, reason in zip(simulated.run[~answered], simulated.reason[~answered], strict=True):
+            left_out.append((f"measured {label}", "no simulated run with these settings"))
+    for label, reason in zip(simulated.run[~answered], simulated.reason[~answered], strict=True):
         why = f"simulated: {reason}" if reason else "no measured run with these settings"
-        left_out.append((f"simulated {run}", why))
-    index = np.array(rows, dtype=np.intp), np.array(partners, dtype=np.intp)
-    return Matches(*index, tuple(left_out))
-
-
-def _candidates(
-    measured: RunTable, k: int, simulated: RunTable, settings: MatchSettings
-) -> tuple[NDArray[np.bool_], Array]:
-    """Simulated runs within the tolerances of a measured one, and their distance in speed."""
-    distance = np.abs(simulated.speed - measured.speed[k])
-    arc, tension = measured.arc_deg[k], measured.tension[k]
-    near = (
-        (np.abs(simulated.arc_deg - arc) <= settings.arc * arc)
-        & (np.abs(simulated.tension - tension) <= settings.tension * tension)
-        & (distance <= settings.speed * measured.speed[k])
-    )
-    return near, distance
+        left_out.append((f"simulated {label}", why))
+    rows = np.array(pairs, dtype=np.intp).reshape(-1, 2)
+    return rows[:, 0], rows[:, 1], tuple(left_out)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,12 @@ from beltid.errors import InputError
 from beltid.identify.agreement.matching import MatchSettings
 
 Array = NDArray[np.float64]
+
+COLUMNS = (
+    "run", "arc_deg", "nominal_tension_N", "pulley_speed_rad_s", "normal_force_N_m", "mu_measured",
+    "mu_simulated", "difference", "relative_difference", "within_tolerance", "force_band",
+)  # fmt: skip
+"""Columns of the comparison table."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,13 +60,7 @@ class AgreementSettings:
     @property
     def tolerances(self) -> dict[str, float | None]:
         """Tolerances by name."""
-        return {
-            "max_rms_relative_error": self.max_rms_relative_error,
-            "max_mean_relative_error": self.max_mean_relative_error,
-            "max_relative_error": self.max_relative_error,
-            "min_share_compared": self.min_share_compared,
-            "max_rms_error_over_uncertainty": self.max_rms_error_over_uncertainty,
-        }
+        return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "match"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,16 +90,11 @@ class Statistics:
 
     def as_row(self) -> dict[str, object]:
         """Row for printing, in percent; None in place of nan."""
-        figures = {
-            "rms_percent": 100.0 * self.rms,
-            "mean_percent": 100.0 * self.mean,
-            "mean_magnitude_percent": 100.0 * self.mean_magnitude,
-            "largest_percent": 100.0 * self.largest,
-            "force_low_N_m": self.force_low_N_m,
-            "force_high_N_m": self.force_high_N_m,
-        }
-        cleaned = {k: (v if np.isfinite(v) else None) for k, v in figures.items()}
-        return {"group": self.group, "n_points": self.n_points, **cleaned}
+        shares = ("rms", "mean", "mean_magnitude", "largest")
+        figures = {f"{name}_percent": 100.0 * getattr(self, name) for name in shares}
+        figures |= {name: getattr(self, name) for name in ("force_low_N_m", "force_high_N_m")}
+        known = {k: (v if np.isfinite(v) else None) for k, v in figures.items()}
+        return {"group": self.group, "n_points": self.n_points, **known}
 
 
 def statistics(group: str, relative: Array, force: Array) -> Statistics:
@@ -241,19 +236,7 @@ class AgreementResult:
 
     def to_columns(self) -> dict[str, NDArray[Any]]:
         """Columns of the comparison table, a row per matched point."""
-        return {
-            "run": self.run,
-            "arc_deg": self.arc_deg,
-            "nominal_tension_N": self.nominal_tension_N,
-            "pulley_speed_rad_s": self.pulley_speed_rad_s,
-            "normal_force_N_m": self.normal_force_N_m,
-            "mu_measured": self.mu_measured,
-            "mu_simulated": self.mu_simulated,
-            "difference": self.difference,
-            "relative_difference": self.relative_difference,
-            "within_tolerance": self.within_tolerance,
-            "force_band": self.force_band,
-        }
+        return {name: getattr(self, name) for name in COLUMNS}
 
     def statistics_table(self) -> list[dict[str, object]]:
         """Rows for printing: all points, each arc, the means over arcs, thirds of the force."""

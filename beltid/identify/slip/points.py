@@ -117,6 +117,8 @@ def creep_per_torque(series: Sequence[SlipPoint]) -> float:
     """
     torque = np.abs([q.torque_N_m for q in series])
     loss = np.abs([q.speed_loss_rad_s for q in series])
+    known = np.isfinite(torque) & np.isfinite(loss)  # a run without torque says nothing of creep
+    torque, loss = torque[known], loss[known]
     largest = float(np.max(torque, initial=0.0))
     low = (torque <= CREEP_SHARE * largest) & (torque > 0.05 * largest)
     if np.count_nonzero(low) < 3:

@@ -86,23 +86,26 @@ def required_pulley_speeds(
     v_max = max(speeds)
     v_min = max(min(speeds), SMALLEST_SHARE * v_max)
     low, high = v_min / R, v_max / R
-    proposed = tuple(np.geomspace(low, high, n).tolist()) if low < high else (high,)
-    where = tuple((float(w), _place(w, low, high)) for w in configured or ())
-    reached, missing = _coverage(where, low, high)
     statement = f"sliding in service needs pulley speeds from {low:.3g} to {high:.3g} rad/s"
-    if where:
-        rig = f"the rig runs at {', '.join(f'{w:g}' for w, _ in where)} rad/s"
+    rig = [float(w) for w in configured or ()]
+    reached, missing = False, []
+    if rig:
+        reached = max(rig) >= (1.0 - SPEED_TOLERANCE) * high
+        if min(rig) > (1.0 + SPEED_TOLERANCE) * low:
+            missing.append(f"{low:.3g} to {min(*rig, high):.3g} rad/s")
+        if not reached:
+            missing.append(f"{max(*rig, low):.3g} to {high:.3g} rad/s")
         gaps = f"{' and '.join(missing)} not covered" if missing else "covered"
-        statement = f"{statement}; {rig}: {gaps}"
+        statement += f"; the rig runs at {', '.join(f'{w:g}' for w in rig)} rad/s: {gaps}"
     return RequiredSpeeds(
         min_slip_speed_m_s=v_min,
         max_slip_speed_m_s=v_max,
         min_speed_rad_s=low,
         max_speed_rad_s=high,
-        proposed_rad_s=proposed,
-        configured=where,
-        covered=not missing if where else None,
-        covers_largest=reached if where else None,
+        proposed_rad_s=tuple(np.geomspace(low, high, n).tolist()) if low < high else (high,),
+        configured=tuple((w, _place(w, low, high)) for w in rig),
+        covered=not missing if rig else None,
+        covers_largest=reached if rig else None,
         statement=statement,
     )
 
@@ -111,19 +114,3 @@ def _place(omega: float, low: float, high: float) -> str:
     if omega < (1.0 - SPEED_TOLERANCE) * low:
         return "below"
     return "above" if omega > (1.0 + SPEED_TOLERANCE) * high else "within"
-
-
-def _coverage(
-    configured: tuple[tuple[float, str], ...], low: float, high: float
-) -> tuple[bool, list[str]]:
-    """Whether the upper end is reached, and the parts of the range that are not covered."""
-    if not configured:
-        return False, []
-    slowest, fastest = min(w for w, _ in configured), max(w for w, _ in configured)
-    reached = fastest >= (1.0 - SPEED_TOLERANCE) * high
-    missing = []
-    if slowest > (1.0 + SPEED_TOLERANCE) * low:
-        missing.append(f"{low:.3g} to {min(slowest, high):.3g} rad/s")
-    if not reached:
-        missing.append(f"{max(fastest, low):.3g} to {high:.3g} rad/s")
-    return reached, missing

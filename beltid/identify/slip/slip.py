@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 
 from beltid.errors import InputError
 from beltid.identify.estimators.statistics import MeanWithError, robust_mean_with_se
-from beltid.identify.slip.direction import forward_runs, turns_opposite
-from beltid.identify.slip.noise import pooled_means, speed_series
 from beltid.identify.slip.points import OK, SIGNIFICANT, SlipPoint, SlipResult, mark_gross_slip
+from beltid.identify.slip.pooled_means import pooled_means, speed_series
 from beltid.identify.slip.rig_speeds import RequiredSpeeds, required_pulley_speeds
 from beltid.laws.capstan import sliding_speed
 
@@ -34,10 +33,13 @@ Array = NDArray[np.float64]
 
 DRIVER, DRIVEN = "driver_speed_rad_s", "driven_speed_rad_s"
 COLUMNS = ("initial_tension_N", "torque_N_m", DRIVER, DRIVEN)
+SPEEDS = (DRIVER, DRIVEN)
 MIN_SAMPLES = 3
 """Fewest usable samples of a run."""
 NO_LOAD_SHARE = 0.01
 """A torque below this share of the largest is none."""
+STANDS = 0.05
+"""A driven pulley slower than this share of the driver says nothing about its direction."""
 
 
 def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipResult:
@@ -62,7 +64,7 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
         If columns are missing, the radius is not positive, or no point can be used.
     """
     recorded = _runs(speedloss, pulley_radius_m)
-    runs, turned = forward_runs(recorded)
+    runs, turned = _forward_runs(recorded)
     series = speed_series({r: robust_mean_with_se(c[DRIVER]).mean for r, c in runs.items()})
     ratio, ratio_se, notes = _pulley_ratio(runs, series)
     notes = [*turned, *notes]
@@ -70,7 +72,14 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
     points = [
         _point(label, run, losses[label], ratio_se, pulley_radius_m) for label, run in runs.items()
     ]
-    points = [_as_recorded(p, recorded[p.run]) for p in mark_gross_slip(points)]
+    points = [
+        replace(  # signs of the recording
+            p,
+            driver_speed_rad_s=robust_mean_with_se(recorded[p.run][DRIVER]).mean,
+            torque_N_m=robust_mean_with_se(recorded[p.run]["torque_N_m"]).mean,
+        )
+        for p in mark_gross_slip(points)
+    ]
     service = [p for p in points if p.status == OK]
     if not service:
         raise InputError([f"run {p.run}: {p.status}" for p in points])
@@ -107,6 +116,41 @@ def _runs(speedloss: Mapping[str, NDArray], radius: float) -> dict[str, dict[str
         label: {name: values[labels == label] for name, values in columns.items()}
         for label in dict.fromkeys(labels.tolist())
     }
+
+
+def _forward_runs(
+    runs: Mapping[str, Mapping[str, Array]],
+) -> tuple[dict[str, dict[str, Array]], list[str]]:
+    """Runs of a drive that turns backwards as those of the mirrored drive, and what was turned.
+
+    The torque of these runs is turned with the speeds if it is negative on the whole: then it is
+    counted in the direction of the pulleys' axis. A torque that stays positive is counted in the
+    direction of the turning.
+    """
+    backward = [label for label, run in runs.items() if _turns_backwards(run)]
+    forward = {label: dict(run) for label, run in runs.items()}
+    if not backward:
+        return forward, []
+    torque = np.concatenate([runs[label]["torque_N_m"] for label in backward])
+    with_torque = bool(np.nansum(torque) < 0.0)
+    for label in backward:
+        for name in (*SPEEDS, "torque_N_m") if with_torque else SPEEDS:
+            forward[label][name] = -runs[label][name]
+    what = "speeds and of the torque" if with_torque else "speeds"
+    which = "all runs" if len(backward) == len(runs) else ", ".join(backward)
+    return forward, [f"the drive turns backwards in {which}: sign of the {what} turned"]
+
+
+def _turns_backwards(run: Mapping[str, Array]) -> bool:
+    driver, driven = (run[name][np.isfinite(run[name])] for name in SPEEDS)
+    if not (driver.size and driven.size) or not np.median(driver) < 0.0:
+        return False
+    return not _turns_opposite(float(np.median(driver)), float(np.median(driven)))
+
+
+def _turns_opposite(driver_rad_s: float, driven_rad_s: float) -> bool:
+    """Whether the driven pulley turns against the driver, as no open belt lets it."""
+    return driver_rad_s * driven_rad_s < 0.0 and abs(driven_rad_s) > STANDS * abs(driver_rad_s)
 
 
 def _pulley_ratio(
@@ -149,9 +193,10 @@ def _point(
         status = f"fewer than {MIN_SAMPLES} usable samples"
     elif speed == 0.0:
         status = "the driver does not turn"
-    elif turns_opposite(speed, driven_speed):
+    elif _turns_opposite(speed, driven_speed):
         status = "the pulleys turn in opposite directions"
-    elif loss.mean * math.copysign(1.0, speed * _sign(torque)) < -SIGNIFICANT * loss.se:
+    # a negative torque turns the roles of the pulleys round: a generator drives
+    elif loss.mean * math.copysign(1.0, -speed if torque < 0.0 else speed) < -SIGNIFICANT * loss.se:
         status = "the driven pulley gains on the driver"
     return SlipPoint(
         run=label,
@@ -165,17 +210,3 @@ def _point(
         n_samples=n,
         status=status,
     )
-
-
-def _as_recorded(point: SlipPoint, run: Mapping[str, Array]) -> SlipPoint:
-    """Point with the driver's speed and the torque in the signs of the recording."""
-    return replace(
-        point,
-        driver_speed_rad_s=robust_mean_with_se(run[DRIVER]).mean,
-        torque_N_m=robust_mean_with_se(run["torque_N_m"]).mean,
-    )
-
-
-def _sign(torque: float) -> float:
-    """-1 for a torque that turns the roles of the pulleys round (a generator driving), else 1."""
-    return -1.0 if torque < 0.0 else 1.0

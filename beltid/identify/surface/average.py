@@ -44,7 +44,7 @@ from beltid.laws.friction_surface import FrictionSurface
 Array = NDArray[np.float64]
 
 MIN_NODE_GAP = 0.3  # of the usual one; closer nodes of the force make steep slopes out of noise
-WORTH_TELLING = 5e-3  # relative; nodes moved by less are within what motors miss their speed by
+WORTH_A_NOTE = 5e-3  # relative; nodes moved by less are within what motors miss their speed by
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,7 +112,9 @@ def average(
     mu, se, filled = _on_nodes(curves, nodes)
     held = np.all(np.isfinite(filled).any(axis=0), axis=1)
     nodes, mu, se, filled = nodes[held], mu[:, held], se[:, held], filled[:, held]
-    never = [f"{arc:g}°" for arc, m in zip(curves.arcs_deg, filled, strict=True) if _partial(m)]
+    never = [
+        f"{arc:g}°" for arc, m in zip(curves.arcs_deg, filled, strict=True) if np.isnan(m).any()
+    ]
     if never:
         notes.append(
             f"arcs {', '.join(never)} share no force with the others at some nodes: "
@@ -128,15 +130,11 @@ def average(
         normal_force_N_m=nodes,
         slip_speed_m_s=curves.speeds,
         mu=mean,
-        mu_se=_with_doubt_of_held(mu_se, mean, n_arcs),
+        mu_se=_with_uncertainty_of_held(mu_se, mean, n_arcs),
         n_arcs=n_arcs,
         mu_spread=sd,
     )
     return grid, tuple(notes)
-
-
-def _partial(values: Array) -> bool:
-    return bool(np.isnan(values).any())
 
 
 def _held_in_band(mean: Array, curves: CurveSet) -> tuple[Array, list[str]]:
@@ -148,7 +146,7 @@ def _held_in_band(mean: Array, curves: CurveSet) -> tuple[Array, list[str]]:
         high[c.speed] = max(high[c.speed], c.band[1])
     held = np.clip(mean, low, high)
     change = np.abs(held / mean - 1.0)
-    moved = change > WORTH_TELLING
+    moved = change > WORTH_A_NOTE
     if not moved.any():
         return held, []
     return held, [
@@ -273,9 +271,9 @@ def _standard_error(
     return np.sqrt(from_runs / n**2 + tau2[nearest][:, None] * mean**2 / n)
 
 
-def _with_doubt_of_held(mu_se: Array, mu: Array, n_arcs: NDArray[np.int64]) -> Array:
+def _with_uncertainty_of_held(mu_se: Array, mu: Array, n_arcs: NDArray[np.int64]) -> Array:
     """Standard errors (nf, nv), with what the other speeds change where the value is held."""
-    doubt = mu_se.copy()
+    widened = mu_se.copy()
     for i, k in np.argwhere(n_arcs == 0):
         measured = np.flatnonzero(n_arcs[:, k])
         if measured.size == 0:
@@ -283,5 +281,5 @@ def _with_doubt_of_held(mu_se: Array, mu: Array, n_arcs: NDArray[np.int64]) -> A
         nearest = measured[np.argmin(np.abs(measured - i))]
         others = (n_arcs[i] > 0) & (n_arcs[nearest] > 0)
         change = np.abs(mu[i, others] / mu[nearest, others] - 1.0).mean() if others.any() else 0.0
-        doubt[i, k] = mu[i, k] * np.hypot(mu_se[nearest, k] / mu[nearest, k], change)
-    return doubt
+        widened[i, k] = mu[i, k] * np.hypot(mu_se[nearest, k] / mu[nearest, k], change)
+    return widened

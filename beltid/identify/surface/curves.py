@@ -3,6 +3,11 @@
 The normal force of a run is a result (the mean of Eq. 8), not a setting, so the points of a
 campaign are scattered in f_N. What was set is the arc, the tension and the speed: the points of
 one arc and one speed lie on a curve over f_N.
+
+A campaign may also give every run a tension and a speed of its own. Then no curve is measured; per
+arc the surface of ln mu over (ln f, ln v) is estimated from all of its runs
+(:mod:`beltid.identify.surface.kriging`) and tabulated at common speeds, and what follows is the
+same.
 """
 
 from __future__ import annotations
@@ -15,13 +20,27 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from beltid.errors import InputError
+from beltid.identify.surface.kriging import kriging
 from beltid.laws.bicubic import bounded_cubic
 
 Array = NDArray[np.float64]
 
-ARC_GAP = 1e-3  # relative; arcs are nominal settings and only differ by rounding
-MAX_SPEED_SPREAD = 1.25  # highest over lowest speed that can still be one setting
-EDGE = 1e-9  # relative; a node made from the end of a curve lies on the curve
+ARC_GAP = 1e-3
+"""Arcs are nominal settings and differ by rounding only, relative."""
+MAX_SPEED_SPREAD = 1.25
+"""Highest over lowest speed that can still be one setting."""
+USUAL_SPEED_SPREAD = 1.05
+"""The same of a usual setting: motors meet their speed to a percent or two."""
+ONE_TENSION = 2.5
+"""Highest over lowest force that one tension gives over all arcs and speeds."""
+SPEED_STEP = 0.18
+"""Distance of the speeds of a table without settings [ln v]: every run is near to one of them."""
+FEWEST_RUNS = 6
+"""Runs of an arc without settings: three for a plane, as many for the scatter about it."""
+MOST_CELLS = 400
+"""Of very many runs of an arc, neighbours are averaged first."""
+EDGE = 1e-9
+"""A node made from the end of a curve lies on the curve, relative."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,6 +190,11 @@ def build_curves(points: Points, speed_gap: float, force_gap: float) -> CurveSet
     speed_label = settings_of(points.v, speed_gap)
     arc_label = settings_of(points.arc_deg, ARC_GAP)
     speeds = np.array([points.v[speed_label == k].mean() for k in range(speed_label.max() + 1)])
+    arcs = np.array([points.arc_deg[arc_label == k].mean() for k in range(arc_label.max() + 1)])
+    if _is_scattered(points, speed_label, arc_label):
+        scattered = _scattered_curves(points, arc_label, arcs)
+        if scattered is not None:
+            return scattered
     problems = [
         f"slip_speed_m_s: {group.size} speeds between {group.min():g} and {group.max():g} m/s "
         f"without a gap of {speed_gap:.0%}, must be repeated settings of the speed"
@@ -179,7 +203,6 @@ def build_curves(points: Points, speed_gap: float, force_gap: float) -> CurveSet
     ]
     if problems:
         raise InputError(problems)
-    arcs = np.array([points.arc_deg[arc_label == k].mean() for k in range(arc_label.max() + 1)])
     at_setting = _at_common_speed(points, speed_label, speeds, arc_label)
     curves: list[Curve] = []
     notes: list[str] = []
@@ -261,3 +284,88 @@ def _speed_exponent(points: Points, label: NDArray[np.intp], speeds: Array) -> A
         rows.append(np.interp(np.log(points.f), np.log(f), np.log(mu)))
     slope = np.gradient(np.stack(rows), np.log(speeds[used]), axis=0)
     return slope[np.searchsorted(used, label), np.arange(points.f.size)]
+
+
+def _is_scattered(
+    points: Points, speed_label: NDArray[np.intp], arc_label: NDArray[np.intp]
+) -> bool:
+    """Whether the speeds of a campaign are no settings.
+
+    They are not if runs that follow one another without a gap spread too far for one setting, or if
+    most runs have no second one of their arc at the same speed to make a curve with.
+    """
+    if points.f.size < FEWEST_RUNS or points.f.max() < ONE_TENSION * points.f.min():
+        return False
+    in_curve = 0
+    for k in range(int(speed_label.max()) + 1):
+        here = speed_label == k
+        spread = points.v[here].max() / points.v[here].min()
+        if spread > MAX_SPEED_SPREAD:
+            return True
+        runs_of_arcs = np.bincount(arc_label[here])
+        in_curve += (
+            int(runs_of_arcs[runs_of_arcs >= 2].sum()) if spread <= USUAL_SPEED_SPREAD else 0
+        )
+    return 2 * in_curve < points.f.size
+
+
+def _scattered_curves(points: Points, arc_label: NDArray[np.intp], arcs: Array) -> CurveSet | None:
+    """Curves of each arc at common speeds, from all of its runs; None if no arc has enough."""
+    speeds = _speeds_of_table(points.v)
+    log_speed = np.log(speeds)
+    curves: list[Curve] = []
+    few = []
+    band = float(points.mu.min()), float(points.mu.max())
+    for a, arc in enumerate(arcs):
+        mine = points.take(arc_label == a)
+        if mine.f.size < FEWEST_RUNS:
+            few.append(
+                f"arc {arc:g}°: {mine.f.size} runs, {FEWEST_RUNS} are needed without settings"
+            )
+            continue
+        ends = mine.f.min(), mine.f.max()
+        mine = _thinned(mine)
+        x = np.log(np.column_stack([mine.f, mine.v]))
+        # as many nodes along the force as a grid of that many runs would have
+        nodes = np.geomspace(*ends, int(np.ceil(np.sqrt(mine.f.size))))
+        at = np.stack(np.meshgrid(np.log(nodes), log_speed, indexing="ij"), axis=-1)
+        log_mu, se = kriging(x, np.log(mine.mu), mine.se / mine.mu, at.reshape(-1, 2))
+        free = np.exp(log_mu).reshape(nodes.size, -1)
+        mu = np.clip(free, *band)  # corners without runs: nothing beyond what was measured
+        mu_se = np.hypot(mu * se.reshape(mu.shape), free - mu)
+        curves += [
+            Curve(float(arc), k, nodes, mu[:, k], mu_se[:, k], band) for k in range(speeds.size)
+        ]
+    if not curves:
+        return None
+    note = (
+        f"the {points.f.size} speeds are no repeated settings: {speeds.size} speeds between "
+        f"{speeds[0]:.4g} and {speeds[-1]:.4g} m/s, each arc from all of its runs"
+    )
+    return CurveSet(arcs, speeds, tuple(curves), (note, *few))
+
+
+def _thinned(points: Points) -> Points:
+    """Points, or their means in cells of the plane (ln f, ln v) if there are very many."""
+    if points.f.size <= MOST_CELLS:
+        return points
+    per_axis = int(np.sqrt(MOST_CELLS))
+    cells = []
+    for x in (np.log(points.f), np.log(points.v)):
+        share = (x - x.min()) / max(float(np.ptp(x)), EDGE)
+        cells.append(np.minimum(np.floor(share * per_axis), per_axis - 1))
+    _, cell = np.unique(np.stack(cells, axis=1), axis=0, return_inverse=True)
+    rows = [
+        (g.arc_deg.mean(), np.exp(np.log(g.f).mean()), np.exp(np.log(g.v).mean()),
+         np.exp(np.log(g.mu).mean()), float(np.sqrt(np.sum(g.se**2))) / g.f.size)
+        for g in (points.take(cell.ravel() == k) for k in range(int(cell.max()) + 1))
+    ]  # fmt: skip
+    return Points(*np.array(rows).T)
+
+
+def _speeds_of_table(v: Array) -> Array:
+    """Speeds such that every run is near to one, and every one near to a run [m/s]."""
+    ordered = np.sort(v)
+    cells = np.floor(np.log(ordered / ordered[0]) / SPEED_STEP)
+    groups = (ordered[cells == k] for k in np.unique(cells))
+    return np.array([np.sqrt(group[0] * group[-1]) for group in groups])

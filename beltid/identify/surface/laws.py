@@ -1,43 +1,79 @@
-"""Parametric friction laws fitted beside the surface, with parameters, errors and misfit.
+"""Parametric friction laws fitted to the surface with its covariance.
 
-Every law is ``mu = (f/f0)^(-a) sum_k c_k phi_k(v; v*)`` (:mod:`beltid.laws.friction_formulas`). For
-given a and v* the amplitudes c are a linear problem; a scan over v* with these (variable
-projection) gives first values, so that no guess is needed. Then all unknowns are fitted together,
-weighted by the standard errors of the points.
+Every law is ``mu = (f/f0)^(-a) sum_k c_k phi_k(v; v*)`` (:mod:`beltid.laws.friction_formulas`).
+With the relative misfits ``r = 1 - law/mu`` at the nodes and the covariance C of ln mu there, the
+parameters minimise
 
-Standard errors count the correlation of the residuals along the force, and are widened where the
-law misses the points by more than their errors. What the data cannot tell is said to be so.
+    r' (C + q I)^-1 r,    q such that the minimum equals the degrees of freedom, q >= 0.
+
+q is what the law itself misses the surface by (Paule and Mandel 1982); without known errors C is
+zero and q the scatter. For given a and v* the amplitudes c are a linear problem: a scan over v*
+gives first values, so that no guess is needed.
+
+Where the law misses the surface (q > 0), standard errors count the correlation that is left in the
+whitened misfits along the force. What the data do not determine is said to be so.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import chdtr, chdtrc
 
-from beltid.errors import InputError, NumericsError
-from beltid.identify.press.shared_law import correlation_time
-from beltid.identify.surface.law_doubt import (
-    FrictionParameter,
-    chi_square_note,
-    covariance_scale,
-    parameters_of,
-    verdict_of,
-)
-from beltid.identify.surface.law_search import LawSearch, search_law
-from beltid.identify.surface.points import FrictionPoints, friction_points
-from beltid.laws.friction_formulas import (
-    FRICTION_LAWS,
-    FrictionFormula,
-    FrictionLawName,
-)
+from beltid.errors import ConvergenceError, FitError, InputError, NumericsError
+from beltid.identify.estimators.statistics import integrated_autocorrelation_time
+from beltid.laws.friction_formulas import FRICTION_LAWS, Coulomb, FrictionFormula
 
 Array = NDArray[np.float64]
 
-ROUNDING = 1.0e-10
-"""Relative misfits below are rounding."""
+ROUNDING = 1.0e-20
+"""Squares of relative misfits below are rounding."""
+SPEED_GAP = 0.03
+"""Speeds closer than this share are one setting."""
+FORCE_SPREAD = 0.05
+"""Forces within this share of each other do not show how mu depends on the force."""
+SCAN = 49
+"""Values of the speed scale that are tried."""
+MOST_STARTS = 3
+"""The search starts from the best local minima of the scan, at most so many."""
+MOST_ROUNDS = 30
+"""Rounds between the parameters and q."""
+SINGULAR = 1.0e-10
+"""Singular values of the column-scaled Jacobian below this share of the largest are zero."""
+TWO_ERRORS = 4.0
+"""Rise of chi² at two standard errors."""
+NOT_DETERMINED = "not determined by the data"
+NOT_ZERO = "not different from zero"
+
+
+@dataclass(frozen=True, slots=True)
+class FrictionParameter:
+    """A parameter of a friction law.
+
+    Attributes
+    ----------
+    name, unit : str
+        What it is; the unit is empty for a number.
+    value, se : float
+        Value and standard error; the error is infinite where the data do not determine the value.
+    status : str
+        Empty, "not different from zero", or "not determined by the data".
+    """
+
+    name: str
+    unit: str
+    value: float
+    se: float
+    status: str = ""
+
+    @property
+    def determined(self) -> bool:
+        """Whether the data determine the value."""
+        return self.status != NOT_DETERMINED
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,23 +90,23 @@ class FrictionLawFit:
         Of the parameters, in their order, shape (p, p); nan where one is not determined.
     reference_force_N_m : float
         f0, chosen in the middle of the points [N/m].
-    rms_misfit : float
-        Root mean square of the relative misfit, ``law/mu - 1`` [-].
-    worst_misfit : float
-        The largest relative misfit, with its sign [-].
+    rms_misfit, worst_misfit : float
+        Root mean square and largest of the relative misfits ``law/mu - 1`` [-].
     worst_at : tuple of float
-        Force [N/m] and speed [m/s] where it occurs.
+        Force [N/m] and speed [m/s] of the largest.
     chi_square : float
-        Weighted sum of squares; nan if the errors of the points are not known.
+        ``r' C^-1 r``; nan if the errors of the points are not known.
+    law_error : float
+        sqrt(q), what the law misses the points by beyond their errors [-].
     degrees_of_freedom : int
         Points less parameters.
     criterion : float
-        AICc less that of the best law [-].
+        AICc less that of the best law [-]; nan with too few points.
     notes : tuple of str
         What the user should know.
     """
 
-    law: FrictionLawName
+    law: str
     parameters: tuple[FrictionParameter, ...]
     covariance: Array
     reference_force_N_m: float
@@ -78,6 +114,7 @@ class FrictionLawFit:
     worst_misfit: float
     worst_at: tuple[float, float]
     chi_square: float
+    law_error: float
     degrees_of_freedom: int
     criterion: float
     notes: tuple[str, ...] = ()
@@ -100,7 +137,7 @@ class FrictionLawFit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrictionLaws:
-    """Parametric laws beside a friction surface.
+    """Parametric laws of a friction surface.
 
     Attributes
     ----------
@@ -124,15 +161,15 @@ class FrictionLaws:
 
     fits: tuple[FrictionLawFit, ...]
     refused: tuple[tuple[str, str], ...]
-    best: FrictionLawName
+    best: str
     verdict: str
     n_points: int
     n_effective: float
     valid_force_N_m: tuple[float, float]
     valid_speed_m_s: tuple[float, float]
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
 
-    def fit(self, law: FrictionLawName) -> FrictionLawFit:
+    def fit(self, law: str) -> FrictionLawFit:
         """The fit of one law."""
         return next(f for f in self.fits if f.law == law)
 
@@ -143,8 +180,8 @@ def fit_friction_laws(
     mu: ArrayLike,
     mu_se: ArrayLike | None = None,
     *,
+    factor: ArrayLike | None = None,
     reference_force_N_m: float | None = None,
-    shared_relative_se: float = 0.0,
 ) -> FrictionLaws:
     """Fit the parametric friction laws to points (f, v, mu).
 
@@ -154,120 +191,500 @@ def fit_friction_laws(
         Points, shape (n,): force per length of belt [N/m] > 0, sliding speed [m/s] > 0 (its sign
         does not matter), friction coefficient [-] > 0; others are left out.
     mu_se : array_like, optional
-        Standard errors of mu [-], shape (n,). Without them every point has the same relative
-        weight.
+        Standard errors of mu [-], shape (n,), of independent points; not used if there is a factor.
+    factor : array_like, optional
+        Factor S of the covariance ``S S'`` of ln mu, shape (n, r). Without either every point has
+        the same relative weight.
     reference_force_N_m : float, optional
         f0 [N/m]; by default the geometric mean of the forces, to two digits, which makes mu0 and a
         nearly uncorrelated.
-    shared_relative_se : float
-        Relative standard error common to all points, such as that of the arc angle or of a gain
-        [-]: it is not averaged away and is added to the amplitudes.
 
     Raises
     ------
     InputError
         If arrays differ in length or fewer than two points can be used.
     """
-    points = friction_points(normal_force_N_m, slip_speed_m_s, mu, mu_se)
-    if not (math.isfinite(shared_relative_se) and shared_relative_se >= 0.0):
-        raise InputError(f"shared_relative_se = {shared_relative_se!r}, must be >= 0")
-    f0 = _reference(points, reference_force_N_m)
-    searched, refused = _searched(points, f0)
-    least = min(searched, key=lambda s: s.fit.sum_of_squares)
-    tau = _correlation(points, least.fit.residuals)
-    m = points.f.size / tau
-    criteria = [_aicc(s, points, m) for s in searched]
-    known = [c for c in criteria if not math.isnan(c)]
-    lowest = min(known) if known else math.nan
-    fits = tuple(
-        _finished(s, points, f0, c - lowest, shared_relative_se)
-        for s, c in zip(searched, criteria, strict=True)
-    )
+    points = _points(normal_force_N_m, slip_speed_m_s, mu, mu_se, factor)
+    f0 = reference_force_N_m
+    if f0 is None:
+        f0 = float(f"{np.exp(np.mean(np.log(points.f))):.2g}")
+    elif not (math.isfinite(f0) and f0 > 0.0):
+        raise InputError(f"reference_force_N_m = {f0!r}, must be > 0 N/m")
+    found: list[_Solution] = []
+    refused: list[tuple[str, str]] = []
+    for law in FRICTION_LAWS.values():
+        try:
+            found.append(_solve(law, points, f0))
+        except NumericsError as error:
+            refused.append((law.name, str(error)))
+    n_effective = points.f.size / min(found, key=lambda s: s.deviance).tau
+    criteria = np.array([_aicc(s, points.f.size, n_effective) for s in found])
+    criteria -= np.nanmin(criteria) if np.isfinite(criteria).any() else 0.0
+    fits = tuple(_as_fit(s, points, float(c)) for s, c in zip(found, criteria, strict=True))
     best = min(fits, key=lambda f: math.inf if math.isnan(f.criterion) else f.criterion)
     return FrictionLaws(
         fits=fits,
         refused=tuple(refused),
         best=best.law,
-        verdict=verdict_of(
-            [(f.law, f.criterion, f.rms_misfit, f.worst_misfit, f.determined) for f in fits],
-            best.formula.text,
-        ),
+        verdict=verdict_of(fits),
         n_points=points.f.size,
-        n_effective=m,
+        n_effective=n_effective,
         valid_force_N_m=(float(points.f.min()), float(points.f.max())),
         valid_speed_m_s=(float(points.v.min()), float(points.v.max())),
         notes=points.notes,
     )
 
 
-def _searched(points: FrictionPoints, f0: float) -> tuple[list[LawSearch], list[tuple[str, str]]]:
-    """All laws that the points allow, and the others with the reason."""
-    searched: list[LawSearch] = []
-    refused: list[tuple[str, str]] = []
-    for law in FRICTION_LAWS:
-        try:
-            searched.append(search_law(law, points, f0))
-        except NumericsError as error:
-            refused.append((law, str(error)))
-    return searched, refused
+@dataclass(frozen=True, slots=True, eq=False)
+class _Points:
+    """Usable points by speed setting and force; C of ln mu as ``U diag(variance) U'``."""
+
+    f: Array
+    v: Array
+    mu: Array
+    setting: NDArray[np.intp]
+    U: Array
+    variance: Array
+    errors_known: bool
+    notes: tuple[str, ...]
+
+    def whitening(self, q: float) -> Array:
+        """Symmetric root of ``(C + q I)^-1``: whitened misfits keep their places."""
+        return (self.U / np.sqrt(np.maximum(self.variance + q, ROUNDING))) @ self.U.T
+
+    def chi_square(self, r: Array, q: float) -> float:
+        """``r' (C + q I)^-1 r`` of relative misfits."""
+        return float(np.sum((self.U.T @ r) ** 2 / np.maximum(self.variance + q, ROUNDING)))
 
 
-def _reference(points: FrictionPoints, given: float | None) -> float:
-    if given is None:
-        return float(f"{np.exp(np.mean(np.log(points.f))):.2g}")
-    if not (math.isfinite(given) and given > 0.0):
-        raise InputError(f"reference_force_N_m = {given!r}, must be > 0 N/m")
-    return float(given)
-
-
-def _correlation(points: FrictionPoints, residuals: Array) -> float:
-    """Integrated autocorrelation time of weighted residuals along the force [points]."""
-    relative = residuals * points.se / points.mu
-    if float(np.max(np.abs(relative))) <= ROUNDING:
-        return 1.0
-    return correlation_time(points.along_force(residuals))
-
-
-def _aicc(search: LawSearch, points: FrictionPoints, m: float) -> float:
-    """Information criterion for m independent points; nan if they are too few."""
-    k = search.fit.parameters.size + 1  # the scale of the noise is one more
-    if m <= k + 1:
-        return math.nan
-    n = points.f.size
-    floor = float(np.mean((ROUNDING * points.mu / points.se) ** 2))
-    mean_square = max(search.fit.sum_of_squares / n, floor)
-    return m * math.log(mean_square) + 2.0 * k * m / (m - k - 1.0)
-
-
-def _finished(
-    search: LawSearch, points: FrictionPoints, f0: float, criterion: float, shared: float
-) -> FrictionLawFit:
-    """Parameters with their doubt, and the misfit."""
-    fit = search.fit
-    dof = fit.residuals.size - fit.parameters.size
-    scale = covariance_scale(
-        fit.sum_of_squares, dof, points.errors_known, _correlation(points, fit.residuals)
+def _points(
+    f: ArrayLike, v: ArrayLike, mu: ArrayLike, mu_se: ArrayLike | None, factor: ArrayLike | None
+) -> _Points:
+    """Check the points and put them in order."""
+    named = {"normal_force_N_m": f, "slip_speed_m_s": v, "mu": mu}
+    arrays = {name: np.asarray(value, dtype=float).ravel() for name, value in named.items()}
+    n = arrays["mu"].size
+    se = np.full(n, np.nan) if mu_se is None else np.asarray(mu_se, dtype=float).ravel()
+    S = None if factor is None else np.asarray(factor, dtype=float).reshape(len(factor), -1)  # type: ignore[arg-type]
+    sizes = {**{k: a.size for k, a in arrays.items()}, "mu_se": se.size}
+    sizes |= {} if S is None else {"factor": S.shape[0]}
+    problems = [
+        f"{name}: {size} values, must be {n} as many as mu"
+        for name, size in sizes.items()
+        if size != n
+    ]
+    if problems:
+        raise InputError(problems)
+    arrays["slip_speed_m_s"] = np.abs(arrays["slip_speed_m_s"])
+    good = np.all([np.isfinite(a) & (a > 0.0) for a in arrays.values()], axis=0)
+    notes = []
+    if not good.all():
+        notes.append(f"{int((~good).sum())} of {n} points left out: force, speed, mu must be > 0")
+    if good.sum() < 2:
+        raise InputError(f"friction laws: {good.sum()} usable points of {n}, must be at least 2")
+    setting = _speed_settings(arrays["slip_speed_m_s"][good])
+    order = np.lexsort((arrays["normal_force_N_m"][good], setting))
+    rows = np.flatnonzero(good)[order]
+    force, speed, coefficient = (a[rows] for a in arrays.values())
+    U, relative = np.eye(rows.size), se[rows] / coefficient
+    known = np.isfinite(relative) & (relative > 0.0)
+    if S is not None and np.any(S[rows]):
+        U, sizes_of_S, _ = np.linalg.svd(S[rows], full_matrices=True)
+        variance = np.zeros(rows.size)
+        variance[: sizes_of_S.size] = np.square(sizes_of_S)
+        known[:] = True
+    elif known.any():
+        typical = float(np.median(relative[known]))
+        variance = np.square(np.where(known, relative, typical))
+        if not known.all():
+            notes.append(
+                f"{int((~known).sum())} points without a standard error: {100 * typical:.2g} % "
+                "taken"
+            )
+    else:
+        variance = np.zeros(rows.size)
+        notes.append("no standard errors of mu: points have equal relative weight")
+    return _Points(
+        force, speed, coefficient, setting[order], U, variance, bool(known.any()), tuple(notes)
     )
-    parameters, covariance = parameters_of(search, (scale, shared), points)
-    relative = -fit.residuals * points.se / points.mu
-    worst = int(np.argmax(np.abs(relative)))
-    notes = [f"{search.law}: {p.name} is {p.status}" for p in parameters if p.status]
-    negative = [p.name for p in parameters if p.name in ("mu0", "mu_s", "mu_k") and p.value < 0.0]
-    notes += [f"{search.law}: {n} is negative, a number without a meaning" for n in negative]
-    if search.at_bound:
-        notes.append(f"{search.law}: its speed scale ended at the bound of the search")
+
+
+def _speed_settings(speed: Array) -> NDArray[np.intp]:
+    """Number of the speed setting of each point, rising with the speed."""
+    order = np.argsort(speed, kind="stable")
+    steps = np.diff(speed[order]) > SPEED_GAP * speed[order][:-1]
+    found = np.empty(speed.size, dtype=np.intp)
+    found[order] = np.concatenate([[0], np.cumsum(steps)])
+    return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Solution:
+    """A law at its minimum.
+
+    ``p`` are the parameters, ``r`` the relative misfits ``1 - law/mu``, ``J`` the whitened
+    derivatives of law/mu by the parameters, ``tau`` the correlation time of the whitened misfits,
+    ``at_bound`` -1 or 1 where the speed scale ended at the lower or upper bound of the search.
+    """
+
+    law: Coulomb
+    f0: float
+    p: Array
+    q: float
+    r: Array
+    J: Array
+    tau: float
+    deviance: float
+    scales: tuple[float, float]
+    at_bound: int
+
+
+def _solve(law: Coulomb, points: _Points, f0: float) -> _Solution:
+    """Parameters and q of one law.
+
+    Raises
+    ------
+    FitError
+        If the points are too few or too much alike for the law.
+    ConvergenceError
+        If no start leads to a minimum.
+    """
+    reason = _too_little(law, points)
+    if reason:
+        raise FitError(reason)
+    f, dof = points.f / f0, points.f.size - len(law.parameters)
+    scales = (points.v.min() / law.reach, points.v.max() * law.reach)
+    W = points.whitening(max(float(np.mean(points.variance)), ROUNDING))
+    starts = _scan(law, points, f0, W, scales)
+    solved = [_minimum(law, points, f, W, start, scales) for start in starts]
+    p = min(solved, key=lambda p: float(np.sum((W @ _misfit(law, points, f, p)) ** 2)))
+    q = -1.0
+    for _ in range(MOST_ROUNDS):
+        before, r = q, _misfit(law, points, f, p)
+        q = law_variance(points.U.T @ r, points.variance, dof)
+        W = points.whitening(q)
+        if np.ptp(points.variance) == 0.0:
+            break  # q changes no weight
+        p = _minimum(law, points, f, W, p, scales)
+        if abs(q - before) <= 1e-9 * q + ROUNDING:
+            break
+    r = _misfit(law, points, f, p)
+    z = W @ r
+    J = W @ (law.gradient(p, f, points.v) / points.mu[:, None])
+    size = float(np.max(np.abs(r)))
+    # what known errors explain is no correlation of the law's misfits
+    explained = size * size <= ROUNDING or (points.errors_known and q == 0.0)
+    tau = 1.0 if explained else _correlation_time(z, points.setting)
+    at = law.parameters.index(law.scale) if law.scale else None
+    bound = 0 if at is None else int(p[at] >= scales[1] * 0.999) - int(p[at] <= scales[0] * 1.001)
+    spread = np.log(np.maximum(points.variance + q, ROUNDING))
+    return _Solution(
+        law, f0, p, q, r, J, tau, float(np.sum(spread) + z @ z), scales, bound
+    )  # fmt: skip
+
+
+def _misfit(law: Coulomb, points: _Points, f: Array, p: Array) -> Array:
+    return 1.0 - law.mu(p, f, points.v) / points.mu
+
+
+def law_variance(rotated: Array, variance: Array, dof: int) -> float:
+    """The q >= 0 at which ``sum r² / (variance + q)`` equals the degrees of freedom.
+
+    Parameters
+    ----------
+    rotated : ndarray
+        Misfits in the axes of the covariance, shape (n,).
+    variance : ndarray
+        Its eigenvalues, shape (n,).
+    dof : int
+        Degrees of freedom; without any, q is zero.
+    """
+    from scipy.optimize import brentq  # slow to import
+
+    def excess(log_q: float) -> float:
+        return float(np.sum(rotated**2 / (variance + math.exp(log_q)))) - dof
+
+    low = math.log(ROUNDING)
+    if dof <= 0 or excess(low) <= 0.0:
+        return 0.0 if np.any(variance > 0.0) else ROUNDING
+    high = math.log(float(rotated @ rotated) / dof) + 1e-6
+    return math.exp(brentq(excess, low, high, xtol=1e-12, rtol=1e-14))
+
+
+def _correlation_time(z: Array, setting: NDArray[np.intp]) -> float:
+    """Mean integrated autocorrelation time along the force [points]."""
+    parts = [z[setting == k] for k in range(int(setting.max()) + 1)]
+    times = [integrated_autocorrelation_time(part) for part in parts]
+    return float(np.average(times, weights=[part.size for part in parts]))
+
+
+def _too_little(law: Coulomb, points: _Points) -> str:
+    """Why the points cannot determine the parameters of a law; empty if they can."""
+    n_speeds = int(points.setting.max()) + 1
+    if points.f.size < len(law.parameters):
+        return f"{points.f.size} points for {len(law.parameters)} parameters"
+    if "a" in law.parameters and not points.f.max() > (1.0 + FORCE_SPREAD) * points.f.min():
+        return "all points at one force: the exponent a is not determined"
+    if n_speeds < law.speeds_needed:
+        return f"{n_speeds} sliding speeds, {law.speeds_needed} are needed for its speed dependence"
+    return ""
+
+
+def _scan(
+    law: Coulomb, points: _Points, f0: float, W: Array, scales: tuple[float, float]
+) -> list[Array]:
+    """First values: the exponent by regression within the speeds, the best scales of a scan."""
+    a = 0.0
+    if "a" in law.parameters:
+        x, y = np.log(points.f), -np.log(points.mu)
+        for k in range(int(points.setting.max()) + 1):
+            mine = points.setting == k
+            x[mine], y[mine] = x[mine] - x[mine].mean(), y[mine] - y[mine].mean()
+        a = float(x @ y) / float(x @ x) if x @ x > 0.0 else 0.0
+    grid = np.geomspace(*scales, SCAN)[1:-1] if law.scale else np.ones(1)
+    found = [_at_scale(law, points, f0, W, a, float(s), free_a=False) for s in grid]
+    padded = [math.inf, *(misfit for _, misfit, _ in found), math.inf]
+    lowest = [k for k in range(len(found)) if padded[k + 1] <= min(padded[k], padded[k + 2])]
+    lowest = sorted(lowest, key=lambda k: padded[k + 1])[:MOST_STARTS]
+    return [found[k][0] for k in lowest]
+
+
+def _at_scale(
+    law: Coulomb, points: _Points, f0: float, W: Array, a: float, scale: float, *, free_a: bool
+) -> tuple[Array, float, bool]:
+    """Parameters for a given speed scale, chi², and whether all (with a free one) are determined.
+
+    Linear least squares for the amplitudes and, if free, the exponent linearised at `a`.
+    """
+    falling = (points.f / f0) ** -a / points.mu
+    columns = falling[:, None] * law.terms(points.v, scale)
+    if free_a:
+        columns = np.column_stack([columns, -np.log(points.f / f0)])
+    design, y = W @ columns, W @ np.ones(points.f.size)
+    c: Array = np.asarray(np.linalg.lstsq(design, y, rcond=1e-12)[0], dtype=np.float64)
+    misfit = float(np.sum((y - design @ c) ** 2))
+    if free_a:
+        a, c = a + float(c[-1]), c[:-1]
+    with np.errstate(all="ignore"):
+        p = law.from_amplitudes(c, a, scale)
+    return p, misfit, free_a and bool(_inverse(design)[1].all())
+
+
+def _minimum(
+    law: Coulomb, points: _Points, f: Array, W: Array, start: Array, scales: tuple[float, float]
+) -> Array:
+    """Parameters of the least ``|W r|²``, searched from a start; a speed scale by its logarithm."""
+    from scipy.optimize import least_squares  # slow to import
+
+    at = [law.parameters.index(law.scale)] if law.scale else []
+    low, high = np.full(start.size, -np.inf), np.full(start.size, np.inf)
+    low[at], high[at] = np.log(scales[0]), np.log(scales[1])
+
+    def public(theta: Array) -> Array:
+        p = theta.copy()
+        p[at] = np.exp(p[at])
+        return p
+
+    def derivatives(theta: Array) -> Array:
+        p = public(theta)
+        J = law.gradient(p, f, points.v)
+        J[:, at] *= p[at]
+        return -W @ (J / points.mu[:, None])
+
+    theta = start.copy()
+    theta[at] = np.clip(np.log(start[at]), low[at] + 1e-9, high[at] - 1e-9)
+    try:
+        found = least_squares(
+            lambda t: W @ _misfit(law, points, f, public(t)),
+            theta, derivatives, bounds=(low, high), x_scale="jac",
+            ftol=1e-15, xtol=1e-15, gtol=1e-15, max_nfev=1000,
+        )  # fmt: skip
+    except (ValueError, np.linalg.LinAlgError) as error:
+        raise ConvergenceError(f"{law.name}: the search broke down ({error})") from None
+    if found.status == 0:
+        raise ConvergenceError(
+            f"{law.name}: no minimum after {found.nfev} evaluations",
+            iterations=int(found.nfev),
+            residual=float(found.optimality),
+        )
+    return public(found.x)
+
+
+def _inverse(J: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """``(J'J)^-1``, and which parameters are determined; directions without influence left out."""
+    length = np.linalg.norm(J, axis=0)
+    length = np.where(length > 0.0, length, 1.0)
+    _, sizes, V = np.linalg.svd(J / length, full_matrices=False)
+    seen = sizes > SINGULAR * max(float(sizes[0]), 1e-300)
+    determined = np.sqrt(np.sum(V[~seen] ** 2, axis=0)) <= 1e-3
+    inverse = (V[seen].T / sizes[seen] ** 2) @ V[seen] / np.outer(length, length)
+    return inverse, determined
+
+
+def _aicc(solution: _Solution, n: int, n_effective: float) -> float:
+    """Information criterion for n_effective independent points; nan if they are too few."""
+    k = solution.p.size + 1  # q is one more
+    if n_effective <= k + 1:
+        return math.nan
+    share = n_effective / n
+    return share * solution.deviance + 2.0 * k * n_effective / (n_effective - k - 1.0)
+
+
+def _as_fit(solution: _Solution, points: _Points, criterion: float) -> FrictionLawFit:
+    """Parameters with their uncertainty, and the misfit."""
+    law, r = solution.law, -solution.r
+    dof = r.size - solution.p.size
+    covariance, se = _uncertainty(solution, points, dof)
+    parameters = tuple(
+        FrictionParameter(name, unit, float(x), float(s), status(name, x, s, points.mu, points.v))
+        for (name, unit), x, s in zip(law.units.items(), solution.p, se, strict=True)
+    )
+    if any(p.name == "b" and p.status == NOT_ZERO for p in parameters):
+        # where the speed has no provable influence, its scale means nothing
+        parameters = tuple(
+            replace(p, status=NOT_DETERMINED) if p.name == "v0" else p for p in parameters
+        )
+    notes = [f"{law.name}: {p.name} is {p.status}" for p in parameters if p.status]
+    notes += [
+        f"{law.name}: {p.name} is negative, a number without a meaning"
+        for p in parameters
+        if p.name in ("mu0", "mu_s", "mu_k") and p.value < 0.0
+    ]
+    if solution.at_bound:
+        notes.append(f"{law.name}: its speed scale ended at the bound of the search")
+    chi_square = points.chi_square(r, 0.0) if points.errors_known else math.nan
     if points.errors_known:
-        notes += chi_square_note(search.law, fit.sum_of_squares, dof)
+        notes += chi_square_note(law.name, chi_square, dof, math.sqrt(solution.q))
+    worst = int(np.argmax(np.abs(r)))
     return FrictionLawFit(
-        law=search.law,
+        law=law.name,
         parameters=parameters,
         covariance=covariance,
-        reference_force_N_m=f0,
-        rms_misfit=float(np.sqrt(np.mean(relative**2))),
-        worst_misfit=float(relative[worst]),
+        reference_force_N_m=solution.f0,
+        rms_misfit=float(np.sqrt(np.mean(r**2))),
+        worst_misfit=float(r[worst]),
         worst_at=(float(points.f[worst]), float(points.v[worst])),
-        chi_square=fit.sum_of_squares if points.errors_known else math.nan,
+        chi_square=chi_square,
+        law_error=math.sqrt(solution.q),
         degrees_of_freedom=dof,
         criterion=criterion,
         notes=tuple(notes),
     )
+
+
+def _uncertainty(solution: _Solution, points: _Points, dof: int) -> tuple[Array, Array]:
+    """Covariance and standard errors of the parameters.
+
+    The part that the speed scale has in the linear errors is widened to half of what the parameters
+    move over all scales that fit within two standard errors: the errors of a speed scale are seldom
+    symmetric, and several may do.
+    """
+    law, p = solution.law, solution.p
+    inverse, determined = _inverse(solution.J)
+    if dof <= 0 and not points.errors_known:
+        determined = np.zeros(p.size, dtype=bool)
+    covariance = solution.tau * inverse
+    linear = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    se = np.where(determined, linear, np.inf)
+    if law.scale and determined.any():
+        at = law.parameters.index(law.scale)
+        by_scale = (
+            covariance[at] / linear[at] if determined[at] and linear[at] > 0.0 else 0.0 * linear
+        )
+        excess = (0.5 * _moved_by_scale(solution, points)) ** 2 - by_scale**2
+        se = np.hypot(se, np.sqrt(np.maximum(excess, 0.0)))
+    wider = np.divide(se, linear, out=np.ones_like(se), where=np.isfinite(se) & (linear > 0.0))
+    covariance = covariance * np.outer(wider, wider)
+    covariance[~np.isfinite(se), :] = covariance[:, ~np.isfinite(se)] = np.nan
+    return covariance, se
+
+
+def _moved_by_scale(solution: _Solution, points: _Points) -> Array:
+    """What the parameters move over the speed scales that fit within two standard errors."""
+    law, p = solution.law, solution.p
+    at = law.parameters.index(law.scale)
+    a = float(p[law.parameters.index("a")])
+    W = points.whitening(solution.q)
+    args = (law, points, solution.f0, W, a)
+    grid = np.geomspace(*solution.scales, SCAN)
+    limit = _at_scale(*args, float(p[at]), free_a=True)[1] + TWO_ERRORS * solution.tau
+    others = [_at_scale(*args, float(s), free_a=True) for s in grid]
+    kept = [k for k, (_, misfit, _) in enumerate(others) if misfit < limit]
+    moved = np.zeros(p.size)
+    for k in kept:
+        other, _, determined = others[k]
+        with np.errstate(invalid="ignore"):
+            change = np.abs(other - p)
+        change[at] = p[at] * abs(math.log(grid[k] / p[at]))
+        if not determined:
+            change[np.arange(p.size) != at] = np.inf
+        moved = np.maximum(moved, np.where(np.isnan(change), np.inf, change))
+    for open_ended, names in (
+        (0 in kept or solution.at_bound < 0, law.open_below),
+        (SCAN - 1 in kept or solution.at_bound > 0, law.open_above),
+    ):
+        if open_ended:
+            moved[[law.parameters.index(name) for name in names]] = np.inf
+    return moved
+
+
+def status(name: str, value: float, se: float, mu: Array, v: Array) -> str:
+    """What is to be said about a parameter at coefficients mu and speeds v; empty if it stands.
+
+    A speed scale is not determined if its 95 % interval spans more than a factor of ten either way,
+    a coefficient if its standard error exceeds half the mean mu, an exponent beyond 1.
+    """
+    half_mean = 0.5 * float(np.mean(mu))
+    largest = {
+        "v0": 0.5 * math.log(10.0) * value,
+        "v_s": 0.5 * math.log(10.0) * value,
+        "c": half_mean / float(np.max(v)),
+        "b": max(1.0, abs(value)),
+        "a": 1.0,
+    }.get(name, half_mean)
+    if not se <= largest:
+        return NOT_DETERMINED
+    return NOT_ZERO if name in ("a", "b", "c") and abs(value) <= 2.0 * se else ""
+
+
+def chi_square_note(law: str, chi_square: float, dof: int, law_error: float) -> list[str]:
+    """A note where chi² per degree of freedom is far from one, and not by chance."""
+    if dof <= 0:
+        return [f"{law}: as many parameters as points, the misfit says nothing"]
+    ratio = chi_square / dof
+    if ratio > 1.5 and chdtrc(dof, chi_square) < 0.01:
+        return [
+            f"{law}: chi² per degree of freedom {ratio:.3g}: the law misses the points by more "
+            f"than their errors, by {100 * law_error:.2g} %, which is in the standard errors"
+        ]
+    if ratio < 0.5 and chdtr(dof, chi_square) < 0.01:
+        return [
+            f"{law}: chi² per degree of freedom {ratio:.3g}: the points scatter by less than their "
+            "errors, which are too large or shared by the points; shared ones do not average out, "
+            "so the standard errors of the amplitudes may be too small"
+        ]
+    return []
+
+
+def verdict_of(fits: Sequence[FrictionLawFit]) -> str:
+    """Which formula to take, in plain words."""
+    known = [f for f in fits if not math.isnan(f.criterion)]
+    if not known:
+        return "Too few independent points to compare friction laws."
+    best = min(known, key=lambda f: f.criterion)
+    said = (
+        f"Best formula: {best.law}, {best.formula.text} (f in N/m, v in m/s), misfit "
+        f"{100 * best.rms_misfit:.2g} % RMS, {100 * abs(best.worst_misfit):.2g} % at worst"
+    )
+    if not best.determined:
+        said += "; not all of its parameters are determined: use it within the measured range only"
+    equal = [f.law for f in known if f is not best and f.criterion < 2.0]
+    if equal:
+        said += f"; {', '.join(equal)} does as well"
+    coulomb = next((f for f in fits if f.law == "coulomb"), None)
+    if coulomb is not None and best.law != "coulomb":
+        said += (
+            f". A constant coefficient misses by {100 * coulomb.rms_misfit:.2g} % RMS, "
+            f"{100 * abs(coulomb.worst_misfit):.2g} % at worst"
+        )
+    return said + "."

@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
-from beltid.identify.surface.curves import CurveSet
+from beltid.identify.surface.curves import ONE_TENSION, CurveSet
 
 Array = NDArray[np.float64]
 
 MIN_RANGE = 0.02  # relative; a shorter range of forces is none
-ONE_TENSION = 2.5  # highest over lowest force that one tension gives over all arcs and speeds
 NARROWED = 0.25  # ln f; a speed that ends earlier than most others by more is held
 
 

@@ -121,18 +121,12 @@ class SurfaceResult:
                 [np.full(g.mu.size, a) for a, g in zip(arc_deg, grids, strict=True)]
             )
         }
-        for name in ("normal_force_N_m", "slip_speed_m_s"):
-            columns[name] = np.concatenate([_nodes_of(g, name) for g in grids])
+        nodes = [np.meshgrid(g.normal_force_N_m, g.slip_speed_m_s, indexing="ij") for g in grids]
+        for k, name in enumerate(("normal_force_N_m", "slip_speed_m_s")):
+            columns[name] = np.concatenate([pair[k].ravel() for pair in nodes])
         for name in ("mu", "mu_se", "n_arcs", "mu_spread"):
             columns[name] = np.concatenate([getattr(g, name).ravel() for g in grids])
         return columns
-
-
-def _nodes_of(grid: SurfaceGrid, name: str) -> Array:
-    axis = getattr(grid, name)
-    if name == "normal_force_N_m":
-        return np.repeat(axis, grid.mu.shape[1])
-    return np.tile(axis, grid.mu.shape[0])
 
 
 def build_surface(
