@@ -1,0 +1,352 @@
+"""One fitter for all normal laws, with a free contact point for every test.
+
+    f = sum_k K_k b_k(x - p_j) + c_j,      b = y^n for y > 0, else 0,      K_k >= 0
+
+Linear, quadratic, cubic: n = 1, 2, 3; the power law: one term, n free. The position p_j is that of
+the contact point of test j (its cycles share it). The zero c_j of the load cell is an unknown with
+a prior N(0, (ZERO_SHARE F_top)²) for a test that begins in contact, so that its zero could not be
+checked; else it is zero.
+
+For given p (and n) the problem is linear in K and c: they are solved for and projected out (variable
+projection with Kaufman's Jacobian), and the search goes over p and n alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.errors import FitError, NumericsError
+from beltid.identify.estimators.least_squares import (
+    pseudo_inverse,
+    solve_nonlinear,
+    unit_columns,
+)
+from beltid.identify.estimators.statistics import integrated_autocorrelation_time
+from beltid.identify.press.curves import PressCurve
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+LawName = Literal["linear", "quadratic", "power", "cubic"]
+LAW_NAMES: tuple[LawName, ...] = ("linear", "quadratic", "power", "cubic")
+TERMS = {"linear": 1, "quadratic": 2, "power": 1, "cubic": 3}
+
+ZERO_SHARE = 0.05
+"""Prior standard deviation of a zero that could not be checked, over the largest force."""
+EXPONENTS = (0.8, 1.0, 1.25, 1.5, 2.0, 3.0)
+"""First values of the exponent."""
+EXPONENT_BOUNDS = (0.2, 12.0)
+DISTANCES = np.geomspace(0.05, 10.0, 24)
+"""First distances from the contact point to half the largest force, in units of the travel."""
+ROUNDING = 1.0e-10
+"""Residuals below this share of the force are rounding, not evidence."""
+SMALLEST = 1.0e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Nodes:
+    """Nodes of several curves, scaled: positions by the travel fitted, forces by half the top.
+
+    Attributes
+    ----------
+    x, f : ndarray
+        Positions and forces of the nodes [-], shape (n,).
+    owner, part : ndarray of int
+        Number of the test and of the curve of each node, counted by first appearance, (n,).
+    unchecked : ndarray of int
+        Numbers of the tests whose zero is not known.
+    zero_weight : float
+        Noise of the nodes over the prior standard deviation of such a zero [-].
+    span_m, F_N_m : float
+        Units of position and force.
+    """
+
+    x: Array
+    f: Array
+    owner: NDArray[np.intp]
+    part: NDArray[np.intp]
+    unchecked: NDArray[np.intp]
+    zero_weight: float
+    span_m: float
+    F_N_m: float
+
+    @classmethod
+    def of(cls, curves: Sequence[PressCurve], noise_N_m: float = 0.0) -> Nodes:
+        """Nodes of curves; `noise_N_m` weighs the unchecked zeros against them."""
+        numbers = {label: i for i, label in enumerate(dict.fromkeys(c.test for c in curves))}
+        tests = np.array([numbers[c.test] for c in curves], dtype=np.intp)
+        sizes = [c.position_m.size for c in curves]
+        F = 0.5 * min(float(np.max(c.middle_N_m)) for c in curves)
+        span = max(float(np.ptp(c.position_m)) for c in curves)
+        return cls(
+            x=np.concatenate([c.position_m for c in curves]) / span,
+            f=np.concatenate([c.middle_N_m for c in curves]) / F,
+            owner=np.repeat(tests, sizes),
+            part=np.repeat(np.arange(len(curves)), sizes),
+            unchecked=np.unique([numbers[c.test] for c in curves if not c.free_travel]).astype(
+                np.intp
+            ),
+            zero_weight=max(noise_N_m / F, 1e-6) / (2.0 * ZERO_SHARE),
+            span_m=span,
+            F_N_m=F,
+        )
+
+    @property
+    def n_tests(self) -> int:
+        """Number of tests."""
+        return int(self.owner.max()) + 1
+
+    def only(self, kept: Mask) -> Nodes:
+        """Some of the nodes; tests are numbered anew."""
+        tests, owner = np.unique(self.owner[kept], return_inverse=True)
+        return Nodes(
+            self.x[kept],
+            self.f[kept],
+            owner.astype(np.intp),
+            self.part[kept],
+            np.flatnonzero(np.isin(tests, self.unchecked)),
+            self.zero_weight,
+            self.span_m,
+            self.F_N_m,
+        )
+
+    def reference_positions(self) -> Array:
+        """Where each test reaches the force one, shape (tests,)."""
+        found = np.empty(self.n_tests)
+        for j in range(found.size):
+            mine = np.flatnonzero(self.owner == j)
+            mine = mine[np.argsort(self.x[mine], kind="stable")]
+            found[j] = np.interp(1.0, np.maximum.accumulate(self.f[mine]), self.x[mine])
+        return found
+
+    @property
+    def zeros(self) -> Array:
+        """Columns of the unknown zeros, shape (n, unchecked)."""
+        return (self.owner[:, None] == self.unchecked).astype(float)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FittedLaw:
+    """A law through curves, in scaled units.
+
+    Attributes
+    ----------
+    name : str
+        The law.
+    K : ndarray
+        Coefficients of its terms [-], shape (terms,).
+    exponents : ndarray
+        Powers of the terms, shape (terms,).
+    contact : ndarray
+        Position of the contact point of each test [-], shape (tests,).
+    zeros : ndarray
+        Zeros of the load cell found for the unchecked tests [-].
+    residuals : ndarray
+        Nodes less law, shape (n,).
+    sum_of_squares : float
+        Of the residuals, and of the zeros against their prior.
+    sensitivity : ndarray
+        Derivatives of K (and the free exponent) by the forces of the nodes and by what is known of
+        the zeros, shape (parameters, n + unchecked); a row of zeros for a coefficient held at 0.
+    tangent : ndarray
+        Derivatives of the nodes by all unknowns that were free, shape (n + unchecked, m).
+    tau : float
+        Integrated autocorrelation time of the residuals [nodes].
+    """
+
+    name: LawName
+    K: Array
+    exponents: Array
+    contact: Array
+    zeros: Array
+    residuals: Array
+    sum_of_squares: float
+    sensitivity: Array
+    tangent: Array
+    tau: float
+
+    @property
+    def values(self) -> Array:
+        """Parameters: K, and the exponent of the power law."""
+        return np.append(self.K, self.exponents) if self.name == "power" else self.K
+
+    @property
+    def held(self) -> Mask:
+        """Coefficients at their active bound, which would be negative."""
+        return self.K <= 0.0
+
+    @property
+    def n_unknowns(self) -> int:
+        """Parameters and contact points."""
+        return self.values.size + self.contact.size
+
+    def force(self, y: Array) -> Array:
+        """Force at a scaled penetration."""
+        return basis(y, self.exponents) @ self.K
+
+
+def basis(y: Array, exponents: Array) -> Array:
+    """Terms ``y^n`` of a law, zero before contact, shape (n, terms)."""
+    return np.asarray(np.maximum(y, 0.0)[:, None] ** exponents)
+
+
+def _slopes(y: Array, exponents: Array) -> Array:
+    """Derivatives of the terms by y."""
+    inside = np.maximum(y, SMALLEST)[:, None]
+    return np.where(y[:, None] > 0.0, exponents * inside ** (exponents - 1.0), 0.0)
+
+
+class _Projection:
+    """The linear part of a fit at given contact points and exponent."""
+
+    def __init__(self, name: LawName, data: Nodes, theta: Array) -> None:
+        self.data, self.free_exponent = data, name == "power"
+        J = data.n_tests
+        self.p = theta[:J]
+        self.exponents = theta[J:] if self.free_exponent else np.arange(1.0, TERMS[name] + 1.0)
+        self.y = data.x - self.p[data.owner]
+        zeros = data.zeros
+        prior = data.zero_weight * np.eye(zeros.shape[1])
+        terms = basis(self.y, self.exponents)
+        below = np.zeros((prior.shape[0], terms.shape[1]))
+        self.design = np.block([[terms, zeros], [below, prior]])
+        self.observed = np.append(data.f, np.zeros(prior.shape[0]))
+        q = terms.shape[1]
+        self.free = np.ones(self.design.shape[1], dtype=bool)
+        scaled, length = unit_columns(self.design)
+        self.c = np.zeros(self.design.shape[1])
+        for _ in range(q + 1):  # active set of the bounds K >= 0
+            self.c[:] = 0.0
+            solved = np.linalg.lstsq(scaled[:, self.free], self.observed, rcond=1e-13)[0]
+            self.c[self.free] = solved / length[self.free]
+            worst = int(np.argmin(self.c[:q]))
+            if self.c[worst] >= 0.0:
+                break
+            self.free[worst] = False
+        self.scaled = scaled[:, self.free]
+        self.K, self.zeros = self.c[:q], self.c[q:]
+        self.residuals = self.observed - self.design @ self.c
+
+    def nonlinear_columns(self) -> Array:
+        """Derivatives of the law by the contact points and the exponent, (n + unchecked, .)."""
+        slope = -_slopes(self.y, self.exponents) @ self.K
+        own = self.data.owner[:, None] == np.arange(self.p.size)
+        columns = np.where(own, slope[:, None], 0.0)
+        if self.free_exponent:
+            y = np.maximum(self.y, SMALLEST)
+            by_n = basis(self.y, self.exponents) @ self.K * np.log(y)
+            columns = np.column_stack([columns, by_n])
+        return np.vstack([columns, np.zeros((self.zeros.size, columns.shape[1]))])
+
+    def jacobian(self) -> Array:
+        """Derivatives of the residuals, the linear part projected out (Kaufman)."""
+        columns = self.nonlinear_columns()
+        part = np.linalg.lstsq(self.scaled, columns, rcond=1e-13)[0]
+        return -(columns - self.scaled @ part)
+
+
+def fit_law(name: LawName, data: Nodes) -> FittedLaw:
+    """Fit one law to the nodes, with a free contact point for every test.
+
+    Parameters
+    ----------
+    name : {"linear", "quadratic", "power", "cubic"}
+        The law.
+    data : Nodes
+        Nodes.
+
+    Raises
+    ------
+    FitError
+        If there are fewer nodes than unknowns, or the force does not rise.
+    ConvergenceError
+        If the search does not reach a minimum.
+    """
+    q, J = TERMS[name] + (name == "power"), data.n_tests
+    if data.x.size <= q + J:
+        raise FitError(f"{name} law: {data.x.size} nodes, must be more than {q + J}")
+    reference = data.reference_positions()
+    starts = [
+        np.append(reference - d, n) if name == "power" else reference - d
+        for d in DISTANCES
+        for n in (EXPONENTS if name == "power" else (0.0,))
+    ]
+    costs = []
+    for s in starts:
+        r = _Projection(name, data, s).residuals
+        costs.append(float(r @ r))
+    start = starts[int(np.argmin(costs))]
+    low, high = np.full(start.size, -np.inf), np.full(start.size, np.inf)
+    if name == "power":
+        low[-1], high[-1] = EXPONENT_BOUNDS
+    found = solve_nonlinear(
+        lambda theta: _Projection(name, data, theta).residuals,
+        lambda theta: _Projection(name, data, theta).jacobian(),
+        start,
+        (low, high),
+    )
+    at = _Projection(name, data, found.parameters)
+    if not np.any(at.K > 0.0):
+        raise FitError(f"{name} law: the force falls with penetration, must rise")
+    n, terms = data.x.size, at.K.size
+    nonlinear = at.nonlinear_columns()
+    tangent = np.column_stack([at.design[:, at.free], nonlinear])
+    inverse = pseudo_inverse(tangent)
+    sensitivity = np.zeros((q, tangent.shape[0]))
+    k_free = np.flatnonzero(at.free[:terms])
+    sensitivity[k_free] = inverse[: k_free.size]
+    if name == "power":
+        sensitivity[-1] = inverse[-1]
+    residuals = at.residuals[:n]
+    return FittedLaw(
+        name=name,
+        K=at.K,
+        exponents=at.exponents,
+        contact=at.p,
+        zeros=at.zeros,
+        residuals=residuals,
+        sum_of_squares=float(at.residuals @ at.residuals),
+        sensitivity=sensitivity,
+        tangent=tangent,
+        tau=correlation_time(residuals, data),
+    )
+
+
+def correlation_time(residuals: Array, data: Nodes) -> float:
+    """Mean integrated autocorrelation time of residuals along the curves [nodes]."""
+    if float(np.max(np.abs(residuals))) <= ROUNDING * float(np.max(data.f)):
+        return 1.0
+    parts = [residuals[data.part == k] for k in np.unique(data.part)]
+    return sum(r.size * integrated_autocorrelation_time(r) for r in parts) / residuals.size
+
+
+def predicted(law: FittedLaw, data: Nodes) -> Array:
+    """Forces of a known law at the nodes of other tests, their contact points free, shape (n,)."""
+    forces = np.empty(data.x.size)
+    reference = data.reference_positions()
+    top = float(np.interp(1.0, *_curve_of(law)))
+    for j in range(data.n_tests):
+        mine = data.owner == j
+        x, f = data.x[mine], data.f[mine]
+
+        def residuals(p: Array, x: Array = x, f: Array = f) -> Array:
+            return f - law.force(x - p[0])
+
+        def jacobian(p: Array, x: Array = x) -> Array:
+            return (_slopes(x - p[0], law.exponents) @ law.K)[:, None]
+
+        p = solve_nonlinear(residuals, jacobian, reference[j : j + 1] - top).parameters
+        forces[mine] = law.force(x - p[0])
+    return forces
+
+
+def _curve_of(law: FittedLaw) -> tuple[Array, Array]:
+    y = np.concatenate([[0.0], np.geomspace(1e-3, 100.0, 400)])
+    force = law.force(y)
+    if force[-1] < 1.0:
+        raise NumericsError(f"{law.name} law: never reaches the force of the curves")
+    return force, y
