@@ -15,8 +15,8 @@ from beltid.identify.estimators.nonlinear_fit import cofactor_of, fit_nonlinear
 from beltid.identify.estimators.signal import parabolic_maximum, running_median
 from beltid.identify.friction.rig_table import run_records
 from beltid.identify.friction.steady_window import steady_window
-from beltid.identify.press import verdict as law_verdict
 from beltid.identify.press.dissipation import estimate_dissipation
+from beltid.identify.press.laws import LawCandidate, verdict_of
 from beltid.identify.press.stiffness import StiffnessSettings, fit_stiffness
 from beltid.identify.slip.slip import fit_slip
 from beltid.identify.surface import law_doubt as friction_law_doubt
@@ -69,7 +69,7 @@ REFUSED = {
         r"columns torque_N_m \(5,\), must be \(4,\) as run is",
     ),
     "a point of the contact without length": (
-        lambda: estimate_dissipation({}, StiffnessSettings(0.04, 22.0), 0.0),
+        lambda: estimate_dissipation([], 0.0),
         "point_length_m = 0.0, must be > 0 m",
     ),
     "a shared error below zero": (
@@ -146,9 +146,8 @@ def test_without_degrees_of_freedom_errors_are_believed_or_unknown() -> None:
 def test_without_a_criterion_no_law_is_chosen() -> None:
     rows = [("power", math.nan, 0.01, 0.02, True), ("coulomb", math.nan, 0.1, 0.2, True)]
     assert "Too few independent points" in friction_law_doubt.verdict_of(rows, "")
-    supported, words = law_verdict.verdict_of(
-        [("linear", math.nan, math.nan, 0.1), ("quadratic", 0.0, 1.0, 0.0)], None, 3.0
-    )
+    linear = LawCandidate("linear", (), 1.0, math.nan, math.nan, math.nan, 0.1)
+    supported, words = verdict_of([linear], None, 3.0)
     assert supported
     assert "3 independent nodes are too few" in words
 

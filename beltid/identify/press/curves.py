@@ -78,7 +78,7 @@ class BranchSamples:
     force_N_m: Array
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class PressCurve:
     """The branches of one cycle at common positions.
 

@@ -330,18 +330,21 @@ def _load_cell_zero(travel: Array, force: Array, noise: float) -> tuple[float, b
     moved = float(np.max(travel[:end]) - travel[0]) if end else 0.0
     if end < 10 or moved < 0.01 * spread(travel):
         return 0.0, False
-    # a test that starts in contact rises along the stretch much as it does behind it
-    ahead = min(int(np.searchsorted(travel[:rising.size], travel[0] + 2.0 * moved)), rising.size - 1)
-    behind = (rising[ahead] - rising[end - 1]) / max(travel[ahead] - travel[end - 1], 1e-300)
+    # a test that begins in contact rises along the stretch much as it does behind it
+    ahead = min(
+        int(np.searchsorted(np.maximum.accumulate(travel[: rising.size]), travel[0] + 2.0 * moved)),
+        rising.size - 1,
+    )
+    if ahead - end >= 2:
+        sure, behind = slice(0, max(3 * end // 4, 3)), slice(end - 1, ahead + 1)
+        slopes = [np.polyfit(travel[s] - travel[0], force[s], 1)[0] for s in (sure, behind)]
+        if slopes[0] > FREE_SLOPE * slopes[1]:
+            return 0.0, False
     # the second half of this stretch may already touch: keep clear of it
     quarters = force[: end // 4], force[end // 4 : end // 2]
     means = [robust_mean_with_se(q) for q in quarters]
-    rise = means[1].mean - means[0].mean
-    rise_se = float(np.hypot(means[0].se, means[1].se))
-    apart = float(np.mean(travel[end // 4 : end // 2]) - np.mean(travel[: end // 4]))
-    if rise > max(FREE_SLOPE * behind * apart, 2.0 * rise_se):
-        return 0.0, False
-    if not abs(rise) <= 4.0 * rise_se + 1e-12 * abs(level):
+    drift = abs(means[1].mean - means[0].mean)
+    if not drift <= 4.0 * float(np.hypot(means[0].se, means[1].se)) + 1e-12 * abs(level):
         return 0.0, True
     zero = robust_mean_with_se(force[: end // 2])
     significant = abs(zero.mean) > 4.0 * zero.se

@@ -20,11 +20,16 @@ from scipy.special import stdtrit
 
 from beltid.errors import FitError, InputError, NumericsError
 from beltid.identify.press.curves import Branch, PressCurve, read_recording, thinned_branches
-from beltid.identify.press.fit import FittedLaw, Nodes, fit_law
+from beltid.identify.press.fit import FittedLaw, Nodes, fit_quadratic
 from beltid.identify.press.laws import choose_normal_law
 from beltid.identify.press.recording import StiffnessSettings
 from beltid.identify.press.systematic import systematic_errors
-from beltid.identify.press.temperature import TemperatureEffect, scatter_of, temperature_effect
+from beltid.identify.press.temperature import (
+    TemperatureEffect,
+    scatter_of,
+    temperature_effect,
+    weighed,
+)
 from beltid.laws.penalty import NormalLaw
 
 __all__ = ["LawEstimate", "StiffnessResult", "StiffnessSettings", "fit_stiffness"]
@@ -277,9 +282,8 @@ def _estimate(
 ) -> LawEstimate:
     """Law of some curves; their contact points are entered into `offsets`."""
     scatter = scatter_of([curves])
-    data = Nodes.of(curves, math.sqrt(scatter.noise))
     try:
-        law = fit_law("quadratic", data)
+        law, data = fit_quadratic(*weighed(curves, scatter.noise))
     except FitError as error:
         raise FitError([f"{place}: {problem}" for problem in error.problems]) from error
     tests = tuple(dict.fromkeys(c.test for c in curves))

@@ -4,7 +4,7 @@ Each is a change of the middle curve by one standard deviation, carried to the c
 derivatives of the fit. What the recording shows goes into the standard errors of the law:
 
 - *lack of fit*: four more terms (Chebyshev, third to sixth order) beside the quadratic law; their
-  Akaike weight times the largest relative misfit that they find counts as an error of scale;
+  weight times the largest relative misfit that they find counts as an error of scale;
 - *loading only*: the middle lies below by half the unknown loop. Three shapes of it, with the size
   that rubber has (:data:`LOOPS`);
 - *virgin rubber*: tests with one cycle beside tests with several, which show the difference;
@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 
 from beltid.identify.press.curves import PressCurve
 from beltid.identify.press.dissipation import RATE_SPAN, approach
-from beltid.identify.press.fit import FittedLaw, Nodes, correlation_time
-from beltid.identify.press.laws import aicc
+from beltid.errors import NumericsError
+from beltid.identify.press.fit import ROUNDING, FittedLaw, LawName, Nodes, correlation_time, fit_law
 from beltid.identify.press.recording import CycleChoice
 
 Array = NDArray[np.float64]
@@ -41,6 +41,10 @@ LOOPS = (0.12, 0.24, 0.4)
 over the penetration, s (1 - s), and one at low force, s (1 - s)³, in proportion to the largest."""
 VIRGIN_SHARE = 0.05
 """Standard uncertainty of a sole cycle that may be the first: virgin rubber is some 10 % stiffer."""
+PRIOR = 0.05
+"""Prior probability that another law than the quadratic one holds."""
+NO_WEIGHT = 1.0e-4
+"""A misfit of less weight changes no digit: the other laws are not fitted."""
 WORTH_A_WARNING = 5.0e-3
 """Share of the force above which an effect is a warning, below it is not spoken of."""
 
@@ -82,11 +86,15 @@ def systematic_errors(
             warnings.append(text.format(100.0 * share))
 
     y = data.x - law.contact[data.owner]
+    weight, misfit = lack_of_fit(law, data)
     of_scale(
-        lack_of_fit(law, data),
-        "lack of fit: the law is off by up to {:.2g} % of the force, which is in the standard "
-        "errors",
+        math.sqrt(weight) * misfit,
+        "lack of fit: the law is off by {:.2g} % of the force; this and its distance from other "
+        "laws are in the standard errors",
     )
+    if weight > NO_WEIGHT:
+        for change in _other_laws(law, data, weight):
+            covariance = covariance + np.outer(change * scales, change * scales)
     if not curves[0].unloads:
         s = np.clip(y / float(np.max(y)), 0.0, 1.0)
         top = float(np.max(data.f))
@@ -110,15 +118,15 @@ def systematic_errors(
     return Systematic(covariance, math.hypot(*unseen), tuple(warnings), tuple(notes))
 
 
-def lack_of_fit(law: FittedLaw, data: Nodes) -> float:
-    """Largest relative misfit between a tenth of the largest force and all of it, weighted [-]."""
+def lack_of_fit(law: FittedLaw, data: Nodes) -> tuple[float, float]:
+    """weight of a misfit, and its largest relative size from a tenth of the force on [-]."""
     n = data.x.size
     y = data.x - law.contact[data.owner]
     middle, half = 0.5 * (y.max() + y.min()), 0.5 * np.ptp(y)
     orders = np.polynomial.chebyshev.chebvander((y - middle) / half, EXTRA_ORDERS[1])
     extra = orders[:, EXTRA_ORDERS[0] :]
     if n <= law.tangent.shape[1] + extra.shape[1] + 2:
-        return 0.0
+        return 0.0, 0.0
     rows = np.zeros((law.tangent.shape[0] - n, extra.shape[1]))
     design = np.column_stack([law.tangent, np.vstack([extra, rows])])
     length = np.linalg.norm(design, axis=0)
@@ -127,14 +135,52 @@ def lack_of_fit(law: FittedLaw, data: Nodes) -> float:
     misfit = design[:n] @ found
     left = law.residuals - misfit
     m = n / correlation_time(left, data)
-    unknowns = law.n_unknowns
-    gain = aicc(law.sum_of_squares, data, unknowns, m) - aicc(
-        float(left @ left), data, unknowns + extra.shape[1], m
-    )
-    weight = 1.0 / (1.0 + math.exp(min(-0.5 * gain, 700.0))) if math.isfinite(gain) else 1.0
+    weight = _weight(law.sum_of_squares, float(left @ left), extra.shape[1], n, m)
     force = law.force(y)
     counted = force >= LEAST_FORCE * float(np.max(force))
-    return math.sqrt(weight) * float(np.max(np.abs(misfit[counted]) / force[counted]))
+    return weight, float(np.max(np.abs(misfit[counted]) / force[counted]))
+
+
+def _other_laws(law: FittedLaw, data: Nodes, weight: float) -> list[Array]:
+    """Changes of K that bring the law closest to others at equal penetration, weighted.
+
+    The others: the power and the cubic law by their weights beside the quadratic one, and
+    the quadratic law of the nodes above half the largest force, which seating does not reach, by
+    the weight of the misfit.
+    """
+    others = []
+    n = data.x.size
+    upper = data.f >= 0.5 * float(np.max(data.f))
+    names: tuple[LawName, ...] = ("power", "cubic", "quadratic")
+    for name in names:
+        try:
+            other = fit_law(name, data.only(upper) if name == "quadratic" else data)
+        except NumericsError:
+            continue
+        more = other.n_unknowns - law.n_unknowns
+        if name == "quadratic":
+            share = weight
+        else:
+            share = _weight(law.sum_of_squares, other.sum_of_squares, more, n, n / other.tau)
+            weight = max(weight, share)
+        y = np.linspace(0.0, 1.0, 201)[1:] * float(np.max(data.x - law.contact[data.owner]))
+        force = law.force(y)
+        counted = force >= LEAST_FORCE * force[-1]
+        terms = y[counted, None] ** law.exponents / force[counted, None]
+        apart = (other.force(y) / force - 1.0)[counted]
+        others.append(math.sqrt(share) * np.linalg.lstsq(terms, apart, rcond=None)[0])
+    return others
+
+
+def _weight(squares: float, others: float, more: int, n: int, m: float) -> float:
+    """Posterior probability (by BIC) of a fit with `more` unknowns against the quadratic law.
+
+    Of n nodes m count as independent.
+    """
+    floor = (n * ROUNDING) ** 2
+    gain = m * math.log(max(squares, floor) / max(others, floor)) - more * math.log(max(m, 2.0))
+    gain += 2.0 * math.log(PRIOR / (1.0 - PRIOR))
+    return 1.0 / (1.0 + math.exp(min(-0.5 * gain, 700.0)))
 
 
 def _cycle_effect(curves, law, data, cycles, of_scale, notes) -> float:  # type: ignore[no-untyped-def]
@@ -163,21 +209,15 @@ def _cycle_effect(curves, law, data, cycles, of_scale, notes) -> float:  # type:
 def _rate_effect(curves, law, data, of_scale, notes) -> float:  # type: ignore[no-untyped-def]
     """Loss by rate: shown by a hold or by speeds that differ, or not to be seen; unseen share."""
     held = [c for c in curves if math.isfinite(c.hold_force_N_m)]
-    numbers = {label: i for i, label in enumerate(dict.fromkeys(c.test for c in curves))}
     if held:
-        tops = np.array(
-            [c.fit_range_m[1] / data.span_m - law.contact[numbers[c.test]] for c in held]
-        )
-        at = np.array(
-            [c.top_position_m / data.span_m - law.contact[numbers[c.test]] for c in held]
-        )
-        del tops
-        middle = law.force(at) * data.F_N_m
-        below = 1.0 - np.array([c.hold_force_N_m for c in held]) / middle
+        contact = dict(zip(dict.fromkeys(c.test for c in curves), law.contact, strict=True))
+        at = np.array([c.top_position_m / data.span_m - contact[c.test] for c in held])
+        below = 1.0 - np.array([c.hold_force_N_m for c in held]) / (law.force(at) * data.F_N_m)
         of_scale(
-            max(float(np.mean(below)), 0.0),
-            "in a hold the force falls {:.2g} % below the law: part of the loss is by rate, and "
-            "the belt at rest is softer by as much, which is in the standard errors",
+            2.0 * max(float(np.mean(below)), 0.0),
+            "in a hold the force falls below the law: part of the loss is by rate, and the belt at "
+            "rest is softer by {:.2g} % (what the hold shows and as much again), which is in the "
+            "standard errors",
         )
     speeds = np.array([approach(c)[0] for c in curves])
     if np.all(speeds > 0.0) and speeds.max() >= RATE_SPAN * speeds.min():
@@ -188,14 +228,16 @@ def _rate_effect(curves, law, data, of_scale, notes) -> float:  # type: ignore[n
         )
         return 0.0
     work = np.array([(c.dissipated_J_m, c.stored_J_m) for c in curves if c.unloads])
-    if held or not work.size:
+    if not work.size:
         return 0.0
-    share = 0.5 * max(float(work[:, 0].sum() / work[:, 1].sum()), 0.0)
+    # a loss angle of (2/pi) h goes with a stiffness that changes by (2/pi) tan(angle) ln 10 per
+    # decade (local Kramers-Kronig relation): 0.94 h
+    share = 0.94 * max(float(work[:, 0].sum() / work[:, 1].sum()), 0.0)
     if share >= WORTH_A_WARNING:
         notes.append(
-            f"one speed and no hold: whether the loss is by rate cannot be seen; if it is, the "
-            f"belt at rest is softer than the law by some {100 * share:.2g} % of the force (in the "
-            "combined uncertainty, not in the standard errors); hold the crosshead at the top"
+            f"one speed: whether the loss is by rate cannot be seen; if it is, the force falls by "
+            f"some {100 * share:.2g} % for a press ten times slower (in the combined uncertainty, "
+            "not in the standard errors); press at two speeds"
         )
     return share
 

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.special import fdtrc
 
 from beltid.identify.press.curves import PressCurve
-from beltid.identify.press.fit import ROUNDING, Nodes, fit_law
+from beltid.identify.press.fit import ROUNDING, fit_quadratic
 
 SIGNIFICANCE = 0.01
 """Error probability below which a difference between temperatures is taken as proven."""
@@ -87,13 +87,18 @@ class TemperatureEffect:
     statement: str
 
 
+def weighed(curves: Sequence[PressCurve], noise: float) -> tuple[tuple[PressCurve, ...], float]:
+    """Curves, and the noise that their unchecked zeros are weighed against (0 without such)."""
+    unchecked = any(not c.free_travel for c in curves)
+    return tuple(curves), math.sqrt(noise) if unchecked else 0.0
+
+
 def _squares(curves: Sequence[PressCurve], noise: float = 0.0) -> tuple[float, float, int]:
     """Sum of squares [N²/m²] about one law, tau [nodes], and unknowns besides contact points.
 
     A common shift of the zeros cannot be told from k_linear where no zero is known.
     """
-    data = Nodes.of(curves, math.sqrt(noise))
-    law = fit_law("quadratic", data)
+    law, data = fit_quadratic(*weighed(curves, noise))
     unknown = 2 + data.unchecked.size - (data.unchecked.size == data.n_tests)
     return law.sum_of_squares * data.F_N_m**2, law.tau, unknown
 
