@@ -322,7 +322,8 @@ def _load_cell_zero(travel: Array, force: Array, noise: float) -> tuple[float, b
         The zero [N], 0 where it does not differ from zero by four standard errors or there is no
         steady force before contact, and whether there is free travel.
     """
-    rising = force[: int(np.argmax(force)) + 1]
+    # the first loading only: in a later one the belt is known to be touched before
+    rising = force[: int(np.argmax(force >= 0.5 * np.max(force))) + 1]
     level = float(np.median(rising[: max(5, rising.size // 100)]))
     limit = level + max(6.0 * noise, 5e-3 * (float(np.max(force)) - level))
     below = np.flatnonzero(rising < limit)
