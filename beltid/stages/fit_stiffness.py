@@ -132,7 +132,9 @@ def _columns(laws: tuple[LawEstimate, ...]) -> dict[str, np.ndarray]:
         "temperature_degC": np.array(at, dtype=float),
         **{name: np.array([getattr(law, name) for law in laws]) for name in plain},
         "tests": np.array([", ".join(law.tests) for law in laws], dtype=object),
-        "notes": np.array(["; ".join((*law.notes, *law.warnings)) or None for law in laws], dtype=object),
+        "notes": np.array(
+            ["; ".join((*law.notes, *law.warnings)) or None for law in laws], dtype=object
+        ),
     }
 
 

@@ -244,7 +244,9 @@ def test_notes_of_a_recording():
             "displacement_mm": way,
             "force_N": force,
         }
-        return read_recording({**columns, **changed}, StiffnessSettings(segment_length_m=0.04)).notes
+        return read_recording(
+            {**columns, **changed}, StiffnessSettings(segment_length_m=0.04)
+        ).notes
 
     assert recorded(once, way) == ()
     again = np.concatenate([way, way[1:]])

@@ -336,7 +336,7 @@ def _without_hold(
     near = max(margin, 2e-3 * float(np.ptp(travel)))
     top = begin + np.flatnonzero(travel >= float(np.max(travel)) - near)
     first, last = int(top[0]), int(top[-1]) + 1
-    usual = np.count_nonzero(travel[: first - begin] >= float(np.max(travel)) - 3.0 * near)
+    usual = int(np.count_nonzero(travel[: first - begin] >= float(np.max(travel)) - 3.0 * near))
     if last - first < max(MIN_BRANCH_SAMPLES, 4 * usual):
         return (cycle.loading, cycle.unloading), float("nan")
     tail = test.force_N[max(last - 1 - (last - first) // 8, first) : last]

@@ -135,8 +135,7 @@ def estimate_dissipation(
 
 
 def approach(curve: PressCurve) -> tuple[float, float]:
-    """Mean speed of approach in contact [m/s] and ``∫ delta_dot d(delta)`` [m²/s] of a loading;
-    nan if the clock does not run."""
+    """Mean speed in contact [m/s] and ``∫ delta_dot d(delta)`` [m²/s] of a loading, or nan."""
     x = curve.branches[0].position_m
     edges = np.linspace(curve.touch_m, float(np.max(x)), BINS + 1)
     counts = np.histogram(x, edges)[0].astype(float)

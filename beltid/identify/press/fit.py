@@ -7,8 +7,8 @@ the contact point of test j (its cycles share it). The zero c_j of the load cell
 a prior N(0, (ZERO_SHARE F_top)²) for a test that begins in contact, so that its zero could not be
 checked; else it is zero.
 
-For given p (and n) the problem is linear in K and c: they are solved for and projected out (variable
-projection with Kaufman's Jacobian), and the search goes over p and n alone.
+For given p (and n) the problem is linear in K and c: they are solved for and projected out
+(variable projection with Kaufman's Jacobian), and the search goes over p and n alone.
 """
 
 from __future__ import annotations

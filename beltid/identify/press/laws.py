@@ -25,7 +25,6 @@ from beltid.identify.press.curves import PressCurve
 from beltid.identify.press.fit import (
     LAW_NAMES,
     ROUNDING,
-    Array,
     FittedLaw,
     LawName,
     Nodes,
@@ -51,7 +50,7 @@ RELEVANT_DIFFERENCE = 5.0e-3
 
 @dataclass(frozen=True, slots=True)
 class LawParameter:
-    """A coefficient of a law: name, unit, value, and standard error with correlation allowed for."""
+    """A coefficient of a law; the standard error allows for correlation of the residuals."""
 
     name: str
     unit: str
@@ -172,15 +171,13 @@ def choose_normal_law(
     if "quadratic" not in fits:
         raise FitError(f"choice of law: the quadratic law was not fitted: {failed['quadratic']}")
     least = min(fits.values(), key=lambda f: f.sum_of_squares)
-    m = data.x.size / correlation_time(least.residuals, data)
+    m, nan = data.x.size / correlation_time(least.residuals, data), math.nan
     errors, validation = _cross_validation(data, fits)
-    criteria = {
-        name: aicc(f.sum_of_squares, data, f.n_unknowns, m) for name, f in fits.items()
-    }
+    criteria = {name: aicc(f.sum_of_squares, data, f.n_unknowns, m) for name, f in fits.items()}
     laws = tuple(
         _candidate(name, fits, data, criteria, errors)
         if name in fits
-        else LawCandidate(name, (), *[math.nan] * 5, failed[name])
+        else LawCandidate(name, (), nan, nan, nan, nan, nan, failed[name])
         for name in LAW_NAMES
     )
     exponent = laws[LAW_NAMES.index("power")].values.get("n")
@@ -227,6 +224,8 @@ def _candidate(
 
 def parameters_of(law: FittedLaw, data: Nodes) -> tuple[LawParameter, ...]:
     """Coefficients over the penetration in SI, with errors from the scatter of the nodes."""
+    names: tuple[str, ...]
+    units: tuple[str, ...]
     dof = max(data.x.size / law.tau - law.n_unknowns, 1.0)
     covariance = law.sensitivity @ law.sensitivity.T * law.sum_of_squares / dof
     if law.name == "power":
@@ -234,13 +233,14 @@ def parameters_of(law: FittedLaw, data: Nodes) -> tuple[LawParameter, ...]:
         scale = data.F_N_m / data.span_m**n
         # k = K F / span^n: the exponent is in the unit of k, too
         by = np.array([[scale, -k * scale * math.log(data.span_m)], [0.0, 1.0]])
-        names, units, values = ("k", "n"), ("N/m^(1+n)", "-"), np.array([k * scale, n])
+        values = np.array([k * scale, n])
+        names, units = ("k", "n"), ("N/m^(1+n)", "-")
     else:
         scales = data.F_N_m / data.span_m**law.exponents
         by, values = np.diag(scales), law.K * scales
-        names, units = NAMES[: values.size], UNITS[: values.size]
+        names, units = NAMES, UNITS
     se = np.sqrt(np.diag(by @ covariance @ by.T))
-    rows = zip(names, units, values.tolist(), se.tolist(), strict=True)
+    rows = zip(names, units, values.tolist(), se.tolist(), strict=False)
     return tuple(LawParameter(*row) for row in rows)
 
 
