@@ -72,21 +72,10 @@ class LeastSquares:
 
 
 def solve_linear(design: ArrayLike, observed: ArrayLike) -> LeastSquares:
-    """Solve ``min |A x - b|`` on scaled columns.
+    """Solve ``min |A x - b|`` on scaled columns, A of shape (n, p) with n >= p, b of (n,).
 
-    Parameters
-    ----------
-    design : array_like
-        A, shape (n, p) with n >= p.
-    observed : array_like
-        b, shape (n,).
-
-    Raises
-    ------
-    InputError
-        If the shapes do not fit or a value is not finite.
-    FitError
-        If the columns are linearly dependent to working precision.
+    Raises :class:`InputError` if the shapes do not fit or a value is not finite,
+    :class:`FitError` if the columns are linearly dependent to working precision.
     """
     A, b = np.asarray(design, dtype=float), np.asarray(observed, dtype=float)
     if A.ndim != 2 or b.shape != A.shape[:1] or A.shape[0] < A.shape[1] or A.shape[1] == 0:
@@ -117,19 +106,9 @@ def solve_nonlinear(
 ) -> LeastSquares:
     """Minimise the sum of squares of ``residuals(theta)``, observed less fitted, from a start.
 
-    Parameters
-    ----------
-    residuals, jacobian : callable
-        Residuals, shape (n,), and their derivatives by the parameters, shape (n, p).
-    start : array_like
-        First parameters, shape (p,).
-    bounds : tuple of array_like
-        Least and largest parameters.
-
-    Raises
-    ------
-    ConvergenceError
-        If no minimum was reached.
+    `residuals` gives (n,) values, `jacobian` their derivatives by the p parameters, (n, p);
+    `bounds` are the least and largest parameters. :class:`ConvergenceError` if no minimum was
+    reached.
     """
     from scipy.optimize import least_squares  # slow to import
 

@@ -178,18 +178,9 @@ class PressRecording:
 def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) -> PressRecording:
     """Clean the tests of a recording, choose their cycles and bring the branches together.
 
-    Parameters
-    ----------
-    press : mapping of str to ndarray
-        Columns ``test``, ``time_s``, ``displacement_mm``, ``force_N`` and, if known,
-        ``temperature_degC``, shape (n,) each; nan where missing.
-    settings : StiffnessSettings
-        Segment length, machine compliance, gains, choice of cycles.
-
-    Raises
-    ------
-    InputError
-        If columns are missing or no test can be used; every problem is named.
+    `press` holds the columns ``test``, ``time_s``, ``displacement_mm``, ``force_N`` and, if known,
+    ``temperature_degC``, shape (n,) each; nan where missing. :class:`InputError` if columns are
+    missing or no test can be used; every problem is named.
     """
     curves: list[PressCurve] = []
     used: list[PressTest] = []
@@ -245,23 +236,9 @@ def press_curve(
     segment_length_m: float,
     cycles: tuple[PressCycle, ...] = (),
 ) -> PressCurve:
-    """Bring the branches of a cycle to common positions.
+    """Bring the branches of a cycle, one of `cycles` of a cleaned test, to common positions.
 
-    Parameters
-    ----------
-    test : PressTest
-        The cleaned test.
-    cycle : PressCycle
-        The cycle to take from it.
-    segment_length_m : float
-        Length of the belt segment [m].
-    cycles : tuple of PressCycle
-        All cycles of the test, if there are others.
-
-    Raises
-    ------
-    InputError
-        If a branch has too few samples in contact.
+    :class:`InputError` if a branch has too few samples in contact.
     """
     # samples near an end are picked by their own noise
     margin = END_MARGIN * test.position_noise_m
@@ -415,15 +392,7 @@ def _loop_energies(branches: tuple[BranchSamples, ...]) -> tuple[float, float]:
 
 
 def thinned_branches(curve: PressCurve, offset_m: float) -> tuple[Branch, ...]:
-    """Branches of a curve over the penetration, at most some hundred points each.
-
-    Parameters
-    ----------
-    curve : PressCurve
-        The curve.
-    offset_m : float
-        Position of the contact point [m].
-    """
+    """Branches over the penetration from `offset_m` [m], at most some hundred points each."""
     thinned = []
     for b in curve.branches:
         n = b.position_m.size

@@ -21,7 +21,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.errors import FitError, NumericsError
+from beltid.errors import FitError
 from beltid.identify.estimators.least_squares import (
     pseudo_inverse,
     solve_nonlinear,
@@ -253,19 +253,8 @@ class _Projection:
 def fit_law(name: LawName, data: Nodes) -> FittedLaw:
     """Fit one law to the nodes, with a free contact point for every test.
 
-    Parameters
-    ----------
-    name : {"linear", "quadratic", "power", "cubic"}
-        The law.
-    data : Nodes
-        Nodes.
-
-    Raises
-    ------
-    FitError
-        If there are fewer nodes than unknowns, or the force does not rise.
-    ConvergenceError
-        If the search does not reach a minimum.
+    :class:`FitError` if there are fewer nodes than unknowns, or the force does not rise;
+    :class:`ConvergenceError` if the search does not reach a minimum.
     """
     q, J = TERMS[name] + (name == "power"), data.n_tests
     if data.x.size <= q + J:
@@ -362,11 +351,13 @@ def correlation_time(residuals: Array, data: Nodes) -> float:
     return sum(r.size * integrated_autocorrelation_time(r) for r in parts) / residuals.size
 
 
-def predicted(law: FittedLaw, data: Nodes) -> Array:
-    """Forces of a known law at the nodes of other tests, their contact points free, shape (n,)."""
+def predicted(law: FittedLaw, fitted: Nodes, data: Nodes) -> Array:
+    """Forces of a law at the nodes of tests it was not fitted to, their contact points free, (n,).
+
+    The search begins at the distance from the contact point that the tests `fitted` have.
+    """
     forces = np.empty(data.x.size)
-    reference = data.reference_positions()
-    top = float(np.interp(1.0, *_curve_of(law)))
+    starts = data.reference_positions() - np.mean(fitted.reference_positions() - law.contact)
     for j in range(data.n_tests):
         mine = data.owner == j
         x, f = data.x[mine], data.f[mine]
@@ -377,14 +368,6 @@ def predicted(law: FittedLaw, data: Nodes) -> Array:
         def jacobian(p: Array, x: Array = x) -> Array:
             return (_slopes(x - p[0], law.exponents) @ law.K)[:, None]
 
-        p = solve_nonlinear(residuals, jacobian, reference[j : j + 1] - top).parameters
+        p = solve_nonlinear(residuals, jacobian, starts[j : j + 1]).parameters
         forces[mine] = law.force(x - p[0])
     return forces
-
-
-def _curve_of(law: FittedLaw) -> tuple[Array, Array]:
-    y = np.concatenate([[0.0], np.geomspace(1e-3, 100.0, 400)])
-    force = law.force(y)
-    if force[-1] < 1.0:
-        raise NumericsError(f"{law.name} law: never reaches the force of the curves")
-    return force, y

@@ -141,21 +141,11 @@ class LawChoice:
 def choose_normal_law(
     curves: Sequence[PressCurve], tests: Sequence[str] | None = None
 ) -> LawChoice:
-    """Compare normal contact laws on the curves of press tests.
+    """Compare normal contact laws on the curves of press tests, such as `StiffnessResult.curves`.
 
-    Parameters
-    ----------
-    curves : sequence of PressCurve
-        Curves of a recording, such as `StiffnessResult.curves`.
-    tests : sequence of str, optional
-        Labels of the tests to use, such as those of the pooled law; by default all.
-
-    Raises
-    ------
-    InputError
-        If no curve is left.
-    NumericsError
-        If not even the quadratic law can be fitted.
+    `tests` are the labels of those to use, such as those of the pooled law; all by default.
+    :class:`InputError` if no curve is left, :class:`NumericsError` if not even the quadratic law
+    can be fitted.
     """
     kept = [c for c in curves if tests is None or c.test in set(tests)]
     if not kept:
@@ -263,11 +253,11 @@ def _cross_validation(
         total = 0.0
         try:
             for k in range(n_folds):
-                rest = fit_law(name, data.only(fold != k))
-                target = data.only(fold == k)
-                force = (
-                    predicted(rest, target) if several else rest.force(target.x - rest.contact[0])
-                )
+                others, target = data.only(fold != k), data.only(fold == k)
+                law = fit_law(name, others)
+                force = law.force(target.x - law.contact[0])
+                if several:
+                    force = predicted(law, others, target)
                 total += float(np.sum((target.f - force) ** 2))
         except NumericsError:
             continue
@@ -280,14 +270,7 @@ def verdict_of(
 ) -> tuple[bool, str]:
     """Whether the quadratic law is the one to use; why, and what else to look at.
 
-    Parameters
-    ----------
-    laws : sequence of LawCandidate
-        All laws; their criterion is nan where unknown.
-    exponent : float or None
-        Exponent of the power law.
-    n_effective : float
-        Independent nodes.
+    `exponent` is that of the power law, `n_effective` the number of independent nodes.
     """
     others = {c.law: c for c in laws if c.law != "quadratic" and math.isfinite(c.criterion)}
     if not others:

@@ -181,21 +181,9 @@ def read_tests(press: Mapping[str, NDArray]) -> dict[str, dict[str, Array]]:
 def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSettings) -> PressTest:
     """Clean one test, turn its signs, take off its zero and the yield of the machine.
 
-    Parameters
-    ----------
-    label : str
-        Name of the test.
-    part : mapping of str to ndarray
-        ``time_s``, ``displacement_mm``, ``force_N``, ``temperature_degC`` in their order of time,
-        shape (n,) each; nan where missing.
-    settings : StiffnessSettings
-        Gains and machine compliance.
-
-    Raises
-    ------
-    InputError
-        If the clock runs backwards, there are too few samples, absurd values, no travel, or no
-        contact.
+    `part` holds its ``time_s``, ``displacement_mm``, ``force_N`` and ``temperature_degC`` in their
+    order of time, shape (n,) each; nan where missing. :class:`InputError` if the clock runs
+    backwards, there are too few samples, absurd values, no travel, or no contact.
     """
     clock = part["time_s"][np.isfinite(part["time_s"])]
     if np.any(np.diff(clock) < 0.0):
@@ -314,13 +302,9 @@ def _require_contact(label: str, travel: Array, force: Array, noise: float) -> N
 
 
 def _load_cell_zero(travel: Array, force: Array, noise: float) -> tuple[float, bool]:
-    """Zero of the load cell from the travel before contact.
+    """Zero of the load cell from the travel before contact [N], and whether there is such travel.
 
-    Returns
-    -------
-    tuple
-        The zero [N], 0 where it does not differ from zero by four standard errors or there is no
-        steady force before contact, and whether there is free travel.
+    0 where it does not differ from zero by four standard errors or is not steady.
     """
     # the first loading only: in a later one the belt is known to be touched before
     rising = force[: int(np.argmax(force >= 0.5 * np.max(force))) + 1]
@@ -355,18 +339,8 @@ def _load_cell_zero(travel: Array, force: Array, noise: float) -> tuple[float, b
 def turning_points(travel: Array, threshold: float) -> NDArray[np.intp]:
     """Samples at which the crosshead turns, with the first and the last one.
 
-    Parameters
-    ----------
-    travel : ndarray
-        Crosshead travel, shape (n,).
-    threshold : float
-        Smallest way back that counts as a turn, in the unit of `travel`: noise and the creeping
-        during a hold stay below it.
-
-    Returns
-    -------
-    ndarray of int
-        Indices; extremes alternate between them.
+    `threshold` is the smallest way back that counts as a turn, in the unit of `travel`: noise and
+    the creeping during a hold stay below it.
     """
     turns: list[int] = []
     low = high = 0
@@ -426,16 +400,9 @@ def find_cycles(test: PressTest) -> tuple[PressCycle, ...]:
 def choose_cycles(
     label: str, cycles: tuple[PressCycle, ...], choice: CycleChoice
 ) -> tuple[tuple[PressCycle, ...], tuple[str, ...]]:
-    """Cycles that enter the fit, and what there is to say about the choice.
+    """Cycles of a test that enter the fit, and what there is to say about the choice.
 
-    Parameters
-    ----------
-    label : str
-        Name of the test.
-    cycles : tuple of PressCycle
-        All cycles of the test.
-    choice : {"last", "first", "all"}
-        ``last`` is the belt conditioned by the cycles before; ``first`` is virgin rubber.
+    ``last`` is the belt conditioned by the cycles before; ``first`` is virgin rubber.
     """
     complete = tuple(c for c in cycles if c.complete)
     if not complete:

@@ -93,10 +93,11 @@ def systematic_errors(
     scales = data.F_N_m / data.span_m**law.exponents
     found = Systematic(law.K * scales)
     weight, misfit = lack_of_fit(law, data)
-    found.of_scale(
-        math.sqrt(weight) * misfit, "lack of fit: the law is off by {:.2g} % of the force"
-    )
-    changes = _other_laws(law, data, weight) if weight > NO_WEIGHT else []
+    changes: list[Array] = []
+    if weight > NO_WEIGHT:
+        changes, weight = _other_laws(law, data, weight)
+    text = "lack of fit: the law is off by {:.2g} % of the force"
+    found.of_scale(math.sqrt(weight) * misfit, text)
     if not curves[0].unloads:
         changes += _loop(law, data)
         found.warnings.append(

@@ -128,22 +128,11 @@ def temperature_effect(
     temperatures_degC: Sequence[float],
     largest_difference: float,
 ) -> TemperatureEffect:
-    """Test one law against one law per temperature.
+    """Test one law against one law per temperature, the curves of which are the `groups`.
 
-    Parameters
-    ----------
-    groups : sequence of sequence of PressCurve
-        Curves of each temperature.
-    temperatures_degC : sequence of float
-        The temperatures.
-    largest_difference : float
-        Largest relative difference of force between the laws of the temperatures.
-
-    Returns
-    -------
-    TemperatureEffect
-        If tests at the same temperature differ by more than their noise, their scatter is what a
-        difference between temperatures is measured against; else it is the noise.
+    If tests at the same temperature differ by more than their noise, their scatter is what a
+    difference between temperatures is measured against; else it is the noise. It matters if the
+    laws differ enough, too: `largest_difference` is that of their forces [-].
     """
     if len(groups) < 2:
         where = f"{temperatures_degC[0]:g} °C" if groups else "an unknown temperature"
