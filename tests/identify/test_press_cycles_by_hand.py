@@ -167,7 +167,6 @@ def test_curve_half_way_between_two_straight_branches():
     low, high = curve.fit_range_m
     assert (low, high) == (11.0, pytest.approx(99.0, abs=1.0))
     assert curve.middle_N_m == pytest.approx(2.0 * curve.position_m, rel=1e-9)
-    assert curve.half_gap_N_m == pytest.approx(np.full(curve.position_m.size, 20.0), rel=1e-9)
     # a node for every four samples of the branch that has fewer, in the middles of equal bins
     count = int(high - low + 1) // 4
     edges = np.linspace(low, high, count + 1)
@@ -212,7 +211,6 @@ def test_eight_samples_of_each_branch_are_enough(inside, enough):
         return
     curve = press_curve(press(x, force), cycle, 0.5)
     assert not curve.unloads
-    assert np.all(np.isnan(curve.half_gap_N_m))
     assert curve.position_m.size == 6
 
 

@@ -90,9 +90,9 @@ class PressCurve:
         Number of the cycle, and how many the test has.
     temperature_degC : float
         Temperature [°C], nan if unknown.
-    position_m, middle_N_m, half_gap_N_m : ndarray
-        Common positions, machine compliance taken off [m]; force half-way between the branches, and
-        half their distance [N/m] (nan if never unloaded); shape (m,) each.
+    position_m, middle_N_m : ndarray
+        Common positions, machine compliance taken off [m], and force half-way between the branches
+        [N/m]; shape (m,) each.
     branches : tuple of BranchSamples
         Loading, and unloading if recorded; without a hold between them.
     fit_range_m : tuple of float
@@ -122,7 +122,6 @@ class PressCurve:
     temperature_degC: float
     position_m: Array
     middle_N_m: Array
-    half_gap_N_m: Array
     branches: tuple[BranchSamples, ...]
     fit_range_m: tuple[float, float]
     touch_m: float
@@ -262,9 +261,6 @@ def press_curve(
         )
     edges = np.linspace(low, high, int(np.clip(min(counts) // 4, MIN_NODES, MAX_NODES)) + 1)
     levels = [_branch_at_nodes(b.position_m, b.force_N_m, edges) for b in branches]
-    half_gap = (
-        0.5 * (levels[0] - levels[1]) if len(levels) == 2 else np.full_like(levels[0], np.nan)
-    )
     dissipated, stored = _loop_energies(whole)
     steps = np.diff(test.time_s[np.isfinite(test.time_s)])
     return PressCurve(
@@ -274,7 +270,6 @@ def press_curve(
         temperature_degC=test.temperature_degC,
         position_m=0.5 * (edges[1:] + edges[:-1]),
         middle_N_m=np.mean(levels, axis=0),
-        half_gap_N_m=half_gap,
         branches=branches,
         fit_range_m=(low, high),
         touch_m=_contact_begin(branches[0], threshold),

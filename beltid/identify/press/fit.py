@@ -144,8 +144,6 @@ class FittedLaw:
         Powers of the terms, shape (terms,).
     contact : ndarray
         Position of the contact point of each test [-], shape (tests,).
-    zeros : ndarray
-        Zeros of the load cell found for the unchecked tests [-].
     residuals : ndarray
         Nodes less law, shape (n,).
     sum_of_squares : float
@@ -163,7 +161,6 @@ class FittedLaw:
     K: Array
     exponents: Array
     contact: Array
-    zeros: Array
     residuals: Array
     sum_of_squares: float
     sensitivity: Array
@@ -307,7 +304,6 @@ def fit_law(name: LawName, data: Nodes) -> FittedLaw:
         K=at.K,
         exponents=at.exponents,
         contact=at.p,
-        zeros=at.zeros,
         residuals=residuals,
         sum_of_squares=float(at.residuals @ at.residuals),
         sensitivity=sensitivity,
