@@ -49,10 +49,10 @@ def worst_force_error(estimate, k_linear: float, k_quadratic: float) -> float:
 
 
 @pytest.mark.parametrize("belt", TRUTH)
-def test_virtual_bench_gives_the_law_within_a_tenth_of_a_percent(belt):
+def test_virtual_bench_gives_the_law_within_three_hundredths_of_a_percent(belt):
     k_linear, k_quadratic, compliance = TRUTH[belt]
     result = fit_stiffness(load(belt), StiffnessSettings(0.04, 22.0, compliance))
-    assert worst_force_error(result.pooled, k_linear, k_quadratic) < 1e-3
+    assert worst_force_error(result.pooled, k_linear, k_quadratic) < 3e-4
     assert [e.temperature_degC for e in result.laws] == [22.0, 40.0, 60.0, 80.0]
     assert not result.temperature.matters
     assert result.temperature.f_p_value > 0.01
