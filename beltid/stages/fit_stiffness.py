@@ -9,7 +9,6 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.config import Config, ConfigSource, load_config
-from beltid.identify.press.shared_law import HELD
 from beltid.identify.press.stiffness import LawEstimate, StiffnessResult
 from beltid.identify.press.stiffness import fit_stiffness as identify
 from beltid.report.summary import Summary
@@ -77,7 +76,7 @@ def _outcome(
 ) -> Outcome[StiffnessResult]:
     settings = stiffness_settings(config.press)
     result = identify(columns, settings)
-    beside = normal_laws(columns, settings, result)
+    beside = normal_laws(result)
     effect = result.temperature
     laws = (*result.laws, result.pooled)
     doubt, budget = stiffness_doubt(laws, config)
@@ -105,10 +104,10 @@ def _outcome(
             "n_spikes": result.n_spikes,
             **beside.extra,
         },
-        notes=(*notes, *(n for n in result.notes if HELD not in n), *beside.notes),
+        notes=(*notes, *result.notes, *beside.notes),
         warnings=(
             *(f"test {test} set aside: {why}" for test, why in result.set_aside),
-            *(note for note in result.pooled.notes if HELD in note),
+            *result.pooled.warnings,
         ),
     )
 
@@ -133,7 +132,9 @@ def _columns(laws: tuple[LawEstimate, ...]) -> dict[str, np.ndarray]:
         "temperature_degC": np.array(at, dtype=float),
         **{name: np.array([getattr(law, name) for law in laws]) for name in plain},
         "tests": np.array([", ".join(law.tests) for law in laws], dtype=object),
-        "notes": np.array(["; ".join(law.notes) or None for law in laws], dtype=object),
+        "notes": np.array(
+            ["; ".join((*law.notes, *law.warnings)) or None for law in laws], dtype=object
+        ),
     }
 
 

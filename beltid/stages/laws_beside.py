@@ -10,8 +10,8 @@ import numpy as np
 
 from beltid.errors import BeltidError
 from beltid.identify.press.dissipation import estimate_dissipation
-from beltid.identify.press.model_selection import choose_normal_law
-from beltid.identify.press.result import StiffnessResult, StiffnessSettings
+from beltid.identify.press.laws import choose_normal_law
+from beltid.identify.press.stiffness import StiffnessResult
 from beltid.identify.surface.laws import FrictionLaws, fit_friction_laws
 from beltid.laws.friction_surface import FrictionSurface
 
@@ -32,9 +32,7 @@ class Beside:
     notes: tuple[str, ...] = ()
 
 
-def normal_laws(
-    press: Mapping[str, np.ndarray], settings: StiffnessSettings, result: StiffnessResult
-) -> Beside:
+def normal_laws(result: StiffnessResult) -> Beside:
     """Compare normal laws on the tests of the pooled law, and estimate the dissipation.
 
     Never an obstacle: what cannot be told is a note.
@@ -42,7 +40,7 @@ def normal_laws(
     extra: dict[str, Any] = {}
     notes: list[str] = []
     try:
-        choice = choose_normal_law(press, settings, result.pooled.tests)
+        choice = choose_normal_law(result.curves, result.pooled.tests)
         extra["law_choice"] = {
             "verdict": choice.verdict,
             "quadratic_supported": choice.quadratic_supported,
@@ -54,7 +52,7 @@ def normal_laws(
     except BeltidError as error:
         notes.append(f"No comparison of normal laws: {error}")
     try:
-        loss = estimate_dissipation(press, settings)
+        loss = estimate_dissipation(result.curves)
         extra["dissipation"] = asdict(loss)
         notes.append(loss.statement)
     except BeltidError as error:

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.config import Config
-from beltid.identify.press.result import LawEstimate
+from beltid.identify.press.stiffness import LawEstimate
 from beltid.laws.penalty import NormalLaw
 from beltid.stages.measured import measured_runs, valid_rows
 from beltid.stages.uncertainties import standard_uncertainties
@@ -66,10 +66,12 @@ def stiffness_doubt(laws: Sequence[LawEstimate], config: Config) -> Found:
         changes = np.array([press.coefficients(Errors.single(s)) - k for s in sources])
         changes = changes.reshape(-1, 2) / size
         scatter = np.array([law.k_linear_se_N_m2, law.k_quadratic_se_N_m3]) / size
-        u[i] = size * combined(changes.T, scatter)
+        unseen = np.full(2, law.unseen_share)
+        u[i] = size * combined(changes.T, np.hypot(scatter, unseen))
         freedom = max(law.n_effective - 2.0 - len(law.tests), 1.0)
         if law is laws[-1]:
             for j, name in enumerate(COEFFICIENTS):
                 of_curves = Scatter("scatter of the press curves", scatter[j : j + 1], freedom)
-                rows += budget(name, sources, changes[:, j][None, :], of_curves)
+                not_seen = Scatter("virgin rubber, loss by rate: not seen", unseen[j : j + 1])
+                rows += budget(name, sources, changes[:, j][None, :], of_curves, not_seen)
     return {"k_linear_u_N_m2": u[:, 0], "k_quadratic_u_N_m3": u[:, 1]}, rows

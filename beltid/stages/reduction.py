@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beltid.identify.friction.reduction import FrictionSettings, RunReduction
-from beltid.identify.press.result import StiffnessSettings
+from beltid.identify.press.recording import StiffnessSettings
 from beltid.store import schemas
 from beltid.store.tables import outside
 

@@ -9,10 +9,9 @@ import pytest
 from press_bench import Bench
 
 from beltid.errors import InputError
-from beltid.identify.press.cycles import turning_points
+from beltid.identify.press.curves import read_recording
 from beltid.identify.press.dissipation import estimate_dissipation
-from beltid.identify.press.dwell import moving_part
-from beltid.identify.press.result import StiffnessSettings
+from beltid.identify.press.recording import StiffnessSettings, turning_points
 
 SETTINGS = StiffnessSettings(segment_length_m=0.04)
 
@@ -44,10 +43,14 @@ def quiet(**changed):
     return Bench(**{**silent, **changed})
 
 
+def curves(record):
+    return read_recording(record, SETTINGS).curves
+
+
 def test_loss_of_branches_in_proportion_to_the_law():
     """Branches f (1 ± 0.12): the loop over the work of loading is 0.24 / 1.12."""
     bench = quiet(hysteresis="relative", tests_per_temperature=2)
-    found = estimate_dissipation(bench.record(1), SETTINGS, point_length_m=0.002)
+    found = estimate_dissipation(curves(bench.record(1)), point_length_m=0.002)
     assert found.n_cycles == 2
     assert found.loss_ratio == pytest.approx(0.24 / 1.12, rel=2e-3)
     top = bench.top
@@ -60,7 +63,7 @@ def test_loss_of_branches_in_proportion_to_the_law():
     equal = found.approach_speed_m_s * found.C_P_N_s_m / 300.0
     assert found.equal_speed_m_s == pytest.approx(equal, rel=1e-12)
     assert math.isnan(found.rate_exponent)
-    one = estimate_dissipation(quiet().record(1), SETTINGS)
+    one = estimate_dissipation(curves(quiet().record(1)))
     assert math.isnan(one.energy_se_J_m)
     assert math.isnan(one.C_P_se_N_s_m)
     assert one.C_P_N_s_m == pytest.approx(1e-3 * one.damping_N_s_m2, rel=1e-12)
@@ -70,25 +73,4 @@ def test_a_clock_that_stands_is_refused():
     record = quiet().record(0)
     record["time_s"] = np.zeros_like(record["time_s"])
     with pytest.raises(InputError, match="test S22-0: the clock does not run"):
-        estimate_dissipation(record, SETTINGS)
-
-
-def test_a_dwell_belongs_to_no_branch():
-    up, hold = np.arange(0.0, 100.0), np.full(60, 99.0)
-    travel = 1e-6 * np.concatenate([up, hold])
-    force, time = 1e6 * travel, 0.1 * np.arange(travel.size)
-    found = moving_part(time, travel, force, slice(0, travel.size), 0.0)
-    assert found[0] == 0
-    assert found[-1] in (98, 99)
-    assert np.array_equal(np.diff(found), np.ones(found.size - 1))
-    # without a clock the number of the sample is the time
-    again = moving_part(np.full(travel.size, np.nan), travel, force, slice(0, travel.size), 0.0)
-    assert np.array_equal(found, again)
-    whole = moving_part(time, travel, force, slice(0, 100), 0.0)
-    assert whole.tolist() == list(range(100))
-    hidden = moving_part(time, travel, force, slice(0, travel.size), 1.0)  # a metre of noise
-    assert hidden.tolist() == list(range(160))
-    # a press driven in steps stands most of the time: nothing within is left out
-    steps = 1e-6 * np.repeat(np.arange(20.0), 8)
-    stepped = moving_part(0.1 * np.arange(160.0), steps, 1e6 * steps, slice(0, 160), 0.0)
-    assert np.array_equal(np.diff(stepped), np.ones(stepped.size - 1))
+        estimate_dissipation(curves(record))

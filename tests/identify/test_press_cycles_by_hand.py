@@ -9,8 +9,13 @@ import pytest
 
 from beltid.errors import InputError
 from beltid.identify.press.curves import press_curve, thinned_branches
-from beltid.identify.press.cycles import PressCycle, choose_cycles, find_cycles, turning_points
-from beltid.identify.press.preparation import PressTest
+from beltid.identify.press.recording import (
+    PressCycle,
+    PressTest,
+    choose_cycles,
+    find_cycles,
+    turning_points,
+)
 
 
 def press(travel, force=None, **changed):
@@ -25,7 +30,6 @@ def press(travel, force=None, **changed):
         "position_m": x,
         "force_N": load,
         "travel_sign": -1.0,
-        "travel_noise_m": 0.0,
         "position_noise_m": 0.0,
         "force_noise_N": 0.0,
         "free_travel": True,
@@ -114,24 +118,32 @@ def test_choice_of_cycles():
     every = (one, two, three, four)
     assert choose_cycles("A", every, "all") == (
         (two, three),
-        ("test A: 2 cycles not unloaded left out",),
+        ("test A: 2 cycles not unloaded left out", "test A: 4 cycles found, used: 2, 3"),
     )
     assert choose_cycles("A", every, "first") == (
         (two,),
-        ("test A: cycle 1 is not unloaded, cycle 2 used in its place",),
+        (
+            "test A: cycle 1 is not unloaded, cycle 2 used in its place",
+            "test A: 4 cycles found, used: 2",
+        ),
     )
     assert choose_cycles("A", every, "last") == (
         (three,),
-        ("test A: cycle 4 is not unloaded, cycle 3 used in its place",),
+        (
+            "test A: cycle 4 is not unloaded, cycle 3 used in its place",
+            "test A: 4 cycles found, used: 3",
+        ),
     )
     whole = (two, three, cycle(5))
     for choice, chosen in (("all", whole), ("first", whole[:1]), ("last", whole[2:])):
-        assert choose_cycles("A", whole, choice) == (chosen, ())
+        numbers = ", ".join(str(c.number) for c in chosen)
+        said = (f"test A: 3 cycles found, used: {numbers}",)
+        assert choose_cycles("A", whole, choice) == (chosen, said)
     open_ = (one, four, cycle(6, False))
     for choice, chosen in (("all", open_), ("first", open_[:1]), ("last", open_[2:])):
         kept, (note,) = choose_cycles("A", open_, choice)
         assert kept == chosen
-        assert note.startswith("test A: never unloaded: ")
+        assert note.startswith("test A: never unloaded")
 
 
 # --- curves of the branches ---
@@ -155,7 +167,6 @@ def test_curve_half_way_between_two_straight_branches():
     low, high = curve.fit_range_m
     assert (low, high) == (11.0, pytest.approx(99.0, abs=1.0))
     assert curve.middle_N_m == pytest.approx(2.0 * curve.position_m, rel=1e-9)
-    assert curve.half_gap_N_m == pytest.approx(np.full(curve.position_m.size, 20.0), rel=1e-9)
     # a node for every four samples of the branch that has fewer, in the middles of equal bins
     count = int(high - low + 1) // 4
     edges = np.linspace(low, high, count + 1)
@@ -200,7 +211,6 @@ def test_eight_samples_of_each_branch_are_enough(inside, enough):
         return
     curve = press_curve(press(x, force), cycle, 0.5)
     assert not curve.unloads
-    assert np.all(np.isnan(curve.half_gap_N_m))
     assert curve.position_m.size == 6
 
 
@@ -244,8 +254,9 @@ def test_branches_for_a_figure_are_means_of_neighbours():
     loading, unloading = thinned_branches(curve, 1.5)
     assert (loading.branch, loading.test, loading.cycle) == ("loading", "A", 3)
     assert unloading.branch == "unloading"
-    name, x, f = curve.branches[0]
-    assert name == "loading"
+    first = curve.branches[0]
+    assert first.name == "loading"
+    x, f = first.position_m, first.force_N_m
     assert loading.penetration_m.size == 120
     starts = [int(k * x.size / 120) for k in range(121)]
     means = [x[a:b].mean() for a, b in pairwise(starts)]

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beltid.identify.press.dwell import moving_part
 from beltid.identify.press.stiffness import StiffnessSettings, fit_stiffness
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -87,41 +86,6 @@ def test_a_dwell_at_the_bottom_changes_nothing_either(bottom):
     for seed in range(4):
         data = record(5.0, seed, 3, bottom)
         assert force_error(fit_stiffness(data, StiffnessSettings(0.04)).pooled) < 1e-3
-
-
-def test_the_dwell_is_told_by_time_also_where_the_crosshead_creeps_or_is_noisy():
-    rng = np.random.default_rng(0)
-    up, hold = np.linspace(0.0, 1e-4, 200), np.full(80, 1e-4) + np.linspace(0.0, 1e-6, 80)
-    travel = np.concatenate([up, hold, hold[-1] - up])
-    force, clock = travel * 3e6, 0.1 * np.arange(travel.size)
-    for noise in (0.0, 1e-8, 2e-7):
-        seen = travel + noise * rng.normal(size=travel.size)
-        for part in (slice(0, 250), slice(250, travel.size)):
-            kept = moving_part(clock, seen, force, part, noise)
-            assert not np.any((kept >= 201) & (kept <= 279))
-            # a step of 0.5 µm against 0.2 µm of noise: a window of 16 samples
-            assert kept.size > 200 - 20
-            assert np.all(np.diff(kept) == 1)
-
-
-def test_a_plain_reversal_costs_no_more_than_the_turning_point():
-    travel = np.concatenate([np.linspace(0.0, 1e-4, 30), np.linspace(1e-4, 0.0, 30)[1:]])
-    kept = moving_part(np.arange(59.0), travel, travel * 3e6, slice(0, 30), 0.0)
-    assert kept.tolist() == list(range(29))
-
-
-def test_a_fast_way_to_the_belt_does_not_make_the_pressing_a_dwell():
-    travel = np.concatenate([np.linspace(0.0, 5e-3, 50), 5e-3 + np.linspace(0.0, 1e-4, 201)[1:]])
-    force = 3e6 * np.maximum(travel - 5e-3, 0.0)
-    kept = moving_part(np.arange(250.0), travel, force, slice(0, 250), 0.0)
-    assert kept[-1] == 249
-    assert kept.size > 245
-
-
-def test_a_press_driven_in_steps_keeps_its_holds():
-    steps = np.repeat(np.linspace(0.0, 1e-4, 21), 10)
-    kept = moving_part(np.arange(210.0), steps, steps * 3e6, slice(0, 210), 0.0)
-    assert kept.size > 150
 
 
 def test_another_way_to_relax_and_unequal_speeds():

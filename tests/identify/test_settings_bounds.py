@@ -11,8 +11,8 @@ from beltid.errors import InputError
 from beltid.identify.agreement.matching import MatchSettings
 from beltid.identify.friction.load_cells import KnownCell
 from beltid.identify.friction.run import FrictionSettings
-from beltid.identify.press.result import StiffnessSettings
-from beltid.identify.press.verdict import verdict_of
+from beltid.identify.press.laws import LawCandidate, verdict_of
+from beltid.identify.press.recording import StiffnessSettings
 from beltid.identify.surface.surface import SurfaceSettings
 
 CLOSED = [
@@ -139,7 +139,11 @@ QUADRATIC = ("quadratic", 0.0, 1.0, 0.0)
     ],
 )
 def test_the_quadratic_law_is_judged_by_criterion_prediction_and_difference(rows, supported, said):
-    found, text = verdict_of([QUADRATIC, *rows], 1.7, 7.0)
+    laws = [
+        LawCandidate(law, (), 1.0, criterion, 1.0, ratio, apart)
+        for law, criterion, ratio, apart in [QUADRATIC, *rows]
+    ]
+    found, text = verdict_of(laws, 1.7, 7.0)
     assert found == supported
     assert re.search(said, text), text
 

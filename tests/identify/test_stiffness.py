@@ -49,10 +49,10 @@ def worst_force_error(estimate, k_linear: float, k_quadratic: float) -> float:
 
 
 @pytest.mark.parametrize("belt", TRUTH)
-def test_virtual_bench_gives_the_law_within_a_tenth_of_a_percent(belt):
+def test_virtual_bench_gives_the_law_within_three_hundredths_of_a_percent(belt):
     k_linear, k_quadratic, compliance = TRUTH[belt]
     result = fit_stiffness(load(belt), StiffnessSettings(0.04, 22.0, compliance))
-    assert worst_force_error(result.pooled, k_linear, k_quadratic) < 1e-3
+    assert worst_force_error(result.pooled, k_linear, k_quadratic) < 3e-4
     assert [e.temperature_degC for e in result.laws] == [22.0, 40.0, 60.0, 80.0]
     assert not result.temperature.matters
     assert result.temperature.f_p_value > 0.01
@@ -216,7 +216,7 @@ def test_a_belt_that_is_never_unloaded_gives_the_loading_branch_and_a_note():
     result = fit_stiffness({k: v[keep] for k, v in columns.items()}, settings(bench))
     assert worst_force_error(result.pooled, bench.k_linear, bench.k_quadratic) < 1e-3
     assert np.isnan(result.pooled.hysteresis_ratio)
-    assert any("never unloaded" in note for note in result.notes)
+    assert any("never unloaded" in warning for warning in result.pooled.warnings)
 
 
 def test_an_aborted_last_cycle_is_passed_over():
@@ -243,7 +243,7 @@ def test_a_curve_that_softens_a_little_gives_a_linear_law_and_how_far_off_it_is(
     bench = Bench(k_linear=1.6e8, k_quadratic=-4.0e11, temperatures=(22.0,), top_force=1.2e4)
     pooled = fit_stiffness(bench.record(13), settings(bench)).pooled
     assert pooled.k_quadratic_N_m3 == 0.0
-    note = next(n for n in pooled.notes if "negative beyond doubt" in n)
+    note = next(n for n in pooled.warnings if "negative beyond doubt" in n)
     # best straight line, contact point free, through a parabola over the range of the nodes
     delta = np.linspace(0.0, bench.top, 400)
     line = np.polyval(np.polyfit(delta, bench.force(delta), 1), delta)
@@ -266,8 +266,11 @@ def test_a_cubic_force_gives_the_best_law_without_a_linear_part_and_its_distance
     bench = SteepBench(dt=0.3)
     pooled = fit_stiffness(bench.record(1), settings(bench)).pooled
     assert pooled.k_linear_N_m2 == 0.0
-    # least squares of k (delta - offset)² through the true curve, over all of it
-    delta = np.linspace(0.0, bench.top, 2000)
+    # least squares of k (delta - offset)² through the true curve, from where the unloading branch,
+    # s³ - 0.24 s (1 - s), carries a hundredth of the force
+    s = np.linspace(0.2, 1.0, 8001)
+    begin = float(s[s**3 - 0.24 * s * (1.0 - s) < 0.01][-1])
+    delta = np.linspace(begin, 1.0, 2000) * bench.top
     force = bench.force(delta)
     trials = np.linspace(0.0, 0.5 * bench.top, 501)
     best = (np.inf, 0.0)
@@ -275,8 +278,8 @@ def test_a_cubic_force_gives_the_best_law_without_a_linear_part_and_its_distance
         column = np.maximum(delta - offset, 0.0) ** 2
         k = column @ force / (column @ column)
         best = min(best, (float(np.sum((force - k * column) ** 2)), float(k)))
-    assert pooled.k_quadratic_N_m3 == pytest.approx(best[1], rel=0.02)
-    assert any("off by up to" in note for note in pooled.notes)
+    assert pooled.k_quadratic_N_m3 == pytest.approx(best[1], rel=0.01)
+    assert any("off by up to" in warning for warning in pooled.warnings)
 
 
 def test_a_curve_far_from_the_law_is_refused_with_its_numbers_and_what_other_laws_make_of_it():

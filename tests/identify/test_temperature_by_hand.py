@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from press_bench import Bench
 from scipy.optimize import least_squares
 from scipy.stats import f as fisher
 
 from beltid.identify.estimators.statistics import integrated_autocorrelation_time
+from beltid.identify.press.curves import read_recording
+from beltid.identify.press.recording import StiffnessSettings
 from beltid.identify.press.temperature import scatter_of, temperature_effect
 
 K_1, K_2, N = 6.5e7, 3.0e11, 40
+A_CURVE = read_recording(Bench().record(), StiffnessSettings(0.04)).curves[0]
 
 
 def curve(test, factor, seed, noise=30.0):
     rng = np.random.default_rng(seed)
     delta = np.linspace(1.5e-5, 1.0e-4, N)
     force = factor * (K_1 * delta + K_2 * delta**2) + noise * rng.normal(size=N)
-    return SimpleNamespace(test=test, position_m=delta + 1e-5 * rng.uniform(), middle_N_m=force)
+    position = delta + 1e-5 * rng.uniform()
+    return replace(A_CURVE, test=test, position_m=position, middle_N_m=force)
 
 
 def squares(curves):
@@ -69,7 +74,7 @@ def campaign(step, scatter, seed=0, noise=30.0):
 
 def test_scatter_within_and_between_the_curves():
     groups = campaign(0.0, 0.01)
-    groups[0][1].test = groups[0][0].test  # two cycles of one test
+    groups[0][1] = replace(groups[0][1], test=groups[0][0].test)  # two cycles of one test
     noise, noise_dof, between, dof, _ = by_hand(groups)
     found = scatter_of(groups)
     assert found.noise == pytest.approx(noise, rel=1e-6)

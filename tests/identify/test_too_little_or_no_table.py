@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from typing import Any
 
 import numpy as np
 import pytest
-from beltid.identify.friction.steady_window import steady_window
 
 from beltid.errors import InputError
 from beltid.identify.estimators.signal import parabolic_maximum, running_median
 from beltid.identify.friction.rig_table import run_records
-from beltid.identify.press import verdict as law_verdict
 from beltid.identify.press.dissipation import estimate_dissipation
+from beltid.identify.press.laws import LawCandidate, verdict_of
 from beltid.identify.press.stiffness import StiffnessSettings, fit_stiffness
 from beltid.identify.slip.slip import fit_slip
 from beltid.identify.surface.laws import fit_friction_laws
@@ -57,7 +55,7 @@ REFUSED = {
         r"columns torque_N_m \(5,\), must be \(4,\) as run is",
     ),
     "a point of the contact without length": (
-        lambda: estimate_dissipation({}, StiffnessSettings(0.04, 22.0), 0.0),
+        lambda: estimate_dissipation([], 0.0),
         "point_length_m = 0.0, must be > 0 m",
     ),
     "a surface with a node missing": (
@@ -106,9 +104,8 @@ def test_a_setting_that_changes_within_a_run_is_its_defect() -> None:
 
 
 def test_without_a_criterion_no_law_is_chosen() -> None:
-    supported, words = law_verdict.verdict_of(
-        [("linear", math.nan, math.nan, 0.1), ("quadratic", 0.0, 1.0, 0.0)], None, 3.0
-    )
+    linear = LawCandidate("linear", (), 1.0, math.nan, math.nan, math.nan, 0.1)
+    supported, words = verdict_of([linear], None, 3.0)
     assert supported
     assert "3 independent nodes are too few" in words
 
@@ -119,15 +116,6 @@ def test_two_points_at_one_force_tell_no_exponent() -> None:
 
 
 # --- records of a few samples ------------------------------------------------------------------
-
-
-def test_three_samples_have_no_steady_window() -> None:
-    t = np.arange(8.0)
-    find = functools.partial(steady_window, tolerance=0.1, min_samples=2, min_fraction=0.1)
-    assert find(t[:3], np.ones(3)) is None
-    assert find(t, np.ones(8)) is not None
-    # a slope of one per second is nowhere steady to a tenth
-    assert find(t, t) is None
 
 
 def test_a_parabola_gives_its_top_and_an_edge_gives_itself() -> None:

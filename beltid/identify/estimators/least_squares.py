@@ -1,25 +1,28 @@
-"""Linear least squares by QR with scaled columns.
+"""Least squares by the libraries: numpy for linear problems, scipy for nonlinear ones.
 
-Columns such as delta and delta² differ by many orders of magnitude. Each is scaled to unit length
-before a Householder QR, so that no digits are lost to the units and the normal equations, which
-square the condition number, are never formed.
+Columns such as delta and delta² differ by many orders of magnitude; they are scaled to unit length
+before anything is solved or inverted, and the normal equations are never formed.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from beltid.errors import FitError, InputError
+from beltid.errors import ConvergenceError, FitError, InputError
 
 Array = NDArray[np.float64]
+
+TOLERANCE = 1.0e-15
+MAX_EVALUATIONS = 2000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LeastSquares:
-    """What the minimum of a sum of squares says about its scatter.
+    """A minimum of a sum of squares.
 
     Attributes
     ----------
@@ -27,11 +30,14 @@ class LeastSquares:
         Inverse of ``J^T J`` of the residuals' Jacobian, shape (p, p); times a residual variance it
         is the covariance of the parameters.
     residuals : ndarray
-        Residuals at the minimum, shape (n,).
+        Observed less fitted at the minimum, shape (n,).
+    parameters : ndarray
+        Parameters at the minimum, shape (p,).
     """
 
     cofactor: Array
     residuals: Array
+    parameters: Array
 
     @property
     def n_free(self) -> int:
@@ -65,43 +71,13 @@ class LeastSquares:
         return np.sqrt(np.diag(self.covariance))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LinearFit(LeastSquares):
-    """Result of a linear least-squares problem ``min |A x - b|``; J is A.
+def solve_linear(design: ArrayLike, observed: ArrayLike) -> LeastSquares:
+    """Solve ``min |A x - b|`` on scaled columns, A of shape (n, p) with n >= p, b of (n,).
 
-    Attributes
-    ----------
-    coefficients : ndarray
-        x, shape (p,).
+    Raises :class:`InputError` if the shapes do not fit or a value is not finite,
+    :class:`FitError` if the columns are linearly dependent to working precision.
     """
-
-    coefficients: Array
-
-
-def solve_least_squares(design: ArrayLike, observed: ArrayLike) -> LinearFit:
-    """Solve ``min |A x - b|`` by Householder QR of the column-scaled A.
-
-    Parameters
-    ----------
-    design : array_like
-        A, shape (n, p) with n >= p.
-    observed : array_like
-        b, shape (n,).
-
-    Returns
-    -------
-    LinearFit
-        Coefficients, cofactor matrix and residuals; one step of iterative refinement is made.
-
-    Raises
-    ------
-    InputError
-        If the shapes do not fit or a value is not finite.
-    FitError
-        If the columns are linearly dependent to working precision.
-    """
-    A = np.asarray(design, dtype=float)
-    b = np.asarray(observed, dtype=float)
+    A, b = np.asarray(design, dtype=float), np.asarray(observed, dtype=float)
     if A.ndim != 2 or b.shape != A.shape[:1] or A.shape[0] < A.shape[1] or A.shape[1] == 0:
         raise InputError(
             f"least squares: design {A.shape} and observations {b.shape}, "
@@ -109,29 +85,69 @@ def solve_least_squares(design: ArrayLike, observed: ArrayLike) -> LinearFit:
         )
     if not (np.all(np.isfinite(A)) and np.all(np.isfinite(b))):
         raise InputError("least squares: values that are not finite, must be finite")
-    scale = np.max(np.abs(A), axis=0)
-    usable = scale > 0.0
-    # two steps, so that the squares in the norm neither overflow nor vanish
-    scale = np.where(usable, scale, 1.0)
-    scale = scale * np.linalg.norm(A / scale, axis=0)
-    scale = np.where(usable, scale, 1.0)
-    Q, R = np.linalg.qr(A / scale)
-    pivots = np.abs(np.diag(R))
-    limit = max(A.shape) * np.finfo(float).eps * pivots.max()
-    if not usable.all() or pivots.min() <= limit:
+    scaled, length = unit_columns(A)
+    x, _, rank, _ = np.linalg.lstsq(scaled, b, rcond=None)
+    if rank < A.shape[1]:
         raise FitError(
             f"least squares: {A.shape[1]} coefficients, but the columns are linearly dependent; "
             "the observations do not determine them"
         )
-    x = _back_substitute(R, Q.T @ b) / scale
-    x = x + _back_substitute(R, Q.T @ (b - A @ x)) / scale
-    R_inverse = _back_substitute(R, np.eye(R.shape[0])) / scale[:, None]
-    return LinearFit(R_inverse @ R_inverse.T, b - A @ x, x)
+    # one refinement: the residuals of ill-conditioned problems keep their digits
+    x = x + np.linalg.lstsq(scaled, b - scaled @ x, rcond=None)[0]
+    inverse = pseudo_inverse(A)
+    return LeastSquares(inverse @ inverse.T, b - scaled @ x, x / length)
 
 
-def _back_substitute(R: Array, right: Array) -> Array:
-    """Solve ``R x = right`` for upper triangular R; the libraries' threads cost more than this."""
-    x = np.array(right, dtype=float)
-    for i in range(R.shape[0] - 1, -1, -1):
-        x[i] = (x[i] - R[i, i + 1 :] @ x[i + 1 :]) / R[i, i]
-    return x
+def solve_nonlinear(
+    residuals: Callable[[Array], Array],
+    jacobian: Callable[[Array], Array],
+    start: ArrayLike,
+    bounds: tuple[ArrayLike, ArrayLike] = (-np.inf, np.inf),
+) -> LeastSquares:
+    """Minimise the sum of squares of ``residuals(theta)``, observed less fitted, from a start.
+
+    `residuals` gives (n,) values, `jacobian` their derivatives by the p parameters, (n, p);
+    `bounds` are the least and largest parameters. :class:`ConvergenceError` if no minimum was
+    reached.
+    """
+    from scipy.optimize import least_squares  # slow to import
+
+    try:
+        found = least_squares(
+            residuals,
+            np.asarray(start, dtype=float),
+            jacobian,
+            bounds=bounds,
+            method="trf",
+            x_scale="jac",
+            ftol=TOLERANCE,
+            xtol=TOLERANCE,
+            gtol=TOLERANCE,
+            max_nfev=MAX_EVALUATIONS,
+        )
+    except (ValueError, np.linalg.LinAlgError) as error:
+        raise ConvergenceError(f"least squares: the search broke down ({error})") from None
+    if found.status <= 0:
+        raise ConvergenceError(
+            f"least squares: no minimum after {found.nfev} evaluations ({found.message})",
+            iterations=int(found.nfev),
+            residual=float(found.optimality),
+        )
+    inverse = pseudo_inverse(jacobian(found.x))
+    return LeastSquares(inverse @ inverse.T, found.fun, found.x)
+
+
+def unit_columns(design: Array) -> tuple[Array, Array]:
+    """Columns of unit length, and their lengths (1 for a column of zeros)."""
+    largest = np.max(np.abs(design), axis=0)
+    largest = np.where(largest > 0.0, largest, 1.0)
+    # two steps, so that the squares in the norm neither overflow nor vanish
+    length = largest * np.linalg.norm(design / largest, axis=0)
+    length = np.where(length > 0.0, length, 1.0)
+    return design / length, length
+
+
+def pseudo_inverse(design: Array) -> Array:
+    """Derivatives of the parameters by the observations, shape (p, n)."""
+    scaled, length = unit_columns(design)
+    return np.asarray(np.linalg.pinv(scaled, rcond=1e-14) / length[:, None])

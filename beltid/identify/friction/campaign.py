@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import log_ndtr, logsumexp
 
-from beltid.identify.friction.noise import wander_since_rest
+from beltid.identify.friction.noise import block_covariance, wander_since_rest
 from beltid.identify.friction.sliding_record import SlidingRecord
 from beltid.identify.friction.tail_shapes import (
     RANK,
@@ -35,8 +35,9 @@ from beltid.identify.friction.tail_shapes import (
 
 Array = NDArray[np.float64]
 
-MEMORIES_S = (0.06, 0.5, 20.0)
-"""Memories of the wandering zeros [s]; the last one is a random walk over the time of a run."""
+MEMORIES_S = (0.04, 0.16, 0.64, 2.5, 20.0)
+"""Memories of the wandering zeros [s]; the last one is a walk over the time of a run, and counts
+from the rest, where the zeros show."""
 RUNS_FOR_VARIANCES = 32
 """Runs, evenly chosen, that the variances are found from; more would tell nothing new."""
 SCALE_FREEDOM = 20.0
@@ -121,10 +122,11 @@ class Stack:
             self.shared[k, :b, RANK] = since / (r.tensions_N[0] * c)
             self.shared[k, :b, RANK + 1] = -since / (r.tensions_N[1] * c)
             self.fixed[k, :b, :b] = (RIPPLE_FREE / c) ** 2 * (r.waves @ r.waves.T)
-            for j, tau in enumerate(MEMORIES_S):
-                self.parts[j, k, :b, :b] = wander_since_rest(
-                    r.first_s, r.last_s, r.count, r.rest_s, r.rest_count, tau
-                )
+            for j, tau in enumerate(MEMORIES_S[:-1]):
+                self.parts[j, k, :b, :b] = block_covariance(r.first_s, r.last_s, r.count, tau)
+            self.parts[-2, k, :b, :b] = wander_since_rest(
+                r.first_s, r.last_s, r.count, r.rest_s, r.rest_count, MEMORIES_S[-1]
+            )
             self.parts[-1, k, :b, :b] = (r.level / c) ** 2 * (r.turn @ r.turn.T)
         diagonal = np.arange(m)
         self.fixed[:, diagonal, diagonal] += self.noise_N[:, None] ** 2 / np.maximum(
@@ -254,9 +256,13 @@ def whiten(stack: Stack, V: Array) -> Whitened:
 
 
 def noise_scale(stack: Stack, w: Whitened, mean: Array) -> Array:
-    """Most probable variance of the noise of each run over that of the bench (R,)."""
+    """Most probable variance of the noise of each run over that of the bench (R,).
+
+    The bench is the middle of its runs: what is common to all belongs to its variances.
+    """
     misfit = w.squares - 2.0 * w.b @ mean + np.einsum("k,rkl,l->r", mean, w.M, mean)
-    return np.asarray((SCALE_FREEDOM + np.maximum(misfit, 0.0)) / (SCALE_FREEDOM + stack.freedom))
+    scale = (SCALE_FREEDOM + np.maximum(misfit, 0.0)) / (SCALE_FREEDOM + stack.freedom)
+    return np.asarray(scale / np.median(scale))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,7 +14,7 @@ this number holds at the speed of the press *only*: it is inversely proportional
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,8 +22,6 @@ from numpy.typing import NDArray
 
 from beltid.errors import InputError
 from beltid.identify.press.curves import PressCurve
-from beltid.identify.press.recording import read_tests
-from beltid.identify.press.result import StiffnessSettings
 
 Array = NDArray[np.float64]
 
@@ -81,19 +79,15 @@ class Dissipation:
 
 
 def estimate_dissipation(
-    press: Mapping[str, NDArray],
-    settings: StiffnessSettings,
-    point_length_m: float = POINT_LENGTH_M,
+    curves: Sequence[PressCurve], point_length_m: float = POINT_LENGTH_M
 ) -> Dissipation:
-    """Estimate the dissipation of the contact from the hysteresis of a press recording.
+    """Estimate the dissipation of the contact from the hysteresis of press curves.
 
     Parameters
     ----------
-    press : mapping of str to ndarray
-        Columns of the recording, see `beltid.identify.press.stiffness.fit_stiffness`; the clock
-        of each test must run evenly.
-    settings : StiffnessSettings
-        As for the fit of the stiffness.
+    curves : sequence of PressCurve
+        Curves of a recording, such as `StiffnessResult.curves`; the clock of each test must run
+        evenly.
     point_length_m : float
         Length of belt that a contact point stands for [m].
 
@@ -104,11 +98,15 @@ def estimate_dissipation(
     """
     if not (math.isfinite(point_length_m) and point_length_m > 0.0):
         raise InputError(f"point_length_m = {point_length_m!r}, must be > 0 m")
-    curves = [c for c in read_tests(press, settings).curves if c.unloads]
+    curves = [c for c in curves if c.unloads]
     if not curves:
         raise InputError("press recording: no test was unloaded, the hysteresis is not known")
-    clocks = _clocks(press, {c.test for c in curves})
-    speeds, rate_integrals = np.transpose([_approach(c, clocks[c.test]) for c in curves])
+    standing = sorted({c.test for c in curves if not c.sample_interval_s > 0.0})
+    if standing:
+        raise InputError(
+            [f"test {t}: the clock does not run, the speed is not known" for t in standing]
+        )
+    speeds, rate_integrals = np.transpose([approach(c) for c in curves])
     energies = np.array([c.dissipated_J_m for c in curves])
     dampings = energies / rate_integrals
     n = len(curves)
@@ -136,32 +134,17 @@ def estimate_dissipation(
     )
 
 
-def _clocks(press: Mapping[str, NDArray], tests: set[str]) -> dict[str, float]:
-    """Sampling interval of each test [s]."""
-    labels = np.asarray(press["test"]).astype(str)
-    time = np.asarray(press["time_s"], dtype=float)
-    clocks, problems = {}, []
-    for test in sorted(tests):
-        steps = np.diff(time[(labels == test) & np.isfinite(time)])
-        interval = float(np.median(steps)) if steps.size else 0.0
-        if interval <= 0.0:
-            problems.append(f"test {test}: the clock does not run, the speed is not known")
-        clocks[test] = interval
-    if problems:
-        raise InputError(problems)
-    return clocks
-
-
-def _approach(curve: PressCurve, interval_s: float) -> tuple[float, float]:
-    """Mean speed of approach in contact [m/s] and ``∫ delta_dot d(delta)`` [m²/s] of a loading."""
-    _, x, _ = curve.branches[0]
+def approach(curve: PressCurve) -> tuple[float, float]:
+    """Mean speed in contact [m/s] and ``∫ delta_dot d(delta)`` [m²/s] of a loading, or nan."""
+    x = curve.branches[0].position_m
     edges = np.linspace(curve.touch_m, float(np.max(x)), BINS + 1)
     counts = np.histogram(x, edges)[0].astype(float)
     width = float(edges[1] - edges[0])
     counts[-1] = np.median(counts)  # the crosshead dwells or turns in the last bin
     if counts.min() < MIN_BIN_SAMPLES:
         counts[:] = np.mean(counts)
-    durations = counts * interval_s
+    interval = curve.sample_interval_s
+    durations = counts * (interval if interval > 0.0 else math.nan)
     return float(BINS * width / durations.sum()), float(np.sum(width**2 / durations))
 
 

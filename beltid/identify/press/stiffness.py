@@ -2,27 +2,34 @@
 
 A segment of belt is pressed into a grooved plate and released again. The law is the curve half-way
 between the loading and the unloading branch at equal penetration; its coefficients and the contact
-point of every test are found together. The standard errors are those of this middle: they hold the
-noise, its correlation, the doubt about the contact points and the scatter from test to test. The
-hysteresis is no error of the law; it is reported by ``hysteresis_ratio`` and ``rms_residual_N_m``.
+point of every test are found together. The standard errors hold the noise, its correlation, the
+uncertainty of the contact points, the scatter from test to test, and the systematic errors that the
+recording shows. The hysteresis is no error of the law; it is reported by ``hysteresis_ratio`` and
+``rms_residual_N_m``.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 from beltid.errors import FitError, InputError, NumericsError
-from beltid.identify.press.curves import PressCurve, thinned_branches
-from beltid.identify.press.model_selection import compare_laws
-from beltid.identify.press.recording import read_tests
-from beltid.identify.press.result import LawEstimate, StiffnessResult, StiffnessSettings
-from beltid.identify.press.shared_law import SharedLaw, fit_shared_law
-from beltid.identify.press.temperature import scatter_of, temperature_effect
+from beltid.identify.press.curves import Branch, PressCurve, read_recording, thinned_branches
+from beltid.identify.press.fit import FittedLaw, Nodes, fit_quadratic
+from beltid.identify.press.laws import choose_normal_law
+from beltid.identify.press.recording import StiffnessSettings
+from beltid.identify.press.systematic import systematic_errors
+from beltid.identify.press.temperature import (
+    TemperatureEffect,
+    scatter_of,
+    temperature_effect,
+    weighed,
+)
 from beltid.laws.penalty import NormalLaw
 
 __all__ = ["LawEstimate", "StiffnessResult", "StiffnessSettings", "fit_stiffness"]
@@ -33,6 +40,110 @@ REFERENCE_REACH_K = 5.0
 """Farther from the reference temperature a note says so."""
 SEATING_SHARE = 0.02
 """Travel that is carried before the law's contact point and worth a note, of the penetration."""
+CHANCE = 0.00135
+"""A coefficient held at zero is no matter of noise if chance makes it negative this rarely."""
+NEGLIGIBLE_SHARE = 2.0e-3
+"""Nor is one that changes the force by less than this share of the largest force."""
+LARGEST_MISFIT = 0.1
+"""A law with a coefficient held at zero may be off by this share of the largest force."""
+
+
+@dataclass(frozen=True, slots=True)
+class LawEstimate:
+    """A normal law with its uncertainty: one row of the stiffness table.
+
+    Attributes
+    ----------
+    temperature_degC : float or None
+        Mean temperature of the tests [°C], None for the pooled law.
+    k_linear_N_m2, k_quadratic_N_m3 : float
+        Coefficients of Eq. (3) per metre of belt [N/m²], [N/m³].
+    k_linear_se_N_m2, k_quadratic_se_N_m3 : float
+        Their standard errors.
+    covariance : tuple of float
+        Covariance matrix of the two, row by row.
+    contact_offset_mm : float
+        Crosshead travel at the contact point, mean over the tests [mm].
+    rms_residual_N_m : float
+        Root mean square of measured force less law, both branches alike [N/m]; mostly hysteresis.
+    hysteresis_ratio : float
+        Work lost in the loop over the work of the loading branch [-]; nan if never unloaded.
+    max_penetration_m, max_force_N_m : float
+        Largest penetration [m] and line force [N/m] reached: the range of validity.
+    n_samples : int
+        Samples within the range of the fit.
+    n_effective : float
+        Independent nodes that the standard errors rest on.
+    n_cycles : int
+        Cycles used.
+    tests : tuple of str
+        Labels of the tests used.
+    unseen_share : float
+        Standard uncertainty of the force from what no such recording can show [-]: virgin rubber,
+        loss by rate. It is not in the standard errors.
+    notes, warnings : tuple of str
+        What there is to say about this law, and what to be warned of.
+    """
+
+    temperature_degC: float | None
+    k_linear_N_m2: float
+    k_quadratic_N_m3: float
+    k_linear_se_N_m2: float
+    k_quadratic_se_N_m3: float
+    covariance: tuple[float, float, float, float]
+    contact_offset_mm: float
+    rms_residual_N_m: float
+    hysteresis_ratio: float
+    max_penetration_m: float
+    max_force_N_m: float
+    n_samples: int
+    n_effective: float
+    n_cycles: int
+    tests: tuple[str, ...]
+    unseen_share: float = 0.0
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def law(self) -> NormalLaw:
+        """The law itself."""
+        return NormalLaw(self.k_linear_N_m2, self.k_quadratic_N_m3)
+
+
+@dataclass(frozen=True, slots=True)
+class StiffnessResult:
+    """Everything that a press recording tells.
+
+    Attributes
+    ----------
+    laws : tuple of LawEstimate
+        One law per known temperature, rising; empty if no temperature is known.
+    pooled : LawEstimate
+        The law at the reference temperature: of all tests if temperature does not matter, else
+        of the tests nearest to the reference.
+    temperature : TemperatureEffect
+        F test of one law against one per temperature.
+    curves : tuple of PressCurve
+        The curves that all this comes from.
+    branches : tuple of Branch
+        Branches over the penetration, thinned for figures.
+    set_aside : tuple of (str, str)
+        Tests that were not used, with the reason.
+    n_missing, n_spikes : int
+        Samples left out of the tests used.
+    notes : tuple of str
+        What the user should know; the warnings of the pooled law are its own.
+    """
+
+    laws: tuple[LawEstimate, ...]
+    pooled: LawEstimate
+    temperature: TemperatureEffect
+    curves: tuple[PressCurve, ...]
+    branches: tuple[Branch, ...]
+    set_aside: tuple[tuple[str, str], ...]
+    n_missing: int
+    n_spikes: int
+    notes: tuple[str, ...]
 
 
 def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> StiffnessResult:
@@ -60,36 +171,35 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
     ConvergenceError
         If the contact points are not found.
     """
-    recording = read_tests(press, settings)
-    groups = _group_by_temperature(recording.curves)
-    offsets: dict[str, float] = {}
+    recording = read_recording(press, settings)
+    curves = recording.curves
+    groups = _group_by_temperature(curves)
+    offsets = {c.test: c.touch_m for c in curves}
     laws: list[LawEstimate] = []
     problems: list[str] = []
     for t, group in groups.items():
         try:
-            laws.append(_estimate(group, t, f"press at {t:g} °C", offsets))
+            laws.append(_estimate(group, t, f"press at {t:g} °C", settings, offsets))
         except FitError as error:
             problems.extend(error.problems)
     if problems:
-        raise _refused(problems, recording.curves)
+        raise _refused(problems, curves)
     effect = temperature_effect(list(groups.values()), list(groups), _largest_difference(laws))
     if effect.matters:
         nearest = min(laws, key=lambda e: _distance(e, settings))
-        pooled, notes = _at_reference(nearest, recording.curves, settings)
+        pooled, notes = _at_reference(nearest, curves, settings)
     else:
         try:
-            pooled = _estimate(recording.curves, None, "press, all tests", offsets)
+            pooled = _estimate(curves, None, "press, all tests", settings, offsets)
         except FitError as error:
-            raise _refused(error.problems, recording.curves) from error
+            raise _refused(error.problems, curves) from error
         notes = ["The pooled law is that of all tests."]
-    for curve in recording.curves:  # those of unknown temperature, if temperature matters
-        offsets.setdefault(curve.test, curve.touch_m)
-    branches = [thinned_branches(c, offsets[c.test]) for c in recording.curves]
     return StiffnessResult(
         laws=tuple(laws),
         pooled=pooled,
         temperature=effect,
-        branches=tuple(b for pair in branches for b in pair),
+        curves=curves,
+        branches=tuple(b for c in curves for b in thinned_branches(c, offsets[c.test])),
         set_aside=recording.set_aside,
         n_missing=recording.n_missing,
         n_spikes=recording.n_spikes,
@@ -100,7 +210,7 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
 def _refused(problems: Sequence[str], curves: Sequence[PressCurve]) -> FitError:
     """The reasons, with what other laws make of the curves."""
     try:
-        choice = compare_laws(curves)
+        choice = choose_normal_law(curves)
     except (InputError, NumericsError):
         return FitError([*problems])
     top = max(c.top_force_N_m for c in curves)
@@ -167,57 +277,105 @@ def _estimate(
     curves: Sequence[PressCurve],
     temperature_degC: float | None,
     place: str,
+    settings: StiffnessSettings,
     offsets: dict[str, float],
 ) -> LawEstimate:
     """Law of some curves; their contact points are entered into `offsets`."""
-    law = fit_shared_law(curves, place)
-    tests = tuple(dict.fromkeys(c.test for c in curves))
-    offsets.update(zip(tests, law.offsets_m.tolist(), strict=True))
-    contact = np.array([offsets[c.test] for c in curves])
     scatter = scatter_of([curves])
-    covariance = law.cofactor * scatter.noise * scatter.inflation
-    notes = list(law.notes) + _contact_notes(curves, contact)
+    try:
+        law, data = fit_quadratic(*weighed(curves, scatter.noise))
+    except FitError as error:
+        raise FitError([f"{place}: {problem}" for problem in error.problems]) from error
+    tests = tuple(dict.fromkeys(c.test for c in curves))
+    offsets.update(zip(tests, (law.contact * data.span_m).tolist(), strict=True))
+    contact = np.array([offsets[c.test] for c in curves])
+    scales = data.F_N_m / data.span_m**law.exponents
+    k = law.K * scales
+    by_force = law.sensitivity * (scales / data.F_N_m)[:, None]
+    errors = systematic_errors(curves, law, data, settings.cycles)
+    covariance = by_force @ by_force.T * scatter.noise * scatter.inflation + errors.covariance
+    notes, warnings = _held(law, data, place)
+    notes += [*_contact_notes(curves, contact), *errors.notes]
     if scatter.curves_differ:
         notes.append(
             f"{place}: the tests differ by {math.sqrt(scatter.inflation):.2g} times their noise; "
             "the standard errors are widened accordingly"
         )
+    elastic = NormalLaw(*k.tolist())
+    squares = [
+        np.mean((b.force_N_m - elastic.force(b.position_m - p))[c.inside(b.position_m)] ** 2)
+        for c, p in zip(curves, contact, strict=True)
+        for b in c.branches
+    ]
     work = np.array([(c.dissipated_J_m, c.stored_J_m) for c in curves if c.unloads])
-    tops = [c.top_position_m - o for c, o in zip(curves, contact, strict=True)]
-    signs = np.array([c.travel_sign for c in curves])
     se = np.sqrt(np.diag(covariance))
-    n_nodes = sum(r.size for r in law.residuals)
     return LawEstimate(
         temperature_degC=temperature_degC,
-        k_linear_N_m2=law.k_linear_N_m2,
-        k_quadratic_N_m3=law.k_quadratic_N_m3,
+        k_linear_N_m2=float(k[0]),
+        k_quadratic_N_m3=float(k[1]),
         k_linear_se_N_m2=float(se[0]),
         k_quadratic_se_N_m3=float(se[1]),
         covariance=(*covariance[0].tolist(), *covariance[1].tolist()),
-        contact_offset_mm=float(np.mean(signs * contact)) * 1e3,
-        rms_residual_N_m=_rms_residual(curves, law, contact),
+        contact_offset_mm=float(np.mean([c.travel_sign for c in curves] * contact)) * 1e3,
+        rms_residual_N_m=float(np.sqrt(np.mean(squares))),
         hysteresis_ratio=float(work[:, 0].sum() / work[:, 1].sum()) if work.size else math.nan,
-        max_penetration_m=float(max(tops)),
+        max_penetration_m=float(np.max([c.top_position_m for c in curves] - contact)),
         max_force_N_m=max(c.top_force_N_m for c in curves),
         n_samples=sum(c.n_samples for c in curves),
-        n_effective=n_nodes / law.tau,
+        n_effective=data.x.size / law.tau,
         n_cycles=len(curves),
         tests=tests,
+        unseen_share=errors.unseen,
         notes=tuple(notes),
+        warnings=(*warnings, *errors.warnings),
     )
 
 
-def _rms_residual(
-    curves: Sequence[PressCurve], law: SharedLaw, contact: NDArray[np.float64]
-) -> float:
-    """Root mean square of measured force less law [N/m], every branch with equal weight."""
-    elastic = NormalLaw(law.k_linear_N_m2, law.k_quadratic_N_m3)
-    means = []
-    for curve, offset in zip(curves, contact, strict=True):
-        for _, x, f in curve.branches:
-            inside = curve.inside(x)
-            means.append(np.mean((f[inside] - elastic.force(x[inside] - offset)) ** 2))
-    return float(np.sqrt(np.mean(means)))
+def _held(law: FittedLaw, data: Nodes, place: str) -> tuple[list[str], list[str]]:
+    """What there is to say (notes, warnings) about a coefficient at its bound of zero.
+
+    What it would be, to first order, is the coefficient of one more column beside those of the fit:
+    y² for k_quadratic; for k_linear a constant c, since a linear term shifts the contact point of a
+    pure square only, while k_linear² = -4 c k_quadratic.
+
+    Raises
+    ------
+    FitError
+        If the law is off by more than :data:`LARGEST_MISFIT`.
+    """
+    if not np.any(law.held):
+        return [], []
+    n = data.x.size
+    y = data.x - law.contact[data.owner]
+    k1, k2 = data.F_N_m / data.span_m**law.exponents
+    if law.held[1]:
+        column, form, name, unit, size = y**2, "linear", "k_quadratic", "N/m³", k2
+    else:
+        column, form, name, unit = np.ones(n), "purely quadratic", "k_linear²", "N²/m⁴"
+        size = -4.0 * float(law.K[1]) * k1**2
+    tangent = law.tangent[:n]
+    own = column - tangent @ np.linalg.lstsq(tangent, column, rcond=1e-12)[0]
+    value = float(own @ law.residuals) / float(own @ own)
+    left = law.residuals - value * own
+    dof = max(n / law.tau - tangent.shape[1] - 1, 1.0)
+    se = math.sqrt(float(left @ left) / dof / float(own @ own))
+    top = float(np.max(data.f))
+    share = abs(value) * float(np.max(np.abs(column))) / top
+    off = float(np.max(np.abs(law.residuals))) / top
+    came = f"{place}: {name} came out as {value * size:.3g} ± {se * abs(size):.2g} {unit}"
+    if abs(value) <= stdtrit(dof, 1.0 - CHANCE) * se or share <= NEGLIGIBLE_SHARE:
+        return [f"{came}, not different from zero: a {form} law was fitted"], []
+    if off > LARGEST_MISFIT:
+        raise FitError(
+            f"{came} (changes the force by {100 * share:.2g} % of its largest value), must "
+            f"be >= 0, and with zero the law is off by up to {100 * off:.2g} % of the largest "
+            f"force, allowed is {100 * LARGEST_MISFIT:g} %: the curve is not a law "
+            "k_linear delta + k_quadratic delta² that stiffens from a contact point"
+        )
+    return [], [
+        f"{came}, negative beyond doubt: it is held at zero, and the {form} law is off by up to "
+        f"{100 * off:.2g} % of the largest force"
+    ]
 
 
 def _contact_notes(curves: Sequence[PressCurve], contact: NDArray[np.float64]) -> list[str]:
@@ -225,7 +383,7 @@ def _contact_notes(curves: Sequence[PressCurve], contact: NDArray[np.float64]) -
     notes = []
     for curve, offset in zip(curves, contact, strict=True):
         depth = curve.top_position_m - offset
-        first = min(float(np.min(x)) for _, x, _ in curve.branches)
+        first = min(float(np.min(b.position_m)) for b in curve.branches)
         if first - offset > SEATING_SHARE * depth:
             notes.append(
                 f"test {curve.test}: contact point extrapolated by {(first - offset) * 1e6:.2g} µm "

@@ -5,11 +5,13 @@ point for every test, and one law with its own contact point per curve. The resi
 the middle of the branches, so that the hysteresis, which is the same in all of them, does not hide
 a difference. They may be correlated along the curve: with the integrated autocorrelation time tau,
 a mean square of m coefficients is worth ``tau`` times the white-noise variance, and n nodes are
-worth ``n / tau``.
+worth ``n / tau``. A zero of the load cell that was not checked is an unknown in every model, so
+that it is not taken for an effect of the temperature.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,7 +19,7 @@ import numpy as np
 from scipy.special import fdtrc
 
 from beltid.identify.press.curves import PressCurve
-from beltid.identify.press.shared_law import correlation_time, residual_sum_of_squares
+from beltid.identify.press.fit import ROUNDING, fit_quadratic
 
 SIGNIFICANCE = 0.01
 """Error probability below which a difference between temperatures is taken as proven."""
@@ -25,10 +27,6 @@ SCATTER_SIGNIFICANCE = 0.05
 """The same for a difference between tests at one temperature."""
 RELEVANT_DIFFERENCE = 5.0e-3
 """Laws that differ by less than this share of the force are one law for the purpose."""
-SHAPE_COEFFICIENTS = 2
-"""Coefficients of a law; the contact point of a curve is one more."""
-ROUNDING_SHARE = 1.0e-10
-"""Residuals below this share of the force are rounding, not evidence."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,14 +35,11 @@ class Scatter:
 
     Attributes
     ----------
-    noise : float
-        Mean square of the noise, correlation allowed for [N²/m²].
-    noise_dof : float
-        Its degrees of freedom.
-    between : float
-        Mean square between curves of one group [N²/m²]; nan if no group has two.
-    between_dof : float
-        Its degrees of freedom.
+    noise, noise_dof : float
+        Mean square of the noise, correlation allowed for [N²/m²], and its degrees of freedom.
+    between, between_dof : float
+        Mean square between curves of one group [N²/m²] (nan if no group has two), and its degrees
+        of freedom.
     """
 
     noise: float
@@ -92,24 +87,40 @@ class TemperatureEffect:
     statement: str
 
 
+def weighed(curves: Sequence[PressCurve], noise: float) -> tuple[tuple[PressCurve, ...], float]:
+    """Curves, and the noise that their unchecked zeros are weighed against (0 without such)."""
+    unchecked = any(not c.free_travel for c in curves)
+    return tuple(curves), math.sqrt(noise) if unchecked else 0.0
+
+
+def _squares(curves: Sequence[PressCurve], noise: float = 0.0) -> tuple[float, float, int]:
+    """Sum of squares [N²/m²] about one law, tau [nodes], and unknowns besides contact points.
+
+    A common shift of the zeros cannot be told from k_linear where no zero is known.
+    """
+    law, data = fit_quadratic(*weighed(curves, noise))
+    unknown = 2 + data.unchecked.size - (data.unchecked.size == data.n_tests)
+    return law.sum_of_squares * data.F_N_m**2, law.tau, unknown
+
+
 def scatter_of(groups: Sequence[Sequence[PressCurve]]) -> Scatter:
     """Scatter of curves within groups that should share one law each."""
     curves = [c for group in groups for c in group]
-    own = [residual_sum_of_squares([c]) for c in curves]
-    parts = [r for _, residuals in own for r in residuals]
-    tau = correlation_time(parts)
-    n = sum(r.size for r in parts)
-    fitted = (SHAPE_COEFFICIENTS + 1) * len(curves)
-    rss_own = sum(rss for rss, _ in own)
+    own = [_squares([c]) for c in curves]
+    sizes = np.array([c.position_m.size for c in curves])
+    tau = float(sizes @ [t for _, t, _ in own] / sizes.sum())
+    fitted = 3 * len(curves)
+    rss_own = sum(rss for rss, _, _ in own)
     top = max(float(np.max(c.middle_N_m)) for c in curves)
-    noise = max(rss_own / (n - fitted) * tau, (ROUNDING_SHARE * top) ** 2)
-    n_tests = sum(len({c.test for c in group}) for group in groups)
-    dof = fitted - SHAPE_COEFFICIENTS * len(groups) - n_tests
-    between = float("nan")
-    if dof:
-        rss_shared = sum(residual_sum_of_squares(g)[0] for g in groups)
-        between = max(rss_shared - rss_own, 0.0) / dof
-    return Scatter(noise, max(n / tau - fitted, 1.0), between, float(dof))
+    noise = max(rss_own / (sizes.sum() - fitted) * tau, (ROUNDING * top) ** 2)
+    dof = between = 0.0
+    if len(curves) > len(groups):
+        shared = [_squares(group, noise) for group in groups]
+        n_tests = sum(len({c.test for c in group}) for group in groups)
+        dof = float(fitted - n_tests - sum(u for _, _, u in shared))
+        between = max(sum(rss for rss, _, _ in shared) - rss_own, 0.0)
+    between = between / dof if dof else math.nan
+    return Scatter(noise, max(sizes.sum() / tau - fitted, 1.0), between, dof)
 
 
 def temperature_effect(
@@ -117,39 +128,29 @@ def temperature_effect(
     temperatures_degC: Sequence[float],
     largest_difference: float,
 ) -> TemperatureEffect:
-    """Test one law against one law per temperature.
+    """Test one law against one law per temperature, the curves of which are the `groups`.
 
-    Parameters
-    ----------
-    groups : sequence of sequence of PressCurve
-        Curves of each temperature.
-    temperatures_degC : sequence of float
-        The temperatures.
-    largest_difference : float
-        Largest relative difference of force between the laws of the temperatures.
-
-    Returns
-    -------
-    TemperatureEffect
-        If tests at the same temperature differ by more than their noise, their scatter is what a
-        difference between temperatures is measured against; else it is the noise.
+    If tests at the same temperature differ by more than their noise, their scatter is what a
+    difference between temperatures is measured against; else it is the noise. It matters if the
+    laws differ enough, too: `largest_difference` is that of their forces [-].
     """
     if len(groups) < 2:
         where = f"{temperatures_degC[0]:g} °C" if groups else "an unknown temperature"
-        nan = float("nan")
         return TemperatureEffect(
-            nan, 0.0, nan, nan, False, f"All tests are at {where}: no statement on temperature."
+            *(math.nan, 0.0, math.nan, math.nan),
+            False,
+            f"All tests are at {where}: no statement on temperature.",
         )
     scatter = scatter_of(groups)
     everything = [c for group in groups for c in group]
-    rss_one = residual_sum_of_squares(everything)[0]
-    rss_each = sum(residual_sum_of_squares(g)[0] for g in groups)
-    dof = float(SHAPE_COEFFICIENTS * (len(groups) - 1))
+    one, _, unknown_one = _squares(everything, scatter.noise)
+    each = [_squares(g, scatter.noise) for g in groups]
+    dof = float(sum(u for _, _, u in each) - unknown_one)
     against, dof_within, yardstick = scatter.noise, scatter.noise_dof, "the noise"
     if scatter.curves_differ:
         against, dof_within = scatter.between, scatter.between_dof
         yardstick = "the scatter of tests at one temperature"
-    statistic = max(rss_one - rss_each, 0.0) / dof / against
+    statistic = max(one - sum(rss for rss, _, _ in each), 0.0) / dof / against
     p_value = float(fdtrc(dof, dof_within, statistic))
     significant = p_value < SIGNIFICANCE
     matters = significant and largest_difference >= RELEVANT_DIFFERENCE

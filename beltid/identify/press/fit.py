@@ -1,0 +1,369 @@
+"""One fitter for all normal laws, with a free contact point for every test.
+
+    f = sum_k K_k b_k(x - p_j) + c_j,      b = y^n for y > 0, else 0,      K_k >= 0
+
+Linear, quadratic, cubic: n = 1, 2, 3; the power law: one term, n free. The position p_j is that of
+the contact point of test j (its cycles share it). The zero c_j of the load cell is an unknown with
+a prior N(0, (ZERO_SHARE F_top)²) for a test that begins in contact, so that its zero could not be
+checked; else it is zero.
+
+For given p (and n) the problem is linear in K and c: they are solved for and projected out
+(variable projection with Kaufman's Jacobian), and the search goes over p and n alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.errors import FitError
+from beltid.identify.estimators.least_squares import (
+    pseudo_inverse,
+    solve_nonlinear,
+    unit_columns,
+)
+from beltid.identify.estimators.statistics import integrated_autocorrelation_time
+from beltid.identify.press.curves import PressCurve
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+LawName = Literal["linear", "quadratic", "power", "cubic"]
+LAW_NAMES: tuple[LawName, ...] = ("linear", "quadratic", "power", "cubic")
+TERMS = {"linear": 1, "quadratic": 2, "power": 1, "cubic": 3}
+
+ZERO_SHARE = 0.05
+"""Prior standard deviation of a zero that could not be checked, over the largest force."""
+EXPONENTS = (0.8, 1.0, 1.25, 1.5, 2.0, 3.0)
+"""First values of the exponent."""
+EXPONENT_BOUNDS = (0.2, 12.0)
+DISTANCES = np.geomspace(0.1, 5.0, 8)
+"""First distances from the contact point to half the largest force, in units of the travel."""
+ROUNDING = 1.0e-10
+"""Residuals below this share of the force are rounding, not evidence."""
+SMALLEST = 1.0e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Nodes:
+    """Nodes of several curves, scaled: positions by the travel fitted, forces by half the top.
+
+    Attributes
+    ----------
+    x, f : ndarray
+        Positions and forces of the nodes [-], shape (n,).
+    owner, part : ndarray of int
+        Number of the test and of the curve of each node, counted by first appearance, (n,).
+    unchecked : ndarray of int
+        Numbers of the tests whose zero is not known.
+    zero_weight : float
+        Noise of the nodes over the prior standard deviation of such a zero [-].
+    span_m, F_N_m : float
+        Units of position and force.
+    """
+
+    x: Array
+    f: Array
+    owner: NDArray[np.intp]
+    part: NDArray[np.intp]
+    unchecked: NDArray[np.intp]
+    zero_weight: float
+    span_m: float
+    F_N_m: float
+
+    @classmethod
+    def of(cls, curves: Sequence[PressCurve], noise_N_m: float = 0.0) -> Nodes:
+        """Nodes of curves; `noise_N_m` weighs the unchecked zeros against them."""
+        numbers = {label: i for i, label in enumerate(dict.fromkeys(c.test for c in curves))}
+        tests = np.array([numbers[c.test] for c in curves], dtype=np.intp)
+        sizes = [c.position_m.size for c in curves]
+        F = 0.5 * min(float(np.max(c.middle_N_m)) for c in curves)
+        span = max(float(np.ptp(c.position_m)) for c in curves)
+        return cls(
+            x=np.concatenate([c.position_m for c in curves]) / span,
+            f=np.concatenate([c.middle_N_m for c in curves]) / F,
+            owner=np.repeat(tests, sizes),
+            part=np.repeat(np.arange(len(curves)), sizes),
+            unchecked=np.unique([numbers[c.test] for c in curves if not c.free_travel]).astype(
+                np.intp
+            ),
+            zero_weight=max(noise_N_m / F, 1e-6) / (2.0 * ZERO_SHARE),
+            span_m=span,
+            F_N_m=F,
+        )
+
+    @property
+    def n_tests(self) -> int:
+        """Number of tests."""
+        return int(self.owner.max()) + 1
+
+    def only(self, kept: Mask) -> Nodes:
+        """Some of the nodes; tests are numbered anew."""
+        tests, owner = np.unique(self.owner[kept], return_inverse=True)
+        return Nodes(
+            self.x[kept],
+            self.f[kept],
+            owner.astype(np.intp),
+            self.part[kept],
+            np.flatnonzero(np.isin(tests, self.unchecked)),
+            self.zero_weight,
+            self.span_m,
+            self.F_N_m,
+        )
+
+    def reference_positions(self) -> Array:
+        """Where each test reaches the force one, shape (tests,)."""
+        found = np.empty(self.n_tests)
+        for j in range(found.size):
+            mine = np.flatnonzero(self.owner == j)
+            mine = mine[np.argsort(self.x[mine], kind="stable")]
+            found[j] = np.interp(1.0, np.maximum.accumulate(self.f[mine]), self.x[mine])
+        return found
+
+    @property
+    def zeros(self) -> Array:
+        """Columns of the unknown zeros, shape (n, unchecked)."""
+        return (self.owner[:, None] == self.unchecked).astype(float)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FittedLaw:
+    """A law through curves, in scaled units.
+
+    Attributes
+    ----------
+    name : str
+        The law.
+    K : ndarray
+        Coefficients of its terms [-], shape (terms,).
+    exponents : ndarray
+        Powers of the terms, shape (terms,).
+    contact : ndarray
+        Position of the contact point of each test [-], shape (tests,).
+    residuals : ndarray
+        Nodes less law, shape (n,).
+    sum_of_squares : float
+        Of the residuals, and of the zeros against their prior.
+    sensitivity : ndarray
+        Derivatives of K (and the free exponent) by the forces of the nodes and by what is known of
+        the zeros, shape (parameters, n + unchecked); a row of zeros for a coefficient held at 0.
+    tangent : ndarray
+        Derivatives of the nodes by all unknowns that were free, shape (n + unchecked, m).
+    tau : float
+        Integrated autocorrelation time of the residuals [nodes].
+    """
+
+    name: LawName
+    K: Array
+    exponents: Array
+    contact: Array
+    residuals: Array
+    sum_of_squares: float
+    sensitivity: Array
+    tangent: Array
+    tau: float
+
+    @property
+    def values(self) -> Array:
+        """Parameters: K, and the exponent of the power law."""
+        return np.append(self.K, self.exponents) if self.name == "power" else self.K
+
+    @property
+    def held(self) -> Mask:
+        """Coefficients at their active bound, which would be negative."""
+        return self.K <= 0.0
+
+    @property
+    def n_unknowns(self) -> int:
+        """Parameters and contact points."""
+        return self.values.size + self.contact.size
+
+    def force(self, y: Array) -> Array:
+        """Force at a scaled penetration."""
+        return basis(y, self.exponents) @ self.K
+
+
+def basis(y: Array, exponents: Array) -> Array:
+    """Terms ``y^n`` of a law, zero before contact, shape (n, terms)."""
+    return np.asarray(np.maximum(y, 0.0)[:, None] ** exponents)
+
+
+def _slopes(y: Array, exponents: Array) -> Array:
+    """Derivatives of the terms by y."""
+    inside = np.maximum(y, SMALLEST)[:, None]
+    return np.where(y[:, None] > 0.0, exponents * inside ** (exponents - 1.0), 0.0)
+
+
+class _Projection:
+    """The linear part of a fit at given contact points and exponent."""
+
+    def __init__(self, name: LawName, data: Nodes, theta: Array) -> None:
+        self.data, self.theta, self.free_exponent = data, theta, name == "power"
+        J = data.n_tests
+        self.p = theta[:J]
+        self.exponents = theta[J:] if self.free_exponent else np.arange(1.0, TERMS[name] + 1.0)
+        self.y = data.x - self.p[data.owner]
+        zeros = data.zeros
+        prior = data.zero_weight * np.eye(zeros.shape[1])
+        terms = basis(self.y, self.exponents)
+        below = np.zeros((prior.shape[0], terms.shape[1]))
+        self.design = np.block([[terms, zeros], [below, prior]])
+        self.observed = np.append(data.f, np.zeros(prior.shape[0]))
+        q = terms.shape[1]
+        self.free = np.ones(self.design.shape[1], dtype=bool)
+        scaled, length = unit_columns(self.design)
+        self.c = np.zeros(self.design.shape[1])
+        for _ in range(q + 1):  # active set of the bounds K >= 0
+            self.c[:] = 0.0
+            solved = np.linalg.lstsq(scaled[:, self.free], self.observed, rcond=1e-13)[0]
+            self.c[self.free] = solved / length[self.free]
+            worst = int(np.argmin(self.c[:q]))
+            if self.c[worst] >= 0.0:
+                break
+            self.free[worst] = False
+        self.scaled = scaled[:, self.free]
+        self.K, self.zeros = self.c[:q], self.c[q:]
+        self.residuals = self.observed - self.design @ self.c
+
+    def nonlinear_columns(self) -> Array:
+        """Derivatives of the law by the contact points and the exponent, (n + unchecked, .)."""
+        slope = -_slopes(self.y, self.exponents) @ self.K
+        own = self.data.owner[:, None] == np.arange(self.p.size)
+        columns = np.where(own, slope[:, None], 0.0)
+        if self.free_exponent:
+            y = np.maximum(self.y, SMALLEST)
+            by_n = basis(self.y, self.exponents) @ self.K * np.log(y)
+            columns = np.column_stack([columns, by_n])
+        return np.vstack([columns, np.zeros((self.zeros.size, columns.shape[1]))])
+
+    def jacobian(self) -> Array:
+        """Derivatives of the residuals, the linear part projected out (Kaufman)."""
+        columns = self.nonlinear_columns()
+        part = np.linalg.lstsq(self.scaled, columns, rcond=1e-13)[0]
+        return -(columns - self.scaled @ part)
+
+
+def fit_law(name: LawName, data: Nodes) -> FittedLaw:
+    """Fit one law to the nodes, with a free contact point for every test.
+
+    :class:`FitError` if there are fewer nodes than unknowns, or the force does not rise;
+    :class:`ConvergenceError` if the search does not reach a minimum.
+    """
+    q, J = TERMS[name] + (name == "power"), data.n_tests
+    if data.x.size <= q + J:
+        raise FitError(f"{name} law: {data.x.size} nodes, must be more than {q + J}")
+    reference = data.reference_positions()
+    starts = [
+        np.append(reference - d, n) if name == "power" else reference - d
+        for d in DISTANCES
+        for n in (EXPONENTS if name == "power" else (0.0,))
+    ]
+    costs = []
+    for s in starts:
+        r = _Projection(name, data, s).residuals
+        costs.append(float(r @ r))
+    start = starts[int(np.argmin(costs))]
+    low, high = np.full(start.size, -np.inf), np.full(start.size, np.inf)
+    if name == "power":
+        low[-1], high[-1] = EXPONENT_BOUNDS
+    last = [_Projection(name, data, start)]
+
+    def projection(theta: Array) -> _Projection:
+        """The last one, where the search asks for its Jacobian."""
+        if not np.array_equal(theta, last[0].theta):
+            last[0] = _Projection(name, data, theta.copy())
+        return last[0]
+
+    found = solve_nonlinear(
+        lambda theta: projection(theta).residuals,
+        lambda theta: projection(theta).jacobian(),
+        start,
+        (low, high),
+    )
+    at = projection(found.parameters)
+    if not np.any(at.K > 0.0):
+        raise FitError(f"{name} law: the force falls with penetration, must rise")
+    n, terms = data.x.size, at.K.size
+    nonlinear = at.nonlinear_columns()
+    tangent = np.column_stack([at.design[:, at.free], nonlinear])
+    inverse = pseudo_inverse(tangent)
+    sensitivity = np.zeros((q, tangent.shape[0]))
+    k_free = np.flatnonzero(at.free[:terms])
+    sensitivity[k_free] = inverse[: k_free.size]
+    if name == "power":
+        sensitivity[-1] = inverse[-1]
+    if name == "quadratic" and at.free[:2].all() and at.K[0] < at.K[1]:
+        sensitivity[:2] = _by_vertex(at, found.degrees_of_freedom)
+    residuals = at.residuals[:n]
+    return FittedLaw(
+        name=name,
+        K=at.K,
+        exponents=at.exponents,
+        contact=at.p,
+        residuals=residuals,
+        sum_of_squares=float(at.residuals @ at.residuals),
+        sensitivity=sensitivity,
+        tangent=tangent,
+        tau=correlation_time(residuals, data),
+    )
+
+
+def _by_vertex(at: _Projection, dof: int) -> Array:
+    """Derivatives of (k1, k2) by the nodes where k1 is small: k1 is the root of q = k1² >= 0.
+
+    About the vertices v_j = p_j - k1/(2 k2) the law is k2 (x - v_j)² - q/(4 k2), whose derivatives
+    stay regular at k1 = 0. There dk1 = dq/(2 k1) has no bound; sqrt(4 q + se(q)) in place of 2 k1
+    makes the standard error of k1 that of the root of q.
+    """
+    k1, k2 = at.K
+    n, zeros = at.y.size, at.design[:, 2:]
+    y = at.y + 0.5 * k1 / k2
+    columns = np.zeros((at.observed.size, 2 + at.p.size))
+    columns[:n, 0] = -0.25 / k2
+    columns[:n, 1] = y**2 + 0.25 * (k1 / k2) ** 2
+    columns[:n, 2:] = (at.data.owner[:, None] == np.arange(at.p.size)) * (-2.0 * k2 * y)[:, None]
+    rows = pseudo_inverse(np.column_stack([columns, zeros]))[:2]
+    se = float(np.linalg.norm(rows[0]) * np.linalg.norm(at.residuals)) / max(dof, 1) ** 0.5
+    rows[0] /= np.sqrt(4.0 * k1**2 + se)
+    return rows
+
+
+@lru_cache(maxsize=64)
+def fit_quadratic(curves: tuple[PressCurve, ...], noise_N_m: float) -> tuple[FittedLaw, Nodes]:
+    """The quadratic law of some curves; kept, since tests, groups and the whole are asked again."""
+    data = Nodes.of(curves, noise_N_m)
+    return fit_law("quadratic", data), data
+
+
+def correlation_time(residuals: Array, data: Nodes) -> float:
+    """Mean integrated autocorrelation time of residuals along the curves [nodes]."""
+    if float(np.max(np.abs(residuals))) <= ROUNDING * float(np.max(data.f)):
+        return 1.0
+    parts = [residuals[data.part == k] for k in np.unique(data.part)]
+    return sum(r.size * integrated_autocorrelation_time(r) for r in parts) / residuals.size
+
+
+def predicted(law: FittedLaw, fitted: Nodes, data: Nodes) -> Array:
+    """Forces of a law at the nodes of tests it was not fitted to, their contact points free, (n,).
+
+    The search begins at the distance from the contact point that the tests `fitted` have.
+    """
+    forces = np.empty(data.x.size)
+    starts = data.reference_positions() - np.mean(fitted.reference_positions() - law.contact)
+    for j in range(data.n_tests):
+        mine = data.owner == j
+        x, f = data.x[mine], data.f[mine]
+
+        def residuals(p: Array, x: Array = x, f: Array = f) -> Array:
+            return f - law.force(x - p[0])
+
+        def jacobian(p: Array, x: Array = x) -> Array:
+            return (_slopes(x - p[0], law.exponents) @ law.K)[:, None]
+
+        p = solve_nonlinear(residuals, jacobian, starts[j : j + 1]).parameters
+        forces[mine] = law.force(x - p[0])
+    return forces

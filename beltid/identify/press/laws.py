@@ -1,0 +1,325 @@
+"""Is the quadratic normal law of Eq. (3) the right one? It is compared with three others.
+
+All laws are fitted to the same nodes, the middle of the branches, by the same fitter, with a free
+contact point for every test and coefficients >= 0. Two measures judge them:
+
+- AICc, ``m ln(RSS/n) + 2 k m/(m - k - 1)``: lower is better, more coefficients cost. The nodes of a
+  curve are correlated, so ``m = n / tau`` counts independent ones; tau is the integrated
+  autocorrelation time of the residuals of the law that leaves least, the same for all laws.
+- Prediction: each test is left out in turn and predicted by the law of the others, with only its
+  contact point free. With a single test, blocks of force are left out and predicted.
+
+The quadratic law stays the default: it is what simulations and artifacts hold.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from beltid.errors import FitError, InputError, NumericsError
+from beltid.identify.press.curves import PressCurve
+from beltid.identify.press.fit import (
+    LAW_NAMES,
+    ROUNDING,
+    FittedLaw,
+    LawName,
+    Nodes,
+    correlation_time,
+    fit_law,
+    predicted,
+)
+
+NAMES = ("k_linear", "k_quadratic", "k_cubic")
+UNITS = ("N/m²", "N/m³", "N/m⁴")
+BLOCKS = 5
+"""Blocks of force that are left out of a single test."""
+MOST_FOLDS = 10
+"""With more tests than this several are left out together."""
+PROVEN = 6.0
+"""A law whose criterion is lower by more than this is better beyond reasonable doubt: the odds
+``exp(-6/2)`` of the other are 1 to 20."""
+AS_GOOD = 2.0
+"""A law whose criterion is higher by less than this does as well."""
+RELEVANT_DIFFERENCE = 5.0e-3
+"""Laws that differ by less than this share of the largest force are one for the purpose."""
+
+
+@dataclass(frozen=True, slots=True)
+class LawParameter:
+    """A coefficient of a law; the standard error allows for correlation of the residuals."""
+
+    name: str
+    unit: str
+    value: float
+    se: float
+
+
+@dataclass(frozen=True, slots=True)
+class LawCandidate:
+    """One law of the comparison.
+
+    Attributes
+    ----------
+    law : str
+        "linear", "quadratic", "power" or "cubic".
+    parameters : tuple of LawParameter
+        Coefficients over the penetration; empty if the law could not be fitted.
+    rms_residual_N_m : float
+        Root mean square of middle of the branches less law [N/m].
+    criterion : float
+        AICc less that of the quadratic law: below zero is better [-].
+    cv_error_N_m, cv_ratio : float
+        Root mean square of the error of prediction [N/m], and that over the one of the quadratic
+        law [-].
+    largest_difference : float
+        Largest difference from the quadratic law over the largest force [-].
+    note : str
+        Why figures are missing, or what is odd about the law.
+    """
+
+    law: LawName
+    parameters: tuple[LawParameter, ...]
+    rms_residual_N_m: float
+    criterion: float
+    cv_error_N_m: float
+    cv_ratio: float
+    largest_difference: float
+    note: str = ""
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Values of the coefficients by name."""
+        return {p.name: p.value for p in self.parameters}
+
+
+@dataclass(frozen=True, slots=True)
+class LawChoice:
+    """Comparison of normal contact laws.
+
+    Attributes
+    ----------
+    laws : tuple of LawCandidate
+        Linear, quadratic, power, cubic.
+    quadratic_supported : bool
+        Whether no other law is provably and noticeably better, and a linear one does not do.
+    verdict : str
+        The outcome in plain words.
+    n_nodes : int
+        Nodes of the curves.
+    n_effective : float
+        Independent ones among them.
+    validation : str
+        What was left out and predicted.
+    """
+
+    laws: tuple[LawCandidate, ...]
+    quadratic_supported: bool
+    verdict: str
+    n_nodes: int
+    n_effective: float
+    validation: str
+
+    def candidate(self, law: LawName) -> LawCandidate:
+        """The figures of one law."""
+        return next(c for c in self.laws if c.law == law)
+
+    def misfits(self, top_force_N_m: float) -> str:
+        """How far off the curves each law is, in words; over the largest force [N/m]."""
+        said = []
+        for c in self.laws:
+            exponent = f" (exponent {c.values['n']:.3g})" if "n" in c.values else ""
+            off = 100.0 * c.rms_residual_N_m / top_force_N_m
+            note = f" ({c.note})" if c.note else ""
+            said.append(f"{c.law}{exponent} off by {off:.2g} % of the largest force RMS{note}")
+        return "; ".join(said)
+
+
+def choose_normal_law(
+    curves: Sequence[PressCurve], tests: Sequence[str] | None = None
+) -> LawChoice:
+    """Compare normal contact laws on the curves of press tests, such as `StiffnessResult.curves`.
+
+    `tests` are the labels of those to use, such as those of the pooled law; all by default.
+    :class:`InputError` if no curve is left, :class:`NumericsError` if not even the quadratic law
+    can be fitted.
+    """
+    kept = [c for c in curves if tests is None or c.test in set(tests)]
+    if not kept:
+        raise InputError(f"press recording: no curve of the tests {', '.join(tests or ())}")
+    data = Nodes.of(kept)
+    fits: dict[LawName, FittedLaw] = {}
+    failed: dict[LawName, str] = {}
+    for name in LAW_NAMES:
+        try:
+            fits[name] = fit_law(name, data)
+        except NumericsError as error:
+            failed[name] = str(error)
+    if "quadratic" not in fits:
+        raise FitError(f"choice of law: the quadratic law was not fitted: {failed['quadratic']}")
+    least = min(fits.values(), key=lambda f: f.sum_of_squares)
+    m, nan = data.x.size / correlation_time(least.residuals, data), math.nan
+    errors, validation = _cross_validation(data, fits)
+    criteria = {name: aicc(f.sum_of_squares, data, f.n_unknowns, m) for name, f in fits.items()}
+    laws = tuple(
+        _candidate(name, fits, data, criteria, errors)
+        if name in fits
+        else LawCandidate(name, (), nan, nan, nan, nan, nan, failed[name])
+        for name in LAW_NAMES
+    )
+    exponent = laws[LAW_NAMES.index("power")].values.get("n")
+    supported, verdict = verdict_of(laws, exponent, m)
+    return LawChoice(laws, supported, verdict, data.x.size, m, validation)
+
+
+def aicc(sum_of_squares: float, data: Nodes, unknowns: int, m: float) -> float:
+    """Information criterion of a fit for m independent nodes; nan if they are too few."""
+    k = unknowns + 1  # the variance of the noise is one more
+    if m <= k + 1:
+        return math.nan
+    floor = (ROUNDING * float(np.max(data.f))) ** 2
+    return m * math.log(max(sum_of_squares / data.x.size, floor)) + 2.0 * k * m / (m - k - 1.0)
+
+
+def _candidate(
+    name: LawName,
+    fits: Mapping[LawName, FittedLaw],
+    data: Nodes,
+    criteria: Mapping[LawName, float],
+    errors: Mapping[LawName, float],
+) -> LawCandidate:
+    law, quadratic = fits[name], fits["quadratic"]
+    apart = np.max(np.abs(law.residuals - quadratic.residuals)) / np.max(data.f)
+    floor = ROUNDING * float(np.max(data.f))
+    wrong = errors.get(name, math.nan)
+    reference = max(errors.get("quadratic", math.nan), floor)
+    note = ""
+    if np.any(law.held):
+        zero = ", ".join(n for n, held in zip(NAMES, law.held, strict=False) if held)
+        note = f"{name} law: {zero} would be negative and is held at zero"
+    return LawCandidate(
+        law=name,
+        parameters=parameters_of(law, data),
+        rms_residual_N_m=data.F_N_m * math.sqrt(law.sum_of_squares / data.x.size),
+        criterion=criteria[name] - criteria["quadratic"],
+        cv_error_N_m=data.F_N_m * wrong,
+        cv_ratio=max(wrong, floor) / reference,
+        largest_difference=float(apart),
+        note=note,
+    )
+
+
+def parameters_of(law: FittedLaw, data: Nodes) -> tuple[LawParameter, ...]:
+    """Coefficients over the penetration in SI, with errors from the scatter of the nodes."""
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    dof = max(data.x.size / law.tau - law.n_unknowns, 1.0)
+    covariance = law.sensitivity @ law.sensitivity.T * law.sum_of_squares / dof
+    if law.name == "power":
+        k, n = law.values
+        scale = data.F_N_m / data.span_m**n
+        # k = K F / span^n: the exponent is in the unit of k, too
+        by = np.array([[scale, -k * scale * math.log(data.span_m)], [0.0, 1.0]])
+        values = np.array([k * scale, n])
+        names, units = ("k", "n"), ("N/m^(1+n)", "-")
+    else:
+        scales = data.F_N_m / data.span_m**law.exponents
+        by, values = np.diag(scales), law.K * scales
+        names, units = NAMES, UNITS
+    se = np.sqrt(np.diag(by @ covariance @ by.T))
+    rows = zip(names, units, values.tolist(), se.tolist(), strict=False)
+    return tuple(LawParameter(*row) for row in rows)
+
+
+def _cross_validation(
+    data: Nodes, fits: Mapping[LawName, FittedLaw]
+) -> tuple[dict[LawName, float], str]:
+    """Root mean square error of prediction of each law [units of F]; what was left out."""
+    several = data.n_tests > 1
+    if several:
+        n_folds = min(data.n_tests, MOST_FOLDS)
+        fold = data.owner % n_folds
+        said = f"{n_folds} folds, each test left out and predicted with its contact point free"
+    else:
+        n_folds = BLOCKS
+        share = np.argsort(np.argsort(data.x, kind="stable"), kind="stable") / data.x.size
+        fold = np.minimum((share * n_folds).astype(np.intp), n_folds - 1)
+        said = f"a single test: {n_folds} blocks of force left out in turn and predicted"
+    errors: dict[LawName, float] = {}
+    for name in fits:
+        total = 0.0
+        try:
+            for k in range(n_folds):
+                others, target = data.only(fold != k), data.only(fold == k)
+                law = fit_law(name, others)
+                force = law.force(target.x - law.contact[0])
+                if several:
+                    force = predicted(law, others, target)
+                total += float(np.sum((target.f - force) ** 2))
+        except NumericsError:
+            continue
+        errors[name] = math.sqrt(total / data.x.size)
+    return errors, said
+
+
+def verdict_of(
+    laws: Sequence[LawCandidate], exponent: float | None, n_effective: float
+) -> tuple[bool, str]:
+    """Whether the quadratic law is the one to use; why, and what else to look at.
+
+    `exponent` is that of the power law, `n_effective` the number of independent nodes.
+    """
+    others = {c.law: c for c in laws if c.law != "quadratic" and math.isfinite(c.criterion)}
+    if not others:
+        return True, (
+            f"No choice of law: {n_effective:.0f} independent nodes are too few to compare laws; "
+            "the quadratic law is the default."
+        )
+    better = {n: c for n, c in others.items() if c.criterion < -PROVEN and c.cv_ratio < 1.0}
+    noticed = [c for c in better.values() if c.largest_difference >= RELEVANT_DIFFERENCE]
+    linear = others.get("linear")
+    if (
+        not noticed
+        and linear
+        and (linear.criterion < AS_GOOD or linear.largest_difference < RELEVANT_DIFFERENCE)
+    ):
+        return False, (
+            f"A linear law does as well: it differs from the quadratic one by at most "
+            f"{100 * linear.largest_difference:.2g} % of the largest force"
+            f"{_criterion(linear.criterion)}. The quadratic law stays the default."
+        )
+    if noticed:
+        best = min(noticed, key=lambda c: c.criterion)
+        return False, (
+            f"A {_named(best.law, exponent)} law predicts better by "
+            f"{100 * (1 - best.cv_ratio):.2g} %{_criterion(best.criterion)}; it differs from the "
+            f"quadratic one by up to {100 * best.largest_difference:.2g} % of the largest "
+            "force: look at the curves. The quadratic law stays the default."
+        )
+    said = []
+    for name, c in others.items():
+        kind = _named(name, exponent)
+        if name in better:
+            said.append(
+                f"a {kind} law is provably better but differs by "
+                f"{100 * c.largest_difference:.2g} % of the largest force only"
+            )
+        elif c.criterion > AS_GOOD:
+            said.append(f"a {kind} law is no better{_criterion(c.criterion)}")
+        elif name == "cubic":
+            said.append(f"a cubic law adds nothing{_criterion(c.criterion)}")
+        else:
+            said.append(f"a {kind} law does as well{_criterion(c.criterion)}")
+    return True, f"The quadratic law is supported: {'; '.join(said)}."
+
+
+def _named(name: str, exponent: float | None) -> str:
+    return f"power (exponent {exponent:.3g})" if name == "power" and exponent else name
+
+
+def _criterion(difference: float) -> str:
+    word = "lower" if difference < 0.0 else "higher"
+    return f" (AICc {word} by {abs(difference):.{0 if abs(difference) >= 10 else 1}f})"

@@ -1,0 +1,187 @@
+"""What a press recording does not tell is said, and is in the uncertainty of the law."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from press_bench import HYSTERESIS, Bench
+
+from beltid.identify.press.stiffness import StiffnessResult, StiffnessSettings, fit_stiffness
+
+SETTINGS = StiffnessSettings(0.04)
+
+
+@dataclass(frozen=True)
+class OtherBench(Bench):
+    """A force that grows with a power of the penetration, or a quadratic law behind a toe."""
+
+    power: float = 0.0
+    toe_width: float = 0.0
+
+    def force(self, delta):
+        if self.power:
+            return 1.0e4 * (np.maximum(delta, 0.0) / 1.2e-4) ** self.power
+        w = self.toe_width
+        d = w * np.logaddexp(0.0, (np.asarray(delta) - 3.0 * w) / w)
+        return self.k_linear * d + self.k_quadratic * d * d
+
+
+def errors(result: StiffnessResult, force, unseen: bool = False) -> tuple[float, float]:
+    """Largest error of the force from a tenth of it on, and that over its stated error."""
+    law = result.pooled
+    delta = np.linspace(0.02, 1.0, 400) * law.max_penetration_m
+    found, true = law.law.force(delta), force(delta)
+    columns = np.column_stack([delta, delta**2])
+    variance = np.einsum("ij,jk,ik->i", columns, np.reshape(law.covariance, (2, 2)), columns)
+    u = np.sqrt(variance + unseen * (law.unseen_share * found) ** 2)
+    inside = true >= 0.1 * true.max()
+    error = np.abs(found - true)[inside]
+    return float(np.max(error / found[inside])), float(np.max(error / u[inside]))
+
+
+def loading_only(columns):
+    keep = np.zeros(columns["test"].size, dtype=bool)
+    for test in dict.fromkeys(columns["test"].tolist()):
+        rows = np.flatnonzero(columns["test"] == test)
+        keep[rows[: int(np.argmax(columns["displacement_mm"][rows])) + 1]] = True
+    return {name: values[keep] for name, values in columns.items()}
+
+
+@pytest.mark.parametrize("shape", [s for s in HYSTERESIS if s != "none"])
+def test_a_loading_branch_alone_is_off_by_half_the_loop_and_says_so(shape):
+    bench = Bench(hysteresis=shape, dt=0.3)
+    result = fit_stiffness(loading_only(bench.record(1)), SETTINGS)
+    off, z = errors(result, bench.force)
+    assert 0.05 < off < 0.4
+    assert z < 1.96
+    assert any("loading branch alone" in warning for warning in result.pooled.warnings)
+
+
+@pytest.mark.parametrize("power", [0.8, 1.2, 1.6, 2.4, 3.0])
+def test_another_law_is_in_the_standard_errors(power):
+    bench = OtherBench(power=power, dt=0.3)
+    result = fit_stiffness(bench.record(1), SETTINGS)
+    off, z = errors(result, bench.force)
+    assert off > 0.1
+    assert z < 1.96
+    assert any("lack of fit" in warning for warning in result.pooled.warnings)
+
+
+@pytest.mark.parametrize("width", [3e-6, 6e-6, 1e-5])
+def test_a_toe_is_in_the_standard_errors(width):
+    """The law behind the toe, from its own contact point."""
+    bench = OtherBench(toe_width=width)
+    result = fit_stiffness(bench.record(1), SETTINGS)
+    assert errors(result, Bench().force)[1] < 1.96
+    assert any("the belt seats gradually" in note for note in result.notes)
+
+
+def preloaded(bench, preloads, seed=1):
+    """Tests that begin and end at a preload [N], with the load cell zeroed there."""
+    columns = bench.record(seed)
+    force = columns["force_N"]
+    keep = np.zeros(force.size, dtype=bool)
+    for test, preload in zip(dict.fromkeys(columns["test"].tolist()), preloads, strict=True):
+        rows = np.flatnonzero(columns["test"] == test)
+        top = int(np.argmax(force[rows]))
+        begin = int(np.flatnonzero(force[rows[:top]] < preload)[-1]) + 1 if preload else 0
+        below = np.flatnonzero(force[rows[top:]] < preload)
+        keep[rows[begin : top + int(below[0]) if preload else rows.size]] = True
+        force[rows] -= preload
+    return {name: values[keep] for name, values in columns.items()}
+
+
+@pytest.mark.parametrize("noise", [0.15, 1.5])
+def test_tests_that_begin_in_contact_have_an_unknown_zero_and_no_temperature_effect(noise):
+    bench = Bench(force_noise=noise)
+    result = fit_stiffness(preloaded(bench, (4.0, 20.0, 10.0, 14.0)), SETTINGS)
+    off, z = errors(result, bench.force)
+    assert 0.01 < off < 0.1
+    assert z < 1.96
+    assert not result.temperature.matters
+    assert not any("zero of the load cell" in note for note in result.notes)
+    assert any("begin in contact" in warning for warning in result.pooled.warnings)
+
+
+def test_a_test_with_free_travel_tells_the_zero_of_the_others():
+    bench = Bench()
+    result = fit_stiffness(preloaded(bench, (0.0, 0.0, 14.0, 10.0)), SETTINGS)
+    off, z = errors(result, bench.force)
+    assert off < 5e-4
+    assert z < 1.96
+    assert not result.temperature.matters
+
+
+def test_a_sole_cycle_may_be_virgin():
+    bench = Bench(virgin=0.09)
+    result = fit_stiffness(bench.record(1), SETTINGS)
+    off, z = errors(result, bench.force, unseen=True)
+    assert off == pytest.approx(1.0 - 1.0 / 1.09, rel=0.01)
+    assert z < 1.96
+    assert any("a single cycle" in note for note in result.notes)
+    several = fit_stiffness(replace(bench, cycles=3).record(1), SETTINGS)
+    assert not any("a single cycle" in note for note in several.notes)
+
+
+def test_sole_cycles_beside_several_are_widened_by_what_these_show():
+    bench = Bench(virgin=0.09, temperatures=(22.0, 23.0))
+    parts = [replace(bench, cycles=3).record(1), bench.record(2)]
+    parts[1]["test"] = np.array([f"sole {label}" for label in parts[1]["test"]], dtype=object)
+    columns = {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
+    result = fit_stiffness(columns, SETTINGS)
+    off, z = errors(result, bench.force)
+    assert off > 0.02
+    assert z < 1.96
+    (said,) = (w for w in result.pooled.warnings if "may be virgin" in w)
+    # half of the tests by nine percent of a force that is nine percent too high at first
+    assert float(said.split("by ")[1].split(" %")[0]) == pytest.approx(4.5, rel=0.05)
+
+
+def viscous(share, tau_s, speeds=(1.0,) * 4, hold_s=0.0, temperatures=(22.0,) * 4):
+    """A belt with one Maxwell element: a share of the stiffness relaxes with tau."""
+    parts = []
+    for k, (speed, temperature) in enumerate(zip(speeds, temperatures, strict=True)):
+        way = 1.7e-6 * speed
+        bench = Bench(
+            *(6.5e7, 3.0256e11),
+            hysteresis="none",
+            temperatures=(temperature,),
+            speed=way,
+            unloading_speed=way,
+            force_noise=0.0,
+            dwell=hold_s,
+        )
+        part = bench.record(k)
+        elastic, over = part["force_N"], np.zeros(part["force_N"].size)
+        fades = np.exp(-bench.dt / tau_s)
+        for i in range(1, over.size):
+            over[i] = fades * over[i - 1] + share * np.sqrt(fades) * (elastic[i] - elastic[i - 1])
+        noise = 0.15 * np.random.default_rng(k).normal(size=over.size)
+        part["force_N"] = np.maximum(elastic + over, 0.0) + noise
+        part["test"] = np.full(over.size, f"V{k}", dtype=object)
+        parts.append(part)
+    return {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
+
+
+def test_a_loss_by_rate_is_shown_by_a_hold():
+    result = fit_stiffness(viscous(0.12, 60.0, hold_s=120.0), SETTINGS)
+    off, z = errors(result, Bench().force)
+    assert off > 0.05
+    assert z < 1.96
+    assert any("in a hold the force falls" in warning for warning in result.pooled.warnings)
+
+
+def test_a_loss_by_rate_is_shown_by_speeds_that_differ():
+    result = fit_stiffness(viscous(0.12, 10.0, (0.3, 1.0, 3.0, 9.0)), SETTINGS)
+    assert errors(result, Bench().force)[1] < 1.96
+    assert any("with a tenfold speed" in warning for warning in result.pooled.warnings)
+
+
+def test_a_loss_by_rate_that_cannot_be_seen_is_in_the_combined_uncertainty():
+    result = fit_stiffness(viscous(0.12, 60.0), SETTINGS)
+    off, z = errors(result, Bench().force, unseen=True)
+    assert off > 0.05
+    assert z < 1.96
+    assert any("whether the loss is by rate cannot be seen" in note for note in result.notes)
