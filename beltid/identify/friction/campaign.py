@@ -48,6 +48,8 @@ RIPPLE_FREE = 0.1
 # priors: median and width (standard deviation of the logarithm)
 WANDER = (0.4, 1.5)
 """Of the wandering zeros, in units of the error that white noise leaves in the mean of a run."""
+NEIGHBOURS = 0.6
+"""Correlation of the priors of neighbouring memories: the spectrum of real noise is smooth."""
 TURN = (0.4, 1.5)
 """Of the ripple once per turn, in the same unit."""
 HEIGHT_SPREAD = (0.15, 1.0)
@@ -556,6 +558,9 @@ def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
         ]
     )
     centre, width = priors.T
+    apart = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+    precision = np.eye(n + 3)
+    precision[:n, :n] = np.linalg.inv(NEIGHBOURS**apart)
     shared: Shared | None = None
     scale = np.ones(stack.n_runs)
     height, powers = 0.05, np.zeros(2)
@@ -574,7 +579,8 @@ def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
         outer = (Pe / scale[:, None, None]) @ Pe.transpose(0, 2, 1) - w.P
         slope = np.zeros(x.size)
         slope[: len(parts)] = np.tensordot(parts, outer, axes=3)
-        return 0.5 * float(x @ x) - log_z, x - slope * sd**2 * width
+        away = precision @ x
+        return 0.5 * float(x @ away) - log_z, away - slope * sd**2 * width
 
     # from above: a variance that is too small has no gradient
     x = np.where(np.arange(n + 3) <= n, 1.5, 0.0)
