@@ -43,7 +43,7 @@ LARGEST_CHANGE = 0.5  # of ln mu of a run in one iteration
 CHOICES = 6  # iterations in which weights and smoothness are chosen anew
 DECREASE = 1.0e-4  # of the misfit, over that of its tangent, that a step must bring (Armijo)
 HALVINGS = 7  # of a step until it counts as no step at all
-NOTHING = 0.01  # of the misfit that is left to gain where no share of a step goes down: 0.1 se
+NOTHING = 0.1  # of the misfit left to gain, a third of a standard error, where no share goes down
 OUTLIER = 3.5  # misfit in standard errors beyond which a run loses weight
 
 
@@ -209,37 +209,42 @@ class _Fit:
 
 
 def _gauss_newton(problem: _Problem, start: Array) -> _Fit:
-    """Damped iteration; weights and hyperparameters are chosen anew in the first rounds only.
+    """Damped iteration; weights and hyperparameters are chosen anew a few times, then they rest.
 
     Each step goes down the penalised misfit with the weights and hyperparameters that made it, so
-    that once these rest the iteration cannot cycle.
+    that the iteration cannot go in circles. They are chosen anew only where the linear model that
+    they are chosen by has just held for a whole step, or at the end of the way down.
     """
     smoothness = Smoothness(bending=10.0, difference=10.0, noise_scale=1.0)
-    parameters, weight, change, iteration = start, np.ones(problem.log_mu.size), np.inf, 0
+    parameters, weight, left = start, np.ones(problem.log_mu.size), np.zeros(problem.log_mu.size)
+    share, change, choices, iteration = 1.0, np.inf, 0, 0
     try:
         sweep = sweep_with_slopes(problem.rig, problem.curves, parameters)
         log_mu_before = sweep.log_mu
         for iteration in range(1, MOST_ITERATIONS + 1):
+            fresh = choices < CHOICES and share in (0.0, 1.0)
+            if fresh:
+                weight, choices = _weights(left), choices + 1
             model = problem.linearised(sweep, parameters, weight)
-            if iteration <= CHOICES:
+            if fresh:
                 smoothness = choose_smoothness(model, smoothness)
             solution = model.solve(smoothness)
+            scale = np.sqrt(weight) / problem.errors
+            left = model.y - model.J @ solution.parameters - model.Z @ solution.arcs
+            left /= np.sqrt(weight)
             step = solution.parameters - parameters
             # what the data see of the step: knots that carry no load may drift
             change = float(np.max(np.abs(sweep.J @ step)))
-            if change <= TOLERANCE:
-                return _Fit(parameters + step, model, smoothness, weight, log_mu_before, iteration)
-            scale = np.sqrt(weight) / problem.errors
             merit = _Merit(problem, model, smoothness, scale)
-            share, sweep = merit.descend(parameters, step, sweep)
-            parameters = parameters + share * step
-            if iteration > CHOICES and share == 0.0:
-                if merit.along(step) > NOTHING:
-                    break
+            share, ended = 0.0, change <= TOLERANCE
+            if not ended:
+                share, sweep = merit.descend(parameters, step, sweep)
+                parameters = parameters + share * step
+                ended = share == 0.0 and merit.along(step) <= NOTHING
+            if ended and (fresh or choices == CHOICES):
                 return _Fit(parameters, model, smoothness, weight, log_mu_before, iteration)
-            if iteration <= CHOICES:
-                left = model.y - model.J @ solution.parameters - model.Z @ solution.arcs
-                weight = _weights(left / np.sqrt(weight))
+            if share == 0.0 and choices == CHOICES:
+                break
     except BeltidError as error:
         raise ConvergenceError(
             [f"refined surface, iteration {iteration}: {line}" for line in error.problems],

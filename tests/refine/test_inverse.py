@@ -149,24 +149,32 @@ def changed(runs: list[MeasuredRun], factor: np.ndarray, noise: float) -> list[M
     ]
 
 
-@pytest.mark.parametrize("arcs_known", [False, True])
-def test_a_run_in_over_a_sorted_campaign_converges(arcs_known):
-    # full steps go in circles here: the surface, one for all arcs, cannot follow a friction that
-    # rises by 5 % from the first arc to the last
+def run_in(arc: np.ndarray) -> np.ndarray:
+    return 1.05 - 0.05 * np.exp(-np.arange(arc.size) / 30.0)
+
+
+def worn_arcs(arc: np.ndarray) -> np.ndarray:
+    return np.exp(np.array([0.01, -0.026, -0.021])[arc])
+
+
+@pytest.mark.parametrize(
+    ("factor", "arcs_known"), [(run_in, False), (run_in, True), (worn_arcs, False)]
+)
+def test_a_friction_that_no_surface_explains_converges_all_the_same(factor, arcs_known):
+    # a run-in over a campaign sorted by arcs, and arcs that differ unknown to the fit: full steps
+    # go in circles, or to where the rig has no equilibrium
     bench, runs, _ = bench_and_runs("5pk")
-    order = np.arange(len(runs))
-    runs = changed(runs, 1.05 - 0.05 * np.exp(-order / 30.0), noise=0.001)
+    _, arc = np.unique([run.point.beta for run in runs], return_inverse=True)
+    runs = changed(runs, factor(arc), noise=0.001)
     if not arcs_known:
         runs = [replace(run, arc=0) for run in runs]
     refined = refine_surface(bench, runs, SPEEDS)
-    # stationary: no parameter moves the misfit any more, by the gain of the solution itself
-    A = np.linalg.inv(refined.covariance)
-    pull = A @ refined.gain @ -np.log1p(refined.misfit_after) - refined.roughness @ (
-        refined.parameters
-    )
-    assert pull @ refined.covariance @ pull < 0.02
+    # stationary: no parameter moves the misfit any more, J' V^-1 r = P p
+    pull = np.linalg.solve(refined.covariance, refined.gain @ -np.log1p(refined.misfit_after))
+    pull -= refined.roughness @ refined.parameters
+    assert pull @ refined.covariance @ pull < 0.1
     if not arcs_known:
-        assert refined.smoothness.noise_scale > 5.0  # the runs do not scatter as they say
+        assert refined.smoothness.noise_scale > 4.0  # the runs do not scatter as they say
 
 
 @pytest.mark.parametrize("effects", [(0.03, -0.03, 0.03), (0.03, 0.0, -0.03), (-0.03, 0.03, 0.0)])
