@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -36,8 +36,8 @@ from beltid.stages.workers import Workers
 from beltid.store.artifacts import read_artifact
 from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.refined import factor_of, on_nodes, parameter_changes, refined_slopes
-from beltid.uncertainty.sources import all_sources
+from beltid.uncertainty.refined import changes_and_scatter, refined_slopes
+from beltid.uncertainty.sources import all_sources, arc_sources, reduction_sources
 
 KIND: Final = "surface"
 METHOD: Final = "refined"
@@ -217,6 +217,7 @@ def _outcome(
     refined = draws.workers.call(refine, campaign.bench, campaign.runs, speeds)
     labels = tuple(str(columns["run"][i]) for i in used)
     slopes = draws.workers.call(refined_slopes, campaign, refined, speeds)
+    campaign = replace(campaign, measured=campaign.measured.with_arc_effects(refined.response))
     doubt = _doubt(campaign, refined, slopes, config)
     settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
     check = monte_carlo(campaign, refined, doubt, slopes, settings, draws) if draws.count else None
@@ -258,13 +259,17 @@ def _doubt(
 ) -> SurfaceDoubt:
     """What the causes of error do to the refined surface."""
     n_arcs = int(campaign.measured.arc.max()) + 1
-    given = standard_uncertainties(config)
-    sources = all_sources(given, n_arcs, campaign.press.has_scatter)
+    sources = (
+        *all_sources(standard_uncertainties(config), n_arcs, campaign.press.has_scatter),
+        *reduction_sources(campaign.measured.columns),
+        *arc_sources(refined.smoothness.arcs, n_arcs),
+    )
+    changes, scatter = changes_and_scatter(campaign, refined, sources, slopes)
     return SurfaceDoubt(
         surface=refined.surface,
         sources=sources,
-        changes=on_nodes(refined, parameter_changes(campaign, refined, sources, slopes)),
-        scatter=on_nodes(refined, factor_of(refined.covariance)),
+        changes=changes,
+        scatter=scatter,
         arcs_deg=campaign.measured.arcs_deg,
         degrees_of_freedom=max(len(campaign.measured.mu) - refined.effective_parameters, 1.0),
     )

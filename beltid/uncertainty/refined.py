@@ -21,7 +21,7 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.refine.inverse import RefinedSurface
 from beltid.refine.rig_runs import RigRuns, mesh_of, surfaces_of
 from beltid.uncertainty.campaign import Campaign
-from beltid.uncertainty.sources import Errors, Source
+from beltid.uncertainty.sources import ARC_EFFECT, Errors, Source
 
 Array = NDArray[np.float64]
 
@@ -108,6 +108,21 @@ def parameter_changes(
         for source in sources
     ]
     return np.asarray(refined.gain @ np.column_stack(residuals))
+
+
+def changes_and_scatter(
+    campaign: Campaign, refined: RefinedSurface, sources: Sequence[Source], slopes: Array
+) -> tuple[Array, Array]:
+    """What the covariance of ln mu at the nodes is made of, two factors (nf, nv, K), (nf, nv, r).
+
+    The first holds the change by one standard uncertainty of each source, the second the scatter of
+    the runs. The effects of the arcs are a source with a column for each arc: the covariance of the
+    solution holds them too, out of which they are taken here.
+    """
+    changes = parameter_changes(campaign, refined, sources, slopes)
+    of_arcs = changes[:, [source.error == ARC_EFFECT for source in sources]]
+    scatter = factor_of(refined.covariance - of_arcs @ of_arcs.T)
+    return on_nodes(refined, changes), on_nodes(refined, scatter)
 
 
 def on_nodes(refined: RefinedSurface, vectors: Array) -> Array:
