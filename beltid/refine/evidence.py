@@ -196,9 +196,10 @@ def choose_smoothness(model: LinearModel, start: Smoothness) -> Smoothness:
         return float(0.5 * away @ away) - model.log_evidence(unpack(x))
 
     bounds = [limit for limit, chosen in zip(limits, free, strict=True) if chosen]
-    best = minimize(
-        cost, np.clip(x0[free], *np.transpose(bounds)), bounds=bounds, method="L-BFGS-B"
-    )
+    limited = np.clip(x0[free], *np.transpose(bounds))
+    # steps of the differences far above the rounding of a determinant
+    options = {"eps": 1.0e-4, "ftol": 1.0e-12, "gtol": 1.0e-4}
+    best = minimize(cost, limited, bounds=bounds, method="L-BFGS-B", options=options)
     found = unpack(best.x)
     return replace(found, arcs=_mean_square_root(model, found)) if free[3] else found
 
