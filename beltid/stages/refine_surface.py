@@ -36,7 +36,12 @@ from beltid.stages.workers import Workers
 from beltid.store.artifacts import read_artifact
 from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.refined import changes_and_scatter, refined_slopes
+from beltid.uncertainty.refined import (
+    ArcDifference,
+    arc_difference,
+    changes_and_scatter,
+    refined_slopes,
+)
 from beltid.uncertainty.sources import all_sources, arc_sources, reduction_sources
 
 KIND: Final = "surface"
@@ -62,6 +67,7 @@ KEYS: Final = (
     "press.segment_length_cm",
     SECTION,
 )
+MOST_NOISE: Final = 3.0
 MISFIT_COLUMNS: Final = (
     "group",
     "runs",
@@ -86,6 +92,8 @@ class Refinement:
         Their arcs [deg].
     doubt : SurfaceDoubt
         What is not known of the surface, by its causes.
+    arc_difference : ArcDifference, optional
+        The clearest difference between two arcs; None for a single one.
     check : MonteCarlo, optional
         The Monte Carlo check of that.
     """
@@ -94,6 +102,7 @@ class Refinement:
     runs: tuple[str, ...]
     arcs_deg: np.ndarray
     doubt: SurfaceDoubt
+    arc_difference: ArcDifference | None = None
     check: MonteCarlo | None = None
 
     @property
@@ -113,6 +122,24 @@ class Refinement:
             f"run {self.runs[k]}: far from what the others say, weight {weight[k]:.2g}"
             for k in np.flatnonzero(weight < 0.5)
         )
+
+    def disagreement(self) -> tuple[str, ...]:
+        """What of the runs no surface explains, each with a sentence."""
+        lines, apart, scale = [], self.arc_difference, self.refined.smoothness.noise_scale
+        if apart is not None and apart.is_real:
+            lines.append(
+                f"arcs differ: the runs at {apart.higher_deg:.4g}° lie {100 * apart.size:.2g} % "
+                f"above those at {apart.lower_deg:.4g}° on one surface, where scatter and stated "
+                f"uncertainties explain {100 * apart.explained:.2g} %: a wear track, an arc or a "
+                "load cell that is wrong; the difference is in the uncertainty of the surface"
+            )
+        if scale > MOST_NOISE:
+            lines.append(
+                f"the runs scatter {scale:.2g} times as much as their standard errors say, at most "
+                f"{MOST_NOISE:g} is usual: something changed from run to run (run-in, temperature, "
+                "wear), which the uncertainty of the surface does not hold"
+            )
+        return tuple(lines)
 
     def misfit_table(self) -> list[dict[str, Any]]:
         """Misfit of the simulated coefficients before and after, per arc and in all [%]."""
@@ -221,7 +248,8 @@ def _outcome(
     doubt = _doubt(campaign, refined, slopes, config)
     settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
     check = monte_carlo(campaign, refined, doubt, slopes, settings, draws) if draws.count else None
-    result = Refinement(refined, labels, columns["arc_deg"][used], doubt, check)
+    apart = arc_difference(campaign.measured, refined, doubt.sources)
+    result = Refinement(refined, labels, columns["arc_deg"][used], doubt, apart, check)
     beside = friction_formulas(refined.surface)
     force = campaign.measured.normal_force
     return Outcome(
@@ -250,7 +278,11 @@ def _outcome(
             *([check.note()] if check else []),
             *beside.notes,
         ),
-        warnings=(*result.outliers(), *(check.warnings() if check else ())),
+        warnings=(
+            *result.disagreement(),
+            *result.outliers(),
+            *(check.warnings() if check else ()),
+        ),
     )
 
 

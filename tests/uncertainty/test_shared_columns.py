@@ -199,3 +199,32 @@ def test_what_surface_and_run_share_cancels_in_their_difference(known, left):
     np.testing.assert_allclose(found.validation.measured_scatter, own, rtol=1e-6)
     np.testing.assert_allclose(found.validation.u_validation, math.hypot(own, left), rtol=1e-6)
     assert [source.error for source in found.sources] == ["shared_tail"]
+
+
+def test_arcs_that_differ_are_told_with_their_size_and_are_in_the_uncertainty():
+    table = friction()
+    effect = np.select([table["arc_deg"] == arc for arc in (40, 68, 82)], [0.03, -0.03, 0.03])
+    noise = 1.0 + OWN * np.random.default_rng(1).standard_normal(effect.size)
+    table["mu_sliding"] = table["mu_sliding"] * np.exp(effect) * noise
+    found = beltid.refine_surface(table, LAW)  # the default uncertainties: an arc is set to 0.2°
+    (line,) = found.warnings
+    assert line.startswith("arcs differ: the runs at ")
+    apart = found.result.arc_difference
+    assert apart.size == pytest.approx(0.06, abs=0.003)
+    assert apart.lower_deg == pytest.approx(68.0)
+    budget = lines(found.extra["budget"])
+    # the three effects have a standard deviation of 3.5 %; their mean, 1 %, is not seen
+    assert 1.0 < budget["differences between arcs"] < 5.0
+    assert (
+        lines(beltid.refine_surface(friction(), LAW).extra["budget"])["differences between arcs"]
+        < 0.1
+    )
+
+
+def test_runs_that_scatter_far_more_than_they_say_are_told():
+    table = friction()
+    noise = np.random.default_rng(1).standard_normal(table["mu_sliding"].size)
+    table["mu_sliding"] = table["mu_sliding"] * np.exp(8.0 * OWN * noise)
+    found = beltid.refine_surface(table, LAW)
+    assert any(line.startswith("the runs scatter ") for line in found.warnings)
+    assert not beltid.refine_surface(friction(), LAW).warnings
