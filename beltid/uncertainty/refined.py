@@ -155,7 +155,7 @@ def arc_difference(
             for source in stated
             for change in [np.log(measured.corrected(Errors.single(source)).mu / measured.mu)]
         ]
-    ).reshape(len(stated), -1)
+    ).reshape(len(stated), refined.arcs.size)
     for low, high in itertools.permutations(range(refined.arcs.size), 2):
         scatter = covariance[low, low] + covariance[high, high] - 2.0 * covariance[low, high]
         apart = by_arc[:, high] - by_arc[:, low]
