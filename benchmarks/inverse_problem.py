@@ -25,7 +25,7 @@ from benchmarks.work import BELT, POINTS, RIG
 
 LAW = NormalLaw(6.5e7, 3.0256e11)
 NOISE = 0.0025
-GIVEN = StandardUncertainties(0.002, 0.001, 0.05, 0.002, 0.004, 0.002, 5e-4, 0.002, 0.05, 0.05)
+GIVEN = StandardUncertainties(0.002, 0.001, 0.0, 0.05, 0.002, 0.004, 0.002, 5e-4, 0.002, 0.05, 0.05)
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,6 +48,7 @@ MEANINGS: Final = {
     "compare.max_rms_error_over_uncertainty": "RMS of difference over its uncertainty; null: none",
     "uncertainty.tension_gain_rel": "calibration that both load cells share",
     "uncertainty.cell_gain_rel": "calibration of each load cell",
+    "uncertainty.cell_linearity_rel": "nonlinearity of each load cell at the largest tension",
     "uncertainty.cell_offset_N": "zero of each load cell",
     "uncertainty.arc_deg": "contact arc, the same in all runs",
     "uncertainty.arc_setting_deg": "contact arc, anew with each arc",

@@ -127,6 +127,7 @@ class UncertaintySection(Section):
 
     tension_gain_rel: Share = 0.002
     cell_gain_rel: Share = 0.001
+    cell_linearity_rel: Share = 0.0
     cell_offset_N: Annotated[float, Number(0, 1e3, "N")] = 0.05
     arc_deg: Annotated[float, Number(0, 20, "°")] = 0.1
     arc_setting_deg: Annotated[float, Number(0, 20, "°")] = 0.2

@@ -4,7 +4,8 @@ The published procedure gives each measured coefficient the mean force of Eq. (8
 bending: peaks of the force where the belt enters and leaves the pulley. Here the rig is simulated
 (its sliding limit, with sensitivities), and the surface is solved for by Gauss–Newton so that Eq.
 (6), applied to the simulated tensions, gives each measured coefficient. The shape of the surface is
-free; its smoothness is chosen by the data (:mod:`beltid.refine.evidence`).
+free; its smoothness is chosen by the data (:mod:`beltid.refine.evidence`), and so is how far the
+arcs differ from each other.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from beltid.refine.evidence import SMALLEST_SCALE, LinearModel, Smoothness, choo
 from beltid.refine.rig_runs import (
     MeasuredRun,
     RigRuns,
+    Sweep,
     acting_forces,
     mesh_of,
     sweep_with_slopes,
@@ -35,10 +37,13 @@ Array = NDArray[np.float64]
 KNOTS = 12
 FINER_MESH = 1.5  # elements over the default: the mesh must not add a bias of its own
 MODEL_ERROR = 5.0e-4  # relative error of a simulated coefficient, added to the measured one
-MOST_ITERATIONS = 15
+MOST_ITERATIONS = 40
 TOLERANCE = 1.0e-5  # change of ln mu at which the iteration ends
-LARGEST_CHANGE = 0.5  # of ln mu in one iteration
+LARGEST_CHANGE = 0.5  # of ln mu of a run in one iteration
 CHOICES = 6  # iterations in which weights and smoothness are chosen anew
+DECREASE = 1.0e-4  # of the misfit, over that of its tangent, that a step must bring (Armijo)
+HALVINGS = 7  # of a step until it counts as no step at all
+NOTHING = 0.1  # of the misfit left to gain, a third of a standard error, where no share goes down
 OUTLIER = 3.5  # misfit in standard errors beyond which a run loses weight
 
 
@@ -75,6 +80,9 @@ class RefinedSurface:
         Derivative of the simulated ln mu by ln v of the run.
     roughness : ndarray, shape (size, size)
         Quadratic form that was added to the misfit.
+    arcs, arcs_covariance : ndarray, shape (K,), (K, K)
+        Effect of each arc setting on ln mu, beyond the surface, and its covariance; empty for one
+        arc. What they have in common is not seen; it is in the covariance of both.
     """
 
     surface: FrictionSurface
@@ -93,6 +101,13 @@ class RefinedSurface:
     gain: Array
     speed_slope: Array
     roughness: Array
+    arcs: Array
+    arcs_covariance: Array
+
+    @property
+    def response(self) -> Array:
+        """Derivative of ln mu of the runs (n,) by ln of a factor on the whole surface."""
+        return np.asarray(self.J.sum(axis=1))
 
 
 def refine_surface(
@@ -131,15 +146,15 @@ def refine_surface(
     start = np.log(bench.surface.mu(grid_f[None, :], grid_v[:, None])).ravel()
     measured = np.log([run.mu for run in runs])
     errors = np.hypot([run.mu_se / run.mu for run in runs], MODEL_ERROR)
-    fit = _gauss_newton(rig, curves, start, measured, errors)
-    _, covariance = fit.model.solve(fit.smoothness)
+    arc = np.array([run.arc for run in runs])
+    fit = _gauss_newton(_Problem(rig, curves, measured, errors, arc), start)
     last = sweep_with_slopes(rig, curves, fit.parameters)
-    scale = fit.weight / np.square(errors * fit.smoothness.noise_scale)
+    solution = fit.model.solve(fit.smoothness)
     return RefinedSurface(
-        surface=_tabulated(curves, fit.parameters, covariance, nodes),
+        surface=_tabulated(curves, fit.parameters, solution.covariance, nodes),
         curves=curves,
         parameters=fit.parameters,
-        covariance=covariance,
+        covariance=solution.covariance,
         smoothness=fit.smoothness,
         effective_parameters=fit.model.effective_parameters(fit.smoothness),
         iterations=fit.iterations,
@@ -149,14 +164,42 @@ def refine_surface(
         force_range=acting,
         errors=errors * fit.smoothness.noise_scale / np.sqrt(fit.weight),
         J=last.J,
-        gain=covariance @ (last.J * scale[:, None]).T,
+        gain=solution.gain * (np.sqrt(fit.weight) / errors),
         speed_slope=last.speed_slope,
         roughness=fit.model.roughness(fit.smoothness),
+        arcs=solution.arcs,
+        arcs_covariance=solution.arcs_covariance,
     )
 
 
 @dataclass(frozen=True, slots=True)
+class _Problem:
+    """The runs on the simulated rig, and what was measured of them, arrays (n,)."""
+
+    rig: RigRuns
+    curves: Curves
+    log_mu: Array
+    errors: Array
+    arc: NDArray[np.intp]
+
+    def linearised(self, sweep: Sweep, parameters: Array, weight: Array) -> LinearModel:
+        """The data over their standard errors, linear about simulated runs."""
+        scale = np.sqrt(weight) / self.errors
+        several = np.unique(self.arc).size > 1
+        of_arc = np.eye(self.arc.max() + 1)[self.arc] if several else np.zeros((scale.size, 0))
+        return LinearModel(
+            J=sweep.J * scale[:, None],
+            y=(self.log_mu - sweep.log_mu + sweep.J @ parameters) * scale,
+            bending=self.curves.bending(),
+            difference=self.curves.difference(),
+            Z=of_arc * (sweep.response * scale)[:, None],
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class _Fit:
+    """Where the iteration ended: the last step is in, model and weights are those behind it."""
+
     parameters: Array
     model: LinearModel
     smoothness: Smoothness
@@ -165,45 +208,100 @@ class _Fit:
     iterations: int
 
 
-def _gauss_newton(
-    rig: RigRuns, curves: Curves, start: Array, measured: Array, errors: Array
-) -> _Fit:
-    """Iterate; weights and smoothness are chosen anew until the surface has settled."""
-    bending, difference = curves.bending(), curves.difference()
+def _gauss_newton(problem: _Problem, start: Array) -> _Fit:
+    """Damped iteration; weights and hyperparameters are chosen anew a few times, then they rest.
+
+    Each step goes down the penalised misfit with the weights and hyperparameters that made it, so
+    that the iteration cannot go in circles. They are chosen anew only where the linear model that
+    they are chosen by has just held for a whole step, or at the end of the way down.
+    """
     smoothness = Smoothness(bending=10.0, difference=10.0, noise_scale=1.0)
-    parameters, weight = start, np.ones(measured.size)
-    log_mu_before, change = None, np.inf
-    for iteration in range(1, MOST_ITERATIONS + 1):
-        try:
-            sweep = sweep_with_slopes(rig, curves, parameters)
-        except BeltidError as error:
-            raise ConvergenceError(
-                [f"refined surface, iteration {iteration}: {line}" for line in error.problems],
-                iterations=iteration,
-                residual=float(change),
-            ) from error
-        if log_mu_before is None:
-            log_mu_before = sweep.log_mu
-        y = measured - sweep.log_mu + sweep.J @ parameters
-        scale = np.sqrt(weight) / errors
-        model = LinearModel(sweep.J * scale[:, None], y * scale, bending, difference)
-        if iteration <= CHOICES:
-            smoothness = choose_smoothness(model, smoothness)
-        solution, _ = model.solve(smoothness)
-        if iteration <= CHOICES:
-            weight = _weights((y - sweep.J @ solution) / errors)
-        step = np.clip(solution - parameters, -LARGEST_CHANGE, LARGEST_CHANGE)
-        parameters = parameters + step
-        # what the data see of the step: knots that carry no load may drift
-        change = float(np.max(np.abs(sweep.J @ step)))
-        if change <= TOLERANCE:
-            return _Fit(parameters, model, smoothness, weight, log_mu_before, iteration)
+    parameters, weight, left = start, np.ones(problem.log_mu.size), np.zeros(problem.log_mu.size)
+    share, change, choices, iteration = 1.0, np.inf, 0, 0
+    try:
+        sweep = sweep_with_slopes(problem.rig, problem.curves, parameters)
+        log_mu_before = sweep.log_mu
+        for iteration in range(1, MOST_ITERATIONS + 1):
+            fresh = choices < CHOICES and share in (0.0, 1.0)
+            if fresh:
+                weight, choices = _weights(left), choices + 1
+            model = problem.linearised(sweep, parameters, weight)
+            if fresh:
+                smoothness = choose_smoothness(model, smoothness)
+            solution = model.solve(smoothness)
+            scale = np.sqrt(weight) / problem.errors
+            left = model.y - model.J @ solution.parameters - model.Z @ solution.arcs
+            left /= np.sqrt(weight)
+            step = solution.parameters - parameters
+            # what the data see of the step: knots that carry no load may drift
+            change = float(np.max(np.abs(sweep.J @ step)))
+            merit = _Merit(problem, model, smoothness, scale)
+            share, ended = 0.0, change <= TOLERANCE
+            if not ended:
+                share, sweep = merit.descend(parameters, step, sweep)
+                parameters = parameters + share * step
+                ended = share == 0.0 and merit.along(step) <= NOTHING
+            if ended and (fresh or choices == CHOICES):
+                return _Fit(parameters, model, smoothness, weight, log_mu_before, iteration)
+            if share == 0.0 and choices == CHOICES:
+                break
+    except BeltidError as error:
+        raise ConvergenceError(
+            [f"refined surface, iteration {iteration}: {line}" for line in error.problems],
+            iterations=iteration,
+            residual=change,
+        ) from error
     raise ConvergenceError(
-        f"refined surface: no convergence in {MOST_ITERATIONS} iterations (last change of mu "
+        f"refined surface: no convergence in {iteration} iterations (last change of mu "
         f"{100 * change:.2g} %)",
-        iterations=MOST_ITERATIONS,
+        iterations=iteration,
         residual=change,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _Merit:
+    """The penalised misfit with frozen weights and hyperparameters, of the simulated runs."""
+
+    problem: _Problem
+    model: LinearModel
+    smoothness: Smoothness
+    scale: Array
+
+    def at(self, sweep: Sweep, parameters: Array) -> float:
+        """Misfit of runs simulated with some parameters."""
+        left = (self.problem.log_mu - sweep.log_mu) * self.scale
+        return self.model.misfit(left, parameters, self.smoothness)
+
+    def along(self, step: Array) -> float:
+        """What a Gauss-Newton step would take off the misfit of the linear model.
+
+        It is the square of the step in standard errors of the solution.
+        """
+        return self.model.misfit(self.model.J @ step, step, self.smoothness)
+
+    def descend(self, parameters: Array, step: Array, sweep: Sweep) -> tuple[float, Sweep]:
+        """The longest share of a step, 1, 1/2, ..., that goes down far enough, and the runs there.
+
+        Raises
+        ------
+        BeltidError
+            If the runs cannot be simulated with the shortest share.
+        """
+        before, wanted = self.at(sweep, parameters), 2.0 * DECREASE * self.along(step)
+        share = min(1.0, LARGEST_CHANGE / float(np.max(np.abs(sweep.J @ step))))
+        for last in np.arange(HALVINGS) == HALVINGS - 1:
+            moved = parameters + share * step
+            try:
+                found = sweep_with_slopes(self.problem.rig, self.problem.curves, moved)
+            except BeltidError:
+                if last:
+                    raise
+            else:
+                if self.at(found, moved) <= before - share * wanted:
+                    return share, found
+            share *= 0.5
+        return 0.0, sweep
 
 
 def _weights(misfit: Array) -> Array:

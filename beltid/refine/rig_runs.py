@@ -37,12 +37,15 @@ class MeasuredRun:
     point : OperatingPoint
         Arc, measured initial tension, measured speed.
     mu, mu_se : float
-        Sliding coefficient by Eq. (6) and its standard error [-].
+        Sliding coefficient by Eq. (6) and its standard error by what differs from run to run [-].
+    arc : int
+        Number of the arc setting: runs of one setting share its effect.
     """
 
     point: OperatingPoint
     mu: float
     mu_se: float
+    arc: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +65,11 @@ class Sweep:
     log_mu: Array
     J: Array
     speed_slope: Array
+
+    @property
+    def response(self) -> Array:
+        """Derivative of ``log_mu`` (n,) with respect to ln of a factor on the whole surface."""
+        return np.asarray(self.J.sum(axis=1))
 
 
 class RigRuns:

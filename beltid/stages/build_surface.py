@@ -15,7 +15,7 @@ from beltid.identify.surface.surface import build_surface as identify
 from beltid.report.summary import Summary
 from beltid.stages.laws_beside import friction_formulas, friction_law_rows
 from beltid.stages.making import Made, Recipe, make
-from beltid.stages.measured import measured_runs, valid_rows
+from beltid.stages.measured import measured_runs, own_errors, valid_rows
 from beltid.stages.outcome import Outcome, rows_of
 from beltid.stages.surface_doubt import QUANTITY, SurfaceDoubt
 from beltid.stages.tables import surface_of, table_columns
@@ -28,7 +28,7 @@ from beltid.stages.uncertainties import (
 )
 from beltid.store.artifacts import read_artifact
 from beltid.uncertainty.published import published_changes, published_curves, scatter_factor
-from beltid.uncertainty.sources import rig_sources
+from beltid.uncertainty.sources import reduction_sources, rig_sources
 
 KIND: Final = "surface"
 KEYS: Final = ("surface", "rig.pulley_radius_m", SECTION)
@@ -86,7 +86,7 @@ def _outcome(
     good = np.flatnonzero(status == "ok")
     if good.size == 0:
         raise InputError(f"{name}: none of its {n} runs has the status ok, at least one is needed")
-    se = columns.get("mu_sliding_se")
+    se = own_errors(columns)
     settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
     try:
         result = identify(
@@ -132,7 +132,8 @@ def _doubt(
     """What the surface's causes of error do to it; its bias by bending is not among them."""
     settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
     measured = measured_runs(columns, used, config.rig_params().R)
-    sources = rig_sources(standard_uncertainties(config), int(measured.arc.max()) + 1)
+    given = rig_sources(standard_uncertainties(config), int(measured.arc.max()) + 1)
+    sources = (*given, *reduction_sources(measured.columns))
     return SurfaceDoubt(
         surface=result.surface,
         sources=sources,

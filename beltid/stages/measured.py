@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from beltid.uncertainty.measured import Measured
+from beltid.uncertainty.sources import REDUCTION_SOURCES
 
 POSITIVE = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
 ARC_GAP = 1e-3  # relative; arcs are nominal settings and only differ by rounding
@@ -28,12 +29,12 @@ def measured_runs(columns: Mapping[str, np.ndarray], rows: np.ndarray, R: float)
     Returns
     -------
     Measured
-        A standard error that is missing is the median of the others, or zero if none is known.
+        A standard error that is missing is the median of the others, or zero if none is known; what
+        the runs share is not in it but in the columns.
     """
     arc_deg, f, v, mu = (np.asarray(columns[name], dtype=float)[rows] for name in POSITIVE)
-    errors = np.full(mu.size, np.nan)
-    if "mu_sliding_se" in columns:
-        errors = np.asarray(columns["mu_sliding_se"], dtype=float)[rows]
+    own = own_errors(columns)
+    errors = np.full(mu.size, np.nan) if own is None else own[rows]
     known = np.isfinite(errors)
     typical = float(np.median(errors[known])) if known.any() else 0.0
     initial = columns.get("initial_tension_N")
@@ -52,7 +53,26 @@ def measured_runs(columns: Mapping[str, np.ndarray], rows: np.ndarray, R: float)
         slack=slack,
         mu=mu,
         mu_se=np.where(known, errors, typical),
+        columns={key: values[rows][:, None] for key, values in shared_columns(columns).items()},
     )
+
+
+def shared_columns(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Change of ln mu of each run (n,) by what the reduction shares; 0 where it is not known."""
+    named = {key: np.asarray(columns[key], float) for key, _ in REDUCTION_SOURCES if key in columns}
+    return {key: np.where(np.isfinite(values), values, 0.0) for key, values in named.items()}
+
+
+def own_errors(columns: Mapping[str, np.ndarray]) -> np.ndarray | None:
+    """Standard errors of mu (n,) without what the runs share; None if the table has none.
+
+    The column ``mu_sliding_se`` is the whole of it: its own and the shared parts add up in squares.
+    """
+    if "mu_sliding_se" not in columns:
+        return None
+    whole, mu = (np.asarray(columns[key], float) for key in ("mu_sliding_se", "mu_sliding"))
+    shared = sum(np.square(mu * share) for share in shared_columns(columns).values())
+    return np.asarray(np.sqrt(np.maximum(np.square(whole) - shared, 0.0)))
 
 
 def arc_settings(arc_deg: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ from beltid.stages.measured import measured_runs, valid_rows
 from beltid.stages.uncertainties import standard_uncertainties
 from beltid.uncertainty.budget import Scatter, budget, combined
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.sources import Errors, press_sources, rig_sources
+from beltid.uncertainty.sources import Errors, press_sources, reduction_sources, rig_sources
 
 COEFFICIENTS: Final = ("k_linear_N_m2", "k_quadratic_N_m3")
 Found = tuple[dict[str, np.ndarray], list[dict[str, Any]]]
@@ -27,7 +27,8 @@ def friction_doubt(columns: Mapping[str, np.ndarray], config: Config) -> Found:
     """
     rows = valid_rows(columns, np.flatnonzero(columns["status"] == "ok"))
     measured = measured_runs(columns, rows, config.rig_params().R)
-    sources = rig_sources(standard_uncertainties(config), int(measured.arc.max()) + 1)
+    given = rig_sources(standard_uncertainties(config), int(measured.arc.max()) + 1)
+    sources = (*given, *reduction_sources(measured.columns))
     of_mu, of_force = np.zeros((2, rows.size, len(sources)))
     for k, source in enumerate(sources):
         after = measured.corrected(Errors.single(source))

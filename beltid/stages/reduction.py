@@ -60,7 +60,8 @@ def reduction_columns(reduced: Sequence[RunReduction]) -> dict[str, np.ndarray]:
     """
     columns: dict[str, np.ndarray] = {}
     for column in schemas.table("friction").columns:
-        if column.name in NOT_REDUCED:
+        made = column.required or all(hasattr(r, column.name) for r in reduced)
+        if column.name in NOT_REDUCED or not made:
             continue
         if column.name == "notes":
             values = [_notes(r) for r in reduced]

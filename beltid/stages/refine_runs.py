@@ -13,7 +13,7 @@ from beltid.errors import InputError
 from beltid.identify.surface.surface import SurfaceSettings
 from beltid.identify.surface.surface import build_surface as publish
 from beltid.rigsim.model import Bench
-from beltid.stages.measured import measured_runs
+from beltid.stages.measured import measured_runs, own_errors
 from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.press_law import PressLaw
 
@@ -27,7 +27,7 @@ NEEDED: Final = (
     "mu_sliding",
     "mu_sliding_se",
 )
-PUBLISHED: Final = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding", "mu_sliding_se")
+PUBLISHED: Final = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
 SPEED_GAP: Final = 0.1  # a run further than this from every speed of the surface is left out
 
 
@@ -38,7 +38,9 @@ def prepared_campaign(
     good, set_aside = _usable(columns)
     if good.size < 4:
         raise InputError(f"{name}: {good.size} runs can be used, at least 4 are needed")
-    arc_deg, f, v, mu, mu_se = (columns[key][good] for key in PUBLISHED)
+    arc_deg, f, v, mu = (columns[key][good] for key in PUBLISHED)
+    own = own_errors(columns)
+    mu_se = None if own is None else own[good]
     settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
     start = publish(arc_deg, f, v, mu, mu_se, settings).surface
     speeds = start.slip_speed_m_s

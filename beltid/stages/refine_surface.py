@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -36,8 +36,13 @@ from beltid.stages.workers import Workers
 from beltid.store.artifacts import read_artifact
 from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.refined import factor_of, on_nodes, parameter_changes, refined_slopes
-from beltid.uncertainty.sources import all_sources
+from beltid.uncertainty.refined import (
+    ArcDifference,
+    arc_difference,
+    changes_and_scatter,
+    refined_slopes,
+)
+from beltid.uncertainty.sources import all_sources, arc_sources, reduction_sources
 
 KIND: Final = "surface"
 METHOD: Final = "refined"
@@ -62,6 +67,7 @@ KEYS: Final = (
     "press.segment_length_cm",
     SECTION,
 )
+MOST_NOISE: Final = 3.0
 MISFIT_COLUMNS: Final = (
     "group",
     "runs",
@@ -86,6 +92,8 @@ class Refinement:
         Their arcs [deg].
     doubt : SurfaceDoubt
         What is not known of the surface, by its causes.
+    arc_difference : ArcDifference, optional
+        The clearest difference between two arcs; None for a single one.
     check : MonteCarlo, optional
         The Monte Carlo check of that.
     """
@@ -94,6 +102,7 @@ class Refinement:
     runs: tuple[str, ...]
     arcs_deg: np.ndarray
     doubt: SurfaceDoubt
+    arc_difference: ArcDifference | None = None
     check: MonteCarlo | None = None
 
     @property
@@ -113,6 +122,24 @@ class Refinement:
             f"run {self.runs[k]}: far from what the others say, weight {weight[k]:.2g}"
             for k in np.flatnonzero(weight < 0.5)
         )
+
+    def disagreement(self) -> tuple[str, ...]:
+        """What of the runs no surface explains, each with a sentence."""
+        lines, apart, scale = [], self.arc_difference, self.refined.smoothness.noise_scale
+        if apart is not None and apart.is_real:
+            lines.append(
+                f"arcs differ: the runs at {apart.higher_deg:.4g}° lie {100 * apart.size:.2g} % "
+                f"above those at {apart.lower_deg:.4g}° on one surface, where scatter and stated "
+                f"uncertainties explain {100 * apart.explained:.2g} %: a wear track, an arc or a "
+                "load cell that is wrong; the difference is in the uncertainty of the surface"
+            )
+        if scale > MOST_NOISE:
+            lines.append(
+                f"the runs scatter {scale:.2g} times as much as their standard errors say, at most "
+                f"{MOST_NOISE:g} is usual: something changed from run to run (run-in, temperature, "
+                "wear), which the uncertainty of the surface does not hold"
+            )
+        return tuple(lines)
 
     def misfit_table(self) -> list[dict[str, Any]]:
         """Misfit of the simulated coefficients before and after, per arc and in all [%]."""
@@ -217,10 +244,12 @@ def _outcome(
     refined = draws.workers.call(refine, campaign.bench, campaign.runs, speeds)
     labels = tuple(str(columns["run"][i]) for i in used)
     slopes = draws.workers.call(refined_slopes, campaign, refined, speeds)
+    campaign = replace(campaign, measured=campaign.measured.with_arc_effects(refined.response))
     doubt = _doubt(campaign, refined, slopes, config)
     settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
     check = monte_carlo(campaign, refined, doubt, slopes, settings, draws) if draws.count else None
-    result = Refinement(refined, labels, columns["arc_deg"][used], doubt, check)
+    apart = arc_difference(campaign.measured, refined, doubt.sources)
+    result = Refinement(refined, labels, columns["arc_deg"][used], doubt, apart, check)
     beside = friction_formulas(refined.surface)
     force = campaign.measured.normal_force
     return Outcome(
@@ -249,7 +278,11 @@ def _outcome(
             *([check.note()] if check else []),
             *beside.notes,
         ),
-        warnings=(*result.outliers(), *(check.warnings() if check else ())),
+        warnings=(
+            *result.disagreement(),
+            *result.outliers(),
+            *(check.warnings() if check else ()),
+        ),
     )
 
 
@@ -258,13 +291,17 @@ def _doubt(
 ) -> SurfaceDoubt:
     """What the causes of error do to the refined surface."""
     n_arcs = int(campaign.measured.arc.max()) + 1
-    given = standard_uncertainties(config)
-    sources = all_sources(given, n_arcs, campaign.press.has_scatter)
+    sources = (
+        *all_sources(standard_uncertainties(config), n_arcs, campaign.press.has_scatter),
+        *reduction_sources(campaign.measured.columns),
+        *arc_sources(refined.smoothness.arcs, n_arcs),
+    )
+    changes, scatter = changes_and_scatter(campaign, refined, sources, slopes)
     return SurfaceDoubt(
         surface=refined.surface,
         sources=sources,
-        changes=on_nodes(refined, parameter_changes(campaign, refined, sources, slopes)),
-        scatter=on_nodes(refined, factor_of(refined.covariance)),
+        changes=changes,
+        scatter=scatter,
         arcs_deg=campaign.measured.arcs_deg,
         degrees_of_freedom=max(len(campaign.measured.mu) - refined.effective_parameters, 1.0),
     )

@@ -132,8 +132,10 @@ def runs_doubt(
     points = [run.point for run, _ in finished]
     numbers = np.array([_number(arcs, run.arc_deg) for run, _ in finished], dtype=np.intp)
     pieces = [slice(i, i + PER_CALL) for i in range(0, len(points), PER_CALL)]
+    largest = max(float(result.tension_tight_N) for _, result in finished)
     calls = [
-        (bench, inputs.press, points[piece], numbers[piece], sources, elements) for piece in pieces
+        (bench, inputs.press, points[piece], numbers[piece], sources, elements, largest)
+        for piece in pieces
     ]
     try:
         parts = dict(workers.as_ended(simulated_doubt, calls))

@@ -69,8 +69,8 @@ class SurfaceDoubt:
         f = self.surface.normal_force_N_m
         inside = (f >= low * (1.0 - 1e-9)) & (f <= high * (1.0 + 1e-9))
         inside = inside if inside.any() else np.ones(f.size, dtype=bool)
-        changes = self.changes[inside].reshape(-1, len(self.sources))
         scatter = np.sqrt(np.sum(np.square(self.scatter[inside]), axis=-1)).ravel()
+        changes = self.changes[inside].reshape(scatter.size, len(self.sources))
         rows = budget(
             QUANTITY,
             self.sources,

@@ -18,6 +18,7 @@ SECTION: Final = "uncertainty"
 KEYS: Final[dict[str, tuple[str, float]]] = {
     "tension_gain_rel": ("tension_gain", 1.0),
     "cell_gain_rel": ("cell_gain", 1.0),
+    "cell_linearity_rel": ("cell_linearity", 1.0),
     "cell_offset_N": ("cell_offset", 1.0),
     "arc_deg": ("arc", math.pi / 180.0),
     "arc_setting_deg": ("arc_setting", math.pi / 180.0),

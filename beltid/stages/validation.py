@@ -9,9 +9,10 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.identify.agreement.compare import AgreementResult
+from beltid.stages.measured import own_errors, shared_columns
 from beltid.stages.simulated_doubt import RunsDoubt
 from beltid.uncertainty.budget import Scatter, budget
-from beltid.uncertainty.sources import Source
+from beltid.uncertainty.sources import Source, reduction_sources
 from beltid.uncertainty.validation import WITHIN, Validation
 
 QUANTITY: Final = "difference"
@@ -118,6 +119,7 @@ def validated(
         simulated=np.zeros((mu.size, 0)),
         difference=np.zeros((mu.size, 0)),
     )
+    sources: tuple[Source, ...] = ()
     rows = _rows_of(doubt, simulated, of_simulated)
     if doubt is not None and rows is not None:
         missed = np.column_stack(
@@ -132,21 +134,42 @@ def validated(
                 ),
             ]
         )
+        own = own_errors(measured)
         parts = Validation(
             measured=whole,
-            measured_scatter=scatter,
+            measured_scatter=scatter if own is None else _known(own[of_measured]) / mu,
             simulated_scatter=doubt.scatter[rows],
             numerical=doubt.numerical[rows],
             settings=np.abs(np.sum(doubt.by_setting[rows] * missed, axis=1)),
             simulated=doubt.simulated[rows],
             difference=doubt.difference[rows],
         )
+        shared = {key: values[of_measured] for key, values in shared_columns(measured).items()}
+        sources, parts = _with_reduction(doubt.sources, parts, shared)
     return Validated(
         result=replace(result, u_validation=parts.u_validation),
         validation=parts,
-        sources=doubt.sources if doubt is not None and rows is not None else (),
+        sources=sources,
         inputs_known=rows is not None,
     )
+
+
+def _with_reduction(
+    sources: tuple[Source, ...], parts: Validation, shared: Mapping[str, np.ndarray]
+) -> tuple[tuple[Source, ...], Validation]:
+    """What the reduction of the measured runs shares, in sources and differences.
+
+    The surface may have been made from these runs: what an error does to both is one difference.
+    """
+    known = {source.error for source in sources}
+    added = tuple(source for source in reduction_sources(shared) if source.error not in known)
+    sources, none = (*sources, *added), np.zeros((len(parts.measured), len(added)))
+    difference = np.hstack([parts.difference, none])
+    for k, source in enumerate(sources):
+        if source.error in shared:
+            difference[:, k] -= shared[source.error]
+    simulated = np.hstack([parts.simulated, none])
+    return sources, replace(parts, simulated=simulated, difference=difference)
 
 
 def _rows_of(
@@ -164,7 +187,10 @@ def _column(columns: Mapping[str, np.ndarray], name: str, rows: np.ndarray) -> n
     """Values of a column; zero where they are not known."""
     if name not in columns:
         return np.zeros(rows.size)
-    values = np.asarray(columns[name], dtype=float)[rows]
+    return _known(np.asarray(columns[name], dtype=float)[rows])
+
+
+def _known(values: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(values), values, 0.0)
 
 

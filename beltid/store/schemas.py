@@ -159,6 +159,14 @@ _FRICTION = Table(
             text("mu_sticking_reason", "why mu_sticking is missing", nullable=True),
             real("imbalance_N", "N", "tight minus slack cell at rest"),
             standard_error("imbalance_se_N", "N"),
+            *(
+                real(name, "1", f"change of ln mu by one standard deviation of {of}, in all runs")
+                for name, of in (
+                    ("shared_tail", "the shape of the tail"),
+                    ("shared_drift", "a drift of the cells or a relaxation of the belt"),
+                    ("shared_cells", "zero points and gains of the cells at rest"),
+                )
+            ),
             real("start_time_s", "s", "start of the rotation"),
             real("peak_time_s", "s", "time of the sticking peak"),
             real("plateau_start_s", "s", "start of the sliding plateau"),

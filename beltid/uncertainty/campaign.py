@@ -35,10 +35,10 @@ class Campaign:
     def runs(self) -> list[MeasuredRun]:
         """The runs as the inverse solution takes them."""
         of = self.measured
-        rows = zip(of.beta, of.T_0, of.omega, of.mu, of.mu_se, strict=True)
+        rows = zip(of.beta, of.T_0, of.omega, of.mu, of.mu_se, of.arc, strict=True)
         return [
-            MeasuredRun(OperatingPoint(float(b), float(T), float(w)), float(m), float(s))
-            for b, T, w, m, s in rows
+            MeasuredRun(OperatingPoint(float(b), float(T), float(w)), float(m), float(s), int(k))
+            for b, T, w, m, s, k in rows
         ]
 
     def corrected(self, errors: Errors) -> Self:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from beltid.errors import InputError
 from beltid.laws.capstan import mean_normal_force, sliding_speed
-from beltid.uncertainty.sources import Errors
+from beltid.uncertainty.sources import ARC_EFFECT, Errors
 
 Array = NDArray[np.float64]
 
@@ -35,6 +36,11 @@ class Measured:
         Tensions while sliding [N].
     mu, mu_se : ndarray
         Sliding coefficient by Eq. (6) and its standard error by the scatter of the run [-].
+    columns : mapping of str to ndarray, shape (n, places)
+        Change of ln mu of each run by a unit of errors that runs share and follow each in its own
+        way: key of the source -> a column per place.
+    largest_tension : float, optional
+        Largest tension of the campaign [N]; by default that of these runs.
     """
 
     R: float
@@ -46,6 +52,8 @@ class Measured:
     slack: Array
     mu: Array
     mu_se: Array
+    columns: Mapping[str, Array] = field(default_factory=dict)
+    largest_tension: float | None = None
 
     @property
     def arcs_deg(self) -> Array:
@@ -63,6 +71,14 @@ class Measured:
         """Sliding speed, Eq. (7) [m/s]."""
         return sliding_speed(self.omega, self.R)
 
+    def with_arc_effects(self, response: Array) -> Self:
+        """The runs with effects of their arcs, a factor on the surface each, among the columns.
+
+        `response` (n,) is the derivative of ln mu of each run by ln of such a factor.
+        """
+        of_arc = np.eye(int(self.arc.max()) + 1)[self.arc] * response[:, None]
+        return replace(self, columns={**self.columns, ARC_EFFECT: of_arc})
+
     def corrected(self, errors: Errors) -> Self:
         """The runs with errors put right: each value as it would truly have been.
 
@@ -71,14 +87,13 @@ class Measured:
         InputError
             If an error is as large as what it is an error of.
         """
-        gain = errors.at("tension_gain")
-        gains = [gain + errors.at("cell_gain", k) for k in (0, 1)]
         zeros = [errors.at("cell_offset", k) for k in (0, 1)]
-        tight = self.tight * (1.0 + gains[0]) + zeros[0]
-        slack = self.slack * (1.0 + gains[1]) + zeros[1]
+        tight = self.tight * (1.0 + self._gain(errors, 0, self.tight)) + zeros[0]
+        slack = self.slack * (1.0 + self._gain(errors, 1, self.slack)) + zeros[1]
         setting = np.array([errors.at("arc_setting", int(k)) for k in self.arc])
         beta = self.beta + errors.at("arc") + setting
-        T_0 = self.T_0 * (1.0 + 0.5 * sum(gains)) + 0.5 * sum(zeros)
+        gain = 0.5 * sum(self._gain(errors, k, self.T_0) for k in (0, 1))
+        T_0 = self.T_0 * (1.0 + gain) + 0.5 * sum(zeros)
         lowest = min(float(np.min(a)) for a in (tight, slack, beta, T_0))
         if not lowest > 0.0:
             raise InputError(
@@ -87,7 +102,7 @@ class Measured:
                 f"{np.degrees(np.min(self.beta)):.3g} deg), must be small against them"
             )
         log_ratio = self.mu * self.beta + np.log(tight / self.tight) - np.log(slack / self.slack)
-        return replace(
+        corrected = replace(
             self,
             R=self.R * (1.0 + errors.at("pulley_radius")),
             beta=beta,
@@ -97,3 +112,28 @@ class Measured:
             slack=slack,
             mu=log_ratio / beta,
         )
+        return corrected.scattered(self._by_columns(errors))
+
+    def scattered(self, change: Array) -> Self:
+        """Runs whose ln mu differs by `change` (n,): one tension rises, the other falls."""
+        half = 0.5 * self.mu * self.beta * np.expm1(change)
+        return replace(
+            self,
+            mu=self.mu * np.exp(change),
+            tight=self.tight * np.exp(half),
+            slack=self.slack * np.exp(-half),
+        )
+
+    def _gain(self, errors: Errors, cell: int, tension: Array) -> Array:
+        """Error of the gain of a cell at some tensions, as a share; cell 0 is the tight one."""
+        largest = self.largest_tension or float(np.max(self.tight))
+        gain = errors.at("tension_gain") + errors.at("cell_gain", cell)
+        return np.asarray(gain + errors.at("cell_linearity", cell) * tension / largest)
+
+    def _by_columns(self, errors: Errors) -> Array:
+        """Change of ln mu (n,) by the errors that each run follows in its own way."""
+        change = np.zeros(self.mu.size)
+        for key, columns in self.columns.items():
+            size = [errors.at(key, place) for place in range(columns.shape[1])]
+            change += np.sum(columns * size, axis=1)
+        return change

@@ -17,7 +17,7 @@ and weights. A replicate depends on the seed and its own number only.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,6 @@ from beltid.identify.surface.surface import SurfaceSettings
 from beltid.refine.inverse import RefinedSurface
 from beltid.refine.rig_runs import RigRuns, mesh_of, surfaces_of
 from beltid.uncertainty.campaign import Campaign
-from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.published import changes_at_nodes, published_grid
 from beltid.uncertainty.refined import factor_of, on_nodes, residual_change
 from beltid.uncertainty.sources import Errors, Source
@@ -176,20 +175,9 @@ def _replicate(nominal: Nominal, rng: np.random.Generator) -> tuple[Array, Array
     corrected = nominal.campaign.corrected(errors)
     parameters = refined_again(nominal, corrected, errors, (scatter, pull))
     change = on_nodes(nominal.refined, (parameters - nominal.refined.parameters)[:, None])
-    noisy = with_scatter(corrected.measured, measured.mu_se / measured.mu * scatter)
+    noisy = corrected.measured.scattered(measured.mu_se / measured.mu * scatter)
     again = published_grid(noisy, nominal.settings)
     return change[..., 0], changes_at_nodes(nominal.published, again)
-
-
-def with_scatter(measured: Measured, change: Array) -> Measured:
-    """Runs whose ln mu differs by `change` (n,): one tension rises, the other falls."""
-    half = 0.5 * measured.mu * measured.beta * np.expm1(change)
-    return replace(
-        measured,
-        mu=measured.mu * np.exp(change),
-        tight=measured.tight * np.exp(half),
-        slack=measured.slack * np.exp(-half),
-    )
 
 
 def refined_again(

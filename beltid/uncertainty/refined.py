@@ -11,8 +11,9 @@ without any new fit. The derivatives by x come from the rig simulated once more 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,8 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.refine.inverse import RefinedSurface
 from beltid.refine.rig_runs import RigRuns, mesh_of, surfaces_of
 from beltid.uncertainty.campaign import Campaign
-from beltid.uncertainty.sources import Errors, Source
+from beltid.uncertainty.measured import Measured
+from beltid.uncertainty.sources import ARC_EFFECT, Errors, Source
 
 Array = NDArray[np.float64]
 
@@ -29,6 +31,8 @@ STEP = 2.0e-3
 """Relative step of the differences; their error is of its order, a fraction of a percent."""
 MESH = 1.0
 """Elements over the default: a difference needs no finer mesh."""
+CLEAR = 3.0
+"""Standard uncertainties beyond which a difference between arcs is no chance."""
 INPUTS = ("arc", "initial tension", "radius", "span", "EI", "EA", "k_linear", "k_quadratic")
 
 
@@ -108,6 +112,77 @@ def parameter_changes(
         for source in sources
     ]
     return np.asarray(refined.gain @ np.column_stack(residuals))
+
+
+@dataclass(frozen=True, slots=True)
+class ArcDifference:
+    """Two arc settings whose runs do not agree on one surface.
+
+    Attributes
+    ----------
+    lower_deg, higher_deg : float
+        The arcs whose coefficients lie lower and higher than the common surface says [deg].
+    size : float
+        Difference of their effects on ln mu.
+    explained : float
+        Standard uncertainty of that difference by the scatter of the runs and by the sources.
+    """
+
+    lower_deg: float
+    higher_deg: float
+    size: float
+    explained: float
+
+    @property
+    def is_real(self) -> bool:
+        """Whether the difference is far more than what explains it."""
+        return self.size > CLEAR * self.explained
+
+
+def arc_difference(
+    measured: Measured, refined: RefinedSurface, sources: Sequence[Source]
+) -> ArcDifference | None:
+    """The difference between arcs that is the largest for what explains it; None for one arc.
+
+    The sources of the formulas alone count: what they change in the coefficients of one arc more
+    than in those of the other.
+    """
+    covariance, pairs = refined.arcs_covariance, []
+    stated = [source for source in sources if source.error not in measured.columns]
+    by_arc = np.array(
+        [
+            [np.mean(change[measured.arc == k]) for k in range(refined.arcs.size)]
+            for source in stated
+            for change in [np.log(measured.corrected(Errors.single(source)).mu / measured.mu)]
+        ]
+    ).reshape(len(stated), refined.arcs.size)
+    for low, high in itertools.permutations(range(refined.arcs.size), 2):
+        scatter = covariance[low, low] + covariance[high, high] - 2.0 * covariance[low, high]
+        apart = by_arc[:, high] - by_arc[:, low]
+        pairs.append(
+            ArcDifference(
+                lower_deg=float(measured.arcs_deg[low]),
+                higher_deg=float(measured.arcs_deg[high]),
+                size=float(refined.arcs[high] - refined.arcs[low]),
+                explained=float(np.sqrt(scatter + apart @ apart)),
+            )
+        )
+    return max(pairs, key=lambda pair: pair.size / pair.explained, default=None)
+
+
+def changes_and_scatter(
+    campaign: Campaign, refined: RefinedSurface, sources: Sequence[Source], slopes: Array
+) -> tuple[Array, Array]:
+    """What the covariance of ln mu at the nodes is made of, two factors (nf, nv, K), (nf, nv, r).
+
+    The first holds the change by one standard uncertainty of each source, the second the scatter of
+    the runs. The effects of the arcs are a source with a column for each arc: the covariance of the
+    solution holds them too, out of which they are taken here.
+    """
+    changes = parameter_changes(campaign, refined, sources, slopes)
+    of_arcs = changes[:, [source.error == ARC_EFFECT for source in sources]]
+    scatter = factor_of(refined.covariance - of_arcs @ of_arcs.T)
+    return on_nodes(refined, changes), on_nodes(refined, scatter)
 
 
 def on_nodes(refined: RefinedSurface, vectors: Array) -> Array:

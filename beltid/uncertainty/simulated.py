@@ -67,6 +67,7 @@ def simulated_doubt(
     arc: NDArray[np.intp],
     sources: Sequence[Source],
     elements: int | None = None,
+    largest_tension: float | None = None,
 ) -> SimulatedDoubt:
     """Uncertainty of simulated runs (sliding limit).
 
@@ -84,6 +85,8 @@ def simulated_doubt(
         Errors; the first ones are those of the columns of the surface's factor.
     elements : int, optional
         Belt elements; by default those of the simulation.
+    largest_tension : float, optional
+        Of the whole campaign [N], if these are some of its runs.
 
     Raises
     ------
@@ -97,7 +100,7 @@ def simulated_doubt(
     rig = RigRuns(bench, runs, speeds, mesh)
     n, surface = len(runs), bench.surface
     by_surface, scatter = np.zeros((n, len(sources))), np.zeros(n)
-    log_mu, speed_slope, tensions = np.zeros(n), np.zeros(n), np.zeros((n, 2))
+    log_mu, speed_slope, response, tensions = *np.zeros((3, n)), np.zeros((n, 2))
     for i, (model, state) in enumerate(rig.slide([surface] * speeds.size)):
         v = float(speeds[rig.label[i]])
         mu, force, weight = lookup_weights(model, state, surface)
@@ -105,11 +108,12 @@ def simulated_doubt(
         by_surface[i, : shared.size] = shared
         _, per_v = surface.gradient(force, v)
         speed_slope[i] = float(weight @ (per_v * v / surface.mu(force, v)))
-        log_mu[i], tensions[i] = np.log(mu), (state.T_A, state.T_B)
+        log_mu[i], tensions[i], response[i] = np.log(mu), (state.T_A, state.T_B), weight.sum()
     finer = RigRuns(bench, runs, speeds, [2 * round(0.5 * FINER_MESH * m) for m in mesh])
     change = finer.log_mu([surface] * speeds.size, speed_slope) - log_mu
     measured = _as_measured(points, tensions, np.exp(log_mu), bench.rig.R)
-    campaign = Campaign(replace(measured, arc=arc), bench, press)
+    measured = replace(measured, arc=arc, largest_tension=largest_tension)
+    campaign = Campaign(measured.with_arc_effects(response), bench, press)
     slopes = simulated_slopes(campaign, [surface] * speeds.size, speeds, speed_slope)
     of_difference, of_simulated = np.zeros((n, len(sources))), np.zeros((n, len(sources)))
     for k, source in enumerate(sources):

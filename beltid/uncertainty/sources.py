@@ -3,7 +3,9 @@
 A source is one number that is wrong by an unknown amount *for all runs that share it*: the
 calibration of the cells for all, the setting of an arc for the runs at that arc, the law of the
 press for the whole surface. Such an error is not averaged away by many runs. What differs from run
-to run (noise of the samples) is no source here; it is in the standard error of each run.
+to run (noise of the samples) is no source here; it is in the standard error of each run. How far a
+run follows an error may differ from run to run all the same: that is not the source's affair but
+the run's (:class:`beltid.uncertainty.measured.Measured`).
 
 Sign: an error is the true value less the value that was used, as a share of it or in its unit.
 """
@@ -37,6 +39,9 @@ class StandardUncertainties:
     cell_gain : float
         Gain of each load cell by itself, as a share: what calibration and the comparison of both
         cells at rest leave.
+    cell_linearity : float
+        Nonlinearity of each load cell by itself, as a share of the largest tension of the
+        campaign: the error of a reading grows with its square.
     cell_offset : float
         Zero point of each load cell [N].
     arc : float
@@ -63,6 +68,7 @@ class StandardUncertainties:
 
     tension_gain: float = 0.0
     cell_gain: float = 0.0
+    cell_linearity: float = 0.0
     cell_offset: float = 0.0
     arc: float = 0.0
     arc_setting: float = 0.0
@@ -162,6 +168,7 @@ DEGREE = ("deg", math.pi / 180.0)
 RIG_SOURCES: tuple[tuple[str, str, tuple[str, float], int], ...] = (
     ("tension_gain", "gain common to both load cells", PERCENT, 1),
     ("cell_gain", "gain of each load cell", PERCENT, 2),
+    ("cell_linearity", "nonlinearity of each load cell", PERCENT, 2),
     ("cell_offset", "zero point of each load cell", ("N", 1.0), 2),
     ("arc", "contact arc, all settings together", DEGREE, 1),
     ("arc_setting", "contact arc, each setting", DEGREE, 0),
@@ -181,6 +188,14 @@ PRESS_SOURCES = (
     ("segment_length", "length of the pressed segment", PERCENT, 1),
     ("machine_compliance", "compliance of the press", ("mm/N", 1.0e-3), 1),
 )
+
+REDUCTION_SOURCES = (
+    ("shared_tail", "shape of the tail"),
+    ("shared_drift", "common drift"),
+    ("shared_cells", "cells as seen at rest"),
+)
+"""Key and words of what the reduction of all runs shares: their sizes stand in the runs."""
+ARC_EFFECT = "arc_effect"
 
 
 def rig_sources(u: StandardUncertainties, n_arcs: int) -> tuple[Source, ...]:
@@ -207,6 +222,24 @@ def all_sources(
     )
     rig = (*rig_sources(u, n_arcs), *_sources(u, MODEL_SOURCES, 1))
     return (*rig, *scatter, *press_sources(u))
+
+
+def reduction_sources(columns: Mapping[str, Array]) -> tuple[Source, ...]:
+    """Sources of the reduction that some runs know, by their columns; each of unit size."""
+    return tuple(
+        Source(words, key, 0, 1.0, "1", 1.0, FITTED)
+        for key, words in REDUCTION_SOURCES
+        if key in columns and np.any(columns[key])
+    )
+
+
+def arc_sources(size: float, n_arcs: int) -> tuple[Source, ...]:
+    """Effect of each arc setting on ln mu that the runs show, of a standard deviation."""
+    return tuple(
+        Source("differences between arcs", ARC_EFFECT, k, size, *PERCENT, FITTED)
+        for k in range(n_arcs)
+        if size > 0.0
+    )
 
 
 def _sources(

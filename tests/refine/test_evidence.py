@@ -21,7 +21,7 @@ def _model(rng: np.random.Generator, noise: float, wiggle: float) -> tuple[Linea
         j = i % 2
         J[i, 10 * j : 10 * j + 10] = curves.basis(np.array([u]))[0]
     y = J @ truth + noise * rng.normal(size=80)
-    return LinearModel(J, y, curves.bending(), curves.difference()), truth
+    return LinearModel(J, y, curves.bending(), curves.difference(), np.zeros((80, 0))), truth
 
 
 def test_evidence_ratio_is_that_of_the_marginal_gaussians():
@@ -29,11 +29,13 @@ def test_evidence_ratio_is_that_of_the_marginal_gaussians():
     rng = np.random.default_rng(3)
     J, y = rng.normal(size=(6, 3)), rng.normal(size=6)
     B = rng.normal(size=(3, 3))
-    model = LinearModel(J, y, B @ B.T + np.eye(3), np.eye(3))
+    Z = rng.normal(size=(6, 2))
+    model = LinearModel(J, y, B @ B.T + np.eye(3), np.eye(3), Z)
     values = []
-    for s in (Smoothness(0.7, 0.4, 1.3), Smoothness(2.0, 3.0, 0.8)):
+    for s in (Smoothness(0.7, 0.4, 1.3, 0.6), Smoothness(2.0, 3.0, 0.8, 0.0)):
         prior = np.linalg.inv(s.bending * model.bending + s.difference * model.difference)
-        direct = multivariate_normal(np.zeros(6), J @ prior @ J.T + s.noise_scale**2 * np.eye(6))
+        V = s.noise_scale**2 * np.eye(6) + s.arcs**2 * Z @ Z.T
+        direct = multivariate_normal(np.zeros(6), J @ prior @ J.T + V)
         values.append(model.log_evidence(s) - direct.logpdf(y))
     assert values[0] == pytest.approx(values[1], abs=1e-7)
 
@@ -66,8 +68,9 @@ def test_errors_of_the_solution_cover_the_truth():
         # in the size of ln mu: it bends by 0.1 per (ln f)², known to a tenth
         model, truth = replace(model, J=10.0 * model.J), 0.1 * truth
         chosen = choose_smoothness(model, Smoothness(1.0, 1.0, 1.0))
-        mean, covariance = model.solve(chosen)
-        inside.append(np.abs(mean - truth) < 1.96 * np.sqrt(np.diag(covariance)))
+        found = model.solve(chosen)
+        size = 1.96 * np.sqrt(np.diag(found.covariance))
+        inside.append(np.abs(found.parameters - truth) < size)
     assert 0.90 <= np.mean(inside) <= 0.995
 
 
@@ -81,8 +84,56 @@ def test_curvature_that_the_noise_hides_is_not_ruled_out():
         rng = np.random.default_rng(seed)
         J = curves.basis(rng.uniform(6.8, 9.0, 24)) / 0.005
         y = J @ truth + rng.normal(size=24)
-        model = LinearModel(J, y, curves.bending(), curves.difference())
-        mean, covariance = model.solve(choose_smoothness(model, Smoothness(1.0, 1.0, 1.0)))
-        seen = slice(3, 10)
-        inside.append(np.abs(mean - truth)[seen] < 1.96 * np.sqrt(np.diag(covariance))[seen])
+        model = LinearModel(J, y, curves.bending(), curves.difference(), np.zeros((24, 0)))
+        found = model.solve(choose_smoothness(model, Smoothness(1.0, 1.0, 1.0)))
+        size = 1.96 * np.sqrt(np.diag(found.covariance))
+        inside.append((np.abs(found.parameters - truth) < size)[3:10])
     assert 0.90 <= np.mean(inside) <= 0.99
+
+
+def test_effects_of_arcs_are_solved_for_and_merit_is_that_of_the_marginal_gaussian():
+    # eliminated by hand: V = s² + s_a² Z Z', p = (J'V⁻¹J + P)⁻¹ J'V⁻¹y, u = s_a² Z'V⁻¹(y - Jp)
+    rng = np.random.default_rng(8)
+    J, y, Z = rng.normal(size=(9, 3)), rng.normal(size=9), rng.normal(size=(9, 2))
+    model = LinearModel(J, y, 2.0 * np.eye(3), np.eye(3), Z)
+    chosen = Smoothness(0.7, 0.4, 1.3, 0.6)
+    P, W = 1.8 * np.eye(3), np.linalg.inv(1.3**2 * np.eye(9) + 0.6**2 * Z @ Z.T)
+    covariance = np.linalg.inv(J.T @ W @ J + P)
+    found = model.solve(chosen)
+    np.testing.assert_allclose(found.covariance, covariance, rtol=1e-7)
+    np.testing.assert_allclose(found.gain, covariance @ J.T @ W, rtol=1e-7)
+    p = covariance @ J.T @ W @ y
+    np.testing.assert_allclose(found.parameters, p, rtol=1e-7)
+    np.testing.assert_allclose(found.arcs, 0.6**2 * Z.T @ W @ (y - J @ p), rtol=1e-7)
+    # what of the effects is left unknown: s_a² less what the runs show of it, the surface unknown
+    Q = W - W @ J @ covariance @ J.T @ W
+    left = 0.36 * np.eye(2) - 0.36**2 * Z.T @ Q @ Z
+    np.testing.assert_allclose(found.arcs_covariance, left, rtol=1e-7)
+    r = rng.normal(size=9)
+    assert model.misfit(r, p, chosen) == pytest.approx(r @ W @ r + p @ P @ p, rel=1e-10)
+
+
+@pytest.mark.parametrize("spread", [0.002, 0.03])
+def test_differences_of_arcs_are_found_and_their_mean_stays_unknown(spread):
+    # level of the surface: the mean of a few effects is never seen; with four arcs in each of many
+    # campaigns its error has the standard deviation spread / 2
+    curves = Curves(np.linspace(6.0, 9.0, 6), np.array([0.0]))
+    inside, size = [], []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        arc = np.arange(80) % 4
+        effect = spread * rng.normal(size=4)
+        J = curves.basis(rng.uniform(6.2, 8.8, 80)) / 0.003
+        Z = np.eye(4)[arc] / 0.003
+        y = J @ np.full(6, 0.2) + Z @ effect + rng.normal(size=80)
+        model = LinearModel(J, y, curves.bending(), curves.difference(), Z)
+        chosen = choose_smoothness(model, Smoothness(1.0, 0.0, 1.0))
+        found = model.solve(chosen)
+        error = found.parameters - 0.2
+        inside.append(np.abs(error) < 1.96 * np.sqrt(np.diag(found.covariance)))
+        size.append(chosen.arcs)
+        between = (found.arcs - found.arcs.mean()) - (effect - effect.mean())
+        assert np.abs(between).max() < 4.0 * 0.003 / np.sqrt(20.0)
+    assert 0.88 <= np.mean(inside) <= 0.99
+    # three degrees of freedom: the mean of s_a² is up to 3 / (3 - 2) times what the arcs show
+    assert 0.8 * spread < np.median(size) < 1.8 * spread

@@ -139,6 +139,72 @@ def test_standard_errors_grow_where_nothing_was_measured():
     assert relative[0].min() > 2.0 * np.median(relative[inside])
 
 
+def changed(runs: list[MeasuredRun], factor: np.ndarray, noise: float) -> list[MeasuredRun]:
+    """The runs with the coefficients of another belt day: each times a factor, with noise."""
+    factor = factor * np.exp(noise * np.random.default_rng(3).normal(size=factor.size))
+    _, arc = np.unique([run.point.beta for run in runs], return_inverse=True)
+    return [
+        replace(run, mu=run.mu * by, mu_se=noise * run.mu * by, arc=int(k))
+        for run, by, k in zip(runs, factor, arc, strict=True)
+    ]
+
+
+def run_in(arc: np.ndarray) -> np.ndarray:
+    return 1.05 - 0.05 * np.exp(-np.arange(arc.size) / 30.0)
+
+
+def worn_arcs(arc: np.ndarray) -> np.ndarray:
+    return np.exp(np.array([0.01, -0.026, -0.021])[arc])
+
+
+@pytest.mark.parametrize(
+    ("factor", "arcs_known"), [(run_in, False), (run_in, True), (worn_arcs, False)]
+)
+def test_a_friction_that_no_surface_explains_converges_all_the_same(factor, arcs_known):
+    # a run-in over a campaign sorted by arcs, and arcs that differ unknown to the fit: full steps
+    # go in circles, or to where the rig has no equilibrium
+    bench, runs, _ = bench_and_runs("5pk")
+    _, arc = np.unique([run.point.beta for run in runs], return_inverse=True)
+    runs = changed(runs, factor(arc), noise=0.001)
+    if not arcs_known:
+        runs = [replace(run, arc=0) for run in runs]
+    refined = refine_surface(bench, runs, SPEEDS)
+    # stationary: no parameter moves the misfit any more, J' V^-1 r = P p
+    pull = np.linalg.solve(refined.covariance, refined.gain @ -np.log1p(refined.misfit_after))
+    pull -= refined.roughness @ refined.parameters
+    assert pull @ refined.covariance @ pull < 0.1
+    if not arcs_known:
+        assert refined.smoothness.noise_scale > 4.0  # the runs do not scatter as they say
+
+
+@pytest.mark.parametrize("effects", [(0.03, -0.03, 0.03), (0.03, 0.0, -0.03), (-0.03, 0.03, 0.0)])
+def test_arcs_that_differ_by_3_percent_are_found_and_the_surface_says_so(effects):
+    # a wear track: a factor on the friction of one arc, which the coefficient follows by 0.85 to
+    # 1.02, as simulated
+    bench, runs, f = bench_and_runs("5pk")
+    _, arc = np.unique([run.point.beta for run in runs], return_inverse=True)
+    response = solved("5pk").response
+    assert 0.8 < response.min() < 0.9
+    assert 1.0 < response.max() < 1.05
+    runs = changed(runs, np.exp(response * np.array(effects)[arc]), noise=0.001)
+    refined = refine_surface(bench, runs, SPEEDS)
+    between = refined.arcs - refined.arcs.mean()
+    np.testing.assert_allclose(between, effects - np.mean(effects), atol=0.001)
+    # the runs themselves fit: the arcs are no noise
+    assert refined.smoothness.noise_scale < 1.3
+    surface = refined.surface
+    inside = []
+    for j, v in enumerate(SPEEDS):
+        mine = [i for i, run in enumerate(runs) if abs(run.point.omega * R / v - 1) < 0.02]
+        force = surface.normal_force_N_m
+        seen = (force >= f[mine].min()) & (force <= f[mine].max())
+        error = np.log(surface.mu_nodes[seen, j] / true_mu("5pk", force[seen], v))
+        size = surface.mu_se_nodes[seen, j] / surface.mu_nodes[seen, j]
+        inside.append(np.abs(error) < 1.96 * size)
+        assert np.all(size < 0.03)
+    assert np.mean(np.concatenate(inside)) >= 0.88
+
+
 def test_one_speed_and_one_arc():
     bench, runs, _ = bench_and_runs("5pk")
     mine = [run for run in runs if abs(run.point.omega - 0.21) < 1e-6 and run.point.beta > 1.4]

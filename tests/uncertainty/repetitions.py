@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from virtual_bench import Design, read_campaign, true_mu
 
 from beltid.refine.inverse import refine_surface
-from beltid.uncertainty.refined import factor_of, on_nodes, parameter_changes, refined_slopes
-from beltid.uncertainty.sources import all_sources
+from beltid.uncertainty.refined import changes_and_scatter, refined_slopes
+from beltid.uncertainty.sources import all_sources, arc_sources, reduction_sources
 
 
 @dataclass(frozen=True)
@@ -25,12 +25,16 @@ def repetition(design: Design, seed: int) -> Repetition:
     """A campaign read, refined and compared with the truth."""
     campaign = read_campaign(design, np.random.default_rng(seed))
     refined = refine_surface(campaign.bench, campaign.runs, design.speeds)
-    sources = all_sources(design.given, len(design.arcs_deg), campaign.press.has_scatter)
-    changes = np.zeros((*refined.surface.mu_nodes.shape, 0))
-    if sources:
-        slopes = refined_slopes(campaign, refined, design.speeds)
-        changes = on_nodes(refined, parameter_changes(campaign, refined, sources, slopes))
-    random = on_nodes(refined, factor_of(refined.covariance))
+    measured = campaign.measured.with_arc_effects(refined.response)
+    campaign = replace(campaign, measured=measured)
+    n_arcs = len(design.arcs_deg)
+    sources = (
+        *all_sources(design.given, n_arcs, campaign.press.has_scatter),
+        *reduction_sources(measured.columns),
+        *arc_sources(refined.smoothness.arcs, n_arcs),
+    )
+    slopes = refined_slopes(campaign, refined, design.speeds)
+    changes, random = changes_and_scatter(campaign, refined, sources, slopes)
     f = refined.surface.normal_force_N_m
     force = campaign.measured.normal_force
     inside = (f >= force.min()) & (f <= force.max())

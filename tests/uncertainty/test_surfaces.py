@@ -21,8 +21,13 @@ from beltid.uncertainty.published import (
     published_grid,
     scatter_factor,
 )
-from beltid.uncertainty.refined import INPUTS, on_nodes, parameter_changes, refined_slopes
-from beltid.uncertainty.sources import Errors, all_sources, rig_sources
+from beltid.uncertainty.refined import (
+    INPUTS,
+    changes_and_scatter,
+    parameter_changes,
+    refined_slopes,
+)
+from beltid.uncertainty.sources import Errors, all_sources, arc_sources, rig_sources
 
 SETTINGS = SurfaceSettings()
 
@@ -32,7 +37,10 @@ def nominal():
     campaign = read_campaign(SMALL, np.random.default_rng(4))
     refined = refine_surface(campaign.bench, campaign.runs, SMALL.speeds)
     slopes = refined_slopes(campaign, refined, SMALL.speeds)
-    sources = all_sources(GIVEN, len(SMALL.arcs_deg), law_scatter=False)
+    measured = campaign.measured.with_arc_effects(refined.response)
+    campaign = replace(campaign, measured=measured)
+    arcs = arc_sources(refined.smoothness.arcs, len(SMALL.arcs_deg))
+    sources = (*all_sources(GIVEN, len(SMALL.arcs_deg), law_scatter=False), *arcs)
     return prepare(campaign, refined, SMALL.speeds, SETTINGS, (sources, slopes))
 
 
@@ -144,10 +152,8 @@ def test_monte_carlo_agrees_where_the_errors_are_small(nominal):
     sources = nominal.sources
     found = replicates(nominal, 1, range(60))
     assert not found.failed
-    changes = parameter_changes(nominal.campaign, nominal.refined, sources, nominal.slopes)
-    shared = np.sum(on_nodes(nominal.refined, changes) ** 2, axis=-1)
-    scatter = np.square(nominal.refined.surface.mu_se_nodes / nominal.refined.surface.mu_nodes)
-    linear = np.sqrt(shared + scatter)
+    parts = changes_and_scatter(nominal.campaign, nominal.refined, sources, nominal.slopes)
+    linear = np.sqrt(sum(np.sum(part**2, axis=-1) for part in parts))
     check = linear_check(found.refined.reshape(60, -1), linear.ravel())
     # 60 draws give a standard deviation to 9 %; nodes move together
     assert np.sqrt(np.mean(check.found**2)) == pytest.approx(np.sqrt(np.mean(linear**2)), rel=0.25)

@@ -64,6 +64,9 @@ class Design:
     speeds_rad_s: tuple[float, ...] = (0.05, 0.10, 0.21, 0.42, 0.84)
     noise: float = 0.003
     given: StandardUncertainties = field(default=GIVEN)
+    shared: float = (
+        0.0  # standard deviation of an error of ln mu in all runs, larger at low tension
+    )
 
     @property
     def speeds(self) -> np.ndarray:
@@ -110,6 +113,10 @@ def read_campaign(design: Design, rng: np.random.Generator) -> Campaign:
     number, beta, T_0, omega, tight, slack = np.array(rows).T
     noise = design.noise * rng.standard_normal(beta.size)
     log_ratio = np.log(tight / slack) * (1.0 + noise)
+    columns = {}
+    if design.shared:
+        columns["shared_tail"] = design.shared * np.sqrt(100.0 / T_0)[:, None]
+        log_ratio *= np.exp(columns["shared_tail"][:, 0] * rng.standard_normal())
     mean = np.sqrt(tight * slack)
     mu = log_ratio / beta
     measured = Measured(
@@ -122,6 +129,7 @@ def read_campaign(design: Design, rng: np.random.Generator) -> Campaign:
         slack=mean * np.exp(-0.5 * log_ratio),
         mu=mu,
         mu_se=design.noise * mu,
+        columns=columns,
     )
     start = build_surface(
         np.degrees(beta), measured.normal_force, measured.slip_speed, mu, measured.mu_se
