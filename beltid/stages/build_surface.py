@@ -100,10 +100,10 @@ def _outcome(
     except InputError as error:
         raise InputError([f"{name}: {line}" for line in error.problems]) from None
     surface = result.surface
-    beside = friction_formulas(surface)
     table = result.to_columns()
     used = valid_rows(columns, good)
     doubt = _doubt(columns, used, result, config)
+    beside = friction_formulas(surface, doubt.factor)
     f = columns["normal_force_N_m"][used]
     aside = [{"point": line} for line in result.set_aside]
     return Outcome(

@@ -124,7 +124,7 @@ def _notes(reduced: Sequence[RunReduction]) -> tuple[str, ...]:
     if missing:
         lines.append(f"{sum(r.n_missing for r in missing)} samples missing in {len(missing)} runs")
     if swapped:
-        lines.append(f"tight and slack cell were exchanged in {_listed(swapped)}: put right")
+        lines.append(f"tight and slack cell were swapped in {_listed(swapped)}; corrected")
     if unresolved:
         lines.append(
             f"no mu_sticking for {len(unresolved)} runs whose records do not resolve the peak"

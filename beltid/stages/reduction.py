@@ -60,8 +60,7 @@ def reduction_columns(reduced: Sequence[RunReduction]) -> dict[str, np.ndarray]:
     """
     columns: dict[str, np.ndarray] = {}
     for column in schemas.table("friction").columns:
-        made = column.required or all(hasattr(r, column.name) for r in reduced)
-        if column.name in NOT_REDUCED or not made:
+        if column.name in NOT_REDUCED:
             continue
         if column.name == "notes":
             values = [_notes(r) for r in reduced]

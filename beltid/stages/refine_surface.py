@@ -250,7 +250,7 @@ def _outcome(
     check = monte_carlo(campaign, refined, doubt, slopes, settings, draws) if draws.count else None
     apart = arc_difference(campaign.measured, refined, doubt.sources)
     result = Refinement(refined, labels, columns["arc_deg"][used], doubt, apart, check)
-    beside = friction_formulas(refined.surface)
+    beside = friction_formulas(refined.surface, doubt.factor)
     force = campaign.measured.normal_force
     return Outcome(
         kind=KIND,

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import log_ndtr, logsumexp
 
-from beltid.identify.friction.noise import block_covariance, wander_since_rest
+from beltid.identify.friction.noise import block_covariance, early_misfit, wander_since_rest
 from beltid.identify.friction.sliding_record import SlidingRecord
 from beltid.identify.friction.tail_shapes import (
     RANK,
@@ -42,13 +42,14 @@ RUNS_FOR_VARIANCES = 32
 """Runs, evenly chosen, that the variances are found from; more would tell nothing new."""
 SCALE_FREEDOM = 20.0
 """Degrees of freedom with which the noise of a run keeps to that of its bench."""
-RIPPLE_FREE = 0.1
-"""Standard deviation of the amplitude of a ripple that was found, in z: as good as free."""
+FREE = 0.1
+"""Standard deviation of the amplitude of a ripple that was found and of what is left of the
+build-up, in z: as good as free."""
 
 # priors: median and width (standard deviation of the logarithm)
 WANDER = (0.4, 1.5)
 """Of the wandering zeros, in units of the error that white noise leaves in the mean of a run."""
-NEIGHBOURS = 0.6
+NEIGHBOURS = 0.5
 """Correlation of the priors of neighbouring memories: the spectrum of real noise is smooth."""
 TURN = (0.4, 1.5)
 """Of the ripple once per turn, in the same unit."""
@@ -57,8 +58,9 @@ LENGTH_SPREAD = (0.10, 1.0)
 """Of the deviations of a run's tail from that of its bench, relative."""
 HEIGHT = 0.1
 """Standard deviation of the height a >= 0 of the tail, relative to the level (half-normal)."""
-CENTRE = (np.log(5e-3), 1.2)
-"""Mean and standard deviation of ln l_c, l_c in m."""
+CENTRE = (5e-3, 0.2, 1.2)
+"""Median of l_c: so many m, or this share of the longest travel if that is less; and the standard
+deviation of ln l_c."""
 WIDTH = 0.7
 """Mean of s_slow + s_fast (exponential)."""
 UNLIKE = 0.01
@@ -113,7 +115,7 @@ class Stack:
         """Basis of the tails, drifts of 1 N/s of the tight and of the slack cell, and the changes
         of the tail with the two powers."""
         self.fixed = np.zeros((n, m, m))
-        self.parts = np.zeros((len(MEMORIES_S) + 1, n, m, m))
+        self.parts = np.zeros((len(MEMORIES_S) + 2, n, m, m))
         for k, r in enumerate(records):
             b, c = r.z.size, r.sensitivity
             since = 0.5 * (r.first_s + r.last_s) - 0.5 * sum(r.rest_s)
@@ -123,12 +125,14 @@ class Stack:
             self.basis[k, :b] = r.basis * (r.level / c)
             self.shared[k, :b, RANK] = since / (r.tensions_N[0] * c)
             self.shared[k, :b, RANK + 1] = -since / (r.tensions_N[1] * c)
-            self.fixed[k, :b, :b] = (RIPPLE_FREE / c) ** 2 * (r.waves @ r.waves.T)
+            free = np.column_stack([r.waves, r.take_up])
+            self.fixed[k, :b, :b] = (FREE / c) ** 2 * (free @ free.T)
             for j, tau in enumerate(MEMORIES_S[:-1]):
                 self.parts[j, k, :b, :b] = block_covariance(r.first_s, r.last_s, r.count, tau)
-            self.parts[-2, k, :b, :b] = wander_since_rest(
+            self.parts[-3, k, :b, :b] = wander_since_rest(
                 r.first_s, r.last_s, r.count, r.rest_s, r.rest_count, MEMORIES_S[-1]
             )
+            self.parts[-2, k, :b, :b] = early_misfit(r.travel)
             self.parts[-1, k, :b, :b] = (r.level / c) ** 2 * (r.turn @ r.turn.T)
         diagonal = np.arange(m)
         self.fixed[:, diagonal, diagonal] += self.noise_N[:, None] ** 2 / np.maximum(
@@ -275,7 +279,7 @@ class RestSlopes:
     products: Array
 
     def weigh_drifts(self, probability: float, sd: float) -> tuple[Array, Array]:
-        """Probabilities of a drift of neither, of either and of both cells alike, and their sizes.
+        """Probabilities, as the rest phases leave them, of a drift of no cell, of either, of both.
 
         Parameters
         ----------
@@ -394,10 +398,11 @@ def posterior(
     weights, directions = rest.weigh_drifts(DRIFT[0], DRIFT[1] * unit_N)
     # one Gaussian with the moments of all drifts, to find where the tails are
     mixed = D + _blocks(np.zeros(RANK), np.einsum("h,hk,hl->kl", weights, directions, directions))
-    ends = _ends(M, b, mixed, range_m, zooms)
+    middle = float(np.log(min(CENTRE[0], CENTRE[1] * range_m[1] / 3.0)))
+    ends = _ends(M, b, mixed, range_m, middle, zooms)
     none = np.zeros(SHARED)
     if not zooms:
-        candidates = [(0.0, _given(M, b, none, mixed, ends))]
+        candidates = [(0.0, _given(M, b, none, mixed, ends, middle))]
     else:
         slow, part, scatter = SLOW_PART
         reach = np.log(np.clip(range_m[1] / 3.0 * np.array([1.0, 4.0]), 2e-4, 1.0))
@@ -405,16 +410,11 @@ def posterior(
         extras = [(1.0 - slow, np.zeros(RANK)), *((slow / 2.0, tail) for tail in tails)]
         candidates = []
         for weight, direction in zip(weights, directions, strict=True):
-            drift = np.outer(direction, direction)
-            given = []
             for q, tail in extras:
                 more = none.copy()
                 more[:RANK] = part * tail
-                prior = D + _blocks(scatter * tail, drift)
-                given.append((np.log(q), _given(M, b, more, prior, ends)))
-            # a cut: sliding cannot tell a drift from a slow tail, so the rest alone weighs it
-            evidence = logsumexp([log_q + f[0].log_evidence for log_q, f in given])
-            candidates += [(np.log(weight) + log_q - evidence, f) for log_q, f in given]
+                prior = D + _blocks(scatter * tail, np.outer(direction, direction))
+                candidates.append((np.log(weight * q), _given(M, b, more, prior, ends, middle)))
     log_p = np.array([prior + f[0].log_evidence for prior, f in candidates])
     found = [f for _, f in candidates]
     log_evidence = float(logsumexp(log_p))
@@ -433,7 +433,7 @@ def posterior(
         log_evidence=log_evidence,
         height=best.height,
         spectrum=best.centre,
-        powers=powers + mean[POWERS],
+        powers=np.clip(powers + mean[POWERS], -1.0, 1.0),
         drifts=float(weights[1:].sum()),
     )
 
@@ -457,11 +457,13 @@ def _free(M: Array, D: Array) -> tuple[Array, Array]:
     return inner, 0.5 * (G + G.T)
 
 
-def _given(M: Array, b: Array, more: Array, D: Array, ends: Ends) -> tuple[_Tail, Array, Array]:
+def _given(
+    M: Array, b: Array, more: Array, D: Array, ends: Ends, middle: float
+) -> tuple[_Tail, Array, Array]:
     """Posterior with a part v - [tail, 0] ~ N(more, D) integrated out: tail, mean, covariance."""
     inner, G = _free(M, D)
     c = b - M @ more
-    tail = _summed((inner @ M)[:RANK, :RANK], (inner @ c)[:RANK], ends)
+    tail = _summed((inner @ M)[:RANK, :RANK], (inner @ c)[:RANK], ends, middle)
     constant = 0.5 * float(c @ G @ c) + float(b @ more) - 0.5 * float(more @ M @ more)
     log_evidence = tail.log_evidence + constant + 0.5 * float(np.linalg.slogdet(inner)[1])
     away = np.eye(len(M)) - G @ M
@@ -485,14 +487,16 @@ class _Tail:
 _STEPS = np.array([28, 7, 5])
 
 
-def _ends(M: Array, b: Array, D: Array, range_m: tuple[float, float], zooms: int) -> Ends:
+def _ends(
+    M: Array, b: Array, D: Array, range_m: tuple[float, float], middle: float, zooms: int
+) -> Ends:
     """Grid of spectra whose steps are smaller than the spread of the posterior."""
     low = np.array([np.log(max(range_m[0], 2e-4)), 0.0, 0.0])
     high = np.array([np.log(min(max(range_m[1], 2e-3), 0.6)), 2.5, 2.0])
     ends = np.stack([low, high])
     inner, _ = _free(M, D)
     for _ in range(zooms):
-        tail = _summed((inner @ M)[:RANK, :RANK], (inner @ b)[:RANK], tuple(ends.ravel()))
+        tail = _summed((inner @ M)[:RANK, :RANK], (inner @ b)[:RANK], tuple(ends.ravel()), middle)
         step = np.ptp(ends, axis=0) / (_STEPS - 1.0)
         if np.all(tail.spread > 1.2 * step):
             break
@@ -502,11 +506,11 @@ def _ends(M: Array, b: Array, D: Array, range_m: tuple[float, float], zooms: int
     return tuple(ends.ravel())
 
 
-def _summed(M: Array, b: Array, ends: Ends) -> _Tail:
+def _summed(M: Array, b: Array, ends: Ends, middle: float) -> _Tail:
     """Posterior of a tail from its squares (RANK, RANK) and products (RANK,), over a grid."""
     points, C = _spectra(ends)
     c, s, f = points
-    log_prior = -0.5 * ((c - CENTRE[0]) / CENTRE[1]) ** 2 - (s + f) / WIDTH
+    log_prior = -0.5 * ((c - middle) / CENTRE[2]) ** 2 - (s + f) / WIDTH
     precision = np.maximum(np.sum((C @ M) * C, axis=1), 0.0) + 1.0 / HEIGHT**2
     best = (C @ b) / precision
     root = np.sqrt(precision)
@@ -551,7 +555,7 @@ def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
     n = len(MEMORIES_S)
     priors = np.array(
         [
-            *[(np.log(WANDER[0] * typical), WANDER[1])] * n,
+            *[(np.log(WANDER[0] * typical), WANDER[1])] * (n + 1),
             (np.log(TURN[0] * typical_z), TURN[1]),
             (np.log(HEIGHT_SPREAD[0]), HEIGHT_SPREAD[1]),
             (np.log(LENGTH_SPREAD[0]), LENGTH_SPREAD[1]),
@@ -559,7 +563,7 @@ def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
     )
     centre, width = priors.T
     apart = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
-    precision = np.eye(n + 3)
+    precision = np.eye(n + 4)
     precision[:n, :n] = np.linalg.inv(NEIGHBOURS**apart)
     shared: Shared | None = None
     scale = np.ones(stack.n_runs)
@@ -583,7 +587,7 @@ def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
         return 0.5 * float(x @ away) - log_z, away - slope * sd**2 * width
 
     # from above: a variance that is too small has no gradient
-    x = np.where(np.arange(n + 3) <= n, 1.5, 0.0)
+    x = np.where(np.arange(n + 4) <= n + 1, 1.5, 0.0)
     for _ in range(SWEEPS):
         w = whiten(stack, covariance(stack, np.exp(centre + width * x), shared)[0])
         shared = fit_shared(stack, w, scale, rest, unit_N, height, powers, 2)

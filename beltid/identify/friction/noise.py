@@ -53,3 +53,18 @@ def wander_since_rest(
     )
     at_rest = whole[0, 1:]
     return whole[1:, 1:] - at_rest[:, None] - at_rest[None, :] + whole[0, 0]
+
+
+def early_misfit(travel: Array) -> Array:
+    """Covariance of what a model may leave unexplained where the sliding begins, shape (m, m).
+
+    It fades over a fifth of the record and is smooth over a tenth.
+
+    Parameters
+    ----------
+    travel : ndarray
+        Travel of the blocks [m], increasing, shape (m,).
+    """
+    x = (travel - travel[0]) / max(float(np.ptp(travel)), 1e-12)
+    size = np.exp(-x / 0.2)
+    return size[:, None] * size[None, :] * np.exp(-np.abs(x[:, None] - x[None, :]) / 0.1)

@@ -189,6 +189,7 @@ def _slide(
         temperature[slide:],
         (rest.first_s, rest.last_s),
         rest.n_samples,
+        float(R * angle[phase.built]),
         steps,
     )
     if sliding.rounding > 0.0:

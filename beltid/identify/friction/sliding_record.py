@@ -33,6 +33,8 @@ GROWTH = 0.08
 """Length of a block over the length of the record before it."""
 FINEST = 256
 """Blocks as short as a sample in a record of so many samples; longer ones of a longer record."""
+TAKE_UP = np.array([0.1, 0.35])
+"""Lengths over which the rest of the build-up decays, over its travel."""
 LINES = 3
 """Most ripples of a run."""
 OUTLIER = 6.0
@@ -57,6 +59,8 @@ class SlidingRecord:
         The tails' basis functions.
     waves : ndarray, shape (m, 2 k)
         Cosine and sine of the ripples found.
+    take_up : ndarray, shape (m, 2)
+        Decays of what may be left of the build-up where the sliding begins.
     turn : ndarray, shape (m, 2)
         Cosine and sine of the angle of the pulley.
     temperature : ndarray
@@ -89,6 +93,7 @@ class SlidingRecord:
     log_mean: Array
     basis: Array
     waves: Array
+    take_up: Array
     turn: Array
     temperature: Array
     rest_s: tuple[float, float]
@@ -129,6 +134,7 @@ def sliding_record(
     temperature: Array,
     rest_s: tuple[float, float],
     rest_count: int,
+    built_m: float,
     steps: tuple[float, float],
 ) -> SlidingRecord:
     """Average the sliding phase of a run over blocks.
@@ -147,6 +153,8 @@ def sliding_record(
         Temperature [°C], nan where it is not known, shape (n,).
     rest_s, rest_count : tuple of float, int
         First and last time at rest [s], samples at rest.
+    built_m : float
+        Travel of the build-up [m].
     steps : tuple of float
         Steps of the converters of both cells [N]; zero if they are fine.
     """
@@ -188,6 +196,7 @@ def sliding_record(
         log_mean=means(log_mean),
         basis=means(tail_basis(travel)),
         waves=means(wave),
+        take_up=means(np.exp(-(travel - travel[0])[:, None] / np.maximum(TAKE_UP * built_m, 1e-9))),
         turn=means(np.column_stack([np.cos(angle), np.sin(angle)])),
         temperature=means(temperature),
         rest_s=rest_s,
