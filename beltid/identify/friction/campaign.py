@@ -35,7 +35,7 @@ from beltid.identify.friction.tail_shapes import (
 
 Array = NDArray[np.float64]
 
-MEMORIES_S = (0.04, 0.16, 0.64, 2.5, 20.0)
+MEMORIES_S = (0.04, 0.16, 0.64, 20.0)
 """Memories of the wandering zeros [s]; the last one is a walk over the time of a run, and counts
 from the rest, where the zeros show."""
 RUNS_FOR_VARIANCES = 32
@@ -546,6 +546,8 @@ def _spectra(ends: Ends) -> tuple[Array, Array]:
 
 
 SWEEPS = 3
+WALK_STEPS = (-0.8, -0.4, 0.0, 0.4, 0.8, 1.2, 1.6)
+"""Steps about the mode over which the variance of the walk is averaged, in widths of its prior."""
 
 
 def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
@@ -603,7 +605,12 @@ def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
             options={"maxiter": 20, "ftol": 1e-6},
         ).x
     assert shared is not None
-    return Bench(np.exp(centre + width * x), shared)
+    sd = np.exp(centre + width * x)
+    # the walk moves the level most and shows least: the mean of its variance, not the mode
+    log_p = np.array([-cost(x + step * (np.arange(x.size) == n - 1))[0] for step in WALK_STEPS])
+    p = np.exp(log_p - logsumexp(log_p))
+    sd[n - 1] *= np.sqrt(p @ np.exp(2.0 * width[n - 1] * np.array(WALK_STEPS)))
+    return Bench(sd, shared)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
