@@ -18,15 +18,14 @@ def long_run(seed: int = 0, n: int = N) -> dict[str, np.ndarray]:
     """Synthetic run with white noise: at rest for a second, then sliding at MU for eleven."""
     rng = np.random.default_rng(seed)
     time = np.linspace(0.0, 12.0, n)
-    sliding = time >= 1.0
-    build_up = np.where(sliding, 1.0 - np.exp(-(time - 1.0) / 0.05), 0.0)
+    build_up = np.clip((time - 1.0) / 0.1, 0.0, 1.0)
     half = TENSION_N * np.tanh(0.5 * MU * np.radians(ARC_DEG) * build_up)
     noise = NOISE_N * rng.standard_normal((2, n))
     return {
         "time_s": time,
         "tension_tight_N": TENSION_N + half + noise[0],
         "tension_slack_N": TENSION_N - half + noise[1],
-        "pulley_speed_rad_s": np.where(sliding, 0.21, 0.0),
+        "pulley_speed_rad_s": np.where(time >= 1.0, 0.21, 0.0),
     }
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from synthetic_rig import Recipe, record
+from virtual_rig import Recipe, record
 
 from beltid.identify.friction.reduction import FrictionSettings, RunReduction, reduce_runs
 

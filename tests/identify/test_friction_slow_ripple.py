@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from synthetic_rig import Recipe, record
+from virtual_rig import Recipe, record
 
 from beltid.identify.friction.reduction import RunReduction, reduce_runs
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import time
+
 from collections.abc import Callable
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from synthetic_rig import Recipe, bench, record
+from virtual_rig import Recipe, bench, record
 
 from beltid.errors import InputError
 from beltid.identify.friction.reduction import (
