@@ -75,5 +75,5 @@ def test_a_ripple_longer_than_the_sliding_phase_is_allowed_for(period_s: float) 
 
 def test_without_a_drift_nothing_is_allowed_for() -> None:
     z, se = scores(BASE, lambda columns: None)
-    assert 0.7 < np.sqrt(np.mean(z**2)) < 1.35
+    assert np.sqrt(np.mean(z**2)) < 1.35
     assert np.max(se) < 0.001  # independent samples of 4.7 s alone give 0.00024

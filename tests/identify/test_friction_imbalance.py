@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
 import numpy as np
@@ -70,20 +71,23 @@ def score(runs: tuple[RunReduction, ...]) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize(
-    ("fault", "word"),
+    ("fault", "word", "value"),
     [
-        (common_zero, "the zero points of the cells differ by +1.4"),
-        (wandering_zero, "wander"),
-        (gains, "the gains of the cells differ by +1.2"),
+        (common_zero, r"the zero points of the cells differ by ([+-][\d.]+) N", 1.4),
+        (wandering_zero, r"wander by ([\d.]+) N", 4.0 / np.sqrt(3.0)),
+        (gains, r"the gains of the cells differ by ([+-][\d.]+) %", 1.2),
     ],
 )
-def test_a_fault_that_the_runs_explain_is_taken_off(fault: Fault, word: str) -> None:
-    error, z = score(campaign(none))
+def test_a_fault_that_the_runs_explain_is_taken_off(fault: Fault, word: str, value: float) -> None:
     runs = campaign(fault)
-    corrected, z_corrected = score(runs)
-    assert corrected < 1.25 * error + 4e-4
-    assert z_corrected < 1.25 * max(z, 1.0)
-    assert any(word in note for note in runs[0].notes)
+    corrected, z = score(runs)
+    as_recorded, _ = score(campaign(fault, mode=False))
+    assert corrected < 0.1 * as_recorded
+    assert z < 1.25
+    told = [match for run in runs for note in run.notes if (match := re.search(word, note))]
+    assert len(told) >= 0.8 * len(runs)
+    # the scatter of 25 zeros is known to a seventh
+    assert float(told[0][1]) == pytest.approx(value, rel=0.3 if fault is wandering_zero else 0.02)
 
 
 @pytest.mark.parametrize(("fault", "high"), [(zeros_on_their_own, 1.6), (left_from_tightening, 1)])
@@ -101,5 +105,5 @@ def test_friction_left_from_tightening_is_not_mistaken_for_a_fault_of_the_cells(
 def test_cells_that_agree_are_left_alone() -> None:
     as_recorded = campaign(none, mode=False)
     for recorded, run in zip(as_recorded, campaign(none), strict=True):
-        assert run.mu_sliding == recorded.mu_sliding
-        assert run.mu_sliding_se == recorded.mu_sliding_se
+        assert abs(run.mu_sliding - recorded.mu_sliding) < 0.1 * run.mu_sliding_se
+        assert run.notes == ()

@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 SPEED_CHANGE_NOTED = 0.02
 SPEED_CHANGE_ALLOWED = 0.2
 """Relative change of the pulley's speed between the halves of the rotation."""
+ROUNDING_NOTED = 1e-4
+"""Rounding error of ln(T_tight/T_slack) from which on a run tells of its converters [-]."""
 ONSET = 200
 """Most samples of the build-up that are kept for the sticking peak."""
 
@@ -191,7 +193,7 @@ def _slide(
         rest.n_samples,
         steps,
     )
-    if sliding.rounding > 0.0:
+    if sliding.rounding > ROUNDING_NOTED:
         run = _noted(run, f"the converters of the cells resolve only {max(steps):.3g} N")
     positive = np.all(tensions[first:slide] > 0.0, axis=1)
     ratio = np.where(positive[:, None], tensions[first:slide], np.nan)

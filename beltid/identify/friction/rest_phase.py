@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.identify.estimators.signal import (
-    converter_error,
+    converter_rounding,
     difference_sigma,
     median,
     running_median,
@@ -180,7 +180,7 @@ def rest_state(
     sum_slope, sum_se, _ = _slope(time, 2.0 * mean)
     spread = float(np.std(difference)) * np.sqrt(n / max(n - 1.0, 1.0))
     se = spread * np.sqrt(integrated_autocorrelation_time(difference) / n)
-    rounding = converter_error([np.std(tight[kept]), np.std(slack[kept])], steps)
+    rounding = converter_rounding([np.std(tight[kept]), np.std(slack[kept])], steps)
     se = float(np.linalg.norm([se, *rounding]))
     return Rest(
         n_samples=n,

@@ -150,7 +150,7 @@ def sliding_record(
     steps : tuple of float
         Steps of the converters of both cells [N]; zero if they are fine.
     """
-    smooth, lines, kept = _smooth_course(t, tensions, travel)
+    smooth, lines, kept = _smooth_course(t, tensions, travel, steps)
     t, tensions, angle, travel, temperature, smooth = (
         a[kept] for a in (t, tensions, angle, travel, temperature, smooth)
     )
@@ -230,7 +230,9 @@ def block_starts(n: int) -> NDArray[np.intp]:
     return np.array(starts, dtype=np.intp)
 
 
-def _smooth_course(t: Array, tensions: Array, travel: Array) -> tuple[Array, list[float], Mask]:
+def _smooth_course(
+    t: Array, tensions: Array, travel: Array, steps: tuple[float, float]
+) -> tuple[Array, list[float], Mask]:
     """Both tensions without noise and ripple (n, 2), frequencies of the ripples, usable samples."""
     reach = max(float(travel[-1] - travel[0]), 1e-9)
     x = travel - travel[0]
@@ -250,7 +252,9 @@ def _smooth_course(t: Array, tensions: Array, travel: Array) -> tuple[Array, lis
         solution = np.linalg.lstsq(system, target, rcond=None)[0]
         residual = tensions - design @ solution
         sigma = np.array([max(robust_sigma(column), 1e-12) for column in residual.T])
-        floor = NOISE_FLOOR * np.abs(np.median(tensions, axis=0))
+        # a coarse converter may repeat one value: its rounding is no outlier
+        rounding = np.asarray(steps) / np.sqrt(12.0)
+        floor = np.maximum(NOISE_FLOOR * np.abs(np.median(tensions, axis=0)), rounding)
         kept = np.all(np.abs(residual) <= OUTLIER * np.maximum(sigma, floor), axis=1)
         if len(lines) == LINES:
             break
