@@ -112,7 +112,8 @@ class SlidingRecord:
     @property
     def speed_m_s(self) -> float:
         """Mean speed of the pulley's surface [m/s]."""
-        return float(np.ptp(self.travel) / max(np.ptp(self.last_s), 1e-12))
+        middle_s = 0.5 * (self.first_s + self.last_s)
+        return float(np.ptp(self.travel) / max(np.ptp(middle_s), 1e-12))
 
     @property
     def level(self) -> float:
