@@ -113,8 +113,10 @@ def test_known_faults_of_the_recording_are_counted() -> None:
 def test_ripple_is_found_once_per_fortieth_of_a_turn(belt: str) -> None:
     period = column(belt, "ripple_period_s") * truth(belt)["omega"] * 40.0 / (2.0 * np.pi)
     strong = truth(belt)["Td"] > 300.0  # 0.4 % of that is twice the noise
-    assert np.all(np.abs(period[strong] - 1.0) < 0.05)
-    amplitude = column(belt, "ripple_amplitude_N")[strong] / truth(belt)["Td"][strong]
+    found = strong & np.isfinite(period)  # among noise of the same size a few stay hidden
+    assert np.count_nonzero(found) > 0.9 * np.count_nonzero(strong)
+    assert np.all(np.abs(period[found] - 1.0) < 0.05)
+    amplitude = column(belt, "ripple_amplitude_N")[found] / truth(belt)["Td"][found]
     # the ripple is a fixed part of the tension: the same for all runs of a belt
     assert 0.0025 < np.mean(amplitude) < 0.0055
     assert np.std(amplitude) < 0.0003

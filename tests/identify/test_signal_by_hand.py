@@ -16,6 +16,7 @@ from beltid.identify.estimators.signal import (
     difference_sigma,
     line_columns,
     median,
+    noise_before_rounding,
     parabolic_maximum,
     robust_sigma,
     running_median,
@@ -127,20 +128,33 @@ def test_steps_of_a_converter_off_zero_show_in_chatter_only():
     assert converter_steps(np.sort(twice), rising)[0] == 0.0
 
 
+@pytest.mark.parametrize("noise", [0.02, 0.1, 0.2, 0.4])
+def test_stated_rounding_is_no_smaller_than_the_errors_of_rounded_means(noise):
+    """In steps; 100 samples each of 3000 signals anywhere between two of them."""
+    rng = np.random.default_rng(1)
+    level = rng.uniform(0.0, 1.0, 3000)
+    samples = np.round(level[:, None] + noise * rng.normal(size=(3000, 100)))
+    spread = np.std(samples, axis=1)
+    stated = np.hypot(converter_rounding(noise_before_rounding(spread, 1.0), 1.0), spread / 10.0)
+    z = (samples.mean(axis=1) - level) / np.maximum(stated, 1e-3)
+    assert 0.2 < np.sqrt(np.mean(z**2)) < 1.15
+
+
 @pytest.mark.parametrize("ratio", [0.0, 0.05, 0.15, 0.3, 0.4])
 def test_error_that_a_coarse_converter_leaves(ratio):
     """Against rounding of noise whose mean lies anywhere between two steps of 2."""
     noise = 2.0 * ratio * np.random.default_rng(0).normal(size=4000)
-    noise -= noise.mean()
+    noise -= noise.mean()  # that mean is no rounding
     means = np.linspace(-1.0, 1.0, 200, endpoint=False)
     errors = [np.mean(2.0 * np.round((mean + noise) / 2.0)) - mean for mean in means]
-    recorded = math.hypot(2.0 * ratio, 2.0 / math.sqrt(12.0))
     expected = math.sqrt(np.mean(np.square(errors)))
-    assert float(converter_rounding(recorded, 2.0)) == pytest.approx(expected, rel=0.05, abs=0.02)
+    assert float(converter_rounding(2.0 * ratio, 2.0)) == pytest.approx(
+        expected, rel=0.05, abs=0.02
+    )
 
 
 def test_a_fine_converter_leaves_nothing():
-    found = converter_rounding([0.5, 0.0, 1.2], [0.0, 1.0, 2.0])
+    found = converter_rounding([0.5, 0.0, 1.2], [0.0, 1.0, 2.0])  # 300 harmonics of the saw tooth
     assert found == pytest.approx([0.0, 1.0 / math.sqrt(12.0), 0.0], rel=2e-3, abs=2e-3)
 
 

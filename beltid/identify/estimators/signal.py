@@ -128,15 +128,23 @@ def converter_rounding(noise: ArrayLike, step: ArrayLike) -> Array:
     Parameters
     ----------
     noise, step : array_like
-        Standard deviation of the recorded samples, that of rounding itself (step²/12) included,
-        and step of the converter, in one unit.
+        Standard deviation of the noise before rounding, and step of the converter, in one unit.
     """
     sigma, width = np.broadcast_arrays(np.asarray(noise, float), np.asarray(step, float))
-    sigma = np.sqrt(np.maximum(sigma**2 - width**2 / 12.0, 0.0))  # before rounding
     ratio = np.divide(sigma, width, out=np.full(sigma.shape, np.inf), where=width > 0.0)
     k = np.arange(1.0, 301.0)
     fading = np.exp(-np.square(2.0 * np.pi * k * np.minimum(ratio, 2.0)[..., None]))
     return np.asarray(width / np.pi * np.sqrt(0.5 * np.sum(fading / k**2, axis=-1)))
+
+
+def noise_before_rounding(recorded: ArrayLike, step: ArrayLike) -> Array:
+    """Standard deviation of noise that a coarse converter surely had to carry it across its steps.
+
+    Rounding itself adds step²/12; next to the edge between two steps a signal with hardly any
+    noise jumps to and fro by a whole one, which looks like as much again.
+    """
+    excess = np.square(np.asarray(recorded, float)) - np.square(np.asarray(step, float)) / 6.0
+    return np.asarray(np.sqrt(np.maximum(excess, 0.0)))
 
 
 def spike_mask(x: Array, threshold: float) -> Mask:

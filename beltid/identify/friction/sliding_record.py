@@ -21,6 +21,7 @@ from beltid.identify.estimators.signal import (
     converter_rounding,
     difference_sigma,
     line_columns,
+    noise_before_rounding,
     robust_sigma,
     strongest_line,
 )
@@ -172,7 +173,8 @@ def sliding_record(
     if waves:
         of_tight = np.linalg.lstsq(wave, tensions[:, 0] - smooth[:, 0], rcond=None)[0]
         ripple_N = float(np.hypot(*of_tight[:2]))
-    cells = [difference_sigma(tensions[:, k]) for k in (0, 1)]
+    recorded = [difference_sigma(tensions[:, k]) for k in (0, 1)]
+    rounding = converter_rounding(noise_before_rounding(recorded, steps), steps)
     starts = block_starts(n)
     count = np.diff(np.append(starts, n)).astype(float)
 
@@ -195,7 +197,7 @@ def sliding_record(
         rest_count=rest_count,
         tensions_N=(float(level[0]), float(level[1])),
         noise_N=noise,
-        rounding=float(np.linalg.norm(converter_rounding(cells, steps) / level)),
+        rounding=float(np.linalg.norm(rounding / level)),
         step_m=float(travel[-1] - travel[0]) / max(n - 1, 1),
         ripple_N=ripple_N,
         ripple_s=1.0 / lines[0] if lines else float("nan"),

@@ -30,7 +30,7 @@ from beltid.identify.friction.rest_phase import Rest
 Array = NDArray[np.float64]
 Mode = Literal["auto"] | bool
 
-SIZES = (0.0, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
+SIZES = (0.0, 3e-4, 1e-3, 3e-3, 1e-2)
 """Standard deviations that zeta, gamma, w and f may have, in units of the median initial tension;
 half the probability is at zero."""
 TOLD = 0.003
