@@ -143,7 +143,7 @@ def test_rounding_of_a_coarse_converter_is_in_the_standard_error(step: float) ->
         run = reduce_columns(columns)
         if run.ok:
             z.append((run.mu_sliding - 0.8) / run.mu_sliding_se)
-    assert len(z) > 12
+    assert len(z) > 20
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.4
 
 
@@ -334,7 +334,6 @@ def long_gap(c: Columns) -> None:
         (cut(1), "too short"),
         (cut(52), "too short"),
         (cut(62), "never slides"),
-        (cut(90), ("never settles", "drifts")),
     ],
 )
 def test_broken_runs_are_set_aside_with_their_reason(
@@ -365,6 +364,15 @@ def test_runs_without_a_credible_plateau_are_set_aside(
 ) -> None:
     for seed in range(4):
         assert reduce_recipe(recipe.but(seed=seed)).status.startswith(reason)
+
+
+def test_half_a_second_of_sliding_has_a_large_error() -> None:
+    columns = record(BASE)
+    cut(90)(columns)  # the tail of the peak lasts for 0.6 s
+    run = reduce_columns(columns)
+    assert run.ok
+    assert abs(run.mu_sliding - 0.8) < 2.0 * run.mu_sliding_se
+    assert run.mu_sliding_se > 0.005
 
 
 def test_a_tail_longer_than_the_record_is_a_reason_or_in_the_error() -> None:

@@ -208,13 +208,16 @@ def _slide(
         plateau_end_s=float(sliding.last_s[-1]),
         n_spikes=run.found.n_spikes + sliding.n_outliers,
     )
-    _check_noise(rest, sliding, settings)
+    _check_noise(rest, sliding, max(steps), settings)
     return replace(run, sliding=sliding, onset=onset)
 
 
-def _check_noise(rest: Rest, sliding: SlidingRecord, settings: FrictionSettings) -> None:
+def _check_noise(
+    rest: Rest, sliding: SlidingRecord, step_N: float, settings: FrictionSettings
+) -> None:
     """Refuse a run that sticks and slips: its tensions are restless only while it slides."""
-    floor = 1e-3 / sliding.sensitivity  # a restlessness of less than 0.1 % in T_tight/T_slack
+    # a restlessness of less than 0.1 % in T_tight/T_slack, or of the rounding of a converter
+    floor = max(1e-3 / sliding.sensitivity, step_N / np.sqrt(12.0))
     ratio = sliding.unrest_N / max(rest.noise_N, floor)
     if ratio > settings.max_noise_ratio and rest.n_samples >= 8:
         raise RunRejected(
