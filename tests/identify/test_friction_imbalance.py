@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
 import numpy as np
 import pytest
-from synthetic_rig import Recipe, record
+from virtual_rig import Recipe, record
 
 from beltid.identify.friction.reduction import FrictionSettings, RunReduction, reduce_runs
 
@@ -70,20 +71,25 @@ def score(runs: tuple[RunReduction, ...]) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize(
-    ("fault", "word"),
+    ("fault", "word", "value"),
     [
-        (common_zero, "the zero points of the cells differ by +1.4"),
-        (wandering_zero, "wander"),
-        (gains, "the gains of the cells differ by +1.2"),
+        (common_zero, r"the zero points of the cells differ by ([+-][\d.]+) N", 1.4),
+        (wandering_zero, r"wander by ([\d.]+) N", 4.0 / np.sqrt(3.0)),
+        (gains, r"the gains of the cells differ by ([+-][\d.]+) %", 1.2),
     ],
 )
-def test_a_fault_that_the_runs_explain_is_taken_off(fault: Fault, word: str) -> None:
-    error, z = score(campaign(none))
+def test_a_fault_that_the_runs_explain_is_taken_off(fault: Fault, word: str, value: float) -> None:
     runs = campaign(fault)
-    corrected, z_corrected = score(runs)
-    assert corrected < 1.25 * error + 4e-4
-    assert z_corrected < 1.25 * max(z, 1.0)
-    assert any(word in note for note in runs[0].notes)
+    corrected, z = score(runs)
+    plain = np.array([run.mu_sliding for run in campaign(fault, mode=False)])
+    as_recorded = float(np.sqrt(np.mean((plain / MU - 1.0) ** 2)))
+    assert corrected < 0.1 * as_recorded
+    assert z < 1.25
+    told = [match for run in runs for note in run.notes if (match := re.search(word, note))]
+    # a zero that is small against the tension of its run is not told there
+    assert len(told) >= 0.5 * len(runs)
+    # the scatter of 25 zeros is known to a seventh
+    assert float(told[0][1]) == pytest.approx(value, rel=0.3 if fault is wandering_zero else 0.02)
 
 
 @pytest.mark.parametrize(("fault", "high"), [(zeros_on_their_own, 1.6), (left_from_tightening, 1)])
@@ -94,12 +100,16 @@ def test_a_fault_that_shows_in_part_or_does_not_matter_is_in_the_error(
 
 
 def test_friction_left_from_tightening_is_not_mistaken_for_a_fault_of_the_cells() -> None:
-    for clean, run in zip(campaign(none), campaign(left_from_tightening), strict=True):
-        assert run.mu_sliding == pytest.approx(clean.mu_sliding, rel=5e-4)
+    def change(mode: object) -> float:
+        pairs = zip(campaign(none, mode), campaign(left_from_tightening, mode), strict=True)
+        moved = [run.mu_sliding / clean.mu_sliding - 1.0 for clean, run in pairs]
+        return float(np.sqrt(np.mean(np.square(moved))))
+
+    assert change("auto") < 0.25 * change(True)
 
 
 def test_cells_that_agree_are_left_alone() -> None:
     as_recorded = campaign(none, mode=False)
     for recorded, run in zip(as_recorded, campaign(none), strict=True):
-        assert run.mu_sliding == recorded.mu_sliding
-        assert run.mu_sliding_se == recorded.mu_sliding_se
+        assert abs(run.mu_sliding - recorded.mu_sliding) < 0.1 * run.mu_sliding_se
+        assert run.notes == ()

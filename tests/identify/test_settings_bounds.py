@@ -17,9 +17,11 @@ from beltid.identify.surface.surface import SurfaceSettings
 
 CLOSED = [
     (FrictionSettings, "steady_tolerance", 1e-6, 0.2),
+    (FrictionSettings, "max_error", 1e-4, 1.0),
     (FrictionSettings, "max_drift", 0.0, 1.0),
+    (FrictionSettings, "max_noise_ratio", 1.0, 1e6),
+    (FrictionSettings, "max_misfit", 1.0, 1e6),
     (FrictionSettings, "min_plateau_samples", 8, 1_000_000),
-    (FrictionSettings, "min_plateau_fraction", 0.02, 0.9),
     (FrictionSettings, "min_rest_samples", 1, 1_000_000),
     (FrictionSettings, "spike_threshold", 3.0, 100.0),
     (FrictionSettings, "max_missing_fraction", 0.0, 0.95),
@@ -87,9 +89,11 @@ def test_other_settings():
 def test_defaults_are_those_that_are_documented():
     assert FrictionSettings() == FrictionSettings(
         steady_tolerance=0.005,
-        max_drift=0.02,
+        max_error=0.05,
+        max_drift=0.1,
+        max_noise_ratio=2.5,
+        max_misfit=4.0,
         min_plateau_samples=12,
-        min_plateau_fraction=0.2,
         min_rest_samples=3,
         spike_threshold=6.0,
         max_missing_fraction=0.3,

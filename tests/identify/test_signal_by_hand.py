@@ -11,12 +11,12 @@ from scipy.optimize import minimize_scalar
 from beltid.identify.estimators.signal import (
     NOISE_FLOOR,
     block_means,
-    channel_noise,
-    converter_error,
+    converter_rounding,
     converter_steps,
     difference_sigma,
     line_columns,
     median,
+    noise_before_rounding,
     parabolic_maximum,
     robust_sigma,
     running_median,
@@ -62,18 +62,6 @@ def test_noise_of_alternating_and_of_coarse_samples():
     steps[[7, 23, 39, 55, 71, 87, 95]] = 1.0
     expected = math.sqrt((7 * 1.0 + 3 * 9.0) / 97) / math.sqrt(2.0)
     assert difference_sigma(np.cumsum(steps)) == pytest.approx(expected, rel=1e-12)
-
-
-def test_noise_of_the_channels_holds_the_error_of_a_converter_and_a_floor():
-    flat = np.full(50, 250.0)
-    assert channel_noise(np.column_stack([flat, -2.0 * flat])) == pytest.approx(
-        [250.0 * NOISE_FLOOR, 500.0 * NOISE_FLOOR], rel=1e-12
-    )
-    chatter = 250.0 + 0.3 * (-1.0) ** np.arange(50)
-    chatter[20] = chatter[19] + 0.2  # the smallest step
-    found = channel_noise(np.column_stack([chatter, chatter]))[0]
-    white = 0.6 / NORMAL_QUARTILE / math.sqrt(2.0)
-    assert found == pytest.approx(math.hypot(white, 0.2 / math.sqrt(12.0)), rel=1e-9)
 
 
 def test_steps_of_a_converter_through_zero():
@@ -140,9 +128,34 @@ def test_steps_of_a_converter_off_zero_show_in_chatter_only():
     assert converter_steps(np.sort(twice), rising)[0] == 0.0
 
 
-def test_error_that_a_coarse_converter_leaves():
-    found = converter_error([0.499, 0.501, 0.9], [1.0, 1.0, 2.0])
-    assert found == pytest.approx([1.0 / math.sqrt(12.0), 0.0, 2.0 / math.sqrt(12.0)])
+@pytest.mark.parametrize("noise", [0.02, 0.1, 0.2, 0.4])
+def test_stated_rounding_is_no_smaller_than_the_errors_of_rounded_means(noise):
+    """In steps; 100 samples each of 3000 signals anywhere between two of them."""
+    rng = np.random.default_rng(1)
+    level = rng.uniform(0.0, 1.0, 3000)
+    samples = np.round(level[:, None] + noise * rng.normal(size=(3000, 100)))
+    spread = np.std(samples, axis=1)
+    stated = np.hypot(converter_rounding(noise_before_rounding(spread, 1.0), 1.0), spread / 10.0)
+    z = (samples.mean(axis=1) - level) / np.maximum(stated, 1e-3)
+    assert 0.2 < np.sqrt(np.mean(z**2)) < 1.15
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.05, 0.15, 0.3, 0.4])
+def test_error_that_a_coarse_converter_leaves(ratio):
+    """Against rounding of noise whose mean lies anywhere between two steps of 2."""
+    noise = 2.0 * ratio * np.random.default_rng(0).normal(size=4000)
+    noise -= noise.mean()  # that mean is no rounding
+    means = np.linspace(-1.0, 1.0, 200, endpoint=False)
+    errors = [np.mean(2.0 * np.round((mean + noise) / 2.0)) - mean for mean in means]
+    expected = math.sqrt(np.mean(np.square(errors)))
+    assert float(converter_rounding(2.0 * ratio, 2.0)) == pytest.approx(
+        expected, rel=0.05, abs=0.02
+    )
+
+
+def test_a_fine_converter_leaves_nothing():
+    found = converter_rounding([0.5, 0.0, 1.2], [0.0, 1.0, 2.0])  # 300 harmonics of the saw tooth
+    assert found == pytest.approx([0.0, 1.0 / math.sqrt(12.0), 0.0], rel=2e-3, abs=2e-3)
 
 
 def spikes_by_hand(x, threshold):
@@ -263,3 +276,17 @@ def test_vertex_of_a_parabola_on_the_edge_and_without_curvature():
     assert parabolic_maximum(x, -x) == 0.0
     assert parabolic_maximum(x, np.array([0.0, 1.0, 1.0, 0.0, 0.0, 0.0])) == pytest.approx(0.3)
     assert parabolic_maximum(x, np.zeros(6)) == 0.0
+
+
+@pytest.mark.parametrize("n", [2, 4, 5, 6, 7, 40, 41])
+def test_signals_side_by_side_are_taken_each_on_its_own(n):
+    rng = np.random.default_rng(n)
+    rows = rng.normal(200.0, 1.0, (5, n))
+    rows[1] *= 30.0  # a floor or a noise that one signal took from another would show
+    rows[2, n // 2] += 50.0
+    rows[3, 0] += 50.0
+    rows[4] = 7.0
+    assert np.array_equal(running_median(rows, 5), [running_median(row, 5) for row in rows])
+    assert np.array_equal(spike_mask(rows, 6.0), [spike_mask(row, 6.0) for row in rows])
+    if n >= 40:
+        assert np.argwhere(spike_mask(rows, 12.0)).tolist() == [[2, n // 2], [3, 0]]

@@ -10,7 +10,6 @@ from hypothesis.extra import numpy as hnp
 from scipy.signal import lfilter
 
 from beltid.identify.estimators.statistics import (
-    effective_sample_size,
     integrated_autocorrelation_time,
     mad_sigma,
     outlier_mask,
@@ -102,7 +101,6 @@ def test_too_few_samples_say_so():
     assert robust_mean_with_se([np.nan]).n_eff == 0.0
     assert robust_mean_with_se([3.0]).mean == 3.0
     assert np.isnan(robust_mean_with_se([3.0]).se)
-    assert effective_sample_size([]) == 0.0
 
 
 @given(

@@ -9,7 +9,6 @@ import pytest
 
 from beltid.identify.estimators.statistics import (
     as_set,
-    effective_sample_size,
     integrated_autocorrelation_time,
     local_reference,
     mad_sigma,
@@ -79,9 +78,6 @@ def test_mean_and_error_are_those_of_the_kept_samples():
     assert n_eff == pytest.approx(kept.size / tau, rel=1e-6)
     squares = float(np.sum((kept - kept.mean()) ** 2))
     assert se == pytest.approx(math.sqrt(squares / (kept.size - tau) / n_eff), rel=1e-6)
-    assert effective_sample_size(signals()[2]) == pytest.approx(
-        np.isfinite(signals()[2]).sum() / tau_by_hand(signals()[2]), rel=1e-6
-    )
 
 
 def test_two_samples_have_an_error():

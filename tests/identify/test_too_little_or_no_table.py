@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from beltid.errors import InputError
-from beltid.identify.estimators.signal import parabolic_maximum, running_median
 from beltid.identify.friction.rig_table import run_records
 from beltid.identify.press.dissipation import estimate_dissipation
 from beltid.identify.press.laws import LawCandidate, verdict_of
@@ -113,19 +112,3 @@ def test_without_a_criterion_no_law_is_chosen() -> None:
 def test_two_points_at_one_force_tell_no_exponent() -> None:
     found = fit_friction_laws([2e3, 2e3, 2e3], [0.01, 0.02, 0.04], [0.8, 0.82, 0.84])
     assert {"power", "power_log"}.isdisjoint(fit.law for fit in found.fits)
-
-
-# --- records of a few samples ------------------------------------------------------------------
-
-
-def test_a_parabola_gives_its_top_and_an_edge_gives_itself() -> None:
-    x = np.linspace(0.0, 1.0, 11)
-    assert parabolic_maximum(x, -np.square(x - 0.53)) == pytest.approx(0.53, abs=1e-12)
-    assert parabolic_maximum(x, x) == 1.0
-    assert parabolic_maximum(x, np.ones(11)) == 0.0
-    # a neighbour below by half a rounding: the curvature comes out as zero
-    assert parabolic_maximum(np.arange(3.0), np.array([np.nextafter(1.0, 0.0), 1.0, 1.0])) == 1.0
-
-
-def test_the_median_of_two_samples_is_they_themselves() -> None:
-    np.testing.assert_array_equal(running_median(np.array([2.0, 5.0]), 9), [2.0, 5.0])

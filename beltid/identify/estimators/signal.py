@@ -73,21 +73,6 @@ def difference_sigma(x: Array) -> float:
     return sigma / np.sqrt(2.0)
 
 
-def channel_noise(tensions: Array) -> Array:
-    """White noise of both tensions [N], shape (2,).
-
-    The error of a coarse converter is part of it, and a floor for noise-free recordings.
-    """
-    return np.array([_noise(column) for column in tensions.T])
-
-
-def _noise(x: Array) -> float:
-    step = np.abs(np.diff(x))
-    step = step[step > 0.0]
-    converter = float(np.min(step)) / np.sqrt(12.0) if step.size else 0.0
-    return max(float(np.hypot(difference_sigma(x), converter)), NOISE_FLOOR * median(np.abs(x)))
-
-
 def converter_steps(first: Array, second: Array) -> tuple[float, float]:
     """Steps of the converters that recorded two signals, in their unit; zero if none shows.
 
@@ -133,14 +118,33 @@ def _grid(levels: Array) -> float:
     return 0.0
 
 
-def converter_error(noise: ArrayLike, step: ArrayLike) -> Array:
+def converter_rounding(noise: ArrayLike, step: ArrayLike) -> Array:
     """Error of a mean that a coarse converter leaves, however many samples there are.
 
-    Noise of half a step and more (the converter's own error included) carries the mean across the
-    steps; below that the samples repeat one and the same rounding error, ``step / sqrt(12)``.
+    Root mean square of the mean of the saw tooth of rounding over where the signal lies between
+    two steps, a sum over its harmonics, ``step/pi sqrt(sum exp(-4 pi² k² noise²/step²)/(2 k²))``:
+    ``step/sqrt(12)`` without noise, and nothing with noise of half a step.
+
+    Parameters
+    ----------
+    noise, step : array_like
+        Standard deviation of the noise before rounding, and step of the converter, in one unit.
     """
-    coarse = np.asarray(noise) <= 0.5 * np.asarray(step)
-    return np.where(coarse, np.asarray(step) / np.sqrt(12.0), 0.0)
+    sigma, width = np.broadcast_arrays(np.asarray(noise, float), np.asarray(step, float))
+    ratio = np.divide(sigma, width, out=np.full(sigma.shape, np.inf), where=width > 0.0)
+    k = np.arange(1.0, 301.0)
+    fading = np.exp(-np.square(2.0 * np.pi * k * np.minimum(ratio, 2.0)[..., None]))
+    return np.asarray(width / np.pi * np.sqrt(0.5 * np.sum(fading / k**2, axis=-1)))
+
+
+def noise_before_rounding(recorded: ArrayLike, step: ArrayLike) -> Array:
+    """Standard deviation of noise that a coarse converter surely had to carry it across its steps.
+
+    Rounding itself adds step²/12; next to the edge between two steps a signal with hardly any
+    noise jumps to and fro by a whole one, which looks like as much again.
+    """
+    excess = np.square(np.asarray(recorded, float)) - np.square(np.asarray(step, float)) / 6.0
+    return np.asarray(np.sqrt(np.maximum(excess, 0.0)))
 
 
 def spike_mask(x: Array, threshold: float) -> Mask:
@@ -199,22 +203,6 @@ def block_means(columns: Array, limit: int = THINNED_SAMPLES) -> Array:
     starts = np.arange(0, n, -(-n // limit))
     counts = np.diff(np.append(starts, n))
     return np.add.reduceat(columns, starts, axis=0) / counts[:, None]
-
-
-def exponentials(tau: Array, t: Array) -> Array:
-    """Decays ``exp(-t/tau)`` with k time constants [s], shape (k, n)."""
-    exponent = (-1.0 / tau)[:, None] * t
-    return np.exp(exponent, out=exponent)
-
-
-def sums_of_squares(rows: Array) -> Array:
-    """Sum of the squares of every row, shape (k,); products of matrices are the fastest way."""
-    return np.matmul(rows[:, None, :], rows[:, :, None])[:, 0, 0]
-
-
-def column_spread(columns: Array) -> Array:
-    """Standard deviation of a few long columns, shape (m,); laid out as rows, as numpy likes it."""
-    return np.std(np.ascontiguousarray(columns.T), axis=1)
 
 
 def line_columns(t: Array, frequency: float) -> Array:
@@ -289,20 +277,3 @@ def parabolic_maximum(x: Array, y: Array) -> float:
     if curvature >= 0.0:
         return float(x[k])
     return float(x[k] + 0.5 * (x[k + 1] - x[k]) * (y[k - 1] - y[k + 1]) / curvature)
-
-
-def converter_rounding(noise: ArrayLike, step: ArrayLike) -> Array:
-    """Error of a mean that a coarse converter leaves, however many samples there are.
-
-    Noise carries the mean across the steps: what is left is the first harmonic of the saw tooth of
-    rounding, ``step/(pi sqrt 2) exp(-2 pi² noise²/step²)``, at most ``step/sqrt 12``.
-
-    Parameters
-    ----------
-    noise, step : array_like
-        Standard deviation of the noise and step of the converter, in the same unit.
-    """
-    sigma, width = np.broadcast_arrays(np.asarray(noise, float), np.asarray(step, float))
-    ratio = np.divide(sigma, width, out=np.full(sigma.shape, np.inf), where=width > 0.0)
-    first = np.exp(-2.0 * np.square(np.pi * np.minimum(ratio, 5.0))) / (np.pi * np.sqrt(2.0))
-    return np.asarray(width * np.minimum(first, 1.0 / np.sqrt(12.0)))

@@ -239,23 +239,6 @@ def _lagged_sums(residual: Array, valid: Mask) -> tuple[Array, Array]:
     return products, pairs
 
 
-def effective_sample_size(x: ArrayLike) -> float:
-    """Number of independent samples that determine the mean as well as the samples `x` do.
-
-    Parameters
-    ----------
-    x : array_like
-        Evenly spaced samples in their order of time; those that are not finite are gaps.
-
-    Returns
-    -------
-    float
-        ``n / tau``, at least 1 if there is a sample, 0 without.
-    """
-    n = int(np.count_nonzero(np.isfinite(np.asarray(x, dtype=float))))
-    return n / integrated_autocorrelation_time(x) if n else 0.0
-
-
 def robust_mean_with_se(x: ArrayLike, threshold: float = 6.0) -> MeanWithError:
     """Mean of a steady signal without its spikes, with a standard error for correlated samples.
 

@@ -66,9 +66,12 @@ WIDTH = 0.7
 UNLIKE = 0.01
 """Deviations of a tail from its family: standard deviation of each of some exponentials with
 lengths within the record, relative to the height."""
-DRIFT = (0.03, 4e-4)
-"""Probability of a drift that the zeros of all runs share, and its standard deviation in
-1/s of the median initial tension."""
+DRIFTING = 0.04
+"""Probability that something drifts in all runs alike: the zero of either cell or of both, or the
+friction itself."""
+DRIFT_OF_ZERO, DRIFT_OF_MU = 4e-4, 0.03
+"""Standard deviations of the drifts, in 1/s of the median initial tension, and over the sliding of
+a run relative to mu."""
 SLOW_PART = (0.05, 0.25, 0.15)
 """Probability that a part of the tail decays over a length beyond the longest record, its size
 relative to the height and the standard deviation of that."""
@@ -80,9 +83,9 @@ both cells."""
 TREND = 0.3
 """Standard deviation of the powers with which the length of the tail goes with speed and force."""
 
-SHARED = RANK + 4
-"""Columns that all runs share: the basis of the tails, drifts of both cells, the two powers."""
-DRIFTS, POWERS = slice(RANK, RANK + 2), slice(RANK + 2, SHARED)
+SHARED = RANK + 5
+"""Columns that all runs share: the basis of the tails, drifts of both cells and of mu, powers."""
+DRIFTS, POWERS = slice(RANK, RANK + 3), slice(RANK + 3, SHARED)
 """Where the drifts and the powers are in them."""
 
 
@@ -112,8 +115,8 @@ class Stack:
         self.settings = log_settings(records) - centre
         self.basis = np.zeros((n, m, RANK))
         self.shared = np.zeros((n, m, SHARED))
-        """Basis of the tails, drifts of 1 N/s of the tight and of the slack cell, and the changes
-        of the tail with the two powers."""
+        """Basis of the tails, drifts of 1 N/s of the tight and of the slack cell and of all of mu,
+        and the changes of the tail with the two powers."""
         self.fixed = np.zeros((n, m, m))
         self.parts = np.zeros((len(MEMORIES_S) + 2, n, m, m))
         for k, r in enumerate(records):
@@ -125,6 +128,9 @@ class Stack:
             self.basis[k, :b] = r.basis * (r.level / c)
             self.shared[k, :b, RANK] = since / (r.tensions_N[0] * c)
             self.shared[k, :b, RANK + 1] = -since / (r.tensions_N[1] * c)
+            # mu_sliding of a run in which friction drifts is that of the middle of its second half
+            elapsed = (r.travel - r.travel[0]) / max(float(np.ptp(r.travel)), 1e-12)
+            self.shared[k, :b, RANK + 2] = (r.level / c) * (elapsed - 0.75)
             free = np.column_stack([r.waves, r.take_up])
             self.fixed[k, :b, :b] = (FREE / c) ** 2 * (free @ free.T)
             for j, tau in enumerate(MEMORIES_S[:-1]):
@@ -174,8 +180,8 @@ class Shared:
         Posterior means of ln l_c (l_c in m), s_slow and s_fast.
     powers : ndarray, shape (2,)
         Powers of speed and tension with which its length goes.
-    drifts : float
-        Posterior probability of a common drift.
+    weights : ndarray, shape (5,)
+        Probabilities of no drift, one of the tight, the slack, both cells, and of mu.
     """
 
     mean: Array
@@ -185,7 +191,7 @@ class Shared:
     height: float
     spectrum: Array
     powers: Array
-    drifts: float
+    weights: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -278,27 +284,6 @@ class RestSlopes:
     squares: Array
     products: Array
 
-    def weigh_drifts(self, probability: float, sd: float) -> tuple[Array, Array]:
-        """Probabilities, as the rest phases leave them, of a drift of no cell, of either, of both.
-
-        Parameters
-        ----------
-        probability : float
-            Of any drift before the data [-].
-        sd : float
-            Standard deviation of a drift [N/s].
-
-        Returns
-        -------
-        weights, sizes : ndarray, shape (4,), (4, 2)
-            Probabilities, and standard deviations of the drifts of both cells [N/s].
-        """
-        sizes = sd * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
-        precision = 1.0 + np.einsum("hk,kl,hl->h", sizes, self.squares, sizes)
-        gain = 0.5 * (sizes @ self.products) ** 2 / precision - 0.5 * np.log(precision)
-        log_p = gain + np.log([1.0 - probability, *[probability / 3.0] * 3])
-        return np.exp(log_p - logsumexp(log_p)), sizes
-
 
 def rest_slopes(
     difference: Array, difference_se: Array, total: Array, total_se: Array, tension_N: Array
@@ -340,12 +325,15 @@ def fit_shared(
     unit_N: float,
     height: float,
     powers: Array,
+    weights: Array | None,
     zooms: int,
 ) -> Shared:
     """Posterior of the tail and the common drift from some runs."""
     M = np.einsum("r,rkl->kl", 1.0 / scale, w.M)
     range_m = (stack.shortest_m, stack.longest_m)
-    return posterior(M, w.b.T @ (1.0 / scale), rest, unit_N, height, powers, range_m, zooms)
+    return posterior(
+        M, w.b.T @ (1.0 / scale), rest, unit_N, height, powers, range_m, weights, zooms
+    )
 
 
 ZOOMS = 3
@@ -359,6 +347,7 @@ def posterior(
     height: float,
     powers: Array,
     range_m: tuple[float, float],
+    weights: Array | None,
     zooms: int,
 ) -> Shared:
     """Posterior of the tail and the common drift.
@@ -380,12 +369,15 @@ def posterior(
         Powers of speed and tension that the tails were stretched by.
     range_m : tuple of float
         Shortest and longest length of a tail that is looked for [m].
+    weights : ndarray, shape (5,), optional
+        Probabilities of the drifts, where they are known roughly.
     zooms : int
         How often the grid of spectra is laid anew.
     """
     M, b = M.copy(), b.copy()
-    M[DRIFTS, DRIFTS] += rest.squares
-    b[DRIFTS] += rest.products
+    cells = slice(RANK, RANK + 2)
+    M[cells, cells] += rest.squares
+    b[cells] += rest.products
     # the columns hold the change of the powers from what the tails were stretched by
     b[POWERS] -= powers / TREND**2
     M[POWERS, POWERS] += np.eye(2) / TREND**2
@@ -395,9 +387,12 @@ def posterior(
     lengths = np.linspace(low, max(high, low + 1.0), 8)
     unlike = tail_coefficients(lengths, np.zeros(8), np.zeros(8))
     D[:RANK, :RANK] = (UNLIKE * height) ** 2 * (unlike.T @ unlike)
-    weights, directions = rest.weigh_drifts(DRIFT[0], DRIFT[1] * unit_N)
+    zero = DRIFT_OF_ZERO * unit_N
+    drifts = np.array([[0, 0, 0], [zero, 0, 0], [0, zero, 0], [zero, zero, 0], [0, 0, DRIFT_OF_MU]])
+    before = np.array([1.0 - DRIFTING, *[DRIFTING / 4.0] * 4])
     # one Gaussian with the moments of all drifts, to find where the tails are
-    mixed = D + _blocks(np.zeros(RANK), np.einsum("h,hk,hl->kl", weights, directions, directions))
+    moments = np.einsum("h,hk,hl->kl", before if weights is None else weights, drifts, drifts)
+    mixed = D + _blocks(np.zeros(RANK), moments)
     middle = float(np.log(min(CENTRE[0], CENTRE[1] * range_m[1] / 3.0)))
     ends = _ends(M, b, mixed, range_m, middle, zooms)
     none = np.zeros(SHARED)
@@ -409,11 +404,11 @@ def posterior(
         tails = height * tail_coefficients(reach, np.zeros(2), np.zeros(2))
         extras = [(1.0 - slow, np.zeros(RANK)), *((slow / 2.0, tail) for tail in tails)]
         candidates = []
-        for weight, direction in zip(weights, directions, strict=True):
+        for weight, drift in zip(before, drifts, strict=True):
             for q, tail in extras:
                 more = none.copy()
                 more[:RANK] = part * tail
-                prior = D + _blocks(scatter * tail, np.outer(direction, direction))
+                prior = D + _blocks(scatter * tail, np.outer(drift, drift))
                 candidates.append((np.log(weight * q), _given(M, b, more, prior, ends, middle)))
     log_p = np.array([prior + f[0].log_evidence for prior, f in candidates])
     found = [f for _, f in candidates]
@@ -434,7 +429,7 @@ def posterior(
         height=best.height,
         spectrum=best.centre,
         powers=np.clip(powers + mean[POWERS], -1.0, 1.0),
-        drifts=float(weights[1:].sum()),
+        weights=p.reshape(len(before), -1).sum(axis=1) if zooms else before,
     )
 
 
@@ -570,13 +565,14 @@ def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
     shared: Shared | None = None
     scale = np.ones(stack.n_runs)
     height, powers = 0.05, np.zeros(2)
+    weights: Array | None = None
     stack.stretch(None)
 
     def cost(x: Array) -> tuple[float, Array]:
         sd = np.exp(centre + width * x)
         V, parts = covariance(stack, sd, shared)
         w = whiten(stack, V)
-        found = fit_shared(stack, w, scale, rest, unit_N, height, powers, 0)
+        found = fit_shared(stack, w, scale, rest, unit_N, height, powers, weights, 0)
         log_z = found.log_evidence - 0.5 * float(np.sum(w.squares / scale + w.log_det))
         # Fisher's identity: the gradient is that of the likelihood, averaged over the posterior
         residual = stack.z - stack.shared @ found.mean
@@ -592,9 +588,10 @@ def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
     x = np.where(np.arange(n + 4) <= n + 1, 1.5, 0.0)
     for _ in range(SWEEPS):
         w = whiten(stack, covariance(stack, np.exp(centre + width * x), shared)[0])
-        shared = fit_shared(stack, w, scale, rest, unit_N, height, powers, 2)
+        shared = fit_shared(stack, w, scale, rest, unit_N, height, powers, weights, 2)
         scale = noise_scale(stack, w, shared.mean)
         height, powers = max(shared.height, 1e-3), shared.powers
+        weights = shared.weights
         stack.stretch(shared)
         x = minimize(
             cost,
@@ -659,7 +656,7 @@ class RunLevel:
         return self.y + float(basis @ self.tail), float(error)
 
 
-_TAIL = np.array([*range(RANK), *range(RANK + 2, SHARED)])
+_TAIL = np.array([*range(RANK), *range(RANK + 3, SHARED)])
 BATCH = 128
 """Runs that are whitened at a time: a bench of any size takes the same memory."""
 
@@ -694,8 +691,8 @@ def reduce_bench(
         longest = 3.0 * max(float(r.travel[-1]) for r in records)
         range_m = (shortest, longest)
         height = max(bench.shared.height, 1e-3)
-        powers = bench.shared.powers
-        shared = posterior(M, b, rest, unit_N, height, powers, range_m, ZOOMS)
+        powers, weights = bench.shared.powers, bench.shared.weights
+        shared = posterior(M, b, rest, unit_N, height, powers, range_m, weights, ZOOMS)
         bench = Bench(bench.sd, shared)
     levels: list[RunLevel] = []
     for batch in batches:
@@ -736,7 +733,7 @@ def _levels(stack: Stack, bench: Bench) -> list[RunLevel]:
             shared_tail=float(size[k] * np.sqrt(1.0 - share[k])),
             shared_drift=float(size[k] * np.sqrt(share[k])),
             misfit=float(np.sqrt(scale[k])),
-            drift=float(wander[k, last[k]] - wander[k, 0]),
+            drift=float(wander[k, last[k]] - wander[k, 0] + mean[RANK + 2] * stack.level[k]),
             tail=stack.level[k] * stack.stretches[k] @ (shared.mean[:RANK] + own @ deviation[k]),
             own=stack.level[k] * stack.stretches[k] @ own,
             known=known[k],

@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 CLIPPED_FRACTION = 0.04
 """Part of the sliding samples at one and the same extreme value that betrays a saturated cell."""
+FEWEST_CLIPPED = 4
+"""Fewest samples that do: every channel has one at its extreme, and one or two may equal it."""
 LEAST_ANSWER = 0.02
 """Least change of a cell over the change of the other one."""
 
@@ -80,7 +82,7 @@ def read_channels(record: RunRecord, settings: FrictionSettings) -> Channels:
     raw = record.raw
     temperature = record.temperature_degC
     return Channels(
-        time_s=t,
+        time_s=_untied(t),
         tight=tight,
         slack=slack,
         speed=_speed(t, record.pulley_speed_rad_s[timed]),
@@ -91,6 +93,16 @@ def read_channels(record: RunRecord, settings: FrictionSettings) -> Channels:
         ),
         steps=raw.steps if raw else converter_steps(present[0], present[1]),
     )
+
+
+def _untied(t: Array) -> Array:
+    """Times of a coarse clock, spread evenly until the clock goes on."""
+    first = np.flatnonzero(np.append(True, np.diff(t) > 0.0))
+    if first.size == t.size:
+        return t
+    tick = t[first[-1]] - t[first[-2]]
+    places, ticks = np.append(first, t.size), np.append(t[first], t[-1] + tick)
+    return np.interp(np.arange(t.size), places, ticks)
 
 
 def _tension(
@@ -170,8 +182,9 @@ def _clipped(rest: Array, slide: Array) -> str:
     recording may be constant while the belt slides, and a coarse converter repeats values.
     """
     for extreme in (float(np.max(slide)), float(np.min(slide))):
-        part = np.count_nonzero(slide == extreme) / slide.size
-        if part <= CLIPPED_FRACTION:
+        count = np.count_nonzero(slide == extreme)
+        part = count / slide.size
+        if count < FEWEST_CLIPPED or part <= CLIPPED_FRACTION:
             continue
         levels = np.unique(rest)
         if levels.size >= 3 and mad_sigma(rest) >= 1.5 * float(np.min(np.diff(levels))):

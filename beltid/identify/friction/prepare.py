@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 SPEED_CHANGE_NOTED = 0.02
 SPEED_CHANGE_ALLOWED = 0.2
 """Relative change of the pulley's speed between the halves of the rotation."""
+ROUNDING_NOTED = 1e-4
+"""Rounding error of ln(T_tight/T_slack) from which on a run tells of its converters [-]."""
 ONSET = 200
 """Most samples of the build-up that are kept for the sticking peak."""
 
@@ -192,7 +194,7 @@ def _slide(
         float(R * angle[phase.built]),
         steps,
     )
-    if sliding.rounding > 0.0:
+    if sliding.rounding > ROUNDING_NOTED:
         run = _noted(run, f"the converters of the cells resolve only {max(steps):.3g} N")
     positive = np.all(tensions[first:slide] > 0.0, axis=1)
     ratio = np.where(positive[:, None], tensions[first:slide], np.nan)
@@ -207,13 +209,16 @@ def _slide(
         plateau_end_s=float(sliding.last_s[-1]),
         n_spikes=run.found.n_spikes + sliding.n_outliers,
     )
-    _check_noise(rest, sliding, settings)
+    _check_noise(rest, sliding, max(steps), settings)
     return replace(run, sliding=sliding, onset=onset)
 
 
-def _check_noise(rest: Rest, sliding: SlidingRecord, settings: FrictionSettings) -> None:
+def _check_noise(
+    rest: Rest, sliding: SlidingRecord, step_N: float, settings: FrictionSettings
+) -> None:
     """Refuse a run that sticks and slips: its tensions are restless only while it slides."""
-    floor = 1e-3 / sliding.sensitivity  # a restlessness of less than 0.1 % in T_tight/T_slack
+    # a restlessness of less than 0.1 % in T_tight/T_slack, or of the rounding of a converter
+    floor = max(1e-3 / sliding.sensitivity, step_N / np.sqrt(12.0))
     ratio = sliding.unrest_N / max(rest.noise_N, floor)
     if ratio > settings.max_noise_ratio and rest.n_samples >= 8:
         raise RunRejected(

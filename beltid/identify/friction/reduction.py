@@ -189,7 +189,8 @@ def _reduce_together(
     for k, (run, level) in enumerate(zip(runs, levels, strict=True)):
         y = level.y - float(cells.mean[k])
         shared = np.array([level.shared_tail, level.shared_drift, float(cells.shared[k])])
-        own = level.variance + float(cells.variance[k])
+        rounding = run.sliding.rounding if run.sliding is not None else 0.0
+        own = level.variance + float(cells.variance[k]) + rounding**2
         found = replace(
             run.found,
             initial_tension_N=_at_start(run, relaxed),
@@ -198,6 +199,11 @@ def _reduce_together(
             **dict(zip(("shared_tail", "shared_drift", "shared_cells"), shared / y, strict=True)),
         )
         se = float(np.sqrt(own + shared @ shared))
+        mu = y / float(np.radians(found.arc_deg))
+        if not 0.0 < mu <= settings.max_mu:
+            reason = f"mu_sliding = {mu:.4g}, must be in (0, {settings.max_mu:g}]"
+            reduced.append(replace(found, status=reason))
+            continue
         found = _with_plateau(found, run, level, y, se, R, settings)
         reason = _unusable(found, level, len(runs), settings)
         if not reason:
@@ -289,8 +295,6 @@ def _decay_time(travel: Array, tail: Array, time_s: Array) -> float:
 def _unusable(found: RunReduction, level: RunLevel, n_runs: int, settings: FrictionSettings) -> str:
     """Why a reduced run is set aside; empty if it is not."""
     mu, error = found.mu_sliding, found.mu_sliding_se
-    if not 0.0 < mu <= settings.max_mu:
-        return f"mu_sliding = {mu:.4g}, must be in (0, {settings.max_mu:g}]"
     if n_runs >= FEWEST_FOR_MISFIT and level.misfit > settings.max_misfit:
         return (
             f"does not fit the bench: its record is off the common model by {level.misfit:.2g} "

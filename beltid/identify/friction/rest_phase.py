@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.identify.estimators.signal import (
-    converter_error,
+    converter_rounding,
     difference_sigma,
     median,
+    noise_before_rounding,
     running_median,
 )
 from beltid.identify.estimators.statistics import MAD_TO_SIGMA, integrated_autocorrelation_time
@@ -85,9 +86,8 @@ def find_rotation(speed: Array) -> Rotation:
     noise = difference_sigma(speed)
     reached = float(np.quantile(magnitude, 0.95))
     first, end = _first_rotation(magnitude, reached)
-    turning = magnitude > 0.5 * reached
     top = median(magnitude[(first + end) // 2 : end]) if end > first else 0.0
-    quiet = np.abs(speed[~turning])
+    quiet = np.abs(speed[magnitude <= 0.5 * top])
     # speed noise grows with the speed on most encoders: compare with what the rest phase shows
     background = 4.0 * median(quiet) if quiet.size >= 3 else 0.0
     if not top > max(5.0 * noise, 2.0 * background):
@@ -180,7 +180,8 @@ def rest_state(
     sum_slope, sum_se, _ = _slope(time, 2.0 * mean)
     spread = float(np.std(difference)) * np.sqrt(n / max(n - 1.0, 1.0))
     se = spread * np.sqrt(integrated_autocorrelation_time(difference) / n)
-    rounding = converter_error([np.std(tight[kept]), np.std(slack[kept])], steps)
+    recorded = [np.std(tight[kept]), np.std(slack[kept])]
+    rounding = converter_rounding(noise_before_rounding(recorded, steps), steps)
     se = float(np.linalg.norm([se, *rounding]))
     return Rest(
         n_samples=n,

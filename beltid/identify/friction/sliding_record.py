@@ -21,6 +21,7 @@ from beltid.identify.estimators.signal import (
     converter_rounding,
     difference_sigma,
     line_columns,
+    noise_before_rounding,
     robust_sigma,
     strongest_line,
 )
@@ -117,7 +118,8 @@ class SlidingRecord:
     @property
     def speed_m_s(self) -> float:
         """Mean speed of the pulley's surface [m/s]."""
-        return float(np.ptp(self.travel) / max(np.ptp(self.last_s), 1e-12))
+        middle_s = 0.5 * (self.first_s + self.last_s)
+        return float(np.ptp(self.travel) / max(np.ptp(middle_s), 1e-12))
 
     @property
     def level(self) -> float:
@@ -158,7 +160,7 @@ def sliding_record(
     steps : tuple of float
         Steps of the converters of both cells [N]; zero if they are fine.
     """
-    smooth, lines, kept = _smooth_course(t, tensions, travel)
+    smooth, lines, kept = _smooth_course(t, tensions, travel, steps)
     t, tensions, angle, travel, temperature, smooth = (
         a[kept] for a in (t, tensions, angle, travel, temperature, smooth)
     )
@@ -179,7 +181,8 @@ def sliding_record(
     if waves:
         of_tight = np.linalg.lstsq(wave, tensions[:, 0] - smooth[:, 0], rcond=None)[0]
         ripple_N = float(np.hypot(*of_tight[:2]))
-    cells = [difference_sigma(tensions[:, k]) for k in (0, 1)]
+    recorded = [difference_sigma(tensions[:, k]) for k in (0, 1)]
+    rounding = converter_rounding(noise_before_rounding(recorded, steps), steps)
     starts = block_starts(n)
     count = np.diff(np.append(starts, n)).astype(float)
 
@@ -203,7 +206,7 @@ def sliding_record(
         rest_count=rest_count,
         tensions_N=(float(level[0]), float(level[1])),
         noise_N=noise,
-        rounding=float(np.linalg.norm(converter_rounding(cells, steps) / level)),
+        rounding=float(np.linalg.norm(rounding / level)),
         step_m=float(travel[-1] - travel[0]) / max(n - 1, 1),
         ripple_N=ripple_N,
         ripple_s=1.0 / lines[0] if lines else float("nan"),
@@ -239,7 +242,9 @@ def block_starts(n: int) -> NDArray[np.intp]:
     return np.array(starts, dtype=np.intp)
 
 
-def _smooth_course(t: Array, tensions: Array, travel: Array) -> tuple[Array, list[float], Mask]:
+def _smooth_course(
+    t: Array, tensions: Array, travel: Array, steps: tuple[float, float]
+) -> tuple[Array, list[float], Mask]:
     """Both tensions without noise and ripple (n, 2), frequencies of the ripples, usable samples."""
     reach = max(float(travel[-1] - travel[0]), 1e-9)
     x = travel - travel[0]
@@ -259,7 +264,9 @@ def _smooth_course(t: Array, tensions: Array, travel: Array) -> tuple[Array, lis
         solution = np.linalg.lstsq(system, target, rcond=None)[0]
         residual = tensions - design @ solution
         sigma = np.array([max(robust_sigma(column), 1e-12) for column in residual.T])
-        floor = NOISE_FLOOR * np.abs(np.median(tensions, axis=0))
+        # a coarse converter may repeat one value: its rounding is no outlier
+        rounding = np.asarray(steps) / np.sqrt(12.0)
+        floor = np.maximum(NOISE_FLOOR * np.abs(np.median(tensions, axis=0)), rounding)
         kept = np.all(np.abs(residual) <= OUTLIER * np.maximum(sigma, floor), axis=1)
         if len(lines) == LINES:
             break

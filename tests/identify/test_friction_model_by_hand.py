@@ -1,0 +1,265 @@
+"""Pieces of the friction model against sums, integrals and Gaussians written out by brute force."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.stats import multivariate_normal
+
+from beltid.identify.friction import campaign, zeros
+from beltid.identify.friction.noise import block_covariance, wander_since_rest
+from beltid.identify.friction.rest_phase import Rest
+from beltid.identify.friction.sliding_record import block_starts, sliding_record
+from beltid.identify.friction.tail_shapes import (
+    RANK,
+    stretched,
+    stretching,
+    tail_basis,
+    tail_coefficients,
+)
+
+# --- noise of block means ---
+
+BLOCKS = [(0.0, 1), (0.02, 1), (0.04, 3), (0.10, 7), (0.24, 20)]
+"""First time and number of samples of each block; 50 samples per second."""
+
+
+def sample_times():
+    return [first + 0.02 * np.arange(n) for first, n in BLOCKS]
+
+
+def mean_product(s, t, tau):
+    return float(np.mean(np.exp(-np.abs(s[:, None] - t[None, :]) / tau)))
+
+
+@pytest.mark.parametrize("tau", [0.005, 0.06, 0.5, 20.0, 1e5])
+def test_covariance_of_block_means_is_the_mean_over_pairs_of_samples(tau):
+    times = sample_times()
+    first, last = np.array([(t[0], t[-1]) for t in times]).T
+    found = block_covariance(first, last, np.array([float(n) for _, n in BLOCKS]), tau)
+    expected = [[mean_product(s, t, tau) for t in times] for s in times]
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("tau", [0.06, 20.0])
+def test_wander_is_what_the_process_moved_since_its_mean_at_rest(tau):
+    times, rest = sample_times(), -1.0 + 0.02 * np.arange(40)
+    first, last = np.array([(t[0], t[-1]) for t in times]).T
+    count = np.array([float(n) for _, n in BLOCKS])
+    found = wander_since_rest(first, last, count, (rest[0], rest[-1]), 40, tau)
+    whole = np.array([[mean_product(s, t, tau) for t in [rest, *times]] for s in [rest, *times]])
+    moved = np.hstack([-np.ones((5, 1)), np.eye(5)])
+    np.testing.assert_allclose(found, moved @ whole @ moved.T, rtol=1e-7, atol=1e-12)
+
+
+# --- shapes of the tail ---
+
+TRAVEL = np.concatenate([[0.0], np.geomspace(1e-4, 0.3, 60)])
+
+
+@pytest.mark.parametrize("length", [3e-4, 2e-3, 0.011, 0.2])
+def test_a_spectrum_without_width_is_one_exponential(length):
+    (c,) = tail_coefficients(np.array([np.log(length)]), np.zeros(1), np.zeros(1))
+    np.testing.assert_allclose(tail_basis(TRAVEL) @ c, np.exp(-TRAVEL / length), atol=2.5e-3)
+
+
+@pytest.mark.parametrize(("slow", "fast"), [(0.8, 0.0), (0.0, 0.7), (0.9, 0.5)])
+def test_a_tail_is_the_integral_over_its_spectrum(slow, fast):
+    centre = math.log(5e-3)
+    (c,) = tail_coefficients(np.array([centre]), np.array([slow]), np.array([fast]))
+
+    def integral(f):
+        above = (
+            quad(lambda u: f(centre + u) * math.exp(-0.5 * (u / slow) ** 2), 0, 3 * slow)[0]
+            if slow
+            else 0.0
+        )
+        below = (
+            quad(lambda u: f(centre - u) * math.exp(-0.5 * (u / fast) ** 2), 0, 3 * fast)[0]
+            if fast
+            else 0.0
+        )
+        return above + below
+
+    weight = integral(lambda _: 1.0)
+    for x in (0.0, 1e-3, 5e-3, 0.02, 0.08):
+        expected = integral(lambda log_l, x=x: math.exp(-x / math.exp(log_l))) / weight
+        assert float(tail_basis(np.array([x]))[0] @ c) == pytest.approx(expected, abs=4e-3)
+
+
+@pytest.mark.parametrize("factor", [0.7, 1.0, 1.6])
+def test_stretching_makes_a_tail_longer(factor):
+    length = 5e-3
+    (c,) = tail_coefficients(np.array([np.log(length)]), np.zeros(1), np.zeros(1))
+    (E,) = stretching(np.array([math.log(factor)]))
+    found = tail_basis(TRAVEL) @ (E @ c)
+    np.testing.assert_allclose(found, np.exp(-TRAVEL / (factor * length)), atol=6e-3)
+    slope = tail_basis(TRAVEL) @ stretched(c)
+    x = TRAVEL / length  # d/d ln l of exp(-x/l)
+    np.testing.assert_allclose(slope, x * np.exp(-x), atol=6e-3)
+
+
+# --- the record of a run ---
+
+
+@pytest.mark.parametrize("n", [1, 2, 9, 255, 256, 257, 600, 5000, 60_000])
+def test_blocks_hold_every_sample_once_and_grow(n):
+    starts = block_starts(n)
+    count = np.diff(np.append(starts, n))
+    assert starts[0] == 0
+    assert count.sum() == n
+    assert count.min() >= 1
+    if n >= 256:
+        assert count[0] == -(-n // 256)
+        assert 20 <= starts.size <= 100
+    # none but the last, which takes in the rest, is longer than a twelfth of what came before
+    assert np.all(count[1:-1] <= np.maximum(count[0], 0.08 * starts[1:-1]))
+
+
+def recorded(seed=0, n=400, steps=(0.0, 0.0), ripple=0.0):
+    """Sliding at 400 and 150 N with noise of 0.5 N, 10 mm/s, one spike; after a second at rest."""
+    rng = np.random.default_rng(seed)
+    t = 1.2 + 0.02 * np.arange(n)
+    tensions = np.array([400.0, 150.0]) + 0.5 * rng.normal(size=(n, 2))
+    tensions[:, 0] += ripple * np.sin(2.0 * np.pi * t / 0.31)
+    tensions[200] += 30.0
+    travel = 0.01 * (t - t[0])
+    return sliding_record(
+        t, tensions, travel / 0.05, travel, np.full(n, 22.0), (0.0, 1.0), 50, steps
+    ), np.delete(tensions, 200, axis=0)
+
+
+def test_block_means_keep_the_mean_of_the_logarithm_to_first_order():
+    record, tensions = recorded()
+    assert (record.n_outliers, record.n_samples) == (1, 399)
+    tight, slack = tensions.mean(axis=0)
+    found = np.average(record.z, weights=record.count)
+    # of second order in the noise, (0.5/150)²/2: the plain mean of logarithms is off by it
+    assert found == pytest.approx(math.log(tight / slack), abs=1e-6)
+    assert record.noise_N == pytest.approx(0.5, rel=0.15)
+    assert record.speed_m_s == pytest.approx(0.01, rel=0.01)
+    assert record.sensitivity == pytest.approx(math.hypot(1 / 400.0, 1 / 150.0), rel=1e-3)
+    assert record.waves.shape[1] == 0
+    waving = recorded(ripple=4.0)[0]
+    assert waving.ripple_s == pytest.approx(0.31, rel=0.01)
+    assert waving.ripple_N == pytest.approx(4.0, abs=0.2)
+
+
+def test_the_level_of_one_run_is_that_of_generalised_least_squares():
+    record, _ = recorded()
+    stack = campaign.Stack([record], campaign.log_settings([record])[0])
+    stack.stretch(None)
+    sd = np.array([0.05, 0.1, 0.3, 2e-4, 0.15, 0.1])
+    w = campaign.whiten(stack, campaign.covariance(stack, sd, None)[0])
+    c = record.sensitivity
+    V = c**2 * np.diag(record.noise_N**2 / record.count)
+    for s, tau in zip(sd, campaign.MEMORIES_S, strict=False):
+        V += (c * s) ** 2 * wander_since_rest(
+            record.first_s, record.last_s, record.count, record.rest_s, record.rest_count, tau
+        )
+    V += (record.level * sd[3]) ** 2 * record.turn @ record.turn.T
+    root = np.linalg.cholesky(V)
+    one, z = np.linalg.solve(root, np.ones(V.shape[0])), np.linalg.solve(root, record.z)
+    (level,), squares = np.linalg.lstsq(one[:, None], z, rcond=None)[:2]
+    assert w.level[0] == pytest.approx(level, rel=1e-9)
+    assert w.variance[0] == pytest.approx(1.0 / (one @ one), rel=1e-9)
+    assert w.squares[0] == pytest.approx(squares[0], rel=1e-6)
+
+
+def test_the_posterior_of_a_tail_is_that_of_brute_force():
+    """Over the spectra of a grid and heights laid out one by one."""
+    ends = (math.log(2e-3), 0.0, 0.0, math.log(2e-2), 1.0, 0.6)
+    rng = np.random.default_rng(2)
+    x = np.linspace(0.0, 0.05, 80)
+    design = tail_basis(x) / 0.01
+    z = (0.05 * np.exp(-x / 6e-3)) / 0.01 + rng.normal(size=80)
+    M, b = design.T @ design, design.T @ z
+    found = campaign._summed(M, b, ends)
+    axes = [np.linspace(ends[k], ends[k + 3], n) for k, n in enumerate(campaign._STEPS)]
+    points = np.array(list(itertools.product(*axes)))
+    heights = np.linspace(0.0, 0.12, 2401)
+    log_p, tails = [], []
+    for c, slow, fast in points:
+        (tail,) = tail_coefficients(np.array([c]), np.array([slow]), np.array([fast]))
+        prior = -0.5 * ((c - campaign.CENTRE[0]) / campaign.CENTRE[1]) ** 2
+        prior -= (slow + fast) / campaign.WIDTH
+        fit = design @ tail
+        squares = (fit @ z) * heights - 0.5 * (fit @ fit) * heights**2
+        half_normal = -0.5 * (heights / campaign.HEIGHT) ** 2 - 0.5 * math.log(
+            0.5 * math.pi * campaign.HEIGHT**2
+        )
+        log_p.append(prior + squares + half_normal)
+        tails.append(tail)
+    log_p = np.array(log_p)
+    p = np.exp(log_p - log_p.max())
+    height = float(np.sum(p * heights) / p.sum())
+    of_tail, T = p @ heights / p.sum(), np.array(tails)
+    mean = of_tail @ T
+    second = (T * (p @ heights**2 / p.sum())[:, None]).T @ T
+    assert found.height == pytest.approx(height, rel=1e-3)
+    basis = tail_basis(np.array([0.0, 2e-3, 1e-2, 4e-2]))
+    np.testing.assert_allclose(basis @ found.mean, basis @ mean, rtol=1e-3, atol=1e-7)
+    covariance = second - np.outer(mean, mean)
+    spread, by_hand = (
+        np.sqrt(np.diag(basis @ C @ basis.T)) for C in (found.covariance, covariance)
+    )
+    np.testing.assert_allclose(spread, by_hand, rtol=5e-3)
+    centre = points.T @ p.sum(axis=1) / p.sum()
+    np.testing.assert_allclose(found.centre, centre, rtol=1e-3)
+    assert found.mean.shape == (RANK,)
+
+
+# --- the cells ---
+
+
+def at_rest(difference, tension, se=0.05):
+    return Rest(
+        n_samples=50, first_s=0.0, last_s=1.0, tension_N=tension, imbalance_N=difference,
+        imbalance_se_N=se, slopes_N_s=(0.0, 0.0), slope_ses_N_s=(1.0, 1.0), noise_N=0.5,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("D", [[0.6, 1.5, 2.4, 3.9], [0.1, -0.3, 2.0, -4.0]])
+def test_errors_of_the_cells_are_averaged_over_all_explanations(D):
+    """Of equal tensions, so that zeros that err together do not matter."""
+    D, T, se = np.array(D), np.array([60.0, 150.0, 240.0, 400.0]), 0.05
+    found = zeros.cell_errors([at_rest(d, t, se) for d, t in zip(D, T, strict=True)], T, T, "auto")
+    unit, n = 195.0, 4
+    log_p, means, variances = [], [], []
+    for s_w, s_f, s_z, s_g in itertools.product(zeros.SIZES, repeat=4):
+        # unknowns: zeta [N], gamma [-], w [N] and f [-] of every run
+        prior = np.diag([(s_z * unit) ** 2, s_g**2, *[(s_w * unit) ** 2] * n, *[s_f**2] * n])
+        see = np.column_stack([np.ones(n), T, np.eye(n), np.diag(T)])
+        error = np.column_stack([1.0 / T, np.ones(n), np.diag(1.0 / T), np.zeros((n, n))])
+        V = see @ prior @ see.T + se**2 * np.eye(n)
+        gain = error @ prior @ see.T @ np.linalg.inv(V)
+        rare = sum(s > 0.0 for s in (s_w, s_f, s_z, s_g))
+        log_p.append(multivariate_normal.logpdf(D, cov=V) - rare * math.log(4.0))
+        means.append(gain @ D)
+        variances.append(np.diag(error @ prior @ error.T - gain @ see @ prior @ error.T))
+    p = np.exp(np.array(log_p) - max(log_p))
+    p /= p.sum()
+    mean = p @ np.array(means)
+    variance = p @ (np.array(variances) + np.square(np.array(means) - mean))
+    np.testing.assert_allclose(found.mean, mean, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(found.variance + found.shared**2, variance, rtol=1e-5)
+
+
+def test_a_difference_of_the_cells_of_each_run_by_itself():
+    rests = [at_rest(3.0, 270.0, 0.1)]
+    tight, slack = np.array([400.0]), np.array([150.0])
+    half_sum, half_difference = 0.5 * (1 / 150 + 1 / 400), 0.5 * (1 / 150 - 1 / 400)
+    clear = 9.0 - 0.01
+    taken = zeros.cell_errors(rests, tight, slack, True)
+    assert taken.mean[0] == pytest.approx(3.0 * half_sum, rel=1e-12)
+    common = half_difference**2 * clear
+    assert taken.variance[0] == pytest.approx(half_sum**2 * 0.01 + common, rel=1e-12)
+    left = zeros.cell_errors(rests, tight, slack, False)
+    assert left.mean[0] == 0.0
+    assert left.variance[0] == pytest.approx(half_sum**2 * clear + common, rel=1e-12)
+    assert "taken off" in taken.notes[0]
+    assert "not corrected" in left.notes[0]
