@@ -80,7 +80,7 @@ RELAXATION = 1e-3
 both cells."""
 
 
-TREND = 0.3
+TREND = 0.4
 """Standard deviation of the powers with which the length of the tail goes with speed and force."""
 
 SHARED = RANK + 5
@@ -145,9 +145,8 @@ class Stack:
             self.count, 1e-9
         )
 
-    def stretch(self, shared: Shared | None) -> None:
+    def stretch(self, powers: Array, shared: Shared | None = None) -> None:
         """Make the tails of every run as long as its speed and tension ask for."""
-        powers = np.zeros(2) if shared is None else shared.powers
         self.stretches = stretching(self.settings @ powers)
         self.shared[:, :, :RANK] = self.basis @ self.stretches
         if shared is not None:
@@ -428,7 +427,7 @@ def posterior(
         log_evidence=log_evidence,
         height=best.height,
         spectrum=best.centre,
-        powers=np.clip(powers + mean[POWERS], -1.0, 1.0),
+        powers=np.clip(powers + mean[POWERS], -1.5, 1.5),
         weights=p.reshape(len(before), -1).sum(axis=1) if zooms else before,
     )
 
@@ -540,9 +539,21 @@ def _spectra(ends: Ends) -> tuple[Array, Array]:
     return points, tail_coefficients(*points)
 
 
+CLOCKS = (np.zeros(2), np.array([1.0, 0.0]))
+"""Powers to start from: a tail that decays over the travel, or over the time."""
 SWEEPS = 3
 WALK_STEPS = (-0.8, -0.4, 0.0, 0.4, 0.8, 1.2, 1.6)
 """Steps about the mode over which the variance of the walk is averaged, in widths of its prior."""
+
+
+def _log_evidence_of(
+    stack: Stack, powers: Array, sd: Array, rest: RestSlopes, unit_N: float
+) -> float:
+    """Evidence for tails that are stretched so, before anything else is known of the bench."""
+    stack.stretch(powers)
+    w = whiten(stack, covariance(stack, sd, None)[0])
+    one = np.ones(stack.n_runs)
+    return fit_shared(stack, w, one, rest, unit_N, 0.05, powers, None, 0).log_evidence
 
 
 def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
@@ -564,9 +575,7 @@ def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
     precision[:n, :n] = np.linalg.inv(NEIGHBOURS**apart)
     shared: Shared | None = None
     scale = np.ones(stack.n_runs)
-    height, powers = 0.05, np.zeros(2)
-    weights: Array | None = None
-    stack.stretch(None)
+    height, weights = 0.05, None
 
     def cost(x: Array) -> tuple[float, Array]:
         sd = np.exp(centre + width * x)
@@ -586,13 +595,17 @@ def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
 
     # from above: a variance that is too small has no gradient
     x = np.where(np.arange(n + 4) <= n + 1, 1.5, 0.0)
+    sd = np.exp(centre + width * x)
+    odds = [_log_evidence_of(stack, clock, sd, rest, unit_N) for clock in CLOCKS]
+    powers = CLOCKS[int(np.argmax(odds))]
+    stack.stretch(powers)
     for _ in range(SWEEPS):
         w = whiten(stack, covariance(stack, np.exp(centre + width * x), shared)[0])
         shared = fit_shared(stack, w, scale, rest, unit_N, height, powers, weights, 2)
         scale = noise_scale(stack, w, shared.mean)
         height, powers = max(shared.height, 1e-3), shared.powers
         weights = shared.weights
-        stack.stretch(shared)
+        stack.stretch(powers, shared)
         x = minimize(
             cost,
             x,
@@ -683,7 +696,7 @@ def reduce_bench(
         M, b = np.zeros((SHARED, SHARED)), np.zeros(SHARED)
         for batch in batches:
             stack = Stack(batch, centre)
-            stack.stretch(bench.shared)
+            stack.stretch(bench.shared.powers, bench.shared)
             w = whiten(stack, covariance(stack, bench.sd, bench.shared)[0])
             share = 1.0 / noise_scale(stack, w, bench.shared.mean)
             M, b = M + np.einsum("r,rkl->kl", share, w.M), b + w.b.T @ share
@@ -704,7 +717,7 @@ def reduce_bench(
 def _levels(stack: Stack, bench: Bench) -> list[RunLevel]:
     """Levels of some runs of a bench."""
     shared = bench.shared
-    stack.stretch(shared)
+    stack.stretch(shared.powers, shared)
     V, parts = covariance(stack, bench.sd, shared)
     w = whiten(stack, V)
     mean = shared.mean.copy()
