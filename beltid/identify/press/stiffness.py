@@ -28,7 +28,6 @@ from beltid.identify.press.temperature import (
     TemperatureEffect,
     scatter_of,
     temperature_effect,
-    weighed,
 )
 from beltid.laws.penalty import NormalLaw
 
@@ -283,7 +282,7 @@ def _estimate(
     """Law of some curves; their contact points are entered into `offsets`."""
     scatter = scatter_of([curves])
     try:
-        law, data = fit_quadratic(*weighed(curves, scatter.noise))
+        law, data = fit_quadratic(curves, scatter.noise)
     except FitError as error:
         raise FitError([f"{place}: {problem}" for problem in error.problems]) from error
     tests = tuple(dict.fromkeys(c.test for c in curves))
