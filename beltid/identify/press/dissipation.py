@@ -32,46 +32,22 @@ RATE_SPAN = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Dissipation:
-    """Energy that the belt loses in a press cycle, and the damper that would lose as much.
+    """Energy that the belt loses in a press cycle, and the damper that would lose as much."""
 
-    Attributes
-    ----------
-    energy_J_m, energy_se_J_m : float
-        Energy lost in a cycle per metre of belt, mean over the cycles, and its standard error from
-        their scatter (nan for a single one) [J/m].
-    loss_ratio : float
-        That energy over the work of loading [-].
-    approach_speed_m_s : float
-        Speed of approach in contact, mean over the cycles [m/s].
-    damping_N_s_m2 : float
-        c_P per metre of belt at this speed [N s/m²].
-    point_length_m : float
-        Length of belt that a contact point stands for [m].
-    C_P_N_s_m, C_P_se_N_s_m : float
-        Equivalent coefficient of one contact point at this speed [N s/m].
-    equal_speed_m_s : float
-        Speed of approach at which 300 N s/m loses as much [m/s].
-    rate_exponent : float
-        Exponent of the lost energy over the speed, 0 for a rate-independent loss, 1 for a damper;
-        nan if the speeds of the tests do not differ enough.
-    n_cycles : int
-        Cycles that it rests on.
-    statement : str
-        The outcome in plain words.
-    """
-
-    energy_J_m: float
-    energy_se_J_m: float
-    loss_ratio: float
-    approach_speed_m_s: float
-    damping_N_s_m2: float
-    point_length_m: float
-    C_P_N_s_m: float
+    energy_J_m: float  # lost in a cycle per metre of belt, mean over the cycles
+    energy_se_J_m: float  # from their scatter, nan for a single one
+    loss_ratio: float  # that energy over the work of loading
+    approach_speed_m_s: float  # in contact, mean over the cycles
+    damping_N_s_m2: float  # c_P per metre of belt at this speed
+    point_length_m: float  # of belt, that a contact point stands for
+    C_P_N_s_m: float  # equivalent coefficient of one contact point at this speed
     C_P_se_N_s_m: float
-    equal_speed_m_s: float
+    equal_speed_m_s: float  # at which 300 N s/m loses as much
     rate_exponent: float
+    """Exponent of the lost energy over the speed, 0 for a rate-independent loss, 1 for a damper;
+    nan if the speeds of the tests do not differ enough."""
     n_cycles: int
-    statement: str
+    statement: str  # the outcome in plain words
 
 
 def estimate_dissipation(curves: Sequence[PressCurve]) -> Dissipation:

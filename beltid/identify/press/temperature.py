@@ -48,28 +48,15 @@ class Scatter:
 
 @dataclass(frozen=True, slots=True)
 class TemperatureEffect:
-    """Outcome of the F test.
-
-    Attributes
-    ----------
-    f_statistic : float
-        Gain of one law per temperature, over the scatter; nan with a single temperature.
-    f_dof_between, f_dof_within : float
-        Degrees of freedom of numerator and denominator, the latter in effective samples.
-    f_p_value : float
-        Probability of such a statistic if temperature had no influence.
-    matters : bool
-        Whether the difference is significant (1 % error) and large enough to matter.
-    statement : str
-        The outcome in plain words.
-    """
+    """Outcome of the F test."""
 
     f_statistic: float
-    f_dof_between: float
-    f_dof_within: float
-    f_p_value: float
-    matters: bool
-    statement: str
+    """Gain of one law per temperature, over the scatter; nan with a single temperature."""
+    f_dof_between: float  # degrees of freedom of numerator and denominator
+    f_dof_within: float  # in effective samples
+    f_p_value: float  # probability of such a statistic if temperature had no influence
+    matters: bool  # significant (1 % error) and large enough to matter
+    statement: str  # the outcome in plain words
 
 
 def _squares(curves: Sequence[PressCurve], noise: float = 0.0) -> tuple[float, float, int]:
