@@ -34,8 +34,8 @@ from beltid.identify.press.fit import (
 )
 from beltid.identify.press.temperature import RELEVANT_DIFFERENCE
 
-NAMES = ("k_linear", "k_quadratic", "k_cubic")
-UNITS = ("N/m²", "N/m³", "N/m⁴")
+NAMES: tuple[str, ...] = ("k_linear", "k_quadratic", "k_cubic")
+UNITS: tuple[str, ...] = ("N/m²", "N/m³", "N/m⁴")
 BLOCKS = 5  # of force, that are left out of a single test
 MOST_FOLDS = 10  # with more tests than this several are left out together
 PROVEN = 6.0
@@ -172,7 +172,7 @@ def _parameters(law: FittedLaw, data: Nodes) -> tuple[LawParameter, ...]:
         # k = K F / span^n: the exponent is in the unit of k, too
         by = np.array([[scale, -k * scale * math.log(data.span_m)], [0.0, 1.0]])
         values = np.array([k * scale, n])
-        names, units = ("k", "n", ""), ("N/m^(1+n)", "-", "")
+        names, units = ("k", "n"), ("N/m^(1+n)", "-")
     else:
         scales = data.F_N_m / data.span_m**law.exponents
         by, values = np.diag(scales), law.K * scales
