@@ -41,6 +41,7 @@ class Bench:
     dwell: float = 0.0
     relaxes_to: float = -1.0
     valley: float = 0.0
+    valley_dwell: float = 0.0
     temperature_slope: float = 0.0
     temperatures: Sequence[float] = field(default=(22.0, 40.0, 60.0, 80.0))
     tests_per_temperature: int = 1
@@ -82,10 +83,13 @@ class Bench:
             )
             down = np.arange(top, end, -self.unloading_speed * self.dt)
             hold = np.full(int(self.dwell / self.dt), top)
-            path += [up, hold, down]
+            rest = np.full(int(self.valley_dwell / self.dt) * (cycle < self.cycles - 1), end)
+            path += [up, hold, down, rest]
             relaxing = np.linspace(1.0, self.relaxes_to, hold.size)
             side += [np.ones(up.size), relaxing, -np.ones(down.size)]
-            stiffer += [np.full(up.size + hold.size + down.size, self.virgin * (cycle == 0))]
+            side += [np.linspace(-1.0, 0.0, rest.size)]
+            n = up.size + hold.size + down.size + rest.size
+            stiffer += [np.full(n, self.virgin * (cycle == 0))]
         delta, branch = np.concatenate(path), np.concatenate(side)
         law = self.force(delta) * self.length
         gap = HYSTERESIS[self.hysteresis](

@@ -190,22 +190,6 @@ def test_virtual_benches_support_the_quadratic_law(belt):
     assert [p.value for p in found] == pytest.approx(truth, rel=2e-3)
 
 
-def test_dissipation_is_the_area_of_the_loop_over_speed_and_depth():
-    bench = Bench()
-    found = estimate_dissipation(curves_of(bench.record(9)))
-    # half the distance of the branches is 0.06 F 4 s (1 - s): the loop holds 2 (0.06 F) 2/3 depth
-    energy = 2.0 * 0.06 * bench.top_force * (2.0 / 3.0) * bench.top
-    assert found.energy_J_m == pytest.approx(energy, rel=0.01)
-    damping = energy / (bench.speed * bench.top)
-    assert found.approach_speed_m_s == pytest.approx(bench.speed, rel=0.02)
-    assert found.damping_N_s_m2 == pytest.approx(damping, rel=0.03)
-    assert found.C_P_N_s_m == pytest.approx(1e-3 * damping, rel=0.03)
-    # a damper of 300 N s/m loses as much where speed times 300 is what it is at the press
-    assert 300.0 * found.equal_speed_m_s == pytest.approx(found.C_P_N_s_m * bench.speed, rel=0.02)
-    assert np.isnan(found.rate_exponent)
-    assert "no single C_P" in found.statement
-
-
 def test_loss_at_several_speeds_tells_a_damper_from_hysteresis():
     def recording(scale):
         parts = []
@@ -226,13 +210,6 @@ def test_loss_at_several_speeds_tells_a_damper_from_hysteresis():
     assert flat.rate_exponent == pytest.approx(0.0, abs=0.02)
     assert viscous.rate_exponent == pytest.approx(1.0, abs=0.03)
     assert "speed^1" in viscous.statement
-
-
-def test_dissipation_needs_unloading_and_a_running_clock():
-    record = Bench().record(0)
-    record["time_s"] = np.zeros_like(record["time_s"])
-    with pytest.raises(InputError, match="the clock does not run"):
-        estimate_dissipation(curves_of(record))
 
 
 def test_criterion_is_aicc_of_the_independent_nodes():

@@ -20,8 +20,8 @@ class Certified:
     jacobian: Callable
     y: np.ndarray
     starts: tuple
-    beta: list
-    sd: list
+    beta: list | np.ndarray
+    sd: list | np.ndarray
     rss: float
     rsd: float
 
@@ -111,6 +111,14 @@ THURBER_X = """
 -1.274 -1.212 -1.100 -1.046 -0.915 -0.714 -0.566 -0.545 -0.400 -0.309 -0.109 -0.103 0.010 0.119
 0.377 0.790 0.963 1.006 1.115 1.572 1.841 2.047 2.200
 """
+THURBER_BETA = """
+1.2881396800e03 1.4910792535e03 5.8323836877e02 7.5416644291e01 9.6629502864e-01 3.9797285797e-01
+4.9727297349e-02
+"""
+THURBER_SD = """
+4.6647963344e00 3.9571156086e01 2.8698696102e01 5.5675370270e00 3.1333340687e-02 1.4984928198e-02
+6.5842344623e-03
+"""
 
 
 def thurber() -> Certified:
@@ -135,24 +143,8 @@ def thurber() -> Certified:
         jacobian,
         np.array(THURBER_Y.split(), dtype=float),
         ((1000, 1000, 400, 40, 0.7, 0.3, 0.03), (1300, 1500, 500, 75, 1, 0.4, 0.05)),
-        [
-            1.2881396800e03,
-            1.4910792535e03,
-            5.8323836877e02,
-            7.5416644291e01,
-            9.6629502864e-01,
-            3.9797285797e-01,
-            4.9727297349e-02,
-        ],
-        [
-            4.6647963344e00,
-            3.9571156086e01,
-            2.8698696102e01,
-            5.5675370270e00,
-            3.1333340687e-02,
-            1.4984928198e-02,
-            6.5842344623e-03,
-        ],
+        np.array(THURBER_BETA.split(), dtype=float),
+        np.array(THURBER_SD.split(), dtype=float),
         5.6427082397e03,
         1.3714600784e01,
     )
@@ -165,14 +157,6 @@ def digits(found, certified) -> float:
     """Number of agreeing digits (log relative error) of the worst component."""
     error = np.abs(np.asarray(found) - certified) / np.abs(certified)
     return float(-np.log10(max(np.max(error), 1e-16)))
-
-
-@pytest.mark.parametrize("name", SETS)
-def test_certified_values_belong_to_the_data(name):
-    s = SETS[name]
-    residuals = s.y - s.model(np.array(s.beta))
-    assert digits(residuals @ residuals, s.rss) >= 9.5
-    assert digits(np.sqrt(s.rss / (s.y.size - len(s.beta))), s.rsd) >= 9.5
 
 
 def solve(model, jacobian, y, start, **bounds) -> LeastSquares:
@@ -197,39 +181,6 @@ def test_certified_values_of_nist_from_both_starts(name, start):
     assert digits(fit.se, s.sd) >= 6
     assert digits(fit.sum_of_squares, s.rss) >= 6
     assert digits(np.sqrt(fit.residual_variance), s.rsd) >= 6
-
-
-def decay(x):
-    def model(b):
-        return b[0] * np.exp(-b[1] * x)
-
-    def jacobian(b):
-        e = np.exp(-b[1] * x)
-        return np.column_stack([e, -b[0] * x * e])
-
-    return model, jacobian
-
-
-def test_standard_errors_are_the_scatter_of_repeated_experiments():
-    x = np.linspace(0.0, 3.0, 15)
-    rng = np.random.default_rng(8)
-
-    def model(b):
-        return b[0] * np.exp(-b[1] * x)
-
-    def jacobian(b):
-        e = np.exp(-b[1] * x)
-        return np.column_stack([e, -b[0] * x * e])
-
-    clean = 2.0 * np.exp(-0.7 * x)
-    fits = [
-        solve(model, jacobian, clean + 0.02 * rng.normal(size=x.size), [1.0, 1.0])
-        for _ in range(300)
-    ]
-    scatter = np.std([f.parameters for f in fits], axis=0, ddof=1)
-    stated = np.sqrt(np.mean([f.se**2 for f in fits], axis=0))
-    # 300 repetitions determine a standard deviation to 4 %
-    assert np.allclose(stated / scatter, 1.0, atol=0.13)
 
 
 def test_bounds_are_kept():

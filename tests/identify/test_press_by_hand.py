@@ -32,6 +32,9 @@ SETTINGS = StiffnessSettings(segment_length_m=0.04)
         ([0, 3, 2.5], [0, 1]),
         ([2, 1.5, 1, 0.5, 0, 0.5], [0, 4]),  # in small steps
         ([0, 0.5, 1, 1.5, 1.2], [0, 3]),
+        ([0, 3, 3, 0, 0, 3], [0, 1, 3, 5]),  # the first of equal extremes
+        ([3, 0, 0, 3], [0, 1, 3]),
+        ([0, 3, 3], [0, 1]),
     ],
 )
 def test_turns_are_ways_back_beyond_the_threshold(travel, expected):
@@ -63,6 +66,7 @@ def test_loss_of_branches_in_proportion_to_the_law():
     equal = found.approach_speed_m_s * found.C_P_N_s_m / 300.0
     assert found.equal_speed_m_s == pytest.approx(equal, rel=1e-12)
     assert math.isnan(found.rate_exponent)
+    assert "no single C_P" in found.statement
     one = estimate_dissipation(curves(quiet().record(1)))
     assert math.isnan(one.energy_se_J_m)
     assert math.isnan(one.C_P_se_N_s_m)

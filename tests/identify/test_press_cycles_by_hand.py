@@ -14,7 +14,6 @@ from beltid.identify.press.recording import (
     PressTest,
     choose_cycles,
     find_cycles,
-    turning_points,
 )
 
 
@@ -48,12 +47,6 @@ def path(*corners):
 
 def ends(found):
     return [(c.loading.start, c.loading.stop, c.unloading.start, c.unloading.stop) for c in found]
-
-
-def test_the_first_of_equal_extremes_is_the_turning_point():
-    assert turning_points(np.array([0, 3, 3, 0, 0, 3.0]), 1.0).tolist() == [0, 1, 3, 5]
-    assert turning_points(np.array([3, 0, 0, 3.0]), 1.0).tolist() == [0, 1, 3]
-    assert turning_points(np.array([0, 3, 3.0]), 1.0).tolist() == [0, 1]
 
 
 def test_cycles_share_their_turning_points():

@@ -92,7 +92,10 @@ def test_the_middle_of_the_branches_is_found_for_any_shape_of_hysteresis(shape):
         {"unloading_speed": 5.0e-6},
         {"unloading_speed": 0.5e-6},
         {"dwell": 10.0},
+        {"dwell": 0.3, "cycles": 3},
         {"dwell": 10.0, "hysteresis": "relative"},
+        {"dwell": 5.0, "valley": 0.1, "valley_dwell": 10.0, "cycles": 3, "relaxes_to": 0.0},
+        {"dwell": 4.0, "relaxes_to": 0.0, "hysteresis": "relative", "unloading_speed": 5.0e-6},
         {"cycles": 3, "virgin": 0.09, "valley": 0.1, "compliance": 3.0e-8},
         {"toe": 0.0},
         {"zero": 30.0},
@@ -104,20 +107,7 @@ def test_other_belts_and_other_ways_to_drive_the_press(change):
     bench = Bench(**change)
     result = fit_stiffness(bench.record(2), settings(bench))
     assert worst_force_error(result.pooled, bench.k_linear, bench.k_quadratic) < 1e-3
-
-
-@pytest.mark.parametrize(
-    "change", [{"travel_noise": 1.0e-6}, {"force_noise": 2.0}, {"k_linear": 5e6}], ids=str
-)
-def test_noise_widens_the_errors_but_does_not_shift_the_law(change):
-    bench = Bench(**change)
-    pulls = []
-    for seed in range(8):
-        law = fit_stiffness(bench.record(seed), settings(bench)).pooled
-        pulls += [(law.k_linear_N_m2 - bench.k_linear) / law.k_linear_se_N_m2]
-    # mean of 8 standard normals: 0.35; their root mean square: 1 ± 0.25
-    assert abs(np.mean(pulls)) < 1.2
-    assert 0.4 < np.sqrt(np.mean(np.square(pulls))) < 1.9
+    assert not result.temperature.matters
 
 
 def test_exact_recordings_give_the_exact_law_and_contact_point():
@@ -318,10 +308,6 @@ def test_dead_channels_are_named():
         columns[channel][:] = 0.0
         with pytest.raises(InputError, match=message):
             fit_stiffness(columns, settings(bench))
-    columns = bench.record(17)
-    columns["time_s"] = columns["time_s"][::-1]
-    with pytest.raises(InputError, match="must not run backwards"):
-        fit_stiffness(columns, settings(bench))
 
 
 def test_missing_columns_and_wrong_settings_name_every_problem():
@@ -335,30 +321,6 @@ def test_missing_columns_and_wrong_settings_name_every_problem():
         "press.machine_compliance_m_N",
         "press.cycles",
     ]
-
-
-@pytest.mark.parametrize("length", [1e-300, 1e-4, 40.0, np.nan])
-def test_absurd_segment_lengths_are_refused_by_name(length):
-    with pytest.raises(
-        InputError, match=r"press\.segment_length_m = .*, must be in \[0.001, 1\] m"
-    ):
-        StiffnessSettings(length)
-
-
-@pytest.mark.parametrize("factor", [1e300, 1e160, 1e-160, 1e-300])
-@pytest.mark.parametrize("channel", ["force_N", "displacement_mm"])
-def test_values_that_no_press_gives_are_refused_by_channel_and_test(channel, factor):
-    bench = Bench(temperatures=(22.0,))
-    columns = bench.record(18)
-    columns[channel] = columns[channel] * factor
-    with pytest.raises(InputError, match=f"^test S22-0: {channel} (reaches|stays within) "):
-        fit_stiffness(columns, settings(bench))
-
-
-def test_a_compliance_larger_than_the_travel_is_refused():
-    bench = Bench(temperatures=(22.0,))
-    with pytest.raises(InputError, match="machine compliance"):
-        fit_stiffness(bench.record(15), settings(bench, machine_compliance_m_N=1.0e-6))
 
 
 def test_branches_for_figures_start_at_the_contact_point():
