@@ -81,6 +81,10 @@ class Nodes:
         """Number of tests."""
         return int(self.owner.max()) + 1
 
+    def units(self, exponents: Array) -> Array:
+        """Units of the coefficients of terms ``y^n`` in SI, [N/m^(1+n)]."""
+        return np.asarray(self.F_N_m / self.span_m**exponents)
+
     def only(self, kept: Mask) -> Nodes:
         """Some of the nodes; tests are numbered anew."""
         tests, owner = np.unique(self.owner[kept], return_inverse=True)
@@ -161,12 +165,11 @@ class _Projection:
             self.exponents = theta[data.n_tests :]
         self.y = data.x - self.p[data.owner]
         zeros = (data.owner[:, None] == data.unchecked).astype(float)
-        prior = data.zero_weight * np.eye(zeros.shape[1])
-        terms = basis(self.y, self.exponents)
-        below = np.zeros((prior.shape[0], terms.shape[1]))
-        self.design = np.block([[terms, zeros], [below, prior]])
-        self.observed = np.append(data.f, np.zeros(prior.shape[0]))
-        q = terms.shape[1]
+        prior = data.zero_weight * np.eye(data.unchecked.size)
+        more, q = data.unchecked.size, self.exponents.size
+        terms = np.pad(basis(self.y, self.exponents), ((0, more), (0, 0)))
+        self.design = np.column_stack([terms, np.vstack([zeros, prior])])
+        self.observed = np.pad(data.f, (0, more))
         self.free = np.ones(self.design.shape[1], dtype=bool)
         scaled, length = unit_columns(self.design)
         self.c = np.zeros(self.free.size)

@@ -174,7 +174,7 @@ def _parameters(law: FittedLaw, data: Nodes) -> tuple[LawParameter, ...]:
         values = np.array([k * scale, n])
         names, units = ("k", "n"), ("N/m^(1+n)", "-")
     else:
-        scales = data.F_N_m / data.span_m**law.exponents
+        scales = data.units(law.exponents)
         by, values = np.diag(scales), law.K * scales
     se = np.sqrt(np.diag(by @ covariance @ by.T))
     rows = zip(names, units, values.tolist(), se.tolist(), strict=False)

@@ -195,9 +195,8 @@ def _require_plausible(label: str, displacement_mm: Array, force_N: Array) -> No
         if largest > most:
             problems.append(f"{name} reaches {largest:.3g} {unit}, must be within ±{most:g} {unit}")
         elif 0.0 < largest < least:
-            problems.append(
-                f"{name} stays within ±{largest:.3g} {unit}, must reach {least:g} {unit}"
-            )
+            found = f"{name} stays within ±{largest:.3g} {unit}"
+            problems.append(f"{found}, must reach {least:g} {unit}")
     if problems:
         raise InputError([f"test {label}: {problem}" for problem in problems])
 
@@ -252,10 +251,8 @@ def _load_cell_zero(travel: Array, force: Array, noise: float) -> tuple[float, b
     if end < 10 or moved < 0.01 * spread(travel):
         return 0.0, False
     # a test that begins in contact rises along the stretch much as it does behind it
-    ahead = min(
-        int(np.searchsorted(np.maximum.accumulate(travel[: rising.size]), travel[0] + 2.0 * moved)),
-        rising.size - 1,
-    )
+    way = np.maximum.accumulate(travel[: rising.size])
+    ahead = min(int(np.searchsorted(way, travel[0] + 2.0 * moved)), rising.size - 1)
     if ahead - end >= 2:
         sure, behind = slice(0, max(3 * end // 4, 3)), slice(end - 1, ahead + 1)
         slopes = [np.polyfit(travel[s] - travel[0], force[s], 1)[0] for s in (sure, behind)]
@@ -311,16 +308,9 @@ def find_cycles(test: PressTest) -> tuple[PressCycle, ...]:
         top = float(np.max(test.force_N[start : stop + 1]))
         if top < 0.5 * largest:
             continue
-        least = float(np.min(test.force_N[peak : stop + 1]))
-        cycles.append(
-            PressCycle(
-                number=len(cycles) + 1,
-                loading=slice(start, peak + 1),
-                unloading=slice(peak, stop + 1),
-                peak_force_N=top,
-                complete=stop > peak and least < 0.5 * top,
-            )
-        )
+        loading, unloading = slice(start, peak + 1), slice(peak, stop + 1)
+        complete = stop > peak and float(np.min(test.force_N[unloading])) < 0.5 * top
+        cycles.append(PressCycle(len(cycles) + 1, loading, unloading, top, complete))
     if not cycles:
         problem = "no loading found: the crosshead never moves into the belt"
         raise InputError(f"test {test.label}: {problem}")

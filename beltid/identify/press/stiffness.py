@@ -170,15 +170,11 @@ def _at_reference(
     """The law of the tests nearest to the reference temperature, as the pooled one."""
     temperatures = np.array([law.temperature_degC for law in laws], dtype=float)
     nearest = int(np.argmin(np.abs(temperatures - reference_degC)))
-    notes = [
-        f"The pooled law is that of the tests at {temperatures[nearest]:g} °C alone "
-        f"(reference {reference_degC:g} °C)."
-    ]
+    where = f"{temperatures[nearest]:g} °C alone (reference {reference_degC:g} °C)"
+    notes = [f"The pooled law is that of the tests at {where}."]
     if abs(temperatures[nearest] - reference_degC) > REFERENCE_REACH_K:
-        notes.append(
-            f"No test lies within {REFERENCE_REACH_K:g} K of the reference temperature "
-            f"{reference_degC:g} °C."
-        )
+        far = f"{REFERENCE_REACH_K:g} K of the reference temperature {reference_degC:g} °C"
+        notes.append(f"No test lies within {far}.")
     unknown = {c.test for c in curves if not math.isfinite(c.temperature_degC)}
     if unknown:
         notes.append(f"Tests without temperature not used: {', '.join(sorted(unknown))}.")
@@ -213,7 +209,7 @@ def _estimate(
     tests = tuple(dict.fromkeys(c.test for c in curves))
     offsets.update(zip(tests, (law.contact * data.span_m).tolist(), strict=True))
     contact = np.array([offsets[c.test] for c in curves])
-    scales = data.F_N_m / data.span_m**law.exponents
+    scales = data.units(law.exponents)
     k = law.K * scales
     by_force = law.sensitivity * (scales / data.F_N_m)[:, None]
     errors = systematic_errors(curves, law, data, settings.cycles)
@@ -221,10 +217,8 @@ def _estimate(
     notes, warnings = _held(law, data, place)
     notes += [*_contact_notes(curves, contact), *errors.notes]
     if scatter.curves_differ:
-        notes.append(
-            f"{place}: the tests differ by {math.sqrt(scatter.inflation):.2g} times their noise; "
-            "the standard errors are widened accordingly"
-        )
+        differ = f"the tests differ by {math.sqrt(scatter.inflation):.2g} times their noise"
+        notes.append(f"{place}: {differ}; the standard errors are widened accordingly")
     elastic = NormalLaw(*k.tolist())
     squares = [
         np.mean((b.force_N_m - elastic.force(b.position_m - p))[c.inside(b.position_m)] ** 2)
@@ -267,7 +261,7 @@ def _held(law: FittedLaw, data: Nodes, place: str) -> tuple[list[str], list[str]
         return [], []
     n = data.x.size
     y = data.x - law.contact[data.owner]
-    k1, k2 = data.F_N_m / data.span_m**law.exponents
+    k1, k2 = data.units(law.exponents)
     if law.held[1]:
         column, form, name, unit, size = y**2, "linear", "k_quadratic", "N/m³", k2
     else:
@@ -283,7 +277,7 @@ def _held(law: FittedLaw, data: Nodes, place: str) -> tuple[list[str], list[str]
     share = abs(value) * float(np.max(np.abs(column))) / top
     off = float(np.max(np.abs(law.residuals))) / top
     came = f"{place}: {name} came out as {value * size:.3g} ± {se * abs(size):.2g} {unit}"
-    # no matter of chance is what it makes negative once in 740 times, and what changes the force
+    # more than three standard errors, and a change of the force that is not negligible
     if abs(value) <= stdtrit(dof, 0.99865) * se or share <= 2e-3:
         return [f"{came}, not different from zero: a {form} law was fitted"], []
     if off > LARGEST_MISFIT:

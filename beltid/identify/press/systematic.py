@@ -70,7 +70,7 @@ def systematic_errors(
     curves: Sequence[PressCurve], law: FittedLaw, data: Nodes, cycles: CycleChoice
 ) -> Systematic:
     """Systematic errors of the quadratic law of some curves."""
-    scales = data.F_N_m / data.span_m**law.exponents
+    scales = data.units(law.exponents)
     found = Systematic(law.K * scales)
     weight, misfit = _lack_of_fit(law, data)
     changes: list[Array] = []
@@ -143,11 +143,12 @@ def _other_laws(law: FittedLaw, data: Nodes, weight: float) -> tuple[list[Array]
     force = law.force(y)
     y, force = y[force >= LEAST_FORCE * force[-1]], force[force >= LEAST_FORCE * force[-1]]
     terms = y[:, None] ** law.exponents / force[:, None]
-    names: tuple[LawName, ...] = ("power", "cubic", "quadratic")
+    trials: tuple[tuple[LawName, Nodes], ...]
+    trials = ("power", data), ("cubic", data), ("quadratic", data.only(upper))
     changes = []
-    for name in names:
+    for name, nodes in trials:
         try:
-            other = fit_law(name, data.only(upper) if name == "quadratic" else data)
+            other = fit_law(name, nodes)
         except NumericsError:
             continue
         share = weight
