@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from press_bench import Bench
+from press_bench import TRUTH, Bench, load
 
 from beltid.errors import InputError
 from beltid.identify.press.curves import read_recording
@@ -15,35 +14,13 @@ from beltid.identify.press.dissipation import estimate_dissipation
 from beltid.identify.press.laws import LawCandidate, choose_normal_law, verdict_of
 from beltid.identify.press.stiffness import StiffnessSettings, fit_stiffness
 
-RIGDATA = Path(__file__).parents[2] / "rigdata"
 SETTINGS = StiffnessSettings(0.04)
-COMPLIANCE = {"4pk": 1.5e-8, "5pk": 0.0, "6pk": 1.5e-8}
-
-
-@dataclass(frozen=True)
-class OtherBench(Bench):
-    """A bench with another law than the quadratic one."""
-
-    powers: tuple = ((1e4 / 1.2e-4**1.6, 1.6),)
-
-    def force(self, delta):
-        d = np.maximum(delta, 0.0)
-        return sum(k * d**n for k, n in self.powers)
-
-
-POWER = OtherBench()
-CUBIC = OtherBench(powers=((5e7, 1), (0.5e11, 2), (2.5e15, 3)))
+POWER = Bench(powers=((1e4 / 1.2e-4**1.6, 1.6),))
+CUBIC = Bench(powers=((5e7, 1), (0.5e11, 2), (2.5e15, 3)))
 
 
 def curves_of(record, settings=SETTINGS):
     return read_recording(record, settings).curves
-
-
-def read(belt):
-    lines = np.genfromtxt(
-        RIGDATA / belt / "press.csv", delimiter=",", names=True, dtype=None, encoding="utf-8"
-    )
-    return {name: lines[name] for name in lines.dtype.names}
 
 
 def within(choice, law, truth, errors=4.0):
@@ -106,7 +83,7 @@ def test_noise_free_laws_come_out_exactly_and_the_simplest_wins():
     for bench, law, truth in (
         (Bench(k_linear=9e7, k_quadratic=0.0, **quiet), "linear", [9e7]),
         (Bench(**quiet), "quadratic", [6.5e7, 3.0256e11]),
-        (OtherBench(powers=CUBIC.powers, **quiet), "cubic", [5e7, 0.5e11, 2.5e15]),
+        (Bench(powers=CUBIC.powers, **quiet), "cubic", [5e7, 0.5e11, 2.5e15]),
     ):
         choice = choose_normal_law(curves_of(bench.record(0)))
         best = min(choice.laws, key=lambda c: c.criterion)
@@ -118,7 +95,7 @@ def test_noise_free_laws_come_out_exactly_and_the_simplest_wins():
 @pytest.mark.parametrize("power", [0.8, 2.4])
 def test_the_quadratic_law_that_is_judged_is_the_one_that_is_handed_on(power):
     """Where a coefficient would be negative, too."""
-    record = OtherBench(powers=((1e4 / 1.2e-4**power, power),), dt=0.3).record(4)
+    record = Bench(powers=((1e4 / 1.2e-4**power, power),), dt=0.3).record(4)
     pooled = fit_stiffness(record, SETTINGS).pooled
     choice = choose_normal_law(curves_of(record))
     quadratic = choice.candidate("quadratic")
@@ -179,13 +156,13 @@ def test_provable_but_negligible_is_said_so():
     assert judged(-25.0, 1.1, 0.02)[0]
 
 
-@pytest.mark.parametrize("belt", COMPLIANCE)
+@pytest.mark.parametrize("belt", TRUTH)
 def test_virtual_benches_support_the_quadratic_law(belt):
-    settings = StiffnessSettings(0.04, machine_compliance_m_N=COMPLIANCE[belt])
-    record = read(belt)
-    choice = choose_normal_law(curves_of(record, settings))
+    *truth, compliance = TRUTH[belt]
+    choice = choose_normal_law(
+        curves_of(load(belt), StiffnessSettings(0.04, machine_compliance_m_N=compliance))
+    )
     assert choice.quadratic_supported, choice.verdict
-    truth = {"4pk": (5.6e7, 2.20e11), "5pk": (6.5e7, 3.0256e11), "6pk": (7.1e7, 3.90e11)}[belt]
     found = choice.candidate("quadratic").parameters
     assert [p.value for p in found] == pytest.approx(truth, rel=2e-3)
 
