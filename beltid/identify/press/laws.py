@@ -81,7 +81,6 @@ class LawChoice:
     quadratic_supported: bool
     """Whether no other law is provably and noticeably better, and a linear one does not do."""
     verdict: str
-    n_nodes: int
     n_effective: float  # independent nodes
     validation: str  # what was left out and predicted
 
@@ -149,7 +148,7 @@ def choose_normal_law(
         )
     exponent = laws[LAW_NAMES.index("power")].values.get("n")
     supported, verdict = verdict_of(laws, exponent, m)
-    return LawChoice(tuple(laws), supported, verdict, data.x.size, m, validation)
+    return LawChoice(tuple(laws), supported, verdict, m, validation)
 
 
 def _aicc(sum_of_squares: float, data: Nodes, unknowns: int, m: float) -> float:

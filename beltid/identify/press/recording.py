@@ -32,29 +32,15 @@ LIMITS = (("displacement_mm", 1e-6, 1e5, "mm"), ("force_N", 1e-6, 1e9, "N"))
 
 @dataclass(frozen=True, slots=True)
 class StiffnessSettings:
-    """How a press recording is evaluated.
+    """How a press recording is evaluated; :class:`InputError` names every setting out of range."""
 
-    Parameters
-    ----------
-    segment_length_m : float
-        Length of the belt segment under the press, 1 mm to 1 m [m].
-    reference_temperature_degC : float
-        Temperature of the pooled law if temperature matters [°C].
-    machine_compliance_m_N : float
-        Yield of the press itself per force, contained in the crosshead travel [m/N].
-    force_gain, displacement_gain : float
-        True force over reading, and true travel over reading [-]; the zero of the force is found
-        in the travel before contact.
-    cycles : {"last", "first", "all"}
-        Which cycles of a test to use; the first is that of virgin rubber.
-    """
-
-    segment_length_m: float
-    reference_temperature_degC: float = 22.0
+    segment_length_m: float  # of belt under the press, 1 mm to 1 m
+    reference_temperature_degC: float = 22.0  # of the pooled law if temperature matters
     machine_compliance_m_N: float = 0.0
-    force_gain: float = 1.0
-    displacement_gain: float = 1.0
-    cycles: CycleChoice = "last"
+    """Yield of the press itself per force, contained in the crosshead travel."""
+    force_gain: float = 1.0  # true force over reading; the zero is found before contact
+    displacement_gain: float = 1.0  # true travel over reading
+    cycles: CycleChoice = "last"  # which cycles of a test to use; the first is virgin rubber
 
     def __post_init__(self) -> None:
         problems = [

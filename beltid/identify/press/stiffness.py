@@ -100,10 +100,8 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
     ------
     InputError
         If columns are missing or no test can be used (no contact, too few samples, ...).
-    FitError
-        If the curves are no law with ``k >= 0``.
-    ConvergenceError
-        If the contact points are not found.
+    FitError, ConvergenceError
+        If the curves are no law with ``k >= 0``; if the contact points are not found.
     """
     recording = read_recording(press, settings)
     curves = recording.curves
@@ -182,12 +180,10 @@ def _at_reference(
 
 
 def _largest_difference(laws: Sequence[LawEstimate]) -> float:
-    """Largest spread of the laws' forces at equal penetration over their mean [-].
-
-    Taken from a fifth of the common penetration, below which a small force would be divided by.
-    """
+    """Largest spread of the laws' forces at equal penetration over their mean [-]."""
     if len(laws) < 2:
         return 0.0
+    # from a fifth of the common penetration: below, a small force would be divided by
     delta = np.linspace(0.2, 1.0, 81) * min(e.max_penetration_m for e in laws)
     forces = np.array([e.law.force(delta) for e in laws])
     return float(np.max(np.ptp(forces, axis=0) / np.mean(forces, axis=0)))
