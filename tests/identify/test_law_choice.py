@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -209,3 +210,38 @@ def test_prediction_does_not_know_the_test_that_it_predicts():
     bench = Bench(temperatures=(22.0, 42.0), temperature_slope=0.005, hysteresis="none")
     quadratic = choose_normal_law(curves_of(bench.record(13))).candidate("quadratic")
     assert quadratic.cv_error_N_m / quadratic.rms_residual_N_m == pytest.approx(2.0, rel=0.05)
+
+
+def quiet(**changed):
+    silent = {"travel_noise": 0.0, "force_noise": 0.0, "temperatures": (22.0,), "toe": 2e-5}
+    return Bench(**{**silent, **changed})
+
+
+def test_loss_of_branches_in_proportion_to_the_law():
+    """Branches f (1 ± 0.12): the loop over the work of loading is 0.24 / 1.12."""
+    bench = quiet(hysteresis="relative", tests_per_temperature=2)
+    found = estimate_dissipation(curves_of(bench.record(1)))
+    assert found.n_cycles == 2
+    assert found.loss_ratio == pytest.approx(0.24 / 1.12, rel=2e-3)
+    top = bench.top
+    law = bench.k_linear * top**2 / 2 + bench.k_quadratic * top**3 / 3
+    assert found.energy_J_m == pytest.approx(0.24 * law, rel=2e-3)
+    assert found.approach_speed_m_s == pytest.approx(1.7e-6, rel=0.01)
+    # a damper at the speed of the press over the depth of the contact
+    assert found.damping_N_s_m2 == pytest.approx(0.24 * law / (1.7e-6 * top), rel=0.02)
+    assert found.C_P_N_s_m == pytest.approx(1e-3 * found.damping_N_s_m2, rel=1e-12)
+    equal = found.approach_speed_m_s * found.C_P_N_s_m / 300.0
+    assert found.equal_speed_m_s == pytest.approx(equal, rel=1e-12)
+    assert math.isnan(found.rate_exponent)
+    assert "no single C_P" in found.statement
+    one = estimate_dissipation(curves_of(quiet().record(1)))
+    assert math.isnan(one.energy_se_J_m)
+    assert math.isnan(one.C_P_se_N_s_m)
+    assert one.C_P_N_s_m == pytest.approx(1e-3 * one.damping_N_s_m2, rel=1e-12)
+
+
+def test_a_clock_that_stands_is_refused():
+    record = quiet().record(0)
+    record["time_s"] = np.zeros_like(record["time_s"])
+    with pytest.raises(InputError, match="test S22-0: the clock does not run"):
+        estimate_dissipation(curves_of(record))
