@@ -8,7 +8,7 @@ not more weight.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -157,10 +157,7 @@ def _merged(notes: list[str]) -> tuple[str, ...]:
 
 
 def press_curve(
-    test: PressTest,
-    cycle: PressCycle,
-    segment_length_m: float,
-    cycles: tuple[PressCycle, ...] = (),
+    test: PressTest, cycle: PressCycle, segment_length_m: float, cycles: Sequence[PressCycle] = ()
 ) -> PressCurve:
     """Bring the branches of a cycle, one of `cycles` of a cleaned test, to common positions.
 
@@ -182,9 +179,7 @@ def press_curve(
     threshold = max(CONTACT_SHARE * cycle.peak_force_N / segment_length_m, 6.0 * noise)
     low = max(_contact_begin(b, threshold) for b in branches) + margin
     high = min(_steady_max(b.position_m) for b in branches) - margin
-    counts = [
-        int(np.count_nonzero((b.position_m >= low) & (b.position_m <= high))) for b in branches
-    ]
+    counts = [int(np.sum((b.position_m >= low) & (b.position_m <= high))) for b in branches]
     if min(counts) < MIN_BRANCH_SAMPLES:
         found = ", ".join(f"{n} {b.name}" for n, b in zip(counts, branches, strict=True))
         raise InputError(
@@ -239,7 +234,7 @@ def _without_hold(
     return (slice(begin, first + 1), slice(last - 1, stop)), float(np.median(tail))
 
 
-def _virgin_share(test: PressTest, cycle: PressCycle, cycles: tuple[PressCycle, ...]) -> float:
+def _virgin_share(test: PressTest, cycle: PressCycle, cycles: Sequence[PressCycle]) -> float:
     """Force of the first loading over that of this cycle at equal position, less one."""
     if len(cycles) < 2 or cycle.number == 1:
         return float("nan")
@@ -252,11 +247,8 @@ def _virgin_share(test: PressTest, cycle: PressCycle, cycles: tuple[PressCycle, 
 
 
 def _steady_max(x: Array) -> float:
-    """Largest value that is no noise: of the running median over a few samples.
-
-    The ends are mirrored without repeating the last sample: there a branch ends with the sample
-    that noise made the turning point.
-    """
+    """Largest value that is no noise: of the running median over a few samples."""
+    # mirrored without repeating the last sample, which noise made the turning point
     return float(np.max(median_filter(x, size=min(5, x.size), mode="mirror")))
 
 
@@ -273,9 +265,8 @@ def _contact_begin(branch: BranchSamples, threshold: float) -> float:
 def _branch_at_nodes(position: Array, force: Array, edges: Array) -> Array:
     """Force of a branch at the middles of the bins [N/m], shape (m,).
 
-    A polynomial takes the shape of the branch, the bin means of what it leaves are added to it.
-    So neither the place of the samples within a bin nor the curvature of the branch matter, while
-    the polynomial need not be exact.
+    A polynomial takes the shape of the branch, so that the place of the samples within a bin does
+    not matter; the bin means of what it leaves are added, so that it need not be exact.
     """
     inside = (position >= edges[0]) & (position <= edges[-1])
     x, f = position[inside], force[inside]

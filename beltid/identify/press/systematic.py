@@ -123,10 +123,7 @@ def _lack_of_fit(law: FittedLaw, data: Nodes) -> tuple[float, float]:
 
 
 def _probability(squares: float, others: float, more: int, n: int, m: float) -> float:
-    """Posterior probability of a fit with `more` unknowns against the quadratic law.
-
-    Of n nodes m count as independent.
-    """
+    """Posterior probability of a fit with `more` unknowns; of n nodes m count as independent."""
     floor = n * ROUNDING**2
     gain = m * math.log(max(squares, floor) / max(others, floor)) - more * math.log(max(m, 2.0))
     odds = 0.5 * gain + math.log(PRIOR / (1.0 - PRIOR))
@@ -134,10 +131,7 @@ def _probability(squares: float, others: float, more: int, n: int, m: float) -> 
 
 
 def _other_laws(law: FittedLaw, data: Nodes, weight: float) -> tuple[list[Array], float]:
-    """Changes of K that bring the law closest to the others, by the root of their probability.
-
-    And the largest of these probabilities and `weight`.
-    """
+    """Changes of K to the other laws by the root of their probability; the largest of these."""
     n, upper = data.x.size, data.f >= 0.5 * float(np.max(data.f))
     y = np.linspace(0.0, 1.0, 201)[1:] * float(np.max(data.x - law.contact[data.owner]))
     force = law.force(y)
