@@ -2,10 +2,30 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
+
+# rigdata/README.md: k_linear [N/m²], k_quadratic [N/m³], machine compliance [m/N]
+TRUTH = {
+    "4pk": (5.6e7, 2.20e11, 1.5e-8),
+    "5pk": (6.5e7, 3.0256e11, 0.0),
+    "6pk": (7.1e7, 3.90e11, 1.5e-8),
+}
+
+
+def load(belt: str) -> dict[str, np.ndarray]:
+    """Columns of the press recording of a virtual belt."""
+    with (Path(__file__).parents[2] / "rigdata" / belt / "press.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    return {
+        name: np.array([r[name] if name == "test" else float(r[name] or "nan") for r in rows])
+        for name in rows[0]
+    }
+
 
 HYSTERESIS: dict[str, Callable[[np.ndarray, np.ndarray, float], np.ndarray]] = {
     # half the distance of the branches [N] over share s of the deepest penetration, law f, top F
@@ -24,6 +44,7 @@ class Bench:
 
     k_linear: float = 6.5e7
     k_quadratic: float = 3.0256e11
+    powers: tuple[tuple[float, float], ...] = ()  # (k, n) of another law, in place of the quadratic
     length: float = 0.04
     top_force: float = 1.0e4
     speed: float = 1.7e-6
@@ -41,6 +62,7 @@ class Bench:
     dwell: float = 0.0
     relaxes_to: float = -1.0
     valley: float = 0.0
+    valley_dwell: float = 0.0
     temperature_slope: float = 0.0
     temperatures: Sequence[float] = field(default=(22.0, 40.0, 60.0, 80.0))
     tests_per_temperature: int = 1
@@ -48,6 +70,8 @@ class Bench:
     def force(self, delta: np.ndarray) -> np.ndarray:
         """The true law [N/m]."""
         d = np.maximum(delta, 0.0)
+        if self.powers:
+            return sum(k * d**n for k, n in self.powers)
         return self.k_linear * d + self.k_quadratic * d * d
 
     @property
@@ -82,10 +106,13 @@ class Bench:
             )
             down = np.arange(top, end, -self.unloading_speed * self.dt)
             hold = np.full(int(self.dwell / self.dt), top)
-            path += [up, hold, down]
+            rest = np.full(int(self.valley_dwell / self.dt) * (cycle < self.cycles - 1), end)
+            path += [up, hold, down, rest]
             relaxing = np.linspace(1.0, self.relaxes_to, hold.size)
             side += [np.ones(up.size), relaxing, -np.ones(down.size)]
-            stiffer += [np.full(up.size + hold.size + down.size, self.virgin * (cycle == 0))]
+            side += [np.linspace(-1.0, 0.0, rest.size)]
+            n = up.size + hold.size + down.size + rest.size
+            stiffer += [np.full(n, self.virgin * (cycle == 0))]
         delta, branch = np.concatenate(path), np.concatenate(side)
         law = self.force(delta) * self.length
         gap = HYSTERESIS[self.hysteresis](

@@ -50,10 +50,29 @@ def ends(found):
     return [(c.loading.start, c.loading.stop, c.unloading.start, c.unloading.stop) for c in found]
 
 
-def test_the_first_of_equal_extremes_is_the_turning_point():
-    assert turning_points(np.array([0, 3, 3, 0, 0, 3.0]), 1.0).tolist() == [0, 1, 3, 5]
-    assert turning_points(np.array([3, 0, 0, 3.0]), 1.0).tolist() == [0, 1, 3]
-    assert turning_points(np.array([0, 3, 3.0]), 1.0).tolist() == [0, 1]
+@pytest.mark.parametrize(
+    ("travel", "expected"),
+    [
+        ([0, 1, 2, 3], [0, 3]),
+        ([0, 1, 3, 2.5, 3, 5], [0, 5]),  # back by half: no turn
+        ([0, 1, 3, 1.9, 3, 5], [0, 2, 3, 5]),
+        ([0, 3, 0, 3, 0], [0, 1, 2, 3, 4]),
+        ([0, 3, 2.0, 4], [0, 3]),  # back by one, and no more
+        ([2, 0, 3], [0, 1, 2]),
+        ([2, 1.5, 3, 0], [0, 1, 2, 3]),
+        ([0, 3, 0, 0.5], [0, 1, 2]),  # what is left is no turn: the end is the lowest point
+        ([0, 0.2, 0.1], [0, 2]),
+        ([0.2, 0, 0.1], [0, 2]),
+        ([0, 3, 2.5], [0, 1]),
+        ([2, 1.5, 1, 0.5, 0, 0.5], [0, 4]),  # in small steps
+        ([0, 0.5, 1, 1.5, 1.2], [0, 3]),
+        ([0, 3, 3, 0, 0, 3], [0, 1, 3, 5]),  # the first of equal extremes
+        ([3, 0, 0, 3], [0, 1, 3]),
+        ([0, 3, 3], [0, 1]),
+    ],
+)
+def test_turns_are_ways_back_beyond_the_threshold(travel, expected):
+    assert turning_points(np.array(travel, float), 1.0).tolist() == expected
 
 
 def test_cycles_share_their_turning_points():

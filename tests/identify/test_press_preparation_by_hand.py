@@ -229,32 +229,6 @@ def test_free_travel_ends_where_the_force_rises(level, touch, noise, free):
 # --- what a recording says about itself ---
 
 
-def test_notes_of_a_recording():
-    up = np.concatenate([np.zeros(30), np.arange(1.0, 101.0)])
-    once = np.concatenate([up, up[-2::-1]])
-    twice = np.concatenate([once, once[1:]])
-    travel = np.arange(130.0)
-    way = np.concatenate([travel, travel[-2::-1]])
-
-    def recorded(force, way, **changed):
-        n = force.size
-        columns = {
-            "test": np.full(n, "A"),
-            "time_s": np.arange(float(n)),
-            "displacement_mm": way,
-            "force_N": force,
-        }
-        return read_recording(
-            {**columns, **changed}, StiffnessSettings(segment_length_m=0.04)
-        ).notes
-
-    assert recorded(once, way) == ()
-    again = np.concatenate([way, way[1:]])
-    assert recorded(twice, again) == ("test A: 2 cycles found, used: 2",)
-    short = np.concatenate([np.arange(1.0, 101.0), np.arange(99.0, 0.0, -1.0)])
-    assert recorded(short, short) == ()
-
-
 RAMP = np.concatenate([np.zeros(30), np.arange(1.0, 101.0)])
 
 

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from press_bench import Bench
 
 from beltid.errors import InputError
 from beltid.identify.press.stiffness import StiffnessSettings, fit_stiffness
-
-sys.path.insert(0, str(Path(__file__).parent))
-from press_bench import Bench
 
 ONE = Bench(temperatures=(22.0,), tests_per_temperature=3, dt=0.2)
 

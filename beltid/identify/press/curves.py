@@ -8,7 +8,7 @@ not more weight.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,40 +32,18 @@ Array = NDArray[np.float64]
 CONTACT_SHARE = 0.01
 """The fit begins where both branches carry this share of the largest force: below, ribs seat one
 by one and the belt may stick to the plate or stay compressed."""
-MIN_BRANCH_SAMPLES = 8
-"""Fewest samples of a branch within the range of the fit."""
-END_MARGIN = 5.0
-"""Distance of the fit from the ends of a branch, in standard deviations of the travel's noise."""
-MAX_NODES = 120
-MIN_NODES = 6
-PLOT_POINTS = 120
+MIN_BRANCH_SAMPLES = 8  # fewest of a branch within the range of the fit
 
 
 @dataclass(frozen=True, slots=True)
 class Branch:
-    """One branch for a figure, thinned by means of neighbouring samples.
-
-    Attributes
-    ----------
-    test : str
-        Name of the test.
-    temperature_degC : float
-        Temperature [°C], nan if unknown.
-    cycle : int
-        Number of the cycle.
-    branch : str
-        "loading" or "unloading".
-    penetration_m : ndarray
-        Penetration from the contact point of the law, negative before contact [m], shape (m,).
-    line_force_N_m : ndarray
-        Force per length of belt [N/m], shape (m,).
-    """
+    """One branch for a figure, thinned by means of neighbouring samples."""
 
     test: str
-    temperature_degC: float
+    temperature_degC: float  # nan if unknown
     cycle: int
-    branch: str
-    penetration_m: Array
+    branch: str  # "loading" or "unloading"
+    penetration_m: Array  # from the contact point of the law, negative before contact, shape (m,)
     line_force_N_m: Array
 
 
@@ -80,60 +58,26 @@ class BranchSamples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PressCurve:
-    """The branches of one cycle at common positions.
-
-    Attributes
-    ----------
-    test : str
-        Name of the test.
-    cycle, n_cycles : int
-        Number of the cycle, and how many the test has.
-    temperature_degC : float
-        Temperature [°C], nan if unknown.
-    position_m, middle_N_m : ndarray
-        Common positions, machine compliance taken off [m], and force half-way between the branches
-        [N/m]; shape (m,) each.
-    branches : tuple of BranchSamples
-        Loading, and unloading if recorded; without a hold between them.
-    fit_range_m : tuple of float
-        Lowest and highest position of the fit [m].
-    touch_m : float
-        Position from which the loading branch carries force [m].
-    top_position_m, top_force_N_m : float
-        Largest position [m] and line force [N/m] of the cycle.
-    dissipated_J_m, stored_J_m : float
-        Work lost in the loop and work of the loading branch per metre of belt [J/m]; nan if never
-        unloaded.
-    sample_interval_s : float
-        Typical time between samples [s], 0 or nan if the clock does not run.
-    hold_force_N_m : float
-        Force at the end of a hold at the top [N/m]; nan without one.
-    virgin_share : float
-        Force of the first cycle over that of this one, less one; nan if not known.
-    free_travel : bool
-        Whether the zero of the load cell could be checked before contact.
-    travel_sign : float
-        Sign of the recording's crosshead travel in compression.
-    """
+    """The branches of one cycle at common positions; forces per length of belt."""
 
     test: str
     cycle: int
-    n_cycles: int
-    temperature_degC: float
-    position_m: Array
-    middle_N_m: Array
-    branches: tuple[BranchSamples, ...]
+    n_cycles: int  # of the test
+    temperature_degC: float  # nan if unknown
+    position_m: Array  # common positions, machine compliance taken off, shape (m,)
+    middle_N_m: Array  # half-way between the branches, shape (m,)
+    branches: tuple[BranchSamples, ...]  # loading, and unloading if recorded; without a hold
     fit_range_m: tuple[float, float]
-    touch_m: float
-    top_position_m: float
+    touch_m: float  # position from which the loading branch carries force
+    top_position_m: float  # largest of the cycle
     top_force_N_m: float
-    dissipated_J_m: float
-    stored_J_m: float
-    sample_interval_s: float
-    hold_force_N_m: float
-    virgin_share: float
-    free_travel: bool
-    travel_sign: float
+    dissipated_J_m: float  # work lost in the loop, nan if never unloaded
+    stored_J_m: float  # work of the loading branch, nan if never unloaded
+    sample_interval_s: float  # 0 or nan if the clock does not run
+    hold_force_N_m: float  # at the end of a hold at the top, nan without one
+    virgin_share: float  # force of the first cycle over that of this one, less one; or nan
+    free_travel: bool  # whether the zero of the load cell could be checked before contact
+    travel_sign: float  # of the recorded crosshead travel in compression
 
     @property
     def unloads(self) -> bool:
@@ -153,23 +97,11 @@ class PressCurve:
 
 @dataclass(frozen=True, slots=True)
 class PressRecording:
-    """Curves of the usable tests and the account of the rest.
-
-    Attributes
-    ----------
-    curves : tuple of PressCurve
-        One per chosen cycle, in the order of the recording.
-    set_aside : tuple of (str, str)
-        Tests that are not used, with the reason.
-    n_missing, n_spikes : int
-        Samples left out of the tests used.
-    notes : tuple of str
-        What the user should know.
-    """
+    """Curves of the usable tests, one per chosen cycle, and the account of the rest."""
 
     curves: tuple[PressCurve, ...]
-    set_aside: tuple[tuple[str, str], ...]
-    n_missing: int
+    set_aside: tuple[tuple[str, str], ...]  # tests that are not used, with the reason
+    n_missing: int  # samples left out of the tests used
     n_spikes: int
     notes: tuple[str, ...]
 
@@ -205,16 +137,11 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
     if not curves:
         raise InputError([reason for _, reason in set_aside] or "press recording: no samples")
     notes += [f"set aside: {reason}" for _, reason in set_aside]
-    return PressRecording(
-        tuple(curves),
-        tuple(set_aside),
-        sum(t.n_missing for t in used),
-        sum(t.n_spikes for t in used),
-        merged_notes(notes),
-    )
+    missing, spikes = sum(t.n_missing for t in used), sum(t.n_spikes for t in used)
+    return PressRecording(tuple(curves), tuple(set_aside), missing, spikes, _merged(notes))
 
 
-def merged_notes(notes: list[str]) -> tuple[str, ...]:
+def _merged(notes: list[str]) -> tuple[str, ...]:
     """Notes of several tests that say the same, as one note."""
     tests: dict[str, list[str]] = {}
     for note in notes:
@@ -230,28 +157,29 @@ def merged_notes(notes: list[str]) -> tuple[str, ...]:
 
 
 def press_curve(
-    test: PressTest,
-    cycle: PressCycle,
-    segment_length_m: float,
-    cycles: tuple[PressCycle, ...] = (),
+    test: PressTest, cycle: PressCycle, segment_length_m: float, cycles: Sequence[PressCycle] = ()
 ) -> PressCurve:
     """Bring the branches of a cycle, one of `cycles` of a cleaned test, to common positions.
 
     :class:`InputError` if a branch has too few samples in contact.
     """
-    # samples near an end are picked by their own noise
-    margin = END_MARGIN * test.position_noise_m
-    parts = (cycle.loading, cycle.unloading)[: 2 if cycle.complete else 1]
-    whole = _branches(test, parts, segment_length_m)
-    moving, hold = _without_hold(test, cycle, margin)
-    branches = _branches(test, moving[: len(parts)], segment_length_m)
+    # five standard deviations clear of the ends, where samples are picked by their own noise
+    margin = 5.0 * test.position_noise_m
+    parts, hold = _without_hold(test, cycle, margin)
+    whole, branches = (
+        tuple(
+            BranchSamples(name, test.position_m[part], test.force_N[part] / segment_length_m)
+            for name, part in zip(
+                ("loading", "unloading")[: 1 + cycle.complete], ways, strict=False
+            )
+        )
+        for ways in ((cycle.loading, cycle.unloading), parts)
+    )
     noise = test.force_noise_N / segment_length_m
     threshold = max(CONTACT_SHARE * cycle.peak_force_N / segment_length_m, 6.0 * noise)
     low = max(_contact_begin(b, threshold) for b in branches) + margin
     high = min(_steady_max(b.position_m) for b in branches) - margin
-    counts = [
-        int(np.count_nonzero((b.position_m >= low) & (b.position_m <= high))) for b in branches
-    ]
+    counts = [int(np.sum((b.position_m >= low) & (b.position_m <= high))) for b in branches]
     if min(counts) < MIN_BRANCH_SAMPLES:
         found = ", ".join(f"{n} {b.name}" for n, b in zip(counts, branches, strict=True))
         raise InputError(
@@ -259,7 +187,7 @@ def press_curve(
             f"the travel's noise ({test.position_noise_m * 1e6:.2g} µm), "
             f"must be at least {MIN_BRANCH_SAMPLES} of each branch"
         )
-    edges = np.linspace(low, high, int(np.clip(min(counts) // 4, MIN_NODES, MAX_NODES)) + 1)
+    edges = np.linspace(low, high, int(np.clip(min(counts) // 4, 6, 120)) + 1)
     levels = [_branch_at_nodes(b.position_m, b.force_N_m, edges) for b in branches]
     dissipated, stored = _loop_energies(whole)
     steps = np.diff(test.time_s[np.isfinite(test.time_s)])
@@ -285,15 +213,6 @@ def press_curve(
     )
 
 
-def _branches(
-    test: PressTest, parts: tuple[slice, ...], segment_length_m: float
-) -> tuple[BranchSamples, ...]:
-    return tuple(
-        BranchSamples(name, test.position_m[part], test.force_N[part] / segment_length_m)
-        for name, part in zip(("loading", "unloading"), parts, strict=False)
-    )
-
-
 def _without_hold(
     test: PressTest, cycle: PressCycle, margin: float
 ) -> tuple[tuple[slice, slice], float]:
@@ -315,7 +234,7 @@ def _without_hold(
     return (slice(begin, first + 1), slice(last - 1, stop)), float(np.median(tail))
 
 
-def _virgin_share(test: PressTest, cycle: PressCycle, cycles: tuple[PressCycle, ...]) -> float:
+def _virgin_share(test: PressTest, cycle: PressCycle, cycles: Sequence[PressCycle]) -> float:
     """Force of the first loading over that of this cycle at equal position, less one."""
     if len(cycles) < 2 or cycle.number == 1:
         return float("nan")
@@ -328,49 +247,42 @@ def _virgin_share(test: PressTest, cycle: PressCycle, cycles: tuple[PressCycle, 
 
 
 def _steady_max(x: Array) -> float:
-    """Largest value that is no noise: of the running median over a few samples.
-
-    The ends are mirrored without repeating the last sample: there a branch ends with the sample
-    that noise made the turning point.
-    """
+    """Largest value that is no noise: of the running median over a few samples."""
+    # mirrored without repeating the last sample, which noise made the turning point
     return float(np.max(median_filter(x, size=min(5, x.size), mode="mirror")))
 
 
 def _contact_begin(branch: BranchSamples, threshold: float) -> float:
     """Position above which the branch carries more than the threshold [m]."""
+    # walk from the peak towards the open plate
     outward = slice(None, None, -1) if branch.name == "loading" else slice(None)
     force, position = branch.force_N_m[outward], branch.position_m[outward]
-    # walk from the peak towards the open plate
     start = int(np.argmax(force))
     below = np.flatnonzero(force[start:] < threshold)
-    if below.size == 0:
-        return -_steady_max(-position)
-    return float(position[start + int(below[0])])
+    return float(position[start + int(below[0])]) if below.size else -_steady_max(-position)
 
 
 def _branch_at_nodes(position: Array, force: Array, edges: Array) -> Array:
     """Force of a branch at the middles of the bins [N/m], shape (m,).
 
-    A polynomial takes the shape of the branch, the bin means of what it leaves are added to it.
-    So neither the place of the samples within a bin nor the curvature of the branch matter, while
-    the polynomial need not be exact.
+    A polynomial takes the shape of the branch, so that the place of the samples within a bin does
+    not matter; the bin means of what it leaves are added, so that it need not be exact.
     """
     inside = (position >= edges[0]) & (position <= edges[-1])
     x, f = position[inside], force[inside]
     centre, half = 0.5 * (edges[0] + edges[-1]), 0.5 * (edges[-1] - edges[0])
     degree = 5 if x.size >= 24 else 3
-
-    def columns(at: Array) -> Array:
-        return np.polynomial.chebyshev.chebvander((at - centre) / half, degree)
-
-    fit = solve_linear(columns(x), f)
-    bins = np.minimum(np.searchsorted(edges, x, side="right") - 1, edges.size - 2)
-    count = np.bincount(bins, minlength=edges.size - 1)
-    total = np.bincount(bins, weights=fit.residuals, minlength=edges.size - 1)
     nodes = 0.5 * (edges[1:] + edges[:-1])
+    columns, at_nodes = (
+        np.polynomial.chebyshev.chebvander((at - centre) / half, degree) for at in (x, nodes)
+    )
+    fit = solve_linear(columns, f)
+    bins = np.minimum(np.searchsorted(edges, x, side="right") - 1, nodes.size - 1)
+    count = np.bincount(bins, minlength=nodes.size)
+    total = np.bincount(bins, weights=fit.residuals, minlength=nodes.size)
     filled = count > 0
     rest = np.interp(nodes, nodes[filled], total[filled] / count[filled])
-    return columns(nodes) @ fit.parameters + rest
+    return at_nodes @ fit.parameters + rest
 
 
 def _loop_energies(branches: tuple[BranchSamples, ...]) -> tuple[float, float]:
@@ -379,11 +291,10 @@ def _loop_energies(branches: tuple[BranchSamples, ...]) -> tuple[float, float]:
         return float("nan"), float("nan")
     low = max(float(np.min(b.position_m)) for b in branches)
     high = min(float(np.max(b.position_m)) for b in branches)
-    work = []
-    for b in branches:
-        clipped = np.clip(b.position_m, low, high)
-        work.append(abs(float(np.trapezoid(b.force_N_m, clipped))))
-    return work[0] - work[1], work[0]
+    up, down = (
+        abs(float(np.trapezoid(b.force_N_m, np.clip(b.position_m, low, high)))) for b in branches
+    )
+    return up - down, up
 
 
 def thinned_branches(curve: PressCurve, offset_m: float) -> tuple[Branch, ...]:
@@ -391,16 +302,9 @@ def thinned_branches(curve: PressCurve, offset_m: float) -> tuple[Branch, ...]:
     thinned = []
     for b in curve.branches:
         n = b.position_m.size
-        starts = np.linspace(0, n, min(PLOT_POINTS, n) + 1).astype(int)[:-1]
+        starts = np.linspace(0, n, min(120, n) + 1).astype(int)[:-1]
         sizes = np.diff(np.append(starts, n))
-        thinned.append(
-            Branch(
-                test=curve.test,
-                temperature_degC=curve.temperature_degC,
-                cycle=curve.cycle,
-                branch=b.name,
-                penetration_m=np.add.reduceat(b.position_m, starts) / sizes - offset_m,
-                line_force_N_m=np.add.reduceat(b.force_N_m, starts) / sizes,
-            )
-        )
+        x, f = (np.add.reduceat(v, starts) / sizes for v in (b.position_m, b.force_N_m))
+        about = (curve.test, curve.temperature_degC, curve.cycle, b.name)
+        thinned.append(Branch(*about, x - offset_m, f))
     return tuple(thinned)

@@ -18,86 +18,43 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltid.errors import InputError
 from beltid.identify.press.curves import PressCurve
-
-Array = NDArray[np.float64]
 
 PAPER_C_P_N_S_M = 300.0
 POINT_LENGTH_M = 1.0e-3
 """Length of belt of a contact point: an elastic-bed length of 5 mm carries five points."""
 BINS = 12
-MIN_BIN_SAMPLES = 3
 RATE_SPAN = 2.0
 """Tests whose speeds differ by this factor tell how the loss depends on the rate."""
 
 
 @dataclass(frozen=True, slots=True)
 class Dissipation:
-    """Energy that the belt loses in a press cycle, and the damper that would lose as much.
+    """Energy that the belt loses in a press cycle, and the damper that would lose as much."""
 
-    Attributes
-    ----------
-    energy_J_m, energy_se_J_m : float
-        Energy lost in a cycle per metre of belt, mean over the cycles, and its standard error from
-        their scatter (nan for a single one) [J/m].
-    loss_ratio : float
-        That energy over the work of loading [-].
-    approach_speed_m_s : float
-        Speed of approach in contact, mean over the cycles [m/s].
-    damping_N_s_m2 : float
-        c_P per metre of belt at this speed [N s/m²].
-    point_length_m : float
-        Length of belt that a contact point stands for [m].
-    C_P_N_s_m, C_P_se_N_s_m : float
-        Equivalent coefficient of one contact point at this speed [N s/m].
-    equal_speed_m_s : float
-        Speed of approach at which 300 N s/m loses as much [m/s].
-    rate_exponent : float
-        Exponent of the lost energy over the speed, 0 for a rate-independent loss, 1 for a damper;
-        nan if the speeds of the tests do not differ enough.
-    n_cycles : int
-        Cycles that it rests on.
-    statement : str
-        The outcome in plain words.
-    """
-
-    energy_J_m: float
-    energy_se_J_m: float
-    loss_ratio: float
-    approach_speed_m_s: float
-    damping_N_s_m2: float
-    point_length_m: float
-    C_P_N_s_m: float
+    energy_J_m: float  # lost in a cycle per metre of belt, mean over the cycles
+    energy_se_J_m: float  # from their scatter, nan for a single one
+    loss_ratio: float  # that energy over the work of loading
+    approach_speed_m_s: float  # in contact, mean over the cycles
+    damping_N_s_m2: float  # c_P per metre of belt at this speed
+    point_length_m: float  # of belt, that a contact point stands for
+    C_P_N_s_m: float  # equivalent coefficient of one contact point at this speed
     C_P_se_N_s_m: float
-    equal_speed_m_s: float
+    equal_speed_m_s: float  # at which 300 N s/m loses as much
     rate_exponent: float
+    """Exponent of the lost energy over the speed, 0 for a rate-independent loss, 1 for a damper;
+    nan if the speeds of the tests do not differ enough."""
     n_cycles: int
-    statement: str
+    statement: str  # the outcome in plain words
 
 
-def estimate_dissipation(
-    curves: Sequence[PressCurve], point_length_m: float = POINT_LENGTH_M
-) -> Dissipation:
+def estimate_dissipation(curves: Sequence[PressCurve]) -> Dissipation:
     """Estimate the dissipation of the contact from the hysteresis of press curves.
 
-    Parameters
-    ----------
-    curves : sequence of PressCurve
-        Curves of a recording, such as `StiffnessResult.curves`; the clock of each test must run
-        evenly.
-    point_length_m : float
-        Length of belt that a contact point stands for [m].
-
-    Raises
-    ------
-    InputError
-        If no test was unloaded, or the clock does not run.
+    :class:`InputError` if no test was unloaded, or the clock of one does not run (evenly).
     """
-    if not (math.isfinite(point_length_m) and point_length_m > 0.0):
-        raise InputError(f"point_length_m = {point_length_m!r}, must be > 0 m")
     curves = [c for c in curves if c.unloads]
     if not curves:
         raise InputError("press recording: no test was unloaded, the hysteresis is not known")
@@ -110,27 +67,29 @@ def estimate_dissipation(
     energies = np.array([c.dissipated_J_m for c in curves])
     dampings = energies / rate_integrals
     n = len(curves)
-    mean_se = [
+    energy_se, damping_se = (
         float(np.std(v, ddof=1)) / math.sqrt(n) if n > 1 else math.nan for v in (energies, dampings)
-    ]
+    )
     energy, speed = float(np.mean(energies)), float(np.mean(speeds))
-    C_P = float(np.mean(dampings)) * point_length_m
+    C_P = float(np.mean(dampings)) * POINT_LENGTH_M
     loss = float(energies.sum() / sum(c.stored_J_m for c in curves))
     equal = speed * C_P / PAPER_C_P_N_S_M
-    exponent = _rate_exponent(speeds, energies)
+    exponent = math.nan
+    if speeds.max() >= RATE_SPAN * speeds.min() and energies.min() > 0.0:
+        exponent = float(np.polyfit(np.log(speeds), np.log(energies), 1)[0])
     return Dissipation(
         energy_J_m=energy,
-        energy_se_J_m=mean_se[0],
+        energy_se_J_m=energy_se,
         loss_ratio=loss,
         approach_speed_m_s=speed,
         damping_N_s_m2=float(np.mean(dampings)),
-        point_length_m=point_length_m,
+        point_length_m=POINT_LENGTH_M,
         C_P_N_s_m=C_P,
-        C_P_se_N_s_m=mean_se[1] * point_length_m,
+        C_P_se_N_s_m=damping_se * POINT_LENGTH_M,
         equal_speed_m_s=equal,
         rate_exponent=exponent,
         n_cycles=n,
-        statement=_statement((energy, loss, speed, C_P, equal, exponent), point_length_m),
+        statement=_statement(energy, loss, speed, C_P, equal, exponent),
     )
 
 
@@ -141,27 +100,20 @@ def approach(curve: PressCurve) -> tuple[float, float]:
     counts = np.histogram(x, edges)[0].astype(float)
     width = float(edges[1] - edges[0])
     counts[-1] = np.median(counts)  # the crosshead dwells or turns in the last bin
-    if counts.min() < MIN_BIN_SAMPLES:
+    if counts.min() < 3:
         counts[:] = np.mean(counts)
     interval = curve.sample_interval_s
     durations = counts * (interval if interval > 0.0 else math.nan)
     return float(BINS * width / durations.sum()), float(np.sum(width**2 / durations))
 
 
-def _rate_exponent(speeds: Array, energies: Array) -> float:
-    """Exponent of the lost energy over the speed; nan if the speeds are too much alike."""
-    if speeds.max() < RATE_SPAN * speeds.min() or energies.min() <= 0.0:
-        return math.nan
-    return float(np.polyfit(np.log(speeds), np.log(energies), 1)[0])
-
-
-def _statement(found: Sequence[float], point_length_m: float) -> str:
-    energy, loss, speed, C_P, equal, exponent = found
+def _statement(
+    energy: float, loss: float, speed: float, C_P: float, equal: float, exponent: float
+) -> str:
     if not energy > 0.0:
         return f"The loop loses no energy ({energy:.2g} J/m): no dissipation can be read from it."
-    if math.isnan(exponent):
-        rate = "Rubber's hysteresis hardly depends on the rate, so no single C_P describes it"
-    else:
+    rate = "Rubber's hysteresis hardly depends on the rate, so no single C_P describes it"
+    if not math.isnan(exponent):
         rate = (
             f"Between the speeds of the tests the loss changes as speed^{exponent:.2g} "
             "(0: rate-independent, 1: a damper)"
@@ -171,7 +123,7 @@ def _statement(found: Sequence[float], point_length_m: float) -> str:
     return (
         f"Dissipation: {energy:.3g} J per metre and cycle, {100 * loss:.2g} % of the work put in. "
         f"At the press's {speed * 1e6:.3g} µm/s a damper on approach (Eqs. 1, 2, 4) loses as much "
-        f"with C_P = {C_P:.3g} N s/m per contact point of {point_length_m * 1e3:.3g} mm of belt, "
+        f"with C_P = {C_P:.3g} N s/m per contact point of {POINT_LENGTH_M * 1e3:.3g} mm of belt, "
         f"{times} times the 300 N s/m that the paper chose for numerical reasons. {rate}; "
         f"300 N s/m loses as much at {equal * 1e3:.3g} mm/s."
     )

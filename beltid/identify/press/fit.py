@@ -13,34 +13,29 @@ For given p (and n) the problem is linear in K and c: they are solved for and pr
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import FitError
-from beltid.identify.estimators.least_squares import (
-    pseudo_inverse,
-    solve_nonlinear,
-    unit_columns,
-)
+from beltid.identify.estimators.least_squares import pseudo_inverse, solve_nonlinear, unit_columns
 from beltid.identify.estimators.statistics import integrated_autocorrelation_time
 from beltid.identify.press.curves import PressCurve
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 LawName = Literal["linear", "quadratic", "power", "cubic"]
-LAW_NAMES: tuple[LawName, ...] = ("linear", "quadratic", "power", "cubic")
+LAW_NAMES: tuple[LawName, ...] = get_args(LawName)
 TERMS = {"linear": 1, "quadratic": 2, "power": 1, "cubic": 3}
 
 ZERO_SHARE = 0.05
 """Prior standard deviation of a zero that could not be checked, over the largest force."""
-EXPONENTS = (0.8, 1.0, 1.25, 1.5, 2.0, 3.0)
-"""First values of the exponent."""
-EXPONENT_BOUNDS = (0.2, 12.0)
+EXPONENTS = (0.8, 1.0, 1.25, 1.5, 2.0, 3.0)  # first values of a free exponent
 DISTANCES = np.geomspace(0.1, 5.0, 8)
 """First distances from the contact point to half the largest force, in units of the travel."""
 ROUNDING = 1.0e-10
@@ -50,29 +45,15 @@ SMALLEST = 1.0e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Nodes:
-    """Nodes of several curves, scaled: positions by the travel fitted, forces by half the top.
+    """Nodes of several curves, scaled: positions by the travel fitted, forces by half the top."""
 
-    Attributes
-    ----------
-    x, f : ndarray
-        Positions and forces of the nodes [-], shape (n,).
-    owner, part : ndarray of int
-        Number of the test and of the curve of each node, counted by first appearance, (n,).
-    unchecked : ndarray of int
-        Numbers of the tests whose zero is not known.
-    zero_weight : float
-        Noise of the nodes over the prior standard deviation of such a zero [-].
-    span_m, F_N_m : float
-        Units of position and force.
-    """
-
-    x: Array
+    x: Array  # positions and forces of the nodes [-], shape (n,)
     f: Array
-    owner: NDArray[np.intp]
+    owner: NDArray[np.intp]  # test and curve of each node, counted by first appearance, (n,)
     part: NDArray[np.intp]
-    unchecked: NDArray[np.intp]
-    zero_weight: float
-    span_m: float
+    unchecked: NDArray[np.intp]  # tests whose zero is not known
+    zero_weight: float  # noise of the nodes over the prior standard deviation of such a zero [-]
+    span_m: float  # units of position and force
     F_N_m: float
 
     @classmethod
@@ -81,6 +62,7 @@ class Nodes:
         numbers = {label: i for i, label in enumerate(dict.fromkeys(c.test for c in curves))}
         tests = np.array([numbers[c.test] for c in curves], dtype=np.intp)
         sizes = [c.position_m.size for c in curves]
+        unchecked = np.unique([numbers[c.test] for c in curves if not c.free_travel])
         F = 0.5 * min(float(np.max(c.middle_N_m)) for c in curves)
         span = max(float(np.ptp(c.position_m)) for c in curves)
         return cls(
@@ -88,9 +70,7 @@ class Nodes:
             f=np.concatenate([c.middle_N_m for c in curves]) / F,
             owner=np.repeat(tests, sizes),
             part=np.repeat(np.arange(len(curves)), sizes),
-            unchecked=np.unique([numbers[c.test] for c in curves if not c.free_travel]).astype(
-                np.intp
-            ),
+            unchecked=unchecked.astype(np.intp),
             zero_weight=max(noise_N_m / F, 1e-6) / (2.0 * ZERO_SHARE),
             span_m=span,
             F_N_m=F,
@@ -101,18 +81,20 @@ class Nodes:
         """Number of tests."""
         return int(self.owner.max()) + 1
 
+    def units(self, exponents: Array) -> Array:
+        """Units of the coefficients of terms ``y^n`` in SI, [N/m^(1+n)]."""
+        return np.asarray(self.F_N_m / self.span_m**exponents)
+
     def only(self, kept: Mask) -> Nodes:
         """Some of the nodes; tests are numbered anew."""
         tests, owner = np.unique(self.owner[kept], return_inverse=True)
-        return Nodes(
-            self.x[kept],
-            self.f[kept],
-            owner.astype(np.intp),
-            self.part[kept],
-            np.flatnonzero(np.isin(tests, self.unchecked)),
-            self.zero_weight,
-            self.span_m,
-            self.F_N_m,
+        return replace(
+            self,
+            x=self.x[kept],
+            f=self.f[kept],
+            owner=owner.astype(np.intp),
+            part=self.part[kept],
+            unchecked=np.flatnonzero(np.isin(tests, self.unchecked)),
         )
 
     def reference_positions(self) -> Array:
@@ -124,48 +106,22 @@ class Nodes:
             found[j] = np.interp(1.0, np.maximum.accumulate(self.f[mine]), self.x[mine])
         return found
 
-    @property
-    def zeros(self) -> Array:
-        """Columns of the unknown zeros, shape (n, unchecked)."""
-        return (self.owner[:, None] == self.unchecked).astype(float)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedLaw:
-    """A law through curves, in scaled units.
-
-    Attributes
-    ----------
-    name : str
-        The law.
-    K : ndarray
-        Coefficients of its terms [-], shape (terms,).
-    exponents : ndarray
-        Powers of the terms, shape (terms,).
-    contact : ndarray
-        Position of the contact point of each test [-], shape (tests,).
-    residuals : ndarray
-        Nodes less law, shape (n,).
-    sum_of_squares : float
-        Of the residuals, and of the zeros against their prior.
-    sensitivity : ndarray
-        Derivatives of K (and the free exponent) by the forces of the nodes and by what is known of
-        the zeros, shape (parameters, n + unchecked); a row of zeros for a coefficient held at 0.
-    tangent : ndarray
-        Derivatives of the nodes by all unknowns that were free, shape (n + unchecked, m).
-    tau : float
-        Integrated autocorrelation time of the residuals [nodes].
-    """
+    """A law through n nodes, in scaled units."""
 
     name: LawName
-    K: Array
-    exponents: Array
-    contact: Array
-    residuals: Array
-    sum_of_squares: float
+    K: Array  # coefficients of its terms, shape (terms,)
+    exponents: Array  # powers of the terms, shape (terms,)
+    contact: Array  # position of the contact point of each test, shape (tests,)
+    residuals: Array  # nodes less law, shape (n,)
+    sum_of_squares: float  # of the residuals, and of the zeros against their prior
     sensitivity: Array
-    tangent: Array
-    tau: float
+    """Derivatives of K (and the free exponent) by the forces of the nodes and by what is known of
+    the zeros, shape (parameters, n + unchecked); a row of zeros for a coefficient held at 0."""
+    tangent: Array  # derivatives of the nodes by all unknowns that were free, (n + unchecked, m)
+    tau: float  # integrated autocorrelation time of the residuals [nodes]
 
     @property
     def values(self) -> Array:
@@ -202,21 +158,21 @@ class _Projection:
     """The linear part of a fit at given contact points and exponent."""
 
     def __init__(self, name: LawName, data: Nodes, theta: Array) -> None:
-        self.data, self.theta, self.free_exponent = data, theta, name == "power"
-        J = data.n_tests
-        self.p = theta[:J]
-        self.exponents = theta[J:] if self.free_exponent else np.arange(1.0, TERMS[name] + 1.0)
+        self.theta, self.free_exponent = theta, name == "power"
+        self.p = theta[: data.n_tests]
+        self.exponents = np.arange(1.0, TERMS[name] + 1.0)
+        if self.free_exponent:
+            self.exponents = theta[data.n_tests :]
         self.y = data.x - self.p[data.owner]
-        zeros = data.zeros
-        prior = data.zero_weight * np.eye(zeros.shape[1])
-        terms = basis(self.y, self.exponents)
-        below = np.zeros((prior.shape[0], terms.shape[1]))
-        self.design = np.block([[terms, zeros], [below, prior]])
-        self.observed = np.append(data.f, np.zeros(prior.shape[0]))
-        q = terms.shape[1]
+        zeros = (data.owner[:, None] == data.unchecked).astype(float)
+        prior = data.zero_weight * np.eye(data.unchecked.size)
+        more, q = data.unchecked.size, self.exponents.size
+        terms = np.pad(basis(self.y, self.exponents), ((0, more), (0, 0)))
+        self.design = np.column_stack([terms, np.vstack([zeros, prior])])
+        self.observed = np.pad(data.f, (0, more))
         self.free = np.ones(self.design.shape[1], dtype=bool)
         scaled, length = unit_columns(self.design)
-        self.c = np.zeros(self.design.shape[1])
+        self.c = np.zeros(self.free.size)
         for _ in range(q + 1):  # active set of the bounds K >= 0
             self.c[:] = 0.0
             solved = np.linalg.lstsq(scaled[:, self.free], self.observed, rcond=1e-13)[0]
@@ -226,19 +182,18 @@ class _Projection:
                 break
             self.free[worst] = False
         self.scaled = scaled[:, self.free]
-        self.K, self.zeros = self.c[:q], self.c[q:]
+        self.K = self.c[:q]
         self.residuals = self.observed - self.design @ self.c
+        self.own = data.owner[:, None] == np.arange(data.n_tests)
 
     def nonlinear_columns(self) -> Array:
         """Derivatives of the law by the contact points and the exponent, (n + unchecked, .)."""
         slope = -_slopes(self.y, self.exponents) @ self.K
-        own = self.data.owner[:, None] == np.arange(self.p.size)
-        columns = np.where(own, slope[:, None], 0.0)
+        columns = np.where(self.own, slope[:, None], 0.0)
         if self.free_exponent:
-            y = np.maximum(self.y, SMALLEST)
-            by_n = basis(self.y, self.exponents) @ self.K * np.log(y)
+            by_n = basis(self.y, self.exponents) @ self.K * np.log(np.maximum(self.y, SMALLEST))
             columns = np.column_stack([columns, by_n])
-        return np.vstack([columns, np.zeros((self.zeros.size, columns.shape[1]))])
+        return np.pad(columns, ((0, self.observed.size - self.y.size), (0, 0)))
 
     def jacobian(self) -> Array:
         """Derivatives of the residuals, the linear part projected out (Kaufman)."""
@@ -257,48 +212,41 @@ def fit_law(name: LawName, data: Nodes) -> FittedLaw:
     if data.x.size <= q + J:
         raise FitError(f"{name} law: {data.x.size} nodes, must be more than {q + J}")
     reference = data.reference_positions()
-    starts = [
-        np.append(reference - d, n) if name == "power" else reference - d
-        for d in DISTANCES
-        for n in (EXPONENTS if name == "power" else (0.0,))
-    ]
-    costs = []
-    for s in starts:
-        r = _Projection(name, data, s).residuals
-        costs.append(float(r @ r))
-    start = starts[int(np.argmin(costs))]
-    low, high = np.full(start.size, -np.inf), np.full(start.size, np.inf)
+    starts = [reference - d for d in DISTANCES]
+    low, high = np.full(J, -np.inf), np.full(J, np.inf)
     if name == "power":
-        low[-1], high[-1] = EXPONENT_BOUNDS
-    last = [_Projection(name, data, start)]
+        starts = [np.append(s, n) for s in starts for n in EXPONENTS]
+        low, high = np.append(low, 0.2), np.append(high, 12.0)
+    last = min(
+        (_Projection(name, data, s) for s in starts), key=lambda p: p.residuals @ p.residuals
+    )
 
     def projection(theta: Array) -> _Projection:
         """The last one, where the search asks for its Jacobian."""
-        if not np.array_equal(theta, last[0].theta):
-            last[0] = _Projection(name, data, theta.copy())
-        return last[0]
+        nonlocal last
+        if not np.array_equal(theta, last.theta):
+            last = _Projection(name, data, theta.copy())
+        return last
 
     found = solve_nonlinear(
         lambda theta: projection(theta).residuals,
         lambda theta: projection(theta).jacobian(),
-        start,
+        last.theta,
         (low, high),
     )
     at = projection(found.parameters)
     if not np.any(at.K > 0.0):
         raise FitError(f"{name} law: the force falls with penetration, must rise")
-    n, terms = data.x.size, at.K.size
-    nonlinear = at.nonlinear_columns()
-    tangent = np.column_stack([at.design[:, at.free], nonlinear])
+    tangent = np.column_stack([at.design[:, at.free], at.nonlinear_columns()])
     inverse = pseudo_inverse(tangent)
     sensitivity = np.zeros((q, tangent.shape[0]))
-    k_free = np.flatnonzero(at.free[:terms])
+    k_free = np.flatnonzero(at.free[: at.K.size])
     sensitivity[k_free] = inverse[: k_free.size]
     if name == "power":
         sensitivity[-1] = inverse[-1]
     if name == "quadratic" and at.free[:2].all() and at.K[0] < at.K[1]:
         sensitivity[:2] = _by_vertex(at, found.degrees_of_freedom)
-    residuals = at.residuals[:n]
+    residuals = at.residuals[: data.x.size]
     return FittedLaw(
         name=name,
         K=at.K,
@@ -325,16 +273,21 @@ def _by_vertex(at: _Projection, dof: int) -> Array:
     columns = np.zeros((at.observed.size, 2 + at.p.size))
     columns[:n, 0] = -0.25 / k2
     columns[:n, 1] = y**2 + 0.25 * (k1 / k2) ** 2
-    columns[:n, 2:] = (at.data.owner[:, None] == np.arange(at.p.size)) * (-2.0 * k2 * y)[:, None]
+    columns[:n, 2:] = at.own * (-2.0 * k2 * y)[:, None]
     rows = pseudo_inverse(np.column_stack([columns, zeros]))[:2]
     se = float(np.linalg.norm(rows[0]) * np.linalg.norm(at.residuals)) / max(dof, 1) ** 0.5
     rows[0] /= np.sqrt(4.0 * k1**2 + se)
     return rows
 
 
-@lru_cache(maxsize=64)
-def fit_quadratic(curves: tuple[PressCurve, ...], noise_N_m: float) -> tuple[FittedLaw, Nodes]:
-    """The quadratic law of some curves; kept, since tests, groups and the whole are asked again."""
+def fit_quadratic(curves: Sequence[PressCurve], noise: float = 0.0) -> tuple[FittedLaw, Nodes]:
+    """The quadratic law of some curves; unchecked zeros are weighed against `noise` [N²/m²]."""
+    unchecked = any(not c.free_travel for c in curves)
+    return _fit_quadratic(tuple(curves), math.sqrt(noise) if unchecked else 0.0)
+
+
+@lru_cache(maxsize=64)  # tests, groups and the whole are asked again
+def _fit_quadratic(curves: tuple[PressCurve, ...], noise_N_m: float) -> tuple[FittedLaw, Nodes]:
     data = Nodes.of(curves, noise_N_m)
     return fit_law("quadratic", data), data
 

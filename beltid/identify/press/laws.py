@@ -32,20 +32,16 @@ from beltid.identify.press.fit import (
     fit_law,
     predicted,
 )
+from beltid.identify.press.temperature import RELEVANT_DIFFERENCE
 
-NAMES = ("k_linear", "k_quadratic", "k_cubic")
-UNITS = ("N/m²", "N/m³", "N/m⁴")
-BLOCKS = 5
-"""Blocks of force that are left out of a single test."""
-MOST_FOLDS = 10
-"""With more tests than this several are left out together."""
+NAMES: tuple[str, ...] = ("k_linear", "k_quadratic", "k_cubic")
+UNITS: tuple[str, ...] = ("N/m²", "N/m³", "N/m⁴")
+BLOCKS = 5  # of force, that are left out of a single test
+MOST_FOLDS = 10  # with more tests than this several are left out together
 PROVEN = 6.0
 """A law whose criterion is lower by more than this is better beyond reasonable doubt: the odds
 ``exp(-6/2)`` of the other are 1 to 20."""
-AS_GOOD = 2.0
-"""A law whose criterion is higher by less than this does as well."""
-RELEVANT_DIFFERENCE = 5.0e-3
-"""Laws that differ by less than this share of the largest force are one for the purpose."""
+AS_GOOD = 2.0  # a law whose criterion is higher by less than this does as well
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,35 +56,16 @@ class LawParameter:
 
 @dataclass(frozen=True, slots=True)
 class LawCandidate:
-    """One law of the comparison.
-
-    Attributes
-    ----------
-    law : str
-        "linear", "quadratic", "power" or "cubic".
-    parameters : tuple of LawParameter
-        Coefficients over the penetration; empty if the law could not be fitted.
-    rms_residual_N_m : float
-        Root mean square of middle of the branches less law [N/m].
-    criterion : float
-        AICc less that of the quadratic law: below zero is better [-].
-    cv_error_N_m, cv_ratio : float
-        Root mean square of the error of prediction [N/m], and that over the one of the quadratic
-        law [-].
-    largest_difference : float
-        Largest difference from the quadratic law over the largest force [-].
-    note : str
-        Why figures are missing, or what is odd about the law.
-    """
+    """One law of the comparison; figures are nan if it could not be fitted."""
 
     law: LawName
-    parameters: tuple[LawParameter, ...]
-    rms_residual_N_m: float
-    criterion: float
-    cv_error_N_m: float
-    cv_ratio: float
-    largest_difference: float
-    note: str = ""
+    parameters: tuple[LawParameter, ...]  # coefficients over the penetration
+    rms_residual_N_m: float  # middle of the branches less law
+    criterion: float  # AICc less that of the quadratic law: below zero is better
+    cv_error_N_m: float  # root mean square error of prediction
+    cv_ratio: float  # that over the one of the quadratic law
+    largest_difference: float  # from the quadratic law, over the largest force
+    note: str = ""  # why figures are missing, or what is odd about the law
 
     @property
     def values(self) -> dict[str, float]:
@@ -98,30 +75,14 @@ class LawCandidate:
 
 @dataclass(frozen=True, slots=True)
 class LawChoice:
-    """Comparison of normal contact laws.
-
-    Attributes
-    ----------
-    laws : tuple of LawCandidate
-        Linear, quadratic, power, cubic.
-    quadratic_supported : bool
-        Whether no other law is provably and noticeably better, and a linear one does not do.
-    verdict : str
-        The outcome in plain words.
-    n_nodes : int
-        Nodes of the curves.
-    n_effective : float
-        Independent ones among them.
-    validation : str
-        What was left out and predicted.
-    """
+    """Comparison of normal contact laws: linear, quadratic, power, cubic."""
 
     laws: tuple[LawCandidate, ...]
     quadratic_supported: bool
+    """Whether no other law is provably and noticeably better, and a linear one does not do."""
     verdict: str
-    n_nodes: int
-    n_effective: float
-    validation: str
+    n_effective: float  # independent nodes
+    validation: str  # what was left out and predicted
 
     def candidate(self, law: LawName) -> LawCandidate:
         """The figures of one law."""
@@ -132,9 +93,8 @@ class LawChoice:
         said = []
         for c in self.laws:
             exponent = f" (exponent {c.values['n']:.3g})" if "n" in c.values else ""
-            off = 100.0 * c.rms_residual_N_m / top_force_N_m
-            note = f" ({c.note})" if c.note else ""
-            said.append(f"{c.law}{exponent} off by {off:.2g} % of the largest force RMS{note}")
+            off = f"{100.0 * c.rms_residual_N_m / top_force_N_m:.2g} % of the largest force RMS"
+            said.append(f"{c.law}{exponent} off by {off}" + (f" ({c.note})" if c.note else ""))
         return "; ".join(said)
 
 
@@ -163,19 +123,35 @@ def choose_normal_law(
     least = min(fits.values(), key=lambda f: f.sum_of_squares)
     m, nan = data.x.size / correlation_time(least.residuals, data), math.nan
     errors, validation = _cross_validation(data, fits)
-    criteria = {name: aicc(f.sum_of_squares, data, f.n_unknowns, m) for name, f in fits.items()}
-    laws = tuple(
-        _candidate(name, fits, data, criteria, errors)
-        if name in fits
-        else LawCandidate(name, (), nan, nan, nan, nan, nan, failed[name])
-        for name in LAW_NAMES
-    )
+    criteria = {name: _aicc(f.sum_of_squares, data, f.n_unknowns, m) for name, f in fits.items()}
+    floor = ROUNDING * float(np.max(data.f))
+    reference = max(errors.get("quadratic", nan), floor)
+    laws = []
+    for name in LAW_NAMES:
+        if name in failed:
+            laws.append(LawCandidate(name, (), nan, nan, nan, nan, nan, failed[name]))
+            continue
+        law, wrong = fits[name], errors.get(name, nan)
+        apart = np.max(np.abs(law.residuals - fits["quadratic"].residuals)) / np.max(data.f)
+        zero = ", ".join(n for n, held in zip(NAMES, law.held, strict=False) if held)
+        laws.append(
+            LawCandidate(
+                law=name,
+                parameters=_parameters(law, data),
+                rms_residual_N_m=data.F_N_m * math.sqrt(law.sum_of_squares / data.x.size),
+                criterion=criteria[name] - criteria["quadratic"],
+                cv_error_N_m=data.F_N_m * wrong,
+                cv_ratio=max(wrong, floor) / reference,
+                largest_difference=float(apart),
+                note=f"{name} law: {zero} would be negative and is held at zero" if zero else "",
+            )
+        )
     exponent = laws[LAW_NAMES.index("power")].values.get("n")
     supported, verdict = verdict_of(laws, exponent, m)
-    return LawChoice(laws, supported, verdict, data.x.size, m, validation)
+    return LawChoice(tuple(laws), supported, verdict, m, validation)
 
 
-def aicc(sum_of_squares: float, data: Nodes, unknowns: int, m: float) -> float:
+def _aicc(sum_of_squares: float, data: Nodes, unknowns: int, m: float) -> float:
     """Information criterion of a fit for m independent nodes; nan if they are too few."""
     k = unknowns + 1  # the variance of the noise is one more
     if m <= k + 1:
@@ -184,38 +160,9 @@ def aicc(sum_of_squares: float, data: Nodes, unknowns: int, m: float) -> float:
     return m * math.log(max(sum_of_squares / data.x.size, floor)) + 2.0 * k * m / (m - k - 1.0)
 
 
-def _candidate(
-    name: LawName,
-    fits: Mapping[LawName, FittedLaw],
-    data: Nodes,
-    criteria: Mapping[LawName, float],
-    errors: Mapping[LawName, float],
-) -> LawCandidate:
-    law, quadratic = fits[name], fits["quadratic"]
-    apart = np.max(np.abs(law.residuals - quadratic.residuals)) / np.max(data.f)
-    floor = ROUNDING * float(np.max(data.f))
-    wrong = errors.get(name, math.nan)
-    reference = max(errors.get("quadratic", math.nan), floor)
-    note = ""
-    if np.any(law.held):
-        zero = ", ".join(n for n, held in zip(NAMES, law.held, strict=False) if held)
-        note = f"{name} law: {zero} would be negative and is held at zero"
-    return LawCandidate(
-        law=name,
-        parameters=parameters_of(law, data),
-        rms_residual_N_m=data.F_N_m * math.sqrt(law.sum_of_squares / data.x.size),
-        criterion=criteria[name] - criteria["quadratic"],
-        cv_error_N_m=data.F_N_m * wrong,
-        cv_ratio=max(wrong, floor) / reference,
-        largest_difference=float(apart),
-        note=note,
-    )
-
-
-def parameters_of(law: FittedLaw, data: Nodes) -> tuple[LawParameter, ...]:
+def _parameters(law: FittedLaw, data: Nodes) -> tuple[LawParameter, ...]:
     """Coefficients over the penetration in SI, with errors from the scatter of the nodes."""
-    names: tuple[str, ...]
-    units: tuple[str, ...]
+    names, units = NAMES, UNITS
     dof = max(data.x.size / law.tau - law.n_unknowns, 1.0)
     covariance = law.sensitivity @ law.sensitivity.T * law.sum_of_squares / dof
     if law.name == "power":
@@ -226,9 +173,8 @@ def parameters_of(law: FittedLaw, data: Nodes) -> tuple[LawParameter, ...]:
         values = np.array([k * scale, n])
         names, units = ("k", "n"), ("N/m^(1+n)", "-")
     else:
-        scales = data.F_N_m / data.span_m**law.exponents
+        scales = data.units(law.exponents)
         by, values = np.diag(scales), law.K * scales
-        names, units = NAMES, UNITS
     se = np.sqrt(np.diag(by @ covariance @ by.T))
     rows = zip(names, units, values.tolist(), se.tolist(), strict=False)
     return tuple(LawParameter(*row) for row in rows)
@@ -280,39 +226,31 @@ def verdict_of(
         )
     better = {n: c for n, c in others.items() if c.criterion < -PROVEN and c.cv_ratio < 1.0}
     noticed = [c for c in better.values() if c.largest_difference >= RELEVANT_DIFFERENCE]
-    linear = others.get("linear")
-    if (
-        not noticed
-        and linear
-        and (linear.criterion < AS_GOOD or linear.largest_difference < RELEVANT_DIFFERENCE)
-    ):
-        return False, (
-            f"A linear law does as well: it differs from the quadratic one by at most "
-            f"{100 * linear.largest_difference:.2g} % of the largest force"
-            f"{_criterion(linear.criterion)}. The quadratic law stays the default."
-        )
     if noticed:
         best = min(noticed, key=lambda c: c.criterion)
         return False, (
             f"A {_named(best.law, exponent)} law predicts better by "
-            f"{100 * (1 - best.cv_ratio):.2g} %{_criterion(best.criterion)}; it differs from the "
+            f"{100 * (1 - best.cv_ratio):.2g} %{_criterion(best)}; it differs from the "
             f"quadratic one by up to {100 * best.largest_difference:.2g} % of the largest "
             "force: look at the curves. The quadratic law stays the default."
+        )
+    linear = others.get("linear")
+    if linear and (linear.criterion < AS_GOOD or linear.largest_difference < RELEVANT_DIFFERENCE):
+        return False, (
+            f"A linear law does as well: it differs from the quadratic one by at most "
+            f"{100 * linear.largest_difference:.2g} % of the largest force"
+            f"{_criterion(linear)}. The quadratic law stays the default."
         )
     said = []
     for name, c in others.items():
         kind = _named(name, exponent)
         if name in better:
-            said.append(
-                f"a {kind} law is provably better but differs by "
-                f"{100 * c.largest_difference:.2g} % of the largest force only"
-            )
-        elif c.criterion > AS_GOOD:
-            said.append(f"a {kind} law is no better{_criterion(c.criterion)}")
-        elif name == "cubic":
-            said.append(f"a cubic law adds nothing{_criterion(c.criterion)}")
-        else:
-            said.append(f"a {kind} law does as well{_criterion(c.criterion)}")
+            share = f"{100 * c.largest_difference:.2g} % of the largest force only"
+            said.append(f"a {kind} law is provably better but differs by {share}")
+            continue
+        does = "adds nothing" if name == "cubic" else "does as well"
+        does = "is no better" if c.criterion > AS_GOOD else does
+        said.append(f"a {kind} law {does}{_criterion(c)}")
     return True, f"The quadratic law is supported: {'; '.join(said)}."
 
 
@@ -320,6 +258,7 @@ def _named(name: str, exponent: float | None) -> str:
     return f"power (exponent {exponent:.3g})" if name == "power" and exponent else name
 
 
-def _criterion(difference: float) -> str:
+def _criterion(law: LawCandidate) -> str:
+    difference = law.criterion
     word = "lower" if difference < 0.0 else "higher"
     return f" (AICc {word} by {abs(difference):.{0 if abs(difference) >= 10 else 1}f})"

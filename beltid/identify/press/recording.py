@@ -24,66 +24,38 @@ from beltid.identify.estimators.statistics import (
 Array = NDArray[np.float64]
 CycleChoice = Literal["last", "first", "all"]
 
-MIN_SAMPLES = 20
-"""Fewest usable samples of a test."""
-MIN_FORCE_OVER_NOISE = 10.0
-"""Contact is certain if the force rises by this many times its noise."""
-SPIKE_SHARE = 2.0e-3
-"""A disagreement below this share of the range is no spike: it could not change the law."""
-FREE_SLOPE = 0.3
-"""Before contact the force rises less, per travel, than this share of what it does after it."""
-TRAVEL_LIMITS_MM = (1.0e-6, 1.0e5)
-FORCE_LIMITS_N = (1.0e-6, 1.0e9)
-"""Least and most that the largest travel and force of a press test may be."""
-REVERSAL_SHARE = 0.05
-"""A turn back by less than this share of the whole travel is no reversal."""
-UNLOADED_SHARE = 0.5
-"""A cycle is unloaded if its force falls below this share of its peak."""
+MIN_SAMPLES = 20  # fewest usable ones of a test
+MIN_FORCE_OVER_NOISE = 10.0  # contact is certain if the force rises by this many times its noise
+# least and most that the largest travel and force of a press test may be
+LIMITS = (("displacement_mm", 1e-6, 1e5, "mm"), ("force_N", 1e-6, 1e9, "N"))
 
 
 @dataclass(frozen=True, slots=True)
 class StiffnessSettings:
-    """How a press recording is evaluated.
+    """How a press recording is evaluated; :class:`InputError` names every setting out of range."""
 
-    Parameters
-    ----------
-    segment_length_m : float
-        Length of the belt segment under the press, 1 mm to 1 m [m].
-    reference_temperature_degC : float
-        Temperature of the pooled law if temperature matters [°C].
-    machine_compliance_m_N : float
-        Yield of the press itself per force, contained in the crosshead travel [m/N].
-    force_gain, displacement_gain : float
-        True force over reading, and true travel over reading [-]; the zero of the force is found
-        in the travel before contact.
-    cycles : {"last", "first", "all"}
-        Which cycles of a test to use; the first is that of virgin rubber.
-    """
-
-    segment_length_m: float
-    reference_temperature_degC: float = 22.0
+    segment_length_m: float  # of belt under the press, 1 mm to 1 m
+    reference_temperature_degC: float = 22.0  # of the pooled law if temperature matters
     machine_compliance_m_N: float = 0.0
-    force_gain: float = 1.0
-    displacement_gain: float = 1.0
-    cycles: CycleChoice = "last"
+    """Yield of the press itself per force, contained in the crosshead travel."""
+    force_gain: float = 1.0  # true force over reading; the zero is found before contact
+    displacement_gain: float = 1.0  # true travel over reading
+    cycles: CycleChoice = "last"  # which cycles of a test to use; the first is virgin rubber
 
     def __post_init__(self) -> None:
-        checks = (
-            ("segment_length_m", 1e-3 <= self.segment_length_m <= 1.0, "in [0.001, 1] m"),
-            ("reference_temperature_degC", self.reference_temperature_degC > -273.15, "> -273 °C"),
-            (
-                "machine_compliance_m_N",
-                0.0 <= self.machine_compliance_m_N <= 1e-5,
-                "in [0, 1e-05] m/N",
-            ),
-            ("force_gain", 0.1 <= self.force_gain <= 10.0, "in [0.1, 10]"),
-            ("displacement_gain", 0.1 <= self.displacement_gain <= 10.0, "in [0.1, 10]"),
-        )
         problems = [
-            f"press.{name} = {getattr(self, name)!r}, must be {allowed}"
-            for name, ok, allowed in checks
-            if not (ok and math.isfinite(getattr(self, name)))
+            f"press.{name} = {value!r}, must be in [{low:g}, {high:g}]{unit}"
+            for name, low, high, unit in (
+                ("segment_length_m", 1e-3, 1.0, " m"),
+                ("machine_compliance_m_N", 0.0, 1e-5, " m/N"),
+                ("force_gain", 0.1, 10.0, ""),
+                ("displacement_gain", 0.1, 10.0, ""),
+            )
+            if not low <= (value := getattr(self, name)) <= high
         ]
+        if not -273.15 < self.reference_temperature_degC < math.inf:
+            found = f"press.reference_temperature_degC = {self.reference_temperature_degC!r}"
+            problems.append(f"{found}, must be > -273 °C")
         if self.cycles not in get_args(CycleChoice):
             problems.append(f"press.cycles = {self.cycles!r}, must be last, first or all")
         if problems:
@@ -92,75 +64,36 @@ class StiffnessSettings:
 
 @dataclass(frozen=True, slots=True)
 class PressTest:
-    """One press test without its missing samples and spikes.
-
-    Attributes
-    ----------
-    label : str
-        Name of the test.
-    temperature_degC : float
-        Mean temperature [°C], nan if unknown.
-    time_s, travel_m, position_m, force_N : ndarray
-        Time [s], nan where missing; crosshead travel [m], rising in compression; travel less the
-        yield of the machine [m]; compressive force, zero of the load cell taken off [N]; (n,) each.
-    travel_sign : float
-        -1 if the crosshead of the recording counts down in compression, else 1.
-    position_noise_m, force_noise_N : float
-        Standard deviations of the white noise.
-    free_travel : bool
-        Whether the test begins with enough travel before contact to take a zero from.
-    n_missing, n_spikes : int
-        Samples left out.
-    notes : tuple of str
-        What was changed, for the user.
-    """
+    """One press test without its missing samples and spikes; n samples, shape (n,) each."""
 
     label: str
-    temperature_degC: float
-    time_s: Array
-    travel_m: Array
-    position_m: Array
-    force_N: Array
-    travel_sign: float
-    position_noise_m: float
+    temperature_degC: float  # nan if unknown
+    time_s: Array  # nan where missing
+    travel_m: Array  # of the crosshead, rising in compression
+    position_m: Array  # travel less the yield of the machine
+    force_N: Array  # compressive, zero of the load cell taken off
+    travel_sign: float  # -1 if the recorded crosshead counts down in compression, else 1
+    position_noise_m: float  # standard deviations of the white noise
     force_noise_N: float
-    free_travel: bool
+    free_travel: bool  # whether there is enough travel before contact to take a zero from
     n_missing: int
     n_spikes: int
-    notes: tuple[str, ...]
+    notes: tuple[str, ...]  # what was changed, for the user
 
 
 @dataclass(frozen=True, slots=True)
 class PressCycle:
-    """Loading up to a reversal and the unloading after it.
+    """Loading up to a reversal and the unloading after it, as slices of the samples of a test."""
 
-    Attributes
-    ----------
-    number : int
-        1 for the first cycle of the test.
-    loading, unloading : slice
-        Samples of the branches.
-    peak_force_N : float
-        Largest force of the cycle [N].
-    complete : bool
-        Whether the belt was unloaded again.
-    """
-
-    number: int
+    number: int  # from 1
     loading: slice
     unloading: slice
     peak_force_N: float
-    complete: bool
+    complete: bool  # whether the belt was unloaded again
 
 
 def read_tests(press: Mapping[str, NDArray]) -> dict[str, dict[str, Array]]:
-    """Columns of each test of a press recording, by its label.
-
-    Raises
-    ------
-    InputError
-        If columns are missing or differ in length; every problem is named.
-    """
+    """Columns of each test by its label; :class:`InputError` names all that are missing."""
     needed = ("time_s", "displacement_mm", "force_N")
     absent = [name for name in ("test", *needed) if name not in press]
     if absent:
@@ -195,9 +128,8 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
     missing = ~(np.isfinite(displacement_mm) & np.isfinite(force_N))
     travel, force = displacement_mm[~missing] * 1e-3, force_N[~missing]
     if travel.size < MIN_SAMPLES:
-        raise InputError(
-            f"test {label}: {travel.size} usable samples, must be at least {MIN_SAMPLES}"
-        )
+        found = f"test {label}: {travel.size} usable samples"
+        raise InputError(f"{found}, must be at least {MIN_SAMPLES}")
     spikes = _spikes(travel) | _spikes(force)
     travel, force, time_s = travel[~spikes], force[~spikes], part["time_s"][~missing][~spikes]
     force_sign, travel_sign = _signs(travel, force)
@@ -221,10 +153,7 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
         (travel_sign < 0, "compression recorded as negative travel, sign turned"),
         (zero != 0.0, f"zero of the load cell {zero:.3g} N taken off"),
         (settings.force_gain != 1.0, f"force gain {settings.force_gain:g} applied"),
-        (
-            settings.displacement_gain != 1.0,
-            f"displacement gain {settings.displacement_gain:g} applied",
-        ),
+        ((gain := settings.displacement_gain) != 1.0, f"displacement gain {gain:g} applied"),
     )
     known = part["temperature_degC"][np.isfinite(part["temperature_degC"])]
     return PressTest(
@@ -247,34 +176,26 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
 def _require_plausible(label: str, displacement_mm: Array, force_N: Array) -> None:
     """Refuse what no press does: its squares would overflow or vanish in the fit."""
     problems = []
-    for name, values, (least, most), unit in (
-        ("displacement_mm", displacement_mm, TRAVEL_LIMITS_MM, "mm"),
-        ("force_N", force_N, FORCE_LIMITS_N, "N"),
-    ):
+    for (name, least, most, unit), values in zip(LIMITS, (displacement_mm, force_N), strict=True):
         largest = float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
-        place = f"test {label}: {name}"
         if largest > most:
-            problems.append(
-                f"{place} reaches {largest:.3g} {unit}, must be within ±{most:g} {unit}"
-            )
+            problems.append(f"{name} reaches {largest:.3g} {unit}, must be within ±{most:g} {unit}")
         elif 0.0 < largest < least:
-            problems.append(
-                f"{place} stays within ±{largest:.3g} {unit}, must reach {least:g} {unit}"
-            )
+            found = f"{name} stays within ±{largest:.3g} {unit}"
+            problems.append(f"{found}, must reach {least:g} {unit}")
     if problems:
-        raise InputError(problems)
+        raise InputError([f"test {label}: {problem}" for problem in problems])
 
 
 def _spikes(x: Array) -> NDArray[np.bool_]:
     """Spikes that could change the law: larger than a step from sample to sample, too."""
     step = float(np.median(np.abs(np.diff(x))))
-    return spike_mask(x, floor=max(SPIKE_SHARE * spread(x), step))
+    return spike_mask(x, floor=max(2e-3 * spread(x), step))
 
 
 def spread(x: Array) -> float:
     """Range of the bulk of the samples: single spikes do not widen it."""
-    low, high = np.quantile(x, [0.01, 0.99])
-    return float(high - low)
+    return float(np.diff(np.quantile(x, [0.01, 0.99]))[0])
 
 
 def _signs(travel: Array, force: Array) -> tuple[float, float]:
@@ -316,24 +237,20 @@ def _load_cell_zero(travel: Array, force: Array, noise: float) -> tuple[float, b
     if end < 10 or moved < 0.01 * spread(travel):
         return 0.0, False
     # a test that begins in contact rises along the stretch much as it does behind it
-    ahead = min(
-        int(np.searchsorted(np.maximum.accumulate(travel[: rising.size]), travel[0] + 2.0 * moved)),
-        rising.size - 1,
-    )
+    way = np.maximum.accumulate(travel[: rising.size])
+    ahead = min(int(np.searchsorted(way, travel[0] + 2.0 * moved)), rising.size - 1)
     if ahead - end >= 2:
         sure, behind = slice(0, max(3 * end // 4, 3)), slice(end - 1, ahead + 1)
         slopes = [np.polyfit(travel[s] - travel[0], force[s], 1)[0] for s in (sure, behind)]
-        if slopes[0] > FREE_SLOPE * slopes[1]:
+        if slopes[0] > 0.3 * slopes[1]:
             return 0.0, False
     # the second half of this stretch may already touch: keep clear of it
     quarters = force[: end // 4], force[end // 4 : end // 2]
-    means = [robust_mean_with_se(q) for q in quarters]
-    drift = abs(means[1].mean - means[0].mean)
-    if not drift <= 4.0 * float(np.hypot(means[0].se, means[1].se)) + 1e-12 * abs(level):
-        return 0.0, True
+    first, second = (robust_mean_with_se(q) for q in quarters)
+    allowed = 4.0 * float(np.hypot(first.se, second.se)) + 1e-12 * abs(level)
     zero = robust_mean_with_se(force[: end // 2])
-    significant = abs(zero.mean) > 4.0 * zero.se
-    return (zero.mean if significant else 0.0), True
+    known = abs(second.mean - first.mean) <= allowed and abs(zero.mean) > 4.0 * zero.se
+    return (zero.mean if known else 0.0), True
 
 
 def turning_points(travel: Array, threshold: float) -> NDArray[np.intp]:
@@ -343,8 +260,7 @@ def turning_points(travel: Array, threshold: float) -> NDArray[np.intp]:
     the creeping during a hold stay below it.
     """
     turns: list[int] = []
-    low = high = 0
-    direction = 0
+    low = high = direction = 0
     for i, x in enumerate(travel.tolist()):
         if x > travel[high]:
             high = i
@@ -364,12 +280,10 @@ def turning_points(travel: Array, threshold: float) -> NDArray[np.intp]:
 def find_cycles(test: PressTest) -> tuple[PressCycle, ...]:
     """Cycles of a test in their order of time, told apart by the reversals of the crosshead.
 
-    Loadings that end below half of the test's largest force (preloads, aborted cycles) are no
-    cycles.
+    Loadings to less than half of the test's largest force (preloads, aborted cycles) are none.
     """
     travel = test.travel_m
-    threshold = max(REVERSAL_SHARE * spread(travel), 10.0 * sample_noise(travel))
-    turns = turning_points(travel, threshold)
+    turns = turning_points(travel, max(0.05 * spread(travel), 10.0 * sample_noise(travel)))
     cycles: list[PressCycle] = []
     largest = float(np.max(test.force_N))
     for k in range(turns.size - 1):
@@ -380,20 +294,12 @@ def find_cycles(test: PressTest) -> tuple[PressCycle, ...]:
         top = float(np.max(test.force_N[start : stop + 1]))
         if top < 0.5 * largest:
             continue
-        least = float(np.min(test.force_N[peak : stop + 1]))
-        cycles.append(
-            PressCycle(
-                number=len(cycles) + 1,
-                loading=slice(start, peak + 1),
-                unloading=slice(peak, stop + 1),
-                peak_force_N=top,
-                complete=stop > peak and least < UNLOADED_SHARE * top,
-            )
-        )
+        loading, unloading = slice(start, peak + 1), slice(peak, stop + 1)
+        complete = stop > peak and float(np.min(test.force_N[unloading])) < 0.5 * top
+        cycles.append(PressCycle(len(cycles) + 1, loading, unloading, top, complete))
     if not cycles:
-        raise InputError(
-            f"test {test.label}: no loading found: the crosshead never moves into the belt"
-        )
+        problem = "no loading found: the crosshead never moves into the belt"
+        raise InputError(f"test {test.label}: {problem}")
     return tuple(cycles)
 
 
@@ -404,24 +310,19 @@ def choose_cycles(
 
     ``last`` is the belt conditioned by the cycles before; ``first`` is virgin rubber.
     """
+    pick = {"all": slice(None), "first": slice(1), "last": slice(-1, None)}[choice]
     complete = tuple(c for c in cycles if c.complete)
     if not complete:
-        kept = cycles if choice == "all" else (cycles[0 if choice == "first" else -1],)
-        return kept, (f"test {label}: never unloaded",)
-    wanted = cycles[0 if choice == "first" else -1]
+        return cycles[pick], (f"test {label}: never unloaded",)
+    kept, wanted = complete[pick], cycles[pick]
     notes = []
-    if choice == "all":
-        kept = complete
-        if len(complete) < len(cycles):
-            notes = [f"test {label}: {len(cycles) - len(complete)} cycles not unloaded left out"]
-    else:
-        kept = (complete[0 if choice == "first" else -1],)
-        if kept[0] is not wanted:
-            notes = [
-                f"test {label}: cycle {wanted.number} is not unloaded, "
-                f"cycle {kept[0].number} used in its place"
-            ]
+    if choice == "all" and len(kept) < len(wanted):
+        notes.append(f"{len(wanted) - len(kept)} cycles not unloaded left out")
+    elif kept[0] is not wanted[0]:
+        notes.append(
+            f"cycle {wanted[0].number} is not unloaded, cycle {kept[0].number} used in its place"
+        )
     if len(cycles) > 1:
         numbers = ", ".join(str(c.number) for c in kept)
-        notes.append(f"test {label}: {len(cycles)} cycles found, used: {numbers}")
-    return kept, tuple(notes)
+        notes.append(f"{len(cycles)} cycles found, used: {numbers}")
+    return kept, tuple(f"test {label}: {note}" for note in notes)

@@ -24,84 +24,42 @@ from beltid.identify.press.fit import FittedLaw, Nodes, fit_quadratic
 from beltid.identify.press.laws import choose_normal_law
 from beltid.identify.press.recording import StiffnessSettings
 from beltid.identify.press.systematic import systematic_errors
-from beltid.identify.press.temperature import (
-    TemperatureEffect,
-    scatter_of,
-    temperature_effect,
-    weighed,
-)
+from beltid.identify.press.temperature import TemperatureEffect, scatter_of, temperature_effect
 from beltid.laws.penalty import NormalLaw
 
 __all__ = ["LawEstimate", "StiffnessResult", "StiffnessSettings", "fit_stiffness"]
 
-SAME_TEMPERATURE_K = 3.0
-"""Tests whose temperatures differ by less are at one nominal temperature."""
-REFERENCE_REACH_K = 5.0
-"""Farther from the reference temperature a note says so."""
+SAME_TEMPERATURE_K = 3.0  # tests whose temperatures differ by less are at one nominal temperature
+REFERENCE_REACH_K = 5.0  # farther from the reference temperature a note says so
 SEATING_SHARE = 0.02
 """Travel that is carried before the law's contact point and worth a note, of the penetration."""
-CHANCE = 0.00135
-"""A coefficient held at zero is no matter of noise if chance makes it negative this rarely."""
-NEGLIGIBLE_SHARE = 2.0e-3
-"""Nor is one that changes the force by less than this share of the largest force."""
 LARGEST_MISFIT = 0.1
 """A law with a coefficient held at zero may be off by this share of the largest force."""
 
 
 @dataclass(frozen=True, slots=True)
 class LawEstimate:
-    """A normal law with its uncertainty: one row of the stiffness table.
+    """A normal law with its uncertainty: one row of the stiffness table; per metre of belt."""
 
-    Attributes
-    ----------
-    temperature_degC : float or None
-        Mean temperature of the tests [°C], None for the pooled law.
-    k_linear_N_m2, k_quadratic_N_m3 : float
-        Coefficients of Eq. (3) per metre of belt [N/m²], [N/m³].
-    k_linear_se_N_m2, k_quadratic_se_N_m3 : float
-        Their standard errors.
-    covariance : tuple of float
-        Covariance matrix of the two, row by row.
-    contact_offset_mm : float
-        Crosshead travel at the contact point, mean over the tests [mm].
-    rms_residual_N_m : float
-        Root mean square of measured force less law, both branches alike [N/m]; mostly hysteresis.
-    hysteresis_ratio : float
-        Work lost in the loop over the work of the loading branch [-]; nan if never unloaded.
-    max_penetration_m, max_force_N_m : float
-        Largest penetration [m] and line force [N/m] reached: the range of validity.
-    n_samples : int
-        Samples within the range of the fit.
-    n_effective : float
-        Independent nodes that the standard errors rest on.
-    n_cycles : int
-        Cycles used.
-    tests : tuple of str
-        Labels of the tests used.
-    unseen_share : float
-        Standard uncertainty of the force from what no such recording can show [-]: virgin rubber,
-        loss by rate. It is not in the standard errors.
-    notes, warnings : tuple of str
-        What there is to say about this law, and what to be warned of.
-    """
-
-    temperature_degC: float | None
-    k_linear_N_m2: float
+    temperature_degC: float | None  # mean of the tests, None for the pooled law
+    k_linear_N_m2: float  # coefficients of Eq. (3)
     k_quadratic_N_m3: float
-    k_linear_se_N_m2: float
+    k_linear_se_N_m2: float  # their standard errors
     k_quadratic_se_N_m3: float
-    covariance: tuple[float, float, float, float]
-    contact_offset_mm: float
-    rms_residual_N_m: float
-    hysteresis_ratio: float
-    max_penetration_m: float
+    covariance: tuple[float, float, float, float]  # of the two, row by row, in their units
+    contact_offset_mm: float  # crosshead travel at the contact point, mean over the tests
+    rms_residual_N_m: float  # measured force less law, both branches alike; mostly hysteresis
+    hysteresis_ratio: float  # work lost in the loop over that of loading, nan if never unloaded
+    max_penetration_m: float  # largest penetration and force reached: the range of validity
     max_force_N_m: float
-    n_samples: int
-    n_effective: float
+    n_samples: int  # within the range of the fit
+    n_effective: float  # independent nodes that the standard errors rest on
     n_cycles: int
     tests: tuple[str, ...]
     unseen_share: float = 0.0
-    notes: tuple[str, ...] = ()
+    """Standard uncertainty of the force from what no such recording can show [-]: virgin rubber,
+    loss by rate. It is not in the standard errors."""
+    notes: tuple[str, ...] = ()  # what there is to say about this law
     warnings: tuple[str, ...] = ()
 
     @property
@@ -112,38 +70,20 @@ class LawEstimate:
 
 @dataclass(frozen=True, slots=True)
 class StiffnessResult:
-    """Everything that a press recording tells.
-
-    Attributes
-    ----------
-    laws : tuple of LawEstimate
-        One law per known temperature, rising; empty if no temperature is known.
-    pooled : LawEstimate
-        The law at the reference temperature: of all tests if temperature does not matter, else
-        of the tests nearest to the reference.
-    temperature : TemperatureEffect
-        F test of one law against one per temperature.
-    curves : tuple of PressCurve
-        The curves that all this comes from.
-    branches : tuple of Branch
-        Branches over the penetration, thinned for figures.
-    set_aside : tuple of (str, str)
-        Tests that were not used, with the reason.
-    n_missing, n_spikes : int
-        Samples left out of the tests used.
-    notes : tuple of str
-        What the user should know; the warnings of the pooled law are its own.
-    """
+    """Everything that a press recording tells."""
 
     laws: tuple[LawEstimate, ...]
+    """One law per known temperature, rising; empty if no temperature is known."""
     pooled: LawEstimate
+    """The law at the reference temperature: of all tests if temperature does not matter, else of
+    the tests nearest to the reference."""
     temperature: TemperatureEffect
-    curves: tuple[PressCurve, ...]
-    branches: tuple[Branch, ...]
-    set_aside: tuple[tuple[str, str], ...]
-    n_missing: int
+    curves: tuple[PressCurve, ...]  # that all this comes from
+    branches: tuple[Branch, ...]  # over the penetration, thinned for figures
+    set_aside: tuple[tuple[str, str], ...]  # tests that were not used, with the reason
+    n_missing: int  # samples left out of the tests used
     n_spikes: int
-    notes: tuple[str, ...]
+    notes: tuple[str, ...]  # what the user should know, without the warnings of the pooled law
 
 
 def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> StiffnessResult:
@@ -152,24 +92,16 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
     Parameters
     ----------
     press : mapping of str to ndarray
-        Columns ``test``, ``time_s``, ``displacement_mm``, ``force_N`` and, if known,
-        ``temperature_degC``, shape (n,) each; nan where missing.
+        Columns as :func:`~beltid.identify.press.curves.read_recording` takes them.
     settings : StiffnessSettings
         Segment length, reference temperature, machine compliance, choice of cycles.
-
-    Returns
-    -------
-    StiffnessResult
-        Laws per temperature and pooled, with the F test of the temperature.
 
     Raises
     ------
     InputError
         If columns are missing or no test can be used (no contact, too few samples, ...).
-    FitError
-        If the curves are no law with ``k >= 0``.
-    ConvergenceError
-        If the contact points are not found.
+    FitError, ConvergenceError
+        If the curves are no law with ``k >= 0``; if the contact points are not found.
     """
     recording = read_recording(press, settings)
     curves = recording.curves
@@ -186,8 +118,7 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
         raise _refused(problems, curves)
     effect = temperature_effect(list(groups.values()), list(groups), _largest_difference(laws))
     if effect.matters:
-        nearest = min(laws, key=lambda e: _distance(e, settings))
-        pooled, notes = _at_reference(nearest, curves, settings)
+        pooled, notes = _at_reference(laws, curves, settings.reference_temperature_degC)
     else:
         try:
             pooled = _estimate(curves, None, "press, all tests", settings, offsets)
@@ -209,12 +140,11 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
 
 def _refused(problems: Sequence[str], curves: Sequence[PressCurve]) -> FitError:
     """The reasons, with what other laws make of the curves."""
+    top = max(c.top_force_N_m for c in curves)
     try:
-        choice = choose_normal_law(curves)
+        return FitError([*problems, f"the laws compared: {choose_normal_law(curves).misfits(top)}"])
     except (InputError, NumericsError):
         return FitError([*problems])
-    top = max(c.top_force_N_m for c in curves)
-    return FitError([*problems, f"the laws compared: {choice.misfits(top)}"])
 
 
 def _group_by_temperature(curves: Sequence[PressCurve]) -> dict[float, list[PressCurve]]:
@@ -222,52 +152,38 @@ def _group_by_temperature(curves: Sequence[PressCurve]) -> dict[float, list[Pres
 
     A group is never wider than :data:`SAME_TEMPERATURE_K`; its key is the mean, to 0.1 K.
     """
-    known = sorted(
-        (c for c in curves if math.isfinite(c.temperature_degC)), key=lambda c: c.temperature_degC
-    )
+    known = [c for c in curves if math.isfinite(c.temperature_degC)]
     groups: list[list[PressCurve]] = []
-    for curve in known:
+    for curve in sorted(known, key=lambda c: c.temperature_degC):
         first = groups[-1][0].temperature_degC if groups else -math.inf
-        if curve.temperature_degC - first < SAME_TEMPERATURE_K:
-            groups[-1].append(curve)
-        else:
-            groups.append([curve])
+        if curve.temperature_degC - first >= SAME_TEMPERATURE_K:
+            groups.append([])
+        groups[-1].append(curve)
     return {round(float(np.mean([c.temperature_degC for c in g])), 1): g for g in groups}
 
 
-def _distance(estimate: LawEstimate, settings: StiffnessSettings) -> float:
-    """Distance of a law's temperature from the reference [K]."""
-    assert estimate.temperature_degC is not None
-    return abs(estimate.temperature_degC - settings.reference_temperature_degC)
-
-
 def _at_reference(
-    nearest: LawEstimate, curves: Sequence[PressCurve], settings: StiffnessSettings
+    laws: Sequence[LawEstimate], curves: Sequence[PressCurve], reference_degC: float
 ) -> tuple[LawEstimate, list[str]]:
     """The law of the tests nearest to the reference temperature, as the pooled one."""
-    pooled = replace(nearest, temperature_degC=None)
-    notes = [
-        f"The pooled law is that of the tests at {nearest.temperature_degC:g} °C alone "
-        f"(reference {settings.reference_temperature_degC:g} °C)."
-    ]
-    if _distance(nearest, settings) > REFERENCE_REACH_K:
-        notes.append(
-            f"No test lies within {REFERENCE_REACH_K:g} K of the reference temperature "
-            f"{settings.reference_temperature_degC:g} °C."
-        )
+    temperatures = np.array([law.temperature_degC for law in laws], dtype=float)
+    nearest = int(np.argmin(np.abs(temperatures - reference_degC)))
+    where = f"{temperatures[nearest]:g} °C alone (reference {reference_degC:g} °C)"
+    notes = [f"The pooled law is that of the tests at {where}."]
+    if abs(temperatures[nearest] - reference_degC) > REFERENCE_REACH_K:
+        far = f"{REFERENCE_REACH_K:g} K of the reference temperature {reference_degC:g} °C"
+        notes.append(f"No test lies within {far}.")
     unknown = {c.test for c in curves if not math.isfinite(c.temperature_degC)}
     if unknown:
         notes.append(f"Tests without temperature not used: {', '.join(sorted(unknown))}.")
-    return pooled, notes
+    return replace(laws[nearest], temperature_degC=None), notes
 
 
 def _largest_difference(laws: Sequence[LawEstimate]) -> float:
-    """Largest spread of the laws' forces at equal penetration over their mean [-].
-
-    Taken from a fifth of the common penetration, below which a small force would be divided by.
-    """
+    """Largest spread of the laws' forces at equal penetration over their mean [-]."""
     if len(laws) < 2:
         return 0.0
+    # from a fifth of the common penetration: below, a small force would be divided by
     delta = np.linspace(0.2, 1.0, 81) * min(e.max_penetration_m for e in laws)
     forces = np.array([e.law.force(delta) for e in laws])
     return float(np.max(np.ptp(forces, axis=0) / np.mean(forces, axis=0)))
@@ -283,13 +199,13 @@ def _estimate(
     """Law of some curves; their contact points are entered into `offsets`."""
     scatter = scatter_of([curves])
     try:
-        law, data = fit_quadratic(*weighed(curves, scatter.noise))
+        law, data = fit_quadratic(curves, scatter.noise)
     except FitError as error:
         raise FitError([f"{place}: {problem}" for problem in error.problems]) from error
     tests = tuple(dict.fromkeys(c.test for c in curves))
     offsets.update(zip(tests, (law.contact * data.span_m).tolist(), strict=True))
     contact = np.array([offsets[c.test] for c in curves])
-    scales = data.F_N_m / data.span_m**law.exponents
+    scales = data.units(law.exponents)
     k = law.K * scales
     by_force = law.sensitivity * (scales / data.F_N_m)[:, None]
     errors = systematic_errors(curves, law, data, settings.cycles)
@@ -297,10 +213,8 @@ def _estimate(
     notes, warnings = _held(law, data, place)
     notes += [*_contact_notes(curves, contact), *errors.notes]
     if scatter.curves_differ:
-        notes.append(
-            f"{place}: the tests differ by {math.sqrt(scatter.inflation):.2g} times their noise; "
-            "the standard errors are widened accordingly"
-        )
+        differ = f"the tests differ by {math.sqrt(scatter.inflation):.2g} times their noise"
+        notes.append(f"{place}: {differ}; the standard errors are widened accordingly")
     elastic = NormalLaw(*k.tolist())
     squares = [
         np.mean((b.force_N_m - elastic.force(b.position_m - p))[c.inside(b.position_m)] ** 2)
@@ -336,18 +250,14 @@ def _held(law: FittedLaw, data: Nodes, place: str) -> tuple[list[str], list[str]
 
     What it would be, to first order, is the coefficient of one more column beside those of the fit:
     y² for k_quadratic; for k_linear a constant c, since a linear term shifts the contact point of a
-    pure square only, while k_linear² = -4 c k_quadratic.
-
-    Raises
-    ------
-    FitError
-        If the law is off by more than :data:`LARGEST_MISFIT`.
+    pure square only, while k_linear² = -4 c k_quadratic. :class:`FitError` if the law is off by
+    more than :data:`LARGEST_MISFIT`.
     """
     if not np.any(law.held):
         return [], []
     n = data.x.size
     y = data.x - law.contact[data.owner]
-    k1, k2 = data.F_N_m / data.span_m**law.exponents
+    k1, k2 = data.units(law.exponents)
     if law.held[1]:
         column, form, name, unit, size = y**2, "linear", "k_quadratic", "N/m³", k2
     else:
@@ -363,7 +273,8 @@ def _held(law: FittedLaw, data: Nodes, place: str) -> tuple[list[str], list[str]
     share = abs(value) * float(np.max(np.abs(column))) / top
     off = float(np.max(np.abs(law.residuals))) / top
     came = f"{place}: {name} came out as {value * size:.3g} ± {se * abs(size):.2g} {unit}"
-    if abs(value) <= stdtrit(dof, 1.0 - CHANCE) * se or share <= NEGLIGIBLE_SHARE:
+    # more than three standard errors, and a change of the force that is not negligible
+    if abs(value) <= stdtrit(dof, 0.99865) * se or share <= 2e-3:
         return [f"{came}, not different from zero: a {form} law was fitted"], []
     if off > LARGEST_MISFIT:
         raise FitError(
@@ -382,16 +293,15 @@ def _contact_notes(curves: Sequence[PressCurve], contact: NDArray[np.float64]) -
     """Say where the contact point of the law is not where the belt touches."""
     notes = []
     for curve, offset in zip(curves, contact, strict=True):
-        depth = curve.top_position_m - offset
-        first = min(float(np.min(b.position_m)) for b in curve.branches)
-        if first - offset > SEATING_SHARE * depth:
+        noted = SEATING_SHARE * (curve.top_position_m - offset)
+        beyond = min(float(np.min(b.position_m)) for b in curve.branches) - offset
+        before = offset - curve.touch_m
+        if beyond > noted:
+            text = f"extrapolated by {beyond * 1e6:.2g} µm beyond the recorded travel"
+            notes.append(f"test {curve.test}: contact point {text}")
+        elif before > noted:
+            text = f"{before * 1e6:.2g} µm before the contact point of the law"
             notes.append(
-                f"test {curve.test}: contact point extrapolated by {(first - offset) * 1e6:.2g} µm "
-                "beyond the recorded travel"
-            )
-        elif offset - curve.touch_m > SEATING_SHARE * depth:
-            notes.append(
-                f"test {curve.test}: force is carried from {(offset - curve.touch_m) * 1e6:.2g} µm "
-                "before the contact point of the law: the belt seats gradually"
+                f"test {curve.test}: force is carried from {text}: the belt seats gradually"
             )
     return notes

@@ -34,42 +34,22 @@ from beltid.identify.press.recording import CycleChoice
 
 Array = NDArray[np.float64]
 
-EXTRA_ORDERS = (3, 6)
-"""Orders of the Chebyshev terms that look for a lack of fit."""
-LEAST_FORCE = 0.1
-"""Misfit is relative to the force, from this share of the largest force on."""
+LEAST_FORCE = 0.1  # misfit is relative to the force, from this share of the largest force on
 LOOPS = (0.12, 0.24, 0.4)
 """Half the distance of the branches, one standard deviation: in proportion to the force; a parabola
 over the penetration, s (1 - s), and one at low force, s (1 - s)³, in proportion to the largest."""
-VIRGIN_SHARE = 0.05
-"""Standard uncertainty of a sole cycle that may be the first: virgin rubber is 10 % stiffer."""
-PRIOR = 0.05
-"""Prior probability that another law than the quadratic one holds."""
-NO_WEIGHT = 1.0e-4
-"""A misfit of less probability changes no digit: the other laws are not fitted."""
-WORTH_A_WARNING = 5.0e-3
-"""Share of the force above which an effect is spoken of."""
+PRIOR = 0.05  # probability that another law than the quadratic one holds
+WORTH_A_WARNING = 5.0e-3  # share of the force above which an effect is spoken of
 
 
 @dataclass(slots=True)
 class Systematic:
-    """Systematic errors of a law, as they are found.
+    """Systematic errors of a law, as they are found."""
 
-    Attributes
-    ----------
-    k : ndarray
-        (k_linear, k_quadratic) of the law, SI.
-    covariance : ndarray
-        Of them, from what the recording shows, shape (2, 2).
-    unseen : float
-        Standard uncertainty of the force from what it cannot show [-].
-    warnings, notes : list of str
-        What they are.
-    """
-
-    k: Array
+    k: Array  # (k_linear, k_quadratic) of the law, SI
     covariance: Array = field(default_factory=lambda: np.zeros((2, 2)))
-    unseen: float = 0.0
+    """Of k, from what the recording shows."""
+    unseen: float = 0.0  # standard uncertainty of the force from what it cannot show [-]
     warnings: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
@@ -90,16 +70,20 @@ def systematic_errors(
     curves: Sequence[PressCurve], law: FittedLaw, data: Nodes, cycles: CycleChoice
 ) -> Systematic:
     """Systematic errors of the quadratic law of some curves."""
-    scales = data.F_N_m / data.span_m**law.exponents
+    scales = data.units(law.exponents)
     found = Systematic(law.K * scales)
-    weight, misfit = lack_of_fit(law, data)
+    weight, misfit = _lack_of_fit(law, data)
     changes: list[Array] = []
-    if weight > NO_WEIGHT:
+    if weight > 1e-4:  # less would change no digit
         changes, weight = _other_laws(law, data, weight)
     text = "lack of fit: the law is off by {:.2g} % of the force"
     found.of_scale(math.sqrt(weight) * misfit, text)
     if not curves[0].unloads:
-        changes += _loop(law, data)
+        y = data.x - law.contact[data.owner]
+        s, top = np.clip(y / float(np.max(y)), 0.0, 1.0), float(np.max(data.f))
+        shapes = (law.force(y), top * s * (1.0 - s), top * s * (1.0 - s) ** 3)
+        by_force = law.sensitivity[:, : y.size]
+        changes += [by_force @ (size * shape) for size, shape in zip(LOOPS, shapes, strict=True)]
         found.warnings.append(
             "never unloaded: the law is that of the loading branch alone, which lies above the "
             "middle of the branches by 5 to 30 % of the force; it is in the standard errors"
@@ -117,13 +101,12 @@ def systematic_errors(
     return found
 
 
-def lack_of_fit(law: FittedLaw, data: Nodes) -> tuple[float, float]:
+def _lack_of_fit(law: FittedLaw, data: Nodes) -> tuple[float, float]:
     """Probability of a misfit, and its largest relative size from a tenth of the force on [-]."""
     n = data.x.size
     y = data.x - law.contact[data.owner]
     middle, half = 0.5 * (y.max() + y.min()), 0.5 * np.ptp(y)
-    extra = np.polynomial.chebyshev.chebvander((y - middle) / half, EXTRA_ORDERS[1])
-    extra = extra[:, EXTRA_ORDERS[0] :]
+    extra = np.polynomial.chebyshev.chebvander((y - middle) / half, 6)[:, 3:]
     if n <= law.tangent.shape[1] + extra.shape[1] + 2:
         return 0.0, 0.0
     rows = law.tangent.shape[0] - n  # what is known of unchecked zeros
@@ -140,10 +123,7 @@ def lack_of_fit(law: FittedLaw, data: Nodes) -> tuple[float, float]:
 
 
 def _probability(squares: float, others: float, more: int, n: int, m: float) -> float:
-    """Posterior probability of a fit with `more` unknowns against the quadratic law.
-
-    Of n nodes m count as independent.
-    """
+    """Posterior probability of a fit with `more` unknowns; of n nodes m count as independent."""
     floor = n * ROUNDING**2
     gain = m * math.log(max(squares, floor) / max(others, floor)) - more * math.log(max(m, 2.0))
     odds = 0.5 * gain + math.log(PRIOR / (1.0 - PRIOR))
@@ -151,21 +131,18 @@ def _probability(squares: float, others: float, more: int, n: int, m: float) -> 
 
 
 def _other_laws(law: FittedLaw, data: Nodes, weight: float) -> tuple[list[Array], float]:
-    """Changes of K that bring the law closest to the others, by the root of their probability.
-
-    And the largest of these probabilities and `weight`.
-    """
-    n = data.x.size
+    """Changes of K to the other laws by the root of their probability; the largest of these."""
+    n, upper = data.x.size, data.f >= 0.5 * float(np.max(data.f))
     y = np.linspace(0.0, 1.0, 201)[1:] * float(np.max(data.x - law.contact[data.owner]))
     force = law.force(y)
     y, force = y[force >= LEAST_FORCE * force[-1]], force[force >= LEAST_FORCE * force[-1]]
     terms = y[:, None] ** law.exponents / force[:, None]
-    names: tuple[LawName, ...] = ("power", "cubic", "quadratic")
+    trials: tuple[tuple[LawName, Nodes], ...]
+    trials = ("power", data), ("cubic", data), ("quadratic", data.only(upper))
     changes = []
-    for name in names:
-        upper = data.f >= 0.5 * float(np.max(data.f))
+    for name, nodes in trials:
         try:
-            other = fit_law(name, data.only(upper) if name == "quadratic" else data)
+            other = fit_law(name, nodes)
         except NumericsError:
             continue
         share = weight
@@ -176,15 +153,6 @@ def _other_laws(law: FittedLaw, data: Nodes, weight: float) -> tuple[list[Array]
         change = np.linalg.lstsq(terms, other.force(y) / force - 1.0, rcond=None)[0]
         changes.append(math.sqrt(share) * change)
     return changes, weight
-
-
-def _loop(law: FittedLaw, data: Nodes) -> list[Array]:
-    """Changes of K by half of each loop that a belt which was never unloaded may have."""
-    y = data.x - law.contact[data.owner]
-    s, top = np.clip(y / float(np.max(y)), 0.0, 1.0), float(np.max(data.f))
-    shapes = (law.force(y), top * s * (1.0 - s), top * s * (1.0 - s) ** 3)
-    by_force = law.sensitivity[:, : data.x.size]
-    return [by_force @ (size * shape) for size, shape in zip(LOOPS, shapes, strict=True)]
 
 
 def _virgin_rubber(found: Systematic, curves: Sequence[PressCurve], cycles: CycleChoice) -> None:
@@ -198,12 +166,12 @@ def _virgin_rubber(found: Systematic, curves: Sequence[PressCurve], cycles: Cycl
             "tests of a single cycle beside tests whose first cycle is stiffer than the one used: "
             "the single ones may be virgin, by {:.2g} % of the pooled force",
         )
-        return
-    found.not_seen(
-        share * VIRGIN_SHARE,
-        "a single cycle: whether the belt was conditioned before cannot be seen, virgin rubber is "
-        "some 10 % stiffer; press three cycles",
-    )
+    else:
+        found.not_seen(
+            share * 0.05,  # standard uncertainty: half of the 10 %
+            "a single cycle: whether the belt was conditioned before cannot be seen, virgin rubber "
+            "is some 10 % stiffer; press three cycles",
+        )
 
 
 def _loss_by_rate(

@@ -21,39 +21,24 @@ from scipy.special import fdtrc
 from beltid.identify.press.curves import PressCurve
 from beltid.identify.press.fit import ROUNDING, fit_quadratic
 
-SIGNIFICANCE = 0.01
-"""Error probability below which a difference between temperatures is taken as proven."""
-SCATTER_SIGNIFICANCE = 0.05
-"""The same for a difference between tests at one temperature."""
 RELEVANT_DIFFERENCE = 5.0e-3
 """Laws that differ by less than this share of the force are one law for the purpose."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scatter:
-    """Spread of curves about their own laws and of the laws of the curves about a common one.
+    """Mean squares about the curves' own laws and of these about a common one [N²/m²]."""
 
-    Attributes
-    ----------
-    noise, noise_dof : float
-        Mean square of the noise, correlation allowed for [N²/m²], and its degrees of freedom.
-    between, between_dof : float
-        Mean square between curves of one group [N²/m²] (nan if no group has two), and its degrees
-        of freedom.
-    """
-
-    noise: float
+    noise: float  # correlation allowed for
     noise_dof: float
-    between: float
+    between: float  # between curves of one group, nan if no group has two
     between_dof: float
 
     @property
     def curves_differ(self) -> bool:
-        """Whether curves of one group differ by more than their noise."""
-        if not self.between_dof:
-            return False
+        """Whether curves of one group differ by more than their noise, at 5 % error."""
         ratio = self.between / self.noise
-        return float(fdtrc(self.between_dof, self.noise_dof, ratio)) < SCATTER_SIGNIFICANCE
+        return bool(self.between_dof and fdtrc(self.between_dof, self.noise_dof, ratio) < 0.05)
 
     @property
     def inflation(self) -> float:
@@ -63,34 +48,15 @@ class Scatter:
 
 @dataclass(frozen=True, slots=True)
 class TemperatureEffect:
-    """Outcome of the F test.
-
-    Attributes
-    ----------
-    f_statistic : float
-        Gain of one law per temperature, over the scatter; nan with a single temperature.
-    f_dof_between, f_dof_within : float
-        Degrees of freedom of numerator and denominator, the latter in effective samples.
-    f_p_value : float
-        Probability of such a statistic if temperature had no influence.
-    matters : bool
-        Whether the difference is significant and large enough to matter.
-    statement : str
-        The outcome in plain words.
-    """
+    """Outcome of the F test."""
 
     f_statistic: float
-    f_dof_between: float
-    f_dof_within: float
-    f_p_value: float
-    matters: bool
-    statement: str
-
-
-def weighed(curves: Sequence[PressCurve], noise: float) -> tuple[tuple[PressCurve, ...], float]:
-    """Curves, and the noise that their unchecked zeros are weighed against (0 without such)."""
-    unchecked = any(not c.free_travel for c in curves)
-    return tuple(curves), math.sqrt(noise) if unchecked else 0.0
+    """Gain of one law per temperature, over the scatter; nan with a single temperature."""
+    f_dof_between: float  # degrees of freedom of numerator and denominator
+    f_dof_within: float  # in effective samples
+    f_p_value: float  # probability of such a statistic if temperature had no influence
+    matters: bool  # significant (1 % error) and large enough to matter
+    statement: str  # the outcome in plain words
 
 
 def _squares(curves: Sequence[PressCurve], noise: float = 0.0) -> tuple[float, float, int]:
@@ -98,7 +64,7 @@ def _squares(curves: Sequence[PressCurve], noise: float = 0.0) -> tuple[float, f
 
     A common shift of the zeros cannot be told from k_linear where no zero is known.
     """
-    law, data = fit_quadratic(*weighed(curves, noise))
+    law, data = fit_quadratic(curves, noise)
     unknown = 2 + data.unchecked.size - (data.unchecked.size == data.n_tests)
     return law.sum_of_squares * data.F_N_m**2, law.tau, unknown
 
@@ -136,11 +102,8 @@ def temperature_effect(
     """
     if len(groups) < 2:
         where = f"{temperatures_degC[0]:g} °C" if groups else "an unknown temperature"
-        return TemperatureEffect(
-            *(math.nan, 0.0, math.nan, math.nan),
-            False,
-            f"All tests are at {where}: no statement on temperature.",
-        )
+        statement = f"All tests are at {where}: no statement on temperature."
+        return TemperatureEffect(math.nan, 0.0, math.nan, math.nan, False, statement)
     scatter = scatter_of(groups)
     everything = [c for group in groups for c in group]
     one, _, unknown_one = _squares(everything, scatter.noise)
@@ -152,17 +115,15 @@ def temperature_effect(
         yardstick = "the scatter of tests at one temperature"
     statistic = max(one - sum(rss for rss, _, _ in each), 0.0) / dof / against
     p_value = float(fdtrc(dof, dof_within, statistic))
-    significant = p_value < SIGNIFICANCE
+    significant = p_value < 0.01
     matters = significant and largest_difference >= RELEVANT_DIFFERENCE
     span = f"{min(temperatures_degC):g} to {max(temperatures_degC):g} °C"
     test = (
         f"F({dof:g}, {dof_within:.0f}) = {statistic:.3g} against {yardstick}, p = {p_value:.2g}, "
         f"largest difference {100 * largest_difference:.2g} % of the force"
     )
-    if matters:
-        outcome = f"Temperature matters between {span}"
-    elif significant:
-        outcome = f"Temperature has a provable but negligible influence between {span}"
-    else:
-        outcome = f"Temperature does not matter between {span}"
-    return TemperatureEffect(statistic, dof, dof_within, p_value, matters, f"{outcome}: {test}.")
+    outcome = "does not matter"
+    if significant:
+        outcome = "matters" if matters else "has a provable but negligible influence"
+    statement = f"Temperature {outcome} between {span}: {test}."
+    return TemperatureEffect(statistic, dof, dof_within, p_value, matters, statement)
