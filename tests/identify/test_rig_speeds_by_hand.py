@@ -7,8 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from beltid.errors import InputError
-from beltid.identify.slip.points import OK, SIGNIFICANT
-from beltid.identify.slip.rig_speeds import required_pulley_speeds
+from beltid.identify.slip.points import OK, SIGNIFICANT, required_pulley_speeds
 
 
 def slip(*speeds, se=1e-6):

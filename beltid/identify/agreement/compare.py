@@ -391,10 +391,10 @@ def _match(
             left_out.append((f"measured {label}", f"simulated: {simulated['reason'][near][0]}"))
         else:
             left_out.append((f"measured {label}", "no simulated run with these settings"))
-    for k in np.flatnonzero(~answered):
-        reason = simulated["reason"][k]
+    for j in np.flatnonzero(~answered):
+        reason = simulated["reason"][j]
         why = f"simulated: {reason}" if reason else "no measured run with these settings"
-        left_out.append((f"simulated {simulated['run'][k]}", why))
+        left_out.append((f"simulated {simulated['run'][j]}", why))
     rows = np.array(pairs, dtype=np.intp).reshape(-1, 2)
     return rows[:, 0], rows[:, 1], tuple(left_out)
 
