@@ -9,16 +9,11 @@ import numpy as np
 
 from beltid.errors import InputError
 
-SIGNIFICANT = 4.0
-"""Standard errors beyond which a loss or a ratio is no accident."""
-CREEP_SHARE = 0.5
-"""Runs up to this share of a series' largest torque give its creep."""
-GROSS_OVER_CREEP = 2.0
-"""Gross slip: the loss exceeds the creep at this torque by this factor,"""
-GROSS_SLIP_RATIO = 0.05
-"""or this share of the driver's speed."""
-SAME_SETTING = 0.02
-"""Speeds and tensions that agree to this share belong to one series."""
+SIGNIFICANT = 4.0  # standard errors beyond which a loss or a ratio is no accident
+CREEP_SHARE = 0.5  # runs up to this share of a series' largest torque give its creep
+GROSS_OVER_CREEP = 2.0  # gross slip: the loss exceeds the creep at this torque by this factor,
+GROSS_SLIP_RATIO = 0.05  # or this share of the driver's speed
+SAME_SETTING = 0.02  # speeds and tensions that agree to this share belong to one series
 SMALLEST_SHARE = 0.01
 """Sliding speeds below this share of the largest need no runs of their own: the nearest measured
 coefficient is taken there."""

@@ -23,12 +23,9 @@ Array = NDArray[np.float64]
 
 OUTLIER = 6.0
 """Distance of a spike from the median, in the larger of the run's and the series' spread."""
-SHAKES = 1.0e-4
-"""Probability of a scatter that is no longer that of the series."""
-FEWEST_RUNS = 3
-"""A series of fewer runs is pooled with all others."""
-SERIES_WIDTH = 0.02
-"""Runs whose speeds agree to this share are one series."""
+SHAKES = 1.0e-4  # probability of a scatter that is no longer that of the series
+FEWEST_RUNS = 3  # a series of fewer runs is pooled with all others
+SERIES_WIDTH = 0.02  # runs whose speeds agree to this share are one series
 
 
 def speed_series(speed_rad_s: Mapping[str, float]) -> tuple[tuple[str, ...], ...]:

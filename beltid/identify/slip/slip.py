@@ -40,10 +40,8 @@ Runs = Mapping[str, Mapping[str, Array]]
 DRIVER, DRIVEN = "driver_speed_rad_s", "driven_speed_rad_s"
 SPEEDS = (DRIVER, DRIVEN)
 COLUMNS = ("initial_tension_N", "torque_N_m", *SPEEDS)
-MIN_SAMPLES = 3
-"""Fewest usable samples of a run."""
-NO_LOAD_SHARE = 0.01
-"""A torque below this share of the largest is none."""
+MIN_SAMPLES = 3  # fewest usable samples of a run
+NO_LOAD_SHARE = 0.01  # a torque below this share of the largest is none
 STANDS = 0.05
 """A driven pulley slower than this share of the driver says nothing about its direction."""
 

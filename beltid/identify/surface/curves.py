@@ -25,22 +25,17 @@ from beltid.laws.bicubic import bounded_cubic
 
 Array = NDArray[np.float64]
 
-ARC_GAP = 1e-3
-"""Arcs are nominal settings and differ by rounding only, relative."""
-MAX_SPEED_SPREAD = 1.25
-"""Highest over lowest speed that can still be one setting."""
+ARC_GAP = 1e-3  # arcs are nominal settings and differ by rounding only, relative
+MAX_SPEED_SPREAD = 1.25  # highest over lowest speed that can still be one setting
 USUAL_SPEED_SPREAD = 1.05
 """The same of a usual setting: motors meet their speed to a percent or two."""
-ONE_TENSION = 2.5
-"""Highest over lowest force that one tension gives over all arcs and speeds."""
+ONE_TENSION = 2.5  # highest over lowest force that one tension gives over all arcs and speeds
 SPEED_STEP = 0.18
 """Distance of the speeds of a table without settings [ln v]: every run is near to one of them."""
 FEWEST_RUNS = 6
 """Runs of an arc without settings: three for a plane, as many for the scatter about it."""
-MOST_CELLS = 400
-"""Of very many runs of an arc, neighbours are averaged first."""
-EDGE = 1e-9
-"""A node made from the end of a curve lies on the curve, relative."""
+MOST_CELLS = 400  # of very many runs of an arc, neighbours are averaged first
+EDGE = 1e-9  # a node made from the end of a curve lies on the curve, relative
 
 
 @dataclass(frozen=True, slots=True)
