@@ -1,8 +1,6 @@
-"""Means of short runs whose noise is pooled over the runs of a series.
+"""Means of short runs whose noise is pooled: all runs of a series have the same sensors.
 
-The scatter of three samples says little about their noise; the sensors are the same in all runs of
-a series, so variance and correlation are pooled. A run that scatters far beyond its series (it
-shakes) keeps its own.
+A run that scatters far beyond its series (it shakes) keeps its own variance and correlation.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -459,20 +459,21 @@ def _as_fit(solution: _Solution, points: _Points, criterion: float) -> FrictionL
     law, r = solution.law, -solution.r
     dof = r.size - solution.p.size
     covariance, se = _uncertainty(solution, points, dof)
+    said = {
+        name: status(name, x, s, points.mu, points.v)
+        for name, x, s in zip(law.units, solution.p, se, strict=True)
+    }
+    if said.get("b") == NOT_ZERO:  # without provable influence of the speed its scale means nothing
+        said["v0"] = NOT_DETERMINED
     parameters = tuple(
-        FrictionParameter(name, unit, float(x), float(s), status(name, x, s, points.mu, points.v))
+        FrictionParameter(name, unit, float(x), float(s), said[name])
         for (name, unit), x, s in zip(law.units.items(), solution.p, se, strict=True)
     )
-    if any(p.name == "b" and p.status == NOT_ZERO for p in parameters):
-        # where the speed has no provable influence, its scale means nothing
-        parameters = tuple(
-            replace(p, status=NOT_DETERMINED) if p.name == "v0" else p for p in parameters
-        )
     notes = [f"{law.name}: {p.name} is {p.status}" for p in parameters if p.status]
     notes += [
         f"{law.name}: {p.name} is negative, a number without a meaning"
         for p in parameters
-        if p.name in ("mu0", "mu_s", "mu_k") and p.value < 0.0
+        if p.name.startswith("mu") and p.value < 0.0
     ]
     if solution.at_bound:
         notes.append(f"{law.name}: its speed scale ended at the bound of the search")
