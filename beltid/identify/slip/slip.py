@@ -68,9 +68,7 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
     ratio, ratio_se, ratio_notes = _pulley_ratio(runs, series)
     notes += ratio_notes
     losses = pooled_means({r: c[DRIVER] - ratio * c[DRIVEN] for r, c in runs.items()}, series)
-    points = [
-        _point(label, run, losses[label], ratio_se, pulley_radius_m) for label, run in runs.items()
-    ]
+    points = [_point(r, runs[r], losses[r], ratio_se, pulley_radius_m) for r in runs]
     points = [
         replace(  # signs of the recording
             p,
