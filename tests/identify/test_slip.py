@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from beltid.errors import InputError
-from beltid.identify.slip.slip import fit_slip, required_pulley_speeds
+from beltid.identify.slip.slip import fit_slip
 
 ROOT = Path(__file__).parents[2]
 BELTS = ("4pk", "5pk", "6pk")
@@ -147,16 +147,3 @@ def test_wrong_inputs_name_every_problem():
     useless = {k: v[:2] for k, v in drive().items()}
     with pytest.raises(InputError, match="run S00: fewer than 3"):
         fit_slip(useless, 0.05)
-
-
-def test_speeds_that_the_rig_does_not_reach_are_named():
-    result = fit_slip(load("5pk"), 0.05)
-    need = required_pulley_speeds(result, 0.05, configured=[0.05, 0.10, 0.21])
-    assert not need.covered
-    assert not need.covers_largest
-    assert "0.21 to 0.467 rad/s not covered" in need.statement
-    largest = max(truth("5pk").values()) / 0.05
-    assert need.max_speed_rad_s == pytest.approx(largest, rel=5e-3)
-    full = required_pulley_speeds(result, 0.05, configured=[0.05, 0.10, 0.21, 0.42, 0.84])
-    assert full.covers_largest
-    assert required_pulley_speeds(result, 0.05).covered is None

@@ -83,15 +83,6 @@ def test_range_is_what_was_measured_at_every_speed_by_some_arc() -> None:
         assert grid.normal_force_N_m[[0, -1]] == pytest.approx([low, high], rel=1e-12)
 
 
-def test_average_has_no_step_where_an_arc_ends() -> None:
-    result = build(runs({40.0: 0.9, 68.0: 1.0, 82.0: 1.1}))
-    grid = result.average
-    assert grid.n_arcs.min() < 3  # arcs do end
-    # all arcs have the same shape, so the average is the law to the end, whoever is left
-    expected = law(grid.normal_force_N_m[:, None], grid.slip_speed_m_s)
-    assert grid.mu == pytest.approx(expected, rel=1e-9)
-
-
 def test_arc_without_runs_at_one_speed_still_counts_in_proportion() -> None:
     data = runs({40.0: 0.9, 82.0: 1.1})
     missing = (data["arc_deg"] == 40.0) & (data["v"] == SPEEDS[2])
@@ -158,12 +149,12 @@ def test_standard_error_covers_the_noise_of_the_runs() -> None:
     exact = build(data).average
     rng = np.random.default_rng(2)
     scores = []
+    arc = data["arc_deg"] == 68.0
+    clean = build(data, arc).average.mu
     for _ in range(30):
         noisy = {**data, "mu": data["mu"] + data["se"] * rng.standard_normal(120)}
-        one_arc = build(noisy, data["arc_deg"] == 68.0).average
-        scores.append(
-            (one_arc.mu - build(data, data["arc_deg"] == 68.0).average.mu) / one_arc.mu_se
-        )
+        one_arc = build(noisy, arc).average
+        scores.append((one_arc.mu - clean) / one_arc.mu_se)
     # one arc: the error is the propagated noise alone, so the scores have unit spread;
     # 30 x 40 scores, neighbours correlated: 5 % of sampling error
     assert np.std(scores) == pytest.approx(1.0, abs=0.15)
@@ -247,30 +238,18 @@ def test_columns_are_a_row_per_node_and_give_the_surface_back() -> None:
     result = build(bench("6pk"))
     columns = result.to_columns()
     assert {a.size for a in columns.values()} == {4 * 40}
-    assert set(columns) == {
-        "arc_deg",
-        "normal_force_N_m",
-        "slip_speed_m_s",
-        "mu",
-        "mu_se",
-        "n_arcs",
-        "mu_spread",
-    }
+    names = "arc_deg normal_force_N_m slip_speed_m_s mu mu_se n_arcs mu_spread"
+    assert " ".join(columns) == names
     assert np.isnan(columns["arc_deg"][:40]).all()
     assert np.array_equal(columns["arc_deg"][40:], np.repeat(ARCS, 40))
     order = np.random.default_rng(0).permutation(160)
     again = surface_from_columns({k: a[order] for k, a in columns.items()})
     assert again == result.surface
-
-
-def test_single_arc_is_marked_as_the_average_too() -> None:
-    data = bench("6pk")
-    result = build(data, data["arc_deg"] == 68)
-    columns = result.to_columns()
-    assert np.isnan(columns["arc_deg"]).sum() == 40
-    assert (columns["arc_deg"] == 68).sum() == 40
-    assert surface_from_columns(columns) == result.surface
-    assert np.isnan(result.rms_arc_spread)
+    data = bench("6pk")  # a single arc is marked as the average, too
+    single = build(data, data["arc_deg"] == 68)
+    arcs = single.to_columns()["arc_deg"]
+    assert (np.isnan(arcs).sum(), (arcs == 68).sum()) == (40, 40)
+    assert np.isnan([single.rms_arc_spread, single.max_arc_spread]).all()
 
 
 def test_damaged_surface_tables_are_refused() -> None:

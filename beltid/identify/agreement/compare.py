@@ -9,26 +9,268 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import InputError
-from beltid.identify.agreement.matching import MatchSettings, RunTable, match_runs, run_table
-from beltid.identify.agreement.result import (
-    AgreementResult,
-    AgreementSettings,
-    Statistics,
-    statistics,
-)
 from beltid.identify.surface.curves import settings_of
 
-__all__ = ["AgreementResult", "AgreementSettings", "MatchSettings", "Statistics", "compare_points"]
-
 Array = NDArray[np.float64]
+Columns = dict[str, NDArray[Any]]
 
+OK = "ok"
 FORCE_BANDS = ("low", "middle", "high")
+NUMBERS = (
+    "arc_deg", "nominal_tension_N", "pulley_speed_rad_s", "normal_force_N_m", "mu_sliding",
+)  # fmt: skip
+"""Columns of either side that must be numbers > 0."""
+COLUMNS = (
+    "run", "arc_deg", "nominal_tension_N", "pulley_speed_rad_s", "normal_force_N_m", "mu_measured",
+    "mu_simulated", "difference", "relative_difference", "within_tolerance", "force_band",
+)  # fmt: skip
+"""Columns of the comparison table."""
+
+
+@dataclass(frozen=True, slots=True)
+class MatchSettings:
+    """How far apart the same setting may be on two sides, relative to its value.
+
+    Parameters
+    ----------
+    arc, tension : float
+        Contact arc and nominal tension [-].
+    speed : float
+        Pulley speed [-]: the measured one is met by the motor to about a percent.
+    """
+
+    arc: float = 1e-3
+    tension: float = 5e-3
+    speed: float = 3e-2
+
+    def __post_init__(self) -> None:
+        problems = [
+            f"compare.match.{f.name} = {getattr(self, f.name)}, must be in (0, 1)"
+            for f in fields(self)
+            if not 0.0 < getattr(self, f.name) < 1.0
+        ]
+        if problems:
+            raise InputError(problems)
+
+
+@dataclass(frozen=True, slots=True)
+class AgreementSettings:
+    """Tolerances of the comparison; None is not judged.
+
+    Parameters
+    ----------
+    max_rms_relative_error : float or None
+        Largest admissible root mean square of the relative differences [-].
+    max_mean_relative_error : float or None
+        Largest admissible mean of their magnitudes [-]: differences do not cancel.
+    max_relative_error : float or None
+        Largest admissible magnitude of a single one [-].
+    min_share_compared : float or None
+        Smallest admissible share of the usable measured runs that were compared [-].
+    max_rms_error_over_uncertainty : float or None
+        Largest admissible root mean square of the differences over their standard uncertainties;
+        nan, which is never admitted, where these are not known.
+    match : MatchSettings
+        How far settings of matched runs may be apart.
+    """
+
+    max_rms_relative_error: float | None = None
+    max_mean_relative_error: float | None = None
+    max_relative_error: float | None = None
+    min_share_compared: float | None = None
+    max_rms_error_over_uncertainty: float | None = None
+    match: MatchSettings = field(default_factory=MatchSettings)
+
+    def __post_init__(self) -> None:
+        problems = [
+            f"compare.{name} = {value}, must be > 0"
+            for name, value in self.tolerances.items()
+            if not value > 0.0
+        ]
+        if problems:
+            raise InputError(problems)
+
+    @property
+    def tolerances(self) -> dict[str, float]:
+        """Tolerances that are judged, by name."""
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "match"}
+        return {name: value for name, value in values.items() if value is not None}
+
+
+@dataclass(frozen=True, slots=True)
+class Statistics:
+    """Relative differences (simulated - measured)/measured of a group of points.
+
+    Attributes
+    ----------
+    group : str
+        What the points have in common.
+    n_points : int
+        Number of points; without points all figures are nan.
+    rms, mean, mean_magnitude, largest : float
+        Root mean square, mean with sign, mean of magnitudes and largest magnitude [-].
+    force_low_N_m, force_high_N_m : float
+        Lowest and highest measured normal force of the group [N/m].
+    """
+
+    group: str
+    n_points: int
+    rms: float
+    mean: float
+    mean_magnitude: float
+    largest: float
+    force_low_N_m: float
+    force_high_N_m: float
+
+    @classmethod
+    def of(cls, group: str, relative: Array, force: Array) -> Statistics:
+        """Statistics of relative differences [-] at measured normal forces [N/m], each (n,)."""
+        if relative.size == 0:
+            return cls(group, 0, *([float("nan")] * 6))
+        size = np.abs(relative)
+        figures = np.sqrt(np.mean(relative**2)), relative.mean(), size.mean(), size.max()
+        return cls(group, relative.size, *map(float, (*figures, force.min(), force.max())))
+
+    def as_row(self) -> dict[str, object]:
+        """Row for printing, in percent; None in place of nan."""
+        shares = ("rms", "mean", "mean_magnitude", "largest")
+        figures = {f"{name}_percent": 100.0 * getattr(self, name) for name in shares}
+        figures |= {name: getattr(self, name) for name in ("force_low_N_m", "force_high_N_m")}
+        known = {k: (v if np.isfinite(v) else None) for k, v in figures.items()}
+        return {"group": self.group, "n_points": self.n_points, **known}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AgreementResult:
+    """Comparison of a measured and a simulated campaign.
+
+    Attributes
+    ----------
+    run : ndarray of object (n,)
+        Label of the measured run of each matched point; the measured settings follow.
+    arc_deg, nominal_tension_N, pulley_speed_rad_s, normal_force_N_m : ndarray (n,)
+        Settings and measured normal force per length.
+    mu_measured, mu_simulated : ndarray (n,)
+        Friction coefficients [-].
+    force_band : ndarray of object (n,)
+        "low", "middle" or "high": third of the points by measured normal force.
+    averaged : dict of str to ndarray (m,)
+        The same for the means over arcs at equal tension and speed, with ``n_arcs``.
+    overall, over_arc_averages : Statistics
+        All points; the means over arcs (Fig. 17).
+    per_arc, thirds : tuple of Statistics
+        Points of each arc (Fig. 16); low, middle and high third of the points by ``force_band``.
+    settings : AgreementSettings
+        Tolerances.
+    n_measured, n_simulated, n_usable : int
+        Runs on either side, measured runs that were not set aside.
+    not_compared : dict of str to int
+        Runs without a partner or set aside: reason and number.
+    not_compared_runs : tuple of (str, str)
+        The same run by run: label with side, reason.
+    rows : tuple of ndarray of int (n,)
+        Rows of the matched runs in the measured and in the simulated table.
+    u_validation : ndarray (n,), optional
+        Standard uncertainty of the relative differences [-]; nan where it is not known.
+    """
+
+    run: NDArray[np.object_]
+    arc_deg: Array
+    nominal_tension_N: Array
+    pulley_speed_rad_s: Array
+    normal_force_N_m: Array
+    mu_measured: Array
+    mu_simulated: Array
+    force_band: NDArray[np.object_]
+    averaged: Columns
+    overall: Statistics
+    over_arc_averages: Statistics
+    per_arc: tuple[Statistics, ...]
+    thirds: tuple[Statistics, ...]
+    settings: AgreementSettings
+    n_measured: int
+    n_simulated: int
+    n_usable: int
+    not_compared: dict[str, int]
+    not_compared_runs: tuple[tuple[str, str], ...]
+    rows: tuple[NDArray[np.intp], NDArray[np.intp]]
+    u_validation: Array | None = None
+
+    @property
+    def difference(self) -> Array:
+        """Simulated less measured friction coefficient [-], (n,)."""
+        return self.mu_simulated - self.mu_measured
+
+    @property
+    def relative_difference(self) -> Array:
+        """Difference over the measured value [-], (n,)."""
+        return self.difference / self.mu_measured
+
+    @property
+    def share_compared(self) -> float:
+        """Share of the usable measured runs that found a simulated partner [-]."""
+        return self.mu_measured.size / self.n_usable
+
+    @property
+    def error_over_uncertainty(self) -> Array:
+        """Relative difference over its standard uncertainty (n,); nan where it is not known."""
+        if self.u_validation is None:
+            return np.full(self.mu_measured.size, np.nan)
+        safe = np.where(self.u_validation > 0.0, self.u_validation, np.nan)
+        return self.relative_difference / safe
+
+    @property
+    def rms_error_over_uncertainty(self) -> float:
+        """Root mean square of the differences in units of their standard uncertainties."""
+        return float(np.sqrt(np.mean(np.square(self.error_over_uncertainty))))
+
+    @property
+    def passed(self) -> bool:
+        """Whether every tolerance that is set holds."""
+        return all(row["holds"] for row in self.verdict_table())
+
+    @property
+    def within_tolerance(self) -> NDArray[np.bool_]:
+        """Points within ``max_relative_error`` (n,); all of them if it is not judged."""
+        allowed = self.settings.max_relative_error
+        return np.abs(self.relative_difference) <= (np.inf if allowed is None else allowed)
+
+    def to_columns(self) -> Columns:
+        """Columns of the comparison table, a row per matched point."""
+        return {name: getattr(self, name) for name in COLUMNS}
+
+    def statistics_table(self) -> list[dict[str, object]]:
+        """Rows for printing: all points, each arc, the means over arcs, thirds of the force."""
+        groups = (self.overall, *self.per_arc, self.over_arc_averages, *self.thirds)
+        return [group.as_row() for group in groups]
+
+    def verdict_table(self) -> list[dict[str, object]]:
+        """Rows for printing: a judged tolerance each; a figure that is nan never holds."""
+        found = {
+            "max_rms_relative_error": self.overall.rms,
+            "max_mean_relative_error": self.overall.mean_magnitude,
+            "max_relative_error": self.overall.largest,
+            "min_share_compared": self.share_compared,
+            "max_rms_error_over_uncertainty": self.rms_error_over_uncertainty,
+        }
+        rows: list[dict[str, object]] = []
+        for name, allowed in self.settings.tolerances.items():
+            x = found[name]
+            holds = bool(x >= allowed if name.startswith("min") else x <= allowed)
+            rows.append({"tolerance": name, "found": x, "allowed": allowed, "holds": holds})
+        return rows
+
+    def averaged_table(self) -> list[dict[str, object]]:
+        """Rows for printing: the means over arcs at each tension and speed (Fig. 17)."""
+        rows = zip(*(column.tolist() for column in self.averaged.values()), strict=True)
+        return [dict(zip(self.averaged, row, strict=True)) for row in rows]
 
 
 def compare_points(
@@ -46,21 +288,17 @@ def compare_points(
     settings : AgreementSettings, optional
         Without tolerances nothing is judged.
 
-    Returns
-    -------
-    AgreementResult
-
     Raises
     ------
     InputError
         If a column is missing, or no measured run has a simulated partner.
     """
     settings = settings or AgreementSettings()
-    tables = run_table(measured, "measured"), run_table(simulated, "simulated")
-    *rows, left_out = match_runs(*tables, settings.match)
+    tables = _run_table(measured, "measured"), _run_table(simulated, "simulated")
+    of_measured, of_simulated, left_out = _match(*tables, settings.match)
     counts = dict(Counter(reason for _, reason in left_out).most_common())
-    n_measured, n_simulated = (table.mu.size for table in tables)
-    if rows[0].size == 0:
+    n_measured, n_simulated = (table["run"].size for table in tables)
+    if of_measured.size == 0:
         raise InputError(
             [
                 "compare: no measured run has a simulated partner, must be at least one "
@@ -68,75 +306,115 @@ def compare_points(
                 *(f"{count} runs: {reason}" for reason, count in counts.items()),
             ]
         )
-    real, virtual = (table.take(index) for table, index in zip(tables, rows, strict=True))
-    relative = (virtual.mu - real.mu) / real.mu
-    bands = _force_bands(real.force)
-    arcs = settings_of(real.arc_deg, settings.match.arc)
-    averaged = _averages_over_arcs(real, virtual.mu, arcs, settings.match)
-
-    def group(name: str, here: NDArray[np.bool_]) -> Statistics:
-        return statistics(name, relative[here], real.force[here])
-
-    return AgreementResult(
-        run=real.run,
-        arc_deg=real.arc_deg,
-        nominal_tension_N=real.tension,
-        pulley_speed_rad_s=real.speed,
-        normal_force_N_m=real.force,
-        mu_measured=real.mu,
-        mu_simulated=virtual.mu,
-        force_band=bands,
-        averaged=averaged,
-        overall=group("all points", np.ones(relative.size, dtype=bool)),
-        over_arc_averages=statistics(
-            "means over arcs", averaged["relative_difference"], averaged["normal_force_N_m"]
-        ),
-        per_arc=tuple(
-            group(f"arc {real.arc_deg[arcs == a].mean():g}°", arcs == a)
-            for a in range(arcs.max() + 1)
-        ),
-        thirds=tuple(group(f"{word} third of the force", bands == word) for word in FORCE_BANDS),
-        settings=settings,
-        n_measured=n_measured,
-        n_simulated=n_simulated,
-        n_usable=int(np.count_nonzero(tables[0].reason == "")),
-        not_compared=counts,
-        not_compared_runs=left_out,
-        rows=(rows[0], rows[1]),
-    )
-
-
-def _force_bands(force: Array) -> NDArray[np.object_]:
-    """Third of the points by force (n,): groups of nearly equal size, empty below three points."""
-    bands = np.empty(force.size, dtype=object)
+    real = {name: column[of_measured] for name, column in tables[0].items()}
+    mu, virtual = real["mu_sliding"], tables[1]["mu_sliding"][of_simulated]
+    arc_deg, force, relative = real["arc_deg"], real["normal_force_N_m"], (virtual - mu) / mu
+    bands = np.empty(mu.size, dtype=object)  # groups of nearly equal size
     parts = np.array_split(np.argsort(force, kind="stable"), 3)
     for word, part in zip(FORCE_BANDS, parts, strict=True):
         bands[part] = word
-    return bands
+    arcs = settings_of(arc_deg, settings.match.arc)
+    averaged = _averages_over_arcs(real, virtual, arcs, settings.match)
+    groups = [(f"arc {arc_deg[arcs == a].mean():g}°", arcs == a) for a in range(arcs.max() + 1)]
+    thirds = [(f"{word} third of the force", bands == word) for word in FORCE_BANDS]
+    return AgreementResult(
+        **{name: real[name] for name in ("run", *NUMBERS[:-1])},
+        mu_measured=mu,
+        mu_simulated=virtual,
+        force_band=bands,
+        averaged=averaged,
+        overall=Statistics.of("all points", relative, force),
+        over_arc_averages=Statistics.of(
+            "means over arcs", averaged["relative_difference"], averaged["normal_force_N_m"]
+        ),
+        per_arc=tuple(Statistics.of(name, relative[g], force[g]) for name, g in groups),
+        thirds=tuple(Statistics.of(name, relative[g], force[g]) for name, g in thirds),
+        settings=settings,
+        n_measured=n_measured,
+        n_simulated=n_simulated,
+        n_usable=int(np.count_nonzero(tables[0]["reason"] == "")),
+        not_compared=counts,
+        not_compared_runs=left_out,
+        rows=(of_measured, of_simulated),
+    )
+
+
+def _run_table(columns: Mapping[str, ArrayLike], side: str) -> Columns:
+    """Checked columns, speeds without sign, with the ``reason`` why a run cannot be compared."""
+    needed = ("run", *NUMBERS)
+    problems = [f"{side}: column {name} is missing" for name in needed if name not in columns]
+    if problems:
+        raise InputError(problems)
+    run = np.array([str(label) for label in np.asarray(columns["run"]).ravel()], dtype=object)
+    values = {name: np.asarray(columns[name], dtype=float) for name in NUMBERS}
+    status = np.asarray(columns.get("status", np.full(run.size, OK)), dtype=object)
+    problems = [
+        f"{side}: column {name} has shape {a.shape}, must be ({run.size},) as that of run"
+        for name, a in {**values, "status": status}.items()
+        if a.shape != (run.size,)
+    ]
+    if problems:
+        raise InputError(problems)
+    values["pulley_speed_rad_s"] = np.abs(values["pulley_speed_rad_s"])
+    reason = np.empty(run.size, dtype=object)
+    for k in range(run.size):
+        wrong = [name for name, a in values.items() if not 0.0 < a[k] < np.inf]
+        reason[k] = f"{' and '.join(wrong)} not a number > 0" if wrong else ""
+        if status[k] != OK:
+            reason[k] = str(status[k]) or "status is empty"
+    return {"run": run, **values, "reason": reason}
+
+
+def _match(
+    measured: Columns, simulated: Columns, settings: MatchSettings
+) -> tuple[NDArray[np.intp], NDArray[np.intp], tuple[tuple[str, str], ...]]:
+    """Rows of the pairs on both sides, and every run in no pair: side with label, reason.
+
+    Among several simulated runs within the tolerances the one with the same label wins, else the
+    one with the nearest speed; a simulated run may answer several repetitions of a measured one.
+    """
+    tolerances = dict(zip(NUMBERS, (settings.arc, settings.tension, settings.speed), strict=False))
+    pairs: list[tuple[int, int]] = []
+    left_out: list[tuple[str, str]] = []
+    usable = simulated["reason"] == ""
+    answered = np.zeros(usable.size, dtype=bool)
+    for k, (label, reason) in enumerate(zip(measured["run"], measured["reason"], strict=True)):
+        off = {name: np.abs(simulated[name] - measured[name][k]) for name in tolerances}
+        near = np.all([off[n] <= share * measured[n][k] for n, share in tolerances.items()], axis=0)
+        answered |= near  # by a run that was set aside, too: that one is counted
+        if reason:
+            left_out.append((f"measured {label}", f"measured: {reason}"))
+        elif np.any(near & usable):
+            order = np.where(simulated["run"] == label, -1.0, off["pulley_speed_rad_s"])
+            pairs.append((k, int(np.argmin(np.where(near & usable, order, np.inf)))))
+        elif near.any():
+            left_out.append((f"measured {label}", f"simulated: {simulated['reason'][near][0]}"))
+        else:
+            left_out.append((f"measured {label}", "no simulated run with these settings"))
+    for j in np.flatnonzero(~answered):
+        reason = simulated["reason"][j]
+        why = f"simulated: {reason}" if reason else "no measured run with these settings"
+        left_out.append((f"simulated {simulated['run'][j]}", why))
+    rows = np.array(pairs, dtype=np.intp).reshape(-1, 2)
+    return rows[:, 0], rows[:, 1], tuple(left_out)
 
 
 def _averages_over_arcs(
-    real: RunTable, mu_simulated: Array, arcs: NDArray[np.intp], match: MatchSettings
-) -> dict[str, NDArray[Any]]:
+    real: Columns, mu_simulated: Array, arcs: NDArray[np.intp], match: MatchSettings
+) -> Columns:
     """Means over the matched arcs of each tension and speed, repetitions of an arc first."""
-    columns: dict[str, NDArray[Any]] = {
-        "nominal_tension_N": real.tension,
-        "pulley_speed_rad_s": real.speed,
-        "normal_force_N_m": real.force,
-        "mu_measured": real.mu,
-        "mu_simulated": mu_simulated,
-    }
-    data = np.stack(list(columns.values()), axis=1)
-    setting = np.stack(
-        [settings_of(real.tension, match.tension), settings_of(real.speed, match.speed)], axis=1
-    )
+    data = np.stack([*(real[name] for name in NUMBERS[1:]), mu_simulated], axis=1)
+    gaps = {"nominal_tension_N": match.tension, "pulley_speed_rad_s": match.speed}
+    setting = np.stack([settings_of(real[name], gap) for name, gap in gaps.items()], axis=1)
     means, counts = [], []
     for one in np.unique(setting, axis=0):
         here = np.all(setting == one, axis=1)
         per_arc = [data[here & (arcs == a)].mean(axis=0) for a in np.unique(arcs[here])]
         means.append(np.mean(per_arc, axis=0))
         counts.append(len(per_arc))
-    columns = dict(zip(columns, np.array(means).T, strict=True))
+    columns: Columns = dict(
+        zip((*NUMBERS[1:-1], "mu_measured", "mu_simulated"), np.array(means).T, strict=True)
+    )
     columns["n_arcs"] = np.array(counts, dtype=np.int64)
     columns["difference"] = columns["mu_simulated"] - columns["mu_measured"]
     columns["relative_difference"] = columns["difference"] / columns["mu_measured"]

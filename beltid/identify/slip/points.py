@@ -1,4 +1,4 @@
-"""Operating points of a belt drive: creep and gross slip."""
+"""Operating points of a belt drive: creep, gross slip, and the pulley speeds of a rig for them."""
 
 from __future__ import annotations
 
@@ -7,16 +7,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-SIGNIFICANT = 4.0
-"""Standard errors beyond which a loss or a ratio is no accident."""
-CREEP_SHARE = 0.5
-"""Runs up to this share of a series' largest torque give its creep."""
-GROSS_OVER_CREEP = 2.0
-"""Gross slip: the loss exceeds the creep at this torque by this factor,"""
-GROSS_SLIP_RATIO = 0.05
-"""or this share of the driver's speed."""
-SAME_SETTING = 0.02
-"""Speeds and tensions that agree to this share belong to one series."""
+from beltid.errors import InputError
+
+SIGNIFICANT = 4.0  # standard errors beyond which a loss or a ratio is no accident
+CREEP_SHARE = 0.5  # runs up to this share of a series' largest torque give its creep
+GROSS_OVER_CREEP = 2.0  # gross slip: the loss exceeds the creep at this torque by this factor,
+GROSS_SLIP_RATIO = 0.05  # or this share of the driver's speed
+SAME_SETTING = 0.02  # speeds and tensions that agree to this share belong to one series
+SMALLEST_SHARE = 0.01
+"""Sliding speeds below this share of the largest need no runs of their own: the nearest measured
+coefficient is taken there."""
+SPEED_TOLERANCE = 0.02
+"""A pulley speed misses an end of the range if it is off by more than this share."""
 OK = "ok"
 GROSS_SLIP = "gross slip"
 
@@ -31,21 +33,17 @@ class SlipPoint:
         Label of the run.
     driver_speed_rad_s : float
         Mean speed of the driver [rad/s], negative if it turned backwards.
-    initial_tension_N : float
-        Tension of the belt at rest [N], nan if unknown.
-    torque_N_m : float
-        Mean torque [N m] in the sign of the recording, nan if unknown.
-    speed_loss_rad_s : float
-        Driver speed less driven speed times the ratio of the pulleys [rad/s]; the noise of a
-        point without torque may make it slightly negative. Of the mirrored drive if the driver
-        turned backwards, so that a driven pulley that falls behind has a positive loss.
-    speed_loss_se_rad_s : float
-        Its standard error, correlation of the samples and doubt about the ratio of the pulleys
-        allowed for [rad/s].
+    initial_tension_N, torque_N_m : float
+        Tension of the belt at rest [N], mean torque in the sign of the recording [N m]; nan if
+        unknown.
+    speed_loss_rad_s, speed_loss_se_rad_s : float
+        Driver speed less driven speed times the ratio of the pulleys, positive if the driven pulley
+        falls behind in either sense of turning, and its standard error with correlation of the
+        samples and uncertainty of the ratio [rad/s].
     slip_speed_m_s, slip_speed_se_m_s : float
         Eq. (7) and its standard error [m/s].
     n_samples : int
-        Samples used, those with missing values and spikes left out.
+        Samples in which both speeds are known.
     status : str
         "ok", "gross slip", or why the point is of no use.
     """
@@ -72,10 +70,8 @@ class SlipResult:
         In the order of the recording.
     ratio, ratio_se : float
         Driver over driven speed without torque [-]; 1 and 0 if taken as equal.
-    max_slip_speed_m_s : float
-        Largest sliding speed in service, short of gross slip [m/s].
-    max_slip_run : str
-        The run that shows it.
+    max_slip_speed_m_s, max_slip_run : float, str
+        Largest sliding speed in service, short of gross slip [m/s], and the run that shows it.
     notes : tuple of str
         What the user should know.
     """
@@ -91,44 +87,116 @@ class SlipResult:
 def mark_gross_slip(points: Sequence[SlipPoint]) -> list[SlipPoint]:
     """Give points with gross slip that status.
 
-    Parameters
-    ----------
-    points : sequence of SlipPoint
-        All points; the creep is taken from those of the same driver speed and initial tension.
+    The creep [rad/s per N m] of a series, the points of one driver speed and initial tension, is
+    the median loss per torque of its less loaded runs; fewer than three are no creep to compare
+    with.
     """
-    usable = [p for p in points if p.status == OK]
+    names = "driver_speed_rad_s", "initial_tension_N", "torque_N_m", "speed_loss_rad_s"
+    columns = np.array([[getattr(p, name) for name in names] for p in points if p.status == OK])
+    # a run without torque says nothing of creep
+    columns = columns[np.isfinite(columns[:, 2:]).all(axis=1)] if columns.size else np.empty((0, 4))
+    torques, losses = np.abs(columns[:, 2:]).T
     marked = []
     for p in points:
+        mine = np.array([p.driver_speed_rad_s, p.initial_tension_N])
+        series = ~np.any(np.abs(columns[:, :2] - mine) > SAME_SETTING * np.abs(mine), axis=1)
+        largest = float(np.max(torques[series], initial=0.0))
+        low = series & (torques <= CREEP_SHARE * largest) & (torques > 0.05 * largest)
+        creep = float(np.median(losses[low] / torques[low])) if low.sum() >= 3 else 0.0
         loss = abs(p.speed_loss_rad_s)
-        creep = creep_per_torque([q for q in usable if _same_series(p, q)])
         limit = GROSS_OVER_CREEP * creep * abs(p.torque_N_m) + SIGNIFICANT * p.speed_loss_se_rad_s
-        gross = loss > GROSS_SLIP_RATIO * abs(p.driver_speed_rad_s) or (
-            creep > 0.0 and loss > limit
-        )
-        marked.append(replace(p, status=GROSS_SLIP) if p.status == OK and gross else p)
+        too_fast = loss > GROSS_SLIP_RATIO * abs(p.driver_speed_rad_s)
+        gross = p.status == OK and (too_fast or (creep > 0.0 and loss > limit))
+        marked.append(replace(p, status=GROSS_SLIP) if gross else p)
     return marked
 
 
-def creep_per_torque(series: Sequence[SlipPoint]) -> float:
-    """Loss per torque of the less loaded runs of a series [rad/s per N m].
+@dataclass(frozen=True, slots=True)
+class RequiredSpeeds:
+    """Range of pulley speeds to measure at, and whether the rig's settings cover it.
 
-    The median over the runs up to :data:`CREEP_SHARE` of the largest torque; 0 with fewer than
-    three of them, which is no creep to compare with.
+    Attributes
+    ----------
+    min_slip_speed_m_s, max_slip_speed_m_s : float
+        Smallest sliding speed told from zero and largest sliding speed in service [m/s].
+    min_speed_rad_s, max_speed_rad_s : float
+        The pulley speeds of the rig that belong to them [rad/s].
+    proposed_rad_s : tuple of float
+        Speeds in geometric steps over the range [rad/s].
+    configured : tuple of (float, str)
+        Configured speeds [rad/s] and where they lie: "below", "within" or "above" the range.
+    covered, covers_largest : bool or None
+        Whether the configured speeds reach both ends, and the upper one, where the nearest measured
+        value would be wrong most; None without configured speeds.
+    statement : str
+        The outcome in plain words.
     """
-    torque = np.abs([q.torque_N_m for q in series])
-    loss = np.abs([q.speed_loss_rad_s for q in series])
-    known = np.isfinite(torque) & np.isfinite(loss)  # a run without torque says nothing of creep
-    torque, loss = torque[known], loss[known]
-    largest = float(np.max(torque, initial=0.0))
-    low = (torque <= CREEP_SHARE * largest) & (torque > 0.05 * largest)
-    if np.count_nonzero(low) < 3:
-        return 0.0
-    return float(np.median(loss[low] / torque[low]))
+
+    min_slip_speed_m_s: float
+    max_slip_speed_m_s: float
+    min_speed_rad_s: float
+    max_speed_rad_s: float
+    proposed_rad_s: tuple[float, ...]
+    configured: tuple[tuple[float, str], ...]
+    covered: bool | None
+    covers_largest: bool | None
+    statement: str
 
 
-def _same_series(p: SlipPoint, q: SlipPoint) -> bool:
-    pairs = (
-        (p.driver_speed_rad_s, q.driver_speed_rad_s),
-        (p.initial_tension_N, q.initial_tension_N),
+def required_pulley_speeds(
+    slip: SlipResult, R: float, n: int = 5, configured: Sequence[float] | None = None
+) -> RequiredSpeeds:
+    """Pulley speeds ``omega = v / R`` of the friction rig that show the sliding speeds in service.
+
+    Parameters
+    ----------
+    slip : SlipResult
+        Sliding speeds in service.
+    R : float
+        Radius of the belt's centreline on the rig's pulley [m].
+    n : int
+        Number of speeds to propose, >= 2.
+    configured : sequence of float, optional
+        Pulley speeds that the rig is set to [rad/s].
+
+    Raises
+    ------
+    InputError
+        If R or n is not admissible, or no sliding speed can be told from zero.
+    """
+    problems = [] if R > 0.0 else [f"pulley_radius_m = {R!r}, must be > 0 m"]
+    if n < 2:
+        problems.append(f"number of pulley speeds = {n!r}, must be >= 2")
+    speeds = [
+        abs(p.slip_speed_m_s)
+        for p in slip.points
+        if p.status == OK and abs(p.slip_speed_m_s) > SIGNIFICANT * p.slip_speed_se_m_s
+    ]
+    if not speeds:
+        problems.append("no run has a speed loss that can be told from zero")
+    if problems:
+        raise InputError(problems)
+    v_max = max(speeds)
+    v_min = max(min(speeds), SMALLEST_SHARE * v_max)
+    low, high = v_min / R, v_max / R
+    statement = f"sliding in service needs pulley speeds from {low:.3g} to {high:.3g} rad/s"
+    rig = [float(w) for w in configured or ()]
+    reached, missing = False, []
+    if rig:
+        reached = max(rig) >= (1.0 - SPEED_TOLERANCE) * high
+        if min(rig) > (1.0 + SPEED_TOLERANCE) * low:
+            missing.append(f"{low:.3g} to {min(*rig, high):.3g} rad/s")
+        if not reached:
+            missing.append(f"{max(*rig, low):.3g} to {high:.3g} rad/s")
+        gaps = f"{' and '.join(missing)} not covered" if missing else "covered"
+        statement += f"; the rig runs at {', '.join(f'{w:g}' for w in rig)} rad/s: {gaps}"
+    below, above = (1.0 - SPEED_TOLERANCE) * low, (1.0 + SPEED_TOLERANCE) * high
+    places = ["below" if w < below else "above" if w > above else "within" for w in rig]
+    return RequiredSpeeds(
+        *(v_min, v_max, low, high),
+        proposed_rad_s=tuple(np.geomspace(low, high, n).tolist()) if low < high else (high,),
+        configured=tuple(zip(rig, places, strict=True)),
+        covered=not missing if rig else None,
+        covers_largest=reached if rig else None,
+        statement=statement,
     )
-    return all(not abs(a - b) > SAME_SETTING * abs(a) for a, b in pairs)

@@ -1,8 +1,6 @@
-"""Means of short runs whose noise is pooled over the runs of a series.
+"""Means of short runs whose noise is pooled: all runs of a series have the same sensors.
 
-The scatter of three samples says little about their noise; the sensors are the same in all runs of
-a series, so variance and correlation are pooled. A run that scatters far beyond its series (it
-shakes) keeps its own.
+A run that scatters far beyond its series (it shakes) keeps its own variance and correlation.
 """
 
 from __future__ import annotations
@@ -23,12 +21,9 @@ Array = NDArray[np.float64]
 
 OUTLIER = 6.0
 """Distance of a spike from the median, in the larger of the run's and the series' spread."""
-SHAKES = 1.0e-4
-"""Probability of a scatter that is no longer that of the series."""
-FEWEST_RUNS = 3
-"""A series of fewer runs is pooled with all others."""
-SERIES_WIDTH = 0.02
-"""Runs whose speeds agree to this share are one series."""
+SHAKES = 1.0e-4  # probability of a scatter that is no longer that of the series
+FEWEST_RUNS = 3  # a series of fewer runs is pooled with all others
+SERIES_WIDTH = 0.02  # runs whose speeds agree to this share are one series
 
 
 def speed_series(speed_rad_s: Mapping[str, float]) -> tuple[tuple[str, ...], ...]:
@@ -81,7 +76,13 @@ def _means_of_series(recorded: Sequence[Array]) -> list[MeanWithError]:
     # a run that shakes must not settle the correlation of all: each has the same weight at first
     alike = [r / max(float(np.sqrt(s)), 1e-300) for r, s in zip(rest, squares, strict=True)]
     tau = np.minimum(pooled_correlation_time(alike), np.maximum(n, 1.0))
-    shakes = _shakes(squares, n / tau - 1.0)
+    told = (n / tau > 1.0) & (squares > 0.0)
+    shakes = np.zeros(n.size, dtype=bool)
+    if np.count_nonzero(told) >= FEWEST_RUNS:
+        # chi² over the median of the runs, which is blind to those that shake
+        freedom = n[told] / tau[told] - 1.0
+        typical = np.median(squares[told] / chdtri(freedom, 0.5))
+        shakes[told] = chdtrc(freedom, squares[told] / typical) < SHAKES
     calm = [r for r, k in zip(rest, shakes, strict=True) if not k]
     tau = np.minimum(pooled_correlation_time(calm), np.maximum(n, 1.0))
     tau[shakes] = [integrated_autocorrelation_time(rest[k]) for k in np.flatnonzero(shakes)]
@@ -113,34 +114,25 @@ def _without_spikes(runs: Sequence[Array]) -> list[Array]:
     return kept
 
 
-def _shakes(squares: Array, freedom: Array) -> NDArray[np.bool_]:
-    """Runs whose sum of squares is beyond what the noise of the series gives by chance."""
-    shakes = np.zeros(squares.size, dtype=bool)
-    told = (freedom > 0.0) & (squares > 0.0)
-    if np.count_nonzero(told) >= FEWEST_RUNS:
-        # the median of the runs is blind to those that shake
-        typical = np.median(squares[told] / chdtri(freedom[told], 0.5))
-        shakes[told] = chdtrc(freedom[told], squares[told] / typical) < SHAKES
-    return shakes
-
-
 def pooled_correlation_time(residuals: Sequence[Array]) -> float:
     """Autocorrelation time ``1 + 2 sum (1 - k/n) rho_k`` of several short runs together, >= 1.
 
     Parameters
     ----------
     residuals : sequence of ndarray
-        Samples less the mean of their run, nan where missing. That the mean is taken off each run
-        lowers all correlations by ``tau/n``, which is corrected. Correlations are summed up to the
-        first that is not significant.
+        Samples less the mean of their run, nan where missing; the mean lowers all correlations by
+        ``tau/n``, which is corrected. They are summed up to the first that is not significant.
     """
     used = [r for r in residuals if np.nansum(r * r) > 0.0]
     longest = max((r.size for r in used), default=0)
     products, pairs = np.zeros(longest), np.zeros(longest)
     for r in used:
         valid = np.isfinite(r)
-        products[: r.size] += _lagged_products(np.where(valid, r, 0.0))
-        pairs[: r.size] += np.round(_lagged_products(valid.astype(float)))
+        length = 1 << (2 * r.size).bit_length()  # sums of products at every lag, by FFT
+        spectra = np.abs(np.fft.rfft([np.where(valid, r, 0.0), valid.astype(float)], length)) ** 2
+        lagged = np.fft.irfft(spectra, length)[:, : r.size]
+        products[: r.size] += lagged[0]
+        pairs[: r.size] += np.round(lagged[1])
     gap = np.flatnonzero(pairs < 0.5)
     rho = products[: gap[0] if gap.size else longest]
     pairs = pairs[: rho.size]
@@ -156,9 +148,3 @@ def pooled_correlation_time(residuals: Sequence[Array]) -> float:
         share = np.maximum(1.0 - np.arange(1, end) / n, 0.0)
         tau = 1.0 + 2.0 * float(share @ corrected[1:end])
     return max(tau, 1.0)
-
-
-def _lagged_products(x: Array) -> Array:
-    """Sums of products at every lag, by FFT, shape (n,)."""
-    length = 1 << (2 * x.size).bit_length()
-    return np.fft.irfft(np.abs(np.fft.rfft(x, length)) ** 2, length)[: x.size]

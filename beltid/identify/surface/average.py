@@ -2,17 +2,14 @@
 
 Where an arc ends
 -----------------
-Long arcs lose part of their tension range to the steep decay of Eq. (8), so at low and at high
-force some arcs end before others. The plain mean over the arcs that are left would jump there by
-the difference between arcs (several percent on short arcs, where bending falsifies Eqs. 6 and 8
-most), and the common range alone would throw away a fifth of the measured range of ln f. So beyond
-its last point an arc is carried on *parallel* to the mean of the arcs that go on: the average
-takes over their slope without a jump. Only arcs that were measured count in ``n_arcs``.
+Some arcs end before others at low and at high force (Eq. 8). The plain mean over the arcs that are
+left would jump there by the difference between arcs, several percent, and the common range alone
+would throw away a fifth of the measured range of ln f. So beyond its last point an arc is carried
+on *parallel* to the mean of the arcs that go on. Only arcs that were measured count in ``n_arcs``.
 
-Carried on beyond its own range, an arc can reach values that nobody has measured. So every node
-is held within the lowest and the highest friction coefficient of all runs at its speed: the
-surface never leaves the measured band. It costs little: on the virtual benches the bound moves the
-one or two nodes of the lowest force, by at most 1.2 %; nodes that all arcs cover lie well within.
+Carried on, an arc can reach values that nobody has measured. So every node is held within the
+lowest and the highest friction coefficient of all runs at its speed: on the virtual benches that
+moves one or two nodes of the lowest force, by at most 1.2 %.
 
 Where a speed ends
 ------------------
@@ -55,16 +52,13 @@ class SurfaceGrid:
     ----------
     arc_deg : float
         Contact arc [deg], nan for the average over arcs.
-    normal_force_N_m : ndarray (nf,)
-        Nodes of the normal force per length [N/m].
-    slip_speed_m_s : ndarray (nv,)
-        Nodes of the sliding speed [m/s].
+    normal_force_N_m, slip_speed_m_s : ndarray (nf,), (nv,)
+        Nodes of the normal force per length [N/m] and the sliding speed [m/s].
     mu, mu_se : ndarray (nf, nv)
         Friction coefficient and standard error [-]; an unknown error is nan.
-    n_arcs : ndarray of int (nf, nv)
-        Number of arcs measured at the node.
-    mu_spread : ndarray (nf, nv)
-        Standard deviation of mu between those arcs [-], nan for fewer than two.
+    n_arcs, mu_spread : ndarray (nf, nv)
+        Number of arcs measured at the node, and standard deviation of mu between them [-], nan for
+        fewer than two.
     """
 
     arc_deg: float
@@ -97,10 +91,8 @@ def average(
 
     Returns
     -------
-    grid : SurfaceGrid
-        Its values lie within the band of the runs at each speed.
-    notes : tuple of str
-        Speeds left out, ranges cut, arcs that never overlap, nodes held within the band.
+    grid, notes : SurfaceGrid, tuple of str
+        Speeds left out, ranges cut, arcs that never overlap, nodes held are noted.
 
     Raises
     ------
@@ -120,40 +112,24 @@ def average(
             f"arcs {', '.join(never)} share no force with the others at some nodes: "
             "the average may have a step there"
         )
-    mean, held_notes = _held_in_band(np.nanmean(filled, axis=0), curves)
-    notes += held_notes
+    free = np.nanmean(filled, axis=0)
+    bands = [[c.band for c in curves.curves if c.speed == k] for k in range(curves.speeds.size)]
+    low, high = np.array([(min(b)[0], max(x[1] for x in b)) for b in bands]).T
+    mean = np.clip(free, low, high)
+    change = np.abs(mean / free - 1.0)
+    if np.any(change > WORTH_A_NOTE):
+        notes.append(
+            f"{int((change > WORTH_A_NOTE).sum())} of {mean.size} nodes held within the values "
+            "measured at their speed: arcs carried on beyond their last run would have put them "
+            f"up to {change.max():.1%} outside"
+        )
     n_arcs = np.isfinite(mu).sum(axis=0)
-    sd = _spread(mu, n_arcs)
+    squares = np.nansum((mu - np.nansum(mu, axis=0) / np.maximum(n_arcs, 1)) ** 2, axis=0)
+    sd = np.where(n_arcs >= 2, np.sqrt(squares / np.maximum(n_arcs - 1, 1)), np.nan)
     mu_se = _standard_error(mean, se, sd, n_arcs, errors_known)
-    grid = SurfaceGrid(
-        arc_deg=float(curves.arcs_deg[0]) if curves.arcs_deg.size == 1 else float("nan"),
-        normal_force_N_m=nodes,
-        slip_speed_m_s=curves.speeds,
-        mu=mean,
-        mu_se=_with_uncertainty_of_held(mu_se, mean, n_arcs),
-        n_arcs=n_arcs,
-        mu_spread=sd,
-    )
+    arc_deg = float(curves.arcs_deg[0]) if curves.arcs_deg.size == 1 else float("nan")
+    grid = SurfaceGrid(arc_deg, nodes, curves.speeds, mean, mu_se, n_arcs, sd)
     return grid, tuple(notes)
-
-
-def _held_in_band(mean: Array, curves: CurveSet) -> tuple[Array, list[str]]:
-    """Node values (nf, nv) within the band of the runs at each speed, and what that changed."""
-    low = np.full(curves.speeds.size, np.inf)
-    high = np.zeros(curves.speeds.size)
-    for c in curves.curves:
-        low[c.speed] = min(low[c.speed], c.band[0])
-        high[c.speed] = max(high[c.speed], c.band[1])
-    held = np.clip(mean, low, high)
-    change = np.abs(held / mean - 1.0)
-    moved = change > WORTH_A_NOTE
-    if not moved.any():
-        return held, []
-    return held, [
-        f"{int(moved.sum())} of {mean.size} nodes held within the values measured at their speed: "
-        f"arcs carried on beyond their last run would have put them up to {change.max():.1%} "
-        "outside"
-    ]
 
 
 def _force_nodes(curves: CurveSet, count: int | None) -> Array:
@@ -174,10 +150,10 @@ def _force_nodes(curves: CurveSet, count: int | None) -> Array:
 
 
 def _on_nodes(curves: CurveSet, nodes: Array) -> tuple[Array, Array, Array]:
-    """Measured values, their standard errors, and values carried on, at the nodes.
+    """Measured values, standard errors, and values carried on at the nodes, each (na, nf, nv).
 
-    Each (na, nf, nv). The first two are nan where an arc was not measured; the last only where
-    nothing tells how the arc would go on.
+    The first two are nan where an arc was not measured; the last only where nothing tells how the
+    arc would go on.
     """
     shape = (curves.arcs_deg.size, nodes.size, curves.speeds.size)
     mu, se, filled = (np.full(shape, np.nan) for _ in range(3))
@@ -196,7 +172,9 @@ def _on_nodes(curves: CurveSet, nodes: Array) -> tuple[Array, Array, Array]:
         values, errors = np.array([c.at(path) for c in group]).transpose(1, 0, 2)
         on_node = np.searchsorted(path, nodes)
         mu[rows, :, k], se[rows, :, k] = values[:, on_node], errors[:, on_node]
-        filled[rows, :, k] = _held_beyond_ends(_carried_on(values))[:, on_node]
+        going_on = _carried_on(values)
+        measured = np.flatnonzero(np.isfinite(going_on).any(axis=0))  # ends are held beyond
+        filled[rows, :, k] = going_on[:, np.clip(on_node, measured[0], measured[-1])]
     for a, node, k in np.argwhere(np.isnan(filled)):
         filled[a, node, k] = _by_proportion(filled, a, node, k, np.log(curves.speeds))
     return mu, se, filled
@@ -221,15 +199,6 @@ def _carried_on(values: Array) -> Array:
     return filled
 
 
-def _held_beyond_ends(values: Array) -> Array:
-    """Values of one speed (na, n) with those at its ends held where no arc was measured."""
-    measured = np.flatnonzero(np.isfinite(values).any(axis=0))
-    held = values.copy()
-    held[:, : measured[0]] = values[:, [measured[0]]]
-    held[:, measured[-1] + 1 :] = values[:, [measured[-1]]]
-    return held
-
-
 def _by_proportion(filled: Array, a: int, node: int, k: int, log_speed: Array) -> float:
     """Value of an arc at a speed it was never run at, nan if no other speed tells.
 
@@ -245,41 +214,29 @@ def _by_proportion(filled: Array, a: int, node: int, k: int, log_speed: Array) -
     return float(np.interp(log_speed[k], log_speed[known], proportion) * row[others, k].mean())
 
 
-def _spread(mu: Array, n_arcs: NDArray[np.int64]) -> Array:
-    """Standard deviation over the measured arcs, nan for fewer than two."""
-    several = n_arcs >= 2
-    mean = np.nansum(mu, axis=0) / np.maximum(n_arcs, 1)
-    squares = np.nansum((mu - mean) ** 2, axis=0)
-    return np.where(several, np.sqrt(squares / np.maximum(n_arcs - 1, 1)), np.nan)
-
-
 def _standard_error(
     mean: Array, se: Array, sd: Array, n_arcs: NDArray[np.int64], errors_known: bool
 ) -> Array:
-    """Standard error of the average by the random-effects formula of the module."""
+    """Standard error of the average by the formulas of the module, (nf, nv)."""
     n = np.maximum(n_arcs, 1)
     from_runs = np.nansum(se**2, axis=0)
     freedom = n - 1
-    if not freedom.any():
-        return np.sqrt(from_runs) / n if errors_known else np.full(mean.shape, np.nan)
-    excess = np.where(freedom > 0, (sd**2 - from_runs / n) / mean**2, 0.0)
-    per_force = freedom.sum(axis=1)
-    # a force where most arcs have ended says little about their spread: its neighbour knows more
-    rows = np.flatnonzero(2 * per_force >= per_force.max())
-    tau2 = np.maximum((freedom * excess).sum(axis=1)[rows] / per_force[rows], 0.0)
-    nearest = [int(np.argmin(np.abs(rows - i))) for i in range(mean.shape[0])]
-    return np.sqrt(from_runs / n**2 + tau2[nearest][:, None] * mean**2 / n)
-
-
-def _with_uncertainty_of_held(mu_se: Array, mu: Array, n_arcs: NDArray[np.int64]) -> Array:
-    """Standard errors (nf, nv), with what the other speeds change where the value is held."""
-    widened = mu_se.copy()
-    for i, k in np.argwhere(n_arcs == 0):
+    if freedom.any():
+        excess = np.where(freedom > 0, (sd**2 - from_runs / n) / mean**2, 0.0)
+        per_force = freedom.sum(axis=1)
+        # a force where most arcs have ended says little of their spread: its neighbour knows more
+        rows = np.flatnonzero(2 * per_force >= per_force.max())
+        tau2 = np.maximum((freedom * excess).sum(axis=1)[rows] / per_force[rows], 0.0)
+        nearest = [int(np.argmin(np.abs(rows - i))) for i in range(mean.shape[0])]
+        mu_se = np.sqrt(from_runs / n**2 + tau2[nearest][:, None] * mean**2 / n)
+    else:
+        mu_se = np.sqrt(from_runs) / n if errors_known else np.full(mean.shape, np.nan)
+    for i, k in np.argwhere(n_arcs == 0):  # held: with what the other speeds change
         measured = np.flatnonzero(n_arcs[:, k])
         if measured.size == 0:
             continue
-        nearest = measured[np.argmin(np.abs(measured - i))]
-        others = (n_arcs[i] > 0) & (n_arcs[nearest] > 0)
-        change = np.abs(mu[i, others] / mu[nearest, others] - 1.0).mean() if others.any() else 0.0
-        widened[i, k] = mu[i, k] * np.hypot(mu_se[nearest, k] / mu[nearest, k], change)
-    return widened
+        at = measured[np.argmin(np.abs(measured - i))]
+        others = (n_arcs[i] > 0) & (n_arcs[at] > 0)
+        change = np.abs(mean[i, others] / mean[at, others] - 1.0).mean() if others.any() else 0.0
+        mu_se[i, k] = mean[i, k] * np.hypot(mu_se[at, k] / mean[at, k], change)
+    return mu_se

@@ -25,22 +25,17 @@ from beltid.laws.bicubic import bounded_cubic
 
 Array = NDArray[np.float64]
 
-ARC_GAP = 1e-3
-"""Arcs are nominal settings and differ by rounding only, relative."""
-MAX_SPEED_SPREAD = 1.25
-"""Highest over lowest speed that can still be one setting."""
+ARC_GAP = 1e-3  # arcs are nominal settings and differ by rounding only, relative
+MAX_SPEED_SPREAD = 1.25  # highest over lowest speed that can still be one setting
 USUAL_SPEED_SPREAD = 1.05
 """The same of a usual setting: motors meet their speed to a percent or two."""
-ONE_TENSION = 2.5
-"""Highest over lowest force that one tension gives over all arcs and speeds."""
+ONE_TENSION = 2.5  # highest over lowest force that one tension gives over all arcs and speeds
 SPEED_STEP = 0.18
 """Distance of the speeds of a table without settings [ln v]: every run is near to one of them."""
 FEWEST_RUNS = 6
 """Runs of an arc without settings: three for a plane, as many for the scatter about it."""
-MOST_CELLS = 400
-"""Of very many runs of an arc, neighbours are averaged first."""
-EDGE = 1e-9
-"""A node made from the end of a curve lies on the curve, relative."""
+MOST_CELLS = 400  # of very many runs of an arc, neighbours are averaged first
+EDGE = 1e-9  # a node made from the end of a curve lies on the curve, relative
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,12 +44,8 @@ class Points:
 
     Attributes
     ----------
-    arc_deg : ndarray
-        Contact arc [deg].
-    f : ndarray
-        Mean normal force per length [N/m], ascending or not.
-    v : ndarray
-        Measured sliding speed [m/s], > 0.
+    arc_deg, f, v : ndarray
+        Contact arc [deg], mean normal force per length [N/m] and measured sliding speed [m/s], > 0.
     mu, se : ndarray
         Friction coefficient and its standard error [-].
     """
@@ -67,9 +58,7 @@ class Points:
 
     def take(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> Points:
         """Points of an index or a mask."""
-        return Points(
-            self.arc_deg[index], self.f[index], self.v[index], self.mu[index], self.se[index]
-        )
+        return Points(*(a[index] for a in (self.arc_deg, self.f, self.v, self.mu, self.se)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,21 +66,18 @@ class Curve:
     """Friction coefficient over normal force for one arc at one speed.
 
     The curve passes through its points: a natural cubic spline of ln mu over ln f, which fits
-    power laws exactly, bounded like the friction surface. It is not smoothed, as the arcs are
-    averaged afterwards. Leaving out one point of the virtual benches at a time it is missed by
-    0.08 % RMS without noise and 0.36 % with 0.25 % noise; with not-a-knot ends by 0.07 and 0.62 %.
+    power laws exactly, bounded like the friction surface; not smoothed, as the arcs are averaged.
+    A point of the virtual benches left out is missed by 0.08 % RMS without noise and 0.36 % with
+    0.25 % noise; with not-a-knot ends by 0.07 and 0.62 %.
 
     Attributes
     ----------
-    arc_deg : float
-        Contact arc [deg].
-    speed : int
-        Index of the speed setting.
+    arc_deg, speed : float, int
+        Contact arc [deg], index of the speed setting.
     f, mu, se : ndarray (m,)
         Points, ascending in f: force [N/m], friction coefficient and standard error [-].
     band : tuple of float
-        Lowest and highest friction coefficient of its runs as they were measured, before they
-        were brought to a common speed and repetitions averaged [-].
+        Lowest and highest friction coefficient of its runs as they were measured [-].
     """
 
     arc_deg: float
@@ -108,8 +94,7 @@ class Curve:
     def at(self, force: Array) -> tuple[Array, Array]:
         """Friction coefficient and standard error [-] at forces [N/m], nan outside the points.
 
-        The standard errors are propagated through the weights that the (unbounded) spline gives
-        to each of its points.
+        Standard errors are propagated through the weights of the points in the unbounded spline.
         """
         inside = self.covers(force)
         held = np.clip(force, self.f[0], self.f[-1])
@@ -129,10 +114,8 @@ class CurveSet:
 
     Attributes
     ----------
-    arcs_deg : ndarray (na,)
-        Contact arcs, ascending [deg].
-    speeds : ndarray (nv,)
-        Speed settings, ascending: mean of the measured speeds of each [m/s].
+    arcs_deg, speeds : ndarray (na,), (nv,)
+        Contact arcs [deg], and speed settings, the mean of their measured speeds [m/s]; ascending.
     curves : tuple of Curve
         At most one for each arc and speed.
     notes : tuple of str
@@ -146,25 +129,21 @@ class CurveSet:
 
     def of_arc(self, arc_deg: float) -> CurveSet:
         """Curves of one arc, with the speeds that it has."""
-        curves = [c for c in self.curves if c.arc_deg == arc_deg]
-        return replace(self, arcs_deg=np.array([arc_deg]), curves=(), notes=()).with_curves(curves)
+        one = replace(self, arcs_deg=np.array([arc_deg]), notes=())
+        return one.with_curves(c for c in self.curves if c.arc_deg == arc_deg)
 
     def with_curves(self, curves: Iterable[Curve]) -> CurveSet:
         """The set with other curves; speeds without a curve are dropped."""
         kept = tuple(curves)
         used = sorted({c.speed for c in kept})
-        curves_now = tuple(replace(c, speed=used.index(c.speed)) for c in kept)
-        return replace(self, speeds=self.speeds[used], curves=curves_now)
+        kept = tuple(replace(c, speed=used.index(c.speed)) for c in kept)
+        return replace(self, speeds=self.speeds[used], curves=kept)
 
 
 def settings_of(values: Array, gap: float) -> NDArray[np.intp]:
-    """Number of the setting that each measured value belongs to, ascending, from 0.
-
-    Values belong to different settings where the sorted values have a relative gap above `gap`.
-    """
+    """Number of the setting of each value, from 0 upwards; relative gaps above `gap` part them."""
     order = np.argsort(values, kind="stable")
-    ordered = values[order]
-    jump = np.diff(ordered) > gap * ordered[:-1]
+    jump = np.diff(values[order]) > gap * values[order][:-1]
     labels = np.empty(values.size, dtype=np.intp)
     labels[order] = np.concatenate([[0], np.cumsum(jump)])
     return labels
@@ -208,16 +187,17 @@ def build_curves(points: Points, speed_gap: float, force_gap: float) -> CurveSet
     notes: list[str] = []
     for a, arc in enumerate(arcs):
         masks = [(arc_label == a) & (speed_label == k) for k in range(speeds.size)]
-        groups = [at_setting.take(mask) for mask in masks]
-        found = [
-            _curve(g, (float(arc), k), force_gap, points.mu[mask])
-            for k, (g, mask) in enumerate(zip(groups, masks, strict=True))
-            if g.f.size
-        ]
-        missing = [f"{speeds[k]:.4g}" for k, g in enumerate(groups) if not g.f.size]
+        found = []
+        for k, mask in enumerate(masks):
+            if mask.any():
+                band = float(points.mu[mask].min()), float(points.mu[mask].max())
+                f, mu, se = _without_repetitions(at_setting.take(mask), force_gap)
+                found.append(Curve(float(arc), k, f, mu, se, band))
+        missing = [f"{speeds[k]:.4g}" for k, mask in enumerate(masks) if not mask.any()]
         if missing:
-            notes.append(f"arc {arc:g}°: no run at {_listed(missing)} m/s")
-        repeated = sum(g.f.size for g in groups) - sum(c.f.size for c in found)
+            more = f" and {len(missing) - 6} other speeds," if len(missing) > 6 else ""
+            notes.append(f"arc {arc:g}°: no run at {', '.join(missing[:6])}{more} m/s")
+        repeated = int(np.sum(masks)) - sum(c.f.size for c in found)
         if repeated:
             notes.append(
                 f"arc {arc:g}°: {repeated} runs repeat the force and speed of another "
@@ -227,33 +207,15 @@ def build_curves(points: Points, speed_gap: float, force_gap: float) -> CurveSet
     return CurveSet(arcs, speeds, tuple(curves), tuple(notes))
 
 
-def _listed(words: list[str], most: int = 6) -> str:
-    shown = ", ".join(words[:most])
-    return shown if len(words) <= most else f"{shown} and {len(words) - most} other speeds,"
-
-
-def _curve(
-    points: Points, setting: tuple[float, int], force_gap: float, measured_mu: Array
-) -> Curve:
-    """Curve through the points of one arc and speed, repetitions averaged."""
+def _without_repetitions(points: Points, force_gap: float) -> Array:
+    """Rows f, mu, se with means of repetitions, weighted by their errors if all are known."""
     label = settings_of(points.f, force_gap)
-    groups = [label == k for k in range(label.max() + 1)]
-    f, mu, se = np.array([_mean_point(points.take(g)) for g in groups]).T
-    band = float(measured_mu.min()), float(measured_mu.max())
-    return Curve(*setting, f, mu, se, band)
-
-
-def _mean_point(points: Points) -> tuple[float, float, float]:
-    """Mean (f, mu, se) of repetitions, weighted by their standard errors if all are known."""
-    weights = np.ones(points.f.size)
-    if np.all(points.se > 0.0):
-        weights = points.se**-2.0
-    weights /= weights.sum()
-    return (
-        float(weights @ points.f),
-        float(weights @ points.mu),
-        float(np.sqrt(weights**2 @ points.se**2)),
-    )
+    means = []
+    for same in (points.take(label == k) for k in range(label.max() + 1)):
+        weights = same.se**-2.0 if np.all(same.se > 0.0) else np.ones(same.f.size)
+        weights /= weights.sum()
+        means.append((weights @ same.f, weights @ same.mu, np.sqrt(weights**2 @ same.se**2)))
+    return np.array(means).T
 
 
 def _at_common_speed(
@@ -264,26 +226,21 @@ def _at_common_speed(
     A motor misses its speed by up to a percent. With the slope d ln mu / d ln v between
     neighbouring settings (0.1 to 0.3) that is a tenth of a percent of mu, taken off here.
     """
-    exponent = np.zeros(points.f.size)
+    exponent = np.zeros(points.f.size)  # 0 where one speed is all there is of an arc
     for a in range(arc_label.max() + 1):
         here = arc_label == a
-        exponent[here] = _speed_exponent(points.take(here), speed_label[here], speeds)
+        used, label = np.unique(speed_label[here], return_inverse=True)
+        if used.size < 2:
+            continue
+        x, y = np.log(points.f[here]), np.log(points.mu[here])
+        rows = []
+        for k in range(used.size):
+            order = np.argsort(x[label == k])
+            rows.append(np.interp(x, x[label == k][order], y[label == k][order]))
+        slope = np.gradient(np.stack(rows), np.log(speeds[used]), axis=0)
+        exponent[here] = slope[label, np.arange(x.size)]
     factor = (speeds[speed_label] / points.v) ** exponent
     return replace(points, mu=points.mu * factor, se=points.se * factor)
-
-
-def _speed_exponent(points: Points, label: NDArray[np.intp], speeds: Array) -> Array:
-    """Slope d ln mu / d ln v at each point of one arc, 0 where one speed is all there is."""
-    used = np.unique(label)
-    if used.size < 2:
-        return np.zeros(points.f.size)
-    rows = []
-    for k in used:
-        order = np.argsort(points.f[label == k])
-        f, mu = points.f[label == k][order], points.mu[label == k][order]
-        rows.append(np.interp(np.log(points.f), np.log(f), np.log(mu)))
-    slope = np.gradient(np.stack(rows), np.log(speeds[used]), axis=0)
-    return slope[np.searchsorted(used, label), np.arange(points.f.size)]
 
 
 def _is_scattered(
@@ -302,17 +259,18 @@ def _is_scattered(
         spread = points.v[here].max() / points.v[here].min()
         if spread > MAX_SPEED_SPREAD:
             return True
-        runs_of_arcs = np.bincount(arc_label[here])
-        in_curve += (
-            int(runs_of_arcs[runs_of_arcs >= 2].sum()) if spread <= USUAL_SPEED_SPREAD else 0
-        )
+        if spread <= USUAL_SPEED_SPREAD:
+            runs_of_arcs = np.bincount(arc_label[here])
+            in_curve += int(runs_of_arcs[runs_of_arcs >= 2].sum())
     return 2 * in_curve < points.f.size
 
 
 def _scattered_curves(points: Points, arc_label: NDArray[np.intp], arcs: Array) -> CurveSet | None:
     """Curves of each arc at common speeds, from all of its runs; None if no arc has enough."""
-    speeds = _speeds_of_table(points.v)
-    log_speed = np.log(speeds)
+    ordered = np.sort(points.v)  # every run is to be near to a speed, every speed near to a run
+    cells = np.floor(np.log(ordered / ordered[0]) / SPEED_STEP)
+    groups = [ordered[cells == k] for k in np.unique(cells)]
+    speeds = np.array([np.sqrt(group[0] * group[-1]) for group in groups])
     curves: list[Curve] = []
     few = []
     band = float(points.mu.min()), float(points.mu.max())
@@ -328,7 +286,7 @@ def _scattered_curves(points: Points, arc_label: NDArray[np.intp], arcs: Array) 
         x = np.log(np.column_stack([mine.f, mine.v]))
         # as many nodes along the force as a grid of that many runs would have
         nodes = np.geomspace(*ends, int(np.ceil(np.sqrt(mine.f.size))))
-        at = np.stack(np.meshgrid(np.log(nodes), log_speed, indexing="ij"), axis=-1)
+        at = np.stack(np.meshgrid(np.log(nodes), np.log(speeds), indexing="ij"), axis=-1)
         log_mu, se = kriging(x, np.log(mine.mu), mine.se / mine.mu, at.reshape(-1, 2))
         free = np.exp(log_mu).reshape(nodes.size, -1)
         mu = np.clip(free, *band)  # corners without runs: nothing beyond what was measured
@@ -361,11 +319,3 @@ def _thinned(points: Points) -> Points:
         for g in (points.take(cell.ravel() == k) for k in range(int(cell.max()) + 1))
     ]  # fmt: skip
     return Points(*np.array(rows).T)
-
-
-def _speeds_of_table(v: Array) -> Array:
-    """Speeds such that every run is near to one, and every one near to a run [m/s]."""
-    ordered = np.sort(v)
-    cells = np.floor(np.log(ordered / ordered[0]) / SPEED_STEP)
-    groups = (ordered[cells == k] for k in np.unique(cells))
-    return np.array([np.sqrt(group[0] * group[-1]) for group in groups])

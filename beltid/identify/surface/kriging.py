@@ -12,8 +12,7 @@ from scipy.linalg import solve
 
 Array = NDArray[np.float64]
 
-LOG_STIFFNESS = np.linspace(-7.0, 16.0, 93)
-"""ln of the ratios of spline to noise variance that are tried."""
+LOG_STIFFNESS = np.linspace(-7.0, 16.0, 93)  # ln of spline over noise variance, tried
 
 
 def kriging(x: Array, y: Array, se: Array, at: Array) -> tuple[Array, Array]:
@@ -21,12 +20,10 @@ def kriging(x: Array, y: Array, se: Array, at: Array) -> tuple[Array, Array]:
 
     Parameters
     ----------
-    x : ndarray, shape (n, 2)
-        Places.
+    x, at : ndarray, shape (n, 2), (m, 2)
+        Places of the points, and places to estimate.
     y, se : ndarray, shape (n,)
         Values and standard errors, whose common scale is estimated; all zero if unknown.
-    at : ndarray, shape (m, 2)
-        Places to estimate.
 
     Returns
     -------

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,26 +26,19 @@ from scipy.special import chdtr, chdtrc
 
 from beltid.errors import ConvergenceError, FitError, InputError, NumericsError
 from beltid.identify.estimators.statistics import integrated_autocorrelation_time
+from beltid.identify.surface.curves import settings_of
 from beltid.laws.friction_formulas import FRICTION_LAWS, Coulomb, FrictionFormula
 
 Array = NDArray[np.float64]
 
-ROUNDING = 1.0e-20
-"""Squares of relative misfits below are rounding."""
-SPEED_GAP = 0.03
-"""Speeds closer than this share are one setting."""
-FORCE_SPREAD = 0.05
-"""Forces within this share of each other do not show how mu depends on the force."""
-SCAN = 49
-"""Values of the speed scale that are tried."""
-MOST_STARTS = 3
-"""The search starts from the best local minima of the scan, at most so many."""
-MOST_ROUNDS = 30
-"""Rounds between the parameters and q."""
-SINGULAR = 1.0e-10
-"""Singular values of the column-scaled Jacobian below this share of the largest are zero."""
-TWO_ERRORS = 4.0
-"""Rise of chi² at two standard errors."""
+ROUNDING = 1.0e-20  # squares of relative misfits below are rounding
+SPEED_GAP = 0.03  # speeds closer than this share are one setting
+FORCE_SPREAD = 0.05  # forces within this share of each other do not show an exponent
+SCAN = 49  # values of the speed scale that are tried
+MOST_STARTS = 3  # the search starts from the best local minima of the scan, at most so many
+MOST_ROUNDS = 30  # rounds between the parameters and q
+SINGULAR = 1.0e-10  # singular values of unit columns below this share of the largest are zero
+TWO_ERRORS = 4.0  # rise of chi² at two standard errors
 NOT_DETERMINED = "not determined by the data"
 NOT_ZERO = "not different from zero"
 
@@ -84,22 +77,17 @@ class FrictionLawFit:
     ----------
     law : str
         See :data:`beltid.laws.friction_formulas.FRICTION_LAWS`.
-    parameters : tuple of FrictionParameter
-        Values, standard errors and what is to be said about them.
-    covariance : ndarray
-        Of the parameters, in their order, shape (p, p); nan where one is not determined.
+    parameters, covariance : tuple of FrictionParameter, ndarray (p, p)
+        Parameters, and their covariance: nan where one is not determined.
     reference_force_N_m : float
-        f0, chosen in the middle of the points [N/m].
-    rms_misfit, worst_misfit : float
-        Root mean square and largest of the relative misfits ``law/mu - 1`` [-].
-    worst_at : tuple of float
-        Force [N/m] and speed [m/s] of the largest.
-    chi_square : float
-        ``r' C^-1 r``; nan if the errors of the points are not known.
+        f0 [N/m].
+    rms_misfit, worst_misfit, worst_at : float, float, tuple of float
+        Root mean square and largest of the relative misfits ``law/mu - 1`` [-]; force [N/m] and
+        speed [m/s] of the largest.
+    chi_square, degrees_of_freedom : float, int
+        ``r' C^-1 r``, nan if the errors of the points are not known; points less parameters.
     law_error : float
         sqrt(q), what the law misses the points by beyond their errors [-].
-    degrees_of_freedom : int
-        Points less parameters.
     criterion : float
         AICc less that of the best law [-]; nan with too few points.
     notes : tuple of str
@@ -145,14 +133,10 @@ class FrictionLaws:
         From the simplest law to the richest.
     refused : tuple of (str, str)
         Laws that were not fitted, with the reason.
-    best : str
-        Law of the lowest criterion.
-    verdict : str
-        The outcome in plain words.
-    n_points : int
-        Points used.
-    n_effective : float
-        Independent ones among them.
+    best, verdict : str
+        Law of the lowest criterion, and the outcome in plain words.
+    n_points, n_effective : int, float
+        Points used, and independent ones among them.
     valid_force_N_m, valid_speed_m_s : tuple of float
         Range of the points: the formulas hold within it.
     notes : tuple of str
@@ -218,21 +202,21 @@ def fit_friction_laws(
         except NumericsError as error:
             refused.append((law.name, str(error)))
     n_effective = points.f.size / min(found, key=lambda s: s.deviance).tau
-    criteria = np.array([_aicc(s, points.f.size, n_effective) for s in found])
+    # AICc for n_effective independent points; q is one parameter more
+    k = np.array([s.p.size + 1.0 for s in found])
+    room = n_effective - k - 1.0
+    penalty = 2.0 * k * n_effective / np.where(room > 0.0, room, np.nan)
+    criteria = n_effective / points.f.size * np.array([s.deviance for s in found]) + penalty
     criteria -= np.nanmin(criteria) if np.isfinite(criteria).any() else 0.0
     fits = tuple(_as_fit(s, points, float(c)) for s, c in zip(found, criteria, strict=True))
     best = min(fits, key=lambda f: math.inf if math.isnan(f.criterion) else f.criterion)
-    return FrictionLaws(
-        fits=fits,
-        refused=tuple(refused),
-        best=best.law,
-        verdict=verdict_of(fits),
-        n_points=points.f.size,
-        n_effective=n_effective,
-        valid_force_N_m=(float(points.f.min()), float(points.f.max())),
-        valid_speed_m_s=(float(points.v.min()), float(points.v.max())),
-        notes=points.notes,
+    (f_low, f_high), (v_low, v_high) = (
+        (float(x.min()), float(x.max())) for x in (points.f, points.v)
     )
+    return FrictionLaws(
+        fits, tuple(refused), best.law, verdict_of(fits), points.f.size, n_effective,
+        (f_low, f_high), (v_low, v_high), points.notes,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -265,93 +249,71 @@ def _points(
     arrays = {name: np.asarray(value, dtype=float).ravel() for name, value in named.items()}
     n = arrays["mu"].size
     se = np.full(n, np.nan) if mu_se is None else np.asarray(mu_se, dtype=float).ravel()
-    S = None if factor is None else np.asarray(factor, dtype=float).reshape(len(factor), -1)  # type: ignore[arg-type]
-    sizes = {**{k: a.size for k, a in arrays.items()}, "mu_se": se.size}
-    sizes |= {} if S is None else {"factor": S.shape[0]}
+    S = np.zeros((n, 0)) if factor is None else np.asarray(factor, dtype=float)
+    sizes = {**{k: a.size for k, a in arrays.items()}, "mu_se": se.size, "factor": len(S)}
     problems = [
-        f"{name}: {size} values, must be {n} as many as mu"
-        for name, size in sizes.items()
-        if size != n
+        f"{name}: {k} values, must be {n} as many as mu" for name, k in sizes.items() if k != n
     ]
     if problems:
         raise InputError(problems)
     arrays["slip_speed_m_s"] = np.abs(arrays["slip_speed_m_s"])
-    good = np.all([np.isfinite(a) & (a > 0.0) for a in arrays.values()], axis=0)
+    rows = np.flatnonzero(np.all([np.isfinite(a) & (a > 0.0) for a in arrays.values()], axis=0))
     notes = []
-    if not good.all():
-        notes.append(f"{int((~good).sum())} of {n} points left out: force, speed, mu must be > 0")
-    if good.sum() < 2:
-        raise InputError(f"friction laws: {good.sum()} usable points of {n}, must be at least 2")
-    setting = _speed_settings(arrays["slip_speed_m_s"][good])
-    order = np.lexsort((arrays["normal_force_N_m"][good], setting))
-    rows = np.flatnonzero(good)[order]
+    if rows.size < n:
+        notes.append(f"{n - rows.size} of {n} points left out: force, speed, mu must be > 0")
+    if rows.size < 2:
+        raise InputError(f"friction laws: {rows.size} usable points of {n}, must be at least 2")
+    setting = settings_of(arrays["slip_speed_m_s"][rows], SPEED_GAP)
+    order = np.lexsort((arrays["normal_force_N_m"][rows], setting))
+    rows = rows[order]
     force, speed, coefficient = (a[rows] for a in arrays.values())
-    U, relative = np.eye(rows.size), se[rows] / coefficient
+    S, relative = S.reshape(n, -1)[rows], se[rows] / coefficient
     known = np.isfinite(relative) & (relative > 0.0)
-    if S is not None and np.any(S[rows]):
-        U, sizes_of_S, _ = np.linalg.svd(S[rows], full_matrices=True)
-        variance = np.zeros(rows.size)
-        variance[: sizes_of_S.size] = np.square(sizes_of_S)
-        known[:] = True
+    U, variance, errors_known = np.eye(rows.size), np.zeros(rows.size), True
+    if np.any(S):
+        U, singular, _ = np.linalg.svd(S, full_matrices=True)
+        variance[: singular.size] = np.square(singular)
     elif known.any():
         typical = float(np.median(relative[known]))
         variance = np.square(np.where(known, relative, typical))
         if not known.all():
-            notes.append(
-                f"{int((~known).sum())} points without a standard error: {100 * typical:.2g} % "
-                "taken"
-            )
+            count = int((~known).sum())
+            notes.append(f"{count} points without a standard error: {100 * typical:.2g} % taken")
     else:
-        variance = np.zeros(rows.size)
+        errors_known = False
         notes.append("no standard errors of mu: points have equal relative weight")
     return _Points(
-        force, speed, coefficient, setting[order], U, variance, bool(known.any()), tuple(notes)
+        force, speed, coefficient, setting[order], U, variance, errors_known, tuple(notes)
     )
-
-
-def _speed_settings(speed: Array) -> NDArray[np.intp]:
-    """Number of the speed setting of each point, rising with the speed."""
-    order = np.argsort(speed, kind="stable")
-    steps = np.diff(speed[order]) > SPEED_GAP * speed[order][:-1]
-    found = np.empty(speed.size, dtype=np.intp)
-    found[order] = np.concatenate([[0], np.cumsum(steps)])
-    return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Solution:
-    """A law at its minimum.
-
-    ``p`` are the parameters, ``r`` the relative misfits ``1 - law/mu``, ``J`` the whitened
-    derivatives of law/mu by the parameters, ``tau`` the correlation time of the whitened misfits,
-    ``at_bound`` -1 or 1 where the speed scale ended at the lower or upper bound of the search.
-    """
+    """A law at its minimum."""
 
     law: Coulomb
     f0: float
-    p: Array
+    p: Array  # parameters
     q: float
-    r: Array
-    J: Array
-    tau: float
+    r: Array  # relative misfits 1 - law/mu
+    J: Array  # whitened derivatives of law/mu
+    tau: float  # correlation time of the whitened misfits
     deviance: float
     scales: tuple[float, float]
-    at_bound: int
+    at_bound: int  # -1 or 1 where the speed scale ended at the lower or upper bound
 
 
 def _solve(law: Coulomb, points: _Points, f0: float) -> _Solution:
-    """Parameters and q of one law.
-
-    Raises
-    ------
-    FitError
-        If the points are too few or too much alike for the law.
-    ConvergenceError
-        If no start leads to a minimum.
-    """
-    reason = _too_little(law, points)
-    if reason:
-        raise FitError(reason)
+    """Parameters and q of one law; FitError if the points are too few or too much alike for it."""
+    n_speeds = int(points.setting.max()) + 1
+    if points.f.size < len(law.parameters):
+        raise FitError(f"{points.f.size} points for {len(law.parameters)} parameters")
+    if "a" in law.parameters and not points.f.max() > (1.0 + FORCE_SPREAD) * points.f.min():
+        raise FitError("all points at one force: the exponent a is not determined")
+    if n_speeds < law.speeds_needed:
+        raise FitError(
+            f"{n_speeds} sliding speeds, {law.speeds_needed} are needed for its speed dependence"
+        )
     f, dof = points.f / f0, points.f.size - len(law.parameters)
     scales = (points.v.min() / law.reach, points.v.max() * law.reach)
     W = points.whitening(max(float(np.mean(points.variance)), ROUNDING))
@@ -374,13 +336,13 @@ def _solve(law: Coulomb, points: _Points, f0: float) -> _Solution:
     size = float(np.max(np.abs(r)))
     # what known errors explain is no correlation of the law's misfits
     explained = size * size <= ROUNDING or (points.errors_known and q == 0.0)
-    tau = 1.0 if explained else _correlation_time(z, points.setting)
-    at = law.parameters.index(law.scale) if law.scale else None
-    bound = 0 if at is None else int(p[at] >= scales[1] * 0.999) - int(p[at] <= scales[0] * 1.001)
-    spread = np.log(np.maximum(points.variance + q, ROUNDING))
-    return _Solution(
-        law, f0, p, q, r, J, tau, float(np.sum(spread) + z @ z), scales, bound
-    )  # fmt: skip
+    parts = [z[points.setting == k] for k in range(n_speeds)]  # along the force
+    times = [1.0 if explained else integrated_autocorrelation_time(part) for part in parts]
+    tau = float(np.average(times, weights=[part.size for part in parts]))
+    scale = p[law.parameters.index(law.scale)] if law.scale else math.nan
+    bound = int(scale >= scales[1] * 0.999) - int(scale <= scales[0] * 1.001)
+    deviance = float(np.sum(np.log(np.maximum(points.variance + q, ROUNDING))) + z @ z)
+    return _Solution(law, f0, p, q, r, J, tau, deviance, scales, bound)
 
 
 def _misfit(law: Coulomb, points: _Points, f: Array, p: Array) -> Array:
@@ -388,16 +350,9 @@ def _misfit(law: Coulomb, points: _Points, f: Array, p: Array) -> Array:
 
 
 def law_variance(rotated: Array, variance: Array, dof: int) -> float:
-    """The q >= 0 at which ``sum r² / (variance + q)`` equals the degrees of freedom.
+    """The q >= 0 at which ``sum r² / (variance + q)`` equals the degrees of freedom, 0 without any.
 
-    Parameters
-    ----------
-    rotated : ndarray
-        Misfits in the axes of the covariance, shape (n,).
-    variance : ndarray
-        Its eigenvalues, shape (n,).
-    dof : int
-        Degrees of freedom; without any, q is zero.
+    Misfits `rotated` in the axes of the covariance and its eigenvalues `variance`, each (n,).
     """
     from scipy.optimize import brentq  # slow to import
 
@@ -409,25 +364,6 @@ def law_variance(rotated: Array, variance: Array, dof: int) -> float:
         return 0.0 if np.any(variance > 0.0) else ROUNDING
     high = math.log(float(rotated @ rotated) / dof) + 1e-6
     return math.exp(brentq(excess, low, high, xtol=1e-12, rtol=1e-14))
-
-
-def _correlation_time(z: Array, setting: NDArray[np.intp]) -> float:
-    """Mean integrated autocorrelation time along the force [points]."""
-    parts = [z[setting == k] for k in range(int(setting.max()) + 1)]
-    times = [integrated_autocorrelation_time(part) for part in parts]
-    return float(np.average(times, weights=[part.size for part in parts]))
-
-
-def _too_little(law: Coulomb, points: _Points) -> str:
-    """Why the points cannot determine the parameters of a law; empty if they can."""
-    n_speeds = int(points.setting.max()) + 1
-    if points.f.size < len(law.parameters):
-        return f"{points.f.size} points for {len(law.parameters)} parameters"
-    if "a" in law.parameters and not points.f.max() > (1.0 + FORCE_SPREAD) * points.f.min():
-        return "all points at one force: the exponent a is not determined"
-    if n_speeds < law.speeds_needed:
-        return f"{n_speeds} sliding speeds, {law.speeds_needed} are needed for its speed dependence"
-    return ""
 
 
 def _scan(
@@ -452,9 +388,9 @@ def _scan(
 def _at_scale(
     law: Coulomb, points: _Points, f0: float, W: Array, a: float, scale: float, *, free_a: bool
 ) -> tuple[Array, float, bool]:
-    """Parameters for a given speed scale, chi², and whether all (with a free one) are determined.
+    """Linear least squares for given speed scale; a free exponent is linearised at `a`.
 
-    Linear least squares for the amplitudes and, if free, the exponent linearised at `a`.
+    Parameters, chi², and whether all with a free exponent are determined.
     """
     falling = (points.f / f0) ** -a / points.mu
     columns = falling[:, None] * law.terms(points.v, scale)
@@ -502,11 +438,8 @@ def _minimum(
     except (ValueError, np.linalg.LinAlgError) as error:
         raise ConvergenceError(f"{law.name}: the search broke down ({error})") from None
     if found.status == 0:
-        raise ConvergenceError(
-            f"{law.name}: no minimum after {found.nfev} evaluations",
-            iterations=int(found.nfev),
-            residual=float(found.optimality),
-        )
+        words = f"{law.name}: no minimum after {found.nfev} evaluations"
+        raise ConvergenceError(words, iterations=int(found.nfev), residual=float(found.optimality))
     return public(found.x)
 
 
@@ -521,34 +454,26 @@ def _inverse(J: Array) -> tuple[Array, NDArray[np.bool_]]:
     return inverse, determined
 
 
-def _aicc(solution: _Solution, n: int, n_effective: float) -> float:
-    """Information criterion for n_effective independent points; nan if they are too few."""
-    k = solution.p.size + 1  # q is one more
-    if n_effective <= k + 1:
-        return math.nan
-    share = n_effective / n
-    return share * solution.deviance + 2.0 * k * n_effective / (n_effective - k - 1.0)
-
-
 def _as_fit(solution: _Solution, points: _Points, criterion: float) -> FrictionLawFit:
     """Parameters with their uncertainty, and the misfit."""
     law, r = solution.law, -solution.r
     dof = r.size - solution.p.size
     covariance, se = _uncertainty(solution, points, dof)
+    said = {
+        name: status(name, x, s, points.mu, points.v)
+        for name, x, s in zip(law.units, solution.p, se, strict=True)
+    }
+    if said.get("b") == NOT_ZERO:  # without provable influence of the speed its scale means nothing
+        said["v0"] = NOT_DETERMINED
     parameters = tuple(
-        FrictionParameter(name, unit, float(x), float(s), status(name, x, s, points.mu, points.v))
+        FrictionParameter(name, unit, float(x), float(s), said[name])
         for (name, unit), x, s in zip(law.units.items(), solution.p, se, strict=True)
     )
-    if any(p.name == "b" and p.status == NOT_ZERO for p in parameters):
-        # where the speed has no provable influence, its scale means nothing
-        parameters = tuple(
-            replace(p, status=NOT_DETERMINED) if p.name == "v0" else p for p in parameters
-        )
     notes = [f"{law.name}: {p.name} is {p.status}" for p in parameters if p.status]
     notes += [
         f"{law.name}: {p.name} is negative, a number without a meaning"
         for p in parameters
-        if p.name in ("mu0", "mu_s", "mu_k") and p.value < 0.0
+        if p.name.startswith("mu") and p.value < 0.0
     ]
     if solution.at_bound:
         notes.append(f"{law.name}: its speed scale ended at the bound of the search")
@@ -575,9 +500,8 @@ def _as_fit(solution: _Solution, points: _Points, criterion: float) -> FrictionL
 def _uncertainty(solution: _Solution, points: _Points, dof: int) -> tuple[Array, Array]:
     """Covariance and standard errors of the parameters.
 
-    The part that the speed scale has in the linear errors is widened to half of what the parameters
-    move over all scales that fit within two standard errors: the errors of a speed scale are seldom
-    symmetric, and several may do.
+    The part of the speed scale in the linear errors is widened to half of what the parameters move
+    over all scales that fit within two standard errors: its errors are seldom symmetric.
     """
     law, p = solution.law, solution.p
     inverse, determined = _inverse(solution.J)
@@ -588,9 +512,8 @@ def _uncertainty(solution: _Solution, points: _Points, dof: int) -> tuple[Array,
     se = np.where(determined, linear, np.inf)
     if law.scale and determined.any():
         at = law.parameters.index(law.scale)
-        by_scale = (
-            covariance[at] / linear[at] if determined[at] and linear[at] > 0.0 else 0.0 * linear
-        )
+        known = determined[at] and linear[at] > 0.0
+        by_scale = covariance[at] / linear[at] if known else 0.0 * linear
         excess = (0.5 * _moved_by_scale(solution, points)) ** 2 - by_scale**2
         se = np.hypot(se, np.sqrt(np.maximum(excess, 0.0)))
     wider = np.divide(se, linear, out=np.ones_like(se), where=np.isfinite(se) & (linear > 0.0))

@@ -33,10 +33,9 @@ def _ranges(curves: CurveSet) -> tuple[Array, Array]:
 def _covered(curves: CurveSet) -> tuple[Array, NDArray[np.bool_]]:
     """Ends of all curves (m + 1,) and whether a speed covers the stretch between two (nv, m)."""
     ends = np.unique([c.f[[0, -1]] for c in curves.curves])
-    middle = 0.5 * (ends[:-1] + ends[1:])
-    covered = np.zeros((curves.speeds.size, middle.size), dtype=bool)
+    covered = np.zeros((curves.speeds.size, ends.size - 1), dtype=bool)
     for c in curves.curves:
-        covered[c.speed] |= c.covers(middle)
+        covered[c.speed] |= c.covers(0.5 * (ends[:-1] + ends[1:]))
     return ends, covered
 
 
@@ -71,8 +70,9 @@ def _ends_early(edge: Array) -> NDArray[np.bool_]:
 
 def with_common_range(curves: CurveSet) -> tuple[CurveSet, list[str]]:
     """The most speeds that have a range of forces in common, and what had to be left out."""
-    if _single_tension(curves):
-        return curves, []
+    forces = np.concatenate([c.f for c in curves.curves])
+    if forces.size == len(curves.curves) and forces.max() < ONE_TENSION * forces.min():
+        return curves, []  # one tension at all arcs and speeds: a surface over the speed only
     _, covered = _covered(curves)
     candidates = np.unique(covered.T, axis=0)  # a row of speeds for every stretch of the force
     best, extent = curves, (0, 0.0)
@@ -93,23 +93,11 @@ def with_common_range(curves: CurveSet) -> tuple[CurveSet, list[str]]:
         for k, speed in enumerate(curves.speeds)
         if speed not in best.speeds
     ]
-    return best, notes + _held(best)
-
-
-def _held(curves: CurveSet) -> list[str]:
-    """Name the speeds whose nearest value is held."""
-    low, high = _ranges(curves)
-    return [
-        f"speed {curves.speeds[k]:.4g} m/s: measured {word} {edge[k]:.0f} N/m only, its value "
+    low, high = _ranges(best)
+    notes += [
+        f"speed {best.speeds[k]:.4g} m/s: measured {word} {edge[k]:.0f} N/m only, its value "
         "there is held where the other speeds go on"
         for word, edge, inwards in (("from", low, np.log(low)), ("up to", high, -np.log(high)))
         for k in np.flatnonzero(_ends_early(inwards))
     ]
-
-
-def _single_tension(curves: CurveSet) -> bool:
-    """Whether there is one force per arc and speed, all alike: a surface over the speed only."""
-    if any(c.f.size > 1 for c in curves.curves):
-        return False
-    forces = np.concatenate([c.f for c in curves.curves])
-    return bool(forces.max() < ONE_TENSION * forces.min())
+    return best, notes

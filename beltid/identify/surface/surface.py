@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import InputError
 from beltid.identify.surface.average import SurfaceGrid, average
-from beltid.identify.surface.curves import CurveSet, Points, build_curves
+from beltid.identify.surface.curves import Points, build_curves
 from beltid.laws.friction_surface import FrictionSurface
 
 __all__ = [
@@ -49,13 +49,12 @@ class SurfaceSettings:
     force_gap: float = 0.01
 
     def __post_init__(self) -> None:
-        problems = []
-        if self.force_nodes is not None and self.force_nodes < 2:
-            problems.append(f"surface.force_nodes = {self.force_nodes}, must be >= 2")
+        few = self.force_nodes is not None and self.force_nodes < 2
+        problems = [f"surface.force_nodes = {self.force_nodes}, must be >= 2"] if few else []
         problems += [
-            f"surface.{name} = {value}, must be in (0, 1)"
-            for name, value in (("speed_gap", self.speed_gap), ("force_gap", self.force_gap))
-            if not 0.0 < value < 1.0
+            f"surface.{name} = {getattr(self, name)}, must be in (0, 1)"
+            for name in ("speed_gap", "force_gap")
+            if not 0.0 < getattr(self, name) < 1.0
         ]
         if problems:
             raise InputError(problems)
@@ -67,14 +66,10 @@ class SurfaceResult:
 
     Attributes
     ----------
-    average : SurfaceGrid
-        Surface averaged over the arcs.
-    arcs : tuple of SurfaceGrid
-        Surface of each arc over the range that it covers itself.
-    n_points : int
-        Number of points used.
-    set_aside : tuple of str
-        Points not used, each with its reason.
+    average, arcs : SurfaceGrid, tuple of SurfaceGrid
+        Surface averaged over the arcs, and of each arc over the range that it covers itself.
+    n_points, set_aside : int, tuple of str
+        Number of points used, and those not used, each with its reason.
     notes : tuple of str
         What a reader of the surface should know: missing combinations, repetitions, degrees.
     """
@@ -98,35 +93,29 @@ class SurfaceResult:
     @property
     def rms_arc_spread(self) -> float:
         """Root mean square over the nodes of the relative spread between arcs [-]; nan for one."""
-        spread = self._relative_spread()
-        return float(np.sqrt(np.mean(spread**2))) if spread.size else float("nan")
+        relative = self.average.mu_spread / self.average.mu
+        known = relative[np.isfinite(relative)]
+        return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
 
     @property
     def max_arc_spread(self) -> float:
         """Largest relative spread between arcs at a node [-]; nan for one arc."""
-        spread = self._relative_spread()
-        return float(spread.max()) if spread.size else float("nan")
-
-    def _relative_spread(self) -> Array:
         relative = self.average.mu_spread / self.average.mu
-        return relative[np.isfinite(relative)]
+        return float(np.fmax.reduce(relative, axis=None))
 
     def to_columns(self) -> dict[str, NDArray[Any]]:
         """Columns of the surface table: a row per node, the average first (``arc_deg`` nan)."""
         grids = (self.average, *self.arcs)
-        arc_deg = [g.arc_deg for g in grids]
-        arc_deg[0] = float("nan")  # of a single arc, too, the average is marked as such
-        columns: dict[str, NDArray[Any]] = {
-            "arc_deg": np.concatenate(
-                [np.full(g.mu.size, a) for a, g in zip(arc_deg, grids, strict=True)]
-            )
-        }
-        nodes = [np.meshgrid(g.normal_force_N_m, g.slip_speed_m_s, indexing="ij") for g in grids]
-        for k, name in enumerate(("normal_force_N_m", "slip_speed_m_s")):
-            columns[name] = np.concatenate([pair[k].ravel() for pair in nodes])
-        for name in ("mu", "mu_se", "n_arcs", "mu_spread"):
-            columns[name] = np.concatenate([getattr(g, name).ravel() for g in grids])
-        return columns
+        columns: dict[str, list[NDArray[Any]]] = {"arc_deg": []}
+        for k, g in enumerate(grids):
+            # of a single arc, too, the average is marked as such
+            columns["arc_deg"].append(np.full(g.mu.size, g.arc_deg if k else np.nan))
+            nodes = np.meshgrid(g.normal_force_N_m, g.slip_speed_m_s, indexing="ij")
+            named = dict(zip(("normal_force_N_m", "slip_speed_m_s"), nodes, strict=True))
+            named |= {name: getattr(g, name) for name in ("mu", "mu_se", "n_arcs", "mu_spread")}
+            for name, values in named.items():
+                columns.setdefault(name, []).append(values.ravel())
+        return {name: np.concatenate(parts) for name, parts in columns.items()}
 
 
 def build_surface(
@@ -152,10 +141,6 @@ def build_surface(
         replaced by the median of the others.
     settings : SurfaceSettings, optional
 
-    Returns
-    -------
-    SurfaceResult
-
     Raises
     ------
     InputError
@@ -168,27 +153,20 @@ def build_surface(
     curves = build_curves(points, settings.speed_gap, settings.force_gap)
     notes += curves.notes
     grid, grid_notes = average(curves, settings.force_nodes, errors_known)
-    arcs, arc_notes = _arc_surfaces(curves, settings, errors_known)
-    notes += [*grid_notes, *arc_notes]
-    if grid.n_arcs.max() < 2:
-        notes.append("no node was measured on two arcs: the spread between arcs is not known")
-    notes += [f"averaged surface: {line}" for line in grid.to_surface().notes]
-    return SurfaceResult(grid, arcs, points.f.size, tuple(set_aside), tuple(notes))
-
-
-def _arc_surfaces(
-    curves: CurveSet, settings: SurfaceSettings, errors_known: bool
-) -> tuple[tuple[SurfaceGrid, ...], list[str]]:
-    grids, notes = [], []
+    notes += grid_notes
+    arcs = []
     for arc in curves.arcs_deg:
         try:
-            grid, more = average(curves.of_arc(arc), settings.force_nodes, errors_known)
+            own, more = average(curves.of_arc(arc), settings.force_nodes, errors_known)
         except InputError as error:
             notes += [f"arc {arc:g}°: no surface of its own, {p}" for p in error.problems]
             continue
-        grids.append(grid)
-        notes += [f"arc {arc:g}°: {line}" for line in (*more, *grid.to_surface().notes)]
-    return tuple(grids), notes
+        arcs.append(own)
+        notes += [f"arc {arc:g}°: {line}" for line in (*more, *own.to_surface().notes)]
+    if grid.n_arcs.max() < 2:
+        notes.append("no node was measured on two arcs: the spread between arcs is not known")
+    notes += [f"averaged surface: {line}" for line in grid.to_surface().notes]
+    return SurfaceResult(grid, tuple(arcs), points.f.size, tuple(set_aside), tuple(notes))
 
 
 def _valid_points(
@@ -216,9 +194,8 @@ def _valid_points(
     set_aside = [f"point {k}: {text}, must be > 0" for k, text in enumerate(reasons) if text]
     good = np.array([not text for text in reasons], dtype=bool)
     if not good.any():
-        raise InputError(
-            [f"no point for a friction surface among {n}, at least one is needed", *set_aside]
-        )
+        none = f"no point for a friction surface among {n}, at least one is needed"
+        raise InputError([none, *set_aside])
     known = np.isfinite(se) & (se >= 0.0)
     notes = []
     if not (known & good).any():
@@ -226,10 +203,8 @@ def _valid_points(
         se = np.zeros(n)
     elif not known[good].all():
         typical = float(np.median(se[known & good]))
-        notes.append(
-            f"{int((~known & good).sum())} points without a standard error: {typical:.3g} "
-            "(median of the others) taken"
-        )
+        words = f"points without a standard error: {typical:.3g} (median of the others) taken"
+        notes.append(f"{int((~known & good).sum())} {words}")
         se = np.where(known, se, typical)
     points = Points(*(a[good] for a in (*arrays.values(), se)))
     return points, set_aside, notes, bool((known & good).any())
@@ -256,9 +231,10 @@ def surface_from_columns(columns: Mapping[str, ArrayLike]) -> FrictionSurface:
     rows = np.isnan(np.asarray(columns["arc_deg"], dtype=float))
     if not rows.any():
         raise InputError("surface: no row without arc_deg, must have the averaged surface")
-    data = {name: np.asarray(columns[name], dtype=float)[rows] for name in needed[1:]}
-    forces, i = np.unique(data["normal_force_N_m"], return_inverse=True)
-    speeds, j = np.unique(data["slip_speed_m_s"], return_inverse=True)
+    names = (*needed[1:], "mu_se") if "mu_se" in columns else needed[1:]
+    f, v, *values = (np.asarray(columns[name], dtype=float)[rows] for name in names)
+    forces, i = np.unique(f, return_inverse=True)
+    speeds, j = np.unique(v, return_inverse=True)
     count = np.zeros((forces.size, speeds.size), dtype=int)
     np.add.at(count, (i, j), 1)
     if not np.all(count == 1):
@@ -266,10 +242,5 @@ def surface_from_columns(columns: Mapping[str, ArrayLike]) -> FrictionSurface:
             f"surface: {rows.sum()} averaged rows for {forces.size} forces and {speeds.size} "
             "speeds, must have each combination once"
         )
-    mu = np.empty(count.shape)
-    mu[i, j] = data["mu"]
-    if "mu_se" not in columns:
-        return FrictionSurface(forces, speeds, mu)
-    mu_se = np.empty(count.shape)
-    mu_se[i, j] = np.asarray(columns["mu_se"], dtype=float)[rows]
-    return FrictionSurface(forces, speeds, mu, mu_se)
+    order = np.lexsort((v, f))
+    return FrictionSurface(forces, speeds, *(x[order].reshape(count.shape) for x in values))
