@@ -72,7 +72,7 @@ friction itself."""
 DRIFT_OF_ZERO, DRIFT_OF_MU = 4e-4, 0.03
 """Standard deviations of the drifts, in 1/s of the median initial tension, and over the sliding of
 a run relative to mu."""
-SLOW_PART = (0.05, 0.25, 0.15)
+SLOW_PART = (0.03, 0.25, 0.15)
 """Probability that a part of the tail decays over a length beyond the longest record, its size
 relative to the height and the standard deviation of that."""
 RELAXATION = 1e-3
@@ -399,7 +399,7 @@ def posterior(
         candidates = [(0.0, _given(M, b, none, mixed, ends, middle))]
     else:
         slow, part, scatter = SLOW_PART
-        reach = np.log(np.clip(range_m[1] / 3.0 * np.array([1.0, 4.0]), 2e-4, 1.0))
+        reach = np.log(np.clip(range_m[1] / 3.0 * np.array([2.0, 6.0]), 2e-4, 1.0))
         tails = height * tail_coefficients(reach, np.zeros(2), np.zeros(2))
         extras = [(1.0 - slow, np.zeros(RANK)), *((slow / 2.0, tail) for tail in tails)]
         candidates = []
@@ -444,25 +444,34 @@ Ends = tuple[float, ...]
 """Where a grid of spectra begins and ends in ln l_c, s_slow and s_fast."""
 
 
-def _free(M: Array, D: Array) -> tuple[Array, Array]:
-    """Information that is left with a part v - [tail, 0] ~ N(0, D) free, and its posterior."""
-    inner = np.asarray(np.linalg.inv(np.eye(len(M)) + M @ D))
-    G = D @ inner
-    return inner, 0.5 * (G + G.T)
+def _free(M: Array, D: Array) -> tuple[Array, Array, float]:
+    """Integrate a part u ~ N(0, D) out of the information M.
+
+    Returns
+    -------
+    left, G, log_det : ndarray, ndarray, float
+        ``left @ M`` and ``left @ b`` are the squares and products that are left, G is the
+        covariance of u given the rest, log_det the logarithm of det(1 + M D).
+    """
+    values, vectors = np.linalg.eigh(D)
+    F = vectors * np.sqrt(np.maximum(values, 0.0))
+    inner = np.eye(len(D)) + F.T @ M @ F
+    G = np.asarray(F @ np.linalg.solve(inner, F.T))
+    G = 0.5 * (G + G.T)
+    return np.eye(len(D)) - M @ G, G, float(np.linalg.slogdet(inner)[1])
 
 
 def _given(
     M: Array, b: Array, more: Array, D: Array, ends: Ends, middle: float
 ) -> tuple[_Tail, Array, Array]:
     """Posterior with a part v - [tail, 0] ~ N(more, D) integrated out: tail, mean, covariance."""
-    inner, G = _free(M, D)
+    left, G, log_det = _free(M, D)
     c = b - M @ more
-    tail = _summed((inner @ M)[:RANK, :RANK], (inner @ c)[:RANK], ends, middle)
+    tail = _summed((left @ M)[:RANK, :RANK], (left @ c)[:RANK], ends, middle)
     constant = 0.5 * float(c @ G @ c) + float(b @ more) - 0.5 * float(more @ M @ more)
-    log_evidence = tail.log_evidence + constant + 0.5 * float(np.linalg.slogdet(inner)[1])
-    away = np.eye(len(M)) - G @ M
-    mean = more + away[:, :RANK] @ tail.mean + G @ c
-    covariance = away[:, :RANK] @ tail.covariance @ away[:, :RANK].T + G
+    log_evidence = tail.log_evidence + constant - 0.5 * log_det
+    mean = more + left.T[:, :RANK] @ tail.mean + G @ c
+    covariance = left.T[:, :RANK] @ tail.covariance @ left[:RANK] + G
     return replace(tail, log_evidence=log_evidence), mean, covariance
 
 
@@ -488,9 +497,9 @@ def _ends(
     low = np.array([np.log(max(range_m[0], 2e-4)), 0.0, 0.0])
     high = np.array([np.log(min(max(range_m[1], 2e-3), 0.6)), 2.5, 2.0])
     ends = np.stack([low, high])
-    inner, _ = _free(M, D)
+    left, _, _ = _free(M, D)
     for _ in range(zooms):
-        tail = _summed((inner @ M)[:RANK, :RANK], (inner @ b)[:RANK], tuple(ends.ravel()), middle)
+        tail = _summed((left @ M)[:RANK, :RANK], (left @ b)[:RANK], tuple(ends.ravel()), middle)
         step = np.ptp(ends, axis=0) / (_STEPS - 1.0)
         if np.all(tail.spread > 1.2 * step):
             break

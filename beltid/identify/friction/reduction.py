@@ -20,6 +20,7 @@ from beltid.errors import InputError
 from beltid.identify.friction.campaign import Bench, RunLevel, reduce_bench, rest_slopes
 from beltid.identify.friction.peak import sticking_peak
 from beltid.identify.friction.prepare import PreparedRun, prepare_run
+from beltid.identify.friction.rest_phase import Rest
 from beltid.identify.friction.rig_table import check_columns, run_records
 from beltid.identify.friction.run import (
     NAN,
@@ -28,6 +29,7 @@ from beltid.identify.friction.run import (
     RunReduction,
     arc_problem,
 )
+from beltid.identify.friction.sliding_record import SlidingRecord
 from beltid.identify.friction.zeros import cell_errors
 from beltid.laws.capstan import friction_coefficient, mean_normal_force
 
@@ -184,7 +186,7 @@ def _reduce_together(
     bench, levels = reduce_bench(records, at_rest, float(np.median(initial)))
     tight, slack = np.array([record.tensions_N for record in records]).T
     cells = cell_errors(rests, tight, slack, settings.correct_imbalance)
-    relaxed = _relaxation(slopes[1] / initial, errors[1] / initial)
+    relaxed = 1.0 + _relaxation(rests)
     reduced = []
     for k, (run, level) in enumerate(zip(runs, levels, strict=True)):
         y = level.y - float(cells.mean[k])
@@ -193,7 +195,7 @@ def _reduce_together(
         own = level.variance + float(cells.variance[k]) + rounding**2
         found = replace(
             run.found,
-            initial_tension_N=_at_start(run, relaxed),
+            initial_tension_N=float(initial[k]) * relaxed,
             notes=(*run.found.notes, *filter(None, (cells.notes[k],))),
             drift=level.drift / y,
             **dict(zip(("shared_tail", "shared_drift", "shared_cells"), shared / y, strict=True)),
@@ -212,22 +214,19 @@ def _reduce_together(
     return reduced
 
 
-def _relaxation(slope: Array, error: Array) -> float:
-    """Relative slope of the tension at rest that all runs share [1/s], as far as it is known."""
+def _relaxation(rests: Sequence[Rest]) -> float:
+    """Change of the tension from the mean over the rest to its end, relative, common to all runs.
+
+    A belt relaxes at rest; the change counts as far as it is more than its noise.
+    """
+    change = np.array([rest.end_N / rest.tension_N - 1.0 for rest in rests])
+    error = np.array([rest.end_se_N / rest.tension_N for rest in rests])
     known = np.isfinite(error)
     if not known.any():
         return 0.0
-    weight = 1.0 / np.maximum(error[known], 1e-9) ** 2
-    mean = float(np.sum(weight * slope[known]) / np.sum(weight)) / 2.0
-    variance = 0.25 / float(np.sum(weight))
-    return mean * mean**2 / (mean**2 + variance) if mean else 0.0
-
-
-def _at_start(run: PreparedRun, relaxed: float) -> float:
-    """Mean of both cells at the start of the rotation: a belt relaxes at rest [N]."""
-    assert run.rest is not None
-    elapsed = run.found.start_time_s - 0.5 * (run.rest.first_s + run.rest.last_s)
-    return run.rest.tension_N * (1.0 + relaxed * elapsed)
+    weight = 1.0 / np.maximum(error[known], 1e-7) ** 2
+    mean = float(np.sum(weight * change[known]) / np.sum(weight))
+    return mean * mean**2 / (mean**2 + 1.0 / float(np.sum(weight)))
 
 
 def _with_plateau(
@@ -248,9 +247,7 @@ def _with_plateau(
     start = int(np.flatnonzero(~settled)[-1]) + 1 if not settled.all() else 0
     start = min(start, record.z.size - 1)
     count = record.count[start:]
-    # the mean of both tensions follows the tail; its plateau is where the tail is gone
-    follow = 0.5 * np.tanh(0.5 * y)
-    mean = float(np.average(record.log_mean[start:] + follow * tail[start:], weights=count))
+    mean = _mean_level(record, tail, start, y)
     tight, slack = np.exp(mean + 0.5 * y), np.exp(mean - 0.5 * y)
     warm = np.isfinite(record.temperature[start:])
     temperature = NAN
@@ -278,6 +275,22 @@ def _with_plateau(
         tail_time_s=_decay_time(record.travel, tail, record.first_s),
         notes=tuple(notes),
     )
+
+
+def _mean_level(record: SlidingRecord, tail: Array, start: int, y: float) -> float:
+    """Ln of the geometric mean of both tensions [N] on the plateau, without the tail.
+
+    If the sum of both tensions stays, their mean follows the tail by -tanh(y/2)/2; how far it does
+    is regressed on the record with that as the prior.
+    """
+    weight = record.count
+    away = tail - np.average(tail, weights=weight)
+    noise = 0.5 * record.noise_N * record.sensitivity
+    prior = (noise / 0.3) ** 2
+    follow = (weight * away) @ record.log_mean - prior * 0.5 * np.tanh(0.5 * y)
+    follow /= (weight * away) @ away + prior
+    level = record.log_mean[start:] - follow * tail[start:]
+    return float(np.average(level, weights=weight[start:]))
 
 
 def _decay_time(travel: Array, tail: Array, time_s: Array) -> float:

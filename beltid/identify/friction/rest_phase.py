@@ -58,6 +58,9 @@ class Rest:
     """Times of the first and the last sample [s]."""
     tension_N: float
     """Mean of both cells [N]."""
+    end_N: float
+    """The same over the last samples [N]."""
+    end_se_N: float
     imbalance_N: float
     """Tight minus slack cell [N]."""
     imbalance_se_N: float
@@ -183,11 +186,14 @@ def rest_state(
     recorded = [np.std(tight[kept]), np.std(slack[kept])]
     rounding = converter_rounding(noise_before_rounding(recorded, steps), steps)
     se = float(np.linalg.norm([se, *rounding]))
+    last = max(n // 8, min(n, 3))
     return Rest(
         n_samples=n,
         first_s=float(time[0]),
         last_s=float(time[-1]),
         tension_N=float(np.mean(mean)),
+        end_N=float(np.mean(mean[-last:])),
+        end_se_N=float(np.std(np.diff(mean))) / np.sqrt(2.0 * last) if n > 2 else float("inf"),
         imbalance_N=float(np.mean(difference)),
         imbalance_se_N=se,
         slopes_N_s=(slope, sum_slope),

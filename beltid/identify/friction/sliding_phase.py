@@ -70,8 +70,8 @@ def sliding_phase(channels: Channels, rotation: Rotation) -> SlidingPhase:
     n = t.size
     if n - first < 8:
         raise RunRejected(f"too short: {n - first} usable samples while the pulley turns")
-    second_half = slice((rotation.first + rotation.end) // 2, rotation.end)
-    check_cells(channels, rotation.first, second_half, median(tensions[:first, 1]))
+    sliding = slice((rotation.first + rotation.end) // 2, rotation.end)
+    check_cells(channels, rotation.first, sliding, median(tensions[:first, 1]))
     # by time: a simulated recording has most of its samples in the build-up
     middle = 0.5 * float(t[first] + t[-1])
     settled = median(difference[min(int(np.searchsorted(t, middle)), n - 1) :])
@@ -88,4 +88,6 @@ def sliding_phase(channels: Channels, rotation: Rotation) -> SlidingPhase:
     behind = t[first] + 1.5 * (t[first + build_up] - t[first])
     slide = max(int(np.searchsorted(t, behind, side="right")), first + build_up + 1)
     slide = max(slide, int(np.searchsorted(keep, rotation.full_speed)))
-    return SlidingPhase(t, tensions, first, first + build_up, slide)
+    # noise reaches the level too early as often as it falls below it too late
+    built = int(np.count_nonzero(~reached[: 2 * build_up + 3]))
+    return SlidingPhase(t, tensions, first, first + min(built, n - first - 1), slide)
