@@ -1,1 +1,23 @@
-"""Runs of the friction rig: from a recording to a friction coefficient per run, Eqs. (5) to (8)."""
+"""Runs of the friction rig: from a recording to a friction coefficient per run.
+
+================ ====================================================== ==================
+Module           Responsibility                                         Equation
+================ ====================================================== ==================
+reduction        the two passes; a run's mu, forces and status          (6), (8)
+prepare          first pass: one run by itself                          (7)
+campaign         second pass: what all runs share, level of each        (S3)
+sliding_record   block means of ln(T_tight/T_slack)                     (S1)
+tail_shapes      decay of the sticking peak                             (S2)
+noise            covariance of noise with a memory                      --
+zeros            zeros and gains of the cells, from the rest            (S4), (S5)
+peak             the sticking peak                                      (6)
+load_cells       known errors of the cells                              --
+channels         gaps, spikes, dead, clipped and swapped cells          --
+rest_phase       when the pulley turns, what the rest shows             --
+sliding_phase    where the belt slides as a whole                       --
+condense         long records in blocks                                 --
+rig_table, run   a recording taken apart; what goes in and comes out    --
+================ ====================================================== ==================
+
+Equation (6) meets a recording in `reduction._with_plateau`.
+"""
