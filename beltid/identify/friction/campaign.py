@@ -72,7 +72,7 @@ friction itself."""
 DRIFT_OF_ZERO, DRIFT_OF_MU = 4e-4, 0.03
 """Standard deviations of the drifts, in 1/s of the median initial tension, and over the sliding of
 a run relative to mu."""
-SLOW_PART = (0.03, 0.25, 0.15)
+SLOW_PART = (0.04, 0.25, 0.15)
 """Probability that a part of the tail decays over a length beyond the longest record, its size
 relative to the height and the standard deviation of that."""
 RELAXATION = 1e-3
@@ -399,7 +399,7 @@ def posterior(
         candidates = [(0.0, _given(M, b, none, mixed, ends, middle))]
     else:
         slow, part, scatter = SLOW_PART
-        reach = np.log(np.clip(range_m[1] / 3.0 * np.array([2.0, 6.0]), 2e-4, 1.0))
+        reach = np.log(np.clip(range_m[1] / 3.0 * np.array([1.0, 4.0]), 2e-4, 1.0))
         tails = height * tail_coefficients(reach, np.zeros(2), np.zeros(2))
         extras = [(1.0 - slow, np.zeros(RANK)), *((slow / 2.0, tail) for tail in tails)]
         candidates = []
@@ -550,7 +550,7 @@ def _spectra(ends: Ends) -> tuple[Array, Array]:
 
 CLOCKS = (np.zeros(2), np.array([1.0, 0.0]))
 """Powers to start from: a tail that decays over the travel, or over the time."""
-SWEEPS = 3
+SWEEPS = 2
 WALK_STEPS = (-0.8, -0.4, 0.0, 0.4, 0.8, 1.2, 1.6)
 """Steps about the mode over which the variance of the walk is averaged, in widths of its prior."""
 
@@ -621,7 +621,7 @@ def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
             jac=True,
             method="L-BFGS-B",
             bounds=[(-4.0, 6.0)] * x.size,
-            options={"maxiter": 20, "ftol": 1e-6},
+            options={"maxiter": 20, "ftol": 1e-5},
         ).x
     assert shared is not None
     sd = np.exp(centre + width * x)
@@ -700,11 +700,12 @@ def reduce_bench(
     centre = np.mean(log_settings(records), axis=0)
     every = np.linspace(0, len(records) - 1, min(len(records), RUNS_FOR_VARIANCES)).astype(int)
     bench = fit_bench(Stack([records[k] for k in every], centre), rest, unit_N)
-    batches = [records[k : k + BATCH] for k in range(0, len(records), BATCH)]
-    if len(batches) > 1 or len(every) < len(records):
+    parts = [records[k : k + BATCH] for k in range(0, len(records), BATCH)]
+    # a small bench is stacked once, of a large one only a part at a time is held
+    stacks = [Stack(parts[0], centre)] if len(parts) == 1 else (Stack(p, centre) for p in parts)
+    if len(every) < len(records):
         M, b = np.zeros((SHARED, SHARED)), np.zeros(SHARED)
-        for batch in batches:
-            stack = Stack(batch, centre)
+        for stack in stacks:
             stack.stretch(bench.shared.powers, bench.shared)
             w = whiten(stack, covariance(stack, bench.sd, bench.shared)[0])
             share = 1.0 / noise_scale(stack, w, bench.shared.mean)
@@ -716,10 +717,9 @@ def reduce_bench(
         powers, weights = bench.shared.powers, bench.shared.weights
         shared = posterior(M, b, rest, unit_N, height, powers, range_m, weights, ZOOMS)
         bench = Bench(bench.sd, shared)
-    levels: list[RunLevel] = []
-    for batch in batches:
-        stack = Stack(batch, centre)
-        levels += _levels(stack, bench)
+    if len(parts) > 1:
+        stacks = (Stack(p, centre) for p in parts)
+    levels = [level for stack in stacks for level in _levels(stack, bench)]
     return bench, levels
 
 

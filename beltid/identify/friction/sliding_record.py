@@ -30,7 +30,7 @@ from beltid.identify.friction.tail_shapes import tail_basis
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-GROWTH = 0.08
+GROWTH = 0.1
 """Length of a block over the length of the record before it."""
 FINEST = 256
 """Blocks as short as a sample in a record of so many samples; longer ones of a longer record."""
