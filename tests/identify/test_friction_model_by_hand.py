@@ -117,7 +117,7 @@ def test_blocks_hold_every_sample_once_and_grow(n):
         assert count[0] == -(-n // 256)
         assert 20 <= starts.size <= 100
     # none but the last, which takes in the rest, is longer than a twelfth of what came before
-    assert np.all(count[1:-1] <= np.maximum(count[0], 0.08 * starts[1:-1]))
+    assert np.all(count[1:-1] <= np.maximum(count[0], 0.1 * starts[1:-1]))
 
 
 def recorded(seed=0, n=400, steps=(0.0, 0.0), ripple=0.0):
@@ -129,7 +129,7 @@ def recorded(seed=0, n=400, steps=(0.0, 0.0), ripple=0.0):
     tensions[200] += 30.0
     travel = 0.01 * (t - t[0])
     return sliding_record(
-        t, tensions, travel / 0.05, travel, np.full(n, 22.0), (0.0, 1.0), 50, steps
+        t, tensions, travel / 0.05, travel, np.full(n, 22.0), (0.0, 1.0), 50, 2e-3, steps
     ), np.delete(tensions, 200, axis=0)
 
 
@@ -152,16 +152,22 @@ def test_block_means_keep_the_mean_of_the_logarithm_to_first_order():
 def test_the_level_of_one_run_is_that_of_generalised_least_squares():
     record, _ = recorded()
     stack = campaign.Stack([record], campaign.log_settings([record])[0])
-    stack.stretch(None)
-    sd = np.array([0.05, 0.1, 0.3, 2e-4, 0.15, 0.1])
+    stack.stretch(np.zeros(2))
+    sd = np.array([0.05, 0.1, 0.2, 0.3, 0.4, 2e-4, 0.15, 0.1])
     w = campaign.whiten(stack, campaign.covariance(stack, sd, None)[0])
     c = record.sensitivity
     V = c**2 * np.diag(record.noise_N**2 / record.count)
-    for s, tau in zip(sd, campaign.MEMORIES_S, strict=False):
-        V += (c * s) ** 2 * wander_since_rest(
-            record.first_s, record.last_s, record.count, record.rest_s, record.rest_count, tau
-        )
-    V += (record.level * sd[3]) ** 2 * record.turn @ record.turn.T
+    blocks = (record.first_s, record.last_s, record.count)
+    *short, walk = campaign.MEMORIES_S
+    for s, tau in zip(sd, short, strict=False):
+        V += (c * s) ** 2 * block_covariance(*blocks, tau)
+    V += (c * sd[3]) ** 2 * wander_since_rest(*blocks, record.rest_s, record.rest_count, walk)
+    # a misfit that fades over a fifth of the record and is smooth over a tenth
+    x = (record.travel - record.travel[0]) / np.ptp(record.travel)
+    fading = np.exp(-5.0 * np.add.outer(x, x) - 10.0 * np.abs(np.subtract.outer(x, x)))
+    V += (c * sd[4]) ** 2 * fading
+    V += (record.level * sd[5]) ** 2 * record.turn @ record.turn.T
+    V += campaign.FREE**2 * record.take_up @ record.take_up.T
     root = np.linalg.cholesky(V)
     one, z = np.linalg.solve(root, np.ones(V.shape[0])), np.linalg.solve(root, record.z)
     (level,), squares = np.linalg.lstsq(one[:, None], z, rcond=None)[:2]
@@ -178,14 +184,15 @@ def test_the_posterior_of_a_tail_is_that_of_brute_force():
     design = tail_basis(x) / 0.01
     z = (0.05 * np.exp(-x / 6e-3)) / 0.01 + rng.normal(size=80)
     M, b = design.T @ design, design.T @ z
-    found = campaign._summed(M, b, ends)
+    middle = math.log(5e-3)
+    found = campaign._summed(M, b, ends, middle)
     axes = [np.linspace(ends[k], ends[k + 3], n) for k, n in enumerate(campaign._STEPS)]
     points = np.array(list(itertools.product(*axes)))
     heights = np.linspace(0.0, 0.12, 2401)
     log_p, tails = [], []
     for c, slow, fast in points:
         (tail,) = tail_coefficients(np.array([c]), np.array([slow]), np.array([fast]))
-        prior = -0.5 * ((c - campaign.CENTRE[0]) / campaign.CENTRE[1]) ** 2
+        prior = -0.5 * ((c - middle) / campaign.CENTRE[2]) ** 2
         prior -= (slow + fast) / campaign.WIDTH
         fit = design @ tail
         squares = (fit @ z) * heights - 0.5 * (fit @ fit) * heights**2
@@ -218,7 +225,8 @@ def test_the_posterior_of_a_tail_is_that_of_brute_force():
 
 def at_rest(difference, tension, se=0.05):
     return Rest(
-        n_samples=50, first_s=0.0, last_s=1.0, tension_N=tension, imbalance_N=difference,
+        n_samples=50, first_s=0.0, last_s=1.0, tension_N=tension, end_N=tension, end_se_N=0.1,
+        imbalance_N=difference,
         imbalance_se_N=se, slopes_N_s=(0.0, 0.0), slope_ses_N_s=(1.0, 1.0), noise_N=0.5,
     )  # fmt: skip
 
