@@ -213,18 +213,16 @@ def test_a_damaged_result_of_the_same_kind_is_made_again(bench: Path, beltid: An
     assert (bench / "surface.parquet").read_bytes() == whole
 
 
-def test_a_press_record_that_is_no_law_is_status_3(bench: Path, beltid: Any) -> None:
+def test_a_press_record_that_is_no_law_says_so(bench: Path, beltid: Any) -> None:
     # softening: the force grows with the square root of the penetration
     rows = ["test,time_s,displacement_mm,force_N"]
     for k in range(400):
         x = 0.001 * (k if k < 200 else 400 - k)
         rows.append(f"P,{k / 10},{x:.6f},{400 * (x / 0.2) ** 0.5 if x > 0 else 0:.4f}")
     (bench / "press.csv").write_text("\n".join(rows) + "\n")
-    before = (bench / "stiffness.parquet").read_bytes()
-    result = beltid("fit-stiffness", "press.csv")
-    assert result.exit_code == 3, result.stderr
-    assert "error: " in result.stderr
-    assert (bench / "stiffness.parquet").read_bytes() == before
+    result = beltid("fit-stiffness", "press.csv", "--force")
+    assert result.exit_code == 0, result.stderr
+    assert "warning: lack of fit" in result.stderr
 
 
 def test_runs_set_aside_are_counted_and_told(bench: Path, beltid: Any) -> None:

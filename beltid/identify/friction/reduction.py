@@ -207,7 +207,7 @@ def _reduce_together(
             reduced.append(replace(found, status=reason))
             continue
         found = _with_plateau(found, run, level, y, se, R, settings)
-        reason = _unusable(found, level, len(runs), settings)
+        reason = _unusable(found, run, level, len(runs), settings)
         if not reason:
             found = replace(_with_peak(found, run, level, y, bench, settings), status="ok")
         reduced.append(replace(found, status=reason or "ok"))
@@ -305,10 +305,15 @@ def _decay_time(travel: Array, tail: Array, time_s: Array) -> float:
     return float(time_s[k - 1] + share * (time_s[k] - time_s[k - 1]) - time_s[0])
 
 
-def _unusable(found: RunReduction, level: RunLevel, n_runs: int, settings: FrictionSettings) -> str:
+def _unusable(
+    found: RunReduction, run: PreparedRun, level: RunLevel, n_runs: int, settings: FrictionSettings
+) -> str:
     """Why a reduced run is set aside; empty if it is not."""
-    mu, error = found.mu_sliding, found.mu_sliding_se
-    if n_runs >= FEWEST_FOR_MISFIT and level.misfit > settings.max_misfit:
+    assert run.sliding is not None
+    off = level.misfit * run.sliding.noise_N * run.sliding.sensitivity / level.y
+    # in a record without noise a misfit of many times its noise is nothing
+    odd = level.misfit > settings.max_misfit and off > settings.steady_tolerance
+    if n_runs >= FEWEST_FOR_MISFIT and odd:
         return (
             f"does not fit the bench: its record is off the common model by {level.misfit:.2g} "
             f"times the noise of the other runs, allowed is {settings.max_misfit:g} times"
@@ -318,9 +323,12 @@ def _unusable(found: RunReduction, level: RunLevel, n_runs: int, settings: Frict
             f"drifts: mu changes by {100 * found.drift:+.2g} % over the sliding phase, "
             f"allowed is {100 * settings.max_drift:g} %"
         )
-    if error > settings.max_error * mu:
+    # what the cells leave open is no matter of settling
+    parts = [np.sqrt(level.variance), level.shared_tail, level.shared_drift]
+    error = float(np.linalg.norm(parts)) / level.y
+    if error > settings.max_error:
         return (
-            f"never settles: its level is known to {100 * error / mu:.2g} % only, "
+            f"never settles: its level is known to {100 * error:.2g} % only, "
             f"allowed is {100 * settings.max_error:g} %"
         )
     return ""

@@ -70,7 +70,7 @@ def sliding_phase(channels: Channels, rotation: Rotation) -> SlidingPhase:
     n = t.size
     if n - first < 8:
         raise RunRejected(f"too short: {n - first} usable samples while the pulley turns")
-    sliding = slice((rotation.first + rotation.end) // 2, rotation.end)
+    sliding = slice((rotation.full_speed + rotation.first + rotation.end) // 3, rotation.end)
     check_cells(channels, rotation.first, sliding, median(tensions[:first, 1]))
     # by time: a simulated recording has most of its samples in the build-up
     middle = 0.5 * float(t[first] + t[-1])
