@@ -169,8 +169,6 @@ class Shared:
         Posterior mean.
     factor : ndarray, shape (SHARED, k)
         Factor of its covariance, the largest direction first.
-    stretch : ndarray, shape (RANK,)
-        Derivative of the tail by the logarithm of its length.
     log_evidence : float
         Logarithm of the integral over all of it.
     height : float
@@ -185,12 +183,16 @@ class Shared:
 
     mean: Array
     factor: Array
-    stretch: Array
     log_evidence: float
     height: float
     spectrum: Array
     powers: Array
     weights: Array
+
+    @property
+    def deviations(self) -> Array:
+        """What makes the tail higher and longer, by the logarithms of both (RANK, 2)."""
+        return np.column_stack([self.mean[:RANK], stretched(self.mean[:RANK])])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -240,7 +242,7 @@ def covariance(stack: Stack, sd: Array, shared: Shared | None) -> tuple[Array, A
     """Covariance of the block means (R, m, m), and its parts of unit variance (K, R, m, m)."""
     parts = stack.parts
     if shared is not None:
-        own = stack.shared[:, :, :RANK] @ np.column_stack([shared.mean[:RANK], shared.stretch])
+        own = stack.shared[:, :, :RANK] @ shared.deviations
         own = own.transpose(2, 0, 1)
         parts = np.concatenate([parts, own[:, :, :, None] * own[:, :, None, :]])
     return stack.fixed + np.tensordot(np.square(sd[: len(parts)]), parts, axes=1), parts
@@ -423,7 +425,6 @@ def posterior(
     return Shared(
         mean=mean,
         factor=factor,
-        stretch=stretched(mean[:RANK]),
         log_evidence=log_evidence,
         height=best.height,
         spectrum=best.centre,
@@ -741,7 +742,7 @@ def _levels(stack: Stack, bench: Bench) -> list[RunLevel]:
     Pe = np.einsum("rij,rj->ri", w.P, residual)
     wander = np.einsum("rij,rj->ri", parts[len(MEMORIES_S) - 1], Pe)
     wander *= (bench.sd[len(MEMORIES_S) - 1] ** 2 * stack.sensitivity)[:, None]
-    own = np.column_stack([shared.mean[:RANK], shared.stretch]) * bench.sd[-2:]
+    own = shared.deviations * bench.sd[-2:]
     H = stack.shared[:, :, :RANK] @ own
     known = H.transpose(0, 2, 1) @ (w.P @ H)
     lean = w.shift[:, :RANK] @ own
