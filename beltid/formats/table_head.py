@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from beltid.formats.bench_file import Field
-from beltid.units import canonical_unit, is_known_unit
+from beltid.tables.units import canonical_unit, is_known_unit
 
 SEARCHED: Final = 400
 """Rows in which the header is looked for."""

@@ -16,7 +16,6 @@ from beltid.errors import EXIT_DONE, EXIT_INPUT, InputError
 from beltid.formats.name_pattern import name_pattern
 from beltid.report.summary import Summary
 from beltid.stages.talk import Options
-from beltid.store import schemas
 from beltid.store.dialect import ReadOptions
 from beltid.store.readings import Question, Reading
 from beltid.store.recordings import Recording, read_recording, recording_of
@@ -31,7 +30,8 @@ from beltid.store.understanding import (
     unit_of,
     views_of,
 )
-from beltid.units import Calibration, canonical_unit
+from beltid.tables import schemas
+from beltid.tables.units import Calibration, canonical_unit
 
 COMMANDS: Final = {"press": "fit-stiffness", "rig": "fit-friction", "speedloss": "fit-slip"}
 SHOWN_RUNS: Final = 8

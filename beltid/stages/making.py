@@ -23,8 +23,8 @@ from beltid.stages.origin import RECORDINGS, origin_of
 from beltid.store.artifacts import Artifact, Metadata, plain, read_artifact, write_artifact
 from beltid.store.files import read_bytes
 from beltid.store.fingerprint import source_sha256
-from beltid.store.schemas import ARTIFACTS
 from beltid.store.sources import Signature, content_sha256, signature_of
+from beltid.tables.schemas import ARTIFACTS
 
 if TYPE_CHECKING:
     from beltid.config import ConfigSource

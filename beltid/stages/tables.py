@@ -15,11 +15,11 @@ from beltid.identify.surface.surface import surface_from_columns
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.stages.outcome import Outcome
-from beltid.store import schemas
 from beltid.store.artifacts import Artifact, read_artifact
 from beltid.store.files import read_bytes
 from beltid.store.frames import columns_of_frame
 from beltid.store.problems import Problems
+from beltid.tables import schemas
 
 
 def load_law(path: str | Path) -> ContactLaw:

@@ -18,11 +18,12 @@ import numpy as np
 
 from beltid._version import __version__
 from beltid.errors import ArtifactError
-from beltid.store import atomic, schemas
+from beltid.store import atomic
 from beltid.store.files import read_bytes
 from beltid.store.fingerprint import source_sha256
 from beltid.store.hashing import columns_sha256, sha256
 from beltid.store.parquet_open import damaged, open_parquet
+from beltid.tables import schemas
 
 METADATA_KEY: Final = b"beltid"
 SEAL_KEY: Final = b"beltid_sha256"

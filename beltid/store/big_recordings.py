@@ -15,7 +15,6 @@ from typing import Any, Final
 
 from beltid.errors import InputError
 from beltid.formats.encoding import decode
-from beltid.store import schemas
 from beltid.store.ahead import ahead
 from beltid.store.channel_units import unit_conversion
 from beltid.store.checks import SETTINGS
@@ -27,7 +26,8 @@ from beltid.store.problems import Problems
 from beltid.store.readings import Question
 from beltid.store.run_stream import RunColumns, RunStream
 from beltid.store.text_tables import text_layout, text_notes, wanted_columns
-from beltid.units import Conversion
+from beltid.tables import schemas
+from beltid.tables.units import Conversion
 
 BIG: Final = 64 << 20
 """Bytes of a file from which on it is read run by run."""

@@ -11,7 +11,6 @@ import numpy as np
 from beltid.formats.bench_file import BenchFile, Channel, Group
 from beltid.formats.table_head import is_number
 from beltid.store.alignment import Timed, aligned
-from beltid.store.columns import Table
 from beltid.store.dialect import ReadOptions
 from beltid.store.header import check_header
 from beltid.store.pieces import Piece
@@ -20,6 +19,7 @@ from beltid.store.readings import Candidate, Question, Reading
 from beltid.store.roles import notes_of, readings_of
 from beltid.store.run_settings import SETTINGS, told_elsewhere
 from beltid.store.text_tables import convert
+from beltid.tables.columns import Table
 
 
 def candidates_of(groups: Sequence[Group], *, named: bool) -> list[Candidate]:

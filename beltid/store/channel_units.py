@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Final
 
-from beltid.store.columns import Column
 from beltid.store.readings import Question
 from beltid.store.vocabulary import simplified
-from beltid.units import (
+from beltid.tables.columns import Column
+from beltid.tables.units import (
     Calibration,
     Conversion,
     allowed_units,

@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 
 from beltid.store.problems import SHOWN, Problems
-from beltid.store.schemas import Column, Table
-from beltid.store.tables import absent, outside
+from beltid.tables.schemas import Column, Table
+from beltid.tables.values import absent, outside
 
 Columns = dict[str, np.ndarray]
 SETTINGS: Final = ("arc_deg", "initial_tension_N")

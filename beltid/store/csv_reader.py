@@ -13,7 +13,7 @@ import numpy as np
 
 from beltid.store.dialect import MISSING_WORDS, Layout
 from beltid.store.problems import Problems
-from beltid.store.tables import absent
+from beltid.tables.values import absent
 
 NUMBER: Final = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
 _COMMA_TO_POINT: Final = str.maketrans(",.", ".?")

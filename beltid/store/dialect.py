@@ -11,7 +11,7 @@ from typing import Any, Final
 from beltid.errors import InputError
 from beltid.formats.bench_file import Field
 from beltid.formats.table_head import SEARCHED, TableHead, fields_of, find_head, is_units_row
-from beltid.units import Calibration
+from beltid.tables.units import Calibration
 
 SEPARATORS: Final = (",", ";", "\t", "|")
 MAX_COLUMNS: Final = 2000

@@ -10,8 +10,8 @@ import numpy as np
 
 from beltid.errors import InputError
 from beltid.store.problems import Problems
-from beltid.store.schemas import Column, Table
-from beltid.store.tables import floats
+from beltid.tables.schemas import Column, Table
+from beltid.tables.values import floats
 
 
 def columns_of_frame(

@@ -6,10 +6,10 @@ import difflib
 from collections.abc import Collection, Mapping
 
 from beltid.formats.table_head import is_number
-from beltid.store import schemas
 from beltid.store.csv_reader import Wanted
 from beltid.store.dialect import Layout
 from beltid.store.problems import Problems
+from beltid.tables import schemas
 
 SETTINGS = ("arc_deg", "initial_tension_N")
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beltid.store.columns import Table
 from beltid.store.dialect import ReadOptions
 from beltid.store.header import missing_setting
 from beltid.store.pieces import Piece
 from beltid.store.problems import Problems
 from beltid.store.run_settings import SETTINGS, RunSettings, fill
 from beltid.store.run_split import run_labels
+from beltid.tables.columns import Table
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,13 +14,13 @@ from beltid.formats.encoding import Decoded, decode
 from beltid.formats.isolated import read_isolated
 from beltid.formats.sniff import GZIP, ISOLATED, LVM, PARQUET, ZIP, sniff, unread
 from beltid.store.channel_groups import read_groups
-from beltid.store.columns import Table
 from beltid.store.dialect import ReadOptions
 from beltid.store.files import unpacked
 from beltid.store.pieces import Piece
 from beltid.store.problems import Problems
 from beltid.store.sources import Source
 from beltid.store.text_tables import read_text
+from beltid.tables.columns import Table
 
 
 @dataclass(frozen=True, slots=True)

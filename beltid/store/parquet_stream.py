@@ -13,7 +13,7 @@ from beltid.store.csv_reader import NUMBER
 from beltid.store.csv_stream import Block
 from beltid.store.natural_order import natural
 from beltid.store.parquet_open import damaged, is_number, open_parquet, refused_columns
-from beltid.store.schemas import Column, Table
+from beltid.tables.schemas import Column, Table
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from beltid.formats.table_head import unit_in_name
-from beltid.store.columns import Table
 from beltid.store.dialect import ReadOptions
 from beltid.store.problems import Problems
-from beltid.units import Conversion
+from beltid.tables.columns import Table
+from beltid.tables.units import Conversion
 
 How = Literal["config", "own name", "recognised"]
 

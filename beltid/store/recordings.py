@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from beltid.errors import InputError
-from beltid.store import schemas
 from beltid.store.channel_units import unit_conversion
 from beltid.store.checks import Checker
 from beltid.store.dialect import ReadOptions
@@ -21,7 +20,8 @@ from beltid.store.opening import Opened, open_sources, read_opened
 from beltid.store.problems import Problems
 from beltid.store.readings import Question, Reading
 from beltid.store.sources import content_sha256, sources_of
-from beltid.units import Conversion
+from beltid.tables import schemas
+from beltid.tables.units import Conversion
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,11 +6,11 @@ from collections.abc import Collection, Mapping, Sequence
 
 from beltid.formats.table_head import unit_in_name, without_unit
 from beltid.store.channel_units import RAW, unit_conversion
-from beltid.store.columns import Column, Table
 from beltid.store.dialect import ReadOptions
 from beltid.store.readings import Candidate, How, Question, Reading
 from beltid.store.vocabulary import roles_meant
-from beltid.units import Conversion, canonical_unit, conversion
+from beltid.tables.columns import Column, Table
+from beltid.tables.units import Conversion, canonical_unit, conversion
 
 
 def readings_of(

@@ -15,14 +15,14 @@ from beltid.formats.bench_file import Field
 from beltid.formats.name_pattern import name_pattern, number
 from beltid.formats.table_head import read_field
 from beltid.store.channel_units import unit_conversion
-from beltid.store.columns import Table
 from beltid.store.dialect import ReadOptions
 from beltid.store.pieces import Piece
 from beltid.store.problems import Problems
 from beltid.store.readings import Question
 from beltid.store.run_table import SETTINGS, RunTable, read_run_table
 from beltid.store.vocabulary import roles_meant
-from beltid.units import conversion
+from beltid.tables.columns import Table
+from beltid.tables.units import conversion
 
 
 def told_elsewhere(

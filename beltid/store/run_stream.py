@@ -16,9 +16,9 @@ from beltid.errors import InputError
 from beltid.store.checks import SETTINGS, Checker, no_number
 from beltid.store.csv_stream import Block
 from beltid.store.problems import SHOWN, Problems
-from beltid.store.schemas import Table
-from beltid.store.tables import outside
-from beltid.units import Conversion
+from beltid.tables.schemas import Table
+from beltid.tables.units import Conversion
+from beltid.tables.values import outside
 
 MOST_SAMPLES: Final = 20_000_000
 

@@ -11,14 +11,14 @@ from beltid.errors import InputError
 from beltid.formats.encoding import decode
 from beltid.formats.table_head import unit_in_name
 from beltid.store.channel_units import unit_conversion
-from beltid.store.columns import Table
 from beltid.store.csv_reader import Wanted, read_rows
 from beltid.store.dialect import Layout, ReadOptions, layout
 from beltid.store.files import read_bytes
 from beltid.store.problems import Problems
 from beltid.store.readings import Question
 from beltid.store.vocabulary import FILE_NAMES, roles_meant, simplified
-from beltid.units import Conversion
+from beltid.tables.columns import Table
+from beltid.tables.units import Conversion
 
 SETTINGS: Final = ("arc_deg", "initial_tension_N", "temperature_degC")
 """Columns that may be told once for a whole run."""

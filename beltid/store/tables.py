@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from beltid.errors import ArtifactError
-from beltid.store.schemas import Column, Table
+from beltid.tables.schemas import Column, Table
+from beltid.tables.values import floats, is_missing, outside
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -61,12 +62,12 @@ def normalised(columns: Mapping[str, Any], table: Table, name: str) -> dict[str,
 
 def _typed(values: Any, column: Column) -> np.ndarray:
     if column.dtype == "string":
-        cells = [None if _is_missing(cell) else str(cell) for cell in np.asarray(values, object)]
+        cells = [None if is_missing(cell) else str(cell) for cell in np.asarray(values, object)]
         array = np.empty(len(cells), dtype=object)
         array[:] = cells
         return array
     if column.dtype == "list":
-        return _matrix([None if _is_missing(row) else np.ravel(row) for row in values], column)
+        return _matrix([None if is_missing(row) else np.ravel(row) for row in values], column)
     if column.dtype == "float64":
         return floats(values)
     array = np.asarray(values)
@@ -100,28 +101,6 @@ def _matrix(rows: list[Any], column: Column) -> np.ndarray:
     return matrix
 
 
-def floats(values: Any) -> np.ndarray:
-    """float64 array of values, nan where one is missing (None, masked, pandas.NA).
-
-    Raises
-    ------
-    ValueError, TypeError
-        If a value is no number.
-    """
-    if isinstance(values, np.ma.MaskedArray):
-        values = np.ma.filled(values.astype(np.float64), np.nan)
-    array = np.asarray(values)
-    if array.dtype.kind in "fiu":
-        return array.astype(np.float64)
-    return np.array([np.nan if _is_missing(v) else v for v in array], dtype=np.float64)
-
-
-def _is_missing(cell: Any) -> bool:
-    if cell is None or type(cell).__name__ in ("NAType", "NaTType"):
-        return True
-    return isinstance(cell, (float, np.floating)) and bool(np.isnan(cell))
-
-
 def _problems(cells: np.ndarray, column: Column, name: str) -> list[str]:
     if column.dtype == "string":
         bad = [i for i, cell in enumerate(cells) if cell is None and not column.nullable]
@@ -139,20 +118,6 @@ def _problems(cells: np.ndarray, column: Column, name: str) -> list[str]:
         + (f" and at most {LARGEST:g} in size" if np.any(huge[i]) else "")
         for i in rows[:3]
     ]
-
-
-def absent(values: np.ndarray) -> np.ndarray:
-    """Which values are missing: None among texts, nan among numbers."""
-    if values.dtype == object:
-        return np.fromiter((v is None for v in values), dtype=bool, count=len(values))
-    return np.asarray(np.isnan(values))
-
-
-def outside(numbers: np.ndarray, column: Column) -> np.ndarray:
-    """Which numbers lie outside the range of a column; missing ones (nan) do not."""
-    low = numbers <= column.low if column.open_low else numbers < column.low
-    high = numbers >= column.high if column.open_high else numbers > column.high
-    return np.asarray(low | high)
 
 
 def arrow_table(values: Mapping[str, np.ndarray], table: Table) -> pa.Table:

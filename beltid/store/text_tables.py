@@ -8,7 +8,6 @@ from pathlib import PurePath
 import numpy as np
 
 from beltid.formats.encoding import Decoded
-from beltid.store.columns import Table
 from beltid.store.csv_reader import Wanted, read_rows
 from beltid.store.dialect import Layout, ReadOptions, layout
 from beltid.store.header import check_header, hint_units_row
@@ -17,7 +16,8 @@ from beltid.store.problems import Problems
 from beltid.store.readings import Candidate, Question, Reading
 from beltid.store.roles import notes_of, readings_of
 from beltid.store.run_settings import told_elsewhere
-from beltid.units import Conversion
+from beltid.tables.columns import Table
+from beltid.tables.units import Conversion
 
 
 def text_layout(decoded: Decoded, name: str, options: ReadOptions, table: Table) -> Layout:

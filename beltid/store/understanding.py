@@ -12,7 +12,6 @@ import numpy as np
 from beltid.errors import InputError
 from beltid.formats.bench_file import Field
 from beltid.formats.table_head import unit_in_name
-from beltid.store import schemas
 from beltid.store.channel_groups import candidates_of as channel_candidates
 from beltid.store.csv_reader import Wanted, read_rows
 from beltid.store.dialect import ReadOptions
@@ -24,6 +23,7 @@ from beltid.store.run_settings import SETTINGS
 from beltid.store.sources import sources_of
 from beltid.store.text_tables import candidates_of as text_candidates
 from beltid.store.text_tables import text_layout
+from beltid.tables import schemas
 
 KINDS: Final = ("press", "rig", "speedloss")
 

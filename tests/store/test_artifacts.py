@@ -18,7 +18,6 @@ from hypothesis.extra.numpy import arrays
 
 from beltid._version import __version__
 from beltid.errors import EXIT_INPUT, ArtifactError, InputError
-from beltid.store import schemas
 from beltid.store.artifacts import (
     Artifact,
     Metadata,
@@ -29,6 +28,7 @@ from beltid.store.artifacts import (
 )
 from beltid.store.recordings import read_recording
 from beltid.store.tables import LARGEST
+from beltid.tables import schemas
 
 RIGDATA = Path(__file__).parents[2] / "rigdata"
 METADATA = Metadata(

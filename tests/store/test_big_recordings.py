@@ -15,10 +15,11 @@ from hypothesis import strategies as st
 
 from beltid.config import load_config
 from beltid.errors import InputError
-from beltid.store import big_recordings, csv_stream, parquet_stream, schemas
+from beltid.store import big_recordings, csv_stream, parquet_stream
 from beltid.store.big_recordings import is_big, open_big
 from beltid.store.csv_kernel import GOOD, NOT_SIMPLE, POWERS_OF_TEN, parse_rows
 from beltid.store.recordings import read_recording
+from beltid.tables import schemas
 
 RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"
 

@@ -21,9 +21,9 @@ from beltid.errors import ArtifactError, InputError
 from beltid.stages.making import Recipe, make
 from beltid.stages.outcome import Outcome
 from beltid.stages.talk import Options, Talk
-from beltid.store import schemas
 from beltid.store.artifacts import Metadata, artifact_bytes, read_artifact
 from beltid.store.atomic import remove_stale, write_bytes
+from beltid.tables import schemas
 
 ROOT = Path(__file__).parents[2]
 KEPT = "the file that was there is untouched"

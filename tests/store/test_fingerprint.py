@@ -45,7 +45,7 @@ def test_an_edit_of_what_computes_changes_it(package: Path, file: str) -> None:
 
 def test_a_renamed_module_changes_it(package: Path) -> None:
     before = hash_of_sources(package)
-    (package / "units.py").rename(package / "unitz.py")
+    (package / "tables/units.py").rename(package / "tables/unitz.py")
     assert hash_of_sources(package) != before
 
 

@@ -10,13 +10,13 @@ import pytest
 from beltid.config import load_config
 from beltid.errors import InputError
 from beltid.formats.bench_file import BenchFile, Channel, Group
-from beltid.store import schemas
 from beltid.store.alignment import Timed, aligned
 from beltid.store.channel_groups import read_groups
 from beltid.store.dialect import ReadOptions
 from beltid.store.problems import Problems
 from beltid.store.recordings import Recording, read_recording
 from beltid.store.vocabulary import VOCABULARY, roles_meant
+from beltid.tables import schemas
 
 
 def write(folder: Path, header: str, rows: list[str], units: str = "") -> Path:

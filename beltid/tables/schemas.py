@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
-from beltid.store.columns import (
+from beltid.tables.columns import (
     Column,
     Table,
     count,

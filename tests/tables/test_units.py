@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from beltid.units import CONVERSIONS, allowed_units, canonical_unit, conversion
+from beltid.tables.units import CONVERSIONS, allowed_units, canonical_unit, conversion
 
 
 @pytest.mark.parametrize(
