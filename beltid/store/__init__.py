@@ -1,10 +1,8 @@
-"""The only room that knows files.
+"""Recordings of the benches.
 
 ================== =====================================================================
 Module             Responsibility
 ================== =====================================================================
-``columns``        what a column and a table are
-``schemas``        every table: columns, types, units, ranges; schema versions
 ``recordings``     recordings of the benches, any format -> validated columns
 ``sources``        the files of a recording: one, or one per run in a folder or zip file
 ``opening``        files unpacked, their format recognised, their channels read
@@ -33,11 +31,5 @@ Module             Responsibility
 ``frames``         DataFrames, Arrow tables and dicts -> columns
 ``checks``         whether the columns can be what they claim to be
 ``problems``       everything wrong with a file, told together
-``artifacts``      Parquet files that say what they are and show any damage
-``tables``         columns of an artifact <-> Arrow
-``files``          bytes of an input file, plain or packed
-``atomic``         files appear whole or not at all
-``hashing``        SHA-256 of bytes and of columns
-``fingerprint``    SHA-256 of our own sources
 ================== =====================================================================
 """

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from beltid.artifacts.file_bytes import unpacked
 from beltid.errors import InputError
 from beltid.formats import lvm
 from beltid.formats.bench_file import BenchFile, FormatError
@@ -15,7 +16,6 @@ from beltid.formats.isolated import read_isolated
 from beltid.formats.sniff import GZIP, ISOLATED, LVM, PARQUET, ZIP, sniff, unread
 from beltid.store.channel_groups import read_groups
 from beltid.store.dialect import ReadOptions
-from beltid.store.files import unpacked
 from beltid.store.pieces import Piece
 from beltid.store.problems import Problems
 from beltid.store.sources import Source

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from beltid.artifacts.parquet_open import damaged, is_number, open_parquet, refused_columns
 from beltid.errors import InputError
 from beltid.store.csv_reader import NUMBER
 from beltid.store.csv_stream import Block
 from beltid.store.natural_order import natural
-from beltid.store.parquet_open import damaged, is_number, open_parquet, refused_columns
 from beltid.tables.schemas import Column, Table
 
 if TYPE_CHECKING:

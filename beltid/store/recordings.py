@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from beltid.artifacts.file_bytes import refuse_large
 from beltid.errors import InputError
 from beltid.store.channel_units import unit_conversion
 from beltid.store.checks import Checker
 from beltid.store.dialect import ReadOptions
-from beltid.store.files import refuse_large
 from beltid.store.frames import columns_of_frame
 from beltid.store.joining import completed, joined
 from beltid.store.opening import Opened, open_sources, read_opened
@@ -167,8 +167,8 @@ def _from_parquet(
     data: bytes, path: Path, kind: str, options: ReadOptions
 ) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
     """Columns of a Parquet file: an artifact of ours (simulated) or one with the same columns."""
-    from beltid.store.artifacts import SEAL_KEY, artifact_from_bytes
-    from beltid.store.parquet_open import damaged, open_parquet, refused_columns
+    from beltid.artifacts.artifact import SEAL_KEY, artifact_from_bytes
+    from beltid.artifacts.parquet_open import damaged, open_parquet, refused_columns
 
     table, names = schemas.table(kind), options.names
     wanted = {names.get(column.name, column.name): column.required for column in table.columns}

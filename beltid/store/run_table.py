@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from beltid.artifacts.file_bytes import read_bytes
 from beltid.errors import InputError
 from beltid.formats.encoding import decode
 from beltid.formats.table_head import unit_in_name
 from beltid.store.channel_units import unit_conversion
 from beltid.store.csv_reader import Wanted, read_rows
 from beltid.store.dialect import Layout, ReadOptions, layout
-from beltid.store.files import read_bytes
 from beltid.store.problems import Problems
 from beltid.store.readings import Question
 from beltid.store.vocabulary import FILE_NAMES, roles_meant, simplified

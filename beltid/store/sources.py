@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Final
 
+from beltid.artifacts.file_bytes import MAX_BYTES, opened, read_bytes
+from beltid.artifacts.hashing import sha256
 from beltid.errors import InputError
 from beltid.formats.sniff import ZIP, sniff
-from beltid.store.files import MAX_BYTES, opened, read_bytes
-from beltid.store.hashing import sha256
 from beltid.store.natural_order import natural
 from beltid.store.parquet_stream import parquet_files
 
@@ -213,8 +213,8 @@ def _is_artifact(file: Path) -> bool:
     """Whether it is a result: these stand beside what they were made from."""
     if not _is_parquet(file):
         return False
+    from beltid.artifacts.artifact import read_artifact
     from beltid.errors import ArtifactError
-    from beltid.store.artifacts import read_artifact
 
     try:
         read_artifact(file)

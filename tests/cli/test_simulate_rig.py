@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beltid.store.artifacts import read_artifact
+from beltid.artifacts.artifact import read_artifact
 from beltid.tables import schemas
 
 CALL = ("simulate-rig", "surface.parquet", "stiffness.parquet")

@@ -6,8 +6,8 @@ import pandas as pd
 import writers
 from typer.testing import CliRunner
 
+from beltid.artifacts.artifact import read_artifact
 from beltid.cli import app
-from beltid.store.artifacts import read_artifact
 from beltid.store.sources import content_sha256
 
 CONFIG = """\

@@ -10,9 +10,9 @@ import pytest
 import writers
 from typer.testing import CliRunner
 
+from beltid.artifacts.artifact import read_artifact
 from beltid.cli import app
 from beltid.config import load_config
-from beltid.store.artifacts import read_artifact
 from beltid.store.recordings import read_recording
 
 DATA = Path(__file__).parent / "data"

@@ -10,6 +10,7 @@ import warnings
 from collections.abc import Callable
 from pathlib import Path
 
+from beltid.artifacts.artifact import read_artifact
 from beltid.config.loading import load_cases, load_config
 from beltid.errors import LONGEST_LINE, BeltidError
 from beltid.export.law_file import law_from_text
@@ -23,7 +24,6 @@ from beltid.stages.belt_results import sheet_of
 from beltid.stages.simulated_doubt import runs_doubt_of
 from beltid.stages.tables import law_of, surface_of
 from beltid.stages.uncertainties import press_law
-from beltid.store.artifacts import read_artifact
 from beltid.store.big_recordings import open_big
 from beltid.store.dialect import ReadOptions
 from beltid.store.opening import Opened

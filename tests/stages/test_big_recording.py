@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from beltid.artifacts.artifact import read_artifact
 from beltid.config import find_config
 from beltid.errors import InputError
 from beltid.stages import fit_friction
@@ -14,7 +15,6 @@ from beltid.stages.recorded_curves import rig_curves
 from beltid.stages.talk import Options
 from beltid.stages.workers import Workers
 from beltid.store import big_recordings
-from beltid.store.artifacts import read_artifact
 
 RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"
 

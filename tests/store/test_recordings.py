@@ -118,7 +118,7 @@ def test_packed_recordings(tmp_path):
 
 
 def test_a_packed_bomb_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("beltid.store.files.MAX_BYTES", 1 << 20)
+    monkeypatch.setattr("beltid.artifacts.file_bytes.MAX_BYTES", 1 << 20)
     packed = tmp_path / "rig.csv.gz"
     packed.write_bytes(gzip.compress(b"0" * (2 << 20)))
     assert "unpacks to more than 1 MB" in problems(packed)[0]

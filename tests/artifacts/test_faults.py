@@ -15,14 +15,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from beltid.artifacts.artifact import Metadata, artifact_bytes, read_artifact
+from beltid.artifacts.atomic import remove_stale, write_bytes
 from beltid.batch.locks import alone_in
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import ArtifactError, InputError
 from beltid.stages.making import Recipe, make
 from beltid.stages.outcome import Outcome
 from beltid.stages.talk import Options, Talk
-from beltid.store.artifacts import Metadata, artifact_bytes, read_artifact
-from beltid.store.atomic import remove_stale, write_bytes
 from beltid.tables import schemas
 
 ROOT = Path(__file__).parents[2]
@@ -39,7 +39,7 @@ def example(seed: int, rows: int = 1000) -> bytes:
 WRITER = """
 import sys
 from pathlib import Path
-from beltid.store.atomic import write_bytes
+from beltid.artifacts.atomic import write_bytes
 path, *versions = (Path(name) for name in sys.argv[1:])
 print("at it", flush=True)
 while True:
@@ -150,7 +150,7 @@ def test_a_read_only_folder_keeps_the_old_file(tmp_path: Path) -> None:
     path.write_bytes(b"old")
     place.chmod(0o555)
     code = (
-        "import os, sys; from beltid.store.atomic import write_bytes\n"
+        "import os, sys; from beltid.artifacts.atomic import write_bytes\n"
         "from beltid.errors import ArtifactError\n"
         "place = os.open(os.path.dirname(sys.argv[1]), os.O_RDONLY); os.fchdir(place)\n"
         "if os.geteuid() == 0: os.setgid(65534); os.setuid(65534)\n"

@@ -16,7 +16,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.store.tables import LARGEST
+from beltid.artifacts.arrow_columns import LARGEST
 
 SHOWN: Final = 5
 MOST_PLACES: Final = 10_000

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from beltid._version import __version__
-from beltid.errors import EXIT_INPUT, ArtifactError, InputError
-from beltid.store.artifacts import (
+from beltid.artifacts.arrow_columns import LARGEST
+from beltid.artifacts.artifact import (
     Artifact,
     Metadata,
     artifact_bytes,
@@ -26,8 +26,8 @@ from beltid.store.artifacts import (
     read_artifact,
     write_artifact,
 )
+from beltid.errors import EXIT_INPUT, ArtifactError, InputError
 from beltid.store.recordings import read_recording
-from beltid.store.tables import LARGEST
 from beltid.tables import schemas
 
 RIGDATA = Path(__file__).parents[2] / "rigdata"

@@ -17,12 +17,12 @@ from typing import Any, Final
 import numpy as np
 
 from beltid._version import __version__
+from beltid.artifacts import atomic
+from beltid.artifacts.file_bytes import read_bytes
+from beltid.artifacts.fingerprint import source_sha256
+from beltid.artifacts.hashing import columns_sha256, sha256
+from beltid.artifacts.parquet_open import damaged, open_parquet
 from beltid.errors import ArtifactError
-from beltid.store import atomic
-from beltid.store.files import read_bytes
-from beltid.store.fingerprint import source_sha256
-from beltid.store.hashing import columns_sha256, sha256
-from beltid.store.parquet_open import damaged, open_parquet
 from beltid.tables import schemas
 
 METADATA_KEY: Final = b"beltid"
@@ -131,7 +131,7 @@ def artifact_bytes(
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    from beltid.store.tables import arrow_table, normalised
+    from beltid.artifacts.arrow_columns import arrow_table, normalised
 
     table = schemas.table(kind)
     values = normalised(columns, table, name)
@@ -200,8 +200,8 @@ def read_artifact(path: str | Path, kind: str | None = None) -> Artifact:
 
 def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Artifact:
     """Artifact from the bytes of its file; see `read_artifact`."""
-    from beltid.store.contents import wrong_contents
-    from beltid.store.tables import columns_of_arrow
+    from beltid.artifacts.arrow_columns import columns_of_arrow
+    from beltid.artifacts.metadata_models import wrong_contents
 
     if data[:4] != b"PAR1":
         raise ArtifactError(f"{path}: not an artifact (no Parquet file){_needed(kind)}")
