@@ -23,10 +23,9 @@ Module                 Responsibility                                         Pa
 ``stages``             one file per command: read, science, write, sum up
 ``report``             figures, pages, summaries for the terminal
 ``export``             the contact law for other programs
-``store``              recordings of the benches, any format to validated columns
+``bench``              what benches write: any format to validated columns
 ``artifacts``          results: Parquet files that say what they are, written whole
 ``config``             YAML to a frozen model; errors with line and column
-``formats``            what benches write: bytes to channels with units
 ``tables``             column definitions: name, type, unit, range, meaning
 ``uncertainty``        budgets, Monte Carlo check, differences in their units JCGM 100, 101
 ``refine``             inverse problem: the surface that gives the tensions   beyond section 7

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import gzip
-import io
 import os
 import stat
-import zlib
 from collections.abc import Iterator, Sequence
 from io import BufferedReader
 from pathlib import Path
@@ -82,25 +79,3 @@ def read_bytes(path: Path, error_type: type[InputError] = InputError) -> bytes:
     if not data:
         raise error_type(f"{path}: the file is empty")
     return data
-
-
-def unpacked(data: bytes, path: Path) -> bytes:
-    """Bytes of a gzip file without the packing; other bytes as they are.
-
-    Raises
-    ------
-    InputError
-        If the packed file is damaged or unpacks to more than the limit.
-    """
-    if data[:2] != b"\x1f\x8b":
-        return data
-    try:
-        with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
-            plain = file.read(MAX_BYTES + 1)
-    except (OSError, EOFError, zlib.error):
-        raise InputError(f"{path}: the gzip file is damaged or cut off") from None
-    if len(plain) > MAX_BYTES:
-        raise InputError(f"{path}: unpacks to more than {MAX_BYTES >> 20} MB, split the recording")
-    if not plain:
-        raise InputError(f"{path}: the file is empty")
-    return plain

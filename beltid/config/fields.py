@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic_core import InitErrorDetails, PydanticCustomError, ValidationError, core_schema
 
-from beltid.formats.name_pattern import name_pattern
+from beltid.config.name_pattern import name_pattern
 from beltid.tables.units import Calibration, allowed_units, calibration, conversion
 
 if TYPE_CHECKING:

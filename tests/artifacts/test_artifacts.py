@@ -26,8 +26,8 @@ from beltid.artifacts.artifact import (
     read_artifact,
     write_artifact,
 )
+from beltid.bench.recording import read_recording
 from beltid.errors import EXIT_INPUT, ArtifactError, InputError
-from beltid.store.recordings import read_recording
 from beltid.tables import schemas
 
 RIGDATA = Path(__file__).parents[2] / "rigdata"

@@ -30,7 +30,7 @@ def test_it_is_that_of_this_installation(package: Path) -> None:
         "laws/capstan.py",
         "identify/friction/peak.py",
         "rigsim/steady.py",
-        "store/recordings.py",
+        "bench/recording.py",
         "params.py",
     ],
 )
