@@ -1,6 +1,6 @@
 """NI TDMS: groups of channels, each with its own properties and start and step of time.
 
-Runs in the child process (see `isolated`). The file is opened here, so that an index that lies
+Runs in the child process (see `process`). The file is opened here, so that an index that lies
 beside it, possibly of another state of the file, is not believed.
 """
 
