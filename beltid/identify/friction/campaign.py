@@ -49,11 +49,11 @@ build-up, in z: as good as free."""
 # priors: median and width (standard deviation of the logarithm)
 WANDER = (0.4, 1.5)
 """Of the wandering zeros, in units of the error that white noise leaves in the mean of a run."""
-WALK = (1.5, 1.5)
+WALK = (2.5, 1.5)
 """The same of the walk with the longest memory, which a short sliding hardly shows."""
 NEIGHBOURS = 0.5
 """Correlation of the priors of neighbouring memories: the spectrum of real noise is smooth."""
-TURN = (0.4, 1.5)
+TURN = (0.7, 1.5)
 """Of the ripple once per turn, in the same unit."""
 HEIGHT_SPREAD = (0.15, 1.0)
 LENGTH_SPREAD = (0.10, 1.0)
@@ -74,7 +74,7 @@ friction itself."""
 DRIFT_OF_ZERO, DRIFT_OF_MU = 4e-4, 0.03
 """Standard deviations of the drifts, in 1/s of the median initial tension, and over the sliding of
 a run relative to mu."""
-SLOW_PART = (0.04, 0.25, 0.15)
+SLOW_PART = (0.1, 0.25, 0.15)
 """Probability that a part of the tail decays over a length beyond the longest record, its size
 relative to the height and the standard deviation of that."""
 RELAXATION = 1e-3
@@ -554,8 +554,9 @@ def _spectra(ends: Ends) -> tuple[Array, Array]:
 CLOCKS = (np.zeros(2), np.array([1.0, 0.0]))
 """Powers to start from: a tail that decays over the travel, or over the time."""
 SWEEPS = 2
-WALK_STEPS = (-0.8, -0.4, 0.0, 0.4, 0.8, 1.2, 1.6)
-"""Steps about the mode over which the variance of the walk is averaged, in widths of its prior."""
+HIDDEN_STEPS = (-0.8, -0.4, 0.0, 0.4, 0.8, 1.2, 1.6)
+"""Steps about the mode over which the variances are averaged that a record hardly shows, in widths
+of their priors."""
 
 
 def _log_evidence_of(
@@ -630,10 +631,13 @@ def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
         ).x
     assert shared is not None
     sd = np.exp(centre + width * x)
-    # the walk moves the level most and shows least: the mean of its variance, not the mode
-    log_p = np.array([-cost(x + step * (np.arange(x.size) == n - 1))[0] for step in WALK_STEPS])
-    p = np.exp(log_p - logsumexp(log_p))
-    sd[n - 1] *= np.sqrt(p @ np.exp(2.0 * width[n - 1] * np.array(WALK_STEPS)))
+    # walk and ripple once per turn move the level most and show least: the mean of their
+    # variances, not the mode
+    steps = np.array(HIDDEN_STEPS)
+    for k in (n - 1, n + 1):
+        log_p = np.array([-cost(x + step * (np.arange(x.size) == k))[0] for step in steps])
+        p = np.exp(log_p - logsumexp(log_p))
+        sd[k] *= np.sqrt(p @ np.exp(2.0 * width[k] * steps))
     return Bench(sd, shared)
 
 
