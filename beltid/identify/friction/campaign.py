@@ -83,17 +83,22 @@ both cells."""
 
 
 TREND = 0.4
-"""Standard deviation of the powers with which the length of the tail goes with speed and force."""
+"""Standard deviation of the powers with which the length of the tail goes with the settings."""
+SETTINGS = 3
+"""Settings that it goes with: speed, mean tension and level of ln(T_tight/T_slack), so the arc."""
 
-SHARED = RANK + 5
+SHARED = RANK + 3 + SETTINGS
 """Columns that all runs share: the basis of the tails, drifts of both cells and of mu, powers."""
 DRIFTS, POWERS = slice(RANK, RANK + 3), slice(RANK + 3, SHARED)
 """Where the drifts and the powers are in them."""
 
 
 def log_settings(records: Sequence[SlidingRecord]) -> Array:
-    """Logarithms of speed and mean tension of the runs (R, 2)."""
-    return np.array([(np.log(r.speed_m_s), 0.5 * np.log(np.prod(r.tensions_N))) for r in records])
+    """Logarithms of what the length of the tail may go with (R, SETTINGS)."""
+    tension = [np.sqrt(np.prod(r.tensions_N)) for r in records]
+    return np.log(
+        np.column_stack([[r.speed_m_s for r in records], tension, [r.level for r in records]])
+    )
 
 
 class Stack:
@@ -118,7 +123,7 @@ class Stack:
         self.basis = np.zeros((n, m, RANK))
         self.shared = np.zeros((n, m, SHARED))
         """Basis of the tails, drifts of 1 N/s of the tight and of the slack cell and of all of mu,
-        and the changes of the tail with the two powers."""
+        and the changes of the tail with the powers."""
         self.fixed = np.zeros((n, m, m))
         self.parts = np.zeros((len(MEMORIES_S) + 2, n, m, m))
         for k, r in enumerate(records):
@@ -148,7 +153,7 @@ class Stack:
         )
 
     def stretch(self, powers: Array, shared: Shared | None = None) -> None:
-        """Make the tails of every run as long as its speed and tension ask for."""
+        """Make the tails of every run as long as its settings ask for."""
         self.stretches = stretching(self.settings @ powers)
         self.shared[:, :, :RANK] = self.basis @ self.stretches
         if shared is not None:
@@ -177,8 +182,8 @@ class Shared:
         Posterior mean of the height of the tail, relative to the level.
     spectrum : ndarray, shape (3,)
         Posterior means of ln l_c (l_c in m), s_slow and s_fast.
-    powers : ndarray, shape (2,)
-        Powers of speed and tension with which its length goes.
+    powers : ndarray, shape (SETTINGS,)
+        Powers of the settings with which its length goes.
     weights : ndarray, shape (5,)
         Probabilities of no drift, one of the tight, the slack, both cells, and of mu.
     """
@@ -368,8 +373,8 @@ def posterior(
         Median initial tension [N].
     height : float
         Height of the tail, roughly, relative to the level.
-    powers : ndarray, shape (2,)
-        Powers of speed and tension that the tails were stretched by.
+    powers : ndarray, shape (SETTINGS,)
+        Powers of the settings that the tails were stretched by.
     range_m : tuple of float
         Shortest and longest length of a tail that is looked for [m].
     weights : ndarray, shape (5,), optional
@@ -383,9 +388,9 @@ def posterior(
     b[cells] += rest.products
     # the columns hold the change of the powers from what the tails were stretched by
     b[POWERS] -= powers / TREND**2
-    M[POWERS, POWERS] += np.eye(2) / TREND**2
+    M[POWERS, POWERS] += np.eye(SETTINGS) / TREND**2
     D = np.zeros_like(M)
-    D[POWERS, POWERS] = 1e4 * np.eye(2)  # free: their prior is in M and b
+    D[POWERS, POWERS] = 1e4 * np.eye(SETTINGS)  # free: their prior is in M and b
     low, high = np.log(max(range_m[0], 2e-4)), np.log(max(range_m[1] / 9.0, 1e-3))
     lengths = np.linspace(low, max(high, low + 1.0), 8)
     unlike = tail_coefficients(lengths, np.zeros(8), np.zeros(8))
@@ -551,7 +556,7 @@ def _spectra(ends: Ends) -> tuple[Array, Array]:
     return points, tail_coefficients(*points)
 
 
-CLOCKS = (np.zeros(2), np.array([1.0, 0.0]))
+CLOCKS = (np.zeros(SETTINGS), np.eye(SETTINGS)[0])
 """Powers to start from: a tail that decays over the travel, or over the time."""
 SWEEPS = 2
 HIDDEN_STEPS = (-0.8, -0.4, 0.0, 0.4, 0.8, 1.2, 1.6)
@@ -614,6 +619,10 @@ def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
     odds = [_log_evidence_of(stack, clock, sd, rest, unit_N) for clock in CLOCKS]
     powers = CLOCKS[int(np.argmax(odds))]
     stack.stretch(powers)
+    w = whiten(stack, covariance(stack, sd, None)[0])
+    # a rough tail, of which the change with the powers can be told
+    rough = fit_shared(stack, w, scale, rest, unit_N, height, powers, None, 0)
+    stack.stretch(powers, rough)
     for _ in range(SWEEPS):
         w = whiten(stack, covariance(stack, np.exp(centre + width * x), shared)[0])
         shared = fit_shared(stack, w, scale, rest, unit_N, height, powers, weights, 2)
