@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import json
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -175,6 +176,29 @@ def may_be_artifact(path: Path) -> bool:
         return SEAL_KEY in (pq.read_schema(path).metadata or {})
     except Exception:  # a damaged file can raise nearly anything
         return False
+
+
+def stated_kind(path: Path) -> str | None:
+    """Kind that a file states in its metadata, though it may be damaged or of an old schema.
+
+    Parameters
+    ----------
+    path : Path
+        An ordinary file.
+
+    Returns
+    -------
+    str or None
+        None if the file is empty or beltid did not write it.
+
+    Raises
+    ------
+    ArtifactError
+        If the file cannot be read.
+    """
+    data = read_bytes(path, ArtifactError) if path.stat().st_size else b""
+    found = re.search(rb'"kind":"([a-z_]+)"', data) if SEAL_KEY in data else None
+    return None if found is None else found[1].decode()
 
 
 def read_artifact(path: str | Path, kind: str | None = None) -> Artifact:

@@ -9,7 +9,6 @@ are not replaced at all.
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -17,8 +16,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from beltid._version import __version__
-from beltid.artifacts.artifact import Artifact, Metadata, plain, read_artifact, write_artifact
-from beltid.artifacts.file_bytes import read_bytes
+from beltid.artifacts.artifact import (
+    Artifact,
+    Metadata,
+    plain,
+    read_artifact,
+    stated_kind,
+    write_artifact,
+)
 from beltid.artifacts.fingerprint import source_sha256
 from beltid.bench.files.sources import Signature, content_sha256, signature_of
 from beltid.errors import ArtifactError, InputError
@@ -294,11 +299,10 @@ def _standing(out: Path, kind: str) -> tuple[Artifact | None, str]:
         return read_artifact(out, kind), ""
     except ArtifactError:
         pass
-    data = read_bytes(out, ArtifactError) if out.is_file() and out.stat().st_size else b""
-    found = re.search(rb'"kind":"([a-z]+)"', data) if b"beltid_sha256" in data else None
-    if found is not None and found[1].decode() == kind:
+    found = stated_kind(out) if out.is_file() else None
+    if found == kind:
         return None, ""  # damaged or of an old schema: only good to be replaced
-    return None, f"a {found[1].decode()} artifact" if found else FOREIGN
+    return None, f"a {found} artifact" if found else FOREIGN
 
 
 def _refuse_unwritable(out: Path) -> None:
