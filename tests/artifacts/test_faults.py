@@ -16,8 +16,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beltid.artifacts.artifact import Metadata, artifact_bytes, read_artifact
+from beltid.artifacts.artifact import artifact_bytes, read_artifact
 from beltid.artifacts.atomic import remove_stale, write_bytes
+from beltid.artifacts.metadata_models import Metadata
 from beltid.batch.locks import alone_in
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import ArtifactError, InputError
