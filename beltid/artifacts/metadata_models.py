@@ -23,6 +23,8 @@ from pydantic import (
     PlainValidator,
     Strict,
     ValidationError,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
     model_validator,
 )
 from pydantic_core import PydanticCustomError
@@ -288,14 +290,21 @@ class Validation(TypedDict):
     inputs_known: bool
 
 
-Settings = TypedDict(
-    "Settings",
+def _as_found(value: Any, check: ValidatorFunctionWrapHandler) -> Any:
+    check(value)
+    return value
+
+
+_KNOWN_SETTINGS = TypedDict(
+    "_KNOWN_SETTINGS",
     {
         "rig.pulley_radius_m": NotRequired[Positive | None],
         "rig.pulley_speeds_rad_s": NotRequired[Listed[Number] | None],
         "friction": NotRequired[dict[str, Any]],
     },
 )
+Settings = Annotated[_KNOWN_SETTINGS, WrapValidator(_as_found)]
+"""Checked, but kept as they are: freshness compares them with those of today."""
 
 
 class Metadata(BaseModel):
@@ -349,7 +358,7 @@ class Metadata(BaseModel):
         """All that is stated beyond `SECTIONS`, by its name: the section `extra` of the file."""
         return {
             name: value
-            for name, value in self
+            for name, value in sorted(self)
             if name in self.model_fields_set and name not in SECTIONS
         }
 
