@@ -173,10 +173,6 @@ def test_a_file_written_before_is_read_and_says_the_same_when_written_again(kind
     assert one == other
 
 
-def test_every_kind_has_a_model_of_what_it_says_about_itself():
-    assert tuple(MODELS) == schemas.ARTIFACTS
-
-
 def test_metadata_are_typed_frozen_and_of_their_kind():
     speeds = {"proposed_rad_s": np.array([0.05, 0.2]), "covered": True}
     metadata = SlipMetadata(rig_speeds=speeds, max_slip_speed_m_s=np.float64(0.02))
