@@ -153,9 +153,9 @@ def summarise(made: Made) -> Summary:
             "mu_sliding_range": validity.get("mu_sliding"),
             "normal_force_range_N_m": validity.get("normal_force_N_m"),
             "slip_speed_range_m_s": validity.get("slip_speed_m_s"),
-            "budget": made.artifact.metadata.extra["budget"],
+            "budget": made.artifact.metadata.budget,
         },
-        details=budget_details(made.artifact.metadata.extra["budget"]),
+        details=budget_details(made.artifact.metadata.budget),
         table=rows_of(
             columns,
             "run",
