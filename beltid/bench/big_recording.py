@@ -13,18 +13,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from beltid.bench.channels.channel_units import unit_conversion
-from beltid.bench.channels.readings import Question
+from beltid.bench.channels.channel_mapping import MappingContext, unit_conversion
+from beltid.bench.channels.header import missing_setting
 from beltid.bench.channels.text_tables import text_layout, text_notes, wanted_columns
+from beltid.bench.channels.vocabulary import NOMINAL
 from beltid.bench.files.ahead import ahead
 from beltid.bench.files.encoding import decode
 from beltid.bench.files.folders import parquet_files
 from beltid.bench.formats.csv_stream import AHEAD, csv_blocks, file_chunks
 from beltid.bench.formats.dialect import ReadOptions
-from beltid.bench.formats.header import missing_setting
-from beltid.bench.formats.parquet_stream import parquet_blocks
+from beltid.bench.formats.parquet import parquet_blocks
 from beltid.bench.problems import Problems
-from beltid.bench.runs.checks import SETTINGS
 from beltid.bench.runs.run_stream import RunColumns, RunStream
 from beltid.errors import InputError
 from beltid.tables import schemas
@@ -107,10 +106,10 @@ def _csv(path: Path, options: ReadOptions) -> BigRecording:
     head = first[:HEAD] if len(first) <= HEAD else first[: first.rfind(b"\n", 0, HEAD) + 1]
     decoded = decode(head, name, options.encoding)
     found = text_layout(decoded, name, options, table)
-    readings, wanted = wanted_columns(found, name, table, options, problems)
+    mappings, wanted = wanted_columns(found, name, table, options, problems)
     wrong = problems.count  # then the settings have been asked for as well
-    for setting in SETTINGS:
-        if setting not in readings and not wrong:
+    for setting in NOMINAL:
+        if setting not in mappings and not wrong:
             problems.add(missing_setting(setting, "rig", f"{name}:{found.header_line}"))
     problems.raise_if_any()
     body = _after_lines(first, found.first_line - 1)
@@ -119,9 +118,9 @@ def _csv(path: Path, options: ReadOptions) -> BigRecording:
     source = itertools.chain([body], chunks)
     ends: list[str] = []
     blocks = csv_blocks(source, found, wanted, decoded.encoding, name, ends)
-    conversions = {role: r.conversion for role, r in readings.items() if r.unit_stated or r.negated}
+    conversions = {role: r.conversion for role, r in mappings.items() if r.unit_stated or r.negated}
     runs = RunStream(ahead(blocks, AHEAD), table, name, conversions, problems)
-    told = (*found.notes, *text_notes(found, readings, table))
+    told = (*found.notes, *text_notes(found, mappings, table))
     return BigRecording(path, runs, lambda: (*decoded.notes, *ends, *told, *runs.notes()))
 
 
@@ -142,7 +141,9 @@ def _parquet(path: Path, options: ReadOptions) -> BigRecording:
         column.name: known
         for column in table.columns
         if isinstance(
-            known := unit_conversion(column, column.name, "", Question(table, options), False),
+            known := unit_conversion(
+                column, column.name, "", MappingContext(table, options), False
+            ),
             Conversion,
         )
     }

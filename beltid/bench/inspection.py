@@ -10,13 +10,13 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.bench.channels.channel_groups import candidates_of as channel_candidates
-from beltid.bench.channels.channel_mapping import SETTINGS, readings_of
-from beltid.bench.channels.readings import Candidate, Question
+from beltid.bench.channels.channel_mapping import Candidate, MappingContext, map_channels
 from beltid.bench.channels.text_tables import candidates_of as text_candidates
 from beltid.bench.channels.text_tables import text_layout
+from beltid.bench.channels.vocabulary import SETTINGS
 from beltid.bench.files.sources import sources_of
 from beltid.bench.formats.bench_file import Field
-from beltid.bench.formats.csv_reader import Wanted, read_rows
+from beltid.bench.formats.csv_table import Wanted, read_rows
 from beltid.bench.formats.dialect import ReadOptions
 from beltid.bench.formats.table_head import unit_in_name
 from beltid.bench.opening import Opened, open_sources
@@ -137,10 +137,10 @@ def kinds_meant(view: FileView, config: Any = None) -> dict[str, float]:
         options = ReadOptions.of(config, kind)
         found: set[str] = set()
         for group in _groups(view.candidates):
-            question = Question(table, options)
-            readings = readings_of(group, question, sensors)
-            unclear = {c for c in sensors if any(c in text for _, text in question.problems.found)}
-            found |= set(readings) | unclear
+            context = MappingContext(table, options)
+            mappings = map_channels(group, context, sensors)
+            unclear = {c for c in sensors if any(c in text for _, text in context.problems.found)}
+            found |= set(mappings) | unclear
         shares[kind] = len(found) / len(sensors)
     return shares
 

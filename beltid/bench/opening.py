@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from beltid.bench.channels.channel_groups import read_groups
-from beltid.bench.channels.pieces import Piece
+from beltid.bench.channels.raw_table import RawTable
 from beltid.bench.channels.text_tables import read_text
 from beltid.bench.files.archives import unpacked
 from beltid.bench.files.encoding import Decoded, decode
@@ -76,14 +76,14 @@ def open_sources(sources: Sequence[Source], options: ReadOptions) -> list[Opened
 
 def read_opened(
     opened: Opened, table: Table, options: ReadOptions, problems: Problems
-) -> list[Piece]:
+) -> list[RawTable]:
     """Columns of an opened file."""
     for wrong in opened.wrong:
         problems.add(wrong)
     try:
         if opened.text is not None:
-            piece = read_text(opened.text, opened.name, table, options, problems)
-            return [] if piece is None else [piece]
+            raw = read_text(opened.text, opened.name, table, options, problems)
+            return [] if raw is None else [raw]
         if opened.channels is not None:
             return read_groups(opened.channels, opened.name, table, options, problems)
     except InputError as error:

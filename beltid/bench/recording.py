@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from beltid.artifacts.file_bytes import refuse_large
-from beltid.bench.channels.channel_units import unit_conversion
-from beltid.bench.channels.readings import Question, Reading
+from beltid.bench.channels.channel_mapping import ChannelMapping, MappingContext, unit_conversion
 from beltid.bench.files.sources import content_sha256, sources_of
 from beltid.bench.formats.dialect import ReadOptions
 from beltid.bench.formats.frames import columns_of_frame
@@ -44,7 +43,7 @@ class Recording:
         What was found out, left out or missing.
     lines : ndarray
         Line of every row in the file, from 1; empty for files without lines, or several.
-    readings : dict
+    mappings : dict
         Our columns -> how they were read; empty where the file has our own columns.
     """
 
@@ -54,7 +53,7 @@ class Recording:
     sha256: str
     notes: tuple[str, ...] = ()
     lines: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
-    readings: dict[str, Reading] = field(default_factory=dict)
+    mappings: dict[str, ChannelMapping] = field(default_factory=dict)
 
     def line_of(self, index: int) -> int:
         """Line in the file, from 1, of the row with this index; for Parquet the row, from 1."""
@@ -122,17 +121,17 @@ def recording_of(
     if not all(read):  # what cannot be read at all; wrong rows are told with what the checks find
         problems.told_once([one.name for one in opened])
         problems.raise_if_any()
-    pieces = [piece for found in read for piece in found]
-    columns, rows, notes, stated = joined(pieces, table, options, str(path), problems)
+    raw_tables = [raw for found in read for raw in found]
+    columns, rows, notes, stated = joined(raw_tables, table, options, str(path), problems)
 
     def place(index: int) -> tuple[str, int]:
         return rows.place_of(index)
 
     notes += Checker(str(path), columns, table, place, problems).run({*options.units, *stated})
     problems.raise_if_any()
-    lines = rows.lines if len(pieces) == 1 else np.empty(0, dtype=np.int64)
-    readings = {r: reading for piece in pieces for r, reading in piece.readings.items()}
-    return Recording(kind, columns, path, digest, tuple(notes), lines, readings)
+    lines = rows.lines if len(raw_tables) == 1 else np.empty(0, dtype=np.int64)
+    mappings = {r: mapping for raw in raw_tables for r, mapping in raw.mappings.items()}
+    return Recording(kind, columns, path, digest, tuple(notes), lines, mappings)
 
 
 def columns_of(frame: Any, kind: str, config: Any = None) -> dict[str, np.ndarray]:
@@ -205,12 +204,12 @@ def _checked_frame(
     problems.raise_if_any()
     length = len(next(iter(columns.values())))
     columns = completed(columns, table, length)
-    question = Question(table, options, name)
+    context = MappingContext(table, options, name)
     conversions = {
         ours: known
         for ours in options.units
         if isinstance(
-            known := unit_conversion(table.column(ours), ours, "", question, False), Conversion
+            known := unit_conversion(table.column(ours), ours, "", context, False), Conversion
         )
     }
     _convert(columns, conversions)

@@ -11,8 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench.channels.channel_mapping import readings_of
-from beltid.bench.channels.readings import Question, Reading
+from beltid.bench.channels.channel_mapping import ChannelMapping, MappingContext, map_channels
 from beltid.bench.files.sources import sources_of
 from beltid.bench.formats.dialect import ReadOptions
 from beltid.bench.inspection import (
@@ -83,7 +82,7 @@ def run(source: ConfigSource, path: Path, options: InspectOptions) -> Summary:
     except InputError as error:
         problems = error.problems
     runs = [] if recording is None else runs_found(recording.columns, kind)
-    readings = _readings(views[0], kind, config, recording)
+    mappings = _mappings(views[0], kind, config, recording)
     if recording is not None:
         verdict = f"understood: beltid {COMMANDS[kind]} {path} can read it"
     else:
@@ -92,14 +91,14 @@ def run(source: ConfigSource, path: Path, options: InspectOptions) -> Summary:
         stage="inspect",
         title=f"{path}, recording of the {_bench(kind)}{'' if options.kind else ' (guessed)'}",
         facts=_facts(views, kind, recording, runs),
-        table=_channel_rows(views[0], readings, kind),
+        table=_channel_rows(views[0], mappings, kind),
         beside={"runs": _run_rows(runs[:SHOWN_RUNS])} if runs else {},
         details={"all runs": _run_rows(runs)} if len(runs) > SHOWN_RUNS else {},
         notes=recording.notes if recording is not None else views[0].notes,
         warnings=problems,
         verdict=verdict,
         exit_status=EXIT_DONE if recording is not None else EXIT_INPUT,
-        snippet=_snippet(path, kind, config, readings, problems, views),
+        snippet=_snippet(path, kind, config, mappings, problems, views),
     )
 
 
@@ -121,19 +120,19 @@ def _guessed(view: FileView, config: Any, path: Path) -> str:
     return best
 
 
-def _readings(
+def _mappings(
     view: FileView, kind: str, config: Any, recording: Recording | None
-) -> dict[str, Reading]:
+) -> dict[str, ChannelMapping]:
     """How channels are read, as far as it is decided."""
-    if recording is not None and recording.readings:
-        return recording.readings
+    if recording is not None and recording.mappings:
+        return recording.mappings
     table, options = schemas.table(kind), ReadOptions.of(config, kind)
     groups: dict[str, list[Any]] = {}
     for candidate in view.candidates:
         groups.setdefault(candidate.group, []).append(candidate)
-    found: dict[str, Reading] = {}
+    found: dict[str, ChannelMapping] = {}
     for group in groups.values():
-        found = {**readings_of(group, Question(table, options)), **found}
+        found = {**map_channels(group, MappingContext(table, options)), **found}
     return found
 
 
@@ -155,10 +154,12 @@ def _facts(
     return facts
 
 
-def _channel_rows(view: FileView, readings: dict[str, Reading], kind: str) -> list[dict[str, Any]]:
+def _channel_rows(
+    view: FileView, mappings: dict[str, ChannelMapping], kind: str
+) -> list[dict[str, Any]]:
     """A row per channel of the first file; groups of equal channels once."""
-    roles = {(r.candidate.name, r.candidate.group): role for role, r in readings.items()}
-    by_name = {r.candidate.name: role for role, r in readings.items()}
+    roles = {(r.candidate.name, r.candidate.group): role for role, r in mappings.items()}
+    by_name = {r.candidate.name: role for role, r in mappings.items()}
     names = [channel.candidate.name for channel in view.channels]
     repeated = len(set(names)) < len(names)
     rows = []
@@ -208,20 +209,20 @@ def _snippet(
     path: Path,
     kind: str,
     config: Any,
-    readings: dict[str, Reading],
+    mappings: dict[str, ChannelMapping],
     problems: Sequence[str],
     views: Sequence[FileView],
 ) -> str:
     """A section of a config that says what was understood, with what is still to be told."""
     lines = ["data:", f"  {kind}: {_quoted(str(path.absolute()))}"]
-    own = {role: r for role, r in readings.items() if r.how != "own name"}
+    own = {role: r for role, r in mappings.items() if r.how != "own name"}
     if own:
         lines += ["columns:", f"  {kind}:"]
         lines += [
             f"    {role}: {_quoted(('-' if r.negated else '') + r.candidate.name)}"
             for role, r in own.items()
         ]
-    units = _units(kind, config, readings)
+    units = _units(kind, config, mappings)
     if units:
         lines += ["units:", f"  {kind}:", *(f"    {role}: {unit}" for role, unit in units.items())]
     lines += _runs_lines(kind, config, path, problems)
@@ -230,18 +231,18 @@ def _snippet(
     return "\n".join(lines) + "\n"
 
 
-def _units(kind: str, config: Any, readings: dict[str, Reading]) -> dict[str, str]:
+def _units(kind: str, config: Any, mappings: dict[str, ChannelMapping]) -> dict[str, str]:
     """Units as stated by the config, else as the file writes them."""
     stated = config.units.of(kind)
     units: dict[str, str] = {}
-    for role, reading in readings.items():
+    for role, mapping in mappings.items():
         setting = stated.get(role)
         if isinstance(setting, Calibration):
             units[role] = f"{{factor: {setting.factor!r}, offset: {setting.offset!r}}}"
         elif setting is not None:
             units[role] = _quoted(setting)
-        elif reading.unit_stated and unit_of(reading.candidate):
-            units[role] = _quoted(canonical_unit(unit_of(reading.candidate)))
+        elif mapping.unit_stated and unit_of(mapping.candidate):
+            units[role] = _quoted(canonical_unit(unit_of(mapping.candidate)))
     return units
 
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from beltid.bench import big_recording
 from beltid.bench.big_recording import is_big, open_big
-from beltid.bench.formats import csv_stream, parquet_stream
+from beltid.bench.formats import csv_stream, parquet as parquet_stream
 from beltid.bench.formats.csv_kernel import GOOD, NOT_SIMPLE, POWERS_OF_TEN, parse_rows
 from beltid.bench.recording import read_recording
 from beltid.config import load_config

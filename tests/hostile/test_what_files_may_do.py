@@ -25,7 +25,7 @@ from beltid.artifacts.hashing import sha256
 from beltid.bench.big_recording import open_big
 from beltid.bench.files.folders import parquet_files
 from beltid.bench.formats import dialect
-from beltid.bench.formats.parquet_stream import parquet_blocks
+from beltid.bench.formats.parquet import parquet_blocks
 from beltid.bench.recording import read_recording
 from beltid.cli import app
 from beltid.errors import LONGEST_LINE, ArtifactError, InputError, printable

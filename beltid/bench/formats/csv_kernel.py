@@ -153,7 +153,7 @@ def parse_rows(data, marks, slots, label_column, numbers, changes, powers):  # t
                         n_changes += 1
                     label_start, label_size = start, size
             else:
-                # settings and slow channels repeat themselves: comparing is quicker than reading;
+                # settings and slow channels repeat themselves: comparing is quicker than mapping;
                 # with the byte after the cell, so that a longer one is not taken for it
                 length = cell_size[column]
                 if length > 0 and (repeats[column] or row % TRY_AGAIN == 0):

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from beltid.bench.files.encoding import CUT_OFF
-from beltid.bench.formats.csv_reader import Wanted, read_rows
+from beltid.bench.formats.csv_table import Wanted, read_rows
 from beltid.bench.formats.dialect import MISSING_WORDS, Layout
 from beltid.bench.problems import Problems
 from beltid.errors import InputError

@@ -12,9 +12,10 @@ from typing import Any, Final
 
 import numpy as np
 
+from beltid.bench.channels.vocabulary import NOMINAL
 from beltid.bench.formats.csv_stream import Block
 from beltid.bench.problems import SHOWN, Problems
-from beltid.bench.runs.checks import SETTINGS, Checker, no_number
+from beltid.bench.runs.checks import Checker, no_number
 from beltid.errors import InputError
 from beltid.tables.schemas import Table
 from beltid.tables.units import Conversion
@@ -207,7 +208,7 @@ class RunStream:
                     return True
             elif np.any(outside(np.array([low, high]), column)) or np.isinf(high - low):
                 return True
-        if any(np.any(columns[name] != columns[name][0]) for name in SETTINGS if name in columns):
+        if any(np.any(columns[name] != columns[name][0]) for name in NOMINAL if name in columns):
             return True
         return bool(np.any(np.diff(columns["time_s"]) < 0.0))
 

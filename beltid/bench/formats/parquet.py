@@ -10,8 +10,8 @@ import numpy as np
 
 from beltid.artifacts.parquet_open import damaged, is_number, open_parquet, refused_columns
 from beltid.bench.files.folders import parquet_files
-from beltid.bench.formats.csv_reader import NUMBER
 from beltid.bench.formats.csv_stream import Block
+from beltid.bench.formats.csv_table import NUMBER
 from beltid.errors import InputError
 from beltid.tables.schemas import Column, Table
 
