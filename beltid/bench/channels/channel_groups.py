@@ -23,6 +23,7 @@ from beltid.bench.channels.text_tables import convert
 from beltid.bench.channels.vocabulary import SETTINGS
 from beltid.bench.formats.bench_file import BenchFile, Channel, Group
 from beltid.bench.formats.dialect import ReadOptions
+from beltid.bench.formats.rows import Texts, word_of
 from beltid.bench.formats.table_head import is_number
 from beltid.bench.problems import Problems
 from beltid.tables.columns import Table
@@ -80,7 +81,8 @@ def read_groups(
     return raw_tables
 
 
-def _sensors(table: Table) -> list[str]:
+def sensors_of(table: Table) -> list[str]:
+    """Our columns that sensors record, and that a run must have."""
     return [
         c.name
         for c in table.columns
@@ -92,7 +94,7 @@ def _is_whole(group: Group, context: MappingContext) -> bool:
     """Whether a group holds all the sensors that a run needs."""
     silent = MappingContext(context.table, context.options, group.name)
     found = map_channels(candidates_of([group], named=True), silent)
-    return all(role in found for role in _sensors(context.table))
+    return all(role in found for role in sensors_of(context.table))
 
 
 class _Reader:
@@ -248,7 +250,7 @@ def _typed(
 ) -> np.ndarray:
     """Values of a channel with the type of our column."""
     if context.table.column(mapping.role).dtype == "string":
-        return _labels(channel.values)
+        return Texts.of(map(word_of, channel.values)).objects()
     if not channel.is_text:
         return np.asarray(channel.values, dtype=float)
     numbers = np.full(len(channel.values), np.nan)
@@ -263,14 +265,3 @@ def _typed(
                 f'{where}: {mapping.shown} = "{str(text)[:40]}", must be a number', i + 1
             )
     return numbers
-
-
-def _labels(values: np.ndarray) -> np.ndarray:
-    labels = np.empty(len(values), dtype=object)
-    for i, value in enumerate(values):
-        if isinstance(value, (float, np.floating)):
-            whole = float(value).is_integer()
-            labels[i] = None if value != value else str(int(value) if whole else float(value))
-        else:
-            labels[i] = None if value is None else str(value).strip() or None
-    return labels

@@ -334,6 +334,16 @@ def unit_conversion(
     )
 
 
+def stated_conversions(context: MappingContext) -> dict[str, Conversion]:
+    """Conversions of the columns whose unit the config states, where the file tells none."""
+    conversions = {}
+    for ours in context.options.units:
+        known = unit_conversion(context.table.column(ours), ours, "", context, recognised=False)
+        if isinstance(known, Conversion):
+            conversions[ours] = known
+    return conversions
+
+
 def _unclear_turns(unit: str, name: str) -> bool:
     """Whether 1/s may be turns as well as radians."""
     per_second = unit.strip(" []()").replace(" ", "") in ("1/s", "s-1", "s^-1", "s⁻¹")

@@ -97,7 +97,7 @@ def hint_units_row(
     found: Layout, wanted: Mapping[str, Wanted], name: str, problems: Problems
 ) -> None:
     """Say it first when the first row holds no number: most likely it is the row of units."""
-    first = found.body.lstrip("\n").split("\n", 1)[0].split(found.separator)
+    first = found.body.lstrip(b"\n").split(b"\n", 1)[0].decode().split(found.separator)
     cells = [
         first[w.index].strip(' "')
         for w in wanted.values()

@@ -62,10 +62,11 @@ def read_text(
     mappings, wanted = wanted_columns(found, name, table, options, problems, told)
     if problems.count > wrong:
         return None
-    rows = read_rows(found, wanted, name, problems)
+    rows = read_rows(found, wanted, name)
+    problems.take(rows.problems)
     if problems.count > wrong:
         hint_units_row(found, wanted, name, problems)
-    columns = dict(rows.columns)
+    columns = rows.columns()
     convert(columns, mappings)
     notes = (*decoded.notes, *found.notes, *text_notes(found, mappings, table))
     return RawTable(
@@ -75,7 +76,7 @@ def read_text(
         columns,
         mappings,
         found.fields,
-        rows.lines,
+        rows.all_lines(),
         notes,
         f"{name}:{found.header_line}",
     )

@@ -55,16 +55,17 @@ def read_run_table(path: Path, table: Table) -> RunTable:
     columns, conversions = _columns(found, table, place, problems)
     columns["file"] = Wanted(files[0], True, "file")
     problems.raise_if_any()
-    rows = read_rows(found, columns, name, problems)
-    problems.raise_if_any()
+    rows = read_rows(found, columns, name)
+    rows.problems.raise_if_any()
+    cells = rows.columns()
     told: dict[str, tuple[int, Mapping[str, str | float]]] = {}
-    for k, line in enumerate(rows.lines.tolist()):
-        file = str(rows.columns["file"][k] or "")
+    for k, line in enumerate(rows.all_lines().tolist()):
+        file = str(cells["file"][k] or "")
         if file in told:
             problems.add(f"{name}:{line}: {file} stands in line {told[file][0]}, too")
         values: dict[str, str | float] = {}
         for role in columns:
-            cell = rows.columns[role][k]
+            cell = cells[role][k]
             if role == "file" or cell is None or cell != cell:
                 continue
             by = conversions.get(role, Conversion(1.0))
