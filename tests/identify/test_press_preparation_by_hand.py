@@ -89,19 +89,24 @@ def test_missing_samples_and_spikes_are_left_out():
     found = prepared(share, force)
     assert (found.n_missing, found.n_spikes, found.time_s.size) == (2, 0, n - 2)
     assert found.notes == ("test A: 2 samples without displacement or force left out",)
-    # two thousandths of the range of the bulk, 98 N
-    for size, spikes in ((0.0019, 0), (0.0021, 1)):
-        force = 100.0 * share
-        force[1000] += size * 98.0
-        found = prepared(share, force)
-        assert found.n_spikes == spikes
-        assert found.notes == (("test A: 1 spikes left out",) if spikes else ())
-        assert (1000.0 in found.time_s) == (not spikes)
-    # and more than the step from sample to sample
-    for size, spikes in ((0.0095, 0), (0.0105, 1)):
-        force = np.linspace(0.0, 1.0, 101)
-        force[50] += size
-        assert prepared(np.linspace(0.0, 1.0, 101), force).n_spikes == spikes
+    # two thousandths of the range of the bulk, 98 N, or four steps; the median of seven samples
+    # that hold the spike lies one step higher
+    for n, step, limit in ((4001, 0.025, 0.196), (101, 1.0, 4.0)):
+        for size, spikes in ((0.98 * limit + step, 0), (1.02 * limit + step, 1)):
+            force = np.linspace(0.0, 100.0, n)
+            force[n // 2] += size
+            found = prepared(np.linspace(0.0, 1.0, n), force)
+            assert found.n_spikes == spikes
+            assert found.notes == (("test A: 1 spikes left out",) if spikes else ())
+            assert (n // 2 in found.time_s) == (not spikes)
+
+
+def test_no_turn_and_no_kink_is_a_spike():
+    way = np.concatenate([np.zeros(50), np.linspace(0, 400, 300), np.linspace(400, 0, 80)])
+    rough = way + 0.05 * np.random.default_rng(7).normal(size=way.size)
+    assert prepared(way, way).n_spikes == prepared(rough, rough).n_spikes == 0
+    rough[[2, 120, 349, 420]] += 40.0
+    assert prepared(way, rough).n_spikes == 4
 
 
 def test_range_of_the_bulk():

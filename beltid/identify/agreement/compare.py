@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import InputError
-from beltid.identify.surface.curves import settings_of
+from beltid.identify.estimators.statistics import settings_of
 
 Array = NDArray[np.float64]
 Columns = dict[str, NDArray[Any]]

@@ -245,7 +245,7 @@ def fit_law(name: LawName, data: Nodes) -> FittedLaw:
     if name == "power":
         sensitivity[-1] = inverse[-1]
     if name == "quadratic" and at.free[:2].all() and at.K[0] < at.K[1]:
-        sensitivity[:2] = _by_vertex(at, found.degrees_of_freedom)
+        sensitivity[:2] = _by_vertex(at, found.residuals.size - found.parameters.size)
     residuals = at.residuals[: data.x.size]
     return FittedLaw(
         name=name,

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from beltid.errors import InputError
+from beltid.identify.estimators.statistics import as_set
 
 SIGNIFICANT = 4.0  # standard errors beyond which a loss or a ratio is no accident
 CREEP_SHARE = 0.5  # runs up to this share of a series' largest torque give its creep
@@ -91,22 +92,25 @@ def mark_gross_slip(points: Sequence[SlipPoint]) -> list[SlipPoint]:
     the median loss per torque of its less loaded runs; fewer than three are no creep to compare
     with.
     """
-    names = "driver_speed_rad_s", "initial_tension_N", "torque_N_m", "speed_loss_rad_s"
-    columns = np.array([[getattr(p, name) for name in names] for p in points if p.status == OK])
+    speed, tension, torque, loss = np.array(
+        [
+            (p.driver_speed_rad_s, p.initial_tension_N, p.torque_N_m, p.speed_loss_rad_s)
+            for p in points
+        ]
+    ).T
+    settings = np.stack([as_set(np.abs(speed), SAME_SETTING), as_set(tension, SAME_SETTING)])
+    torque, loss = np.abs(torque), np.abs(loss)
     # a run without torque says nothing of creep
-    columns = columns[np.isfinite(columns[:, 2:]).all(axis=1)] if columns.size else np.empty((0, 4))
-    torques, losses = np.abs(columns[:, 2:]).T
+    good = np.array([p.status == OK for p in points]) & np.isfinite(torque) & np.isfinite(loss)
     marked = []
-    for p in points:
-        mine = np.array([p.driver_speed_rad_s, p.initial_tension_N])
-        series = ~np.any(np.abs(columns[:, :2] - mine) > SAME_SETTING * np.abs(mine), axis=1)
-        largest = float(np.max(torques[series], initial=0.0))
-        low = series & (torques <= CREEP_SHARE * largest) & (torques > 0.05 * largest)
-        creep = float(np.median(losses[low] / torques[low])) if low.sum() >= 3 else 0.0
-        loss = abs(p.speed_loss_rad_s)
-        limit = GROSS_OVER_CREEP * creep * abs(p.torque_N_m) + SIGNIFICANT * p.speed_loss_se_rad_s
-        too_fast = loss > GROSS_SLIP_RATIO * abs(p.driver_speed_rad_s)
-        gross = p.status == OK and (too_fast or (creep > 0.0 and loss > limit))
+    for k, p in enumerate(points):
+        series = good & np.all(settings == settings[:, [k]], axis=0)
+        largest = float(np.max(torque[series], initial=0.0))
+        low = series & (torque <= CREEP_SHARE * largest) & (torque > 0.05 * largest)
+        creep = float(np.median(loss[low] / torque[low])) if low.sum() >= 3 else 0.0
+        limit = GROSS_OVER_CREEP * creep * torque[k] + SIGNIFICANT * p.speed_loss_se_rad_s
+        too_fast = loss[k] > GROSS_SLIP_RATIO * abs(p.driver_speed_rad_s)
+        gross = p.status == OK and (too_fast or (creep > 0.0 and loss[k] > limit))
         marked.append(replace(p, status=GROSS_SLIP) if gross else p)
     return marked
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from beltid.errors import InputError
+from beltid.identify.estimators.statistics import settings_of
 from beltid.identify.surface.kriging import kriging
 from beltid.laws.bicubic import bounded_cubic
 
@@ -138,15 +139,6 @@ class CurveSet:
         used = sorted({c.speed for c in kept})
         kept = tuple(replace(c, speed=used.index(c.speed)) for c in kept)
         return replace(self, speeds=self.speeds[used], curves=kept)
-
-
-def settings_of(values: Array, gap: float) -> NDArray[np.intp]:
-    """Number of the setting of each value, from 0 upwards; relative gaps above `gap` part them."""
-    order = np.argsort(values, kind="stable")
-    jump = np.diff(values[order]) > gap * values[order][:-1]
-    labels = np.empty(values.size, dtype=np.intp)
-    labels[order] = np.concatenate([[0], np.cumsum(jump)])
-    return labels
 
 
 def build_curves(points: Points, speed_gap: float, force_gap: float) -> CurveSet:

@@ -25,8 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtr, chdtrc
 
 from beltid.errors import ConvergenceError, FitError, InputError, NumericsError
-from beltid.identify.estimators.statistics import integrated_autocorrelation_time
-from beltid.identify.surface.curves import settings_of
+from beltid.identify.estimators.statistics import integrated_autocorrelation_time, settings_of
 from beltid.laws.friction_formulas import FRICTION_LAWS, Coulomb, FrictionFormula
 
 Array = NDArray[np.float64]
