@@ -24,7 +24,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtr, chdtrc
 
-from beltid.errors import ConvergenceError, FitError, InputError, NumericsError
+from beltid.errors import FitError, InputError, NumericsError
+from beltid.identify.estimators.least_squares import solve_nonlinear
 from beltid.identify.estimators.statistics import integrated_autocorrelation_time, settings_of
 from beltid.laws.friction_formulas import FRICTION_LAWS, Coulomb, FrictionFormula
 
@@ -44,23 +45,13 @@ NOT_ZERO = "not different from zero"
 
 @dataclass(frozen=True, slots=True)
 class FrictionParameter:
-    """A parameter of a friction law.
-
-    Attributes
-    ----------
-    name, unit : str
-        What it is; the unit is empty for a number.
-    value, se : float
-        Value and standard error; the error is infinite where the data do not determine the value.
-    status : str
-        Empty, "not different from zero", or "not determined by the data".
-    """
+    """A parameter of a friction law."""
 
     name: str
-    unit: str
+    unit: str  # empty for a number
     value: float
-    se: float
-    status: str = ""
+    se: float  # standard error; infinite where the data do not determine the value
+    status: str = ""  # empty, "not different from zero", or "not determined by the data"
 
     @property
     def determined(self) -> bool:
@@ -70,41 +61,20 @@ class FrictionParameter:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrictionLawFit:
-    """One parametric law through the points of a surface.
+    """One parametric law through the points of a surface."""
 
-    Attributes
-    ----------
-    law : str
-        See :data:`beltid.laws.friction_formulas.FRICTION_LAWS`.
-    parameters, covariance : tuple of FrictionParameter, ndarray (p, p)
-        Parameters, and their covariance: nan where one is not determined.
-    reference_force_N_m : float
-        f0 [N/m].
-    rms_misfit, worst_misfit, worst_at : float, float, tuple of float
-        Root mean square and largest of the relative misfits ``law/mu - 1`` [-]; force [N/m] and
-        speed [m/s] of the largest.
-    chi_square, degrees_of_freedom : float, int
-        ``r' C^-1 r``, nan if the errors of the points are not known; points less parameters.
-    law_error : float
-        sqrt(q), what the law misses the points by beyond their errors [-].
-    criterion : float
-        AICc less that of the best law [-]; nan with too few points.
-    notes : tuple of str
-        What the user should know.
-    """
-
-    law: str
+    law: str  # see :data:`beltid.laws.friction_formulas.FRICTION_LAWS`
     parameters: tuple[FrictionParameter, ...]
-    covariance: Array
-    reference_force_N_m: float
-    rms_misfit: float
-    worst_misfit: float
-    worst_at: tuple[float, float]
-    chi_square: float
-    law_error: float
-    degrees_of_freedom: int
-    criterion: float
-    notes: tuple[str, ...] = ()
+    covariance: Array  # of the parameters, (p, p); nan where one is not determined
+    reference_force_N_m: float  # f0
+    rms_misfit: float  # root mean square of the relative misfits ``law/mu - 1`` [-]
+    worst_misfit: float  # the largest of them, with its sign
+    worst_at: tuple[float, float]  # force [N/m] and speed [m/s] of it
+    chi_square: float  # ``r' C^-1 r``, nan if the errors of the points are not known
+    law_error: float  # sqrt(q), what the law misses the points by beyond their errors [-]
+    degrees_of_freedom: int  # points less parameters
+    criterion: float  # AICc less that of the best law [-]; nan with too few points
+    notes: tuple[str, ...] = ()  # what the user should know
 
     @property
     def values(self) -> dict[str, float]:
@@ -124,33 +94,17 @@ class FrictionLawFit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrictionLaws:
-    """Parametric laws of a friction surface.
+    """Parametric laws of a friction surface."""
 
-    Attributes
-    ----------
-    fits : tuple of FrictionLawFit
-        From the simplest law to the richest.
-    refused : tuple of (str, str)
-        Laws that were not fitted, with the reason.
-    best, verdict : str
-        Law of the lowest criterion, and the outcome in plain words.
-    n_points, n_effective : int, float
-        Points used, and independent ones among them.
-    valid_force_N_m, valid_speed_m_s : tuple of float
-        Range of the points: the formulas hold within it.
-    notes : tuple of str
-        What the user should know.
-    """
-
-    fits: tuple[FrictionLawFit, ...]
-    refused: tuple[tuple[str, str], ...]
-    best: str
-    verdict: str
+    fits: tuple[FrictionLawFit, ...]  # from the simplest law to the richest
+    refused: tuple[tuple[str, str], ...]  # laws that were not fitted, with the reason
+    best: str  # law of the lowest criterion
+    verdict: str  # the outcome in plain words
     n_points: int
-    n_effective: float
-    valid_force_N_m: tuple[float, float]
+    n_effective: float  # independent points
+    valid_force_N_m: tuple[float, float]  # range of the points: the formulas hold within it
     valid_speed_m_s: tuple[float, float]
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what the user should know
 
     def fit(self, law: str) -> FrictionLawFit:
         """The fit of one law."""
@@ -409,8 +363,6 @@ def _minimum(
     law: Coulomb, points: _Points, f: Array, W: Array, start: Array, scales: tuple[float, float]
 ) -> Array:
     """Parameters of the least ``|W r|²``, searched from a start; a speed scale by its logarithm."""
-    from scipy.optimize import least_squares  # slow to import
-
     at = [law.parameters.index(law.scale)] if law.scale else []
     low, high = np.full(start.size, -np.inf), np.full(start.size, np.inf)
     low[at], high[at] = np.log(scales[0]), np.log(scales[1])
@@ -428,18 +380,10 @@ def _minimum(
 
     theta = start.copy()
     theta[at] = np.clip(np.log(start[at]), low[at] + 1e-9, high[at] - 1e-9)
-    try:
-        found = least_squares(
-            lambda t: W @ _misfit(law, points, f, public(t)),
-            theta, derivatives, bounds=(low, high), x_scale="jac",
-            ftol=1e-15, xtol=1e-15, gtol=1e-15, max_nfev=1000,
-        )  # fmt: skip
-    except (ValueError, np.linalg.LinAlgError) as error:
-        raise ConvergenceError(f"{law.name}: the search broke down ({error})") from None
-    if found.status == 0:
-        words = f"{law.name}: no minimum after {found.nfev} evaluations"
-        raise ConvergenceError(words, iterations=int(found.nfev), residual=float(found.optimality))
-    return public(found.x)
+    found = solve_nonlinear(
+        lambda t: W @ _misfit(law, points, f, public(t)), derivatives, theta, (low, high)
+    )
+    return public(found.parameters)
 
 
 def _inverse(J: Array) -> tuple[Array, NDArray[np.bool_]]:
