@@ -193,8 +193,8 @@ def _loss_by_rate(
     else:
         found.not_seen(
             SLOW,
-            f"no hold: a relaxation slower than the test leaves no trace, {100 * SLOW:.2g} % of the "
-            "force are allowed for; hold the crosshead at the top",
+            f"no hold: a relaxation slower than the test leaves no trace, {100 * SLOW:.2g} % of "
+            "the force are allowed for; hold the crosshead at the top",
         )
     speeds = np.array([approach(c)[0] for c in curves])
     if np.all(speeds > 0.0) and speeds.max() >= RATE_SPAN * speeds.min():
