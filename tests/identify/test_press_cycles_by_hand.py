@@ -102,7 +102,7 @@ def test_a_preload_below_half_the_largest_force_is_no_cycle(preload, cycles):
 
 
 def test_a_crosshead_that_only_lifts_has_no_cycle():
-    with pytest.raises(InputError, match="test A: no loading found"):
+    with pytest.raises(InputError, match="no loading found"):
         find_cycles(press(path(10, 0), path(10, 0)))
 
 
@@ -114,34 +114,34 @@ def cycle(number, complete=True):
 def test_choice_of_cycles():
     one, two, three, four = cycle(1, False), cycle(2), cycle(3), cycle(4, False)
     every = (one, two, three, four)
-    assert choose_cycles("A", every, "all") == (
+    assert choose_cycles(every, "all") == (
         (two, three),
-        ("test A: 2 cycles not unloaded left out", "test A: 4 cycles found, used: 2, 3"),
+        ("2 cycles not unloaded left out", "4 cycles found, used: 2, 3"),
     )
-    assert choose_cycles("A", every, "first") == (
+    assert choose_cycles(every, "first") == (
         (two,),
         (
-            "test A: cycle 1 is not unloaded, cycle 2 used in its place",
-            "test A: 4 cycles found, used: 2",
+            "cycle 1 is not unloaded, cycle 2 used in its place",
+            "4 cycles found, used: 2",
         ),
     )
-    assert choose_cycles("A", every, "last") == (
+    assert choose_cycles(every, "last") == (
         (three,),
         (
-            "test A: cycle 4 is not unloaded, cycle 3 used in its place",
-            "test A: 4 cycles found, used: 3",
+            "cycle 4 is not unloaded, cycle 3 used in its place",
+            "4 cycles found, used: 3",
         ),
     )
     whole = (two, three, cycle(5))
     for choice, chosen in (("all", whole), ("first", whole[:1]), ("last", whole[2:])):
         numbers = ", ".join(str(c.number) for c in chosen)
-        said = (f"test A: 3 cycles found, used: {numbers}",)
-        assert choose_cycles("A", whole, choice) == (chosen, said)
+        said = (f"3 cycles found, used: {numbers}",)
+        assert choose_cycles(whole, choice) == (chosen, said)
     open_ = (one, four, cycle(6, False))
     for choice, chosen in (("all", open_), ("first", open_[:1]), ("last", open_[2:])):
-        kept, (note,) = choose_cycles("A", open_, choice)
+        kept, (note,) = choose_cycles(open_, choice)
         assert kept == chosen
-        assert note.startswith("test A: never unloaded")
+        assert note.startswith("never unloaded")
 
 
 # --- curves of the branches ---

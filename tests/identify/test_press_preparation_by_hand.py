@@ -82,7 +82,7 @@ def test_missing_samples_and_spikes_are_left_out():
     force[[5, 7]] = np.nan
     found = prepared(share, force)
     assert (found.n_missing, found.n_spikes, found.time_s.size) == (2, 0, n - 2)
-    assert found.notes == ("test A: 2 samples without displacement or force left out",)
+    assert found.notes == ("2 samples without displacement or force left out",)
     # two thousandths of the range of the bulk, 98 N, or four steps; the median of seven samples
     # that hold the spike lies one step higher
     for n, step, limit in ((4001, 0.025, 0.196), (101, 1.0, 4.0)):
@@ -91,7 +91,7 @@ def test_missing_samples_and_spikes_are_left_out():
             force[n // 2] += size
             found = prepared(np.linspace(0.0, 1.0, n), force)
             assert found.n_spikes == spikes
-            assert found.notes == (("test A: 1 spikes left out",) if spikes else ())
+            assert found.notes == (("1 spikes left out",) if spikes else ())
             assert (n // 2 in found.time_s) == (not spikes)
 
 
@@ -131,7 +131,7 @@ def test_zero_is_that_of_the_first_half_of_the_free_travel():
     assert zeroed([0.0] * 40) == (0.0, True)
     assert zeroed([-3.0] * 20 + [-2.7] * 20) == (-3.0, True)
     found = prepared(np.arange(140.0), [5.0] * 40 + [5.0 + 2.0 * k for k in range(1, 101)])
-    assert found.notes == ("test A: zero of the load cell 5 N taken off",)
+    assert found.notes == ("zero of the load cell 5 N taken off",)
 
 
 @pytest.mark.parametrize(("errors", "taken"), [(3.9, False), (4.5, True), (-4.5, True)])

@@ -166,7 +166,7 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
         free_travel=free,
         n_missing=int(missing.sum()),
         n_spikes=int(spikes.sum()),
-        notes=tuple(f"test {label}: {text}" for applies, text in said if applies),
+        notes=tuple(text for applies, text in said if applies),
     )
 
 
@@ -311,7 +311,7 @@ def find_cycles(test: PressTest) -> tuple[PressCycle, ...]:
 
 
 def choose_cycles(
-    label: str, cycles: tuple[PressCycle, ...], choice: CycleChoice
+    cycles: tuple[PressCycle, ...], choice: CycleChoice
 ) -> tuple[tuple[PressCycle, ...], tuple[str, ...]]:
     """Cycles of a test that enter the fit, and what there is to say about the choice.
 
@@ -320,7 +320,7 @@ def choose_cycles(
     pick = {"all": slice(None), "first": slice(1), "last": slice(-1, None)}[choice]
     complete = tuple(c for c in cycles if c.complete)
     if not complete:
-        return cycles[pick], (f"test {label}: never unloaded",)
+        return cycles[pick], ("never unloaded",)
     kept, wanted = complete[pick], cycles[pick]
     notes = []
     if choice == "all" and len(kept) < len(wanted):
@@ -332,4 +332,4 @@ def choose_cycles(
     if len(cycles) > 1:
         numbers = ", ".join(str(c.number) for c in kept)
         notes.append(f"{len(cycles)} cycles found, used: {numbers}")
-    return kept, tuple(f"test {label}: {note}" for note in notes)
+    return kept, tuple(notes)
