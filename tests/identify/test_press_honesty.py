@@ -189,7 +189,9 @@ def test_a_loss_by_rate_is_shown_by_speeds_that_differ():
     assert any("with a tenfold speed" in warning for warning in result.pooled.warnings)
 
 
-@pytest.mark.parametrize(("share", "tau_s", "cycles"), [(0.12, 60.0, 1), (0.06, 2000.0, 3)])
+@pytest.mark.parametrize(
+    ("share", "tau_s", "cycles"), [(0.12, 60.0, 1), (0.2, 60.0, 1), (0.06, 2000.0, 3)]
+)
 def test_a_loss_by_rate_that_cannot_be_seen_is_in_the_combined_uncertainty(share, tau_s, cycles):
     result = fit_stiffness(viscous(share, tau_s, cycles=cycles), SETTINGS)
     off, z = errors(result, Bench().force, unseen=True)

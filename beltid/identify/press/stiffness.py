@@ -302,6 +302,7 @@ def _contact_notes(curves: Sequence[PressCurve], contact: NDArray[np.float64]) -
         elif before > noted:
             text = f"{before * 1e6:.2g} µm before the contact point of the law"
             notes.append(
-                f"test {curve.test}: force is carried from {text}: the belt seats gradually"
+                f"test {curve.test}: force is carried from {text}: the belt seats gradually; "
+                "it is in the standard errors"
             )
     return notes
