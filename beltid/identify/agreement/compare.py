@@ -130,12 +130,17 @@ class AgreementResult:
     n_measured: int  # runs on either side
     n_simulated: int
     n_usable: int  # measured runs that were not set aside
-    not_compared: dict[str, int]  # runs without a partner or set aside: reason and number
-    not_compared_runs: tuple[tuple[str, str], ...]  # the same run by run: label with side, reason
+    not_compared_runs: tuple[tuple[str, str], ...]
+    """Runs without a partner or set aside: label with side, reason."""
     rows: tuple[NDArray[np.intp], NDArray[np.intp]]
     """Rows of the matched runs in the measured and in the simulated table."""
     u_validation: Array | None = None
     """Standard uncertainty of the relative differences [-]; nan where it is not known."""
+
+    @property
+    def not_compared(self) -> dict[str, int]:
+        """Reasons why runs were not compared, and how often; the most frequent first."""
+        return dict(Counter(reason for _, reason in self.not_compared_runs).most_common())
 
     @property
     def difference(self) -> Array:
@@ -230,14 +235,14 @@ def compare_points(
     settings = settings or AgreementSettings()
     tables = _run_table(measured, "measured"), _run_table(simulated, "simulated")
     of_measured, of_simulated, left_out = _match(*tables)
-    counts = dict(Counter(reason for _, reason in left_out).most_common())
     n_measured, n_simulated = (table["run"].size for table in tables)
     if of_measured.size == 0:
+        counts = Counter(reason for _, reason in left_out).most_common()
         raise InputError(
             [
                 "compare: no measured run has a simulated partner, must be at least one "
                 f"({n_measured} measured and {n_simulated} simulated runs)",
-                *(f"{count} runs: {reason}" for reason, count in counts.items()),
+                *(f"{count} runs: {reason}" for reason, count in counts),
             ]
         )
     real = {name: column[of_measured] for name, column in tables[0].items()}
@@ -267,7 +272,6 @@ def compare_points(
         n_measured=n_measured,
         n_simulated=n_simulated,
         n_usable=int(np.count_nonzero(tables[0]["reason"] == "")),
-        not_compared=counts,
         not_compared_runs=left_out,
         rows=(of_measured, of_simulated),
     )

@@ -81,10 +81,7 @@ def converter_steps(first: Array, second: Array) -> tuple[float, float]:
     recording with a straight build-up: the grid of both signals must go through zero, or the
     signal itself must chatter.
 
-    Parameters
-    ----------
-    first, second : ndarray
-        Finite samples in their order of time, shape (n,) and (m,).
+    `first` and `second` are finite samples in their order of time, shape (n,) and (m,).
     """
     levels = np.unique(np.concatenate([first, second]))
     if 2 <= levels.size <= (first.size + second.size) // 2:
@@ -183,20 +180,9 @@ def spike_sigma(x: Array) -> float:
 
 
 def block_means(columns: Array, limit: int = THINNED_SAMPLES) -> Array:
-    """Thin a long record by averaging over blocks of equally many samples.
+    """Thin a record of finite samples (n, m) to at most `limit` means of equally many samples.
 
-    Parameters
-    ----------
-    columns : ndarray
-        Finite samples, shape (n, m).
-    limit : int
-        Largest number of blocks wanted.
-
-    Returns
-    -------
-    ndarray
-        The columns themselves if n <= limit, else their block means; a last incomplete block is
-        averaged over what it has.
+    A last incomplete block is averaged over what it has; a record that is short enough is kept.
     """
     n = columns.shape[0]
     if n <= limit:
