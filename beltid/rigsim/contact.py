@@ -32,7 +32,7 @@ from beltid.laws.penalty import NormalLaw
 from beltid.laws.surface_tables import SurfaceTables
 from beltid.params import Contact
 from beltid.rigsim.belt import BeltArrays
-from beltid.rigsim.compiled import kernel, leaf
+from beltid.rigsim.compiled import kernel, leaf, part
 from beltid.rigsim.compiled_laws import (
     dissipative_force,
     elastic_energy,
@@ -209,7 +209,6 @@ class Points(NamedTuple):
     F_look: Array
 
 
-@kernel
 def new_points(belt: BeltArrays, status: int) -> Points:
     """Contact points at rest, all patches with the given status, no forces."""
     n_e, n_c = belt.w_c.shape
@@ -378,7 +377,7 @@ FRAME = np.dtype(
 """What describes a point that touches while it is assembled."""
 
 
-@leaf
+@part
 def press(
     belt: BeltArrays,
     pulley: ContactArrays,

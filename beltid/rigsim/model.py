@@ -15,7 +15,6 @@ from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.rigsim.banded import WIDTH
 from beltid.rigsim.belt import BeltArrays, belt_arrays
-from beltid.rigsim.compiled import kernel
 from beltid.rigsim.contact import ContactArrays, contact_arrays, with_surface
 from beltid.rigsim.path import Path, graded_nodes, path_coordinates
 from beltid.rigsim.supports import Reactions, SupportArrays, new_reactions
@@ -90,22 +89,16 @@ class RigModel:
 
     def workspace(self) -> Workspace:
         """Room for the linearised system."""
-        workspace: Workspace = new_workspace(self.system.belt)
-        return workspace
-
-
-@kernel
-def new_workspace(belt: BeltArrays) -> Workspace:
-    """Room for the linearised system of a belt."""
-    n = 4 * belt.h.size + 4
-    return Workspace(
-        np.zeros((n, WIDTH)),
-        np.zeros(n, dtype=np.int64),
-        np.zeros((2, n)),
-        np.zeros((2, n)),
-        np.zeros((belt.h.size, belt.w_g.shape[1], 2)),
-        new_reactions(),
-    )
+        belt = self.system.belt
+        n = 4 * belt.h.size + 4
+        return Workspace(
+            np.zeros((n, WIDTH)),
+            np.zeros(n, dtype=np.int64),
+            np.zeros((2, n)),
+            np.zeros((2, n)),
+            np.zeros((*belt.w_g.shape, 2)),
+            new_reactions(),
+        )
 
 
 def _falls(surface: FrictionSurface) -> bool:
