@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from beltid.params import Belt
 from beltid.rigsim.ancf import GAUSS_POINTS, hermite, mass_matrix, section, strains
 from beltid.rigsim.banded import HALF
-from beltid.rigsim.compiled import kernel, part
+from beltid.rigsim.compiled import kernel, leaf
 from beltid.rigsim.compiled_laws import section_force
 
 Array = NDArray[np.float64]
@@ -88,7 +88,7 @@ def _tables(nodes: Array, n_c: int, rhoA: float, abscissae: Array, weights: Arra
     return h, B_s, B_ss, w_g, N_c, D_c, w_c, mass_matrix(h, rhoA)
 
 
-@part
+@leaf
 def add_internal(
     belt: BeltArrays,
     q: Array,
@@ -160,7 +160,7 @@ def add_internal(
                     A[r + 1, c] += a11 * N_s[k] + a13 * N_ss[k]
 
 
-@part
+@leaf
 def add_inertia(belt: BeltArrays, dq: Array, rate2: float, A: Array, residual: Array) -> None:
     """Add ``M dq / dt**2`` with the constant mass matrix; ``rate2`` is 1/dt**2 [1/s²]."""
     for e in range(belt.h.size):

@@ -32,7 +32,7 @@ from beltid.laws.penalty import NormalLaw
 from beltid.laws.surface_tables import SurfaceTables
 from beltid.params import Contact
 from beltid.rigsim.belt import BeltArrays
-from beltid.rigsim.compiled import kernel, leaf, part
+from beltid.rigsim.compiled import kernel, leaf
 from beltid.rigsim.compiled_laws import (
     dissipative_force,
     elastic_energy,
@@ -377,7 +377,7 @@ FRAME = np.dtype(
 """What describes a point that touches while it is assembled."""
 
 
-@part
+@leaf
 def press(
     belt: BeltArrays,
     pulley: ContactArrays,

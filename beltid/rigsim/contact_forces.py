@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from beltid.rigsim.banded import HALF
 from beltid.rigsim.belt import BeltArrays
-from beltid.rigsim.compiled import leaf, part
+from beltid.rigsim.compiled import leaf
 from beltid.rigsim.compiled_laws import (
     elastic_force,
     elastic_stiffness,
@@ -42,7 +42,7 @@ Array = NDArray[np.float64]
 GAUSS = 1.0 / math.sqrt(3.0)
 
 
-@part
+@leaf
 def sliding_friction(
     belt: BeltArrays, pulley: ContactArrays, motion: Motion, points: Points, frames: Frames
 ) -> int:
@@ -110,7 +110,7 @@ def sliding_friction(
     return outside
 
 
-@part
+@leaf
 def add_contact(
     belt: BeltArrays,
     pulley: ContactArrays,
@@ -141,7 +141,7 @@ def add_contact(
     return outside
 
 
-@part
+@leaf
 def spread_friction(
     belt: BeltArrays, motion: Motion, points: Points, frames: Frames, A: Array
 ) -> None:
@@ -194,7 +194,7 @@ def spread_friction(
                     A[4 * e + j, HALF + k - j] += stiff * patches.pull[e, k]
 
 
-@part
+@leaf
 def add_points(
     belt: BeltArrays,
     points: Points,

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.rigsim.banded import HALF, WIDTH
-from beltid.rigsim.compiled import kernel, part
+from beltid.rigsim.compiled import kernel, leaf
 
 Array = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ def held_row(i: int, n: int) -> int:
     return i if i < 2 else n - 6 + i
 
 
-@part
+@leaf
 def _turn(A: Array, vectors: Array, first: int, cosine: float, sine: float) -> None:
     """Turn coordinates (first, first + 1) of matrix and vectors (m, n) to (along, across)."""
     n = A.shape[0]
@@ -80,7 +80,7 @@ def _fix(A: Array, vectors: Array, row: int) -> None:
         vectors[i, row] = 0.0
 
 
-@part
+@leaf
 def hold(supports: SupportArrays, A: Array, vectors: Array, reactions: Reactions) -> None:
     """Apply the constraints to tangent and right-hand sides, and keep the held rows.
 
