@@ -108,18 +108,19 @@ def revise(motion: Motion, patches: Patches, step: Array, most_changes: int) -> 
             backward[e] = patches.sign[e] * (patches.slip[e] - moved) < -0.1 * SLIP_TOLERANCE
             broken += backward[e]
     free = most_changes == n_e
-    changes = e = 0
-    while e < n_e:
-        end = e + 1
-        if beyond[e]:
+    changes = end = 0
+    for begin in range(n_e):
+        if begin < end:
+            continue
+        end = begin + 1
+        if beyond[begin]:
             while end < n_e and beyond[end]:
                 end += 1
-            changes += let_go(patches, e, end, free)
-        elif backward[e]:
+            changes += let_go(patches, begin, end, free)
+        elif backward[begin]:
             while end < n_e and backward[end]:
                 end += 1
-            changes += catch(patches, e, end, free)
-        e = end
+            changes += catch(patches, begin, end, free)
     return changes
 
 

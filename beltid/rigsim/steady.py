@@ -69,7 +69,9 @@ def largest_force(system: System, residual: Array) -> float:
 @kernel
 def force_tolerance(system: System, motion: Motion, T_0: float) -> float:
     """Residual force that counts as zero [N]: a share of T_0, but not below the rounding."""
-    h, damped = system.belt.h.min(), 1.0 + system.belt.damping_time * motion.rate
+    h, damped = system.belt.h[0], 1.0 + system.belt.damping_time * motion.rate
+    for length in system.belt.h:
+        h = min(h, length)
     elastic = ROUNDING * system.belt.EA / h + BENDING_ROUNDING * 12.0 * system.belt.EI / h**3
     rounding = elastic * damped + SLIP_ROUNDING * motion.augmentation
     return max(TOLERANCE * T_0, rounding * system.pulley.R)
@@ -161,15 +163,12 @@ def newton(
             for i in range(by_stretch.size):
                 by_stretch[i] = -work.vectors[1, i]
             solve(work.A, work.pivots, by_stretch)
-            ex, ey = force[0] / T, force[1] / T
-            T_step = ex * force_change(work.reactions, 0, step)
-            T_step += ey * force_change(work.reactions, 1, step)
-            T_stretch = ex * (
-                force_change(work.reactions, 0, by_stretch) + work.reactions.stretch[0]
-            )
-            T_stretch += ey * (
-                force_change(work.reactions, 1, by_stretch) + work.reactions.stretch[1]
-            )
+            T_step = T_stretch = 0.0
+            for i in range(2):
+                along = force[i] / T
+                T_step += along * force_change(work.reactions, i, step)
+                by_unit = force_change(work.reactions, i, by_stretch) + work.reactions.stretch[i]
+                T_stretch += along * by_unit
             change = (T_0 - T - T_step) / T_stretch
             for i in range(step.size):
                 step[i] += change * by_stretch[i]

@@ -109,8 +109,8 @@ def hold(supports: SupportArrays, A: Array, vectors: Array, reactions: Reactions
     for i in range(4):
         _fix(A, vectors, held_row(i, n))
     if supports.clamped:
-        _fix(A, vectors, 3)
-        _fix(A, vectors, n - 1)
+        for row in (3, n - 1):
+            _fix(A, vectors, row)
 
 
 @kernel
