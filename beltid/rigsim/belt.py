@@ -44,6 +44,9 @@ class BeltArrays(NamedTuple):
         Mass matrices of the shape functions [kg].
     EA, EI, damping_time : float
         Section properties, see :class:`beltid.params.Belt`.
+    momentum : float
+        Momentum that a belt running through its shape carries past a point per second, ``m v0**2``
+        [N]; 0 where the belt stays.
     """
 
     h: Array
@@ -57,6 +60,7 @@ class BeltArrays(NamedTuple):
     EA: float
     EI: float
     damping_time: float
+    momentum: float
 
 
 Tables = tuple[Array, Array, Array, Array, Array, Array, Array, Array]
@@ -65,7 +69,7 @@ Tables = tuple[Array, Array, Array, Array, Array, Array, Array, Array]
 def belt_arrays(belt: Belt, nodes: Array, points_per_element: int) -> BeltArrays:
     """Tabulate shape functions, weights and masses of a belt on given nodes (n_e + 1,) [m]."""
     tables: Tables = _tables(nodes, points_per_element, float(belt.rhoA), *_GAUSS_RULE)
-    return BeltArrays(*tables, float(belt.EA), float(belt.EI), float(belt.damping_time))
+    return BeltArrays(*tables, float(belt.EA), float(belt.EI), float(belt.damping_time), 0.0)
 
 
 @kernel
@@ -120,7 +124,7 @@ def add_internal(
     """
     tau = belt.damping_time * rate  # the unit of time is the step
     # in a step strain and strain rate grow together: the tangent is the law of a unit of both
-    EA = section_force(belt.EA, 1.0, 1.0, tau)
+    EA = section_force(belt.EA, 1.0, 1.0, tau) - belt.momentum
     EI = section_force(belt.EI, 1.0, 1.0, tau)
     g = np.empty(4)
     g_stretch = np.empty(4)
@@ -138,6 +142,7 @@ def add_internal(
                 by += N_ss[j] * q[d + 2 * j + 1]
             eps, kappa = strains(ax, ay, bx, by, stretch)
             N = section_force(belt.EA, eps, eps - strain_old[e, i, 0], tau)
+            N -= belt.momentum * (1.0 + eps)
             M = section_force(belt.EI, kappa, kappa - strain_old[e, i, 1], tau)
             section(ax, ay, bx, by, (N, M), (EA, EI, stretch), g, H, g_stretch)
             w = belt.w_g[e, i]

@@ -31,7 +31,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 numba_config: Any = _numba_config  # its settings are made at run time, unknown to a type checker
 
-_ROOMS = ("rigsim", "laws")
+_ROOMS = ("rigsim", "laws", "drive")
 _SEAL = hashlib.sha256().digest_size
 _OPTIONS: Any = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 

@@ -97,7 +97,7 @@ def revise(motion: Motion, patches: Patches, step: Array, most_changes: int) -> 
             continue
         moved = 0.0  # advance of the patch along t
         for j in range(8):
-            moved += patches.pull[e, j] * step[4 * e + j]
+            moved += patches.carry[e, j] * step[4 * e + j]
         if patches.status[e] == STICK:
             la_T = patches.force[e] - motion.augmentation * moved
             edge = patches.limit[e] * (1.0 + 0.1 * CONE_TOLERANCE)

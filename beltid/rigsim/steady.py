@@ -94,16 +94,17 @@ def linearize(
     """
     A = work.A
     for i in range(A.shape[0]):
-        work.vectors[0, i] = work.vectors[1, i] = 0.0
         for j in range(WIDTH):
             A[i, j] = 0.0
+        for row in range(work.vectors.shape[0]):
+            work.vectors[row, i] = 0.0
     residual, by_stretch = work.vectors[0], work.vectors[1]
     add_internal(system.belt, q, stretch, work.strain_old, motion.rate, A, residual, by_stretch)
     if motion.rate > 0.0:
         # the mass of an element is that of its stress-free length
         add_inertia(system.belt, moved, motion.rate**2 * stretch, A, residual)
     outside = add_contact(
-        system.belt, system.pulley, motion, points, q, stretch, A, residual, by_stretch
+        system.belt, system.pulley, motion, points, q, stretch, A, work.vectors
     )
     hold(system.supports, A, work.vectors, work.reactions)
     return outside

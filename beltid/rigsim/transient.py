@@ -115,7 +115,7 @@ def tighten_sticks(system: System, motion: Motion, patches: Patches, work: Works
                 any_sticks = True
                 left = patches.slip[e]
                 for j in range(8):
-                    left -= patches.pull[e, j] * solution[4 * e + j]
+                    left -= patches.carry[e, j] * solution[4 * e + j]
                 for j in range(8):
                     change[4 * e + j] += motion.augmentation * left * patches.pull[e, j]
                 patches.force[e] += motion.augmentation * left
@@ -292,7 +292,7 @@ def march(
             rate = parts / schedule.dt[k]
             # a stick has to be stiff against the belt, its damping included
             hold_by = drive.augmentation * (1.0 + system.belt.damping_time * rate)
-            motion = Motion(schedule.omega[k], rate, 1.0, hold_by)
+            motion = Motion(schedule.omega[k], rate, 1.0, hold_by, 0.0)
             for e in range(kept_la.size):
                 kept_status[e] = patches.status[e]
                 kept_sign[e] = patches.sign[e]
