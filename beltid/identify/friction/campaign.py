@@ -82,6 +82,8 @@ RELAXATION = 1e-3
 both cells."""
 
 
+STILL = 1e-6
+"""Relative change of the tension in a second that is none: no rest is known better [1/s]."""
 TREND = 0.4
 """Standard deviation of the powers with which the length of the tail goes with the settings."""
 SETTINGS = 3
@@ -314,7 +316,7 @@ def rest_slopes(
         (difference, difference_se, -1.0, 0.0),
         (total, total_se, 1.0, relaxation),
     ):
-        weight = 1.0 / np.maximum(se, 1e-12) ** 2
+        weight = 1.0 / np.maximum(se, STILL * tension_N) ** 2
         mean = float(np.sum(weight * slope) / np.sum(weight))
         # slopes that differ by more than their noise are worth less
         excess = float(np.sum(weight * (slope - mean) ** 2)) / max(n - 1, 1)
@@ -559,7 +561,7 @@ def _spectra(ends: Ends) -> tuple[Array, Array]:
 CLOCKS = (np.zeros(SETTINGS), np.eye(SETTINGS)[0])
 """Powers to start from: a tail that decays over the travel, or over the time."""
 SWEEPS = 2
-HIDDEN_STEPS = (-0.8, -0.4, 0.0, 0.4, 0.8, 1.2, 1.6)
+HIDDEN_STEPS = (-2.4, -1.8, -1.2, -0.6, 0.0, 0.6, 1.2, 1.8)
 """Steps about the mode over which the variances are averaged that a record hardly shows, in widths
 of their priors."""
 
@@ -597,12 +599,16 @@ def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
     scale = np.ones(stack.n_runs)
     height, weights = 0.05, None
 
-    def cost(x: Array) -> tuple[float, Array]:
-        sd = np.exp(centre + width * x)
+    def evidence(sd: Array) -> tuple[float, Array, Whitened, Shared]:
         V, parts = covariance(stack, sd, shared)
         w = whiten(stack, V)
         found = fit_shared(stack, w, scale, rest, unit_N, height, powers, weights, 0)
         log_z = found.log_evidence - 0.5 * float(np.sum(w.squares / scale + w.log_det))
+        return log_z, parts, w, found
+
+    def cost(x: Array) -> tuple[float, Array]:
+        sd = np.exp(centre + width * x)
+        log_z, parts, w, found = evidence(sd)
         # Fisher's identity: the gradient is that of the likelihood, averaged over the posterior
         residual = stack.z - stack.shared @ found.mean
         columns = np.concatenate([residual[:, :, None], stack.shared @ found.factor[:, :6]], axis=2)
@@ -640,13 +646,20 @@ def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
         ).x
     assert shared is not None
     sd = np.exp(centre + width * x)
-    # walk and ripple once per turn move the level most and show least: the mean of their
-    # variances, not the mode
-    steps = np.array(HIDDEN_STEPS)
+    # walk and ripple once per turn move the level most and show least: the mean of their variances
+    # in place of the mode, with an even chance that there is none
+    mode = sd.copy()
     for k in (n - 1, n + 1):
-        log_p = np.array([-cost(x + step * (np.arange(x.size) == k))[0] for step in steps])
-        p = np.exp(log_p - logsumexp(log_p))
-        sd[k] *= np.sqrt(p @ np.exp(2.0 * width[k] * steps))
+        along = x[k] + np.array(HIDDEN_STEPS)
+        sizes = np.append(np.exp(centre[k] + width[k] * along), 0.0)
+        log_p = np.array([evidence(np.where(np.arange(x.size) == k, s, mode))[0] for s in sizes])
+        # density of the prior given the other variances, over a step
+        away = along - x[k] + precision[k] @ x / precision[k, k]
+        log_p[:-1] -= 0.5 * precision[k, k] * away**2 - 0.5 * np.log(
+            precision[k, k] / (2.0 * np.pi)
+        )
+        log_p[:-1] += np.log(HIDDEN_STEPS[1] - HIDDEN_STEPS[0])
+        sd[k] = np.sqrt(np.exp(log_p - logsumexp(log_p)) @ sizes**2)
     return Bench(sd, shared)
 
 

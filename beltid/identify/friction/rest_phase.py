@@ -186,6 +186,8 @@ def rest_state(
     recorded = [np.std(tight[kept]), np.std(slack[kept])]
     rounding = converter_rounding(noise_before_rounding(recorded, steps), steps)
     se = float(np.linalg.norm([se, *rounding]))
+    # a converter that stays on one step hides a slope: either half may be off by its rounding
+    jump = np.sqrt(8.0) * float(np.linalg.norm(rounding)) / max(float(np.ptp(time)), 1e-12)
     last = max(n // 8, min(n, 3))
     return Rest(
         n_samples=n,
@@ -197,7 +199,7 @@ def rest_state(
         imbalance_N=float(np.mean(difference)),
         imbalance_se_N=se,
         slopes_N_s=(slope, sum_slope),
-        slope_ses_N_s=(slope_se, sum_se),
+        slope_ses_N_s=(float(np.hypot(slope_se, jump)), float(np.hypot(sum_se, jump))),
         noise_N=noise / np.sqrt(2.0),
     )
 
