@@ -188,9 +188,7 @@ def _cross_validation(
     if several:
         n_folds = min(data.n_tests, MOST_FOLDS)
         fold = data.owner % n_folds
-        validation = (
-            f"{n_folds} folds, each test left out and predicted with its contact point free"
-        )
+        left_out = f"{n_folds} folds, each test left out and predicted with its contact point free"
     else:
         n_folds = BLOCKS
         share = np.argsort(np.argsort(data.x, kind="stable"), kind="stable") / data.x.size
