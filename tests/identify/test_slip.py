@@ -98,9 +98,10 @@ def test_gross_slip_is_marked_and_not_counted_as_service():
     assert [p.status for p in lone.points] == ["ok", "ok", "gross slip"]
 
 
-def test_a_run_without_torque_does_not_blind_its_series():
+@pytest.mark.parametrize(("unknown", "run"), [("torque_N_m", "S04"), ("initial_tension_N", "")])
+def test_what_is_unknown_does_not_blind_the_series(unknown, run):
     columns = drive(np.arange(0.0, 17.0), np.where(np.arange(17) > 14, 0.05, 0.01))
-    columns["torque_N_m"][columns["run"] == "S04"] = np.nan
+    columns[unknown][(columns["run"] == run) | (run == "")] = np.nan
     result = fit_slip(columns, 0.05)
     assert [p.run for p in result.points if p.status == "gross slip"] == ["S15", "S16"]
     assert result.max_slip_speed_m_s == pytest.approx(0.01 * 14 * 0.05, rel=0.02)

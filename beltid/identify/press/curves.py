@@ -119,12 +119,12 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
         try:
             test = prepare_test(label, part, settings)
             cycles = find_cycles(test)
-            chosen, said = choose_cycles(cycles, settings.cycles)
+            chosen, about_cycles = choose_cycles(cycles, settings.cycles)
             found = [press_curve(test, c, settings.segment_length_m, cycles) for c in chosen]
         except InputError as error:
             set_aside.append((label, "; ".join(error.problems)))
             continue
-        used.append((test, found, (*test.notes, *said)))
+        used.append((test, found, (*test.notes, *about_cycles)))
     unloaded = [entry for entry in used if entry[1][0].unloads]
     if unloaded:
         alone = [test.label for test, found, _ in used if not found[0].unloads]

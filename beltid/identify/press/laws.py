@@ -90,12 +90,12 @@ class LawChoice:
 
     def misfits(self, top_force_N_m: float) -> str:
         """How far off the curves each law is, in words; over the largest force [N/m]."""
-        said = []
+        parts = []
         for c in self.laws:
             exponent = f" (exponent {c.values['n']:.3g})" if "n" in c.values else ""
             off = f"{100.0 * c.rms_residual_N_m / top_force_N_m:.2g} % of the largest force RMS"
-            said.append(f"{c.law}{exponent} off by {off}" + (f" ({c.note})" if c.note else ""))
-        return "; ".join(said)
+            parts.append(f"{c.law}{exponent} off by {off}" + (f" ({c.note})" if c.note else ""))
+        return "; ".join(parts)
 
 
 def choose_normal_law(
@@ -188,12 +188,12 @@ def _cross_validation(
     if several:
         n_folds = min(data.n_tests, MOST_FOLDS)
         fold = data.owner % n_folds
-        said = f"{n_folds} folds, each test left out and predicted with its contact point free"
+        left_out = f"{n_folds} folds, each test left out and predicted with its contact point free"
     else:
         n_folds = BLOCKS
         share = np.argsort(np.argsort(data.x, kind="stable"), kind="stable") / data.x.size
         fold = np.minimum((share * n_folds).astype(np.intp), n_folds - 1)
-        said = f"a single test: {n_folds} blocks of force left out in turn and predicted"
+        left_out = f"a single test: {n_folds} blocks of force left out in turn and predicted"
     errors: dict[LawName, float] = {}
     for name in fits:
         total = 0.0
@@ -208,7 +208,7 @@ def _cross_validation(
         except NumericsError:
             continue
         errors[name] = math.sqrt(total / data.x.size)
-    return errors, said
+    return errors, left_out
 
 
 def verdict_of(
@@ -241,17 +241,17 @@ def verdict_of(
             f"{100 * linear.largest_difference:.2g} % of the largest force"
             f"{_criterion(linear)}. The quadratic law stays the default."
         )
-    said = []
+    findings = []
     for name, c in others.items():
         kind = _named(name, exponent)
         if name in better:
             share = f"{100 * c.largest_difference:.2g} % of the largest force only"
-            said.append(f"a {kind} law is provably better but differs by {share}")
+            findings.append(f"a {kind} law is provably better but differs by {share}")
             continue
         does = "adds nothing" if name == "cubic" else "does as well"
         does = "is no better" if c.criterion > AS_GOOD else does
-        said.append(f"a {kind} law {does}{_criterion(c)}")
-    return True, f"The quadratic law is supported: {'; '.join(said)}."
+        findings.append(f"a {kind} law {does}{_criterion(c)}")
+    return True, f"The quadratic law is supported: {'; '.join(findings)}."
 
 
 def _named(name: str, exponent: float | None) -> str:

@@ -143,7 +143,7 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
             f"test {label}: machine compliance {compliance * 1e3:g} mm/N times the "
             "force exceeds the crosshead travel, must be less"
         )
-    said = (
+    changes = (
         (missing.any(), f"{missing.sum()} samples without displacement or force left out"),
         (spikes.any(), f"{spikes.sum()} spikes left out"),
         (force_sign < 0, "compression recorded as negative force, sign turned"),
@@ -166,7 +166,7 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
         free_travel=free,
         n_missing=int(missing.sum()),
         n_spikes=int(spikes.sum()),
-        notes=tuple(text for applies, text in said if applies),
+        notes=tuple(text for applies, text in changes if applies),
     )
 
 

@@ -68,6 +68,7 @@ def mark_gross_slip(points: Sequence[SlipPoint]) -> list[SlipPoint]:
         ]
     ).T
     settings = np.stack([as_set(np.abs(speed), SAME_SETTING), as_set(tension, SAME_SETTING)])
+    settings = np.nan_to_num(settings, nan=-1.0)  # unknown ones are one setting
     torque, loss = np.abs(torque), np.abs(loss)
     # a run without torque says nothing of creep
     good = np.array([p.status == OK for p in points]) & np.isfinite(torque) & np.isfinite(loss)

@@ -539,19 +539,19 @@ def verdict_of(fits: Sequence[FrictionLawFit]) -> str:
     if not known:
         return "Too few independent points to compare friction laws."
     best = min(known, key=lambda f: f.criterion)
-    said = (
+    text = (
         f"Best formula: {best.law}, {best.formula.text} (f in N/m, v in m/s), misfit "
         f"{100 * best.rms_misfit:.2g} % RMS, {100 * abs(best.worst_misfit):.2g} % at worst"
     )
     if not best.determined:
-        said += "; not all of its parameters are determined: use it within the measured range only"
+        text += "; not all of its parameters are determined: use it within the measured range only"
     equal = [f.law for f in known if f is not best and f.criterion < 2.0]
     if equal:
-        said += f"; {', '.join(equal)} does as well"
+        text += f"; {', '.join(equal)} does as well"
     coulomb = next((f for f in fits if f.law == "coulomb"), None)
     if coulomb is not None and best.law != "coulomb":
-        said += (
+        text += (
             f". A constant coefficient misses by {100 * coulomb.rms_misfit:.2g} % RMS, "
             f"{100 * abs(coulomb.worst_misfit):.2g} % at worst"
         )
-    return said + "."
+    return text + "."
