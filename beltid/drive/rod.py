@@ -27,7 +27,14 @@ from beltid.rigsim.friction import CONE_TOLERANCE, Certificate, violations
 from beltid.rigsim.model import Bench, RigModel, System, Workspace
 from beltid.rigsim.path import bending_length, element_count
 from beltid.rigsim.profile import ContactState
-from beltid.rigsim.steady import StaticState, force_tolerance, largest_force, lay_on, linearize, move
+from beltid.rigsim.steady import (
+    StaticState,
+    force_tolerance,
+    largest_force,
+    lay_on,
+    linearize,
+    move,
+)
 from beltid.rigsim.supports import force_change, release
 
 Array = NDArray[np.float64]
@@ -291,7 +298,7 @@ def pulley_map(
         target = Target(False, levers, float(torque or 0.0) / R, torque is not None)
     if W is not None:
         flow.turn(float(W), target, ramp=start is None)
-    flow.settle(target, SOFTNESS if start is None else SOFTNESS[-1:])
+    flow.settle(target, SOFTNESS if start is None and W is None else SOFTNESS[-1:])
     return flow.state(levers)
 
 
@@ -440,7 +447,12 @@ class _Flow:
     @staticmethod
     def _arrays(patches: Patches) -> tuple[NDArray[np.generic], ...]:
         return (
-            patches.status, patches.sign, patches.la_T, patches.slip, patches.force, patches.limit
+            patches.status,
+            patches.sign,
+            patches.la_T,
+            patches.slip,
+            patches.force,
+            patches.limit,
         )
 
     def _failure(self, rounds: int) -> ConvergenceError:
