@@ -2,15 +2,16 @@
 
 The belt runs through a shape that stays: it is the rig of :mod:`beltid.rigsim` with three changes.
 The momentum that the belt carries lowers the axial force, ``N - m v0**2 (1 + eps)``; a point slides
-with the speed ``R (omega - v0 dtheta/dS)``, in either direction; and beside the stretch the speed of
-the pulley is unknown, for the forces of both spans are given. In a steady flow friction has no
-history, so the status of a patch follows from the state: there are no time steps.
+with the speed ``R (omega - v0 dtheta/dS)``, in either direction; and beside the stretch the speed
+of the pulley is unknown, for the forces of both spans are given. In a steady flow friction has no
+history: there are no time steps. The derivation stands in docs/theory.md, "The belt drive: rod
+level".
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
