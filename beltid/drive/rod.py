@@ -2,13 +2,15 @@
 
 The belt runs through a shape that stays: it is the rig of :mod:`beltid.rigsim` with three changes.
 The momentum that the belt carries lowers the axial force, ``N - m v0**2 (1 + eps)``; a point slides
-with the speed ``R (omega - v0 dtheta/dS)``, in either direction; and beside the stretch the speed of
-the pulley is unknown, for the forces of both spans are given. In a steady flow friction has no
-history, so the status of a patch follows from the state: there are no time steps.
+with the speed ``R (omega - v0 dtheta/dS)``, in either direction; and beside the stretch the speed
+of the pulley is unknown, for the forces of both spans are given. In a steady flow friction has no
+history: there are no time steps. The derivation stands in docs/theory.md, "The belt drive: rod
+level".
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -21,11 +23,12 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.rigsim.banded import factorize, solve
+from beltid.rigsim.belt import belt_arrays
 from beltid.rigsim.compiled import kernel
 from beltid.rigsim.contact import SLIDE, STICK, Motion, Patches, Points, new_points
 from beltid.rigsim.friction import CONE_TOLERANCE, Certificate, violations
 from beltid.rigsim.model import Bench, RigModel, System, Workspace
-from beltid.rigsim.path import bending_length, element_count
+from beltid.rigsim.path import bed_length, bending_length
 from beltid.rigsim.profile import ContactState
 from beltid.rigsim.steady import (
     StaticState,
@@ -40,7 +43,10 @@ from beltid.rigsim.supports import force_change, release
 Array = NDArray[np.float64]
 
 SHORTEST_SPAN = 6.0  # in bending lengths: pulleys further apart do not feel each other's bending
-FINENESS = 3  # elements over those of the rig, where friction has one sign and no short zones
+# parts of an element of the rig: where the belt comes on, and sliding changes its direction within
+# short zones; on the rest of the arc
+AT_ENTRY, ON_ARC = 8, 2
+ENTRY = (-1.0, 4.0)  # from the tangent point, in lengths of the elastic bed
 MOST_ITERATIONS = 60
 # slip over the speed of the belt at which a patch that is still soft carries its friction [-]
 SOFTNESS = (2.0e-2, 2.0e-3, 2.0e-4, 2.0e-5, 2.0e-6, 2.0e-7)
@@ -168,7 +174,8 @@ class RodPulley:
     points_per_element : int
         Contact points of an element.
     elements : int, optional
-        Number of belt elements, even.
+        Number of elements, even, of a mesh like that of the rig; by default its default mesh, finer
+        on the arc and more so where the belt comes on.
 
     Raises
     ------
@@ -199,11 +206,29 @@ class RodPulley:
                 f"span {1e3 * self.span:.4g} mm, must be >= {1e3 * shortest:.4g} mm, six bending "
                 f"lengths at {self.tension:g} N: nearer pulleys feel each other's bending"
             )
-        count = FINENESS * element_count(self.belt, rig, self.law, self.wrap, self.tension)
         bench = Bench(self.belt, rig, contact, self.law, self.surface)
-        model = bench.model(point, self.elements or count)
+        model = bench.model(point, self.elements)
+        if self.elements is None:
+            nodes = self._divided(model.nodes)
+            arrays = belt_arrays(self.belt, nodes, self.points_per_element)
+            model = replace(model, nodes=nodes, system=model.system._replace(belt=arrays))
         object.__setattr__(self, "model", model)
         object.__setattr__(self, "laid", lay_on(model))
+
+    def _divided(self, nodes: Array) -> Array:
+        """The nodes of the rig with those in between on the arc, and more at the entry."""
+        delta = float(self.law.penetration(self.tension / self.R))
+        bed = bed_length(self.belt.EI, float(self.law.stiffness(delta)))
+        leave = self.span + self.R * self.wrap
+        pieces = []
+        for begin, end in itertools.pairwise(nodes):
+            middle = 0.5 * (begin + end)
+            at = (middle - self.span) / bed
+            parts = AT_ENTRY if ENTRY[0] < at < ENTRY[1] else ON_ARC
+            if not self.span - bed < middle < leave + bed:
+                parts = 1
+            pieces.append(np.linspace(begin, end, parts, endpoint=False))
+        return np.concatenate([*pieces, nodes[-1:]])
 
 
 @dataclass(frozen=True, slots=True)
@@ -298,7 +323,7 @@ def pulley_map(
         target = Target(False, levers, float(torque or 0.0) / R, torque is not None)
     if W is not None:
         flow.turn(float(W), target, ramp=start is None)
-    flow.settle(target, SOFTNESS if start is None else SOFTNESS[-1:])
+    flow.settle(target, SOFTNESS if start is None and W is None else SOFTNESS[-1:])
     return flow.state(levers)
 
 

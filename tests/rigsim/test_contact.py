@@ -167,11 +167,12 @@ def pressed(surface: bool, C_P: float = 300.0) -> tuple[RigModel, Array, float]:
 
 
 def assembled(
-    model: RigModel, motion: Motion, points: Points, q: Array, stretch: float
+    model: RigModel, motion: Motion, points: Points, q: Array, stretch: float, row: int = 1
 ) -> tuple[Array, Array, Array]:
+    """Residual, tangent, and the derivative in the stretch or (row 2) in the pulley's speed."""
     A, vectors = np.zeros((q.size, WIDTH)), np.zeros((3, q.size))
     add_contact(model.system.belt, model.system.pulley, motion, points, q, stretch, A, vectors)
-    return vectors[0], dense(A), vectors[1]
+    return vectors[0], dense(A), vectors[row]
 
 
 def fresh(model: RigModel, status: int, q: Array, stretch: float) -> Points:
@@ -246,6 +247,27 @@ def test_sticking_patches_have_an_exact_tangent(C_P: float) -> None:
     assembled(model, motion, points, q, stretch)
     points.patches.la_T[:] = 0.4 * points.patches.limit
     check_tangent(model, motion, points, q, stretch, 2e-6)
+
+
+@pytest.mark.parametrize("status", [SLIDE, STICK])
+@pytest.mark.parametrize("omega", [0.2, 0.25])
+def test_a_running_belt_has_an_exact_tangent(status: int, omega: float) -> None:
+    """The slip depends on position, gradient, stretch and speed of the pulley."""
+    model, q, stretch = pressed(surface=True)
+    points = fresh(model, status, q, stretch)
+    motion = Motion(omega, 0.0, 1.0, 50.0, 0.0111)  # the belt turns with 0.22 rad/s
+    assembled(model, motion, points, q, stretch)
+    points.patches.sign[:] = np.where(points.patches.slip < 0.0, -1.0, 1.0)
+    slips = points.patches.slip[points.patches.limit > 0.0]
+    assert np.all(slips > 0.0) if omega > 0.22 else np.all(slips < 0.0)
+    check_tangent(model, motion, points, q, stretch, 2e-6)
+    by_omega = assembled(model, motion, points, q, stretch, row=2)[2]
+    d = 1e-7
+    ahead = assembled(model, motion._replace(omega=omega + d), points, q, stretch)[0]
+    behind = assembled(model, motion._replace(omega=omega - d), points, q, stretch)[0]
+    np.testing.assert_allclose(
+        by_omega, (ahead - behind) / (2 * d), atol=1e-5 * np.abs(by_omega).max()
+    )
 
 
 def test_friction_is_mu_times_the_force_and_normal_forces_are_central() -> None:
