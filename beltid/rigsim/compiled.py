@@ -31,7 +31,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 numba_config: Any = _numba_config  # its settings are made at run time, unknown to a type checker
 
-_ROOMS = ("rigsim", "laws")
+_ROOMS = ("drive", "rigsim", "laws")
 _SEAL = hashlib.sha256().digest_size
 
 
