@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 from beltid.drive.model import DrivePoint
 from beltid.drive.results import ADHESION, FULL_SLIP, Simulator
+from beltid.errors import ConvergenceError
 
-BISECTIONS = 30  # to 1e-9 of the limit
+BISECTIONS = 24  # to 1e-7 of the limit
 LARGEST_FACTOR = 2.0**20
 
 
@@ -38,10 +39,10 @@ def slip_limit(simulator: Simulator, point: DrivePoint) -> SlipLimit:
     point : DrivePoint
         Speed, tension and the proportion of the torques; not all zero.
 
-    Raises
-    ------
-    ConvergenceError
-        If no steady state of a point on the way was found.
+    Notes
+    -----
+    Torques with which no steady state is found count as not carried: just below gross slip the
+    sliding speed grows without bound over the torque.
     """
     return SlipLimit(
         _largest(simulator, point, (ADHESION,)),
@@ -53,7 +54,10 @@ def _largest(simulator: Simulator, point: DrivePoint, carried: tuple[str, ...]) 
     """Largest factor on the torques with which every pulley is in one of the states."""
 
     def carries(factor: float) -> bool:
-        return set(simulator.solve(point.scaled(factor)).status) <= set(carried)
+        try:
+            return set(simulator.solve(point.scaled(factor)).status) <= set(carried)
+        except ConvergenceError:
+            return False
 
     low, high = 0.0, 1.0
     while carries(high):

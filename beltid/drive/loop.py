@@ -1,18 +1,19 @@
 """The closed loop: span forces, flow of belt and arm of the tensioner, by Newton's method.
 
 Unknowns are an effective force per span, the stress-free length of belt per second, and the angle
-of the tensioner's arm. Equations (D7) to (D9): the torque of every pulley but the driver, the length
-of the belt or a given force, the moment of the arm, the speed of the driver.
+of the tensioner's arm. Equations (D7) to (D9): the torque of every pulley but the driver, the
+length of the belt or a given force, the moment of the arm, the speed of the driver.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import root_scalar
 
 from beltid.drive.geometry import Layout, arm_lever, layout, spring_moment
 from beltid.drive.model import Drive, DrivePoint
@@ -25,7 +26,7 @@ MOST_ITERATIONS: Final = 60
 TOLERANCE: Final = 1e-11
 """Largest residual of the scaled equations: torque over T_0 R, strain over T_0/EA, speed."""
 AS_GOOD_AS_ROUNDING: Final = 1e-7
-"""Residual that may stay where no step makes it smaller: a belt hard to stretch rounds its strain."""
+"""Residual that may stay where no step makes it smaller: the strain of a stiff belt is rounded."""
 MOST_HALVINGS: Final = 12
 DIFFERENCE: Final = 1e-7
 SLACK: Final = 1e-5
@@ -81,8 +82,8 @@ class LoopState:
     arm_angle: float | None
     laid: Layout
     arcs: Arcs
-    slack: bool
-    iterations: int
+    slack: bool = False
+    iterations: int = 0
 
     @property
     def P_in(self) -> Array:
@@ -132,9 +133,7 @@ def rest_state(drive: Drive, level: StringLevel, T_0: float) -> RestState:
     return _laid_at_rest(drive, level, T_0, float(found.root))
 
 
-def _laid_at_rest(
-    drive: Drive, level: StringLevel, T_0: float, angle: float | None
-) -> RestState:
+def _laid_at_rest(drive: Drive, level: StringLevel, T_0: float, angle: float | None) -> RestState:
     laid = layout(drive, angle)
     P = np.full(laid.spans.size, T_0)
     on_arcs = level.arcs(P, P, 0.0, laid.wraps).length
@@ -166,76 +165,71 @@ def _tension_of_arm(drive: Drive, angle: float) -> float:
     return -spring_moment(drive.tensioner, angle, _side(drive)) / per_newton
 
 
-@dataclass(frozen=True, slots=True)
 class _Loop:
     """The equations of an operating point; forces are scaled by T_0, the flow by the driver."""
 
-    drive: Drive
-    point: DrivePoint
-    level: StringLevel
-    rest: RestState
+    def __init__(
+        self, drive: Drive, point: DrivePoint, level: StringLevel, rest: RestState
+    ) -> None:
+        self.drive, self.point, self.level, self.rest = drive, point, level, rest
+        self.R = np.array([p.R for p in drive.pulleys])
+        self.torque = np.array(point.torque) + np.array([p.drag for p in drive.pulleys])
+        self.power = np.array(point.power) if point.power else np.zeros(self.R.size)
+        self.omega = abs(point.omega)
+        self.flow = self.omega * self.R[drive.driver]  # of a belt that does not stretch [m/s]
 
-    def state(self, u: Array, slack: bool = False, iterations: int = 0) -> LoopState:
+    def state(self, u: Array) -> LoopState:
         """Unpack the unknowns and find the belt on its pulleys."""
-        n = len(self.drive.pulleys)
+        n = self.R.size
         angle = None if self.rest.arm_angle is None else float(u[n + 1])
         laid = self.rest.laid if angle is None else layout(self.drive, angle)
         P, v0 = u[:n] * self.rest.T_0, float(u[n]) * self.flow
-        arcs = self.level.arcs(np.roll(P, 1), P, v0, laid.wraps)
-        return LoopState(P, v0, angle, laid, arcs, slack, iterations)
+        P_in = np.concatenate((P[-1:], P[:-1]))
+        return LoopState(P, v0, angle, laid, self.level.arcs(P_in, P, v0, laid.wraps))
 
-    @property
-    def flow(self) -> float:
-        """Flow of an inextensible belt on a rigid driver [m/s]."""
-        return abs(self.point.omega) * self.drive.pulleys[self.drive.driver].R
-
-    def taken_off(self, speeds: Array) -> Array:
-        """Torque that each pulley takes off at its speed [N m]."""
-        torque = np.array(self.point.torque) + [p.drag for p in self.drive.pulleys]
-        return torque + np.array(self.point.power) / speeds if self.point.power else torque
-
-    def residual(self, u: Array) -> Array:
+    def residual(self, state: LoopState) -> Array:
         """Residuals of (D7) to (D9), of order one where nothing is met."""
-        drive, rest = self.drive, self.rest
-        state = self.state(u)
-        arcs, driver = state.arcs, drive.driver
+        drive, rest, arcs, driver = self.drive, self.rest, state.arcs, self.drive.driver
         speeds = arcs.W * state.v0
-        R = np.array([p.R for p in drive.pulleys])
-        taken_off = self.taken_off(speeds)
-        equations = (arcs.torque + taken_off) / (rest.T_0 * R)
-        equations[driver] = speeds[driver] / abs(self.point.omega) - 1.0
+        r = np.empty(self.R.size + (1 if state.arm_angle is None else 2))
+        n = self.R.size
+        r[:n] = (arcs.torque + self.torque + self.power / speeds) / (rest.T_0 * self.R)
+        r[driver] = speeds[driver] / self.omega - 1.0
         if drive.installation == "slack_force":
-            tension = state.P[driver] / rest.T_0 - 1.0
+            r[n] = state.P[driver] / rest.T_0 - 1.0
         else:
             stretch = (drive.belt.EA + state.P) / (drive.belt.EA - drive.belt.rhoA * state.v0**2)
             length = (state.laid.spans / stretch).sum() + arcs.length.sum()
-            tension = (length / rest.belt_length - 1.0) * drive.belt.EA / rest.T_0
-        if drive.tensioner is None or state.arm_angle is None:
-            return np.append(equations, tension)
-        moment = arm_lever(drive.tensioner, state.laid, state.P)
-        moment += spring_moment(drive.tensioner, state.arm_angle, _side(drive))
-        return np.append(equations, (tension, moment / (rest.T_0 * drive.tensioner.arm)))
+            r[n] = (length / rest.belt_length - 1.0) * drive.belt.EA / rest.T_0
+        if drive.tensioner is not None and state.arm_angle is not None:
+            moment = arm_lever(drive.tensioner, state.laid, state.P)
+            moment += spring_moment(drive.tensioner, state.arm_angle, _side(drive))
+            r[n + 1] = moment / (rest.T_0 * drive.tensioner.arm)
+        return r
+
+    def jacobian(self, u: Array, r: Array, difference: float) -> Array:
+        """Derivatives of the residual by one-sided differences, shape (n_u, n_u)."""
+        columns = []
+        for k in range(u.size):
+            moved = u.copy()
+            moved[k] += difference
+            columns.append((self.residual(self.state(moved)) - r) / difference)
+        return np.stack(columns, axis=1)
 
     def first_guess(self) -> Array:
         """Forces of a belt that neither stretches nor seats: steps of M/R about the mean T_0."""
         drive = self.drive
-        R = np.array([p.R for p in drive.pulleys])
-        steps = self.taken_off(self.flow / R) / R
+        steps = (self.torque + self.power * self.R / self.flow) / self.R
         steps[drive.driver] = 0.0
         steps[drive.driver] = -steps.sum()
         P = np.cumsum(steps) / self.rest.T_0
-        if drive.installation == "fixed_centres":
-            P += 1.0 - P.mean()
-        else:
-            P += 1.0 - P[drive.driver]
+        P += 1.0 - (P.mean() if drive.installation == "fixed_centres" else P[drive.driver])
         stretch = 1.0 + self.rest.T_0 / drive.belt.EA
         arm = () if self.rest.arm_angle is None else (self.rest.arm_angle,)
         return np.array([*np.maximum(P, 0.05), 1.0 / stretch, *arm])
 
 
-def solve_loop(
-    drive: Drive, point: DrivePoint, level: StringLevel, rest: RestState
-) -> LoopState:
+def solve_loop(drive: Drive, point: DrivePoint, level: StringLevel, rest: RestState) -> LoopState:
     """Find the steady state of an operating point.
 
     Newton's method with a Jacobian by differences, kept as long as it serves. A span force may fall
@@ -259,49 +253,40 @@ def solve_loop(
     """
     loop, n = _Loop(drive, point, level, rest), len(drive.pulleys)
     u = loop.first_guess()
-    r = loop.residual(u)
-    size, J = float(np.abs(r).max()), None
+    state = loop.state(u)
+    r = loop.residual(state)
+    size, J, difference = float(np.abs(r).max()), None, DIFFERENCE
     for iteration in range(MOST_ITERATIONS):
         if size <= TOLERANCE:
-            return loop.state(u, iterations=iteration)
+            return replace(state, iterations=iteration)
         if np.min(u[:n]) < SLACK * np.max(u[:n]):
-            return loop.state(u, slack=True, iterations=iteration)
+            return replace(state, iterations=iteration, slack=True)
         fresh = J is None
         if J is None:
-            J = _jacobian(loop, u, r)
+            J = loop.jacobian(u, r, difference)
         step = np.linalg.solve(J, -r)
         falling = step[:n] < 0.0
         share = min(1.0, float(np.min(-0.8 * u[:n][falling] / step[:n][falling], initial=1.0)))
         towards_slack = share < 1.0
         for _ in range(MOST_HALVINGS):
-            trial = loop.residual(u + share * step)
-            new_size = float(np.abs(trial).max())
-            if new_size < size or (towards_slack and math.isfinite(new_size)):
+            trial = loop.state(u + share * step)
+            r_trial = loop.residual(trial)
+            trial_size = float(np.abs(r_trial).max())
+            if trial_size < size or (towards_slack and math.isfinite(trial_size)):
                 break
             share *= 0.5
         else:
-            if not fresh:
-                J = None
-                continue
             if size <= AS_GOOD_AS_ROUNDING:
-                return loop.state(u, iterations=iteration)
-            break
-        if new_size > 0.1 * size:
+                return replace(state, iterations=iteration)
+            # where a pulley begins to slip as a whole, the slopes of both sides differ
+            J, difference = None, -difference if fresh else difference
+            continue
+        if trial_size > 0.1 * size:
             J = None
-        u, r, size = u + share * step, trial, new_size
+        u, state, r, size = u + share * step, trial, r_trial, trial_size
     raise ConvergenceError(
-        f"drive at {point.omega:g} rad/s: no steady state found in {MOST_ITERATIONS} iterations, "
+        f"drive at {point.omega:g} rad/s: no steady state found in {MOST_ITERATIONS} iterations; "
         f"largest residual {size:.3g} of the scaled equations, must be below {TOLERANCE:g}",
         iterations=MOST_ITERATIONS,
         residual=size,
     )
-
-
-def _jacobian(loop: _Loop, u: Array, r: Array) -> Array:
-    """Derivatives of the residual by forward differences, shape (n_u, n_u)."""
-    columns = []
-    for k in range(u.size):
-        moved = u.copy()
-        moved[k] += DIFFERENCE
-        columns.append((loop.residual(moved) - r) / DIFFERENCE)
-    return np.stack(columns, axis=1)

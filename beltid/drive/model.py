@@ -16,7 +16,7 @@ from beltid.params import Belt
 Installation = Literal["fixed_centres", "slack_force", "tensioner"]
 
 ARM_MISFIT: Final = 0.03
-"""Share of the arm by which the stated place of its pulley may miss it: only its direction counts."""
+"""Share of the arm by which the stated place of its pulley may miss it; its direction counts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +124,9 @@ class Drive:
         if not 0 <= self.driver < len(self.pulleys):
             problems.append(f"driver = {self.driver}, must be the index of a pulley")
         if (self.tensioner is not None) != (self.installation == "tensioner"):
-            problems.append(f"installation {self.installation!r}: a tensioner goes with 'tensioner'")
+            problems.append(
+                f"installation {self.installation!r}: a tensioner goes with 'tensioner'"
+            )
         if not self.back_friction > 0:
             problems.append(f"back_friction = {self.back_friction:g}, must be > 0")
         arm = self.tensioner

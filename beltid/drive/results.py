@@ -1,6 +1,6 @@
 """What an operating point of a drive comes to: speeds and their losses, forces, reserves.
 
-A loss is told against idling, as the bench does: a radius off by 0.2 % is as large as the whole loss
+A loss is counted from idling, as on the bench: a radius off by 0.2 % is as large as the whole loss
 and drops out. Its logarithm is a sum of what the strains, the penetrations and the sliding of whole
 pulleys do to the ratio of the speeds (D10); the loss is shared out in that proportion.
 """

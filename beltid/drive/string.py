@@ -52,13 +52,17 @@ class Section(NamedTuple):
 
 
 class Friction(NamedTuple):
-    """Friction law for compiled code: tables, and the limits of what was measured."""
+    """Friction law for compiled code: tables, the limits of what was measured, and its sense.
+
+    With ``rises``, mu falls with the speed nowhere, so that an arc has one steady state at most.
+    """
 
     tables: SurfaceTables
     f_low: float
     f_high: float
     v_low: float
     v_high: float
+    rises: bool
 
 
 class Arcs(NamedTuple):
@@ -195,7 +199,9 @@ def crossing(
 
 
 @leaf
-def _breaks(P_in: float, P_out: float, v0: float, x: float, s: Section, friction: Friction) -> Array:
+def _breaks(
+    P_in: float, P_out: float, v0: float, x: float, s: Section, friction: Friction
+) -> Array:
     """Ends of the panels on which mu is smooth, as shares of the way in ln P, in order."""
     ends = np.empty(6)
     ends[0], ends[5] = 0.0, 1.0
@@ -284,7 +290,7 @@ def full_slip(
         return math.nan
     low, at_low = 0.0, sliding_arc(P_in, P_out, v0, 0.0, s, friction)[0] - wrap
     high, at_high = low, at_low
-    for k in range(SLIP_GRID):
+    for k in range(SLIP_GRID - 1 if friction.rises else 0, SLIP_GRID):
         high = _slip_of_grid(k, friction)
         at_high = sliding_arc(P_in, P_out, v0, high, s, friction)[0] - wrap
         if at_high <= 0.0:
@@ -314,7 +320,7 @@ def steady_states(
     found = 0 if above else 1
     if friction.tables.y_nodes.size == 1:
         return found
-    for k in range(SLIP_GRID):
+    for k in range(SLIP_GRID - 1 if friction.rises else 0, SLIP_GRID):
         x = _slip_of_grid(k, friction)
         now = sliding_arc(P_in, P_out, v0, x, s, friction)[0] > wrap
         if now != above:
@@ -325,8 +331,16 @@ def steady_states(
 
 @kernel
 def arcs_of_pulleys(
-    P_in: Array, P_out: Array, v0: float, wraps: Array, beds: Array, R: Array, ribs: Any,
-    belt: tuple[float, float], of_ribs: Friction, of_back: Friction,
+    P_in: Array,
+    P_out: Array,
+    v0: float,
+    wraps: Array,
+    beds: Array,
+    R: Array,
+    ribs: Any,
+    belt: tuple[float, float],
+    of_ribs: Friction,
+    of_back: Friction,
 ) -> Arcs:
     """State of the belt on every pulley; see :class:`Arcs`."""
     n = R.size
@@ -381,8 +395,17 @@ def _shares(
 
 @kernel
 def shares_of_pulleys(
-    P_in: Array, P_out: Array, v0: float, wraps: Array, slip: Array, beds: Array, R: Array,
-    ribs: Any, belt: tuple[float, float], of_ribs: Friction, of_back: Friction,
+    P_in: Array,
+    P_out: Array,
+    v0: float,
+    wraps: Array,
+    slip: Array,
+    beds: Array,
+    R: Array,
+    ribs: Any,
+    belt: tuple[float, float],
+    of_ribs: Friction,
+    of_back: Friction,
 ) -> SlidingShares:
     """Where the friction of every pulley acts; see :class:`SlidingShares`."""
     n = R.size
@@ -471,4 +494,5 @@ class StringLevel:
 def _friction(surface: FrictionSurface) -> Friction:
     validity = surface.validity
     limits = (*validity["normal_force_N_m"], *validity["slip_speed_m_s"])
-    return Friction(surface.tables(), *limits)
+    rises = bool(np.all(np.diff(surface.mu_nodes, axis=1) >= 0.0))
+    return Friction(surface.tables(), *limits, rises)
