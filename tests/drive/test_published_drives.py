@@ -154,7 +154,8 @@ def test_accessory_drive_geometry_and_mean_tension() -> None:
     assert laid.spans * 1e3 == pytest.approx((212.6, 248.9, 212.6, 249.2), abs=0.06)
     assert np.degrees(laid.wraps) == pytest.approx((210.2, 26.4, 202.9, 26.7), abs=0.06)
     (result,) = simulate(drive, [DrivePoint(80.0, math.nan, (0.0,) * 4)])
-    assert result.rest.T_0 == pytest.approx(765.7, rel=3e-3)
+    mean_tension = result.rest.T_0
+    assert mean_tension == pytest.approx(765.7, rel=3e-3)
 
 
 @pytest.mark.parametrize(
