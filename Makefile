@@ -74,7 +74,7 @@ lock: $(DEVELOPMENT)  ## the newest dependencies, with their hashes, to requirem
 	$(PIP_INSTALL) --editable ".[care]" && for s in ":" "-dev:--extra dev"; do $(BIN)/uv pip compile pyproject.toml $${s#*:} --python-version 3.11 --universal --generate-hashes --no-header -q --upgrade -o requirements$${s%%:*}.lock; done
 
 check-lowest: $(DEVELOPMENT)  ## the lowest dependencies that are allowed, in a place of their own
-	$(PIP_INSTALL) --editable ".[care]" && $(BIN)/uv venv -q --clear --python 3.11 build/lowest && $(BIN)/uv pip install -q --python build/lowest/bin/python --resolution lowest-direct --editable . && $(BIN)/uv pip install -q --python build/lowest/bin/python pytest hypothesis && build/lowest/bin/python -m pytest -q tests/formats/test_round_trip.py tests/store/test_artifacts.py tests/config/test_config_errors.py tests/hostile/test_changed_files.py && build/lowest/bin/beltid fit-stiffness rigdata/5pk/press.csv -q -o build/lowest/stiffness.parquet --force
+	$(PIP_INSTALL) --editable ".[care]" && $(BIN)/uv venv -q --clear --python 3.11 build/lowest && $(BIN)/uv pip install -q --python build/lowest/bin/python --resolution lowest-direct --editable . && $(BIN)/uv pip install -q --python build/lowest/bin/python pytest hypothesis && build/lowest/bin/python -m pytest -q tests/bench/test_round_trip.py tests/artifacts/test_artifacts.py tests/config/test_config_errors.py tests/hostile/test_changed_files.py && build/lowest/bin/beltid fit-stiffness rigdata/5pk/press.csv -q -o build/lowest/stiffness.parquet --force
 
 docs: $(DEVELOPMENT)  ## the pages of docs/ as HTML in docs/_build/html
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html

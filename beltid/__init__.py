@@ -23,9 +23,10 @@ Module                 Responsibility                                         Pa
 ``stages``             one file per command: read, science, write, sum up
 ``report``             figures, pages, summaries for the terminal
 ``export``             the contact law for other programs
-``store``              files: tables, recordings, artifacts
+``bench``              what benches write: any format to validated columns
+``artifacts``          results: Parquet files that say what they are, written whole
 ``config``             YAML to a frozen model; errors with line and column
-``formats``            what benches write: bytes to channels with units
+``tables``             column definitions: name, type, unit, range, meaning
 ``uncertainty``        budgets, Monte Carlo check, differences in their units JCGM 100, 101
 ``refine``             inverse problem: the surface that gives the tensions   beyond section 7
 ``identify.press``     press recording to normal contact law                  Eqs. (1) to (4)
@@ -35,7 +36,6 @@ Module                 Responsibility                                         Pa
 ``identify.agreement`` measured against simulated                             section 7
 ``rigsim``             the simulated rig: ANCF belt, contact, stick and slip  Eqs. (9) to (12)
 ``laws``               constitutive formulas, one function per equation       Eqs. (1) to (9)
-``units``              units that recordings may come in
 ``params``             frozen parameter values with their bounds
 ``errors``             what can go wrong, with its exit status
 ====================== ====================================================== =================

@@ -25,11 +25,11 @@ from pathlib import Path
 
 import numpy as np
 
+from beltid.artifacts.artifact import Metadata, artifact_bytes, artifact_from_bytes, read_artifact
+from beltid.artifacts.atomic import write_bytes
+from beltid.artifacts.hashing import columns_sha256
 from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, ArtifactError
-from beltid.store import schemas
-from beltid.store.artifacts import Metadata, artifact_bytes, artifact_from_bytes, read_artifact
-from beltid.store.atomic import write_bytes
-from beltid.store.hashing import columns_sha256
+from beltid.tables import schemas
 
 ROOT = Path(__file__).parents[1]
 TABLE = ROOT / "docs" / "faults.md"

@@ -41,7 +41,7 @@ def one_reader(reader: str, inputs: int, seconds: float, seed: int) -> None:
     """Fuzz one reader in this process; atheris ends it."""
     import atheris
 
-    with atheris.instrument_imports(include=["beltid.config", "beltid.formats", "beltid.store"]):
+    with atheris.instrument_imports(include=["beltid.config", "beltid.bench", "beltid.artifacts"]):
         import mutation
         import readers
     folder = BUILD / reader
@@ -148,8 +148,8 @@ def fuzz(reader: str, inputs: int, seconds: float) -> dict[str, float]:
 
 def _child_survives(reader: str, path: Path) -> bool:
     """Whether the product tells what is wrong with a file that ends the process that reads it."""
-    from beltid.formats.bench_file import BenchFile, FormatError
-    from beltid.formats.isolated import read_isolated
+    from beltid.bench.formats.bench_file import BenchFile, FormatError
+    from beltid.bench.formats.isolated.process import read_isolated
 
     (found,) = read_isolated([(reader, path)])
     return isinstance(found, (BenchFile, FormatError))

@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+from beltid.artifacts.atomic import write_bytes
+from beltid.artifacts.file_bytes import read_bytes
 from beltid.errors import EXIT_BATCH_FAILED, EXIT_DONE, ArtifactError
 from beltid.report.summary import Summary
 from beltid.stages.making import FOREIGN
 from beltid.stages.talk import Talk
-from beltid.store.atomic import write_bytes
-from beltid.store.files import read_bytes
 
 DONE: Final = "done"
 UP_TO_DATE: Final = "up to date"

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
+from beltid.artifacts.atomic import remove_stale
 from beltid.batch.belts import batch_summary, write_sweep_tables
 from beltid.batch.containment import refuse_links_out
 from beltid.batch.local import local_workers
@@ -27,7 +28,6 @@ from beltid.stages import (
     simulate_rig,
 )
 from beltid.stages.talk import Options
-from beltid.store.atomic import remove_stale
 
 
 def _same(*roles: str) -> dict[str, str]:

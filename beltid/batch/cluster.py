@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from beltid._version import __version__
+from beltid.artifacts.file_bytes import read_bytes
+from beltid.artifacts.fingerprint import source_sha256
 from beltid.errors import BeltidError, InputError
 from beltid.stages.workers import Halted, Result, Workers
-from beltid.store.files import read_bytes
-from beltid.store.fingerprint import source_sha256
 
 if TYPE_CHECKING:
     from distributed import Client, Future

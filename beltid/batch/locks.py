@@ -8,8 +8,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
+from beltid.artifacts.atomic import remove_stale
 from beltid.stages.talk import Talk
-from beltid.store.atomic import remove_stale
 
 LOCK: Final = ".beltid-lock"
 

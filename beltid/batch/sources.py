@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from beltid.bench.files.sources import exists
 from beltid.config import ConfigSource, load_cases
 from beltid.config.discovery import ENVIRONMENT_VARIABLE, named_by_environment
 from beltid.config.yaml_source import parse, read_text
 from beltid.errors import BeltidError, ConfigError, InputError
-from beltid.store.sources import exists
 
 RECORDINGS: Final = {"press": True, "rig": True, "speedloss": False}
 """Recordings of a chain, and whether it needs them."""

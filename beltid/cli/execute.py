@@ -58,9 +58,9 @@ def execute(
     options : callable, optional
         Options of this stage, beyond those that all share.
     """
+    from beltid.bench.files.sources import folder_of
     from beltid.config import find_config
     from beltid.stages.talk import Options
-    from beltid.store.sources import folder_of
 
     first = next(iter(inputs.values()))
     named = common.out or folder_of(first) / default_name

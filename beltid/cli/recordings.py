@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final, TypeVar
 
-from beltid.store import schemas
+from beltid.tables import schemas
 
 Command = TypeVar("Command", bound=Callable[..., None])
 

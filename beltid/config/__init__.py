@@ -8,6 +8,7 @@ Module           Responsibility
 ``fields``       kinds of values: numbers with bounds and units, names, lists
 ``yaml_source``  YAML text -> plain values with their places
 ``messages``     words of the errors
+``name_pattern`` what the name of a file tells, by a pattern or a regular expression
 ``sweep``        a section of lists of values -> cases
 ``loading``      file or dict -> `Config`
 ``discovery``    which config belongs to a recording

@@ -19,7 +19,7 @@ from beltid.config.fields import (
     Text,
     UnitOf,
 )
-from beltid.units import Calibration
+from beltid.tables.units import Calibration
 
 
 class Section(BaseModel):

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic_core import InitErrorDetails, PydanticCustomError, ValidationError, core_schema
 
-from beltid.formats.name_pattern import name_pattern
-from beltid.units import Calibration, allowed_units, calibration, conversion
+from beltid.config.name_pattern import name_pattern
+from beltid.tables.units import Calibration, allowed_units, calibration, conversion
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler

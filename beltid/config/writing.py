@@ -13,7 +13,7 @@ from beltid.config.bench_files import Section, Unstated
 from beltid.config.fields import Checked, Choice, Count, Number, OnOff
 from beltid.config.model import Config
 from beltid.config.yaml_source import scalar
-from beltid.units import Calibration
+from beltid.tables.units import Calibration
 
 _COMMENT_COLUMN = 48
 

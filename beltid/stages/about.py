@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import Any, Final
 
 from beltid._version import __version__
+from beltid.artifacts.artifact import Artifact, read_artifact
+from beltid.artifacts.fingerprint import source_sha256
 from beltid.config import ConfigSource, config_text, load_cases
 from beltid.config.discovery import ENVIRONMENT_VARIABLE
 from beltid.config.effective import DEFAULT, effective_values
 from beltid.errors import ConfigError
 from beltid.report.summary import Summary, json_value
 from beltid.stages.tables import load_law
-from beltid.store.artifacts import Artifact, read_artifact
-from beltid.store.fingerprint import source_sha256
 
 LIBRARIES: Final = ("numpy", "scipy", "numba", "pandas", "pyarrow", "pydantic", "matplotlib")
 VARIABLES: Final = (ENVIRONMENT_VARIABLE, "NO_COLOR", "COLUMNS", "NUMBA_CACHE_DIR")

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from beltid.artifacts.artifact import Artifact, read_artifact
 from beltid.config import load_config
 from beltid.errors import ArtifactError, BeltidError, InputError
 from beltid.params import OperatingPoint
@@ -16,7 +17,6 @@ from beltid.report.results import ArcProfile, BeltResults, Sheet
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import SimulationSettings, simulate
 from beltid.stages.recorded_curves import PRESS, RIG, typical_runs
-from beltid.store.artifacts import Artifact, read_artifact
 
 ARTIFACTS: Final = {
     "stiffness": "stiffness",

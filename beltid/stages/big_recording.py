@@ -12,13 +12,13 @@ from typing import Any, Final
 
 import numpy as np
 
+from beltid.bench.big_recording import is_big, open_big
 from beltid.config import Config
 from beltid.identify.friction.reduction import reduce_stream
 from beltid.identify.friction.rig_table import run_record
 from beltid.identify.friction.run import RunReduction
 from beltid.stages.reduction import friction_settings
 from beltid.stages.workers import Workers
-from beltid.store.big_recordings import is_big, open_big
 
 BATCH: Final = 8
 """Runs per worker that are handed over at a time."""

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from beltid.artifacts.artifact import read_artifact
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError
 from beltid.identify.surface.surface import SurfaceResult, SurfaceSettings
@@ -26,7 +27,6 @@ from beltid.stages.uncertainties import (
     standard_uncertainties,
     stated_keys,
 )
-from beltid.store.artifacts import read_artifact
 from beltid.uncertainty.published import published_changes, published_curves, scatter_factor
 from beltid.uncertainty.sources import reduction_sources, rig_sources
 

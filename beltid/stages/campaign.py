@@ -17,7 +17,7 @@ from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import DEFAULT_STEPS, Method, RunResult, SimulationSettings
 from beltid.rigsim.rig import campaign as rig_campaign
 from beltid.stages.workers import Workers, available_cores
-from beltid.store import schemas
+from beltid.tables import schemas
 
 if TYPE_CHECKING:
     from beltid.config import Config

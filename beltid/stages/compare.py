@@ -12,6 +12,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from beltid.artifacts.artifact import Artifact, read_artifact
+from beltid.bench.recording import columns_of, read_recording
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, ArtifactError, ConfigError
 from beltid.identify.agreement.compare import AgreementResult, AgreementSettings, compare_points
@@ -25,8 +27,6 @@ from beltid.stages.tables import table_columns
 from beltid.stages.talk import Options
 from beltid.stages.uncertainties import budget_details
 from beltid.stages.validation import dominant, validated, within_words
-from beltid.store.artifacts import Artifact, read_artifact
-from beltid.store.recordings import columns_of, read_recording
 
 KIND: Final = "compare"
 FIGURES: Final = (

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from beltid.artifacts import atomic
 from beltid.errors import InputError
 from beltid.export.choices import Choices, Export
 from beltid.export.law import ContactLaw
@@ -19,7 +20,6 @@ from beltid.report.summary import Summary
 from beltid.stages.law_of_belt import law_of_folder
 from beltid.stages.tables import load_law
 from beltid.stages.talk import Options
-from beltid.store import atomic
 
 ALL: Final = "all"
 SCHEMA: Final = "schema"

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from beltid.bench.recording import columns_of, read_recording
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError
 from beltid.identify.estimators.statistics import as_set
@@ -21,7 +22,6 @@ from beltid.stages.reduced_doubt import friction_doubt
 from beltid.stages.reduction import friction_settings, reduction_columns
 from beltid.stages.talk import Options
 from beltid.stages.uncertainties import SECTION, budget_details, stated_keys
-from beltid.store.recordings import columns_of, read_recording
 
 KIND: Final = "friction"
 FIGURES: Final = ("budget",)

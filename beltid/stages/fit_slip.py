@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from beltid.bench.recording import columns_of, read_recording
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError
 from beltid.identify.estimators.statistics import as_set
@@ -19,9 +20,8 @@ from beltid.report.summary import Summary
 from beltid.stages.making import Made, Recipe, make
 from beltid.stages.outcome import Outcome, rows_of
 from beltid.stages.talk import Options
-from beltid.store import schemas
-from beltid.store.recordings import columns_of, read_recording
-from beltid.store.tables import outside
+from beltid.tables import schemas
+from beltid.tables.values import outside
 
 KIND: Final = "slip"
 FIGURES: Final = ("rig_speeds", "max_slip_speed_m_s", "max_slip_run")

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from beltid.bench.recording import columns_of, read_recording
 from beltid.config import Config, ConfigSource, load_config
 from beltid.identify.press.stiffness import LawEstimate, StiffnessResult
 from beltid.identify.press.stiffness import fit_stiffness as identify
@@ -19,7 +20,6 @@ from beltid.stages.reduced_doubt import stiffness_doubt
 from beltid.stages.reduction import stiffness_settings
 from beltid.stages.talk import Options
 from beltid.stages.uncertainties import SECTION, budget_details, stated_keys
-from beltid.store.recordings import columns_of, read_recording
 
 KIND: Final = "stiffness"
 FIGURES: Final = ("temperature", "budget")

@@ -11,18 +11,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.config import ConfigSource
-from beltid.errors import EXIT_DONE, EXIT_INPUT, InputError
-from beltid.formats.name_pattern import name_pattern
-from beltid.report.summary import Summary
-from beltid.stages.talk import Options
-from beltid.store import schemas
-from beltid.store.dialect import ReadOptions
-from beltid.store.readings import Question, Reading
-from beltid.store.recordings import Recording, read_recording, recording_of
-from beltid.store.roles import readings_of
-from beltid.store.sources import sources_of
-from beltid.store.understanding import (
+from beltid.bench.channels.channel_mapping import readings_of
+from beltid.bench.channels.readings import Question, Reading
+from beltid.bench.files.sources import sources_of
+from beltid.bench.formats.dialect import ReadOptions
+from beltid.bench.inspection import (
     FileView,
     RunView,
     kinds_meant,
@@ -31,7 +24,14 @@ from beltid.store.understanding import (
     unit_of,
     views_of,
 )
-from beltid.units import Calibration, canonical_unit
+from beltid.bench.recording import Recording, read_recording, recording_of
+from beltid.config import ConfigSource
+from beltid.config.name_pattern import name_pattern
+from beltid.errors import EXIT_DONE, EXIT_INPUT, InputError
+from beltid.report.summary import Summary
+from beltid.stages.talk import Options
+from beltid.tables import schemas
+from beltid.tables.units import Calibration, canonical_unit
 
 COMMANDS: Final = {"press": "fit-stiffness", "rig": "fit-friction", "speedloss": "fit-slip"}
 SHOWN_RUNS: Final = 8

@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from beltid._version import __version__
+from beltid.artifacts.artifact import Artifact, read_artifact
 from beltid.config import Config, ConfigSource, find_config, load_config
 from beltid.errors import ArtifactError, ConfigError, InputError
 from beltid.export.belt_width import ribbed_width
@@ -27,7 +28,6 @@ from beltid.export.law_file import SUFFIX, told
 from beltid.stages.origin import MEASURED, SYNTHETIC
 from beltid.stages.tables import law_of, surface_of
 from beltid.stages.talk import Talk
-from beltid.store.artifacts import Artifact, read_artifact
 
 STIFFNESS: Final = "stiffness.parquet"
 SURFACES: Final = {"refined": "surface_refined.parquet", "published": "surface.parquet"}

@@ -17,14 +17,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from beltid._version import __version__
+from beltid.artifacts.artifact import Artifact, Metadata, plain, read_artifact, write_artifact
+from beltid.artifacts.file_bytes import read_bytes
+from beltid.artifacts.fingerprint import source_sha256
+from beltid.bench.files.sources import Signature, content_sha256, signature_of
 from beltid.errors import ArtifactError, InputError
 from beltid.stages.beside import beside
 from beltid.stages.origin import RECORDINGS, origin_of
-from beltid.store.artifacts import Artifact, Metadata, plain, read_artifact, write_artifact
-from beltid.store.files import read_bytes
-from beltid.store.fingerprint import source_sha256
-from beltid.store.schemas import ARTIFACTS
-from beltid.store.sources import Signature, content_sha256, signature_of
+from beltid.tables.schemas import ARTIFACTS
 
 if TYPE_CHECKING:
     from beltid.config import ConfigSource

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
+from beltid.artifacts import atomic
 from beltid.config import Config, load_config
 from beltid.config.discovery import ConfigSource
 from beltid.config.effective import DEFAULT, effective_values
@@ -16,7 +17,6 @@ from beltid.config.template import template_text
 from beltid.errors import InputError
 from beltid.report.summary import Summary, json_value
 from beltid.stages.talk import Options
-from beltid.store import atomic
 
 RECORDINGS: Final = ("press", "rig", "speedloss")
 

@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
+from beltid.artifacts.artifact import may_be_artifact, read_artifact
 from beltid.errors import ArtifactError
-from beltid.store.artifacts import may_be_artifact, read_artifact
 
 RECORDINGS: Final = ("press", "rig", "speedloss")
 """Roles of inputs whose origin the config states."""

@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Final
 
 from beltid._version import __version__
+from beltid.artifacts.atomic import write_text
+from beltid.artifacts.file_bytes import read_bytes
+from beltid.artifacts.fingerprint import page_source_sha256
+from beltid.artifacts.hashing import sha256
 from beltid.errors import ArtifactError, InputError
 from beltid.report.html import GENERATOR, Page, rendered
 from beltid.stages.making import FOREIGN
 from beltid.stages.talk import Options
-from beltid.store.atomic import write_text
-from beltid.store.files import read_bytes
-from beltid.store.fingerprint import page_source_sha256
-from beltid.store.hashing import sha256
 
 SUFFIXES: Final = (".html", ".htm")
 HEAD: Final = 4096

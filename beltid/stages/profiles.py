@@ -12,7 +12,7 @@ from beltid.rigsim.rig import RunResult
 from beltid.stages.campaign import PlannedRun
 from beltid.stages.outcome import Outcome
 from beltid.stages.simulated_runs import Campaign
-from beltid.store import schemas
+from beltid.tables import schemas
 
 KIND: Final = "profiles"
 

@@ -12,6 +12,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from beltid.artifacts.artifact import read_artifact
+from beltid.bench.recording import read_recording
 from beltid.config import ConfigSource
 from beltid.identify.estimators.statistics import as_set
 from beltid.identify.friction.load_cells import KnownCells
@@ -23,8 +25,6 @@ from beltid.stages.making import Made, Recipe, make
 from beltid.stages.outcome import Outcome
 from beltid.stages.reduction import friction_settings, stiffness_settings
 from beltid.stages.talk import Options
-from beltid.store.artifacts import read_artifact
-from beltid.store.recordings import read_recording
 
 PRESS: Final = "press_curves"
 RIG: Final = "rig_curves"

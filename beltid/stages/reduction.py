@@ -10,8 +10,8 @@ import numpy as np
 
 from beltid.identify.friction.reduction import FrictionSettings, RunReduction
 from beltid.identify.press.recording import StiffnessSettings
-from beltid.store import schemas
-from beltid.store.tables import outside
+from beltid.tables import schemas
+from beltid.tables.values import outside
 
 if TYPE_CHECKING:
     from beltid.config.model import PressSection

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from beltid.artifacts.artifact import read_artifact
 from beltid.config import Config, ConfigSource, load_config
 from beltid.identify.surface.surface import SurfaceSettings
 from beltid.laws.penalty import NormalLaw
@@ -33,7 +34,6 @@ from beltid.stages.uncertainties import (
     stated_keys,
 )
 from beltid.stages.workers import Workers
-from beltid.store.artifacts import read_artifact
 from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import (

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Final
 
+from beltid.artifacts import atomic
+from beltid.artifacts.artifact import Artifact, read_artifact
 from beltid.errors import InputError
 from beltid.report.drawing import NO_DATES, saved
 from beltid.report.figures.single import pictures
@@ -13,8 +15,6 @@ from beltid.report.summary import Summary
 from beltid.stages.belt_results import sheet_of
 from beltid.stages.outcome import rows_of
 from beltid.stages.talk import Options
-from beltid.store import atomic
-from beltid.store.artifacts import Artifact, read_artifact
 
 STAGE: Final = "show"
 FEW_ROWS: Final = 12

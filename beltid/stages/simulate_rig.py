@@ -8,6 +8,8 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Final
 
+from beltid.artifacts.artifact import read_artifact
+from beltid.artifacts.metadata_models import SHOWN_OF_SOLVER
 from beltid.config import Config, ConfigSource
 from beltid.errors import EXIT_DONE, EXIT_NUMERICS, NumericsError
 from beltid.report.summary import Summary
@@ -29,8 +31,6 @@ from beltid.stages.tables import law_of, surface_of
 from beltid.stages.talk import Options
 from beltid.stages.uncertainties import SECTION, press_law, stated_keys
 from beltid.stages.workers import Workers
-from beltid.store.artifacts import read_artifact
-from beltid.store.contents import SHOWN_OF_SOLVER
 
 KIND: Final = "simulated"
 FIGURES: Final = ("method", "runs")

@@ -8,6 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from beltid.artifacts.artifact import Artifact, read_artifact
+from beltid.artifacts.file_bytes import read_bytes
+from beltid.bench.formats.frames import columns_of_frame
+from beltid.bench.problems import Problems
 from beltid.errors import ArtifactError, InputError
 from beltid.export.law import ContactLaw
 from beltid.export.law_file import law_from_text
@@ -15,11 +19,7 @@ from beltid.identify.surface.surface import surface_from_columns
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.stages.outcome import Outcome
-from beltid.store import schemas
-from beltid.store.artifacts import Artifact, read_artifact
-from beltid.store.files import read_bytes
-from beltid.store.frames import columns_of_frame
-from beltid.store.problems import Problems
+from beltid.tables import schemas
 
 
 def load_law(path: str | Path) -> ContactLaw:

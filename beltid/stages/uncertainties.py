@@ -8,9 +8,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from beltid.artifacts.artifact import Artifact
 from beltid.config import Config
 from beltid.laws.penalty import NormalLaw
-from beltid.store.artifacts import Artifact
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.sources import StandardUncertainties
 

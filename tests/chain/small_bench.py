@@ -8,8 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from beltid.store.artifacts import read_artifact
-from beltid.store.hashing import columns_sha256
+from beltid.artifacts.artifact import read_artifact
+from beltid.artifacts.hashing import columns_sha256
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "rigdata" / "5pk"

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from beltid.store.artifacts import read_artifact
+from beltid.artifacts.artifact import read_artifact
 
 DATA = Path(__file__).parents[2] / "rigdata" / "5pk"
 

@@ -115,7 +115,7 @@ def help_of(command: str) -> str:
     [("fit-stiffness", "press"), ("fit-slip", "speedloss"), ("fit-friction", "rig")],
 )
 def test_the_help_of_a_fit_names_every_column_with_its_unit(command: str, kind: str) -> None:
-    from beltid.store import schemas
+    from beltid.tables import schemas
 
     text = help_of(command)
     for column in schemas.table(kind).columns:

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
+from beltid.artifacts.artifact import artifact_from_bytes
 from beltid.cli import app
-from beltid.store.artifacts import artifact_from_bytes
 
 
 def call(*arguments: str, stdin: bytes = b"") -> Any:

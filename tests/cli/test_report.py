@@ -15,7 +15,7 @@ from rich.console import Console
 from beltid.report.cells import cell, fact, heading, name_and_unit
 from beltid.report.summary import Summary
 from beltid.report.terminal import show
-from beltid.store import schemas
+from beltid.tables import schemas
 
 
 @pytest.mark.parametrize(

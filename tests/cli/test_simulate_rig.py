@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beltid.store import schemas
-from beltid.store.artifacts import read_artifact
+from beltid.artifacts.artifact import read_artifact
+from beltid.tables import schemas
 
 CALL = ("simulate-rig", "surface.parquet", "stiffness.parquet")
 ONE = ("--arc", "82", "--tension", "220", "--speed", "0.21")

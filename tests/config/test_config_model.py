@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from beltid.config import Config, config_text, load_config
 from beltid.config.bench_files import PressUnits, RigUnits, SpeedlossUnits
-from beltid.store import schemas
+from beltid.tables import schemas
 
 ROOT = Path(__file__).parents[2]
 

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from beltid.artifacts.artifact import Metadata, write_artifact
+from beltid.artifacts.hashing import sha256
 from beltid.config import Config
 from beltid.export.law import (
     BeltFacts,
@@ -18,8 +20,6 @@ from beltid.export.law import (
     friction_part,
 )
 from beltid.laws.friction_surface import FrictionSurface
-from beltid.store.artifacts import Metadata, write_artifact
-from beltid.store.hashing import sha256
 
 FORCES = np.geomspace(400.0, 12000.0, 8)
 SPEEDS = np.geomspace(0.0025, 0.04, 5)

@@ -10,11 +10,11 @@ import pytest
 from typer.testing import CliRunner
 
 import beltid
+from beltid.artifacts.artifact import read_artifact
 from beltid.cli import app
 from beltid.export.law import ContactLaw
 from beltid.export.law_file import law_text, schema
 from beltid.export.targets import TARGETS
-from beltid.store.artifacts import read_artifact
 
 
 def call(*arguments: Any) -> Any:

@@ -12,10 +12,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from beltid.store import schemas
-from beltid.store.artifacts import METADATA_KEY, SEAL_KEY
-from beltid.store.hashing import columns_sha256, sha256
-from beltid.store.tables import arrow_table, columns_of_arrow
+from beltid.artifacts.arrow_columns import arrow_table, columns_of_arrow
+from beltid.artifacts.artifact import METADATA_KEY, SEAL_KEY
+from beltid.artifacts.hashing import columns_sha256, sha256
+from beltid.tables import schemas
 
 Columns = dict[str, np.ndarray]
 SECTIONS = ("extra", "validity", "settings", "set_aside")

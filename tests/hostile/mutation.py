@@ -202,8 +202,8 @@ def _rewritten(data: bytes, dice: random.Random) -> bytes:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    from beltid.store.artifacts import METADATA_KEY, SEAL_KEY
-    from beltid.store.hashing import sha256
+    from beltid.artifacts.artifact import METADATA_KEY, SEAL_KEY
+    from beltid.artifacts.hashing import sha256
 
     table = pq.read_table(pa.BufferReader(data))
     metadata = dict(table.schema.metadata or {})

@@ -10,11 +10,16 @@ import warnings
 from collections.abc import Callable
 from pathlib import Path
 
+from beltid.artifacts.artifact import read_artifact
+from beltid.bench.big_recording import open_big
+from beltid.bench.formats.dialect import ReadOptions
+from beltid.bench.formats.isolated.child import read_format
+from beltid.bench.formats.isolated.exchange import load, save
+from beltid.bench.opening import Opened
+from beltid.bench.recording import read_recording, recording_of
 from beltid.config.loading import load_cases, load_config
 from beltid.errors import LONGEST_LINE, BeltidError
 from beltid.export.law_file import law_from_text
-from beltid.formats.child import read_format
-from beltid.formats.exchange import load, save
 from beltid.report import tables
 from beltid.report.results import BeltResults
 from beltid.report.verdict import verdict_of
@@ -23,11 +28,6 @@ from beltid.stages.belt_results import sheet_of
 from beltid.stages.simulated_doubt import runs_doubt_of
 from beltid.stages.tables import law_of, surface_of
 from beltid.stages.uncertainties import press_law
-from beltid.store.artifacts import read_artifact
-from beltid.store.big_recordings import open_big
-from beltid.store.dialect import ReadOptions
-from beltid.store.opening import Opened
-from beltid.store.recordings import read_recording, recording_of
 
 CONFIG = load_config()
 SETTINGS = load_config({"runs": {"rig": {"values": {"arc_deg": 82, "initial_tension_N": 270}}}})
@@ -82,7 +82,7 @@ def _isolated(format_name: str) -> Callable[[Path], object]:
             if not found.groups:
                 return None
             save(found, path.with_suffix(".npz"))
-        except Exception:  # the child tells it: see formats.child
+        except Exception:  # the child tells it: see isolated.child
             return None
         opened = Opened(path.name, found.format, channels=load(path.with_suffix(".npz")))
         return recording_of([opened], path, "rig", ReadOptions(), "")

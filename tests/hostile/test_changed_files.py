@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from mutation import MUTATORS
 from readers import CORPUS, ISOLATED, READERS, read, seeds
 
-from beltid.formats.bench_file import FormatError
-from beltid.formats.isolated import read_isolated
+from beltid.bench.formats.bench_file import FormatError
+from beltid.bench.formats.isolated.process import read_isolated
 
 IN_PROCESS = [reader for reader in READERS if reader not in ISOLATED]
 CRASHING = Path(__file__).parent / "crashing"

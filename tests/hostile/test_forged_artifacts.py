@@ -10,9 +10,9 @@ import forging
 import pytest
 from typer.testing import CliRunner
 
+from beltid.artifacts.artifact import read_artifact
 from beltid.cli import app
 from beltid.errors import ArtifactError
-from beltid.store.artifacts import read_artifact
 
 ARTIFACTS = Path(__file__).parent / "corpus" / "artifact"
 KINDS = ("stiffness", "slip", "friction", "surface", "simulated", "compare")

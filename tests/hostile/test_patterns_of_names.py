@@ -6,10 +6,10 @@ import time
 
 import pytest
 
+from beltid.bench.recording import read_recording
 from beltid.config import load_config
+from beltid.config.name_pattern import name_pattern
 from beltid.errors import ConfigError, InputError
-from beltid.formats.name_pattern import name_pattern
-from beltid.store.recordings import read_recording
 
 NAME = "x" * 250 + ".csv"  # as long as a file system allows, and no pattern below fits
 

@@ -19,14 +19,17 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
+from beltid.artifacts import parquet_open
+from beltid.artifacts.artifact import METADATA_KEY, SEAL_KEY, read_artifact
+from beltid.artifacts.hashing import sha256
+from beltid.bench.big_recording import open_big
+from beltid.bench.files.folders import parquet_files
+from beltid.bench.formats import dialect
+from beltid.bench.formats.parquet_stream import parquet_blocks
+from beltid.bench.recording import read_recording
 from beltid.cli import app
 from beltid.errors import LONGEST_LINE, ArtifactError, InputError, printable
-from beltid.store import dialect, parquet_open, schemas
-from beltid.store.artifacts import METADATA_KEY, SEAL_KEY, read_artifact
-from beltid.store.big_recordings import open_big
-from beltid.store.hashing import sha256
-from beltid.store.parquet_stream import parquet_blocks, parquet_files
-from beltid.store.recordings import read_recording
+from beltid.tables import schemas
 
 ROOT = Path(__file__).parents[2]
 CORPUS = Path(__file__).parent / "corpus"

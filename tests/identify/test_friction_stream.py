@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from beltid.bench.recording import read_recording
 from beltid.identify.friction.reduction import (
     FrictionSettings,
     RunReduction,
@@ -17,7 +18,6 @@ from beltid.identify.friction.reduction import (
     reduce_stream,
 )
 from beltid.identify.friction.rig_table import run_records
-from beltid.store.recordings import read_recording
 
 RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"
 RADIUS_M = 0.05

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from beltid.artifacts.artifact import read_artifact
+from beltid.bench import big_recording
 from beltid.config import find_config
 from beltid.errors import InputError
 from beltid.stages import fit_friction
 from beltid.stages.recorded_curves import rig_curves
 from beltid.stages.talk import Options
 from beltid.stages.workers import Workers
-from beltid.store import big_recordings
-from beltid.store.artifacts import read_artifact
 
 RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"
 
@@ -31,7 +31,7 @@ def some_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def everything_is_big(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(big_recordings, "BIG", 1)
+    monkeypatch.setattr(big_recording, "BIG", 1)
 
 
 def fitted(rig: Path, out: Path, workers: Workers | None = None) -> bytes:
@@ -44,7 +44,7 @@ def test_the_artifact_is_the_same_to_the_byte(
     some_runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     at_once = fitted(some_runs, tmp_path / "at_once.parquet")
-    monkeypatch.setattr(big_recordings, "BIG", 1)
+    monkeypatch.setattr(big_recording, "BIG", 1)
     assert fitted(some_runs, tmp_path / "streamed.parquet") == at_once
     two = Workers()
     two.jobs = 2  # the calls of one batch in two parts
@@ -58,7 +58,7 @@ def test_runs_for_the_figures_are_picked_from_the_stream(
     fitted(some_runs, friction)
     source = find_config(some_runs, None)
     at_once = rig_curves(source, some_runs, friction, tmp_path / "a.parquet", Options())
-    monkeypatch.setattr(big_recordings, "BIG", 1)
+    monkeypatch.setattr(big_recording, "BIG", 1)
     streamed = rig_curves(source, some_runs, friction, tmp_path / "b.parquet", Options())
     for name, values in at_once.artifact.columns.items():
         found = streamed.artifact.columns[name]

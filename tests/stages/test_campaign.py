@@ -20,7 +20,7 @@ from beltid.stages.campaign import (
     result_row,
     simulation_settings,
 )
-from beltid.store import schemas
+from beltid.tables import schemas
 
 CONFIG = load_config(
     {

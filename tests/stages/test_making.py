@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from beltid.artifacts.artifact import read_artifact
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import BeltidError, InputError
 from beltid.identify.estimators.statistics import as_set
 from beltid.stages.making import Recipe, make
 from beltid.stages.outcome import Outcome, rows_of, span
 from beltid.stages.talk import Options
-from beltid.store.artifacts import read_artifact
 
 
 class Work:

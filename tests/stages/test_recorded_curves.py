@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from beltid.artifacts.artifact import read_artifact
 from beltid.config import find_config
 from beltid.stages import fit_friction
 from beltid.stages.recorded_curves import rig_curves
 from beltid.stages.talk import Options
-from beltid.store.artifacts import read_artifact
 
 RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import beltid
+from beltid.artifacts.artifact import read_artifact
 from beltid.config import ConfigSource, load_config
 from beltid.stages import fit_slip
 from beltid.stages.talk import Options
-from beltid.store.artifacts import read_artifact
 
 
 def recording(folder: Path) -> Path:

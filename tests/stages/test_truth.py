@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from beltid.artifacts.artifact import read_artifact
 from beltid.batch import BatchOptions, config_sources, run_batch
 from beltid.config import ConfigSource
 from beltid.report.summary import Summary
 from beltid.stages.tables import load_stiffness, load_surface
-from beltid.store.artifacts import read_artifact
 
 ROOT = Path(__file__).parents[2]
 # true laws of the virtual bench, rigdata/README.md

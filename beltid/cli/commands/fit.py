@@ -79,7 +79,7 @@ def fit_friction(rig: Rig, *, common: Common) -> None:
 
     Example: beltid fit-friction rig.csv
     """
-    from beltid.store.big_recordings import is_big
+    from beltid.bench.big_recording import is_big
 
     with ExitStack() as stack:
         needs = ("beltid.stages.big_recording",)

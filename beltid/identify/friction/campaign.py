@@ -49,6 +49,8 @@ build-up, in z: as good as free."""
 # priors: median and width (standard deviation of the logarithm)
 WANDER = (0.4, 1.5)
 """Of the wandering zeros, in units of the error that white noise leaves in the mean of a run."""
+WALK = (1.5, 1.5)
+"""The same of the walk with the longest memory, which a short sliding hardly shows."""
 NEIGHBOURS = 0.5
 """Correlation of the priors of neighbouring memories: the spectrum of real noise is smooth."""
 TURN = (0.4, 1.5)
@@ -129,7 +131,7 @@ class Stack:
             self.shared[k, :b, RANK] = since / (r.tensions_N[0] * c)
             self.shared[k, :b, RANK + 1] = -since / (r.tensions_N[1] * c)
             # mu_sliding of a run in which friction drifts is that of the middle of its second half
-            elapsed = (r.travel - r.travel[0]) / max(float(np.ptp(r.travel)), 1e-12)
+            elapsed = (0.5 * (r.first_s + r.last_s) - r.first_s[0]) / (r.last_s[-1] - r.first_s[0])
             self.shared[k, :b, RANK + 2] = (r.level / c) * (elapsed - 0.75)
             free = np.column_stack([r.waves, r.take_up])
             self.fixed[k, :b, :b] = (FREE / c) ** 2 * (free @ free.T)
@@ -573,7 +575,9 @@ def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
     n = len(MEMORIES_S)
     priors = np.array(
         [
-            *[(np.log(WANDER[0] * typical), WANDER[1])] * (n + 1),
+            *[(np.log(WANDER[0] * typical), WANDER[1])] * (n - 1),
+            (np.log(WALK[0] * typical), WALK[1]),
+            (np.log(WANDER[0] * typical), WANDER[1]),
             (np.log(TURN[0] * typical_z), TURN[1]),
             (np.log(HEIGHT_SPREAD[0]), HEIGHT_SPREAD[1]),
             (np.log(LENGTH_SPREAD[0]), LENGTH_SPREAD[1]),

@@ -95,42 +95,46 @@ def _differ(difference_N: float, tension_N: float) -> str:
 
 def _of_bench(D: Array, se: Array, T: Array, q: Array, apart: Array) -> CellErrors:
     unit = float(np.median(T))
+    sizes = np.array(SIZES)
     noise = np.square(np.maximum(se, 1e-5 * T))
     X = np.column_stack([np.ones(D.size), T / unit])
-    log_p, means, own, common, shared, fixed = [], [], [], [], [], []
-    for s_w, s_f in product(SIZES, SIZES):
+    pairs = np.array(list(product(sizes, sizes)))
+    S = np.square(pairs * unit)  # variances of zeta and gamma
+    n_present = np.count_nonzero(pairs, axis=1)
+    log_p, given = [], []
+    for (s_w, s_f), n_more in zip(pairs, n_present, strict=True):
         variance = noise + (s_w * unit) ** 2 + (s_f * T) ** 2
         weighted = X / variance[:, None]
         M, b = X.T @ weighted, weighted.T @ D
+        A = np.eye(2) + S[:, :, None] * M
+        C = np.linalg.solve(A, S[:, :, None] * np.eye(2))  # posterior covariances
+        found = C @ b
         base = -0.5 * float(np.sum(D**2 / variance + np.log(variance)))
-        k = (s_w * unit) ** 2 / variance
-        for s_z, s_g in product(SIZES, SIZES):
-            S = np.square(np.array([s_z, s_g]) * unit)
-            C = np.linalg.inv(np.eye(2) + S[:, None] * M) * S  # posterior covariance
-            C = 0.5 * (C + C.T)
-            found = C @ b
-            log_det = np.linalg.slogdet(np.eye(2) + S[:, None] * M)[1]
-            rare = sum(s > 0.0 for s in (s_w, s_f, s_z, s_g))
-            log_p.append(base + 0.5 * float(b @ C @ b) - 0.5 * log_det - rare * np.log(4.0))
-            w = k * (D - X @ found)
-            slopes = np.column_stack([q * (1.0 - k), 1.0 / unit - q * k * T / unit])
-            zero = found[0] + w
-            means.append(q * zero + found[1] / unit)
-            own.append(q**2 * (s_w * unit) ** 2 * (1.0 - k))
-            zero_2 = zero**2 + (1.0 - k) ** 2 * C[0, 0] + (s_w * unit) ** 2 * (1.0 - k)
-            common.append(apart**2 * zero_2)
-            shared.append(np.einsum("rk,kl,rl->r", slopes, C, slopes))
-            fixed.append([found[0], found[1] / unit, s_w * unit])
-    p = np.exp(np.array(log_p) - max(log_p))
-    p /= p.sum()
-    mean = p @ np.array(means)
-    between = p @ np.square(np.array(means) - mean)
-    zeta, gamma, wander = p @ np.array(fixed)
-    sign = np.where(mean < 0.0, -1.0, 1.0)
+        log_det = np.linalg.slogdet(A)[1]
+        log_p.append(base + 0.5 * (found @ b - log_det) - (n_present + n_more) * np.log(4.0))
+        given.append((s_w * unit, (s_w * unit) ** 2 / variance, C, found))
+    weights = np.exp(np.array(log_p) - np.max(log_p))
+    weights /= weights.sum()
+    mean, square, own, shared = np.zeros((4, D.size))
+    common, fixed = 0.0, np.zeros(3)
+    for p, (wander_N, k, C, found) in zip(weights, given, strict=True):
+        zero = found[:, :1] + k * (D - found @ X.T)
+        error = q * zero + found[:, 1:] / unit
+        # what both zeros have in common is as large in every run, whatever their difference
+        own += wander_N**2 * (q**2 * (1.0 - k) + apart**2) * p.sum()
+        common += p @ (found[:, 0] ** 2 + C[:, 0, 0])
+        slopes = np.column_stack([q * (1.0 - k), (1.0 - q * k * T) / unit])
+        shared += np.einsum("rk,kl,rl->r", slopes, np.tensordot(p, C, axes=1), slopes)
+        mean += p @ error
+        square += p @ error**2
+        fixed += [p @ found[:, 0], p @ found[:, 1] / unit, p.sum() * wander_N]
+    between = np.maximum(square - mean**2, 0.0)
+    zeta, gamma, wander = fixed
+    shared += apart**2 * common
     return CellErrors(
         mean=mean,
-        variance=p @ np.array(own) + p @ np.array(common),
-        shared=sign * np.sqrt(p @ np.array(shared) + between),
+        variance=own,
+        shared=np.where(mean < 0.0, -1.0, 1.0) * np.sqrt(shared + between),
         notes=tuple(
             _note(e / half, gamma, d, t, zeta, wander)
             for e, half, d, t in zip(mean, q, D, T, strict=True)

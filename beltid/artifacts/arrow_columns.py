@@ -1,0 +1,199 @@
+"""Columns of an artifact: checked against the schema, to Arrow and back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from beltid.errors import ArtifactError
+from beltid.tables.schemas import Column, Table
+from beltid.tables.values import floats, is_missing, outside
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+LARGEST: Final = 1e100
+"""Size of a number of an artifact: its square and its cube can be computed."""
+
+
+def normalised(columns: Mapping[str, Any], table: Table, name: str) -> dict[str, np.ndarray]:
+    """Columns in the order and with the types of the schema, every value allowed.
+
+    Parameters
+    ----------
+    columns : mapping
+        Values by column name; nan, None or masked where missing.
+    table : Table
+        The schema.
+    name : str
+        Name of the artifact, for messages.
+
+    Raises
+    ------
+    ArtifactError
+        If a value is missing or out of range where it must not be.
+    ValueError
+        If a column is missing, unknown, or of another length: a mistake in the code.
+    """
+    unknown = [column for column in columns if column not in table.names]
+    missing = [c.name for c in table.columns if c.required and c.name not in columns]
+    if unknown or missing:
+        raise ValueError(f"a {table.kind} table: unknown columns {unknown}, missing {missing}")
+    values = {
+        column.name: _typed(columns[column.name], column)
+        for column in table.columns
+        if column.name in columns
+    }
+    lengths = {column: len(cells) for column, cells in values.items()}
+    if len(set(lengths.values())) > 1:
+        raise ValueError(f"a {table.kind} table: columns of different length {lengths}")
+    problems = [
+        problem
+        for column, cells in values.items()
+        for problem in _problems(cells, table.column(column), name)
+    ]
+    if problems:
+        raise ArtifactError(problems)
+    return values
+
+
+def _typed(values: Any, column: Column) -> np.ndarray:
+    if column.dtype == "string":
+        cells = [None if is_missing(cell) else str(cell) for cell in np.asarray(values, object)]
+        array = np.empty(len(cells), dtype=object)
+        array[:] = cells
+        return array
+    if column.dtype == "list":
+        return _matrix([None if is_missing(row) else np.ravel(row) for row in values], column)
+    if column.dtype == "float64":
+        return floats(values)
+    array = np.asarray(values)
+    wanted = np.bool_ if column.dtype == "bool" else np.int64
+    if array.size == 0:
+        return array.astype(wanted)
+    if column.dtype == "bool" and array.dtype.kind not in "b":
+        raise ValueError(f"{column.name} must hold true or false, it holds {array.dtype}")
+    if array.dtype.kind not in "iub" and not np.all(array == np.floor(array.astype(float))):
+        raise ValueError(f"{column.name} must hold whole numbers")
+    return array.astype(wanted)
+
+
+def _matrix(rows: list[Any], column: Column) -> np.ndarray:
+    """Lists as the rows of a matrix, nan where one is missing.
+
+    Raises
+    ------
+    ValueError
+        If their lengths differ, or are not that of the column.
+    """
+    lengths = {len(row) for row in rows if row is not None}
+    length = column.length or max(lengths, default=0)
+    if lengths - {length}:
+        raise ValueError(f"{column.name}: lists of {sorted(lengths)} numbers, must be {length}")
+    matrix = np.full((len(rows), length), np.nan)
+    for i, row in enumerate(rows):
+        if row is not None:
+            matrix[i] = row
+    matrix[np.isnan(matrix).any(axis=1)] = np.nan  # half a covariance is none
+    return matrix
+
+
+def _problems(cells: np.ndarray, column: Column, name: str) -> list[str]:
+    if column.dtype == "string":
+        bad = [i for i, cell in enumerate(cells) if cell is None and not column.nullable]
+        return [f"{name}: {column.name} is missing in row {i + 1}" for i in bad[:3]]
+    if column.dtype == "bool":
+        return []
+    numbers = cells.astype(float)
+    huge = np.abs(numbers) > LARGEST
+    wrong = huge | outside(numbers, column)
+    if not column.nullable:
+        wrong |= np.isnan(numbers)
+    rows = np.flatnonzero(wrong.any(axis=1) if wrong.ndim > 1 else wrong)
+    return [
+        f"{name}: {column.name} = {cells[i]} in row {i + 1}, must be {column.allowed}"
+        + (f" and at most {LARGEST:g} in size" if np.any(huge[i]) else "")
+        for i in rows[:3]
+    ]
+
+
+def arrow_table(values: Mapping[str, np.ndarray], table: Table) -> pa.Table:
+    """Arrow table of normalised columns; nan becomes null, each field carries its unit."""
+    import pyarrow as pa
+
+    arrays, fields = [], []
+    for name, cells in values.items():
+        column = table.column(name)
+        arrow_type = _arrow_type(column)
+        if column.dtype == "list":
+            missing = np.isnan(cells).any(axis=1)
+            array = pa.array(
+                [None if gone else row.tolist() for gone, row in zip(missing, cells, strict=True)],
+                type=arrow_type,
+            )
+        else:
+            array = pa.array(cells, type=arrow_type, from_pandas=True)
+        arrays.append(array)
+        about = {"unit": column.unit, "meaning": column.meaning}
+        fields.append(pa.field(name, arrow_type, nullable=True, metadata=about))
+    return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
+
+
+def columns_of_arrow(arrow: pa.Table, table: Table, name: str) -> dict[str, np.ndarray]:
+    """Columns of an Arrow table that was read, with the types of the schema.
+
+    Raises
+    ------
+    ArtifactError
+        If a column is missing or of another type, or a value is not allowed.
+    """
+    columns: dict[str, np.ndarray] = {}
+    for column in table.columns:
+        if column.name not in arrow.column_names:
+            if column.required:
+                raise ArtifactError(f"{name}: damaged: column {column.name} is missing")
+            continue
+        chunked = arrow.column(column.name)
+        if column.dtype == "string":  # one copy of every text: a file may repeat a long one
+            chunked = chunked.dictionary_encode()
+        found = chunked.type.value_type if column.dtype == "string" else chunked.type
+        if found != _arrow_type(column):
+            raise ArtifactError(
+                f"{name}: damaged: column {column.name} holds {found}, "
+                f"must hold {_arrow_type(column)}"
+            )
+        columns[column.name] = _from_arrow(chunked, column)
+    problems = [
+        f"{problem} (damaged)"
+        for column_name, cells in columns.items()
+        for problem in _problems(cells, table.column(column_name), name)
+    ]
+    if problems:
+        raise ArtifactError(problems)
+    return columns
+
+
+def _arrow_type(column: Column) -> pa.DataType:
+    import pyarrow as pa
+
+    return {
+        "string": pa.string(),
+        "float64": pa.float64(),
+        "int64": pa.int64(),
+        "bool": pa.bool_(),
+        "list": pa.list_(pa.float64()),
+    }[column.dtype]
+
+
+def _from_arrow(chunked: pa.ChunkedArray, column: Column) -> np.ndarray:
+    if column.dtype == "list":
+        return _matrix(chunked.to_pylist(), column)
+    if column.dtype == "string":
+        encoded = chunked.unify_dictionaries().combine_chunks()
+        words = np.array([*encoded.dictionary.to_pylist(), None], dtype=object)
+        return np.asarray(words[encoded.indices.fill_null(-1).to_numpy(zero_copy_only=False)])
+    # a copy: the caller may write to it, and Arrow's memory is read-only
+    return np.array(chunked.to_numpy(), dtype=column.dtype)

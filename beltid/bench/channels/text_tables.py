@@ -1,0 +1,134 @@
+"""Tables in text files: CSV, exports of testing machines -> a piece of a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from pathlib import PurePath
+
+import numpy as np
+
+from beltid.bench.channels.channel_mapping import notes_of, readings_of, told_elsewhere
+from beltid.bench.channels.pieces import Piece
+from beltid.bench.channels.readings import Candidate, Question, Reading
+from beltid.bench.files.encoding import Decoded
+from beltid.bench.formats.csv_reader import Wanted, read_rows
+from beltid.bench.formats.dialect import Layout, ReadOptions, layout
+from beltid.bench.formats.header import check_header, hint_units_row
+from beltid.bench.problems import Problems
+from beltid.tables.columns import Table
+from beltid.tables.units import Conversion
+
+
+def text_layout(decoded: Decoded, name: str, options: ReadOptions, table: Table) -> Layout:
+    """Header, units and separators of a text file."""
+    in_file = [options.names.get(c.name, c.name) for c in table.columns]
+    return layout(decoded.text, name, options, in_file)
+
+
+def candidates_of(found: Layout) -> list[Candidate]:
+    """The columns of a text file, as candidates for ours."""
+    units = (*found.unit_cells, *[""] * len(found.header))
+    return [Candidate(name, units[i], i) for i, name in enumerate(found.header) if name]
+
+
+def read_text(
+    decoded: Decoded, name: str, table: Table, options: ReadOptions, problems: Problems
+) -> Piece | None:
+    """Read the columns of a table in a text file.
+
+    Parameters
+    ----------
+    decoded : Decoded
+        The text.
+    name : str
+        Name of the file, for messages.
+    table : Table
+        What is needed.
+    options : ReadOptions
+        What the config states.
+    problems : Problems
+        Collects what is wrong; None is returned if the header is.
+    """
+    found = text_layout(decoded, name, options, table)
+    names = (PurePath(name).name, PurePath(name).stem)
+    told = told_elsewhere(options.runs, names, found.fields, table)
+    wrong = problems.count
+    readings, wanted = wanted_columns(found, name, table, options, problems, told)
+    if problems.count > wrong:
+        return None
+    rows = read_rows(found, wanted, name, problems)
+    if problems.count > wrong:
+        hint_units_row(found, wanted, name, problems)
+    columns = dict(rows.columns)
+    convert(columns, readings)
+    notes = (*decoded.notes, *found.notes, *text_notes(found, readings, table))
+    return Piece(
+        name,
+        names,
+        names[1],
+        columns,
+        readings,
+        found.fields,
+        rows.lines,
+        notes,
+        f"{name}:{found.header_line}",
+    )
+
+
+def wanted_columns(
+    found: Layout,
+    name: str,
+    table: Table,
+    options: ReadOptions,
+    problems: Problems,
+    told: Collection[str] = (),
+) -> tuple[dict[str, Reading], dict[str, Wanted]]:
+    """Where our columns stand in a text file, and how they are read.
+
+    Parameters
+    ----------
+    found : Layout
+        Header and units of the file.
+    name : str
+        Name of the file, for messages.
+    table : Table
+        What is needed.
+    options : ReadOptions
+        What the config states.
+    problems : Problems
+        Collects columns that are missing or cannot be decided.
+    told : collection of str
+        Columns that need not stand in the file.
+    """
+    place = f"{name}:{found.header_line}"
+    wrong = problems.count
+    at_units = f"{name}:{found.first_line - 1}" if found.unit_cells else place
+    question = Question(table, options, at_units, problems)
+    readings = readings_of(candidates_of(found), question)
+    if problems.count == wrong:
+        in_file = {c.name: options.names.get(c.name, c.name) for c in table.columns}
+        in_file |= {role: reading.candidate.name for role, reading in readings.items()}
+        check_header(found.header, in_file, table, place, problems, {*told, *readings})
+    wanted = {
+        role: Wanted(r.candidate.key, table.column(role).dtype == "string", r.shown)
+        for role, r in readings.items()
+    }
+    return readings, wanted
+
+
+def text_notes(found: Layout, readings: Mapping[str, Reading], table: Table) -> list[str]:
+    """What was recognised, converted and left out of a text file."""
+    notes = notes_of(readings, table)
+    used = {reading.candidate.name for reading in readings.values()}
+    left_out = [n for n in found.header if n and n not in used]
+    if left_out:
+        notes.append("columns left out: " + ", ".join(left_out[:12]))
+    return notes
+
+
+def convert(columns: dict[str, np.ndarray], readings: Mapping[str, Reading]) -> None:
+    """Bring columns from the numbers of the file to our units and signs, in place."""
+    for role, reading in readings.items():
+        by = reading.conversion
+        if by != Conversion(1.0) and columns[role].dtype != object:
+            columns[role] = (columns[role] + by.shift) * by.factor

@@ -1,0 +1,175 @@
+"""Names that benches of German, English and French laboratories give to the channels we need."""
+
+from __future__ import annotations
+
+import functools
+import re
+import unicodedata
+from dataclasses import dataclass
+from typing import Final
+
+from beltid.bench.formats.table_head import without_unit
+
+_UMLAUTS: Final = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
+
+
+@dataclass(frozen=True, slots=True)
+class Words:
+    """Names of a channel.
+
+    A name is meant if one of the `keys` stands in it as whole words and nothing else but
+    `fillers`: "Trumkraft Zugtrum" by its key "zugtrum" and its filler "trumkraft".
+
+    Attributes
+    ----------
+    keys : tuple of str
+        Words, or sequences of words, that make the name.
+    fillers : frozenset of str
+        Words that may stand beside them.
+    """
+
+    keys: tuple[str, ...]
+    fillers: frozenset[str] = frozenset()
+
+    def mean(self, name: str) -> bool:
+        """Whether a simplified name is one of these."""
+        for key in self.keys:
+            if key not in name:
+                continue
+            rest, hits = _as_words(key).subn(" ", name, count=1)
+            if hits and all(word in self.fillers for word in rest.split()):
+                return True
+        return False
+
+
+@functools.cache  # of the few hundred keys below
+def _as_words(key: str) -> re.Pattern[str]:
+    return re.compile(rf"\b{re.escape(key)}\b")
+
+
+def _words(keys: str, fillers: str = "") -> Words:
+    known = tuple(key.strip() for key in keys.split(","))
+    return Words(tuple(sorted(known, key=len, reverse=True)), frozenset(fillers.split()))
+
+
+_TIME: Final = _words(
+    "zeit,pruefzeit,versuchszeit,messzeit,laufzeit,time,times,test time,elapsed time,running time,"
+    "total time,relative time,temps,temps ecoule,timestamp,time stamp,zeitstempel,t,x value",
+    "s sec von de du the rel",
+)
+_TEMPERATURE: Final = _words(
+    "temperatur,temperature,temp,pruefraumtemperatur,ofentemperatur,kammertemperatur,"
+    "probentemperatur,raumtemperatur,umgebungstemperatur,riementemperatur,prueftemperatur",
+    "c degc probe specimen chamber oven belt ambient room kammer ofen riemen de du la courroie "
+    "enceinte eprouvette essai test pruef",
+)
+_TIGHT: Final = _words(
+    "tight,zugtrum,lasttrum,arbeitstrum,zugtrumkraft,lasttrumkraft,ziehend,ziehendes,gezogen,"
+    "straff,straffes,tendu",
+    "tension force span side strand load cell n t f kraft trum trumkraft zugkraft seite seilkraft "
+    "kraftaufnehmer kmd brin effort force de du cote belt riemen in im the trumm t1 f1",
+)
+_SLACK: Final = _words(
+    "slack,leertrum,leertrumkraft,leer,leeres,lose,loses,schlaff,schlaffes,mou",
+    " ".join(sorted(_TIGHT.fillers - {"t1", "f1"})) + " t2 f2",
+)
+_INITIAL: Final = _words(
+    "initial tension,initial force,initial load,pretension,pre tension,pretension force,preload,"
+    "pre load,static tension,vorspannkraft,vorspannung,vorkraft,trumvorspannkraft,"
+    "riemenvorspannung,"
+    "anfangskraft,tension initiale,force initiale,tension de pose,pretension initiale,precharge,"
+    "t0,f0",
+    "n belt riemen force kraft soll nominal set setpoint nennwert sollwert de la courroie target",
+)
+_ARC: Final = _words(
+    "umschlingungswinkel,umschlingung,umschlingungsbogen,kontaktwinkel,kontaktbogen,contact arc,"
+    "contact angle,wrap angle,wrap,angle of wrap,arc of contact,arc,arc de contact,"
+    "angle d enroulement,angle de contact,enroulement",
+    "deg soll nominal set the of scheibe pulley",
+)
+_SPEED: Final = _words(
+    "drehzahl,winkelgeschwindigkeit,scheibendrehzahl,umfangsgeschwindigkeit,speed,rpm,omega,"
+    "angular speed,angular velocity,rotational speed,rotation speed,rotary speed,velocity,"
+    "vitesse,vitesse de rotation,vitesse angulaire",
+    "pulley scheibe riemenscheibe motor poulie de la du the of ist actual act drive encoder",
+)
+_DRIVER: Final = _words(
+    "antriebsdrehzahl,eingangsdrehzahl,drehzahl antrieb,drehzahl an,antrieb,treibend,treibende,"
+    "driver,driving,input,menante,motrice,entree",
+    "drehzahl speed angular velocity rotational pulley scheibe der des vitesse de rotation "
+    "angulaire poulie la shaft omega winkelgeschwindigkeit rpm ist",
+)
+_DRIVEN: Final = _words(
+    "abtriebsdrehzahl,ausgangsdrehzahl,drehzahl abtrieb,abtrieb,getrieben,getriebene,driven,output,"
+    "menee,receptrice,sortie",
+    " ".join(sorted(_DRIVER.fillers)),
+)
+_RUN: Final = _words(
+    "run,lauf,versuch,messung,messreihe,essai,mesure,trial,test",
+    "id no nr nummer number numero name label n num",
+)
+
+VOCABULARY: Final[dict[str, dict[str, Words]]] = {
+    "press": {
+        "test": _words(
+            "test,versuch,pruefung,probe,specimen,sample,essai,eprouvette,probenkennung,"
+            "probenname,specimen id,run",
+            "id no nr nummer number numero name label n num",
+        ),
+        "temperature_degC": _TEMPERATURE,
+        "time_s": _TIME,
+        "displacement_mm": _words(
+            "weg,standardweg,traversenweg,traverse,traversenposition,maschinenweg,kolbenweg,"
+            "stempelweg,eindringweg,eindringtiefe,eindringung,verformung,stauchung,displacement,"
+            "crosshead,travel,stroke,extension,compression,deformation,penetration,position,"
+            "deplacement,course,deplacement traverse,enfoncement",
+            "absolut absolute abs axial mm travel displacement position crosshead de la traverse "
+            "machine 1 actuator piston sensor wegaufnehmer compressive standard",
+        ),
+        "force_N": _words(
+            "kraft,standardkraft,pruefkraft,presskraft,druckkraft,normalkraft,stempelkraft,force,"
+            "load,effort,charge,standard force,load cell,force normale,axialkraft",
+            "n axial normal normale compressive compression press standard cell sensor "
+            "kraftaufnehmer kmd 1 de la du machine kn",
+        ),
+    },
+    "rig": {
+        "run": _RUN,
+        "time_s": _TIME,
+        "tension_tight_N": _TIGHT,
+        "tension_slack_N": _SLACK,
+        "pulley_speed_rad_s": _SPEED,
+        "temperature_degC": _TEMPERATURE,
+        "arc_deg": _ARC,
+        "initial_tension_N": _INITIAL,
+    },
+    "speedloss": {
+        "run": _RUN,
+        "time_s": _TIME,
+        "initial_tension_N": _INITIAL,
+        "torque_N_m": _words(
+            "drehmoment,moment,lastmoment,abtriebsmoment,bremsmoment,torque,couple,load torque",
+            "abtrieb driven output nm n m shaft brake resistant de sortie last",
+        ),
+        "driver_speed_rad_s": _DRIVER,
+        "driven_speed_rad_s": _DRIVEN,
+    },
+}
+"""Kind of recording -> our column -> the names that mean it."""
+
+FILE_NAMES: Final = frozenset({"file", "filename", "file name", "datei", "dateiname", "fichier"})
+"""Names of the column of a table of runs that holds the name of the file."""
+
+
+def simplified(name: str) -> str:
+    """A channel's name in plain small words: no unit, accents, signs or capitals within words."""
+    bare = re.sub(r"(?<=[a-zäöüéè])(?=[A-Z])", " ", without_unit(name))
+    low = bare.lower().translate(_UMLAUTS)
+    plain = unicodedata.normalize("NFKD", low).encode("ascii", "ignore").decode()
+    return " ".join(re.findall(r"[a-z0-9]+", plain))
+
+
+def roles_meant(name: str, kind: str) -> tuple[str, ...]:
+    """Our columns of a kind of recording that a channel's name can mean."""
+    plain = simplified(name)
+    return tuple(role for role, words in VOCABULARY[kind].items() if plain and words.mean(plain))

@@ -1,0 +1,13 @@
+"""The files of a recording, before anything is known about what they hold.
+
+============ ===================================================================
+Module       Responsibility
+============ ===================================================================
+``sources``  the files: one, or one per run in a folder or zip file
+``folders``  their order, and Parquet files of folders in a folder
+``archives`` files packed with gzip or zip
+``sniff``    which format the bytes are, by content
+``encoding`` bytes of a text file -> text
+``ahead``    items made by a thread of their own
+============ ===================================================================
+"""

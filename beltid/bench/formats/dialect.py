@@ -1,0 +1,288 @@
+"""How a table in a text file is written: separator, decimal sign, header, row of units."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from beltid.bench.formats.bench_file import Field
+from beltid.bench.formats.table_head import SEARCHED, TableHead, fields_of, find_head, is_units_row
+from beltid.errors import InputError
+from beltid.tables.units import Calibration
+
+SEPARATORS: Final = (",", ";", "\t", "|")
+MAX_COLUMNS: Final = 2000
+MAX_LINES: Final = 50_000_000
+"""Lines of a file that is read at once; blank ones take memory, too."""
+LONGEST_LINE: Final = 1 << 24
+"""Characters of a line, at most: cells take far more memory than their text."""
+MAX_BLANK: Final = 100_000
+"""Lines without a cell before the header, or before the row of units."""
+MISSING_WORDS: Final = frozenset(
+    ("", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL", "None", "-")
+)
+_COMMA_NUMBER: Final = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
+_NAMES: Final = {",": "','", ";": "';'", "\t": "tab", "|": "'|'"}
+
+
+@dataclass(frozen=True, slots=True)
+class ReadOptions:
+    """How the files of a bench differ from ours.
+
+    Attributes
+    ----------
+    names : mapping
+        Our column -> its name in the file.
+    units : mapping
+        Our column -> its unit in the file, or the calibration of its sensor.
+    separator, decimal, encoding : str or None
+        None means: found out from the file.
+    skip_lines : int
+        Lines before the header.
+    units_row : bool
+        Whether a row of units follows the header.
+    runs : object or None
+        What the config says about label and settings of the runs.
+    """
+
+    names: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str | Calibration] = field(default_factory=dict)
+    separator: str | None = None
+    decimal: str | None = None
+    encoding: str | None = None
+    skip_lines: int = 0
+    units_row: bool = False
+    runs: Any = None
+
+    @classmethod
+    def of(cls, config: Any, kind: str) -> ReadOptions:
+        """Options of a config (anything with `columns`, `units` and `dialect`) for a kind."""
+        if config is None:
+            return cls()
+        dialect = config.dialect
+        return cls(
+            names=config.columns.of(kind),
+            units=config.units.of(kind),
+            separator=dialect.separator,
+            decimal=dialect.decimal,
+            encoding=dialect.encoding,
+            skip_lines=dialect.skip_lines,
+            units_row=dialect.units_row,
+            runs=config.runs.of(kind),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """What was found at the top of a CSV file.
+
+    Attributes
+    ----------
+    header : tuple of str
+        Names of the columns in the file.
+    unit_cells : tuple of str
+        Cells of the row of units, empty without one.
+    separator, decimal : str
+        How cells and decimals are marked.
+    body : str
+        The rows, with single line feeds.
+    first_line : int
+        Line number of the first row in the file, from 1.
+    notes : tuple of str
+        What was found out rather than stated.
+    header_line : int
+        Line number of the header, from 1.
+    fields : tuple of Field
+        What the lines above the header tell.
+    """
+
+    header: tuple[str, ...]
+    unit_cells: tuple[str, ...]
+    separator: str
+    decimal: str
+    body: str
+    first_line: int
+    notes: tuple[str, ...]
+    header_line: int
+    fields: tuple[Field, ...] = ()
+
+
+def layout(text: str, name: str, options: ReadOptions, wanted: Iterable[str]) -> Layout:
+    """Find the header and how cells and decimals are marked.
+
+    Parameters
+    ----------
+    text : str
+        Text of the file.
+    name : str
+        File name for messages.
+    options : ReadOptions
+        What the config states.
+    wanted : iterable of str
+        Names in the file of the columns that are looked for.
+
+    Raises
+    ------
+    InputError
+        If there is no header, or nothing after it.
+    """
+    _refuse_monstrous(text, name)
+    notes: list[str] = []
+    names = set(wanted)
+    start, line = _header_start(text, name, options.skip_lines, notes)
+    head = text[start : _line_end(text, start)]
+    separator = options.separator or best_separator(head, names)
+    header = tuple(cell.strip() for cell in _cells(head, separator, name, line))
+    fields: tuple[Field, ...] = ()
+    if not options.skip_lines and not names <= set(header):
+        found = _search(text, options.separator)
+        if found is not None and (found[0].header_row + 1, found[1]) != (line, separator):
+            below, separator = found
+            line = below.header_row + 1
+            start = _offset(text, line)
+            header, fields = below.names, below.fields
+            notes.append(f"header found in line {line}")
+    if not fields and line > 1:
+        fields = fields_of([[row] for row in text[:start].split("\n") if row.startswith("#")])
+    while header and not header[-1]:  # a separator at the end of the line
+        header = header[:-1]
+    if separator != "," and not options.separator:
+        notes.append(f"separator {_NAMES.get(separator, repr(separator))} found in the header")
+    if len(header) > MAX_COLUMNS:
+        raise InputError(f"{name}:{line}: {len(header)} columns, at most {MAX_COLUMNS} are read")
+    header_line = line
+    unit_cells, start, line = _units_row(text, start, line, separator, options, name)
+    body = text[start:]
+    if not body.strip():
+        raise InputError(f"{name}: holds no samples, only a header in line {header_line}")
+    decimal = options.decimal or _decimal(body, separator, notes)
+    return Layout(
+        header, unit_cells, separator, decimal, body, line, tuple(notes), header_line, fields
+    )
+
+
+def _refuse_monstrous(text: str, name: str) -> None:
+    """Refuse what fills memory or time by its lines alone."""
+    if text.count("\n") > MAX_LINES:
+        raise InputError(f"{name}: more than {MAX_LINES:,} lines, split the recording")
+    start = 0
+    while len(text) - start > LONGEST_LINE:
+        end = text.rfind("\n", start, start + LONGEST_LINE + 1)
+        if end < 0:
+            line = text.count("\n", 0, start) + 1
+            raise InputError(f"{name}:{line}: longer than {LONGEST_LINE:,} characters")
+        start = end + 1
+
+
+def _units_row(
+    text: str, start: int, line: int, separator: str, options: ReadOptions, name: str
+) -> tuple[tuple[str, ...], int, int]:
+    """Cells of the row of units below the header, stated or plain to see; where the rows begin."""
+    start, line = _line_end(text, start) + 1, line + 1
+    at, below = start, line
+    while (
+        at < len(text) and below - line < MAX_BLANK and not text[at : _line_end(text, at)].strip()
+    ):
+        at, below = _line_end(text, at) + 1, below + 1
+    end = _line_end(text, at)
+    try:
+        cells = tuple(cell.strip() for cell in _cells(text[at:end], separator, name, below))
+    except InputError:
+        cells = ()  # the reader of the rows tells it better
+    if cells and (options.units_row or is_units_row(cells)):
+        return cells, end + 1, below + 1
+    return (), start, line
+
+
+def _search(text: str, stated: str | None) -> tuple[TableHead, str] | None:
+    """The header above the first numbers and its separator, under title lines."""
+    lines = text[: _offset(text, SEARCHED + 1)].split("\n")
+    best: tuple[TableHead, str] | None = None
+    for separator in (stated,) if stated else SEPARATORS:
+        head = find_head([_cells_or_line(line, separator) for line in lines])
+        if head is not None and (best is None or len(head.names) > len(best[0].names)):
+            best = head, separator
+    return best
+
+
+def _cells_or_line(line: str, separator: str) -> list[str]:
+    try:
+        return next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+    except csv.Error:
+        return [line]
+
+
+def _offset(text: str, line: int) -> int:
+    """Offset of the begin of a line, counted from 1; the end of the text for later ones."""
+    start = 0
+    for _ in range(line - 1):
+        start = text.find("\n", start) + 1
+        if start == 0:
+            return len(text)
+    return start
+
+
+def _line_end(text: str, start: int) -> int:
+    end = text.find("\n", start)
+    return len(text) if end < 0 else end
+
+
+def _header_start(text: str, name: str, skip: int, notes: list[str]) -> tuple[int, int]:
+    """Offset and line number of the header: after skipped, blank and comment (#) lines."""
+    start, line, comments = 0, 1, 0
+    while start < len(text) and line - skip <= MAX_BLANK:
+        row = text[start : _line_end(text, start)].strip()
+        comment = row.startswith("#")
+        if line > skip and re.fullmatch(r"sep=.?", row):  # what Excel puts before the header
+            start, line = _line_end(text, start) + 1, line + 1
+            continue
+        if line > skip and row and not comment:
+            if comments:
+                notes.append(f"{comments} lines beginning with # before the header left out")
+            return start, line
+        comments += comment and line > skip
+        start, line = _line_end(text, start) + 1, line + 1
+    looked = "it has" if start >= len(text) else "looked for in the first"
+    raise InputError(f"{name}: holds no header ({looked} {line - 1} lines, {skip} are skipped)")
+
+
+def _cells(row: str, separator: str, name: str, line: int) -> list[str]:
+    try:
+        return next(csv.reader([row], delimiter=separator, skipinitialspace=True), [])
+    except csv.Error as error:
+        raise InputError(f"{name}:{line}: not a row of a CSV file: {error}") from None
+
+
+def best_separator(head: str, wanted: set[str]) -> str:
+    """The separator under which most wanted names are found, then the most frequent one."""
+
+    def score(separator: str) -> tuple[int, int]:
+        cells = {cell.strip().strip('"') for cell in head.split(separator)}
+        return len(cells & wanted), len(cells)
+
+    return max(SEPARATORS, key=score)
+
+
+def _decimal(body: str, separator: str, notes: list[str]) -> str:
+    """A decimal comma where the first rows leave no other reading."""
+    if separator == ",":
+        rows = csv.reader(body[:20_000].split("\n")[:200]) if '",' in body[:20_000] else ()
+        quoted = {cell for row in rows for cell in row if _COMMA_NUMBER.fullmatch(cell)}
+        if not quoted:
+            return "."
+        notes.append("decimal comma found in quoted numbers")
+        return ","
+    cells = [
+        cell.strip().strip('"')
+        for row in body[:20_000].split("\n")[:200]
+        for cell in row.split(separator)
+    ]
+    commas = any(_COMMA_NUMBER.fullmatch(cell) for cell in cells)
+    points = any(re.fullmatch(r"[-+]?\d*\.\d+([eE][-+]?\d+)?", cell) for cell in cells)
+    if commas and not points:
+        notes.append("decimal comma found in the numbers")
+        return ","
+    return "."

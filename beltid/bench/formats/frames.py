@@ -1,0 +1,124 @@
+"""Columns of something that is in memory: DataFrame, Arrow table, mapping."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from beltid.bench.problems import Problems
+from beltid.errors import InputError
+from beltid.tables.schemas import Column, Table
+from beltid.tables.values import floats
+
+
+def columns_of_frame(
+    frame: Any, table: Table, name: str, names: Mapping[str, str], problems: Problems
+) -> dict[str, np.ndarray]:
+    """Columns of a table in memory, with the types of the schema.
+
+    Parameters
+    ----------
+    frame : DataFrame, pyarrow Table or mapping
+        The samples.
+    table : Table
+        The schema.
+    name : str
+        Name of the frame, for messages.
+    names : mapping
+        Our column -> its name in the frame.
+    problems : Problems
+        Collects what is missing or of the wrong type.
+
+    Raises
+    ------
+    InputError
+        If the frame is no table, or has no rows.
+    """
+    have = _names(frame, name)
+    columns: dict[str, np.ndarray] = {}
+    for column in table.columns:
+        theirs = names.get(column.name, column.name)
+        if theirs in have:
+            columns[column.name] = _values(_column(frame, theirs), column, name, problems)
+        elif column.required:
+            close = difflib.get_close_matches(theirs, have, n=1, cutoff=0.6)
+            guess = f", did you mean {close[0]}?" if close else ""
+            problems.add(
+                f"{name}: column {theirs} is missing{guess}; found are " + ", ".join(have[:20])
+            )
+    lengths = {len(values) for values in columns.values()}
+    if lengths == {0}:
+        raise InputError(f"{name}: holds no samples")
+    if len(lengths) > 1:
+        problems.add(f"{name}: the columns have different lengths {sorted(lengths)}")
+    return columns
+
+
+def _names(frame: Any, name: str) -> list[str]:
+    if isinstance(frame, Mapping):
+        found = list(frame)
+    elif hasattr(frame, "column_names"):
+        found = list(frame.column_names)
+    elif hasattr(frame, "columns") and hasattr(frame, "__getitem__"):
+        found = list(frame.columns)
+    else:
+        raise InputError(
+            f"{name}: is a {type(frame).__name__}, must be a DataFrame, an Arrow table or a dict "
+            "of columns"
+        )
+    return [str(column) for column in found]
+
+
+def _column(frame: Any, theirs: str) -> Any:
+    column = frame[theirs]
+    if hasattr(column, "to_pylist") and not hasattr(column, "iloc"):  # an Arrow column
+        if hasattr(column.type, "value_type") and hasattr(column.type, "index_type"):
+            return _shared_words(column)
+        try:
+            return np.asarray(column.to_numpy())
+        except (ValueError, TypeError):
+            return column.to_pylist()
+    return column
+
+
+def _shared_words(column: Any) -> np.ndarray:
+    """An Arrow column of words as objects, every word once in memory however often it is there."""
+    parts = column.unify_dictionaries().chunks if hasattr(column, "chunks") else [column]
+    whole = [np.empty(0, dtype=object)]
+    for part in parts:
+        words = np.empty(len(part.dictionary) + 1, dtype=object)
+        words[:-1] = part.dictionary.to_pylist()  # the last stays None, for what is missing
+        codes = part.indices.cast("int64").fill_null(len(words) - 1)
+        whole.append(words[codes.to_numpy(zero_copy_only=False)])
+    return np.concatenate(whole)
+
+
+def _values(values: Any, column: Column, name: str, problems: Problems) -> np.ndarray:
+    if np.ndim(values) != 1:
+        problems.add(f"{name}: column {column.name} has {np.ndim(values)} axes, must be a list")
+        return np.empty(0)
+    if column.dtype == "string":
+        return _labels(values)
+    try:
+        return floats(values)
+    except (ValueError, TypeError):
+        for row, value in enumerate(np.asarray(values, dtype=object)):
+            if isinstance(value, str) or not np.isscalar(value):
+                problems.add(f"{name}, row {row + 1}: {column.name} = {value!r}, must be a number")
+        if not problems.count:
+            problems.add(f"{name}: column {column.name} must hold numbers")
+        return np.full(len(values), np.nan)
+
+
+def _labels(values: Any) -> np.ndarray:
+    """Labels as str, whole numbers without a decimal point; None where missing."""
+    labels = np.empty(len(values), dtype=object)
+    for i, value in enumerate(np.asarray(values, dtype=object)):
+        missing = value is None or value != value or type(value).__name__ == "NAType"
+        if not missing and isinstance(value, (float, np.floating)) and float(value).is_integer():
+            value = int(value)
+        labels[i] = None if missing else str(value).strip() or None
+    return labels

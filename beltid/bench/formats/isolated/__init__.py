@@ -1,0 +1,15 @@
+"""Formats whose libraries can crash or hang on damaged input: read in a child process with limits.
+
+============ ===============================================================
+Module       Responsibility
+============ ===============================================================
+``process``  starts the child process and takes what it found
+``child``    that child process
+``exchange`` channels <-> a file between the two processes, without pickle
+``tdms``     NI TDMS
+``mdf``      ASAM MDF 3 and 4
+``matlab``   MATLAB .mat of version 5
+``hdf5``     MATLAB .mat of version 7.3 and plain HDF5
+``xlsx``     Excel workbooks
+============ ===============================================================
+"""

@@ -1,0 +1,124 @@
+"""MATLAB .mat of version 7.3, and plain HDF5. Runs in the child process.
+
+What a file draws from elsewhere (external links, external or virtual datasets) is refused: a
+recording is the file that was named, and nothing beside it.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.bench.formats.bench_file import BenchFile, FormatError
+from beltid.bench.formats.isolated.matlab import MAX_DEPTH, Variables
+
+MAX_OBJECTS: Final = 100_000
+
+
+def read(path: Path) -> BenchFile:
+    """Read a MATLAB 7.3 or HDF5 file."""
+    import h5py
+
+    with path.open("rb") as stream:
+        is_matlab = stream.read(10) == b"MATLAB 7.3"
+    with h5py.File(path, "r") as file:
+        content = _Content(file).group(file, 0)
+    name = "MATLAB, version 7.3" if is_matlab else "HDF5"
+    return Variables().bench_file(name, content)
+
+
+class _Content:
+    """Groups and datasets of a file as nested dicts of plain values."""
+
+    def __init__(self, file: Any) -> None:
+        import h5py
+
+        self.file = file
+        self.number = h5py.h5o.get_info(file.id).fileno
+        self.seen = 0
+
+    def group(self, group: Any, depth: int) -> dict[str, Any]:
+        """Members of a group."""
+        import h5py
+
+        members: dict[str, Any] = {}
+        if depth > MAX_DEPTH:
+            return members
+        for name in group:
+            if isinstance(group.get(name, getlink=True), h5py.ExternalLink):
+                raise FormatError(f"{name} is a link to another file, which is not followed")
+            if name.startswith("#"):  # where MATLAB keeps what references point to
+                continue
+            item = group[name]
+            if h5py.h5o.get_info(item.id).fileno != self.number:  # by a link to such a link
+                raise FormatError(f"{name} is a link to another file, which is not followed")
+            members[name] = self._value(item, depth)
+        for name, value in group.attrs.items():  # plain HDF5 keeps its settings there
+            if not name.startswith("MATLAB") and np.ndim(value) == 0:
+                members.setdefault(name, _text_or_number(value))
+        return members
+
+    def _value(self, item: Any, depth: int) -> Any:
+        import h5py
+
+        self.seen += 1
+        if self.seen > MAX_OBJECTS:
+            raise FormatError(f"holds more than {MAX_OBJECTS} variables")
+        if isinstance(item, h5py.Group):
+            return _structs(self.group(item, depth + 1))
+        if not isinstance(item, h5py.Dataset):
+            return None
+        if item.is_virtual or item.external:
+            raise FormatError(f"{item.name} draws its samples from another file, not followed")
+        kind = item.attrs.get("MATLAB_class", b"")
+        if item.dtype == h5py.ref_dtype:
+            return [self._value(self.file[reference], depth + 1) for reference in item[()].ravel()]
+        if item.attrs.get("MATLAB_empty", 0):
+            return ""
+        values = item[()]
+        if kind == b"char":
+            return "".join(chr(code) for code in np.ravel(values, order="F"))
+        if h5py.check_string_dtype(item.dtype) is not None:
+            return _texts(values)
+        if values.dtype.kind == "V":
+            return _table(values)
+        unit = next(
+            (item.attrs[n] for n in ("unit", "units", "Unit", "Units") if n in item.attrs), None
+        )
+        array = np.squeeze(np.asarray(values))
+        if unit is not None and array.ndim == 1:
+            return {"data": array, "unit": _text_or_number(unit)}
+        return array
+
+
+def _texts(values: Any) -> Any:
+    """A text, or a list of texts."""
+    if np.ndim(values) == 0:
+        return _text_or_number(values)
+    return [_text_or_number(v) for v in np.ravel(values)]
+
+
+def _text_or_number(value: Any) -> Any:
+    value = value.item() if hasattr(value, "item") else value
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+
+
+def _table(values: np.ndarray) -> dict[str, Any]:
+    """Columns of a dataset of records."""
+    return {
+        name: np.ravel(values[name]) if values[name].dtype.kind in "biuf" else _texts(values[name])
+        for name in values.dtype.names or ()
+    }
+
+
+def _structs(members: dict[str, Any]) -> dict[str, Any] | list[dict[str, Any]]:
+    """An array of structs, which version 7.3 keeps as a struct of lists, as a list of structs."""
+    lengths = {len(v) for v in members.values() if isinstance(v, list)}
+    if not members or not all(isinstance(v, list) for v in members.values()) or len(lengths) != 1:
+        return members
+    (length,) = lengths
+    if all(isinstance(item, str) for v in members.values() for item in v):
+        return members  # columns of texts
+    return [{k: v[i] for k, v in members.items()} for i in range(length)]

@@ -1,0 +1,180 @@
+"""MATLAB .mat of version 5 (and 4): vectors, structs and arrays of structs.
+
+Runs in the child process. `Variables` turns nested variables, of this or of version 7.3, into
+groups of channels: a vector is a channel, a number or text a header field, a struct a group; a
+struct that holds its samples under ``data`` or ``values`` and a ``unit`` is a channel itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.bench.formats.bench_file import BenchFile, Channel, Field, FormatError, Group
+
+MAX_DEPTH: Final = 6
+SAMPLES: Final = ("data", "values", "value", "y")
+UNITS: Final = ("unit", "units", "Unit", "Units", "unit_string")
+TIMES: Final = ("time", "t", "x", "Time")
+
+
+def read(path: Path) -> BenchFile:
+    """Read a MATLAB file of version 5 or 4."""
+    from scipy.io import loadmat
+
+    with path.open("rb") as stream:
+        found = loadmat(stream, squeeze_me=True, struct_as_record=False, chars_as_strings=True)
+    variables = {k: _plain(v) for k, v in found.items() if not k.startswith("__")}
+    return Variables().bench_file("MATLAB, version 5", variables)
+
+
+def _plain(value: Any) -> Any:
+    """Structs of scipy as dicts, arrays of structs as lists."""
+    if hasattr(value, "_fieldnames"):
+        return {name: _plain(getattr(value, name)) for name in value._fieldnames}
+    if isinstance(value, np.ndarray) and value.dtype.kind == "O":
+        if type(value).__name__ == "MatlabOpaque":
+            return None
+        return [_plain(item) for item in value.ravel()]
+    if isinstance(value, np.ndarray) and value.dtype.kind == "V":
+        return None
+    return value
+
+
+class Variables:
+    """Turns nested variables into groups of channels and header fields."""
+
+    def __init__(self) -> None:
+        self.groups: list[Group] = []
+        self.notes: list[str] = []
+
+    def bench_file(self, format_name: str, variables: Mapping[str, Any]) -> BenchFile:
+        """Everything that was found in the variables of a file."""
+        fields = self._struct("", variables, 0)
+        if not self.groups:
+            held = ", ".join(self.notes) or ", ".join(variables) or "nothing"
+            raise FormatError(
+                f"holds no vector of samples (found: {held}); save vectors, or a struct of vectors"
+            )
+        return BenchFile(format_name, tuple(self.groups), fields, tuple(self.notes))
+
+    def _struct(self, name: str, members: Mapping[str, Any], depth: int) -> tuple[Field, ...]:
+        """Add the channels of a struct as a group; return its fields."""
+        if depth > MAX_DEPTH:
+            self.notes.append(f"{name} left out: structs nested more than {MAX_DEPTH} deep")
+            return ()
+        units = _unit_texts(members)
+        channels: list[Channel] = []
+        fields: list[Field] = []
+        inner: list[tuple[str, Mapping[str, Any]]] = []
+        for key, value in members.items():
+            if isinstance(value, Mapping):
+                channel = _channel_struct(key, value)
+                if channel is not None:
+                    channels.append(channel)
+                elif value is not units.source:
+                    inner.append((f"{name}.{key}" if name else key, value))
+            elif isinstance(value, Sequence) and not isinstance(value, str):
+                inner += self._listed(f"{name}.{key}" if name else key, value, channels, key)
+            else:
+                self._leaf(key, value, units.of, channels, fields)
+        place = len(self.groups)
+        own_fields = tuple(fields)
+        for inner_name, value in inner:
+            before = len(self.groups)
+            inner_fields = self._struct(inner_name, value, depth + 1)
+            if len(self.groups) == before:  # a struct of settings only
+                own_fields += inner_fields
+        if channels:
+            self.groups.insert(place, Group(name, tuple(channels), own_fields if name else ()))
+        return own_fields
+
+    def _listed(
+        self, name: str, items: Sequence[Any], channels: list[Channel], key: str
+    ) -> list[tuple[str, Mapping[str, Any]]]:
+        """An array of structs is a group each; an array of texts is a channel of texts."""
+        if items and all(isinstance(item, Mapping) for item in items):
+            return [(f"{name}({i})", item) for i, item in enumerate(items, start=1)]
+        if len(items) > 1 and all(isinstance(item, str) for item in items):
+            texts = np.empty(len(items), dtype=object)
+            texts[:] = list(items)
+            channels.append(Channel(key, "", texts))
+        else:
+            self.notes.append(f"{name} left out: a cell array")
+        return []
+
+    def _leaf(
+        self,
+        key: str,
+        value: Any,
+        units: Mapping[str, str],
+        channels: list[Channel],
+        fields: list[Field],
+    ) -> None:
+        if value is None:
+            self.notes.append(f"{key} left out: a MATLAB object (a table?), save it as a struct")
+            return
+        array = np.asarray(value)
+        if array.dtype.kind in "US":
+            if array.ndim == 0:
+                fields.append(Field(key, str(array)))
+            elif array.ndim == 1 and array.size > 1:
+                texts = np.empty(array.size, dtype=object)
+                texts[:] = [str(text).strip() or None for text in array]
+                channels.append(Channel(key, "", texts))
+            return
+        if array.dtype.kind not in "biuf":
+            self.notes.append(f"{key} left out: no real numbers")
+        elif array.size == 1:
+            fields.append(Field(key, repr(float(array.ravel()[0])), units.get(key, "")))
+        elif array.ndim > 1 and sum(n > 1 for n in array.shape) > 1:
+            shape = " x ".join(str(n) for n in array.shape)
+            self.notes.append(f"{key} left out: a {shape} matrix, its columns have no names")
+        elif array.size:
+            channels.append(Channel(key, units.get(key, ""), array.ravel().astype(float)))
+
+
+class _UnitTexts:
+    """Units told by a struct ``units`` beside the vectors it is about."""
+
+    def __init__(self, source: Mapping[str, Any] | None) -> None:
+        self.source = source
+        self.of = {key: str(v) for key, v in (source or {}).items()}
+
+
+def _unit_texts(members: Mapping[str, Any]) -> _UnitTexts:
+    for name in UNITS:
+        source = members.get(name)
+        if isinstance(source, Mapping) and all(_is_text(v) for v in source.values()):
+            return _UnitTexts(source)
+    return _UnitTexts(None)
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str) or (
+        isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "US"
+    )
+
+
+def _channel_struct(key: str, members: Mapping[str, Any]) -> Channel | None:
+    """A struct of samples and their unit; None for any other struct."""
+    samples = next((members[n] for n in SAMPLES if n in members), None)
+    unit = next((members[n] for n in UNITS if n in members), None)
+    if samples is None or unit is None or isinstance(samples, (Mapping, list)):
+        return None
+    values = np.asarray(samples)
+    if values.dtype.kind not in "biuf" or values.size < 2:
+        return None
+    time = next((members[n] for n in TIMES if n in members), None)
+    clock = None if time is None else np.asarray(time)
+    if clock is not None and (clock.dtype.kind not in "biuf" or clock.size != values.size):
+        clock = None
+    return Channel(
+        key,
+        str(unit),
+        values.ravel().astype(float),
+        None if clock is None else clock.ravel().astype(float),
+    )

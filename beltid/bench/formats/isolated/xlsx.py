@@ -1,0 +1,91 @@
+"""Excel workbooks: every sheet that holds a table is a group. Runs in the child process."""
+
+from __future__ import annotations
+
+import datetime
+import zipfile
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.bench.formats.bench_file import BenchFile, Channel, FormatError, Group
+from beltid.bench.formats.table_head import SEARCHED, TableHead, find_head, unit_in_name
+
+MAX_UNPACKED: Final = 2 << 30
+MAX_COLUMNS: Final = 2000
+
+
+def read(path: Path) -> BenchFile:
+    """Read every sheet of a workbook that holds a table."""
+    from openpyxl import load_workbook
+
+    with zipfile.ZipFile(path) as archive:
+        if sum(entry.file_size for entry in archive.infolist()) > MAX_UNPACKED:
+            raise FormatError(f"unpacks to more than {MAX_UNPACKED >> 20} MB, split the recording")
+        broken = archive.testzip()
+        if broken is not None:
+            raise FormatError(f"damaged: {broken} in it does not have its checksum")
+    notes: list[str] = []
+    groups = []
+    with path.open("rb") as stream:
+        book = load_workbook(stream, read_only=True, data_only=True, keep_links=False)
+        for sheet in book.worksheets:
+            rows = [_trimmed(row) for row in sheet.iter_rows(values_only=True)]
+            group = _group(sheet.title, rows)
+            if group is not None:
+                groups.append(group)
+            elif any(rows):
+                notes.append(f"sheet {sheet.title} left out: no table of numbers found")
+    if not groups:
+        raise FormatError("no sheet holds a table: a header and rows of numbers below it")
+    return BenchFile("Excel workbook", tuple(groups), (), tuple(notes))
+
+
+def _trimmed(row: tuple[Any, ...]) -> list[Any]:
+    cells = list(row[: MAX_COLUMNS + 1])
+    while cells and (cells[-1] is None or cells[-1] == ""):
+        cells.pop()
+    if len(cells) > MAX_COLUMNS:
+        raise FormatError(f"more than {MAX_COLUMNS} columns")
+    return cells
+
+
+def _group(title: str, rows: list[list[Any]]) -> Group | None:
+    head = find_head([[_shown(cell) for cell in row] for row in rows[:SEARCHED]])
+    if head is None:
+        return None
+    body = rows[head.first_row :]
+    channels = tuple(
+        _channel(name, unit, [row[i] if i < len(row) else None for row in body])
+        for i, (name, unit) in enumerate(_columns(head))
+        if name
+    )
+    if not channels or not body:
+        return None
+    return Group(title, channels, head.fields, head.first_row + 1)
+
+
+def _columns(head: TableHead) -> list[tuple[str, str]]:
+    """Name and unit of every column; a unit in brackets stays in the name, too."""
+    units = [*head.units, *[""] * len(head.names)]
+    return [(n, u or unit_in_name(n)) for n, u in zip(head.names, units, strict=False)]
+
+
+def _shown(cell: Any) -> str:
+    if cell is None:
+        return ""
+    return repr(cell) if isinstance(cell, float) else str(cell).strip()
+
+
+def _channel(name: str, unit: str, cells: list[Any]) -> Channel:
+    filled = [cell for cell in cells if cell is not None and cell != ""]
+    if filled and all(isinstance(cell, datetime.datetime) for cell in filled):
+        seconds = [np.nan if c is None else (c - filled[0]).total_seconds() for c in cells]
+        return Channel(name, "s", np.array(seconds, dtype=float))
+    if filled and all(isinstance(c, (int, float)) and not isinstance(c, bool) for c in filled):
+        numbers = [np.nan if c is None or c == "" else float(c) for c in cells]
+        return Channel(name, unit, np.array(numbers, dtype=float))
+    texts = np.empty(len(cells), dtype=object)
+    texts[:] = [_shown(cell) or None for cell in cells]
+    return Channel(name, unit, texts)

@@ -1,0 +1,216 @@
+"""Whether the columns of a recording can be what they claim to be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from typing import Final
+
+import numpy as np
+
+from beltid.bench.problems import SHOWN, Problems
+from beltid.tables.schemas import Column, Table
+from beltid.tables.values import absent, outside
+
+Columns = dict[str, np.ndarray]
+SETTINGS: Final = ("arc_deg", "initial_tension_N")
+"""Columns that hold the nominal settings of a run, constant within it."""
+
+
+class Checker:
+    """Check the columns of one recording and collect what is wrong.
+
+    Parameters
+    ----------
+    name : str
+        Name of the recording, for messages.
+    columns : dict of str to ndarray
+        The columns, in our names and units.
+    table : Table
+        The schema.
+    place : callable
+        Index of a row -> its place in words and its line.
+    problems : Problems
+        Collects what is wrong.
+
+    Attributes
+    ----------
+    suspects : set of str
+        Columns whose unit or sign is doubted; their numbers are not looked at one by one.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        columns: Columns,
+        table: Table,
+        place: Callable[[int], tuple[str, int]],
+        problems: Problems,
+    ) -> None:
+        self.name = name
+        self.columns = columns
+        self.table = table
+        self.place = place
+        self.problems = problems
+        self.suspects: set[str] = set()
+
+    def run(
+        self, units_stated: Collection[str], judged: Collection[str] | None = None
+    ) -> list[str]:
+        """Check everything; returns notes about what is allowed but worth knowing.
+
+        Parameters
+        ----------
+        units_stated : collection of str
+            Columns whose unit the user stated: not suspected of another one.
+        judged : collection of str, optional
+            Columns whose unit and sign earlier runs have shown, where these are the samples of
+            one run. None: they are all samples of the recording.
+        """
+        self._units({*units_stated, *(judged or ())})
+        codes = self._labels()
+        notes: list[str] = []
+        if codes is not None:
+            self._settings(codes)
+        for column in self.table.columns:
+            if column.dtype == "float64" and column.name not in self.suspects:
+                notes += self._numbers(column, judged)
+        if codes is not None:
+            self._time(codes)
+        return notes
+
+    def _report(self, rows: np.ndarray, text: Callable[[int], str]) -> None:
+        for row in rows[: 5 * SHOWN]:
+            where, line = self.place(int(row))
+            self.problems.add(f"{where}: {text(int(row))}", line)
+        self.problems.add_uncounted(len(rows) - 5 * SHOWN)
+
+    def _units(self, units_stated: Collection[str]) -> None:
+        """Doubt columns whose numbers are about a thousand times too small or large."""
+        for column in self.table.columns:
+            values = self.columns[column.name]
+            if column.dtype != "float64" or column.name in units_stated:
+                continue
+            finite = values[np.isfinite(values)]
+            guess = _other_unit(column, self.table.kind, finite) if finite.size else ""
+            if guess:
+                self.suspects.add(column.name)
+                span = f"lies between {finite.min():g} and {finite.max():g}"
+                setting = f"units: {{{self.table.kind}: {{{column.name}: {guess}}}}}"
+                self.problems.add(
+                    f"{self.name}: {column.name} {span}, not plausible in {column.unit}; "
+                    f"if it is in {guess}, say so: {setting}"
+                )
+
+    def _labels(self) -> np.ndarray | None:
+        """Number of the run of every row, -1 without a label."""
+        labels = self.columns[self.table.label]
+        if labels.size and not absent(labels[:1])[0] and np.all(labels == labels[0]):
+            return np.zeros(labels.size, dtype=np.int64)
+        missing = np.flatnonzero(absent(labels))
+        self._report(missing, lambda i: f"{self.table.label} is empty, it must label the recording")
+        words: dict[str | None, int] = {None: -1}
+        codes = np.array([words.setdefault(w, len(words) - 1) for w in labels], dtype=np.int64)
+        return codes if codes.size else None
+
+    def _settings(self, codes: np.ndarray) -> None:
+        """Fill settings given only in some rows of a run; refuse those that change within it."""
+        for column in SETTINGS:
+            values = self.columns.get(column)
+            if values is None:
+                continue
+            given = np.flatnonzero(~np.isnan(values) & (codes >= 0))
+            _, first = np.unique(codes[given], return_index=True)
+            nominal = np.full(codes.max(initial=-1) + 2, np.nan)
+            nominal[codes[given[first]]] = values[given[first]]
+            expected = nominal[codes]
+            with np.errstate(invalid="ignore"):
+                changed = np.abs(values - expected) > 1e-6 * np.abs(expected)
+            rows = np.flatnonzero(changed & (codes >= 0))
+            _, at = np.unique(codes[rows], return_index=True)  # the first of every run says it
+            self._report(
+                np.sort(rows[at]),
+                lambda i, v=values, e=expected, c=column: (  # type: ignore[misc]
+                    f"{c} = {v[i]:g}, must stay {e[i]:g} within {self.table.label} "
+                    f"{self.columns[self.table.label][i]} (is the label used twice?)"
+                ),
+            )
+            np.copyto(values, expected, where=np.isnan(values) & (codes >= 0))
+
+    def _numbers(self, column: Column, judged: Collection[str] | None) -> list[str]:
+        """Range, infinity and absence of the numbers of a column."""
+        values = self.columns[column.name]
+        wrong = np.isinf(values) | outside(values, column)
+        negative = int((values < 0.0).sum())
+        signed = column.low == 0.0 and column.unit == "N" and column.name not in (judged or ())
+        if signed and negative > max(9, 0.5 * values.size):
+            self.suspects.add(column.name)
+            self.problems.add(
+                f"{self.name}: {column.name} is negative nearly everywhere; if the cell counts the "
+                f"other way, turn its sign by a minus before its name in the file: columns: "
+                f'{{{self.table.kind}: {{{column.name}: "-{column.name}"}}}}'
+            )
+            return []
+        self._report(
+            np.flatnonzero(wrong),
+            lambda i: f"{column.name} = {values[i]:g}, must be {column.allowed}",
+        )
+        missing = np.flatnonzero(np.isnan(values))
+        if not column.nullable:
+            self._report(missing, lambda i: f"{column.name} is empty, must be {column.allowed}")
+        elif missing.size == values.size and values.size and column.required and judged is None:
+            self.problems.add(no_number(self.name, column))
+        elif missing.size and missing.size < values.size:
+            return [f"{missing.size} of {values.size} samples of {column.name} are missing"]
+        return []
+
+    def _time(self, codes: np.ndarray) -> None:
+        """Time must not go backwards within a run."""
+        time = self.columns["time_s"]
+        order = np.argsort(codes, kind="stable")
+        back = (np.diff(time[order]) < 0) & (np.diff(codes[order]) == 0)
+        rows = order[1:][back]
+        before = dict(zip(rows.tolist(), time[order[:-1][back]].tolist(), strict=True))
+        label = self.columns[self.table.label]
+        self._report(
+            np.sort(rows),
+            lambda i: (
+                f"time_s = {time[i]:g} after {before[i]:g} in {self.table.label} {label[i]}, "
+                "must not go backwards (is the label used twice?)"
+            ),
+        )
+
+
+def no_number(name: str, column: Column) -> str:
+    """Say that a column of a recording is empty."""
+    return f"{name}: {column.name} holds no number at all"
+
+
+def _other_unit(column: Column, kind: str, finite: np.ndarray) -> str:
+    """The unit in which the numbers would be plausible, or "".
+
+    The bounds stand about as far from what benches of belts record (tensions of 20 to 2000 N,
+    forces of 50 to 3000 N, travels of 0.03 to 5 mm) as from a thousandth or a thousand times that.
+    """
+    size = np.abs(finite)
+    if column.unit == "N" and "tension" in column.name:
+        if finite.max() > 0.0 and size.max() < 5.0:
+            return "kN"
+        return "mN" if np.median(size) > 1e4 else ""
+    if column.name == "force_N":
+        if size.max() < 5.0:
+            return "kN"
+        return "mN" if size.max() > 2e4 else ""
+    if column.name == "displacement_mm":
+        travel = float(np.ptp(finite))
+        if travel > 30.0:
+            return "um" if travel < 1e6 else ""
+        return "m" if 0 < travel < 5e-3 else ""
+    if column.name == "torque_N_m":
+        if 0 < size.max() < 0.1:
+            return "kN m"
+        return "N mm" if size.max() > 1000.0 else ""
+    if column.name == "arc_deg":
+        return "rad" if size.max() < 2 * np.pi else ""
+    if column.name == "temperature_degC":
+        return "K" if finite.min() > 200.0 else ""
+    return ""

@@ -1,0 +1,228 @@
+"""A recording of the friction rig run by run, in bounded memory: a season is 10^8 samples.
+
+The checks are those of a recording that is read at once (`checks`), run by run. What differs:
+the rows of a run must stand together, and no run may be longer than `MOST_SAMPLES`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.bench.formats.csv_stream import Block
+from beltid.bench.problems import SHOWN, Problems
+from beltid.bench.runs.checks import SETTINGS, Checker, no_number
+from beltid.errors import InputError
+from beltid.tables.schemas import Table
+from beltid.tables.units import Conversion
+from beltid.tables.values import outside
+
+MOST_SAMPLES: Final = 20_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class RunColumns:
+    """The samples of one run.
+
+    Attributes
+    ----------
+    label : str
+        Its label.
+    columns : dict of str to ndarray
+        Numeric columns of the table, in its units; nan where a number is missing.
+    """
+
+    label: str
+    columns: dict[str, np.ndarray]
+
+
+@dataclass(slots=True)
+class _Pieces:
+    """The rows of a run that have come so far."""
+
+    label: str | None
+    first_line: int
+    parts: dict[str, list[np.ndarray]] = field(default_factory=dict)
+    lines: list[np.ndarray | int] = field(default_factory=list)
+    sizes: list[int] = field(default_factory=list)
+
+    def add(self, block: Block, rows: slice) -> None:
+        for name, values in block.numbers.items():
+            # a copy: the arrays of a block are filled again with the next one
+            self.parts.setdefault(name, []).append(values[rows].copy())
+        lines = block.lines
+        self.lines.append(lines + rows.start if isinstance(lines, int) else lines[rows])
+        self.sizes.append(rows.stop - rows.start)
+
+    def columns(self) -> dict[str, np.ndarray]:
+        return {
+            name: parts[0] if len(parts) == 1 else np.concatenate(parts)
+            for name, parts in self.parts.items()
+        }
+
+    def line_of(self, row: int) -> int:
+        for lines, size in zip(self.lines, self.sizes, strict=True):
+            if row < size:
+                return lines + row if isinstance(lines, int) else int(lines[row])
+            row -= size
+        raise IndexError(row)
+
+
+class RunStream:
+    """Runs of a recording, one after the other.
+
+    Parameters
+    ----------
+    blocks : iterable of Block
+        The rows.
+    table : Table
+        Schema of the recording.
+    name : str
+        Its name for messages; ``row_word`` is put between it and a line.
+    conversions : mapping of str to Conversion
+        How columns come to their units.
+    problems : Problems
+        Collects what is wrong.
+
+    Attributes
+    ----------
+    n_samples, n_runs : int
+        Samples and runs so far.
+    missing : dict of str to int
+        Missing values of the columns that may miss some.
+    """
+
+    def __init__(
+        self,
+        blocks: Iterable[Block],
+        table: Table,
+        name: str,
+        conversions: Mapping[str, Conversion],
+        problems: Problems,
+    ) -> None:
+        self.blocks, self.table, self.name = blocks, table, name
+        self.conversions, self.problems = conversions, problems
+        self.row_word = ":"
+        self.n_samples = self.n_runs = 0
+        self.missing: dict[str, int] = {}
+        self._began: dict[str | None, int] = {}
+        self._judged: set[str] = set()
+
+    def __iter__(self) -> Iterator[RunColumns]:
+        """The runs, in the order of the file.
+
+        Raises
+        ------
+        InputError
+            With what is wrong: at the end of the recording, or as soon as enough has been found.
+        """
+        pieces: _Pieces | None = None
+        for block in self.blocks:
+            self.problems.take(block.problems)
+            if not block.labels:
+                continue
+            ends = [row for row, _ in block.labels[1:]] + [block.n_rows]
+            for (start, label), end in zip(block.labels, ends, strict=True):
+                if pieces is None or pieces.label != label:
+                    if pieces is not None:
+                        yield from self._finished(pieces)
+                    pieces = self._begun(label, block, start)
+                pieces.add(block, slice(start, end))
+                if sum(pieces.sizes) > MOST_SAMPLES:
+                    raise InputError(
+                        f"{self._place(pieces.first_line)}: {self.table.label} {label} holds more "
+                        f"than {MOST_SAMPLES:,} samples: split it, or record it at a lower rate"
+                    )
+            if self.problems.count > SHOWN:
+                self.problems.raise_if_any()
+        if pieces is not None:
+            yield from self._finished(pieces)
+        if not self.n_samples and not self.problems.count:
+            raise InputError(f"{self.name}: holds no samples")
+        for column in self.table.columns:
+            if column.required and 0 < self.missing.get(column.name, 0) == self.n_samples:
+                self.problems.add(no_number(self.name, column))
+        self.problems.raise_if_any()
+
+    def notes(self) -> list[str]:
+        """What is allowed but worth knowing."""
+        return [
+            f"{count} of {self.n_samples} samples of {column} are missing"
+            for column, count in self.missing.items()
+            if 0 < count < self.n_samples
+        ]
+
+    def _place(self, line: int) -> str:
+        return f"{self.name}{self.row_word}{line}"
+
+    def _begun(self, label: str | None, block: Block, start: int) -> _Pieces:
+        line = block.lines + start if isinstance(block.lines, int) else int(block.lines[start])
+        if label in self._began and label is not None:
+            self.problems.add(
+                f"{self._place(line)}: {self.table.label} {label} goes on here after others, it "
+                f"began in line {self._began[label]}: a recording of this size is read run by run, "
+                f"sort it by {self.table.label}, or give every run a label of its own",
+                line,
+            )
+            self.problems.raise_if_any()
+        self._began[label] = line
+        return _Pieces(label, line)
+
+    def _finished(self, pieces: _Pieces) -> Iterator[RunColumns]:
+        columns = pieces.columns()
+        n = sum(pieces.sizes)
+        for name, by in self.conversions.items():
+            if by != Conversion(1.0):
+                columns[name] = (columns[name] + by.shift) * by.factor
+        for column in self.table.columns:
+            if column.dtype == "float64" and column.name not in columns:
+                columns[column.name] = np.full(n, np.nan)
+        shown = {n for n in {*columns} - self._judged if np.isfinite(columns[n]).any()}
+        if shown or pieces.label is None or self._is_suspect(columns):
+            self._check(columns, pieces)
+        self._judged |= shown
+        for column in self.table.columns:
+            if column.nullable and column.dtype == "float64":
+                count = int(np.count_nonzero(np.isnan(columns[column.name])))
+                self.missing[column.name] = self.missing.get(column.name, 0) + count
+        self.n_samples += n
+        self.n_runs += 1
+        if pieces.label is not None:
+            yield RunColumns(pieces.label, columns)
+
+    def _is_suspect(self, columns: Mapping[str, np.ndarray]) -> bool:
+        """Whether anything in a run asks for the checks that tell what and where."""
+        for column in self.table.columns:
+            if column.dtype != "float64":
+                continue
+            values = columns[column.name]
+            low, high = float(np.min(values)), float(np.max(values))  # nan if any value is
+            if not column.nullable and not np.isfinite(high - low):
+                return True
+            if np.isnan(high - low):
+                if np.any(np.isinf(values) | outside(values, column)):
+                    return True
+            elif np.any(outside(np.array([low, high]), column)) or np.isinf(high - low):
+                return True
+        if any(np.any(columns[name] != columns[name][0]) for name in SETTINGS if name in columns):
+            return True
+        return bool(np.any(np.diff(columns["time_s"]) < 0.0))
+
+    def _check(self, columns: dict[str, np.ndarray], pieces: _Pieces) -> None:
+        n = sum(pieces.sizes)
+        label = np.full(n, pieces.label, dtype=object)
+        whole: dict[str, Any] = {self.table.label: label, **columns}
+
+        def place(index: int) -> tuple[str, int]:
+            line = pieces.line_of(index)
+            return self._place(line), line
+
+        ordered = {name: whole[name] for name in self.table.names}
+        checker = Checker(self.name, ordered, self.table, place, self.problems)
+        checker.run(self.conversions, self._judged)
+        if checker.suspects:  # most likely it is the same in all runs: told once
+            self.problems.raise_if_any()
+        columns.update({name: ordered[name] for name in columns})

@@ -1,0 +1,322 @@
+"""Every table that is read or written: one source for all.
+
+The tables are those of the bench recordings (press, rig, speedloss) and of the artifacts. Optional
+columns of an artifact are diagnostics beyond its public columns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+from beltid.tables.columns import (
+    Column,
+    Table,
+    count,
+    nonnegative,
+    numbers,
+    optional,
+    positive,
+    real,
+    standard_error,
+    text,
+    uncertainty,
+)
+
+__all__ = ["ARTIFACTS", "RECORDINGS", "TABLES", "Column", "Table", "table"]
+
+_RUN = text("run", "label of the run")
+_TEST = text("test", "label of the test")
+_TIME = real("time_s", "s", "time from the start of the recording", nullable=False)
+_TEMPERATURE = Column(
+    "temperature_degC", "float64", "degC", "temperature", True, -90.0, 200.0, required=False
+)
+_ARC = Column(
+    "arc_deg", "float64", "deg", "contact arc", False, 0.0, 360.0, open_low=True, open_high=True
+)
+_PULLEY_SPEED = real("pulley_speed_rad_s", "rad/s", "speed of the pulley")
+_FORCE = nonnegative("normal_force_N_m", "N/m", "mean of Eq. (8) over the arc", nullable=True)
+_SLIDING_SPEED = real("slip_speed_m_s", "m/s", "sliding speed omega R")
+_SET_TENSION = positive("nominal_tension_N", "N", "tension the run was set to", nullable=True)
+_STATUS = text("status", "ok, or why it was set aside")
+_NOTES = text("notes", "what the user should know", nullable=True)
+_RIG = (
+    _RUN,
+    _TIME,
+    positive("tension_tight_N", "N", "tension of the tight span", nullable=True),
+    positive("tension_slack_N", "N", "tension of the slack span", nullable=True),
+    replace(_PULLEY_SPEED, meaning="speed of the pulley, 0 before it turns"),
+    _TEMPERATURE,
+    _ARC,
+    positive("initial_tension_N", "N", "nominal tension before the pulley turns"),
+)
+
+_POINT = replace(_RUN, meaning="label of the operating point")
+
+_PRESS = Table(
+    "press",
+    1,
+    "the compression press",
+    (
+        _TEST,
+        _TEMPERATURE,
+        _TIME,
+        real("displacement_mm", "mm", "travel of the crosshead, growing towards the plate"),
+        real("force_N", "N", "force of the press, positive in compression"),
+    ),
+    label="test",
+)
+_SPEEDLOSS = Table(
+    "speedloss",
+    1,
+    "the speed-loss bench",
+    (
+        _POINT,
+        _TIME,
+        positive("initial_tension_N", "N", "tension of the belt at rest"),
+        real("torque_N_m", "N m", "torque of the driven pulley"),
+        real("driver_speed_rad_s", "rad/s", "speed of the driver pulley"),
+        real("driven_speed_rad_s", "rad/s", "speed of the driven pulley"),
+    ),
+    label="run",
+)
+_STIFFNESS = Table(
+    "stiffness",
+    1,
+    "beltid fit-stiffness",
+    (
+        real("temperature_degC", "degC", "temperature; null for the pooled law"),
+        nonnegative("k_linear_N_m2", "N/m²", "linear coefficient of Eq. (3)"),
+        nonnegative("k_quadratic_N_m3", "N/m³", "quadratic coefficient of Eq. (3)"),
+        standard_error("k_linear_se_N_m2", "N/m²"),
+        standard_error("k_quadratic_se_N_m3", "N/m³"),
+        Column(
+            "covariance",
+            "list",
+            "N²/m⁴, N²/m⁵, N²/m⁵, N²/m⁶",
+            "covariance of (k_linear, k_quadratic), row by row",
+            nullable=True,
+        ),
+        real("contact_offset_mm", "mm", "travel of the crosshead at first contact"),
+        nonnegative("rms_residual_N_m", "N/m", "root mean square of the residual", nullable=True),
+        nonnegative("hysteresis_ratio", "1", "dissipated over stored energy", nullable=True),
+        positive("max_penetration_m", "m", "deepest penetration of the fit"),
+        positive("max_force_N_m", "N/m", "largest line force of the fit"),
+        count("n_samples", "samples used"),
+        *optional(
+            uncertainty("k_linear_u_N_m2", "N/m²"),
+            uncertainty("k_quadratic_u_N_m3", "N/m³"),
+            count("n_cycles", "load cycles used"),
+            count("n_set_aside", "samples set aside"),
+            text("tests", "labels of the tests used", nullable=True),
+            _NOTES,
+        ),
+    ),
+)
+_SLIP = Table(
+    "slip",
+    1,
+    "beltid fit-slip",
+    (
+        real("driver_speed_rad_s", "rad/s", "speed of the driver pulley"),
+        positive("initial_tension_N", "N", "tension of the belt at rest", nullable=True),
+        real("torque_N_m", "N m", "torque of the driven pulley"),
+        real("speed_loss_rad_s", "rad/s", "driver minus driven speed"),
+        real("slip_speed_m_s", "m/s", "sliding speed, Eq. (7)"),
+        standard_error("slip_speed_se_m_s", "m/s"),
+        *optional(
+            _POINT,
+            count("n_samples", "samples used"),
+            _STATUS,
+            _NOTES,
+        ),
+    ),
+)
+_FRICTION = Table(
+    "friction",
+    1,
+    "beltid fit-friction",
+    (
+        _RUN,
+        replace(_ARC, nullable=True),
+        positive("initial_tension_N", "N", "tension measured at rest", nullable=True),
+        _SET_TENSION,
+        replace(_PULLEY_SPEED, meaning="speed of the pulley on the plateau"),
+        _SLIDING_SPEED,
+        positive("tension_tight_N", "N", "tension of the tight span, sliding", nullable=True),
+        positive("tension_slack_N", "N", "tension of the slack span, sliding", nullable=True),
+        real("mu_sliding", "1", "friction coefficient while sliding, Eq. (6)"),
+        standard_error("mu_sliding_se", "1"),
+        real("mu_sticking", "1", "friction coefficient at the sticking peak"),
+        _FORCE,
+        real("temperature_degC", "degC", "temperature"),
+        count("n_samples", "samples of the plateau"),
+        _STATUS,
+        *optional(
+            uncertainty("mu_sliding_u", "1"),
+            uncertainty("normal_force_u_N_m", "N/m"),
+            standard_error("mu_sticking_se", "1"),
+            text("mu_sticking_reason", "why mu_sticking is missing", nullable=True),
+            real("imbalance_N", "N", "tight minus slack cell at rest"),
+            standard_error("imbalance_se_N", "N"),
+            *(
+                real(name, "1", f"change of ln mu by one standard deviation of {of}, in all runs")
+                for name, of in (
+                    ("shared_tail", "the shape of the tail"),
+                    ("shared_drift", "a drift of the cells or a relaxation of the belt"),
+                    ("shared_cells", "zero points and gains of the cells at rest"),
+                )
+            ),
+            real("start_time_s", "s", "start of the rotation"),
+            real("peak_time_s", "s", "time of the sticking peak"),
+            real("plateau_start_s", "s", "start of the sliding plateau"),
+            real("plateau_end_s", "s", "end of the sliding plateau"),
+            count("n_spikes", "spikes taken out"),
+            count("n_missing", "samples missing"),
+            nonnegative("ripple_amplitude_N", "N", "ripple of the turning pulley", nullable=True),
+            nonnegative("ripple_period_s", "s", "period of the ripple", nullable=True),
+            nonnegative("tail_time_s", "s", "decay time from the peak", nullable=True),
+            real("drift", "1", "relative drift of mu over the plateau"),
+            Column("swapped", "bool", "", "whether the cells were found swapped"),
+            _NOTES,
+        ),
+    ),
+    label="run",
+)
+_SURFACE = Table(
+    "surface",
+    1,
+    "beltid build-surface",
+    (
+        replace(_ARC, nullable=True, meaning="contact arc; null for the average"),
+        positive("normal_force_N_m", "N/m", "normal force per length"),
+        positive("slip_speed_m_s", "m/s", "sliding speed"),
+        positive("mu", "1", "friction coefficient", nullable=True),
+        standard_error("mu_se", "1"),
+        count("n_arcs", "arcs that were averaged"),
+        *optional(
+            nonnegative("mu_spread", "1", "standard deviation between arcs", nullable=True),
+            Column("measured", "bool", "", "whether the node lies within the measured range"),
+            nonnegative("mu_u", "1", "combined standard uncertainty (k = 1)", nullable=True),
+            numbers("mu_factor", "1", "row of the factor of the covariance of ln mu"),
+            numbers("mu_members", "1", "mu of the members of the Monte Carlo ensemble"),
+        ),
+    ),
+)
+_PROFILES = Table(
+    "profiles",
+    1,
+    "beltid simulate-rig --profile-time",
+    (
+        text("run", "label of the simulated run"),
+        real("time_s", "s", "time in the simulated recording", nullable=False),
+        real("arc_position_m", "m", "along the arc, from the tight side's tangent point"),
+        nonnegative("normal_force_N_m", "N/m", "normal force per length"),
+        nonnegative("capstan_force_N_m", "N/m", "the same by Eq. (8), from the tensions"),
+        real("tangential_force_N_m", "N/m", "friction force per length on the belt"),
+        real("slip_speed_m_s", "m/s", "speed of the pulley's surface relative to the belt"),
+        real("tension_N", "N", "axial force of the belt"),
+        Column("sticks", "bool", "", "whether the belt sticks"),
+    ),
+    label="run",
+)
+_COMPARE = Table(
+    "compare",
+    1,
+    "beltid compare",
+    (
+        text("run", "label of the measured run"),
+        replace(_ARC, nullable=True),
+        _SET_TENSION,
+        _PULLEY_SPEED,
+        real("mu_measured", "1", "measured friction coefficient"),
+        real("mu_simulated", "1", "simulated friction coefficient"),
+        real("difference", "1", "simulated minus measured"),
+        Column("within_tolerance", "bool", "", "whether the point is within tolerance"),
+        *optional(
+            real("relative_difference", "1", "difference over measured"),
+            standard_error("mu_measured_se", "1"),
+            replace(_FORCE, meaning="mean of Eq. (8), measured"),
+            _SLIDING_SPEED,
+            nonnegative("u_measured", "1", "standard uncertainty of mu_measured", nullable=True),
+            nonnegative("u_input", "1", "of mu_simulated by its inputs", nullable=True),
+            nonnegative("u_numerical", "1", "of mu_simulated by its mesh", nullable=True),
+            nonnegative("u_validation", "1", "standard uncertainty of difference", nullable=True),
+            real("e_over_u", "1", "difference over u_validation"),
+            text("force_band", "low, middle or high normal force", nullable=True),
+            text("status", "ok, or why the point is not compared"),
+        ),
+    ),
+    label="run",
+)
+
+_PRESS_CURVES = Table(
+    "press_curves",
+    1,
+    "beltid run",
+    (
+        _TEST,
+        real("temperature_degC", "degC", "temperature"),
+        count("cycle", "number of the cycle, from 1"),
+        text("branch", "loading or unloading"),
+        real("penetration_m", "m", "from the contact point of the law, negative before contact"),
+        real("line_force_N_m", "N/m", "force per length of belt"),
+    ),
+    label="test",
+)
+_RIG_CURVES = Table(
+    "rig_curves",
+    1,
+    "beltid run",
+    (
+        _RUN,
+        _TIME,
+        real("tension_tight_N", "N", "tension of the tight span, known cell errors taken off"),
+        real("tension_slack_N", "N", "tension of the slack span, known cell errors taken off"),
+        real("mu", "1", "apparent friction coefficient of these tensions, Eq. (6)"),
+        _PULLEY_SPEED,
+    ),
+    label="run",
+)
+
+TABLES: Final[dict[str, Table]] = {
+    table.kind: table
+    for table in (
+        _PRESS,
+        Table("rig", 1, "the friction rig", _RIG, label="run"),
+        _SPEEDLOSS,
+        _STIFFNESS,
+        _SLIP,
+        _FRICTION,
+        _SURFACE,
+        Table("simulated", 1, "beltid simulate-rig", _RIG, label="run"),
+        _PROFILES,
+        _COMPARE,
+        _PRESS_CURVES,
+        _RIG_CURVES,
+    )
+}
+RECORDINGS: Final = ("press", "rig", "speedloss")
+ARTIFACTS: Final = tuple(kind for kind in TABLES if kind not in RECORDINGS)
+
+
+TEXT_COLUMNS: Final = tuple(
+    dict.fromkeys(
+        column.name
+        for kind in ARTIFACTS
+        for column in TABLES[kind].columns
+        if column.dtype == "string"
+    )
+)
+"""Columns of artifacts that hold texts."""
+
+
+def table(kind: str) -> Table:
+    """The table of a kind.
+
+    Raises
+    ------
+    KeyError
+        If there is no such kind; a mistake in the code, not of the user.
+    """
+    return TABLES[kind]

@@ -1,0 +1,318 @@
+"""Faults done for real, a few of each kind: `make verify` does them by the hundred."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from beltid.artifacts.artifact import Metadata, artifact_bytes, read_artifact
+from beltid.artifacts.atomic import remove_stale, write_bytes
+from beltid.batch.locks import alone_in
+from beltid.config import Config, ConfigSource, load_config
+from beltid.errors import ArtifactError, InputError
+from beltid.stages.making import Recipe, make
+from beltid.stages.outcome import Outcome
+from beltid.stages.talk import Options, Talk
+from beltid.tables import schemas
+
+ROOT = Path(__file__).parents[2]
+KEPT = "the file that was there is untouched"
+GONE = 2**22 - 1  # no process has this number: it is the largest that Linux gives
+
+
+def example(seed: int, rows: int = 1000) -> bytes:
+    rng = np.random.default_rng(seed)
+    names = [column.name for column in schemas.table("slip").columns if column.required]
+    return artifact_bytes("slip", {n: rng.uniform(1.0, 2.0, rows) for n in names}, Metadata())
+
+
+WRITER = """
+import sys
+from pathlib import Path
+from beltid.artifacts.atomic import write_bytes
+path, *versions = (Path(name) for name in sys.argv[1:])
+print("at it", flush=True)
+while True:
+    for version in versions:
+        write_bytes(path, version.read_bytes())
+"""
+
+
+def writer(path: Path, versions: list[Path]) -> subprocess.Popen[str]:
+    """A process that writes one version over the other, for ever."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", WRITER, str(path), *map(str, versions)],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "at it\n"
+    return process
+
+
+@pytest.fixture
+def versions(tmp_path: Path) -> list[Path]:
+    """Two artifacts to write."""
+    paths = [tmp_path / "old.parquet", tmp_path / "new.parquet"]
+    for seed, path in enumerate(paths):
+        path.write_bytes(example(seed))
+    return paths
+
+
+def test_killed_at_random_moments_the_old_or_the_new_file_stands(
+    tmp_path: Path, versions: list[Path]
+) -> None:
+    place = tmp_path / "results"
+    path = place / "slip.parquet"
+    write_bytes(path, versions[0].read_bytes())
+    whole = {version.read_bytes() for version in versions}
+    rng = random.Random(5)
+    for _ in range(10):
+        process = writer(path, versions)
+        time.sleep(rng.uniform(0.0, 0.05))
+        process.send_signal(signal.SIGKILL)
+        process.communicate()
+        assert path.read_bytes() in whole
+    write_bytes(path, versions[1].read_bytes())
+    assert [p.name for p in place.iterdir()] == ["slip.parquet"]
+
+
+def test_two_writers_at_once_leave_whole_files_to_a_reader(
+    tmp_path: Path, versions: list[Path]
+) -> None:
+    path = tmp_path / "results" / "slip.parquet"
+    write_bytes(path, versions[0].read_bytes())
+    whole = {version.read_bytes() for version in versions}
+    pair = [writer(path, versions), writer(path, versions[::-1])]
+    try:
+        read = [path.read_bytes() for _ in range(200)]
+        while len(set(read)) < 2 and all(process.poll() is None for process in pair):
+            read.append(path.read_bytes())  # until they are at it
+    finally:
+        for process in pair:
+            process.kill()
+            process.communicate()
+    assert set(read) <= whole
+    assert len(set(read)) == 2
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system of 128 KiB; only root can make one."""
+    place = tmp_path / "small"
+    place.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=128k", "none", str(place)]
+    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("no file system can be made here")
+    try:
+        yield place
+    finally:
+        subprocess.run(["umount", "-l", str(place)], check=False)
+
+
+def test_a_full_file_system_keeps_the_old_file(small_disk: Path) -> None:
+    old, new = example(0, 200), example(1, 1000)
+    path, filler = small_disk / "slip.parquet", small_disk / "filler"
+    refused = 0
+    for room in range(0, len(new) + 8192, 4096):
+        filler.unlink(missing_ok=True)
+        write_bytes(path, old)
+        disk = os.statvfs(small_disk)
+        filler.write_bytes(b"x" * (disk.f_bavail * disk.f_bsize - room))
+        said = ""
+        try:
+            write_bytes(path, new)
+        except ArtifactError as error:
+            said = str(error)
+            refused += 1
+        assert path.read_bytes() == (old if said else new)
+        assert said == "" or said.endswith("No space left on device; " + KEPT)
+        assert sorted(p.name for p in small_disk.iterdir()) == ["filler", "slip.parquet"]
+    assert 5 < refused < room // 4096
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs another user")
+def test_a_read_only_folder_keeps_the_old_file(tmp_path: Path) -> None:
+    place = tmp_path / "locked"
+    place.mkdir()
+    path = place / "slip.parquet"
+    path.write_bytes(b"old")
+    place.chmod(0o555)
+    code = (
+        "import os, sys; from beltid.artifacts.atomic import write_bytes\n"
+        "from beltid.errors import ArtifactError\n"
+        "place = os.open(os.path.dirname(sys.argv[1]), os.O_RDONLY); os.fchdir(place)\n"
+        "if os.geteuid() == 0: os.setgid(65534); os.setuid(65534)\n"
+        "try: write_bytes('slip.parquet', b'new')\n"
+        "except ArtifactError as error: print(error)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(path)],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        check=False,
+    )
+    place.chmod(0o755)
+    assert "not written: no permission to write in" in done.stdout, done.stderr
+    assert path.read_bytes() == b"old"
+    assert [p.name for p in place.iterdir()] == ["slip.parquet"]
+
+
+def test_what_dead_writers_left_is_cleared_and_nothing_else(tmp_path: Path) -> None:
+    import socket
+
+    host = "".join(c for c in socket.gethostname() if c.isalnum())[:32] or "host"
+    dead = f".slip.parquet.{host}-{GONE}-0123abcd.beltid-tmp"
+    kept = {f".slip.parquet.{host}-{os.getpid()}-0123abcd.beltid-tmp", "slip.parquet", ".hidden"}
+    for name in (dead, *kept):
+        (tmp_path / name).write_bytes(b"")
+    remove_stale(tmp_path)
+    assert {p.name for p in tmp_path.iterdir()} == kept
+    remove_stale(tmp_path / "missing")
+
+
+# --- inputs that change under way, batches on one folder -----------------------------------------
+
+
+def outcome() -> Outcome[None]:
+    names = [column.name for column in schemas.table("slip").columns if column.required]
+    return Outcome("slip", {name: np.ones(3) for name in names}, None)
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_an_input_replaced_while_it_is_read_is_noticed(tmp_path: Path, same: bool) -> None:
+    source, out = tmp_path / "speedloss.csv", tmp_path / "slip.parquet"
+    source.write_text("one")
+    recipe = Recipe("slip", ConfigSource(Config(), "test"), ("slip",), {"speedloss": source})
+
+    def meanwhile() -> Outcome[None]:
+        write_bytes(source, b"one" if same else b"two")
+        return outcome()
+
+    if same:
+        assert not make(recipe, out, Options(), meanwhile).up_to_date
+        return
+    with pytest.raises(InputError, match=r"speedloss\.csv: was changed while it was read"):
+        make(recipe, out, Options(), meanwhile)
+    assert not out.exists()
+    assert make(recipe, out, Options(), outcome).artifact.metadata.inputs
+    assert read_artifact(out, "slip").kind == "slip"
+
+
+@pytest.mark.parametrize("named", ["runs", "runs/*.csv", "**/r2.csv"])
+@pytest.mark.parametrize("change", ["written", "added", "removed"])
+def test_one_of_many_files_changed_while_they_are_read_is_noticed(
+    tmp_path: Path, named: str, change: str
+) -> None:
+    runs, out = tmp_path / "runs", tmp_path / "slip.parquet"
+    (runs / "deeper").mkdir(parents=True)
+    for place in (runs / "r1.csv", runs / "r2.csv", runs / "deeper" / "r2.csv"):
+        place.write_text("one")
+    recipe = Recipe(
+        "slip", ConfigSource(Config(), "test"), ("slip",), {"speedloss": tmp_path / named}
+    )
+
+    def meanwhile() -> Outcome[None]:
+        if change == "written":
+            (runs / "r2.csv").write_text("two")
+        elif change == "removed":
+            (runs / "r2.csv").unlink()
+        else:
+            (runs / "new").mkdir()
+            for place in (runs / "r3.csv", runs / "new" / "r2.csv"):
+                place.write_text("one")
+        return outcome()
+
+    with pytest.raises(InputError, match="was changed while it was read"):
+        make(recipe, out, Options(), meanwhile)
+    assert not out.exists()
+
+
+def test_a_table_of_runs_changed_while_it_is_read_is_noticed(tmp_path: Path) -> None:
+    source, table, out = (tmp_path / n for n in ("rig.csv", "runs.csv", "slip.parquet"))
+    source.write_text("one")
+    table.write_text("one")
+    config = load_config({"runs": {"speedloss": {"table": str(table)}}})
+    recipe = Recipe("slip", ConfigSource(config, "test"), ("slip",), {"speedloss": source})
+
+    def meanwhile() -> Outcome[None]:
+        table.write_text("two")
+        return outcome()
+
+    with pytest.raises(InputError, match=r"runs\.csv: was changed while it was read"):
+        make(recipe, out, Options(), meanwhile)
+    assert not out.exists()
+
+
+def test_parts_of_a_parquet_folder_changed_while_they_are_read_are_noticed(tmp_path: Path) -> None:
+    part, out = tmp_path / "rig" / "arc_deg=82" / "a.parquet", tmp_path / "slip.parquet"
+    write_bytes(part, b"one")
+    recipe = Recipe(
+        "slip", ConfigSource(Config(), "test"), ("slip",), {"speedloss": tmp_path / "rig"}
+    )
+
+    def meanwhile() -> Outcome[None]:
+        write_bytes(part, b"two")
+        return outcome()
+
+    with pytest.raises(InputError, match="was changed while it was read"):
+        make(recipe, out, Options(), meanwhile)
+
+
+class Hearing(Talk):
+    def __init__(self) -> None:
+        self.heard: list[str] = []
+
+    def say(self, text: str) -> None:
+        self.heard.append(text)
+
+
+def test_a_second_batch_in_a_folder_waits_for_the_first(tmp_path: Path) -> None:
+    folders = [tmp_path / "b", tmp_path / "a"]
+    talk, order = Hearing(), []
+
+    def second() -> None:
+        with alone_in(folders[::-1], talk):
+            order.append("second")
+
+    with alone_in(folders, Talk()):
+        waiting = threading.Thread(target=second)
+        waiting.start()
+        waiting.join(timeout=0.3)
+        order.append("first")
+    waiting.join(timeout=10)
+    assert order == ["first", "second"]
+    assert talk.heard == [f"{tmp_path / 'a'}: another beltid run is at work there, waiting for it"]
+
+
+def test_the_lock_of_a_killed_batch_is_gone(tmp_path: Path) -> None:
+    code = (
+        "import sys, time; from pathlib import Path; from beltid.batch.locks import alone_in\n"
+        "from beltid.stages.talk import Talk\n"
+        "with alone_in([Path(sys.argv[1])], Talk()): print('in', flush=True); time.sleep(60)\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, str(tmp_path)],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "in\n"
+    process.kill()
+    process.communicate()
+    talk = Hearing()
+    with alone_in([tmp_path], talk):
+        assert talk.heard == []

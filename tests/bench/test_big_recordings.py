@@ -1,0 +1,437 @@
+"""A recording read run by run gives what it gives when it is read at once."""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from beltid.bench import big_recording
+from beltid.bench.big_recording import is_big, open_big
+from beltid.bench.formats import csv_stream, parquet_stream
+from beltid.bench.formats.csv_kernel import GOOD, NOT_SIMPLE, POWERS_OF_TEN, parse_rows
+from beltid.bench.recording import read_recording
+from beltid.config import load_config
+from beltid.errors import InputError
+from beltid.tables import schemas
+
+RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"
+
+
+def same_as_read_at_once(path: Path, config: object = None) -> None:
+    at_once = read_recording(path, "rig", config).columns
+    n = 0
+    for run in open_big(path, config):
+        size = len(run.columns["time_s"])
+        for name, values in run.columns.items():
+            assert np.array_equal(values, at_once[name][n : n + size], equal_nan=True), name
+        assert set(at_once["run"][n : n + size]) == {run.label}
+        n += size
+    assert n == len(at_once["run"])
+
+
+@pytest.fixture
+def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Chunks and blocks that end anywhere within rows and runs."""
+    monkeypatch.setattr(csv_stream, "CHUNK", 9973)
+    monkeypatch.setattr(csv_stream, "MOST_ROWS", 61)
+
+
+def some_rows(n: int = 1500) -> list[str]:
+    return RIG.read_text().splitlines()[: n + 1]
+
+
+def parsed(cells: list[str]) -> tuple[int, np.ndarray]:
+    data = np.frombuffer("".join(f"r,{cell}\n" for cell in cells).encode(), dtype=np.uint8)
+    numbers = np.full((1, len(cells)), np.nan)
+    slots, marks = np.array([-1, 0]), np.array([ord(","), ord(".")])
+    changes = np.empty((4, 3), dtype=np.int64)
+    rows, _, _, status = parse_rows(data, marks, slots, 0, numbers, changes, POWERS_OF_TEN)
+    return status, numbers[0, :rows]
+
+
+def test_the_recordings_of_the_paper_s_rig(small_chunks: None) -> None:
+    same_as_read_at_once(RIG)
+
+
+def test_rows_in_windows_manners_with_a_comma(small_chunks: None, tmp_path: Path) -> None:
+    rows = [line.replace(",", ";").replace(".", ",") for line in some_rows()]
+    path = tmp_path / "rig.csv"
+    path.write_bytes(b"\xef\xbb\xbf" + "\r\n".join(rows).encode())
+    same_as_read_at_once(path)
+
+
+def test_rows_that_only_the_exact_reader_takes(small_chunks: None, tmp_path: Path) -> None:
+    rows = some_rows()
+    cells = [row.split(",") for row in rows]
+    cells[200][2] = "NaN"
+    cells[333] = [f'"{cell}"' for cell in cells[333]]
+    cells[700][2] = f"{float(cells[700][2]):.17f}"
+    path = tmp_path / "rig.csv"
+    path.write_text("\n".join(",".join(row) for row in cells) + "\n\n")
+    same_as_read_at_once(path)
+
+
+def test_other_names_and_units(small_chunks: None, tmp_path: Path) -> None:
+    rows = some_rows()
+    rows[0] = rows[0].replace("tension_tight_N", "Zugtrum").replace("arc_deg", "Bogen")
+    path = tmp_path / "rig.csv"
+    path.write_text("\n".join(rows) + "\n")
+    config = load_config(
+        {
+            "columns": {"rig": {"tension_tight_N": "Zugtrum", "arc_deg": "Bogen"}},
+            "units": {"rig": {"pulley_speed_rad_s": "rpm"}},
+        }
+    )
+    same_as_read_at_once(path, config)
+
+
+def test_packed_with_gzip(small_chunks: None, tmp_path: Path) -> None:
+    path = tmp_path / "rig.csv.gz"
+    path.write_bytes(gzip.compress(RIG.read_bytes(), mtime=0))
+    same_as_read_at_once(path)
+    path.write_bytes(path.read_bytes()[:-2000])
+    with pytest.raises(InputError, match=r"rig\.csv\.gz: the gzip file is damaged or cut off"):
+        list(open_big(path))
+
+
+def test_parquet_in_a_file_and_in_folders(tmp_path: Path) -> None:
+    import pandas as pd
+
+    frame = pd.read_csv(RIG, dtype={"run": str})
+    path = tmp_path / "rig.parquet"
+    frame.to_parquet(path, index=False, row_group_size=700)
+    same_as_read_at_once(path)
+    for (arc, run), part in frame.groupby(["arc_deg", "run"], sort=False):
+        folder = tmp_path / "season" / f"arc_deg={arc:g}" / f"run={run}"
+        folder.mkdir(parents=True)
+        part.drop(columns=["arc_deg", "run"]).to_parquet(folder / "part.parquet", index=False)
+    assert is_big(tmp_path / "season")
+    wanted = dict(iter(frame.groupby("run")))
+    found = {run.label: run.columns for run in open_big(tmp_path / "season")}
+    assert found.keys() == wanted.keys()
+    for label, columns in found.items():
+        for name, values in columns.items():
+            assert np.array_equal(values, wanted[label][name], equal_nan=True)
+
+
+def test_a_damaged_parquet_file_is_refused(tmp_path: Path) -> None:
+    import pandas as pd
+
+    path = tmp_path / "rig.parquet"
+    pd.read_csv(RIG, dtype={"run": str}).to_parquet(path, index=False)
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(InputError, match=r"rig\.parquet: damaged"):
+        list(open_big(path))
+
+
+def test_a_run_that_goes_on_after_others_is_refused_with_both_places(
+    small_chunks: None, tmp_path: Path
+) -> None:
+    rows = some_rows()
+    labels = [row.split(",")[0] for row in rows]
+    second = next(i for i in range(2, len(labels)) if labels[i] != labels[1])
+    rows.append(rows[1])
+    path = tmp_path / "rig.csv"
+    path.write_text("\n".join(rows) + "\n")
+    message = rf"rig\.csv:{len(rows)}: run {labels[1]} goes on here .* it began in line 2:"
+    with pytest.raises(InputError, match=message):
+        list(open_big(path))
+    assert second > 2
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "cell"),
+    [(700, 2, "-3.1"), (901, 3, "0"), (40, 6, "400"), (41, 1, "-1"), (42, 4, "inf"), (43, 3, "x")],
+)
+def test_what_is_wrong_is_told_as_when_read_at_once(
+    small_chunks: None, tmp_path: Path, row: int, column: int, cell: str
+) -> None:
+    cells = [line.split(",") for line in some_rows()]
+    cells[row][column] = cell
+    path = tmp_path / "rig.csv"
+    path.write_text("\n".join(",".join(line) for line in cells) + "\n")
+    with pytest.raises(InputError) as at_once:
+        read_recording(path, "rig")
+    with pytest.raises(InputError) as streamed:
+        list(open_big(path))
+    assert streamed.value.problems == at_once.value.problems
+    assert f"rig.csv:{row + 1}: " in str(streamed.value)
+
+
+def test_a_row_cut_short_is_refused_with_its_line(small_chunks: None, tmp_path: Path) -> None:
+    rows = some_rows()
+    rows[820] = rows[820].rsplit(",", 1)[0]
+    path = tmp_path / "rig.csv"
+    path.write_text("\n".join(rows) + "\n")
+    with pytest.raises(InputError, match=r"rig\.csv:821: 7 cells, must be 8"):
+        list(open_big(path))
+
+
+def streamed(path: Path, data: bytes) -> tuple[list[str], tuple[str, ...]]:
+    """Labels of the runs and the notes of a recording read run by run."""
+    path.write_bytes(data)
+    recording = open_big(path)
+    return [run.label for run in recording], recording.notes()
+
+
+def relabelled(old: bytes, new: bytes) -> bytes:
+    return RIG.read_bytes().replace(b"\n" + old + b",", b"\n" + new + b",")
+
+
+@pytest.mark.parametrize(
+    ("label", "words"),
+    [
+        (b"R\xfc1", "byte 0xFC is not UTF-8; if the file is in another encoding, say which"),
+        (b"R\x001", "holds a zero byte: damaged, or not a text file"),
+        (b"R\r1", "1 cells, must be 8"),
+    ],
+)
+def test_a_label_that_is_no_text_is_refused_with_its_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, label: bytes, words: str
+) -> None:
+    monkeypatch.setattr(big_recording, "HEAD", 1000)
+    data = relabelled(b"R019", label)
+    line = 1 + data[: data.index(b"\n" + label)].count(b"\n") + 1
+    with pytest.raises(InputError, match=rf"rig\.csv:{line}: {words}"):
+        streamed(tmp_path / "rig.csv", data)
+
+
+def test_a_last_line_that_does_not_end_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(big_recording, "HEAD", 1000)
+    path, data = tmp_path / "rig.csv", RIG.read_bytes()
+    assert not any("does not end" in note for note in streamed(path, data)[1])
+    _, notes = streamed(path, data[:-1])
+    assert notes == read_recording(path, "rig").notes
+    assert "the last line does not end" in notes[0]
+
+
+def test_cells_over_several_lines_end_anywhere_in_a_chunk(
+    small_chunks: None, tmp_path: Path
+) -> None:
+    header, *rows = some_rows()
+    noted = [('"one\ntwo",' if i % 7 == 0 else "one,") + row for i, row in enumerate(rows)]
+    path = tmp_path / "rig.csv"
+    path.write_text("\n".join(["note," + header, *noted]) + "\n")
+    same_as_read_at_once(path)
+    inches = ['5" pulley,' + row for row in rows]  # marks that pair with nothing
+    path.write_text("\n".join(["note," + header, *inches]) + "\n")
+    same_as_read_at_once(path)
+
+
+def test_a_setting_that_no_column_holds_is_asked_for_once(tmp_path: Path) -> None:
+    path = tmp_path / "rig.csv"
+    rows = [row.split(",") for row in some_rows()]
+    path.write_text("\n".join(",".join(row[:6] + row[7:]) for row in rows) + "\n")
+    with pytest.raises(InputError) as at_once:
+        read_recording(path, "rig")
+    with pytest.raises(InputError) as in_a_stream:
+        open_big(path)
+    assert in_a_stream.value.problems == at_once.value.problems
+
+
+def test_a_header_that_does_not_end_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(big_recording, "HEAD", 1000)
+    with pytest.raises(InputError, match=r"rig\.csv:1: no line feed in the first 1,000 bytes"):
+        streamed(tmp_path / "rig.csv", RIG.read_bytes().replace(b"\n", b"\r"))
+
+
+def rig_with(path: Path, tight: Callable[[str, float], float | None]) -> Path:
+    """A recording whose tight cell reads otherwise."""
+    header, *rows = some_rows()
+    cells = [row.split(",") for row in rows]
+    for row in cells:
+        found = tight(row[0], float(row[2] or "nan"))
+        row[2] = "" if found is None else repr(found)
+    path.write_text("\n".join([header, *(",".join(row) for row in cells)]) + "\n")
+    return path
+
+
+def test_a_cell_that_is_dead_in_the_first_run_refuses_no_recording(tmp_path: Path) -> None:
+    path = rig_with(tmp_path / "rig.csv", lambda run, f: None if run == "R001" else f)
+    same_as_read_at_once(path)
+
+
+def test_a_cell_that_is_dead_everywhere_is_told_at_the_end(tmp_path: Path) -> None:
+    path = rig_with(tmp_path / "rig.csv", lambda run, f: None)
+    with pytest.raises(InputError) as at_once:
+        read_recording(path, "rig")
+    with pytest.raises(InputError) as in_a_stream:
+        list(open_big(path))
+    assert in_a_stream.value.problems == at_once.value.problems
+
+
+def test_a_unit_is_doubted_in_the_first_run_that_shows_it(tmp_path: Path) -> None:
+    path = rig_with(tmp_path / "rig.csv", lambda run, f: None if run == "R001" else f / 1000)
+    with pytest.raises(InputError, match=r"tension_tight_N lies between .* if it is in kN"):
+        list(open_big(path))
+
+
+def test_a_sign_is_doubted_once(tmp_path: Path) -> None:
+    path = rig_with(tmp_path / "rig.csv", lambda run, f: -f)
+    with pytest.raises(InputError) as error:
+        list(open_big(path))
+    assert len(error.value.problems) == 1
+    assert "tension_tight_N is negative nearly everywhere" in error.value.problems[0]
+    path = rig_with(path, lambda run, f: -f if run == "R002" else f)
+    with pytest.raises(InputError) as at_once:
+        read_recording(path, "rig")
+    with pytest.raises(InputError) as in_a_stream:
+        list(open_big(path))
+    assert in_a_stream.value.problems == at_once.value.problems
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(st.floats(-9e6, 9e6, allow_nan=False), min_size=1, max_size=20), st.integers(0, 9))
+def test_numbers_are_the_nearest_doubles(values: list[float], places: int) -> None:
+    cells = [f"{value:.{places}f}" for value in values]
+    status, numbers = parsed(cells)
+    assert status == GOOD
+    assert numbers.tolist() == [float(cell) for cell in cells]
+
+
+@given(st.from_regex(r"-?[0-9]{1,9}(\.[0-9]{0,8})?([eE][-+]?[0-9]{1,2})?", fullmatch=True))
+def test_exponents_are_read_or_left_to_the_exact_reader(cell: str) -> None:
+    status, numbers = parsed([cell])
+    assert status == NOT_SIMPLE or numbers.tolist() == [float(cell)]
+
+
+@pytest.mark.parametrize("cell", ["", "-", ".", "1e", "nan", "1,5", "0x1", "1.2.3", "1_0", " 1"])
+def test_what_is_no_plain_number_is_left_to_the_exact_reader(cell: str) -> None:
+    status, numbers = parsed(["1.0", cell])
+    assert status == NOT_SIMPLE
+    assert numbers.tolist() == [1.0]
+
+
+@pytest.mark.parametrize("cell", ["9007199254740993", "12345678901234567890", "1e23", "1e-30"])
+def test_more_than_a_double_holds_exactly_is_left_to_the_exact_reader(cell: str) -> None:
+    assert parsed([cell])[0] == NOT_SIMPLE
+
+
+def test_a_cell_that_repeats_in_part_is_read_anew() -> None:
+    cells = ["22.5"] * 70 + ["22.51", "22.5", "22", "2", "22.5", "-22.5"]
+    status, numbers = parsed(cells)
+    assert status == GOOD
+    assert numbers.tolist() == [float(cell) for cell in cells]
+
+
+@pytest.mark.parametrize("rows_of_a_group", [100_000, 1_500_000])
+def test_a_parquet_file_takes_a_part_of_its_size_in_memory(
+    rows_of_a_group: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither the file nor a row group of it is held at once, and nothing of it stays."""
+    monkeypatch.setattr(parquet_stream, "ROWS", 1 << 14)
+    rng = np.random.default_rng(4)
+    columns = {"run": np.full(1_500_000, "a")}
+    columns |= {
+        column.name: rng.uniform(20.0, 30.0, 1_500_000)
+        for column in schemas.table("rig").columns
+        if column.dtype == "float64"
+    }
+    path = tmp_path / "rig.parquet"
+    pq.write_table(pa.table(columns), path, row_group_size=rows_of_a_group)
+    del columns
+    before, most, n = pa.total_allocated_bytes(), 0, 0
+    for block in parquet_stream.parquet_blocks(path, schemas.table("rig"), {}):
+        most = max(most, pa.total_allocated_bytes() - before)
+        n += block.n_rows
+    assert n == 1_500_000
+    assert most < path.stat().st_size / 3
+
+
+def parts(folder: Path, name: str, changed: dict[str, pa.Array | None]) -> Path:
+    """A folder of Parquet files with one run in which columns are changed or left out."""
+    import pandas as pd
+
+    frame = pd.read_csv(RIG, dtype={"run": str}).iloc[:300]
+    table = pa.Table.from_pandas(frame, preserve_index=False)
+    for column, values in changed.items():
+        table = table.drop_columns([column])
+        table = table if values is None else table.append_column(column, values)
+    (folder / name).parent.mkdir(parents=True)
+    pq.write_table(table, folder / name)
+    return folder
+
+
+def refused_by_both(folder: Path) -> tuple[str, ...]:
+    file = next(folder.rglob("*.parquet"))
+    with pytest.raises(InputError) as at_once:
+        read_recording(file, "rig")
+    with pytest.raises(InputError) as in_a_stream:
+        list(open_big(file))
+    assert in_a_stream.value.problems == at_once.value.problems
+    return at_once.value.problems
+
+
+@pytest.mark.parametrize(
+    ("column", "values"),
+    [
+        ("time_s", pa.array(range(300), pa.timestamp("us"))),
+        ("time_s", pa.array(range(300), pa.duration("ms"))),
+        ("tension_tight_N", pa.array([True] * 300)),
+        ("run", pa.array(range(300), pa.date32())),
+    ],
+)
+def test_columns_of_dates_durations_and_truths_are_no_numbers(
+    tmp_path: Path, column: str, values: pa.Array
+) -> None:
+    problems = refused_by_both(parts(tmp_path, "x/a.parquet", {column: values}))
+    assert f"column {column} holds {values.type}, must hold " in problems[0]
+
+
+@pytest.mark.parametrize(
+    ("column", "values"),
+    [
+        ("temperature_degC", pa.nulls(300)),
+        ("tension_tight_N", pa.array([50] * 300).cast(pa.decimal128(21, 2))),
+        ("time_s", pa.array([2**60 + 1000 * i for i in range(300)])),
+    ],
+)
+def test_all_types_of_numbers_are_read_alike(tmp_path: Path, column: str, values: pa.Array) -> None:
+    folder = parts(tmp_path, "x/a.parquet", {column: values})
+    same_as_read_at_once(next(folder.rglob("*.parquet")))
+
+
+def test_a_folder_and_a_file_that_hold_the_same_column_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"a\.parquet: column arc_deg is there, and its folder"):
+        list(open_big(parts(tmp_path, "arc_deg=99/a.parquet", {})))
+
+
+@pytest.mark.parametrize("value", ["wide", "nan", "8_2", ""])
+def test_a_folder_named_by_no_number_is_refused(tmp_path: Path, value: str) -> None:
+    folder = parts(tmp_path, f"arc_deg={value}/a.parquet", {"arc_deg": None})
+    with pytest.raises(InputError, match=f"its folder is called arc_deg={value}, must be a number"):
+        list(open_big(folder))
+
+
+def test_a_recording_without_samples_is_refused(tmp_path: Path) -> None:
+    folder = parts(tmp_path, "x/a.parquet", {})
+    file = folder / "x" / "a.parquet"
+    pq.write_table(pq.read_table(file).slice(0, 0), file)
+    assert refused_by_both(folder) == (f"{file}: holds no samples",)
+
+
+def test_numbered_parts_come_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    import pandas as pd
+
+    frame = pd.read_csv(RIG, dtype={"run": str}).iloc[:1200]
+    (tmp_path / "x").mkdir()
+    for k in range(12):  # as pyarrow.parquet.write_to_dataset names them
+        part = frame.iloc[100 * k : 100 * (k + 1)]
+        part.to_parquet(tmp_path / "x" / f"part-{k}.parquet", index=False)
+    runs = list(open_big(tmp_path))
+    assert [run.label for run in runs] == list(dict.fromkeys(frame["run"]))
+    assert np.array_equal(
+        np.concatenate([run.columns["time_s"] for run in runs]), frame["time_s"].to_numpy()
+    )

@@ -1,0 +1,208 @@
+"""Layouts that one format can have: structs and arrays of structs, segments, stamps, sheets."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import writers
+
+from beltid.bench.recording import read_recording
+from beltid.config import load_config
+from beltid.errors import InputError
+
+UNITS = {
+    "time_s": "s",
+    "tension_tight_N": "N",
+    "tension_slack_N": "N",
+    "pulley_speed_rad_s": "rad/s",
+}
+SETTINGS = {"runs": {"rig": {"values": {"arc_deg": 82, "initial_tension_N": 300}}}}
+T = np.arange(0, 8, 0.01)
+
+
+def turning(time: np.ndarray) -> np.ndarray:
+    return np.where(time > 2, 1.0, 0.0)
+
+
+def test_an_array_of_structs_is_a_run_each(tmp_path):
+    from scipy.io import savemat
+
+    names = ("name", "t", "tight", "slack", "omega", "arc_deg", "initial_tension_N")
+    runs = np.zeros((3,), dtype=[(name, "O") for name in names])
+    for i, (label, run) in enumerate(writers.rig_runs(3).items()):
+        columns = ("time_s", "tension_tight_N", "tension_slack_N", "pulley_speed_rad_s")
+        arrays = [run[c].to_numpy() for c in columns]
+        runs[i] = (label, *arrays, float(run["arc_deg"][0]), float(run["initial_tension_N"][0]))
+    savemat(tmp_path / "rig.mat", {"runs": runs}, do_compression=True)
+    with pytest.raises(InputError, match=r"runs\(1\) and 2 more: the unit of t, read as time_s"):
+        read_recording(tmp_path / "rig.mat", "rig")
+    config = {"units": {"rig": UNITS}, "runs": {"rig": {"fields": {"run": "name"}}}}
+    columns = read_recording(tmp_path / "rig.mat", "rig", load_config(config)).columns
+    assert list(dict.fromkeys(columns["run"])) == ["R001", "R002", "R003"]
+    assert columns["tension_tight_N"][0] == writers.rig_runs(1)["R001"]["tension_tight_N"][0]
+
+
+def test_an_array_of_structs_of_version_7_3(tmp_path):
+    import h5py
+
+    path = tmp_path / "rig.mat"
+    runs = list(writers.rig_runs(3).values())
+    with h5py.File(path, "w", userblock_size=512) as file:
+        kept, group = file.create_group("#refs#"), file.create_group("runs")
+        for name in (*UNITS, "arc_deg", "initial_tension_N"):
+            cells = group.create_dataset(name, (3, 1), dtype=h5py.ref_dtype)
+            for i, run in enumerate(runs):
+                values = run[name].to_numpy(dtype=float)
+                data = values if name in UNITS else values[:1]
+                cells[i, 0] = kept.create_dataset(f"{name}{i}", data=data[None, :]).ref
+    with path.open("r+b") as stream:
+        stream.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\2IM")
+    columns = read_recording(path, "rig").columns
+    assert list(dict.fromkeys(columns["run"])) == ["runs(1)", "runs(2)", "runs(3)"]
+    np.testing.assert_array_equal(columns["tension_slack_N"][:650], runs[0]["tension_slack_N"])
+
+
+def test_units_and_structs_of_channels_in_matlab(tmp_path):
+    from scipy.io import savemat
+
+    test = writers.press_tests()["P22"]
+    time, force, travel = (test[c].to_numpy() for c in ("time_s", "force_N", "displacement_mm"))
+    plain = {"Zeit": time, "Kraft": force / 1000, "Weg": travel}
+    savemat(tmp_path / "a.mat", {**plain, "units": {"Zeit": "s", "Kraft": "kN", "Weg": "mm"}})
+    parts = {
+        "force": {"data": force, "unit": "N", "time": time},
+        "crosshead": {"data": travel * 1000, "unit": "um", "time": time},
+    }
+    savemat(tmp_path / "b.mat", parts)
+    savemat(tmp_path / "c.mat", plain, format="4")
+    stated = {"units": {"press": {"time_s": "s", "force_N": "kN", "displacement_mm": "mm"}}}
+    for name, config in (("a", None), ("b", None), ("c", stated)):
+        columns = read_recording(tmp_path / f"{name}.mat", "press", load_config(config)).columns
+        np.testing.assert_allclose(columns["force_N"], force, rtol=1e-12)
+        np.testing.assert_allclose(columns["displacement_mm"], travel, rtol=1e-12, atol=1e-15)
+        np.testing.assert_array_equal(columns["time_s"], time)
+    savemat(tmp_path / "d.mat", {"data": test[["time_s", "force_N"]].to_numpy()})
+    with pytest.raises(InputError, match="a 1365 x 2 matrix, its columns have no names"):
+        read_recording(tmp_path / "d.mat", "press")
+
+
+def test_rates_and_starts_of_tdms_channels(tmp_path):
+    from nptdms import ChannelObject, TdmsWriter
+
+    start = np.datetime64("2026-11-20T09:00:00", "us")
+    slow = np.arange(0, 8, 0.02)
+
+    def channel(name, values, unit, step, late_ms=0):
+        properties = {
+            "unit_string": unit,
+            "wf_increment": step,
+            "wf_start_offset": 0.0,
+            "wf_start_time": start + np.timedelta64(late_ms, "ms"),
+        }
+        return ChannelObject("rig", name, values, properties=properties)
+
+    late = 0.1
+    with TdmsWriter(tmp_path / "rig.tdms") as writer:
+        writer.write_segment(
+            [
+                channel("Zugtrum", 300 + T, "N", 0.01),
+                channel("Leertrum", 200 + slow + late, "N", 0.02, late_ms=100),
+                channel("Drehzahl", 30 * turning(slow), "1/min", 0.02),
+            ]
+        )
+    columns = read_recording(tmp_path / "rig.tdms", "rig", load_config(SETTINGS)).columns
+    assert columns["time_s"][0] == pytest.approx(0.1, abs=1e-9)
+    # both rise with the time: equal but for their offset wherever both were recorded
+    np.testing.assert_allclose(columns["tension_tight_N"] - columns["tension_slack_N"], 100.0)
+
+
+def test_time_stamps_of_tdms(tmp_path):
+    from nptdms import ChannelObject, TdmsWriter
+
+    stamps = np.datetime64("2026-11-20T09:00:00", "us") + (np.arange(800) * 10_000).astype(
+        "timedelta64[us]"
+    )
+    tight, slack = 300 + 50 * turning(T), 300 - 50 * turning(T)
+    with TdmsWriter(tmp_path / "rig.tdms") as writer:
+        units = {"Zugtrum": "N", "Leertrum": "N", "Drehzahl": "1/min"}
+        values = {"Zugtrum": tight, "Leertrum": slack, "Drehzahl": 30 * turning(T)}
+        writer.write_segment(
+            [
+                ChannelObject("rig", "Time", stamps),
+                *(
+                    ChannelObject("rig", n, values[n], properties={"unit_string": u})
+                    for n, u in units.items()
+                ),
+            ]
+        )
+    columns = read_recording(tmp_path / "rig.tdms", "rig", load_config(SETTINGS)).columns
+    np.testing.assert_allclose(columns["time_s"], T, atol=1e-9)
+
+
+def _segment(folder: Path, run) -> tuple[str, str]:
+    """Header of the file and the segment of a run."""
+    text = writers.write_lvm(folder / "one.lvm", run).read_text()
+    end = text.index("***End_of_Header***") + len("***End_of_Header***\t\n")
+    return text[:end], text[end:]
+
+
+def test_segments_of_labview_are_runs_or_go_on(tmp_path):
+    runs = writers.rig_runs(3)
+    parts = [_segment(tmp_path, run) for run in runs.values()]
+    path = tmp_path / "rig.lvm"
+    path.write_text(parts[0][0] + "".join(segment for _, segment in parts))
+    config = load_config(SETTINGS)
+    columns = read_recording(path, "rig", config).columns
+    assert list(dict.fromkeys(columns["run"])) == ["segment 1", "segment 2", "segment 3"]
+    assert [int((columns["run"] == f"segment {k}").sum()) for k in (1, 2, 3)] == [650, 350, 200]
+    run = runs["R001"]
+    halves = [run.iloc[:300], run.iloc[300:].reset_index(drop=True)]
+    (head, first), (_, second) = (_segment(tmp_path, half) for half in halves)
+    path.write_text(head + first + second)
+    joined = read_recording(path, "rig", config)
+    np.testing.assert_array_equal(joined.columns["tension_tight_N"], run["tension_tight_N"])
+    np.testing.assert_allclose(joined.columns["time_s"], run["time_s"], atol=1e-12)
+    # the same blocks as LabVIEW's loops write them: each from 0 by its own clock
+    second = second.replace("X0\t6,0", "X0\t0,0").replace("09:51:40,727189", "09:51:46,727189")
+    path.write_text(head + first + second)
+    again = read_recording(path, "rig", config)
+    np.testing.assert_allclose(again.columns["time_s"], run["time_s"], atol=1e-9)
+    assert set(again.columns["run"]) == {"rig"}
+
+
+def test_mts(tmp_path):
+    test = writers.press_tests()["P22"]
+    head = (
+        "MTS793|BTW|ENU|1|2|.|/|:|1|0|0|A\n\nData Header:\t\t\t\n"
+        "Data Acquisition:\tTimed\tTime:\t12.5\tSec\nStation Name:\tpress.cfg\n\n"
+        "Axial Displacement\tAxial Force\tRunning Time\nmm\tkN\tSec\n"
+    )
+    rows = [f"{r.displacement_mm}\t{r.force_N / 1000!r}\t{r.time_s}" for r in test.itertuples()]
+    path = tmp_path / "P22.txt"
+    path.write_text(head + "\n".join(rows) + "\n")
+    columns = read_recording(path, "press").columns
+    np.testing.assert_allclose(columns["force_N"], test["force_N"], rtol=1e-12)
+    np.testing.assert_array_equal(columns["displacement_mm"], test["displacement_mm"])
+
+
+def test_sheets_are_tests_and_a_word_among_numbers_has_a_place(tmp_path):
+    from openpyxl import Workbook
+
+    book = Workbook()
+    book.active.title = "Info"
+    book.active.append(["Prüfer", "NN"])
+    for label in ("A", "B"):
+        sheet = book.create_sheet(label)
+        sheet.append(["Zeit [s]", "Weg [mm]", "Kraft [N]"])
+        for i in range(8):
+            sheet.append([float(i), 0.1 * i, 5.0 * i])
+    book.save(tmp_path / "press.xlsx")
+    recording = read_recording(tmp_path / "press.xlsx", "press")
+    assert recording.columns["test"].tolist() == ["A"] * 8 + ["B"] * 8
+    assert any("sheet Info left out" in note for note in recording.notes)
+    book["B"]["C5"] = "overload"
+    book.save(tmp_path / "press.xlsx")
+    with pytest.raises(InputError, match=r'press\.xlsx, B:5: force_N .* = "overload", must be a'):
+        read_recording(tmp_path / "press.xlsx", "press")

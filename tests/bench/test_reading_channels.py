@@ -1,0 +1,285 @@
+"""Which channel is read as what, in which unit and sign, at which times: told, or refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from beltid.bench.channels.alignment import Timed, aligned
+from beltid.bench.channels.channel_groups import read_groups
+from beltid.bench.channels.vocabulary import VOCABULARY, roles_meant
+from beltid.bench.formats.bench_file import BenchFile, Channel, Group
+from beltid.bench.formats.dialect import ReadOptions
+from beltid.bench.problems import Problems
+from beltid.bench.recording import Recording, read_recording
+from beltid.config import load_config
+from beltid.errors import InputError
+from beltid.tables import schemas
+
+
+def write(folder: Path, header: str, rows: list[str], units: str = "") -> Path:
+    path = folder / "bench.csv"
+    path.write_text(
+        "\n".join([header, *([units] if units else []), *rows]) + "\n", encoding="utf-8"
+    )
+    return path
+
+
+def read(path: Path, kind: str, config: dict[str, object] | None = None) -> Recording:
+    return read_recording(path, kind, load_config(config))
+
+
+def problems(path: Path, kind: str, config: dict[str, object] | None = None) -> list[str]:
+    with pytest.raises(InputError) as caught:
+        read(path, kind, config)
+    return [p.replace(str(path), path.name) for p in caught.value.problems]
+
+
+PRESS_ROWS = ["0;0,5;10", "1;0,6;20", "2;0,7;30"]
+RIG = "Zeit [s];Zugtrum [N];Leertrum [N];Drehzahl [1/min];Umschlingungswinkel [°];Vorspannkraft [N]"
+RIG_ROWS = [f"{0.1 * i:.1f};310;150;{60 * (i > 4)};82;230".replace(".", ",") for i in range(20)]
+
+NAMES = {
+    "press": {
+        "force_N": ["Standardkraft", "Prüfkraft", "Force", "Axial Force", "Load", "Effort"],
+        "displacement_mm": ["Standardweg", "Traversenweg absolut", "Crosshead", "Déplacement"],
+        "time_s": ["Prüfzeit", "Zeit", "Time", "Elapsed time", "Temps", "Temps écoulé"],
+        "temperature_degC": ["Temperatur", "Temperature", "Température", "Kammertemperatur"],
+        "test": ["Versuch Nr.", "Specimen ID", "Essai"],
+    },
+    "rig": {
+        "tension_tight_N": [
+            "Zugkraft ziehend", "Trumkraft Zugtrum", "Tight side tension", "brin tendu", "T_tight",
+        ],
+        "tension_slack_N": [
+            "Zugkraft leer", "Trumkraft Leertrum", "Slack span force", "Tension brin mou",
+        ],
+        "pulley_speed_rad_s": ["Drehzahl", "Pulley speed", "Vitesse de rotation", "omega", "RPM"],
+        "arc_deg": ["Umschlingungswinkel", "Wrap angle", "Contact arc", "Angle d'enroulement"],
+        "initial_tension_N": ["Vorspannkraft", "Initial tension", "Pre-load", "Tension initiale"],
+        "run": ["Lauf", "Run No.", "Messung"],
+    },
+    "speedloss": {
+        "torque_N_m": ["Drehmoment", "Torque", "Couple"],
+        "driver_speed_rad_s": ["Drehzahl Antrieb", "Driver speed", "Vitesse poulie menante"],
+        "driven_speed_rad_s": ["Abtriebsdrehzahl", "Driven pulley speed", "Vitesse menée"],
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", NAMES)
+def test_names_in_three_languages(kind):
+    for role, names in NAMES[kind].items():
+        for name in names:
+            assert roles_meant(name, kind) == (role,), name
+            for written in (f"{name} [N]", f"{name} (N)", f"{name} / N", f"{name} in N"):
+                assert roles_meant(written, kind) == (role,), written
+
+
+def test_other_channels_are_not_taken_for_ours():
+    for name in ("Dehnung", "Breitenänderung", "Kraft Querrichtung", "Zugfestigkeit", "Trumkraft"):
+        assert roles_meant(name, "press") == roles_meant(name, "rig") == ()
+    # T1 and T2 tell nobody which one is the tight span
+    assert roles_meant("T1", "rig") == roles_meant("Kraft A", "rig") == ()
+
+
+def test_every_column_has_names():
+    for kind, words in VOCABULARY.items():
+        assert list(words) == list(schemas.table(kind).names)
+
+
+def test_what_is_recognised_is_told(tmp_path):
+    recording = read(write(tmp_path, "Zeit [s];Weg [mm];Kraft [kN]", PRESS_ROWS), "press")
+    assert recording.columns["force_N"].tolist() == [10000.0, 20000.0, 30000.0]
+    assert recording.notes[-3:] == (
+        "read Zeit [s] as time_s",
+        "read Weg [mm] as displacement_mm",
+        "read Kraft [kN] as force_N",
+    )
+
+
+def test_two_candidates_are_refused_with_the_line_that_settles_it(tmp_path):
+    path = write(
+        tmp_path, "Zeit;Standardweg;Traversenweg;Kraft", ["0;1;2;3", "1;2;3;4"], "s;mm;mm;N"
+    )
+    assert problems(path, "press") == [
+        "bench.csv:2: Standardweg [mm], Traversenweg [mm] can be displacement_mm, say which: "
+        'columns: {press: {displacement_mm: "Standardweg"}}'
+    ]
+    config = {"columns": {"press": {"displacement_mm": "Traversenweg"}}}
+    assert read(path, "press", config).columns["displacement_mm"].tolist() == [2.0, 3.0]
+
+
+def test_a_candidate_in_a_unit_that_cannot_be_is_none(tmp_path):
+    path = write(tmp_path, "Zeit;Weg;Deformation;Kraft", ["0;1;2;3", "1;2;3;4"], "s;mm;%;N")
+    assert read(path, "press").columns["displacement_mm"].tolist() == [1.0, 2.0]
+
+
+def test_a_recognised_channel_without_a_unit_is_refused(tmp_path):
+    path = write(tmp_path, "Zeit [s];Weg [mm];Kraft", PRESS_ROWS)
+    assert problems(path, "press") == [
+        "bench.csv:1: the unit of Kraft, read as force_N, is not told; "
+        "say it: units: {press: {force_N: N}}"
+    ]
+    config = {"units": {"press": {"force_N": "daN"}}}
+    assert read(path, "press", config).columns["force_N"].tolist() == [100.0, 200.0, 300.0]
+
+
+@pytest.mark.parametrize(
+    ("unit", "setting", "factor", "offset"),
+    [
+        ("V", "250 N/V", 250.0, 0.0),
+        ("V", "0.25 kN/V", 250.0, 0.0),
+        ("mV", "250 N/V", 0.25, 0.0),
+        ("V", "0.25 N/mV", 250.0, 0.0),
+        ("V", {"factor": 250.0, "offset": -12.5}, 250.0, -12.5),
+        ("", {"factor": -2.5}, -2.5, 0.0),
+    ],
+)
+def test_volts_with_a_calibration(tmp_path, unit, setting, factor, offset):
+    path = write(tmp_path, f"Zeit [s];Weg [mm];Kraft [{unit}]".replace(" []", ""), PRESS_ROWS)
+    config = {"units": {"press": {"force_N": setting}}}
+    found = read(path, "press", config).columns["force_N"]
+    np.testing.assert_allclose(found, factor * np.array([10, 20, 30]) + offset, rtol=1e-12)
+
+
+def test_volts_without_a_calibration_or_with_that_of_newtons(tmp_path):
+    path = write(tmp_path, "Zeit [s];Weg [mm];Kraft [V]", PRESS_ROWS)
+    (found,) = problems(path, "press")
+    assert "is in V, its calibration must be told: units: {press: {force_N: 250 N/V}}" in found
+    path = write(tmp_path, "Zeit [s];Weg [mm];Kraft [N]", PRESS_ROWS)
+    (found,) = problems(path, "press", {"units": {"press": {"force_N": "250 N/V"}}})
+    assert "is in N, but the calibration of the config is for V" in found
+
+
+def test_a_sign_that_the_config_turns(tmp_path):
+    path = write(tmp_path, "Zeit [s];Weg [mm];Kraft [N]", PRESS_ROWS)
+    config = {"columns": {"press": {"force_N": "-Kraft"}}}
+    assert read(path, "press", config).columns["force_N"].tolist() == [-10.0, -20.0, -30.0]
+    literal = write(tmp_path, "Zeit [s];Weg [mm];-Kraft", PRESS_ROWS)  # a channel of that name
+    assert read(literal, "press", config).columns["force_N"].tolist() == [10.0, 20.0, 30.0]
+
+
+@pytest.mark.parametrize(
+    ("unit", "words"),
+    [
+        ("1/s", "turns or radians? say units: {rig: {pulley_speed_rad_s: rev/s}} or"),
+        ("m/s", "divide by the radius R of the pulley"),
+        ("kPa", "must be one of rad/s, deg/s, rpm, rev/s"),
+    ],
+)
+def test_speeds_that_cannot_be_decided(tmp_path, unit, words):
+    header = RIG.replace("Drehzahl [1/min]", f"Winkelgeschwindigkeit [{unit}]")
+    (found,) = problems(write(tmp_path, header, RIG_ROWS), "rig")
+    assert words in found
+    config = {"units": {"rig": {"pulley_speed_rad_s": {"factor": 20.0}}}}
+    speed = read(write(tmp_path, header, RIG_ROWS), "rig", config).columns["pulley_speed_rad_s"]
+    assert speed[-1] == 1200.0
+
+
+def test_turns_per_second_of_a_drehzahl_are_clear(tmp_path):
+    header = RIG.replace("[1/min]", "[1/s]")
+    speed = read(write(tmp_path, header, RIG_ROWS), "rig").columns["pulley_speed_rad_s"]
+    assert speed[-1] == pytest.approx(60 * 2 * np.pi, rel=1e-12)
+
+
+def test_a_decimal_comma_in_quotes_between_commas(tmp_path):
+    path = tmp_path / "bench.csv"
+    rows = ['"0","0,5","10,25"', '"1","0,6","20,5"', '"2","0,7","30"']
+    path.write_text("\n".join(["Zeit [s],Weg [mm],Kraft [N]", *rows]) + "\n")
+    assert read(path, "press").columns["force_N"].tolist() == [10.25, 20.5, 30.0]
+
+
+# --- rates -----------------------------------------------------------------------------------
+
+
+def timed(name: str, rate: float, length: float, start: float = 0.0) -> Timed:
+    time = start + np.arange(round(length * rate)) / rate
+    return Timed(name, 3.0 + 2.0 * time, time)  # a straight line: interpolated exactly
+
+
+def test_rates_are_aligned_on_the_tight_span_and_nothing_is_extrapolated():
+    channels = {
+        "tension_tight_N": timed("T", 100.0, 2.0),
+        "tension_slack_N": timed("S", 40.0, 2.0, start=0.31),
+        "pulley_speed_rad_s": timed("v", 1000.0, 1.5),
+        "temperature_degC": timed("C", 1.0, 10.0, start=1.0),
+    }
+    noted = Problems()
+    values, time, notes = aligned(channels, "rig", "f", noted)
+    assert not noted.count
+    assert time[0] == pytest.approx(0.31, abs=1e-12)
+    assert time[-1] == pytest.approx(1.49, abs=1e-12)
+    for role in ("tension_tight_N", "tension_slack_N", "pulley_speed_rad_s"):
+        np.testing.assert_allclose(values[role], 3.0 + 2.0 * time, rtol=1e-12)
+    early = time < 1.0
+    assert np.isnan(values["temperature_degC"][early]).all()
+    np.testing.assert_allclose(values["temperature_degC"][~early], 3.0 + 2.0 * time[~early])
+    assert notes[0].startswith("S (40/s), v (1000/s), C (1/s) interpolated linearly to the times")
+    assert notes[1].startswith("81 samples outside the time shared by the sensors, 0.31 to 1.499 s")
+
+
+def test_rates_that_make_no_sense_are_refused():
+    channels = {
+        "tension_tight_N": timed("T", 1000.0, 2.0),
+        "tension_slack_N": timed("S", 2.0, 2.0),
+        "pulley_speed_rad_s": timed("v", 1000.0, 2.0),
+    }
+    noted = Problems()
+    aligned(channels, "rig", "f", noted)
+    assert (
+        "S has 2 samples per second, T 1000; rates that differ by more than 20" in noted.found[0][1]
+    )
+    noted = Problems()
+    channels["tension_slack_N"] = timed("S", 1000.0, 2.0, start=5.0)
+    aligned(channels, "rig", "f", noted)
+    assert "share 0 samples of time" in noted.found[0][1]
+
+
+def test_rasters_with_times_of_their_own_in_one_file():
+    fast, slow = np.arange(0, 5, 0.01), np.arange(0, 5, 0.02)
+    groups = (
+        Group("forces", (Channel("Zeit", "ms", 1000 * fast), Channel("Zugtrum", "N", 300 + fast))),
+        Group(
+            "other",
+            (
+                Channel("Time", "s", slow),
+                Channel("Leertrum", "N", 150 + slow),
+                Channel("Drehzahl", "rpm", np.where(slow > 1, 60.0, 0.0)),
+            ),
+        ),
+    )
+    noted = Problems()
+    config = load_config({"runs": {"rig": {"values": {"arc_deg": 82, "initial_tension_N": 230}}}})
+    options = ReadOptions.of(config, "rig")
+    (piece,) = read_groups(BenchFile("x", groups), "r.x", schemas.table("rig"), options, noted)
+    np.testing.assert_allclose(piece.columns["time_s"], fast[:-1], atol=1e-12)
+    np.testing.assert_allclose(piece.columns["tension_slack_N"], 150 + fast[:-1], rtol=1e-12)
+
+
+def test_a_channel_without_any_time_is_refused():
+    groups = (
+        Group("", (Channel("Weg", "mm", np.arange(9.0)), Channel("Kraft", "N", np.arange(9.0)))),
+    )
+    noted = Problems()
+    assert not read_groups(
+        BenchFile("x", groups), "r.x", schemas.table("press"), ReadOptions(), noted
+    )
+    assert noted.found[0][1] == "r.x: column time_s is missing"
+
+
+def test_cells_that_count_the_other_way_are_asked_for_their_sign(tmp_path):
+    rows = [row.replace(";310;", ";-310;") for row in RIG_ROWS]
+    (found,) = problems(write(tmp_path, RIG, rows), "rig")
+    assert "tension_tight_N is negative nearly everywhere" in found
+    config = {"columns": {"rig": {"tension_tight_N": "-Zugtrum"}}}
+    assert read(write(tmp_path, RIG, rows), "rig", config).columns["tension_tight_N"][0] == 310.0
+
+
+def test_the_mark_of_a_file_comes_before_the_encoding_of_the_config(tmp_path):
+    path = write(tmp_path, "Prüfzeit [s];Weg [mm];Kraft [N]", PRESS_ROWS)
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    config = {"dialect": {"encoding": "cp1252"}}
+    assert read(path, "press", config).columns["time_s"].tolist() == [0.0, 1.0, 2.0]

@@ -1,0 +1,275 @@
+"""One file per run, many runs in one file, and where label and settings of a run may stand."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from beltid.bench.files.sources import content_sha256
+from beltid.bench.recording import read_recording
+from beltid.config import load_config
+from beltid.errors import InputError
+
+RIGDATA = Path(__file__).parents[2] / "rigdata" / "5pk"
+LABELS = ("R001", "R002", "R042", "R100")
+
+
+@pytest.fixture(scope="module")
+def runs() -> dict[str, pd.DataFrame]:
+    frame = pd.read_csv(RIGDATA / "rig.csv", dtype={"run": str})
+    return {label: frame[frame["run"] == label] for label in LABELS}
+
+
+def sensors(run: pd.DataFrame) -> pd.DataFrame:
+    return run.drop(columns=["run", "arc_deg", "initial_tension_N"])
+
+
+def per_run(folder: Path, runs: dict[str, pd.DataFrame], name: str = "{label}.csv") -> Path:
+    folder.mkdir()
+    for label, run in runs.items():
+        arc, tension = run["arc_deg"].iloc[0], run["initial_tension_N"].iloc[0]
+        file = folder / name.format(label=label, arc=arc, tension=tension)
+        sensors(run).to_csv(file, index=False)
+    return folder
+
+
+def expect(columns: dict[str, np.ndarray], runs: dict[str, pd.DataFrame]) -> None:
+    frame = pd.concat(runs.values())
+    assert columns["run"].tolist() == frame["run"].tolist()
+    for name, values in columns.items():
+        if name != "run":
+            np.testing.assert_array_equal(values, frame[name].to_numpy(dtype=float))
+
+
+def problems(path: Path, config: dict[str, object] | None = None, kind: str = "rig") -> list[str]:
+    with pytest.raises(InputError) as caught:
+        read_recording(path, kind, load_config(config))
+    return [p.replace(f"{path}", path.name) for p in caught.value.problems]
+
+
+PATTERNS = {
+    "braces": (
+        "{label}_{arc}deg_{tension}N_0p21.csv",
+        "{run}_{arc_deg}deg_{initial_tension_N}N_{}.csv",
+    ),
+    "a name that is not used": (
+        "{label}_{arc}deg_{tension}N_0p21.csv",
+        "{run}_{arc_deg}deg_{initial_tension_N}N_{speed}.csv",
+    ),
+    "unit": ("T{tension}-B{arc}-{label}.csv", "T{initial_tension_N:N}-B{arc_deg:deg}-{run}.csv"),
+    "regex": (
+        "{label} {arc} {tension}.csv",
+        r"(?P<run>R\d+) (?P<arc_deg>\d+) (?P<initial_tension_N>\d+)\.csv",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", PATTERNS)
+def test_the_names_of_the_files_tell_label_and_settings(tmp_path, runs, name):
+    files, pattern = PATTERNS[name]
+    folder = per_run(tmp_path / "runs", runs, files)
+    config = load_config({"runs": {"rig": {"pattern": pattern}}})
+    expect(read_recording(folder, "rig", config).columns, runs)
+    expect(read_recording(tmp_path / "runs" / "*.csv", "rig", config).columns, runs)
+
+
+def test_a_unit_in_the_pattern_converts(tmp_path, runs):
+    folder = per_run(tmp_path / "runs", {"R100": runs["R100"]}, "{label}_0.41kN_1p2rad.csv")
+    pattern = "{run}_{initial_tension_N:kN}kN_{arc_deg:rad}rad.csv"
+    config = load_config({"runs": {"rig": {"pattern": pattern}}})
+    columns = read_recording(folder, "rig", config).columns
+    np.testing.assert_allclose(columns["initial_tension_N"], 410.0, rtol=1e-12)
+    np.testing.assert_allclose(columns["arc_deg"], np.degrees(1.2), rtol=1e-12)
+
+
+def test_a_name_that_does_not_follow_the_pattern_is_refused(tmp_path, runs):
+    folder = per_run(tmp_path / "runs", runs)
+    found = problems(folder, {"runs": {"rig": {"pattern": "{run}_{arc_deg}deg.csv"}}})
+    assert found[0].startswith("runs/R001.csv and 3 more: the name is not made up as runs.rig.pa")
+
+
+@pytest.mark.parametrize("units_row", [False, True])
+def test_a_table_of_the_files(tmp_path, runs, units_row):
+    folder = per_run(tmp_path / "runs", runs, "meas_{label}.csv")
+    table = tmp_path / "runs.csv"
+    rows = [
+        f"meas_{k}.csv;{k};{r.arc_deg.iloc[0]};{r.initial_tension_N.iloc[0]}"
+        for k, r in runs.items()
+    ]
+    head = ["file;run;arc_deg;initial_tension_N"]
+    if units_row:
+        head = ["Datei;Lauf;Umschlingungswinkel;Vorspannkraft", "-;-;°;N"]
+    table.write_text("\n".join([*head, *rows]) + "\n")
+    config = load_config({"runs": {"rig": {"table": str(table)}}})
+    expect(read_recording(folder, "rig", config).columns, runs)
+
+
+def test_a_table_and_files_that_do_not_belong_together(tmp_path, runs):
+    folder = per_run(tmp_path / "runs", runs)
+    table = folder / "runs.csv"  # beside the recordings: it is not one of them
+    table.write_text("file,arc_deg,initial_tension_N\nR001,40,50\nR002.csv,40,50\nR042.csv,68,x\n")
+    assert problems(folder, {"runs": {"rig": {"table": str(table)}}}) == [
+        'runs/runs.csv:4: initial_tension_N = "x", must be a number'
+    ]
+    table.write_text(
+        "file,arc_deg,initial_tension_N\nR001,40,50\nR002.csv,40,50\nR042.csv,68,50\nR7,1,1\n"
+    )
+    assert problems(folder, {"runs": {"rig": {"table": str(table)}}}) == [
+        "runs/runs.csv: has no row for R100.csv",
+        "runs/R100.csv:1: column arc_deg is missing; if it holds for every run: "
+        "runs: {rig: {values: {arc_deg: ...}}}; if the names of the files tell it: "
+        'runs: {rig: {pattern: "{run}_{arc_deg}.csv"}}; or in a table of the files: '
+        "runs: {rig: {table: runs.csv}}",
+        "runs/R100.csv:1: column initial_tension_N is missing; if it holds for every run: "
+        "runs: {rig: {values: {initial_tension_N: ...}}}; if the names of the files tell it: "
+        'runs: {rig: {pattern: "{run}_{initial_tension_N}.csv"}}; or in a table of the files: '
+        "runs: {rig: {table: runs.csv}}",
+        "runs/runs.csv:5: R7 is not among the files read",
+    ]
+
+
+def test_header_fields_and_values_for_all_runs(tmp_path, runs):
+    (tmp_path / "runs").mkdir()
+    for label, run in runs.items():
+        arc, tension = run["arc_deg"].iloc[0], run["initial_tension_N"].iloc[0]
+        head = f"# Wrap angle: {arc} deg\n# Set tension = {tension}\n"
+        (tmp_path / "runs" / f"{label}.csv").write_text(head + sensors(run).to_csv(index=False))
+    config = {"runs": {"rig": {"fields": {"initial_tension_N": "Set tension"}}}}
+    recording = read_recording(tmp_path / "runs", "rig", load_config(config))
+    expect(recording.columns, runs)
+    assert "read header field Wrap angle as arc_deg" in recording.notes
+    # what the config says of all runs comes before a header that is merely recognised
+    config["runs"]["rig"]["values"] = {"arc_deg": 77}
+    assert set(
+        read_recording(tmp_path / "runs", "rig", load_config(config)).columns["arc_deg"]
+    ) == {77}
+    wrong = {"runs": {"rig": {"fields": {"initial_tension_N": "T nominal"}}}}
+    assert "there is no header field T nominal" in problems(tmp_path / "runs", wrong)[0]
+
+
+def test_settings_that_nobody_tells_are_asked_for_once(tmp_path, runs):
+    found = problems(per_run(tmp_path / "runs", runs))
+    assert len(found) == 2
+    assert found[0].startswith("runs/R001.csv:1 and 3 more: column arc_deg is missing; ")
+    assert "runs: {rig: {values: {arc_deg: ...}}}" in found[0]
+
+
+def test_a_zip_file_holds_a_file_per_run(tmp_path, runs):
+    path = tmp_path / "runs.zip"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for label, run in runs.items():
+            archive.writestr(f"day 1/{label}.csv", run.drop(columns="run").to_csv(index=False))
+        archive.writestr("__MACOSX/._x.csv", b"\0\1")
+    expect(read_recording(path, "rig").columns, runs)
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("notes.txt", "x")
+    assert "holds files of several kinds (.csv, .txt)" in problems(path)[0]
+
+
+def test_a_folder_of_several_kinds_is_not_guessed_at(tmp_path, runs):
+    folder = per_run(tmp_path / "runs", runs)
+    (folder / "list.txt").write_text("x")
+    (folder / "README.md").write_text("x")
+    (found,) = problems(folder)
+    assert "holds files of several kinds (" in found
+    assert "4 .csv" in found
+    assert found.endswith("name those that are runs, such as runs/*.csv")
+    (folder / "list.txt").unlink()
+    values = {"arc_deg": 40, "initial_tension_N": 50}
+    config = load_config({"runs": {"rig": {"values": values}}})
+    assert len(set(read_recording(folder, "rig", config).columns["run"])) == 4
+    assert problems(tmp_path / "nothing*.csv") == ["nothing*.csv: no file matches this pattern"]
+
+
+def test_one_label_for_two_files_is_refused(tmp_path, runs):
+    (tmp_path / "runs").mkdir()
+    for name in ("a", "b"):
+        runs["R001"].to_csv(tmp_path / "runs" / f"{name}.csv", index=False)
+    assert problems(tmp_path / "runs") == ["runs/b.csv: run R001 is that of runs/a.csv, too"]
+
+
+def test_the_place_of_a_wrong_sample_is_its_file_and_line(tmp_path, runs):
+    folder = per_run(tmp_path / "runs", runs, "{label}_{arc}deg_{tension}N.csv")
+    name = next(folder.glob("R042*"))
+    lines = name.read_text().split("\n")
+    lines[7] = lines[7].replace(lines[7].split(",")[1], "-5", 1)
+    name.write_text("\n".join(lines))
+    config = {"runs": {"rig": {"pattern": "{run}_{arc_deg}deg_{initial_tension_N}N.csv"}}}
+    assert problems(folder, config) == [f"runs/{name.name}:8: tension_tight_N = -5, must be > 0"]
+
+
+# --- many runs in one file, without labels ---------------------------------------------------
+
+
+def test_runs_are_told_apart_by_settings_and_restarts_of_the_time(tmp_path, runs):
+    path = tmp_path / "rig.csv"
+    pd.concat(runs.values()).drop(columns="run").to_csv(path, index=False)
+    recording = read_recording(path, "rig")
+    lengths = [len(run) for run in runs.values()]
+    expected = [f"rig-{k}" for k, n in enumerate(lengths, start=1) for _ in range(n)]
+    assert recording.columns["run"].tolist() == expected
+    assert any("4 told apart by changes of the settings" in note for note in recording.notes)
+
+
+def test_runs_of_one_setting_on_a_clock_that_goes_on_are_not_told_apart(tmp_path, runs):
+    one, two = runs["R001"], runs["R002"]
+    later = two.assign(time_s=two["time_s"] + one["time_s"].iloc[-1] + 0.02)
+    path = tmp_path / "rig.csv"
+    pd.concat([one, later]).drop(columns="run").to_csv(path, index=False)
+    assert problems(path) == [
+        "rig.csv: the pulley turns 2 times with rests between, and no column labels the runs: "
+        "add one"
+    ]
+
+
+def test_a_time_that_jumps_back_a_little_is_no_new_run(tmp_path, runs):
+    run = runs["R001"].drop(columns="run").copy()
+    run.iloc[300, 0] -= 0.5
+    path = tmp_path / "rig.csv"
+    run.to_csv(path, index=False)
+    assert "must not go backwards" in problems(path)[0]
+
+
+def test_a_single_run_is_called_like_its_file(tmp_path, runs):
+    path = tmp_path / "monday_3.csv"
+    runs["R042"].drop(columns="run").to_csv(path, index=False)
+    assert set(read_recording(path, "rig").columns["run"]) == {"monday_3"}
+
+
+# --- hashes ----------------------------------------------------------------------------------
+
+
+def test_the_hash_of_a_folder_follows_names_and_contents(tmp_path, runs):
+    folder = per_run(tmp_path / "runs", runs)
+    before = content_sha256(folder)
+    assert content_sha256(tmp_path / "runs" / "*.csv") == before
+    (folder / "R001.csv").rename(folder / "R001b.csv")
+    renamed = content_sha256(folder)
+    with (folder / "R002.csv").open("a") as file:
+        file.write("\n")
+    assert len({before, renamed, content_sha256(folder)}) == 3
+    (folder / "notes.md").write_text("no recording")
+    (folder / ".hidden.csv").write_text("no recording")
+    assert content_sha256(folder) == content_sha256(tmp_path / "runs" / "R*.csv")
+
+
+def test_results_among_the_recordings_are_no_recordings(tmp_path, runs):
+    from typer.testing import CliRunner
+
+    from beltid.cli import app
+
+    folder = per_run(tmp_path / "runs", runs, "{label}_{arc}deg_{tension}N.csv")
+    config = tmp_path / "c.yaml"
+    config.write_text('runs: {rig: {pattern: "{run}_{arc_deg}deg_{initial_tension_N}N.csv"}}\n')
+    call = ["fit-friction", "-c", str(config), "-q"]
+    before = content_sha256(folder)
+    out = str(folder / "friction.parquet")
+    assert CliRunner().invoke(app, [*call, str(folder), "-o", out]).exit_code == 0
+    assert content_sha256(folder) == content_sha256(folder / "*") == before
+    expect(read_recording(folder, "rig", load_config(config)).columns, runs)
+    again = CliRunner().invoke(app, ["fit-friction", "-c", str(config), str(folder), "-o", out])
+    assert "is up to date" in again.stderr

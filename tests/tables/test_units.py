@@ -1,0 +1,72 @@
+"""Units of benches against values worked out by hand."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from beltid.tables.units import CONVERSIONS, allowed_units, canonical_unit, conversion
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "target", "expected"),
+    [
+        (1.0, "kN", "N", 1000.0),
+        (1.0, "lbf", "N", 4.4482216152605),
+        (2.0, "in", "mm", 50.8),
+        (64.0, "µm", "mm", 0.064),
+        (0.001, "m", "mm", 1.0),
+        (60.0, "rpm", "rad/s", 2.0 * math.pi),
+        (180.0, "deg/s", "rad/s", math.pi),
+        (212.0, "°F", "degC", 100.0),
+        (-40.0, "degF", "degC", -40.0),
+        (273.15, "K", "degC", 0.0),
+        (1.5, "min", "s", 90.0),
+        (20.0, "ms", "s", 0.02),
+        (math.pi, "rad", "deg", 180.0),
+        (250.0, "N cm", "N m", 2.5),
+        (1.0, "lbf in", "N m", 0.1129848290276167),
+    ],
+)
+def test_conversions(value, unit, target, expected):
+    by = conversion(unit, target)
+    assert by is not None
+    assert (value + by.shift) * by.factor == pytest.approx(expected, rel=1e-14, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("written", "meant"),
+    [
+        ("[N]", "N"),
+        (" (kN) ", "kN"),
+        ("μm", "um"),
+        ("µm", "um"),
+        ("1/min", "rpm"),
+        ("U/min", "rpm"),
+        ("Nm", "N m"),
+        ("N·m", "N m"),
+        ("N*m", "N m"),
+        ("°C", "degC"),
+        ("[°]", "deg"),
+        ("furlong", "furlong"),
+    ],
+)
+def test_spellings(written, meant):
+    assert canonical_unit(written) == meant
+
+
+@pytest.mark.parametrize(
+    ("unit", "target"),
+    [("N m", "N"), ("m", "N"), ("min", "mm"), ("", "N"), ("kn", "N"), ("N", "1")],
+)
+def test_what_does_not_convert(unit, target):
+    assert conversion(unit, target) is None
+
+
+@pytest.mark.parametrize("target", CONVERSIONS)
+def test_a_unit_converts_to_itself_unchanged(target):
+    by = conversion(target, target)
+    assert by is not None
+    assert (by.factor, by.shift) == (1.0, 0.0)
+    assert all(conversion(unit, target) is not None for unit in allowed_units(target))
