@@ -34,6 +34,7 @@ Module                 Responsibility                                         Pa
 ``identify.friction``  run of the rig to friction coefficient                 Eqs. (5) to (8)
 ``identify.surface``   runs to friction surface                               section 5
 ``identify.agreement`` measured against simulated                             section 7
+``drive``              belt drive from the identified laws: speed loss, forces section 2.1
 ``rigsim``             the simulated rig: ANCF belt, contact, stick and slip  Eqs. (9) to (12)
 ``laws``               constitutive formulas, one function per equation       Eqs. (1) to (9)
 ``params``             frozen parameter values with their bounds
