@@ -62,6 +62,14 @@ class StandardUncertainties:
         Length of belt under the press, as a share.
     machine_compliance : float
         Compliance of the press [m/N].
+    drive_radius : float
+        Radius of each pulley of a drive, as a share.
+    drive_centres : float
+        Coordinates of the centre of each pulley of a drive [m].
+    initial_tension : float
+        Belt tension of a drive at rest, as a share.
+    torque : float
+        Gain of the torque of a drive, as a share.
     stated : frozenset of str
         Those that the user stated; the others are assumed.
     """
@@ -81,6 +89,10 @@ class StandardUncertainties:
     press_displacement: float = 0.0
     segment_length: float = 0.0
     machine_compliance: float = 0.0
+    drive_radius: float = 0.0
+    drive_centres: float = 0.0
+    initial_tension: float = 0.0
+    torque: float = 0.0
     stated: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
