@@ -70,6 +70,7 @@ if TYPE_CHECKING:
     from beltid.stages.fit_slip import fit_slip
     from beltid.stages.fit_stiffness import fit_stiffness
     from beltid.stages.refine_surface import refine_surface
+    from beltid.stages.simulate_drive import simulate_drive
     from beltid.stages.simulated_runs import simulate_campaign, simulate_rig
     from beltid.stages.tables import load_law, load_stiffness, load_surface
 
@@ -99,6 +100,7 @@ __all__ = [
     "load_surface",
     "refine_surface",
     "simulate_campaign",
+    "simulate_drive",
     "simulate_rig",
 ]
 
@@ -134,6 +136,7 @@ _HOMES = {
     "load_stiffness": "stages.tables",
     "load_surface": "stages.tables",
     "simulate_campaign": "stages.simulated_runs",
+    "simulate_drive": "stages.simulate_drive",
     "simulate_rig": "stages.simulated_runs",
 }
 

@@ -199,6 +199,15 @@ EXTRA: Final[dict[str, dict[str, Any]]] = {
             }
         ),
     },
+    "drive": {"n_failed": COUNT, "loaded_pulley": Maybe(TEXT)},
+    "compare_drive": {
+        "passed": FLAG,
+        "rms_relative_error": MAYBE,
+        "rms_over_uncertainty": MAYBE,
+        "max_rms_relative_error": NUMBER,
+        "n_judged": COUNT,
+        "n_asked": COUNT,
+    },
     "compare": {
         "passed": FLAG,
         "statistics": [STATISTICS],

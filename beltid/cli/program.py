@@ -61,6 +61,8 @@ COMMANDS: Final = {
     ),
     "simulate-rig": ("proof", "surface, stiffness -> simulated.parquet: the rig again"),
     "compare": ("proof", "friction, simulated -> compare.parquet: do they agree?"),
+    "simulate-drive": ("drive", "surface, stiffness -> drive.parquet: a belt drive"),
+    "compare-drive": ("drive", "slip, drive -> compare_drive.parquet: is it so?"),
     "run": ("run", "CONFIG.yaml -> runs/<belt>/: all of the above"),
     "report": ("report", "runs/<belt> -> report.html: figures, verdict"),
     "show": ("report", "any artifact: a table and a drawing, or a figure"),

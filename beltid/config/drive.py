@@ -1,12 +1,13 @@
-"""The sections `drive` and `compare_drive`: a belt drive to predict, and how well it must be met."""
+"""The sections `drive` and `compare_drive`: a belt drive, and how well its prediction must do."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from pydantic import Field
+
 from beltid.config.bench_files import Section
-from beltid.config.fields import Checked, Choice, FilePath, ListOf, Number, Text, complain
+from beltid.config.fields import Checked, Choice, ListOf, Number, Text, complain
 
 Installation = Literal["fixed_centres", "slack_force", "tensioner"]
 Metres = Annotated[float, Number(-100, 100, "m")]
@@ -60,27 +61,24 @@ ByName = Annotated[dict[str, Numbers], ListsByName()]
 class OperatingPointsSection(Section):
     """Operating points: lists of one length, in step; a list of one number holds for all points.
 
-    Torques and powers are those that a pulley takes off. In place of the lists a CSV file may stand
-    with the columns driver_speed_rad_s and torque_N_m or power_W of every pulley, such as
-    `torque_N_m.driven`.
+    Torques and powers are those that a pulley takes off.
     """
 
     driver_speed_rad_s: Annotated[
         tuple[Annotated[float, Number(-1e4, 1e4, "rad/s")], ...],
         ListOf("speeds", "[22, 62.8]", 100_000),
     ] = (62.8,)
-    torque_N_m: ByName = {}
-    power_W: ByName = {}
-    file: Annotated[Path, FilePath()] | None = None
+    torque_N_m: ByName = Field(default_factory=dict)
+    power_W: ByName = Field(default_factory=dict)
 
 
 class DriveSection(Section):
     """A belt drive: pulleys in the order of the belt, installation, operating points."""
 
     method: Annotated[Literal["string"], Choice(("string",))] = "string"
-    installation: Annotated[
-        Installation, Choice(("fixed_centres", "slack_force", "tensioner"))
-    ] = "fixed_centres"
+    installation: Annotated[Installation, Choice(("fixed_centres", "slack_force", "tensioner"))] = (
+        "fixed_centres"
+    )
     initial_tension_N: (
         Annotated[
             tuple[Annotated[float, Number(0, 1e5, "N", open_low=True)], ...],

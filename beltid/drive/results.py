@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from beltid.drive.loop import LoopState, RestState, rest_state, solve_loop
 from beltid.drive.model import Drive, DrivePoint
-from beltid.drive.string import StringLevel
+from beltid.drive.string import SlidingShares, StringLevel
 
 Array = NDArray[np.float64]
 
@@ -71,6 +71,10 @@ class DriveResult:
     rest: RestState
     state: LoopState
     idle: LoopState
+
+    def in_order(self, values: Array) -> Array:
+        """Values (n, ...) of the pulleys in the order of the drive as it was stated."""
+        return values[::-1] if self.point.omega < 0.0 else values
 
     @property
     def status(self) -> tuple[str, ...]:
@@ -127,6 +131,24 @@ class DriveResult:
         free = np.full(arcs.needed.size, np.inf)
         reserve = np.divide(self.state.laid.wraps, arcs.needed, out=free, where=arcs.needed > 0.0)
         return np.where(self.state.slack, np.nan, reserve)
+
+    @property
+    def arc_used(self) -> Array:
+        """Arc that slides on each pulley [rad]."""
+        used = np.minimum(self.state.arcs.needed, self.state.laid.wraps)
+        return np.where(self.state.slack, np.nan, used)
+
+    @property
+    def shares(self) -> SlidingShares:
+        """Sliding speeds, line forces, and what acts outside the measured range; nan if slack."""
+        state = self.state
+        found = StringLevel(self.drive).shares(
+            state.P_in, state.P, state.v0, state.laid.wraps, state.arcs.slip
+        )
+        if not state.slack:
+            return found
+        unknown = np.full(state.P.size, np.nan)
+        return SlidingShares(*(unknown,) * 5, np.zeros(state.P.size, dtype=np.int64))
 
     @property
     def friction_power(self) -> Array:

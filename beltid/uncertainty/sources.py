@@ -200,6 +200,13 @@ PRESS_SOURCES = (
     ("segment_length", "length of the pressed segment", PERCENT, 1),
     ("machine_compliance", "compliance of the press", ("mm/N", 1.0e-3), 1),
 )
+DRIVE_SOURCES = (
+    ("axial_stiffness", "axial stiffness of the belt", PERCENT, 1),
+    ("initial_tension", "belt tension at rest", PERCENT, 1),
+    ("torque", "torque", PERCENT, 1),
+)
+PULLEY_SOURCES = (("drive_radius", "radius of each pulley", PERCENT, 0),)
+CENTRE_SOURCES = (("drive_centres", "place of each pulley", ("mm", 1.0e-3), 0),)
 
 REDUCTION_SOURCES = (
     ("shared_tail", "shape of the tail"),
@@ -228,12 +235,29 @@ def all_sources(
     `law_scatter` says whether the covariance of the contact law is known: it is the same law in
     every run, so that its scatter is an error which all of them share.
     """
-    scatter = tuple(
-        Source("contact law, scatter of the press", "law", k, 1.0, "1", 1.0, FITTED)
-        for k in range(2 * law_scatter)
-    )
     rig = (*rig_sources(u, n_arcs), *_sources(u, MODEL_SOURCES, 1))
-    return (*rig, *scatter, *press_sources(u))
+    return (*rig, *law_scatter_sources(law_scatter), *press_sources(u))
+
+
+def drive_sources(
+    u: StandardUncertainties, n_pulleys: int, law_scatter: bool
+) -> tuple[Source, ...]:
+    """Sources of a predicted drive, beside the scatter of its friction surface.
+
+    The places of ``drive_centres`` are the abscissae of all pulleys, then their ordinates.
+    """
+    geometry = (
+        *_sources(u, PULLEY_SOURCES, n_pulleys),
+        *_sources(u, CENTRE_SOURCES, 2 * n_pulleys),
+    )
+    law = (*law_scatter_sources(law_scatter), *press_sources(u))
+    return (*_sources(u, DRIVE_SOURCES, 1), *geometry, *law)
+
+
+def law_scatter_sources(known: bool) -> tuple[Source, ...]:
+    """Scatter of the press in both coefficients of the contact law, if its covariance is known."""
+    words = "contact law, scatter of the press"
+    return tuple(Source(words, "law", k, 1.0, "1", 1.0, FITTED) for k in range(2 * known))
 
 
 def reduction_sources(columns: Mapping[str, Array]) -> tuple[Source, ...]:
