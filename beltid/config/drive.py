@@ -92,11 +92,16 @@ class DriveSection(Section):
         PulleySection(name="driver", x_m=0.0, y_m=0.0, radius_m=0.05),
         PulleySection(name="driven", x_m=0.25, y_m=0.0, radius_m=0.05),
     )
-    driver: Annotated[str, Text(40)] = "driver"
+    driver: Annotated[str, Text(40)] | None = None
     tensioner: TensionerSection | None = None
     operating_points: OperatingPointsSection = OperatingPointsSection()
     back_friction: Annotated[float, Number(0.01, 5)] = 0.5
     idler_torque_N_m: Annotated[float, Number(0, 1e3, "N m")] = 0.0
+
+    @property
+    def driving(self) -> str:
+        """Name of the pulley that drives: the first one unless another is stated."""
+        return self.driver or self.pulleys[0].name
 
 
 class CompareDriveSection(Section):

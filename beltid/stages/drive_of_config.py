@@ -50,7 +50,7 @@ def drive_of(config: Config, surface: FrictionSurface, law: NormalLaw) -> Drive:
             pulley.y_m,
             pulley.radius_m,
             pulley.side == "rib",
-            0.0 if pulley.name in {*taken, section.driver} else section.idler_torque_N_m,
+            0.0 if pulley.name in {*taken, section.driving} else section.idler_torque_N_m,
         )
         for pulley in section.pulleys
     )
@@ -59,7 +59,7 @@ def drive_of(config: Config, surface: FrictionSurface, law: NormalLaw) -> Drive:
         law,
         surface,
         pulleys,
-        names.index(section.driver),
+        names.index(section.driving),
         section.installation,
         _tensioner(section, names),
         section.back_friction,
@@ -155,7 +155,7 @@ def load_pulley(section: DriveSection) -> str:
     InputError
         If there is not exactly one pulley that takes torque or power off.
     """
-    others = [pulley.name for pulley in section.pulleys if pulley.name != section.driver]
+    others = [pulley.name for pulley in section.pulleys if pulley.name != section.driving]
     stated = {*section.operating_points.torque_N_m, *section.operating_points.power_W}
     candidates = [name for name in others if name in stated] or others
     if len(candidates) != 1:
@@ -196,7 +196,7 @@ def drive_warnings(config: Config, drive: Drive, tensions: list[float]) -> list[
 def _refuse_names(section: DriveSection, names: list[str]) -> None:
     points = section.operating_points
     known = ", ".join(names)
-    asked = {"drive.driver": [section.driver]}
+    asked = {"drive.driver": [section.driving]}
     asked["drive.operating_points.torque_N_m"] = list(points.torque_N_m)
     asked["drive.operating_points.power_W"] = list(points.power_W)
     if section.tensioner is not None:
