@@ -18,6 +18,7 @@ from beltid.drive.agreement import (
     compare_losses,
 )
 from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, InputError
+from beltid.identify.estimators.statistics import as_set
 from beltid.identify.slip.points import GROSS_SLIP, OK
 from beltid.report.summary import Summary
 from beltid.stages.making import Made, Recipe, make
@@ -224,6 +225,7 @@ def summarise(made: Made) -> Summary:
         },
         table=rows_of(columns, *columns),
         shown=SHOWN,
+        overview=_series(columns),
         notes=made.notes,
         warnings=made.warnings,
         verdict=_verdict(extra),
@@ -231,6 +233,31 @@ def summarise(made: Made) -> Summary:
         up_to_date=made.up_to_date,
         origin=made.origin,
     )
+
+
+def _series(columns: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
+    """A row per driver speed and initial tension: how far the torque went, and the difference."""
+    speeds = as_set(columns["driver_speed_rad_s"])
+    tensions = as_set(columns["initial_tension_N"])
+    rows = []
+    for speed, tension in dict.fromkeys(zip(speeds.tolist(), tensions.tolist(), strict=True)):
+        here = (speeds == speed) & (tensions == tension) & columns["judged"]
+        if not here.any():
+            continue
+        relative = columns["relative_difference"][here]
+        rows.append(
+            {
+                "driver_speed_rad_s": speed,
+                "initial_tension_N": tension,
+                "points": int(here.sum()),
+                "largest_torque_N_m": float(np.abs(columns["torque_N_m"][here]).max()),
+                "mean_difference_percent": 100.0 * float(relative.mean()),
+                "rms_difference_percent": 100.0 * float(np.sqrt(np.mean(relative**2))),
+                "rms_over_uncertainty": float(np.sqrt(np.mean(columns["e_over_u"][here] ** 2))),
+                "largest_arc_share": float(columns["arc_share"][here].max()),
+            }
+        )
+    return rows
 
 
 def _verdict(extra: Mapping[str, Any]) -> str:

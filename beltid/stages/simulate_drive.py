@@ -69,6 +69,8 @@ SHOWN: Final = (
 )
 TELLING: Final = 0.1
 """Share of the largest loss above which a loss counts in the budget."""
+FEW_ROWS: Final = 12
+"""Rows of the table up to which all of them are shown."""
 MOST_OUTSIDE: Final = 0.3
 """Share of the sliding friction outside what was measured, above which there is a warning."""
 
@@ -336,11 +338,32 @@ def summarise(made: Made) -> Summary:
         details=budget_details(extra["budget"]),
         table=rows_of(columns, *columns),
         shown=SHOWN,
+        overview=_overview(columns) if len(columns["run"]) > FEW_ROWS else [],
         notes=made.notes,
         warnings=made.warnings,
         up_to_date=made.up_to_date,
         origin=made.origin,
     )
+
+
+def _overview(columns: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
+    """A row per pulley: the hubs' largest forces, the least reserve, the largest loss."""
+    rows = []
+    for pulley in dict.fromkeys(columns["pulley"].tolist()):
+        of = columns["pulley"] == pulley
+        reserve = span(columns["reserve"][of])
+        rows.append(
+            {
+                "pulley": pulley,
+                "largest_torque_N_m": _largest(np.abs(columns["torque_N_m"][of])),
+                "largest_speed_loss_rad_s": _largest(columns["speed_loss_rad_s"][of]),
+                "largest_tension_N": _largest(columns["tension_in_N"][of]),
+                "largest_hub_force_N": _largest(columns["hub_force_N"][of]),
+                "least_reserve": None if reserve is None else reserve[0],
+                "largest_friction_power_W": _largest(columns["friction_power_W"][of]),
+            }
+        )
+    return rows
 
 
 def _largest(values: np.ndarray) -> float | None:
