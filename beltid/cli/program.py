@@ -32,8 +32,8 @@ From bench recordings to a friction law that is proven on a simulated copy of th
   surface_refined.parquet, stiffness.parquet, slip.parquet
                    simulate-drive -> drive.parquet, compare-drive
 
-`beltid run CONFIG.yaml` does all of it but the drive. Results go to stdout, talk and progress to stderr.
-As the name of an input - is stdin, after --out it is stdout.
+`beltid run CONFIG.yaml` does all of it, the drive where its config has one. Results go to stdout,
+talk and progress to stderr. As the name of an input - is stdin, after --out it is stdout.
 """
 
 EXIT_STATUSES = """\
@@ -65,7 +65,7 @@ COMMANDS: Final = {
     "compare": ("proof", "friction, simulated -> compare.parquet: do they agree?"),
     "simulate-drive": ("drive", "surface, stiffness -> drive.parquet: a belt drive"),
     "compare-drive": ("drive", "slip, drive -> compare_drive.parquet: is it so?"),
-    "run": ("run", "CONFIG.yaml -> runs/<belt>/: all of the above but the drive"),
+    "run": ("run", "CONFIG.yaml -> runs/<belt>/: all of the above"),
     "report": ("report", "runs/<belt> -> report.html: figures, verdict"),
     "show": ("report", "any artifact: a table and a drawing, or a figure"),
     "export": ("export", "runs/<belt> -> the law for multibody codes"),
