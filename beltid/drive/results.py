@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -195,7 +196,7 @@ class Simulator:
     Parameters
     ----------
     drive : Drive
-        Belt, laws, pulleys, installation; the belt runs in the order of the pulleys.
+        Belt, laws, pulleys, installation.
     """
 
     def __init__(self, drive: Drive) -> None:
@@ -207,6 +208,9 @@ class Simulator:
     def solve(self, point: DrivePoint) -> DriveResult:
         """Find the steady state of a point, and of the drive that idles at its speed.
 
+        Where the speed of the driver is negative the belt runs against the order of the pulleys:
+        such a result holds the reversed drive and the reversed point.
+
         Raises
         ------
         InputError
@@ -214,6 +218,16 @@ class Simulator:
         ConvergenceError
             If no steady state was found.
         """
+        if point.omega < 0.0:
+            return self._reversed._forwards(point.reversed())
+        return self._forwards(point)
+
+    @cached_property
+    def _reversed(self) -> Simulator:
+        return Simulator(self.drive.reversed())
+
+    def _forwards(self, point: DrivePoint) -> DriveResult:
+        """Solve a point with the belt running in the order of the pulleys."""
         T_0 = None if math.isnan(point.T_0) else point.T_0
         if T_0 not in self._rest:
             self._rest[T_0] = rest_state(self.drive, self.level, point.T_0)
@@ -233,8 +247,7 @@ def simulate(drive: Drive, points: Sequence[DrivePoint]) -> list[DriveResult]:
     drive : Drive
         Belt, laws, pulleys, installation.
     points : sequence of DrivePoint
-        Operating points. Where the speed of the driver is negative the belt runs against the order
-        of the pulleys: such a result holds the reversed drive and the reversed point.
+        Operating points.
 
     Returns
     -------
@@ -246,8 +259,5 @@ def simulate(drive: Drive, points: Sequence[DrivePoint]) -> list[DriveResult]:
     InputError, ConvergenceError
         As :meth:`Simulator.solve`.
     """
-    forwards, backwards = Simulator(drive), Simulator(drive.reversed())
-    return [
-        forwards.solve(point) if point.omega > 0.0 else backwards.solve(point.reversed())
-        for point in points
-    ]
+    simulator = Simulator(drive)
+    return [simulator.solve(point) for point in points]

@@ -185,13 +185,11 @@ def _outcome(
 
 
 def _solved(drive: Drive, points: Sequence[LabelledPoint]) -> tuple[SolvedPoint, ...]:
-    forwards, backwards = Simulator(drive), Simulator(drive.reversed())
-    solved = []
+    simulator, solved = Simulator(drive), []
     for asked in points:
-        point, ahead = asked.point, asked.point.omega > 0.0
         result: DriveResult | ConvergenceError
         try:
-            result = forwards.solve(point) if ahead else backwards.solve(point.reversed())
+            result = simulator.solve(asked.point)
         except ConvergenceError as error:
             result = error
         solved.append(SolvedPoint(asked, result))

@@ -87,12 +87,10 @@ def drive_uncertainty(
 
 def speed_losses(drive: Drive, points: Sequence[DrivePoint]) -> Array:
     """Speed losses of all pulleys [rad/s], (n_points, n_pulleys); nan without a steady state."""
-    forwards, backwards = Simulator(drive), Simulator(drive.reversed())
-    rows = []
+    simulator, rows = Simulator(drive), []
     for point in points:
         try:
-            ahead = point.omega > 0.0
-            result = forwards.solve(point) if ahead else backwards.solve(point.reversed())
+            result = simulator.solve(point)
             rows.append(result.in_order(result.loss.total))
         except ConvergenceError:
             rows.append(np.full(len(drive.pulleys), np.nan))
