@@ -199,7 +199,19 @@ EXTRA: Final[dict[str, dict[str, Any]]] = {
             }
         ),
     },
-    "drive": {"n_failed": COUNT, "loaded_pulley": Maybe(TEXT)},
+    "drive": {
+        "n_failed": COUNT,
+        "loaded_pulley": Maybe(TEXT),
+        "slip_limits": [
+            {
+                "driver_speed_rad_s": NUMBER,
+                "initial_tension_N": NUMBER,
+                "largest_torque_N_m": NUMBER,
+                "adhesion_ends_N_m": MAYBE,
+                "slip_limit_N_m": MAYBE,
+            }
+        ],
+    },
     "compare_drive": {
         "passed": FLAG,
         "rms_relative_error": MAYBE,

@@ -9,7 +9,7 @@ from beltid.drive.model import DrivePoint
 from beltid.drive.results import ADHESION, FULL_SLIP, Simulator
 from beltid.errors import ConvergenceError
 
-BISECTIONS = 24  # to 1e-7 of the limit
+BISECTIONS = 18  # to 4e-6 of the limit
 LARGEST_FACTOR = 2.0**20
 
 

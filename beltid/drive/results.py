@@ -126,6 +126,12 @@ class DriveResult:
         return np.where(np.arange(given.size) == self.drive.driver, given, -given)
 
     @property
+    def load(self) -> float:
+        """Largest torque that a pulley takes off [N m]; 0 when the drive idles or is slack."""
+        asked = np.delete(self.torque, self.drive.driver)
+        return float(np.nanmax(asked, initial=0.0))
+
+    @property
     def reserve(self) -> Array:
         """Wrap over the arc that the change of force needs; infinite on an idler."""
         arcs = self.state.arcs

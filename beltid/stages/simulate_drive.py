@@ -11,9 +11,11 @@ import numpy as np
 
 from beltid.artifacts.artifact import read_artifact
 from beltid.config import Config, ConfigSource, load_config
+from beltid.drive.limits import slip_limit
 from beltid.drive.model import Drive
 from beltid.drive.results import DriveResult, Simulator
 from beltid.errors import ConvergenceError, NumericsError
+from beltid.identify.estimators.statistics import as_set
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
@@ -43,7 +45,7 @@ from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.sources import Source, drive_sources
 
 KIND: Final = "drive"
-FIGURES: Final = ("method", "budget", "n_failed")
+FIGURES: Final = ("method", "budget", "n_failed", "slip_limits")
 KEYS: Final = (
     "belt.axial_stiffness_N",
     "belt.bending_stiffness_N_m2",
@@ -69,8 +71,13 @@ SHOWN: Final = (
 )
 TELLING: Final = 0.1
 """Share of the largest loss above which a loss counts in the budget."""
+SLIP_LIMITS: Final = "Torque with which adhesion ends, and beyond which the drive slips grossly"
 FEW_ROWS: Final = 12
 """Rows of the table up to which all of them are shown."""
+NOT_STATED: Final = (
+    "the config states no drive: two equal pulleys with a radius of 0.05 m, 0.25 m apart, are "
+    "taken for it"
+)
 MOST_OUTSIDE: Final = 0.3
 """Share of the sliding friction outside what was measured, above which there is a warning."""
 
@@ -155,6 +162,8 @@ def _outcome(
     if not good:
         raise NumericsError([f"point {asked.run}: {error}" for asked, error in failed])
     alike = drive_warnings(config, drive, [result.rest.T_0 for _, result in good])
+    if "drive" not in config.model_fields_set:
+        alike.insert(0, NOT_STATED)
     known = isinstance(surface, UncertainSurface) and (
         surface.members is not None or surface.factor is not None
     )
@@ -173,6 +182,7 @@ def _outcome(
             "method": config.drive.method,
             "n_failed": len(failed),
             "loaded_pulley": loaded,
+            "slip_limits": _limits(drive, good),
             "budget": _budget(columns, sources, open_.shared, open_.surface),
         },
         notes=_notes(columns, known),
@@ -194,6 +204,33 @@ def _solved(drive: Drive, points: Sequence[LabelledPoint]) -> tuple[SolvedPoint,
             result = error
         solved.append(SolvedPoint(asked, result))
     return tuple(solved)
+
+
+def _limits(
+    drive: Drive, good: Sequence[tuple[LabelledPoint, DriveResult]]
+) -> list[dict[str, Any]]:
+    """How much torque the drive carries at each speed and tension, by its most loaded point."""
+    speeds = as_set(np.array([result.point.omega for _, result in good]))
+    tensions = as_set(np.array([result.rest.T_0 for _, result in good]))
+    heaviest: dict[tuple[float, float], tuple[LabelledPoint, DriveResult]] = {}
+    for series, one in zip(zip(speeds.tolist(), tensions.tolist(), strict=True), good, strict=True):
+        if series not in heaviest or one[1].load > heaviest[series][1].load:
+            heaviest[series] = one
+    simulator, rows = Simulator(drive), []
+    for (speed, tension), (asked, result) in heaviest.items():
+        if result.load == 0.0:
+            continue
+        limit = slip_limit(simulator, asked.point)
+        rows.append(
+            {
+                "driver_speed_rad_s": speed,
+                "initial_tension_N": tension,
+                "largest_torque_N_m": result.load,
+                "adhesion_ends_N_m": limit.adhesion * result.load,
+                "slip_limit_N_m": limit.slip * result.load,
+            }
+        )
+    return rows
 
 
 def _columns(
@@ -333,6 +370,7 @@ def summarise(made: Made) -> Summary:
             ),
             "budget": extra["budget"],
         },
+        beside={SLIP_LIMITS: extra["slip_limits"]} if extra["slip_limits"] else {},
         details=budget_details(extra["budget"]),
         table=rows_of(columns, *columns),
         shown=SHOWN,

@@ -84,6 +84,28 @@ def test_uncertainty_of_the_axial_stiffness_goes_into_the_creep() -> None:
     ]
 
 
+def test_torques_that_the_drive_carries_are_told_per_speed_and_tension() -> None:
+    points = {"driver_speed_rad_s": [62.8], "torque_N_m": {"driven": [5, 10]}}
+    outcome = beltid.simulate_drive(
+        config(initial_tension_N=[155, 310], operating_points=points), 1.0, LAW
+    )
+    limits = outcome.extra["slip_limits"]
+    assert [row["initial_tension_N"] for row in limits] == pytest.approx([155.0, 310.0])
+    for row in limits:
+        assert row["largest_torque_N_m"] == pytest.approx(10.0, rel=1e-9)
+        # a constant coefficient gives way by nothing; there the whole wrap slides
+        assert row["slip_limit_N_m"] == pytest.approx(row["adhesion_ends_N_m"], rel=1e-4)
+        at = {"driver_speed_rad_s": [62.8], "torque_N_m": {"driven": [row["slip_limit_N_m"]]}}
+        tension = [row["initial_tension_N"]]
+        there = beltid.simulate_drive(
+            config(initial_tension_N=tension, operating_points=at), 1.0, LAW
+        ).to_frame()
+        # Euler-Eytelwein in the effective forces, at the pulley that lets go first
+        flow = 0.10 * (62.8 * 0.05) ** 2
+        ratio = (there["tension_out_N"][1] - flow) / (there["tension_in_N"][1] - flow)
+        assert np.log(ratio) == pytest.approx(np.pi, rel=2e-3)
+
+
 def test_reversed_running_has_rows_in_the_order_of_the_drive() -> None:
     points = {"driver_speed_rad_s": [-62.8], "torque_N_m": {"driven": [8]}}
     frame = beltid.simulate_drive(config(operating_points=points), true_surface(), LAW).to_frame()
