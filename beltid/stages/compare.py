@@ -6,13 +6,14 @@ settings that the friction artifact says it was reduced with.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from beltid.artifacts.artifact import Artifact, read_artifact
+from beltid.artifacts.metadata_models import CompareMetadata
 from beltid.bench.recording import columns_of, read_recording
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, ArtifactError, ConfigError
@@ -156,7 +157,7 @@ def _doubt_of(path: Path) -> RunsDoubt | None:
     if path.suffix.lower() != SUFFIX:
         return None
     try:
-        return runs_doubt_of(read_artifact(path, "simulated").metadata.extra)
+        return runs_doubt_of(read_artifact(path, "simulated").metadata.figures)
     except ArtifactError:
         return None
 
@@ -219,8 +220,8 @@ def _outcome(
 
 def summarise(made: Made) -> Summary:
     """Sum up a compare artifact; its exit status is the verdict."""
-    extra = made.artifact.metadata.extra
-    passed = bool(extra["passed"])
+    metadata: CompareMetadata = made.artifact.metadata
+    passed = bool(metadata.passed)
     statistics = [
         {
             "group": row["group"],
@@ -231,7 +232,7 @@ def summarise(made: Made) -> Summary:
             "from_force_N_m": row["force_low_N_m"],
             "to_force_N_m": row["force_high_N_m"],
         }
-        for row in extra["statistics"]
+        for row in metadata.statistics
     ]
     return Summary(
         stage="compare",
@@ -239,16 +240,16 @@ def summarise(made: Made) -> Summary:
         out=made.artifact.path,
         facts={
             "runs_compared": len(made.artifact.columns["run"]),
-            "runs_measured": extra["n_measured"],
-            "runs_simulated": extra["n_simulated"],
-            "groups": extra["statistics"],
-            "judged": extra["judged"],
-            "within_two_u_validation": within_words(extra["validation"]),
-            "rms_over_u_validation": extra["validation"]["rms_e_over_u"],
-            "u_validation_mostly_from": dominant(extra["budget"]),
-            "budget": extra["budget"],
+            "runs_measured": metadata.n_measured,
+            "runs_simulated": metadata.n_simulated,
+            "groups": metadata.statistics,
+            "judged": metadata.judged,
+            "within_two_u_validation": within_words(metadata.validation),
+            "rms_over_u_validation": metadata.validation.get("rms_e_over_u"),
+            "u_validation_mostly_from": dominant(metadata.budget),
+            "budget": metadata.budget,
         },
-        details=budget_details(extra["budget"]),
+        details=budget_details(metadata.budget),
         table=rows_of(
             made.artifact.columns,
             "run",
@@ -281,14 +282,14 @@ def summarise(made: Made) -> Summary:
         overview=statistics,
         notes=made.notes,
         warnings=made.warnings,
-        verdict=_verdict(passed, extra["judged"]),
+        verdict=_verdict(passed, metadata.judged),
         exit_status=EXIT_DONE if passed else EXIT_OUT_OF_TOLERANCE,
         up_to_date=made.up_to_date,
         origin=made.origin,
     )
 
 
-def _verdict(passed: bool, judged: list[dict[str, Any]]) -> str:
+def _verdict(passed: bool, judged: Sequence[Mapping[str, Any]]) -> str:
     def told(row: Mapping[str, Any]) -> str:
         name = row["tolerance"]
         words = TOLERANCES.get(name, name)

@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.artifacts.artifact import Artifact, read_artifact
+from beltid.artifacts.metadata_models import CompareDriveMetadata, DriveMetadata
 from beltid.config import Config, ConfigSource
 from beltid.drive.agreement import (
     MOST_OF_ARC,
@@ -133,7 +134,8 @@ def _outcome(slip: Artifact, drive: Artifact, config: Config) -> Outcome[LossAgr
 
 def _matched(slip: Artifact, drive: Artifact) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Measured runs that were predicted, and the row of the loaded pulley of each in the drive."""
-    loaded = drive.metadata.extra.get("loaded_pulley")
+    stated: DriveMetadata = drive.metadata
+    loaded = stated.loaded_pulley
     if loaded is None:
         raise InputError(
             f"{drive.path}: its points are not those of a recording; predict them with "
@@ -211,25 +213,25 @@ def _finite(value: float) -> float | None:
 
 def summarise(made: Made) -> Summary:
     """Sum up a comparison of a drive; its exit status is the verdict."""
-    columns, extra = made.artifact.columns, made.artifact.metadata.extra
-    passed = bool(extra["passed"])
+    columns = made.artifact.columns
+    metadata: CompareDriveMetadata = made.artifact.metadata
     return Summary(
         stage="compare-drive",
         title="predicted less measured speed loss of the drive",
         out=made.artifact.path,
         facts={
-            "points_judged": extra["n_judged"],
-            "points_to_be_judged": extra["n_asked"],
-            "rms_relative_error": extra["rms_relative_error"],
-            "rms_over_uncertainty": extra["rms_over_uncertainty"],
+            "points_judged": metadata.n_judged,
+            "points_to_be_judged": metadata.n_asked,
+            "rms_relative_error": metadata.rms_relative_error,
+            "rms_over_uncertainty": metadata.rms_over_uncertainty,
         },
         table=rows_of(columns, *columns),
         shown=SHOWN,
         overview=_series(columns),
         notes=made.notes,
         warnings=made.warnings,
-        verdict=_verdict(extra),
-        exit_status=EXIT_DONE if passed else EXIT_OUT_OF_TOLERANCE,
+        verdict=_verdict(metadata),
+        exit_status=EXIT_DONE if metadata.passed else EXIT_OUT_OF_TOLERANCE,
         up_to_date=made.up_to_date,
         origin=made.origin,
     )
@@ -260,13 +262,13 @@ def _series(columns: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
     return rows
 
 
-def _verdict(extra: Mapping[str, Any]) -> str:
-    word = "PASS" if extra["passed"] else "FAIL"
-    if extra["rms_relative_error"] is None:
+def _verdict(metadata: CompareDriveMetadata) -> str:
+    word = "PASS" if metadata.passed else "FAIL"
+    if metadata.rms_relative_error is None or metadata.max_rms_relative_error is None:
         return f"{word}: no point could be judged"
-    rms, allowed = 100.0 * extra["rms_relative_error"], 100.0 * extra["max_rms_relative_error"]
+    rms, allowed = 100.0 * metadata.rms_relative_error, 100.0 * metadata.max_rms_relative_error
     text = f"{word}: RMS {rms:.2f} % {'<=' if rms <= allowed else '>'} {allowed:g} %"
-    if extra["rms_over_uncertainty"] is not None:
-        text += f", {extra['rms_over_uncertainty']:.2f} standard uncertainties"
-    missing = extra["n_asked"] - extra["n_judged"]
+    if metadata.rms_over_uncertainty is not None:
+        text += f", {metadata.rms_over_uncertainty:.2f} standard uncertainties"
+    missing = metadata.n_asked - metadata.n_judged
     return text + (f"; {missing} points have no prediction" if missing else "")

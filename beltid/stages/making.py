@@ -9,7 +9,6 @@ are not replaced at all.
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -17,9 +16,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from beltid._version import __version__
-from beltid.artifacts.artifact import Artifact, Metadata, plain, read_artifact, write_artifact
-from beltid.artifacts.file_bytes import read_bytes
+from beltid.artifacts.artifact import Artifact, read_artifact, stated_kind, write_artifact
 from beltid.artifacts.fingerprint import source_sha256
+from beltid.artifacts.metadata_models import METADATA, Metadata, plain
 from beltid.bench.files.sources import Signature, content_sha256, signature_of
 from beltid.errors import ArtifactError, InputError
 from beltid.stages.beside import beside
@@ -103,17 +102,17 @@ class Made:
     @property
     def origin(self) -> str | None:
         """Where its data come from: "measured", "synthetic", or None where nobody said."""
-        return self.artifact.metadata.extra.get("origin")
+        return self.artifact.metadata.origin
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What the user should know."""
-        return tuple(self.artifact.metadata.extra.get("notes", ()))
+        return self.artifact.metadata.notes
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What the user should look into."""
-        return tuple(self.artifact.metadata.extra.get("warnings", ()))
+        return self.artifact.metadata.warnings
 
 
 def make(recipe: Recipe, out: Path, options: Options, compute: Callable[[], Outcome[Any]]) -> Made:
@@ -240,20 +239,20 @@ def admit(recipe: Recipe, out: Path, options: Options) -> Artifact | None:
 
 def _metadata(outcome: Outcome[Any], recipe: Recipe, hashes: dict[str, str]) -> Metadata:
     path = recipe.source.path
-    return Metadata(
-        config_sha256=recipe.source.config.sha256,
-        inputs=hashes,
-        validity=outcome.validity,
-        set_aside=outcome.set_aside,
-        settings=recipe.settings,
-        extra={
+    return METADATA[recipe.kind].model_validate(
+        {
             **outcome.extra,
+            "config_sha256": recipe.source.config.sha256,
+            "inputs": hashes,
+            "validity": outcome.validity,
+            "set_aside": outcome.set_aside,
+            "settings": recipe.settings,
             # the name without its folder: the same input gives the same bytes anywhere
             "config": BUILT_IN if path is None else path.name,
             "origin": origin_of(recipe.inputs, recipe.source.config.data.origin),
-            "notes": list(outcome.notes),
-            "warnings": list(outcome.warnings),
-        },
+            "notes": outcome.notes,
+            "warnings": outcome.warnings,
+        }
     )
 
 
@@ -263,7 +262,7 @@ def _fresh(artifact: Artifact, recipe: Recipe, hashes: dict[str, str]) -> bool:
         and artifact.software_sha256 == source_sha256()
         and artifact.metadata.inputs == hashes
         and artifact.metadata.settings == recipe.settings
-        and set(recipe.figures) <= set(artifact.metadata.extra)
+        and set(recipe.figures) <= artifact.metadata.model_fields_set
     )
 
 
@@ -294,11 +293,10 @@ def _standing(out: Path, kind: str) -> tuple[Artifact | None, str]:
         return read_artifact(out, kind), ""
     except ArtifactError:
         pass
-    data = read_bytes(out, ArtifactError) if out.is_file() and out.stat().st_size else b""
-    found = re.search(rb'"kind":"([a-z]+)"', data) if b"beltid_sha256" in data else None
-    if found is not None and found[1].decode() == kind:
+    found = stated_kind(out) if out.is_file() else None
+    if found == kind:
         return None, ""  # damaged or of an old schema: only good to be replaced
-    return None, f"a {found[1].decode()} artifact" if found else FOREIGN
+    return None, f"a {found} artifact" if found else FOREIGN
 
 
 def _refuse_unwritable(out: Path) -> None:

@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.artifacts.artifact import read_artifact
+from beltid.artifacts.metadata_models import DriveMetadata
 from beltid.config import Config, ConfigSource, load_config
 from beltid.drive.limits import slip_limit
 from beltid.drive.model import Drive
@@ -353,25 +354,28 @@ def _outside(columns: Mapping[str, np.ndarray], surface: FrictionSurface) -> lis
 
 def summarise(made: Made) -> Summary:
     """Sum up a drive artifact."""
-    columns, extra = made.artifact.columns, made.artifact.metadata.extra
+    columns = made.artifact.columns
+    metadata: DriveMetadata = made.artifact.metadata
     statuses, counts = np.unique(columns["status"].astype(str), return_counts=True)
     return Summary(
         stage="simulate-drive",
         title="speed loss and forces of a belt drive, predicted from the identified laws",
         out=made.artifact.path,
         facts={
-            "method": extra["method"],
+            "method": metadata.method,
             "points": len(np.unique(columns["point"])),
-            "points_failed": extra["n_failed"],
+            "points_failed": metadata.n_failed,
             "largest_speed_loss_rad_s": _largest(columns["speed_loss_rad_s"]),
             "largest_hub_force_N": _largest(columns["hub_force_N"]),
             "pulleys_by_status": ", ".join(
                 f"{n} {name}" for name, n in zip(statuses, counts, strict=True)
             ),
-            "budget": extra["budget"],
+            "budget": metadata.budget,
         },
-        beside={SLIP_LIMITS: extra["slip_limits"]} if extra["slip_limits"] else {},
-        details=budget_details(extra["budget"]),
+        beside={SLIP_LIMITS: [dict(row) for row in metadata.slip_limits]}
+        if metadata.slip_limits
+        else {},
+        details=budget_details(metadata.budget),
         table=rows_of(columns, *columns),
         shown=SHOWN,
         overview=_overview(columns) if len(columns["run"]) > FEW_ROWS else [],
