@@ -34,6 +34,7 @@ Module                 Responsibility                                         Pa
 ``identify.friction``  run of the rig to friction coefficient                 Eqs. (5) to (8)
 ``identify.surface``   runs to friction surface                               section 5
 ``identify.agreement`` measured against simulated                             section 7
+``drive``              belt drive from the identified laws: speed loss, forces section 2.1
 ``rigsim``             the simulated rig: ANCF belt, contact, stick and slip  Eqs. (9) to (12)
 ``laws``               constitutive formulas, one function per equation       Eqs. (1) to (9)
 ``params``             frozen parameter values with their bounds
@@ -69,6 +70,7 @@ if TYPE_CHECKING:
     from beltid.stages.fit_slip import fit_slip
     from beltid.stages.fit_stiffness import fit_stiffness
     from beltid.stages.refine_surface import refine_surface
+    from beltid.stages.simulate_drive import simulate_drive
     from beltid.stages.simulated_runs import simulate_campaign, simulate_rig
     from beltid.stages.tables import load_law, load_stiffness, load_surface
 
@@ -98,6 +100,7 @@ __all__ = [
     "load_surface",
     "refine_surface",
     "simulate_campaign",
+    "simulate_drive",
     "simulate_rig",
 ]
 
@@ -133,6 +136,7 @@ _HOMES = {
     "load_stiffness": "stages.tables",
     "load_surface": "stages.tables",
     "simulate_campaign": "stages.simulated_runs",
+    "simulate_drive": "stages.simulate_drive",
     "simulate_rig": "stages.simulated_runs",
 }
 

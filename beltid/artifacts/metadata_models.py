@@ -450,6 +450,37 @@ class ProfilesMetadata(Metadata):
     profile_times_s: Listed[Number] | None = None
 
 
+class SlipLimitRow(TypedDict):
+    """Torques at which a drive stops sticking and begins to slip grossly, at one setting."""
+
+    driver_speed_rad_s: Number
+    initial_tension_N: Number
+    largest_torque_N_m: Number
+    adhesion_ends_N_m: Number | None
+    slip_limit_N_m: Number | None
+
+
+class DriveMetadata(Metadata):
+    """Of a predicted drive; the loaded pulley is that of the recording it follows, if any."""
+
+    n_failed: Count | None = None
+    loaded_pulley: str | None = None
+    slip_limits: Listed[SlipLimitRow] = ()
+
+
+class CompareDriveMetadata(Metadata):
+    """Of predicted against measured speed losses; `prominence` of each part of the loss."""
+
+    passed: bool | None = None
+    rms_relative_error: Number | None = None
+    rms_over_uncertainty: Number | None = None
+    max_rms_relative_error: Number | None = None
+    n_judged: Count = 0
+    n_asked: Count = 0
+    prominence: dict[str, Number] = {}
+    largest_arc_share: Number | None = None
+
+
 class CompareMetadata(Metadata):
     """Of simulated against measured coefficients; `passed` if every tolerance holds."""
 
@@ -470,6 +501,8 @@ METADATA: Final[dict[str, type[Metadata]]] = {
     "simulated": SimulatedMetadata,
     "profiles": ProfilesMetadata,
     "compare": CompareMetadata,
+    "drive": DriveMetadata,
+    "compare_drive": CompareDriveMetadata,
     "press_curves": Metadata,
     "rig_curves": Metadata,
 }

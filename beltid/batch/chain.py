@@ -21,10 +21,12 @@ from beltid.report.summary import Summary
 from beltid.stages import (
     build_surface,
     compare,
+    compare_drive,
     fit_friction,
     fit_slip,
     fit_stiffness,
     refine_surface,
+    simulate_drive,
     simulate_rig,
 )
 from beltid.stages.talk import Options
@@ -58,8 +60,25 @@ CHAIN: Final = (
         {"friction": "friction", "simulated": "simulated_refined"},
         compare.run,
     ),
+    Step(
+        "simulate-drive",
+        "drive",
+        {"surface": "surface_refined", "stiffness": "stiffness", "slip": "slip"},
+        simulate_drive.run,
+        optional=True,
+        section="drive",
+    ),
+    Step(
+        "compare-drive",
+        "compare_drive",
+        _same("slip", "drive"),
+        compare_drive.run,
+        optional=True,
+        section="drive",
+    ),
 )
-"""The published procedure, and the surface refined by the inverse solution: both are proven."""
+"""The published procedure, and the surface refined by the inverse solution: both are proven; and
+the drive of the speed-loss recording, where the config states it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,14 +107,16 @@ class BatchOptions(Options):
     seed: int = 0
 
 
-def chain_of(options: BatchOptions) -> tuple[Step, ...]:
+def chain_of(source: ConfigSource, options: BatchOptions) -> tuple[Step, ...]:
     """The steps of a chain; draws of a Monte Carlo check go to the workers one by one."""
+    stated = source.config.model_fields_set
+    chain = tuple(step for step in CHAIN if not step.section or step.section in stated)
     if not options.bootstrap:
-        return CHAIN
+        return chain
     checked = partial(refine_surface.run, bootstrap=options.bootstrap, seed=options.seed)
     return tuple(
         replace(step, run=checked, spreads=True) if step.run is refine_surface.run else step
-        for step in CHAIN
+        for step in chain
     )
 
 
@@ -119,7 +140,7 @@ def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptio
     refuse_links_out(folder, [source.name for source in sources])
     chains = []
     for source in sources:
-        chains.append(Chain(source, folder / source.name, chain_of(options), options.talk))
+        chains.append(Chain(source, folder / source.name, chain_of(source, options), options.talk))
     folders = [chain.folder for chain in chains]
     with alone_in(folders, options.talk):
         workers = options.workers or local_workers(options.jobs)

@@ -59,7 +59,7 @@ def _planned(
     """Each step of a belt: its row, and what is wrong with it."""
     files = source.config.data.files
     stale: set[str] = set()
-    for step in chain_of(options):
+    for step in chain_of(source, options):
         out = folder / f"{step.makes}.parquet"
         state, error = NOT_RUN, None
         if not all(name in files for name in step.needs.values()):

@@ -38,6 +38,8 @@ class Step:
     spreads : bool
         Whether the stage gives its heavy calls to the workers itself; else one of them gets it
         whole.
+    section : str
+        Section of the config that must be stated for the step to be part of the chain; "" for none.
     """
 
     name: str
@@ -46,6 +48,7 @@ class Step:
     run: StageRun
     optional: bool = False
     spreads: bool = False
+    section: str = ""
 
 
 @dataclass(frozen=True, slots=True)

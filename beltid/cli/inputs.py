@@ -25,6 +25,10 @@ Surface = Annotated[
     Path, _input("surface.parquet of build-surface or surface_refined.parquet.", "SURFACE")
 ]
 Stiffness = Annotated[Path, _input("stiffness.parquet of fit-stiffness.", "STIFFNESS")]
+Slip = Annotated[Path, _input("slip.parquet of fit-slip.", "SLIP")]
+DriveTable = Annotated[
+    Path, _input("drive.parquet of simulate-drive --from the same slip.parquet.", "DRIVE")
+]
 Simulated = Annotated[
     Path,
     _input(

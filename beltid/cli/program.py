@@ -29,9 +29,11 @@ From bench recordings to a friction law that is proven on a simulated copy of th
                    simulate-rig ---> simulated.parquet
   friction.parquet, simulated.parquet
                    compare --------> compare.parquet
+  surface_refined.parquet, stiffness.parquet, slip.parquet
+                   simulate-drive -> drive.parquet, compare-drive
 
-`beltid run CONFIG.yaml` does all of it. Results go to stdout, talk and progress to stderr.
-As the name of an input - is stdin, after --out it is stdout.
+`beltid run CONFIG.yaml` does all of it, the drive where its config has one. Results go to stdout,
+talk and progress to stderr. As the name of an input - is stdin, after --out it is stdout.
 """
 
 EXIT_STATUSES = """\
@@ -41,7 +43,7 @@ Exit status:
   1    a bug in beltid, with a traceback
   2    the call, the config or an input is wrong; what to mend is said
   3    the numerics failed: no convergence, or no admissible law
-  4    compare: the difference is out of tolerance
+  4    compare, compare-drive: the difference is out of tolerance
   5    run: some of several belts failed
   130  interrupted (Ctrl-C)
   143  terminated by the system (129: the terminal hung up)
@@ -61,6 +63,8 @@ COMMANDS: Final = {
     ),
     "simulate-rig": ("proof", "surface, stiffness -> simulated.parquet: the rig again"),
     "compare": ("proof", "friction, simulated -> compare.parquet: do they agree?"),
+    "simulate-drive": ("drive", "surface, stiffness -> drive.parquet: a belt drive"),
+    "compare-drive": ("drive", "slip, drive -> compare_drive.parquet: is it so?"),
     "run": ("run", "CONFIG.yaml -> runs/<belt>/: all of the above"),
     "report": ("report", "runs/<belt> -> report.html: figures, verdict"),
     "show": ("report", "any artifact: a table and a drawing, or a figure"),

@@ -324,10 +324,15 @@ class ListOf(Checked):
             valid = validate(items)
         except ValidationError as error:
             for detail in error.errors(include_url=False):
-                allowed = (detail.get("ctx") or {}).get("allowed", "another value")
+                context = detail.get("ctx") or {}
+                known = "allowed" in context
+                kind = complain(context["allowed"]) if known else detail["type"]
                 problems.append(
                     InitErrorDetails(
-                        type=complain(allowed), loc=detail["loc"], input=detail["input"]
+                        type=kind,
+                        loc=detail["loc"],
+                        input=detail["input"],
+                        ctx={} if known else context,
                     )
                 )
         if problems:

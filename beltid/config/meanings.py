@@ -11,6 +11,7 @@ SECTIONS: Final = {
     "contact": "of the simulated rig; no bench measures these",
     "data": "recordings; relative paths count from the folder of this file",
     "compare": "tolerances of simulated against measured friction coefficients",
+    "compare_drive": "tolerance of predicted against measured speed loss of a drive",
     "uncertainty": "standard uncertainties (k = 1) of benches and settings; _rel: share of value",
 }
 """Sections that a new config writes out, in its order."""
@@ -61,4 +62,10 @@ MEANINGS: Final = {
     "uncertainty.press_displacement_rel": "travel of the press",
     "uncertainty.segment_length_rel": "length of belt under the press",
     "uncertainty.machine_compliance_mm_N": "compliance of the press",
+    "uncertainty.drive_radius_rel": "radius of each pulley of a drive",
+    "uncertainty.drive_centres_m": "place of each pulley of a drive",
+    "uncertainty.initial_tension_rel": "belt tension of a drive at rest",
+    "uncertainty.torque_rel": "torque of the speed-loss bench",
+    "compare_drive.max_rms_relative_error": "root mean square over all points judged",
+    "compare_drive.min_torque_share": "of the largest torque; points below are not judged",
 }

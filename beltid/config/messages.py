@@ -77,6 +77,8 @@ def _found_and_allowed(
     path: KeyPath, detail: Mapping[str, Any], model: type[BaseModel], source: Source
 ) -> str:
     context = detail.get("ctx") or {}
+    if detail["type"] == "missing":
+        return f"{format_path(path)} is missing"
     if detail["type"] == COMPLAINT:
         allowed = context["allowed"]
     elif detail["type"] in ("model_type", "model_attributes_type", "dict_type"):
@@ -112,11 +114,12 @@ def _keys_at(path: KeyPath, model: type[BaseModel]) -> tuple[str, ...]:
     """Keys of the section that a path leads to."""
     here: Any = model
     for part in path:
-        field = here.model_fields.get(part) if _is_model(here) else None
-        if field is None:
-            return ()
-        here = field.annotation
-        if get_origin(here) in (Union, types.UnionType):
+        if isinstance(part, str):
+            field = here.model_fields.get(part) if _is_model(here) else None
+            if field is None:
+                return ()
+            here = field.annotation
+        if isinstance(part, int) or get_origin(here) in (Union, types.UnionType):
             here = next((arg for arg in get_args(here) if _is_model(arg)), None)
     return tuple(here.model_fields) if _is_model(here) else ()
 

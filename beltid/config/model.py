@@ -19,6 +19,7 @@ from beltid.config.bench_files import (
     Section,
     UnitsSection,
 )
+from beltid.config.drive import CompareDriveSection, DriveSection
 from beltid.config.fields import (
     Choice,
     Count,
@@ -140,6 +141,10 @@ class UncertaintySection(Section):
     press_displacement_rel: Share = 0.002
     segment_length_rel: Share = 0.005
     machine_compliance_mm_N: Annotated[float, Number(0, 1e-2, "mm/N")] = 1.0e-6
+    drive_radius_rel: Share = 0.002
+    drive_centres_m: Annotated[float, Number(0, 1, "m")] = 5.0e-4
+    initial_tension_rel: Share = 0.01
+    torque_rel: Share = 0.005
 
 
 class _AutoOnOff(Choice):
@@ -212,6 +217,8 @@ class Config(Section):
     surface: SurfaceSection = SurfaceSection()
     slip: SlipSection = SlipSection()
     simulation: SimulationSection = SimulationSection()
+    drive: DriveSection = DriveSection()
+    compare_drive: CompareDriveSection = CompareDriveSection()
     uncertainty: UncertaintySection = UncertaintySection()
     columns: ColumnsSection = ColumnsSection()
     units: UnitsSection = UnitsSection()

@@ -93,6 +93,11 @@ def value_text(value: Any) -> str:
         return text if "." in text else text.replace("e", ".0e")
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(value_text(item) for item in value) + "]"
+    if isinstance(value, Section):
+        keys = type(value).model_fields
+        return value_text({key: getattr(value, key) for key in keys})
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{_text(k)}: {value_text(v)}" for k, v in value.items()) + "}"
     if isinstance(value, Calibration):
         factor = f"{value_text(value.factor)}, offset: {value_text(value.offset)}"
         return f"{{factor: {factor}}}"

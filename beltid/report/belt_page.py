@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from beltid.report import tables
-from beltid.report.figures import arc, budget, friction, press, proof, runs, slip, surface
+from beltid.report.figures import arc, budget, drive, friction, press, proof, runs, slip, surface
 from beltid.report.html import Page, Section
 from beltid.report.interactive import as_json, surface_plot
 from beltid.report.results import BeltResults, Sheet
@@ -43,6 +43,7 @@ def belt_page(results: BeltResults, made_from: str) -> Page:
             _friction(results),
             _surface(results),
             _proof(results),
+            *_drive(results),
             _uncertainty(results),
             _aside(results),
             _made(results),
@@ -126,6 +127,24 @@ def _proof(results: BeltResults) -> Section:
         [tables.agreement(sheet, of) for sheet, of in known],
         _said_of_both(known),
     )
+
+
+def _drive(results: BeltResults) -> list[Section]:
+    """The drive, where one was predicted."""
+    predicted, compared = results.get("drive"), results.get("compare_drive")
+    if predicted is None:
+        return []
+    return [
+        Section(
+            "drive",
+            "The belt drive, predicted",
+            "Speed loss and forces of a drive from the identified laws. Nothing was fitted to the "
+            "speed-loss bench: it tests the laws a second time.",
+            [*(drive.compared(compared) if compared else ()), *drive.predicted(predicted)],
+            [tables.hubs(predicted)],
+            _said(predicted, compared),
+        )
+    ]
 
 
 def _uncertainty(results: BeltResults) -> Section:

@@ -44,6 +44,21 @@ GROUP_COLUMNS: Final = (
     "force_low_N_m",
     "force_high_N_m",
 )
+HUB_COLUMNS: Final = (
+    "run",
+    "pulley",
+    "driver_speed_rad_s",
+    "initial_tension_N",
+    "torque_N_m",
+    "speed_loss_rad_s",
+    "speed_loss_u_rad_s",
+    "tension_in_N",
+    "tension_out_N",
+    "hub_force_N",
+    "hub_angle_deg",
+    "reserve",
+    "status",
+)
 BUDGET_COLUMNS: Final = (
     "artifact",
     "quantity",
@@ -101,6 +116,12 @@ def rows_of(sheet: Sheet, names: Sequence[str]) -> list[dict[str, Any]]:
     return [
         dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)
     ]
+
+
+def hubs(drive: Sheet) -> View:
+    """Forces of a predicted drive, a row per point and pulley."""
+    rows = rows_of(drive, HUB_COLUMNS)
+    return view("Forces and losses of every pulley", rows, HUB_COLUMNS, folded=True)
 
 
 def laws(stiffness: Sheet) -> View:

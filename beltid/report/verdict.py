@@ -66,6 +66,7 @@ def verdict_of(results: BeltResults) -> Verdict:
             _normal_contact(results),
             _friction(results),
             *(_agreement(results, name) for name in WORDS),
+            _drive(results),
             _runs(results),
         )
         if card is not None
@@ -147,6 +148,24 @@ def _ranges(sheet: Sheet) -> tuple[tuple[float, float], ...]:
     return tuple(
         (float(np.min(nodes)), float(np.max(nodes)))
         for nodes in (surface.normal_force_N_m, surface.slip_speed_m_s, surface.mu_nodes)
+    )
+
+
+def _drive(results: BeltResults) -> Card | None:
+    sheet = results.get("compare_drive")
+    if sheet is None:
+        return None
+    passed = bool(sheet.extra.get("passed"))
+    rms, over_u = (sheet.extra.get(f"rms_{of}") for of in ("relative_error", "over_uncertainty"))
+    percent = cell("rms_percent", None if rms is None else 100.0 * rms)
+    return Card(
+        "Speed loss of the drive, predicted",
+        f"{'PASS' if passed else 'FAIL'} {percent} % RMS",
+        (
+            f"{cell('n', sheet.extra.get('n_judged'))} points",
+            f"{cell('rms', over_u)} standard uncertainties",
+        ),
+        "good" if passed else "bad",
     )
 
 

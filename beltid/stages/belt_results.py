@@ -28,6 +28,8 @@ ARTIFACTS: Final = {
     "compare": "compare",
     "simulated_refined": "simulated",
     "compare_refined": "compare",
+    "drive": "drive",
+    "compare_drive": "compare_drive",
     PRESS: PRESS,
     RIG: RIG,
 }

@@ -31,6 +31,10 @@ KEYS: Final[dict[str, tuple[str, float]]] = {
     "press_displacement_rel": ("press_displacement", 1.0),
     "segment_length_rel": ("segment_length", 1.0),
     "machine_compliance_mm_N": ("machine_compliance", 1.0e-3),
+    "drive_radius_rel": ("drive_radius", 1.0),
+    "drive_centres_m": ("drive_centres", 1.0),
+    "initial_tension_rel": ("initial_tension", 1.0),
+    "torque_rel": ("torque", 1.0),
 }
 """Key of the config -> name in the science, SI per unit of the config."""
 

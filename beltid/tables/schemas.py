@@ -53,6 +53,8 @@ _RIG = (
 
 _POINT = replace(_RUN, meaning="label of the operating point")
 
+_DRIVER_SPEED = real("driver_speed_rad_s", "rad/s", "speed of the driver pulley")
+
 _PRESS = Table(
     "press",
     1,
@@ -75,7 +77,7 @@ _SPEEDLOSS = Table(
         _TIME,
         positive("initial_tension_N", "N", "tension of the belt at rest"),
         real("torque_N_m", "N m", "torque of the driven pulley"),
-        real("driver_speed_rad_s", "rad/s", "speed of the driver pulley"),
+        _DRIVER_SPEED,
         real("driven_speed_rad_s", "rad/s", "speed of the driven pulley"),
     ),
     label="run",
@@ -118,7 +120,7 @@ _SLIP = Table(
     1,
     "beltid fit-slip",
     (
-        real("driver_speed_rad_s", "rad/s", "speed of the driver pulley"),
+        _DRIVER_SPEED,
         positive("initial_tension_N", "N", "tension of the belt at rest", nullable=True),
         real("torque_N_m", "N m", "torque of the driven pulley"),
         real("speed_loss_rad_s", "rad/s", "driver minus driven speed"),
@@ -250,6 +252,79 @@ _COMPARE = Table(
     label="run",
 )
 
+_LOSS = real("speed_loss_rad_s", "rad/s", "speed when idling less speed under load")
+_DRIVE = Table(
+    "drive",
+    1,
+    "beltid simulate-drive",
+    (
+        count("point", "number of the operating point, from 1"),
+        text("run", "label of the measured run, or of the point"),
+        text("pulley", "name of the pulley"),
+        replace(_DRIVER_SPEED, nullable=False),
+        positive("initial_tension_N", "N", "tension of the belt at rest, or of the slack span"),
+        real("torque_N_m", "N m", "torque that the driver delivers, or that is taken off"),
+        real("speed_rad_s", "rad/s", "speed of the pulley, in the sign of the driver's"),
+        _LOSS,
+        nonnegative("speed_loss_u_rad_s", "rad/s", "its standard uncertainty", nullable=True),
+        real("loss_creep_rad_s", "rad/s", "part of the loss by the stretch of the belt"),
+        real("loss_seating_rad_s", "rad/s", "part by the penetration of the ribs"),
+        real("loss_slip_rad_s", "rad/s", "part by pulleys that slide as a whole"),
+        nonnegative("tension_in_N", "N", "axial force where the belt runs on", nullable=True),
+        nonnegative("tension_out_N", "N", "axial force where the belt leaves", nullable=True),
+        nonnegative("hub_force_N", "N", "force of the belt on the axis", nullable=True),
+        real("hub_angle_deg", "deg", "its direction, anticlockwise from the x axis"),
+        nonnegative("wrap_deg", "deg", "arc between the tangent points"),
+        nonnegative("arc_used_deg", "deg", "arc that slides", nullable=True),
+        nonnegative("reserve", "1", "wrap over the arc needed; null on an idler", nullable=True),
+        nonnegative("slip_speed_max_m_s", "m/s", "largest sliding speed", nullable=True),
+        nonnegative("normal_force_min_N_m", "N/m", "smallest line force", nullable=True),
+        nonnegative("normal_force_max_N_m", "N/m", "largest line force", nullable=True),
+        nonnegative(
+            "share_below_speed_range",
+            "1",
+            "of the sliding friction, below the slowest measured sliding",
+            nullable=True,
+        ),
+        nonnegative(
+            "share_outside_force_range",
+            "1",
+            "of the sliding friction, outside the measured line forces",
+            nullable=True,
+        ),
+        real("friction_power_W", "W", "lost to friction, without the hysteresis of the belt"),
+        text("status", "adhesion, full slip, gross slip or slack"),
+        *optional(count("steady_states", "states with which the arc carries its forces")),
+    ),
+    label="run",
+)
+_COMPARE_DRIVE = Table(
+    "compare_drive",
+    1,
+    "beltid compare-drive",
+    (
+        text("run", "label of the measured run"),
+        _DRIVER_SPEED,
+        positive("initial_tension_N", "N", "tension of the belt at rest", nullable=True),
+        real("torque_N_m", "N m", "torque of the driven pulley"),
+        real("loss_measured_rad_s", "rad/s", "measured speed loss"),
+        real("loss_predicted_rad_s", "rad/s", "predicted speed loss"),
+        real("difference_rad_s", "rad/s", "predicted minus measured"),
+        real("relative_difference", "1", "difference over measured"),
+        nonnegative("u_measured_rad_s", "rad/s", "of the measured loss", nullable=True),
+        nonnegative("u_input_rad_s", "rad/s", "of the predicted loss", nullable=True),
+        nonnegative("u_validation_rad_s", "rad/s", "of the difference", nullable=True),
+        real("e_over_u", "1", "difference over its standard uncertainty"),
+        real("loss_creep_rad_s", "rad/s", "predicted part by the stretch of the belt"),
+        real("loss_seating_rad_s", "rad/s", "predicted part by the penetration of the ribs"),
+        real("loss_slip_rad_s", "rad/s", "predicted part by pulleys that slide as a whole"),
+        nonnegative("arc_share", "1", "largest share of an arc that slides", nullable=True),
+        Column("judged", "bool", "", "whether the point counts in the verdict"),
+        text("status", "ok, or why the point is not judged"),
+    ),
+    label="run",
+)
+
 _PRESS_CURVES = Table(
     "press_curves",
     1,
@@ -292,6 +367,8 @@ TABLES: Final[dict[str, Table]] = {
         Table("simulated", 1, "beltid simulate-rig", _RIG, label="run"),
         _PROFILES,
         _COMPARE,
+        _DRIVE,
+        _COMPARE_DRIVE,
         _PRESS_CURVES,
         _RIG_CURVES,
     )

@@ -62,6 +62,14 @@ class StandardUncertainties:
         Length of belt under the press, as a share.
     machine_compliance : float
         Compliance of the press [m/N].
+    drive_radius : float
+        Radius of each pulley of a drive, as a share.
+    drive_centres : float
+        Coordinates of the centre of each pulley of a drive [m].
+    initial_tension : float
+        Belt tension of a drive at rest, as a share.
+    torque : float
+        Gain of the torque of a drive, as a share.
     stated : frozenset of str
         Those that the user stated; the others are assumed.
     """
@@ -81,6 +89,10 @@ class StandardUncertainties:
     press_displacement: float = 0.0
     segment_length: float = 0.0
     machine_compliance: float = 0.0
+    drive_radius: float = 0.0
+    drive_centres: float = 0.0
+    initial_tension: float = 0.0
+    torque: float = 0.0
     stated: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
@@ -188,6 +200,13 @@ PRESS_SOURCES = (
     ("segment_length", "length of the pressed segment", PERCENT, 1),
     ("machine_compliance", "compliance of the press", ("mm/N", 1.0e-3), 1),
 )
+DRIVE_SOURCES = (
+    ("axial_stiffness", "axial stiffness of the belt", PERCENT, 1),
+    ("initial_tension", "belt tension at rest", PERCENT, 1),
+    ("torque", "torque", PERCENT, 1),
+)
+PULLEY_SOURCES = (("drive_radius", "radius of each pulley", PERCENT, 0),)
+CENTRE_SOURCES = (("drive_centres", "place of each pulley", ("mm", 1.0e-3), 0),)
 
 REDUCTION_SOURCES = (
     ("shared_tail", "shape of the tail"),
@@ -216,12 +235,29 @@ def all_sources(
     `law_scatter` says whether the covariance of the contact law is known: it is the same law in
     every run, so that its scatter is an error which all of them share.
     """
-    scatter = tuple(
-        Source("contact law, scatter of the press", "law", k, 1.0, "1", 1.0, FITTED)
-        for k in range(2 * law_scatter)
-    )
     rig = (*rig_sources(u, n_arcs), *_sources(u, MODEL_SOURCES, 1))
-    return (*rig, *scatter, *press_sources(u))
+    return (*rig, *law_scatter_sources(law_scatter), *press_sources(u))
+
+
+def drive_sources(
+    u: StandardUncertainties, n_pulleys: int, law_scatter: bool
+) -> tuple[Source, ...]:
+    """Sources of a predicted drive, beside the scatter of its friction surface.
+
+    The places of ``drive_centres`` are the abscissae of all pulleys, then their ordinates.
+    """
+    geometry = (
+        *_sources(u, PULLEY_SOURCES, n_pulleys),
+        *_sources(u, CENTRE_SOURCES, 2 * n_pulleys),
+    )
+    law = (*law_scatter_sources(law_scatter), *press_sources(u))
+    return (*_sources(u, DRIVE_SOURCES, 1), *geometry, *law)
+
+
+def law_scatter_sources(known: bool) -> tuple[Source, ...]:
+    """Scatter of the press in both coefficients of the contact law, if its covariance is known."""
+    words = "contact law, scatter of the press"
+    return tuple(Source(words, "law", k, 1.0, "1", 1.0, FITTED) for k in range(2 * known))
 
 
 def reduction_sources(columns: Mapping[str, Array]) -> tuple[Source, ...]:

@@ -63,8 +63,11 @@ def finished(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
         ["build-surface", "friction.parquet"],
         ["simulate-rig", "surface.parquet", "stiffness.parquet"],
         ["compare", "friction.parquet", "simulated.parquet"],
+        ["simulate-drive", "surface.parquet", "stiffness.parquet", "--from", "slip.parquet"],
+        ["compare-drive", "slip.parquet", "drive.parquet"],
     ):
-        arguments = [call[0], *(str(folder / name) for name in call[1:])]
+        rest = (str(folder / name) if "." in name else name for name in call[1:])
+        arguments = [call[0], *rest]
         result = runner.invoke(app, arguments)
         assert result.exit_code == 0, result.stderr
     return folder

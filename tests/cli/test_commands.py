@@ -21,6 +21,7 @@ COMMANDS = {
     "build-surface": (["friction.parquet"], "surface"),
     "simulate-rig": (["surface.parquet", "stiffness.parquet"], "simulated"),
     "compare": (["friction.parquet", "simulated.parquet"], "compare"),
+    "compare-drive": (["slip.parquet", "drive.parquet"], "compare_drive"),
 }
 ROWS = {
     "stiffness": 5,
@@ -29,6 +30,7 @@ ROWS = {
     "surface": None,
     "simulated": None,
     "compare": 32,
+    "compare_drive": 51,
 }
 
 

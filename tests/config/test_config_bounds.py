@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from beltid.config import Config, load_config
-from beltid.config.fields import Count, Number
+from beltid.config.fields import Count, ListOf, Number
 from beltid.config.writing import checks_of
 from beltid.errors import ConfigError, InputError
 from beltid.identify.agreement.compare import AgreementSettings
@@ -56,6 +56,16 @@ def with_simulation(config: Config) -> SimulationSettings:
     )
 
 
+def with_drive(config: Config) -> tuple[Any, ...]:
+    from beltid.laws.friction_surface import FrictionSurface
+    from beltid.laws.penalty import NormalLaw
+    from beltid.stages.drive_of_config import drive_of, points_of_config
+
+    drive = drive_of(config, FrictionSurface.constant(1.0), NormalLaw(1.0e8))
+    stated = config.drive.initial_tension_N is not None
+    return drive, points_of_config(config) if stated else ()
+
+
 SCIENCE: dict[str, tuple[Callable[[Config], Any], ...]] = {
     "belt": (lambda c: c.belt_params(),),
     "press": (lambda c: stiffness_settings(c.press),),
@@ -66,6 +76,8 @@ SCIENCE: dict[str, tuple[Callable[[Config], Any], ...]] = {
     "surface": (lambda c: SurfaceSettings(**c.surface.model_dump()),),
     "slip": (with_slip,),
     "simulation": (with_simulation, lambda c: c.contact_params()),
+    "drive": (with_drive,),
+    "compare_drive": (lambda c: c.compare_drive,),  # both numbers are compared with as they are
     "uncertainty": (lambda c: replace(standard_uncertainties(c), stated=frozenset()),),
 }
 
@@ -88,7 +100,8 @@ def bounded() -> list[tuple[str, str, Number | Count, bool]]:
         for key, field in type(getattr(Config(), section)).model_fields.items():
             for check in checks_of(field.annotation, field.metadata):
                 if isinstance(check, (Number, Count)):
-                    is_list = isinstance(getattr(getattr(Config(), section), key), tuple)
+                    kinds = checks_of(field.annotation, field.metadata)
+                    is_list = any(isinstance(kind, ListOf) for kind in kinds)
                     found.append((section, key, check, is_list))
     return found
 

@@ -16,6 +16,7 @@ CONFIG = """\
 belt: {name: small}
 rig: {arcs_deg: [40, 82], initial_tensions_N: [100, 220, 411], pulley_speeds_rad_s: [0.05, 0.21]}
 simulation: {method: steady, elements: 20}
+compare_drive: {max_rms_relative_error: 0.3}
 compare: {max_rms_relative_error: 0.2, max_mean_relative_error: 0.2, max_relative_error: 0.9}
 data: {press: press.csv, rig: rig.csv, speedloss: speedloss.csv}
 """
@@ -31,6 +32,8 @@ COMMANDS = (
     "--arc 82 --tension 411 --speed 0.21 -o part.parquet",
     "simulate-rig surface.parquet stiffness.parquet -j 1",
     "compare friction.parquet simulated.parquet",
+    "simulate-drive surface.parquet stiffness.parquet --from slip.parquet",
+    "compare-drive slip.parquet drive.parquet",
     "run beltid.yaml -j 2 --no-report",
     "report .",
     "show surface.parquet",

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from beltid.report.drawing import figure, group, legend_below, style
-from beltid.report.figures import arc, budget, friction, press, proof, runs, slip, surface
+from beltid.report.figures import arc, budget, drive, friction, press, proof, runs, slip, surface
 from beltid.report.figures.press import FORCE, MICRO, PENETRATION
 from beltid.report.picture import Picture
 from beltid.report.results import BeltResults, Sheet
@@ -112,6 +112,8 @@ MAKERS: Final[dict[str, Callable[[Sheet], list[Picture]]]] = {
     "simulated": lambda sheet: friction.simulated(_alone(sheet)),
     "profiles": _profiles,
     "compare": _compare,
+    "drive": drive.predicted,
+    "compare_drive": drive.compared,
     "press_curves": _press_curves,
     "rig_curves": _rig_curves,
 }

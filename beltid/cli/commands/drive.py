@@ -1,0 +1,65 @@
+"""The drive: its prediction, and its comparison with the speed-loss bench."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from beltid.cli.common import Common, with_common_options
+from beltid.cli.execute import execute
+from beltid.cli.inputs import DriveTable, Slip, Stiffness, Surface
+from beltid.cli.program import command
+
+
+@command("simulate-drive")
+@with_common_options
+def simulate_drive(
+    surface: Surface,
+    stiffness: Stiffness,
+    slip: Annotated[
+        Path | None,
+        typer.Option(
+            "--from",
+            metavar="SLIP",
+            help="slip.parquet of fit-slip: predict the operating points of that recording instead "
+            "of those of the config.",
+        ),
+    ] = None,
+    *,
+    common: Common,
+) -> None:
+    """Predict a belt drive: speed loss, belt tensions, hub forces, reserve against slip.
+
+    The drive is the section drive: of the config, its contact that of the identified laws. The
+    belt is an extensible string with mass on the elastic bed of its ribs. Every speed loss is split
+    into creep, seating and slip, and comes with its uncertainty. Writes drive.parquet, a row per
+    operating point and pulley.
+
+    Example: beltid simulate-drive surface_refined.parquet stiffness.parquet --from slip.parquet
+    """
+    from beltid.stages import simulate_drive as stage
+
+    inputs = {"surface": surface, "stiffness": stiffness}
+    if slip is not None:
+        inputs["slip"] = slip
+    execute(stage.run, inputs, "drive.parquet", common)
+
+
+@command("compare-drive")
+@with_common_options
+def compare_drive(slip: Slip, drive: DriveTable, *, common: Common) -> None:
+    """Compare the predicted with the measured speed losses; exit 0 or 4.
+
+    Nothing is fitted to the recording: it tests the identified laws a second time, and says which
+    of creep, seating and slip it can tell. Points with less than a fifth of the largest torque are
+    not judged. Tolerance by default: RMS 10 %; another under compare_drive: in the config. Writes
+    compare_drive.parquet.
+
+    Example: beltid compare-drive slip.parquet drive.parquet
+    """
+    from beltid.stages import compare_drive as stage
+
+    inputs = {"slip": slip, "drive": drive}
+    execute(stage.run, inputs, "compare_drive.parquet", common)

@@ -1,0 +1,141 @@
+"""Predicted against measured speed losses: per point, as a verdict, and what a recording can tell.
+
+Below full slip the loss does not depend on friction. So a recording tests the parts of the loss
+only as far as they stand out from what is not known: it resolves a part that exceeds three standard
+uncertainties of the difference somewhere, and it says nothing about friction unless a pulley slides
+on most of its arc.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+RESOLVED: Final = 3.0
+"""Standard uncertainties of the difference by which a part of the loss must stand out."""
+MOST_OF_ARC: Final = 0.7
+"""Share of an arc that must slide for the loss to say something about friction."""
+ENOUGH: Final = 0.5
+"""Share of the points to be judged that must have a prediction."""
+
+
+@dataclass(frozen=True, slots=True)
+class LossPoints:
+    """Measured and predicted speed losses of the same points, arrays (n,) [rad/s].
+
+    Attributes
+    ----------
+    measured, measured_u : ndarray
+        Loss and its standard uncertainty.
+    predicted, predicted_u : ndarray
+        Loss and its standard uncertainty; nan without a steady state.
+    creep, seating, slip : ndarray
+        Predicted parts of the loss.
+    torque : ndarray
+        Torque [N m].
+    arc_share : ndarray
+        Largest share of an arc that slides [-].
+    usable : ndarray of bool
+        Measured points that are no gross slip and have all that is needed.
+    """
+
+    measured: Array
+    measured_u: Array
+    predicted: Array
+    predicted_u: Array
+    creep: Array
+    seating: Array
+    slip: Array
+    torque: Array
+    arc_share: Array
+    usable: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class LossAgreement:
+    """How far predicted and measured losses agree.
+
+    Attributes
+    ----------
+    points : LossPoints
+        What was compared.
+    judged : ndarray of bool (n,)
+        Points that count.
+    asked : int
+        Points that should count; those without a prediction do not.
+    rms_relative : float
+        Root mean square of difference over measured loss [-].
+    rms_over_u : float
+        Root mean square of difference over its standard uncertainty [-].
+    passed : bool
+        Whether the first is within tolerance, with a prediction for half of the points at least.
+    """
+
+    points: LossPoints
+    judged: NDArray[np.bool_]
+    asked: int
+    rms_relative: float
+    rms_over_u: float
+    passed: bool
+
+    @property
+    def difference(self) -> Array:
+        """Predicted less measured loss [rad/s]."""
+        return self.points.predicted - self.points.measured
+
+    @property
+    def u_validation(self) -> Array:
+        """Standard uncertainty of the difference [rad/s]."""
+        return np.hypot(self.points.measured_u, self.points.predicted_u)
+
+    @property
+    def prominence(self) -> dict[str, float]:
+        """Largest size of each part of the loss over the uncertainty of the difference [-]."""
+        u, judged = self.u_validation[self.judged], self.judged
+        parts = {"creep": self.points.creep, "seating": self.points.seating}
+        parts["slip"] = self.points.slip
+        return {
+            name: float(np.max(np.abs(part[judged]) / u, initial=0.0))
+            for name, part in parts.items()
+        }
+
+    @property
+    def largest_arc_share(self) -> float:
+        """Largest share of an arc that slides, over the points judged [-]."""
+        return float(np.nanmax(self.points.arc_share[self.judged], initial=0.0))
+
+
+def compare_losses(
+    points: LossPoints, max_rms_relative_error: float, min_torque_share: float
+) -> LossAgreement:
+    """Judge a prediction by the points with a torque worth judging.
+
+    Parameters
+    ----------
+    points : LossPoints
+        Measured and predicted losses.
+    max_rms_relative_error : float
+        Tolerance of the root mean square of difference over measured loss [-].
+    min_torque_share : float
+        Points with less than this share of the largest torque are not judged.
+    """
+    torque = np.abs(points.torque)
+    asked = points.usable & (torque >= min_torque_share * np.nanmax(torque, initial=0.0))
+    asked &= points.measured != 0.0
+    judged = asked & np.isfinite(points.predicted) & np.isfinite(points.predicted_u)
+    difference = points.predicted[judged] - points.measured[judged]
+    u = np.hypot(points.measured_u, points.predicted_u)[judged]
+
+    def rms(values: Array) -> float:
+        return float(np.sqrt(np.mean(values**2))) if values.size else np.nan
+
+    relative = rms(difference / points.measured[judged])
+    enough = judged.sum() >= ENOUGH * asked.sum() and bool(judged.any())
+    passed = bool(enough and relative <= max_rms_relative_error)
+    over_u = rms(np.divide(difference, u, out=np.full(u.size, np.nan), where=u > 0.0))
+    return LossAgreement(points, judged, int(asked.sum()), relative, over_u, passed)

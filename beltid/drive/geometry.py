@@ -1,0 +1,170 @@
+"""Where the belt lies: tangent spans, wrap angles, and the arm of the tensioner.
+
+The belt runs from pulley to pulley in their order. A pulley turns anticlockwise (sense +1) or
+clockwise (-1); ribs and back of the belt turn opposite ways. With the direction ``t`` of a span and
+its left normal ``n``, the belt touches a pulley of sense ``s`` at ``c - s R n``. So the line
+between two centres is ``c_2 - c_1 = L t + (s_2 R_2 - s_1 R_1) n``, which gives the length L of the
+span and its direction.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.drive.model import Drive, Pulley, Tensioner
+from beltid.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Spans and arcs of a belt on its pulleys; span i runs from pulley i to the next one.
+
+    Attributes
+    ----------
+    centres : ndarray (n, 2)
+        Centres of the pulleys [m].
+    starts, ends : ndarray (n, 2)
+        Tangent points where the spans begin and end [m].
+    spans : ndarray (n,)
+        Lengths of the spans [m].
+    directions : ndarray (n, 2)
+        Unit vectors of the spans in the running direction [-].
+    wraps : ndarray (n,)
+        Angles of the arcs between tangent points [rad].
+    senses : ndarray (n,)
+        +1 where a pulley turns anticlockwise, -1 where it turns clockwise.
+    """
+
+    centres: Array
+    starts: Array
+    ends: Array
+    spans: Array
+    directions: Array
+    wraps: Array
+    senses: Array
+
+    def hub_forces(self, P: Array) -> Array:
+        """Force of the belt on the axis of each pulley [N], shape (n, 2).
+
+        Parameters
+        ----------
+        P : ndarray (n,)
+            Effective forces of the spans [N].
+        """
+        leaving = P[:, None] * self.directions
+        return leaving - np.roll(leaving, 1, axis=0)
+
+
+def layout(drive: Drive, arm_angle: float | None = None) -> Layout:
+    """Lay the belt on the pulleys of a drive.
+
+    Parameters
+    ----------
+    drive : Drive
+        Pulleys in the order of the belt.
+    arm_angle : float, optional
+        Angle of the tensioner's arm [rad]; its pulley stands where it is stated if there is none.
+
+    Raises
+    ------
+    InputError
+        If pulleys overlap or the belt cannot lie as stated.
+    """
+    pulleys = list(drive.pulleys)
+    if arm_angle is not None and drive.tensioner is not None:
+        moved = drive.tensioner.pulley
+        x, y = arm_end(drive.tensioner, arm_angle)
+        pulleys[moved] = replace(pulleys[moved], x=x, y=y)
+    _refuse_overlaps(pulleys)
+    # the belt is laid on both ways round; what crosses itself is the wrong one
+    both = [_lay(pulleys, sense) for sense in (1.0, -1.0)]
+    possible = [one for one in both if _turns_once(one) and not _crosses_itself(one)]
+    if not possible:
+        raise InputError(
+            "the belt crosses itself: the pulleys must stand in the order of the belt, "
+            "each with the side of the belt that is on it"
+        )
+    return possible[0]
+
+
+def arm_end(tensioner: Tensioner, angle: float) -> tuple[float, float]:
+    """Centre of the pulley on the arm [m]."""
+    x, y = tensioner.pivot
+    return x + tensioner.arm * math.cos(angle), y + tensioner.arm * math.sin(angle)
+
+
+def arm_lever(tensioner: Tensioner, laid: Layout, P: Array) -> float:
+    """Moment of the belt about the pivot of the arm [N m], anticlockwise > 0."""
+    arm = laid.centres[tensioner.pulley] - tensioner.pivot
+    force = laid.hub_forces(P)[tensioner.pulley]
+    return float(arm[0] * force[1] - arm[1] * force[0])
+
+
+def spring_moment(tensioner: Tensioner, angle: float, side: float) -> float:
+    """Moment of the spring on the arm [N m], anticlockwise > 0.
+
+    Parameters
+    ----------
+    tensioner : Tensioner
+        Preload and rate.
+    angle : float
+        Angle of the arm [rad].
+    side : float
+        +1 where the arm works beyond its free angle anticlockwise, -1 clockwise.
+    """
+    return -side * tensioner.preload - tensioner.rate * (angle - tensioner.free_angle)
+
+
+def _refuse_overlaps(pulleys: list[Pulley]) -> None:
+    problems = []
+    for i, one in enumerate(pulleys):
+        for other in pulleys[i + 1 :]:
+            distance = math.hypot(other.x - one.x, other.y - one.y)
+            if distance <= one.R + other.R:
+                problems.append(
+                    f"pulleys {one.name} and {other.name} overlap: their centres are "
+                    f"{distance:g} m apart, must be more than {one.R + other.R:g} m"
+                )
+    if problems:
+        raise InputError(problems)
+
+
+def _lay(pulleys: list[Pulley], sense: float) -> Layout:
+    """Lay the belt on with rib pulleys that turn in the given sense."""
+    centres = np.array([(p.x, p.y) for p in pulleys])
+    senses = np.array([sense if p.ribs else -sense for p in pulleys])
+    offsets = senses * np.array([p.R for p in pulleys])
+    to_next = np.roll(centres, -1, axis=0) - centres
+    across = np.roll(offsets, -1) - offsets
+    spans = np.sqrt(np.sum(to_next**2, axis=1) - across**2)
+    angles = np.arctan2(to_next[:, 1], to_next[:, 0]) - np.arctan2(across, spans)
+    wraps = np.mod(senses * (angles - np.roll(angles, 1)), 2.0 * np.pi)
+    directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    normals = np.stack([-directions[:, 1], directions[:, 0]], axis=1)
+    starts = centres - offsets[:, None] * normals
+    ends = starts + spans[:, None] * directions
+    return Layout(centres, starts, ends, spans, directions, wraps, senses)
+
+
+def _turns_once(laid: Layout) -> bool:
+    """Whether the direction of the belt turns by one revolution over the loop."""
+    return bool(abs(abs(np.sum(laid.senses * laid.wraps)) - 2.0 * np.pi) < 1e-6)
+
+
+def _crosses_itself(laid: Layout) -> bool:
+    """Whether any two spans cross."""
+    pairs = list(combinations(zip(laid.starts, laid.ends, strict=True), 2))
+    return any(_cross(a, b, c, d) and _cross(c, d, a, b) for (a, b), (c, d) in pairs)
+
+
+def _cross(a: Array, b: Array, c: Array, d: Array) -> bool:
+    """Whether points c and d lie on two sides of the line through a and b."""
+    (x, y), (cx, cy), (dx, dy) = b - a, c - a, d - a
+    return bool((x * cy - y * cx) * (x * dy - y * dx) < 0.0)

@@ -1,0 +1,292 @@
+"""The closed loop: span forces, flow of belt and arm of the tensioner, by Newton's method.
+
+Unknowns are an effective force per span, the stress-free length of belt per second, and the angle
+of the tensioner's arm. Equations (D7) to (D9): the torque of every pulley but the driver, the
+length of the belt or a given force, the moment of the arm, the speed of the driver.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import root_scalar
+
+from beltid.drive.geometry import Layout, arm_lever, layout, spring_moment
+from beltid.drive.model import Drive, DrivePoint
+from beltid.drive.string import Arcs, StringLevel
+from beltid.errors import ConvergenceError, InputError
+
+Array = NDArray[np.float64]
+
+MOST_ITERATIONS: Final = 60
+TOLERANCE: Final = 1e-11
+"""Largest residual of the scaled equations: torque over T_0 R, strain over T_0/EA, speed."""
+AS_GOOD_AS_ROUNDING: Final = 1e-7
+"""Residual that may stay where no step makes it smaller: the strain of a stiff belt is rounded."""
+MOST_HALVINGS: Final = 12
+DIFFERENCE: Final = 1e-7
+SLACK: Final = 1e-5
+"""A span with less than this share of the largest span force is slack."""
+
+
+@dataclass(frozen=True, slots=True)
+class RestState:
+    """The belt at rest, under one tension everywhere.
+
+    Attributes
+    ----------
+    T_0 : float
+        Tension [N].
+    arm_angle : float or None
+        Angle of the tensioner's arm [rad].
+    belt_length : float
+        Stress-free length of the belt [m]; nan with a given slack force.
+    laid : Layout
+        Spans and wraps.
+    """
+
+    T_0: float
+    arm_angle: float | None
+    belt_length: float
+    laid: Layout
+
+
+@dataclass(frozen=True, slots=True)
+class LoopState:
+    """A steady state of the loop.
+
+    Attributes
+    ----------
+    P : ndarray (n,)
+        Effective forces P = N - m v0^2 (1 + eps) of the spans [N]; span i leaves pulley i.
+    v0 : float
+        Stress-free length of belt that passes a point per second [m/s].
+    arm_angle : float or None
+        Angle of the tensioner's arm [rad].
+    laid : Layout
+        Spans and wraps.
+    arcs : Arcs
+        State of the belt on the pulleys.
+    slack : bool
+        Whether the torques leave a span without force; then no number of the state means anything.
+    iterations : int
+        Newton steps.
+    """
+
+    P: Array
+    v0: float
+    arm_angle: float | None
+    laid: Layout
+    arcs: Arcs
+    slack: bool = False
+    iterations: int = 0
+
+    @property
+    def P_in(self) -> Array:
+        """Effective force of the span that enters each pulley [N], shape (n,)."""
+        return np.roll(self.P, 1)
+
+
+def rest_state(drive: Drive, level: StringLevel, T_0: float) -> RestState:
+    """Tighten the belt at rest, which says how long it is.
+
+    Parameters
+    ----------
+    drive : Drive
+        Pulleys and installation.
+    level : StringLevel
+        Their laws.
+    T_0 : float
+        Tension at rest [N]; nan with a tensioner whose mean position sets it.
+
+    Raises
+    ------
+    InputError
+        If the belt cannot lie as stated, no tension is stated where one is needed, or the arm of
+        the tensioner finds no equilibrium.
+    """
+    if drive.tensioner is None:
+        if math.isnan(T_0):
+            raise InputError("initial tension: must be stated where there is no tensioner")
+        return _laid_at_rest(drive, level, T_0, None)
+    angle = _stated_angle(drive)
+    if math.isnan(T_0):
+        T_0 = _tension_of_arm(drive, angle)
+        if not T_0 > 0.0:
+            raise InputError(
+                "tensioner: no equilibrium: belt and spring turn the arm the same way in its mean "
+                f"position ({math.degrees(angle):.4g} deg)"
+            )
+        return _laid_at_rest(drive, level, T_0, angle)
+    try:
+        found = root_scalar(
+            lambda a: _tension_of_arm(drive, a) / T_0 - 1.0, x0=angle, x1=angle + 1e-3, xtol=1e-13
+        )
+    except InputError:
+        found = None
+    if found is None or not found.converged:
+        raise InputError(f"tensioner: no equilibrium with a belt tension of {T_0:g} N at rest")
+    return _laid_at_rest(drive, level, T_0, float(found.root))
+
+
+def _laid_at_rest(drive: Drive, level: StringLevel, T_0: float, angle: float | None) -> RestState:
+    laid = layout(drive, angle)
+    P = np.full(laid.spans.size, T_0)
+    on_arcs = level.arcs(P, P, 0.0, laid.wraps).length
+    length = laid.spans.sum() / (1.0 + T_0 / drive.belt.EA) + on_arcs.sum()
+    given = drive.installation == "slack_force"
+    return RestState(T_0, angle, math.nan if given else float(length), laid)
+
+
+def _stated_angle(drive: Drive) -> float:
+    """Mean angle of the arm, where its pulley is stated [rad], within pi of the free angle."""
+    arm = drive.tensioner
+    assert arm is not None
+    pulley = drive.pulleys[arm.pulley]
+    angle = math.atan2(pulley.y - arm.pivot[1], pulley.x - arm.pivot[0])
+    return arm.free_angle + math.remainder(angle - arm.free_angle, 2.0 * math.pi)
+
+
+def _side(drive: Drive) -> float:
+    """Sense in which the arm has left its free angle: +1 anticlockwise."""
+    assert drive.tensioner is not None
+    return math.copysign(1.0, _stated_angle(drive) - drive.tensioner.free_angle)
+
+
+def _tension_of_arm(drive: Drive, angle: float) -> float:
+    """Uniform belt force that holds the arm at an angle [N]; negative if it would have to push."""
+    assert drive.tensioner is not None
+    laid = layout(drive, angle)
+    per_newton = arm_lever(drive.tensioner, laid, np.ones(laid.spans.size))
+    return -spring_moment(drive.tensioner, angle, _side(drive)) / per_newton
+
+
+class _Loop:
+    """The equations of an operating point; forces are scaled by T_0, the flow by the driver."""
+
+    def __init__(
+        self, drive: Drive, point: DrivePoint, level: StringLevel, rest: RestState
+    ) -> None:
+        self.drive, self.point, self.level, self.rest = drive, point, level, rest
+        self.R = np.array([p.R for p in drive.pulleys])
+        self.torque = np.array(point.torque) + np.array([p.drag for p in drive.pulleys])
+        self.power = np.array(point.power) if point.power else np.zeros(self.R.size)
+        self.omega = abs(point.omega)
+        self.flow = self.omega * self.R[drive.driver]  # of a belt that does not stretch [m/s]
+
+    def state(self, u: Array) -> LoopState:
+        """Unpack the unknowns and find the belt on its pulleys."""
+        n = self.R.size
+        angle = None if self.rest.arm_angle is None else float(u[n + 1])
+        laid = self.rest.laid if angle is None else layout(self.drive, angle)
+        P, v0 = u[:n] * self.rest.T_0, float(u[n]) * self.flow
+        P_in = np.concatenate((P[-1:], P[:-1]))
+        return LoopState(P, v0, angle, laid, self.level.arcs(P_in, P, v0, laid.wraps))
+
+    def residual(self, state: LoopState) -> Array:
+        """Residuals of (D7) to (D9), of order one where nothing is met."""
+        drive, rest, arcs, driver = self.drive, self.rest, state.arcs, self.drive.driver
+        speeds = arcs.W * state.v0
+        r = np.empty(self.R.size + (1 if state.arm_angle is None else 2))
+        n = self.R.size
+        r[:n] = (arcs.torque + self.torque + self.power / speeds) / (rest.T_0 * self.R)
+        r[driver] = speeds[driver] / self.omega - 1.0
+        if drive.installation == "slack_force":
+            r[n] = state.P[driver] / rest.T_0 - 1.0
+        else:
+            stretch = (drive.belt.EA + state.P) / (drive.belt.EA - drive.belt.rhoA * state.v0**2)
+            length = (state.laid.spans / stretch).sum() + arcs.length.sum()
+            r[n] = (length / rest.belt_length - 1.0) * drive.belt.EA / rest.T_0
+        if drive.tensioner is not None and state.arm_angle is not None:
+            moment = arm_lever(drive.tensioner, state.laid, state.P)
+            moment += spring_moment(drive.tensioner, state.arm_angle, _side(drive))
+            r[n + 1] = moment / (rest.T_0 * drive.tensioner.arm)
+        return r
+
+    def jacobian(self, u: Array, r: Array, difference: float) -> Array:
+        """Derivatives of the residual by one-sided differences, shape (n_u, n_u)."""
+        columns = []
+        for k in range(u.size):
+            moved = u.copy()
+            moved[k] += difference
+            columns.append((self.residual(self.state(moved)) - r) / difference)
+        return np.stack(columns, axis=1)
+
+    def first_guess(self) -> Array:
+        """Forces of a belt that neither stretches nor seats: steps of M/R about the mean T_0."""
+        drive = self.drive
+        steps = (self.torque + self.power * self.R / self.flow) / self.R
+        steps[drive.driver] = 0.0
+        steps[drive.driver] = -steps.sum()
+        P = np.cumsum(steps) / self.rest.T_0
+        P += 1.0 - (P.mean() if drive.installation == "fixed_centres" else P[drive.driver])
+        stretch = 1.0 + self.rest.T_0 / drive.belt.EA
+        arm = () if self.rest.arm_angle is None else (self.rest.arm_angle,)
+        return np.array([*np.maximum(P, 0.05), 1.0 / stretch, *arm])
+
+
+def solve_loop(drive: Drive, point: DrivePoint, level: StringLevel, rest: RestState) -> LoopState:
+    """Find the steady state of an operating point.
+
+    Newton's method with a Jacobian by differences, kept as long as it serves. A span force may fall
+    to a fifth in a step, so that none becomes negative; one that goes on falling is slack.
+
+    Parameters
+    ----------
+    drive : Drive
+        The drive, its belt running in the order of the pulleys.
+    point : DrivePoint
+        The operating point; of its speed the magnitude counts.
+    level : StringLevel
+        Belt on a pulley.
+    rest : RestState
+        The belt at rest.
+
+    Raises
+    ------
+    ConvergenceError
+        If no steady state was found.
+    """
+    loop, n = _Loop(drive, point, level, rest), len(drive.pulleys)
+    u = loop.first_guess()
+    state = loop.state(u)
+    r = loop.residual(state)
+    size, J, difference = float(np.abs(r).max()), None, DIFFERENCE
+    for iteration in range(MOST_ITERATIONS):
+        if size <= TOLERANCE:
+            return replace(state, iterations=iteration)
+        if np.min(u[:n]) < SLACK * np.max(u[:n]):
+            return replace(state, iterations=iteration, slack=True)
+        fresh = J is None
+        if J is None:
+            J = loop.jacobian(u, r, difference)
+        step = np.linalg.solve(J, -r)
+        falling = step[:n] < 0.0
+        share = min(1.0, float(np.min(-0.8 * u[:n][falling] / step[:n][falling], initial=1.0)))
+        towards_slack = share < 1.0
+        for _ in range(MOST_HALVINGS):
+            trial = loop.state(u + share * step)
+            r_trial = loop.residual(trial)
+            trial_size = float(np.abs(r_trial).max())
+            if trial_size < size or (towards_slack and math.isfinite(trial_size)):
+                break
+            share *= 0.5
+        else:
+            if size <= AS_GOOD_AS_ROUNDING:
+                return replace(state, iterations=iteration)
+            # where a pulley begins to slip as a whole, the slopes of both sides differ
+            J, difference = None, -difference if fresh else difference
+            continue
+        if trial_size > 0.1 * size:
+            J = None
+        u, state, r, size = u + share * step, trial, r_trial, trial_size
+    raise ConvergenceError(
+        f"drive at {point.omega:g} rad/s: no steady state found in {MOST_ITERATIONS} iterations; "
+        f"largest residual {size:.3g} of the scaled equations, must be below {TOLERANCE:g}",
+        iterations=MOST_ITERATIONS,
+        residual=size,
+    )

@@ -1,0 +1,198 @@
+"""A belt drive: pulleys in the order of the belt, how it is tightened, and an operating point."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Final, Literal
+
+import numpy as np
+
+from beltid.errors import InputError
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
+from beltid.params import Belt
+
+Installation = Literal["fixed_centres", "slack_force", "tensioner"]
+
+ARM_MISFIT: Final = 0.03
+"""Share of the arm by which the stated place of its pulley may miss it; its direction counts."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pulley:
+    """One pulley of the drive.
+
+    Parameters
+    ----------
+    name : str
+        Its name in tables and messages.
+    x, y : float
+        Centre [m]; of the pulley on the tensioner's arm in the mean position of the arm.
+    R : float
+        Radius of the belt's centreline without load [m].
+    ribs : bool
+        Whether the ribs of the belt are on the pulley, or its back.
+    drag : float
+        Torque of its bearing [N m], >= 0, there also when the drive idles.
+    """
+
+    name: str
+    x: float
+    y: float
+    R: float
+    ribs: bool = True
+    drag: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Tensioner:
+    """A sprung arm that carries one of the pulleys.
+
+    The spring turns the arm towards its free angle with the moment
+    ``preload + rate |angle - free_angle|``.
+
+    Parameters
+    ----------
+    pulley : int
+        Index of the pulley on the arm.
+    pivot : tuple of float
+        Axis of the arm [m].
+    arm : float
+        Length from the pivot to the pulley's centre [m].
+    free_angle : float
+        Angle of the arm at the free end of its travel [rad], as the polar angle of the pulley's
+        centre about the pivot.
+    preload, rate : float
+        Moment at the free angle [N m] and its growth [N m/rad].
+    """
+
+    pulley: int
+    pivot: tuple[float, float]
+    arm: float
+    free_angle: float
+    preload: float
+    rate: float
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """Belt, laws of contact, pulleys and installation of a drive.
+
+    Parameters
+    ----------
+    belt : Belt
+        Axial stiffness, bending stiffness and mass per stress-free length.
+    law : NormalLaw or None
+        Contact of the ribs, Eq. (3); None for rigid pulleys.
+    surface : FrictionSurface
+        Friction coefficient of the ribs.
+    pulleys : tuple of Pulley
+        In the order in which the belt passes them, at least two.
+    driver : int
+        Index of the pulley that drives the belt.
+    installation : {"fixed_centres", "slack_force", "tensioner"}
+        What holds the tension: centres that stay where they are, a given force in the span that
+        leaves the driver, or the arm of a tensioner.
+    tensioner : Tensioner, optional
+        Only with that installation.
+    back_friction : float
+        Friction coefficient of the back of the belt, which is taken as rigid.
+
+    Raises
+    ------
+    InputError
+        With everything that is wrong with the pulleys.
+    """
+
+    belt: Belt
+    law: NormalLaw | None
+    surface: FrictionSurface
+    pulleys: tuple[Pulley, ...]
+    driver: int = 0
+    installation: Installation = "fixed_centres"
+    tensioner: Tensioner | None = None
+    back_friction: float = 0.5
+
+    def __post_init__(self) -> None:
+        problems = []
+        if len(self.pulleys) < 2:
+            problems.append(f"{len(self.pulleys)} pulley(s), must be at least two")
+        problems += [
+            f"pulley {p.name}: radius {p.R:g} m, must be > 0" for p in self.pulleys if not p.R > 0
+        ]
+        if not 0 <= self.driver < len(self.pulleys):
+            problems.append(f"driver = {self.driver}, must be the index of a pulley")
+        if (self.tensioner is not None) != (self.installation == "tensioner"):
+            problems.append(
+                f"installation {self.installation!r}: a tensioner goes with 'tensioner'"
+            )
+        if not self.back_friction > 0:
+            problems.append(f"back_friction = {self.back_friction:g}, must be > 0")
+        arm = self.tensioner
+        if arm is not None and not problems:
+            pulley = self.pulleys[arm.pulley]
+            distance = math.hypot(pulley.x - arm.pivot[0], pulley.y - arm.pivot[1])
+            if abs(distance - arm.arm) > ARM_MISFIT * arm.arm:
+                problems.append(
+                    f"pulley {pulley.name} stands {distance:g} m from the pivot of the tensioner, "
+                    f"must be the length of the arm, {arm.arm:g} m"
+                )
+        if problems:
+            raise InputError(problems)
+
+    def reversed(self) -> Drive:
+        """The same drive with the belt running the other way: the pulleys in reverse order."""
+        last, arm = len(self.pulleys) - 1, self.tensioner
+        return replace(
+            self,
+            pulleys=self.pulleys[::-1],
+            driver=last - self.driver,
+            tensioner=None if arm is None else replace(arm, pulley=last - arm.pulley),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class DrivePoint:
+    """Settings of one operating point.
+
+    Parameters
+    ----------
+    omega : float
+        Speed of the driver [rad/s]; negative if the belt runs against the order of the pulleys.
+    T_0 : float
+        Belt tension at rest [N]; of the slack span in motion with a given slack force; nan where
+        the mean position of a tensioner sets it.
+    torque : tuple of float
+        Torque taken off at each pulley [N m], braking > 0; what stands at the driver is not used.
+    power : tuple of float
+        Power taken off at each pulley [W], in addition to the torque; empty for none.
+    """
+
+    omega: float
+    T_0: float
+    torque: tuple[float, ...]
+    power: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        problems = []
+        if not (math.isfinite(self.omega) and self.omega != 0.0):
+            problems.append(f"driver speed {self.omega:g} rad/s, must be finite and not 0")
+        if self.T_0 <= 0.0:
+            problems.append(f"initial tension {self.T_0:g} N, must be > 0")
+        if not np.all(np.isfinite((*self.torque, *self.power))):
+            problems.append("torques and powers must be finite")
+        if problems:
+            raise InputError(problems)
+
+    def scaled(self, factor: float) -> DrivePoint:
+        """The same point with all torques and powers times a factor; 0 when the drive idles."""
+        return replace(
+            self,
+            torque=tuple(factor * torque for torque in self.torque),
+            power=tuple(factor * power for power in self.power),
+        )
+
+    def reversed(self) -> DrivePoint:
+        """The same point for :meth:`Drive.reversed`, whose pulleys stand in reverse order."""
+        return replace(self, torque=self.torque[::-1], power=self.power[::-1])

@@ -1,0 +1,269 @@
+"""What an operating point of a drive comes to: speeds and their losses, forces, reserves.
+
+A loss is counted from idling, as on the bench: a radius off by 0.2 % is as large as the whole loss
+and drops out. Its logarithm is a sum of what the strains, the penetrations and the sliding of whole
+pulleys do to the ratio of the speeds (D10); the loss is shared out in that proportion.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.drive.loop import LoopState, RestState, rest_state, solve_loop
+from beltid.drive.model import Drive, DrivePoint
+from beltid.drive.string import SlidingShares, StringLevel
+
+Array = NDArray[np.float64]
+
+ADHESION: Final = "adhesion"
+FULL_SLIP: Final = "full slip"
+GROSS_SLIP: Final = "gross slip"
+SLACK: Final = "slack"
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedLoss:
+    """Loss of angular speed of every pulley against idling, all arrays (n,) [rad/s].
+
+    Attributes
+    ----------
+    total : ndarray
+        Speed when idling less speed under load, at the same speed of the driver; positive where a
+        pulley falls behind.
+    creep : ndarray
+        Of it, by the strains of the belt.
+    seating : ndarray
+        Of it, by the penetrations.
+    slip : ndarray
+        Of it, by pulleys that slide as a whole.
+    """
+
+    total: Array
+    creep: Array
+    seating: Array
+    slip: Array
+
+
+@dataclass(frozen=True, slots=True)
+class DriveResult:
+    """One operating point; arrays (n,) follow the pulleys in the order of the drive.
+
+    Attributes
+    ----------
+    point : DrivePoint
+        The operating point.
+    drive : Drive
+        The drive, its belt running in the order of the pulleys.
+    rest : RestState
+        The belt at rest.
+    state, idle : LoopState
+        Under load, and without the torques that are taken off.
+    """
+
+    point: DrivePoint
+    drive: Drive
+    rest: RestState
+    state: LoopState
+    idle: LoopState
+
+    def in_order(self, values: Array) -> Array:
+        """Values (n, ...) of the pulleys in the order of the drive as it was stated."""
+        return values[::-1] if self.point.omega < 0.0 else values
+
+    @property
+    def status(self) -> tuple[str, ...]:
+        """Of each pulley: adhesion, full slip, gross slip; slack if a span has no force."""
+        if self.state.slack or self.idle.slack:
+            return (SLACK,) * len(self.drive.pulleys)
+        arcs, wraps = self.state.arcs, self.state.laid.wraps
+        names = np.where(arcs.needed <= wraps, ADHESION, FULL_SLIP)
+        return tuple(np.where(np.isnan(arcs.slip), GROSS_SLIP, names).tolist())
+
+    @property
+    def speed(self) -> Array:
+        """Angular speeds [rad/s], all in the sign of the driver's; nan where none is steady."""
+        return np.sign(self.point.omega) * self._magnitude(self.state)
+
+    @property
+    def loss(self) -> SpeedLoss:
+        """Speed loss against idling and its parts, (D10)."""
+        driver = self.drive.driver
+        idling = self._magnitude(self.idle)
+        behind = [
+            (idle - idle[driver]) - (now - now[driver])
+            for idle, now in zip(self._logs(self.idle), self._logs(self.state), strict=True)
+        ]
+        whole = np.sum(behind, axis=0)
+        total = np.where(np.isnan(self.speed), np.nan, -idling * np.expm1(-whole))
+        # of the logarithm each part is a summand; the loss is shared out in their proportion
+        per_log = np.divide(total, whole, out=idling.copy(), where=whole != 0.0)
+        return SpeedLoss(total, *(per_log * part for part in behind))
+
+    @property
+    def tensions(self) -> tuple[Array, Array]:
+        """Axial forces of the belt before and behind each pulley [N]."""
+        leaving = self.drive.belt.EA * (self._stretch(self.state.P) - 1.0)
+        leaving = np.where(self.state.slack, np.nan, leaving)
+        return np.roll(leaving, 1), leaving
+
+    @property
+    def hub_force(self) -> Array:
+        """Force of the belt on the axis of each pulley [N], shape (n, 2)."""
+        forces = self.state.laid.hub_forces(self.state.P)
+        return np.where(self.state.slack, np.nan, forces)
+
+    @property
+    def torque(self) -> Array:
+        """Torque at each pulley [N m]: what the driver delivers, what the others take off."""
+        given = np.where(self.state.slack, np.nan, self.state.arcs.torque)
+        return np.where(np.arange(given.size) == self.drive.driver, given, -given)
+
+    @property
+    def load(self) -> float:
+        """Largest torque that a pulley takes off [N m]; 0 when the drive idles or is slack."""
+        asked = np.delete(self.torque, self.drive.driver)
+        return float(np.nanmax(asked, initial=0.0))
+
+    @property
+    def reserve(self) -> Array:
+        """Wrap over the arc that the change of force needs; infinite on an idler."""
+        arcs = self.state.arcs
+        free = np.full(arcs.needed.size, np.inf)
+        reserve = np.divide(self.state.laid.wraps, arcs.needed, out=free, where=arcs.needed > 0.0)
+        return np.where(self.state.slack, np.nan, reserve)
+
+    @property
+    def arc_used(self) -> Array:
+        """Arc that slides on each pulley [rad]."""
+        used = np.minimum(self.state.arcs.needed, self.state.laid.wraps)
+        return np.where(self.state.slack, np.nan, used)
+
+    @property
+    def shares(self) -> SlidingShares:
+        """Sliding speeds, line forces, and what acts outside the measured range; nan if slack."""
+        state = self.state
+        found = StringLevel(self.drive).shares(
+            state.P_in, state.P, state.v0, state.laid.wraps, state.arcs.slip
+        )
+        if not state.slack:
+            return found
+        unknown = np.full(state.P.size, np.nan)
+        return SlidingShares(*(unknown,) * 5, np.zeros(state.P.size, dtype=np.int64))
+
+    @property
+    def friction_power(self) -> Array:
+        """Power lost to friction on each pulley [W], (D11).
+
+        What the axis gives, less what the belt takes along; the sum over all pulleys is that of
+        torque times speed.
+        """
+        state = self.state
+        taken_along = self._energy_flow(state.P_in) - self._energy_flow(state.P)
+        return state.arcs.torque * self._magnitude(state) - state.v0 * taken_along
+
+    def _magnitude(self, state: LoopState) -> Array:
+        """Speeds of the pulleys without their sign [rad/s]."""
+        slips = np.isnan(state.arcs.slip)
+        speed = np.where(slips, np.nan, state.arcs.W * state.v0)
+        driver = self.drive.driver
+        if state.slack or slips[driver]:  # the flow of the belt is not known
+            speed[:] = np.nan
+        speed[driver] = abs(self.point.omega)
+        return speed
+
+    def _logs(self, state: LoopState) -> tuple[Array, Array, Array]:
+        """Summands of ln(omega / v0): of stretch, of seating, of slip of a whole pulley."""
+        stretch = self._stretch(state.P_in, state.v0)
+        rate, W = state.arcs.rate, state.arcs.W
+        return np.log(stretch), np.log(rate / stretch), np.log(W / rate)
+
+    def _stretch(self, P: Array, v0: float | None = None) -> Array:
+        """Stretch 1 + eps of an effective force, (D1) [-]."""
+        flow = self.drive.belt.rhoA * (self.state.v0 if v0 is None else v0) ** 2
+        return (self.drive.belt.EA + P) / (self.drive.belt.EA - flow)
+
+    def _energy_flow(self, P: Array) -> Array:
+        """Integral of (1 + eps) dP: energy that the belt carries, per stress-free length [N]."""
+        stretch = self._stretch(P)
+        stiffness = self.drive.belt.EA - self.drive.belt.rhoA * self.state.v0**2
+        return 0.5 * stiffness * (stretch**2 - 1.0)
+
+
+class Simulator:
+    """Solves operating points of a drive; points share the belt at rest and the idling drive.
+
+    Parameters
+    ----------
+    drive : Drive
+        Belt, laws, pulleys, installation.
+    """
+
+    def __init__(self, drive: Drive) -> None:
+        self.drive = drive
+        self.level = StringLevel(drive)
+        self._rest: dict[float | None, RestState] = {}
+        self._idle: dict[tuple[float, float | None], LoopState] = {}
+
+    def solve(self, point: DrivePoint) -> DriveResult:
+        """Find the steady state of a point, and of the drive that idles at its speed.
+
+        Where the speed of the driver is negative the belt runs against the order of the pulleys:
+        such a result holds the reversed drive and the reversed point.
+
+        Raises
+        ------
+        InputError
+            If the belt cannot be laid on or tightened as stated.
+        ConvergenceError
+            If no steady state was found.
+        """
+        if point.omega < 0.0:
+            return self._reversed._forwards(point.reversed())
+        return self._forwards(point)
+
+    @cached_property
+    def _reversed(self) -> Simulator:
+        return Simulator(self.drive.reversed())
+
+    def _forwards(self, point: DrivePoint) -> DriveResult:
+        """Solve a point with the belt running in the order of the pulleys."""
+        T_0 = None if math.isnan(point.T_0) else point.T_0
+        if T_0 not in self._rest:
+            self._rest[T_0] = rest_state(self.drive, self.level, point.T_0)
+        rest = self._rest[T_0]
+        if (point.omega, T_0) not in self._idle:
+            idle = solve_loop(self.drive, point.scaled(0.0), self.level, rest)
+            self._idle[point.omega, T_0] = idle
+        state = solve_loop(self.drive, point, self.level, rest)
+        return DriveResult(point, self.drive, rest, state, self._idle[point.omega, T_0])
+
+
+def simulate(drive: Drive, points: Sequence[DrivePoint]) -> list[DriveResult]:
+    """Predict operating points of a drive.
+
+    Parameters
+    ----------
+    drive : Drive
+        Belt, laws, pulleys, installation.
+    points : sequence of DrivePoint
+        Operating points.
+
+    Returns
+    -------
+    list of DriveResult
+        In the order of the points.
+
+    Raises
+    ------
+    InputError, ConvergenceError
+        As :meth:`Simulator.solve`.
+    """
+    simulator = Simulator(drive)
+    return [simulator.solve(point) for point in points]

@@ -1,0 +1,498 @@
+"""The belt on its pulleys as an extensible string on an elastic bed: one quadrature per pulley.
+
+All forces of a pulley follow from the effective span force P = N - m v0^2 (1 + eps) (D1): strain,
+penetration, angular rate, line force. Where the belt slides, P itself is the coordinate along the
+arc (D4), so an arc is an integral over ln P. The rate of the belt is that of the entry over the
+adhesion arc; a pulley that slides as a whole runs ahead of the belt, or behind it, by the sliding
+speed x at its entry (D5).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.drive.model import Drive
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.surface_tables import SurfaceTables
+from beltid.rigsim.compiled import kernel, leaf
+from beltid.rigsim.compiled_laws import (
+    elastic_energy,
+    elastic_force,
+    elastic_stiffness,
+    evaluate_cell,
+    locate,
+)
+
+Array = NDArray[np.float64]
+
+_x, _w = np.polynomial.legendre.leggauss(8)
+GAUSS_NODES, GAUSS_WEIGHTS = 0.5 * (1.0 + _x), 0.5 * _w  # on (0, 1)
+WIDEST_PANEL = 0.4  # of ln P
+SLIP_GRID = 24  # sliding speeds at which the full slip of a pulley is looked for
+SLOWEST_SLIP = 0.02  # the first of them, over the lowest measured speed
+
+
+class Section(NamedTuple):
+    """What the law of the belt and the bed are made of, for compiled code.
+
+    ``EA`` [N], ``m`` [kg/m]; ``k_linear`` [N/m²] (infinite on a rigid pulley), ``k_quadratic``
+    [N/m³]; ``R`` [m].
+    """
+
+    EA: float
+    m: float
+    k_linear: float
+    k_quadratic: float
+    R: float
+
+
+class Friction(NamedTuple):
+    """Friction law for compiled code: tables, the limits of what was measured, and its sense.
+
+    With ``rises``, mu falls with the speed nowhere, so that an arc has one steady state at most.
+    """
+
+    tables: SurfaceTables
+    f_low: float
+    f_high: float
+    v_low: float
+    v_high: float
+    rises: bool
+
+
+class Arcs(NamedTuple):
+    """State of the belt on every pulley, all arrays (n,).
+
+    Attributes
+    ----------
+    torque : ndarray
+        What the axis gives to the belt [N m]: > 0 on a driver, < 0 where power is taken off.
+    W : ndarray
+        omega / v0 of the pulley [1/m]; in gross slip as at the fastest measured sliding.
+    rate : ndarray
+        theta' / v0 of the belt at the entry [1/m].
+    length : ndarray
+        Stress-free length of belt on the arc [m].
+    needed : ndarray
+        Arc that the change of force needs with the entry sticking [rad], (D4).
+    slip : ndarray
+        Sliding speed at the entry [m/s]: 0 with an adhesion arc, nan in gross slip.
+    """
+
+    torque: Array
+    W: Array
+    rate: Array
+    length: Array
+    needed: Array
+    slip: Array
+
+
+class SlidingShares(NamedTuple):
+    """Where the friction of the pulleys acts, all arrays (n,).
+
+    Attributes
+    ----------
+    slip_speed_max : ndarray
+        Largest sliding speed, at the exit [m/s].
+    normal_force_min, normal_force_max : ndarray
+        Line force at both ends of the arc [N/m].
+    below_speed_range : ndarray
+        Share of the sliding friction below the lowest measured sliding speed [-].
+    outside_force_range : ndarray
+        Share of the sliding friction outside the measured line forces [-].
+    steady_states : ndarray of int
+        States with which the arc carries its forces; more than one only where mu falls with speed.
+    """
+
+    slip_speed_max: Array
+    normal_force_min: Array
+    normal_force_max: Array
+    below_speed_range: Array
+    outside_force_range: Array
+    steady_states: NDArray[np.int64]
+
+
+@leaf
+def strain(P: float, v0: float, EA: float, m: float) -> float:
+    """Strain under an effective force: P = EA eps - m v0^2 (1 + eps), (D1) [-]."""
+    flow = m * v0 * v0
+    return (P + flow) / (EA - flow)
+
+
+@leaf
+def penetration(load: float, R: float, k_linear: float, k_quadratic: float) -> float:
+    """Penetration with f(delta) (R - delta) = load = P (1 + eps), (D2) [m]."""
+    if math.isinf(k_linear):
+        return 0.0
+    delta = 2.0 * load / R
+    delta /= k_linear + math.sqrt(k_linear * k_linear + 2.0 * k_quadratic * delta)
+    for _ in range(20):
+        f = elastic_force(delta, k_linear, k_quadratic)
+        slope = elastic_stiffness(delta, k_linear, k_quadratic) * (R - delta) - f
+        step = (f * (R - delta) - load) / slope
+        delta -= step
+        if abs(step) <= 1e-15 * R:
+            break
+    return delta
+
+
+@leaf
+def seat(P: float, v0: float, s: Section) -> tuple[float, float]:
+    """Stretch 1 + eps [-] and radius R - delta [m] of the belt under an effective force."""
+    stretch = 1.0 + strain(P, v0, s.EA, s.m)
+    return stretch, s.R - penetration(P * stretch, s.R, s.k_linear, s.k_quadratic)
+
+
+@leaf
+def lever(P: float, radius: float, s: Section) -> float:
+    """Lever of a span force about the axis, (D6) [m]."""
+    if math.isinf(s.k_linear):
+        return radius
+    return radius * (1.0 + elastic_energy(s.R - radius, s.k_linear, s.k_quadratic) / P)
+
+
+@leaf
+def force_and_speed(P: float, v0: float, entry: float, s: Section) -> tuple[float, float]:
+    """Line force [N/m] and speed of creep against the entry [m/s], (D3)."""
+    stretch, radius = seat(P, v0, s)
+    return P * stretch / radius, s.R * v0 * abs(entry - stretch / radius)
+
+
+@kernel
+def crossing(
+    limit: float, P_in: float, P_out: float, v0: float, s: Section, of_speed: int
+) -> float:
+    """Where line force or creep speed crosses a limit, as a share of the way in ln P.
+
+    Both are monotonic in P. The Illinois rule keeps the crossing between two points.
+
+    Returns
+    -------
+    float
+        In (0, 1); 1 if the limit is not crossed.
+    """
+    fall = math.log(P_out / P_in)
+    stretch, radius = seat(P_in, v0, s)
+    entry = stretch / radius
+    low, high = 0.0, 1.0
+    at_low = force_and_speed(P_in, v0, entry, s)[of_speed] - limit
+    at_high = force_and_speed(P_out, v0, entry, s)[of_speed] - limit
+    if at_low * at_high >= 0.0:
+        return 1.0
+    for _ in range(60):
+        middle = (low * at_high - high * at_low) / (at_high - at_low)
+        P = P_in * math.exp(fall * middle)
+        at_middle = force_and_speed(P, v0, entry, s)[of_speed] - limit
+        if at_middle * at_high <= 0.0:
+            low, at_low = high, at_high
+        else:
+            at_low *= 0.5
+        high, at_high = middle, at_middle
+        if at_middle == 0.0 or abs(high - low) < 1e-12:
+            break
+    return high
+
+
+@leaf
+def _breaks(
+    P_in: float, P_out: float, v0: float, x: float, s: Section, friction: Friction
+) -> Array:
+    """Ends of the panels on which mu is smooth, as shares of the way in ln P, in order."""
+    ends = np.empty(6)
+    ends[0], ends[5] = 0.0, 1.0
+    ends[1] = crossing(friction.f_low, P_in, P_out, v0, s, 0)
+    ends[2] = crossing(friction.f_high, P_in, P_out, v0, s, 0)
+    ends[3] = crossing(friction.v_low - x, P_in, P_out, v0, s, 1)
+    ends[4] = crossing(friction.v_high - x, P_in, P_out, v0, s, 1)
+    for i in range(2, 5):  # four numbers: insertion sort
+        for j in range(i, 1, -1):
+            if ends[j] < ends[j - 1]:
+                ends[j - 1], ends[j] = ends[j], ends[j - 1]
+    return ends
+
+
+@kernel
+def sliding_arc(
+    P_in: float, P_out: float, v0: float, x: float, s: Section, friction: Friction
+) -> tuple[float, float]:
+    """Angle (D4) and stress-free length of an arc that slides from P_in to P_out.
+
+    Parameters
+    ----------
+    P_in, P_out : float
+        Effective forces at both ends [N], > 0.
+    v0 : float
+        Stress-free length of belt per second [m/s].
+    x : float
+        Sliding speed at the entry [m/s].
+    s : Section
+        Belt and bed on this pulley.
+    friction : Friction
+        mu of line force and sliding speed; the nearest measured value outside.
+
+    Returns
+    -------
+    angle, length : float
+        [rad], [m].
+    """
+    fall = math.log(P_out / P_in)
+    angle, length = 0.0, 0.0
+    if fall == 0.0:
+        return angle, length
+    stretch, radius = seat(P_in, v0, s)
+    entry = stretch / radius
+    ends = _breaks(P_in, P_out, v0, x, s, friction)
+    tables = friction.tables
+    for panel in range(5):
+        width = ends[panel + 1] - ends[panel]
+        if width <= 0.0:
+            continue
+        pieces = int(abs(fall) * width / WIDEST_PANEL) + 1
+        for piece in range(pieces):
+            for q in range(GAUSS_NODES.size):
+                share = (piece + GAUSS_NODES[q]) / pieces
+                P = P_in * math.exp(fall * (ends[panel] + width * share))
+                stretch, radius = seat(P, v0, s)
+                creep = s.R * v0 * abs(entry - stretch / radius)
+                i, a, _ = locate(tables.x_nodes, tables.f_ref, P * stretch / radius)
+                j, b, _ = locate(tables.y_nodes, tables.v_ref, x + creep)
+                mu, _, _ = evaluate_cell(tables.C, i, j, a, b)
+                turn = GAUSS_WEIGHTS[q] * abs(fall) * width / (pieces * mu)
+                angle += turn
+                length += turn * radius / stretch
+    return angle, length
+
+
+@leaf
+def _slip_of_grid(k: int, friction: Friction) -> float:
+    """Speeds at which full slip is looked for, geometric up to the fastest measured one [m/s]."""
+    first = SLOWEST_SLIP * friction.tables.v_ref
+    return first * (friction.v_high / first) ** (k / (SLIP_GRID - 1.0))
+
+
+@kernel
+def full_slip(
+    P_in: float, P_out: float, v0: float, wrap: float, s: Section, friction: Friction
+) -> float:
+    """Sliding speed at the entry with which the arc (D4) is the whole wrap, (D5).
+
+    Returns
+    -------
+    float
+        The smallest one [m/s]; nan if none within the measured speeds gives way enough.
+    """
+    if friction.tables.y_nodes.size == 1:  # mu does not depend on the speed
+        return math.nan
+    low, at_low = 0.0, sliding_arc(P_in, P_out, v0, 0.0, s, friction)[0] - wrap
+    high, at_high = low, at_low
+    for k in range(SLIP_GRID - 1 if friction.rises else 0, SLIP_GRID):
+        high = _slip_of_grid(k, friction)
+        at_high = sliding_arc(P_in, P_out, v0, high, s, friction)[0] - wrap
+        if at_high <= 0.0:
+            break
+        low, at_low = high, at_high
+    if at_high > 0.0:
+        return math.nan
+    for _ in range(60):
+        middle = (low * at_high - high * at_low) / (at_high - at_low)
+        at_middle = sliding_arc(P_in, P_out, v0, middle, s, friction)[0] - wrap
+        if at_middle * at_high <= 0.0:
+            low, at_low = high, at_high
+        else:
+            at_low *= 0.5
+        high, at_high = middle, at_middle
+        if abs(at_middle) < 1e-13 * wrap or abs(high - low) < 1e-13 * high:
+            break
+    return high
+
+
+@kernel
+def steady_states(
+    P_in: float, P_out: float, v0: float, wrap: float, s: Section, friction: Friction
+) -> int:
+    """Number of steady states of an arc: more than one only where mu falls with the speed."""
+    above = sliding_arc(P_in, P_out, v0, 0.0, s, friction)[0] > wrap
+    found = 0 if above else 1
+    if friction.tables.y_nodes.size == 1:
+        return found
+    for k in range(SLIP_GRID - 1 if friction.rises else 0, SLIP_GRID):
+        x = _slip_of_grid(k, friction)
+        now = sliding_arc(P_in, P_out, v0, x, s, friction)[0] > wrap
+        if now != above:
+            found += 1
+        above = now
+    return found
+
+
+@kernel
+def arcs_of_pulleys(
+    P_in: Array,
+    P_out: Array,
+    v0: float,
+    wraps: Array,
+    beds: Array,
+    R: Array,
+    ribs: Any,
+    belt: tuple[float, float],
+    of_ribs: Friction,
+    of_back: Friction,
+) -> Arcs:
+    """State of the belt on every pulley; see :class:`Arcs`."""
+    n = R.size
+    torque, W, rate = np.empty(n), np.empty(n), np.empty(n)
+    length, needed, slip = np.empty(n), np.empty(n), np.empty(n)
+    for i in range(n):
+        s = Section(belt[0], belt[1], beds[i, 0], beds[i, 1], R[i])
+        friction = of_ribs if ribs[i] else of_back
+        stretch, radius = seat(P_in[i], v0, s)
+        out = seat(P_out[i], v0, s)[1]
+        torque[i] = P_in[i] * lever(P_in[i], radius, s) - P_out[i] * lever(P_out[i], out, s)
+        rate[i] = stretch / radius
+        needed[i], sliding = sliding_arc(P_in[i], P_out[i], v0, 0.0, s, friction)
+        x, slip[i] = 0.0, 0.0
+        if needed[i] <= wraps[i]:
+            length[i] = sliding + (wraps[i] - needed[i]) * radius / stretch
+        else:
+            slip[i] = full_slip(P_in[i], P_out[i], v0, wraps[i], s, friction)
+            # in gross slip the forces are those that the torque asks for, at the fastest known mu
+            fastest = friction.v_high if math.isfinite(friction.v_high) else 0.0
+            x = fastest if math.isnan(slip[i]) else slip[i]
+            angle, sliding = sliding_arc(P_in[i], P_out[i], v0, x, s, friction)
+            length[i] = sliding * wraps[i] / angle
+        ahead = x / (R[i] * v0)
+        W[i] = rate[i] + (ahead if P_in[i] > P_out[i] else -ahead)
+    return Arcs(torque, W, rate, length, needed, slip)
+
+
+@leaf
+def _share_before(u: float, P_in: float, P_out: float) -> float:
+    """Share of the change of P up to a place in ln P."""
+    return (1.0 - (P_out / P_in) ** u) / (1.0 - P_out / P_in)
+
+
+@leaf
+def _shares(
+    P_in: float, P_out: float, v0: float, x: float, s: Section, friction: Friction
+) -> tuple[float, float]:
+    """Shares of the sliding friction below the measured speeds and outside the measured forces."""
+    if P_in == P_out:
+        return 0.0, 0.0
+    below = 0.0
+    if x < friction.v_low:
+        below = _share_before(crossing(friction.v_low - x, P_in, P_out, v0, s, 1), P_in, P_out)
+    to_low = _share_before(crossing(friction.f_low, P_in, P_out, v0, s, 0), P_in, P_out)
+    to_high = _share_before(crossing(friction.f_high, P_in, P_out, v0, s, 0), P_in, P_out)
+    f_in = force_and_speed(P_in, v0, 0.0, s)[0]
+    outside = to_low if f_in < friction.f_low else 1.0 - to_low
+    outside += to_high if f_in > friction.f_high else 1.0 - to_high
+    return below, outside
+
+
+@kernel
+def shares_of_pulleys(
+    P_in: Array,
+    P_out: Array,
+    v0: float,
+    wraps: Array,
+    slip: Array,
+    beds: Array,
+    R: Array,
+    ribs: Any,
+    belt: tuple[float, float],
+    of_ribs: Friction,
+    of_back: Friction,
+) -> SlidingShares:
+    """Where the friction of every pulley acts; see :class:`SlidingShares`."""
+    n = R.size
+    fastest, f_min, f_max = np.empty(n), np.empty(n), np.empty(n)
+    below, outside, states = np.empty(n), np.empty(n), np.empty(n, dtype=np.int64)
+    for i in range(n):
+        s = Section(belt[0], belt[1], beds[i, 0], beds[i, 1], R[i])
+        friction = of_ribs if ribs[i] else of_back
+        stretch, radius = seat(P_in[i], v0, s)
+        f_in = P_in[i] * stretch / radius
+        f_out, creep = force_and_speed(P_out[i], v0, stretch / radius, s)
+        fastest[i] = slip[i] + creep
+        f_min[i], f_max[i] = min(f_in, f_out), max(f_in, f_out)
+        below[i], outside[i] = _shares(P_in[i], P_out[i], v0, slip[i], s, friction)
+        states[i] = steady_states(P_in[i], P_out[i], v0, wraps[i], s, friction)
+    return SlidingShares(fastest, f_min, f_max, below, outside, states)
+
+
+@dataclass(frozen=True, slots=True)
+class StringLevel:
+    """The pulleys of a drive at string level.
+
+    Parameters
+    ----------
+    drive : Drive
+        Belt, laws and pulleys.
+    """
+
+    drive: Drive
+    _R: Array = field(init=False, repr=False)
+    _ribs: NDArray[np.bool_] = field(init=False, repr=False)
+    _beds: Array = field(init=False, repr=False)
+    _of_ribs: Friction = field(init=False, repr=False)
+    _of_back: Friction = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        law, pulleys = self.drive.law, self.drive.pulleys
+        rigid = (math.inf, 0.0)
+        soft = rigid if law is None else (law.k_linear_N_m2, law.k_quadratic_N_m3)
+        back = FrictionSurface.constant(self.drive.back_friction)
+        object.__setattr__(self, "_R", np.array([p.R for p in pulleys]))
+        object.__setattr__(self, "_ribs", np.array([p.ribs for p in pulleys]))
+        object.__setattr__(self, "_beds", np.array([soft if p.ribs else rigid for p in pulleys]))
+        object.__setattr__(self, "_of_ribs", _friction(self.drive.surface))
+        object.__setattr__(self, "_of_back", _friction(back))
+
+    def arcs(self, P_in: Array, P_out: Array, v0: float, wraps: Array) -> Arcs:
+        """State of the belt on every pulley.
+
+        Parameters
+        ----------
+        P_in, P_out : ndarray (n,)
+            Effective span forces before and behind each pulley [N], > 0.
+        v0 : float
+            Stress-free length of belt per second [m/s], > 0.
+        wraps : ndarray (n,)
+            Arcs between tangent points [rad].
+        """
+        belt = (self.drive.belt.EA, self.drive.belt.rhoA)
+        arcs: Arcs = arcs_of_pulleys(
+            *(P_in, P_out, v0, wraps, self._beds, self._R, self._ribs),
+            *(belt, self._of_ribs, self._of_back),
+        )
+        return arcs
+
+    def shares(
+        self, P_in: Array, P_out: Array, v0: float, wraps: Array, slip: Array
+    ) -> SlidingShares:
+        """Sliding speeds, line forces, and how much of the friction lies outside measurements.
+
+        Parameters
+        ----------
+        P_in, P_out, v0, wraps
+            As in :meth:`arcs`.
+        slip : ndarray (n,)
+            Sliding speeds at the entries [m/s], as :meth:`arcs` gives them.
+        """
+        belt = (self.drive.belt.EA, self.drive.belt.rhoA)
+        shares: SlidingShares = shares_of_pulleys(
+            *(P_in, P_out, v0, wraps, slip, self._beds, self._R, self._ribs),
+            *(belt, self._of_ribs, self._of_back),
+        )
+        return shares
+
+
+def _friction(surface: FrictionSurface) -> Friction:
+    validity = surface.validity
+    limits = (*validity["normal_force_N_m"], *validity["slip_speed_m_s"])
+    rises = bool(np.all(np.diff(surface.mu_nodes, axis=1) >= 0.0))
+    return Friction(surface.tables(), *limits, rises)

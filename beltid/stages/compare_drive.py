@@ -1,0 +1,274 @@
+"""beltid compare-drive: predicted against measured speed losses of a belt drive."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.artifacts.artifact import Artifact, read_artifact
+from beltid.artifacts.metadata_models import CompareDriveMetadata, DriveMetadata
+from beltid.config import Config, ConfigSource
+from beltid.drive.agreement import (
+    MOST_OF_ARC,
+    RESOLVED,
+    LossAgreement,
+    LossPoints,
+    compare_losses,
+)
+from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, InputError
+from beltid.identify.estimators.statistics import as_set
+from beltid.identify.slip.points import GROSS_SLIP, OK
+from beltid.report.summary import Summary
+from beltid.stages.making import Made, Recipe, make
+from beltid.stages.outcome import Outcome, rows_of, span
+from beltid.stages.talk import Options
+
+KIND: Final = "compare_drive"
+FIGURES: Final = ("passed", "rms_relative_error", "rms_over_uncertainty", "n_judged", "n_asked")
+KEYS: Final = ("compare_drive",)
+OF_PREDICTION: Final = {
+    "loss_predicted_rad_s": "speed_loss_rad_s",
+    "u_input_rad_s": "speed_loss_u_rad_s",
+    "loss_creep_rad_s": "loss_creep_rad_s",
+    "loss_seating_rad_s": "loss_seating_rad_s",
+    "loss_slip_rad_s": "loss_slip_rad_s",
+}
+SHOWN: Final = (
+    "run",
+    "driver_speed_rad_s",
+    "initial_tension_N",
+    "torque_N_m",
+    "loss_measured_rad_s",
+    "loss_predicted_rad_s",
+    "u_validation_rad_s",
+    "e_over_u",
+    "arc_share",
+    "status",
+)
+
+
+def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
+    """Compare ``slip`` with ``drive``, write the points, sum them up."""
+
+    def compute() -> Outcome[LossAgreement]:
+        slip, drive = read_artifact(inputs["slip"], "slip"), read_artifact(inputs["drive"], "drive")
+        return _outcome(slip, drive, config.config)
+
+    return summarise(
+        make(Recipe(KIND, config, KEYS, inputs, figures=FIGURES), out, options, compute)
+    )
+
+
+def _outcome(slip: Artifact, drive: Artifact, config: Config) -> Outcome[LossAgreement]:
+    measured, rows = _matched(slip, drive)
+    predicted = {name: drive.columns[of][rows] for name, of in OF_PREDICTION.items()}
+    status = np.array(
+        [
+            _why_not(s, p)
+            for s, p in zip(measured["status"], drive.columns["status"][rows], strict=True)
+        ],
+        dtype=object,
+    )
+    points = LossPoints(
+        measured=measured["speed_loss_rad_s"],
+        measured_u=_standard_error(measured),
+        predicted=predicted["loss_predicted_rad_s"],
+        predicted_u=predicted["u_input_rad_s"],
+        creep=predicted["loss_creep_rad_s"],
+        seating=predicted["loss_seating_rad_s"],
+        slip=predicted["loss_slip_rad_s"],
+        torque=measured["torque_N_m"],
+        arc_share=_arc_shares(drive.columns, measured["run"]),
+        usable=measured["status"] == OK,
+    )
+    section = config.compare_drive
+    result = compare_losses(points, section.max_rms_relative_error, section.min_torque_share)
+    status = np.where((status == OK) & ~result.judged, "torque too small to be judged", status)
+    relative = np.divide(
+        result.difference,
+        points.measured,
+        out=np.full(points.measured.size, np.nan),
+        where=points.measured != 0.0,
+    )
+    return Outcome(
+        kind=KIND,
+        columns={
+            **{
+                name: measured[name]
+                for name in ("run", "driver_speed_rad_s", "initial_tension_N", "torque_N_m")
+            },
+            "loss_measured_rad_s": points.measured,
+            **predicted,
+            "difference_rad_s": result.difference,
+            "relative_difference": relative,
+            "u_measured_rad_s": points.measured_u,
+            "u_validation_rad_s": result.u_validation,
+            "e_over_u": result.difference / result.u_validation,
+            "arc_share": points.arc_share,
+            "judged": result.judged,
+            "status": status,
+        },
+        result=result,
+        validity={"torque_N_m": span(points.torque[result.judged])},
+        set_aside=[
+            {"run": str(run), "why": str(why)}
+            for run, why in zip(measured["run"], status, strict=True)
+            if why != OK
+        ],
+        extra={
+            "passed": result.passed,
+            "rms_relative_error": _finite(result.rms_relative),
+            "rms_over_uncertainty": _finite(result.rms_over_u),
+            "max_rms_relative_error": section.max_rms_relative_error,
+            "n_judged": int(result.judged.sum()),
+            "n_asked": result.asked,
+            "prominence": result.prominence,
+            "largest_arc_share": result.largest_arc_share,
+        },
+        notes=_statements(result),
+    )
+
+
+def _matched(slip: Artifact, drive: Artifact) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Measured runs that were predicted, and the row of the loaded pulley of each in the drive."""
+    stated: DriveMetadata = drive.metadata
+    loaded = stated.loaded_pulley
+    if loaded is None:
+        raise InputError(
+            f"{drive.path}: its points are not those of a recording; predict them with "
+            "beltid simulate-drive --from"
+        )
+    here = np.flatnonzero(drive.columns["pulley"] == loaded)
+    row_of = dict(zip(drive.columns["run"][here].tolist(), here.tolist(), strict=True))
+    of_slip = [i for i, run in enumerate(slip.columns["run"].tolist()) if run in row_of]
+    if not of_slip:
+        raise InputError(f"{drive.path}: has none of the runs of {slip.path}")
+    measured = {name: values[of_slip] for name, values in slip.columns.items()}
+    return measured, np.array([row_of[run] for run in measured["run"].tolist()])
+
+
+def _standard_error(measured: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Standard error of the measured loss: that of the sliding speed, Eq. (7), over its radius."""
+    loss, slip = measured["speed_loss_rad_s"], measured["slip_speed_m_s"]
+    radius = np.nanmedian(np.divide(slip, loss, out=np.full(loss.size, np.nan), where=loss != 0.0))
+    return np.asarray(measured["slip_speed_se_m_s"] / radius)
+
+
+def _arc_shares(columns: Mapping[str, np.ndarray], runs: np.ndarray) -> np.ndarray:
+    """Largest share of an arc that slides, over the pulleys of each run."""
+    shares = columns["arc_used_deg"] / columns["wrap_deg"]
+    largest: dict[str, float] = {}
+    for run, share in zip(columns["run"].tolist(), shares.tolist(), strict=True):
+        largest[run] = max(share, largest.get(run, 0.0))
+    return np.array([largest[run] for run in runs.tolist()])
+
+
+def _why_not(measured: str, predicted: str) -> str:
+    """Ok, or why a point cannot be judged."""
+    if measured == GROSS_SLIP:
+        return f"{GROSS_SLIP} on the bench (predicted: {predicted})"
+    if measured != OK:
+        return measured
+    return OK if predicted in ("adhesion", "full slip") else f"predicted: {predicted}"
+
+
+def _statements(result: LossAgreement) -> tuple[str, ...]:
+    """What the recording tests and what it does not."""
+    share = 100.0 * result.largest_arc_share
+    found = result.prominence
+    told = [f"{name} ({size:.1f} standard uncertainties)" for name, size in found.items()]
+    seen = [t for t, size in zip(told, found.values(), strict=True) if size > RESOLVED]
+    unseen = [t for t, size in zip(told, found.values(), strict=True) if size <= RESOLVED]
+    lines = [
+        f"resolved by this recording: {', '.join(seen) or 'nothing'}"
+        + (f"; not resolved: {', '.join(unseen)}" if unseen else "")
+    ]
+    if result.largest_arc_share <= MOST_OF_ARC:
+        lines.append(
+            f"friction is not tested: at most {share:.0f} % of an arc slides, and below full slip "
+            "the loss does not depend on it"
+        )
+    elif found["slip"] <= RESOLVED:
+        lines.append(
+            f"up to {share:.0f} % of an arc slides: friction is large enough to carry the torques, "
+            "but how large it is this recording does not tell"
+        )
+    else:
+        lines.append(
+            f"up to {share:.0f} % of an arc slides: friction is tested by the points in full slip"
+        )
+    lines.append(
+        "the axial stiffness counts as known from elsewhere, such as a tensile test: fitted to "
+        "this recording it would be calibrated, and the agreement no validation of it"
+    )
+    return tuple(lines)
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+def summarise(made: Made) -> Summary:
+    """Sum up a comparison of a drive; its exit status is the verdict."""
+    columns = made.artifact.columns
+    metadata: CompareDriveMetadata = made.artifact.metadata
+    return Summary(
+        stage="compare-drive",
+        title="predicted less measured speed loss of the drive",
+        out=made.artifact.path,
+        facts={
+            "points_judged": metadata.n_judged,
+            "points_to_be_judged": metadata.n_asked,
+            "rms_relative_error": metadata.rms_relative_error,
+            "rms_over_uncertainty": metadata.rms_over_uncertainty,
+        },
+        table=rows_of(columns, *columns),
+        shown=SHOWN,
+        overview=_series(columns),
+        notes=made.notes,
+        warnings=made.warnings,
+        verdict=_verdict(metadata),
+        exit_status=EXIT_DONE if metadata.passed else EXIT_OUT_OF_TOLERANCE,
+        up_to_date=made.up_to_date,
+        origin=made.origin,
+    )
+
+
+def _series(columns: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
+    """A row per driver speed and initial tension: how far the torque went, and the difference."""
+    speeds = as_set(columns["driver_speed_rad_s"])
+    tensions = as_set(columns["initial_tension_N"])
+    rows = []
+    for speed, tension in dict.fromkeys(zip(speeds.tolist(), tensions.tolist(), strict=True)):
+        here = (speeds == speed) & (tensions == tension) & columns["judged"]
+        if not here.any():
+            continue
+        relative = columns["relative_difference"][here]
+        rows.append(
+            {
+                "driver_speed_rad_s": speed,
+                "initial_tension_N": tension,
+                "points": int(here.sum()),
+                "largest_torque_N_m": float(np.abs(columns["torque_N_m"][here]).max()),
+                "mean_difference_percent": 100.0 * float(relative.mean()),
+                "rms_difference_percent": 100.0 * float(np.sqrt(np.mean(relative**2))),
+                "rms_over_uncertainty": float(np.sqrt(np.mean(columns["e_over_u"][here] ** 2))),
+                "largest_arc_share": float(columns["arc_share"][here].max()),
+            }
+        )
+    return rows
+
+
+def _verdict(metadata: CompareDriveMetadata) -> str:
+    word = "PASS" if metadata.passed else "FAIL"
+    if metadata.rms_relative_error is None or metadata.max_rms_relative_error is None:
+        return f"{word}: no point could be judged"
+    rms, allowed = 100.0 * metadata.rms_relative_error, 100.0 * metadata.max_rms_relative_error
+    text = f"{word}: RMS {rms:.2f} % {'<=' if rms <= allowed else '>'} {allowed:g} %"
+    if metadata.rms_over_uncertainty is not None:
+        text += f", {metadata.rms_over_uncertainty:.2f} standard uncertainties"
+    missing = metadata.n_asked - metadata.n_judged
+    return text + (f"; {missing} points have no prediction" if missing else "")

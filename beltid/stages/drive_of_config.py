@@ -1,0 +1,232 @@
+"""The drive of a config, and its operating points: of the config or of a speed-loss recording."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from beltid.config import Config
+from beltid.config.drive import DriveSection
+from beltid.drive.geometry import layout
+from beltid.drive.model import Drive, DrivePoint, Pulley, Tensioner
+from beltid.errors import InputError
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
+
+FEWEST_BENDING_LENGTHS: Final = 6.0
+"""Shorter spans, in lengths sqrt(EI/T_0), let the bending at one pulley reach the next one."""
+ALIKE_RADII: Final = (0.7, 1.5)
+"""Radii over that of the rig for which its laws may hold: wedging changes with curvature."""
+
+
+@dataclass(frozen=True, slots=True)
+class LabelledPoint:
+    """An operating point with its label in tables."""
+
+    run: str
+    point: DrivePoint
+
+
+def drive_of(config: Config, surface: FrictionSurface, law: NormalLaw) -> Drive:
+    """The drive of a config with identified laws.
+
+    Raises
+    ------
+    InputError
+        If pulleys are named twice, or a name is not that of a pulley.
+    """
+    section = config.drive
+    names = [pulley.name for pulley in section.pulleys]
+    _refuse_names(section, names)
+    taken = {*section.operating_points.torque_N_m, *section.operating_points.power_W}
+    pulleys = tuple(
+        Pulley(
+            pulley.name,
+            pulley.x_m,
+            pulley.y_m,
+            pulley.radius_m,
+            pulley.side == "rib",
+            0.0 if pulley.name in {*taken, section.driving} else section.idler_torque_N_m,
+        )
+        for pulley in section.pulleys
+    )
+    return Drive(
+        config.belt_params(),
+        law,
+        surface,
+        pulleys,
+        names.index(section.driving),
+        section.installation,
+        _tensioner(section, names),
+        section.back_friction,
+    )
+
+
+def points_of_config(config: Config) -> list[LabelledPoint]:
+    """Operating points that a config states: every initial tension with every point of the lists.
+
+    Raises
+    ------
+    InputError
+        If the lists are not of one length, or no tension is stated where one is needed.
+    """
+    section = config.drive
+    points = section.operating_points
+    lists = {"driver_speed_rad_s": points.driver_speed_rad_s}
+    for key in ("torque_N_m", "power_W"):
+        lists |= {f"{key}.{name}": values for name, values in getattr(points, key).items()}
+    n = max(len(values) for values in lists.values())
+    problems = [
+        f"drive.operating_points.{key}: {len(values)} values, must be 1 or {n} as the longest list"
+        for key, values in lists.items()
+        if len(values) not in (1, n)
+    ]
+    if section.installation != "tensioner" and section.initial_tension_N is None:
+        problems.append(f"drive.initial_tension_N: must be stated with {section.installation}")
+    if problems:
+        raise InputError(problems)
+    full = {key: values * n if len(values) == 1 else values for key, values in lists.items()}
+
+    def taken_off(key: str, i: int) -> tuple[float, ...]:
+        listed = (full.get(f"{key}.{pulley.name}") for pulley in section.pulleys)
+        return tuple(0.0 if values is None else values[i] for values in listed)
+
+    tensions = section.initial_tension_N or (math.nan,)
+    return [
+        LabelledPoint(
+            str(t * n + i + 1),
+            DrivePoint(
+                full["driver_speed_rad_s"][i],
+                tension,
+                taken_off("torque_N_m", i),
+                taken_off("power_W", i),
+            ),
+        )
+        for t, tension in enumerate(tensions)
+        for i in range(n)
+    ]
+
+
+def points_of_slip(config: Config, columns: Mapping[str, np.ndarray]) -> list[LabelledPoint]:
+    """Operating points of a speed-loss recording: torque off the one pulley that takes it.
+
+    A torque is counted positive where it brakes; a recording whose torques drive on the whole has
+    the other sign.
+
+    Raises
+    ------
+    InputError
+        If it is not clear which pulley the torque is taken off, or no run says all that is needed.
+    """
+    section = config.drive
+    loaded = load_pulley(section)
+    speed, tension, torque = (
+        np.asarray(columns[name], dtype=float)
+        for name in ("driver_speed_rad_s", "initial_tension_N", "torque_N_m")
+    )
+    braking = torque * np.sign(speed)
+    if np.nansum(braking) < 0.0:
+        braking = -braking
+    known = np.isfinite(speed) & np.isfinite(tension) & np.isfinite(torque) & (speed != 0.0)
+    if not known.any():
+        raise InputError("no run of the recording has a driver speed, a torque and a tension")
+    return [
+        LabelledPoint(
+            str(columns["run"][i]),
+            DrivePoint(
+                float(speed[i]),
+                float(tension[i]),
+                tuple(float(braking[i]) if p.name == loaded else 0.0 for p in section.pulleys),
+            ),
+        )
+        for i in np.flatnonzero(known)
+    ]
+
+
+def load_pulley(section: DriveSection) -> str:
+    """The pulley whose torque a speed-loss recording has.
+
+    Raises
+    ------
+    InputError
+        If there is not exactly one pulley that takes torque or power off.
+    """
+    others = [pulley.name for pulley in section.pulleys if pulley.name != section.driving]
+    stated = {*section.operating_points.torque_N_m, *section.operating_points.power_W}
+    candidates = [name for name in others if name in stated] or others
+    if len(candidates) != 1:
+        raise InputError(
+            f"drive.operating_points: {', '.join(candidates)} could be the pulley of the recorded "
+            "torque; state a torque_N_m for that one only"
+        )
+    return candidates[0]
+
+
+def drive_warnings(config: Config, drive: Drive, tensions: list[float]) -> list[str]:
+    """Check a drive against what its laws and the model hold for.
+
+    Raises
+    ------
+    InputError
+        If a span is shorter than six bending lengths, or pulleys cannot stand as stated.
+    """
+    laid, names = layout(drive), [pulley.name for pulley in drive.pulleys]
+    length = math.sqrt(drive.belt.EI / min(tensions))
+    problems = [
+        f"span {name} to {names[(i + 1) % len(names)]}: {span:.3g} m, must be at least "
+        f"{FEWEST_BENDING_LENGTHS * length:.3g} m, six bending lengths of the belt"
+        for i, (name, span) in enumerate(zip(names, laid.spans, strict=True))
+        if span < FEWEST_BENDING_LENGTHS * length
+    ]
+    if problems:
+        raise InputError(problems)
+    rig, (low, high) = config.rig.pulley_radius_m, ALIKE_RADII
+    return [
+        f"pulley {pulley.name}: radius {pulley.R:g} m is outside {low * rig:g} to "
+        f"{high * rig:g} m, where the contact identified on the rig can be expected to hold"
+        for pulley in drive.pulleys
+        if pulley.ribs and not low <= pulley.R / rig <= high
+    ]
+
+
+def _refuse_names(section: DriveSection, names: list[str]) -> None:
+    points = section.operating_points
+    known = ", ".join(names)
+    asked = {"drive.driver": [section.driving]}
+    asked["drive.operating_points.torque_N_m"] = list(points.torque_N_m)
+    asked["drive.operating_points.power_W"] = list(points.power_W)
+    if section.tensioner is not None:
+        asked["drive.tensioner.pulley"] = [section.tensioner.pulley]
+    problems = [
+        f"{key}: {name} is not the name of a pulley, must be one of {known}"
+        for key, wanted in asked.items()
+        for name in wanted
+        if name not in names
+    ]
+    problems += [
+        f"drive.pulleys: {name} is named twice"
+        for name in dict.fromkeys(names)
+        if names.count(name) > 1
+    ]
+    if (section.tensioner is not None) != (section.installation == "tensioner"):
+        problems.append("drive.tensioner: must be stated with installation: tensioner, and only so")
+    if problems:
+        raise InputError(problems)
+
+
+def _tensioner(section: DriveSection, names: list[str]) -> Tensioner | None:
+    arm = section.tensioner
+    if arm is None:
+        return None
+    return Tensioner(
+        names.index(arm.pulley),
+        arm.pivot_m,
+        arm.arm_m,
+        math.radians(arm.free_angle_deg),
+        arm.preload_N_m,
+        math.degrees(arm.rate_N_m_deg),
+    )

@@ -1,0 +1,411 @@
+"""beltid simulate-drive: a belt drive from the identified laws."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.artifacts.artifact import read_artifact
+from beltid.artifacts.metadata_models import DriveMetadata
+from beltid.config import Config, ConfigSource, load_config
+from beltid.drive.limits import slip_limit
+from beltid.drive.model import Drive
+from beltid.drive.results import DriveResult, Simulator
+from beltid.errors import ConvergenceError, NumericsError
+from beltid.identify.estimators.statistics import as_set
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
+from beltid.laws.uncertain_surface import UncertainSurface
+from beltid.report.summary import Summary
+from beltid.stages.drive_of_config import (
+    LabelledPoint,
+    drive_of,
+    drive_warnings,
+    load_pulley,
+    points_of_config,
+    points_of_slip,
+)
+from beltid.stages.making import Made, Recipe, make
+from beltid.stages.outcome import Outcome, rows_of, span
+from beltid.stages.tables import law_of, surface_of
+from beltid.stages.talk import Options
+from beltid.stages.uncertainties import (
+    SECTION,
+    budget_details,
+    press_law,
+    standard_uncertainties,
+    stated_keys,
+)
+from beltid.uncertainty.budget import Scatter, budget
+from beltid.uncertainty.drive import drive_uncertainty
+from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.sources import Source, drive_sources
+
+KIND: Final = "drive"
+FIGURES: Final = ("method", "budget", "n_failed", "slip_limits")
+KEYS: Final = (
+    "belt.axial_stiffness_N",
+    "belt.bending_stiffness_N_m2",
+    "belt.mass_per_length_kg_m",
+    "drive",
+    "rig.pulley_radius_m",
+    "press.segment_length_cm",
+    SECTION,
+)
+SHOWN: Final = (
+    "run",
+    "pulley",
+    "driver_speed_rad_s",
+    "torque_N_m",
+    "speed_loss_rad_s",
+    "speed_loss_u_rad_s",
+    "tension_in_N",
+    "tension_out_N",
+    "hub_force_N",
+    "arc_used_deg",
+    "wrap_deg",
+    "status",
+)
+TELLING: Final = 0.1
+"""Share of the largest loss above which a loss counts in the budget."""
+SLIP_LIMITS: Final = "Torque with which adhesion ends, and beyond which the drive slips grossly"
+FEW_ROWS: Final = 12
+"""Rows of the table up to which all of them are shown."""
+NOT_STATED: Final = (
+    "the config states no drive: two equal pulleys with a radius of 0.05 m, 0.25 m apart, are "
+    "taken for it"
+)
+MOST_OUTSIDE: Final = 0.3
+"""Share of the sliding friction outside what was measured, above which there is a warning."""
+
+
+@dataclass(frozen=True, slots=True)
+class SolvedPoint:
+    """An operating point with its result, or the reason why there is none."""
+
+    asked: LabelledPoint
+    result: DriveResult | ConvergenceError
+
+
+def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
+    """Predict the drive with ``surface`` and ``stiffness``, write the table, sum it up.
+
+    With ``slip`` among the inputs the operating points are those of that recording.
+    """
+    model = config.config
+
+    def compute() -> Outcome[tuple[SolvedPoint, ...]]:
+        surface = surface_of(read_artifact(inputs["surface"], "surface"))
+        stiffness = read_artifact(inputs["stiffness"], "stiffness")
+        press = press_law(law_of(stiffness), model, stiffness)
+        points = (
+            points_of_slip(model, read_artifact(inputs["slip"], "slip").columns)
+            if "slip" in inputs
+            else points_of_config(model)
+        )
+        options.talk.say(f"{len(points)} operating points, {model.drive.method}")
+        loaded = load_pulley(model.drive) if "slip" in inputs else None
+        return _outcome(model, surface, press, points, loaded)
+
+    choices = {"uncertainty_stated": stated_keys(model)}
+    recipe = Recipe(KIND, config, KEYS, inputs, choices, FIGURES)
+    return summarise(make(recipe, out, options, compute))
+
+
+def simulate_drive(
+    config: Config | Mapping[str, Any] | str | Path | None,
+    surface: FrictionSurface | float,
+    law: NormalLaw,
+) -> Outcome[tuple[SolvedPoint, ...]]:
+    """Predict the operating points of a belt drive.
+
+    Parameters
+    ----------
+    config : Config, dict, path or None
+        Belt, drive and its operating points; None is the built-in 5PK rig.
+    surface : FrictionSurface or float
+        Friction coefficient of the ribs; a number is a constant one.
+    law : NormalLaw
+        Normal contact law of the ribs.
+
+    Returns
+    -------
+    Outcome
+        ``.to_frame()`` has a row per point and pulley with the columns of drive.parquet.
+
+    Raises
+    ------
+    InputError
+        If the drive cannot be as stated.
+    NumericsError
+        If no operating point has a steady state.
+    """
+    model = load_config(config)
+    friction = FrictionSurface.constant(surface) if isinstance(surface, (int, float)) else surface
+    return _outcome(model, friction, press_law(law, model), points_of_config(model))
+
+
+def _outcome(
+    config: Config,
+    surface: FrictionSurface,
+    press: PressLaw,
+    points: Sequence[LabelledPoint],
+    loaded: str | None = None,
+) -> Outcome[tuple[SolvedPoint, ...]]:
+    drive = drive_of(config, surface, press.law)
+    solved = _solved(drive, points)
+    good = [(s.asked, s.result) for s in solved if isinstance(s.result, DriveResult)]
+    failed = [(s.asked, s.result) for s in solved if isinstance(s.result, ConvergenceError)]
+    if not good:
+        raise NumericsError([f"point {asked.run}: {error}" for asked, error in failed])
+    alike = drive_warnings(config, drive, [result.rest.T_0 for _, result in good])
+    if "drive" not in config.model_fields_set:
+        alike.insert(0, NOT_STATED)
+    known = isinstance(surface, UncertainSurface) and (
+        surface.members is not None or surface.factor is not None
+    )
+    ensemble = surface.ensemble() if known and isinstance(surface, UncertainSurface) else ()
+    sources = drive_sources(standard_uncertainties(config), len(drive.pulleys), press.has_scatter)
+    open_ = drive_uncertainty(drive, [asked.point for asked, _ in good], press, sources, ensemble)
+    columns = _columns(drive, good)
+    columns["speed_loss_u_rad_s"] = open_.combined.ravel()
+    return Outcome(
+        kind=KIND,
+        columns=columns,
+        result=solved,
+        validity={name: span(columns[name]) for name in ("driver_speed_rad_s", "torque_N_m")},
+        set_aside=[{"run": asked.run, "why": "; ".join(e.problems)} for asked, e in failed],
+        extra={
+            "method": config.drive.method,
+            "n_failed": len(failed),
+            "loaded_pulley": loaded,
+            "slip_limits": _limits(drive, good),
+            "budget": _budget(columns, sources, open_.shared, open_.surface),
+        },
+        notes=_notes(columns, known),
+        warnings=(
+            *alike,
+            *(f"point {asked.run}: {error}" for asked, error in failed),
+            *_outside(columns, surface),
+        ),
+    )
+
+
+def _solved(drive: Drive, points: Sequence[LabelledPoint]) -> tuple[SolvedPoint, ...]:
+    simulator, solved = Simulator(drive), []
+    for asked in points:
+        result: DriveResult | ConvergenceError
+        try:
+            result = simulator.solve(asked.point)
+        except ConvergenceError as error:
+            result = error
+        solved.append(SolvedPoint(asked, result))
+    return tuple(solved)
+
+
+def _limits(
+    drive: Drive, good: Sequence[tuple[LabelledPoint, DriveResult]]
+) -> list[dict[str, Any]]:
+    """How much torque the drive carries at each speed and tension, by its most loaded point."""
+    speeds = as_set(np.array([result.point.omega for _, result in good]))
+    tensions = as_set(np.array([result.rest.T_0 for _, result in good]))
+    heaviest: dict[tuple[float, float], tuple[LabelledPoint, DriveResult]] = {}
+    for series, one in zip(zip(speeds.tolist(), tensions.tolist(), strict=True), good, strict=True):
+        if series not in heaviest or one[1].load > heaviest[series][1].load:
+            heaviest[series] = one
+    simulator, rows = Simulator(drive), []
+    for (speed, tension), (asked, result) in heaviest.items():
+        if result.load == 0.0:
+            continue
+        limit = slip_limit(simulator, asked.point)
+        rows.append(
+            {
+                "driver_speed_rad_s": speed,
+                "initial_tension_N": tension,
+                "largest_torque_N_m": result.load,
+                "adhesion_ends_N_m": limit.adhesion * result.load,
+                "slip_limit_N_m": limit.slip * result.load,
+            }
+        )
+    return rows
+
+
+def _columns(
+    drive: Drive, good: Sequence[tuple[LabelledPoint, DriveResult]]
+) -> dict[str, np.ndarray]:
+    """Columns of the drive table: a row per point and pulley."""
+    n = len(drive.pulleys)
+    blocks = [_block(result) for _, result in good]
+    columns = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
+    for name, values in columns.items():
+        if values.dtype == float:
+            columns[name] = np.where(np.isfinite(values), values, np.nan)
+    return {
+        "point": np.repeat(np.arange(1, len(good) + 1), n),
+        "run": np.repeat(np.array([asked.run for asked, _ in good], dtype=object), n),
+        "pulley": np.tile(np.array([p.name for p in drive.pulleys], dtype=object), len(good)),
+        **columns,
+    }
+
+
+def _block(result: DriveResult) -> dict[str, np.ndarray]:
+    """Rows of one operating point, a pulley each, in the order of the drive."""
+    state, loss = result.state, result.loss
+    shares = result.shares
+    before, behind = result.tensions
+    x, y = result.hub_force.T
+    n = state.P.size
+    rows = {
+        "driver_speed_rad_s": np.full(n, result.point.omega),
+        "initial_tension_N": np.full(n, result.rest.T_0),
+        "torque_N_m": result.torque,
+        "speed_rad_s": result.speed,
+        "speed_loss_rad_s": loss.total,
+        "loss_creep_rad_s": loss.creep,
+        "loss_seating_rad_s": loss.seating,
+        "loss_slip_rad_s": loss.slip,
+        "tension_in_N": before,
+        "tension_out_N": behind,
+        "hub_force_N": np.hypot(x, y),
+        "hub_angle_deg": np.degrees(np.arctan2(y, x)),
+        "wrap_deg": np.degrees(state.laid.wraps),
+        "arc_used_deg": np.degrees(result.arc_used),
+        "reserve": result.reserve,
+        "slip_speed_max_m_s": shares.slip_speed_max,
+        "normal_force_min_N_m": shares.normal_force_min,
+        "normal_force_max_N_m": shares.normal_force_max,
+        "share_below_speed_range": shares.below_speed_range,
+        "share_outside_force_range": shares.outside_force_range,
+        "friction_power_W": result.friction_power,
+        "status": np.array(result.status, dtype=object),
+        "steady_states": shares.steady_states,
+    }
+    return {name: result.in_order(values) for name, values in rows.items()}
+
+
+def _budget(
+    columns: Mapping[str, np.ndarray],
+    sources: Sequence[Source],
+    shared: np.ndarray,
+    surface: np.ndarray,
+) -> list[dict[str, object]]:
+    """Budget of the speed losses, relative to them, over the pulleys that lose speed."""
+    loss = columns["speed_loss_rad_s"]
+    changes, scatter = shared.reshape(loss.size, -1), surface.ravel()
+    telling = np.isfinite(changes).all(axis=1) & np.isfinite(scatter)
+    telling &= np.abs(loss) > TELLING * np.nanmax(np.abs(loss), initial=0.0)
+    if not telling.any():
+        return []
+    per_loss = 1.0 / loss[telling]
+    part = Scatter("friction surface", np.abs(scatter[telling] * per_loss))
+    return budget("speed loss", sources, changes[telling] * per_loss[:, None], part)
+
+
+def _notes(columns: Mapping[str, np.ndarray], surface_known: bool) -> tuple[str, ...]:
+    notes = [
+        "the friction power is that of the contact alone: the hysteresis of the belt in bending "
+        "and seating costs about as much again"
+    ]
+    if not surface_known:
+        notes.append("the friction surface has no covariance: it is taken as known")
+    for status, words in (
+        ("gross slip", "cannot be transmitted with the friction that is known"),
+        ("slack", "leave a span without force"),
+    ):
+        runs = dict.fromkeys(columns["run"][columns["status"] == status].tolist())
+        if runs:
+            notes.append(f"{len(runs)} points {words}: {', '.join(runs)}")
+    return tuple(notes)
+
+
+def _outside(columns: Mapping[str, np.ndarray], surface: FrictionSurface) -> list[str]:
+    """Warnings of friction that acts where the laws were not measured."""
+    found = []
+    slowest, _ = surface.validity["slip_speed_m_s"]
+    low, high = surface.validity["normal_force_N_m"]
+    for name, words in (
+        ("share_below_speed_range", f"below the slowest measured sliding, {slowest:.3g} m/s"),
+        (
+            "share_outside_force_range",
+            f"outside the measured line forces, {low:.4g} to {high:.4g} N/m",
+        ),
+    ):
+        shares = columns[name]
+        beyond = shares > MOST_OUTSIDE
+        if beyond.any():
+            runs = len(set(columns["run"][beyond].tolist()))
+            found.append(
+                f"{runs} points: up to {100.0 * np.nanmax(shares):.0f} % of the sliding friction "
+                f"acts {words}; the nearest measured value was taken"
+            )
+    states = columns["steady_states"] > 1
+    if states.any():
+        runs_with = dict.fromkeys(columns["run"][states].tolist())
+        found.append(
+            "friction that falls with the speed: a second steady state with more slip exists for "
+            f"{', '.join(runs_with)}; the one with less slip was taken"
+        )
+    return found
+
+
+def summarise(made: Made) -> Summary:
+    """Sum up a drive artifact."""
+    columns = made.artifact.columns
+    metadata: DriveMetadata = made.artifact.metadata
+    statuses, counts = np.unique(columns["status"].astype(str), return_counts=True)
+    return Summary(
+        stage="simulate-drive",
+        title="speed loss and forces of a belt drive, predicted from the identified laws",
+        out=made.artifact.path,
+        facts={
+            "method": metadata.method,
+            "points": len(np.unique(columns["point"])),
+            "points_failed": metadata.n_failed,
+            "largest_speed_loss_rad_s": _largest(columns["speed_loss_rad_s"]),
+            "largest_hub_force_N": _largest(columns["hub_force_N"]),
+            "pulleys_by_status": ", ".join(
+                f"{n} {name}" for name, n in zip(statuses, counts, strict=True)
+            ),
+            "budget": metadata.budget,
+        },
+        beside={SLIP_LIMITS: [dict(row) for row in metadata.slip_limits]}
+        if metadata.slip_limits
+        else {},
+        details=budget_details(metadata.budget),
+        table=rows_of(columns, *columns),
+        shown=SHOWN,
+        overview=_overview(columns) if len(columns["run"]) > FEW_ROWS else [],
+        notes=made.notes,
+        warnings=made.warnings,
+        up_to_date=made.up_to_date,
+        origin=made.origin,
+    )
+
+
+def _overview(columns: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
+    """A row per pulley: the hubs' largest forces, the least reserve, the largest loss."""
+    rows = []
+    for pulley in dict.fromkeys(columns["pulley"].tolist()):
+        of = columns["pulley"] == pulley
+        reserve = span(columns["reserve"][of])
+        rows.append(
+            {
+                "pulley": pulley,
+                "largest_torque_N_m": _largest(np.abs(columns["torque_N_m"][of])),
+                "largest_speed_loss_rad_s": _largest(columns["speed_loss_rad_s"][of]),
+                "largest_tension_N": _largest(columns["tension_in_N"][of]),
+                "largest_hub_force_N": _largest(columns["hub_force_N"][of]),
+                "least_reserve": None if reserve is None else reserve[0],
+                "largest_friction_power_W": _largest(columns["friction_power_W"][of]),
+            }
+        )
+    return rows
+
+
+def _largest(values: np.ndarray) -> float | None:
+    limits = span(values)
+    return None if limits is None else limits[1]

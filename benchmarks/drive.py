@@ -1,0 +1,54 @@
+"""Predicted drives: time a point, and an ensemble of 64 surfaces over the points of a recording.
+
+python -m benchmarks.drive
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from beltid.drive.model import Drive, DrivePoint, Pulley
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
+from beltid.params import Belt
+from beltid.uncertainty.drive import speed_losses
+
+SERIES = ((22.0, 310.0, 16.0), (62.8, 310.0, 16.0), (76.8, 411.0, 16.0), (62.8, 155.0, 15.0))
+POINTS_OF_SERIES = 13
+MEMBERS = 64
+
+
+def surface(level: float = 1.0) -> FrictionSurface:
+    """A surface like that of a 5PK belt, at the settings of its rig."""
+    f, v = np.geomspace(1000.0, 8000.0, 8), np.geomspace(0.0025, 0.042, 5)
+    mu = level * (f[:, None] / 5400.0) ** -0.18 * (1.0 + 0.2 * np.log(v / 0.01))
+    return FrictionSurface(f, v, mu)
+
+
+def main() -> None:
+    """Print both times."""
+    pulleys = (Pulley("driver", 0.0, 0.0, 0.05), Pulley("driven", 0.25, 0.0, 0.05))
+    law = NormalLaw(6.5e7, 3.0256e11)
+    drive = Drive(Belt(1.0e5, 0.02, 0.10), law, surface(), pulleys)
+    points = [
+        DrivePoint(omega, tension, (0.0, torque))
+        for omega, tension, largest in SERIES
+        for torque in np.linspace(0.0, largest, POINTS_OF_SERIES)
+    ]
+    speed_losses(drive, points)  # compiles
+    start = time.process_time()
+    speed_losses(drive, points)
+    spent = time.process_time() - start
+    print(f"{1e3 * spent / len(points):.2f} ms of processor time a point (aim: 1 ms)")
+    start = time.process_time()
+    for level in np.linspace(0.98, 1.02, MEMBERS):
+        speed_losses(replace(drive, surface=surface(level)), points)
+    spent = time.process_time() - start
+    print(f"{spent:.1f} s for {MEMBERS} surfaces of {len(points)} points (aim: 10 s)")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,264 @@
+"""What must hold of any drive: energy, idling, independence of friction, limits, bad drives."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from drives import BELT_5PK, LAW_5PK, mu_5pk, two_pulleys
+from scipy.integrate import quad
+from scipy.optimize import brentq
+
+from beltid.drive.geometry import layout
+from beltid.drive.limits import slip_limit
+from beltid.drive.model import Drive, DrivePoint, Pulley, Tensioner
+from beltid.drive.results import DriveResult, Simulator, simulate
+from beltid.errors import InputError
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
+
+THREE = (
+    Pulley("driver", 0.0, 0.0, 0.06),
+    Pulley("idler", 0.15, 0.10, 0.03, ribs=False),
+    Pulley("load", 0.30, 0.25, 0.04),
+)
+
+
+def belt_on(R: float, P: float, v0: float, law: NormalLaw | None) -> tuple[float, float]:
+    """Stretch and radius of the belt under an effective force, from its definitions."""
+    stretch = 1.0 + (P + 0.1 * v0**2) / (1e5 - 0.1 * v0**2)
+    if law is None:
+        return stretch, R
+    delta = brentq(lambda d: law.force(d) * (R - d) - P * stretch, 0.0, 1e-3, xtol=1e-17)
+    return stretch, R - delta
+
+
+def dissipated(result: DriveResult, i: int) -> float:
+    """Friction force times sliding speed, integrated over the arc of a pulley."""
+    state, pulley = result.state, result.drive.pulleys[i]
+    law = result.drive.law if pulley.ribs else None
+
+    def density(P: float) -> float:
+        stretch, radius = belt_on(pulley.R, P, state.v0, law)
+        return abs(abs(result.speed[i]) - state.v0 * stretch / radius) * radius
+
+    return abs(quad(density, state.P[i], state.P_in[i], epsrel=1e-10)[0])
+
+
+def test_friction_power_is_what_the_axes_lose() -> None:
+    (result,) = simulate(two_pulleys(), [DrivePoint(62.8, 310.0, (0.0, 16.0))])
+    power = result.torque * result.speed
+    lost = power[0] - power[1]
+    assert result.friction_power.sum() == pytest.approx(lost, rel=1e-9)
+    independent = [dissipated(result, i) for i in range(2)]
+    assert abs(sum(independent) - lost) < 1e-6 * power[0]
+    # of a pulley alone the lever is good to its second order in the penetration
+    assert result.friction_power == pytest.approx(independent, rel=5e-3)
+
+
+def test_friction_power_of_unequal_pulleys_and_a_back_idler() -> None:
+    drive = two_pulleys(pulleys=THREE)
+    (result,) = simulate(drive, [DrivePoint(100.0, 400.0, (0.0, 0.0, 9.0))])
+    power = result.torque * result.speed
+    assert result.friction_power.sum() == pytest.approx(power[0] - power[2], rel=1e-9)
+    assert (
+        abs(sum(dissipated(result, i) for i in range(3)) - (power[0] - power[2])) < 1e-5 * power[0]
+    )
+    assert result.friction_power[1] == pytest.approx(0.0, abs=1e-9)
+    assert result.torque[1] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_idling_drive_loses_nothing() -> None:
+    (result,) = simulate(two_pulleys(pulleys=THREE), [DrivePoint(50.0, 300.0, (0.0, 0.0, 0.0))])
+    assert np.ptp(result.state.P) == pytest.approx(0.0, abs=1e-8)
+    assert result.loss.total == pytest.approx(0.0, abs=1e-12)
+    assert np.all(np.isinf(result.reserve))
+    # the belt turns a rib pulley by its surface and the idler by its back, both without slip
+    _, radius = belt_on(0.06, result.state.P[0], result.state.v0, LAW_5PK)
+    assert result.speed[1] == pytest.approx(50.0 * radius / 0.03, rel=1e-12)
+
+
+def test_speeds_of_unequal_rigid_pulleys() -> None:
+    pulleys = (Pulley("small", 0.0, 0.0, 0.03), Pulley("large", 0.4, 0.1, 0.08))
+    drive = two_pulleys(pulleys=pulleys, law=None)
+    (result,) = simulate(drive, [DrivePoint(120.0, 300.0, (0.0, 10.0))])
+    before, behind = result.tensions
+    strain_tight, strain_slack = before[0] / 1e5, behind[0] / 1e5
+    ratio = (1.0 + strain_slack) / (1.0 + strain_tight) * 0.03 / 0.08
+    assert result.speed[1] / 120.0 == pytest.approx(ratio, rel=1e-12)
+    assert result.loss.seating == pytest.approx(0.0, abs=1e-12)
+
+
+def test_loss_below_full_slip_does_not_depend_on_friction() -> None:
+    losses = []
+    for mu in (0.5, 1.5):
+        drive = two_pulleys(surface=FrictionSurface.constant(mu), installation="slack_force")
+        (result,) = simulate(drive, [DrivePoint(62.8, 150.0, (0.0, 10.0))])
+        assert result.status == ("adhesion", "adhesion")
+        losses.append(result.loss.total[1])
+    assert losses[0] == pytest.approx(losses[1], rel=1e-12)
+
+
+def test_small_torque_in_closed_form() -> None:
+    torque, T_0, omega, R = 1e-3, 310.0, 5.0, 0.05
+    (result,) = simulate(two_pulleys(), [DrivePoint(omega, T_0, (0.0, torque))])
+    delta = LAW_5PK.penetration(T_0 / R)
+    k_t = 6.5e7 + 2.0 * 3.0256e11 * delta
+    dP = torque / R
+    assert result.loss.total[1] / omega == pytest.approx(
+        dP * (1.0 / 1e5 + 1.0 / (R**2 * k_t)), rel=0.01
+    )
+    # and exactly to the first order, with the stretch of the belt on the smaller radius; the lever
+    # of a change of force is R - delta, though that of the force itself is R - delta/2
+    stretch, radius = belt_on(R, T_0, 0.25, LAW_5PK)
+    f = T_0 * stretch / radius
+    seating = (stretch + T_0 / 1e5) / (LAW_5PK.stiffness(R - radius) * radius - f) / radius
+    exact = torque / radius * (1.0 / 1e5 / stretch + seating)
+    assert result.loss.total[1] / omega == pytest.approx(exact, rel=2e-5)
+
+
+def test_reversed_running_swaps_the_spans() -> None:
+    forwards, backwards = simulate(
+        two_pulleys(), [DrivePoint(40.0, 310.0, (0.0, 9.0)), DrivePoint(-40.0, 310.0, (0.0, 9.0))]
+    )
+    assert backwards.drive.pulleys[0].name == "driven"
+    assert backwards.speed[::-1] == pytest.approx(-forwards.speed, rel=1e-12)
+    assert backwards.loss.total[::-1] == pytest.approx(forwards.loss.total, rel=1e-9)
+    # the hub forces point the same way; the tight span is now the other one
+    assert backwards.hub_force[::-1] == pytest.approx(
+        forwards.hub_force * (1.0, -1.0), rel=1e-9, abs=1e-6
+    )
+
+
+def test_full_slip_gives_way_until_the_whole_wrap_carries_the_torque() -> None:
+    (result,) = simulate(two_pulleys(), [DrivePoint(62.8, 155.0, (0.0, 17.5))])
+    state = result.state
+    assert "full slip" in result.status
+    for i, status in enumerate(result.status):
+        P_in, P_out, x = state.P_in[i], state.P[i], state.arcs.slip[i]
+        stretch, radius = belt_on(0.05, P_in, state.v0, LAW_5PK)
+        entry = stretch / radius
+
+        def density(P: float, entry: float = entry, x: float = x) -> float:
+            stretch, radius = belt_on(0.05, P, state.v0, LAW_5PK)
+            v = x + 0.05 * state.v0 * abs(entry - stretch / radius)
+            return 1.0 / (mu_5pk(P * stretch / radius, v) * P)
+
+        needed = abs(quad(density, P_in, P_out, limit=400, epsrel=1e-9)[0])
+        if status == "full slip":
+            assert x > 0.0
+            assert needed == pytest.approx(math.pi, rel=1e-5)
+        else:
+            assert x == 0.0
+            assert needed < math.pi
+    driven = state.v0 * state.arcs.rate[1] - state.arcs.slip[1] / 0.05
+    assert result.speed[1] == pytest.approx(driven, rel=1e-12)
+    parts = result.loss.creep + result.loss.seating + result.loss.slip
+    assert parts == pytest.approx(result.loss.total, rel=1e-12)
+    assert result.loss.slip[1] > 0.0
+
+
+def test_slip_limit_at_fixed_centres_hardly_depends_on_friction() -> None:
+    # span forces of an inextensible belt add up to 2 T_0: M = 2 T_0 R tanh(mu pi/2), with
+    # d ln M/d ln mu = mu pi/sinh(mu pi), 0.272 at mu = 1. Long spans leave the arcs no say
+    pulleys = (Pulley("driver", 0.0, 0.0, 0.05), Pulley("driven", 500.0, 0.0, 0.05))
+    limits = []
+    for mu in (0.95, 1.05):
+        surface, belt = FrictionSurface.constant(mu), replace(BELT_5PK, EA=1e8)
+        drive = two_pulleys(surface=surface, belt=belt, pulleys=pulleys, law=None)
+        limit = slip_limit(Simulator(drive), DrivePoint(1.0, 310.0, (0.0, 10.0)))
+        assert limit.slip == limit.adhesion  # a constant mu has nothing to give way by
+        limits.append(10.0 * limit.slip)
+        assert limits[-1] == pytest.approx(31.0 * math.tanh(0.5 * math.pi * mu), rel=1e-3)
+    slope = math.log(limits[1] / limits[0]) / math.log(1.05 / 0.95)
+    assert slope == pytest.approx(math.pi / math.sinh(math.pi), abs=0.01)
+
+
+def falling_surface() -> FrictionSurface:
+    """A wet contact: mu rises up to 5 mm/s and falls beyond."""
+    v = np.geomspace(5e-4, 0.05, 24)
+    return FrictionSurface([10.0, 30000.0], v, [1.0 - 0.12 * np.log(v / 5e-3) ** 2] * 2)
+
+
+def test_friction_that_falls_with_speed_has_two_states_and_then_none() -> None:
+    drive = two_pulleys(surface=falling_surface(), installation="slack_force", law=None)
+    simulator = Simulator(drive)
+    limit = slip_limit(simulator, DrivePoint(20.0, 20.0, (0.0, 10.0)))
+    assert limit.adhesion < limit.slip
+    between = 10.0 * (0.5 * limit.adhesion + 0.5 * limit.slip)
+    result = simulator.solve(DrivePoint(20.0, 20.0, (0.0, between)))
+    state = result.state
+    assert "full slip" in result.status
+    i = result.status.index("full slip")
+    x = state.arcs.slip[i]
+    shares = simulator.level.shares(
+        state.P_in, state.P, state.v0, state.laid.wraps, state.arcs.slip
+    )
+    assert shares.steady_states[i] == 2
+    assert x < 5e-3  # the smaller one, on the rising branch
+    beyond = simulator.solve(DrivePoint(20.0, 20.0, (0.0, 10.1 * limit.slip)))
+    assert "gross slip" in beyond.status
+    assert np.isnan(beyond.loss.total[1])
+
+
+def test_a_slack_span_is_no_negative_tension() -> None:
+    (result,) = simulate(two_pulleys(), [DrivePoint(62.8, 155.0, (0.0, 60.0))])
+    assert result.status == ("slack", "slack")
+    assert np.all(np.isnan(result.tensions))
+    assert np.all(np.isnan(result.speed[1]))
+
+
+def test_share_of_friction_below_the_slowest_speed_of_the_rig() -> None:
+    # creep speed grows almost in proportion to the fall of P: 2.5 mm/s are reached half-way here
+    simulator = Simulator(two_pulleys())
+    result = simulator.solve(DrivePoint(22.0, 310.0, (0.0, 16.0)))
+    state = result.state
+    shares = simulator.level.shares(
+        state.P_in, state.P, state.v0, state.laid.wraps, state.arcs.slip
+    )
+    entry = np.divide(*belt_on(0.05, state.P_in[0], state.v0, LAW_5PK))
+
+    def creep(P: float) -> float:
+        return 0.05 * state.v0 * abs(entry - np.divide(*belt_on(0.05, P, state.v0, LAW_5PK)))
+
+    at_limit = brentq(lambda P: creep(P) - 0.0025, state.P[0], state.P_in[0], xtol=1e-12)
+    share = (state.P_in[0] - at_limit) / (state.P_in[0] - state.P[0])
+    assert shares.below_speed_range[0] == pytest.approx(share, rel=1e-9)
+    assert shares.slip_speed_max[0] == pytest.approx(creep(state.P[0]), rel=1e-9)
+    assert shares.outside_force_range == pytest.approx(0.0, abs=1e-15)
+
+
+def test_the_belt_is_laid_on_the_way_that_does_not_cross() -> None:
+    laid = layout(two_pulleys(pulleys=THREE))
+    assert np.sum(laid.senses * laid.wraps) == pytest.approx(2.0 * math.pi * laid.senses[0])
+    # spans are tangents: at right angles to the radii at both of their ends
+    for i, after in ((0, 1), (1, 2), (2, 0)):
+        for point, j in ((laid.starts[i], i), (laid.ends[i], after)):
+            radius = point - laid.centres[j]
+            assert np.hypot(*radius) == pytest.approx(THREE[j].R, rel=1e-12)
+            assert radius @ laid.directions[i] == pytest.approx(0.0, abs=1e-15)
+
+
+def test_drives_that_cannot_be() -> None:
+    close = (Pulley("a", 0.0, 0.0, 0.05), Pulley("b", 0.09, 0.0, 0.05))
+    with pytest.raises(InputError, match="pulleys a and b overlap"):
+        simulate(two_pulleys(pulleys=close), [DrivePoint(1.0, 310.0, (0.0, 1.0))])
+    twisted = (Pulley("a", 0.0, 0.0, 0.05), Pulley("b", 0.3, 0.0, 0.05, ribs=False))
+    with pytest.raises(InputError, match="crosses itself"):
+        simulate(two_pulleys(pulleys=twisted), [DrivePoint(1.0, 310.0, (0.0, 1.0))])
+    # the spring pushes the arm with the belt, not against it
+    pulleys = (*close[:1], replace(THREE[1], x=0.15, y=-0.02), replace(close[1], x=0.4))
+    pivot = (0.15, -0.12)
+    for free, balanced in ((math.radians(120.0), True), (math.radians(60.0), False)):
+        arm = Tensioner(1, pivot, 0.1, free, 20.0, 0.0)
+        drive = Drive(
+            BELT_5PK, LAW_5PK, FrictionSurface.constant(1.0), pulleys, 0, "tensioner", arm
+        )
+        point = DrivePoint(1.0, math.nan, (0.0, 0.0, 1.0))
+        if balanced:
+            assert simulate(drive, [point])[0].rest.T_0 > 0.0
+        else:
+            with pytest.raises(InputError, match="no equilibrium"):
+                simulate(drive, [point])
