@@ -10,19 +10,24 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, create_model, field_serializer
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Strict,
+    create_model,
+    field_serializer,
+)
 
 from beltid.config.fields import (
-    Choice,
     Count,
-    Encoding,
-    FilePath,
-    NamePattern,
     Number,
-    OnOff,
-    Separator,
     Text,
     UnitOf,
+    file_path,
+    pattern_of_names,
+    separating_character,
+    text_encoding,
 )
 from beltid.tables.columns import Column
 from beltid.tables.schemas import RECORDINGS, SETTINGS, table
@@ -118,8 +123,8 @@ class RunsOfKind(Section):
         Settings that hold for every run.
     """
 
-    pattern: Annotated[str, NamePattern()] | None = None
-    table: Annotated[Path, FilePath()] | None = None
+    pattern: Annotated[str, BeforeValidator(pattern_of_names)] | None = None
+    table: Annotated[Path, BeforeValidator(file_path)] | None = None
     fields: Any
     values: Any
 
@@ -158,8 +163,8 @@ class RunsSection(_Runs):
 class DialectSection(Section):
     """How the CSV files of the bench are written; null means: found out from the file."""
 
-    separator: Annotated[str, Separator()] | None = None
-    decimal: Annotated[Literal[".", ","], Choice((".", ","))] | None = None
-    encoding: Annotated[str, Encoding()] | None = None
+    separator: Annotated[str, BeforeValidator(separating_character)] | None = None
+    decimal: Literal[".", ","] | None = None
+    encoding: Annotated[str, BeforeValidator(text_encoding)] | None = None
     skip_lines: Annotated[int, Count(0, 10_000)] = 0
-    units_row: Annotated[bool, OnOff()] = False
+    units_row: Annotated[bool, Strict()] = False

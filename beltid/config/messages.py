@@ -82,6 +82,10 @@ def _found_and_allowed(
     elif detail["type"] in ("model_type", "model_attributes_type", "dict_type"):
         keys = _keys_at(path, model)
         allowed = "a section with the keys " + ", ".join(keys)
+    elif detail["type"] == "literal_error":
+        allowed = context["expected"].replace("'", "")
+    elif detail["type"] == "bool_type":
+        allowed = "true or false"
     else:
         allowed = "another value"
     return f"{format_path(path)} = {_shown(path, detail['input'], source)}, must be {allowed}"
