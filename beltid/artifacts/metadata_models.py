@@ -1,10 +1,8 @@
-"""What an artifact says about itself, a model per kind.
+"""What an artifact states about itself, a model per kind.
 
-A seal tells that an artifact is whole, not that beltid wrote it: whoever writes one by hand can
-seal it. So all that anything relies on is checked here, when the artifact is opened, and nowhere
-else. Single figures are fields, any of which may be missing in an older artifact. Tables are rows
-of plain values, as JSON has them and as pages and terminals print them. What is not named here is
-kept as it was found.
+A checksum shows that an artifact is undamaged, not that beltid wrote it: anybody can write one by
+hand. So all that anything relies on is checked here, when the artifact is opened, and nowhere else. Single figures are fields, any of which may be missing in an older artifact. Tables are rows of
+plain values, as JSON has them and as pages and terminals print them. Unknown figures are kept.
 """
 
 from __future__ import annotations
@@ -55,7 +53,7 @@ def plain(value: Any) -> Any:
         return value
     if isinstance(value, Path):
         return str(value)
-    raise TypeError(f"{type(value).__name__} cannot stand in the metadata of an artifact")
+    raise TypeError(f"{type(value).__name__} cannot be stored in the metadata of an artifact")
 
 
 def _is_number(value: Any) -> bool:
@@ -308,7 +306,7 @@ Settings = Annotated[_KNOWN_SETTINGS, WrapValidator(_as_found)]
 
 
 class Metadata(BaseModel):
-    """What every artifact says about its making.
+    """What every artifact states about itself.
 
     Attributes
     ----------
@@ -473,7 +471,7 @@ METADATA: Final[dict[str, type[Metadata]]] = {
     "press_curves": Metadata,
     "rig_curves": Metadata,
 }
-"""Kind of an artifact -> model of what it says about itself."""
+"""Kind of an artifact -> model of its metadata."""
 
 
 WORDS: Final = {

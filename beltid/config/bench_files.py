@@ -1,7 +1,7 @@
 """How the files of a bench differ from ours: names of columns, units, dialect of the CSV.
 
-A section has a key for each column of the table of its kind of recording; so it is made from the
-table, and from nothing else.
+A section has a key for each column of the table of its kind of recording, so it is built from the
+table.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ def _stated(section: Section) -> dict[str, Any]:
 
 
 class RunsOfKind(Section):
-    """Where label and settings of a run stand that is a file, group or sheet of its own.
+    """Where to find label and settings of a run that is a file, group or sheet of its own.
 
     Attributes
     ----------

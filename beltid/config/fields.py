@@ -2,7 +2,7 @@
 
 Each kind checks a value itself and words its complaint for somebody who knows belts, so that the
 bound that is checked and the bound that is stated cannot differ. Choices and switches are plain
-types (``Literal``, ``bool``), which say by themselves what they allow.
+types (``Literal``, ``bool``), which state by themselves what they allow.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ COMPLAINT = "beltid"
 
 
 def complain(allowed: str) -> PydanticCustomError:
-    """Build the error that says what is allowed."""
+    """Build the error that states what is allowed."""
     return PydanticCustomError(COMPLAINT, "must be {allowed}", {"allowed": allowed})
 
 

@@ -66,7 +66,7 @@ def _unknown_key(path: KeyPath, model: type[BaseModel]) -> str:
 
 
 def _elsewhere(word: str, model: type[BaseModel]) -> str:
-    """A key that stands in another section than the user put it."""
+    """A key that belongs to another section than the user put it in."""
     for name in model.model_fields:
         if word in _keys_at((name,), model):
             return f", did you mean {name}.{word}?"

@@ -1,4 +1,4 @@
-"""What a config says: belt, press, rig, contact, and the settings of every stage.
+"""What a config holds: belt, press, rig, contact, and the settings of every stage.
 
 The model is closed (an unknown key is an error) and frozen. The defaults are the built-in rig of
 the paper with a 5PK belt, so an empty config is a complete one.
@@ -90,7 +90,7 @@ class DataSection(Section):
     """Where the recordings are, and whether they are of a real bench.
 
     A relative path counts from the folder of the config. Whatever is made from recordings of
-    synthetic origin says so; nothing is said about an origin that is not stated.
+    synthetic origin says so; an origin that is not stated stays unknown.
     """
 
     origin: Literal["measured", "synthetic"] | None = None
@@ -232,7 +232,7 @@ class Config(Section):
     def sha256(self) -> str:
         """SHA-256 of all that can change a result: every section but `data`.
 
-        Where a recording lies does not matter, what it holds does; its own hash tells that.
+        Where a recording lies does not matter, what it holds does; its own hash covers that.
         """
         return self.section_sha256(*(name for name in type(self).model_fields if name != "data"))
 
