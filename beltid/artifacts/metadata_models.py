@@ -1,7 +1,8 @@
 """What an artifact states about itself, a model per kind.
 
 A checksum shows that an artifact is undamaged, not that beltid wrote it: anybody can write one by
-hand. So all that anything relies on is checked here, when the artifact is opened, and nowhere else. Single figures are fields, any of which may be missing in an older artifact. Tables are rows of
+hand. So all that anything relies on is checked here, when the artifact is opened, and nowhere else.
+Single figures are fields, any of which may be missing in an older artifact. Tables are rows of
 plain values, as JSON has them and as pages and terminals print them. Unknown figures are kept.
 """
 
