@@ -32,6 +32,7 @@ from pydantic_core import PydanticCustomError
 from typing_extensions import TypedDict
 
 from beltid.artifacts.arrow_columns import LARGEST
+from beltid.config.messages import problem
 
 SHOWN: Final = 5
 SECTIONS: Final = ("config_sha256", "inputs", "validity", "set_aside", "settings")
@@ -475,28 +476,13 @@ METADATA: Final[dict[str, type[Metadata]]] = {
 """Kind of an artifact -> model of its metadata."""
 
 
-WORDS: Final = {
-    "tuple_type": "must be a list",
-    "dict_type": "must be a section",
-    "string_type": "must be a text",
-    "bool_type": "must be true or false",
-    "int_type": "must be a whole number",
-}
-"""Type of an error of the library -> what the value must be."""
-
-
 def problems_of(error: ValidationError) -> list[str]:
     """What is wrong with the metadata of an artifact: place, found, allowed; the first few."""
     return [_problem(detail) for detail in error.errors(include_url=False)[:SHOWN]]
 
 
 def _problem(detail: Mapping[str, Any]) -> str:
-    if not detail["loc"]:
+    place = tuple(detail["loc"])
+    if not place:
         return str(detail["msg"])
-    first, *rest = detail["loc"]
-    place = str(first) if first in SECTIONS else f"extra.{first}"
-    place += "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in rest)
-    if detail["type"] == "missing":
-        return f"{place} is missing"
-    words = WORDS.get(detail["type"], detail["msg"].replace("Input should be", "must be"))
-    return f"{place} = {repr(detail['input'])[:60]}, {words}"
+    return problem(detail, place if place[0] in SECTIONS else ("extra", *place))
