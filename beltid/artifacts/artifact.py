@@ -22,7 +22,7 @@ from beltid.artifacts import atomic
 from beltid.artifacts.file_bytes import read_bytes
 from beltid.artifacts.fingerprint import source_sha256
 from beltid.artifacts.hashing import columns_sha256, sha256
-from beltid.artifacts.metadata_models import METADATA, SECTIONS, Metadata, plain, problems_of
+from beltid.artifacts.metadata_models import METADATA, SECTIONS, Metadata, metadata_of, plain
 from beltid.artifacts.parquet_open import damaged, open_parquet
 from beltid.errors import ArtifactError
 from beltid.tables import schemas
@@ -242,13 +242,8 @@ def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Art
         raise ArtifactError(f"{path}: {damaged(error)}") from None
     if not whole:
         raise ArtifactError(f"{path}: damaged: the numbers do not match their checksum")
-    try:
-        metadata = METADATA[record.kind].model_validate(
-            {**record.extra, **{name: getattr(record, name) for name in SECTIONS}}
-        )
-    except ValidationError as error:
-        lines = problems_of(error)
-        raise ArtifactError([f"{path}: damaged or written by others: {x}" for x in lines]) from None
+    stated = {**record.extra, **{name: getattr(record, name) for name in SECTIONS}}
+    metadata = metadata_of(record.kind, stated, f"{path}: damaged or written by others")
     return Artifact(
         kind=record.kind,
         columns=columns,

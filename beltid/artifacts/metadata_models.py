@@ -33,6 +33,7 @@ from typing_extensions import TypedDict
 
 from beltid.artifacts.arrow_columns import LARGEST
 from beltid.config.messages import problem
+from beltid.errors import ArtifactError
 
 SHOWN: Final = 5
 SECTIONS: Final = ("config_sha256", "inputs", "validity", "set_aside", "settings")
@@ -476,9 +477,28 @@ METADATA: Final[dict[str, type[Metadata]]] = {
 """Kind of an artifact -> model of its metadata."""
 
 
-def problems_of(error: ValidationError) -> list[str]:
-    """What is wrong with the metadata of an artifact: place, found, allowed; the first few."""
-    return [_problem(detail) for detail in error.errors(include_url=False)[:SHOWN]]
+def metadata_of(kind: str, values: Mapping[str, Any], name: str) -> Metadata:
+    """Metadata of an artifact from plain values, in the model of its kind.
+
+    Parameters
+    ----------
+    kind : str
+        Its kind.
+    values : mapping
+        The `SECTIONS` and the figures, by their names.
+    name : str
+        What the lines of the error begin with.
+
+    Raises
+    ------
+    ArtifactError
+        If they do not fit: place, found, allowed; the first few.
+    """
+    try:
+        return METADATA[kind].model_validate(values)
+    except ValidationError as error:
+        details = error.errors(include_url=False)[:SHOWN]
+        raise ArtifactError([f"{name}: {_problem(detail)}" for detail in details]) from None
 
 
 def _problem(detail: Mapping[str, Any]) -> str:
