@@ -139,7 +139,7 @@ def _doubt(
         surface=result.surface,
         sources=sources,
         changes=published_changes(measured, result.average, sources, settings),
-        scatter=scatter_factor(published_curves(measured, settings), result.average),
+        scatter=scatter_factor(published_curves(measured), result.average),
         arcs_deg=measured.arcs_deg,
     )
 

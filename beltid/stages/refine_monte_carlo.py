@@ -195,7 +195,7 @@ def monte_carlo(
     of_published = np.concatenate(
         [
             published_changes(measured, grid, sources, settings),
-            scatter_factor(published_curves(measured, settings), grid, arcs=False),
+            scatter_factor(published_curves(measured), grid, arcs=False),
         ],
         axis=-1,
     )
