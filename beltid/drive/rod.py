@@ -10,7 +10,7 @@ history, so the status of a patch follows from the state: there are no time step
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +27,14 @@ from beltid.rigsim.friction import CONE_TOLERANCE, Certificate, violations
 from beltid.rigsim.model import Bench, RigModel, System, Workspace
 from beltid.rigsim.path import bending_length, element_count
 from beltid.rigsim.profile import ContactState
-from beltid.rigsim.steady import StaticState, force_tolerance, largest_force, lay_on, linearize, move
+from beltid.rigsim.steady import (
+    StaticState,
+    force_tolerance,
+    largest_force,
+    lay_on,
+    linearize,
+    move,
+)
 from beltid.rigsim.supports import force_change, release
 
 Array = NDArray[np.float64]
@@ -440,7 +447,12 @@ class _Flow:
     @staticmethod
     def _arrays(patches: Patches) -> tuple[NDArray[np.generic], ...]:
         return (
-            patches.status, patches.sign, patches.la_T, patches.slip, patches.force, patches.limit
+            patches.status,
+            patches.sign,
+            patches.la_T,
+            patches.slip,
+            patches.force,
+            patches.limit,
         )
 
     def _failure(self, rounds: int) -> ConvergenceError:

@@ -103,9 +103,7 @@ def linearize(
     if motion.rate > 0.0:
         # the mass of an element is that of its stress-free length
         add_inertia(system.belt, moved, motion.rate**2 * stretch, A, residual)
-    outside = add_contact(
-        system.belt, system.pulley, motion, points, q, stretch, A, work.vectors
-    )
+    outside = add_contact(system.belt, system.pulley, motion, points, q, stretch, A, work.vectors)
     hold(system.supports, A, work.vectors, work.reactions)
     return outside
 
