@@ -1,10 +1,10 @@
-"""Results of ours: Parquet files that say what they are, and show any damage.
+"""Stored results: Parquet files that state what they are and reveal any damage.
 
 =================== ===============================================================
 Module              Responsibility
 =================== ===============================================================
-``artifact``        one artifact: its kind, its metadata, its seal; read and written
-``metadata_models`` what stands beside its columns, as far as anything relies on it
+``artifact``        one artifact: kind, columns, metadata, checksums; read and written
+``metadata_models`` what it states about itself, a typed model per kind
 ``arrow_columns``   its columns checked against their table, to Arrow and back
 ``parquet_open``    Parquet files opened with care, those of others as well
 ``file_bytes``      the bytes of a file, with a message for all that can be wrong
@@ -13,5 +13,5 @@ Module              Responsibility
 ``fingerprint``     SHA-256 of our own sources
 =================== ===============================================================
 
-Recordings stand above this room, in `beltid.bench`: a simulated recording is an artifact.
+Recordings are read one room above, in `beltid.bench`: a simulated recording is an artifact.
 """

@@ -1,4 +1,4 @@
-"""Artifacts: Parquet files that say what they are, from what they were made, and if they are whole.
+"""Artifacts: Parquet files that state what they are, what they were computed from, and any damage.
 
 Three nets catch damage: the checksum of every page, a hash of the metadata, and a hash of the
 numbers. The bytes depend on the content only, not on time, machine or user.
@@ -22,7 +22,7 @@ from beltid.artifacts import atomic
 from beltid.artifacts.file_bytes import read_bytes
 from beltid.artifacts.fingerprint import source_sha256
 from beltid.artifacts.hashing import columns_sha256, sha256
-from beltid.artifacts.metadata_models import METADATA, SECTIONS, Metadata, plain, problems_of
+from beltid.artifacts.metadata_models import METADATA, SECTIONS, Metadata, metadata_of, plain
 from beltid.artifacts.parquet_open import damaged, open_parquet
 from beltid.errors import ArtifactError
 from beltid.tables import schemas
@@ -64,7 +64,7 @@ class Artifact(Generic[M]):
     columns : dict of str to ndarray
         Columns in the order of the schema; missing numbers are nan, missing texts None.
     metadata : Metadata
-        What it says about its making, of the model of its kind.
+        What it states about itself, in the model of its kind.
     path : Path
         Where it was read.
     sha256 : str
@@ -96,14 +96,14 @@ def write_artifact(
     Parameters
     ----------
     path : path
-        Where it is to stand.
+        Where to write it.
     kind : str
         Kind of the table, one of `schemas.ARTIFACTS`.
     columns : mapping
         Values of every required column, and of extra columns of the schema; nan or None where a
         value is missing.
     metadata : Metadata
-        What the artifact says about its making, of the model of its kind.
+        What it states about itself, in the model of its kind.
 
     Returns
     -------
@@ -125,7 +125,7 @@ def write_artifact(
 def artifact_bytes(
     kind: str, columns: Mapping[str, Any], metadata: Metadata, name: str = "artifact"
 ) -> bytes:
-    """Bytes of an artifact; `name` stands in messages. See `write_artifact`."""
+    """Bytes of an artifact; `name` is for messages. See `write_artifact`."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -242,13 +242,8 @@ def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Art
         raise ArtifactError(f"{path}: {damaged(error)}") from None
     if not whole:
         raise ArtifactError(f"{path}: damaged: the numbers do not match their checksum")
-    try:
-        metadata = METADATA[record.kind].model_validate(
-            {**record.extra, **{name: getattr(record, name) for name in SECTIONS}}
-        )
-    except ValidationError as error:
-        lines = problems_of(error)
-        raise ArtifactError([f"{path}: damaged or written by others: {x}" for x in lines]) from None
+    stated = {**record.extra, **{name: getattr(record, name) for name in SECTIONS}}
+    metadata = metadata_of(record.kind, stated, f"{path}: damaged or written by others")
     return Artifact(
         kind=record.kind,
         columns=columns,
@@ -263,7 +258,7 @@ def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Art
 
 
 def _open(data: bytes, path: Path, kind: str | None) -> tuple[Any, _Record]:
-    """Parquet file and the metadata of its seal, both checked as far as the footer tells."""
+    """Parquet file and the metadata of its seal, both checked as far as the footer allows."""
     file = open_parquet(data, schemas.TEXT_COLUMNS, str(path), ArtifactError)
     stored = file.schema_arrow.metadata or {}
     if METADATA_KEY not in stored:

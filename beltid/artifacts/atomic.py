@@ -17,16 +17,16 @@ STALE_AFTER_S: Final = 3600.0
 
 
 def write_bytes(path: str | Path, data: bytes) -> None:
-    """Write a file so that its name never stands for half of it.
+    """Write a file so that no reader ever finds half of it under its name.
 
-    Missing folders are made. An existing file is replaced only when the new one is safely on the
+    Missing folders are created. An existing file is replaced only when the new one is safely on the
     disk; on any failure it stays as it was. Temporary files that a killed process left for the
     same name are removed.
 
     Parameters
     ----------
     path : path
-        Where the file is to stand; a symbolic link keeps pointing where it points.
+        Where to write the file; a symbolic link keeps pointing where it points.
     data : bytes
         The whole content.
 

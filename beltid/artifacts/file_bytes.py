@@ -45,7 +45,7 @@ def refuse_large(path: Path, files: Sequence[Path]) -> None:
     InputError
         If they are.
     """
-    with contextlib.suppress(OSError):  # what is not there is told by the one who reads it
+    with contextlib.suppress(OSError):  # a missing file is reported when it is read
         if sum(file.stat().st_size for file in files) > MAX_BYTES:
             raise InputError(_too_large(path))
 

@@ -1,10 +1,9 @@
-"""What an artifact says about itself, a model per kind.
+"""What an artifact states about itself, a model per kind.
 
-A seal tells that an artifact is whole, not that beltid wrote it: whoever writes one by hand can
-seal it. So all that anything relies on is checked here, when the artifact is opened, and nowhere
-else. Single figures are fields, any of which may be missing in an older artifact. Tables are rows
-of plain values, as JSON has them and as pages and terminals print them. What is not named here is
-kept as it was found.
+A checksum shows that an artifact is undamaged, not that beltid wrote it: anybody can write one by
+hand. So all that anything relies on is checked here, when the artifact is opened, and nowhere else.
+Single figures are fields, any of which may be missing in an older artifact. Tables are rows of
+plain values, as JSON has them and as pages and terminals print them. Unknown figures are kept.
 """
 
 from __future__ import annotations
@@ -33,6 +32,8 @@ from pydantic_core import PydanticCustomError
 from typing_extensions import TypedDict
 
 from beltid.artifacts.arrow_columns import LARGEST
+from beltid.config.messages import problem
+from beltid.errors import ArtifactError
 
 SHOWN: Final = 5
 SECTIONS: Final = ("config_sha256", "inputs", "validity", "set_aside", "settings")
@@ -55,7 +56,7 @@ def plain(value: Any) -> Any:
         return value
     if isinstance(value, Path):
         return str(value)
-    raise TypeError(f"{type(value).__name__} cannot stand in the metadata of an artifact")
+    raise TypeError(f"{type(value).__name__} cannot be stored in the metadata of an artifact")
 
 
 def _is_number(value: Any) -> bool:
@@ -308,7 +309,7 @@ Settings = Annotated[_KNOWN_SETTINGS, WrapValidator(_as_found)]
 
 
 class Metadata(BaseModel):
-    """What every artifact says about its making.
+    """What every artifact states about itself.
 
     Attributes
     ----------
@@ -506,31 +507,35 @@ METADATA: Final[dict[str, type[Metadata]]] = {
     "press_curves": Metadata,
     "rig_curves": Metadata,
 }
-"""Kind of an artifact -> model of what it says about itself."""
+"""Kind of an artifact -> model of its metadata."""
 
 
-WORDS: Final = {
-    "tuple_type": "must be a list",
-    "dict_type": "must be a section",
-    "string_type": "must be a text",
-    "bool_type": "must be true or false",
-    "int_type": "must be a whole number",
-}
-"""Type of an error of the library -> what the value must be."""
+def metadata_of(kind: str, values: Mapping[str, Any], name: str) -> Metadata:
+    """Metadata of an artifact from plain values, in the model of its kind.
 
+    Parameters
+    ----------
+    kind : str
+        Its kind.
+    values : mapping
+        The `SECTIONS` and the figures, by their names.
+    name : str
+        What the lines of the error begin with.
 
-def problems_of(error: ValidationError) -> list[str]:
-    """What is wrong with the metadata of an artifact: place, found, allowed; the first few."""
-    return [_problem(detail) for detail in error.errors(include_url=False)[:SHOWN]]
+    Raises
+    ------
+    ArtifactError
+        If they do not fit: place, found, allowed; the first few.
+    """
+    try:
+        return METADATA[kind].model_validate(values)
+    except ValidationError as error:
+        details = error.errors(include_url=False)[:SHOWN]
+        raise ArtifactError([f"{name}: {_problem(detail)}" for detail in details]) from None
 
 
 def _problem(detail: Mapping[str, Any]) -> str:
-    if not detail["loc"]:
+    place = tuple(detail["loc"])
+    if not place:
         return str(detail["msg"])
-    first, *rest = detail["loc"]
-    place = str(first) if first in SECTIONS else f"extra.{first}"
-    place += "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in rest)
-    if detail["type"] == "missing":
-        return f"{place} is missing"
-    words = WORDS.get(detail["type"], detail["msg"].replace("Input should be", "must be"))
-    return f"{place} = {repr(detail['input'])[:60]}, {words}"
+    return problem(detail, place if place[0] in SECTIONS else ("extra", *place))

@@ -1,7 +1,7 @@
 """How the files of a bench differ from ours: names of columns, units, dialect of the CSV.
 
-A section has a key for each column of the table of its kind of recording; so it is made from the
-table, and from nothing else.
+A section has a key for each column of the table of its kind of recording, so it is built from the
+table.
 """
 
 from __future__ import annotations
@@ -10,19 +10,24 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, create_model, field_serializer
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Strict,
+    create_model,
+    field_serializer,
+)
 
 from beltid.config.fields import (
-    Choice,
     Count,
-    Encoding,
-    FilePath,
-    NamePattern,
     Number,
-    OnOff,
-    Separator,
     Text,
     UnitOf,
+    file_path,
+    pattern_of_names,
+    separating_character,
+    text_encoding,
 )
 from beltid.tables.columns import Column
 from beltid.tables.schemas import RECORDINGS, SETTINGS, table
@@ -42,16 +47,23 @@ class Unstated(Section):
     """A section whose keys mean nothing until they are stated."""
 
 
-def _of_columns(columns: Iterable[Column], allowed: Callable[[Column], Any]) -> type[Unstated]:
+def _built(name: str, base: type[Section], keys: dict[str, Any]) -> Any:
+    """A section as a class of this module: a config is pickled for worker processes."""
+    section = create_model(name, __base__=base, __module__=__name__, **keys)
+    globals()[name] = section
+    return section
+
+
+def _of_columns(name: str, columns: Iterable[Column], allowed: Callable[[Column], Any]) -> Any:
     """A section with a key for each column; null where nothing is stated."""
-    keys: dict[str, Any] = {column.name: (allowed(column) | None, None) for column in columns}
-    return create_model("Unstated", __base__=Unstated, **keys)
+    keys = {column.name: (allowed(column) | None, None) for column in columns}
+    return _built(name, Unstated, keys)
 
 
-def _per_kind(sections: dict[str, type[Section]]) -> Any:
+def _per_kind(name: str, section_of: Callable[[str], Any]) -> Any:
     """A section with a section for each kind of recording."""
-    keys: dict[str, Any] = {kind: (section, section()) for kind, section in sections.items()}
-    return create_model("PerKind", __base__=Section, **keys)
+    sections = {kind: section_of(kind) for kind in RECORDINGS}
+    return _built(name, Section, {kind: (of, of()) for kind, of in sections.items()})
 
 
 def _settings(kind: str) -> list[Column]:
@@ -74,13 +86,17 @@ def _value(column: Column) -> Any:
     ]
 
 
-_Names: Any = _per_kind({kind: _of_columns(table(kind).columns, _name) for kind in RECORDINGS})
-_Units: Any = _per_kind(
-    {
-        kind: _of_columns((c for c in table(kind).columns if c.dtype == "float64"), _unit)
-        for kind in RECORDINGS
-    }
-)
+def _names(kind: str) -> Any:
+    return _of_columns(f"_{kind}_names", table(kind).columns, _name)
+
+
+def _units(kind: str) -> Any:
+    numbers = [column for column in table(kind).columns if column.dtype == "float64"]
+    return _of_columns(f"_{kind}_units", numbers, _unit)
+
+
+_Names: Any = _per_kind("_Names", _names)
+_Units: Any = _per_kind("_Units", _units)
 
 
 class ColumnsSection(_Names):
@@ -104,7 +120,7 @@ def _stated(section: Section) -> dict[str, Any]:
 
 
 class RunsOfKind(Section):
-    """Where label and settings of a run stand that is a file, group or sheet of its own.
+    """Where to find label and settings of a run that is a file, group or sheet of its own.
 
     Attributes
     ----------
@@ -118,8 +134,8 @@ class RunsOfKind(Section):
         Settings that hold for every run.
     """
 
-    pattern: Annotated[str, NamePattern()] | None = None
-    table: Annotated[Path, FilePath()] | None = None
+    pattern: Annotated[str, BeforeValidator(pattern_of_names)] | None = None
+    table: Annotated[Path, BeforeValidator(file_path)] | None = None
     fields: Any
     values: Any
 
@@ -129,16 +145,15 @@ class RunsOfKind(Section):
         return None if table is None else table.name
 
 
-def _runs(kind: str) -> type[RunsOfKind]:
+def _runs(kind: str) -> Any:
     label = table(kind).column(table(kind).label)
-    fields = _of_columns([label, *_settings(kind)], _name)
-    values = _of_columns(_settings(kind), _value)
-    return create_model(
-        "Runs", __base__=RunsOfKind, fields=(fields, fields()), values=(values, values())
-    )
+    fields = _of_columns(f"_{kind}_fields", [label, *_settings(kind)], _name)
+    values = _of_columns(f"_{kind}_values", _settings(kind), _value)
+    keys = {"fields": (fields, fields()), "values": (values, values())}
+    return _built(f"_{kind}_runs", RunsOfKind, keys)
 
 
-_Runs: Any = _per_kind({kind: _runs(kind) for kind in RECORDINGS})
+_Runs: Any = _per_kind("_Runs", _runs)
 
 
 class RunsSection(_Runs):
@@ -158,8 +173,8 @@ class RunsSection(_Runs):
 class DialectSection(Section):
     """How the CSV files of the bench are written; null means: found out from the file."""
 
-    separator: Annotated[str, Separator()] | None = None
-    decimal: Annotated[Literal[".", ","], Choice((".", ","))] | None = None
-    encoding: Annotated[str, Encoding()] | None = None
+    separator: Annotated[str, BeforeValidator(separating_character)] | None = None
+    decimal: Literal[".", ","] | None = None
+    encoding: Annotated[str, BeforeValidator(text_encoding)] | None = None
     skip_lines: Annotated[int, Count(0, 10_000)] = 0
-    units_row: Annotated[bool, OnOff()] = False
+    units_row: Annotated[bool, Strict()] = False

@@ -26,7 +26,7 @@ class ConfigSource:
     config : Config
         The config.
     origin : str
-        Where it came from, in words, to be told to the user and stored with results.
+        Where it came from, in words, for the user and the results.
     path : Path or None
         The file, or None for the built-in rig.
     case : str

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final
 
 from beltid.config.bench_files import Section
@@ -41,12 +40,9 @@ def effective_values(source: ConfigSource) -> list[EffectiveValue]:
     ConfigError
         If the file cannot be read any more.
     """
-    places = _source(source.path)
+    path = source.path
+    places = Source() if path is None else parse(read_text(path), str(path))
     return list(_values(source.config, (), places))
-
-
-def _source(path: Path | None) -> Source:
-    return Source() if path is None else parse(read_text(path), str(path))
 
 
 def _values(section: Section, above: KeyPath, places: Source) -> Iterator[EffectiveValue]:

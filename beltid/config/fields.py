@@ -1,7 +1,8 @@
 """The kinds of values a config may hold: numbers with bounds and units, names, lists.
 
 Each kind checks a value itself and words its complaint for somebody who knows belts, so that the
-bound that is checked and the bound that is stated cannot differ.
+bound that is checked and the bound that is stated cannot differ. Choices and switches are plain
+types (``Literal``, ``bool``), which state by themselves what they allow.
 """
 
 from __future__ import annotations
@@ -24,13 +25,11 @@ if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler
 
 _LARGEST = sys.float_info.max  # compared with, not converted: a whole number may be beyond it
-COMPLAINT = "beltid"
-"""Type of the errors raised here; their context holds ``allowed``."""
 
 
 def complain(allowed: str) -> PydanticCustomError:
-    """Build the error that says what is allowed."""
-    return PydanticCustomError(COMPLAINT, "must be {allowed}", {"allowed": allowed})
+    """Build the error that states what is allowed."""
+    return PydanticCustomError("beltid", "must be {allowed}", {"allowed": allowed})
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,30 +124,6 @@ def _number_hint(value: Any) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class OnOff(Checked):
-    """true or false."""
-
-    def check(self, value: Any) -> bool:
-        """Return the value if it is true or false; words such as yes are not."""
-        if not isinstance(value, bool):
-            raise complain("true or false")
-        return value
-
-
-@dataclass(frozen=True, slots=True)
-class Choice(Checked):
-    """One of a few words."""
-
-    words: tuple[str, ...]
-
-    def check(self, value: Any) -> str:
-        """Return the value if it is one of the words."""
-        if not isinstance(value, str) or value not in self.words:
-            raise complain(" or ".join(self.words))
-        return value
-
-
-@dataclass(frozen=True, slots=True)
 class Text(Checked):
     """A text of 1 to `longest` characters without line breaks."""
 
@@ -163,53 +138,68 @@ class Text(Checked):
         return value
 
 
-@dataclass(frozen=True, slots=True)
-class FilePath(Checked):
-    """The path of a file."""
-
-    def check(self, value: Any) -> Path:
-        """Return the path; ``~`` is the home folder."""
-        if not isinstance(value, (str, Path)) or not 1 <= len(str(value)) <= 4096:
-            raise complain("the path of a file")
-        if not str(value).isprintable():
-            raise complain("the path of a file, without control characters")
-        try:
-            return Path(value).expanduser()
-        except RuntimeError:  # no home folder
-            return Path(value)
+def file_path(value: Any) -> Path:
+    """Path of a file; ``~`` is the home folder."""
+    if not isinstance(value, (str, Path)) or not 1 <= len(str(value)) <= 4096:
+        raise complain("the path of a file")
+    if not str(value).isprintable():
+        raise complain("the path of a file, without control characters")
+    try:
+        return Path(value).expanduser()
+    except RuntimeError:  # no home folder
+        return Path(value)
 
 
-@dataclass(frozen=True, slots=True)
-class NamePattern(Checked):
+def pattern_of_names(value: Any) -> str:
     """How names of files are made up: text with ``{name}`` or ``{name:unit}``, or a regex."""
-
-    def check(self, value: Any) -> str:
-        """Return the pattern if it compiles and names something."""
-        if not isinstance(value, str) or not 1 <= len(value) <= 500:
-            raise complain("a pattern such as {run}_{arc_deg}deg_{initial_tension_N}N.lvm")
-        try:
-            names = name_pattern(value).names
-        except ValueError as error:
-            raise complain(f"a pattern ({error})") from None
-        if not names:
-            raise complain("a pattern with a name in braces, such as {run}_{arc_deg}deg.lvm")
-        return value
+    if not isinstance(value, str) or not 1 <= len(value) <= 500:
+        raise complain("a pattern such as {run}_{arc_deg}deg_{initial_tension_N}N.lvm")
+    try:
+        names = name_pattern(value).names
+    except ValueError as error:
+        raise complain(f"a pattern ({error})") from None
+    if not names:
+        raise complain("a pattern with a name in braces, such as {run}_{arc_deg}deg.lvm")
+    return value
 
 
-@dataclass(frozen=True, slots=True)
-class FolderName(Checked):
-    """A name that is safe as the name of a folder on every system."""
+def auto_or_switch(value: Any) -> Any:
+    """The word auto, or true or false."""
+    if not isinstance(value, bool) and value != "auto":
+        raise complain("auto, true or false")
+    return value
 
-    def check(self, value: Any) -> str:
-        """Return the name if it is safe as a folder's name."""
-        if not isinstance(value, str):
-            raise complain("a name (put it in quotes)")
-        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}", value):
-            raise complain(
-                "1 to 64 of the characters A-Z a-z 0-9 . _ -, beginning with a letter or digit: "
-                "it names the folder of the results"
-            )
-        return value
+
+def folder_name(value: Any) -> str:
+    """Name that is safe as the name of a folder on every system."""
+    if not isinstance(value, str):
+        raise complain("a name (put it in quotes)")
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}", value):
+        raise complain(
+            "1 to 64 of the characters A-Z a-z 0-9 . _ -, beginning with a letter or digit: "
+            "it names the folder of the results"
+        )
+    return value
+
+
+def text_encoding(value: Any) -> str:
+    """Name of an encoding of text."""
+    try:
+        known = isinstance(value, str) and codecs.lookup(value)._is_text_encoding
+    except (LookupError, ValueError):
+        known = False
+    if not known:
+        raise complain("the name of an encoding such as utf-8, latin-1 or cp1252")
+    return str(value)
+
+
+def separating_character(value: Any) -> str:
+    """Character that separates the cells of a row; it may be stated as the word tab."""
+    if value == "tab":
+        return "\t"
+    if not isinstance(value, str) or len(value) != 1 or value.isalnum() or value in '".\r\n':
+        raise complain("one character such as ',' or ';', or the word tab")
+    return value
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,34 +241,6 @@ class UnitOf(Checked):
                 f"a calibration {{factor: 250, offset: 0}}: {self.target} = factor * raw + offset"
             )
         return Calibration(float(value["factor"]), float(value.get("offset", 0.0)))
-
-
-@dataclass(frozen=True, slots=True)
-class Encoding(Checked):
-    """The name of a character encoding."""
-
-    def check(self, value: Any) -> str:
-        """Return the name if it stands for an encoding of text."""
-        try:
-            known = isinstance(value, str) and codecs.lookup(value)._is_text_encoding
-        except (LookupError, ValueError):
-            known = False
-        if not known:
-            raise complain("the name of an encoding such as utf-8, latin-1 or cp1252")
-        return str(value)
-
-
-@dataclass(frozen=True, slots=True)
-class Separator(Checked):
-    """One character that separates the cells of a row, or the word tab."""
-
-    def check(self, value: Any) -> str:
-        """Return the separating character."""
-        if value == "tab":
-            return "\t"
-        if not isinstance(value, str) or len(value) != 1 or value.isalnum() or value in '".\r\n':
-            raise complain("one character such as ',' or ';', or the word tab")
-        return value
 
 
 @dataclass(frozen=True, slots=True)

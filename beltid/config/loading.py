@@ -89,14 +89,13 @@ def load_cases(path: Path) -> list[tuple[str, dict[str, Any], Config]]:
 def _checked(source: Source) -> Config:
     take_sweep(source)  # a single stage works on the config without it
     # `compare:` with nothing under it, everything commented out, means its defaults
-    values = {key: value for key, value in source.values.items() if value is not None}
-    empty_unknown = {
+    values = {
         key: value
         for key, value in source.values.items()
-        if value is None and key not in Config.model_fields
+        if value is not None or key not in Config.model_fields
     }
     try:
-        config = Config.model_validate({**values, **empty_unknown})
+        config = Config.model_validate(values)
     except ValidationError as error:
         source.problems += problems_of(error, Config, source)
         raise ConfigError(_first(source.problems)) from None

@@ -9,12 +9,20 @@ from __future__ import annotations
 import difflib
 import types
 from collections.abc import Iterable, Mapping
-from typing import Any, Union, get_args, get_origin
+from typing import Any, Final, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
-from beltid.config.fields import COMPLAINT
 from beltid.config.yaml_source import KeyPath, Source, format_path
+
+SECTION_TYPES: Final = ("model_type", "model_attributes_type", "dict_type")
+WORDS: Final = dict.fromkeys(SECTION_TYPES, "must be a section") | {
+    "tuple_type": "must be a list",
+    "string_type": "must be a text",
+    "bool_type": "must be true or false",
+    "int_type": "must be a whole number",
+}
+"""Type of an error of the library -> what the value must be, where its own words do not fit."""
 
 
 def problems_of(error: ValidationError, model: type[BaseModel], source: Source) -> list[str]:
@@ -44,6 +52,20 @@ def problems_of(error: ValidationError, model: type[BaseModel], source: Source) 
     return [text for _, text in sorted(lines, key=lambda item: item[0])]
 
 
+def requirement(detail: Mapping[str, Any]) -> str:
+    """What a value must be, from an error of the library: ``must be a list``."""
+    if detail["type"] == "literal_error":
+        return "must be " + str(detail["ctx"]["expected"]).replace("'", "")
+    return WORDS.get(detail["type"], detail["msg"].replace("Input should be", "must be"))
+
+
+def problem(detail: Mapping[str, Any], place: KeyPath) -> str:
+    """Place, found and allowed of an error of the library, in a file that no person wrote."""
+    if detail["type"] == "missing":
+        return f"{format_path(place)} is missing"
+    return f"{format_path(place)} = {repr(detail['input'])[:60]}, {requirement(detail)}"
+
+
 def suggestion(word: str, known: Iterable[str]) -> str:
     """``, did you mean pulley_radius_m?`` if a known word is close, else nothing."""
     by_lower = {name.lower(): name for name in known}
@@ -66,7 +88,7 @@ def _unknown_key(path: KeyPath, model: type[BaseModel]) -> str:
 
 
 def _elsewhere(word: str, model: type[BaseModel]) -> str:
-    """A key that stands in another section than the user put it."""
+    """A key that belongs to another section than the user put it in."""
     for name in model.model_fields:
         if word in _keys_at((name,), model):
             return f", did you mean {name}.{word}?"
@@ -76,17 +98,12 @@ def _elsewhere(word: str, model: type[BaseModel]) -> str:
 def _found_and_allowed(
     path: KeyPath, detail: Mapping[str, Any], model: type[BaseModel], source: Source
 ) -> str:
-    context = detail.get("ctx") or {}
     if detail["type"] == "missing":
         return f"{format_path(path)} is missing"
-    if detail["type"] == COMPLAINT:
-        allowed = context["allowed"]
-    elif detail["type"] in ("model_type", "model_attributes_type", "dict_type"):
-        keys = _keys_at(path, model)
-        allowed = "a section with the keys " + ", ".join(keys)
-    else:
-        allowed = "another value"
-    return f"{format_path(path)} = {_shown(path, detail['input'], source)}, must be {allowed}"
+    allowed = requirement(detail)
+    if detail["type"] in SECTION_TYPES:
+        allowed += " with the keys " + ", ".join(_keys_at(path, model))
+    return f"{format_path(path)} = {_shown(path, detail['input'], source)}, {allowed}"
 
 
 def _shown(path: KeyPath, value: Any, source: Source) -> str:

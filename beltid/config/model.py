@@ -1,4 +1,4 @@
-"""What a config says: belt, press, rig, contact, and the settings of every stage.
+"""What a config holds: belt, press, rig, contact, and the settings of every stage.
 
 The model is closed (an unknown key is an error) and frozen. The defaults are the built-in rig of
 the paper with a 5PK belt, so an empty config is a complete one.
@@ -11,6 +11,8 @@ import json
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from pydantic import BeforeValidator
+
 from beltid import params
 from beltid.config.bench_files import (
     ColumnsSection,
@@ -21,21 +23,20 @@ from beltid.config.bench_files import (
 )
 from beltid.config.drive import CompareDriveSection, DriveSection
 from beltid.config.fields import (
-    Choice,
     Count,
-    FilePath,
-    FolderName,
     ListOf,
     Number,
     Text,
-    complain,
+    auto_or_switch,
+    file_path,
+    folder_name,
 )
 
 
 class BeltSection(Section):
     """The belt: name of the results' folder, type, and the properties of its cross section."""
 
-    name: Annotated[str, FolderName()] = "5pk"
+    name: Annotated[str, BeforeValidator(folder_name)] = "5pk"
     type: Annotated[str, Text(40)] = "5PK"
     ribs: Annotated[int, Count(1, 100)] = 5
     width_m: Annotated[float, Number(1e-3, 2, "m")] | None = None
@@ -53,7 +54,7 @@ class PressSection(Section):
     machine_compliance_mm_N: Annotated[float, Number(0, 1e-2, "mm/N")] = 0.0
     force_gain: Annotated[float, Number(0.1, 10)] = 1.0
     displacement_gain: Annotated[float, Number(0.1, 10)] = 1.0
-    cycles: Annotated[Literal["last", "first", "all"], Choice(("last", "first", "all"))] = "last"
+    cycles: Literal["last", "first", "all"] = "last"
 
 
 class RigSection(Section):
@@ -61,7 +62,7 @@ class RigSection(Section):
 
     pulley_radius_m: Annotated[float, Number(0.002, 5, "m")] = 0.05
     span_length_m: Annotated[float, Number(0.002, 10, "m")] = 0.10
-    supports: Annotated[Literal["pinned", "clamped"], Choice(("pinned", "clamped"))] = "pinned"
+    supports: Literal["pinned", "clamped"] = "pinned"
     arcs_deg: Annotated[
         tuple[Annotated[float, Number(0, 360, open_low=True, open_high=True)], ...],
         ListOf("contact arcs", "[40, 68, 82]"),
@@ -83,19 +84,17 @@ class ContactSection(Section):
     points_per_element: Annotated[int, Count(1, 9)] = 5
 
 
-Recorded = Annotated[Path, FilePath()] | None
+Recorded = Annotated[Path, BeforeValidator(file_path)] | None
 
 
 class DataSection(Section):
     """Where the recordings are, and whether they are of a real bench.
 
     A relative path counts from the folder of the config. Whatever is made from recordings of
-    synthetic origin says so; nothing is said about an origin that is not stated.
+    synthetic origin says so; an origin that is not stated stays unknown.
     """
 
-    origin: (
-        Annotated[Literal["measured", "synthetic"], Choice(("measured", "synthetic"))] | None
-    ) = None
+    origin: Literal["measured", "synthetic"] | None = None
     press: Recorded = None
     rig: Recorded = None
     speedloss: Recorded = None
@@ -147,16 +146,6 @@ class UncertaintySection(Section):
     torque_rel: Share = 0.005
 
 
-class _AutoOnOff(Choice):
-    """auto, true or false."""
-
-    def check(self, value: Any) -> Any:
-        """Return the value if it is auto, true or false."""
-        if not isinstance(value, bool) and value != "auto":
-            raise complain("auto, true or false")
-        return value
-
-
 class FrictionSection(Section):
     """How a run of the friction rig is reduced to a friction coefficient.
 
@@ -166,9 +155,7 @@ class FrictionSection(Section):
 
     min_plateau_samples: Annotated[int, Count(8, 1_000_000)] = 12
     spike_threshold: Annotated[float, Number(3, 100)] = 6.0
-    correct_imbalance: Annotated[Literal["auto"] | bool, _AutoOnOff(("auto", "true", "false"))] = (
-        "auto"
-    )
+    correct_imbalance: Annotated[Literal["auto"] | bool, BeforeValidator(auto_or_switch)] = "auto"
     tension_tight_tare_N: Annotated[float, Number(-1e4, 1e4, "N")] = 0.0
     tension_slack_tare_N: Annotated[float, Number(-1e4, 1e4, "N")] = 0.0
     tension_tight_gain: Annotated[float, Number(0.1, 10)] = 1.0
@@ -193,10 +180,10 @@ class SlipSection(Section):
 class SimulationSection(Section):
     """How the rig is simulated; null leaves a number to the program."""
 
-    method: Annotated[Literal["transient", "steady"], Choice(("transient", "steady"))] = "transient"
+    method: Literal["transient", "steady"] = "transient"
     elements: Annotated[int, Count(4, 2000, even=True)] | None = None
     steps_per_run: Annotated[int, Count(52, 100_000)] | None = None
-    friction_solver: Annotated[Literal["newton", "lemke"], Choice(("newton", "lemke"))] = "newton"
+    friction_solver: Literal["newton", "lemke"] = "newton"
     sticking_ratio: Annotated[float, Number(1, 5)] = 1.0
 
 
@@ -252,7 +239,7 @@ class Config(Section):
     def sha256(self) -> str:
         """SHA-256 of all that can change a result: every section but `data`.
 
-        Where a recording lies does not matter, what it holds does; its own hash tells that.
+        Where a recording lies does not matter, what it holds does; its own hash covers that.
         """
         return self.section_sha256(*(name for name in type(self).model_fields if name != "data"))
 

@@ -1,4 +1,4 @@
-"""What the name of a file tells: a pattern with names in braces, or a regular expression.
+"""Settings in the names of files: a pattern with names in braces, or a regular expression.
 
 Names are matched by RE2, which Arrow brings along: its time grows with the length of the name only,
 whatever the pattern is. So it knows no look-around and no back-references.
@@ -26,7 +26,7 @@ class NameParts:
     names : tuple of str
         Names that it gives values to.
     units : dict of str to str
-        Name -> unit in which it is written, where the pattern tells one.
+        Name -> unit in which it is written, where the pattern states one.
     """
 
     regex: str
@@ -34,7 +34,7 @@ class NameParts:
     units: dict[str, str]
 
     def values(self, name: str) -> dict[str, str] | None:
-        """Values that a name holds; None if it is not made up like that."""
+        """Values that a name holds; None if it does not match."""
         found = _matched(self.regex, [name])[0].as_py()
         return None if found is None else {k: v for k, v in found.items() if v}
 
@@ -87,7 +87,7 @@ def _why(said: str) -> str:
 
 
 def _from_braces(pattern: str) -> tuple[str, dict[str, str]]:
-    """A pattern with braces as a regular expression, and the units that it tells."""
+    """A pattern with braces as a regular expression, and the units that it states."""
     units: dict[str, str] = {}
     parts: list[str] = []
     at = 0

@@ -108,10 +108,10 @@ def swept_cases(source: Source, sweep: Sweep) -> list[tuple[str, dict[str, Any],
 
 
 def _put(case: Source, key: str, value: Any, index: int) -> None:
-    """Put a swept value in its section, with the place where it stands in the sweep."""
+    """Put a swept value in its section, with its place in the sweep."""
     section, _, name = key.partition(".")
-    standing = case.values.get(section)
-    case.values[section] = {**(standing if isinstance(standing, Mapping) else {}), name: value}
+    present = case.values.get(section)
+    case.values[section] = {**(present if isinstance(present, Mapping) else {}), name: value}
     for notes in (case.places, case.texts):
         _move(notes, (SWEEP, key, index), (section, name))
 

@@ -7,10 +7,10 @@ import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, Literal, get_args, get_origin
 
 from beltid.config.bench_files import Section, Unstated
-from beltid.config.fields import Checked, Choice, Count, Number, OnOff
+from beltid.config.fields import Checked, Count, Number
 from beltid.config.model import Config
 from beltid.config.yaml_source import scalar
 from beltid.tables.units import Calibration
@@ -64,11 +64,18 @@ def allowed(annotation: Any, metadata: list[Any]) -> str:
     for check in checks_of(annotation, metadata):
         if isinstance(check, (Number, Count)):
             return or_null + check.interval
-        if isinstance(check, Choice):
-            return or_null + " | ".join(check.words)
-        if isinstance(check, OnOff):
-            return "true | false"
-    return ""
+    return or_null + " | ".join(choices) if (choices := list(_choices(annotation))) else ""
+
+
+def _choices(annotation: Any) -> Iterator[str]:
+    """The words that a key takes, if it takes a few only."""
+    if annotation is bool:
+        yield from ("true", "false")
+    for part in get_args(annotation):
+        if get_origin(annotation) is Literal:
+            yield str(part)
+        else:
+            yield from _choices(part)
 
 
 def checks_of(annotation: Any, metadata: Any = ()) -> Iterator[Checked]:

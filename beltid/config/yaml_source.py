@@ -30,7 +30,7 @@ class Place:
 
 @dataclass(slots=True)
 class Source:
-    """Plain values of a config and where they stand.
+    """Plain values of a config and their places.
 
     Attributes
     ----------

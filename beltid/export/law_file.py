@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 from pydantic import ValidationError
 
+from beltid.config.messages import problem
 from beltid.errors import ArtifactError, InputError
 from beltid.export.law import SCHEMA_ID, ContactLaw
 
@@ -136,7 +137,7 @@ def _check_patches(law: ContactLaw, expected: np.ndarray, name: str) -> None:
 def told(error: ValidationError, name: str) -> list[str]:
     """What does not fit into a law, a line per problem."""
     problems = [
-        f"{name}: {'.'.join(str(part) for part in detail['loc'])}: {detail['msg']}"
+        f"{name}: {problem(detail, tuple(detail['loc']))}"
         for detail in error.errors(include_url=False)
     ]
     more = len(problems) - SHOWN

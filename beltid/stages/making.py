@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Final
 from beltid._version import __version__
 from beltid.artifacts.artifact import Artifact, read_artifact, stated_kind, write_artifact
 from beltid.artifacts.fingerprint import source_sha256
-from beltid.artifacts.metadata_models import METADATA, Metadata, plain
+from beltid.artifacts.metadata_models import Metadata, metadata_of, plain
 from beltid.bench.files.sources import Signature, content_sha256, signature_of
 from beltid.errors import ArtifactError, InputError
 from beltid.stages.beside import beside
@@ -239,7 +239,8 @@ def admit(recipe: Recipe, out: Path, options: Options) -> Artifact | None:
 
 def _metadata(outcome: Outcome[Any], recipe: Recipe, hashes: dict[str, str]) -> Metadata:
     path = recipe.source.path
-    return METADATA[recipe.kind].model_validate(
+    return metadata_of(
+        recipe.kind,
         {
             **outcome.extra,
             "config_sha256": recipe.source.config.sha256,
@@ -252,7 +253,8 @@ def _metadata(outcome: Outcome[Any], recipe: Recipe, hashes: dict[str, str]) -> 
             "origin": origin_of(recipe.inputs, recipe.source.config.data.origin),
             "notes": outcome.notes,
             "warnings": outcome.warnings,
-        }
+        },
+        f"a {recipe.kind} artifact",
     )
 
 

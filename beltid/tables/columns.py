@@ -113,12 +113,12 @@ def nonnegative(name: str, unit: str, meaning: str, *, nullable: bool = False) -
 
 
 def standard_error(name: str, unit: str) -> Column:
-    """What noise leaves in doubt; it may be missing."""
+    """Uncertainty from noise alone; it may be missing."""
     return nonnegative(name, unit, "standard error", nullable=True)
 
 
 def uncertainty(name: str, unit: str) -> Column:
-    """What noise and benches leave in doubt together; it may be missing."""
+    """Uncertainty from noise and benches together; it may be missing."""
     return nonnegative(name, unit, "combined standard uncertainty", nullable=True)
 
 

@@ -199,7 +199,7 @@ def test_a_figure_that_this_version_does_not_know_is_kept_when_it_is_read():
     [
         ({"rms_arc_spread": "x"}, "extra.rms_arc_spread = 'x', must be a number"),
         ({"n_points": -1}, "extra.n_points = -1, must be greater than or equal to 0"),
-        ({"origin": "found"}, "extra.origin = 'found', must be 'measured' or 'synthetic'"),
+        ({"origin": "found"}, "extra.origin = 'found', must be measured or synthetic"),
         ({"budget": [{}]}, "extra.budget[0].quantity is missing"),
         ({"uncertainty": {"sources": 3}}, "extra.uncertainty.sources = 3, must be a list"),
     ],

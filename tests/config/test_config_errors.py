@@ -61,7 +61,7 @@ rig:
     assert "belt.name" in found[0]
     assert found[1].endswith("belt.ribs = 5.5, must be a whole number in [1, 100]")
     assert found[2].endswith("press.segment_length_cm = -4, must be in [0.1, 100] cm")
-    assert found[3].endswith("press.cycles = middle, must be last or first or all")
+    assert found[3].endswith("press.cycles = middle, must be last, first or all")
     assert "contact = 7, must be a section with the keys damping_N_s_m" in found[4]
     assert found[5].endswith("rig.arcs_deg[1] = 40, must be given once only")
     assert found[6].endswith("rig.arcs_deg[2] = 400, must be in (0, 360)")

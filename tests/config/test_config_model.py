@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -180,6 +181,17 @@ def test_a_config_written_out_loads_back(tmp_path_factory, name, stiffness, damp
     path = tmp_path_factory.mktemp("c") / "c.yaml"
     path.write_text(config_text(config), encoding="utf-8")
     assert load_config(path) == config
+
+
+def test_a_config_goes_to_another_process_and_comes_back():
+    config = load_config(
+        {
+            "columns": {kind: {"time_s": "t"} for kind in schemas.RECORDINGS},
+            "units": {kind: {"time_s": "ms"} for kind in schemas.RECORDINGS},
+            "runs": {"rig": {"pattern": "{run}.csv", "values": {"arc_deg": 82}}},
+        }
+    )
+    assert pickle.loads(pickle.dumps(config)) == config
 
 
 def test_importing_the_config_does_not_import_the_heavy_libraries():
