@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
-from collections import deque
+import queue
+import threading
 from collections.abc import Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Final, TypeVar
 
 T = TypeVar("T")
-_END: Final = object()
+PATIENCE_S: Final = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class _End:
+    """What the thread ended with."""
+
+    error: BaseException | None = None
 
 
 def ahead(items: Iterable[T], waiting: int) -> Iterator[T]:
@@ -19,18 +27,43 @@ def ahead(items: Iterable[T], waiting: int) -> Iterator[T]:
     Parameters
     ----------
     items : iterable
-        What makes them; what it raises is raised here. A generator is closed at the end.
+        What makes them; what it raises is raised here.
     waiting : int
         Items that are finished and wait for their use, at most; one more is being made.
     """
-    source = iter(items)
-    with ThreadPoolExecutor(1) as maker:
-        under_way = deque(maker.submit(next, source, _END) for _ in range(waiting + 1))
+    made: queue.Queue[T | _End] = queue.Queue(waiting)
+    stopped = threading.Event()
+
+    def make() -> None:
+        end = _End()
         try:
-            while (item := under_way.popleft().result()) is not _END:
-                under_way.append(maker.submit(next, source, _END))
-                yield item  # type: ignore[misc]
+            for item in items:
+                made.put(item)
+                if stopped.is_set():
+                    break
+        except BaseException as error:  # raised where the items are asked for
+            end = _End(error)
         finally:
-            for future in under_way:
-                future.cancel()
-            maker.submit(getattr(source, "close", lambda: None)).result()
+            getattr(items, "close", lambda: None)()
+            made.put(end)
+
+    maker = threading.Thread(target=make, daemon=True)
+    maker.start()
+    try:
+        while not isinstance(item := made.get(), _End):
+            yield item
+        if item.error is not None:
+            raise item.error
+    finally:
+        stopped.set()
+        while maker.is_alive():
+            _drain(made)
+            maker.join(PATIENCE_S)
+
+
+def _drain(made: queue.Queue[T]) -> None:
+    try:
+        while True:
+            made.get_nowait()
+    except queue.Empty:
+        pass
