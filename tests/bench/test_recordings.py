@@ -374,7 +374,7 @@ def test_a_column_without_any_number(tmp_path):
         ("press", "displacement_mm", 1e3, "um"),
         ("press", "displacement_mm", 1e-3, "m"),
         ("press", "force_N", 1e-3, "kN"),
-        ("press", "force_N", 1e2, "mN"),
+        ("press", "force_N", 1e3, "mN"),
         ("speedloss", "torque_N_m", 1e-3, "kN m"),
         ("speedloss", "torque_N_m", 1e3, "N mm"),
     ],
