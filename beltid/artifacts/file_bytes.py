@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import stat
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from io import BufferedReader
 from pathlib import Path
 from typing import Final
@@ -35,19 +35,6 @@ def opened(path: Path, error_type: type[InputError] = InputError) -> Iterator[Bu
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise error_type(f"{path}: cannot be read: {reason}") from None
-
-
-def refuse_large(path: Path, files: Sequence[Path]) -> None:
-    """Refuse a recording whose files together are too large to be read at once.
-
-    Raises
-    ------
-    InputError
-        If they are.
-    """
-    with contextlib.suppress(OSError):  # a missing file is reported when it is read
-        if sum(file.stat().st_size for file in files) > MAX_BYTES:
-            raise InputError(_too_large(path))
 
 
 def _too_large(path: Path) -> str:

@@ -76,10 +76,14 @@ def is_big(path: Path) -> bool:
     Whether it is read run by run, `read_rig` finds out: a small file may be packed.
     """
     try:
-        if path.is_dir():
-            return size_of(sources_of(path)) >= BIG
-        return path.stat().st_size >= BIG
-    except (OSError, InputError):
+        if is_many(path):
+            sources = sources_of(path)
+            return size_of(sources) >= BIG and are_parquet(sources)
+        if path.stat().st_size < BIG:
+            return False
+        with opened(path) as file:
+            return sniff(file.read(1024), path.name) in (TEXT, PARQUET, GZIP)
+    except (OSError, InputError):  # told by the one who reads it
         return False
 
 

@@ -29,9 +29,9 @@ from beltid.bench.files.encoding import Decoded
 from beltid.bench.files.sources import Source, are_parquet, is_many, sources_of
 from beltid.bench.formats.bench_file import Field
 from beltid.bench.formats.csv_table import Wanted, csv_blocks, read_rows
-from beltid.bench.formats.dialect import MISSING_WORDS, Layout, ReadOptions, cells_or_line
+from beltid.bench.formats.dialect import Layout, ReadOptions, cells_or_line
 from beltid.bench.formats.rows import Rows, Texts
-from beltid.bench.formats.table_head import is_number, unit_in_name
+from beltid.bench.formats.table_head import MISSING_WORDS, is_number, unit_in_name
 from beltid.bench.opening import Opened, open_sources, text_format
 from beltid.bench.problems import Problems
 from beltid.bench.recording import Recording, read_recording, recording_of

@@ -7,17 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from beltid.bench.channels.channel_groups import read_groups
 from beltid.bench.channels.raw_table import RawTable
 from beltid.bench.channels.text_tables import read_text
 from beltid.bench.files.archives import unpacked
 from beltid.bench.files.encoding import Decoded, decode
 from beltid.bench.files.sniff import GZIP, ISOLATED, LVM, PARQUET, ZIP, sniff, unread
 from beltid.bench.files.sources import Source
-from beltid.bench.formats import lvm
 from beltid.bench.formats.bench_file import BenchFile, FormatError
 from beltid.bench.formats.dialect import ReadOptions
-from beltid.bench.formats.isolated.process import read_isolated
 from beltid.bench.problems import Problems
 from beltid.errors import InputError
 from beltid.tables.columns import Table
@@ -50,9 +47,8 @@ class Opened:
 
 def open_sources(sources: Sequence[Source], options: ReadOptions) -> list[Opened]:
     """Open files, those of delicate formats together in a child process."""
-    opened: list[Opened | None] = []
-    jobs: list[tuple[str, Path]] = []
-    at: list[int] = []
+    opened: list[Opened] = []
+    jobs: dict[int, tuple[str, Path]] = {}
     with tempfile.TemporaryDirectory(prefix="beltid-") as folder:
         for number, source in enumerate(sources):
             try:
@@ -60,18 +56,20 @@ def open_sources(sources: Sequence[Source], options: ReadOptions) -> list[Opened
             except InputError as error:
                 one = Opened(source.name, "", wrong=error.problems)
             if isinstance(one, tuple):
-                jobs.append(one)
-                at.append(number)
-                opened.append(None)
-            else:
-                opened.append(one)
-        for number, found in zip(at, read_isolated(jobs) if jobs else [], strict=True):
-            name = sources[number].name
-            if isinstance(found, FormatError):
-                opened[number] = Opened(name, "", wrong=(f"{name}: {found}",))
-            else:
-                opened[number] = Opened(name, found.format, channels=found)
-    return [one for one in opened if one is not None]
+                jobs[number] = one
+                one = Opened(source.name, "")
+            opened.append(one)
+        if jobs:
+            from beltid.bench.formats.isolated.process import read_isolated
+
+            for number, found in zip(jobs, read_isolated(list(jobs.values())), strict=True):
+                name = sources[number].name
+                opened[number] = (
+                    Opened(name, "", wrong=(f"{name}: {found}",))
+                    if isinstance(found, FormatError)
+                    else Opened(name, found.format, channels=found)
+                )
+    return opened
 
 
 def read_opened(
@@ -85,6 +83,8 @@ def read_opened(
             raw = read_text(opened.text, opened.name, table, options, problems)
             return [] if raw is None else [raw]
         if opened.channels is not None:
+            from beltid.bench.channels.channel_groups import read_groups
+
             return read_groups(opened.channels, opened.name, table, options, problems)
     except InputError as error:
         for wrong in error.problems:
@@ -104,6 +104,8 @@ def _opened(source: Source, options: ReadOptions, spare: Path) -> Opened | tuple
         spare.write_bytes(plain)
         return format_name, spare
     if format_name == LVM:
+        from beltid.bench.formats import lvm
+
         decoded = decode(plain, source.name, options.encoding)
         found = lvm.read(decoded.text, source.name)
         return Opened(source.name, found.format, channels=found)

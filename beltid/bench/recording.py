@@ -140,14 +140,14 @@ def recording_of(
         problems.told_once([one.name for one in opened])
         problems.raise_if_any()
     raw_tables = [raw for found in read for raw in found]
-    columns, rows, notes, stated = joined(raw_tables, table, options, str(path), problems)
+    columns, origins, notes, stated = joined(raw_tables, table, options, str(path), problems)
 
     def place(index: int) -> tuple[str, int]:
-        return rows.place_of(index)
+        return origins.place_of(index)
 
     notes += Checker(str(path), columns, table, place, problems).run({*options.units, *stated})
     problems.raise_if_any()
-    lines = rows.lines if len(raw_tables) == 1 else np.empty(0, dtype=np.int64)
+    lines = origins.lines if len(raw_tables) == 1 else np.empty(0, dtype=np.int64)
     mappings = {r: mapping for raw in raw_tables for r, mapping in raw.mappings.items()}
     return Recording(kind, columns, path, digest, tuple(notes), lines, mappings)
 

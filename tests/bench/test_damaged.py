@@ -12,7 +12,7 @@ import pytest
 import writers
 from typer.testing import CliRunner
 
-from beltid.bench.files.sniff import ISOLATED, sniff
+from beltid.bench.files.sniff import sniff
 from beltid.bench.formats.bench_file import BenchFile, FormatError
 from beltid.bench.formats.isolated import process
 from beltid.bench.formats.isolated.process import read_isolated
@@ -85,14 +85,6 @@ def test_what_only_begins_like_a_format(tmp_path, name):
 def test_the_content_decides_what_a_file_is_and_not_its_ending(tmp_path):
     path = writers.write_xlsx(tmp_path / "rig.tdms", writers.rig_runs())
     assert len(set(read_recording(path, "rig").columns["run"])) == 3
-
-
-@pytest.mark.parametrize("name", ISOLATED)
-def test_a_table_of_letters_in_every_delicate_format_s_name(tmp_path, name):
-    path = tmp_path / f"rig.{name}"
-    path.write_text("nothing to see here\n" * 20)
-    with pytest.raises(InputError):
-        read_recording(path, "rig")
 
 
 def test_a_reader_that_crashes_ends_only_its_own_process(tmp_path, monkeypatch):

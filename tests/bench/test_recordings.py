@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import gzip
+import hashlib
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,7 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 
+from beltid.bench.big_recording import read_rig
 from beltid.bench.recording import columns_of, read_recording
 from beltid.config import load_config
 from beltid.errors import EXIT_INPUT, InputError
@@ -371,6 +374,9 @@ def test_a_column_without_any_number(tmp_path):
         ("press", "displacement_mm", 1e3, "um"),
         ("press", "displacement_mm", 1e-3, "m"),
         ("press", "force_N", 1e-3, "kN"),
+        ("press", "force_N", 1e3, "mN"),
+        ("speedloss", "torque_N_m", 1e-3, "kN m"),
+        ("speedloss", "torque_N_m", 1e3, "N mm"),
     ],
 )
 def test_a_unit_that_is_not_plausible_is_suggested(tmp_path, kind, column, factor, unit):
@@ -450,3 +456,22 @@ def test_a_parquet_file_of_the_bench(tmp_path):
     frame.loc[0, "tension_tight_N"] = -1.0
     frame.to_parquet(path)
     assert problems(path)[0] == "rig.parquet, row 1: tension_tight_N = -1, must be > 0"
+
+
+@pytest.mark.parametrize("name", ["rig.csv", "rig.csv.gz", "rig.parquet", "rig.zip"])
+def test_a_recording_is_opened_once(tmp_path, name):
+    path = tmp_path / name
+    frame = pd.read_csv(RIGDATA / "5pk" / "rig.csv", nrows=500)
+    if name.endswith(".parquet"):
+        frame.to_parquet(path, index=False)
+    else:
+        frame.to_csv(path, index=False)
+    opened = []
+    sys.addaudithook(
+        lambda event, given: (
+            opened.append(given) if event == "open" and given[0] == str(path) else 0
+        )
+    )
+    recording = read_rig(path)
+    assert len(opened) == 1
+    assert recording.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()

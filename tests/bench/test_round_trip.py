@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 import writers
 
-from beltid.bench.inspection import open_all, views_of
+from beltid.bench.inspection import inspect_recording
 from beltid.bench.recording import read_recording
 from beltid.config import load_config
 from beltid.errors import InputError
@@ -96,7 +96,7 @@ DATA = Path(__file__).parent / "data"
 
 def test_the_sample_of_zwick():
     path = DATA / "zwick-testxpert-export.txt"
-    (view,) = views_of(open_all(path), path)
+    (view,) = inspect_recording(path, load_config(), "press").files
     shown = {c.candidate.name: (c.candidate.unit, c.n_samples, c.first) for c in view.channels}
     assert view.format == "Zwick testXpert text"
     assert shown["Standardkraft"] == ("N", 38, 0.576537916)
@@ -111,7 +111,7 @@ def test_the_sample_of_zwick():
 
 def test_the_sample_of_labview():
     path = DATA / "labview-two-channels.lvm"
-    (view,) = views_of(open_all(path), path)
+    (view,) = inspect_recording(path, load_config(), "press").files
     first, second = view.channels
     assert (first.candidate.name, first.candidate.unit) == ("Excitation (Trigger)", "Newtons")
     assert second.candidate.unit == "m/s^2"

@@ -4,7 +4,6 @@
 Module       Responsibility
 ============ ===================================================================
 ``sources``  the files: one, or one per run in a folder or zip file
-``folders``  their order, and Parquet files of folders in a folder
 ``archives`` files packed with gzip or zip
 ``sniff``    which format the bytes are, by content
 ``encoding`` bytes of a text file -> text

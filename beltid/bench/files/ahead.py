@@ -22,7 +22,7 @@ class _End:
 def ahead(items: Iterable[T], waiting: int) -> Iterator[T]:
     """The same items, made by a thread of their own.
 
-    It pays where making and using them let go of the interpreter: reading, kernels, numpy.
+    It pays where making and using them let go of the interpreter: reading, Arrow, numpy.
 
     Parameters
     ----------

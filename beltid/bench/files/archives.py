@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import io
+import re
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -11,7 +12,6 @@ from pathlib import Path, PurePosixPath
 from typing import Final
 
 from beltid.artifacts.file_bytes import MAX_BYTES
-from beltid.bench.files.folders import natural
 from beltid.errors import InputError
 
 MAX_FILES: Final = 5000
@@ -39,6 +39,12 @@ def unpacked(data: bytes, path: Path) -> bytes:
     if not plain:
         raise InputError(f"{path}: the file is empty")
     return plain
+
+
+def natural(name: str) -> tuple[tuple[int, str], ...]:
+    """Key that sorts run2 before run10."""
+    parts = re.split(r"([0-9]{1,18})", name)  # int() is for these only
+    return tuple((int(p), "") if i % 2 else (-1, p) for i, p in enumerate(parts) if p)
 
 
 def members(data: bytes, path: Path) -> Iterator[str]:

@@ -12,8 +12,7 @@ from typing import Final
 
 from beltid.artifacts.file_bytes import MAX_BYTES, opened, read_bytes
 from beltid.artifacts.hashing import sha256
-from beltid.bench.files.archives import MAX_FILES, member_bytes, members
-from beltid.bench.files.folders import natural, parquet_files
+from beltid.bench.files.archives import MAX_FILES, member_bytes, members, natural
 from beltid.bench.files.sniff import ZIP, sniff
 from beltid.errors import InputError
 
@@ -231,6 +230,17 @@ def _files(path: Path, besides: set[Path]) -> list[Path]:
     if len(files) > MAX_FILES:
         raise InputError(f"{path}: {len(files)} files, at most {MAX_FILES} are read")
     return sorted(files, key=lambda f: natural(f.as_posix()))
+
+
+def parquet_files(folder: Path) -> list[Path]:
+    """Parquet files of a folder and of the folders in it, in the order of their names."""
+    found = (
+        path
+        for path in folder.rglob("*.parquet")
+        if path.is_file()
+        and not any(part.startswith((".", "_")) for part in path.relative_to(folder).parts)
+    )
+    return sorted(found, key=lambda path: natural(path.as_posix()))
 
 
 def _found(path: Path) -> list[Path]:

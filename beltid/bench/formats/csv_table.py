@@ -16,12 +16,12 @@ import numpy as np
 
 from beltid.artifacts.file_bytes import opened
 from beltid.bench.files.encoding import CUT_OFF
-from beltid.bench.formats.dialect import MISSING_WORDS, Layout
+from beltid.bench.formats.dialect import Layout
 from beltid.bench.formats.rows import Rows, Texts
+from beltid.bench.formats.table_head import MISSING_WORDS, NUMBER
 from beltid.bench.problems import Problems
 from beltid.errors import InputError
 
-NUMBER: Final = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 CHUNK: Final = 16 << 20
 """Bytes that are read at a time."""
 ARROW_BLOCK: Final = 1 << 20

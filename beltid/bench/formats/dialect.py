@@ -21,9 +21,6 @@ LONGEST_LINE: Final = 1 << 24
 """Characters of a line, at most: cells take far more memory than their text."""
 MAX_BLANK: Final = 100_000
 """Lines without a cell before the header, or before the row of units."""
-MISSING_WORDS: Final = frozenset(
-    ("", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL", "None", "-")
-)
 _COMMA_NUMBER: Final = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 _NAMES: Final = {",": "','", ";": "';'", "\t": "tab", "|": "'|'"}
 

@@ -49,13 +49,11 @@ class Texts:
         """
         import pyarrow as pa
 
-        if isinstance(column, pa.ChunkedArray):
-            column = column.combine_chunks()
-        if isinstance(column, pa.ChunkedArray):  # as it stays where it has no chunk
-            return cls.of(())
         if pa.types.is_null(column.type):
             column = column.cast(pa.string())
         encoded = column if pa.types.is_dictionary(column.type) else column.dictionary_encode()
+        if isinstance(encoded, pa.ChunkedArray):
+            encoded = encoded.unify_dictionaries().combine_chunks()
         words = np.empty(len(encoded.dictionary) + 1, dtype=object)
         for i, value in enumerate(encoded.dictionary.to_pylist()):
             word = word_of(value)

@@ -17,8 +17,10 @@ BLOCK: Final = 5
 _OTHER: Final = "1 - -- % # V mV mV/V A mA Hz Pa kPa MPa bar W kW J g kg mm/s mm/min m/s m/s^2 m/s²"
 OTHER_UNITS: Final = frozenset((*_OTHER.split(), "N/mm", "N/mm²", "l/min"))
 """Units that no column of ours has, but that stand in a row of units."""
-_NUMBER: Final = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
-_MISSING: Final = frozenset(("", "nan", "-", "na", "n/a", "null", "none"))
+NUMBER: Final = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+MISSING_WORDS: Final = frozenset(
+    ("", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL", "None", "-")
+)
 LONGEST_NAME: Final = 300
 """Longer names of channels are not searched for a unit."""
 _IN_NAME: Final = re.compile(r"[\[(<{]([^\[\](){}<>]*)[\])>}]\s*$")
@@ -51,7 +53,7 @@ class TableHead:
 
 def is_number(text: str) -> bool:
     """Whether a cell reads as a number, with a decimal point or a decimal comma."""
-    return bool(_NUMBER.fullmatch(text.replace(",", ".")))
+    return bool(NUMBER.fullmatch(text.replace(",", ".")))
 
 
 def find_head(rows: Sequence[Sequence[str]]) -> TableHead | None:
@@ -87,7 +89,7 @@ def _is_numbers(block: Sequence[Sequence[str]]) -> bool:
     width = max(len(row) for row in block)
     columns = [[row[i].strip() if i < len(row) else "" for row in block] for i in range(width)]
     numeric = [
-        all(is_number(c) or c.lower() in _MISSING for c in column) and any(map(is_number, column))
+        all(is_number(c) or c in MISSING_WORDS for c in column) and any(map(is_number, column))
         for column in columns
     ]
     used = sum(1 for column in columns if any(column))

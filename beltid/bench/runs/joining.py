@@ -18,7 +18,7 @@ from beltid.tables.columns import Table
 
 
 @dataclass(frozen=True, slots=True)
-class Rows:
+class SampleOrigins:
     """Where the samples of joined raw tables come from."""
 
     raw_tables: tuple[RawTable, ...]
@@ -43,7 +43,7 @@ def joined(
     options: ReadOptions,
     name: str,
     problems: Problems,
-) -> tuple[dict[str, np.ndarray], Rows, list[str], set[str]]:
+) -> tuple[dict[str, np.ndarray], SampleOrigins, list[str], set[str]]:
     """Columns of all raw tables one after the other.
 
     Parameters
@@ -63,7 +63,7 @@ def joined(
     -------
     columns : dict
         Columns of the table in its order; an optional one that is absent is all nan.
-    rows : Rows
+    origins : SampleOrigins
         Where the samples come from.
     notes : list of str
         What was found out.
@@ -108,7 +108,7 @@ def joined(
         {r for r, mapping in raw.mappings.items() if mapping.unit_stated} for raw in raw_tables
     ]
     stated = set.intersection(*told_units) if told_units else set()
-    return whole, Rows(tuple(raw_tables), starts), _merged(notes, len(raw_tables)), stated
+    return whole, SampleOrigins(tuple(raw_tables), starts), _merged(notes, len(raw_tables)), stated
 
 
 def completed(

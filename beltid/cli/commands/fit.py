@@ -74,8 +74,8 @@ def fit_friction(rig: Rig, *, common: Common) -> None:
 
     (columns)
 
-    A file of more than 64 MB is read run by run, so that it need not fit into the memory: the rows
-    of a run must stand together. So is a folder with Parquet files in folders.
+    A CSV file or Parquet files of more than 64 MB (unpacked) are read run by run, so that they need
+    not fit into the memory: the rows of a run must stand together.
 
     Example: beltid fit-friction rig.csv
     """
