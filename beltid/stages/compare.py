@@ -1,27 +1,34 @@
 """beltid compare: measured against simulated friction coefficients (paper section 7).
 
 The simulated recording goes through the very function that reduced the measured one, with the
-settings that the friction artifact says it was reduced with.
+settings that the friction artifact says it was reduced with. Only the load cells are its own: those
+of the simulated rig are perfect, those of a second bench are as the config states them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from beltid.artifacts.artifact import Artifact, read_artifact
+from beltid.artifacts.artifact import Artifact, may_be_artifact, read_artifact
 from beltid.bench.recording import columns_of, read_recording
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, ArtifactError, ConfigError
 from beltid.identify.agreement.compare import AgreementResult, AgreementSettings, compare_points
-from beltid.identify.friction.reduction import reduce_runs
+from beltid.identify.friction.reduction import FrictionSettings, reduce_runs
 from beltid.report.summary import Summary
 from beltid.stages.making import SUFFIX, Made, Recipe, make
 from beltid.stages.outcome import Outcome, rows_of
-from beltid.stages.reduction import friction_settings, reduction_columns
+from beltid.stages.reduction import (
+    CELL_KEYS,
+    cell_settings,
+    friction_settings,
+    reduction_columns,
+)
 from beltid.stages.simulated_doubt import RunsDoubt, runs_doubt_of
 from beltid.stages.tables import table_columns
 from beltid.stages.talk import Options
@@ -38,7 +45,7 @@ FIGURES: Final = (
     "validation",
     "budget",
 )
-KEYS: Final = ("compare", "columns.rig", "units.rig", "runs.rig", "dialect")
+KEYS: Final = ("compare", "columns.rig", "units.rig", "runs.rig", "dialect", *CELL_KEYS)
 NEEDED: Final = (
     "run",
     "arc_deg",
@@ -67,11 +74,17 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
         friction = read_artifact(inputs["friction"], "friction")
         recording = read_recording(inputs["simulated"], "rig", config.config)
         options.talk.say(f"{recording.path}: {len(recording.columns['time_s'])} samples")
+        radius, settings = _reduced_with(friction, config.config)
+        if not may_be_artifact(recording.path):  # a second bench, whose cells the config knows
+            settings = replace(settings, **cell_settings(config.config))
+        simulated = reduce_runs(recording.columns, radius, settings)
+        known = settings.cells.note
         return _outcome(
             friction.columns,
-            _reduced(recording.columns, *_reduced_with(friction, config.config)),
+            reduction_columns(simulated),
             config.config,
             _doubt_of(inputs["simulated"]),
+            notes=(f"{recording.path}: {known} ({config.origin})",) if known else (),
         )
 
     return summarise(
@@ -91,7 +104,8 @@ def compare(
     friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping
         The reduced runs of the bench.
     simulated : DataFrame, pyarrow Table or mapping
-        A simulated recording with the columns of rig.csv; or reduced runs, like `friction`; or the
+        A simulated recording with the columns of rig.csv, of perfect load cells; or reduced runs,
+        like `friction` (those of a second bench: reduce its recording by `fit_friction`); or the
         table of `simulate_campaign`.
     config : Config, dict, path or None
         Tolerances, and for a recording the settings of its reduction.
@@ -119,8 +133,9 @@ def _simulated_columns(simulated: Any, config: Config) -> dict[str, np.ndarray]:
     frame = simulated.columns if isinstance(simulated, Outcome) else simulated
     names = {str(name) for name in getattr(frame, "column_names", getattr(frame, "columns", frame))}
     if "time_s" in names:
-        settings = config.friction.model_dump()
-        return _reduced(columns_of(frame, "rig"), config.rig.pulley_radius_m, settings)
+        settings = friction_settings(config.friction.model_dump(), with_cells=False)
+        reduced = reduce_runs(columns_of(frame, "rig"), config.rig.pulley_radius_m, settings)
+        return reduction_columns(reduced)
     if "mu" in names and "mu_sliding" not in names:  # the table of a simulated campaign
         frame = {
             **{name: np.asarray(frame[name]) for name in names},
@@ -130,15 +145,8 @@ def _simulated_columns(simulated: Any, config: Config) -> dict[str, np.ndarray]:
     return table_columns(frame, "friction", NEEDED)
 
 
-def _reduced(
-    columns: Mapping[str, np.ndarray], pulley_radius_m: float, settings: Mapping[str, Any]
-) -> dict[str, np.ndarray]:
-    chosen = friction_settings(settings, of_bench=False)
-    return reduction_columns(reduce_runs(columns, pulley_radius_m, chosen))
-
-
-def _reduced_with(friction: Artifact, config: Config) -> tuple[float, Mapping[str, Any]]:
-    """Radius and settings with which the measured runs were reduced."""
+def _reduced_with(friction: Artifact, config: Config) -> tuple[float, FrictionSettings]:
+    """Radius and settings with which the measured runs were reduced, but for their load cells."""
     stored = friction.metadata.settings
     radius = stored.get("rig.pulley_radius_m") or config.rig.pulley_radius_m
     known = type(config.friction).model_fields
@@ -148,7 +156,7 @@ def _reduced_with(friction: Artifact, config: Config) -> tuple[float, Mapping[st
     except ConfigError as error:
         lines = [f"{friction.path}: its settings: {line}" for line in error.problems]
         raise ArtifactError(lines) from None
-    return float(radius), found.friction.model_dump()
+    return float(radius), friction_settings(found.friction.model_dump(), with_cells=False)
 
 
 def _doubt_of(path: Path) -> RunsDoubt | None:
@@ -166,6 +174,7 @@ def _outcome(
     simulated: Mapping[str, np.ndarray],
     config: Config,
     doubt: RunsDoubt | None = None,
+    notes: tuple[str, ...] = (),
 ) -> Outcome[AgreementResult]:
     section = config.compare
     plain = compare_points(
@@ -212,7 +221,7 @@ def _outcome(
             "n_simulated": result.n_simulated,
             **proven.extra(),
         },
-        notes=proven.notes(),
+        notes=(*notes, *proven.notes()),
         warnings=(*few, *left_out),
     )
 

@@ -15,6 +15,7 @@ import numpy as np
 from beltid.artifacts.artifact import read_artifact
 from beltid.bench.recording import read_recording
 from beltid.config import ConfigSource
+from beltid.errors import InputError
 from beltid.identify.estimators.statistics import as_set
 from beltid.identify.friction.load_cells import KnownCells
 from beltid.identify.press.curves import Branch
@@ -23,21 +24,17 @@ from beltid.laws.capstan import friction_coefficient
 from beltid.stages.big_recording import columns_of_runs, read_by_runs
 from beltid.stages.making import Made, Recipe, make
 from beltid.stages.outcome import Outcome
-from beltid.stages.reduction import friction_settings, stiffness_settings
+from beltid.stages.reduction import CELL_KEYS, friction_settings, stiffness_settings
 from beltid.stages.talk import Options
 
 PRESS: Final = "press_curves"
 RIG: Final = "rig_curves"
 PRESS_KEYS: Final = ("press", "columns.press", "units.press", "runs.press", "dialect")
-CELLS: Final = tuple(
-    f"friction.tension_{span}_{error}"
-    for span in ("tight", "slack")
-    for error in ("tare_N", "gain", "tilt_deg")
-)
-"""What is known of the load cells: taken off here as in the reduction."""
-RIG_KEYS: Final = ("columns.rig", "units.rig", "runs.rig", "dialect", *CELLS)
+RIG_KEYS: Final = ("columns.rig", "units.rig", "runs.rig", "dialect", *CELL_KEYS)
+"""The load cells, too: what is known of them is taken off here as in the reduction."""
 MOST_SET_ASIDE: Final = 12
 """Runs set aside that are kept to be looked at."""
+MOST_NAMED: Final = 5
 MOST_SAMPLES: Final = 1200
 """Samples of a run that are kept; of a longer one the extremes of neighbouring samples."""
 
@@ -65,6 +62,12 @@ def rig_curves(
             columns = columns_of_runs(rig, source.config, runs)
         else:
             columns = read_recording(rig, "rig", source.config).columns
+        missing = sorted(set(runs) - set(columns["run"]))
+        if missing:
+            raise InputError(
+                f"{rig}: has no run {', '.join(missing[:MOST_NAMED])}; {friction} was made from "
+                "another recording"
+            )
         cells = friction_settings(source.config.friction.model_dump()).cells
         return Outcome(RIG, _run_columns(columns, runs, cells), runs)
 
