@@ -27,7 +27,7 @@ from beltid.stages import (
     refine_surface,
     simulate_rig,
 )
-from beltid.stages.talk import Options
+from beltid.stages.reporter import Options
 
 
 def _same(*roles: str) -> dict[str, str]:
@@ -119,15 +119,15 @@ def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptio
     refuse_links_out(folder, [source.name for source in sources])
     chains = []
     for source in sources:
-        chains.append(Chain(source, folder / source.name, chain_of(options), options.talk))
+        chains.append(Chain(source, folder / source.name, chain_of(options), options.reporter))
     folders = [chain.folder for chain in chains]
-    with alone_in(folders, options.talk):
+    with alone_in(folders, options.reporter):
         workers = options.workers or local_workers(options.jobs)
         try:
             run_chains(chains, workers, force=options.force, fail_fast=options.fail_fast)
             runs = [chain.run for chain in chains]
             if options.whole:
-                write_sweep_tables(runs, folder, options.talk)
+                write_sweep_tables(runs, folder, options.reporter)
             if options.report:
                 write_reports(chains, folder if options.whole else None, options, workers)
         except BaseException:

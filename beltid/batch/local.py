@@ -27,7 +27,7 @@ from beltid.errors import BeltidError
 from beltid.stages.beside import beside
 from beltid.stages.workers import (
     LOOK_UP_S,
-    Halted,
+    Cancelled,
     Result,
     Workers,
     available_cores,
@@ -129,7 +129,7 @@ class ProcessWorkers(Workers):
         for index, arguments in calls.items():
             with self._starting:
                 if self._halted:
-                    raise Halted
+                    raise Cancelled
                 futures[pool.submit(function, *arguments)] = index
         return futures
 
@@ -142,11 +142,11 @@ class ProcessWorkers(Workers):
         while waiting:
             done, waiting = wait(waiting, timeout=LOOK_UP_S, return_when=FIRST_COMPLETED)
             if self._halted:
-                raise Halted
+                raise Cancelled
             yield from done
 
     def stop(self) -> None:
-        """Kill the workers; calls that wait for them raise `Halted`."""
+        """Kill the workers; calls that wait for them raise `Cancelled`."""
         with self._lock:
             self._halted = True
             pool, self._pool = self._pool, None
@@ -166,7 +166,7 @@ class ProcessWorkers(Workers):
     def _running(self) -> ProcessPoolExecutor:
         with self._lock:
             if self._halted:
-                raise Halted
+                raise Cancelled
             if self._pool is None:
                 self.prepare()
                 self._others = multiprocessing.active_children()

@@ -28,11 +28,11 @@ def beside(function: Callable[[], Result]) -> Future[Result]:
     """
     result: Future[Result] = Future()
 
-    def carry_out() -> None:
+    def run_task() -> None:
         try:
             result.set_result(function())
         except Exception as error:  # raised where the result is asked for
             result.set_exception(error)
 
-    threading.Thread(target=carry_out, daemon=True).start()
+    threading.Thread(target=run_task, daemon=True).start()
     return result

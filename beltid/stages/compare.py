@@ -21,7 +21,7 @@ from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, ArtifactError, Confi
 from beltid.identify.agreement.compare import AgreementResult, AgreementSettings, compare_points
 from beltid.identify.friction.reduction import FrictionSettings, reduce_runs
 from beltid.report.summary import Summary
-from beltid.stages.making import SUFFIX, Made, Recipe, make
+from beltid.stages.build_artifact import SUFFIX, Build, Built
 from beltid.stages.outcome import Outcome, rows_of
 from beltid.stages.reduction import (
     CELL_KEYS,
@@ -29,9 +29,9 @@ from beltid.stages.reduction import (
     friction_settings,
     reduction_columns,
 )
-from beltid.stages.simulated_doubt import RunsDoubt, runs_doubt_of
+from beltid.stages.reporter import Options
+from beltid.stages.simulated_doubt import RunsUncertainty, runs_uncertainty_of
 from beltid.stages.tables import table_columns
-from beltid.stages.talk import Options
 from beltid.stages.uncertainties import budget_details
 from beltid.stages.validation import dominant, validated, within_words
 
@@ -69,27 +69,22 @@ TOLERANCES: Final = {
 
 def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
     """Reduce the ``simulated`` recording, compare it with ``friction``, write it, sum it up."""
-
-    def compute() -> Outcome[AgreementResult]:
+    build = Build(KIND, config, KEYS, inputs, out, options, figures=FIGURES)
+    built = build.up_to_date()
+    if built is None:
         friction = read_artifact(inputs["friction"], "friction")
         recording = read_recording(inputs["simulated"], "rig", config.config)
-        options.talk.say(f"{recording.path}: {len(recording.columns['time_s'])} samples")
+        options.reporter.report(f"{recording.path}: {len(recording.columns['time_s'])} samples")
         radius, settings = _reduced_with(friction, config.config)
         if not may_be_artifact(recording.path):  # a second bench, whose cells the config knows
             settings = replace(settings, **cell_settings(config.config))
-        simulated = reduce_runs(recording.columns, radius, settings)
-        known = settings.cells.note
-        return _outcome(
-            friction.columns,
-            reduction_columns(simulated),
-            config.config,
-            _doubt_of(inputs["simulated"]),
-            notes=(f"{recording.path}: {known} ({config.origin})",) if known else (),
+        simulated = reduction_columns(reduce_runs(recording.columns, radius, settings))
+        known, uncertainty = settings.cells.note, _uncertainty_of(inputs["simulated"])
+        notes = (f"{recording.path}: {known} ({config.origin})",) if known else ()
+        built = build.write(
+            _outcome(friction.columns, simulated, config.config, uncertainty, notes)
         )
-
-    return summarise(
-        make(Recipe(KIND, config, KEYS, inputs, figures=FIGURES), out, options, compute)
-    )
+    return summarise(built)
 
 
 def compare(
@@ -159,12 +154,12 @@ def _reduced_with(friction: Artifact, config: Config) -> tuple[float, FrictionSe
     return float(radius), friction_settings(found.friction.model_dump(), with_cells=False)
 
 
-def _doubt_of(path: Path) -> RunsDoubt | None:
+def _uncertainty_of(path: Path) -> RunsUncertainty | None:
     """What an artifact of simulate-rig tells of its uncertainty; other files tell nothing."""
     if path.suffix.lower() != SUFFIX:
         return None
     try:
-        return runs_doubt_of(read_artifact(path, "simulated").metadata.extra)
+        return runs_uncertainty_of(read_artifact(path, "simulated").metadata.extra)
     except ArtifactError:
         return None
 
@@ -173,7 +168,7 @@ def _outcome(
     measured: Mapping[str, np.ndarray],
     simulated: Mapping[str, np.ndarray],
     config: Config,
-    doubt: RunsDoubt | None = None,
+    uncertainty: RunsUncertainty | None = None,
     notes: tuple[str, ...] = (),
 ) -> Outcome[AgreementResult]:
     section = config.compare
@@ -188,7 +183,7 @@ def _outcome(
             max_rms_error_over_uncertainty=section.max_rms_error_over_uncertainty,
         ),
     )
-    proven = validated(plain, measured, simulated, doubt)
+    proven = validated(plain, measured, simulated, uncertainty)
     result = proven.result
     columns = {**result.to_columns(), **proven.columns()}
     columns["status"] = np.full(len(columns["run"]), "ok", dtype=object)
@@ -226,9 +221,9 @@ def _outcome(
     )
 
 
-def summarise(made: Made) -> Summary:
+def summarise(built: Built) -> Summary:
     """Sum up a compare artifact; its exit status is the verdict."""
-    extra = made.artifact.metadata.extra
+    extra = built.artifact.metadata.extra
     passed = bool(extra["passed"])
     statistics = [
         {
@@ -245,9 +240,9 @@ def summarise(made: Made) -> Summary:
     return Summary(
         stage="compare",
         title="simulated less measured friction coefficient, relative to measured",
-        out=made.artifact.path,
+        out=built.artifact.path,
         facts={
-            "runs_compared": len(made.artifact.columns["run"]),
+            "runs_compared": len(built.artifact.columns["run"]),
             "runs_measured": extra["n_measured"],
             "runs_simulated": extra["n_simulated"],
             "groups": extra["statistics"],
@@ -259,7 +254,7 @@ def summarise(made: Made) -> Summary:
         },
         details=budget_details(extra["budget"]),
         table=rows_of(
-            made.artifact.columns,
+            built.artifact.columns,
             "run",
             "arc_deg",
             "nominal_tension_N",
@@ -288,17 +283,17 @@ def summarise(made: Made) -> Summary:
             "within_tolerance",
         ),
         overview=statistics,
-        notes=made.notes,
-        warnings=made.warnings,
+        notes=built.notes,
+        warnings=built.warnings,
         verdict=_verdict(passed, extra["judged"]),
         exit_status=EXIT_DONE if passed else EXIT_OUT_OF_TOLERANCE,
-        up_to_date=made.up_to_date,
-        origin=made.origin,
+        up_to_date=built.up_to_date,
+        origin=built.origin,
     )
 
 
 def _verdict(passed: bool, judged: list[dict[str, Any]]) -> str:
-    def told(row: Mapping[str, Any]) -> str:
+    def in_words(row: Mapping[str, Any]) -> str:
         name = row["tolerance"]
         words = TOLERANCES.get(name, name)
         found = float("nan") if row["found"] is None else 100.0 * row["found"]
@@ -310,4 +305,4 @@ def _verdict(passed: bool, judged: list[dict[str, Any]]) -> str:
         return f"{words} {found:.2f} % {sign} {100.0 * row['allowed']:g} %"
 
     shown = [row for row in judged if row["tolerance"] != "min_share_compared" or not row["holds"]]
-    return f"{'PASS' if passed else 'FAIL'}: " + ", ".join(told(row) for row in shown)
+    return f"{'PASS' if passed else 'FAIL'}: " + ", ".join(in_words(row) for row in shown)

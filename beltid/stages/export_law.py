@@ -18,8 +18,8 @@ from beltid.export.targets import TARGETS, Target
 from beltid.export.units import SI, SYSTEMS
 from beltid.report.summary import Summary
 from beltid.stages.law_of_belt import law_of_folder
+from beltid.stages.reporter import Options
 from beltid.stages.tables import load_law
-from beltid.stages.talk import Options
 
 ALL: Final = "all"
 SCHEMA: Final = "schema"
@@ -73,7 +73,7 @@ def run(
     law = (
         load_law(source)
         if source.is_file()
-        else law_of_folder(source, config, options.surface, options.talk)
+        else law_of_folder(source, config, options.surface, options.reporter)
     )
     folder = out or (source if source.is_dir() else source.parent) / "export"
     point = reference_point(law, options.normal_force_N_m, options.slip_speed_m_s)

@@ -16,7 +16,7 @@ from beltid.config.meanings import SECTIONS
 from beltid.config.template import template_text
 from beltid.errors import InputError
 from beltid.report.summary import Summary, json_value
-from beltid.stages.talk import Options
+from beltid.stages.reporter import Options
 
 RECORDINGS: Final = ("press", "rig", "speedloss")
 
@@ -48,7 +48,7 @@ def run(stated: Mapping[str, Any], out: Path | None, options: Options) -> Summar
     atomic.write_text(path, template_text(config, frozenset(values)))
     for kind, file in load_config(path).data.files.items():  # what was written is what is read
         if not file.exists():
-            options.talk.warn(f"data.{kind}: there is no {file} yet")
+            options.reporter.warn(f"data.{kind}: there is no {file} yet")
     return _summary(path, config, frozenset(values))
 
 

@@ -22,10 +22,10 @@ from beltid.identify.press.curves import Branch
 from beltid.identify.press.stiffness import fit_stiffness
 from beltid.laws.capstan import friction_coefficient
 from beltid.stages.big_recording import columns_of_runs, read_by_runs
-from beltid.stages.making import Made, Recipe, make
+from beltid.stages.build_artifact import Build, Built
 from beltid.stages.outcome import Outcome
 from beltid.stages.reduction import CELL_KEYS, friction_settings, stiffness_settings
-from beltid.stages.talk import Options
+from beltid.stages.reporter import Options
 
 PRESS: Final = "press_curves"
 RIG: Final = "rig_curves"
@@ -39,24 +39,32 @@ MOST_SAMPLES: Final = 1200
 """Samples of a run that are kept; of a longer one the extremes of neighbouring samples."""
 
 
-def press_curves(source: ConfigSource, press: Path, out: Path, options: Options) -> Made:
+def press_curves(source: ConfigSource, press: Path, out: Path, options: Options) -> Built:
     """Branches of the press cycles that the stiffness was fitted to, over the penetration."""
-
-    def compute() -> Outcome[tuple[Branch, ...]]:
+    build = Build(PRESS, source, PRESS_KEYS, {"press": press}, out, options)
+    built = build.up_to_date()
+    if built is None:
         recording = read_recording(press, "press", source.config)
-        settings = stiffness_settings(source.config.press)
-        branches = fit_stiffness(recording.columns, settings).branches
-        return Outcome(PRESS, _branch_columns(branches), branches)
-
-    return make(Recipe(PRESS, source, PRESS_KEYS, {"press": press}), out, options, compute)
+        branches = fit_stiffness(
+            recording.columns, stiffness_settings(source.config.press)
+        ).branches
+        built = build.write(Outcome(PRESS, _branch_columns(branches), branches))
+    return built
 
 
 def rig_curves(
     source: ConfigSource, rig: Path, friction: Path, out: Path, options: Options
-) -> Made:
-    """A typical run of every arc over time, and runs that were set aside."""
+) -> Built:
+    """A typical run of every arc over time, and runs that were set aside.
 
-    def compute() -> Outcome[tuple[str, ...]]:
+    Raises
+    ------
+    InputError
+        If the recording has not all of these runs: it is not the one of the friction table.
+    """
+    build = Build(RIG, source, RIG_KEYS, {"rig": rig, "friction": friction}, out, options)
+    built = build.up_to_date()
+    if built is None:
         runs = chosen_runs(read_artifact(friction, "friction").columns)
         if read_by_runs(rig, source.config):
             columns = columns_of_runs(rig, source.config, runs)
@@ -69,10 +77,8 @@ def rig_curves(
                 "another recording"
             )
         cells = friction_settings(source.config.friction.model_dump()).cells
-        return Outcome(RIG, _run_columns(columns, runs, cells), runs)
-
-    recipe = Recipe(RIG, source, RIG_KEYS, {"rig": rig, "friction": friction})
-    return make(recipe, out, options, compute)
+        built = build.write(Outcome(RIG, _run_columns(columns, runs, cells), runs))
+    return built
 
 
 def chosen_runs(friction: Mapping[str, np.ndarray]) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ COEFFICIENTS: Final = ("k_linear_N_m2", "k_quadratic_N_m3")
 Found = tuple[dict[str, np.ndarray], list[dict[str, Any]]]
 
 
-def friction_doubt(columns: Mapping[str, np.ndarray], config: Config) -> Found:
+def friction_uncertainty(columns: Mapping[str, np.ndarray], config: Config) -> Found:
     """Columns ``mu_sliding_u`` and ``normal_force_u_N_m`` of a friction table, and the budget.
 
     Runs that cannot be used have none.
@@ -49,7 +49,7 @@ def friction_doubt(columns: Mapping[str, np.ndarray], config: Config) -> Found:
     )
 
 
-def stiffness_doubt(laws: Sequence[LawEstimate], config: Config) -> Found:
+def stiffness_uncertainty(laws: Sequence[LawEstimate], config: Config) -> Found:
     """Columns ``k_..._u_...`` of a stiffness table, and the budget of the last law, the pooled."""
     given = standard_uncertainties(config)
     sources = press_sources(given)

@@ -47,7 +47,7 @@ def friction_settings(values: Mapping[str, Any], *, with_cells: bool = True) -> 
     return FrictionSettings(**{name: v for name, v in values.items() if name in known})
 
 
-def cell_settings(config: Config) -> dict[str, float]:
+def cell_settings(config: Config) -> dict[str, Any]:
     """What a config states of the load cells, by the names of `FrictionSettings`."""
     return {name: getattr(config.friction, name) for name in CELL_SETTINGS}
 

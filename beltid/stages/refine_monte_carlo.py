@@ -12,8 +12,8 @@ import numpy as np
 from beltid.errors import ConvergenceError, InputError
 from beltid.identify.surface.surface import SurfaceSettings
 from beltid.refine.inverse import RefinedSurface
-from beltid.stages.surface_doubt import SurfaceDoubt
-from beltid.stages.talk import Talk
+from beltid.stages.reporter import Reporter
+from beltid.stages.surface_doubt import SurfaceUncertainty
 from beltid.stages.workers import Workers
 from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.linear_check import LinearCheck, linear_check
@@ -46,15 +46,15 @@ class Draws:
         Number of replicates; 0 leaves the check out.
     seed : int
         Of the draws.
-    talk : Talk
-        Who listens.
+    reporter : Reporter
+        Hears what is going on.
     workers : Workers
         Who carries them out; the result does not depend on it.
     """
 
     count: int = 0
     seed: int = 0
-    talk: Talk = field(default_factory=Talk)
+    reporter: Reporter = field(default_factory=Reporter)
     workers: Workers = field(default_factory=Workers)
 
     def __post_init__(self) -> None:
@@ -167,7 +167,7 @@ class MonteCarlo:
 def monte_carlo(
     campaign: Campaign,
     refined: RefinedSurface,
-    doubt: SurfaceDoubt,
+    uncertainty: SurfaceUncertainty,
     slopes: np.ndarray,
     settings: SurfaceSettings,
     draws: Draws,
@@ -179,7 +179,7 @@ def monte_carlo(
     ConvergenceError
         If half of the replicates fail.
     """
-    speeds, sources = refined.surface.slip_speed_m_s, doubt.sources
+    speeds, sources = refined.surface.slip_speed_m_s, uncertainty.sources
     nominal = prepare(campaign, refined, speeds, settings, (sources, slopes))
     found = _spread_out(nominal, draws)
     count = found.refined.shape[0]
@@ -202,7 +202,7 @@ def monte_carlo(
     return MonteCarlo(
         nominal=nominal,
         found=found,
-        refined=linear_check(found.refined.reshape(count, -1), _size(doubt.factor)),
+        refined=linear_check(found.refined.reshape(count, -1), _size(uncertainty.factor)),
         published=linear_check(found.published.reshape(count, -1), _size(of_published)),
     )
 
@@ -221,7 +221,7 @@ def _spread_out(nominal: Nominal, draws: Draws) -> Replicates:
     ]
     parts: dict[int, Replicates] = {}
     calls = [(nominal, draws.seed, group) for group in groups]
-    with draws.talk.progress("Monte Carlo", len(groups)) as advance:
+    with draws.reporter.progress("Monte Carlo", len(groups)) as advance:
         for index, part in draws.workers.as_ended(replicates, calls):
             parts[index] = part
             advance()

@@ -14,7 +14,7 @@ from beltid.report.picture import Picture
 from beltid.report.summary import Summary
 from beltid.stages.belt_results import sheet_of
 from beltid.stages.outcome import rows_of
-from beltid.stages.talk import Options
+from beltid.stages.reporter import Options
 
 STAGE: Final = "show"
 FEW_ROWS: Final = 12

@@ -18,7 +18,11 @@ from beltid.stages.campaign import PlannedRun
 from beltid.stages.uncertainties import standard_uncertainties
 from beltid.stages.workers import Workers
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.simulated import SimulatedDoubt, simulated_doubt, with_rig_sources
+from beltid.uncertainty.simulated import (
+    SimulatedUncertainty,
+    simulated_uncertainty,
+    with_rig_sources,
+)
 from beltid.uncertainty.sources import Source, all_sources
 
 PER_CALL: Final = 24
@@ -49,7 +53,7 @@ class Inputs:
 
 
 @dataclass(frozen=True, slots=True)
-class RunsDoubt:
+class RunsUncertainty:
     """Uncertainty of simulated runs as the metadata hold it, arrays by run.
 
     Attributes
@@ -96,27 +100,27 @@ def _short(values: np.ndarray) -> list[Any]:
     ]
 
 
-def runs_doubt_of(extra: Mapping[str, Any]) -> RunsDoubt | None:
+def runs_uncertainty_of(extra: Mapping[str, Any]) -> RunsUncertainty | None:
     """What the metadata of a simulated recording say; None if they say nothing."""
     told = extra.get("uncertainty")
     if not told:
         return None
     sources = _sources(told["sources"])
     arrays = {name: np.array(told[name], dtype=float) for name in ARRAYS}
-    return RunsDoubt(sources=sources, runs=tuple(told["runs"]), **arrays)
+    return RunsUncertainty(sources=sources, runs=tuple(told["runs"]), **arrays)
 
 
 def _sources(told: Sequence[Mapping[str, Any]]) -> tuple[Source, ...]:
     return tuple(Source(**{name: one[name] for name in Source.__slots__}) for one in told)
 
 
-def runs_doubt(
+def runs_uncertainty(
     finished: Sequence[tuple[PlannedRun, RunResult]],
     inputs: Inputs,
     config: Config,
     elements: int | None,
     workers: Workers,
-) -> tuple[RunsDoubt | None, tuple[str, ...]]:
+) -> tuple[RunsUncertainty | None, tuple[str, ...]]:
     """Uncertainty of the runs of a campaign that were simulated; a note if it stays unknown."""
     arcs = _arcs(inputs.stored.get("arcs_deg", ()), [run.arc_deg for run, _ in finished])
     given = all_sources(standard_uncertainties(config), len(arcs), inputs.press.has_scatter)
@@ -138,7 +142,7 @@ def runs_doubt(
         for piece in pieces
     ]
     try:
-        parts = dict(workers.as_ended(simulated_doubt, calls))
+        parts = dict(workers.as_ended(simulated_uncertainty, calls))
     except BeltidError as error:
         return None, (f"uncertainty of the simulated runs is not known: {error.problems[0]}",)
     ordered = [parts[i] for i in range(len(pieces))]
@@ -148,15 +152,15 @@ def runs_doubt(
 def _gathered(
     finished: Sequence[tuple[PlannedRun, RunResult]],
     sources: tuple[Source, ...],
-    parts: Sequence[SimulatedDoubt],
-) -> RunsDoubt:
+    parts: Sequence[SimulatedUncertainty],
+) -> RunsUncertainty:
     mesh = np.concatenate([part.mesh for part in parts])
     limit = np.concatenate([part.mu for part in parts])
     # what is left of the build-up at the end of a simulated run, and of its time steps
     ended = np.array(
         [abs(math.log(result.mu / mu)) for (_, result), mu in zip(finished, limit, strict=True)]
     )
-    return RunsDoubt(
+    return RunsUncertainty(
         sources=sources,
         runs=tuple(run.label for run, _ in finished),
         simulated=np.concatenate([part.simulated for part in parts]),

@@ -33,7 +33,7 @@ FINER_MESH = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class SimulatedDoubt:
+class SimulatedUncertainty:
     """Relative changes of simulated coefficients, arrays by run.
 
     Attributes
@@ -60,7 +60,7 @@ class SimulatedDoubt:
     by_setting: Array
 
 
-def simulated_doubt(
+def simulated_uncertainty(
     bench: Bench,
     press: PressLaw,
     points: Sequence[OperatingPoint],
@@ -68,7 +68,7 @@ def simulated_doubt(
     sources: Sequence[Source],
     elements: int | None = None,
     largest_tension: float | None = None,
-) -> SimulatedDoubt:
+) -> SimulatedUncertainty:
     """Uncertainty of simulated runs (sliding limit).
 
     Parameters
@@ -122,7 +122,7 @@ def simulated_doubt(
         of_difference[:, k] = by_surface[:, k] - residual
         of_measured = np.log(campaign.measured.corrected(errors).mu / campaign.measured.mu)
         of_simulated[:, k] = of_difference[:, k] + of_measured
-    return SimulatedDoubt(
+    return SimulatedUncertainty(
         simulated=of_simulated,
         difference=of_difference,
         scatter=scatter,

@@ -20,9 +20,9 @@ from beltid.artifacts.atomic import remove_stale, write_bytes
 from beltid.batch.locks import alone_in
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import ArtifactError, InputError
-from beltid.stages.making import Recipe, make
+from beltid.stages.build_artifact import Recipe, make
 from beltid.stages.outcome import Outcome
-from beltid.stages.talk import Options, Talk
+from beltid.stages.reporter import Options, Reporter
 from beltid.tables import schemas
 
 ROOT = Path(__file__).parents[2]
@@ -271,11 +271,11 @@ def test_parts_of_a_parquet_folder_changed_while_they_are_read_are_noticed(tmp_p
         make(recipe, out, Options(), meanwhile)
 
 
-class Hearing(Talk):
+class Hearing(Reporter):
     def __init__(self) -> None:
         self.heard: list[str] = []
 
-    def say(self, text: str) -> None:
+    def report(self, text: str) -> None:
         self.heard.append(text)
 
 
@@ -287,7 +287,7 @@ def test_a_second_batch_in_a_folder_waits_for_the_first(tmp_path: Path) -> None:
         with alone_in(folders[::-1], talk):
             order.append("second")
 
-    with alone_in(folders, Talk()):
+    with alone_in(folders, Reporter()):
         waiting = threading.Thread(target=second)
         waiting.start()
         waiting.join(timeout=0.3)
@@ -300,8 +300,8 @@ def test_a_second_batch_in_a_folder_waits_for_the_first(tmp_path: Path) -> None:
 def test_the_lock_of_a_killed_batch_is_gone(tmp_path: Path) -> None:
     code = (
         "import sys, time; from pathlib import Path; from beltid.batch.locks import alone_in\n"
-        "from beltid.stages.talk import Talk\n"
-        "with alone_in([Path(sys.argv[1])], Talk()): print('in', flush=True); time.sleep(60)\n"
+        "from beltid.stages.reporter import Reporter\n"
+        "with alone_in([Path(sys.argv[1])], Reporter()): print('in', flush=True); time.sleep(60)\n"
     )
     process = subprocess.Popen(
         [sys.executable, "-c", code, str(tmp_path)],

@@ -23,8 +23,8 @@ from beltid.batch.local import MOST_LOSSES, ProcessWorkers
 from beltid.batch.sources import Shard
 from beltid.batch.steps import Step
 from beltid.errors import BeltidError, InputError
-from beltid.stages.talk import Talk
-from beltid.stages.workers import Halted, Workers
+from beltid.stages.reporter import Reporter
+from beltid.stages.workers import Cancelled, Workers
 
 BOTH = ("run", "--no-report", "one.yaml", "two.yaml")
 
@@ -180,15 +180,15 @@ def test_workers_that_are_stopped_give_up_at_once() -> None:
     def wait() -> None:
         try:
             workers.call(time.sleep, 60.0)
-        except Halted:
-            heard.append(Halted)
+        except Cancelled:
+            heard.append(Cancelled)
 
     waiting = threading.Thread(target=wait)
     waiting.start()
     time.sleep(0.2)
     workers.stop()
     waiting.join(timeout=20.0)
-    assert heard == [Halted]
+    assert heard == [Cancelled]
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.005, 0.01, 0.02, 0.04])
@@ -199,8 +199,8 @@ def test_workers_that_are_stopped_while_they_start_give_up_at_once(delay_s: floa
     def wait() -> None:
         try:
             list(workers.as_ended(time.sleep, [(25.0,)] * 6))
-        except Halted:
-            heard.append(Halted)
+        except Cancelled:
+            heard.append(Cancelled)
 
     waiting = [threading.Thread(target=wait) for _ in range(2)]
     for thread in waiting:
@@ -210,7 +210,7 @@ def test_workers_that_are_stopped_while_they_start_give_up_at_once(delay_s: floa
     workers.stop()
     for thread in waiting:
         thread.join(timeout=20.0)
-    assert heard == [Halted, Halted]
+    assert heard == [Cancelled, Cancelled]
     assert time.monotonic() - start < 20.0  # a call lasts 25 s
 
 
@@ -330,7 +330,7 @@ def test_an_interrupt_stops_a_step_that_has_just_begun(
 
     monkeypatch.setattr(schedule, "ThreadPoolExecutor", Clerks)
     (source,) = config_sources([bench / "one.yaml"])
-    chain = schedule.Chain(source, bench, [Step("step", "made", {}, run, spreads=True)], Talk())
+    chain = schedule.Chain(source, bench, [Step("step", "made", {}, run, spreads=True)], Reporter())
     with pytest.raises(KeyboardInterrupt):
         schedule.run_chains([chain], workers)
     assert ends == [True]

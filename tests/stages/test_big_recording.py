@@ -13,7 +13,7 @@ from beltid.config import find_config
 from beltid.errors import InputError
 from beltid.stages import fit_friction
 from beltid.stages.recorded_curves import rig_curves
-from beltid.stages.talk import Options
+from beltid.stages.reporter import Options
 from beltid.stages.workers import Workers
 
 RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"

@@ -9,7 +9,7 @@ import pytest
 
 from beltid.config import find_config
 from beltid.stages import compare, fit_friction
-from beltid.stages.talk import Options
+from beltid.stages.reporter import Options
 
 RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"
 CELLS = """\
