@@ -144,9 +144,6 @@ def run_chains(
                     chain.failed(task, error)
                 if fail_fast and chain.run.exit_status != EXIT_DONE:
                     return
-    except BaseException:  # an interrupt waits for nothing, also not for a step that has just begun
-        workers.stop()
-        raise
     finally:
         if under_way:  # the first failure ends it
             workers.stop()

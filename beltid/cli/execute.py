@@ -17,11 +17,10 @@ from beltid.cli.common import Common
 from beltid.cli.explain import codes_of
 from beltid.cli.piping import piped
 from beltid.cli.reporter import TerminalReporter, console_for
-from beltid.cli.signals import Stopped
+from beltid.cli.signals import if_stopped
 from beltid.cli.streams import mute, told
 from beltid.errors import (
     EXIT_INPUT,
-    EXIT_INTERRUPTED,
     EXIT_NUMERICS,
     BeltidError,
     BeltidWarning,
@@ -144,7 +143,8 @@ def _stdout() -> Iterator[None]:
 def _statuses(reporter: TerminalReporter, kept: str) -> Iterator[None]:
     """The one place where an error becomes an exit status."""
     try:
-        yield
+        with if_stopped(kept):
+            yield
     except BeltidError as error:
         for problem in error.problems:
             reporter.error(problem)
@@ -159,12 +159,6 @@ def _statuses(reporter: TerminalReporter, kept: str) -> Iterator[None]:
             raise
         reporter.error(printable(f"{error.filename}: {error.strerror}"))
         raise typer.Exit(EXIT_INPUT) from None
-    except KeyboardInterrupt:
-        reporter.error(f"interrupted; {kept}")
-        raise typer.Exit(EXIT_INTERRUPTED) from None
-    except Stopped as stopped:
-        reporter.error(f"{stopped.word}; {kept}")
-        raise typer.Exit(stopped.exit_status) from None
 
 
 @contextmanager

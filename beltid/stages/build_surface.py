@@ -16,18 +16,18 @@ from beltid.identify.surface.surface import build_surface as identify
 from beltid.report.summary import Summary
 from beltid.stages.alternatives import friction_formulas, friction_law_rows
 from beltid.stages.build_artifact import Build, Built
-from beltid.stages.measured import measured_runs, own_errors, valid_rows
 from beltid.stages.outcome import Outcome, rows_of
 from beltid.stages.reporter import Options
-from beltid.stages.surface_doubt import QUANTITY, SurfaceUncertainty
 from beltid.stages.tables import surface_of, table_columns
 from beltid.stages.uncertainties import (
     SECTION,
     budget_table,
     standard_uncertainties,
 )
+from beltid.uncertainty.measured import measured_runs, own_errors, valid_rows
 from beltid.uncertainty.published import published_changes, published_curves, scatter_factor
 from beltid.uncertainty.sources import reduction_sources, rig_sources
+from beltid.uncertainty.surface import QUANTITY, SurfaceUncertainty
 
 KIND: Final = "surface"
 KEYS: Final = ("surface", "rig.pulley_radius_m", SECTION)

@@ -30,10 +30,10 @@ from beltid.stages.reduction import (
     reduction_columns,
 )
 from beltid.stages.reporter import Options
-from beltid.stages.simulated_doubt import RunsUncertainty, runs_uncertainty_of
 from beltid.stages.tables import table_columns
 from beltid.stages.uncertainties import budget_details
 from beltid.stages.validation import dominant, validated, within_words
+from beltid.uncertainty.simulated import RunsUncertainty, runs_uncertainty_of
 
 KIND: Final = "compare"
 FIGURES: Final = (

@@ -18,10 +18,10 @@ from beltid.report.summary import Summary
 from beltid.stages.big_recording import read_by_runs, reduce_big
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.outcome import Outcome, rows_of, span
-from beltid.stages.reduced_doubt import friction_uncertainty
 from beltid.stages.reduction import friction_settings, reduction_columns
 from beltid.stages.reporter import Options
-from beltid.stages.uncertainties import SECTION, budget_details
+from beltid.stages.uncertainties import SECTION, budget_details, standard_uncertainties
+from beltid.uncertainty.reduced import friction_uncertainty
 
 KIND: Final = "friction"
 FIGURES: Final = ("budget",)
@@ -96,7 +96,9 @@ def _outcome(
         column: span(table[column][good])
         for column in ("normal_force_N_m", "slip_speed_m_s", "mu_sliding", "arc_deg")
     }
-    uncertainty, budget = friction_uncertainty(table, config)
+    uncertainty, budget = friction_uncertainty(
+        table, standard_uncertainties(config), config.rig_params().R
+    )
     return Outcome(
         kind=KIND,
         columns={**table, **uncertainty},

@@ -16,10 +16,10 @@ from beltid.report.summary import Summary
 from beltid.stages.alternatives import normal_law_rows, normal_laws
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.outcome import Outcome, rows_of
-from beltid.stages.reduced_doubt import stiffness_uncertainty
 from beltid.stages.reduction import stiffness_settings
 from beltid.stages.reporter import Options
-from beltid.stages.uncertainties import SECTION, budget_details
+from beltid.stages.uncertainties import SECTION, budget_details, standard_uncertainties
+from beltid.uncertainty.reduced import stiffness_uncertainty
 
 KIND: Final = "stiffness"
 FIGURES: Final = ("temperature", "budget")
@@ -76,7 +76,9 @@ def _outcome(
     beside = normal_laws(result)
     effect = result.temperature
     laws = (*result.laws, result.pooled)
-    uncertainty, budget = stiffness_uncertainty(laws, config)
+    uncertainty, budget = stiffness_uncertainty(
+        laws, standard_uncertainties(config), settings.segment_length_m
+    )
     return Outcome(
         kind=KIND,
         columns={**_columns(laws), **uncertainty},

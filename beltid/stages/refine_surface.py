@@ -21,10 +21,9 @@ from beltid.stages.alternatives import friction_formulas, friction_law_rows
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.campaign import checked_law
 from beltid.stages.outcome import Outcome
-from beltid.stages.refine_monte_carlo import CHECKED, Draws, MonteCarlo, check_table, monte_carlo
+from beltid.stages.refine_monte_carlo import CHECKED, Draws, check_table, drawn
 from beltid.stages.refine_runs import NEEDED, prepared_campaign, speed_labels
 from beltid.stages.reporter import Options
-from beltid.stages.surface_doubt import QUANTITY, SurfaceUncertainty
 from beltid.stages.tables import law_of, surface_of, table_columns
 from beltid.stages.uncertainties import (
     SECTION,
@@ -34,6 +33,8 @@ from beltid.stages.uncertainties import (
 )
 from beltid.stages.workers import Workers
 from beltid.uncertainty.campaign import Campaign
+from beltid.uncertainty.linear_check import MonteCarlo, check_of
+from beltid.uncertainty.monte_carlo import prepare
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import (
     ArcDifference,
@@ -42,6 +43,7 @@ from beltid.uncertainty.refined import (
     refined_slopes,
 )
 from beltid.uncertainty.sources import all_sources, arc_sources, reduction_sources
+from beltid.uncertainty.surface import QUANTITY, SurfaceUncertainty
 
 KIND: Final = "surface"
 METHOD: Final = "refined"
@@ -246,11 +248,11 @@ def _outcome(
     campaign = replace(campaign, measured=campaign.measured.with_arc_effects(refined.response))
     uncertainty = _uncertainty(campaign, refined, slopes, config)
     settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
-    check = (
-        monte_carlo(campaign, refined, uncertainty, slopes, settings, draws)
-        if draws.count
-        else None
-    )
+    check = None
+    if draws.count:
+        nominal = prepare(campaign, refined, speeds, settings, (uncertainty.sources, slopes))
+        found = drawn(nominal, draws)
+        check = check_of(nominal, found, uncertainty.factor, uncertainty.sources)
     apart = arc_difference(campaign.measured, refined, uncertainty.sources)
     result = Refinement(refined, labels, columns["arc_deg"][used], uncertainty, apart, check)
     beside = friction_formulas(refined.surface, uncertainty.factor)
@@ -273,7 +275,7 @@ def _outcome(
             "noise_scale": refined.smoothness.noise_scale,
             "effective_parameters": refined.effective_parameters,
             **uncertainty.extra((float(force.min()), float(force.max()))),
-            **(check.extra(draws) if check else {}),
+            **(check.extra(draws.seed) if check else {}),
             **beside.extra,
         },
         notes=(

@@ -25,11 +25,12 @@ from beltid.stages.campaign import (
 )
 from beltid.stages.outcome import Outcome
 from beltid.stages.reporter import Options
-from beltid.stages.simulated_doubt import Inputs, RunsUncertainty, runs_uncertainty
 from beltid.stages.simulated_runs import Campaign, simulate
+from beltid.stages.simulated_uncertainty import Inputs, runs_uncertainty
 from beltid.stages.tables import law_of, surface_of
 from beltid.stages.uncertainties import SECTION, press_law
 from beltid.stages.workers import Workers
+from beltid.uncertainty.simulated import RunsUncertainty
 
 KIND: Final = "simulated"
 FIGURES: Final = ("method", "runs")

@@ -9,9 +9,9 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.identify.agreement.compare import AgreementResult
-from beltid.stages.measured import own_errors, shared_columns
-from beltid.stages.simulated_doubt import RunsUncertainty
 from beltid.uncertainty.budget import Scatter, budget
+from beltid.uncertainty.measured import own_errors, shared_columns
+from beltid.uncertainty.simulated import RunsUncertainty
 from beltid.uncertainty.sources import Source, reduction_sources
 from beltid.uncertainty.validation import WITHIN, Validation
 

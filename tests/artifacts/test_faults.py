@@ -9,8 +9,9 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from beltid.artifacts.atomic import remove_stale, write_bytes
 from beltid.batch.locks import alone_in
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import ArtifactError, InputError
-from beltid.stages.build_artifact import Recipe, make
+from beltid.stages.build_artifact import Build, Built
 from beltid.stages.outcome import Outcome
 from beltid.stages.reporter import Options, Reporter
 from beltid.tables import schemas
@@ -28,6 +29,14 @@ from beltid.tables import schemas
 ROOT = Path(__file__).parents[2]
 KEPT = "the file that was there is untouched"
 GONE = 2**22 - 1  # no process has this number: it is the largest that Linux gives
+
+
+def make(
+    recipe: tuple[Any, ...], out: Path, options: Options, compute: Callable[[], Outcome[Any]]
+) -> Built:
+    """Build an artifact as every stage does it."""
+    build = Build(*recipe, out, options)
+    return build.up_to_date() or build.write(compute())
 
 
 def example(seed: int, rows: int = 1000) -> bytes:
@@ -39,6 +48,7 @@ def example(seed: int, rows: int = 1000) -> bytes:
 WRITER = """
 import sys
 from pathlib import Path
+from typing import Any
 from beltid.artifacts.atomic import write_bytes
 path, *versions = (Path(name) for name in sys.argv[1:])
 print("at it", flush=True)
@@ -195,7 +205,7 @@ def outcome() -> Outcome[None]:
 def test_an_input_replaced_while_it_is_read_is_noticed(tmp_path: Path, same: bool) -> None:
     source, out = tmp_path / "speedloss.csv", tmp_path / "slip.parquet"
     source.write_text("one")
-    recipe = Recipe("slip", ConfigSource(Config(), "test"), ("slip",), {"speedloss": source})
+    recipe = ("slip", ConfigSource(Config(), "test"), ("slip",), {"speedloss": source})
 
     def meanwhile() -> Outcome[None]:
         write_bytes(source, b"one" if same else b"two")
@@ -220,9 +230,7 @@ def test_one_of_many_files_changed_while_they_are_read_is_noticed(
     (runs / "deeper").mkdir(parents=True)
     for place in (runs / "r1.csv", runs / "r2.csv", runs / "deeper" / "r2.csv"):
         place.write_text("one")
-    recipe = Recipe(
-        "slip", ConfigSource(Config(), "test"), ("slip",), {"speedloss": tmp_path / named}
-    )
+    recipe = ("slip", ConfigSource(Config(), "test"), ("slip",), {"speedloss": tmp_path / named})
 
     def meanwhile() -> Outcome[None]:
         if change == "written":
@@ -245,7 +253,7 @@ def test_a_table_of_runs_changed_while_it_is_read_is_noticed(tmp_path: Path) -> 
     source.write_text("one")
     table.write_text("one")
     config = load_config({"runs": {"speedloss": {"table": str(table)}}})
-    recipe = Recipe("slip", ConfigSource(config, "test"), ("slip",), {"speedloss": source})
+    recipe = ("slip", ConfigSource(config, "test"), ("slip",), {"speedloss": source})
 
     def meanwhile() -> Outcome[None]:
         table.write_text("two")
@@ -259,9 +267,7 @@ def test_a_table_of_runs_changed_while_it_is_read_is_noticed(tmp_path: Path) -> 
 def test_parts_of_a_parquet_folder_changed_while_they_are_read_are_noticed(tmp_path: Path) -> None:
     part, out = tmp_path / "rig" / "arc_deg=82" / "a.parquet", tmp_path / "slip.parquet"
     write_bytes(part, b"one")
-    recipe = Recipe(
-        "slip", ConfigSource(Config(), "test"), ("slip",), {"speedloss": tmp_path / "rig"}
-    )
+    recipe = ("slip", ConfigSource(Config(), "test"), ("slip",), {"speedloss": tmp_path / "rig"})
 
     def meanwhile() -> Outcome[None]:
         write_bytes(part, b"two")

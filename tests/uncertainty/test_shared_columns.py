@@ -14,11 +14,11 @@ from virtual_bench import NO_ERRORS, SMALL, read_campaign
 
 import beltid
 from beltid.refine.inverse import refine_surface
-from beltid.stages.reduced_doubt import friction_uncertainty
-from beltid.stages.simulated_doubt import RunsUncertainty
-from beltid.stages.uncertainties import KEYS
+from beltid.stages.uncertainties import KEYS, standard_uncertainties
 from beltid.stages.validation import validated
+from beltid.uncertainty.reduced import friction_uncertainty
 from beltid.uncertainty.refined import changes_and_scatter, refined_slopes
+from beltid.uncertainty.simulated import RunsUncertainty
 from beltid.uncertainty.sources import Errors, reduction_sources
 
 TRUTH = Path(__file__).parents[1] / "truth" / "5pk" / "truth.csv"
@@ -66,8 +66,12 @@ def lines(rows: list[dict[str, object]]) -> dict[str, float]:
     return {row["source"]: row["contribution_percent"] for row in rows}
 
 
+def given(config):
+    return standard_uncertainties(beltid.load_config(config))
+
+
 def test_runs_have_the_same_uncertainty_with_a_line_for_each_part():
-    columns, rows = friction_uncertainty(with_shared(), beltid.load_config(NOTHING))
+    columns, rows = friction_uncertainty(with_shared(), given(NOTHING), 0.05)
     mu = with_shared()["mu_sliding"]
     whole = math.sqrt(OWN**2 + TAIL**2 + DRIFT**2)
     np.testing.assert_allclose(columns["mu_sliding_u"], whole * mu, rtol=2e-3)
@@ -154,7 +158,7 @@ def test_a_nonlinear_cell_errs_by_the_square_of_the_tension():
 def test_a_budget_has_a_line_for_nonlinear_cells():
     config = {"uncertainty": {**NOTHING["uncertainty"], "cell_linearity_rel": 0.02}}
     table = friction()
-    columns, rows = friction_uncertainty(table, beltid.load_config(config))
+    columns, rows = friction_uncertainty(table, given(config), 0.05)
     f, beta = table["normal_force_N_m"], np.radians(table["arc_deg"])
     slack = f * 0.05 * table["mu_sliding"] * beta / np.expm1(table["mu_sliding"] * beta)
     tight = slack * np.exp(table["mu_sliding"] * beta)
