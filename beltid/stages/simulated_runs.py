@@ -63,7 +63,7 @@ def simulate(
     """Simulate runs with a surface and a normal law; `how` is who listens, and jobs or workers."""
     reporter, jobs = how
     results: dict[int, RunResult | BeltidError] = {}
-    with reporter.progress("simulate-rig", len(runs)) as advance:
+    with reporter.progress("simulated runs", len(runs)) as advance:
         for index, result in simulated_results(config, laws, runs, settings, jobs):
             results[index] = result
             advance()
