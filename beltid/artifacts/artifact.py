@@ -8,19 +8,21 @@ from __future__ import annotations
 
 import io
 import json
-import math
+import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Generic, TypeVar
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from beltid._version import __version__
 from beltid.artifacts import atomic
 from beltid.artifacts.file_bytes import read_bytes
 from beltid.artifacts.fingerprint import source_sha256
 from beltid.artifacts.hashing import columns_sha256, sha256
+from beltid.artifacts.metadata_models import METADATA, SECTIONS, Metadata, plain, problems_of
 from beltid.artifacts.parquet_open import damaged, open_parquet
 from beltid.errors import ArtifactError
 from beltid.tables import schemas
@@ -29,36 +31,30 @@ METADATA_KEY: Final = b"beltid"
 SEAL_KEY: Final = b"beltid_sha256"
 
 
-@dataclass(frozen=True, slots=True)
-class Metadata:
-    """What an artifact says about its making.
+M = TypeVar("M", bound=Metadata)
 
-    Attributes
-    ----------
-    config_sha256 : str
-        Hash of the config that was used.
-    inputs : dict
-        Name of every input -> SHA-256 of its bytes.
-    validity : dict
-        Range within which the result holds.
-    set_aside : list of dict
-        What was set aside, and why.
-    settings : dict
-        Settings of the stage.
-    extra : dict
-        Anything else worth keeping, such as fit statistics.
-    """
 
-    config_sha256: str = ""
-    inputs: dict[str, str] = field(default_factory=dict)
-    validity: dict[str, Any] = field(default_factory=dict)
-    set_aside: list[dict[str, Any]] = field(default_factory=list)
-    settings: dict[str, Any] = field(default_factory=dict)
-    extra: dict[str, Any] = field(default_factory=dict)
+class _Record(BaseModel):
+    """The metadata of a file as JSON, before its kind is known."""
+
+    model_config = ConfigDict(strict=True)
+
+    kind: str
+    schema_version: int
+    software_version: str
+    software_sha256: str = ""
+    units: dict[str, str]
+    content_sha256: str
+    config_sha256: str
+    inputs: dict[str, str]
+    validity: dict[str, Any]
+    set_aside: list[dict[str, Any]]
+    settings: dict[str, Any]
+    extra: dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
-class Artifact:
+class Artifact(Generic[M]):
     """An artifact that was read and found whole.
 
     Attributes
@@ -68,7 +64,7 @@ class Artifact:
     columns : dict of str to ndarray
         Columns in the order of the schema; missing numbers are nan, missing texts None.
     metadata : Metadata
-        What it says about its making.
+        What it says about its making, of the model of its kind.
     path : Path
         Where it was read.
     sha256 : str
@@ -83,7 +79,7 @@ class Artifact:
 
     kind: str
     columns: dict[str, np.ndarray]
-    metadata: Metadata
+    metadata: M
     path: Path
     sha256: str
     units: dict[str, str]
@@ -107,7 +103,7 @@ def write_artifact(
         Values of every required column, and of extra columns of the schema; nan or None where a
         value is missing.
     metadata : Metadata
-        What the artifact says about its making.
+        What the artifact says about its making, of the model of its kind.
 
     Returns
     -------
@@ -118,6 +114,8 @@ def write_artifact(
     ------
     ArtifactError
         If a value is not what the schema allows, or the file cannot be written.
+    ValueError
+        If columns or figures are not those of the kind: a mistake in the code.
     """
     data = artifact_bytes(kind, columns, metadata, str(path))
     atomic.write_bytes(path, data)
@@ -135,6 +133,9 @@ def artifact_bytes(
 
     table = schemas.table(kind)
     values = normalised(columns, table, name)
+    unknown = [figure for figure in metadata.figures if figure not in METADATA[kind].model_fields]
+    if unknown:
+        raise ValueError(f"a {kind} artifact: unknown figures {unknown}")
     record = {
         "kind": kind,
         "schema_version": table.version,
@@ -142,7 +143,8 @@ def artifact_bytes(
         "software_sha256": source_sha256(),
         "units": {column: table.column(column).unit for column in values},
         "content_sha256": columns_sha256(values),
-        **asdict(metadata),
+        **{name: getattr(metadata, name) for name in SECTIONS},
+        "extra": metadata.figures,
     }
     text = json.dumps(
         plain(record), sort_keys=True, separators=(",", ":"), allow_nan=False, ensure_ascii=True
@@ -177,7 +179,30 @@ def may_be_artifact(path: Path) -> bool:
         return False
 
 
-def read_artifact(path: str | Path, kind: str | None = None) -> Artifact:
+def stated_kind(path: Path) -> str | None:
+    """Kind that a file states in its metadata, though it may be damaged or of an old schema.
+
+    Parameters
+    ----------
+    path : Path
+        An ordinary file.
+
+    Returns
+    -------
+    str or None
+        None if the file is empty or beltid did not write it.
+
+    Raises
+    ------
+    ArtifactError
+        If the file cannot be read.
+    """
+    data = read_bytes(path, ArtifactError) if path.stat().st_size else b""
+    found = re.search(rb'"kind":"([a-z_]+)"', data) if SEAL_KEY in data else None
+    return None if found is None else found[1].decode()
+
+
+def read_artifact(path: str | Path, kind: str | None = None) -> Artifact[Any]:
     """Read an artifact and verify that it is whole and of the kind that is needed.
 
     Parameters
@@ -198,47 +223,46 @@ def read_artifact(path: str | Path, kind: str | None = None) -> Artifact:
     return artifact_from_bytes(data, path, kind)
 
 
-def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Artifact:
+def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Artifact[Any]:
     """Artifact from the bytes of its file; see `read_artifact`."""
     from beltid.artifacts.arrow_columns import columns_of_arrow
-    from beltid.artifacts.metadata_models import wrong_contents
 
     if data[:4] != b"PAR1":
         raise ArtifactError(f"{path}: not an artifact (no Parquet file){_needed(kind)}")
     file, record = _open(data, path, kind)
-    found = str(record.get("kind"))
-    _check_kind(path, found, kind)
-    table = schemas.TABLES[found]
+    _check_kind(path, record.kind, kind)
+    table = schemas.table(record.kind)
     _check_version(path, record, table)
     try:
-        arrow = file.read(use_threads=False)
-        columns = columns_of_arrow(arrow, table, str(path))
-        whole = columns_sha256(columns) == record["content_sha256"]
-        metadata = Metadata(**{name: record[name] for name in Metadata.__slots__})
-        units = dict(record["units"])
+        columns = columns_of_arrow(file.read(use_threads=False), table, str(path))
+        whole = columns_sha256(columns) == record.content_sha256
     except ArtifactError:
         raise
     except Exception as error:  # a damaged file can raise nearly anything
         raise ArtifactError(f"{path}: {damaged(error)}") from None
     if not whole:
         raise ArtifactError(f"{path}: damaged: the numbers do not match their checksum")
-    wrong = wrong_contents(found, record)
-    if wrong:
-        raise ArtifactError([f"{path}: damaged or written by others: {line}" for line in wrong])
+    try:
+        metadata = METADATA[record.kind].model_validate(
+            {**record.extra, **{name: getattr(record, name) for name in SECTIONS}}
+        )
+    except ValidationError as error:
+        lines = problems_of(error)
+        raise ArtifactError([f"{path}: damaged or written by others: {x}" for x in lines]) from None
     return Artifact(
-        kind=found,
+        kind=record.kind,
         columns=columns,
         metadata=metadata,
         path=path,
         sha256=sha256(data),
-        units=units,
+        units=record.units,
         schema_version=table.version,
-        software_version=str(record.get("software_version")),
-        software_sha256=str(record.get("software_sha256", "")),
+        software_version=record.software_version,
+        software_sha256=record.software_sha256,
     )
 
 
-def _open(data: bytes, path: Path, kind: str | None) -> tuple[Any, dict[str, Any]]:
+def _open(data: bytes, path: Path, kind: str | None) -> tuple[Any, _Record]:
     """Parquet file and the metadata of its seal, both checked as far as the footer tells."""
     file = open_parquet(data, schemas.TEXT_COLUMNS, str(path), ArtifactError)
     stored = file.schema_arrow.metadata or {}
@@ -249,28 +273,9 @@ def _open(data: bytes, path: Path, kind: str | None) -> tuple[Any, dict[str, Any
     if sha256(stored[METADATA_KEY]).encode() != stored.get(SEAL_KEY):
         raise ArtifactError(f"{path}: damaged: its metadata do not match their checksum")
     try:
-        record = json.loads(stored[METADATA_KEY])
-    except (ValueError, RecursionError) as error:
-        raise ArtifactError(f"{path}: {damaged(error)}") from None
-    if not isinstance(record, dict) or not _is_record(record):
-        raise ArtifactError(f"{path}: damaged: its metadata are not those of an artifact")
-    return file, record
-
-
-def _is_record(record: Mapping[str, Any]) -> bool:
-    """Whether every part of the metadata is of its type; a right seal alone does not say that."""
-    sections = all(isinstance(record.get(n), dict) for n in ("validity", "settings", "extra"))
-    texts = [record.get(n) for n in ("config_sha256", "content_sha256", "software_version")]
-    named = all(isinstance(record.get(n), dict) for n in ("inputs", "units"))
-    aside = record.get("set_aside")
-    return (
-        sections
-        and named
-        and all(isinstance(v, str) for v in (*record["inputs"].values(), *record["units"].values()))
-        and all(isinstance(text, str) for text in texts)
-        and isinstance(aside, list)
-        and all(isinstance(item, dict) for item in aside)
-    )
+        return file, _Record.model_validate_json(stored[METADATA_KEY])
+    except ValidationError:
+        raise ArtifactError(f"{path}: damaged: its metadata are not those of an artifact") from None
 
 
 def _check_kind(path: Path, found: str, needed: str | None) -> None:
@@ -280,12 +285,11 @@ def _check_kind(path: Path, found: str, needed: str | None) -> None:
         raise ArtifactError(f"{path}: is a {found} artifact, which this version does not know")
 
 
-def _check_version(path: Path, record: Mapping[str, Any], table: schemas.Table) -> None:
-    version = record.get("schema_version")
-    if version != table.version:
+def _check_version(path: Path, record: _Record, table: schemas.Table) -> None:
+    if record.schema_version != table.version:
         raise ArtifactError(
-            f"{path}: schema version {version} of a {table.kind} artifact (written by beltid "
-            f"{record.get('software_version')}), must be {table.version}; "
+            f"{path}: schema version {record.schema_version} of a {table.kind} artifact (written "
+            f"by beltid {record.software_version}), must be {table.version}; "
             f"write it again with `{table.command}`"
         )
 
@@ -294,20 +298,3 @@ def _needed(kind: str | None) -> str:
     if kind is None:
         return ""
     return f", a {kind} artifact is needed; `{schemas.table(kind).command}` writes one"
-
-
-def plain(value: Any) -> Any:
-    """A value as JSON has it: numpy scalars and arrays to plain ones, nan and infinity to null."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
-    if isinstance(value, (np.generic, np.ndarray)):
-        return plain(value.tolist())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, (str, int, bool)) or value is None:
-        return value
-    if isinstance(value, Path):
-        return str(value)
-    raise TypeError(f"{type(value).__name__} cannot stand in the metadata of an artifact")

@@ -1,301 +1,503 @@
-"""What artifacts hold beside their columns, as far as anything relies on it.
+"""What an artifact says about itself, a model per kind.
 
 A seal tells that an artifact is whole, not that beltid wrote it: whoever writes one by hand can
-seal it. So what is read from its metadata is looked at here, when it is opened, and nowhere else.
-
-A shape is a `Leaf`, a list of one shape (any number of such), a tuple (one shape each), a dict
-(keys that must be there), or `Maybe` one of these (missing, or null).
+seal it. So all that anything relies on is checked here, when the artifact is opened, and nowhere
+else. Single figures are fields, any of which may be missing in an older artifact. Tables are rows
+of plain values, as JSON has them and as pages and terminals print them. What is not named here is
+kept as it was found.
 """
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any, Final
+import math
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal, NotRequired, TypeVar
 
 import numpy as np
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    PlainValidator,
+    Strict,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
+
+# pydantic reads this one only, before Python 3.12
+from typing_extensions import TypedDict
 
 from beltid.artifacts.arrow_columns import LARGEST
 
 SHOWN: Final = 5
-MOST_PLACES: Final = 10_000
+SECTIONS: Final = ("config_sha256", "inputs", "validity", "set_aside", "settings")
+"""Parts of the metadata that the file holds beside each other; all others are its `extra`."""
+
+T = TypeVar("T")
 
 
-@dataclass(frozen=True, slots=True)
-class Leaf:
-    """A plain value, with what it must be in words."""
-
-    words: str
-    fits: Callable[[Any], bool]
-
-
-@dataclass(frozen=True, slots=True)
-class Maybe:
-    """Something that may be missing."""
-
-    shape: Any
+def plain(value: Any) -> Any:
+    """A value as JSON has it: numpy scalars and arrays to plain ones, nan and infinity to null."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    if isinstance(value, (np.generic, np.ndarray)):
+        return plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, (str, int, bool)) or value is None:
+        return value
+    if isinstance(value, Path):
+        return str(value)
+    raise TypeError(f"{type(value).__name__} cannot stand in the metadata of an artifact")
 
 
 def _is_number(value: Any) -> bool:
-    plain = isinstance(value, (int, float)) and not isinstance(value, bool)
-    return plain and -LARGEST <= value <= LARGEST
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    return number and -LARGEST <= value <= LARGEST
 
 
-def _is_count(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= 2**53
+def _number(value: Any) -> float:
+    if not _is_number(value):
+        raise PydanticCustomError("number", "must be a number")
+    return value  # a whole one stays whole: the bytes of a file written again are the same
 
 
-def _numbers(dimensions: int) -> Leaf:
-    """Lists of numbers or nulls, nested so deep and of equal lengths."""
-
-    def fits(value: Any) -> bool:
-        try:
-            array = np.array(value, dtype=float)
-        except (TypeError, ValueError, OverflowError):
-            return False
-        return array.ndim == dimensions and not np.any(np.abs(array) > LARGEST)
-
-    return Leaf(f"numbers in {dimensions} dimensions", fits)
+def _positive(value: Any) -> float:
+    if not _is_number(value) or value <= 0:
+        raise PydanticCustomError("positive", "must be a number > 0")
+    return value
 
 
-TEXT: Final = Leaf("a text", lambda value: isinstance(value, str))
-FLAG: Final = Leaf("true or false", lambda value: isinstance(value, bool))
-NUMBER: Final = Leaf("a number", _is_number)
-POSITIVE: Final = Leaf("a number > 0", lambda value: _is_number(value) and value > 0)
-COUNT: Final = Leaf("a whole number >= 0", _is_count)
-PLACE: Final = Leaf("a place", lambda value: _is_count(value) and value < MOST_PLACES)
-MAYBE: Final = Maybe(NUMBER)
-SPAN: Final = Maybe((MAYBE, MAYBE))
+def _rectangular(value: tuple[Any, ...]) -> tuple[Any, ...]:
+    if len({len(row) for row in value}) > 1:
+        raise PydanticCustomError("rows", "must hold rows of one length")
+    return value
 
-BUDGET: Final = [
+
+Number = Annotated[float, PlainValidator(_number)]
+Positive = Annotated[float, PlainValidator(_positive)]
+Count = Annotated[int, Field(ge=0, le=2**53)]
+Place = Annotated[int, Field(ge=0, lt=10_000)]
+Listed = Annotated[tuple[T, ...], Strict(False)]
+"""A list of JSON, kept as a tuple."""
+Vector = Listed[Number | None]
+Matrix = Annotated[Listed[Vector], AfterValidator(_rectangular)]
+Span = Annotated[tuple[Number | None, Number | None], Strict(False)]
+Rows = Listed[dict[str, Any]]
+
+
+class BudgetRow(TypedDict):
+    """One cause of uncertainty of one quantity."""
+
+    quantity: str
+    source: str
+    basis: str
+    unit: str
+    standard_uncertainty: Number | None
+    contribution_percent: Number | None
+    largest_percent: Number | None
+
+
+class SharedError(TypedDict):
+    """One error that all values of a table share; `place` counts those of a kind."""
+
+    name: str
+    error: str
+    place: Place
+    size: Number
+    unit: str
+    per_unit: Number
+    basis: str
+
+
+class Parameter(TypedDict):
+    """One coefficient of a fitted law."""
+
+    name: str
+    value: Number
+    se: Number | None
+    unit: str
+
+
+class NormalLawRow(TypedDict):
+    """One normal contact law, fitted to the tests of the pooled one."""
+
+    law: str
+    parameters: Listed[Parameter]
+    rms_residual_N_m: Number | None
+    criterion: Number | None
+    cv_error_N_m: Number | None
+    cv_ratio: Number | None
+    largest_difference: Number | None
+    note: NotRequired[str | None]
+
+
+class NormalLaws(TypedDict):
+    """Comparison of normal contact laws."""
+
+    laws: Listed[NormalLawRow]
+    quadratic_supported: NotRequired[bool | None]
+
+
+class Dissipation(TypedDict):
+    """Damping that the load cycles of the press tell of."""
+
+    C_P_N_s_m: NotRequired[Number | None]
+
+
+class TemperatureEffect(TypedDict):
+    """Whether the stiffness depends on the temperature."""
+
+    matters: NotRequired[bool | None]
+
+
+class RigSpeeds(TypedDict):
+    """Pulley speeds that the friction rig has to cover."""
+
+    statement: NotRequired[str | None]
+    proposed_rad_s: NotRequired[Vector | None]
+    covered: NotRequired[bool | None]
+
+
+class FrictionLawRow(TypedDict):
+    """One friction formula, fitted to the nodes of a surface."""
+
+    law: str
+    parameters: Listed[Parameter]
+    rms_misfit: Number | None
+    worst_misfit: Number | None
+    criterion: Number | None
+    formula: str
+
+
+class FrictionLaws(TypedDict):
+    """Comparison of friction formulas."""
+
+    laws: Listed[FrictionLawRow]
+
+
+class SurfaceUncertainty(TypedDict):
+    """What the columns of the factor of the covariance of ln mu stand for."""
+
+    sources: Listed[SharedError]
+    arcs_deg: Listed[Positive]
+
+
+class MisfitRow(TypedDict):
+    """Simulated less measured coefficients of a group of runs, before and after refinement."""
+
+    group: str
+    runs: Count
+    rms_before_percent: Number | None
+    mean_before_percent: Number | None
+    rms_after_percent: Number | None
+    mean_after_percent: Number | None
+
+
+class MonteCarlo(TypedDict):
+    """Check of the linear uncertainty by replicates."""
+
+    replicates: Count
+    seed: Count
+    table: Rows
+    linear_fails_at: Rows
+
+
+class SolverRecord(TypedDict):
+    """What the solver did in a run."""
+
+    elements: NotRequired[Number | None]
+    steps: NotRequired[Number | None]
+    newton_iterations: NotRequired[Number | None]
+    status_changes: NotRequired[Number | None]
+    halvings: NotRequired[Number | None]
+    residual: NotRequired[Number | None]
+    slip_m: NotRequired[Number | None]
+    cone: NotRequired[Number | None]
+    clamped_lookups: Number
+    lookups: Number
+
+
+class SimulatedRun(TypedDict):
+    """One simulated run; `status` is ok, or why it failed."""
+
+    status: str
+    arc_deg: Number
+    pulley_speed_rad_s: Number
+    mu: NotRequired[Number | None]
+    normal_force_N_m: NotRequired[Number | None]
+    run: NotRequired[str | None]
+    initial_tension_N: NotRequired[Number | None]
+    solver: NotRequired[SolverRecord | None]
+
+
+class SimulatedUncertainty(TypedDict):
+    """Relative uncertainties of simulated runs, a row per run and a column per shared error."""
+
+    sources: Listed[SharedError]
+    runs: Listed[str]
+    simulated: Matrix
+    difference: Matrix
+    scatter: Vector
+    numerical: Vector
+    by_setting: Matrix
+
+
+class AgreementRow(TypedDict):
+    """Simulated less measured coefficients of a group of runs."""
+
+    group: str
+    n_points: Count
+    rms_percent: Number | None
+    mean_percent: Number | None
+    largest_percent: Number | None
+    force_low_N_m: Number | None
+    force_high_N_m: Number | None
+
+
+class AveragedRow(TypedDict):
+    """One setting, averaged over the arcs."""
+
+    normal_force_N_m: NotRequired[Number | None]
+    mu_measured: NotRequired[Number | None]
+    mu_simulated: NotRequired[Number | None]
+    nominal_tension_N: NotRequired[Number | None]
+    pulley_speed_rad_s: NotRequired[Number | None]
+
+
+class JudgedRow(TypedDict):
+    """One tolerance and whether it holds."""
+
+    tolerance: str
+    found: NotRequired[Number | None]
+    allowed: Number
+    holds: bool
+
+
+class Validation(TypedDict):
+    """How many differences are within their uncertainty."""
+
+    n: Count
+    within_2u: Count
+    rms_e_over_u: NotRequired[Number | None]
+    inputs_known: bool
+
+
+def _as_found(value: Any, check: ValidatorFunctionWrapHandler) -> Any:
+    check(value)
+    return value
+
+
+_KNOWN_SETTINGS = TypedDict(
+    "_KNOWN_SETTINGS",
     {
-        "quantity": TEXT,
-        "source": TEXT,
-        "basis": TEXT,
-        "unit": TEXT,
-        "standard_uncertainty": MAYBE,
-        "contribution_percent": MAYBE,
-        "largest_percent": MAYBE,
-    }
-]
-SOURCES: Final = [
-    {
-        "name": TEXT,
-        "error": TEXT,
-        "place": PLACE,
-        "size": NUMBER,
-        "unit": TEXT,
-        "per_unit": NUMBER,
-        "basis": TEXT,
-    }
-]
-PARAMETERS: Final = [{"name": TEXT, "value": NUMBER, "se": MAYBE, "unit": TEXT}]
-NORMAL_LAW: Final = {
-    "law": TEXT,
-    "parameters": PARAMETERS,
-    "rms_residual_N_m": MAYBE,
-    "criterion": MAYBE,
-    "cv_error_N_m": MAYBE,
-    "cv_ratio": MAYBE,
-    "largest_difference": MAYBE,
-    "note": Maybe(TEXT),
-}
-FRICTION_LAW: Final = {
-    "law": TEXT,
-    "parameters": PARAMETERS,
-    "rms_misfit": MAYBE,
-    "worst_misfit": MAYBE,
-    "criterion": MAYBE,
-    "formula": TEXT,
-}
-SHOWN_OF_SOLVER: Final = (
-    "elements",
-    "steps",
-    "newton_iterations",
-    "status_changes",
-    "halvings",
-    "residual",
-    "slip_m",
-    "cone",
+        "rig.pulley_radius_m": NotRequired[Positive | None],
+        "rig.pulley_speeds_rad_s": NotRequired[Listed[Number] | None],
+        "friction": NotRequired[dict[str, Any]],
+    },
 )
-SOLVER: Final = dict.fromkeys(SHOWN_OF_SOLVER, MAYBE) | {
-    "clamped_lookups": NUMBER,
-    "lookups": NUMBER,
-}
-RUN: Final = {
-    "status": TEXT,
-    "arc_deg": NUMBER,
-    "pulley_speed_rad_s": NUMBER,
-    "mu": MAYBE,
-    "normal_force_N_m": MAYBE,
-    "run": Maybe(TEXT),
-    "initial_tension_N": MAYBE,
-    "solver": Maybe(SOLVER),
-}
-MISFIT: Final = {
-    "group": TEXT,
-    "runs": COUNT,
-    "rms_before_percent": MAYBE,
-    "mean_before_percent": MAYBE,
-    "rms_after_percent": MAYBE,
-    "mean_after_percent": MAYBE,
-}
-STATISTICS: Final = {
-    "group": TEXT,
-    "n_points": COUNT,
-    "rms_percent": MAYBE,
-    "mean_percent": MAYBE,
-    "largest_percent": MAYBE,
-    "force_low_N_m": MAYBE,
-    "force_high_N_m": MAYBE,
-}
-AVERAGED: Final = dict.fromkeys(
-    (
-        "normal_force_N_m",
-        "mu_measured",
-        "mu_simulated",
-        "nominal_tension_N",
-        "pulley_speed_rad_s",
-    ),
-    MAYBE,
-)
-COMMON: Final = {
-    "config": Maybe(TEXT),
-    "origin": Maybe(TEXT),
-    "method": TEXT,
-    "notes": [TEXT],
-    "warnings": [TEXT],
-    "budget": BUDGET,
-}
-EXTRA: Final[dict[str, dict[str, Any]]] = {
-    "stiffness": {
-        "law_choice": Maybe({"laws": [NORMAL_LAW]}),
-        "dissipation": Maybe({"C_P_N_s_m": MAYBE}),
-        "temperature": {"matters": Maybe(FLAG)},
-    },
-    "slip": {"rig_speeds": Maybe({"statement": Maybe(TEXT)})},
-    "surface": {
-        "friction_laws": Maybe({"laws": [FRICTION_LAW]}),
-        "uncertainty": Maybe({"sources": SOURCES, "arcs_deg": [POSITIVE]}),
-        "rms_arc_spread": MAYBE,
-        "arc_spread_before": MAYBE,
-        "misfit": [MISFIT],
-        "monte_carlo": Maybe(
-            {"replicates": COUNT, "seed": COUNT, "table": [{}], "linear_fails_at": [{}]}
-        ),
-    },
-    "simulated": {
-        "runs": [RUN],
-        "uncertainty": Maybe(
-            {
-                "sources": SOURCES,
-                "runs": [TEXT],
-                "simulated": _numbers(2),
-                "difference": _numbers(2),
-                "scatter": _numbers(1),
-                "numerical": _numbers(1),
-                "by_setting": _numbers(2),
-            }
-        ),
-    },
-    "compare": {
-        "passed": FLAG,
-        "statistics": [STATISTICS],
-        "averaged": [AVERAGED],
-        "judged": [{"tolerance": TEXT, "found": MAYBE, "allowed": NUMBER, "holds": FLAG}],
-        "validation": {"n": COUNT, "within_2u": COUNT, "rms_e_over_u": MAYBE, "inputs_known": FLAG},
-    },
-}
-"""Kind -> shapes of figures of their own; any of them may be missing in an older artifact."""
-SETTINGS: Final = {
-    "rig.pulley_radius_m": Maybe(POSITIVE),
-    "rig.pulley_speeds_rad_s": Maybe([NUMBER]),
-    "friction": {},
-}
+Settings = Annotated[_KNOWN_SETTINGS, WrapValidator(_as_found)]
+"""Checked, but kept as they are: freshness compares them with those of today."""
 
 
-def wrong_contents(kind: str, record: Mapping[str, Any]) -> list[str]:
-    """What is wrong with the contents of an artifact: place, found, allowed; the first few.
+class Metadata(BaseModel):
+    """What every artifact says about its making.
 
-    Parameters
+    Attributes
     ----------
-    kind : str
-        Its kind.
-    record : mapping
-        Its metadata.
+    config_sha256 : str
+        Hash of the config that was used.
+    inputs : dict
+        Name of every input -> SHA-256 of its bytes.
+    validity : dict
+        Range within which the result holds.
+    set_aside : tuple of dict
+        What was set aside, and why.
+    settings : dict
+        Settings of the stage.
+    config : str
+        Name of the config, without its folder.
+    origin : {"measured", "synthetic"} or None
+        Where the data come from; None where nobody said so.
+    method : str
+        How the result was found, where there are several ways.
+    notes, warnings : tuple of str
+        What the user should know, and look into.
+    budget : tuple of dict
+        Causes of the uncertainty of the result.
     """
-    found = itertools.chain(
-        _wrong_sections(record["extra"], COMMON | EXTRA.get(kind, {}), "extra"),
-        _wrong_sections(record["settings"], SETTINGS, "settings"),
-        _wrong_sections(record["validity"], dict.fromkeys(record["validity"], SPAN), "validity"),
-        _wrong_sizes(kind, record["extra"]),
-    )
-    return list(itertools.islice(found, SHOWN))
+
+    model_config = ConfigDict(frozen=True, strict=True, extra="allow")
+
+    config_sha256: str = ""
+    inputs: dict[str, str] = {}
+    validity: dict[str, Span | None] = {}
+    set_aside: Rows = ()
+    settings: Settings = {}
+    config: str | None = None
+    origin: Literal["measured", "synthetic"] | None = None
+    method: str = ""
+    notes: Listed[str] = ()
+    warnings: Listed[str] = ()
+    budget: Listed[BudgetRow] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _plain(cls, values: Any) -> Any:
+        return plain(values)
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """All that is stated beyond `SECTIONS`, by its name: the section `extra` of the file."""
+        return {
+            name: value
+            for name, value in sorted(self)
+            if name in self.model_fields_set and name not in SECTIONS
+        }
 
 
-def _wrong_sections(
-    found: Mapping[str, Any], shapes: Mapping[str, Any], name: str
-) -> Iterator[str]:
-    for key, shape in shapes.items():
-        if key in found:
-            yield from _wrong(found[key], shape, f"{name}.{key}")
+class StiffnessMetadata(Metadata):
+    """Of the normal contact law; numbers of samples."""
+
+    temperature: TemperatureEffect = {}
+    law_choice: NormalLaws | None = None
+    dissipation: Dissipation | None = None
+    n_effective: Number | None = None
+    n_missing: Count | None = None
+    n_spikes: Count | None = None
 
 
-def _wrong(value: Any, shape: Any, place: str) -> Iterator[str]:
-    if isinstance(shape, Maybe):
-        if value is not None:
-            yield from _wrong(value, shape.shape, place)
-    elif isinstance(shape, Leaf):
-        if not shape.fits(value):
-            yield f"{place} = {_shown(value)}, must be {shape.words}"
-    elif isinstance(shape, dict):
-        if not isinstance(value, dict):
-            yield f"{place} = {_shown(value)}, must be a section"
-            return
-        for key, inner in shape.items():
-            if key in value:
-                yield from _wrong(value[key], inner, f"{place}.{key}")
-            elif not isinstance(inner, Maybe):
-                yield f"{place}.{key} is missing"
-    elif not isinstance(value, list):
-        yield f"{place} = {_shown(value)}, must be a list"
-    elif isinstance(shape, tuple) and len(value) != len(shape):
-        yield f"{place} holds {len(value)} values, must hold {len(shape)}"
-    else:
-        inner = shape if isinstance(shape, tuple) else itertools.repeat(shape[0])
-        for i, (item, one) in enumerate(zip(value, inner, strict=False)):
-            yield from _wrong(item, one, f"{place}[{i}]")
+class SlipMetadata(Metadata):
+    """Of the sliding speeds in service [m/s]; `pulley_ratio` is driven over driver speed."""
+
+    max_slip_speed_m_s: Number | None = None
+    max_slip_run: str | None = None
+    pulley_ratio: Number | None = None
+    pulley_ratio_se: Number | None = None
+    rig_speeds: RigSpeeds | None = None
 
 
-def _shown(value: Any) -> str:
-    return repr(value)[:60]
+class SurfaceMetadata(Metadata):
+    """Of a friction surface, published or refined; spreads between arcs are shares of mu."""
+
+    degree: Listed[Count] | None = None
+    n_points: Count | None = None
+    rms_arc_spread: Number | None = None
+    max_arc_spread: Number | None = None
+    arc_spread_before: Number | None = None
+    uncertainty: SurfaceUncertainty | None = None
+    friction_laws: FrictionLaws | None = None
+    misfit: Listed[MisfitRow] = ()
+    iterations: Count | None = None
+    noise_scale: Number | None = None
+    effective_parameters: Number | None = None
+    monte_carlo: MonteCarlo | None = None
 
 
-def _wrong_sizes(kind: str, extra: Mapping[str, Any]) -> Iterator[str]:
-    """Figures that do not go together; their shapes may be wrong, which was told before."""
-    if kind != "simulated":
+class SimulatedMetadata(Metadata):
+    """Of simulated runs; look-ups of the surface, and those beyond its measured range."""
+
+    runs: Listed[SimulatedRun] | None = None
+    lookups: Count | None = None
+    clamped_lookups: Count | None = None
+    uncertainty: SimulatedUncertainty | None = None
+
+    @model_validator(mode="after")
+    def _together(self) -> SimulatedMetadata:
+        """Figures of the right types that do not go together are refused as well."""
+        problems = [*_wrong_runs(self.runs), *_wrong_shapes(self.uncertainty)]
+        if problems:
+            raise PydanticCustomError("together", "{problem}", {"problem": problems[0]})
+        return self
+
+
+def _wrong_runs(runs: tuple[SimulatedRun, ...] | None) -> Iterator[str]:
+    for i, run in enumerate(runs or ()):
+        known = (run.get("mu"), run.get("normal_force_N_m"))
+        if run["status"] == "ok" and not all(v is not None and v > 0.0 for v in known):
+            yield f"extra.runs[{i}] is ok, but without mu and normal_force_N_m > 0"
+    if runs is not None and not any(run["status"] == "ok" for run in runs):
+        yield "extra.runs: none is ok"
+
+
+def _wrong_shapes(stated: SimulatedUncertainty | None) -> Iterator[str]:
+    if not stated:
         return
-    try:
-        runs, doubt = extra.get("runs"), extra.get("uncertainty")
-        for i, run in enumerate(runs or ()):
-            known = [run[name] for name in ("mu", "normal_force_N_m")]
-            if run["status"] == "ok" and not all(_is_number(v) and v > 0.0 for v in known):
-                yield f"extra.runs[{i}] is ok, but without mu and normal_force_N_m > 0"
-        if runs is not None and not any(run["status"] == "ok" for run in runs):
-            yield "extra.runs: none is ok"
-        if not doubt:
-            return
-        n, k = len(doubt["runs"]), len(doubt["sources"])
-        for name, shape in (
-            ("simulated", (n, k)),
-            ("difference", (n, k)),
-            ("scatter", (n,)),
-            ("numerical", (n,)),
-            ("by_setting", (n, 2)),
-        ):
-            found = np.array(doubt[name], dtype=float).shape
-            if found != shape:
-                yield f"extra.uncertainty.{name} has the shape {found}, must have {shape}"
-    except (TypeError, ValueError, KeyError, AttributeError, OverflowError):
-        return
+    n, k = len(stated["runs"]), len(stated["sources"])
+    arrays: Mapping[str, Any] = {**stated}
+    for name, shape in (
+        ("simulated", (n, k)),
+        ("difference", (n, k)),
+        ("scatter", (n,)),
+        ("numerical", (n,)),
+        ("by_setting", (n, 2)),
+    ):
+        found = np.shape(arrays[name])
+        if found != shape:
+            yield f"extra.uncertainty.{name} has the shape {found}, must have {shape}"
+
+
+class ProfilesMetadata(Metadata):
+    """Of profiles along the arc."""
+
+    profile_times_s: Listed[Number] | None = None
+
+
+class CompareMetadata(Metadata):
+    """Of simulated against measured coefficients; `passed` if every tolerance holds."""
+
+    passed: bool | None = None
+    statistics: Listed[AgreementRow] = ()
+    averaged: Listed[AveragedRow] = ()
+    judged: Listed[JudgedRow] = ()
+    n_measured: Count | None = None
+    n_simulated: Count | None = None
+    validation: Validation = {"n": 0, "within_2u": 0, "inputs_known": False}
+
+
+METADATA: Final[dict[str, type[Metadata]]] = {
+    "stiffness": StiffnessMetadata,
+    "slip": SlipMetadata,
+    "friction": Metadata,
+    "surface": SurfaceMetadata,
+    "simulated": SimulatedMetadata,
+    "profiles": ProfilesMetadata,
+    "compare": CompareMetadata,
+    "press_curves": Metadata,
+    "rig_curves": Metadata,
+}
+"""Kind of an artifact -> model of what it says about itself."""
+
+
+WORDS: Final = {
+    "tuple_type": "must be a list",
+    "dict_type": "must be a section",
+    "string_type": "must be a text",
+    "bool_type": "must be true or false",
+    "int_type": "must be a whole number",
+}
+"""Type of an error of the library -> what the value must be."""
+
+
+def problems_of(error: ValidationError) -> list[str]:
+    """What is wrong with the metadata of an artifact: place, found, allowed; the first few."""
+    return [_problem(detail) for detail in error.errors(include_url=False)[:SHOWN]]
+
+
+def _problem(detail: Mapping[str, Any]) -> str:
+    if not detail["loc"]:
+        return str(detail["msg"])
+    first, *rest = detail["loc"]
+    place = str(first) if first in SECTIONS else f"extra.{first}"
+    place += "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in rest)
+    if detail["type"] == "missing":
+        return f"{place} is missing"
+    words = WORDS.get(detail["type"], detail["msg"].replace("Input should be", "must be"))
+    return f"{place} = {repr(detail['input'])[:60]}, {words}"

@@ -120,7 +120,7 @@ class _Noted(Reporter):
 
     def report(self, text: str) -> None:
         """Keep what is going on."""
-        self.heard.append(("say", text))
+        self.heard.append(("report", text))
 
     def detail(self, text: str) -> None:
         """Keep a detail."""

@@ -1,38 +1,48 @@
-"""Recordings of the friction rig of any size: opened here, read run by run.
+"""Recordings of the friction rig of any size: big ones are read run by run.
 
-A big CSV file, plain or packed with gzip, a Parquet file, or a folder of Parquet files.
+A big CSV file, plain or packed with gzip, or big Parquet files; what a file is, its bytes tell.
 """
 
 from __future__ import annotations
 
 import codecs
+import gzip
+import io
 import itertools
 import re
-from collections.abc import Callable, Iterator
+import zlib
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from beltid.bench.channels.channel_units import unit_conversion
-from beltid.bench.channels.readings import Question
+from beltid.artifacts.file_bytes import opened
+from beltid.bench.channels.channel_mapping import MappingContext, stated_conversions
+from beltid.bench.channels.header import missing_setting
 from beltid.bench.channels.text_tables import text_layout, text_notes, wanted_columns
+from beltid.bench.channels.vocabulary import NOMINAL
 from beltid.bench.files.ahead import ahead
-from beltid.bench.files.encoding import decode
-from beltid.bench.files.folders import parquet_files
-from beltid.bench.formats.csv_stream import AHEAD, csv_blocks, file_chunks
-from beltid.bench.formats.dialect import ReadOptions
-from beltid.bench.formats.header import missing_setting
-from beltid.bench.formats.parquet_stream import parquet_blocks
+from beltid.bench.files.encoding import Decoded, decode
+from beltid.bench.files.sniff import GZIP, PARQUET, TEXT, sniff, unread
+from beltid.bench.files.sources import (
+    Source,
+    are_parquet,
+    is_many,
+    size_of,
+    sources_in,
+    sources_of,
+)
+from beltid.bench.formats.csv_table import csv_blocks, file_chunks
+from beltid.bench.formats.dialect import Layout, ReadOptions
 from beltid.bench.problems import Problems
-from beltid.bench.runs.checks import SETTINGS
+from beltid.bench.recording import Recording, recording_from
 from beltid.bench.runs.run_stream import RunColumns, RunStream
 from beltid.errors import InputError
 from beltid.tables import schemas
-from beltid.tables.units import Conversion
+from beltid.tables.columns import Table
 
 BIG: Final = 64 << 20
-"""Bytes of a file from which on it is read run by run."""
-ENDINGS: Final = (".csv", ".csv.gz", ".parquet")
+"""Bytes of a recording, unpacked, from which on it is read run by run."""
 HEAD: Final = 1 << 20
 _FEEDS: Final = "a file of this size must have line feeds"
 
@@ -61,24 +71,72 @@ class BigRecording:
 
 
 def is_big(path: Path) -> bool:
-    """Whether a recording is to be read run by run: a big one, or one in folders."""
+    """Whether a recording takes that much on the disk that reading it is worth helpers.
+
+    Whether it is read run by run, `read_rig` finds out: a small file may be packed.
+    """
     try:
         if path.is_dir():
-            files = parquet_files(path)
-            in_folders = any(file.parent != path for file in files)
-            return in_folders or sum(file.stat().st_size for file in files) >= BIG
-        return path.name.lower().endswith(ENDINGS) and path.stat().st_size >= BIG
-    except OSError:
+            return size_of(sources_of(path)) >= BIG
+        return path.stat().st_size >= BIG
+    except (OSError, InputError):
         return False
 
 
-def open_big(path: Path, config: Any = None) -> BigRecording:
-    """Open a recording of the friction rig.
+def read_rig(path: Path, config: Any = None) -> Recording | BigRecording:
+    """Read a recording of the friction rig: a big one whose rows tell all settings run by run.
 
     Parameters
     ----------
     path : Path
-        The file or folder.
+        A file, folder, pattern or zip file; see `beltid.bench.recording.read_recording`.
+    config : Config, optional
+        Names, units and dialect of the bench's files, and where settings of the runs stand.
+
+    Raises
+    ------
+    InputError
+        With everything that is wrong with a recording that is read at once, or the head of a big
+        one.
+    """
+    options = ReadOptions.of(config, "rig")
+    sources = sources_read_at_once(path, options)
+    if sources is None:
+        return open_big(path, config)
+    return recording_from(sources, path, "rig", options)
+
+
+def sources_read_at_once(path: Path, options: ReadOptions) -> list[Source] | None:
+    """Files of a recording that is read at once; None if it is read run by run.
+
+    Raises
+    ------
+    InputError
+        If there is no file, or it is too large to be read at once and cannot be run by run.
+    """
+    runs = options.runs
+    in_rows = runs is None or runs == type(runs)()
+    tables = [] if runs is None or runs.table is None else [runs.table]
+    if is_many(path):
+        sources = sources_of(path, tables)
+        return None if in_rows and size_of(sources) >= BIG and are_parquet(sources) else sources
+    with opened(path) as file:
+        data = file.read(BIG)
+    whole = len(data) < BIG
+    if in_rows and _is_stream(data, path, whole=whole):
+        return None
+    if not data:
+        raise InputError(f"{path}: the file is empty")
+    return sources_in(data, path) if whole else sources_of(path)
+
+
+def open_big(path: Path, config: Any = None) -> BigRecording:
+    """Open a recording of the friction rig to be read run by run, whatever its size.
+
+    Parameters
+    ----------
+    path : Path
+        A CSV file, plain or packed with gzip, a Parquet file, or a folder of Parquet files.
     config : Config, optional
         Names, units and dialect of the bench's files.
 
@@ -89,15 +147,68 @@ def open_big(path: Path, config: Any = None) -> BigRecording:
         down is told while the runs are read.
     """
     options = ReadOptions.of(config, "rig")
-    if path.is_dir():
-        return _parquet(path, options)
-    with path.open("rb") as file:
+    if is_many(path):
+        return _parquet(sources_of(path), path, options)
+    with opened(path) as file:
         magic = file.read(4)
-    return _parquet(path, options) if magic == b"PAR1" else _csv(path, options)
+    if magic == b"PAR1":
+        return _parquet([Source(str(path), path, Path(path.name))], path, options)
+    return _csv(path, options)
 
 
-def _csv(path: Path, options: ReadOptions) -> BigRecording:
-    name, table, problems = str(path), schemas.table("rig"), Problems()
+def _is_stream(data: bytes, path: Path, *, whole: bool) -> bool:
+    """Whether a file that begins with these bytes is big, and of a format that is read in blocks.
+
+    Parameters
+    ----------
+    data : bytes
+        Its first `BIG` bytes.
+    path : Path
+        The file.
+    whole : bool
+        Whether they are all of it.
+    """
+    kind = sniff(data[:1024], path.name)
+    if kind == GZIP:
+        try:
+            with gzip.GzipFile(fileobj=io.BytesIO(data)) as packed:
+                data = packed.read(BIG if whole else 1024)
+        except (OSError, EOFError, zlib.error):  # told by the one who reads it
+            return False
+        whole = whole and len(data) < BIG
+        kind = sniff(data[:1024], path.name.removesuffix(".gz"))
+        return not whole and kind == TEXT and not unread(data)
+    return not whole and kind in (TEXT, PARQUET) and not unread(data)
+
+
+@dataclass(frozen=True, slots=True)
+class TextHead:
+    """The head of a big text file, and the bytes that follow.
+
+    Attributes
+    ----------
+    decoded : Decoded
+        Text of the first lines.
+    layout : Layout
+        Header, units and separators.
+    chunks : iterator of bytes
+        The file from its first row on.
+    """
+
+    decoded: Decoded
+    layout: Layout
+    chunks: Iterator[bytes]
+
+
+def read_head(path: Path, options: ReadOptions, table: Table) -> TextHead:
+    """Head of a text file of any size, plain or packed with gzip.
+
+    Raises
+    ------
+    InputError
+        If the first lines are no text with a header.
+    """
+    name = str(path)
     chunks = ahead(file_chunks(path), 2)
     first = next(chunks, b"")
     if first[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) or "16" in (options.encoding or ""):
@@ -106,23 +217,29 @@ def _csv(path: Path, options: ReadOptions) -> BigRecording:
         raise InputError(f"{name}:1: no line feed in the first {HEAD:,} bytes; {_FEEDS}")
     head = first[:HEAD] if len(first) <= HEAD else first[: first.rfind(b"\n", 0, HEAD) + 1]
     decoded = decode(head, name, options.encoding)
-    found = text_layout(decoded, name, options, table)
-    readings, wanted = wanted_columns(found, name, table, options, problems)
-    wrong = problems.count  # then the settings have been asked for as well
-    for setting in SETTINGS:
-        if setting not in readings and not wrong:
-            problems.add(missing_setting(setting, "rig", f"{name}:{found.header_line}"))
-    problems.raise_if_any()
-    body = _after_lines(first, found.first_line - 1)
+    layout = text_layout(decoded, name, options, table)
+    body = _after_lines(first, layout.first_line - 1)
     if re.search(rb"\r(?!\n)", first[: len(first) - len(body)]):
         raise InputError(f"{name}: lines that end in a carriage return alone; {_FEEDS}")
-    source = itertools.chain([body], chunks)
+    return TextHead(decoded, layout, itertools.chain([body], chunks))
+
+
+def _csv(path: Path, options: ReadOptions) -> BigRecording:
+    name, table, problems = str(path), schemas.table("rig"), Problems()
+    head = read_head(path, options, table)
+    layout = head.layout
+    mappings, wanted = wanted_columns(layout, name, table, options, problems)
+    wrong = problems.count  # then the settings have been asked for as well
+    for setting in NOMINAL:
+        if setting not in mappings and not wrong:
+            problems.add(missing_setting(setting, "rig", f"{name}:{layout.header_line}"))
+    problems.raise_if_any()
     ends: list[str] = []
-    blocks = csv_blocks(source, found, wanted, decoded.encoding, name, ends)
-    conversions = {role: r.conversion for role, r in readings.items() if r.unit_stated or r.negated}
-    runs = RunStream(ahead(blocks, AHEAD), table, name, conversions, problems)
-    told = (*found.notes, *text_notes(found, readings, table))
-    return BigRecording(path, runs, lambda: (*decoded.notes, *ends, *told, *runs.notes()))
+    blocks = csv_blocks(head.chunks, layout, wanted, head.decoded.encoding, name, ends)
+    conversions = {role: m.conversion for role, m in mappings.items() if m.unit_stated or m.negated}
+    runs = RunStream(ahead(blocks, 1), table, name, conversions, problems)
+    told = (*layout.notes, *text_notes(layout, mappings, table))
+    return BigRecording(path, runs, lambda: (*head.decoded.notes, *ends, *told, *runs.notes()))
 
 
 def _after_lines(data: bytes, lines: int) -> bytes:
@@ -135,17 +252,12 @@ def _after_lines(data: bytes, lines: int) -> bytes:
     return data[at:]
 
 
-def _parquet(path: Path, options: ReadOptions) -> BigRecording:
-    name, table, problems = str(path), schemas.table("rig"), Problems()
-    blocks = parquet_blocks(path, table, options.names)
-    conversions = {
-        column.name: known
-        for column in table.columns
-        if isinstance(
-            known := unit_conversion(column, column.name, "", Question(table, options), False),
-            Conversion,
-        )
-    }
-    runs = RunStream(blocks, table, name, conversions, problems)
+def _parquet(sources: Sequence[Source], path: Path, options: ReadOptions) -> BigRecording:
+    from beltid.bench.formats.parquet import parquet_blocks
+
+    table = schemas.table("rig")
+    blocks = parquet_blocks(sources, table, options.names)
+    conversions = stated_conversions(MappingContext(table, options))
+    runs = RunStream(blocks, table, str(path), conversions, Problems())
     runs.row_word = ", row "
     return BigRecording(path, runs, lambda: tuple(runs.notes()))

@@ -2,29 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePath
 from typing import Any, Final
 
 import numpy as np
 
+from beltid.bench.big_recording import (
+    BigRecording,
+    read_head,
+    read_rig,
+    sources_read_at_once,
+)
 from beltid.bench.channels.channel_groups import candidates_of as channel_candidates
-from beltid.bench.channels.channel_mapping import SETTINGS, readings_of
-from beltid.bench.channels.readings import Candidate, Question
+from beltid.bench.channels.channel_groups import sensors_of
+from beltid.bench.channels.channel_mapping import (
+    Candidate,
+    ChannelMapping,
+    MappingContext,
+    map_channels,
+)
 from beltid.bench.channels.text_tables import candidates_of as text_candidates
 from beltid.bench.channels.text_tables import text_layout
-from beltid.bench.files.sources import sources_of
+from beltid.bench.files.encoding import Decoded
+from beltid.bench.files.sources import Source, are_parquet, is_many, sources_of
 from beltid.bench.formats.bench_file import Field
-from beltid.bench.formats.csv_reader import Wanted, read_rows
-from beltid.bench.formats.dialect import ReadOptions
-from beltid.bench.formats.table_head import unit_in_name
-from beltid.bench.opening import Opened, open_sources
+from beltid.bench.formats.csv_table import Wanted, csv_blocks, read_rows
+from beltid.bench.formats.dialect import MISSING_WORDS, Layout, ReadOptions, cells_or_line
+from beltid.bench.formats.rows import Rows, Texts
+from beltid.bench.formats.table_head import is_number, unit_in_name
+from beltid.bench.opening import Opened, open_sources, text_format
 from beltid.bench.problems import Problems
+from beltid.bench.recording import Recording, read_recording, recording_of
 from beltid.errors import InputError
 from beltid.tables import schemas
 
 KINDS: Final = ("press", "rig", "speedloss")
+ANY_TABLE: Final = schemas.table("press")
+"""Any of our names makes the header of a tidy file plain to see."""
+FIRST_BYTES: Final = 20_000
+"""Bytes of a table that show whether a column holds numbers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,11 +62,24 @@ class ChannelView:
     """
 
     candidate: Candidate
-    n_samples: int
-    rate_Hz: float
-    low: float
-    high: float
-    first: float
+    n_samples: int = 0
+    rate_Hz: float = np.nan
+    low: float = np.nan
+    high: float = np.nan
+    first: float = np.nan
+
+    def with_numbers(self, numbers: np.ndarray) -> ChannelView:
+        """The same channel with more samples of it."""
+        finite = numbers[np.isfinite(numbers)]
+        longer = replace(self, n_samples=self.n_samples + len(numbers))
+        if not finite.size:
+            return longer
+        return replace(
+            longer,
+            low=float(np.fmin(self.low, finite.min())),
+            high=float(np.fmax(self.high, finite.max())),
+            first=float(finite[0]) if np.isnan(self.first) else self.first,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,147 +115,6 @@ class FileView:
         return [channel.candidate for channel in self.channels]
 
 
-def open_all(path: Path, config: Any = None) -> list[Opened]:
-    """The files that a path stands for, opened; none for a Parquet file.
-
-    Parameters
-    ----------
-    path : Path
-        File, folder, pattern or zip file.
-    config : Config, optional
-        Dialect of text files, tables of runs.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read.
-    """
-    tables = [] if config is None else list(config.runs.tables.values())
-    sources = sources_of(path, tables)
-    if len(sources) == 1 and sources[0].read()[:4] == b"PAR1":
-        return []
-    opened = open_sources(sources, ReadOptions.of(config, "rig"))
-    problems = Problems()
-    for one in opened:
-        for wrong in one.wrong:
-            problems.add(wrong)
-    problems.raise_if_any()
-    return opened
-
-
-def views_of(opened: Sequence[Opened], path: Path, config: Any = None) -> list[FileView]:
-    """Channels of opened files, or of the Parquet file that the path names."""
-    options = ReadOptions.of(config, "rig")
-    views = []
-    for one in opened:
-        if one.text is not None:
-            views.append(_text(one, options))
-        elif one.channels is not None:
-            views.append(_channels(one))
-    return views or [_parquet(path)]
-
-
-def kinds_meant(view: FileView, config: Any = None) -> dict[str, float]:
-    """Share of the sensors of every kind of recording that the channels of a file can be."""
-    shares = {}
-    for kind in KINDS:
-        table = schemas.table(kind)
-        sensors = [
-            c.name
-            for c in table.columns
-            if c.required and c.dtype != "string" and c.name not in ("time_s", *SETTINGS)
-        ]
-        options = ReadOptions.of(config, kind)
-        found: set[str] = set()
-        for group in _groups(view.candidates):
-            question = Question(table, options)
-            readings = readings_of(group, question, sensors)
-            unclear = {c for c in sensors if any(c in text for _, text in question.problems.found)}
-            found |= set(readings) | unclear
-        shares[kind] = len(found) / len(sensors)
-    return shares
-
-
-def _groups(candidates: Sequence[Candidate]) -> list[list[Candidate]]:
-    groups: dict[str, list[Candidate]] = {}
-    for candidate in candidates:
-        groups.setdefault(candidate.group, []).append(candidate)
-    return list(groups.values())
-
-
-def _text(opened: Opened, options: ReadOptions) -> FileView:
-    """Columns of a table in a text file, with their range."""
-    assert opened.text is not None
-    # any of our names makes the header of a tidy file plain to see
-    table = schemas.table("press")
-    found = text_layout(opened.text, opened.name, options, table)
-    candidates = text_candidates(found)
-    rows = read_rows(
-        found,
-        {str(c.key): Wanted(c.key, True, c.name) for c in candidates},
-        opened.name,
-        Problems(),
-    )
-    channels = tuple(
-        _view(c, _numbers(rows.columns[str(c.key)], found.decimal), np.nan) for c in candidates
-    )
-    notes = (*opened.text.notes, *found.notes)
-    return FileView(opened.name, opened.format, opened.text.encoding, channels, found.fields, notes)
-
-
-def _numbers(cells: np.ndarray, decimal: str) -> np.ndarray:
-    """Numbers of text cells; nan for what is none."""
-    out = np.full(len(cells), np.nan)
-    for i, cell in enumerate(cells):
-        try:
-            out[i] = float(str(cell).replace(decimal, ".")) if cell is not None else np.nan
-        except ValueError:
-            continue
-    return out
-
-
-def _channels(opened: Opened) -> FileView:
-    assert opened.channels is not None
-    file = opened.channels
-    candidates = channel_candidates(file.groups, named=len(file.groups) > 1)
-    views = []
-    for candidate in candidates:
-        g, c = candidate.key
-        channel = file.groups[g].channels[c]
-        rate = np.nan
-        if channel.time_s is not None and channel.time_s.size > 1:
-            step = float(np.median(np.diff(channel.time_s)))
-            rate = 1.0 / step if step > 0 else np.nan
-        numbers = _numbers(channel.values, ".") if channel.is_text else channel.values
-        views.append(_view(candidate, numbers, rate))
-    fields = (*file.fields, *(f for group in file.groups for f in group.fields))
-    return FileView(opened.name, file.format, "", tuple(views), fields, file.notes)
-
-
-def _parquet(path: Path) -> FileView:
-    import pyarrow.parquet as pq
-
-    try:
-        table = pq.read_table(path)
-    except Exception as error:  # a damaged file can raise nearly anything
-        raise InputError(f"{path}: damaged: {' '.join(str(error).split())[:120]}") from None
-    views = []
-    for name in table.column_names:
-        values = np.asarray(table.column(name).to_numpy(), dtype=object)
-        views.append(_view(Candidate(name, "", name), _numbers(values, "."), np.nan))
-    return FileView(str(path), "Parquet", "", tuple(views))
-
-
-def _view(candidate: Candidate, numbers: np.ndarray, rate: float) -> ChannelView:
-    finite = numbers[np.isfinite(numbers)]
-    low, high, first = (
-        (float(finite.min()), float(finite.max()), float(finite[0]))
-        if finite.size
-        else (np.nan, np.nan, np.nan)
-    )
-    return ChannelView(candidate, len(numbers), rate, low, high, first)
-
-
 @dataclass(frozen=True, slots=True)
 class RunView:
     """A run as it was found.
@@ -251,31 +141,241 @@ class RunView:
     settings: dict[str, float]
 
 
+@dataclass(frozen=True, slots=True)
+class Inspection:
+    """What was understood of a recording.
+
+    Attributes
+    ----------
+    kind : str
+        Kind of recording, stated or recognised.
+    files : tuple of FileView
+        Its files; channels are looked at in the first one where all are alike.
+    mappings : dict of str to ChannelMapping
+        Our columns -> how they are read, as far as it is decided.
+    runs : tuple of RunView
+        Its runs; none where it is not understood yet.
+    notes : tuple of str
+        What was found out.
+    problems : tuple of str
+        What is still to be told; none where the recording can be read.
+    """
+
+    kind: str
+    files: tuple[FileView, ...]
+    mappings: dict[str, ChannelMapping]
+    runs: tuple[RunView, ...] = ()
+    notes: tuple[str, ...] = ()
+    problems: tuple[str, ...] = ()
+
+
+def inspect_recording(path: Path, config: Any, kind: str | None = None) -> Inspection:
+    """Look at files of any size, and read them as the stage of their kind does.
+
+    Parameters
+    ----------
+    path : Path
+        File, folder, pattern or zip file.
+    config : Config
+        What is known about the files already.
+    kind : str, optional
+        Kind of recording; None: found out from the channels.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read at all, or its kind cannot be found out.
+    """
+    options = ReadOptions.of(config, "rig")
+    sources = sources_read_at_once(path, options)
+    opened: list[Opened] = []
+    if sources is None and not is_many(path):
+        sources = [Source(str(path), path, PurePath(path.name))]
+        files = _parquet_views(sources) if are_parquet(sources) else [_big_text_view(path, options)]
+    elif sources is None or are_parquet(sources):
+        files = _parquet_views(sources or sources_of(path))
+    else:
+        opened = open_sources(sources, options)
+        problems = Problems()
+        for wrong in (text for one in opened for text in one.wrong):
+            problems.add(wrong)
+        problems.raise_if_any()
+        files = [_view(one, options) for one in opened]
+    kind = kind or _kind_meant(files[0], config, path)
+    try:
+        recording: Recording | BigRecording
+        if opened:
+            recording = recording_of(opened, path, kind, ReadOptions.of(config, kind), digest="")
+        elif kind == "rig":
+            recording = read_rig(path, config)
+        else:
+            recording = read_recording(path, kind, config)
+        if isinstance(recording, Recording):
+            runs, notes = runs_found(recording.columns, kind), recording.notes
+        else:
+            runs = [_run_view(run.label, run.columns, kind) for run in recording]
+            notes = recording.notes()
+    except InputError as error:
+        mappings = _mappings(files[0], kind, config)
+        return Inspection(kind, tuple(files), mappings, (), files[0].notes, error.problems)
+    known = recording.mappings if isinstance(recording, Recording) else {}
+    mappings = known or _mappings(files[0], kind, config)
+    return Inspection(kind, tuple(files), mappings, tuple(runs), notes)
+
+
+def _view(opened: Opened, options: ReadOptions) -> FileView:
+    """An opened file, with the range of its channels."""
+    if opened.channels is None:
+        assert opened.text is not None
+        layout = text_layout(opened.text, opened.name, options, ANY_TABLE)
+        blocks = [read_rows(layout, _looked_at(layout), opened.name)]
+        return _text_view(opened.name, opened.text, layout, blocks)
+    file, views = opened.channels, []
+    for candidate in channel_candidates(file.groups, named=len(file.groups) > 1):
+        g, c = candidate.key
+        channel = file.groups[g].channels[c]
+        rate = np.nan
+        if channel.time_s is not None and channel.time_s.size > 1:
+            step = float(np.median(np.diff(channel.time_s)))
+            rate = 1.0 / step if step > 0 else np.nan
+        numbers = _numbers(channel.values) if channel.is_text else channel.values
+        views.append(ChannelView(candidate, rate_Hz=rate).with_numbers(numbers))
+    fields = (*file.fields, *(f for group in file.groups for f in group.fields))
+    return FileView(opened.name, file.format, "", tuple(views), fields, file.notes)
+
+
+def _big_text_view(path: Path, options: ReadOptions) -> FileView:
+    head = read_head(path, options, ANY_TABLE)
+    layout, encoding = head.layout, head.decoded.encoding
+    blocks = csv_blocks(head.chunks, layout, _looked_at(layout), encoding, str(path), [])
+    return _text_view(str(path), head.decoded, layout, blocks)
+
+
+def _text_view(name: str, decoded: Decoded, layout: Layout, blocks: Iterable[Rows]) -> FileView:
+    """Columns of a table in a text file, with their range."""
+    views = {str(c.key): ChannelView(c) for c in text_candidates(layout)}
+    for rows in blocks:
+        nothing = np.full(len(rows), np.nan)
+        views = {k: v.with_numbers(rows.numbers.get(k, nothing)) for k, v in views.items()}
+    notes = (*decoded.notes, *layout.notes)
+    channels = tuple(views.values())
+    format_name = text_format(decoded.text)
+    return FileView(name, format_name, decoded.encoding, channels, layout.fields, notes)
+
+
+def _looked_at(layout: Layout) -> dict[str, Wanted]:
+    """All columns of a text file: as numbers where the first rows hold mostly numbers."""
+    first = layout.body[:FIRST_BYTES].decode(errors="replace").split("\n")[:-1]
+    rows = [cells_or_line(line, layout.separator) for line in first]
+    wanted = {}
+    for candidate in text_candidates(layout):
+        cells = [row[candidate.key].strip() for row in rows if candidate.key < len(row)]
+        filled = [cell for cell in cells if cell not in MISSING_WORDS]
+        is_text = 2 * sum(map(is_number, filled)) < len(filled)
+        wanted[str(candidate.key)] = Wanted(candidate.key, is_text, candidate.name)
+    return wanted
+
+
+def _numbers(texts: np.ndarray) -> np.ndarray:
+    """Numbers of text cells; nan for what is none."""
+    return np.array(
+        [float(t.replace(",", ".")) if t and is_number(t.strip()) else np.nan for t in texts]
+    )
+
+
+def _parquet_views(sources: Sequence[Source]) -> list[FileView]:
+    """Parquet files; the range of the channels is looked for in the first one."""
+    from beltid.bench.formats import parquet
+
+    first, file = sources[0], parquet.open_source(sources[0], ())
+    there, n = file.schema_arrow, file.metadata.num_rows
+    views = {name: ChannelView(Candidate(name, "", name), n) for name in there.names}
+    numeric = [
+        name
+        for name in views
+        if there.names.count(name) == 1 and parquet.holds_numbers(there.field(name).type)
+    ]
+    views |= {name: replace(views[name], n_samples=0) for name in numeric}
+    for batch in parquet.batches_of(file, numeric, first.name):
+        for name, values in zip(batch.schema.names, batch.columns, strict=True):
+            views[name] = views[name].with_numbers(parquet.numbers_of(values))
+    for name, value in parquet.columns_of_folders(first).items():
+        number = float(value) if is_number(value) else np.nan
+        views[name] = ChannelView(Candidate(name, "", name), n, np.nan, number, number, number)
+    return [
+        FileView(source.name, "Parquet", "", tuple(views.values()) if source is first else ())
+        for source in sources
+    ]
+
+
+def _kind_meant(view: FileView, config: Any, path: Path) -> str:
+    """The kind of recording whose sensors the channels are."""
+    shares = {kind: _share_of_sensors(view, kind, config) for kind in KINDS}
+    best = max(shares, key=lambda kind: shares[kind])
+    if shares[best] == 0 or list(shares.values()).count(shares[best]) > 1:
+        found = ", ".join(c.name for c in view.candidates[:20]) or "none"
+        raise InputError(
+            f"{path}: the channels do not tell what it is a recording of, say --kind press, rig or "
+            f"speedloss; found: {found}"
+        )
+    return best
+
+
+def _share_of_sensors(view: FileView, kind: str, config: Any) -> float:
+    """Share of the sensors of a kind of recording that the channels of a file can be."""
+    table, options = schemas.table(kind), ReadOptions.of(config, kind)
+    sensors = sensors_of(table)
+    found: set[str] = set()
+    for group in _groups(view.candidates):
+        context = MappingContext(table, options)
+        mappings = map_channels(group, context, sensors)
+        unclear = {c for c in sensors if any(c in text for _, text in context.problems.found)}
+        found |= set(mappings) | unclear
+    return len(found) / len(sensors)
+
+
+def _mappings(view: FileView, kind: str, config: Any) -> dict[str, ChannelMapping]:
+    """How channels are read, as far as it is decided."""
+    table, options = schemas.table(kind), ReadOptions.of(config, kind)
+    found: dict[str, ChannelMapping] = {}
+    for group in _groups(view.candidates):
+        found = {**map_channels(group, MappingContext(table, options)), **found}
+    return found
+
+
+def _groups(candidates: Sequence[Candidate]) -> list[list[Candidate]]:
+    groups: dict[str, list[Candidate]] = {}
+    for candidate in candidates:
+        groups.setdefault(candidate.group, []).append(candidate)
+    return list(groups.values())
+
+
 def runs_found(columns: dict[str, np.ndarray], kind: str) -> list[RunView]:
     """Runs of a recording, in the order of their first sample."""
     label = schemas.table(kind).label
-    labels = columns[label]
-    runs = []
-    order: dict[Any, list[int]] = {}
-    for i, word in enumerate(labels.tolist()):
-        order.setdefault(word, []).append(i)
-    for word, rows in order.items():
-        part = {name: values[rows] for name, values in columns.items() if name != label}
-        time = part["time_s"]
-        steps = np.diff(time)
-        step = float(np.median(steps)) if steps.size else 0.0
-        late = np.flatnonzero(steps > 3.0 * step) if step > 0 else np.empty(0, dtype=int)
-        runs.append(
-            RunView(
-                str(word),
-                len(rows),
-                float(time[-1] - time[0]),
-                1.0 / step if step > 0 else np.nan,
-                tuple(float(time[i]) for i in late),
-                _settings(part, kind),
-            )
-        )
-    return runs
+    labels = Texts.of(columns[label])
+    sensors = {name: values for name, values in columns.items() if name != label}
+    order = np.argsort(labels.codes, kind="stable")
+    bounds = np.cumsum(np.bincount(labels.codes))[:-1]
+    return [
+        _run_view(word, {name: values[rows] for name, values in sensors.items()}, kind)
+        for word, rows in zip(labels.words, np.split(order, bounds), strict=False)
+    ]
+
+
+def _run_view(label: str, columns: dict[str, np.ndarray], kind: str) -> RunView:
+    time = columns["time_s"]
+    steps = np.diff(time)
+    step = float(np.median(steps)) if steps.size else 0.0
+    late = np.flatnonzero(steps > 3.0 * step) if step > 0 else np.empty(0, dtype=int)
+    return RunView(
+        label,
+        len(time),
+        float(time[-1] - time[0]),
+        1.0 / step if step > 0 else np.nan,
+        tuple(float(time[i]) for i in late),
+        _settings(columns, kind),
+    )
 
 
 def _settings(part: dict[str, np.ndarray], kind: str) -> dict[str, float]:

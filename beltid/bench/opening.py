@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from beltid.bench.channels.channel_groups import read_groups
-from beltid.bench.channels.pieces import Piece
+from beltid.bench.channels.raw_table import RawTable
 from beltid.bench.channels.text_tables import read_text
 from beltid.bench.files.archives import unpacked
 from beltid.bench.files.encoding import Decoded, decode
@@ -76,14 +76,14 @@ def open_sources(sources: Sequence[Source], options: ReadOptions) -> list[Opened
 
 def read_opened(
     opened: Opened, table: Table, options: ReadOptions, problems: Problems
-) -> list[Piece]:
+) -> list[RawTable]:
     """Columns of an opened file."""
     for wrong in opened.wrong:
         problems.add(wrong)
     try:
         if opened.text is not None:
-            piece = read_text(opened.text, opened.name, table, options, problems)
-            return [] if piece is None else [piece]
+            raw = read_text(opened.text, opened.name, table, options, problems)
+            return [] if raw is None else [raw]
         if opened.channels is not None:
             return read_groups(opened.channels, opened.name, table, options, problems)
     except InputError as error:
@@ -96,10 +96,10 @@ def _opened(source: Source, options: ReadOptions, spare: Path) -> Opened | tuple
     """An opened file, or the format and the file that the child process has to read."""
     data = source.read()
     plain = unpacked(data, source.path)
-    name = source.member or source.path.name.removesuffix(".gz")
+    name = source.inside.name.removesuffix(".gz")
     format_name = sniff(plain, name)
     if format_name in ISOLATED:
-        if plain is data and not source.member:
+        if plain is data and not source.is_member:
             return format_name, source.path
         spare.write_bytes(plain)
         return format_name, spare
@@ -115,10 +115,10 @@ def _opened(source: Source, options: ReadOptions, spare: Path) -> Opened | tuple
     if what:
         raise InputError(f"{source.name}: is {what}")
     decoded = decode(plain, source.name, options.encoding)
-    return Opened(source.name, _text_format(decoded.text), text=decoded)
+    return Opened(source.name, text_format(decoded.text), text=decoded)
 
 
-def _text_format(text: str) -> str:
+def text_format(text: str) -> str:
     """What wrote a table in a text file, where its first lines tell."""
     head = text[:4000]
     if head.startswith("MTS793|"):

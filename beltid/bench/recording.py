@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from beltid.artifacts.file_bytes import refuse_large
-from beltid.bench.channels.channel_units import unit_conversion
-from beltid.bench.channels.readings import Question, Reading
-from beltid.bench.files.sources import content_sha256, sources_of
+from beltid.artifacts.hashing import sha256
+from beltid.bench.channels.channel_mapping import (
+    ChannelMapping,
+    MappingContext,
+    stated_conversions,
+)
+from beltid.bench.files.sources import (
+    Source,
+    are_parquet,
+    is_many,
+    names_and_contents_sha256,
+    refuse_large,
+    sources_of,
+)
 from beltid.bench.formats.dialect import ReadOptions
 from beltid.bench.formats.frames import columns_of_frame
 from beltid.bench.opening import Opened, open_sources, read_opened
@@ -21,7 +31,7 @@ from beltid.bench.runs.checks import Checker
 from beltid.bench.runs.joining import completed, joined
 from beltid.errors import InputError
 from beltid.tables import schemas
-from beltid.tables.units import Conversion
+from beltid.tables.columns import Table
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +54,7 @@ class Recording:
         What was found out, left out or missing.
     lines : ndarray
         Line of every row in the file, from 1; empty for files without lines, or several.
-    readings : dict
+    mappings : dict
         Our columns -> how they were read; empty where the file has our own columns.
     """
 
@@ -54,7 +64,7 @@ class Recording:
     sha256: str
     notes: tuple[str, ...] = ()
     lines: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
-    readings: dict[str, Reading] = field(default_factory=dict)
+    mappings: dict[str, ChannelMapping] = field(default_factory=dict)
 
     def line_of(self, index: int) -> int:
         """Line in the file, from 1, of the row with this index; for Parquet the row, from 1."""
@@ -82,15 +92,22 @@ def read_recording(path: str | Path, kind: str, config: Any = None) -> Recording
     """
     path = Path(path)
     options = ReadOptions.of(config, kind)
-    besides = [] if options.runs is None or options.runs.table is None else [options.runs.table]
-    sources = sources_of(path, besides)
-    refuse_large(path, list(dict.fromkeys(source.path for source in sources)))
-    digest = content_sha256(path, besides)
-    if len(sources) == 1:
-        data = sources[0].read()
-        if data[:4] == b"PAR1":
-            columns, told = _from_parquet(data, path, kind, options)
-            return Recording(kind, columns, path, digest, told)
+    tables = [] if options.runs is None or options.runs.table is None else [options.runs.table]
+    return recording_from(sources_of(path, tables), path, kind, options)
+
+
+def recording_from(
+    sources: Sequence[Source], path: Path, kind: str, options: ReadOptions
+) -> Recording:
+    """The recording in some files; see `read_recording`."""
+    if is_many(path):
+        refuse_large(path, sources)
+        digest = names_and_contents_sha256(sources)
+    else:
+        digest = sha256(sources[0].data)
+    if are_parquet(sources):
+        columns, notes = _from_parquet(sources, path, kind, options)
+        return Recording(kind, columns, path, digest, notes)
     return recording_of(open_sources(sources, options), path, kind, options, digest)
 
 
@@ -122,17 +139,17 @@ def recording_of(
     if not all(read):  # what cannot be read at all; wrong rows are told with what the checks find
         problems.told_once([one.name for one in opened])
         problems.raise_if_any()
-    pieces = [piece for found in read for piece in found]
-    columns, rows, notes, stated = joined(pieces, table, options, str(path), problems)
+    raw_tables = [raw for found in read for raw in found]
+    columns, rows, notes, stated = joined(raw_tables, table, options, str(path), problems)
 
     def place(index: int) -> tuple[str, int]:
         return rows.place_of(index)
 
     notes += Checker(str(path), columns, table, place, problems).run({*options.units, *stated})
     problems.raise_if_any()
-    lines = rows.lines if len(pieces) == 1 else np.empty(0, dtype=np.int64)
-    readings = {r: reading for piece in pieces for r, reading in piece.readings.items()}
-    return Recording(kind, columns, path, digest, tuple(notes), lines, readings)
+    lines = rows.lines if len(raw_tables) == 1 else np.empty(0, dtype=np.int64)
+    mappings = {r: mapping for raw in raw_tables for r, mapping in raw.mappings.items()}
+    return Recording(kind, columns, path, digest, tuple(notes), lines, mappings)
 
 
 def columns_of(frame: Any, kind: str, config: Any = None) -> dict[str, np.ndarray]:
@@ -154,71 +171,55 @@ def columns_of(frame: Any, kind: str, config: Any = None) -> dict[str, np.ndarra
     """
     if isinstance(frame, Recording):
         frame = frame.columns
-    return _checked_frame(frame, kind, "frame", ReadOptions.of(config, kind))[0]
-
-
-def _convert(columns: dict[str, np.ndarray], conversions: Mapping[str, Conversion]) -> None:
-    for column, by in conversions.items():
-        if by != Conversion(1.0):
-            columns[column] = (columns[column] + by.shift) * by.factor
+    table, options, problems = schemas.table(kind), ReadOptions.of(config, kind), Problems()
+    columns = columns_of_frame(frame, table, "frame", options.names, problems)
+    problems.raise_if_any()
+    return _checked(columns, table, "frame", options)[0]
 
 
 def _from_parquet(
-    data: bytes, path: Path, kind: str, options: ReadOptions
+    sources: Sequence[Source], path: Path, kind: str, options: ReadOptions
 ) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
-    """Columns of a Parquet file: an artifact of ours (simulated) or one with the same columns."""
+    """Columns of Parquet files: an artifact of ours (simulated), or files of the same columns."""
     from beltid.artifacts.artifact import SEAL_KEY, artifact_from_bytes
-    from beltid.artifacts.parquet_open import damaged, open_parquet, refused_columns
+    from beltid.bench.formats.parquet import open_source, parquet_blocks
 
-    table, names = schemas.table(kind), options.names
-    wanted = {names.get(column.name, column.name): column.required for column in table.columns}
-    label = names.get(table.label, table.label)
-    file = open_parquet(data, [label], str(path), InputError)
-    there = file.schema_arrow
-    sealed = SEAL_KEY in (there.metadata or {})
-    if problems := [] if sealed else refused_columns(there, list(wanted), label, str(path)):
-        raise InputError(problems)
-    # all of them where one is missing: the message tells what is there
-    missing = any(needed and column not in there.names for column, needed in wanted.items())
-    chosen = None if missing else [column for column in wanted if column in there.names]
-    try:
-        frame = None if sealed else file.read(use_threads=False, columns=chosen)
-        if frame is not None:
-            frame.validate(full=True)
-    except Exception as error:  # a damaged file can raise nearly anything
-        raise InputError(f"{path}: {damaged(error)}") from None
-    if sealed:
+    table, sources = schemas.table(kind), [source.loaded() for source in sources]
+    about = open_source(sources[0], ()).schema_arrow.metadata or {}
+    if len(sources) == 1 and SEAL_KEY in about:
         needed = "simulated" if kind == "rig" else None
-        artifact = artifact_from_bytes(data, path, needed)
+        artifact = artifact_from_bytes(sources[0].data, path, needed)
         if needed is None:
             raise InputError(f"{path}: is a {artifact.kind} artifact, a {kind} recording is needed")
-        frame, options = artifact.columns, ReadOptions()
-    return _checked_frame(frame, kind, str(path), options, units_known=sealed)
+        problems = Problems()
+        columns = columns_of_frame(artifact.columns, table, str(path), {}, problems)
+        problems.raise_if_any()
+        return _checked(columns, table, str(path), ReadOptions(), units_stated=table.names)
+    blocks = list(parquet_blocks(sources, table, options.names))
+    if not any(map(len, blocks)):
+        raise InputError(f"{path}: holds no samples")
+    parts = [block.columns() for block in blocks]
+    columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    return _checked(columns, table, str(path), options)
 
 
-def _checked_frame(
-    frame: Any, kind: str, name: str, options: ReadOptions, *, units_known: bool = False
+def _checked(
+    columns: dict[str, np.ndarray],
+    table: Table,
+    name: str,
+    options: ReadOptions,
+    units_stated: Collection[str] = (),
 ) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
-    table = schemas.table(kind)
+    """Columns that hold our names, converted as the config states and checked; and notes."""
     problems = Problems()
-    columns = columns_of_frame(frame, table, name, options.names, problems)
-    problems.raise_if_any()
-    length = len(next(iter(columns.values())))
-    columns = completed(columns, table, length)
-    question = Question(table, options, name)
-    conversions = {
-        ours: known
-        for ours in options.units
-        if isinstance(
-            known := unit_conversion(table.column(ours), ours, "", question, False), Conversion
-        )
-    }
-    _convert(columns, conversions)
+    columns = completed(columns, table, len(next(iter(columns.values()))))
+    conversions = stated_conversions(MappingContext(table, options, name))
+    for column, by in conversions.items():
+        columns[column] = (columns[column] + by.shift) * by.factor
 
     def place(index: int) -> tuple[str, int]:
         return f"{name}, row {index + 1}", index + 1
 
-    stated = table.names if units_known else conversions
-    notes = Checker(name, columns, table, place, problems).run(stated)
+    notes = Checker(name, columns, table, place, problems).run({*units_stated, *conversions})
     problems.raise_if_any()
     return columns, tuple(notes)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic_core import InitErrorDetails, PydanticCustomError, ValidationError, core_schema
 
 from beltid.config.name_pattern import name_pattern
+from beltid.tables.columns import interval
 from beltid.tables.units import Calibration, allowed_units, calibration, conversion
 
 if TYPE_CHECKING:
@@ -70,8 +71,7 @@ class Number(Checked):
     @property
     def interval(self) -> str:
         """The bounds in words, e.g. ``in (0, 360) °``."""
-        left, right = "(["[not self.open_low], ")]"[not self.open_high]
-        text = f"in {left}{self.low:g}, {self.high:g}{right}"
+        text = interval(self.low, self.high, open_low=self.open_low, open_high=self.open_high)
         return f"{text} {self.unit}" if self.unit else text
 
     def check(self, value: Any) -> float:
@@ -84,7 +84,7 @@ class Number(Checked):
             number = math.inf
         above = number > self.low if self.open_low else number >= self.low
         below = number < self.high if self.open_high else number <= self.high
-        if not (above and below):  # a nan fails both
+        if not (above and below and math.isfinite(number)):
             raise complain(self.interval)
         return number
 

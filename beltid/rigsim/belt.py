@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from beltid.params import Belt
 from beltid.rigsim.ancf import GAUSS_POINTS, hermite, mass_matrix, section, strains
 from beltid.rigsim.banded import HALF
-from beltid.rigsim.compiled import kernel
+from beltid.rigsim.compiled import kernel, leaf
 from beltid.rigsim.compiled_laws import section_force
 
 Array = NDArray[np.float64]
 
 
 _x, _w = np.polynomial.legendre.leggauss(GAUSS_POINTS)
-_GAUSS_RULE = np.array([0.5 * (_x + 1.0), 0.5 * _w])  # points and weights on [0, 1]
+_GAUSS_RULE = (0.5 * (_x + 1.0), 0.5 * _w)  # points and weights on [0, 1]
 
 
 class BeltArrays(NamedTuple):
@@ -44,6 +44,9 @@ class BeltArrays(NamedTuple):
         Mass matrices of the shape functions [kg].
     EA, EI, damping_time : float
         Section properties, see :class:`beltid.params.Belt`.
+    momentum : float
+        Momentum that a belt running through its shape carries past a point per second, ``m v0**2``
+        [N]; 0 where the belt stays.
     """
 
     h: Array
@@ -57,6 +60,7 @@ class BeltArrays(NamedTuple):
     EA: float
     EI: float
     damping_time: float
+    momentum: float
 
 
 Tables = tuple[Array, Array, Array, Array, Array, Array, Array, Array]
@@ -64,25 +68,31 @@ Tables = tuple[Array, Array, Array, Array, Array, Array, Array, Array]
 
 def belt_arrays(belt: Belt, nodes: Array, points_per_element: int) -> BeltArrays:
     """Tabulate shape functions, weights and masses of a belt on given nodes (n_e + 1,) [m]."""
-    tables: Tables = _tables(nodes, points_per_element, float(belt.rhoA))
-    return BeltArrays(*tables, float(belt.EA), float(belt.EI), float(belt.damping_time))
+    tables: Tables = _tables(nodes, points_per_element, float(belt.rhoA), *_GAUSS_RULE)
+    return BeltArrays(*tables, float(belt.EA), float(belt.EI), float(belt.damping_time), 0.0)
 
 
 @kernel
-def _tables(nodes: Array, n_c: int, rhoA: float) -> Tables:
+def _tables(nodes: Array, n_c: int, rhoA: float, abscissae: Array, weights: Array) -> Tables:
     """Arrays of :class:`BeltArrays`."""
-    h = nodes[1:] - nodes[:-1]
-    _, B_s, B_ss = hermite(_GAUSS_RULE[0], h)
-    N_c, D_c, _ = hermite((np.arange(n_c) + 0.5) / n_c, h)
+    h = np.empty(nodes.size - 1)
     w_g = np.empty((h.size, GAUSS_POINTS))
     w_c = np.empty((h.size, n_c))
     for e in range(h.size):
-        w_g[e] = h[e] * _GAUSS_RULE[1]
-        w_c[e] = h[e] / n_c
+        h[e] = nodes[e + 1] - nodes[e]
+        for i in range(GAUSS_POINTS):
+            w_g[e, i] = h[e] * weights[i]
+        for c in range(n_c):
+            w_c[e, c] = h[e] / n_c
+    middles = np.empty(n_c)
+    for c in range(n_c):
+        middles[c] = (c + 0.5) / n_c
+    _, B_s, B_ss = hermite(abscissae, h)
+    N_c, D_c, _ = hermite(middles, h)
     return h, B_s, B_ss, w_g, N_c, D_c, w_c, mass_matrix(h, rhoA)
 
 
-@kernel
+@leaf
 def add_internal(
     belt: BeltArrays,
     q: Array,
@@ -114,7 +124,7 @@ def add_internal(
     """
     tau = belt.damping_time * rate  # the unit of time is the step
     # in a step strain and strain rate grow together: the tangent is the law of a unit of both
-    EA = section_force(belt.EA, 1.0, 1.0, tau)
+    EA = section_force(belt.EA, 1.0, 1.0, tau) - belt.momentum
     EI = section_force(belt.EI, 1.0, 1.0, tau)
     g = np.empty(4)
     g_stretch = np.empty(4)
@@ -132,6 +142,7 @@ def add_internal(
                 by += N_ss[j] * q[d + 2 * j + 1]
             eps, kappa = strains(ax, ay, bx, by, stretch)
             N = section_force(belt.EA, eps, eps - strain_old[e, i, 0], tau)
+            N -= belt.momentum * (1.0 + eps)
             M = section_force(belt.EI, kappa, kappa - strain_old[e, i, 1], tau)
             section(ax, ay, bx, by, (N, M), (EA, EI, stretch), g, H, g_stretch)
             w = belt.w_g[e, i]
@@ -154,7 +165,7 @@ def add_internal(
                     A[r + 1, c] += a11 * N_s[k] + a13 * N_ss[k]
 
 
-@kernel
+@leaf
 def add_inertia(belt: BeltArrays, dq: Array, rate2: float, A: Array, residual: Array) -> None:
     """Add ``M dq / dt**2`` with the constant mass matrix; ``rate2`` is 1/dt**2 [1/s²]."""
     for e in range(belt.h.size):

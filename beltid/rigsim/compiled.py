@@ -31,8 +31,9 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 numba_config: Any = _numba_config  # its settings are made at run time, unknown to a type checker
 
-_ROOMS = ("rigsim", "laws")
+_ROOMS = ("rigsim", "laws", "drive")
 _SEAL = hashlib.sha256().digest_size
+_OPTIONS: Any = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 
 
 class DamagedCacheError(Exception):
@@ -172,10 +173,20 @@ def leaf(function: F) -> F:
     return _compiled(function, forceinline=True)
 
 
+def part(function: F) -> F:
+    """A piece of the one kernel that calls it: put in before anything is compiled.
+
+    A function with many arrays is dear to compile twice, on its own and in its caller. Only for
+    functions with one caller: with more, each would compile its own copy.
+    """
+    piece: Any = numba.njit(inline="always", **_OPTIONS)(function)
+    return piece
+
+
 def _compiled(function: F, *, forceinline: bool) -> F:
     saved = numba_config.CACHE_DIR
     numba_config.CACHE_DIR = str(cache_folder())
-    options: Any = {"nogil": True, "error_model": "numpy", "forceinline": forceinline}
+    options: Any = {**_OPTIONS, "forceinline": forceinline}
     try:
         # else numba would fall back to a folder beside the sources, which misses edits
         cache_folder().mkdir(parents=True, exist_ok=True)

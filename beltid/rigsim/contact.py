@@ -113,13 +113,18 @@ class Motion(NamedTuple):
     friction : float
         Factor on the coefficient of friction: 0 for a frictionless lay-on, else 1.
     augmentation : float
-        Stiffness that holds a sticking patch to its multiplier [N/m].
+        Stiffness that holds a sticking patch to its multiplier [N/m], or its damping [N s/m] where
+        the belt runs.
+    flow : float
+        Stress-free length of belt that passes a point per second [m/s]; 0 where the belt stays. A
+        belt that runs through its shape has a speed of sliding, [m/s], wherever "slip" stands here.
     """
 
     omega: float
     rate: float
     friction: float
     augmentation: float
+    flow: float = 0.0
 
 
 class Patches(NamedTuple):
@@ -139,8 +144,9 @@ class Patches(NamedTuple):
         Slip of the step [m] (output, as all below).
     force, limit : ndarray
         Tangential force and its limit [N].
-    pull : ndarray, shape (n_e, 8)
-        Direction W_T in the coordinates of the element.
+    pull, carry : ndarray, shape (n_e, 8)
+        Direction W_T in the coordinates of the element, and by how much the slip falls with them.
+        They are the same in a step.
     """
 
     status: NDArray[np.int64]
@@ -151,6 +157,7 @@ class Patches(NamedTuple):
     force: Array
     limit: Array
     pull: Array
+    carry: Array
 
 
 class LastStep(NamedTuple):
@@ -209,7 +216,6 @@ class Points(NamedTuple):
     F_look: Array
 
 
-@kernel
 def new_points(belt: BeltArrays, status: int) -> Points:
     """Contact points at rest, all patches with the given status, no forces."""
     n_e, n_c = belt.w_c.shape
@@ -223,6 +229,7 @@ def new_points(belt: BeltArrays, status: int) -> Points:
             force=np.zeros(n_e),
             limit=np.zeros(n_e),
             pull=np.zeros((n_e, 8)),
+            carry=np.zeros((n_e, 8)),
         ),
         last=LastStep(
             theta=np.zeros((n_e, n_c)),
@@ -371,6 +378,8 @@ FRAME = np.dtype(
                 *("K_dd", "K_ds", "K_ss"),  # second derivatives of that energy
                 *("damp_d", "damp_s"),  # dissipation in the derivatives of F_N in delta, sigma
                 *("T_d", "T_s", "T_slip"),  # derivatives of the tangential force, and in the slip
+                *("slip_n", "slip_t", "slip_s"),  # by how much the slip falls with r n, r t, r' t
+                *("T_stretch", "T_omega"),  # of a running belt, beyond the length of the part
             )
         ],
     )

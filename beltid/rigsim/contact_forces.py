@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from beltid.rigsim.banded import HALF
 from beltid.rigsim.belt import BeltArrays
-from beltid.rigsim.compiled import kernel, leaf
+from beltid.rigsim.compiled import leaf
 from beltid.rigsim.compiled_laws import (
     elastic_force,
     elastic_stiffness,
@@ -44,7 +44,12 @@ GAUSS = 1.0 / math.sqrt(3.0)
 
 @leaf
 def sliding_friction(
-    belt: BeltArrays, pulley: ContactArrays, motion: Motion, points: Points, frames: Frames
+    belt: BeltArrays,
+    pulley: ContactArrays,
+    motion: Motion,
+    points: Points,
+    frames: Frames,
+    stretch: float,
 ) -> int:
     """Friction limits of all points: mu(f_N, v) f_N integrated over what touches of each part.
 
@@ -65,13 +70,23 @@ def sliding_friction(
         for c in range(belt.w_c.shape[1]):
             if points.f_N[e, c] == 0.0:
                 continue
-            rho = points.rho[e, c]
+            rho, frame, by_slip = points.rho[e, c], frames[e, c], 0.0
             if rate > 0.0:
                 slip = rho * (motion.omega / rate - points.theta[e, c] + last.theta[e, c])
                 v = last.v[e, c] if follows else at_radius(abs(slip), rho, R) * rate
                 j, t, dt_dv = locate(surface.y_nodes, surface.v_ref, v)
+                by_slip = 0.0 if follows else math.copysign(at_radius(rate, rho, R), slip)
+                frame.slip_t = 1.0
+            elif motion.flow > 0.0:
+                fall = R * motion.flow / stretch
+                slip = R * motion.omega - fall * frame.kappa
+                v = abs(slip)
+                j, t, dt_dv = locate(surface.y_nodes, surface.v_ref, v)
+                by_slip = math.copysign(1.0, slip)
+                frame.slip_n = -fall * frame.kappa / rho
+                frame.slip_t = fall * frame.sigma / (rho * rho)
+                frame.slip_s = fall / rho
             points.slip[e, c] = slip
-            frame = frames[e, c]
             part = touching_share(R - rho, frame.sigma, 0.5 * belt.w_c[e, c])
             share = part.share
             elastic = limit = T_d = T_s = T_v = 0.0
@@ -105,12 +120,11 @@ def sliding_friction(
             more_s = mean * (frame.K_ds + frame.damp_s - more * frame.K_ds)
             frame.T_d = factor * (more * T_d + more_d)
             frame.T_s = factor * (more * T_s + more_s)
-            by_slip = 0.0 if follows else math.copysign(rate * R / rho, slip)
             frame.T_slip = factor * more * T_v * by_slip
     return outside
 
 
-@kernel
+@leaf
 def add_contact(
     belt: BeltArrays,
     pulley: ContactArrays,
@@ -119,10 +133,12 @@ def add_contact(
     q: Array,
     stretch: float,
     A: Array,
-    residual: Array,
-    residual_stretch: Array,
+    vectors: Array,
 ) -> int:
     """Add the contact forces and their tangent; returns the look-ups outside the measured range.
+
+    The rows of ``vectors`` (2 or 3, n) are the residual and its derivatives in the stretch and, of
+    a running belt, in the speed of the pulley.
 
     Normal forces are those of Eq. (1) on the stress-free length of the part; the dissipation acts
     only while approaching. A sliding point carries ``sign mu(f_N, v) F_N``, a sticking patch its
@@ -135,21 +151,28 @@ def add_contact(
     points.patches.slip[:] = 0.0
     press(belt, pulley, motion, points, frames, q, stretch)
     if motion.friction > 0.0:
-        outside = sliding_friction(belt, pulley, motion, points, frames)
-        spread_friction(belt, motion, points, frames, A)
-    add_points(belt, points, frames, stretch, A, residual, residual_stretch)
+        outside = sliding_friction(belt, pulley, motion, points, frames, stretch)
+        spread_friction(belt, pulley, motion, points, frames, stretch, A)
+    add_points(belt, motion, points, frames, stretch, A, vectors)
     return outside
 
 
 @leaf
 def spread_friction(
-    belt: BeltArrays, motion: Motion, points: Points, frames: Frames, A: Array
+    belt: BeltArrays,
+    pulley: ContactArrays,
+    motion: Motion,
+    points: Points,
+    frames: Frames,
+    stretch: float,
+    A: Array,
 ) -> None:
     """Tangential forces of all patches by status; adds the tangent that couples their points.
 
     In ``frames`` the friction derivatives of the points become those of the forces.
     """
     n_c = belt.w_c.shape[1]
+    flows, surface_speed = motion.flow > 0.0, motion.omega * pulley.R
     patches, last = points.patches, points.last
     for e in range(belt.h.size):
         limit = limit_last = 0.0
@@ -163,18 +186,34 @@ def spread_friction(
         # the spread is that of the last step: as a constant it makes the tangent exact
         spread = last.limit if limit_last > 0.0 else points.F_max
         share = 1.0 / (limit_last if limit_last > 0.0 else limit)
-        slip = 0.0
+        slip, first = 0.0, 0
+        while points.F_max[e, first] == 0.0:
+            first += 1
+        # a running belt: the slip at the upstream end, linear through the first two points
+        two = first + 1 < n_c and points.F_max[e, first + 1] > 0.0
         for j in range(8):
-            patches.pull[e, j] = 0.0
+            patches.pull[e, j] = patches.carry[e, j] = 0.0
         for c in range(n_c):
             if points.F_max[e, c] == 0.0:
                 continue
-            weight = share * spread[e, c]
-            slip += weight * points.slip[e, c]
+            weight, frame = share * spread[e, c], frames[e, c]
+            counts = weight
+            if flows:
+                counts = 0.0
+                if c == first:
+                    counts = 1.5 if two else 1.0
+                elif c == first + 1:
+                    counts = -0.5
+            slip += counts * points.slip[e, c]
             for j in range(4):
-                along = weight * belt.N_c[e, c, j]
-                patches.pull[e, 2 * j] += along * frames[e, c].n_y
-                patches.pull[e, 2 * j + 1] -= along * frames[e, c].n_x
+                N, D = belt.N_c[e, c, j], belt.D_c[e, c, j]
+                along = weight * N
+                patches.pull[e, 2 * j] += along * frame.n_y
+                patches.pull[e, 2 * j + 1] -= along * frame.n_x
+                falls = counts * (N * frame.slip_t + D * frame.slip_s)
+                across = counts * N * frame.slip_n
+                patches.carry[e, 2 * j] += falls * frame.n_y + across * frame.n_x
+                patches.carry[e, 2 * j + 1] += across * frame.n_y - falls * frame.n_x
         patches.slip[e] = slip
         sign, sticks = patches.sign[e], patches.status[e] == STICK
         force = patches.la_T[e] + motion.augmentation * slip if sticks else sign * limit
@@ -187,28 +226,38 @@ def spread_friction(
             frame.T_d *= factor
             frame.T_s *= factor
             frame.T_slip *= factor
+            if flows:
+                by_slip = frame.T_slip
+                slip_c, beyond = points.slip[e, c], 0.0
+                if sticks:
+                    by_slip = 0.0
+                    if points.F_max[e, c] > 0.0:
+                        by_slip = share * spread[e, c] * motion.augmentation
+                    slip_c, beyond = slip, points.F_T[e, c]
+                frame.T_omega = by_slip * pulley.R
+                frame.T_stretch = (by_slip * (surface_speed - slip_c) - beyond) / stretch
         if sticks:
             for j in range(8):
                 stiff = motion.augmentation * patches.pull[e, j]
                 for k in range(8):
-                    A[4 * e + j, HALF + k - j] += stiff * patches.pull[e, k]
+                    A[4 * e + j, HALF + k - j] += stiff * patches.carry[e, k]
 
 
 @leaf
 def add_points(
     belt: BeltArrays,
+    motion: Motion,
     points: Points,
     frames: Frames,
     stretch: float,
     A: Array,
-    residual: Array,
-    residual_stretch: Array,
+    vectors: Array,
 ) -> None:
     """Add the forces of all contact points and their tangent.
 
     The force on the belt is ``F_N n + (P kappa + F_T) t`` on r and ``P n`` on r'.
     """
-    shorter = 1.0 / stretch
+    shorter, flows = 1.0 / stretch, motion.flow > 0.0
     for e in range(belt.h.size):
         for c in range(belt.w_c.shape[1]):
             if points.f_N[e, c] == 0.0:
@@ -225,10 +274,15 @@ def add_points(
                 row = 4 * e + 2 * j
                 N, D = belt.N_c[e, c, j], belt.D_c[e, c, j]
                 fx, fy = N * g_x + D * P * nx, N * g_y + D * P * ny
-                residual[row] -= fx
-                residual[row + 1] -= fy
-                residual_stretch[row] -= fx * shorter
-                residual_stretch[row + 1] -= fy * shorter
+                vectors[0, row] -= fx
+                vectors[0, row + 1] -= fy
+                vectors[1, row] -= fx * shorter
+                vectors[1, row + 1] -= fy * shorter
+                if flows:
+                    vectors[1, row] -= N * frame.T_stretch * ny
+                    vectors[1, row + 1] += N * frame.T_stretch * nx
+                    vectors[2, row] -= N * frame.T_omega * ny
+                    vectors[2, row + 1] += N * frame.T_omega * nx
                 r_xx, r_xy = N * K.r_r_xx + D * K.s_r_xx, N * K.r_r_xy + D * K.s_r_xy
                 r_yx, r_yy = N * K.r_r_yx + D * K.s_r_yx, N * K.r_r_yy + D * K.s_r_yy
                 s_xx, s_xy = N * K.r_s_xx + D * K.s_s_xx, N * K.r_s_xy + D * K.s_s_xy
@@ -288,11 +342,12 @@ def point_tangent(frame: Any, F_N: float, turning: float, curvature: float) -> P
     turn = P * curvature
     # in the frame (n, t): r n, r t, r' n, r' t
     k_nt = F_s * kappa + (P * kappa + turning) * curvature
-    k_tn = K_ds * kappa + turn * kappa + frame.T_d
+    k_tn = K_ds * kappa + turn * kappa + frame.T_d + frame.T_slip * frame.slip_n
     k_tt = (K_ss * kappa + frame.T_s) * kappa - F_N * curvature
-    k_tt = k_tt - turn * frame.sigma * curvature + frame.T_slip
+    k_tt = k_tt - turn * frame.sigma * curvature + frame.T_slip * frame.slip_t
     k_ts = K_ss * kappa + frame.T_s
     k_st = K_ss * kappa
+    k_s = frame.T_slip * frame.slip_s - turn  # r t and r' t
     n_x, n_y = F_d * nx + k_nt * tx, F_d * ny + k_nt * ty
     t_x, t_y = k_tn * nx + k_tt * tx, k_tn * ny + k_tt * ty
     s_x, s_y = nx * F_s + tx * k_ts, ny * F_s + ty * k_ts
@@ -302,10 +357,10 @@ def point_tangent(frame: Any, F_N: float, turning: float, curvature: float) -> P
         r_r_xy=nx * n_y + tx * t_y,
         r_r_yx=ny * n_x + ty * t_x,
         r_r_yy=ny * n_y + ty * t_y,
-        r_s_xx=s_x * nx - turn * tx * tx,
-        r_s_xy=s_x * ny - turn * tx * ty,
-        r_s_yx=s_y * nx - turn * ty * tx,
-        r_s_yy=s_y * ny - turn * ty * ty,
+        r_s_xx=s_x * nx + k_s * tx * tx,
+        r_s_xy=s_x * ny + k_s * tx * ty,
+        r_s_yx=s_y * nx + k_s * ty * tx,
+        r_s_yy=s_y * ny + k_s * ty * ty,
         s_r_xx=nx * g_x - turn * tx * tx,
         s_r_xy=nx * g_y - turn * tx * ty,
         s_r_yx=ny * g_x - turn * ty * tx,

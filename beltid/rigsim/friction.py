@@ -97,7 +97,7 @@ def revise(motion: Motion, patches: Patches, step: Array, most_changes: int) -> 
             continue
         moved = 0.0  # advance of the patch along t
         for j in range(8):
-            moved += patches.pull[e, j] * step[4 * e + j]
+            moved += patches.carry[e, j] * step[4 * e + j]
         if patches.status[e] == STICK:
             la_T = patches.force[e] - motion.augmentation * moved
             edge = patches.limit[e] * (1.0 + 0.1 * CONE_TOLERANCE)
@@ -108,18 +108,19 @@ def revise(motion: Motion, patches: Patches, step: Array, most_changes: int) -> 
             backward[e] = patches.sign[e] * (patches.slip[e] - moved) < -0.1 * SLIP_TOLERANCE
             broken += backward[e]
     free = most_changes == n_e
-    changes = e = 0
-    while e < n_e:
-        end = e + 1
-        if beyond[e]:
+    changes = end = 0
+    for begin in range(n_e):
+        if begin < end:
+            continue
+        end = begin + 1
+        if beyond[begin]:
             while end < n_e and beyond[end]:
                 end += 1
-            changes += let_go(patches, e, end, free)
-        elif backward[e]:
+            changes += let_go(patches, begin, end, free)
+        elif backward[begin]:
             while end < n_e and backward[end]:
                 end += 1
-            changes += catch(patches, e, end, free)
-        e = end
+            changes += catch(patches, begin, end, free)
     return changes
 
 

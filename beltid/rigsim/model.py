@@ -15,7 +15,6 @@ from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.rigsim.banded import WIDTH
 from beltid.rigsim.belt import BeltArrays, belt_arrays
-from beltid.rigsim.compiled import kernel
 from beltid.rigsim.contact import ContactArrays, contact_arrays, with_surface
 from beltid.rigsim.path import Path, graded_nodes, path_coordinates
 from beltid.rigsim.supports import Reactions, SupportArrays, new_reactions
@@ -37,7 +36,8 @@ class Workspace(NamedTuple):
     """Arrays of one linearised system, used again in every iteration.
 
     ``A`` (n, WIDTH) banded tangent with ``pivots`` (n,); ``vectors`` (2, n) residual and its
-    derivative in the stretch; ``steps`` (2, n) solutions; ``strain_old`` (n_e, n_g, 2) strains at
+    derivative in the stretch, of a running belt (3, n) also in the speed of the pulley; ``steps``
+    solutions of the same shape; ``strain_old`` (n_e, n_g, 2) strains at
     the last time step; ``reactions`` of the supports.
     """
 
@@ -88,24 +88,18 @@ class RigModel:
         system = self.system._replace(pulley=pulley)
         return replace(self, system=system, friction_falls=_falls(surface))
 
-    def workspace(self) -> Workspace:
-        """Room for the linearised system."""
-        workspace: Workspace = new_workspace(self.system.belt)
-        return workspace
-
-
-@kernel
-def new_workspace(belt: BeltArrays) -> Workspace:
-    """Room for the linearised system of a belt."""
-    n = 4 * belt.h.size + 4
-    return Workspace(
-        np.zeros((n, WIDTH)),
-        np.zeros(n, dtype=np.int64),
-        np.zeros((2, n)),
-        np.zeros((2, n)),
-        np.zeros((belt.h.size, belt.w_g.shape[1], 2)),
-        new_reactions(),
-    )
+    def workspace(self, borders: int = 1) -> Workspace:
+        """Room for the linearised system with so many unknowns beside the coordinates."""
+        belt = self.system.belt
+        n = 4 * belt.h.size + 4
+        return Workspace(
+            np.zeros((n, WIDTH)),
+            np.zeros(n, dtype=np.int64),
+            np.zeros((1 + borders, n)),
+            np.zeros((1 + borders, n)),
+            np.zeros((*belt.w_g.shape, 2)),
+            new_reactions(),
+        )
 
 
 def _falls(surface: FrictionSurface) -> bool:

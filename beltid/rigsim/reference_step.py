@@ -133,10 +133,12 @@ def march_by_lemke(
     drive: Drive,
     work: Workspace,
     record: Recorder,
+    begin: int,
+    end: int,
 ) -> int:
-    """Step through a run with the reference solver; like ``transient.march``."""
+    """Take steps with the reference solver; like ``transient.march``."""
     patches = points.patches
-    for k in range(schedule.omega.size):
+    for k in range(begin, end):
         parts, done, halvings = 1, 0, 0
         while done < parts:
             motion = Motion(float(schedule.omega[k]), parts / float(schedule.dt[k]), 1.0, 0.0)
@@ -156,5 +158,5 @@ def march_by_lemke(
             parts *= 2
             done *= 2
         record.halvings[k] = halvings
-        note_step(system, points, state, work, record, k, motion.rate, out)
-    return int(schedule.omega.size)
+        note_step(work, record, k, out)
+    return end

@@ -57,7 +57,7 @@ def tension_sensitivity(model: RigModel, sliding: StaticState) -> TensionSensiti
     system, work = model.system, model.workspace()
     motion = Motion(omega=model.point.omega, rate=0.0, friction=1.0, augmentation=0.0)
     points = sliding.points
-    linearize(system, motion, points, sliding.q, sliding.stretch, work)
+    linearize(system, motion, points, sliding.q, sliding.q, sliding.stretch, work)
     if not factorize(work.A, work.pivots):
         raise ConvergenceError("the tangent of the sliding state is singular")
     touching = points.F_N > 0.0

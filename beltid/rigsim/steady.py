@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from beltid.errors import ConvergenceError, NumericsError
 from beltid.params import OperatingPoint
-from beltid.rigsim.banded import factorize, solve
-from beltid.rigsim.belt import add_internal
+from beltid.rigsim.banded import WIDTH, factorize, solve
+from beltid.rigsim.belt import add_inertia, add_internal
 from beltid.rigsim.compiled import kernel
 from beltid.rigsim.contact import SLIDE, Motion, Points, new_points
 from beltid.rigsim.contact_forces import add_contact
-from beltid.rigsim.model import RigModel, System, Workspace, new_workspace
+from beltid.rigsim.model import RigModel, System, Workspace
 from beltid.rigsim.supports import force_change, hold, release
 
 Array = NDArray[np.float64]
@@ -69,7 +69,9 @@ def largest_force(system: System, residual: Array) -> float:
 @kernel
 def force_tolerance(system: System, motion: Motion, T_0: float) -> float:
     """Residual force that counts as zero [N]: a share of T_0, but not below the rounding."""
-    h, damped = system.belt.h.min(), 1.0 + system.belt.damping_time * motion.rate
+    h, damped = system.belt.h[0], 1.0 + system.belt.damping_time * motion.rate
+    for length in system.belt.h:
+        h = min(h, length)
     elastic = ROUNDING * system.belt.EA / h + BENDING_ROUNDING * 12.0 * system.belt.EI / h**3
     rounding = elastic * damped + SLIP_ROUNDING * motion.augmentation
     return max(TOLERANCE * T_0, rounding * system.pulley.R)
@@ -77,17 +79,32 @@ def force_tolerance(system: System, motion: Motion, T_0: float) -> float:
 
 @kernel
 def linearize(
-    system: System, motion: Motion, points: Points, q: Array, stretch: float, work: Workspace
+    system: System,
+    motion: Motion,
+    points: Points,
+    q: Array,
+    moved: Array,
+    stretch: float,
+    work: Workspace,
 ) -> int:
-    """Assemble residual and tangent in statics, supports held; returns look-ups out of range."""
-    work.A[:] = 0.0
-    work.vectors[:] = 0.0
+    """Assemble residual and tangent, supports held; returns look-ups out of range.
+
+    In an implicit step (``motion.rate`` > 0) the belt has inertia: ``moved`` (n,) is by how much
+    the coordinates differ from where their velocities would have taken them.
+    """
+    A = work.A
+    for i in range(A.shape[0]):
+        for j in range(WIDTH):
+            A[i, j] = 0.0
+        for row in range(work.vectors.shape[0]):
+            work.vectors[row, i] = 0.0
     residual, by_stretch = work.vectors[0], work.vectors[1]
-    add_internal(system.belt, q, stretch, work.strain_old, 0.0, work.A, residual, by_stretch)
-    outside = add_contact(
-        system.belt, system.pulley, motion, points, q, stretch, work.A, residual, by_stretch
-    )
-    hold(system.supports, work.A, work.vectors, work.reactions)
+    add_internal(system.belt, q, stretch, work.strain_old, motion.rate, A, residual, by_stretch)
+    if motion.rate > 0.0:
+        # the mass of an element is that of its stress-free length
+        add_inertia(system.belt, moved, motion.rate**2 * stretch, A, residual)
+    outside = add_contact(system.belt, system.pulley, motion, points, q, stretch, A, work.vectors)
+    hold(system.supports, A, work.vectors, work.reactions)
     return outside
 
 
@@ -101,7 +118,8 @@ def move(q: Array, step: Array) -> float:
     factor = 1.0 if largest <= LARGEST_MOVE else LARGEST_MOVE / largest
     if turn * factor > LARGEST_TURN:
         factor = LARGEST_TURN / turn
-    q += factor * step
+    for i in range(q.size):
+        q[i] += factor * step[i]
     return factor
 
 
@@ -127,7 +145,7 @@ def newton(
     step, by_stretch = work.steps[0], work.steps[1]
     force = work.reactions.force
     for iteration in range(MOST_ITERATIONS):
-        outside = linearize(system, motion, points, q, stretch, work)
+        outside = linearize(system, motion, points, q, q, stretch, work)
         T = math.hypot(force[0], force[1])
         error = largest_force(system, work.vectors[0])
         if tighten:
@@ -136,53 +154,26 @@ def newton(
             return Outcome(True, iteration, error / T_0, stretch, outside)
         if not (math.isfinite(error) and factorize(work.A, work.pivots)):
             break
-        step[:] = -work.vectors[0]
+        for i in range(step.size):
+            step[i] = -work.vectors[0, i]
         solve(work.A, work.pivots, step)
         change = 0.0
         if tighten:
-            by_stretch[:] = -work.vectors[1]
+            for i in range(by_stretch.size):
+                by_stretch[i] = -work.vectors[1, i]
             solve(work.A, work.pivots, by_stretch)
-            ex, ey = force[0] / T, force[1] / T
-            T_step = ex * force_change(work.reactions, 0, step)
-            T_step += ey * force_change(work.reactions, 1, step)
-            T_stretch = ex * (
-                force_change(work.reactions, 0, by_stretch) + work.reactions.stretch[0]
-            )
-            T_stretch += ey * (
-                force_change(work.reactions, 1, by_stretch) + work.reactions.stretch[1]
-            )
+            T_step = T_stretch = 0.0
+            for i in range(2):
+                along = force[i] / T
+                T_step += along * force_change(work.reactions, i, step)
+                by_unit = force_change(work.reactions, i, by_stretch) + work.reactions.stretch[i]
+                T_stretch += along * by_unit
             change = (T_0 - T - T_step) / T_stretch
-            step += change * by_stretch
+            for i in range(step.size):
+                step[i] += change * by_stretch[i]
         release(system.supports, step)
         stretch += move(q, step) * change
     return Outcome(False, MOST_ITERATIONS, error / T_0, stretch, outside)
-
-
-Found = tuple[Outcome, Array, Points, float]
-
-
-@kernel
-def equilibrium(
-    system: System, motion: Motion, q: Array, stretch: float, T_0: float, tighten: bool
-) -> Found:
-    """Static equilibrium from the coordinates ``q``, which are updated in place.
-
-    Returns
-    -------
-    outcome, force, points : Outcome, ndarray (4,), Points
-        How the iteration ended, forces of the supports [N], contact.
-    depth : float
-        Largest penetration [m]; negative if the belt does not touch.
-    """
-    points = new_points(system.belt, SLIDE)
-    work = new_workspace(system.belt)
-    outcome = newton(system, motion, points, q, stretch, T_0, tighten, work)
-    depth = -1.0
-    for e in range(points.rho.shape[0]):
-        for c in range(points.rho.shape[1]):
-            if points.F_N[e, c] > 0.0:
-                depth = max(depth, system.pulley.R - points.rho[e, c], 0.0)
-    return outcome, work.reactions.force, points, depth
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,9 +217,10 @@ class StaticState:
         return math.hypot(self.force[2], self.force[3])
 
 
-def _state(model: RigModel, q: Array, found: Found, spent: int) -> StaticState:
-    outcome, force, points, depth = found
-    _refuse_nonsense(model, depth)
+def _state(
+    model: RigModel, q: Array, outcome: Outcome, force: Array, points: Points, spent: int
+) -> StaticState:
+    _refuse_nonsense(model, points)
     iterations = spent + outcome.iterations
     return StaticState(
         q, outcome.stretch, force, points, iterations, outcome.residual, outcome.outside
@@ -247,16 +239,17 @@ def lay_on(model: RigModel) -> StaticState:
     """
     system, point = model.system, model.point
     motion = Motion(point.omega, 0.0, 0.0, 0.0)
+    points, work = new_points(system.belt, SLIDE), model.workspace()
     spent = 0
     for detour in DETOURS:
         q = model.path_coordinates()
         stretch = 1.0 / (1.0 + point.T_0 / system.belt.EA)
         for factor in detour:
-            found = equilibrium(system, motion, q, stretch, factor * point.T_0, True)
-            outcome = found[0]
+            T = factor * point.T_0
+            outcome: Outcome = newton(system, motion, points, q, stretch, T, True, work)
             stretch = outcome.stretch
             if outcome.converged and factor == 1.0:
-                return _state(model, q, found, spent)
+                return _state(model, q, outcome, work.reactions.force, points, spent)
             spent += outcome.iterations
             if not outcome.converged:
                 break
@@ -274,26 +267,30 @@ def slide(model: RigModel, laid: StaticState) -> StaticState:
         If Newton's method fails, also when the friction is raised in steps.
     """
     system, point = model.system, model.point
+    points, work = new_points(system.belt, SLIDE), model.workspace()
     spent = 0
     for stages in (1, 4, 16):
         q = laid.q.copy()
         for k in range(1, stages + 1):
             motion = Motion(point.omega, 0.0, k / stages, 0.0)
-            found = equilibrium(system, motion, q, laid.stretch, point.T_0, False)
-            outcome = found[0]
+            outcome: Outcome = newton(
+                system, motion, points, q, laid.stretch, point.T_0, False, work
+            )
             if outcome.converged and k == stages:
-                return _state(model, q, found, spent)
+                return _state(model, q, outcome, work.reactions.force, points, spent)
             spent += outcome.iterations
             if not outcome.converged:
                 break
     raise _failure("the sliding belt", point, spent, outcome.residual)
 
 
-def _refuse_nonsense(model: RigModel, depth: float) -> None:
+def _refuse_nonsense(model: RigModel, points: Points) -> None:
     """An equilibrium may be one of a rig that makes no sense: then say so."""
     R = model.path.R
-    if depth < 0.0:
+    touches = points.F_N > 0.0
+    if not touches.any():
         raise NumericsError(f"{describe(model.point)}: the belt does not touch the pulley")
+    depth = R - float(points.rho[touches].min())
     if depth > DEEPEST * R:
         raise NumericsError(
             f"{describe(model.point)}: the belt sinks {1e3 * depth:.3g} mm into the pulley, must "

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.rigsim.banded import HALF, WIDTH
-from beltid.rigsim.compiled import kernel
+from beltid.rigsim.compiled import kernel, leaf
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,6 @@ class Reactions(NamedTuple):
     stretch: Array
 
 
-@kernel
 def new_reactions() -> Reactions:
     """Room for the reactions of one rig."""
     return Reactions(np.zeros(4), np.zeros((4, WIDTH)), np.zeros(4))
@@ -51,7 +50,7 @@ def held_row(i: int, n: int) -> int:
     return i if i < 2 else n - 6 + i
 
 
-@kernel
+@leaf
 def _turn(A: Array, vectors: Array, first: int, cosine: float, sine: float) -> None:
     """Turn coordinates (first, first + 1) of matrix and vectors (m, n) to (along, across)."""
     n = A.shape[0]
@@ -64,9 +63,9 @@ def _turn(A: Array, vectors: Array, first: int, cosine: float, sine: float) -> N
         ra, rb = HALF + j - a, HALF + j - b
         x, y = A[a, ra], A[b, rb]
         A[a, ra], A[b, rb] = cosine * x + sine * y, -sine * x + cosine * y
-    for v in vectors:
-        x, y = v[a], v[b]
-        v[a], v[b] = cosine * x + sine * y, -sine * x + cosine * y
+    for i in range(vectors.shape[0]):
+        x, y = vectors[i, a], vectors[i, b]
+        vectors[i, a], vectors[i, b] = cosine * x + sine * y, -sine * x + cosine * y
 
 
 @kernel
@@ -74,13 +73,14 @@ def _fix(A: Array, vectors: Array, row: int) -> None:
     """Replace one equation by "this coordinate does not move"."""
     for j in range(max(0, row - HALF), min(A.shape[0], row + HALF + 1)):
         A[j, HALF + row - j] = 0.0
-    A[row, :] = 0.0
+    for j in range(WIDTH):
+        A[row, j] = 0.0
     A[row, HALF] = 1.0
-    for v in vectors:
-        v[row] = 0.0
+    for i in range(vectors.shape[0]):
+        vectors[i, row] = 0.0
 
 
-@kernel
+@leaf
 def hold(supports: SupportArrays, A: Array, vectors: Array, reactions: Reactions) -> None:
     """Apply the constraints to tangent and right-hand sides, and keep the held rows.
 
@@ -104,12 +104,13 @@ def hold(supports: SupportArrays, A: Array, vectors: Array, reactions: Reactions
         row = held_row(i, n)
         reactions.force[i] = vectors[0, row]
         reactions.stretch[i] = vectors[1, row]
-        reactions.rows[i] = A[row]
+        for j in range(WIDTH):
+            reactions.rows[i, j] = A[row, j]
     for i in range(4):
         _fix(A, vectors, held_row(i, n))
     if supports.clamped:
-        _fix(A, vectors, 3)
-        _fix(A, vectors, n - 1)
+        for row in (3, n - 1):
+            _fix(A, vectors, row)
 
 
 @kernel

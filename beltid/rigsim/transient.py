@@ -20,10 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.rigsim.banded import factorize, solve
-from beltid.rigsim.belt import add_inertia, add_internal, store_strains
-from beltid.rigsim.compiled import kernel
+from beltid.rigsim.belt import store_strains
+from beltid.rigsim.compiled import kernel, part
 from beltid.rigsim.contact import STICK, Motion, Patches, Points, at_radius, remember
-from beltid.rigsim.contact_forces import add_contact
 from beltid.rigsim.friction import (
     CONE_TOLERANCE,
     SLIP_TOLERANCE,
@@ -31,9 +30,9 @@ from beltid.rigsim.friction import (
     revise,
     violations,
 )
-from beltid.rigsim.model import RigModel, System, Workspace
-from beltid.rigsim.steady import force_tolerance, largest_force, move
-from beltid.rigsim.supports import hold, release, restrain
+from beltid.rigsim.model import System, Workspace
+from beltid.rigsim.steady import force_tolerance, largest_force, linearize, move
+from beltid.rigsim.supports import release, restrain
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -81,7 +80,7 @@ class StepOutcome(NamedTuple):
     certificate: Certificate
 
 
-@kernel
+@part
 def assemble(
     system: System,
     motion: Motion,
@@ -94,24 +93,12 @@ def assemble(
 
     Returns the look-ups outside the measured range.
     """
-    work.A[:] = 0.0
-    work.vectors[:] = 0.0
-    trial, dq = state.trial, state.dq
-    residual, by_stretch = work.vectors[0], work.vectors[1]
-    add_internal(
-        system.belt, trial, stretch, work.strain_old, motion.rate, work.A, residual, by_stretch
-    )
-    dq[:] = trial - state.q - state.q_dot / motion.rate
-    # the mass of an element is that of its stress-free length
-    add_inertia(system.belt, dq, motion.rate**2 * stretch, work.A, residual)
-    outside = add_contact(
-        system.belt, system.pulley, motion, points, trial, stretch, work.A, residual, by_stretch
-    )
-    hold(system.supports, work.A, work.vectors, work.reactions)
-    return outside
+    for i in range(state.dq.size):
+        state.dq[i] = state.trial[i] - state.q[i] - state.q_dot[i] / motion.rate
+    return linearize(system, motion, points, state.trial, state.dq, stretch, work)
 
 
-@kernel
+@part
 def tighten_sticks(system: System, motion: Motion, patches: Patches, work: Workspace) -> None:
     """Let the multipliers of the linearised system take over what is left of their slips.
 
@@ -128,7 +115,7 @@ def tighten_sticks(system: System, motion: Motion, patches: Patches, work: Works
                 any_sticks = True
                 left = patches.slip[e]
                 for j in range(8):
-                    left -= patches.pull[e, j] * solution[4 * e + j]
+                    left -= patches.carry[e, j] * solution[4 * e + j]
                 for j in range(8):
                     change[4 * e + j] += motion.augmentation * left * patches.pull[e, j]
                 patches.force[e] += motion.augmentation * left
@@ -137,10 +124,11 @@ def tighten_sticks(system: System, motion: Motion, patches: Patches, work: Works
         restrain(system.supports, change)
         solve(work.A, work.pivots, change)
         release(system.supports, change)
-        solution += change
+        for i in range(change.size):
+            solution[i] += change[i]
 
 
-@kernel
+@part
 def step(
     system: System,
     motion: Motion,
@@ -153,7 +141,8 @@ def step(
     """One implicit step; the result is in ``state.trial`` and ``points``, the old state is kept."""
     tolerance = force_tolerance(system, motion, T_0)
     trial = state.trial
-    trial[:] = state.q + state.q_dot / motion.rate
+    for i in range(trial.size):
+        trial[i] = state.q[i] + state.q_dot[i] / motion.rate
     residual = work.vectors[0]
     error = math.inf
     changes = 0
@@ -172,7 +161,8 @@ def step(
         if not (math.isfinite(error) and factorize(work.A, work.pivots)):
             break
         solution = work.steps[0]
-        solution[:] = -residual
+        for i in range(solution.size):
+            solution[i] = -residual[i]
         solve(work.A, work.pivots, solution)
         release(system.supports, solution)
         tighten_sticks(system, motion, points.patches, work)
@@ -181,28 +171,6 @@ def step(
         most_changes = max(points.patches.status.size >> halved, 1)
         changes += revise(motion, points.patches, solution, most_changes)
     return StepOutcome(False, MOST_ITERATIONS, changes, error / T_0, outside, certificate)
-
-
-class Profiles(NamedTuple):
-    """The contact at some steps of a run, arrays of shape (m, n_e, n_c) unless given.
-
-    Attributes
-    ----------
-    wanted : ndarray of int, shape (m,)
-        The steps.
-    coordinates : ndarray, shape (m, n)
-        Nodal coordinates of the belt.
-    line_force, tangential_force, slip_speed, sticks, angle : ndarray
-        As in :class:`beltid.rigsim.profile.ContactState`.
-    """
-
-    wanted: Counts
-    coordinates: Array
-    line_force: Array
-    tangential_force: Array
-    slip_speed: Array
-    sticks: Array
-    angle: Array
 
 
 class Recorder(NamedTuple):
@@ -219,8 +187,6 @@ class Recorder(NamedTuple):
         Length of belt that sticks, and that touches [m].
     residual, slip, cone : ndarray
         Certificate of the step, see :class:`StepOutcome`.
-    profiles : Profiles
-        The contact at the steps that were asked for.
     """
 
     force: Array
@@ -233,20 +199,16 @@ class Recorder(NamedTuple):
     residual: Array
     slip: Array
     cone: Array
-    profiles: Profiles
 
 
-def new_recorder(model: RigModel, n: int, wanted: Counts) -> Recorder:
-    """Room for a run of ``n`` steps with profiles at the steps ``wanted``."""
+def new_recorder(n: int) -> Recorder:
+    """Room for a run of ``n`` steps."""
 
     def count() -> Counts:
         return np.zeros(n, dtype=np.int64)
 
     def value() -> Array:
         return np.zeros(n)
-
-    def profile() -> Array:
-        return np.zeros((wanted.size, *model.system.belt.w_c.shape))
 
     return Recorder(
         force=np.zeros((n, 4)),
@@ -259,19 +221,10 @@ def new_recorder(model: RigModel, n: int, wanted: Counts) -> Recorder:
         residual=value(),
         slip=value(),
         cone=value(),
-        profiles=Profiles(
-            wanted=wanted,
-            coordinates=np.zeros((wanted.size, 4 * model.nodes.size)),
-            line_force=profile(),
-            tangential_force=profile(),
-            slip_speed=profile(),
-            sticks=profile(),
-            angle=profile(),
-        ),
     )
 
 
-@kernel
+@part
 def accept(
     system: System, motion: Motion, points: Points, state: Kinematics, sticking_ratio: float
 ) -> None:
@@ -285,34 +238,18 @@ def accept(
                     v = at_radius(slip * motion.rate, points.rho[e, c], system.pulley.R)
                     part = -math.expm1(-slip / last.memory[0])
                     last.v[e, c] += part * (v - last.v[e, c])
-    state.q_dot[:] = (state.trial - state.q) * motion.rate
-    state.q[:] = state.trial
+    for i in range(state.q.size):
+        state.q_dot[i] = (state.trial[i] - state.q[i]) * motion.rate
+        state.q[i] = state.trial[i]
     remember(system.belt, points, state.q)
     for e in range(patches.status.size):
         # what rests at the end of a step has to be torn off in the next one
         patches.ratio[e] = sticking_ratio if patches.status[e] == STICK else 1.0
-        last.limit[e] = points.F_max[e]
-
-
-@kernel
-def keep_profile(
-    points: Points, q: Array, R: float, rate: float, profiles: Profiles, i: int
-) -> None:
-    """Write coordinates and contact of the step as profile ``i``."""
-    profiles.coordinates[i] = q
-    profiles.line_force[i] = points.f_N
-    profiles.tangential_force[i] = points.F_T
-    profiles.angle[i] = points.theta
-    for e in range(points.theta.shape[0]):
-        profiles.sticks[i, e, :] = 1.0 if points.patches.status[e] == STICK else 0.0
         for c in range(points.theta.shape[1]):
-            v = 0.0
-            if points.slip[e, c] != 0.0:
-                v = at_radius(points.slip[e, c] * rate, points.rho[e, c], R)
-            profiles.slip_speed[i, e, c] = v
+            last.limit[e, c] = points.F_max[e, c]
 
 
-@kernel
+@part
 def note_attempt(record: Recorder, k: int, out: StepOutcome) -> None:
     """Record how the step k, or a part of it, ended."""
     record.iterations[k] += out.iterations
@@ -322,26 +259,14 @@ def note_attempt(record: Recorder, k: int, out: StepOutcome) -> None:
     record.cone[k] = out.certificate.cone
 
 
-@kernel
-def note_step(
-    system: System,
-    points: Points,
-    state: Kinematics,
-    work: Workspace,
-    record: Recorder,
-    k: int,
-    rate: float,
-    out: StepOutcome,
-) -> None:
-    """Record the state at the end of the step k, whose last part took 1/``rate``."""
+@part
+def note_step(work: Workspace, record: Recorder, k: int, out: StepOutcome) -> None:
+    """Record the state at the end of the step k."""
     record.outside[k] = out.outside
     record.sticking[k] = out.certificate.sticking
     record.touching[k] = out.certificate.touching
-    record.force[k] = work.reactions.force
-    profiles = record.profiles
-    for i in range(profiles.wanted.size):
-        if profiles.wanted[i] == k:
-            keep_profile(points, state.q, system.pulley.R, rate, profiles, i)
+    for i in range(4):
+        record.force[k, i] = work.reactions.force[i]
 
 
 @kernel
@@ -353,22 +278,25 @@ def march(
     drive: Drive,
     work: Workspace,
     record: Recorder,
+    begin: int,
+    end: int,
 ) -> int:
-    """Step through a run; returns the number of steps done (fewer than asked if one failed)."""
+    """Take the steps ``begin`` to ``end``; returns the first one not taken: less if one failed."""
     patches = points.patches
     kept_status = patches.status.copy()
     kept_sign = patches.sign.copy()
     kept_la = patches.la_T.copy()
-    for k in range(schedule.omega.size):
+    for k in range(begin, end):
         parts, done, halvings = 1, 0, 0
         while done < parts:
             rate = parts / schedule.dt[k]
             # a stick has to be stiff against the belt, its damping included
             hold_by = drive.augmentation * (1.0 + system.belt.damping_time * rate)
-            motion = Motion(schedule.omega[k], rate, 1.0, hold_by)
-            kept_status[:] = patches.status
-            kept_sign[:] = patches.sign
-            kept_la[:] = patches.la_T
+            motion = Motion(schedule.omega[k], rate, 1.0, hold_by, 0.0)
+            for e in range(kept_la.size):
+                kept_status[e] = patches.status[e]
+                kept_sign[e] = patches.sign[e]
+                kept_la[e] = patches.la_T[e]
             out = step(system, motion, points, state, drive.stretch, drive.T_0, work)
             note_attempt(record, k, out)
             if out.converged:
@@ -376,9 +304,10 @@ def march(
                 store_strains(system.belt, state.q, drive.stretch, work.strain_old)
                 done += 1
             else:
-                patches.status[:] = kept_status
-                patches.sign[:] = kept_sign
-                patches.la_T[:] = kept_la
+                for e in range(kept_la.size):
+                    patches.status[e] = kept_status[e]
+                    patches.sign[e] = kept_sign[e]
+                    patches.la_T[e] = kept_la[e]
                 record.halvings[k] = halvings
                 halvings += 1
                 if halvings > MOST_HALVINGS:
@@ -386,5 +315,5 @@ def march(
                 parts *= 2
                 done *= 2
         record.halvings[k] = halvings
-        note_step(system, points, state, work, record, k, parts / schedule.dt[k], out)
-    return schedule.omega.size
+        note_step(work, record, k, out)
+    return end

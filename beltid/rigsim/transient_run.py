@@ -42,7 +42,9 @@ MEMORY = 0.5  # slip over which falling friction follows the speed, over the tra
 SETTLED = 5.0e-3  # largest difference of the last tensions to the steady ones [-]
 AUGMENTATION = 1.0e2  # over the axial stiffness EA per shortest element [-]
 
-Marcher = Callable[[System, Points, Kinematics, Schedule, Drive, Workspace, Recorder], int]
+Marcher = Callable[
+    [System, Points, Kinematics, Schedule, Drive, Workspace, Recorder, int, int], int
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +62,7 @@ class TransientRun:
     laid, sliding : StaticState
         Static states before the pulley turns and in the limit of full sliding.
     record : Recorder
-        Certificate and counts of each step, profiles.
+        Certificate and counts of each step.
     points : Points
         Contact at the end.
     snapshots : tuple of (float, ContactState)
@@ -173,7 +175,7 @@ def run_transient(
     time = np.concatenate([[0.0], np.cumsum(schedule.dt)])
     start = time[np.count_nonzero(schedule.omega == 0.0)]
     at = np.searchsorted(time[1:], start + np.asarray(plan.profile_times, dtype=float))
-    wanted = np.append(np.minimum(at, plan.steps - 1), plan.steps - 1).astype(np.int64)
+    wanted = [*np.minimum(at, plan.steps - 1).tolist(), plan.steps - 1]
     belt = model.system.belt
     points = new_points(belt, STICK)
     remember(belt, points, laid.q)
@@ -183,10 +185,17 @@ def run_transient(
     work = model.workspace()
     store_strains(belt, laid.q, laid.stretch, work.strain_old)
     state = Kinematics(laid.q.copy(), *(np.zeros_like(laid.q) for _ in range(3)))
-    record = new_recorder(model, plan.steps, wanted)
+    record = new_recorder(plan.steps)
     augmentation = AUGMENTATION * belt.EA / float(belt.h.min())
     drive = Drive(laid.stretch, model.point.T_0, augmentation, plan.sticking_ratio)
-    done = marcher(model.system, points, state, schedule, drive, work, record)
+    contacts: dict[int, ContactState] = {}
+    done = 0
+    for k in sorted(set(wanted)):
+        done = marcher(model.system, points, state, schedule, drive, work, record, done, k + 1)
+        if done <= k:
+            break
+        rate = 2.0 ** record.halvings[k] / schedule.dt[k]
+        contacts[k] = contact_now(model, laid.stretch, record.force[k], state.q, points, rate)
     if done < plan.steps:
         spent = int(record.iterations[done])
         raise ConvergenceError(
@@ -209,10 +218,7 @@ def run_transient(
         sliding=sliding,
         record=record,
         points=points,
-        snapshots=tuple(
-            (float(time[k + 1]), _contact(model, laid.stretch, force[k], record, i))
-            for i, k in enumerate(wanted)
-        ),
+        snapshots=tuple((float(time[k + 1]), contacts[k]) for k in wanted),
     )
 
 
@@ -229,18 +235,20 @@ def _refuse_unsettled(model: RigModel, force: Array, sliding: StaticState) -> No
         )
 
 
-def _contact(
-    model: RigModel, stretch: float, support_force: Array, record: Recorder, i: int
+def contact_now(
+    model: RigModel, stretch: float, support_force: Array, q: Array, points: Points, rate: float
 ) -> ContactState:
-    profiles = record.profiles
+    """Contact along the arc at the end of a step that took 1/``rate`` [s]."""
+    sticks = (points.patches.status == STICK)[:, None]
+    at_R = np.divide(model.path.R, points.rho, out=np.zeros_like(points.rho), where=points.rho > 0)
     return ContactState(
         model=model,
         stretch=stretch,
         support_force=support_force,
-        q=profiles.coordinates[i],
-        angle=profiles.angle[i],
-        line_force=profiles.line_force[i],
-        tangential_force=profiles.tangential_force[i],
-        slip_speed=profiles.slip_speed[i],
-        sticks=profiles.sticks[i],
+        q=q.copy(),
+        angle=points.theta.copy(),
+        line_force=points.f_N.copy(),
+        tangential_force=points.F_T.copy(),
+        slip_speed=points.slip * at_R * rate,
+        sticks=np.where(sticks, 1.0, np.zeros_like(points.f_N)),
     )

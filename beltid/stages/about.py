@@ -68,9 +68,9 @@ def file_info(path: Path) -> Summary:
             "kind": artifact.kind,
             "schema_version": artifact.schema_version,
             "rows": rows,
-            **({"method": metadata.extra["method"]} if "method" in metadata.extra else {}),
+            **({"method": metadata.method} if metadata.method else {}),
             "written_by": f"beltid {artifact.software_version}",
-            "config": metadata.extra.get("config"),
+            "config": metadata.config,
             "file_sha256": artifact.sha256,
             "config_sha256": metadata.config_sha256,
             "sources_sha256": artifact.software_sha256,
@@ -87,13 +87,13 @@ def file_info(path: Path) -> Summary:
             ],
             "further": [
                 {"name": key, "value": json_value(value)}
-                for key, value in metadata.extra.items()
+                for key, value in metadata.figures.items()
                 if key not in known
             ],
         },
-        notes=tuple(metadata.extra.get("notes", ())),
-        warnings=tuple(metadata.extra.get("warnings", ())),
-        origin=metadata.extra.get("origin"),
+        notes=metadata.notes,
+        warnings=metadata.warnings,
+        origin=metadata.origin,
     )
 
 

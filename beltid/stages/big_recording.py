@@ -7,12 +7,11 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench.big_recording import is_big, open_big
+from beltid.bench.big_recording import BigRecording
 from beltid.config import Config
 from beltid.identify.friction.reduction import reduce_stream
 from beltid.identify.friction.rig_table import run_record
@@ -26,20 +25,14 @@ MOST_UNDER_WAY: Final = 8
 """Batches that wait for their workers, at most."""
 
 
-def read_by_runs(path: Path, config: Config) -> bool:
-    """Whether a recording is read run by run: a big one whose rows tell all settings."""
-    runs = config.runs.rig
-    return is_big(path) and runs == type(runs)()
-
-
 def reduce_big(
-    path: Path, config: Config, workers: Workers | None
+    recording: BigRecording, config: Config, workers: Workers | None
 ) -> tuple[tuple[RunReduction, ...], tuple[str, ...], int]:
     """Reduce a recording run by run, in bounded memory.
 
     Parameters
     ----------
-    path : Path
+    recording : BigRecording
         The recording.
     config : Config
         Names and units of its columns, radius of the pulley, settings of the reduction.
@@ -51,7 +44,6 @@ def reduce_big(
     reductions, notes, n_samples
         A reduction per run, what was found out about the file, and its samples.
     """
-    recording = open_big(path, config)
     settings = friction_settings(config.friction.model_dump())
     mapper = map if workers is None else partial(_shared, workers)
     reduced = reduce_stream(
@@ -63,9 +55,9 @@ def reduce_big(
     return reduced, recording.notes(), recording.runs.n_samples
 
 
-def columns_of_runs(path: Path, config: Config, labels: Collection[str]) -> dict[str, np.ndarray]:
+def columns_of_runs(recording: BigRecording, labels: Collection[str]) -> dict[str, np.ndarray]:
     """The samples of some runs of a recording; only labels if it has none of them."""
-    chosen = [run for run in open_big(path, config) if run.label in labels]
+    chosen = [run for run in recording if run.label in labels]
     if not chosen:
         return {"run": np.empty(0, dtype=object)}
     sizes = [run.columns["time_s"].size for run in chosen]

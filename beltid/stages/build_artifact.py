@@ -18,7 +18,6 @@ A stage reads like this::
 from __future__ import annotations
 
 import os
-import re
 import threading
 from collections.abc import Mapping
 from concurrent.futures import Future
@@ -30,14 +29,13 @@ from beltid._version import __version__
 from beltid.artifacts import atomic
 from beltid.artifacts.artifact import (
     Artifact,
-    Metadata,
     artifact_bytes,
     artifact_from_bytes,
-    plain,
     read_artifact,
+    stated_kind,
 )
-from beltid.artifacts.file_bytes import read_bytes
 from beltid.artifacts.fingerprint import source_sha256
+from beltid.artifacts.metadata_models import METADATA, Metadata, plain
 from beltid.bench.files.sources import Signature, content_sha256, signature_of
 from beltid.errors import ArtifactError, InputError
 from beltid.stages.origin import RECORDINGS, origin_of
@@ -81,17 +79,17 @@ class Built:
     @property
     def origin(self) -> str | None:
         """Where its data come from: "measured", "synthetic", or None where nobody said."""
-        return self.artifact.metadata.extra.get("origin")
+        return self.artifact.metadata.origin
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What the user should know."""
-        return tuple(self.artifact.metadata.extra.get("notes", ()))
+        return self.artifact.metadata.notes
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What the user should look into."""
-        return tuple(self.artifact.metadata.extra.get("warnings", ()))
+        return self.artifact.metadata.warnings
 
 
 @dataclass(slots=True, eq=False)
@@ -183,20 +181,20 @@ class Build:
 
     def _metadata(self, outcome: Outcome[Any]) -> Metadata:
         path = self.source.path
-        return Metadata(
-            config_sha256=self.source.config.sha256,
-            inputs=self._hashes.result(),
-            validity=outcome.validity,
-            set_aside=outcome.set_aside,
-            settings=self.settings,
-            extra={
+        return METADATA[self.kind].model_validate(
+            {
                 **outcome.extra,
+                "config_sha256": self.source.config.sha256,
+                "inputs": self._hashes.result(),
+                "validity": outcome.validity,
+                "set_aside": outcome.set_aside,
+                "settings": self.settings,
                 # the name without its folder: the same input gives the same bytes anywhere
                 "config": BUILT_IN if path is None else path.name,
                 "origin": origin_of(self.inputs, self.source.config.data.origin),
-                "notes": list(outcome.notes),
-                "warnings": list(outcome.warnings),
-            },
+                "notes": outcome.notes,
+                "warnings": outcome.warnings,
+            }
         )
 
     def _is_fresh(self, artifact: Artifact) -> bool:
@@ -205,7 +203,7 @@ class Build:
             and artifact.software_sha256 == source_sha256()
             and artifact.metadata.inputs == self._hashes.result()
             and artifact.metadata.settings == self.settings
-            and set(self.figures) <= set(artifact.metadata.extra)
+            and set(self.figures) <= artifact.metadata.model_fields_set
         )
 
     # --- inputs
@@ -324,11 +322,10 @@ def _existing(out: Path, kind: str) -> tuple[Artifact | None, str]:
         return read_artifact(out, kind), ""
     except ArtifactError:
         pass
-    data = read_bytes(out, ArtifactError) if out.is_file() and out.stat().st_size else b""
-    found = re.search(rb'"kind":"([a-z_]+)"', data) if b"beltid_sha256" in data else None
-    if found is not None and found[1].decode() == kind:
+    found = stated_kind(out) if out.is_file() else None
+    if found == kind:
         return None, ""  # damaged or of an old schema: only good to be replaced
-    return None, f"a {found[1].decode()} artifact" if found else FOREIGN
+    return None, f"a {found} artifact" if found else FOREIGN
 
 
 def _refuse_unwritable(out: Path) -> None:

@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.artifacts.artifact import read_artifact
+from beltid.artifacts.metadata_models import SurfaceMetadata
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError
 from beltid.identify.surface.surface import SurfaceResult, SurfaceSettings
@@ -134,31 +135,32 @@ def _uncertainty(
         surface=result.surface,
         sources=sources,
         changes=published_changes(measured, result.average, sources, settings),
-        scatter=scatter_factor(published_curves(measured, settings), result.average),
+        scatter=scatter_factor(published_curves(measured), result.average),
         arcs_deg=measured.arcs_deg,
     )
 
 
 def summarise(built: Built) -> Summary:
     """Sum up a surface artifact."""
-    columns, extra = built.artifact.columns, built.artifact.metadata.extra
+    columns = built.artifact.columns
+    metadata: SurfaceMetadata = built.artifact.metadata
     surface = surface_of(built.artifact)
-    validity = built.artifact.metadata.validity
+    validity = metadata.validity
     arcs = columns["arc_deg"]
-    spread = extra["rms_arc_spread"]
+    spread = metadata.rms_arc_spread
     return Summary(
         stage="build-surface",
         title="friction coefficient over normal force and sliding speed, averaged over arcs",
         out=built.artifact.path,
         facts={
-            "points": extra["n_points"],
+            "points": metadata.n_points,
             "arcs_deg": np.unique(arcs[np.isfinite(arcs)]).tolist(),
             "force_nodes": surface.normal_force_N_m.size,
             "speed_nodes": surface.slip_speed_m_s.size,
             "valid_force_N_m": validity.get("normal_force_N_m"),
             "valid_speed_m_s": validity.get("slip_speed_m_s"),
             "arc_to_arc_spread_rms_percent": None if spread is None else 100.0 * spread,
-            "budget": extra["budget"],
+            "budget": metadata.budget,
         },
         table=rows_of(
             columns,
@@ -174,9 +176,9 @@ def summarise(built: Built) -> Summary:
         overview=_grid(surface),
         beside={
             "standard uncertainty of the surface, in percent of mu (the bias of the published "
-            "procedure is not in it)": budget_table(extra["budget"], QUANTITY)
+            "procedure is not in it)": budget_table(metadata.budget, QUANTITY)
         },
-        details={"friction formulas": friction_law_rows(extra)},
+        details={"friction formulas": friction_law_rows(metadata.figures)},
         notes=built.notes,
         warnings=built.warnings,
         up_to_date=built.up_to_date,

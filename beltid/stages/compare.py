@@ -7,7 +7,7 @@ of the simulated rig are perfect, those of a second bench are as the config stat
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -15,6 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.artifacts.artifact import Artifact, may_be_artifact, read_artifact
+from beltid.artifacts.metadata_models import CompareMetadata
 from beltid.bench.recording import columns_of, read_recording
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, ArtifactError, ConfigError
@@ -159,7 +160,7 @@ def _uncertainty_of(path: Path) -> RunsUncertainty | None:
     if path.suffix.lower() != SUFFIX:
         return None
     try:
-        return runs_uncertainty_of(read_artifact(path, "simulated").metadata.extra)
+        return runs_uncertainty_of(read_artifact(path, "simulated").metadata.figures)
     except ArtifactError:
         return None
 
@@ -223,8 +224,8 @@ def _outcome(
 
 def summarise(built: Built) -> Summary:
     """Sum up a compare artifact; its exit status is the verdict."""
-    extra = built.artifact.metadata.extra
-    passed = bool(extra["passed"])
+    metadata: CompareMetadata = built.artifact.metadata
+    passed = bool(metadata.passed)
     statistics = [
         {
             "group": row["group"],
@@ -235,7 +236,7 @@ def summarise(built: Built) -> Summary:
             "from_force_N_m": row["force_low_N_m"],
             "to_force_N_m": row["force_high_N_m"],
         }
-        for row in extra["statistics"]
+        for row in metadata.statistics
     ]
     return Summary(
         stage="compare",
@@ -243,16 +244,16 @@ def summarise(built: Built) -> Summary:
         out=built.artifact.path,
         facts={
             "runs_compared": len(built.artifact.columns["run"]),
-            "runs_measured": extra["n_measured"],
-            "runs_simulated": extra["n_simulated"],
-            "groups": extra["statistics"],
-            "judged": extra["judged"],
-            "within_two_u_validation": within_words(extra["validation"]),
-            "rms_over_u_validation": extra["validation"]["rms_e_over_u"],
-            "u_validation_mostly_from": dominant(extra["budget"]),
-            "budget": extra["budget"],
+            "runs_measured": metadata.n_measured,
+            "runs_simulated": metadata.n_simulated,
+            "groups": metadata.statistics,
+            "judged": metadata.judged,
+            "within_two_u_validation": within_words(metadata.validation),
+            "rms_over_u_validation": metadata.validation.get("rms_e_over_u"),
+            "u_validation_mostly_from": dominant(metadata.budget),
+            "budget": metadata.budget,
         },
-        details=budget_details(extra["budget"]),
+        details=budget_details(metadata.budget),
         table=rows_of(
             built.artifact.columns,
             "run",
@@ -285,14 +286,14 @@ def summarise(built: Built) -> Summary:
         overview=statistics,
         notes=built.notes,
         warnings=built.warnings,
-        verdict=_verdict(passed, extra["judged"]),
+        verdict=_verdict(passed, metadata.judged),
         exit_status=EXIT_DONE if passed else EXIT_OUT_OF_TOLERANCE,
         up_to_date=built.up_to_date,
         origin=built.origin,
     )
 
 
-def _verdict(passed: bool, judged: list[dict[str, Any]]) -> str:
+def _verdict(passed: bool, judged: Sequence[Mapping[str, Any]]) -> str:
     def in_words(row: Mapping[str, Any]) -> str:
         name = row["tolerance"]
         words = TOLERANCES.get(name, name)

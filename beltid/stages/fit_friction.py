@@ -8,14 +8,15 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench.recording import columns_of, read_recording
+from beltid.bench.big_recording import BigRecording, read_rig
+from beltid.bench.recording import columns_of
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError
 from beltid.identify.estimators.statistics import as_set
 from beltid.identify.friction.load_cells import TOLD
 from beltid.identify.friction.reduction import RunReduction, reduce_runs
 from beltid.report.summary import Summary
-from beltid.stages.big_recording import read_by_runs, reduce_big
+from beltid.stages.big_recording import reduce_big
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.outcome import Outcome, rows_of, span
 from beltid.stages.reduction import friction_settings, reduction_columns
@@ -42,10 +43,10 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
     built = build.up_to_date()
     if built is None:
         path, model = inputs["rig"], config.config
-        if read_by_runs(path, model):
-            reduced, notes, n_samples = reduce_big(path, model, options.workers)
+        recording = read_rig(path, model)
+        if isinstance(recording, BigRecording):
+            reduced, notes, n_samples = reduce_big(recording, model, options.workers)
         else:
-            recording = read_recording(path, "rig", model)
             reduced, notes = _reduced(recording.columns, model), recording.notes
             n_samples = len(recording.columns["time_s"])
         options.reporter.report(f"{path}: {n_samples} samples")
@@ -152,9 +153,9 @@ def summarise(built: Built) -> Summary:
             "mu_sliding_range": validity.get("mu_sliding"),
             "normal_force_range_N_m": validity.get("normal_force_N_m"),
             "slip_speed_range_m_s": validity.get("slip_speed_m_s"),
-            "budget": built.artifact.metadata.extra["budget"],
+            "budget": built.artifact.metadata.budget,
         },
-        details=budget_details(built.artifact.metadata.extra["budget"]),
+        details=budget_details(built.artifact.metadata.budget),
         table=rows_of(
             columns,
             "run",

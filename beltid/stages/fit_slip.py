@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from beltid.artifacts.metadata_models import SlipMetadata
 from beltid.bench.recording import columns_of, read_recording
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError
@@ -132,18 +133,19 @@ def _columns(points: Sequence[SlipPoint]) -> dict[str, np.ndarray]:
 
 def summarise(built: Built) -> Summary:
     """Sum up a slip artifact."""
-    columns, extra = built.artifact.columns, built.artifact.metadata.extra
-    rig: Mapping[str, Any] = extra["rig_speeds"] or {}
+    columns = built.artifact.columns
+    metadata: SlipMetadata = built.artifact.metadata
+    rig = metadata.rig_speeds
     return Summary(
         stage="fit-slip",
         title="sliding speed of belt on pulley in service, from the loss of angular speed",
         out=built.artifact.path,
         facts={
             "runs": len(columns["slip_speed_m_s"]),
-            "largest_slip_speed_m_s": extra["max_slip_speed_m_s"],
-            "in_run": extra["max_slip_run"],
-            "rig_speeds_proposed_rad_s": rig.get("proposed_rad_s"),
-            "rig_speeds_covered": rig.get("covered"),
+            "largest_slip_speed_m_s": metadata.max_slip_speed_m_s,
+            "in_run": metadata.max_slip_run,
+            "rig_speeds_proposed_rad_s": rig and rig.get("proposed_rad_s"),
+            "rig_speeds_covered": rig and rig.get("covered"),
         },
         table=rows_of(
             columns,

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from beltid.artifacts.metadata_models import StiffnessMetadata
 from beltid.bench.recording import columns_of, read_recording
 from beltid.config import Config, ConfigSource, load_config
 from beltid.identify.press.stiffness import LawEstimate, StiffnessResult
@@ -166,8 +167,8 @@ def summarise(built: Built) -> Summary:
         }
         for row in rows
     ]
-    extra = artifact.metadata.extra
-    choice, loss = extra.get("law_choice") or {}, extra.get("dissipation") or {}
+    metadata: StiffnessMetadata = artifact.metadata
+    choice, loss = metadata.law_choice, metadata.dissipation
     return Summary(
         stage="fit-stiffness",
         title="normal contact law, force = k_linear * penetration + k_quadratic * penetration²",
@@ -184,15 +185,18 @@ def summarise(built: Built) -> Summary:
                     "k_quadratic_u_N_m3",
                 )
             },
-            "temperature_matters": extra["temperature"]["matters"],
-            "quadratic_law_supported": choice.get("quadratic_supported"),
-            "damping_at_press_speed_N_s_m": loss.get("C_P_N_s_m"),
-            "budget": extra["budget"],
+            "temperature_matters": metadata.temperature.get("matters"),
+            "quadratic_law_supported": choice and choice.get("quadratic_supported"),
+            "damping_at_press_speed_N_s_m": loss and loss.get("C_P_N_s_m"),
+            "budget": metadata.budget,
         },
         table=rows,
         shown=tuple(name for name in pooled if name != "max_penetration_m"),
         overview=overview,
-        details={"choice of law": normal_law_rows(extra), **budget_details(extra["budget"])},
+        details={
+            "choice of law": normal_law_rows(metadata.figures),
+            **budget_details(metadata.budget),
+        },
         notes=built.notes,
         warnings=built.warnings,
         up_to_date=built.up_to_date,

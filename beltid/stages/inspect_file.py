@@ -6,28 +6,16 @@ import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench.channels.channel_mapping import readings_of
-from beltid.bench.channels.readings import Question, Reading
-from beltid.bench.files.sources import sources_of
-from beltid.bench.formats.dialect import ReadOptions
-from beltid.bench.inspection import (
-    FileView,
-    RunView,
-    kinds_meant,
-    open_all,
-    runs_found,
-    unit_of,
-    views_of,
-)
-from beltid.bench.recording import Recording, read_recording, recording_of
+from beltid.bench.channels.channel_mapping import ChannelMapping
+from beltid.bench.inspection import FileView, RunView, inspect_recording, unit_of
 from beltid.config import ConfigSource
 from beltid.config.name_pattern import name_pattern
-from beltid.errors import EXIT_DONE, EXIT_INPUT, InputError
+from beltid.errors import EXIT_DONE, EXIT_INPUT
 from beltid.report.summary import Summary
 from beltid.stages.reporter import Options
 from beltid.tables import schemas
@@ -69,37 +57,25 @@ def run(source: ConfigSource, path: Path, options: InspectOptions) -> Summary:
         If a file cannot be read at all, or its kind cannot be found out.
     """
     config = source.config
-    opened = open_all(path, config)
-    views = views_of(opened, path, config)
-    kind = options.kind or _guessed(views[0], config, path)
-    recording: Recording | None = None
-    problems: tuple[str, ...] = ()
-    try:
-        recording = (
-            recording_of(opened, path, kind, ReadOptions.of(config, kind), digest="")
-            if opened
-            else read_recording(path, kind, config)
-        )
-    except InputError as error:
-        problems = error.problems
-    runs = [] if recording is None else runs_found(recording.columns, kind)
-    readings = _readings(views[0], kind, config, recording)
-    if recording is not None:
+    found = inspect_recording(path, config, options.kind)
+    kind, views, mappings = found.kind, found.files, found.mappings
+    runs, problems, understood = found.runs, found.problems, not found.problems
+    if understood:
         verdict = f"understood: beltid {COMMANDS[kind]} {path} can read it"
     else:
         verdict = "not yet understood: see what is still to be told"
     return Summary(
         stage="inspect",
         title=f"{path}, recording of the {_bench(kind)}{'' if options.kind else ' (guessed)'}",
-        facts=_facts(views, kind, recording, runs),
-        table=_channel_rows(views[0], readings, kind),
+        facts=_facts(views, kind, runs),
+        table=_channel_rows(views[0], mappings, kind),
         beside={"runs": _run_rows(runs[:SHOWN_RUNS])} if runs else {},
         details={"all runs": _run_rows(runs)} if len(runs) > SHOWN_RUNS else {},
-        notes=recording.notes if recording is not None else views[0].notes,
+        notes=found.notes,
         warnings=problems,
         verdict=verdict,
-        exit_status=EXIT_DONE if recording is not None else EXIT_INPUT,
-        snippet=_snippet(path, kind, config, readings, problems, views),
+        exit_status=EXIT_DONE if understood else EXIT_INPUT,
+        snippet=_snippet(path, kind, config, mappings, problems, views),
     )
 
 
@@ -107,46 +83,14 @@ def _bench(kind: str) -> str:
     return schemas.table(kind).command.removeprefix("the ")
 
 
-def _guessed(view: FileView, config: Any, path: Path) -> str:
-    """The kind of recording whose sensors the channels are."""
-    shares = kinds_meant(view, config)
-    best = max(shares, key=lambda kind: shares[kind])
-    ties = [kind for kind, share in shares.items() if share == shares[best]]
-    if shares[best] == 0 or len(ties) > 1:
-        found = ", ".join(c.name for c in view.candidates[:20]) or "none"
-        raise InputError(
-            f"{path}: the channels do not tell what it is a recording of, say --kind press, rig or "
-            f"speedloss; found: {found}"
-        )
-    return best
-
-
-def _readings(
-    view: FileView, kind: str, config: Any, recording: Recording | None
-) -> dict[str, Reading]:
-    """How channels are read, as far as it is decided."""
-    if recording is not None and recording.readings:
-        return recording.readings
-    table, options = schemas.table(kind), ReadOptions.of(config, kind)
-    groups: dict[str, list[Any]] = {}
-    for candidate in view.candidates:
-        groups.setdefault(candidate.group, []).append(candidate)
-    found: dict[str, Reading] = {}
-    for group in groups.values():
-        found = {**readings_of(group, Question(table, options)), **found}
-    return found
-
-
-def _facts(
-    views: Sequence[FileView], kind: str, recording: Recording | None, runs: Sequence[RunView]
-) -> dict[str, Any]:
+def _facts(views: Sequence[FileView], kind: str, runs: Sequence[RunView]) -> dict[str, Any]:
     facts: dict[str, Any] = {"format": ", ".join(dict.fromkeys(view.format for view in views))}
     if views[0].encoding:
         facts["encoding"] = ", ".join(dict.fromkeys(view.encoding for view in views))
     facts |= {"kind": kind, "files": len(views)}
-    if recording is None:
+    if not runs:
         return facts
-    facts |= {"runs": len(runs), "samples": len(recording.columns["time_s"])}
+    facts |= {"runs": len(runs), "samples": sum(run.n_samples for run in runs)}
     for name in ("arc_deg", "initial_tension_N"):
         values = sorted({run.settings[name] for run in runs if name in run.settings})
         if values:
@@ -155,10 +99,12 @@ def _facts(
     return facts
 
 
-def _channel_rows(view: FileView, readings: dict[str, Reading], kind: str) -> list[dict[str, Any]]:
+def _channel_rows(
+    view: FileView, mappings: dict[str, ChannelMapping], kind: str
+) -> list[dict[str, Any]]:
     """A row per channel of the first file; groups of equal channels once."""
-    roles = {(r.candidate.name, r.candidate.group): role for role, r in readings.items()}
-    by_name = {r.candidate.name: role for role, r in readings.items()}
+    roles = {(r.candidate.name, r.candidate.group): role for role, r in mappings.items()}
+    by_name = {r.candidate.name: role for role, r in mappings.items()}
     names = [channel.candidate.name for channel in view.channels]
     repeated = len(set(names)) < len(names)
     rows = []
@@ -208,44 +154,46 @@ def _snippet(
     path: Path,
     kind: str,
     config: Any,
-    readings: dict[str, Reading],
+    mappings: dict[str, ChannelMapping],
     problems: Sequence[str],
     views: Sequence[FileView],
 ) -> str:
     """A section of a config that says what was understood, with what is still to be told."""
     lines = ["data:", f"  {kind}: {_quoted(str(path.absolute()))}"]
-    own = {role: r for role, r in readings.items() if r.how != "own name"}
+    own = {role: r for role, r in mappings.items() if r.how != "own name"}
     if own:
         lines += ["columns:", f"  {kind}:"]
         lines += [
             f"    {role}: {_quoted(('-' if r.negated else '') + r.candidate.name)}"
             for role, r in own.items()
         ]
-    units = _units(kind, config, readings)
+    units = _units(kind, config, mappings)
     if units:
         lines += ["units:", f"  {kind}:", *(f"    {role}: {unit}" for role, unit in units.items())]
-    lines += _runs_lines(kind, config, path, problems)
+    lines += _runs_lines(kind, config, views, problems)
     for problem in dict.fromkeys(problems):
         lines += [f"# still to be told: {problem}"]
     return "\n".join(lines) + "\n"
 
 
-def _units(kind: str, config: Any, readings: dict[str, Reading]) -> dict[str, str]:
+def _units(kind: str, config: Any, mappings: dict[str, ChannelMapping]) -> dict[str, str]:
     """Units as stated by the config, else as the file writes them."""
     stated = config.units.of(kind)
     units: dict[str, str] = {}
-    for role, reading in readings.items():
+    for role, mapping in mappings.items():
         setting = stated.get(role)
         if isinstance(setting, Calibration):
             units[role] = f"{{factor: {setting.factor!r}, offset: {setting.offset!r}}}"
         elif setting is not None:
             units[role] = _quoted(setting)
-        elif reading.unit_stated and unit_of(reading.candidate):
-            units[role] = _quoted(canonical_unit(unit_of(reading.candidate)))
+        elif mapping.unit_stated and unit_of(mapping.candidate):
+            units[role] = _quoted(canonical_unit(unit_of(mapping.candidate)))
     return units
 
 
-def _runs_lines(kind: str, config: Any, path: Path, problems: Sequence[str]) -> list[str]:
+def _runs_lines(
+    kind: str, config: Any, views: Sequence[FileView], problems: Sequence[str]
+) -> list[str]:
     """What the config says about the runs; a pattern that fits the names, as a comment."""
     runs = config.runs.of(kind)
     said = []
@@ -261,7 +209,7 @@ def _runs_lines(kind: str, config: Any, path: Path, problems: Sequence[str]) -> 
     if said:
         return ["runs:", f"  {kind}:", *said]
     if any(" is missing; if it holds for every run" in problem for problem in problems):
-        pattern = _proposed_pattern([s.member or s.path.name for s in sources_of(path)], kind)
+        pattern = _proposed_pattern([PurePath(view.name).name for view in views], kind)
         if pattern:
             return [f"# runs: {{{kind}: {{pattern: {_quoted(pattern)}}}}}  # if the names say so"]
     return []

@@ -110,7 +110,7 @@ def _put_together(
         ),
         friction=friction_part(
             surface_of(surface),
-            str(surface.metadata.extra.get("method", "published")),
+            surface.metadata.method or "published",
             _budget(surface),
             _sticking(friction),
         ),
@@ -135,7 +135,7 @@ def _config(folder: Path, named: Path | None, surface: Artifact) -> ConfigSource
     if named is not None:
         return find_config(None, named)
     candidates = [find_config(folder / STIFFNESS)]
-    name = str(surface.metadata.extra.get("config") or "")
+    name = surface.metadata.config
     places = dict.fromkeys([Path(), *(Path(p) for p in folder.resolve().parents)])
     for place in places if name else ():
         for path in (place / name, place / "configs" / name):
@@ -176,8 +176,8 @@ def _budget(surface: Artifact) -> tuple[Contribution, ...]:
     """Where the uncertainty of mu comes from, largest first, the combined one last."""
     return tuple(
         Contribution(**{name: row[name] for name in Contribution.model_fields if name in row})
-        for row in surface.metadata.extra.get("budget") or ()
-        if row.get("contribution_percent") is not None
+        for row in surface.metadata.budget
+        if row["contribution_percent"] is not None
     )
 
 
@@ -209,7 +209,7 @@ def _covariance(stiffness: Artifact, row: int) -> Any:
 
 
 def _origin(*artifacts: Artifact) -> Any:
-    origins = [artifact.metadata.extra.get("origin") for artifact in artifacts]
+    origins = [artifact.metadata.origin for artifact in artifacts]
     if SYNTHETIC in origins:
         return SYNTHETIC
     return MEASURED if all(origin == MEASURED for origin in origins) else None
@@ -230,16 +230,12 @@ def _provenance(stiffness: Artifact, surface: Artifact, friction: Artifact | Non
     recordings = dict(stiffness.metadata.inputs)
     if friction is not None:
         recordings |= friction.metadata.inputs
-    config = surface.metadata.extra.get("config")
     return Provenance(
         software=f"beltid {__version__}",
         software_sha256=surface.software_sha256,
         artifacts={"stiffness": stiffness.sha256, "surface": surface.sha256},
         recordings=recordings,
-        config=config,
+        config=surface.metadata.config,
         config_sha256=surface.metadata.config_sha256,
-        notes=(
-            *stiffness.metadata.extra.get("notes", ()),
-            *surface.metadata.extra.get("notes", ()),
-        ),
+        notes=(*stiffness.metadata.notes, *surface.metadata.notes),
     )

@@ -50,5 +50,4 @@ def _origin(role: str, path: Path, stated: str | None) -> str | None:
         return stated if role in RECORDINGS else MEASURED
     if role in RECORDINGS:
         return SYNTHETIC  # a simulated recording in the place of a measured one
-    origin = artifact.metadata.extra.get("origin")
-    return origin if origin in (MEASURED, SYNTHETIC) else None
+    return artifact.metadata.origin

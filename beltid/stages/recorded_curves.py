@@ -13,6 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.artifacts.artifact import read_artifact
+from beltid.bench.big_recording import BigRecording, read_rig
 from beltid.bench.recording import read_recording
 from beltid.config import ConfigSource
 from beltid.errors import InputError
@@ -21,7 +22,7 @@ from beltid.identify.friction.load_cells import KnownCells
 from beltid.identify.press.curves import Branch
 from beltid.identify.press.stiffness import fit_stiffness
 from beltid.laws.capstan import friction_coefficient
-from beltid.stages.big_recording import columns_of_runs, read_by_runs
+from beltid.stages.big_recording import columns_of_runs
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.outcome import Outcome
 from beltid.stages.reduction import CELL_KEYS, friction_settings, stiffness_settings
@@ -66,10 +67,11 @@ def rig_curves(
     built = build.up_to_date()
     if built is None:
         runs = chosen_runs(read_artifact(friction, "friction").columns)
-        if read_by_runs(rig, source.config):
-            columns = columns_of_runs(rig, source.config, runs)
+        recording = read_rig(rig, source.config)
+        if isinstance(recording, BigRecording):
+            columns = columns_of_runs(recording, runs)
         else:
-            columns = read_recording(rig, "rig", source.config).columns
+            columns = recording.columns
         missing = sorted(set(runs) - set(columns["run"]))
         if missing:
             raise InputError(

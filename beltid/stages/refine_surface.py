@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.artifacts.artifact import read_artifact
+from beltid.artifacts.metadata_models import SurfaceMetadata
 from beltid.config import Config, ConfigSource, load_config
 from beltid.identify.surface.surface import SurfaceSettings
 from beltid.laws.penalty import NormalLaw
@@ -339,41 +340,42 @@ def _table(result: Refinement, run_speed: np.ndarray) -> dict[str, np.ndarray]:
 
 def summarise(built: Built) -> Summary:
     """Sum up a refined surface."""
-    extra, validity = built.artifact.metadata.extra, built.artifact.metadata.validity
+    metadata: SurfaceMetadata = built.artifact.metadata
+    validity = metadata.validity
     surface = surface_of(built.artifact)
-    check = extra.get("monte_carlo")
+    check = metadata.monte_carlo
     places = check["linear_fails_at"] if check else []
     return Summary(
         stage="refine-surface",
         title="simulated less measured friction coefficient: published surface, then refined",
         out=built.artifact.path,
         facts={
-            "runs": extra["n_points"],
-            "iterations": extra["iterations"],
-            "noise_over_stated_errors": extra["noise_scale"],
-            "effective_parameters": extra["effective_parameters"],
-            "arc_to_arc_spread_before_percent": _percent(extra["arc_spread_before"]),
-            "arc_to_arc_spread_after_percent": _percent(extra["rms_arc_spread"]),
+            "runs": metadata.n_points,
+            "iterations": metadata.iterations,
+            "noise_over_stated_errors": metadata.noise_scale,
+            "effective_parameters": metadata.effective_parameters,
+            "arc_to_arc_spread_before_percent": _percent(metadata.arc_spread_before),
+            "arc_to_arc_spread_after_percent": _percent(metadata.rms_arc_spread),
             "force_nodes": surface.normal_force_N_m.size,
             "speed_nodes": surface.slip_speed_m_s.size,
             "valid_force_N_m": validity.get("normal_force_N_m"),
             "valid_speed_m_s": validity.get("slip_speed_m_s"),
-            "budget": extra["budget"],
+            "budget": metadata.budget,
             **({"draws": check["replicates"], "seed": check["seed"]} if check else {}),
             **({"linear_fails_at": places} if places else {}),
         },
         beside={
             "standard uncertainty of the refined surface, in percent of mu": budget_table(
-                extra["budget"], QUANTITY
+                metadata.budget, QUANTITY
             ),
             **({CHECKED: check_table(check["table"])} if check else {}),
         },
-        table=[{name: row[name] for name in MISFIT_COLUMNS} for row in extra["misfit"]],
+        table=[{name: row[name] for name in MISFIT_COLUMNS} for row in metadata.misfit],
         notes=built.notes,
         warnings=built.warnings,
         up_to_date=built.up_to_date,
         origin=built.origin,
-        details={"friction formulas": friction_law_rows(extra)},
+        details={"friction formulas": friction_law_rows(metadata.figures)},
     )
 
 

@@ -85,15 +85,12 @@ def _summary(
     facts: dict[str, Any] = {
         "kind": artifact.kind,
         "rows": len(rows),
-        "origin": artifact.metadata.extra.get("origin"),
+        "origin": artifact.metadata.origin,
         "beltid": artifact.software_version,
         "figure": None if chosen is None else f"{chosen.title} ({chosen.key})",
         "further figures": ", ".join(n for n in names if chosen is None or n != chosen.key) or None,
     }
-    notes = [
-        *artifact.metadata.extra.get("warnings", ()),
-        *artifact.metadata.extra.get("notes", ()),
-    ]
+    notes = [*artifact.metadata.warnings, *artifact.metadata.notes]
     few = [{name: row[name] for name in telling} for row in rows[:FEW_ROWS]]
     rest = len(rows) - len(few)
     return Summary(
@@ -105,6 +102,6 @@ def _summary(
         overview=[] if out is not None else few,
         shown=("",) if out is not None else tuple(columns),
         notes=(*notes, *([f"{rest} more rows, see --verbose"] if rest > 0 and out is None else [])),
-        origin=artifact.metadata.extra.get("origin"),
+        origin=artifact.metadata.origin,
         drawing=None if out is not None or chosen is None else chosen.figure,
     )

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from beltid.artifacts.artifact import read_artifact
-from beltid.artifacts.metadata_models import SHOWN_OF_SOLVER
+from beltid.artifacts.metadata_models import SimulatedMetadata
 from beltid.config import Config, ConfigSource
 from beltid.errors import EXIT_DONE, EXIT_NUMERICS, NumericsError
 from beltid.report.summary import Summary
@@ -34,6 +34,16 @@ from beltid.uncertainty.simulated import RunsUncertainty
 
 KIND: Final = "simulated"
 FIGURES: Final = ("method", "runs")
+SHOWN_OF_SOLVER: Final = (
+    "elements",
+    "steps",
+    "newton_iterations",
+    "status_changes",
+    "halvings",
+    "residual",
+    "slip_m",
+    "cone",
+)
 KEYS: Final = (
     "belt.axial_stiffness_N",
     "belt.bending_stiffness_N_m2",
@@ -141,7 +151,7 @@ def _inputs(inputs: Mapping[str, Path], config: Config) -> Inputs:
     stiffness = read_artifact(inputs["stiffness"], "stiffness")
     return Inputs(
         surface_of(surface),
-        surface.metadata.extra.get("uncertainty") or {},
+        surface.metadata.uncertainty or {},
         press_law(law_of(stiffness), config, stiffness),
     )
 
@@ -205,8 +215,9 @@ def _outcome(
 
 def summarise(built: Built, of_profiles: Built | None = None) -> Summary:
     """Sum up a simulated recording, and the profiles beside it."""
-    extra = built.artifact.metadata.extra
-    rows = [{name: row.get(name) for name in ROW} for row in extra["runs"]]
+    metadata: SimulatedMetadata = built.artifact.metadata
+    runs = metadata.runs or ()
+    rows: list[dict[str, Any]] = [{name: row.get(name) for name in ROW} for row in runs]
     good = [row for row in rows if row["status"] == "ok"]
     failed = len(rows) - len(good)
     beside = {} if of_profiles is None else {"profiles": str(of_profiles.artifact.path)}
@@ -215,7 +226,7 @@ def summarise(built: Built, of_profiles: Built | None = None) -> Summary:
         title="friction coefficient of every simulated run, sliding",
         out=built.artifact.path,
         facts={
-            "method": extra["method"],
+            "method": metadata.method,
             "runs": len(rows),
             "runs_failed": failed,
             "samples": len(built.artifact.columns["time_s"]),
@@ -224,7 +235,7 @@ def summarise(built: Built, of_profiles: Built | None = None) -> Summary:
         },
         table=rows,
         overview=_per_setting(good) if len(rows) > 20 else [],
-        details={"solver": [_solver_row(row) for row in extra["runs"] if row.get("solver")]},
+        details={"solver": [_solver_row(row) for row in runs if row.get("solver")]},
         notes=(*built.notes, *(of_profiles.notes if of_profiles else ())),
         warnings=built.warnings,
         verdict=f"{failed} of {len(rows)} runs failed" if failed else "",

@@ -85,7 +85,7 @@ def surface_of(artifact: Artifact) -> UncertainSurface:
         return np.asarray(columns[name][rows].reshape(*surface.mu_nodes.shape, -1))
 
     members = on_grid("mu_members")
-    told = artifact.metadata.extra.get("uncertainty") or {}
+    told = artifact.metadata.uncertainty or {}
     return UncertainSurface(
         surface,
         on_grid("mu_factor"),

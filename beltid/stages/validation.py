@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -207,7 +207,7 @@ def within_words(validation: Mapping[str, Any]) -> str:
     return f"{validation['within_2u']} of {validation['n']} runs"
 
 
-def dominant(rows: list[dict[str, Any]]) -> str:
+def dominant(rows: Sequence[Mapping[str, Any]]) -> str:
     """The largest contributions, in words."""
     parts = [
         row

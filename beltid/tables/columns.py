@@ -50,16 +50,19 @@ class Column:
     @property
     def allowed(self) -> str:
         """The range in words: ``> 0``, ``in (0, 360)``."""
-        if math.isinf(self.high):
-            return (
-                "finite"
-                if math.isinf(self.low)
-                else f"{'>' if self.open_low else '>='} {self.low:g}"
-            )
-        if math.isinf(self.low):
-            return f"{'<' if self.open_high else '<='} {self.high:g}"
-        left, right = "[("[self.open_low], "])"[self.open_high]
-        return f"in {left}{self.low:g}, {self.high:g}{right}"
+        return interval(self.low, self.high, open_low=self.open_low, open_high=self.open_high)
+
+
+def interval(low: float, high: float, *, open_low: bool, open_high: bool) -> str:
+    """A range in words: ``> 0``, ``in (0, 360)``, or ``finite`` without bounds."""
+    if math.isinf(low) and math.isinf(high):
+        return "finite"
+    if math.isinf(high):
+        return f"{'>' if open_low else '>='} {low:g}"
+    if math.isinf(low):
+        return f"{'<' if open_high else '<='} {high:g}"
+    left, right = "[("[open_low], "])"[open_high]
+    return f"in {left}{low:g}, {high:g}{right}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -297,6 +297,8 @@ TABLES: Final[dict[str, Table]] = {
     )
 }
 RECORDINGS: Final = ("press", "rig", "speedloss")
+SETTINGS: Final = ("arc_deg", "initial_tension_N", "temperature_degC")
+"""Columns that hold one value in a whole run."""
 ARTIFACTS: Final = tuple(kind for kind in TABLES if kind not in RECORDINGS)
 
 

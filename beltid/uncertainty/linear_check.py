@@ -229,7 +229,7 @@ def check_of(
     of_published = np.concatenate(
         [
             published_changes(measured, grid, sources, settings),
-            scatter_factor(published_curves(measured, settings), grid, arcs=False),
+            scatter_factor(published_curves(measured), grid, arcs=False),
         ],
         axis=-1,
     )

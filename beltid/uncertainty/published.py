@@ -27,7 +27,7 @@ from beltid.uncertainty.sources import Errors, Source
 Array = NDArray[np.float64]
 
 
-def published_curves(measured: Measured, settings: SurfaceSettings) -> CurveSet:
+def published_curves(measured: Measured) -> CurveSet:
     """Curves of each arc and speed of a campaign."""
     points = Points(
         arc_deg=np.degrees(measured.beta),
@@ -36,12 +36,12 @@ def published_curves(measured: Measured, settings: SurfaceSettings) -> CurveSet:
         mu=measured.mu,
         se=measured.mu_se,
     )
-    return build_curves(points, settings.speed_gap, settings.force_gap)
+    return build_curves(points)
 
 
 def published_grid(measured: Measured, settings: SurfaceSettings) -> SurfaceGrid:
     """Averaged surface of a campaign by the published procedure."""
-    curves = published_curves(measured, settings)
+    curves = published_curves(measured)
     return average(curves, settings.force_nodes, errors_known=True)[0]
 
 

@@ -15,29 +15,32 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from pydantic import ValidationError
 
 from beltid._version import __version__
 from beltid.artifacts.arrow_columns import LARGEST
 from beltid.artifacts.artifact import (
     Artifact,
-    Metadata,
     artifact_bytes,
     artifact_from_bytes,
     read_artifact,
     write_artifact,
 )
+from beltid.artifacts.metadata_models import METADATA as MODELS
+from beltid.artifacts.metadata_models import Metadata, SlipMetadata, SurfaceMetadata
 from beltid.bench.recording import read_recording
 from beltid.errors import EXIT_INPUT, ArtifactError, InputError
 from beltid.tables import schemas
 
 RIGDATA = Path(__file__).parents[2] / "rigdata"
+WRITTEN_BEFORE = Path(__file__).parents[1] / "hostile" / "corpus" / "artifact"
 METADATA = Metadata(
     config_sha256="ab" * 32,
     inputs={"rig.csv": "cd" * 32},
     validity={"normal_force_N_m": [1041.5, 9000.25]},
     set_aside=[{"run": "R007", "why": "never slides"}],
     settings={"max_mu": 3.0},
-    extra={"method": "published"},
+    method="published",
 )
 
 
@@ -77,7 +80,7 @@ def test_round_trip(tmp_path, kind):
     path = tmp_path / f"{kind}.parquet"
     digest = write_artifact(path, kind, columns, METADATA)
     artifact = read_artifact(path, kind)
-    assert artifact.metadata == METADATA
+    assert artifact.metadata == MODELS[kind].model_validate(dict(METADATA))
     assert digest == artifact.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
     assert artifact.software_version == __version__
     assert list(artifact.columns) == list(schemas.table(kind).names)
@@ -154,6 +157,59 @@ def test_metadata_take_numpy_values_and_no_number_becomes_null():
     metadata = Metadata(settings={"a": np.float64(1.5), "b": np.arange(2), "c": float("nan")})
     read = artifact_from_bytes(artifact_bytes("slip", example("slip"), metadata), Path("x"))
     assert read.metadata.settings == {"a": 1.5, "b": [0, 1], "c": None}
+
+
+@pytest.mark.parametrize("kind", sorted(path.stem for path in WRITTEN_BEFORE.iterdir()))
+def test_a_file_written_before_is_read_and_says_the_same_when_written_again(kind):
+    before = (WRITTEN_BEFORE / f"{kind}.parquet").read_bytes()
+    artifact = artifact_from_bytes(before, Path("x"), kind)
+    after = artifact_bytes(kind, artifact.columns, artifact.metadata)
+    records = [
+        json.loads(pq.read_schema(pa.BufferReader(data)).metadata[b"beltid"])
+        for data in (before, after)
+    ]
+    sections = ("config_sha256", "inputs", "validity", "set_aside", "settings", "extra", "units")
+    one, other = (json.dumps([r[name] for name in sections], sort_keys=True) for r in records)
+    assert one == other
+
+
+def test_metadata_are_typed_frozen_and_of_their_kind():
+    speeds = {"proposed_rad_s": np.array([0.05, 0.2]), "covered": True}
+    metadata = SlipMetadata(rig_speeds=speeds, max_slip_speed_m_s=np.float64(0.02))
+    read = artifact_from_bytes(artifact_bytes("slip", example("slip"), metadata), Path("x"))
+    assert read.metadata.rig_speeds == {"proposed_rad_s": (0.05, 0.2), "covered": True}
+    assert read.metadata.max_slip_speed_m_s == 0.02
+    assert read.metadata.figures.keys() == {"rig_speeds", "max_slip_speed_m_s"}
+    with pytest.raises(ValidationError):
+        metadata.method = "other"
+    with pytest.raises(ValueError, match=r"a surface artifact: unknown figures .*'rig_speeds'"):
+        artifact_bytes("surface", example("surface"), metadata)
+
+
+def test_a_figure_that_this_version_does_not_know_is_kept_when_it_is_read():
+    data = artifact_bytes("slip", example("slip"), METADATA)
+    record = json.loads(pq.read_schema(pa.BufferReader(data)).metadata[b"beltid"])
+    record["extra"]["of_another_version"] = [1]
+    read = artifact_from_bytes(rewritten(data, sealed(record)), Path("x"), "slip")
+    assert read.metadata.figures["of_another_version"] == [1]
+
+
+@pytest.mark.parametrize(
+    ("extra", "words"),
+    [
+        ({"rms_arc_spread": "x"}, "extra.rms_arc_spread = 'x', must be a number"),
+        ({"n_points": -1}, "extra.n_points = -1, must be greater than or equal to 0"),
+        ({"origin": "found"}, "extra.origin = 'found', must be 'measured' or 'synthetic'"),
+        ({"budget": [{}]}, "extra.budget[0].quantity is missing"),
+        ({"uncertainty": {"sources": 3}}, "extra.uncertainty.sources = 3, must be a list"),
+    ],
+)
+def test_what_does_not_fit_says_its_place_what_was_found_and_what_is_allowed(extra, words):
+    data = artifact_bytes("surface", example("surface"), SurfaceMetadata())
+    record = json.loads(pq.read_schema(pa.BufferReader(data)).metadata[b"beltid"])
+    with pytest.raises(ArtifactError) as caught:
+        artifact_from_bytes(rewritten(data, sealed(record | {"extra": extra})), Path("x"))
+    assert f"x: damaged or written by others: {words}" in caught.value.problems
 
 
 # --- damage ----------------------------------------------------------------------------------

@@ -10,14 +10,16 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from beltid.artifacts.artifact import Metadata, artifact_bytes, read_artifact
+from beltid.artifacts.artifact import artifact_bytes, read_artifact
 from beltid.artifacts.atomic import remove_stale, write_bytes
+from beltid.artifacts.metadata_models import Metadata
 from beltid.batch.locks import alone_in
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import ArtifactError, InputError
@@ -275,6 +277,33 @@ def test_parts_of_a_parquet_folder_changed_while_they_are_read_are_noticed(tmp_p
 
     with pytest.raises(InputError, match="was changed while it was read"):
         make(recipe, out, Options(), meanwhile)
+
+
+@pytest.mark.parametrize("kind", schemas.ARTIFACTS)
+@pytest.mark.parametrize("fault", ["a flipped bit", "an old schema"])
+def test_a_result_that_cannot_be_read_is_built_again_whatever_its_kind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, fault: str
+) -> None:
+    source, out = tmp_path / "rig.csv", tmp_path / "out.parquet"
+    source.write_text("one")
+    recipe = (kind, ConfigSource(Config(), "test"), ("slip",), {"rig": source})
+    table = {c.name: np.array([]) for c in schemas.table(kind).columns if c.required}
+    computed = Outcome(kind, table, None)
+    make(recipe, out, Options(), lambda: computed)
+    whole = out.read_bytes()
+    if fault == "a flipped bit":
+        foot = bytearray(whole)
+        foot[-20] ^= 1
+        out.write_bytes(bytes(foot))
+    else:
+        older = replace(schemas.table(kind), version=0)
+        with monkeypatch.context() as then:
+            then.setitem(schemas.TABLES, kind, older)
+            make(recipe, out, Options(force=True), lambda: computed)
+    with pytest.raises(ArtifactError, match=r"damaged|schema version 0"):
+        read_artifact(out, kind)
+    assert not make(recipe, out, Options(), lambda: computed).up_to_date
+    assert out.read_bytes() == whole
 
 
 class Hearing(Reporter):

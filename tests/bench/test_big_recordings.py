@@ -14,9 +14,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltid.bench import big_recording
-from beltid.bench.big_recording import is_big, open_big
-from beltid.bench.formats import csv_stream, parquet_stream
-from beltid.bench.formats.csv_kernel import GOOD, NOT_SIMPLE, POWERS_OF_TEN, parse_rows
+from beltid.bench.big_recording import BigRecording, open_big, read_rig
+from beltid.bench.files.sources import Source
+from beltid.bench.formats import csv_table
+from beltid.bench.formats import parquet as parquet
+from beltid.bench.formats.csv_table import Wanted, read_rows
+from beltid.bench.formats.dialect import Layout
 from beltid.bench.recording import read_recording
 from beltid.config import load_config
 from beltid.errors import InputError
@@ -40,21 +43,20 @@ def same_as_read_at_once(path: Path, config: object = None) -> None:
 @pytest.fixture
 def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Chunks and blocks that end anywhere within rows and runs."""
-    monkeypatch.setattr(csv_stream, "CHUNK", 9973)
-    monkeypatch.setattr(csv_stream, "MOST_ROWS", 61)
+    monkeypatch.setattr(csv_table, "CHUNK", 9973)
+    monkeypatch.setattr(csv_table, "ARROW_BLOCK", 1009)
 
 
 def some_rows(n: int = 1500) -> list[str]:
     return RIG.read_text().splitlines()[: n + 1]
 
 
-def parsed(cells: list[str]) -> tuple[int, np.ndarray]:
-    data = np.frombuffer("".join(f"r,{cell}\n" for cell in cells).encode(), dtype=np.uint8)
-    numbers = np.full((1, len(cells)), np.nan)
-    slots, marks = np.array([-1, 0]), np.array([ord(","), ord(".")])
-    changes = np.empty((4, 3), dtype=np.int64)
-    rows, _, _, status = parse_rows(data, marks, slots, 0, numbers, changes, POWERS_OF_TEN)
-    return status, numbers[0, :rows]
+def parsed(cells: list[str]) -> tuple[list[float], list[str]]:
+    """Numbers of cells of a CSV file, and what is wrong with them."""
+    body = "".join(f"r,{cell}\n" for cell in cells).encode()
+    layout = Layout(("run", "x"), (), ",", ".", body, 2, (), 1)
+    rows = read_rows(layout, {"run": Wanted(0, True, "run"), "x": Wanted(1, False, "x")}, "a.csv")
+    return rows.numbers["x"].tolist(), [text for _, text in rows.problems.found]
 
 
 def test_the_recordings_of_the_paper_s_rig(small_chunks: None) -> None:
@@ -113,7 +115,6 @@ def test_parquet_in_a_file_and_in_folders(tmp_path: Path) -> None:
         folder = tmp_path / "season" / f"arc_deg={arc:g}" / f"run={run}"
         folder.mkdir(parents=True)
         part.drop(columns=["arc_deg", "run"]).to_parquet(folder / "part.parquet", index=False)
-    assert is_big(tmp_path / "season")
     wanted = dict(iter(frame.groupby("run")))
     found = {run.label: run.columns for run in open_big(tmp_path / "season")}
     assert found.keys() == wanted.keys()
@@ -293,37 +294,21 @@ def test_a_sign_is_doubted_once(tmp_path: Path) -> None:
 
 
 @settings(max_examples=300, deadline=None)
-@given(st.lists(st.floats(-9e6, 9e6, allow_nan=False), min_size=1, max_size=20), st.integers(0, 9))
+@given(st.lists(st.floats(-9e6, 9e6, allow_nan=False), min_size=1, max_size=20), st.integers(0, 17))
 def test_numbers_are_the_nearest_doubles(values: list[float], places: int) -> None:
     cells = [f"{value:.{places}f}" for value in values]
-    status, numbers = parsed(cells)
-    assert status == GOOD
-    assert numbers.tolist() == [float(cell) for cell in cells]
+    assert parsed(cells) == ([float(cell) for cell in cells], [])
 
 
-@given(st.from_regex(r"-?[0-9]{1,9}(\.[0-9]{0,8})?([eE][-+]?[0-9]{1,2})?", fullmatch=True))
-def test_exponents_are_read_or_left_to_the_exact_reader(cell: str) -> None:
-    status, numbers = parsed([cell])
-    assert status == NOT_SIMPLE or numbers.tolist() == [float(cell)]
+@given(st.from_regex(r"-?[0-9]{1,20}(\.[0-9]{0,8})?([eE][-+]?[0-9]{1,2})?", fullmatch=True))
+def test_exponents_and_long_numbers_are_read_to_the_last_bit(cell: str) -> None:
+    assert parsed([cell]) == ([float(cell)], [])
 
 
-@pytest.mark.parametrize("cell", ["", "-", ".", "1e", "nan", "1,5", "0x1", "1.2.3", "1_0", " 1"])
-def test_what_is_no_plain_number_is_left_to_the_exact_reader(cell: str) -> None:
-    status, numbers = parsed(["1.0", cell])
-    assert status == NOT_SIMPLE
-    assert numbers.tolist() == [1.0]
-
-
-@pytest.mark.parametrize("cell", ["9007199254740993", "12345678901234567890", "1e23", "1e-30"])
-def test_more_than_a_double_holds_exactly_is_left_to_the_exact_reader(cell: str) -> None:
-    assert parsed([cell])[0] == NOT_SIMPLE
-
-
-def test_a_cell_that_repeats_in_part_is_read_anew() -> None:
-    cells = ["22.5"] * 70 + ["22.51", "22.5", "22", "2", "22.5", "-22.5"]
-    status, numbers = parsed(cells)
-    assert status == GOOD
-    assert numbers.tolist() == [float(cell) for cell in cells]
+@pytest.mark.parametrize("cell", [".", "1e", "1,5", "0x1", "1.2.3", "1_0", "1 0", "--1", "١"])
+def test_what_is_no_plain_number_is_refused_with_its_line(cell: str) -> None:
+    problems = parsed(["1.0", f'"{cell}"'])[1]
+    assert problems == [f'a.csv:3: x = "{cell}", must be a number']
 
 
 @pytest.mark.parametrize("rows_of_a_group", [100_000, 1_500_000])
@@ -331,7 +316,7 @@ def test_a_parquet_file_takes_a_part_of_its_size_in_memory(
     rows_of_a_group: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Neither the file nor a row group of it is held at once, and nothing of it stays."""
-    monkeypatch.setattr(parquet_stream, "ROWS", 1 << 14)
+    monkeypatch.setattr(parquet, "ROWS", 1 << 14)
     rng = np.random.default_rng(4)
     columns = {"run": np.full(1_500_000, "a")}
     columns |= {
@@ -342,10 +327,11 @@ def test_a_parquet_file_takes_a_part_of_its_size_in_memory(
     path = tmp_path / "rig.parquet"
     pq.write_table(pa.table(columns), path, row_group_size=rows_of_a_group)
     del columns
+    source = Source(str(path), path, Path(path.name))
     before, most, n = pa.total_allocated_bytes(), 0, 0
-    for block in parquet_stream.parquet_blocks(path, schemas.table("rig"), {}):
+    for block in parquet.parquet_blocks([source], schemas.table("rig"), {}):
         most = max(most, pa.total_allocated_bytes() - before)
-        n += block.n_rows
+        n += len(block)
     assert n == 1_500_000
     assert most < path.stat().st_size / 3
 
@@ -435,3 +421,81 @@ def test_numbered_parts_come_in_the_order_of_their_numbers(tmp_path: Path) -> No
     assert np.array_equal(
         np.concatenate([run.columns["time_s"] for run in runs]), frame["time_s"].to_numpy()
     )
+
+
+def season(folder: Path) -> tuple[Path, dict[str, np.ndarray]]:
+    """A flat folder with a small Parquet file per run, and the columns in it."""
+    import pandas as pd
+
+    frame = pd.read_csv(RIG, dtype={"run": str}).iloc[:1500]
+    folder.mkdir()
+    for run, part in frame.groupby("run"):
+        part.to_parquet(folder / f"{run}.parquet", index=False)
+    return folder, {name: frame[name].to_numpy() for name in frame.columns}
+
+
+def test_a_flat_folder_of_small_parquet_files_is_read_as_a_large_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, wanted = season(tmp_path / "season")
+    for path in (folder, folder / "*.parquet"):
+        at_once = read_rig(path)
+        assert not isinstance(at_once, BigRecording)
+        for name, values in at_once.columns.items():
+            assert np.array_equal(values, wanted[name]), name
+    with monkeypatch.context() as patched:
+        patched.setattr(big_recording, "BIG", 1000)
+        assert isinstance(read_rig(folder), BigRecording)
+        assert isinstance(read_rig(folder / "*.parquet"), BigRecording)
+    same_as_read_at_once(folder)
+
+
+def test_a_folder_of_parquet_files_of_another_bench(tmp_path: Path) -> None:
+    import pandas as pd
+
+    frame = pd.read_csv(RIG.parent / "press.csv", dtype={"test": str})
+    for test, part in frame.groupby("test"):
+        part.to_parquet(tmp_path / f"{test}.parquet", index=False)
+    recording = read_recording(tmp_path, "press")
+    assert np.array_equal(recording.columns["force_N"], frame["force_N"].to_numpy())
+
+
+@pytest.mark.parametrize("name", ["rig.csv", "rig.txt", "rig.dat", "rig", "rig.xlsx", "rig.lvm"])
+@pytest.mark.parametrize("packed", [False, True])
+def test_no_ending_decides_how_a_big_file_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, packed: bool
+) -> None:
+    monkeypatch.setattr(big_recording, "BIG", 10_000)
+    path = tmp_path / name
+    data = "\n".join(some_rows()).encode() + b"\n"
+    path.write_bytes(gzip.compress(data) if packed else data)
+    assert isinstance(read_rig(path), BigRecording)
+
+
+def test_a_big_file_of_another_format_called_csv_is_read_by_its_content(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import writers
+
+    path = writers.write_xlsx(tmp_path / "rig.csv", writers.rig_runs(1))
+    monkeypatch.setattr(big_recording, "BIG", 1000)
+    recording = read_rig(path)
+    assert not isinstance(recording, BigRecording)
+    assert len(recording.columns["time_s"]) == len(writers.rig_runs(1)["R001"])
+
+
+def test_a_packed_file_is_as_big_as_what_is_in_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "rig.csv.gz"
+    path.write_bytes(gzip.compress(RIG.read_bytes()))
+    size = path.stat().st_size
+    monkeypatch.setattr("beltid.bench.files.archives.MAX_BYTES", 2 * size)
+    for limit in (size - 1000, size + 1000):  # packed just above and just below it
+        monkeypatch.setattr(big_recording, "BIG", limit)
+        recording = read_rig(path)
+        assert isinstance(recording, BigRecording)
+        assert len(list(recording)) == 120
+    monkeypatch.setattr(big_recording, "BIG", RIG.stat().st_size + 1)
+    with pytest.raises(InputError, match="unpacks to more than"):
+        read_rig(path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 from pathlib import Path
 
@@ -110,3 +111,52 @@ def test_channels_of_no_bench_of_ours_ask_for_the_kind():
     result = CliRunner().invoke(app, ["inspect", str(RIG), "--kind", "belt"])
     assert result.exit_code == 2
     assert "--kind belt, must be press, rig, speedloss" in result.stderr
+
+
+def test_a_partitioned_folder_of_parquet_files(tmp_path):
+    for label, run in writers.rig_runs(3).items():
+        arc = run["arc_deg"].iloc[0]
+        part = tmp_path / "season" / f"arc_deg={arc}" / f"run={label}"
+        part.mkdir(parents=True)
+        run.drop(columns=["arc_deg", "run"]).to_parquet(part / "0.parquet", index=False)
+    status, found = inspect(tmp_path / "season")
+    assert status == 0
+    facts = found["facts"]
+    assert (facts["format"], facts["kind"], facts["files"]) == ("Parquet", "rig", 3)
+    assert sorted(row["run"] for row in found["details"]["runs"]) == ["R001", "R002", "R003"]
+    rows = {row["channel"]: row for row in found["table"]}
+    assert rows["arc_deg"]["read_as"] == "arc_deg"
+    assert rows["time_s"]["samples"] == len(writers.rig_runs(1)["R001"])
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_a_recording_too_big_for_the_memory_is_told_as_a_small_one(tmp_path, monkeypatch, packed):
+    small = inspect(RIG)[1]
+    path = tmp_path / ("rig.csv.gz" if packed else "rig.csv")
+    path.write_bytes(gzip.compress(RIG.read_bytes()) if packed else RIG.read_bytes())
+    for module in ("beltid.artifacts.file_bytes", "beltid.bench.files.archives"):
+        monkeypatch.setattr(f"{module}.MAX_BYTES", 100_000)
+    monkeypatch.setattr("beltid.bench.big_recording.BIG", 50_000)
+    status, found = inspect(path)
+    assert status == 0
+    for part in ("facts", "table", "details"):
+        assert found[part] == small[part], part
+    press = tmp_path / "press.csv"  # what its command refuses, inspect does not call understood
+    press.write_bytes((RIG.parent / "press.csv").read_bytes())
+    status, found = inspect(press)
+    assert status == 2
+    assert "larger than" in found["warnings"][0]
+
+
+def test_a_parquet_file_is_inspected_with_the_care_of_the_reader(tmp_path, monkeypatch):
+    frame = writers.rig_runs(1)["R001"]
+    path = tmp_path / "rig.parquet"
+    frame.assign(note="12").to_parquet(path, index=False)
+    rows = {row["channel"]: row for row in inspect(path)[1]["table"]}
+    assert rows["note"]["min"] is None  # texts stay texts
+    assert rows["note"]["samples"] == len(frame)
+    assert rows["tension_tight_N"]["max"] == frame["tension_tight_N"].max()
+    monkeypatch.setattr("beltid.artifacts.parquet_open.MAX_CELLS", 100)
+    result = CliRunner().invoke(app, ["inspect", str(path)])
+    assert result.exit_code == 2
+    assert "damaged: it claims" in result.stderr

@@ -110,7 +110,7 @@ def test_another_recording_makes_it_again(bench: Path, beltid: Any) -> None:
     recording.write_text("".join(lines[:-1]))
     result = beltid("fit-friction", "rig.csv", "-v")
     assert result.exit_code == 0
-    assert "made again" in result.stderr
+    assert "built again" in result.stderr
 
 
 def test_the_config_used_is_said_and_stored(bench: Path, beltid: Any) -> None:
@@ -118,7 +118,7 @@ def test_the_config_used_is_said_and_stored(bench: Path, beltid: Any) -> None:
     assert result.stderr.splitlines()[0].startswith("config: ")
     assert "beltid.yaml" in result.stderr.splitlines()[0]
     stored = read_artifact(bench / "friction.parquet", "friction").metadata
-    assert stored.extra["config"] == "beltid.yaml"
+    assert stored.config == "beltid.yaml"
     assert len(stored.config_sha256) == 64
 
 
@@ -183,7 +183,7 @@ def test_out_of_tolerance_is_status_4_with_the_verdict(bench: Path, beltid: Any)
     result = beltid("compare", "friction.parquet", "simulated.parquet")
     assert result.exit_code == 4
     assert "FAIL: rms" in result.stdout
-    assert read_artifact(bench / "compare.parquet", "compare").metadata.extra["passed"] is False
+    assert read_artifact(bench / "compare.parquet", "compare").metadata.passed is False
     again = beltid("compare", "friction.parquet", "simulated.parquet", "--json")
     assert again.exit_code == 4
     assert json.loads(again.stdout)["exit_status"] == 4
@@ -194,7 +194,7 @@ def test_simulated_recording_has_exactly_the_columns_of_the_bench(bench: Path) -
     header = (bench / "rig.csv").read_text().splitlines()[0].split(",")
     artifact = read_artifact(bench / "simulated.parquet", "simulated")
     assert list(artifact.columns) == header
-    assert artifact.metadata.extra["method"] == "steady"
+    assert artifact.metadata.method == "steady"
     assert artifact.columns["run"][0] == "S001"
 
 
@@ -233,7 +233,7 @@ def test_results_of_the_shipped_recordings_are_called_synthetic(
     assert result.exit_code == 0
     assert result.stdout.startswith("fit-slip (synthetic data): ")
     stored = read_artifact(tmp_path / "slip.parquet", "slip").metadata
-    assert stored.extra["origin"] == "synthetic"
+    assert stored.origin == "synthetic"
 
 
 def test_nothing_is_said_about_an_origin_that_nobody_stated(bench: Path, beltid: Any) -> None:

@@ -55,9 +55,7 @@ def test_profiles_stand_beside_the_recording(bench: Path, beltid: Any) -> None:
     recording = read_artifact(bench / "run.parquet", "simulated").columns
     columns = profiles.columns
     assert tuple(columns) == schemas.table("profiles").names
-    assert profiles.metadata.extra["origin"] == read_artifact(
-        bench / "surface.parquet"
-    ).metadata.extra.get("origin")
+    assert profiles.metadata.origin == read_artifact(bench / "surface.parquet").metadata.origin
     assert set(columns["run"]) == {"S023"}
     times = np.unique(columns["time_s"])
     assert times.size == 2

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from beltid.config import Config, config_text, load_config
-from beltid.config.bench_files import PressUnits, RigUnits, SpeedlossUnits
+from beltid.config import config_text, load_config
+from beltid.errors import ConfigError
 from beltid.tables import schemas
 
 ROOT = Path(__file__).parents[2]
@@ -134,18 +134,25 @@ def test_every_value_that_changes_a_result_changes_the_hash():
     assert len(seen) == len(changes) + 1
 
 
-@pytest.mark.parametrize(
-    ("kind", "units"), [("press", PressUnits), ("rig", RigUnits), ("speedloss", SpeedlossUnits)]
-)
-def test_the_columns_of_the_config_are_those_of_the_tables(kind, units):
-    columns = schemas.table(kind).columns
-    names = Config().columns.model_dump()[kind]
-    assert tuple(names) == tuple(c.name for c in columns)
-    numbers = {c.name: c.unit for c in columns if c.dtype == "float64"}
-    assert set(units.model_fields) == set(numbers)
-    for column, unit in numbers.items():
-        stated = load_config({"units": {kind: {column: unit}}})
-        assert stated.units.of(kind) == {column: unit}
+@pytest.mark.parametrize("kind", schemas.RECORDINGS)
+def test_every_number_of_a_recording_may_come_in_the_unit_of_its_table(kind):
+    for column in schemas.table(kind).columns:
+        if column.dtype == "float64":
+            stated = load_config({"units": {kind: {column.name: column.unit}}})
+            assert stated.units.of(kind) == {column.name: column.unit}
+
+
+def test_settings_of_all_runs_have_the_range_of_their_column():
+    values = {"arc_deg": 359.9, "initial_tension_N": 1e-3, "temperature_degC": -90}
+    assert load_config({"runs": {"rig": {"values": values}}}).runs.rig.values.arc_deg == 359.9
+    for name, value, allowed in (
+        ("arc_deg", 360, r"in \(0, 360\) °"),
+        ("initial_tension_N", 0, "> 0 N"),
+        ("temperature_degC", 200.1, r"in \[-90, 200\] °C"),
+    ):
+        wrong = rf"^runs\.rig\.values\.{name} = {value}, must be {allowed}$"
+        with pytest.raises(ConfigError, match=wrong):
+            load_config({"runs": {"rig": {"values": {name: value}}}})
 
 
 names = st.text(st.characters(codec="utf-8", exclude_categories=["C", "Zl", "Zp"]), min_size=1)

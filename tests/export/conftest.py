@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beltid.artifacts.artifact import Metadata, write_artifact
+from beltid.artifacts.artifact import write_artifact
 from beltid.artifacts.hashing import sha256
+from beltid.artifacts.metadata_models import Metadata
 from beltid.config import Config
 from beltid.export.law import (
     BeltFacts,
@@ -92,7 +93,7 @@ def write_results(folder: Path, config: Config, origin: str | None = "synthetic"
         Metadata(
             inputs={"press": SHA["press"]},
             validity={"penetration_m": [0.0, 1.0e-4], "force_N_m": [0.0, 1.0e4]},
-            extra={"origin": origin},
+            origin=origin,
         ),
     )
     friction = folder / "friction.parquet"
@@ -133,7 +134,9 @@ def write_results(folder: Path, config: Config, origin: str | None = "synthetic"
                     "normal_force_N_m": [FORCES[0], FORCES[-1]],
                     "slip_speed_m_s": [SPEEDS[0], SPEEDS[-1]],
                 },
-                extra={"method": method, "origin": origin, "config": "beltid.yaml"},
+                method=method,
+                origin=origin,
+                config="beltid.yaml",
             ),
         )
 

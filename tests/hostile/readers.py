@@ -57,7 +57,7 @@ def _artifact(path: Path) -> object:
     elif artifact.kind == "stiffness":
         press_law(law_of(artifact), CONFIG, artifact)
     elif artifact.kind == "simulated":
-        runs_uncertainty_of(artifact.metadata.extra)
+        runs_uncertainty_of(artifact.metadata.figures)
     results = BeltResults("x", {artifact.kind: sheet})
     verdict_of(results)
     for table in (tables.budget, tables.set_aside, tables.provenance, tables.settings):

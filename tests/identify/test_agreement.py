@@ -105,15 +105,6 @@ def test_nearest_speed_wins_within_the_tolerance() -> None:
     assert compare_points(measured, simulated).mu_simulated == [3.0]
 
 
-def test_repeated_measurements_share_their_simulation() -> None:
-    measured, simulated = pair()
-    twice = {k: np.concatenate([a, a]) for k, a in measured.items()}
-    result = compare_points(twice, simulated)
-    assert result.overall.n_points == 72
-    assert result.not_compared == {}
-    assert result.over_arc_averages.n_points == 12
-
-
 def test_runs_without_partner_and_set_aside_are_counted_with_reasons() -> None:
     measured, simulated = pair()
     measured["status"][3] = "never slides"

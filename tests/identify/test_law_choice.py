@@ -12,7 +12,7 @@ from press_bench import TRUTH, Bench, load
 from beltid.errors import InputError
 from beltid.identify.press.curves import read_recording
 from beltid.identify.press.dissipation import estimate_dissipation
-from beltid.identify.press.laws import LawCandidate, choose_normal_law, verdict_of
+from beltid.identify.press.laws import choose_normal_law
 from beltid.identify.press.stiffness import StiffnessSettings, fit_stiffness
 
 SETTINGS = StiffnessSettings(0.04)
@@ -49,16 +49,12 @@ def test_quadratic_bench_supports_the_quadratic_law():
 def test_quadratic_of_the_comparison_is_the_law_of_the_fit():
     record = Bench(tests_per_temperature=2).record(3)
     pooled = fit_stiffness(record, SETTINGS).pooled
-    values = choose_normal_law(curves_of(record)).candidate("quadratic").values
-    assert values["k_linear"] == pytest.approx(pooled.k_linear_N_m2, rel=1e-7)
-    assert values["k_quadratic"] == pytest.approx(pooled.k_quadratic_N_m3, rel=1e-7)
-
-
-def test_linear_bench_is_recognised():
-    choice = choose_normal_law(curves_of(Bench(k_linear=9e7, k_quadratic=0.0).record(2)))
-    assert not choice.quadratic_supported
-    assert choice.verdict.startswith("A linear law does as well")
-    within(choice, "linear", {"k_linear": 9e7})
+    k1, k2 = choose_normal_law(curves_of(record)).candidate("quadratic").parameters
+    assert k1.value == pytest.approx(pooled.k_linear_N_m2, rel=1e-7)
+    assert k2.value == pytest.approx(pooled.k_quadratic_N_m3, rel=1e-7)
+    # both from the scatter of the nodes, here about the law, there about each curve's own
+    assert k1.se == pytest.approx(pooled.k_linear_se_N_m2, rel=0.2)
+    assert k2.se == pytest.approx(pooled.k_quadratic_se_N_m3, rel=0.2)
 
 
 def test_power_bench_is_recognised_and_its_exponent_found():
@@ -107,7 +103,7 @@ def test_the_quadratic_law_that_is_judged_is_the_one_that_is_handed_on(power):
     assert f"A power (exponent {power}" in choice.verdict
     free = next(p for p in quadratic.parameters if p.value)
     held = next(p for p in quadratic.parameters if not p.value)
-    assert held.se == 0.0
+    assert held.se > 0.0
     assert 0.0 < free.se < 0.1 * free.value
 
 
@@ -120,41 +116,12 @@ def test_contact_point_is_free_in_every_law():
         assert a.criterion == pytest.approx(b.criterion, abs=1e-4)
 
 
-def test_stated_errors_are_the_scatter_of_repeated_tests():
-    bench = Bench(temperatures=(22.0,), travel_noise=1e-7, dt=0.5)
-    fits = [choose_normal_law(curves_of(bench.record(s))).candidate("quadratic") for s in range(40)]
-    for k in range(2):
-        scatter = np.std([f.parameters[k].value for f in fits], ddof=1)
-        stated = np.sqrt(np.mean([f.parameters[k].se ** 2 for f in fits]))
-        # 40 repetitions determine a standard deviation to 11 %
-        assert 0.65 < stated / scatter < 1.6
-
-
 def test_single_test_is_judged_by_blocks_of_force():
     choice = choose_normal_law(curves_of(POWER.record(8)), tests=["S40-0"])
     assert "blocks of force" in choice.validation
     assert "power" in choice.verdict
     with pytest.raises(InputError, match="no curve of the tests nobody"):
         choose_normal_law(curves_of(POWER.record(8)), tests=["nobody"])
-
-
-def test_provable_but_negligible_is_said_so():
-    nan = float("nan")
-
-    def judged(criterion, ratio, apart):
-        rows = [("linear", 900.0, 20.0, 0.05), ("quadratic", 0.0, 1.0, 0.0)]
-        rows += [("power", 400.0, 9.0, 0.01), ("cubic", criterion, ratio, apart)]
-        laws = [LawCandidate(law, (), nan, c, nan, r, d) for law, c, r, d in rows]
-        return verdict_of(laws, 1.3, 300.0)
-
-    supported, verdict = judged(-25.0, 0.9, 0.001)
-    assert supported
-    assert "provably better but differs by 0.1 %" in verdict
-    supported, verdict = judged(-25.0, 0.7, 0.02)
-    assert not supported
-    assert "A cubic law predicts better by 30 %" in verdict
-    # better on paper but not in prediction: an accident of the data fitted
-    assert judged(-25.0, 1.1, 0.02)[0]
 
 
 @pytest.mark.parametrize("belt", TRUTH)

@@ -92,15 +92,26 @@ def preloaded(bench, preloads, seed=1):
 
 
 @pytest.mark.parametrize("noise", [0.15, 1.5])
-def test_tests_that_begin_in_contact_have_an_unknown_zero_and_no_temperature_effect(noise):
+@pytest.mark.parametrize("preloads", [(4.0, 20.0, 10.0, 14.0), (30.0, 26.0, 34.0, 28.0)])
+def test_tests_that_begin_in_contact_have_an_unknown_zero_and_no_temperature_effect(
+    preloads, noise
+):
     bench = Bench(force_noise=noise)
-    result = fit_stiffness(preloaded(bench, (4.0, 20.0, 10.0, 14.0)), SETTINGS)
+    result = fit_stiffness(preloaded(bench, preloads), SETTINGS)
     off, z = errors(result, bench.force)
-    assert 0.01 < off < 0.1
+    assert off > 0.01
     assert z < 1.96
     assert not result.temperature.matters
     assert not any("zero of the load cell" in note for note in result.notes)
     assert any("begin in contact" in warning for warning in result.pooled.warnings)
+
+
+def test_a_coefficient_at_its_bound_has_an_error():
+    bench = Bench(k_linear=1e8, k_quadratic=3e8, temperatures=(22.0,), dt=0.5)
+    laws = [fit_stiffness(bench.record(seed), SETTINGS).pooled for seed in range(12)]
+    held = [law for law in laws if law.k_quadratic_N_m3 == 0.0]
+    assert len(held) >= 2
+    assert all(law.k_quadratic_se_N_m3 > bench.k_quadratic / 1.96 for law in held)
 
 
 def test_a_test_with_free_travel_tells_the_zero_of_the_others():
@@ -137,15 +148,16 @@ def test_sole_cycles_beside_several_are_widened_by_what_these_show():
     assert float(said.split("by ")[1].split(" %")[0]) == pytest.approx(4.5, rel=0.05)
 
 
-def viscous(share, tau_s, speeds=(1.0,) * 4, hold_s=0.0, temperatures=(22.0,) * 4):
+def viscous(share, tau_s, speeds=(1.0,) * 4, hold_s=0.0, cycles=1):
     """A belt with one Maxwell element: a share of the stiffness relaxes with tau."""
     parts = []
-    for k, (speed, temperature) in enumerate(zip(speeds, temperatures, strict=True)):
+    for k, speed in enumerate(speeds):
         way = 1.7e-6 * speed
         bench = Bench(
             *(6.5e7, 3.0256e11),
             hysteresis="none",
-            temperatures=(temperature,),
+            temperatures=(22.0,),
+            cycles=cycles,
             speed=way,
             unloading_speed=way,
             force_noise=0.0,
@@ -177,9 +189,14 @@ def test_a_loss_by_rate_is_shown_by_speeds_that_differ():
     assert any("with a tenfold speed" in warning for warning in result.pooled.warnings)
 
 
-def test_a_loss_by_rate_that_cannot_be_seen_is_in_the_combined_uncertainty():
-    result = fit_stiffness(viscous(0.12, 60.0), SETTINGS)
+@pytest.mark.parametrize(
+    ("share", "tau_s", "cycles"), [(0.12, 60.0, 1), (0.2, 60.0, 1), (0.06, 2000.0, 3)]
+)
+def test_a_loss_by_rate_that_cannot_be_seen_is_in_the_combined_uncertainty(share, tau_s, cycles):
+    result = fit_stiffness(viscous(share, tau_s, cycles=cycles), SETTINGS)
     off, z = errors(result, Bench().force, unseen=True)
     assert off > 0.05
     assert z < 1.96
-    assert any("whether the loss is by rate cannot be seen" in note for note in result.notes)
+    if tau_s < 1000.0:  # there is a loop
+        assert any("whether the loss is by rate cannot be seen" in note for note in result.notes)
+    assert any("slower than the test leaves no trace" in note for note in result.notes)

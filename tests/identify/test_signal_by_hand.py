@@ -14,11 +14,8 @@ from beltid.identify.estimators.signal import (
     converter_rounding,
     converter_steps,
     difference_sigma,
-    line_columns,
     median,
     noise_before_rounding,
-    parabolic_maximum,
-    robust_sigma,
     running_median,
     spike_mask,
     strongest_line,
@@ -28,11 +25,9 @@ NORMAL_QUARTILE = 0.6744897501960817  # of a standard normal variable: half of t
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 7, 8])
-def test_median_and_robust_spread(n):
+def test_median(n):
     x = np.random.default_rng(n).normal(3.0, 1.0, n)
     assert median(x) == pytest.approx(float(np.median(x)), rel=1e-15)
-    spread = float(np.median(np.abs(x - np.median(x)))) / NORMAL_QUARTILE
-    assert robust_sigma(x) == pytest.approx(spread, rel=1e-12)
 
 
 def median_by_hand(x, window):
@@ -56,6 +51,11 @@ def test_noise_of_alternating_and_of_coarse_samples():
         2.0 / NORMAL_QUARTILE / math.sqrt(2.0), rel=1e-12
     )
     assert difference_sigma(np.array([1.0])) == 0.0
+    # second differences of 1.2, a ramp does not matter
+    ramp = x + 5.0 * np.arange(21.0)
+    expected = 1.2 / NORMAL_QUARTILE / math.sqrt(6.0)
+    assert difference_sigma(ramp, order=2) == pytest.approx(expected, rel=1e-12)
+    assert difference_sigma(ramp[:2], order=2) == 0.0
     # a hundred steps, seven of 1, five of 3, the others none: the largest two are left out
     steps = np.zeros(100)
     steps[2::8], steps[[5, 21, 37, 53, 69]] = 0.0, 3.0
@@ -88,24 +88,13 @@ def stairs(lowest, step, count=12):
         (stairs(250.0, 0.5), stairs(100.25, 0.5), 0.25),
         (stairs(0.0, 4.0), stairs(40.0, 4.0), 4.0),
         (stairs(-10.0, 2.5), stairs(10.0, 2.5), 2.5),
-        (stairs(12.0, 4.0, 1), stairs(12.0, 4.0, 2), 4.0),
         (stairs(250.0 + 0.01, 1.0), stairs(100.01, 1.0), 1.0),  # a hundredth of a step off zero
         (stairs(250.0 + 0.04, 1.0), stairs(100.04, 1.0), 0.0),
-        (stairs(-10.4, 2.5), stairs(9.6, 2.5), 0.0),
-        (stairs(250.1, 0.25), stairs(100.1, 0.25), 0.0),
         (stairs(1.0, 1.0, 1), stairs(1.0, 1.0, 1), 0.0),  # one level tells no step
-        (stairs(2000.0, 1.0, 2) + 1e-4 * (np.arange(10) > 8), stairs(2.0, 1.0), 0.0),
     ],
 )
 def test_an_even_grid_through_zero_is_a_converter_without_chatter(first, second, step):
     assert converter_steps(first, second) == pytest.approx((step, step), rel=1e-4)
-
-
-def test_levels_must_repeat():
-    once, twice = np.arange(250.0, 262.0), np.repeat(np.arange(100.0, 112.0), 2)
-    assert converter_steps(once, once - 50.0) == (0.0, 0.0)
-    assert converter_steps(twice, twice + 50.0) == pytest.approx((1.0, 1.0))
-    assert converter_steps(np.append(twice, 300.0), twice + 50.0) == (0.0, 0.0)
 
 
 def test_smallest_gap_may_be_two_or_three_steps_but_not_four():
@@ -153,11 +142,6 @@ def test_error_that_a_coarse_converter_leaves(ratio):
     )
 
 
-def test_a_fine_converter_leaves_nothing():
-    found = converter_rounding([0.5, 0.0, 1.2], [0.0, 1.0, 2.0])  # 300 harmonics of the saw tooth
-    assert found == pytest.approx([0.0, 1.0 / math.sqrt(12.0), 0.0], rel=2e-3, abs=2e-3)
-
-
 def spikes_by_hand(x, threshold):
     middle = median_by_hand(list(x), 7)
     wide = [middle[0]] * 3 + middle + [middle[-1]] * 3
@@ -190,12 +174,6 @@ def test_blocks_hold_equally_many_samples_but_for_the_last():
     assert block_means(x[:3000]).shape == (3000, 2)
 
 
-def test_a_line_is_a_cosine_and_a_sine_of_its_frequency():
-    t = np.array([0.0, 0.1, 0.25])
-    expected = [[1.0, 0.0], [math.cos(0.4 * math.pi), math.sin(0.4 * math.pi)], [-1.0, 0.0]]
-    assert line_columns(t, 2.0) == pytest.approx(np.array(expected), abs=1e-15)
-
-
 def lined(periods, amplitude, n=200, seed=0):
     """Two residual signals with a line, orthogonal to constants, and the basis of constants."""
     t = np.linspace(2.0, 12.0, n)
@@ -220,8 +198,7 @@ def test_a_line_is_where_it_takes_out_most(periods):
     found = strongest_line(t, residuals, basis)
     bounds = ((periods - 0.4) / 10.0, (periods + 0.4) / 10.0)
     best = minimize_scalar(lambda f: -gain(t, residuals, basis, f), bounds=bounds, method="bounded")
-    # the parabola of seven trials across the maximum is some hundredth of their range off
-    assert found == pytest.approx(best.x, abs=0.01 * 0.1)
+    assert found == pytest.approx(best.x, abs=1e-3 * 0.1)
 
 
 @pytest.mark.parametrize("n", [200, 4000])
@@ -236,21 +213,6 @@ def test_a_line_must_stand_out_of_white_noise(n):
     }
     assert found[0.6] <= 2
     assert found[1.4] >= 18
-
-
-@pytest.mark.parametrize("n", [23, 24])
-def test_two_dozen_samples_are_needed_for_a_line(n):
-    t, residuals, basis = lined(5.0, 30.0, n)
-    found = strongest_line(t / 20.0, residuals, basis)  # in half a second
-    assert (found is not None) == (n == 24)
-    assert found is None or found == pytest.approx(10.0, rel=0.01)
-
-
-def test_lines_from_one_and_a_half_periods_to_nine_tenths_of_the_highest_frequency():
-    for periods, seen in ((1.8, True), (85.0, True), (97.0, False)):
-        t, residuals, basis = lined(periods, 3.0)
-        found = strongest_line(t, residuals, basis)
-        assert (found is not None and abs(found - periods / 10.0) < 0.01) == seen
 
 
 def test_what_is_no_line():
@@ -268,14 +230,6 @@ def test_what_is_no_line():
     # less than one and a half periods
     slow = np.cos(2 * np.pi * 0.7 / 10.0 * (t - 2.0))[:, None] + 0.01 * rng.normal(size=(200, 1))
     assert strongest_line(t, 50.0 * (slow - slow.mean()), basis) is None
-
-
-def test_vertex_of_a_parabola_on_the_edge_and_without_curvature():
-    x = np.linspace(0.0, 1.0, 6)
-    assert parabolic_maximum(x, -((x - 0.21) ** 2)) == pytest.approx(0.21)
-    assert parabolic_maximum(x, -x) == 0.0
-    assert parabolic_maximum(x, np.array([0.0, 1.0, 1.0, 0.0, 0.0, 0.0])) == pytest.approx(0.3)
-    assert parabolic_maximum(x, np.zeros(6)) == 0.0
 
 
 @pytest.mark.parametrize("n", [2, 4, 5, 6, 7, 40, 41])

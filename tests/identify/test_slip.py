@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import numpy as np
@@ -16,19 +15,18 @@ BELTS = ("4pk", "5pk", "6pk")
 TORQUES = np.arange(0.0, 17.0)
 
 
+def table(path: Path) -> np.ndarray:
+    return np.genfromtxt(path, delimiter=",", names=True, dtype=None, encoding="utf-8")
+
+
 def load(belt: str) -> dict[str, np.ndarray]:
-    with (ROOT / "rigdata" / belt / "speedloss.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    return {
-        name: np.array([r[name] if name == "run" else float(r[name] or "nan") for r in rows])
-        for name in rows[0]
-    }
+    columns = table(ROOT / "rigdata" / belt / "speedloss.csv")
+    return {name: columns[name] for name in columns.dtype.names}
 
 
 def truth(belt: str) -> dict[str, float]:
-    path = ROOT / "tests" / "truth" / belt / "speedloss_truth.csv"
-    with path.open(newline="") as file:
-        return {r["run"]: float(r["slip_speed_m_s"]) for r in csv.DictReader(file)}
+    columns = table(ROOT / "tests" / "truth" / belt / "speedloss_truth.csv")
+    return dict(zip(columns["run"].tolist(), columns["slip_speed_m_s"].tolist(), strict=True))
 
 
 def drive(

@@ -1,6 +1,8 @@
-"""The mean of a bench signal and its standard error against processes of known correlation."""
+"""Robust statistics: sums written out by hand, and processes of known correlation."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 import pytest
@@ -10,13 +12,16 @@ from hypothesis.extra import numpy as hnp
 from scipy.signal import lfilter
 
 from beltid.identify.estimators.statistics import (
+    as_set,
     integrated_autocorrelation_time,
     mad_sigma,
     outlier_mask,
     robust_mean_with_se,
-    sample_noise,
-    spike_mask,
+    settings_of,
 )
+
+NORMAL_QUARTILE = 0.6744897501960817  # of a standard normal variable: half of them lie within it
+STEADY = np.tile([-1.0, 0.0, 1.0], 20)  # median 0, median deviation 1
 
 
 def autoregressive(rng: np.random.Generator, n: int, a: float) -> np.ndarray:
@@ -27,10 +32,40 @@ def autoregressive(rng: np.random.Generator, n: int, a: float) -> np.ndarray:
 @pytest.mark.parametrize("a", [0.0, 0.5, 0.8])
 def test_autocorrelation_time_of_an_autoregressive_process(a):
     rng = np.random.default_rng(1)
-    tau = np.mean(
-        [integrated_autocorrelation_time(autoregressive(rng, 4000, a)) for _ in range(30)]
-    )
-    assert tau == pytest.approx((1 + a) / (1 - a), rel=0.06)
+    times = [integrated_autocorrelation_time(autoregressive(rng, 4000, a)) for _ in range(30)]
+    assert np.mean(times) == pytest.approx((1 + a) / (1 - a), rel=0.06)
+
+
+@pytest.mark.parametrize(("a", "n"), [(0.0, 4), (0.6, 20), (0.6, 50)])
+def test_the_correlation_of_short_runs_is_seen_together(a, n):
+    """The variance of the mean of n samples: 1 + 2 sum (1 - k/n) a^k times that of one, over n."""
+    rng = np.random.default_rng(3)
+    found = [
+        integrated_autocorrelation_time(*(autoregressive(rng, n, a) for _ in range(60)))
+        for _ in range(8)
+    ]
+    lags = np.arange(1, n)
+    expected = 1.0 + 2.0 * np.sum((1.0 - lags / n) * a**lags)
+    assert np.mean(found) == pytest.approx(expected, rel=0.12)
+
+
+def test_gaps_keep_the_lags_of_the_other_samples():
+    rng = np.random.default_rng(5)
+    x = autoregressive(rng, 40000, 0.8)
+    x[rng.random(x.size) < 0.3] = np.nan
+    assert integrated_autocorrelation_time(x) == pytest.approx(9.0, rel=0.15)
+
+
+def test_samples_that_say_nothing_about_their_correlation_are_independent():
+    gap = np.array([1.0, np.nan, -1.0, np.nan, 1.0])
+    for nothing in ([], [[]], [np.zeros(5)], [gap], [[0.3], [-0.3]], [np.full(3, np.nan)]):
+        assert integrated_autocorrelation_time(*nothing) == 1.0
+    later, eps = np.arange(50) >= 25, np.finfo(float).eps
+    for size in (2.0**-20, 1.0, 2.0**20):
+        equal, different = size * (1.0 + 12 * eps * later), size * (1.0 + 40 * eps * later)
+        assert integrated_autocorrelation_time(equal) == 1.0  # six units of rounding to each side
+        assert integrated_autocorrelation_time(different) > 5.0
+    assert integrated_autocorrelation_time((-1.0) ** np.arange(50)) == 1.0
 
 
 @pytest.mark.parametrize(("a", "n"), [(0.0, 200), (0.5, 300), (0.8, 1000)])
@@ -56,47 +91,10 @@ def test_spikes_and_gaps_do_not_move_the_mean():
     assert 0.03 < se < 0.06
 
 
-def test_running_median_finds_a_spike_on_a_ramp():
-    rng = np.random.default_rng(4)
-    x = np.linspace(0.0, 400.0, 300) + 0.1 * rng.normal(size=300)
-    x[100] += 15.0
-    assert not outlier_mask(x).any()
-    assert np.flatnonzero(outlier_mask(x, threshold=8.0, window=7)).tolist() == [100]
-
-
-def test_spikes_at_the_ends_of_a_ramp_are_found():
-    x = np.linspace(0.0, 40.0, 50) + 0.1 * np.random.default_rng(6).normal(size=50)
-    x[0] -= 9.0
-    x[-2] += 9.0
-    assert np.flatnonzero(outlier_mask(x, window=7)).tolist() == [0, 48]
-
-
-def test_spikes_are_told_from_kinks_and_reversals():
-    rng = np.random.default_rng(7)
-    x = np.concatenate([np.zeros(50), np.linspace(0, 400, 300), np.linspace(400, 0, 80)])
-    x += 0.05 * rng.normal(size=x.size)
-    assert not spike_mask(x).any()
-    x[[0, 120, 349, 420]] += 10.0
-    x[200] = np.nan
-    assert np.flatnonzero(spike_mask(x)).tolist() == [0, 120, 200, 349, 420]
-    assert np.flatnonzero(spike_mask(x, floor=20.0)).tolist() == [200]
-    assert sample_noise(x) == pytest.approx(0.05, rel=0.15)
-
-
-def test_gaps_keep_the_lags_of_the_other_samples():
-    rng = np.random.default_rng(5)
-    x = autoregressive(rng, 40000, 0.8)
-    x[rng.random(x.size) < 0.3] = np.nan
-    assert integrated_autocorrelation_time(x) == pytest.approx(9.0, rel=0.15)
-
-
-def test_a_coarse_converter_has_a_spread():
-    x = np.array([5.0] * 60 + [5.1] * 20 + [4.9] * 20)
-    assert 0.02 < mad_sigma(x) < 0.08
-    assert not outlier_mask(x).any()
-
-
-def test_too_few_samples_say_so():
+def test_means_of_few_samples():
+    mean, se, n_eff = robust_mean_with_se([1.0, 3.0])
+    assert (mean, n_eff) == (2.0, 2.0)
+    assert se == pytest.approx(1.0, rel=1e-12)  # sqrt(2 / 1 / 2)
     assert np.isnan(robust_mean_with_se([]).mean)
     assert robust_mean_with_se([np.nan]).n_eff == 0.0
     assert robust_mean_with_se([3.0]).mean == 3.0
@@ -111,7 +109,48 @@ def test_bounds_and_change_of_unit(x, scale):
     mean, _se, n_eff = robust_mean_with_se(x)
     assert x.min() - 1e-9 <= mean <= x.max() + 1e-9
     assert n_eff <= x.size
-    assert 1.0 <= integrated_autocorrelation_time(x) <= x.size
-    assert integrated_autocorrelation_time(scale * x) == pytest.approx(
-        integrated_autocorrelation_time(x), rel=1e-6
-    )
+    tau = integrated_autocorrelation_time(x)
+    assert 1.0 <= tau <= x.size
+    assert integrated_autocorrelation_time(scale * x) == pytest.approx(tau, rel=1e-6)
+
+
+def test_spread_of_a_few_samples():
+    sigma = 1.0 / NORMAL_QUARTILE
+    assert mad_sigma([1.0, 2.0, 3.0, 4.0, 100.0, np.nan]) == pytest.approx(sigma, rel=1e-12)
+    # of a coarse converter: the mean deviation takes the place of a median of zero
+    by_mean = 0.25 * math.sqrt(math.pi / 2)
+    assert mad_sigma([5.0, 5.0, 5.0, 6.0]) == pytest.approx(by_mean, rel=1e-12)
+    assert math.isnan(mad_sigma([np.inf]))
+    assert mad_sigma([2.0, 2.0]) == 0.0
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_an_outlier_lies_six_spreads_off(sign):
+    limit = 6.0 / NORMAL_QUARTILE
+    for share, marked in ((0.999, False), (1.001, True)):
+        assert outlier_mask(np.append(STEADY, sign * share * limit)).any() == marked
+        far = np.append(STEADY, sign * share * 6.0 * 10.0)
+        assert outlier_mask(far, least_spread=10.0).any() == marked
+    assert outlier_mask([0.0, 9e9, 1.0]).tolist() == [False, True, False]
+    assert not outlier_mask([0.0, 9e9, np.nan])[:2].any()
+
+
+@pytest.mark.parametrize("size", [2.0**-20, 1.0, 2.0**20])
+def test_the_last_bit_of_equal_samples_is_no_outlier(size):
+    x = np.full(100, size)
+    x[[3, 50]] += np.array([1, -4]) * size * np.finfo(float).eps
+    assert not outlier_mask(x).any()
+    x[7] += 1e-13 * size  # some hundred times the rounding
+    assert outlier_mask(x).nonzero()[0].tolist() == [7]
+
+
+def test_settings_are_told_apart_by_their_relative_gap():
+    speeds = np.array([0.0211, 0.005, 0.0105, 0.0209, 0.00502, 0.021])
+    assert settings_of(speeds, 0.03).tolist() == [2, 0, 1, 2, 0, 2]
+    assert settings_of(np.array([]), 0.03).size == 0
+    values = np.array([100.0, 205.0, np.nan, 102.9, 200.0, -1.0])
+    expected = [101.45, 202.5, np.nan, 101.45, 202.5, -1.0]
+    assert as_set(values) == pytest.approx(expected, nan_ok=True)
+    assert as_set(np.array([100.0, 103.1])) == pytest.approx([100.0, 103.1])
+    assert as_set(np.array([100.0, 103.1]), gap=0.04) == pytest.approx([101.55, 101.55])
+    assert np.isnan(as_set(np.array([np.nan]))).all()

@@ -40,11 +40,6 @@ def test_virtual_bench_gives_the_law_within_three_hundredths_of_a_percent(belt):
     assert result.pooled.max_force_N_m == pytest.approx(1.0e4, rel=2e-3)
 
 
-def test_the_machine_compliance_cannot_be_left_out():
-    result = fit_stiffness(load("4pk"), StiffnessSettings(0.04))
-    assert worst_force_error(result.pooled, *TRUTH["4pk"][:2]) > 0.02
-
-
 def test_the_first_cycle_is_nine_percent_stiffer():
     result = fit_stiffness(load("6pk"), StiffnessSettings(0.04, 22.0, 1.5e-8, cycles="first"))
     k_linear, k_quadratic, _ = TRUTH["6pk"]

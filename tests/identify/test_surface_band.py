@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-from pathlib import Path
-
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -15,19 +11,10 @@ from beltid.errors import InputError
 from beltid.identify.surface.surface import SurfaceResult, SurfaceSettings, build_surface
 
 Array = NDArray[np.float64]
-TRUTH = Path(__file__).parents[1] / "truth"
 SPEEDS = np.array([0.0025, 0.005, 0.0105, 0.021, 0.042])
 TENSIONS = np.array([50.0, 100, 150, 210, 270, 330, 390, 450])
 ARCS = np.array([40.0, 68, 82])
 ROUNDING = 1e-12
-
-
-def bench(belt: str) -> dict[str, Array]:
-    """Noise-free runs of a virtual bench."""
-    with (TRUTH / belt / "truth.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    names = {"arc_deg": "arc_deg", "f": "f_ref", "v": "v", "mu": "mu_app"}
-    return {k: np.array([float(row[name]) for row in rows]) for k, name in names.items()}
 
 
 def beyond(result: SurfaceResult, data: dict[str, Array]) -> float:
@@ -47,16 +34,6 @@ def beyond(result: SurfaceResult, data: dict[str, Array]) -> float:
         measured = data["mu"][mine]
         worst = max(worst, mu.max() / measured.max() - 1.0, 1.0 - mu.min() / measured.min())
     return worst
-
-
-@pytest.mark.parametrize("belt", ["4pk", "5pk", "6pk"])
-@pytest.mark.parametrize("force_nodes", [None, 4, 40])
-def test_the_surface_of_a_bench_stays_within_its_measurements(
-    belt: str, force_nodes: int | None
-) -> None:
-    data = bench(belt)
-    result = build_surface(*data.values(), settings=SurfaceSettings(force_nodes=force_nodes))
-    assert beyond(result, data) < ROUNDING
 
 
 @settings(max_examples=25, deadline=None)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beltid.identify.surface.curves import Curve, Points, build_curves, settings_of
+from beltid.identify.surface.curves import Curve, Points, build_curves
 
 F = np.array([900.0, 1650, 2600, 3550, 4300, 5050, 5850, 6600])
 
@@ -44,11 +44,6 @@ def test_curve_stays_between_neighbouring_points(seed: int, n: int) -> None:
         assert np.all(values <= high * (1 + 1e-13))
 
 
-def test_settings_are_parted_by_gaps_and_numbered_upwards() -> None:
-    values = np.array([0.0211, 0.005, 0.0105, 0.0209, 0.00502, 0.021])
-    assert list(settings_of(values, 0.03)) == [2, 0, 1, 2, 0, 2]
-
-
 def test_precise_repetitions_count_more_than_rough_ones() -> None:
     points = Points(
         arc_deg=np.full(3, 40.0),
@@ -57,7 +52,7 @@ def test_precise_repetitions_count_more_than_rough_ones() -> None:
         mu=np.array([1.0, 1.3, 0.9]),
         se=np.array([0.01, 0.02, 0.01]),
     )
-    (only,) = build_curves(points, 0.03, 0.01).curves
+    (only,) = build_curves(points).curves
     assert only.f == pytest.approx([1000.0, 2000.0])
     assert only.mu == pytest.approx([1.06, 0.9])  # weights 4 : 1
     assert only.se == pytest.approx([0.02 / np.sqrt(5), 0.01])

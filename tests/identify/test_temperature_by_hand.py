@@ -85,22 +85,6 @@ def test_scatter_within_and_between_the_curves():
     assert found.inflation == pytest.approx(max(1.0, between / noise), rel=1e-5)
 
 
-def test_alike_curves_do_not_widen_the_error():
-    for seed in range(3):
-        groups = campaign(0.0, 0.0, 100 * seed)
-        noise, _, between, _, _ = by_hand(groups)
-        expected = max(1.0, between / noise)
-        assert scatter_of(groups).inflation == pytest.approx(expected, rel=1e-4)
-    single = scatter_of([[curve("a", 1.0, 1)], [curve("b", 1.0, 2)]])
-    assert single.between_dof == 0.0
-    assert math.isnan(single.between)
-    assert single.inflation == 1.0
-    assert not single.curves_differ
-    silent = scatter_of([[curve("a", 1.0, 1, 0.0)]])
-    top = float(np.max(curve("a", 1.0, 1, 0.0).middle_N_m))
-    assert silent.noise == pytest.approx((1e-10 * top) ** 2, rel=1e-9)
-
-
 @pytest.mark.parametrize(("step", "scatter"), [(0.02, 0.0), (0.0, 0.0), (0.02, 0.02), (0.2, 0.02)])
 def test_statistic_of_the_temperature(step, scatter):
     groups = campaign(step, scatter, 7)

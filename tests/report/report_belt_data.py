@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from beltid.artifacts.artifact import Metadata, write_artifact
+from beltid.artifacts.artifact import write_artifact
+from beltid.artifacts.metadata_models import METADATA
 from beltid.report.results import ArcProfile, BeltResults, Sheet
 
 ARCS = (40.0, 82.0)
@@ -272,6 +273,6 @@ def write(folder: Path, *names: str) -> Path:
     """A folder with the artifacts of the belt, or some of them."""
     for name, sheet in sheets().items():
         if not names or name in names:
-            metadata = Metadata(extra=dict(sheet.extra), settings=dict(sheet.settings))
+            metadata = METADATA[sheet.kind](**sheet.extra, settings=dict(sheet.settings))
             write_artifact(folder / f"{name}.parquet", sheet.kind, sheet.columns, metadata)
     return folder

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from beltid.rigsim.banded import HALF
 from beltid.rigsim.belt import store_strains
 from beltid.rigsim.contact import STICK, Points, new_points, remember
 from beltid.rigsim.model import Bench, RigModel
+from beltid.rigsim.profile import ContactState
 from beltid.rigsim.steady import StaticState, lay_on
 from beltid.rigsim.transient import (
     Drive,
@@ -24,6 +25,7 @@ from beltid.rigsim.transient import (
     march,
     new_recorder,
 )
+from beltid.rigsim.transient_run import contact_now
 
 Array = NDArray[np.float64]
 
@@ -89,17 +91,24 @@ class March:
     drive: Drive
     record: Recorder
     strain_old: Array
+    profiles: list[ContactState] = field(default_factory=list)
 
     def go(self, dt: float, omega: float, steps: int, profiles: bool = False) -> int:
-        """March ``steps`` steps; ``record`` is replaced. Returns the steps done."""
-        wanted = np.arange(steps if profiles else 0, dtype=np.int64)
-        self.record = new_recorder(self.model, steps, wanted)
+        """March ``steps`` steps; ``record``, ``profiles`` are replaced. Returns the steps done."""
+        self.record = new_recorder(steps)
         work = self.model.workspace()
         work.strain_old[:] = self.strain_old
         schedule = Schedule(np.full(steps, dt), np.full(steps, omega))
-        done: int = march(
-            self.model.system, self.points, self.state, schedule, self.drive, work, self.record
-        )
+        run = self.model.system, self.points, self.state, schedule, self.drive, work, self.record
+        self.profiles = []
+        done = 0
+        for end in range(1, steps + 1) if profiles else [steps]:
+            done = march(*run, done, end)
+            if profiles and done == end:
+                contact = contact_now(
+                    self.model, 1.0, self.record.force[end - 1], self.state.q, self.points, 1 / dt
+                )
+                self.profiles.append(contact)
         self.strain_old[:] = work.strain_old
         return done
 
@@ -130,5 +139,5 @@ def start(
     store_strains(belt, laid.q, laid.stretch, strain_old)
     state = Kinematics(laid.q.copy(), *(np.zeros_like(laid.q) for _ in range(3)))
     drive = Drive(laid.stretch, point.T_0, augmentation * belt.EA / float(belt.h.min()), ratio)
-    record = new_recorder(model, 0, np.zeros(0, np.int64))
+    record = new_recorder(0)
     return March(model, laid, state, points, drive, record, strain_old)

@@ -169,9 +169,9 @@ def pressed(surface: bool, C_P: float = 300.0) -> tuple[RigModel, Array, float]:
 def assembled(
     model: RigModel, motion: Motion, points: Points, q: Array, stretch: float
 ) -> tuple[Array, Array, Array]:
-    A, f, f_stretch = np.zeros((q.size, WIDTH)), np.zeros(q.size), np.zeros(q.size)
-    add_contact(model.system.belt, model.system.pulley, motion, points, q, stretch, A, f, f_stretch)
-    return f, dense(A), f_stretch
+    A, vectors = np.zeros((q.size, WIDTH)), np.zeros((3, q.size))
+    add_contact(model.system.belt, model.system.pulley, motion, points, q, stretch, A, vectors)
+    return vectors[0], dense(A), vectors[1]
 
 
 def fresh(model: RigModel, status: int, q: Array, stretch: float) -> Points:

@@ -100,7 +100,7 @@ def test_a_run_that_fails_in_time_names_the_moment() -> None:
     laid = lay_on(model)
 
     def fails_in_the_21st_step(*arguments: object) -> int:
-        record = arguments[-1]
+        record = arguments[-3]
         assert isinstance(record, Recorder)
         record.iterations[20], record.residual[20] = 555, 3.2e-4
         return 20

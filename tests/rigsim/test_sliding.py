@@ -150,7 +150,7 @@ def test_supports_balance_the_contact_forces_on_any_mesh(
     ends = state.q.reshape(-1, 4)[[0, -1], :2]
     work = model.workspace()
     motion = Motion(omega=0.21, rate=0.0, friction=1.0, augmentation=0.0)
-    linearize(model.system, motion, state.points, state.q, state.stretch, work)
+    linearize(model.system, motion, state.points, state.q, state.q, state.stretch, work)
     support = work.reactions.force.reshape(2, 2)  # what the supports exert on the belt
     points = state.points
     normal = np.stack([np.sin(points.theta), np.cos(points.theta)], axis=-1)

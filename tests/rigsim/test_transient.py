@@ -132,10 +132,9 @@ def test_slip_front_moves_inward_from_both_ends() -> None:
     assert march.record.sticking[0] > 0.8 * march.record.touching[0]
     assert march.record.sticking[-1] == 0.0
     entry, leave = -np.inf, np.inf
-    profiles = march.record.profiles
-    for i in range(steps):
-        touches, sticks = profiles.line_force[i] > 0, profiles.sticks[i] == 1.0
-        angle = profiles.angle[i]
+    for contact in march.profiles:
+        touches, sticks = contact.line_force > 0, contact.sticks == 1.0
+        angle = contact.angle
         stuck = angle[touches & sticks]
         if stuck.size == 0:
             continue
@@ -148,7 +147,7 @@ def test_slip_front_moves_inward_from_both_ends() -> None:
         assert stuck.max() <= leave + 2 * TRAVEL / 0.05
         entry, leave = stuck.min(), stuck.max()
         # the law binds the mean slip of a patch; at the front one of its points may lag a little
-        assert profiles.slip_speed[i][touches & ~sticks].min() > -0.01 * 0.02 * 0.05
+        assert contact.slip_speed[touches & ~sticks].min() > -0.01 * 0.02 * 0.05
 
 
 def test_sticking_points_are_carried_by_the_pulley() -> None:

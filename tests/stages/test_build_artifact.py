@@ -169,19 +169,6 @@ def test_a_foreign_file_is_replaced_by_force_only(
     assert read_artifact(out, "compare")
 
 
-@pytest.mark.parametrize("kind", ["press_curves", "rig_curves"])
-def test_a_damaged_artifact_of_the_kind_is_built_again(
-    source: Path, tmp_path: Path, kind: str
-) -> None:
-    out = tmp_path / "out.parquet"
-    out.write_bytes(b'PAR1 ... {"kind":"%s"} ... beltid_sha256 PAR1' % kind.encode())
-    chosen = ConfigSource(Config(), "test")
-    assert Build(kind, chosen, ("compare",), {"in": source}, out, Options()).up_to_date() is None
-    other = Build("slip", chosen, ("compare",), {"in": source}, out, Options())
-    with pytest.raises(InputError, match=f"is a {kind} artifact, not replaced by a slip artifact"):
-        other.up_to_date()
-
-
 def test_what_reads_back_wrong_is_never_written(source: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.parquet"
     make(recipe(source), out, Options(), Work())

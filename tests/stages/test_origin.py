@@ -75,7 +75,7 @@ def test_the_origin_of_the_recordings_goes_through_the_chain(
     rig: Path, tmp_path: Path, origin: str | None
 ) -> None:
     for kind, summary in chain(rig, tmp_path, origin).items():
-        assert read_artifact(tmp_path / f"{kind}.parquet").metadata.extra["origin"] == origin, kind
+        assert read_artifact(tmp_path / f"{kind}.parquet").metadata.origin == origin, kind
         assert summary.origin == origin
         assert summary.as_json()["origin"] == origin
 
@@ -116,8 +116,8 @@ def test_an_artifact_that_tells_no_origin_is_no_obstacle(rig: Path, tmp_path: Pa
     out = tmp_path / "friction.parquet"
     fit_friction.run(source("synthetic"), {"rig": rig}, out, Options())
     old = read_artifact(out, "friction")
-    old.metadata.extra.pop("origin")
-    write_artifact(out, "friction", old.columns, old.metadata)
+    silent = old.metadata.model_copy(update={"origin": None})
+    write_artifact(out, "friction", old.columns, silent)
     summary = build_surface.run(
         source(None), {"friction": out}, tmp_path / "surface.parquet", Options()
     )

@@ -92,7 +92,7 @@ def test_the_published_surface_follows_an_error_as_the_procedure_does(nominal):
 
 def test_scatter_of_the_published_surface_has_the_standard_errors_of_its_nodes(nominal):
     grid = nominal.published
-    curves = published_curves(nominal.campaign.measured, SETTINGS)
+    curves = published_curves(nominal.campaign.measured)
     factor = scatter_factor(curves, grid)
     np.testing.assert_allclose(np.sqrt(np.sum(factor**2, axis=-1)), grid.mu_se / grid.mu, rtol=1e-6)
 
@@ -100,14 +100,14 @@ def test_scatter_of_the_published_surface_has_the_standard_errors_of_its_nodes(n
 def test_runs_without_scatter_have_no_factor_and_a_single_run_has_its_own_error(nominal):
     measured = nominal.campaign.measured
     sure = replace(measured, mu_se=0.0 * measured.mu)
-    curves, grid = published_curves(sure, SETTINGS), published_grid(sure, SETTINGS)
+    curves, grid = published_curves(sure), published_grid(sure, SETTINGS)
     assert scatter_factor(curves, grid, arcs=False).shape == (*grid.mu.shape, 0)
     # one arc and one tension: the error of a node is that of its run
     second = SMALL.tensions_N[1]
     kept = (measured.arc == 0) & (second == measured.T_0)
     names = ("arc", "beta", "T_0", "omega", "tight", "slack", "mu", "mu_se")
     one = replace(measured, **{name: getattr(measured, name)[kept] for name in names})
-    curves, grid = published_curves(one, SETTINGS), published_grid(one, SETTINGS)
+    curves, grid = published_curves(one), published_grid(one, SETTINGS)
     factor = scatter_factor(curves, grid, arcs=False)
     np.testing.assert_allclose(np.sqrt(np.sum(factor**2, axis=-1)), SMALL.noise, rtol=1e-6)
 

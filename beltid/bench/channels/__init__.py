@@ -4,12 +4,11 @@
 Module              Responsibility
 =================== =================================================================
 ``vocabulary``      names of channels in German, English and French laboratories
-``readings``        what is asked of the channels of a file, and how one is read
-``channel_units``   unit of a channel, converted to that of our column
-``channel_mapping`` which channel is which column: stated or recognised
+``channel_mapping`` which channel is which column, and the conversion of its unit
+``header``          whether the header names the columns that are needed
 ``alignment``       channels of different rates brought to one time
-``pieces``          what was read from one file or group, before its runs are known
-``text_tables``     a table in a text file -> a piece
-``channel_groups``  groups of channels of other formats -> pieces
+``raw_table``       what was read from one file or group, before its runs are known
+``text_tables``     a table in a text file -> a raw table
+``channel_groups``  groups of channels of other formats -> raw tables
 =================== =================================================================
 """

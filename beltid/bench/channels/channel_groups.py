@@ -1,4 +1,4 @@
-"""Groups of channels of a bench file -> pieces of a recording."""
+"""Groups of channels of a bench file -> raw tables."""
 
 from __future__ import annotations
 
@@ -9,13 +9,21 @@ from pathlib import PurePath
 import numpy as np
 
 from beltid.bench.channels.alignment import Timed, aligned
-from beltid.bench.channels.channel_mapping import SETTINGS, notes_of, readings_of, told_elsewhere
-from beltid.bench.channels.pieces import Piece
-from beltid.bench.channels.readings import Candidate, Question, Reading
+from beltid.bench.channels.channel_mapping import (
+    Candidate,
+    ChannelMapping,
+    MappingContext,
+    map_channels,
+    notes_of,
+    told_elsewhere,
+)
+from beltid.bench.channels.header import check_header
+from beltid.bench.channels.raw_table import RawTable
 from beltid.bench.channels.text_tables import convert
+from beltid.bench.channels.vocabulary import SETTINGS
 from beltid.bench.formats.bench_file import BenchFile, Channel, Group
 from beltid.bench.formats.dialect import ReadOptions
-from beltid.bench.formats.header import check_header
+from beltid.bench.formats.rows import Texts, word_of
 from beltid.bench.formats.table_head import is_number
 from beltid.bench.problems import Problems
 from beltid.tables.columns import Table
@@ -32,7 +40,7 @@ def candidates_of(groups: Sequence[Group], *, named: bool) -> list[Candidate]:
 
 def read_groups(
     file: BenchFile, name: str, table: Table, options: ReadOptions, problems: Problems
-) -> list[Piece]:
+) -> list[RawTable]:
     """Read the columns of a table from the groups of a file.
 
     Groups that each hold all the sensors are a run each; groups that complete each other are the
@@ -51,29 +59,30 @@ def read_groups(
     problems : Problems
         Collects what is wrong.
     """
-    question = Question(table, options, name, problems)
-    reader = _Reader(file, question)
-    whole = [i for i, group in enumerate(file.groups) if _is_whole(group, question)]
+    context = MappingContext(table, options, name, problems)
+    reader = _Reader(file, context)
+    whole = [i for i, group in enumerate(file.groups) if _is_whole(group, context)]
     notes = list(file.notes)
     if len(whole) < 2:
-        piece = reader.piece(file.groups, None)
-        pieces = [] if piece is None else [piece]
+        raw = reader.raw(file.groups, None)
+        raw_tables = [] if raw is None else [raw]
     else:
         other = [g.name for i, g in enumerate(file.groups) if i not in whole]
         if other:
             notes.append("groups left out: " + ", ".join(other[:12]))
-        pieces = [
-            piece
+        raw_tables = [
+            raw
             for i in whole
-            for piece in [reader.piece([file.groups[i]], file.groups[i].name)]
-            if piece is not None
+            for raw in [reader.raw([file.groups[i]], file.groups[i].name)]
+            if raw is not None
         ]
-    if pieces and notes:
-        pieces[0] = replace(pieces[0], notes=(*notes, *pieces[0].notes))
-    return pieces
+    if raw_tables and notes:
+        raw_tables[0] = replace(raw_tables[0], notes=(*notes, *raw_tables[0].notes))
+    return raw_tables
 
 
-def _sensors(table: Table) -> list[str]:
+def sensors_of(table: Table) -> list[str]:
+    """Our columns that sensors record, and that a run must have."""
     return [
         c.name
         for c in table.columns
@@ -81,28 +90,28 @@ def _sensors(table: Table) -> list[str]:
     ]
 
 
-def _is_whole(group: Group, question: Question) -> bool:
+def _is_whole(group: Group, context: MappingContext) -> bool:
     """Whether a group holds all the sensors that a run needs."""
-    silent = Question(question.table, question.options, group.name)
-    found = readings_of(candidates_of([group], named=True), silent)
-    return all(role in found for role in _sensors(question.table))
+    silent = MappingContext(context.table, context.options, group.name)
+    found = map_channels(candidates_of([group], named=True), silent)
+    return all(role in found for role in sensors_of(context.table))
 
 
 class _Reader:
-    """Reads pieces from the groups of one file."""
+    """Reads raw tables from the groups of one file."""
 
-    def __init__(self, file: BenchFile, question: Question) -> None:
+    def __init__(self, file: BenchFile, context: MappingContext) -> None:
         self.file = file
-        self.question = question
+        self.context = context
 
-    def piece(self, groups: Sequence[Group], run_name: str | None) -> Piece | None:
+    def raw(self, groups: Sequence[Group], run_name: str | None) -> RawTable | None:
         """Columns of groups that are one run, or of all of them; None if something is wrong."""
-        name, table, problems = self.question.place, self.question.table, self.question.problems
-        options = self.question.options
+        name, table, problems = self.context.place, self.context.table, self.context.problems
+        options = self.context.options
         place = f"{name}, {run_name}" if run_name else name
         wrong = problems.count
-        question = Question(table, options, place, problems)
-        readings = _readings(groups, question)
+        context = MappingContext(table, options, place, problems)
+        mappings = _mappings(groups, context)
         fields = (*self.file.fields, *(f for group in groups for f in group.fields))
         path = PurePath(name)
         names: tuple[str, ...] = (path.name, path.stem)
@@ -113,17 +122,17 @@ class _Reader:
         if problems.count == wrong:
             in_file = {c.name: options.names.get(c.name, c.name) for c in table.columns}
             told = told_elsewhere(options.runs, names, fields, table)
-            told |= set(readings) | ({"time_s"} if clocked or len(groups) > 1 else set())
+            told |= set(mappings) | ({"time_s"} if clocked or len(groups) > 1 else set())
             check_header(tuple(channels), in_file, table, place, problems, told)
         if problems.count > wrong:
             return None
-        columns, notes = _columns(groups, readings, question)
+        columns, notes = _columns(groups, mappings, context)
         if problems.count > wrong:
             return None
-        convert(columns, {r: reading for r, reading in readings.items() if r != "time_s"})
-        used = {reading.candidate.name for reading in readings.values()}
+        convert(columns, {r: mapping for r, mapping in mappings.items() if r != "time_s"})
+        used = {mapping.candidate.name for mapping in mappings.values()}
         left_out = [channel for channel in channels if channel not in used]
-        said = [*notes_of(readings, table), *notes]
+        said = [*notes_of(mappings, table), *notes]
         if left_out:
             said.append("channels left out: " + ", ".join(dict.fromkeys(left_out[:12])))
         length = len(next(iter(columns.values())))
@@ -131,66 +140,66 @@ class _Reader:
         first = groups[0].first_row if len(groups) == 1 and not notes else 0
         rows = first + np.arange(length) if first else np.empty(0, dtype=np.int64)
         label = run_name or path.stem
-        return Piece(place, names, label, columns, readings, fields, rows, tuple(said), place)
+        return RawTable(place, names, label, columns, mappings, fields, rows, tuple(said), place)
 
 
-def _readings(groups: Sequence[Group], question: Question) -> dict[str, Reading]:
+def _mappings(groups: Sequence[Group], context: MappingContext) -> dict[str, ChannelMapping]:
     """Channels of our columns; a group that holds all sensors is asked before the others."""
-    table = question.table
+    table = context.table
     candidates = candidates_of(groups, named=len(groups) > 1)
     if len(groups) == 1:
-        return readings_of(candidates, question)
-    whole = [i for i, group in enumerate(groups) if _is_whole(group, question)]
+        return map_channels(candidates, context)
+    whole = [i for i, group in enumerate(groups) if _is_whole(group, context)]
     if not whole:
         # every raster may have a time of its own; a single one is that of all
-        clock = readings_of(candidates, Question(table, question.options), ["time_s"])
+        clock = map_channels(candidates, MappingContext(table, context.options), ["time_s"])
         roles = [c.name for c in table.columns if c.name != "time_s" or clock]
-        return readings_of(candidates, question, roles)
+        return map_channels(candidates, context, roles)
     inside = [c for c in candidates if c.key[0] == whole[0]]
     outside = [c for c in candidates if c.key[0] != whole[0]]
-    found = readings_of(inside, question)
+    found = map_channels(inside, context)
     lacking = [c.name for c in table.columns if c.name not in found and c.name != "time_s"]
-    return {**found, **readings_of(outside, question, lacking)}
+    return {**found, **map_channels(outside, context, lacking)}
 
 
 def _columns(
-    groups: Sequence[Group], readings: dict[str, Reading], question: Question
+    groups: Sequence[Group], mappings: dict[str, ChannelMapping], context: MappingContext
 ) -> tuple[dict[str, np.ndarray], list[str]]:
     """Values of our columns on one time."""
-    taken = {r: _channel(groups, reading) for r, reading in readings.items()}
+    taken = {r: _channel(groups, mapping) for r, mapping in mappings.items()}
     values = {
-        r: _typed(channel, readings[r], _first_row(groups, readings[r]), question)
+        r: _typed(channel, mappings[r], _first_row(groups, mappings[r]), context)
         for r, channel in taken.items()
     }
-    problems, wrong = question.problems, question.problems.count
-    clocks = _Clocks(groups, readings, values, question)
+    problems, wrong = context.problems, context.problems.count
+    clocks = _Clocks(groups, mappings, values, context)
     timed: dict[str, Timed] = {}
     for role, channel in taken.items():
         if role == "time_s":
             continue
-        clock = clocks.of(*readings[role].candidate.key)
+        clock = clocks.of(*mappings[role].candidate.key)
         if clock is None:
-            question.complain(f"there is no time for {channel.name}")
+            context.complain(f"there is no time for {channel.name}")
         elif len(clock) != len(values[role]):
-            question.complain(
+            context.complain(
                 f"{channel.name} has {len(values[role])} samples, its time {len(clock)}"
             )
         else:
             timed[role] = Timed(channel.name, values[role], clock)
     if problems.count > wrong or not timed:
         return {}, []
-    columns, time, notes = aligned(timed, question.kind, question.place, problems)
+    columns, time, notes = aligned(timed, context.kind, context.place, problems)
     return {**columns, "time_s": time}, notes
 
 
-def _channel(groups: Sequence[Group], reading: Reading) -> Channel:
-    g, c = reading.candidate.key
+def _channel(groups: Sequence[Group], mapping: ChannelMapping) -> Channel:
+    g, c = mapping.candidate.key
     channel: Channel = groups[g].channels[c]
     return channel
 
 
-def _first_row(groups: Sequence[Group], reading: Reading) -> int:
-    return groups[reading.candidate.key[0]].first_row
+def _first_row(groups: Sequence[Group], mapping: ChannelMapping) -> int:
+    return groups[mapping.candidate.key[0]].first_row
 
 
 class _Clocks:
@@ -199,15 +208,15 @@ class _Clocks:
     def __init__(
         self,
         groups: Sequence[Group],
-        readings: dict[str, Reading],
+        mappings: dict[str, ChannelMapping],
         values: dict[str, np.ndarray],
-        question: Question,
+        context: MappingContext,
     ) -> None:
         self.groups = groups
-        self.shared = readings.get("time_s")
+        self.shared = mappings.get("time_s")
         self.raw = values.get("time_s")
         # the file's own words alone: what the config names for the time was looked for before
-        self.question = replace(question, options=ReadOptions())
+        self.context = replace(context, options=ReadOptions())
         self.known: dict[int, np.ndarray | None] = {}
 
     def of(self, g: int, c: int) -> np.ndarray | None:
@@ -229,17 +238,19 @@ class _Clocks:
 
     def _in_group(self, g: int) -> np.ndarray | None:
         candidates = candidates_of([self.groups[g]], named=False)
-        found = readings_of(candidates, self.question, ["time_s"])
+        found = map_channels(candidates, self.context, ["time_s"])
         if "time_s" not in found:
             return self._shared()
         channel = self.groups[g].channels[found["time_s"].candidate.key[1]]
         return None if channel.is_text else channel.values * found["time_s"].conversion.factor
 
 
-def _typed(channel: Channel, reading: Reading, first: int, question: Question) -> np.ndarray:
+def _typed(
+    channel: Channel, mapping: ChannelMapping, first: int, context: MappingContext
+) -> np.ndarray:
     """Values of a channel with the type of our column."""
-    if question.table.column(reading.role).dtype == "string":
-        return _labels(channel.values)
+    if context.table.column(mapping.role).dtype == "string":
+        return Texts.of(map(word_of, channel.values)).objects()
     if not channel.is_text:
         return np.asarray(channel.values, dtype=float)
     numbers = np.full(len(channel.values), np.nan)
@@ -249,21 +260,8 @@ def _typed(channel: Channel, reading: Reading, first: int, question: Question) -
         if is_number(str(text).strip()):
             numbers[i] = float(str(text).strip().replace(",", "."))
         else:
-            where = (
-                f"{question.place}:{first + i}" if first else f"{question.place}, sample {i + 1}"
-            )
-            question.problems.add(
-                f'{where}: {reading.shown} = "{str(text)[:40]}", must be a number', i + 1
+            where = f"{context.place}:{first + i}" if first else f"{context.place}, sample {i + 1}"
+            context.problems.add(
+                f'{where}: {mapping.shown} = "{str(text)[:40]}", must be a number', i + 1
             )
     return numbers
-
-
-def _labels(values: np.ndarray) -> np.ndarray:
-    labels = np.empty(len(values), dtype=object)
-    for i, value in enumerate(values):
-        if isinstance(value, (float, np.floating)):
-            whole = float(value).is_integer()
-            labels[i] = None if value != value else str(int(value) if whole else float(value))
-        else:
-            labels[i] = None if value is None else str(value).strip() or None
-    return labels

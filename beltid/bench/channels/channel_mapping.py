@@ -1,34 +1,144 @@
-"""Which channel of a file is which of our columns: stated or recognised."""
+"""Which channel of a file is which of our columns, and its conversion to the unit of the column.
+
+A channel is found by the name that the config states, by our own name, or by the words of
+`vocabulary`; its unit is stated by the config or told by the file.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any, Final
+from dataclasses import dataclass, field
+from typing import Any, Final, Literal
 
-from beltid.bench.channels.channel_units import RAW, unit_conversion
-from beltid.bench.channels.readings import Candidate, How, Question, Reading
-from beltid.bench.channels.vocabulary import roles_meant
+from beltid.bench.channels.vocabulary import SETTINGS, roles_meant, simplified
 from beltid.bench.formats.bench_file import Field
 from beltid.bench.formats.dialect import ReadOptions
 from beltid.bench.formats.table_head import unit_in_name, without_unit
+from beltid.bench.problems import Problems
 from beltid.config.name_pattern import name_pattern
 from beltid.tables.columns import Column, Table
-from beltid.tables.units import Conversion, canonical_unit, conversion
+from beltid.tables.units import (
+    Calibration,
+    Conversion,
+    allowed_units,
+    calibration,
+    canonical_unit,
+    conversion,
+)
 
-SETTINGS: Final = ("arc_deg", "initial_tension_N", "temperature_degC")
-"""Columns that may be told once for a whole run."""
+How = Literal["config", "own name", "recognised"]
+RAW: Final = ("V", "mV", "mV/V", "A", "mA")
+"""Units of signals that mean nothing without a calibration."""
+_TURNS: Final = ("drehzahl", "rpm", "rev", "tour")
 
 
-def readings_of(
-    candidates: Sequence[Candidate], question: Question, roles: Collection[str] | None = None
-) -> dict[str, Reading]:
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A channel that may be one of our columns.
+
+    Attributes
+    ----------
+    name, unit : str
+        As the file writes them.
+    key : object
+        Where the reader finds it.
+    group : str
+        Group it stands in, "" where the file has no groups.
+    """
+
+    name: str
+    unit: str
+    key: Any
+    group: str = ""
+
+    @property
+    def shown(self) -> str:
+        """Name and unit in words."""
+        return (
+            f"{self.name} [{self.unit}]" if self.unit and not unit_in_name(self.name) else self.name
+        )
+
+    @property
+    def qualified(self) -> str:
+        """The name with its group: ``group/name``."""
+        return f"{self.group}/{self.name}"
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelMapping:
+    """How one of our columns is read.
+
+    Attributes
+    ----------
+    role : str
+        Our column.
+    candidate : Candidate
+        The channel.
+    how : {"config", "own name", "recognised"}
+        Who says so.
+    conversion : Conversion
+        From the numbers in the file, with the sign.
+    unit_stated : bool
+        Whether file or config tells the unit.
+    negated : bool
+        Whether the sign is turned.
+    """
+
+    role: str
+    candidate: Candidate
+    how: How
+    conversion: Conversion = field(default_factory=lambda: Conversion(1.0))
+    unit_stated: bool = False
+    negated: bool = False
+
+    @property
+    def shown(self) -> str:
+        """How messages call the column."""
+        name = self.candidate.name
+        return self.role if name == self.role else f'{self.role} (column "{name}")'
+
+
+@dataclass(frozen=True, slots=True)
+class MappingContext:
+    """What is asked of the channels of a file.
+
+    Attributes
+    ----------
+    table : Table
+        What is needed.
+    options : ReadOptions
+        What the config states.
+    place : str
+        Place of the names, for messages.
+    problems : Problems
+        Collects what cannot be decided.
+    """
+
+    table: Table
+    options: ReadOptions
+    place: str = ""
+    problems: Problems = field(default_factory=Problems)
+
+    @property
+    def kind(self) -> str:
+        """Kind of recording."""
+        return self.table.kind
+
+    def complain(self, text: str) -> None:
+        """Note what cannot be decided."""
+        self.problems.add(f"{self.place}: {text}")
+
+
+def map_channels(
+    candidates: Sequence[Candidate], context: MappingContext, roles: Collection[str] | None = None
+) -> dict[str, ChannelMapping]:
     """Find the channel of every column of a table.
 
     Parameters
     ----------
     candidates : sequence of Candidate
         Channels of the file.
-    question : Question
+    context : MappingContext
         What is needed and what the config states.
     roles : collection of str, optional
         Only these of our columns.
@@ -38,11 +148,11 @@ def readings_of(
     dict
         Our columns that were found; those that are missing are left to the caller.
     """
-    options = question.options
-    columns = [c for c in question.table.columns if roles is None or c.name in roles]
+    options = context.options
+    columns = [c for c in context.table.columns if roles is None or c.name in roles]
     found: dict[str, tuple[Candidate, How, bool]] = {}
     for column in columns:
-        chosen = _named(column.name, candidates, question)
+        chosen = _named(column.name, candidates, context)
         if chosen is not None:
             found[column.name] = chosen
     taken = {id(candidate) for candidate, _, _ in found.values()}
@@ -50,37 +160,37 @@ def readings_of(
     for column in columns:
         if column.name in found or column.name in options.names:
             continue
-        meant = [c for c in free if column.name in roles_meant(c.name, question.kind)]
+        meant = [c for c in free if column.name in roles_meant(c.name, context.kind)]
         fitting = [c for c in meant if _fits(c, column, options)] or meant
         if len(fitting) == 1:
             found[column.name] = (fitting[0], "recognised", False)
         elif fitting:
-            question.complain(_ambiguous(column, fitting, question.kind))
+            context.complain(_ambiguous(column, fitting, context.kind))
     return {
-        column.name: _reading(column, *found[column.name], question)
+        column.name: _mapping(column, *found[column.name], context)
         for column in columns
         if column.name in found
     }
 
 
-def notes_of(readings: Mapping[str, Reading], table: Table) -> list[str]:
+def notes_of(mappings: Mapping[str, ChannelMapping], table: Table) -> list[str]:
     """What was recognised or converted, in words."""
     notes = []
-    for role, reading in readings.items():
-        if reading.how == "recognised":
-            notes.append(f"read {reading.candidate.shown} as {role}")
-        elif reading.unit_stated and reading.conversion != Conversion(1.0):
+    for role, mapping in mappings.items():
+        if mapping.how == "recognised":
+            notes.append(f"read {mapping.candidate.shown} as {role}")
+        elif mapping.unit_stated and mapping.conversion != Conversion(1.0):
             unit = table.column(role).unit
-            theirs = reading.candidate.unit or "the unit stated"
-            notes.append(f"{reading.shown} converted from {theirs} to {unit}")
+            theirs = mapping.candidate.unit or "the unit stated"
+            notes.append(f"{mapping.shown} converted from {theirs} to {unit}")
     return notes
 
 
 def _named(
-    role: str, candidates: Sequence[Candidate], question: Question
+    role: str, candidates: Sequence[Candidate], context: MappingContext
 ) -> tuple[Candidate, How, bool] | None:
     """The channel that the config names, or that is called like our column."""
-    options = question.options
+    options = context.options
     theirs = options.names.get(role, role)
     how: How = "config" if role in options.names else "own name"
     named, negated = _called(theirs, candidates, loosely=how == "config"), False
@@ -89,7 +199,7 @@ def _named(
     if len(named) > 1:
         groups = ", ".join(c.group for c in named if c.group)
         where = f" (in {groups}; name one as group/channel)" if groups else ""
-        question.complain(f"column {theirs} stands {len(named)} times{where}")
+        context.complain(f"column {theirs} stands {len(named)} times{where}")
     return (named[0], how, negated) if named else None
 
 
@@ -119,19 +229,19 @@ def _ambiguous(column: Column, meant: Sequence[Candidate], kind: str) -> str:
     )
 
 
-def _reading(
-    column: Column, candidate: Candidate, how: How, negated: bool, question: Question
-) -> Reading:
+def _mapping(
+    column: Column, candidate: Candidate, how: How, negated: bool, context: MappingContext
+) -> ChannelMapping:
     if column.dtype == "string":
-        return Reading(column.name, candidate, how)
+        return ChannelMapping(column.name, candidate, how)
     unit = candidate.unit or unit_in_name(candidate.name)
-    converted = unit_conversion(column, candidate.name, unit, question, how == "recognised")
+    converted = unit_conversion(column, candidate.name, unit, context, how == "recognised")
     if isinstance(converted, str):
-        question.complain(converted)
+        context.complain(converted)
         converted = None
     known = converted or Conversion(1.0)
     sign = -1.0 if negated else 1.0
-    return Reading(
+    return ChannelMapping(
         column.name,
         candidate,
         how,
@@ -159,3 +269,82 @@ def told_elsewhere(
 
 def _told_by(fields: Sequence[Field], table: Table) -> set[str]:
     return {role for f in fields for role in roles_meant(f.name, table.kind) if role in SETTINGS}
+
+
+def unit_conversion(
+    column: Column, name: str, unit: str, context: MappingContext, recognised: bool
+) -> Conversion | str | None:
+    """Conversion of a channel's numbers to a column's unit.
+
+    Parameters
+    ----------
+    column : Column
+        Our column.
+    name, unit : str
+        As the file writes them.
+    context : MappingContext
+        What the config states; nothing is noted there.
+    recognised : bool
+        Whether the name alone says what the channel is: its unit must be told then.
+
+    Returns
+    -------
+    Conversion, str or None
+        A str is what is wrong; None: no unit is told, and the name says it is the column's.
+    """
+    shown = column.name if name == column.name else f'{column.name} (column "{name}")'
+    setting, kind = context.options.units.get(column.name), context.kind
+    known = setting if isinstance(setting, Calibration) else None
+    if isinstance(setting, str):
+        known = calibration(setting, column.unit)
+    if known is not None:
+        converted = known.conversion(unit)
+        return converted or (
+            f"{shown} is in {unit}, but the calibration of the config is for {known.per}"
+        )
+    if isinstance(setting, str):
+        return conversion(setting, column.unit)
+    plain = canonical_unit(unit)
+    line = f"units: {{{kind}: {{{column.name}: "
+    if plain in ("", "-"):
+        if not recognised:
+            return None
+        return (
+            f"the unit of {name}, read as {column.name}, is not told; "
+            f"say it: {line}{column.unit}}}}}"
+        )
+    if plain in RAW:
+        return (
+            f"{shown} is in {unit}, its calibration must be told: "
+            f"{line}250 {column.unit}/{'mV' if plain == 'mV' else 'V'}}}}}, "
+            f"or {{factor: 250, offset: 0}}"
+        )
+    if column.unit == "rad/s" and plain == "rev/s" and _unclear_turns(unit, name):
+        return f"{shown} is in {unit}: turns or radians? say {line}rev/s}}}} or {line}rad/s}}}}"
+    if column.unit == "rad/s" and plain in ("m/s", "mm/s"):
+        return (
+            f"{shown} is in {unit}; divide by the radius R of the pulley: "
+            f"{line}{{factor: 1/R, offset: 0}}}}}}, 1/R as a number in 1/m"
+        )
+    converted = conversion(unit, column.unit)
+    if converted is None and plain == "1":
+        return None
+    return converted or f"{shown} is in {unit}, must be one of " + ", ".join(
+        allowed_units(column.unit)
+    )
+
+
+def stated_conversions(context: MappingContext) -> dict[str, Conversion]:
+    """Conversions of the columns whose unit the config states, where the file tells none."""
+    conversions = {}
+    for ours in context.options.units:
+        known = unit_conversion(context.table.column(ours), ours, "", context, recognised=False)
+        if isinstance(known, Conversion):
+            conversions[ours] = known
+    return conversions
+
+
+def _unclear_turns(unit: str, name: str) -> bool:
+    """Whether 1/s may be turns as well as radians."""
+    per_second = unit.strip(" []()").replace(" ", "") in ("1/s", "s-1", "s^-1", "s⁻¹")
+    return per_second and not any(word in simplified(name) for word in _TURNS)

@@ -1,4 +1,4 @@
-"""Tables in text files: CSV, exports of testing machines -> a piece of a recording."""
+"""Tables in text files: CSV, exports of testing machines -> a raw table."""
 
 from __future__ import annotations
 
@@ -7,13 +7,19 @@ from pathlib import PurePath
 
 import numpy as np
 
-from beltid.bench.channels.channel_mapping import notes_of, readings_of, told_elsewhere
-from beltid.bench.channels.pieces import Piece
-from beltid.bench.channels.readings import Candidate, Question, Reading
+from beltid.bench.channels.channel_mapping import (
+    Candidate,
+    ChannelMapping,
+    MappingContext,
+    map_channels,
+    notes_of,
+    told_elsewhere,
+)
+from beltid.bench.channels.header import check_header, hint_units_row
+from beltid.bench.channels.raw_table import RawTable
 from beltid.bench.files.encoding import Decoded
-from beltid.bench.formats.csv_reader import Wanted, read_rows
+from beltid.bench.formats.csv_table import Wanted, read_rows
 from beltid.bench.formats.dialect import Layout, ReadOptions, layout
-from beltid.bench.formats.header import check_header, hint_units_row
 from beltid.bench.problems import Problems
 from beltid.tables.columns import Table
 from beltid.tables.units import Conversion
@@ -33,7 +39,7 @@ def candidates_of(found: Layout) -> list[Candidate]:
 
 def read_text(
     decoded: Decoded, name: str, table: Table, options: ReadOptions, problems: Problems
-) -> Piece | None:
+) -> RawTable | None:
     """Read the columns of a table in a text file.
 
     Parameters
@@ -53,23 +59,24 @@ def read_text(
     names = (PurePath(name).name, PurePath(name).stem)
     told = told_elsewhere(options.runs, names, found.fields, table)
     wrong = problems.count
-    readings, wanted = wanted_columns(found, name, table, options, problems, told)
+    mappings, wanted = wanted_columns(found, name, table, options, problems, told)
     if problems.count > wrong:
         return None
-    rows = read_rows(found, wanted, name, problems)
+    rows = read_rows(found, wanted, name)
+    problems.take(rows.problems)
     if problems.count > wrong:
         hint_units_row(found, wanted, name, problems)
-    columns = dict(rows.columns)
-    convert(columns, readings)
-    notes = (*decoded.notes, *found.notes, *text_notes(found, readings, table))
-    return Piece(
+    columns = rows.columns()
+    convert(columns, mappings)
+    notes = (*decoded.notes, *found.notes, *text_notes(found, mappings, table))
+    return RawTable(
         name,
         names,
         names[1],
         columns,
-        readings,
+        mappings,
         found.fields,
-        rows.lines,
+        rows.all_lines(),
         notes,
         f"{name}:{found.header_line}",
     )
@@ -82,7 +89,7 @@ def wanted_columns(
     options: ReadOptions,
     problems: Problems,
     told: Collection[str] = (),
-) -> tuple[dict[str, Reading], dict[str, Wanted]]:
+) -> tuple[dict[str, ChannelMapping], dict[str, Wanted]]:
     """Where our columns stand in a text file, and how they are read.
 
     Parameters
@@ -103,32 +110,32 @@ def wanted_columns(
     place = f"{name}:{found.header_line}"
     wrong = problems.count
     at_units = f"{name}:{found.first_line - 1}" if found.unit_cells else place
-    question = Question(table, options, at_units, problems)
-    readings = readings_of(candidates_of(found), question)
+    context = MappingContext(table, options, at_units, problems)
+    mappings = map_channels(candidates_of(found), context)
     if problems.count == wrong:
         in_file = {c.name: options.names.get(c.name, c.name) for c in table.columns}
-        in_file |= {role: reading.candidate.name for role, reading in readings.items()}
-        check_header(found.header, in_file, table, place, problems, {*told, *readings})
+        in_file |= {role: mapping.candidate.name for role, mapping in mappings.items()}
+        check_header(found.header, in_file, table, place, problems, {*told, *mappings})
     wanted = {
         role: Wanted(r.candidate.key, table.column(role).dtype == "string", r.shown)
-        for role, r in readings.items()
+        for role, r in mappings.items()
     }
-    return readings, wanted
+    return mappings, wanted
 
 
-def text_notes(found: Layout, readings: Mapping[str, Reading], table: Table) -> list[str]:
+def text_notes(found: Layout, mappings: Mapping[str, ChannelMapping], table: Table) -> list[str]:
     """What was recognised, converted and left out of a text file."""
-    notes = notes_of(readings, table)
-    used = {reading.candidate.name for reading in readings.values()}
+    notes = notes_of(mappings, table)
+    used = {mapping.candidate.name for mapping in mappings.values()}
     left_out = [n for n in found.header if n and n not in used]
     if left_out:
         notes.append("columns left out: " + ", ".join(left_out[:12]))
     return notes
 
 
-def convert(columns: dict[str, np.ndarray], readings: Mapping[str, Reading]) -> None:
+def convert(columns: dict[str, np.ndarray], mappings: Mapping[str, ChannelMapping]) -> None:
     """Bring columns from the numbers of the file to our units and signs, in place."""
-    for role, reading in readings.items():
-        by = reading.conversion
+    for role, mapping in mappings.items():
+        by = mapping.conversion
         if by != Conversion(1.0) and columns[role].dtype != object:
             columns[role] = (columns[role] + by.shift) * by.factor

@@ -6,11 +6,11 @@ import contextlib
 import glob
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass, field, replace
+from pathlib import Path, PurePath, PurePosixPath
 from typing import Final
 
-from beltid.artifacts.file_bytes import opened, read_bytes
+from beltid.artifacts.file_bytes import MAX_BYTES, opened, read_bytes
 from beltid.artifacts.hashing import sha256
 from beltid.bench.files.archives import MAX_FILES, member_bytes, members
 from beltid.bench.files.folders import natural, parquet_files
@@ -31,22 +31,36 @@ class Source:
         Its name for messages.
     path : Path
         The file, or the zip file that holds it.
-    member : str
-        Its name in the zip file, "" outside of one.
-    packed : bytes
-        The zip file.
+    inside : PurePath
+        Where it is in the folder or zip file; its name alone outside of one.
+    data : bytes
+        The bytes, or those of the zip file, where they have been read already.
+    is_member : bool
+        Whether it is in a zip file.
     """
 
     name: str
     path: Path
-    member: str = ""
-    packed: bytes = field(default=b"", repr=False)
+    inside: PurePath
+    data: bytes = field(default=b"", repr=False)
+    is_member: bool = False
 
     def read(self) -> bytes:
         """Its bytes."""
-        if self.member:
-            return member_bytes(self.packed, self.path, self.member)
-        return read_bytes(self.path)
+        if self.is_member:
+            return member_bytes(self.data, self.path, str(self.inside))
+        return self.data or read_bytes(self.path)
+
+    def first_bytes(self) -> bytes:
+        """Its first four bytes."""
+        if self.data:
+            return self.read()[:4]
+        with opened(self.path) as file:
+            return file.read(4)
+
+    def loaded(self) -> Source:
+        """The same with its bytes in memory, out of the zip file."""
+        return replace(self, data=self.read(), is_member=False)
 
 
 def is_many(path: Path) -> bool:
@@ -74,30 +88,60 @@ def sources_of(path: Path, besides: Sequence[Path] = ()) -> list[Source]:
     InputError
         If there is none, or a folder holds files of several kinds.
     """
-    if is_many(path):
-        files = _files(path, {b.absolute() for b in besides})
-        return [Source(str(file), file) for file in files]
-    with opened(path) as head:
-        first = head.read(4)
-    if first[:2] == b"PK":
-        data = read_bytes(path)
-        if sniff(data) == ZIP:
-            found = list(members(data, path))
-            names = [f"{path}/{m}" if len(found) > 1 else str(path) for m in found]
-            return [Source(n, path, m, data) for n, m in zip(names, found, strict=True)]
-    return [Source(str(path), path)]
+    if not is_many(path):
+        return sources_in(read_bytes(path), path)
+    root = path if path.is_dir() else _root(path)
+    files = _files(path, {b.absolute() for b in besides})
+    return [Source(str(file), file, file.relative_to(root)) for file in files]
+
+
+def sources_in(data: bytes, path: Path) -> list[Source]:
+    """Files that the bytes of a file are: itself, or those in a zip file."""
+    if data[:2] != b"PK" or sniff(data) != ZIP:
+        return [Source(str(path), path, PurePath(path.name), data)]
+    found = list(members(data, path))
+    names = [f"{path}/{m}" if len(found) > 1 else str(path) for m in found]
+    return [
+        Source(name, path, PurePosixPath(member), data, is_member=True)
+        for name, member in zip(names, found, strict=True)
+    ]
+
+
+def refuse_large(path: Path, sources: Sequence[Source]) -> None:
+    """Refuse a recording whose files together are too large to be read at once.
+
+    Raises
+    ------
+    InputError
+        If they are.
+    """
+    if size_of(sources) > MAX_BYTES:
+        raise InputError(f"{path}: larger than {MAX_BYTES >> 20} MB, split the recording")
+
+
+def size_of(sources: Sequence[Source]) -> int:
+    """Bytes of the files on the disk."""
+    with contextlib.suppress(OSError):  # what is not there is told by the one who reads it
+        return sum(source.path.stat().st_size for source in sources)
+    return 0
 
 
 def content_sha256(path: Path, besides: Sequence[Path] = ()) -> str:
     """SHA-256 of a file; of the names and contents of the files where there are several."""
     if not is_many(path):
         return _file_sha256(path)
-    lines = []
-    for source in sources_of(path, besides):
-        root = path if path.is_dir() else _root(path)
-        name = source.path.relative_to(root).as_posix()
-        lines.append(f"{name}\0{_file_sha256(source.path)}\n")
+    return names_and_contents_sha256(sources_of(path, besides))
+
+
+def names_and_contents_sha256(sources: Sequence[Source]) -> str:
+    """SHA-256 of the names and contents of several files."""
+    lines = [f"{s.inside.as_posix()}\0{_file_sha256(s.path)}\n" for s in sources]
     return sha256("".join(lines).encode())
+
+
+def are_parquet(sources: Sequence[Source]) -> bool:
+    """Whether all files are Parquet, by their first bytes."""
+    return all(source.first_bytes() == b"PAR1" for source in sources)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,8 +177,8 @@ def signature_of(path: Path) -> Signature:
     states = []
     with contextlib.suppress(OSError):
         files = _found(path) if is_many(path) else [path]
-        if path.is_dir() and all(_is_parquet(file) for file in files):  # a table in parts
-            files += parquet_files(path)
+        if path.is_dir() and {file.suffix.lower() for file in files} <= {".parquet"}:
+            files += parquet_files(path)  # a table in parts
         for file in files:
             found = file.stat()
             states.append(FileState(str(file), found.st_mtime_ns, found.st_size, found.st_ino))
@@ -169,11 +213,13 @@ def _files(path: Path, besides: set[Path]) -> list[Path]:
         raise InputError(
             f"{path}: ** stands in it more than once, which finds the same files again"
         )
+    from beltid.artifacts.artifact import may_be_artifact  # results stand beside recordings
+
     try:
         found = _found(path)
     except PermissionError:
         raise InputError(f"{path}: no permission to look into it") from None
-    files = [f for f in found if f.absolute() not in besides and not _is_artifact(f)]
+    files = [f for f in found if f.absolute() not in besides and not may_be_artifact(f)]
     if path.is_dir() and not files:  # folders in it: a table in parts
         files = parquet_files(path)
     elif path.is_dir():
@@ -198,24 +244,6 @@ def _found(path: Path) -> list[Path]:
         for f in found
         if not f.name.startswith((".", "~$")) and f.suffix.lower() not in _COMPANIONS
     ]
-
-
-def _is_parquet(file: Path) -> bool:
-    return file.suffix.lower() == ".parquet"
-
-
-def _is_artifact(file: Path) -> bool:
-    """Whether it is a result: these stand beside what they were made from."""
-    if not _is_parquet(file):
-        return False
-    from beltid.artifacts.artifact import read_artifact
-    from beltid.errors import ArtifactError
-
-    try:
-        read_artifact(file)
-    except ArtifactError:
-        return False
-    return True
 
 
 def _refuse_kinds(files: Sequence[Path], path: Path) -> None:

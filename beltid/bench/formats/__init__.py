@@ -2,19 +2,17 @@
 
 Nothing here knows what a channel is good for; `beltid.bench.channels` decides which column it is.
 
-================== ================================================================
-Module             Responsibility
-================== ================================================================
-``bench_file``     what is found in a file: groups of channels, header fields
-``table_head``     where title lines, header, row of units and numbers stand
-``lvm``            LabVIEW measurement files
-``dialect``        how a table in a text file is written
-``header``         whether the header names the columns that are needed
-``csv_reader``     rows -> columns: fast where the file is clean, exact about places
-``csv_stream``     blocks of rows out of a text file of any size
-``csv_kernel``     clean rows -> numbers, compiled
-``parquet_stream`` blocks of rows out of Parquet files
-``frames``         DataFrames, Arrow tables and dicts -> columns
-``isolated``       formats whose libraries read in a child process
-================== ================================================================
+============== ================================================================
+Module         Responsibility
+============== ================================================================
+``bench_file`` what is found in a file: groups of channels, header fields
+``rows``       rows of a table: numbers, texts, where they stand in the file
+``table_head`` where title lines, header, row of units and numbers stand
+``dialect``    how a table in a text file is written
+``csv_table``  CSV -> rows, at once or in blocks, exact about places
+``parquet``    Parquet -> rows in blocks
+``lvm``        LabVIEW measurement files
+``frames``     DataFrames, Arrow tables and dicts -> columns
+``isolated``   formats whose libraries read in a child process
+============== ================================================================
 """

@@ -87,8 +87,8 @@ class Layout:
         Cells of the row of units, empty without one.
     separator, decimal : str
         How cells and decimals are marked.
-    body : str
-        The rows, with single line feeds.
+    body : bytes
+        The rows as UTF-8, with single line feeds.
     first_line : int
         Line number of the first row in the file, from 1.
     notes : tuple of str
@@ -103,7 +103,7 @@ class Layout:
     unit_cells: tuple[str, ...]
     separator: str
     decimal: str
-    body: str
+    body: bytes
     first_line: int
     notes: tuple[str, ...]
     header_line: int
@@ -160,7 +160,15 @@ def layout(text: str, name: str, options: ReadOptions, wanted: Iterable[str]) ->
         raise InputError(f"{name}: holds no samples, only a header in line {header_line}")
     decimal = options.decimal or _decimal(body, separator, notes)
     return Layout(
-        header, unit_cells, separator, decimal, body, line, tuple(notes), header_line, fields
+        header,
+        unit_cells,
+        separator,
+        decimal,
+        body.encode(),
+        line,
+        tuple(notes),
+        header_line,
+        fields,
     )
 
 
@@ -202,13 +210,14 @@ def _search(text: str, stated: str | None) -> tuple[TableHead, str] | None:
     lines = text[: _offset(text, SEARCHED + 1)].split("\n")
     best: tuple[TableHead, str] | None = None
     for separator in (stated,) if stated else SEPARATORS:
-        head = find_head([_cells_or_line(line, separator) for line in lines])
+        head = find_head([cells_or_line(line, separator) for line in lines])
         if head is not None and (best is None or len(head.names) > len(best[0].names)):
             best = head, separator
     return best
 
 
-def _cells_or_line(line: str, separator: str) -> list[str]:
+def cells_or_line(line: str, separator: str) -> list[str]:
+    """Cells of a line; the line itself where it is none of a CSV file."""
     try:
         return next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
     except csv.Error:

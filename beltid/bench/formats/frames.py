@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from beltid.bench.formats.rows import Texts, word_of
 from beltid.bench.problems import Problems
 from beltid.errors import InputError
 from beltid.tables.schemas import Column, Table
@@ -44,17 +45,20 @@ def columns_of_frame(
         if theirs in have:
             columns[column.name] = _values(_column(frame, theirs), column, name, problems)
         elif column.required:
-            close = difflib.get_close_matches(theirs, have, n=1, cutoff=0.6)
-            guess = f", did you mean {close[0]}?" if close else ""
-            problems.add(
-                f"{name}: column {theirs} is missing{guess}; found are " + ", ".join(have[:20])
-            )
+            problems.add(missing_column(theirs, have, name))
     lengths = {len(values) for values in columns.values()}
     if lengths == {0}:
         raise InputError(f"{name}: holds no samples")
     if len(lengths) > 1:
         problems.add(f"{name}: the columns have different lengths {sorted(lengths)}")
     return columns
+
+
+def missing_column(wanted: str, have: Sequence[str], name: str) -> str:
+    """Say that a column is missing, and what it may be called instead."""
+    close = difflib.get_close_matches(wanted, have, n=1, cutoff=0.6)
+    guess = f", did you mean {close[0]}?" if close else ""
+    return f"{name}: column {wanted} is missing{guess}; found are " + ", ".join(have[:20])
 
 
 def _names(frame: Any, name: str) -> list[str]:
@@ -76,7 +80,7 @@ def _column(frame: Any, theirs: str) -> Any:
     column = frame[theirs]
     if hasattr(column, "to_pylist") and not hasattr(column, "iloc"):  # an Arrow column
         if hasattr(column.type, "value_type") and hasattr(column.type, "index_type"):
-            return _shared_words(column)
+            return Texts.of_arrow(column).objects()
         try:
             return np.asarray(column.to_numpy())
         except (ValueError, TypeError):
@@ -84,24 +88,12 @@ def _column(frame: Any, theirs: str) -> Any:
     return column
 
 
-def _shared_words(column: Any) -> np.ndarray:
-    """An Arrow column of words as objects, every word once in memory however often it is there."""
-    parts = column.unify_dictionaries().chunks if hasattr(column, "chunks") else [column]
-    whole = [np.empty(0, dtype=object)]
-    for part in parts:
-        words = np.empty(len(part.dictionary) + 1, dtype=object)
-        words[:-1] = part.dictionary.to_pylist()  # the last stays None, for what is missing
-        codes = part.indices.cast("int64").fill_null(len(words) - 1)
-        whole.append(words[codes.to_numpy(zero_copy_only=False)])
-    return np.concatenate(whole)
-
-
 def _values(values: Any, column: Column, name: str, problems: Problems) -> np.ndarray:
     if np.ndim(values) != 1:
         problems.add(f"{name}: column {column.name} has {np.ndim(values)} axes, must be a list")
         return np.empty(0)
     if column.dtype == "string":
-        return _labels(values)
+        return Texts.of(map(word_of, np.asarray(values, dtype=object))).objects()
     try:
         return floats(values)
     except (ValueError, TypeError):
@@ -111,14 +103,3 @@ def _values(values: Any, column: Column, name: str, problems: Problems) -> np.nd
         if not problems.count:
             problems.add(f"{name}: column {column.name} must hold numbers")
         return np.full(len(values), np.nan)
-
-
-def _labels(values: Any) -> np.ndarray:
-    """Labels as str, whole numbers without a decimal point; None where missing."""
-    labels = np.empty(len(values), dtype=object)
-    for i, value in enumerate(np.asarray(values, dtype=object)):
-        missing = value is None or value != value or type(value).__name__ == "NAType"
-        if not missing and isinstance(value, (float, np.floating)) and float(value).is_integer():
-            value = int(value)
-        labels[i] = None if missing else str(value).strip() or None
-    return labels

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from typing import Final
 
 import numpy as np
 
+from beltid.bench.channels.vocabulary import NOMINAL
 from beltid.bench.problems import SHOWN, Problems
 from beltid.tables.schemas import Column, Table
 from beltid.tables.values import absent, outside
 
 Columns = dict[str, np.ndarray]
-SETTINGS: Final = ("arc_deg", "initial_tension_N")
-"""Columns that hold the nominal settings of a run, constant within it."""
 
 
 class Checker:
@@ -114,7 +112,7 @@ class Checker:
 
     def _settings(self, codes: np.ndarray) -> None:
         """Fill settings given only in some rows of a run; refuse those that change within it."""
-        for column in SETTINGS:
+        for column in NOMINAL:
             values = self.columns.get(column)
             if values is None:
                 continue

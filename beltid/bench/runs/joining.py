@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beltid.bench.channels.channel_mapping import SETTINGS
-from beltid.bench.channels.pieces import Piece
+from beltid.bench.channels.header import missing_setting
+from beltid.bench.channels.raw_table import RawTable
+from beltid.bench.channels.vocabulary import SETTINGS
 from beltid.bench.formats.dialect import ReadOptions
-from beltid.bench.formats.header import missing_setting
 from beltid.bench.problems import Problems
 from beltid.bench.runs.run_settings import RunSettings, fill
 from beltid.bench.runs.run_split import run_labels
@@ -19,32 +19,36 @@ from beltid.tables.columns import Table
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """Where the samples of joined pieces come from."""
+    """Where the samples of joined raw tables come from."""
 
-    pieces: tuple[Piece, ...]
+    raw_tables: tuple[RawTable, ...]
     starts: np.ndarray
-    """Index of the first sample of every piece."""
+    """Index of the first sample of every raw table."""
 
     def place_of(self, index: int) -> tuple[str, int]:
         """Place of a sample in words, and a number for the order of messages."""
         k = int(np.searchsorted(self.starts, index, side="right")) - 1
-        place, line = self.pieces[k].place_of(index - int(self.starts[k]))
-        return place, line if len(self.pieces) == 1 else index + 1
+        place, line = self.raw_tables[k].place_of(index - int(self.starts[k]))
+        return place, line if len(self.raw_tables) == 1 else index + 1
 
     @property
     def lines(self) -> np.ndarray:
-        """Lines of the samples of a single piece."""
-        return self.pieces[0].rows
+        """Lines of the samples of a single raw table."""
+        return self.raw_tables[0].rows
 
 
 def joined(
-    pieces: Sequence[Piece], table: Table, options: ReadOptions, name: str, problems: Problems
+    raw_tables: Sequence[RawTable],
+    table: Table,
+    options: ReadOptions,
+    name: str,
+    problems: Problems,
 ) -> tuple[dict[str, np.ndarray], Rows, list[str], set[str]]:
-    """Columns of all pieces one after the other.
+    """Columns of all raw tables one after the other.
 
     Parameters
     ----------
-    pieces : sequence of Piece
+    raw_tables : sequence of RawTable
         What was read.
     table : Table
         What is needed.
@@ -75,36 +79,36 @@ def joined(
     parts: list[dict[str, np.ndarray]] = []
     notes: dict[str, list[str]] = {}
     owners: dict[str, str] = {}
-    for piece in pieces:
-        told, said = settings.of(piece, problems)
-        columns = dict(piece.columns)
-        said += fill(columns, told, len(piece))
+    for raw in raw_tables:
+        told, said = settings.of(raw, problems)
+        columns = dict(raw.columns)
+        said += fill(columns, told, len(raw))
         if table.label not in columns:
-            labels, split = run_labels(columns, piece.label, piece.place, problems)
+            labels, split = run_labels(columns, raw.label, raw.place, problems)
             columns[table.label] = labels
             said += split
         for role in SETTINGS:
             if role in table.names and table.column(role).required and role not in columns:
-                problems.add(missing_setting(role, table.kind, piece.name_place))
-        _own_labels(columns[table.label], piece, owners, table, problems)
-        for note in (*piece.notes, *said):
-            notes.setdefault(note, []).append(piece.place)
-        parts.append(completed(columns, table, len(piece)))
+                problems.add(missing_setting(role, table.kind, raw.name_place))
+        _own_labels(columns[table.label], raw, owners, table, problems)
+        for note in (*raw.notes, *said):
+            notes.setdefault(note, []).append(raw.place)
+        parts.append(completed(columns, table, len(raw)))
     settings.finish(problems)
     if problems.count > wrong:
-        problems.told_once([piece.place for piece in pieces])
+        problems.told_once([raw.place for raw in raw_tables])
         problems.raise_if_any()
-    starts = np.cumsum([0, *(len(piece) for piece in pieces)])[:-1]
+    starts = np.cumsum([0, *(len(raw) for raw in raw_tables)])[:-1]
     whole = (
         parts[0]
         if len(parts) == 1
         else {c: np.concatenate([part[c] for part in parts]) for c in table.names}
     )
     told_units = [
-        {r for r, reading in piece.readings.items() if reading.unit_stated} for piece in pieces
+        {r for r, mapping in raw.mappings.items() if mapping.unit_stated} for raw in raw_tables
     ]
     stated = set.intersection(*told_units) if told_units else set()
-    return whole, Rows(tuple(pieces), starts), _merged(notes, len(pieces)), stated
+    return whole, Rows(tuple(raw_tables), starts), _merged(notes, len(raw_tables)), stated
 
 
 def completed(
@@ -115,19 +119,19 @@ def completed(
 
 
 def _own_labels(
-    labels: np.ndarray, piece: Piece, owners: dict[str, str], table: Table, problems: Problems
+    labels: np.ndarray, raw: RawTable, owners: dict[str, str], table: Table, problems: Problems
 ) -> None:
-    """Note labels that another piece has, too."""
+    """Note labels that another raw table has, too."""
     for label in dict.fromkeys(labels.tolist()):
         if label is None:
             continue
-        owner = owners.setdefault(label, piece.place)
-        if owner != piece.place:
-            problems.add(f"{piece.place}: {table.label} {label} is that of {owner}, too")
+        owner = owners.setdefault(label, raw.place)
+        if owner != raw.place:
+            problems.add(f"{raw.place}: {table.label} {label} is that of {owner}, too")
 
 
 def _merged(notes: Mapping[str, list[str]], count: int) -> list[str]:
-    """Notes of several pieces that say the same, as one note."""
+    """Notes of several raw tables that say the same, as one note."""
     return [
         note
         if count == 1 or len(places) == count

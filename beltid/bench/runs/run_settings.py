@@ -11,11 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from beltid.bench.channels.channel_mapping import SETTINGS
-from beltid.bench.channels.channel_units import unit_conversion
-from beltid.bench.channels.pieces import Piece
-from beltid.bench.channels.readings import Question
-from beltid.bench.channels.vocabulary import roles_meant
+from beltid.bench.channels.channel_mapping import MappingContext, unit_conversion
+from beltid.bench.channels.raw_table import RawTable
+from beltid.bench.channels.vocabulary import SETTINGS, roles_meant
 from beltid.bench.formats.bench_file import Field
 from beltid.bench.formats.dialect import ReadOptions
 from beltid.bench.formats.table_head import read_field
@@ -27,7 +25,7 @@ from beltid.tables.units import conversion
 
 
 class RunSettings:
-    """Gives pieces of a recording their label and settings.
+    """Gives raw tables of a recording their label and settings.
 
     Parameters
     ----------
@@ -49,25 +47,25 @@ class RunSettings:
         if self.runs is not None and self.runs.table is not None:
             self.run_table = read_run_table(self.runs.table, table)
 
-    def of(self, piece: Piece, problems: Problems) -> tuple[dict[str, str | float], list[str]]:
-        """Label and settings told about a piece outside its columns, and notes about them."""
+    def of(self, raw: RawTable, problems: Problems) -> tuple[dict[str, str | float], list[str]]:
+        """Label and settings told about a raw table outside its columns, and notes about them."""
         told: dict[str, str | float] = {}
         notes: list[str] = []
-        self._from_header(piece, told, notes, problems)
+        self._from_header(raw, told, notes, problems)
         if self.runs is not None:
             for role in SETTINGS:
                 value = getattr(self.runs.values, role, None)
                 if value is not None:
                     told[role] = value
-        self._from_fields(piece, told, problems)
-        self._from_name(piece, told, problems)
-        self._from_table(piece, told, problems)
+        self._from_fields(raw, told, problems)
+        self._from_name(raw, told, problems)
+        self._from_table(raw, told, problems)
         return told, notes
 
-    def _complete(self, piece: Piece) -> bool:
+    def _complete(self, raw: RawTable) -> bool:
         """Whether label and settings stand in the recording itself."""
         needed = [r for r in SETTINGS if r in self.table.names and self.table.column(r).required]
-        return all(role in piece.readings for role in (self.table.label, *needed))
+        return all(role in raw.mappings for role in (self.table.label, *needed))
 
     def finish(self, problems: Problems) -> None:
         """Note rows of the table of runs that no file belongs to."""
@@ -78,25 +76,25 @@ class RunSettings:
                 problems.add(f"{self.run_table.path}:{line}: {name} is not among the files read")
 
     def _from_header(
-        self, piece: Piece, told: dict[str, Any], notes: list[str], problems: Problems
+        self, raw: RawTable, told: dict[str, Any], notes: list[str], problems: Problems
     ) -> None:
         """Header fields whose names are known words."""
         for role in SETTINGS:
-            if role not in self.table.names or role in piece.readings:
+            if role not in self.table.names or role in raw.mappings:
                 continue
-            meant = [f for f in piece.fields if role in roles_meant(f.name, self.table.kind)]
+            meant = [f for f in raw.fields if role in roles_meant(f.name, self.table.kind)]
             values = {}
             for found in meant:
                 value = self._field_value(role, found, recognised=True)
                 if not isinstance(value, str):
                     values[found.name] = value
                 elif self.table.column(role).required and not self._stated(role):
-                    problems.add(f"{piece.place}: {value}")
+                    problems.add(f"{raw.place}: {value}")
                     told[role] = np.nan  # told once what is wrong
             if len(set(values.values())) > 1 and not self._stated(role):
                 shown = ", ".join(f"{n} = {v:g}" for n, v in values.items())
                 problems.add(
-                    f"{piece.place}: header fields {shown} can be {role}, say which: runs: "
+                    f"{raw.place}: header fields {shown} can be {role}, say which: runs: "
                     f'{{{self.table.kind}: {{fields: {{{role}: "{next(iter(values))}"}}}}}}'
                 )
             elif values:
@@ -126,14 +124,14 @@ class RunSettings:
             column,
             found.name,
             plain.unit,
-            Question(self.table, self.options),
+            MappingContext(self.table, self.options),
             recognised and found.name != role,
         )
         if isinstance(by, str):
             return by
         return value if by is None else (value + by.shift) * by.factor
 
-    def _from_fields(self, piece: Piece, told: dict[str, Any], problems: Problems) -> None:
+    def _from_fields(self, raw: RawTable, told: dict[str, Any], problems: Problems) -> None:
         """Header fields that the config names."""
         if self.runs is None:
             return
@@ -141,11 +139,11 @@ class RunSettings:
             name = getattr(self.runs.fields, role)
             if name is None:
                 continue
-            found = [f for f in piece.fields if f.name == name]
+            found = [f for f in raw.fields if f.name == name]
             if not found:
-                known = ", ".join(f.name for f in piece.fields[:20]) or "none"
+                known = ", ".join(f.name for f in raw.fields[:20]) or "none"
                 problems.add(
-                    f"{piece.place}: there is no header field {name} (which the config names for "
+                    f"{raw.place}: there is no header field {name} (which the config names for "
                     f"{role}); found: {known}"
                 )
                 continue
@@ -154,21 +152,21 @@ class RunSettings:
                 continue
             value = self._field_value(role, found[0], recognised=False)
             if isinstance(value, str):
-                problems.add(f"{piece.place}: {value}")
+                problems.add(f"{raw.place}: {value}")
             else:
                 told[role] = value
 
-    def _from_name(self, piece: Piece, told: dict[str, Any], problems: Problems) -> None:
+    def _from_name(self, raw: RawTable, told: dict[str, Any], problems: Problems) -> None:
         if self.pattern is None:
             return
         values = next(
-            (v for name in piece.names if (v := self.pattern.values(name)) is not None), None
+            (v for name in raw.names if (v := self.pattern.values(name)) is not None), None
         )
-        if values is None and self._complete(piece):
+        if values is None and self._complete(raw):
             return
         if values is None:
             problems.add(
-                f"{piece.place}: the name is not made up as runs.{self.table.kind}.pattern = "
+                f"{raw.place}: the name is not made up as runs.{self.table.kind}.pattern = "
                 f'"{self.runs.pattern}" says'
             )
             return
@@ -181,21 +179,21 @@ class RunSettings:
                 try:
                     value = number(text)
                 except ValueError:
-                    problems.add(f'{piece.place}: {role} = "{text}" in the name, must be a number')
+                    problems.add(f'{raw.place}: {role} = "{text}" in the name, must be a number')
                     continue
                 if by is None:
-                    problems.add(f"{piece.place}: {role} in {unit}, which is no unit of it")
+                    problems.add(f"{raw.place}: {role} in {unit}, which is no unit of it")
                 else:
                     told[role] = (value + by.shift) * by.factor
 
-    def _from_table(self, piece: Piece, told: dict[str, Any], problems: Problems) -> None:
+    def _from_table(self, raw: RawTable, told: dict[str, Any], problems: Problems) -> None:
         if self.run_table is None:
             return
-        name = next((n for n in piece.names if n in self.run_table.rows), None)
-        if name is None and self._complete(piece):
+        name = next((n for n in raw.names if n in self.run_table.rows), None)
+        if name is None and self._complete(raw):
             return
         if name is None:
-            problems.add(f"{self.run_table.path}: has no row for {piece.names[0]}")
+            problems.add(f"{self.run_table.path}: has no row for {raw.names[0]}")
             return
         self.used.add(name)
         told.update(self.run_table.rows[name][1])

@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from beltid.bench.channels.vocabulary import NOMINAL
 from beltid.bench.problems import Problems
 
 RESTART: Final = 0.05
@@ -70,7 +71,7 @@ def run_labels(
 
 def _starts(columns: Mapping[str, np.ndarray], time: np.ndarray) -> list[int]:
     changed = np.zeros(len(time), dtype=bool)
-    for name in ("arc_deg", "initial_tension_N"):
+    for name in NOMINAL:
         values = columns.get(name)
         if values is not None and values.dtype != object:
             with np.errstate(invalid="ignore"):

@@ -12,9 +12,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench.formats.csv_stream import Block
+from beltid.bench.channels.vocabulary import NOMINAL
+from beltid.bench.formats.rows import Rows
 from beltid.bench.problems import SHOWN, Problems
-from beltid.bench.runs.checks import SETTINGS, Checker, no_number
+from beltid.bench.runs.checks import Checker, no_number
 from beltid.errors import InputError
 from beltid.tables.schemas import Table
 from beltid.tables.units import Conversion
@@ -40,34 +41,29 @@ class RunColumns:
 
 
 @dataclass(slots=True)
-class _Pieces:
+class _RunRows:
     """The rows of a run that have come so far."""
 
     label: str | None
     first_line: int
-    parts: dict[str, list[np.ndarray]] = field(default_factory=dict)
-    lines: list[np.ndarray | int] = field(default_factory=list)
-    sizes: list[int] = field(default_factory=list)
+    parts: list[tuple[Rows, int, int]] = field(default_factory=list)
+    """Blocks that hold rows of the run, the first of them and the one after the last."""
 
-    def add(self, block: Block, rows: slice) -> None:
-        for name, values in block.numbers.items():
-            # a copy: the arrays of a block are filled again with the next one
-            self.parts.setdefault(name, []).append(values[rows].copy())
-        lines = block.lines
-        self.lines.append(lines + rows.start if isinstance(lines, int) else lines[rows])
-        self.sizes.append(rows.stop - rows.start)
+    def __len__(self) -> int:
+        return sum(end - start for _, start, end in self.parts)
 
     def columns(self) -> dict[str, np.ndarray]:
+        # a copy, which lets go of the blocks
         return {
-            name: parts[0] if len(parts) == 1 else np.concatenate(parts)
-            for name, parts in self.parts.items()
+            name: np.concatenate([rows.numbers[name][start:end] for rows, start, end in self.parts])
+            for name in self.parts[0][0].numbers
         }
 
     def line_of(self, row: int) -> int:
-        for lines, size in zip(self.lines, self.sizes, strict=True):
-            if row < size:
-                return lines + row if isinstance(lines, int) else int(lines[row])
-            row -= size
+        for rows, start, end in self.parts:
+            if row < end - start:
+                return rows.line_of(start + row)
+            row -= end - start
         raise IndexError(row)
 
 
@@ -76,7 +72,7 @@ class RunStream:
 
     Parameters
     ----------
-    blocks : iterable of Block
+    blocks : iterable of Rows
         The rows.
     table : Table
         Schema of the recording.
@@ -97,7 +93,7 @@ class RunStream:
 
     def __init__(
         self,
-        blocks: Iterable[Block],
+        blocks: Iterable[Rows],
         table: Table,
         name: str,
         conversions: Mapping[str, Conversion],
@@ -119,27 +115,26 @@ class RunStream:
         InputError
             With what is wrong: at the end of the recording, or as soon as enough has been found.
         """
-        pieces: _Pieces | None = None
+        run: _RunRows | None = None
         for block in self.blocks:
             self.problems.take(block.problems)
-            if not block.labels:
-                continue
-            ends = [row for row, _ in block.labels[1:]] + [block.n_rows]
-            for (start, label), end in zip(block.labels, ends, strict=True):
-                if pieces is None or pieces.label != label:
-                    if pieces is not None:
-                        yield from self._finished(pieces)
-                    pieces = self._begun(label, block, start)
-                pieces.add(block, slice(start, end))
-                if sum(pieces.sizes) > MOST_SAMPLES:
+            labels = block.texts[self.table.label].starts()
+            ends = [row for row, _ in labels[1:]] + [len(block)] * bool(labels)
+            for (start, label), end in zip(labels, ends, strict=True):
+                if run is None or run.label != label:
+                    if run is not None:
+                        yield from self._finished(run)
+                    run = self._begun(label, block, start)
+                run.parts.append((block, start, end))
+                if len(run) > MOST_SAMPLES:
                     raise InputError(
-                        f"{self._place(pieces.first_line)}: {self.table.label} {label} holds more "
+                        f"{self._place(run.first_line)}: {self.table.label} {label} holds more "
                         f"than {MOST_SAMPLES:,} samples: split it, or record it at a lower rate"
                     )
             if self.problems.count > SHOWN:
                 self.problems.raise_if_any()
-        if pieces is not None:
-            yield from self._finished(pieces)
+        if run is not None:
+            yield from self._finished(run)
         if not self.n_samples and not self.problems.count:
             raise InputError(f"{self.name}: holds no samples")
         for column in self.table.columns:
@@ -158,8 +153,8 @@ class RunStream:
     def _place(self, line: int) -> str:
         return f"{self.name}{self.row_word}{line}"
 
-    def _begun(self, label: str | None, block: Block, start: int) -> _Pieces:
-        line = block.lines + start if isinstance(block.lines, int) else int(block.lines[start])
+    def _begun(self, label: str | None, block: Rows, start: int) -> _RunRows:
+        line = block.line_of(start)
         if label in self._began and label is not None:
             self.problems.add(
                 f"{self._place(line)}: {self.table.label} {label} goes on here after others, it "
@@ -169,11 +164,11 @@ class RunStream:
             )
             self.problems.raise_if_any()
         self._began[label] = line
-        return _Pieces(label, line)
+        return _RunRows(label, line)
 
-    def _finished(self, pieces: _Pieces) -> Iterator[RunColumns]:
-        columns = pieces.columns()
-        n = sum(pieces.sizes)
+    def _finished(self, run: _RunRows) -> Iterator[RunColumns]:
+        columns = run.columns()
+        n = len(run)
         for name, by in self.conversions.items():
             if by != Conversion(1.0):
                 columns[name] = (columns[name] + by.shift) * by.factor
@@ -181,8 +176,8 @@ class RunStream:
             if column.dtype == "float64" and column.name not in columns:
                 columns[column.name] = np.full(n, np.nan)
         shown = {n for n in {*columns} - self._judged if np.isfinite(columns[n]).any()}
-        if shown or pieces.label is None or self._is_suspect(columns):
-            self._check(columns, pieces)
+        if shown or run.label is None or self._is_suspect(columns):
+            self._check(columns, run)
         self._judged |= shown
         for column in self.table.columns:
             if column.nullable and column.dtype == "float64":
@@ -190,8 +185,8 @@ class RunStream:
                 self.missing[column.name] = self.missing.get(column.name, 0) + count
         self.n_samples += n
         self.n_runs += 1
-        if pieces.label is not None:
-            yield RunColumns(pieces.label, columns)
+        if run.label is not None:
+            yield RunColumns(run.label, columns)
 
     def _is_suspect(self, columns: Mapping[str, np.ndarray]) -> bool:
         """Whether anything in a run asks for the checks that tell what and where."""
@@ -207,17 +202,16 @@ class RunStream:
                     return True
             elif np.any(outside(np.array([low, high]), column)) or np.isinf(high - low):
                 return True
-        if any(np.any(columns[name] != columns[name][0]) for name in SETTINGS if name in columns):
+        if any(np.any(columns[name] != columns[name][0]) for name in NOMINAL if name in columns):
             return True
         return bool(np.any(np.diff(columns["time_s"]) < 0.0))
 
-    def _check(self, columns: dict[str, np.ndarray], pieces: _Pieces) -> None:
-        n = sum(pieces.sizes)
-        label = np.full(n, pieces.label, dtype=object)
+    def _check(self, columns: dict[str, np.ndarray], run: _RunRows) -> None:
+        label = np.full(len(run), run.label, dtype=object)
         whole: dict[str, Any] = {self.table.label: label, **columns}
 
         def place(index: int) -> tuple[str, int]:
-            line = pieces.line_of(index)
+            line = run.line_of(index)
             return self._place(line), line
 
         ordered = {name: whole[name] for name in self.table.names}

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from beltid.artifacts.file_bytes import read_bytes
-from beltid.bench.channels.channel_mapping import SETTINGS
-from beltid.bench.channels.channel_units import unit_conversion
-from beltid.bench.channels.readings import Question
-from beltid.bench.channels.vocabulary import FILE_NAMES, roles_meant, simplified
+from beltid.bench.channels.channel_mapping import MappingContext, unit_conversion
+from beltid.bench.channels.vocabulary import FILE_NAMES, SETTINGS, roles_meant, simplified
 from beltid.bench.files.encoding import decode
-from beltid.bench.formats.csv_reader import Wanted, read_rows
+from beltid.bench.formats.csv_table import Wanted, read_rows
 from beltid.bench.formats.dialect import Layout, ReadOptions, layout
 from beltid.bench.formats.table_head import unit_in_name
 from beltid.bench.problems import Problems
@@ -57,16 +55,17 @@ def read_run_table(path: Path, table: Table) -> RunTable:
     columns, conversions = _columns(found, table, place, problems)
     columns["file"] = Wanted(files[0], True, "file")
     problems.raise_if_any()
-    rows = read_rows(found, columns, name, problems)
-    problems.raise_if_any()
+    rows = read_rows(found, columns, name)
+    rows.problems.raise_if_any()
+    cells = rows.columns()
     told: dict[str, tuple[int, Mapping[str, str | float]]] = {}
-    for k, line in enumerate(rows.lines.tolist()):
-        file = str(rows.columns["file"][k] or "")
+    for k, line in enumerate(rows.all_lines().tolist()):
+        file = str(cells["file"][k] or "")
         if file in told:
             problems.add(f"{name}:{line}: {file} stands in line {told[file][0]}, too")
         values: dict[str, str | float] = {}
         for role in columns:
-            cell = rows.columns[role][k]
+            cell = cells[role][k]
             if role == "file" or cell is None or cell != cell:
                 continue
             by = conversions.get(role, Conversion(1.0))
@@ -92,10 +91,10 @@ def _columns(
         if ours.dtype == "string":
             continue
         cell = found.unit_cells[i] if i < len(found.unit_cells) else ""
-        question = Question(table, ReadOptions(), place, problems)
-        by = unit_conversion(ours, name, cell or unit_in_name(name), question, name != role)
+        context = MappingContext(table, ReadOptions(), place, problems)
+        by = unit_conversion(ours, name, cell or unit_in_name(name), context, name != role)
         if isinstance(by, str):
-            question.complain(by)
+            context.complain(by)
         elif by is not None:
             conversions[role] = by
     return columns, conversions

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import InputError
-from beltid.identify.surface.curves import settings_of
+from beltid.identify.estimators.statistics import settings_of
 
 Array = NDArray[np.float64]
 Columns = dict[str, NDArray[Any]]
@@ -32,32 +32,9 @@ COLUMNS = (
     "mu_simulated", "difference", "relative_difference", "within_tolerance", "force_band",
 )  # fmt: skip
 """Columns of the comparison table."""
-
-
-@dataclass(frozen=True, slots=True)
-class MatchSettings:
-    """How far apart the same setting may be on two sides, relative to its value.
-
-    Parameters
-    ----------
-    arc, tension : float
-        Contact arc and nominal tension [-].
-    speed : float
-        Pulley speed [-]: the measured one is met by the motor to about a percent.
-    """
-
-    arc: float = 1e-3
-    tension: float = 5e-3
-    speed: float = 3e-2
-
-    def __post_init__(self) -> None:
-        problems = [
-            f"compare.match.{f.name} = {getattr(self, f.name)}, must be in (0, 1)"
-            for f in fields(self)
-            if not 0.0 < getattr(self, f.name) < 1.0
-        ]
-        if problems:
-            raise InputError(problems)
+SAME_SETTING = {"arc_deg": 1e-3, "nominal_tension_N": 5e-3, "pulley_speed_rad_s": 3e-2}
+"""How far apart a setting may be on two sides, relative to its value: motors miss their speed by
+about a percent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,8 +54,6 @@ class AgreementSettings:
     max_rms_error_over_uncertainty : float or None
         Largest admissible root mean square of the differences over their standard uncertainties;
         nan, which is never admitted, where these are not known.
-    match : MatchSettings
-        How far settings of matched runs may be apart.
     """
 
     max_rms_relative_error: float | None = None
@@ -86,7 +61,6 @@ class AgreementSettings:
     max_relative_error: float | None = None
     min_share_compared: float | None = None
     max_rms_error_over_uncertainty: float | None = None
-    match: MatchSettings = field(default_factory=MatchSettings)
 
     def __post_init__(self) -> None:
         problems = [
@@ -100,33 +74,21 @@ class AgreementSettings:
     @property
     def tolerances(self) -> dict[str, float]:
         """Tolerances that are judged, by name."""
-        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "match"}
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
         return {name: value for name, value in values.items() if value is not None}
 
 
 @dataclass(frozen=True, slots=True)
 class Statistics:
-    """Relative differences (simulated - measured)/measured of a group of points.
+    """Relative differences (simulated - measured)/measured of a group of points [-]."""
 
-    Attributes
-    ----------
-    group : str
-        What the points have in common.
-    n_points : int
-        Number of points; without points all figures are nan.
-    rms, mean, mean_magnitude, largest : float
-        Root mean square, mean with sign, mean of magnitudes and largest magnitude [-].
-    force_low_N_m, force_high_N_m : float
-        Lowest and highest measured normal force of the group [N/m].
-    """
-
-    group: str
-    n_points: int
+    group: str  # what the points have in common
+    n_points: int  # without points all figures are nan
     rms: float
     mean: float
     mean_magnitude: float
-    largest: float
-    force_low_N_m: float
+    largest: float  # magnitude
+    force_low_N_m: float  # lowest and highest measured normal force of the group
     force_high_N_m: float
 
     @classmethod
@@ -149,59 +111,36 @@ class Statistics:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AgreementResult:
-    """Comparison of a measured and a simulated campaign.
+    """Comparison of a measured and a simulated campaign; n matched points, shape (n,) each."""
 
-    Attributes
-    ----------
-    run : ndarray of object (n,)
-        Label of the measured run of each matched point; the measured settings follow.
-    arc_deg, nominal_tension_N, pulley_speed_rad_s, normal_force_N_m : ndarray (n,)
-        Settings and measured normal force per length.
-    mu_measured, mu_simulated : ndarray (n,)
-        Friction coefficients [-].
-    force_band : ndarray of object (n,)
-        "low", "middle" or "high": third of the points by measured normal force.
-    averaged : dict of str to ndarray (m,)
-        The same for the means over arcs at equal tension and speed, with ``n_arcs``.
-    overall, over_arc_averages : Statistics
-        All points; the means over arcs (Fig. 17).
-    per_arc, thirds : tuple of Statistics
-        Points of each arc (Fig. 16); low, middle and high third of the points by ``force_band``.
-    settings : AgreementSettings
-        Tolerances.
-    n_measured, n_simulated, n_usable : int
-        Runs on either side, measured runs that were not set aside.
-    not_compared : dict of str to int
-        Runs without a partner or set aside: reason and number.
-    not_compared_runs : tuple of (str, str)
-        The same run by run: label with side, reason.
-    rows : tuple of ndarray of int (n,)
-        Rows of the matched runs in the measured and in the simulated table.
-    u_validation : ndarray (n,), optional
-        Standard uncertainty of the relative differences [-]; nan where it is not known.
-    """
-
-    run: NDArray[np.object_]
+    run: NDArray[np.object_]  # label of the measured run, whose settings and force follow
     arc_deg: Array
     nominal_tension_N: Array
     pulley_speed_rad_s: Array
     normal_force_N_m: Array
     mu_measured: Array
     mu_simulated: Array
-    force_band: NDArray[np.object_]
-    averaged: Columns
+    force_band: NDArray[np.object_]  # third of the points by force: low, middle or high
+    averaged: Columns  # means over the arcs at equal tension and speed, with ``n_arcs``
     overall: Statistics
-    over_arc_averages: Statistics
-    per_arc: tuple[Statistics, ...]
-    thirds: tuple[Statistics, ...]
+    over_arc_averages: Statistics  # Fig. 17
+    per_arc: tuple[Statistics, ...]  # Fig. 16
+    thirds: tuple[Statistics, ...]  # by `force_band`
     settings: AgreementSettings
-    n_measured: int
+    n_measured: int  # runs on either side
     n_simulated: int
-    n_usable: int
-    not_compared: dict[str, int]
+    n_usable: int  # measured runs that were not set aside
     not_compared_runs: tuple[tuple[str, str], ...]
+    """Runs without a partner or set aside: label with side, reason."""
     rows: tuple[NDArray[np.intp], NDArray[np.intp]]
+    """Rows of the matched runs in the measured and in the simulated table."""
     u_validation: Array | None = None
+    """Standard uncertainty of the relative differences [-]; nan where it is not known."""
+
+    @property
+    def not_compared(self) -> dict[str, int]:
+        """Reasons why runs were not compared, and how often; the most frequent first."""
+        return dict(Counter(reason for _, reason in self.not_compared_runs).most_common())
 
     @property
     def difference(self) -> Array:
@@ -295,15 +234,15 @@ def compare_points(
     """
     settings = settings or AgreementSettings()
     tables = _run_table(measured, "measured"), _run_table(simulated, "simulated")
-    of_measured, of_simulated, left_out = _match(*tables, settings.match)
-    counts = dict(Counter(reason for _, reason in left_out).most_common())
+    of_measured, of_simulated, left_out = _match(*tables)
     n_measured, n_simulated = (table["run"].size for table in tables)
     if of_measured.size == 0:
+        counts = Counter(reason for _, reason in left_out).most_common()
         raise InputError(
             [
                 "compare: no measured run has a simulated partner, must be at least one "
                 f"({n_measured} measured and {n_simulated} simulated runs)",
-                *(f"{count} runs: {reason}" for reason, count in counts.items()),
+                *(f"{count} runs: {reason}" for reason, count in counts),
             ]
         )
     real = {name: column[of_measured] for name, column in tables[0].items()}
@@ -313,8 +252,8 @@ def compare_points(
     parts = np.array_split(np.argsort(force, kind="stable"), 3)
     for word, part in zip(FORCE_BANDS, parts, strict=True):
         bands[part] = word
-    arcs = settings_of(arc_deg, settings.match.arc)
-    averaged = _averages_over_arcs(real, virtual, arcs, settings.match)
+    arcs = settings_of(arc_deg, SAME_SETTING["arc_deg"])
+    averaged = _averages_over_arcs(real, virtual, arcs)
     groups = [(f"arc {arc_deg[arcs == a].mean():g}°", arcs == a) for a in range(arcs.max() + 1)]
     thirds = [(f"{word} third of the force", bands == word) for word in FORCE_BANDS]
     return AgreementResult(
@@ -333,7 +272,6 @@ def compare_points(
         n_measured=n_measured,
         n_simulated=n_simulated,
         n_usable=int(np.count_nonzero(tables[0]["reason"] == "")),
-        not_compared=counts,
         not_compared_runs=left_out,
         rows=(of_measured, of_simulated),
     )
@@ -366,21 +304,22 @@ def _run_table(columns: Mapping[str, ArrayLike], side: str) -> Columns:
 
 
 def _match(
-    measured: Columns, simulated: Columns, settings: MatchSettings
+    measured: Columns, simulated: Columns
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], tuple[tuple[str, str], ...]]:
     """Rows of the pairs on both sides, and every run in no pair: side with label, reason.
 
     Among several simulated runs within the tolerances the one with the same label wins, else the
     one with the nearest speed; a simulated run may answer several repetitions of a measured one.
     """
-    tolerances = dict(zip(NUMBERS, (settings.arc, settings.tension, settings.speed), strict=False))
     pairs: list[tuple[int, int]] = []
     left_out: list[tuple[str, str]] = []
     usable = simulated["reason"] == ""
     answered = np.zeros(usable.size, dtype=bool)
     for k, (label, reason) in enumerate(zip(measured["run"], measured["reason"], strict=True)):
-        off = {name: np.abs(simulated[name] - measured[name][k]) for name in tolerances}
-        near = np.all([off[n] <= share * measured[n][k] for n, share in tolerances.items()], axis=0)
+        off = {name: np.abs(simulated[name] - measured[name][k]) for name in SAME_SETTING}
+        near = np.all(
+            [off[n] <= share * measured[n][k] for n, share in SAME_SETTING.items()], axis=0
+        )
         answered |= near  # by a run that was set aside, too: that one is counted
         if reason:
             left_out.append((f"measured {label}", f"measured: {reason}"))
@@ -399,13 +338,11 @@ def _match(
     return rows[:, 0], rows[:, 1], tuple(left_out)
 
 
-def _averages_over_arcs(
-    real: Columns, mu_simulated: Array, arcs: NDArray[np.intp], match: MatchSettings
-) -> Columns:
+def _averages_over_arcs(real: Columns, mu_simulated: Array, arcs: NDArray[np.intp]) -> Columns:
     """Means over the matched arcs of each tension and speed, repetitions of an arc first."""
     data = np.stack([*(real[name] for name in NUMBERS[1:]), mu_simulated], axis=1)
-    gaps = {"nominal_tension_N": match.tension, "pulley_speed_rad_s": match.speed}
-    setting = np.stack([settings_of(real[name], gap) for name, gap in gaps.items()], axis=1)
+    names = ("nominal_tension_N", "pulley_speed_rad_s")
+    setting = np.stack([settings_of(real[n], SAME_SETTING[n]) for n in names], axis=1)
     means, counts = [], []
     for one in np.unique(setting, axis=0):
         here = np.all(setting == one, axis=1)

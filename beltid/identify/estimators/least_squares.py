@@ -26,49 +26,24 @@ class LeastSquares:
 
     Attributes
     ----------
-    cofactor : ndarray
-        Inverse of ``J^T J`` of the residuals' Jacobian, shape (p, p); times a residual variance it
-        is the covariance of the parameters.
-    residuals : ndarray
-        Observed less fitted at the minimum, shape (n,).
-    parameters : ndarray
-        Parameters at the minimum, shape (p,).
+    parameters, residuals : ndarray
+        Parameters at the minimum, shape (p,); observed less fitted there, shape (n,).
+    covariance : ndarray
+        Covariance of the parameters for independent residuals, shape (p, p); nan if there are no
+        more observations than parameters.
     """
 
-    cofactor: Array
-    residuals: Array
     parameters: Array
+    residuals: Array
+    covariance: Array
 
-    @property
-    def n_free(self) -> int:
-        """Number of parameters that were free at the minimum."""
-        return self.cofactor.shape[0]
-
-    @property
-    def sum_of_squares(self) -> float:
-        """Residual sum of squares."""
-        return float(self.residuals @ self.residuals)
-
-    @property
-    def degrees_of_freedom(self) -> int:
-        """Number of observations less that of the free parameters."""
-        return self.residuals.size - self.n_free
-
-    @property
-    def residual_variance(self) -> float:
-        """``sum_of_squares / degrees_of_freedom``; nan without any."""
-        dof = self.degrees_of_freedom
-        return self.sum_of_squares / dof if dof > 0 else float("nan")
-
-    @property
-    def covariance(self) -> Array:
-        """Covariance of the parameters for independent residuals, shape (p, p)."""
-        return self.cofactor * self.residual_variance
-
-    @property
-    def se(self) -> Array:
-        """Standard errors of the parameters for independent residuals, shape (p,)."""
-        return np.sqrt(np.diag(self.covariance))
+    @classmethod
+    def at(cls, parameters: Array, residuals: Array, jacobian: Array) -> LeastSquares:
+        """The minimum with the covariance that follows from its residuals and their Jacobian."""
+        inverse = pseudo_inverse(jacobian)
+        freedom = residuals.size - parameters.size
+        variance = float(residuals @ residuals) / freedom if freedom > 0 else float("nan")
+        return cls(parameters, residuals, inverse @ inverse.T * variance)
 
 
 def solve_linear(design: ArrayLike, observed: ArrayLike) -> LeastSquares:
@@ -94,8 +69,7 @@ def solve_linear(design: ArrayLike, observed: ArrayLike) -> LeastSquares:
         )
     # one refinement: the residuals of ill-conditioned problems keep their digits
     x = x + np.linalg.lstsq(scaled, b - scaled @ x, rcond=None)[0]
-    inverse = pseudo_inverse(A)
-    return LeastSquares(inverse @ inverse.T, b - scaled @ x, x / length)
+    return LeastSquares.at(x / length, b - scaled @ x, A)
 
 
 def solve_nonlinear(
@@ -133,8 +107,7 @@ def solve_nonlinear(
             iterations=int(found.nfev),
             residual=float(found.optimality),
         )
-    inverse = pseudo_inverse(jacobian(found.x))
-    return LeastSquares(inverse @ inverse.T, found.fun, found.x)
+    return LeastSquares.at(found.x, found.fun, jacobian(found.x))
 
 
 def unit_columns(design: Array) -> tuple[Array, Array]:

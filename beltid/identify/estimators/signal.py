@@ -6,6 +6,8 @@ zero is a spread, and every test has a floor relative to the size of the signal.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import median_filter
@@ -32,11 +34,6 @@ def median(x: Array) -> float:
     return 0.5 * float(low + high)
 
 
-def robust_sigma(x: Array) -> float:
-    """Standard deviation from the median absolute deviation of finite samples, n >= 1."""
-    return MAD_TO_SIGMA * median(np.abs(x - median(x)))
-
-
 def running_median(x: Array, window: int) -> Array:
     """Median over a centred odd window, mirrored at the ends (so that a spike there is seen).
 
@@ -49,28 +46,32 @@ def running_median(x: Array, window: int) -> Array:
     return median_filter(x, size=size, mode="mirror")
 
 
-def difference_sigma(x: Array) -> float:
-    """Standard deviation of white noise on a slowly changing signal, from first differences.
+def difference_sigma(x: Array, order: int = 1) -> float:
+    """Standard deviation of white noise on a slowly changing signal, from its differences.
 
     Parameters
     ----------
     x : ndarray
         Finite samples in their order of time, shape (n,).
+    order : int
+        Differences of this order are blind to a polynomial of lower degree: 2 on a ramp.
 
     Returns
     -------
     float
-        ``1.4826 median |x[i+1] - x[i]| / sqrt(2)``. If a coarse converter makes more than half of
-        the differences zero, the root mean square of the central 98 % takes its place.
+        ``1.4826 median |differences|`` over the root of the sum of their squared weights, which
+        is ``(2 order)! / order!²``; 0 with fewer than ``order + 1`` samples. If a coarse converter
+        makes more than half of the differences zero, the root mean square of the central 98 %
+        takes the place of the median.
     """
-    if x.size < 2:
+    if x.size <= order:
         return 0.0
-    step = np.abs(np.diff(x))
+    step = np.abs(np.diff(x, order))
     sigma = MAD_TO_SIGMA * median(step)
     if sigma == 0.0 and np.any(step > 0.0):
         central = np.sort(step)[: max(1, int(0.98 * step.size))]
         sigma = float(np.sqrt(np.mean(central**2)))
-    return sigma / np.sqrt(2.0)
+    return sigma / math.sqrt(math.comb(2 * order, order))
 
 
 def converter_steps(first: Array, second: Array) -> tuple[float, float]:
@@ -80,10 +81,7 @@ def converter_steps(first: Array, second: Array) -> tuple[float, float]:
     recording with a straight build-up: the grid of both signals must go through zero, or the
     signal itself must chatter.
 
-    Parameters
-    ----------
-    first, second : ndarray
-        Finite samples in their order of time, shape (n,) and (m,).
+    `first` and `second` are finite samples in their order of time, shape (n,) and (m,).
     """
     levels = np.unique(np.concatenate([first, second]))
     if 2 <= levels.size <= (first.size + second.size) // 2:
@@ -182,20 +180,9 @@ def spike_sigma(x: Array) -> float:
 
 
 def block_means(columns: Array, limit: int = THINNED_SAMPLES) -> Array:
-    """Thin a long record by averaging over blocks of equally many samples.
+    """Thin a record of finite samples (n, m) to at most `limit` means of equally many samples.
 
-    Parameters
-    ----------
-    columns : ndarray
-        Finite samples, shape (n, m).
-    limit : int
-        Largest number of blocks wanted.
-
-    Returns
-    -------
-    ndarray
-        The columns themselves if n <= limit, else their block means; a last incomplete block is
-        averaged over what it has.
+    A last incomplete block is averaged over what it has; a record that is short enough is kept.
     """
     n = columns.shape[0]
     if n <= limit:
@@ -254,26 +241,14 @@ def strongest_line(t: Array, residuals: Array, basis: Array) -> float | None:
 
 def _refined(t: Array, residuals: Array, basis: Array, centre: float, half_width: float) -> float:
     """Maximum of the least-squares gain of a line near `centre` [Hz]."""
-    trial = centre + half_width * np.linspace(-1.0, 1.0, 7)
-    phase = 2.0 * np.pi * np.outer(t - t[0], trial)
-    cos, sin = np.cos(phase), np.sin(phase)
-    cos -= basis @ (basis.T @ cos)
-    sin -= basis @ (basis.T @ sin)
-    cc, ss, cs = np.sum(cos * cos, 0), np.sum(sin * sin, 0), np.sum(cos * sin, 0)
-    c, s = cos.T @ residuals, sin.T @ residuals
-    determinant = np.maximum(cc * ss - cs * cs, 1e-12 * t.size**2)
-    gain = (
-        np.sum(c * c, 1) * ss - 2.0 * np.sum(c * s, 1) * cs + np.sum(s * s, 1) * cc
-    ) / determinant
-    return parabolic_maximum(trial, gain)
+    from scipy.optimize import minimize_scalar  # slow to import
 
+    def left(frequency: float) -> float:
+        columns = line_columns(t - t[0], frequency)
+        columns -= basis @ (basis.T @ columns)
+        explained = np.linalg.qr(columns)[0].T @ residuals
+        return -float(np.sum(explained**2))
 
-def parabolic_maximum(x: Array, y: Array) -> float:
-    """Abscissa of the maximum of evenly spaced samples, by the parabola through its neighbours."""
-    k = int(np.argmax(y))
-    if k in (0, x.size - 1):
-        return float(x[k])
-    curvature = y[k - 1] - 2.0 * y[k] + y[k + 1]
-    if curvature >= 0.0:
-        return float(x[k])
-    return float(x[k] + 0.5 * (x[k + 1] - x[k]) * (y[k - 1] - y[k + 1]) / curvature)
+    bounds = (centre - half_width, centre + half_width)
+    found = minimize_scalar(left, bounds=bounds, options={"xatol": 1e-3 * half_width})
+    return float(found.x)

@@ -19,8 +19,8 @@ MAD_TO_SIGMA = 1.482602218505602
 """Standard deviation of a normal sample over its median absolute deviation."""
 MEAN_DEVIATION_TO_SIGMA = 1.2533141373155003
 """Standard deviation of a normal sample over its mean absolute deviation, sqrt(pi/2)."""
-SOKAL_WINDOW = 5.0
-"""The autocorrelation is summed up to this many times its own integral (Sokal's rule)."""
+OUTLIER = 6.0
+"""Robust spreads from the median beyond which a sample of a steady signal is an outlier."""
 
 
 class MeanWithError(NamedTuple):
@@ -58,188 +58,94 @@ def mad_sigma(x: ArrayLike) -> float:
     return sigma if sigma > 0.0 else MEAN_DEVIATION_TO_SIGMA * float(np.mean(deviation))
 
 
-def outlier_mask(x: ArrayLike, threshold: float = 6.0, window: int | None = None) -> Mask:
-    """Mark samples that are missing or lie off the others.
+def outlier_mask(x: ArrayLike, least_spread: float = 0.0) -> Mask:
+    """Mark samples of a steady signal that are missing or far from its median.
 
     Parameters
     ----------
     x : array_like
-        Samples in their order of time, shape (n,).
-    threshold : float
-        Distance from the median above which a sample is an outlier, in robust spreads.
-    window : int, optional
-        Odd number of samples of a local reference (see :func:`local_reference`): with it a spike
-        is found on a signal that changes, too. Without it the median of all samples is the
-        reference, which suits a steady signal.
+        Samples, shape (n,).
+    least_spread : float
+        Smallest spread that :data:`OUTLIER` multiplies, in the unit of `x`.
 
     Returns
     -------
     ndarray of bool
-        True where a sample is not finite or an outlier, shape (n,).
+        True where a sample is not finite or an outlier, shape (n,); fewer than three finite
+        samples have no outlier among them.
     """
     values = np.asarray(x, dtype=float).ravel()
     mask = ~np.isfinite(values)
     good = values[~mask]
     if good.size < 3:
         return mask
-    if window is None:
-        distance = good - np.median(good)
-    else:
-        distance = good - local_reference(good, window // 2)
-    sigma = mad_sigma(distance)
     # a spread below the rounding of the samples themselves would make every last bit an outlier
-    floor = 8.0 * np.finfo(float).eps * float(np.max(np.abs(good)))
-    mask[~mask] = np.abs(distance) > threshold * max(sigma, floor)
+    rounding = 8.0 * np.finfo(float).eps * float(np.max(np.abs(good)))
+    limit = OUTLIER * max(mad_sigma(good), least_spread, rounding)
+    mask[~mask] = np.abs(good - np.median(good)) > limit
     return mask
 
 
-def local_reference(x: Array, half_width: int) -> Array:
-    """Value that the neighbours of each sample suggest for it, blind to single spikes.
+def integrated_autocorrelation_time(*runs: ArrayLike) -> float:
+    """Integrated autocorrelation time ``tau = 1 + 2 sum_k (1 - k/n) rho_k``, pooled over runs.
 
-    The median of the means of the pairs at equal distance, ``(x[i-k] + x[i+k])/2``. Unlike a
-    running median it is exact on a ramp, so that what is left is noise and not slope. Near the
-    ends, where a partner is missing, ``2 x[i+k] - x[i+2k]`` takes the place of a pair.
-
-    Parameters
-    ----------
-    x : ndarray
-        Samples without gaps, shape (n,).
-    half_width : int
-        Number of pairs, >= 1; reduced for short signals.
-
-    Returns
-    -------
-    ndarray
-        Reference, shape (n,); the signal's median if it has fewer than five samples.
-    """
-    n = x.size
-    w = min(max(half_width, 1), (n - 1) // 4)
-    if w < 1:
-        return np.full(n, np.median(x))
-    steps = np.arange(1, w + 1)[:, None]
-    inner = np.arange(w, n - w)
-    reference = np.empty(n)
-    reference[inner] = np.median(0.5 * (x[inner - steps] + x[inner + steps]), axis=0)
-    edge = np.arange(w)
-    for view, target in ((x, reference), (x[::-1], reference[::-1])):
-        target[edge] = np.median(2.0 * view[edge + steps] - view[edge + 2 * steps], axis=0)
-    return reference
-
-
-def spike_mask(x: ArrayLike, threshold: float = 12.0, floor: float = 0.0) -> Mask:
-    """Mark missing samples and single spikes of a signal that ramps, turns and has kinks.
-
-    A spike disagrees with everything around it: with the line through its neighbours and with the
-    continuations from either side. A sample at a reversal or at the moment of contact agrees with
-    at least one of them.
+    Taking off the mean of a run of n samples lowers all correlations by ``tau/n``, which is put
+    back. The sum ends before the first lag that is within two standard errors of zero.
 
     Parameters
     ----------
-    x : array_like
-        Samples in their order of time, shape (n,).
-    threshold : float
-        Smallest disagreement of a spike, in robust spreads of all disagreements.
-    floor : float
-        Smallest disagreement of a spike, in the unit of `x`.
-
-    Returns
-    -------
-    ndarray of bool
-        True where a sample is not finite or a spike, shape (n,).
-    """
-    values = np.asarray(x, dtype=float).ravel()
-    mask = ~np.isfinite(values)
-    good = values[~mask]
-    if good.size < 9:
-        return mask
-    steps = np.arange(1, 4)[:, None]
-    inner = np.arange(6, good.size - 6)
-    disagreement = np.abs(good - local_reference(good, 3))
-    if inner.size:
-        before = np.median(2.0 * good[inner - steps] - good[inner - 2 * steps], axis=0)
-        after = np.median(2.0 * good[inner + steps] - good[inner + 2 * steps], axis=0)
-        either = np.minimum(np.abs(good[inner] - before), np.abs(good[inner] - after))
-        disagreement[inner] = np.minimum(disagreement[inner], either)
-    mask[~mask] = disagreement > max(
-        threshold * MAD_TO_SIGMA * float(np.median(disagreement)), floor
-    )
-    return mask
-
-
-def sample_noise(x: ArrayLike) -> float:
-    """Standard deviation of the white noise on a signal that changes slowly from sample to sample.
-
-    Parameters
-    ----------
-    x : array_like
-        Samples in their order of time, shape (n,); those that are not finite are left out.
+    *runs : array_like
+        Evenly spaced samples of one or several runs in their order of time, shape (n,) each;
+        those that are not finite are gaps: their pairs are left out, the lags of the others stay
+        right.
 
     Returns
     -------
     float
-        Noise in the unit of `x`, from second differences, whose spread is sqrt(6) times the noise;
-        0 with fewer than five samples.
+        tau in samples, at least 1 (independent): anticorrelation is not made use of.
     """
-    values = np.asarray(x, dtype=float).ravel()
-    values = values[np.isfinite(values)]
-    if values.size < 5:
-        return 0.0
-    second = np.diff(values, 2)
-    return MAD_TO_SIGMA * float(np.median(np.abs(second))) / np.sqrt(6.0)
-
-
-def integrated_autocorrelation_time(x: ArrayLike) -> float:
-    """Integrated autocorrelation time ``tau = 1 + 2 sum_k rho_k`` of a sampled signal.
-
-    The sum ends at the first lag beyond ``SOKAL_WINDOW * tau`` (Sokal 1997); the bias from taking
-    off the sample mean is corrected to first order in ``1/n`` (Wolff 2004).
-
-    Parameters
-    ----------
-    x : array_like
-        Evenly spaced samples in their order of time, shape (n,); those that are not finite are
-        gaps: their pairs are left out, the lags of the others stay right.
-
-    Returns
-    -------
-    float
-        tau in samples, between 1 (independent) and the number of samples. Anticorrelation, which
-        would give less than 1, is not made use of.
-    """
-    values = np.asarray(x, dtype=float).ravel()
-    valid = np.isfinite(values)
-    n = int(np.count_nonzero(valid))
-    if n < 4:
+    residuals = [r for r in (_less_mean(run) for run in runs) if np.nansum(r * r) > 0.0]
+    longest = max((r.size for r in residuals), default=0)
+    products, pairs = np.zeros(longest), np.zeros(longest)
+    for r in residuals:
+        valid = np.isfinite(r)
+        length = 1 << (2 * r.size).bit_length()  # sums of products at every lag, by FFT
+        spectra = np.abs(np.fft.rfft([np.where(valid, r, 0.0), valid.astype(float)], length)) ** 2
+        lagged = np.fft.irfft(spectra, length)[:, : r.size]
+        products[: r.size] += lagged[0]
+        pairs[: r.size] += np.round(lagged[1])
+    gap = np.flatnonzero(pairs < 0.5)
+    rho = products[: gap[0] if gap.size else longest]
+    pairs = pairs[: rho.size]
+    if rho.size < 2:
         return 1.0
-    residual = np.where(valid, values - np.mean(values[valid]), 0.0)
-    scale = float(np.max(np.abs(residual)))
-    if scale <= 8.0 * np.finfo(float).eps * float(np.max(np.abs(values[valid]))):
-        return 1.0  # equal samples: what is left is rounding
-    covariance, pairs = _lagged_sums(residual / scale, valid)
-    rho = np.divide(covariance, pairs, out=np.zeros_like(covariance), where=pairs > 0.5)
-    rho /= rho[0]
-    lags = np.arange(rho.size)
-    tau = 2.0 * np.cumsum(rho) - 1.0
-    closed = np.flatnonzero(lags >= SOKAL_WINDOW * np.maximum(tau, 1.0))
-    last = int(closed[0]) if closed.size else int(np.argmax(tau[: max(values.size // 2, 1)]))
-    corrected = float(tau[last]) * (1.0 + (2.0 * last + 1.0) / n)
-    return float(np.clip(corrected, 1.0, n))
+    rho = rho / pairs * (pairs[0] / products[0])
+    n = pairs[0] / len(residuals)
+    tau = before = 1.0
+    for _ in range(20):
+        corrected = rho + (1.0 - rho) * min(tau / n, 0.5)
+        weak = np.flatnonzero(corrected < 2.0 / np.sqrt(pairs))
+        end = int(weak[0]) if weak.size else rho.size
+        share = np.maximum(1.0 - np.arange(1, end) / n, 0.0)
+        tau, before = 1.0 + 2.0 * float(share @ corrected[1:end]), tau
+        if abs(tau - before) < 1e-6:
+            break
+    return max(tau, 1.0)
 
 
-def _lagged_sums(residual: Array, valid: Mask) -> tuple[Array, Array]:
-    """Sums of products and numbers of pairs for every lag, by FFT, shape (n,) each."""
-    n = residual.size
-    length = 1 << (2 * n - 1).bit_length()
-    spectrum = np.fft.rfft(residual, length)
-    products = np.fft.irfft(spectrum.real**2 + spectrum.imag**2, length)[:n]
-    if valid.all():
-        return products, np.arange(n, 0.0, -1.0)
-    presence = np.fft.rfft(valid.astype(float), length)
-    pairs = np.fft.irfft(np.abs(presence) ** 2, length)[:n]
-    return products, pairs
+def _less_mean(run: ArrayLike) -> Array:
+    """Samples less their mean; zero where that is rounding."""
+    values = np.asarray(run, dtype=float).ravel()
+    known = values[np.isfinite(values)]
+    if known.size == 0:
+        return known
+    residual = np.where(np.isfinite(values), values - np.mean(known), np.nan)
+    largest = float(np.nanmax(np.abs(residual)))
+    rounding = 8.0 * np.finfo(float).eps * float(np.max(np.abs(known)))
+    return residual if largest > rounding else np.zeros(1)
 
 
-def robust_mean_with_se(x: ArrayLike, threshold: float = 6.0) -> MeanWithError:
+def robust_mean_with_se(x: ArrayLike) -> MeanWithError:
     """Mean of a steady signal without its spikes, with a standard error for correlated samples.
 
     Parameters
@@ -247,8 +153,6 @@ def robust_mean_with_se(x: ArrayLike, threshold: float = 6.0) -> MeanWithError:
     x : array_like
         Evenly spaced samples of a steady signal in their order of time, shape (n,); samples that
         are not finite and outliers (see :func:`outlier_mask`) are left out.
-    threshold : float
-        Limit for outliers in robust spreads.
 
     Returns
     -------
@@ -256,10 +160,9 @@ def robust_mean_with_se(x: ArrayLike, threshold: float = 6.0) -> MeanWithError:
         ``(mean, se, n_eff)``: the mean of the kept samples, ``se = s / sqrt(n_eff)`` with
         ``s² = sum (x - mean)² / (n - tau)``, and ``n_eff = n / tau``. All nan (n_eff 0) without
         samples; the error alone is nan where fewer than two independent samples are left.
-        Below a hundred samples the error tends to be on the safe side, as tau is never below 1.
     """
     values = np.asarray(x, dtype=float).ravel()
-    kept = np.where(outlier_mask(values, threshold), np.nan, values)
+    kept = np.where(outlier_mask(values), np.nan, values)
     n = int(np.count_nonzero(np.isfinite(kept)))
     if n == 0:
         return MeanWithError(float("nan"), float("nan"), 0.0)
@@ -272,13 +175,21 @@ def robust_mean_with_se(x: ArrayLike, threshold: float = 6.0) -> MeanWithError:
     return MeanWithError(mean, float(np.sqrt(variance / n_eff)), n_eff)
 
 
+def settings_of(values: Array, gap: float) -> NDArray[np.intp]:
+    """Number of the setting of each value, from 0 upwards; relative gaps above `gap` part them."""
+    order = np.argsort(values, kind="stable")
+    jump = np.diff(values[order]) > gap * np.abs(values[order][:-1])
+    labels = np.empty(values.size, dtype=np.intp)
+    labels[order] = np.concatenate([[0], np.cumsum(jump)])[: values.size]
+    return labels
+
+
 def as_set(values: np.ndarray, gap: float = 0.03) -> np.ndarray:
-    """Settings that measured values belong to: within a share `gap` they are one, their median."""
+    """Settings that measured values belong to, the median of each; nan where a value is."""
     found = np.full(values.shape, np.nan)
-    known = np.flatnonzero(np.isfinite(values))
-    ordered = known[np.argsort(values[known], kind="stable")]
-    if ordered.size:
-        steps = np.flatnonzero(np.diff(values[ordered]) > gap * np.abs(values[ordered][:-1]))
-        for group in np.split(ordered, steps + 1):
-            found[group] = np.median(values[group])
+    known = np.isfinite(values)
+    labels = settings_of(values[known], gap)
+    for label in np.unique(labels):
+        here = np.flatnonzero(known)[labels == label]
+        found[here] = np.median(values[here])
     return found

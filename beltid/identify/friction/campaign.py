@@ -49,11 +49,11 @@ build-up, in z: as good as free."""
 # priors: median and width (standard deviation of the logarithm)
 WANDER = (0.4, 1.5)
 """Of the wandering zeros, in units of the error that white noise leaves in the mean of a run."""
-WALK = (1.5, 1.5)
+WALK = (2.5, 1.5)
 """The same of the walk with the longest memory, which a short sliding hardly shows."""
 NEIGHBOURS = 0.5
 """Correlation of the priors of neighbouring memories: the spectrum of real noise is smooth."""
-TURN = (0.4, 1.5)
+TURN = (0.7, 1.5)
 """Of the ripple once per turn, in the same unit."""
 HEIGHT_SPREAD = (0.15, 1.0)
 LENGTH_SPREAD = (0.10, 1.0)
@@ -74,7 +74,7 @@ friction itself."""
 DRIFT_OF_ZERO, DRIFT_OF_MU = 4e-4, 0.03
 """Standard deviations of the drifts, in 1/s of the median initial tension, and over the sliding of
 a run relative to mu."""
-SLOW_PART = (0.04, 0.25, 0.15)
+SLOW_PART = (0.1, 0.25, 0.15)
 """Probability that a part of the tail decays over a length beyond the longest record, its size
 relative to the height and the standard deviation of that."""
 RELAXATION = 1e-3
@@ -83,17 +83,22 @@ both cells."""
 
 
 TREND = 0.4
-"""Standard deviation of the powers with which the length of the tail goes with speed and force."""
+"""Standard deviation of the powers with which the length of the tail goes with the settings."""
+SETTINGS = 3
+"""Settings that it goes with: speed, mean tension and level of ln(T_tight/T_slack), so the arc."""
 
-SHARED = RANK + 5
+SHARED = RANK + 3 + SETTINGS
 """Columns that all runs share: the basis of the tails, drifts of both cells and of mu, powers."""
 DRIFTS, POWERS = slice(RANK, RANK + 3), slice(RANK + 3, SHARED)
 """Where the drifts and the powers are in them."""
 
 
 def log_settings(records: Sequence[SlidingRecord]) -> Array:
-    """Logarithms of speed and mean tension of the runs (R, 2)."""
-    return np.array([(np.log(r.speed_m_s), 0.5 * np.log(np.prod(r.tensions_N))) for r in records])
+    """Logarithms of what the length of the tail may go with (R, SETTINGS)."""
+    tension = [np.sqrt(np.prod(r.tensions_N)) for r in records]
+    return np.log(
+        np.column_stack([[r.speed_m_s for r in records], tension, [r.level for r in records]])
+    )
 
 
 class Stack:
@@ -118,7 +123,7 @@ class Stack:
         self.basis = np.zeros((n, m, RANK))
         self.shared = np.zeros((n, m, SHARED))
         """Basis of the tails, drifts of 1 N/s of the tight and of the slack cell and of all of mu,
-        and the changes of the tail with the two powers."""
+        and the changes of the tail with the powers."""
         self.fixed = np.zeros((n, m, m))
         self.parts = np.zeros((len(MEMORIES_S) + 2, n, m, m))
         for k, r in enumerate(records):
@@ -148,7 +153,7 @@ class Stack:
         )
 
     def stretch(self, powers: Array, shared: Shared | None = None) -> None:
-        """Make the tails of every run as long as its speed and tension ask for."""
+        """Make the tails of every run as long as its settings ask for."""
         self.stretches = stretching(self.settings @ powers)
         self.shared[:, :, :RANK] = self.basis @ self.stretches
         if shared is not None:
@@ -177,8 +182,8 @@ class Shared:
         Posterior mean of the height of the tail, relative to the level.
     spectrum : ndarray, shape (3,)
         Posterior means of ln l_c (l_c in m), s_slow and s_fast.
-    powers : ndarray, shape (2,)
-        Powers of speed and tension with which its length goes.
+    powers : ndarray, shape (SETTINGS,)
+        Powers of the settings with which its length goes.
     weights : ndarray, shape (5,)
         Probabilities of no drift, one of the tight, the slack, both cells, and of mu.
     """
@@ -368,8 +373,8 @@ def posterior(
         Median initial tension [N].
     height : float
         Height of the tail, roughly, relative to the level.
-    powers : ndarray, shape (2,)
-        Powers of speed and tension that the tails were stretched by.
+    powers : ndarray, shape (SETTINGS,)
+        Powers of the settings that the tails were stretched by.
     range_m : tuple of float
         Shortest and longest length of a tail that is looked for [m].
     weights : ndarray, shape (5,), optional
@@ -383,9 +388,9 @@ def posterior(
     b[cells] += rest.products
     # the columns hold the change of the powers from what the tails were stretched by
     b[POWERS] -= powers / TREND**2
-    M[POWERS, POWERS] += np.eye(2) / TREND**2
+    M[POWERS, POWERS] += np.eye(SETTINGS) / TREND**2
     D = np.zeros_like(M)
-    D[POWERS, POWERS] = 1e4 * np.eye(2)  # free: their prior is in M and b
+    D[POWERS, POWERS] = 1e4 * np.eye(SETTINGS)  # free: their prior is in M and b
     low, high = np.log(max(range_m[0], 2e-4)), np.log(max(range_m[1] / 9.0, 1e-3))
     lengths = np.linspace(low, max(high, low + 1.0), 8)
     unlike = tail_coefficients(lengths, np.zeros(8), np.zeros(8))
@@ -551,11 +556,12 @@ def _spectra(ends: Ends) -> tuple[Array, Array]:
     return points, tail_coefficients(*points)
 
 
-CLOCKS = (np.zeros(2), np.array([1.0, 0.0]))
+CLOCKS = (np.zeros(SETTINGS), np.eye(SETTINGS)[0])
 """Powers to start from: a tail that decays over the travel, or over the time."""
 SWEEPS = 2
-WALK_STEPS = (-0.8, -0.4, 0.0, 0.4, 0.8, 1.2, 1.6)
-"""Steps about the mode over which the variance of the walk is averaged, in widths of its prior."""
+HIDDEN_STEPS = (-0.8, -0.4, 0.0, 0.4, 0.8, 1.2, 1.6)
+"""Steps about the mode over which the variances are averaged that a record hardly shows, in widths
+of their priors."""
 
 
 def _log_evidence_of(
@@ -613,6 +619,10 @@ def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
     odds = [_log_evidence_of(stack, clock, sd, rest, unit_N) for clock in CLOCKS]
     powers = CLOCKS[int(np.argmax(odds))]
     stack.stretch(powers)
+    w = whiten(stack, covariance(stack, sd, None)[0])
+    # a rough tail, of which the change with the powers can be told
+    rough = fit_shared(stack, w, scale, rest, unit_N, height, powers, None, 0)
+    stack.stretch(powers, rough)
     for _ in range(SWEEPS):
         w = whiten(stack, covariance(stack, np.exp(centre + width * x), shared)[0])
         shared = fit_shared(stack, w, scale, rest, unit_N, height, powers, weights, 2)
@@ -630,10 +640,13 @@ def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
         ).x
     assert shared is not None
     sd = np.exp(centre + width * x)
-    # the walk moves the level most and shows least: the mean of its variance, not the mode
-    log_p = np.array([-cost(x + step * (np.arange(x.size) == n - 1))[0] for step in WALK_STEPS])
-    p = np.exp(log_p - logsumexp(log_p))
-    sd[n - 1] *= np.sqrt(p @ np.exp(2.0 * width[n - 1] * np.array(WALK_STEPS)))
+    # walk and ripple once per turn move the level most and show least: the mean of their
+    # variances, not the mode
+    steps = np.array(HIDDEN_STEPS)
+    for k in (n - 1, n + 1):
+        log_p = np.array([-cost(x + step * (np.arange(x.size) == k))[0] for step in steps])
+        p = np.exp(log_p - logsumexp(log_p))
+        sd[k] *= np.sqrt(p @ np.exp(2.0 * width[k] * steps))
     return Bench(sd, shared)
 
 

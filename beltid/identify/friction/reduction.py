@@ -207,11 +207,25 @@ def _reduce_together(
             reduced.append(replace(found, status=reason))
             continue
         found = _with_plateau(found, run, level, y, se, R, settings)
+        found = replace(found, notes=(*found.notes, *_longer_rest(found, rests[k])))
         reason = _unusable(found, run, level, len(runs), settings)
         if not reason:
             found = replace(_with_peak(found, run, level, y, bench, settings), status="ok")
         reduced.append(replace(found, status=reason or "ok"))
     return reduced
+
+
+def _longer_rest(found: RunReduction, rest: Rest) -> list[str]:
+    """What a longer rest would buy, where a drift of the cells is most of the error."""
+    error = found.mu_sliding_se / found.mu_sliding
+    if abs(found.shared_drift) < 0.7 * error or error < 1e-3:
+        return []
+    rest_s = rest.last_s - rest.first_s
+    # the slope of a cell at rest is known to its noise over the length of the rest ** 1.5
+    return [
+        f"{100 * abs(found.shared_drift):.2g} % of error are a drift of the cells that the rest "
+        f"leaves open: {3.0 * rest_s:.2g} s at rest in place of {rest_s:.2g} s would leave a fifth"
+    ]
 
 
 def _relaxation(rests: Sequence[Rest]) -> float:

@@ -22,9 +22,9 @@ from beltid.identify.estimators.signal import (
     difference_sigma,
     line_columns,
     noise_before_rounding,
-    robust_sigma,
     strongest_line,
 )
+from beltid.identify.estimators.statistics import mad_sigma
 from beltid.identify.friction.tail_shapes import tail_basis
 
 Array = NDArray[np.float64]
@@ -263,7 +263,7 @@ def _smooth_course(
         target = np.vstack([tensions[kept], np.zeros((prior.shape[0], 2))])
         solution = np.linalg.lstsq(system, target, rcond=None)[0]
         residual = tensions - design @ solution
-        sigma = np.array([max(robust_sigma(column), 1e-12) for column in residual.T])
+        sigma = np.array([max(mad_sigma(column), 1e-12) for column in residual.T])
         # a coarse converter may repeat one value: its rounding is no outlier
         rounding = np.asarray(steps) / np.sqrt(12.0)
         floor = np.maximum(NOISE_FLOOR * np.abs(np.median(tensions, axis=0)), rounding)

@@ -113,46 +113,39 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
     ``temperature_degC``, shape (n,) each; nan where missing. :class:`InputError` if columns are
     missing or no test can be used; every problem is named.
     """
-    curves: list[PressCurve] = []
-    used: list[PressTest] = []
-    notes: list[str] = []
+    used: list[tuple[PressTest, list[PressCurve], tuple[str, ...]]] = []
     set_aside: list[tuple[str, str]] = []
     for label, part in read_tests(press).items():
         try:
             test = prepare_test(label, part, settings)
             cycles = find_cycles(test)
-            chosen, said = choose_cycles(label, cycles, settings.cycles)
-            curves += [press_curve(test, c, settings.segment_length_m, cycles) for c in chosen]
+            chosen, said = choose_cycles(cycles, settings.cycles)
+            found = [press_curve(test, c, settings.segment_length_m, cycles) for c in chosen]
         except InputError as error:
             set_aside.append((label, "; ".join(error.problems)))
             continue
-        used.append(test)
-        notes += [*test.notes, *said]
-    if any(c.unloads for c in curves):
-        alone = {c.test for c in curves if not c.unloads}
+        used.append((test, found, (*test.notes, *said)))
+    unloaded = [entry for entry in used if entry[1][0].unloads]
+    if unloaded:
+        alone = [test.label for test, found, _ in used if not found[0].unloads]
         set_aside += [(t, f"test {t}: never unloaded, while other tests are") for t in alone]
-        notes = [n for n in notes if not any(n.startswith(f"test {t}: ") for t in alone)]
-        curves = [c for c in curves if c.unloads]
-        used = [t for t in used if t.label not in alone]
-    if not curves:
+        used = unloaded
+    if not used:
         raise InputError([reason for _, reason in set_aside] or "press recording: no samples")
-    notes += [f"set aside: {reason}" for _, reason in set_aside]
-    missing, spikes = sum(t.n_missing for t in used), sum(t.n_spikes for t in used)
-    return PressRecording(tuple(curves), tuple(set_aside), missing, spikes, _merged(notes))
-
-
-def _merged(notes: list[str]) -> tuple[str, ...]:
-    """Notes of several tests that say the same, as one note."""
-    tests: dict[str, list[str]] = {}
-    for note in notes:
-        place, colon, text = note.partition(": ")
-        if colon and place.startswith("test "):
-            tests.setdefault(text, []).append(place.removeprefix("test "))
-        else:
-            tests.setdefault(note, [])
-    return tuple(
-        f"test{'s' if len(labels) > 1 else ''} {', '.join(labels)}: {text}" if labels else text
-        for text, labels in tests.items()
+    labels: dict[str, list[str]] = {}
+    for test, _, texts in used:
+        for text in texts:
+            labels.setdefault(text, []).append(test.label)
+    notes = [
+        f"test{'s' if len(tests) > 1 else ''} {', '.join(tests)}: {text}"
+        for text, tests in labels.items()
+    ]
+    return PressRecording(
+        curves=tuple(curve for _, found, _ in used for curve in found),
+        set_aside=tuple(set_aside),
+        n_missing=sum(test.n_missing for test, _, _ in used),
+        n_spikes=sum(test.n_spikes for test, _, _ in used),
+        notes=(*notes, *(f"set aside: {reason}" for _, reason in set_aside)),
     )
 
 

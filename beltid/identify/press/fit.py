@@ -5,7 +5,8 @@
 Linear, quadratic, cubic: n = 1, 2, 3; the power law: one term, n free. The position p_j is that of
 the contact point of test j (its cycles share it). The zero c_j of the load cell is an unknown with
 a prior N(0, (ZERO_SHARE F_top)²) for a test that begins in contact, so that its zero could not be
-checked; else it is zero.
+checked, and the same prior for what all such tests have in common: they were zeroed by one
+operator at one preload. Else it is zero.
 
 For given p (and n) the problem is linear in K and c: they are solved for and projected out
 (variable projection with Kaufman's Jacobian), and the search goes over p and n alone.
@@ -119,7 +120,7 @@ class FittedLaw:
     sum_of_squares: float  # of the residuals, and of the zeros against their prior
     sensitivity: Array
     """Derivatives of K (and the free exponent) by the forces of the nodes and by what is known of
-    the zeros, shape (parameters, n + unchecked); a row of zeros for a coefficient held at 0."""
+    the zeros, shape (parameters, n + unchecked); those of a coefficient held at 0 as if free."""
     tangent: Array  # derivatives of the nodes by all unknowns that were free, (n + unchecked, m)
     tau: float  # integrated autocorrelation time of the residuals [nodes]
 
@@ -165,8 +166,9 @@ class _Projection:
             self.exponents = theta[data.n_tests :]
         self.y = data.x - self.p[data.owner]
         zeros = (data.owner[:, None] == data.unchecked).astype(float)
-        prior = data.zero_weight * np.eye(data.unchecked.size)
         more, q = data.unchecked.size, self.exponents.size
+        # rows of the prior: their squares sum to c' (I + 1 1')^-1 c
+        prior = data.zero_weight * np.linalg.inv(np.linalg.cholesky(np.eye(more) + 1.0))
         terms = np.pad(basis(self.y, self.exponents), ((0, more), (0, 0)))
         self.design = np.column_stack([terms, np.vstack([zeros, prior])])
         self.observed = np.pad(data.f, (0, more))
@@ -238,14 +240,12 @@ def fit_law(name: LawName, data: Nodes) -> FittedLaw:
     if not np.any(at.K > 0.0):
         raise FitError(f"{name} law: the force falls with penetration, must rise")
     tangent = np.column_stack([at.design[:, at.free], at.nonlinear_columns()])
-    inverse = pseudo_inverse(tangent)
-    sensitivity = np.zeros((q, tangent.shape[0]))
-    k_free = np.flatnonzero(at.free[: at.K.size])
-    sensitivity[k_free] = inverse[: k_free.size]
-    if name == "power":
-        sensitivity[-1] = inverse[-1]
-    if name == "quadratic" and at.free[:2].all() and at.K[0] < at.K[1]:
-        sensitivity[:2] = _by_vertex(at, found.degrees_of_freedom)
+    if name == "quadratic" and at.K[0] < at.K[1]:
+        freedom = found.residuals.size - found.parameters.size
+        sensitivity = _by_vertex(at, freedom)
+    else:  # a coefficient held at its bound has the error that it would have if it were free
+        inverse = pseudo_inverse(np.column_stack([at.design, at.nonlinear_columns()]))
+        sensitivity = inverse[[*range(at.K.size), *([-1] if name == "power" else [])]]
     residuals = at.residuals[: data.x.size]
     return FittedLaw(
         name=name,

@@ -14,17 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
-from beltid.identify.estimators.statistics import (
-    mad_sigma,
-    robust_mean_with_se,
-    sample_noise,
-    spike_mask,
-)
+from beltid.identify.estimators.signal import SPIKE_WINDOW, difference_sigma, running_median
+from beltid.identify.estimators.statistics import mad_sigma, robust_mean_with_se
 
 Array = NDArray[np.float64]
 CycleChoice = Literal["last", "first", "all"]
 
 MIN_SAMPLES = 20  # fewest usable ones of a test
+SPIKE = 12.0  # least height of a spike, in standard deviations of the noise
 MIN_FORCE_OVER_NOISE = 10.0  # contact is certain if the force rises by this many times its noise
 # least and most that the largest travel and force of a press test may be
 LIMITS = (("displacement_mm", 1e-6, 1e5, "mm"), ("force_N", 1e-6, 1e9, "N"))
@@ -134,7 +131,7 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
     travel, force, time_s = travel[~spikes], force[~spikes], part["time_s"][~missing][~spikes]
     force_sign, travel_sign = _signs(travel, force)
     travel, force = travel_sign * travel, force_sign * force
-    noise = sample_noise(force)
+    noise = _noise(force)
     _require_contact(label, travel, force, noise)
     zero, free = _load_cell_zero(travel, force, noise)
     force = force - zero
@@ -164,12 +161,12 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
         position_m=position,
         force_N=force,
         travel_sign=travel_sign,
-        position_noise_m=sample_noise(position),
+        position_noise_m=_noise(position),
         force_noise_N=noise,
         free_travel=free,
         n_missing=int(missing.sum()),
         n_spikes=int(spikes.sum()),
-        notes=tuple(f"test {label}: {text}" for applies, text in said if applies),
+        notes=tuple(text for applies, text in said if applies),
     )
 
 
@@ -188,9 +185,19 @@ def _require_plausible(label: str, displacement_mm: Array, force_N: Array) -> No
 
 
 def _spikes(x: Array) -> NDArray[np.bool_]:
-    """Spikes that could change the law: larger than a step from sample to sample, too."""
-    step = float(np.median(np.abs(np.diff(x))))
-    return spike_mask(x, floor=max(2e-3 * spread(x), step))
+    """Spikes that could change the law, and are no turn of the crosshead.
+
+    A running median of seven samples follows a ramp, and lags by three steps where it turns; four
+    allow for steps that grow along the way.
+    """
+    away = x - running_median(x, SPIKE_WINDOW)
+    steps = 4.0 * float(np.quantile(np.abs(np.diff(x)), 0.95))
+    return np.abs(away) > max(SPIKE * mad_sigma(away), steps, 2e-3 * spread(x))
+
+
+def _noise(x: Array) -> float:
+    """Standard deviation of the white noise on a signal that ramps."""
+    return difference_sigma(x, order=2)
 
 
 def spread(x: Array) -> float:
@@ -215,10 +222,10 @@ def _require_contact(label: str, travel: Array, force: Array, noise: float) -> N
             f"test {label}: no contact found: the force rises by {rise:.3g} N over a noise of "
             f"{noise:.3g} N, must be more than {MIN_FORCE_OVER_NOISE:g} times the noise"
         )
-    if spread(travel) <= 10.0 * sample_noise(travel):
+    if spread(travel) <= 10.0 * _noise(travel):
         raise InputError(
             f"test {label}: the crosshead moves by {spread(travel) * 1e3:.3g} mm with a noise of "
-            f"{sample_noise(travel) * 1e3:.3g} mm, must move by more than ten times its noise"
+            f"{_noise(travel) * 1e3:.3g} mm, must move by more than ten times its noise"
         )
 
 
@@ -283,7 +290,7 @@ def find_cycles(test: PressTest) -> tuple[PressCycle, ...]:
     Loadings to less than half of the test's largest force (preloads, aborted cycles) are none.
     """
     travel = test.travel_m
-    turns = turning_points(travel, max(0.05 * spread(travel), 10.0 * sample_noise(travel)))
+    turns = turning_points(travel, max(0.05 * spread(travel), 10.0 * _noise(travel)))
     cycles: list[PressCycle] = []
     largest = float(np.max(test.force_N))
     for k in range(turns.size - 1):
@@ -304,7 +311,7 @@ def find_cycles(test: PressTest) -> tuple[PressCycle, ...]:
 
 
 def choose_cycles(
-    label: str, cycles: tuple[PressCycle, ...], choice: CycleChoice
+    cycles: tuple[PressCycle, ...], choice: CycleChoice
 ) -> tuple[tuple[PressCycle, ...], tuple[str, ...]]:
     """Cycles of a test that enter the fit, and what there is to say about the choice.
 
@@ -313,7 +320,7 @@ def choose_cycles(
     pick = {"all": slice(None), "first": slice(1), "last": slice(-1, None)}[choice]
     complete = tuple(c for c in cycles if c.complete)
     if not complete:
-        return cycles[pick], (f"test {label}: never unloaded",)
+        return cycles[pick], ("never unloaded",)
     kept, wanted = complete[pick], cycles[pick]
     notes = []
     if choice == "all" and len(kept) < len(wanted):
@@ -325,4 +332,4 @@ def choose_cycles(
     if len(cycles) > 1:
         numbers = ", ".join(str(c.number) for c in kept)
         notes.append(f"{len(cycles)} cycles found, used: {numbers}")
-    return kept, tuple(f"test {label}: {note}" for note in notes)
+    return kept, tuple(notes)

@@ -20,7 +20,7 @@ from scipy.special import stdtrit
 
 from beltid.errors import FitError, InputError, NumericsError
 from beltid.identify.press.curves import Branch, PressCurve, read_recording, thinned_branches
-from beltid.identify.press.fit import FittedLaw, Nodes, fit_quadratic
+from beltid.identify.press.fit import FittedLaw, Nodes, correlation_time, fit_quadratic
 from beltid.identify.press.laws import choose_normal_law
 from beltid.identify.press.recording import StiffnessSettings
 from beltid.identify.press.systematic import systematic_errors
@@ -267,7 +267,7 @@ def _held(law: FittedLaw, data: Nodes, place: str) -> tuple[list[str], list[str]
     own = column - tangent @ np.linalg.lstsq(tangent, column, rcond=1e-12)[0]
     value = float(own @ law.residuals) / float(own @ own)
     left = law.residuals - value * own
-    dof = max(n / law.tau - tangent.shape[1] - 1, 1.0)
+    dof = max(n / correlation_time(left, data) - tangent.shape[1] - 1, 1.0)
     se = math.sqrt(float(left @ left) / dof / float(own @ own))
     top = float(np.max(data.f))
     share = abs(value) * float(np.max(np.abs(column))) / top
@@ -302,6 +302,7 @@ def _contact_notes(curves: Sequence[PressCurve], contact: NDArray[np.float64]) -
         elif before > noted:
             text = f"{before * 1e6:.2g} µm before the contact point of the law"
             notes.append(
-                f"test {curve.test}: force is carried from {text}: the belt seats gradually"
+                f"test {curve.test}: force is carried from {text}: the belt seats gradually; "
+                "it is in the standard errors"
             )
     return notes

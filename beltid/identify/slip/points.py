@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from beltid.errors import InputError
+from beltid.identify.estimators.statistics import as_set
 
 SIGNIFICANT = 4.0  # standard errors beyond which a loss or a ratio is no accident
 CREEP_SHARE = 0.5  # runs up to this share of a series' largest torque give its creep
@@ -25,63 +26,32 @@ GROSS_SLIP = "gross slip"
 
 @dataclass(frozen=True, slots=True)
 class SlipPoint:
-    """One operating point of the drive: a row of the slip table.
-
-    Attributes
-    ----------
-    run : str
-        Label of the run.
-    driver_speed_rad_s : float
-        Mean speed of the driver [rad/s], negative if it turned backwards.
-    initial_tension_N, torque_N_m : float
-        Tension of the belt at rest [N], mean torque in the sign of the recording [N m]; nan if
-        unknown.
-    speed_loss_rad_s, speed_loss_se_rad_s : float
-        Driver speed less driven speed times the ratio of the pulleys, positive if the driven pulley
-        falls behind in either sense of turning, and its standard error with correlation of the
-        samples and uncertainty of the ratio [rad/s].
-    slip_speed_m_s, slip_speed_se_m_s : float
-        Eq. (7) and its standard error [m/s].
-    n_samples : int
-        Samples in which both speeds are known.
-    status : str
-        "ok", "gross slip", or why the point is of no use.
-    """
+    """One operating point of the drive: a row of the slip table; nan where unknown."""
 
     run: str
-    driver_speed_rad_s: float
-    initial_tension_N: float
-    torque_N_m: float
+    driver_speed_rad_s: float  # mean, negative if it turned backwards
+    initial_tension_N: float  # of the belt at rest
+    torque_N_m: float  # mean, in the sign of the recording
     speed_loss_rad_s: float
-    speed_loss_se_rad_s: float
-    slip_speed_m_s: float
+    """Driver speed less driven speed times the ratio of the pulleys: positive if the driven pulley
+    falls behind in either sense of turning."""
+    speed_loss_se_rad_s: float  # with correlation of the samples and uncertainty of the ratio
+    slip_speed_m_s: float  # Eq. (7), and its standard error
     slip_speed_se_m_s: float
-    n_samples: int
-    status: str
+    n_samples: int  # in which both speeds are known
+    status: str  # "ok", "gross slip", or why the point is of no use
 
 
 @dataclass(frozen=True, slots=True)
 class SlipResult:
-    """All operating points of a speed-loss recording.
+    """All operating points of a speed-loss recording."""
 
-    Attributes
-    ----------
-    points : tuple of SlipPoint
-        In the order of the recording.
-    ratio, ratio_se : float
-        Driver over driven speed without torque [-]; 1 and 0 if taken as equal.
-    max_slip_speed_m_s, max_slip_run : float, str
-        Largest sliding speed in service, short of gross slip [m/s], and the run that shows it.
-    notes : tuple of str
-        What the user should know.
-    """
-
-    points: tuple[SlipPoint, ...]
-    ratio: float
+    points: tuple[SlipPoint, ...]  # in the order of the recording
+    ratio: float  # driver over driven speed without torque; 1 and 0 if taken as equal
     ratio_se: float
-    max_slip_speed_m_s: float
-    max_slip_run: str
-    notes: tuple[str, ...]
+    max_slip_speed_m_s: float  # largest sliding speed in service, short of gross slip
+    max_slip_run: str  # the run that shows it
+    notes: tuple[str, ...]  # what the user should know
 
 
 def mark_gross_slip(points: Sequence[SlipPoint]) -> list[SlipPoint]:
@@ -91,56 +61,44 @@ def mark_gross_slip(points: Sequence[SlipPoint]) -> list[SlipPoint]:
     the median loss per torque of its less loaded runs; fewer than three are no creep to compare
     with.
     """
-    names = "driver_speed_rad_s", "initial_tension_N", "torque_N_m", "speed_loss_rad_s"
-    columns = np.array([[getattr(p, name) for name in names] for p in points if p.status == OK])
+    speed, tension, torque, loss = np.array(
+        [
+            (p.driver_speed_rad_s, p.initial_tension_N, p.torque_N_m, p.speed_loss_rad_s)
+            for p in points
+        ]
+    ).T
+    settings = np.stack([as_set(np.abs(speed), SAME_SETTING), as_set(tension, SAME_SETTING)])
+    torque, loss = np.abs(torque), np.abs(loss)
     # a run without torque says nothing of creep
-    columns = columns[np.isfinite(columns[:, 2:]).all(axis=1)] if columns.size else np.empty((0, 4))
-    torques, losses = np.abs(columns[:, 2:]).T
+    good = np.array([p.status == OK for p in points]) & np.isfinite(torque) & np.isfinite(loss)
     marked = []
-    for p in points:
-        mine = np.array([p.driver_speed_rad_s, p.initial_tension_N])
-        series = ~np.any(np.abs(columns[:, :2] - mine) > SAME_SETTING * np.abs(mine), axis=1)
-        largest = float(np.max(torques[series], initial=0.0))
-        low = series & (torques <= CREEP_SHARE * largest) & (torques > 0.05 * largest)
-        creep = float(np.median(losses[low] / torques[low])) if low.sum() >= 3 else 0.0
-        loss = abs(p.speed_loss_rad_s)
-        limit = GROSS_OVER_CREEP * creep * abs(p.torque_N_m) + SIGNIFICANT * p.speed_loss_se_rad_s
-        too_fast = loss > GROSS_SLIP_RATIO * abs(p.driver_speed_rad_s)
-        gross = p.status == OK and (too_fast or (creep > 0.0 and loss > limit))
+    for k, p in enumerate(points):
+        series = good & np.all(settings == settings[:, [k]], axis=0)
+        largest = float(np.max(torque[series], initial=0.0))
+        low = series & (torque <= CREEP_SHARE * largest) & (torque > 0.05 * largest)
+        creep = float(np.median(loss[low] / torque[low])) if low.sum() >= 3 else 0.0
+        limit = GROSS_OVER_CREEP * creep * torque[k] + SIGNIFICANT * p.speed_loss_se_rad_s
+        too_fast = loss[k] > GROSS_SLIP_RATIO * abs(p.driver_speed_rad_s)
+        gross = p.status == OK and (too_fast or (creep > 0.0 and loss[k] > limit))
         marked.append(replace(p, status=GROSS_SLIP) if gross else p)
     return marked
 
 
 @dataclass(frozen=True, slots=True)
 class RequiredSpeeds:
-    """Range of pulley speeds to measure at, and whether the rig's settings cover it.
+    """Range of pulley speeds to measure at, and whether the rig's settings cover it."""
 
-    Attributes
-    ----------
-    min_slip_speed_m_s, max_slip_speed_m_s : float
-        Smallest sliding speed told from zero and largest sliding speed in service [m/s].
-    min_speed_rad_s, max_speed_rad_s : float
-        The pulley speeds of the rig that belong to them [rad/s].
-    proposed_rad_s : tuple of float
-        Speeds in geometric steps over the range [rad/s].
-    configured : tuple of (float, str)
-        Configured speeds [rad/s] and where they lie: "below", "within" or "above" the range.
-    covered, covers_largest : bool or None
-        Whether the configured speeds reach both ends, and the upper one, where the nearest measured
-        value would be wrong most; None without configured speeds.
-    statement : str
-        The outcome in plain words.
-    """
-
-    min_slip_speed_m_s: float
-    max_slip_speed_m_s: float
-    min_speed_rad_s: float
+    min_slip_speed_m_s: float  # smallest sliding speed told from zero
+    max_slip_speed_m_s: float  # largest in service
+    min_speed_rad_s: float  # pulley speeds of the rig that belong to them
     max_speed_rad_s: float
-    proposed_rad_s: tuple[float, ...]
+    proposed_rad_s: tuple[float, ...]  # in geometric steps over the range
     configured: tuple[tuple[float, str], ...]
-    covered: bool | None
+    """Configured speeds [rad/s] and where they lie: "below", "within" or "above" the range."""
+    covered: bool | None  # whether these reach both ends; None without configured speeds
     covers_largest: bool | None
-    statement: str
+    """Whether they reach the upper end, where the nearest measured value would be wrong most."""
+    statement: str  # the outcome in plain words
 
 
 def required_pulley_speeds(

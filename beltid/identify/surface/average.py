@@ -46,28 +46,15 @@ WORTH_A_NOTE = 5e-3  # relative; nodes moved by less are within what motors miss
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceGrid:
-    """Friction surface on its grid, of one arc or averaged.
+    """Friction surface on its grid, of one arc or averaged; values at the nodes (nf, nv)."""
 
-    Attributes
-    ----------
-    arc_deg : float
-        Contact arc [deg], nan for the average over arcs.
-    normal_force_N_m, slip_speed_m_s : ndarray (nf,), (nv,)
-        Nodes of the normal force per length [N/m] and the sliding speed [m/s].
-    mu, mu_se : ndarray (nf, nv)
-        Friction coefficient and standard error [-]; an unknown error is nan.
-    n_arcs, mu_spread : ndarray (nf, nv)
-        Number of arcs measured at the node, and standard deviation of mu between them [-], nan for
-        fewer than two.
-    """
-
-    arc_deg: float
-    normal_force_N_m: Array
-    slip_speed_m_s: Array
-    mu: Array
-    mu_se: Array
-    n_arcs: NDArray[np.int64]
-    mu_spread: Array
+    arc_deg: float  # contact arc, nan for the average over arcs
+    normal_force_N_m: Array  # nodes (nf,)
+    slip_speed_m_s: Array  # nodes (nv,)
+    mu: Array  # friction coefficient [-]
+    mu_se: Array  # and its standard error, nan where unknown
+    n_arcs: NDArray[np.int64]  # arcs measured at the node
+    mu_spread: Array  # standard deviation of mu between them, nan for fewer than two
 
     def to_surface(self) -> FrictionSurface:
         """Continuous surface through the nodes."""

@@ -20,11 +20,14 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from beltid.errors import InputError
+from beltid.identify.estimators.statistics import settings_of
 from beltid.identify.surface.kriging import kriging
 from beltid.laws.bicubic import bounded_cubic
 
 Array = NDArray[np.float64]
 
+SPEED_GAP = 0.03  # relative gap that parts two settings of the speed
+FORCE_GAP = 0.01  # runs of one arc and speed closer than this in force are repetitions
 ARC_GAP = 1e-3  # arcs are nominal settings and differ by rounding only, relative
 MAX_SPEED_SPREAD = 1.25  # highest over lowest speed that can still be one setting
 USUAL_SPEED_SPREAD = 1.05
@@ -40,20 +43,12 @@ EDGE = 1e-9  # a node made from the end of a curve lies on the curve, relative
 
 @dataclass(frozen=True, slots=True)
 class Points:
-    """Sliding states of the friction rig, one entry per run, arrays (n,).
+    """Sliding states of the friction rig, one entry per run, arrays (n,), all > 0."""
 
-    Attributes
-    ----------
-    arc_deg, f, v : ndarray
-        Contact arc [deg], mean normal force per length [N/m] and measured sliding speed [m/s], > 0.
-    mu, se : ndarray
-        Friction coefficient and its standard error [-].
-    """
-
-    arc_deg: Array
-    f: Array
-    v: Array
-    mu: Array
+    arc_deg: Array  # contact arc
+    f: Array  # mean normal force per length [N/m]
+    v: Array  # measured sliding speed [m/s]
+    mu: Array  # friction coefficient and its standard error [-]
     se: Array
 
     def take(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> Points:
@@ -69,23 +64,15 @@ class Curve:
     power laws exactly, bounded like the friction surface; not smoothed, as the arcs are averaged.
     A point of the virtual benches left out is missed by 0.08 % RMS without noise and 0.36 % with
     0.25 % noise; with not-a-knot ends by 0.07 and 0.62 %.
-
-    Attributes
-    ----------
-    arc_deg, speed : float, int
-        Contact arc [deg], index of the speed setting.
-    f, mu, se : ndarray (m,)
-        Points, ascending in f: force [N/m], friction coefficient and standard error [-].
-    band : tuple of float
-        Lowest and highest friction coefficient of its runs as they were measured [-].
     """
 
     arc_deg: float
-    speed: int
-    f: Array
-    mu: Array
+    speed: int  # index of the speed setting
+    f: Array  # force of its points [N/m], ascending, (m,)
+    mu: Array  # friction coefficient of the points and its standard error [-]
     se: Array
     band: tuple[float, float]
+    """Lowest and highest friction coefficient of its runs as they were measured [-]."""
 
     def covers(self, force: Array) -> NDArray[np.bool_]:
         """Whether forces [N/m] lie between the first and the last point."""
@@ -110,22 +97,12 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class CurveSet:
-    """All curves of a campaign.
+    """All curves of a campaign."""
 
-    Attributes
-    ----------
-    arcs_deg, speeds : ndarray (na,), (nv,)
-        Contact arcs [deg], and speed settings, the mean of their measured speeds [m/s]; ascending.
-    curves : tuple of Curve
-        At most one for each arc and speed.
-    notes : tuple of str
-        What was merged or is missing.
-    """
-
-    arcs_deg: Array
-    speeds: Array
-    curves: tuple[Curve, ...]
-    notes: tuple[str, ...] = ()
+    arcs_deg: Array  # contact arcs, ascending, (na,)
+    speeds: Array  # speed settings, the mean of their measured speeds [m/s], ascending, (nv,)
+    curves: tuple[Curve, ...]  # at most one for each arc and speed
+    notes: tuple[str, ...] = ()  # what was merged or is missing
 
     def of_arc(self, arc_deg: float) -> CurveSet:
         """Curves of one arc, with the speeds that it has."""
@@ -140,33 +117,20 @@ class CurveSet:
         return replace(self, speeds=self.speeds[used], curves=kept)
 
 
-def settings_of(values: Array, gap: float) -> NDArray[np.intp]:
-    """Number of the setting of each value, from 0 upwards; relative gaps above `gap` part them."""
-    order = np.argsort(values, kind="stable")
-    jump = np.diff(values[order]) > gap * values[order][:-1]
-    labels = np.empty(values.size, dtype=np.intp)
-    labels[order] = np.concatenate([[0], np.cumsum(jump)])
-    return labels
-
-
-def build_curves(points: Points, speed_gap: float, force_gap: float) -> CurveSet:
+def build_curves(points: Points) -> CurveSet:
     """Sort points into curves and bring them to the common speed of their setting.
 
     Parameters
     ----------
     points : Points
         Valid points, at least one.
-    speed_gap : float
-        Relative gap between two speed settings [-].
-    force_gap : float
-        Points of a curve closer than this in force are repetitions and become their mean [-].
 
     Raises
     ------
     InputError
         If the speeds run into each other, so that no settings can be told apart.
     """
-    speed_label = settings_of(points.v, speed_gap)
+    speed_label = settings_of(points.v, SPEED_GAP)
     arc_label = settings_of(points.arc_deg, ARC_GAP)
     speeds = np.array([points.v[speed_label == k].mean() for k in range(speed_label.max() + 1)])
     arcs = np.array([points.arc_deg[arc_label == k].mean() for k in range(arc_label.max() + 1)])
@@ -176,7 +140,7 @@ def build_curves(points: Points, speed_gap: float, force_gap: float) -> CurveSet
             return scattered
     problems = [
         f"slip_speed_m_s: {group.size} speeds between {group.min():g} and {group.max():g} m/s "
-        f"without a gap of {speed_gap:.0%}, must be repeated settings of the speed"
+        f"without a gap of {SPEED_GAP:.0%}, must be repeated settings of the speed"
         for group in (points.v[speed_label == k] for k in range(speeds.size))
         if group.max() > MAX_SPEED_SPREAD * group.min()
     ]
@@ -191,7 +155,7 @@ def build_curves(points: Points, speed_gap: float, force_gap: float) -> CurveSet
         for k, mask in enumerate(masks):
             if mask.any():
                 band = float(points.mu[mask].min()), float(points.mu[mask].max())
-                f, mu, se = _without_repetitions(at_setting.take(mask), force_gap)
+                f, mu, se = _without_repetitions(at_setting.take(mask))
                 found.append(Curve(float(arc), k, f, mu, se, band))
         missing = [f"{speeds[k]:.4g}" for k, mask in enumerate(masks) if not mask.any()]
         if missing:
@@ -207,9 +171,9 @@ def build_curves(points: Points, speed_gap: float, force_gap: float) -> CurveSet
     return CurveSet(arcs, speeds, tuple(curves), tuple(notes))
 
 
-def _without_repetitions(points: Points, force_gap: float) -> Array:
+def _without_repetitions(points: Points) -> Array:
     """Rows f, mu, se with means of repetitions, weighted by their errors if all are known."""
-    label = settings_of(points.f, force_gap)
+    label = settings_of(points.f, FORCE_GAP)
     means = []
     for same in (points.take(label == k) for k in range(label.max() + 1)):
         weights = same.se**-2.0 if np.all(same.se > 0.0) else np.ones(same.f.size)

@@ -24,9 +24,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtr, chdtrc
 
-from beltid.errors import ConvergenceError, FitError, InputError, NumericsError
-from beltid.identify.estimators.statistics import integrated_autocorrelation_time
-from beltid.identify.surface.curves import settings_of
+from beltid.errors import FitError, InputError, NumericsError
+from beltid.identify.estimators.least_squares import solve_nonlinear, unit_columns
+from beltid.identify.estimators.statistics import integrated_autocorrelation_time, settings_of
 from beltid.laws.friction_formulas import FRICTION_LAWS, Coulomb, FrictionFormula
 
 Array = NDArray[np.float64]
@@ -45,23 +45,13 @@ NOT_ZERO = "not different from zero"
 
 @dataclass(frozen=True, slots=True)
 class FrictionParameter:
-    """A parameter of a friction law.
-
-    Attributes
-    ----------
-    name, unit : str
-        What it is; the unit is empty for a number.
-    value, se : float
-        Value and standard error; the error is infinite where the data do not determine the value.
-    status : str
-        Empty, "not different from zero", or "not determined by the data".
-    """
+    """A parameter of a friction law."""
 
     name: str
-    unit: str
+    unit: str  # empty for a number
     value: float
-    se: float
-    status: str = ""
+    se: float  # standard error; infinite where the data do not determine the value
+    status: str = ""  # empty, "not different from zero", or "not determined by the data"
 
     @property
     def determined(self) -> bool:
@@ -71,41 +61,20 @@ class FrictionParameter:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrictionLawFit:
-    """One parametric law through the points of a surface.
+    """One parametric law through the points of a surface."""
 
-    Attributes
-    ----------
-    law : str
-        See :data:`beltid.laws.friction_formulas.FRICTION_LAWS`.
-    parameters, covariance : tuple of FrictionParameter, ndarray (p, p)
-        Parameters, and their covariance: nan where one is not determined.
-    reference_force_N_m : float
-        f0 [N/m].
-    rms_misfit, worst_misfit, worst_at : float, float, tuple of float
-        Root mean square and largest of the relative misfits ``law/mu - 1`` [-]; force [N/m] and
-        speed [m/s] of the largest.
-    chi_square, degrees_of_freedom : float, int
-        ``r' C^-1 r``, nan if the errors of the points are not known; points less parameters.
-    law_error : float
-        sqrt(q), what the law misses the points by beyond their errors [-].
-    criterion : float
-        AICc less that of the best law [-]; nan with too few points.
-    notes : tuple of str
-        What the user should know.
-    """
-
-    law: str
+    law: str  # see :data:`beltid.laws.friction_formulas.FRICTION_LAWS`
     parameters: tuple[FrictionParameter, ...]
-    covariance: Array
-    reference_force_N_m: float
-    rms_misfit: float
-    worst_misfit: float
-    worst_at: tuple[float, float]
-    chi_square: float
-    law_error: float
-    degrees_of_freedom: int
-    criterion: float
-    notes: tuple[str, ...] = ()
+    covariance: Array  # of the parameters, (p, p); nan where one is not determined
+    reference_force_N_m: float  # f0
+    rms_misfit: float  # root mean square of the relative misfits ``law/mu - 1`` [-]
+    worst_misfit: float  # the largest of them, with its sign
+    worst_at: tuple[float, float]  # force [N/m] and speed [m/s] of it
+    chi_square: float  # ``r' C^-1 r``, nan if the errors of the points are not known
+    law_error: float  # sqrt(q), what the law misses the points by beyond their errors [-]
+    degrees_of_freedom: int  # points less parameters
+    criterion: float  # AICc less that of the best law [-]; nan with too few points
+    notes: tuple[str, ...] = ()  # what the user should know
 
     @property
     def values(self) -> dict[str, float]:
@@ -125,33 +94,17 @@ class FrictionLawFit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrictionLaws:
-    """Parametric laws of a friction surface.
+    """Parametric laws of a friction surface."""
 
-    Attributes
-    ----------
-    fits : tuple of FrictionLawFit
-        From the simplest law to the richest.
-    refused : tuple of (str, str)
-        Laws that were not fitted, with the reason.
-    best, verdict : str
-        Law of the lowest criterion, and the outcome in plain words.
-    n_points, n_effective : int, float
-        Points used, and independent ones among them.
-    valid_force_N_m, valid_speed_m_s : tuple of float
-        Range of the points: the formulas hold within it.
-    notes : tuple of str
-        What the user should know.
-    """
-
-    fits: tuple[FrictionLawFit, ...]
-    refused: tuple[tuple[str, str], ...]
-    best: str
-    verdict: str
+    fits: tuple[FrictionLawFit, ...]  # from the simplest law to the richest
+    refused: tuple[tuple[str, str], ...]  # laws that were not fitted, with the reason
+    best: str  # law of the lowest criterion
+    verdict: str  # the outcome in plain words
     n_points: int
-    n_effective: float
-    valid_force_N_m: tuple[float, float]
+    n_effective: float  # independent points
+    valid_force_N_m: tuple[float, float]  # range of the points: the formulas hold within it
     valid_speed_m_s: tuple[float, float]
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what the user should know
 
     def fit(self, law: str) -> FrictionLawFit:
         """The fit of one law."""
@@ -188,17 +141,15 @@ def fit_friction_laws(
     InputError
         If arrays differ in length or fewer than two points can be used.
     """
-    points = _points(normal_force_N_m, slip_speed_m_s, mu, mu_se, factor)
     f0 = reference_force_N_m
-    if f0 is None:
-        f0 = float(f"{np.exp(np.mean(np.log(points.f))):.2g}")
-    elif not (math.isfinite(f0) and f0 > 0.0):
+    if f0 is not None and not (math.isfinite(f0) and f0 > 0.0):
         raise InputError(f"reference_force_N_m = {f0!r}, must be > 0 N/m")
+    points = _points(normal_force_N_m, slip_speed_m_s, mu, mu_se, factor, f0)
     found: list[_Solution] = []
     refused: list[tuple[str, str]] = []
     for law in FRICTION_LAWS.values():
         try:
-            found.append(_solve(law, points, f0))
+            found.append(_solve(law, points))
         except NumericsError as error:
             refused.append((law.name, str(error)))
     n_effective = points.f.size / min(found, key=lambda s: s.deviance).tau
@@ -210,20 +161,25 @@ def fit_friction_laws(
     criteria -= np.nanmin(criteria) if np.isfinite(criteria).any() else 0.0
     fits = tuple(_as_fit(s, points, float(c)) for s, c in zip(found, criteria, strict=True))
     best = min(fits, key=lambda f: math.inf if math.isnan(f.criterion) else f.criterion)
-    (f_low, f_high), (v_low, v_high) = (
-        (float(x.min()), float(x.max())) for x in (points.f, points.v)
-    )
     return FrictionLaws(
-        fits, tuple(refused), best.law, verdict_of(fits), points.f.size, n_effective,
-        (f_low, f_high), (v_low, v_high), points.notes,
-    )  # fmt: skip
+        fits=fits,
+        refused=tuple(refused),
+        best=best.law,
+        verdict=verdict_of(fits),
+        n_points=points.f.size,
+        n_effective=n_effective,
+        valid_force_N_m=(float(points.f.min() * points.f0), float(points.f.max() * points.f0)),
+        valid_speed_m_s=(float(points.v.min()), float(points.v.max())),
+        notes=points.notes,
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Points:
     """Usable points by speed setting and force; C of ln mu as ``U diag(variance) U'``."""
 
-    f: Array
+    f0: float
+    f: Array  # forces in units of f0
     v: Array
     mu: Array
     setting: NDArray[np.intp]
@@ -236,13 +192,18 @@ class _Points:
         """Symmetric root of ``(C + q I)^-1``: whitened misfits keep their places."""
         return (self.U / np.sqrt(np.maximum(self.variance + q, ROUNDING))) @ self.U.T
 
-    def chi_square(self, r: Array, q: float) -> float:
-        """``r' (C + q I)^-1 r`` of relative misfits."""
-        return float(np.sum((self.U.T @ r) ** 2 / np.maximum(self.variance + q, ROUNDING)))
+    def misfit(self, law: Coulomb, p: Array) -> Array:
+        """Relative misfits ``1 - law/mu``."""
+        return 1.0 - law.mu(p, self.f, self.v) / self.mu
 
 
 def _points(
-    f: ArrayLike, v: ArrayLike, mu: ArrayLike, mu_se: ArrayLike | None, factor: ArrayLike | None
+    f: ArrayLike,
+    v: ArrayLike,
+    mu: ArrayLike,
+    mu_se: ArrayLike | None,
+    factor: ArrayLike | None,
+    f0: float | None,
 ) -> _Points:
     """Check the points and put them in order."""
     named = {"normal_force_N_m": f, "slip_speed_m_s": v, "mu": mu}
@@ -282,8 +243,10 @@ def _points(
     else:
         errors_known = False
         notes.append("no standard errors of mu: points have equal relative weight")
+    if f0 is None:
+        f0 = float(f"{np.exp(np.mean(np.log(force))):.2g}")
     return _Points(
-        force, speed, coefficient, setting[order], U, variance, errors_known, tuple(notes)
+        f0, force / f0, speed, coefficient, setting[order], U, variance, errors_known, tuple(notes)
     )
 
 
@@ -292,18 +255,13 @@ class _Solution:
     """A law at its minimum."""
 
     law: Coulomb
-    f0: float
     p: Array  # parameters
     q: float
-    r: Array  # relative misfits 1 - law/mu
-    J: Array  # whitened derivatives of law/mu
     tau: float  # correlation time of the whitened misfits
     deviance: float
-    scales: tuple[float, float]
-    at_bound: int  # -1 or 1 where the speed scale ended at the lower or upper bound
 
 
-def _solve(law: Coulomb, points: _Points, f0: float) -> _Solution:
+def _solve(law: Coulomb, points: _Points) -> _Solution:
     """Parameters and q of one law; FitError if the points are too few or too much alike for it."""
     n_speeds = int(points.setting.max()) + 1
     if points.f.size < len(law.parameters):
@@ -314,39 +272,29 @@ def _solve(law: Coulomb, points: _Points, f0: float) -> _Solution:
         raise FitError(
             f"{n_speeds} sliding speeds, {law.speeds_needed} are needed for its speed dependence"
         )
-    f, dof = points.f / f0, points.f.size - len(law.parameters)
-    scales = (points.v.min() / law.reach, points.v.max() * law.reach)
+    dof = points.f.size - len(law.parameters)
     W = points.whitening(max(float(np.mean(points.variance)), ROUNDING))
-    starts = _scan(law, points, f0, W, scales)
-    solved = [_minimum(law, points, f, W, start, scales) for start in starts]
-    p = min(solved, key=lambda p: float(np.sum((W @ _misfit(law, points, f, p)) ** 2)))
+    solved = [_minimum(law, points, W, start) for start in _starts(law, points, W)]
+    p = min(solved, key=lambda p: float(np.sum((W @ points.misfit(law, p)) ** 2)))
     q = -1.0
     for _ in range(MOST_ROUNDS):
-        before, r = q, _misfit(law, points, f, p)
-        q = law_variance(points.U.T @ r, points.variance, dof)
+        before = q
+        q = law_variance(points.U.T @ points.misfit(law, p), points.variance, dof)
         W = points.whitening(q)
         if np.ptp(points.variance) == 0.0:
             break  # q changes no weight
-        p = _minimum(law, points, f, W, p, scales)
+        p = _minimum(law, points, W, p)
         if abs(q - before) <= 1e-9 * q + ROUNDING:
             break
-    r = _misfit(law, points, f, p)
+    r = points.misfit(law, p)
     z = W @ r
-    J = W @ (law.gradient(p, f, points.v) / points.mu[:, None])
-    size = float(np.max(np.abs(r)))
+    tau = 1.0
     # what known errors explain is no correlation of the law's misfits
-    explained = size * size <= ROUNDING or (points.errors_known and q == 0.0)
-    parts = [z[points.setting == k] for k in range(n_speeds)]  # along the force
-    times = [1.0 if explained else integrated_autocorrelation_time(part) for part in parts]
-    tau = float(np.average(times, weights=[part.size for part in parts]))
-    scale = p[law.parameters.index(law.scale)] if law.scale else math.nan
-    bound = int(scale >= scales[1] * 0.999) - int(scale <= scales[0] * 1.001)
+    if np.max(np.abs(r)) ** 2 > ROUNDING and not (points.errors_known and q == 0.0):
+        parts = [z[points.setting == k] for k in range(n_speeds)]  # along the force
+        tau = integrated_autocorrelation_time(*parts)
     deviance = float(np.sum(np.log(np.maximum(points.variance + q, ROUNDING))) + z @ z)
-    return _Solution(law, f0, p, q, r, J, tau, deviance, scales, bound)
-
-
-def _misfit(law: Coulomb, points: _Points, f: Array, p: Array) -> Array:
-    return 1.0 - law.mu(p, f, points.v) / points.mu
+    return _Solution(law, p, q, tau, deviance)
 
 
 def law_variance(rotated: Array, variance: Array, dof: int) -> float:
@@ -366,9 +314,12 @@ def law_variance(rotated: Array, variance: Array, dof: int) -> float:
     return math.exp(brentq(excess, low, high, xtol=1e-12, rtol=1e-14))
 
 
-def _scan(
-    law: Coulomb, points: _Points, f0: float, W: Array, scales: tuple[float, float]
-) -> list[Array]:
+def _scales(law: Coulomb, points: _Points) -> Array:
+    """Speed scales that are tried; the outer ones are the bounds of the search."""
+    return np.geomspace(points.v.min() / law.reach, points.v.max() * law.reach, SCAN)
+
+
+def _starts(law: Coulomb, points: _Points, W: Array) -> list[Array]:
     """First values: the exponent by regression within the speeds, the best scales of a scan."""
     a = 0.0
     if "a" in law.parameters:
@@ -377,8 +328,8 @@ def _scan(
             mine = points.setting == k
             x[mine], y[mine] = x[mine] - x[mine].mean(), y[mine] - y[mine].mean()
         a = float(x @ y) / float(x @ x) if x @ x > 0.0 else 0.0
-    grid = np.geomspace(*scales, SCAN)[1:-1] if law.scale else np.ones(1)
-    found = [_at_scale(law, points, f0, W, a, float(s), free_a=False) for s in grid]
+    grid = _scales(law, points)[1:-1] if law.scale else np.ones(1)
+    found = [_at_scale(law, points, W, a, float(s), free_a=False) for s in grid]
     padded = [math.inf, *(misfit for _, misfit, _ in found), math.inf]
     lowest = [k for k in range(len(found)) if padded[k + 1] <= min(padded[k], padded[k + 2])]
     lowest = sorted(lowest, key=lambda k: padded[k + 1])[:MOST_STARTS]
@@ -386,16 +337,15 @@ def _scan(
 
 
 def _at_scale(
-    law: Coulomb, points: _Points, f0: float, W: Array, a: float, scale: float, *, free_a: bool
+    law: Coulomb, points: _Points, W: Array, a: float, scale: float, *, free_a: bool
 ) -> tuple[Array, float, bool]:
     """Linear least squares for given speed scale; a free exponent is linearised at `a`.
 
     Parameters, chi², and whether all with a free exponent are determined.
     """
-    falling = (points.f / f0) ** -a / points.mu
-    columns = falling[:, None] * law.terms(points.v, scale)
+    columns = (points.f**-a / points.mu)[:, None] * law.terms(points.v, scale)
     if free_a:
-        columns = np.column_stack([columns, -np.log(points.f / f0)])
+        columns = np.column_stack([columns, -np.log(points.f)])
     design, y = W @ columns, W @ np.ones(points.f.size)
     c: Array = np.asarray(np.linalg.lstsq(design, y, rcond=1e-12)[0], dtype=np.float64)
     misfit = float(np.sum((y - design @ c) ** 2))
@@ -406,15 +356,11 @@ def _at_scale(
     return p, misfit, free_a and bool(_inverse(design)[1].all())
 
 
-def _minimum(
-    law: Coulomb, points: _Points, f: Array, W: Array, start: Array, scales: tuple[float, float]
-) -> Array:
+def _minimum(law: Coulomb, points: _Points, W: Array, start: Array) -> Array:
     """Parameters of the least ``|W r|²``, searched from a start; a speed scale by its logarithm."""
-    from scipy.optimize import least_squares  # slow to import
-
     at = [law.parameters.index(law.scale)] if law.scale else []
     low, high = np.full(start.size, -np.inf), np.full(start.size, np.inf)
-    low[at], high[at] = np.log(scales[0]), np.log(scales[1])
+    low[at], high[at] = np.log(_scales(law, points)[[0, -1]])
 
     def public(theta: Array) -> Array:
         p = theta.copy()
@@ -423,31 +369,22 @@ def _minimum(
 
     def derivatives(theta: Array) -> Array:
         p = public(theta)
-        J = law.gradient(p, f, points.v)
+        J = law.gradient(p, points.f, points.v)
         J[:, at] *= p[at]
         return -W @ (J / points.mu[:, None])
 
     theta = start.copy()
     theta[at] = np.clip(np.log(start[at]), low[at] + 1e-9, high[at] - 1e-9)
-    try:
-        found = least_squares(
-            lambda t: W @ _misfit(law, points, f, public(t)),
-            theta, derivatives, bounds=(low, high), x_scale="jac",
-            ftol=1e-15, xtol=1e-15, gtol=1e-15, max_nfev=1000,
-        )  # fmt: skip
-    except (ValueError, np.linalg.LinAlgError) as error:
-        raise ConvergenceError(f"{law.name}: the search broke down ({error})") from None
-    if found.status == 0:
-        words = f"{law.name}: no minimum after {found.nfev} evaluations"
-        raise ConvergenceError(words, iterations=int(found.nfev), residual=float(found.optimality))
-    return public(found.x)
+    found = solve_nonlinear(
+        lambda t: W @ points.misfit(law, public(t)), derivatives, theta, (low, high)
+    )
+    return public(found.parameters)
 
 
 def _inverse(J: Array) -> tuple[Array, NDArray[np.bool_]]:
     """``(J'J)^-1``, and which parameters are determined; directions without influence left out."""
-    length = np.linalg.norm(J, axis=0)
-    length = np.where(length > 0.0, length, 1.0)
-    _, sizes, V = np.linalg.svd(J / length, full_matrices=False)
+    scaled, length = unit_columns(J)
+    _, sizes, V = np.linalg.svd(scaled, full_matrices=False)
     seen = sizes > SINGULAR * max(float(sizes[0]), 1e-300)
     determined = np.sqrt(np.sum(V[~seen] ** 2, axis=0)) <= 1e-3
     inverse = (V[seen].T / sizes[seen] ** 2) @ V[seen] / np.outer(length, length)
@@ -456,17 +393,17 @@ def _inverse(J: Array) -> tuple[Array, NDArray[np.bool_]]:
 
 def _as_fit(solution: _Solution, points: _Points, criterion: float) -> FrictionLawFit:
     """Parameters with their uncertainty, and the misfit."""
-    law, r = solution.law, -solution.r
+    law, r = solution.law, -points.misfit(solution.law, solution.p)
     dof = r.size - solution.p.size
-    covariance, se = _uncertainty(solution, points, dof)
-    said = {
+    covariance, se, at_bound = _uncertainty(solution, points, dof)
+    judged = {
         name: status(name, x, s, points.mu, points.v)
         for name, x, s in zip(law.units, solution.p, se, strict=True)
     }
-    if said.get("b") == NOT_ZERO:  # without provable influence of the speed its scale means nothing
-        said["v0"] = NOT_DETERMINED
+    if judged.get("b") == NOT_ZERO:  # without provable influence of the speed its scale is nothing
+        judged["v0"] = NOT_DETERMINED
     parameters = tuple(
-        FrictionParameter(name, unit, float(x), float(s), said[name])
+        FrictionParameter(name, unit, float(x), float(s), judged[name])
         for (name, unit), x, s in zip(law.units.items(), solution.p, se, strict=True)
     )
     notes = [f"{law.name}: {p.name} is {p.status}" for p in parameters if p.status]
@@ -475,20 +412,22 @@ def _as_fit(solution: _Solution, points: _Points, criterion: float) -> FrictionL
         for p in parameters
         if p.name.startswith("mu") and p.value < 0.0
     ]
-    if solution.at_bound:
+    if at_bound:
         notes.append(f"{law.name}: its speed scale ended at the bound of the search")
-    chi_square = points.chi_square(r, 0.0) if points.errors_known else math.nan
+    chi_square = math.nan
     if points.errors_known:
+        variance = np.maximum(points.variance, ROUNDING)
+        chi_square = float(np.sum((points.U.T @ r) ** 2 / variance))
         notes += chi_square_note(law.name, chi_square, dof, math.sqrt(solution.q))
     worst = int(np.argmax(np.abs(r)))
     return FrictionLawFit(
         law=law.name,
         parameters=parameters,
         covariance=covariance,
-        reference_force_N_m=solution.f0,
+        reference_force_N_m=points.f0,
         rms_misfit=float(np.sqrt(np.mean(r**2))),
         worst_misfit=float(r[worst]),
-        worst_at=(float(points.f[worst]), float(points.v[worst])),
+        worst_at=(float(points.f[worst] * points.f0), float(points.v[worst])),
         chi_square=chi_square,
         law_error=math.sqrt(solution.q),
         degrees_of_freedom=dof,
@@ -497,41 +436,45 @@ def _as_fit(solution: _Solution, points: _Points, criterion: float) -> FrictionL
     )
 
 
-def _uncertainty(solution: _Solution, points: _Points, dof: int) -> tuple[Array, Array]:
-    """Covariance and standard errors of the parameters.
+def _uncertainty(solution: _Solution, points: _Points, dof: int) -> tuple[Array, Array, bool]:
+    """Covariance and standard errors of the parameters; whether a scale ended at its bound.
 
     The part of the speed scale in the linear errors is widened to half of what the parameters move
     over all scales that fit within two standard errors: its errors are seldom symmetric.
     """
-    law, p = solution.law, solution.p
-    inverse, determined = _inverse(solution.J)
+    law, p, W = solution.law, solution.p, points.whitening(solution.q)
+    J = law.gradient(p, points.f, points.v) / points.mu[:, None]
+    inverse, determined = _inverse(W @ J)
     if dof <= 0 and not points.errors_known:
         determined = np.zeros(p.size, dtype=bool)
     covariance = solution.tau * inverse
     linear = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     se = np.where(determined, linear, np.inf)
-    if law.scale and determined.any():
+    at_bound = False
+    if law.scale:
         at = law.parameters.index(law.scale)
-        known = determined[at] and linear[at] > 0.0
-        by_scale = covariance[at] / linear[at] if known else 0.0 * linear
-        excess = (0.5 * _moved_by_scale(solution, points)) ** 2 - by_scale**2
-        se = np.hypot(se, np.sqrt(np.maximum(excess, 0.0)))
+        moved, at_bound = _moved_by_scale(solution, points, W)
+        if determined.any():
+            known = determined[at] and linear[at] > 0.0
+            by_scale = covariance[at] / linear[at] if known else 0.0 * linear
+            se = np.hypot(se, np.sqrt(np.maximum((0.5 * moved) ** 2 - by_scale**2, 0.0)))
     wider = np.divide(se, linear, out=np.ones_like(se), where=np.isfinite(se) & (linear > 0.0))
     covariance = covariance * np.outer(wider, wider)
     covariance[~np.isfinite(se), :] = covariance[:, ~np.isfinite(se)] = np.nan
-    return covariance, se
+    return covariance, se, at_bound
 
 
-def _moved_by_scale(solution: _Solution, points: _Points) -> Array:
-    """What the parameters move over the speed scales that fit within two standard errors."""
+def _moved_by_scale(solution: _Solution, points: _Points, W: Array) -> tuple[Array, bool]:
+    """What the parameters move over the speed scales that fit within two standard errors.
+
+    Infinite for those that are open; the other is whether the scale itself ended at a bound.
+    """
     law, p = solution.law, solution.p
-    at = law.parameters.index(law.scale)
-    a = float(p[law.parameters.index("a")])
-    W = points.whitening(solution.q)
-    args = (law, points, solution.f0, W, a)
-    grid = np.geomspace(*solution.scales, SCAN)
-    limit = _at_scale(*args, float(p[at]), free_a=True)[1] + TWO_ERRORS * solution.tau
-    others = [_at_scale(*args, float(s), free_a=True) for s in grid]
+    at, a = law.parameters.index(law.scale), float(p[law.parameters.index("a")])
+    grid = _scales(law, points)
+    best = _at_scale(law, points, W, a, float(p[at]), free_a=True)[1]
+    others = [_at_scale(law, points, W, a, float(s), free_a=True) for s in grid]
+    limit = best + TWO_ERRORS * solution.tau
     kept = [k for k, (_, misfit, _) in enumerate(others) if misfit < limit]
     moved = np.zeros(p.size)
     for k in kept:
@@ -542,13 +485,14 @@ def _moved_by_scale(solution: _Solution, points: _Points) -> Array:
         if not determined:
             change[np.arange(p.size) != at] = np.inf
         moved = np.maximum(moved, np.where(np.isnan(change), np.inf, change))
-    for open_ended, names in (
-        (0 in kept or solution.at_bound < 0, law.open_below),
-        (SCAN - 1 in kept or solution.at_bound > 0, law.open_above),
+    below, above = p[at] <= 1.001 * grid[0], p[at] >= 0.999 * grid[-1]
+    for is_open, names in (
+        (0 in kept or below, law.open_below),
+        (SCAN - 1 in kept or above, law.open_above),
     ):
-        if open_ended:
+        if is_open:
             moved[[law.parameters.index(name) for name in names]] = np.inf
-    return moved
+    return moved, bool(below or above)
 
 
 def status(name: str, value: float, se: float, mu: Array, v: Array) -> str:

@@ -31,54 +31,27 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class SurfaceSettings:
-    """How points become curves and curves a grid.
-
-    Parameters
-    ----------
-    force_nodes : int, optional
-        Number of common nodes of the normal force, evenly spaced in ln f, >= 2. By default as
-        many as the fullest curve has points, where the points are.
-    speed_gap : float
-        Relative gap that parts two settings of the speed [-].
-    force_gap : float
-        Runs of one arc and speed closer than this in force are repetitions and averaged [-].
-    """
+    """How curves become a grid."""
 
     force_nodes: int | None = None
-    speed_gap: float = 0.03
-    force_gap: float = 0.01
+    """Number of common nodes of the normal force, evenly spaced in ln f, >= 2. By default as many
+    as the fullest curve has points, where the points are."""
 
     def __post_init__(self) -> None:
-        few = self.force_nodes is not None and self.force_nodes < 2
-        problems = [f"surface.force_nodes = {self.force_nodes}, must be >= 2"] if few else []
-        problems += [
-            f"surface.{name} = {getattr(self, name)}, must be in (0, 1)"
-            for name in ("speed_gap", "force_gap")
-            if not 0.0 < getattr(self, name) < 1.0
-        ]
-        if problems:
-            raise InputError(problems)
+        if self.force_nodes is not None and self.force_nodes < 2:
+            raise InputError(f"surface.force_nodes = {self.force_nodes}, must be >= 2")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceResult:
-    """Friction surfaces of a campaign.
+    """Friction surfaces of a campaign."""
 
-    Attributes
-    ----------
-    average, arcs : SurfaceGrid, tuple of SurfaceGrid
-        Surface averaged over the arcs, and of each arc over the range that it covers itself.
-    n_points, set_aside : int, tuple of str
-        Number of points used, and those not used, each with its reason.
-    notes : tuple of str
-        What a reader of the surface should know: missing combinations, repetitions, degrees.
-    """
-
-    average: SurfaceGrid
-    arcs: tuple[SurfaceGrid, ...]
-    n_points: int
-    set_aside: tuple[str, ...]
+    average: SurfaceGrid  # over the arcs
+    arcs: tuple[SurfaceGrid, ...]  # of each arc over the range that it covers itself
+    n_points: int  # used
+    set_aside: tuple[str, ...]  # points that were not used, each with its reason
     notes: tuple[str, ...]
+    """What a reader of the surface should know: missing combinations, repetitions, degrees."""
 
     @property
     def surface(self) -> FrictionSurface:
@@ -150,7 +123,7 @@ def build_surface(
     points, set_aside, notes, errors_known = _valid_points(
         arc_deg, normal_force_N_m, slip_speed_m_s, mu, mu_se
     )
-    curves = build_curves(points, settings.speed_gap, settings.force_gap)
+    curves = build_curves(points)
     notes += curves.notes
     grid, grid_notes = average(curves, settings.force_nodes, errors_known)
     notes += grid_notes

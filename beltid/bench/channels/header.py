@@ -5,13 +5,12 @@ from __future__ import annotations
 import difflib
 from collections.abc import Collection, Mapping
 
-from beltid.bench.formats.csv_reader import Wanted
+from beltid.bench.channels.vocabulary import NOMINAL
+from beltid.bench.formats.csv_table import Wanted
 from beltid.bench.formats.dialect import Layout
 from beltid.bench.formats.table_head import is_number
 from beltid.bench.problems import Problems
 from beltid.tables import schemas
-
-SETTINGS = ("arc_deg", "initial_tension_N")
 
 
 def check_header(
@@ -49,7 +48,7 @@ def check_header(
         close = difflib.get_close_matches(theirs, free, n=1, cutoff=0.6)
         guess = f", did you mean {close[0]}?" if close else ""
         called = ours if ours == theirs else f"{theirs} (which the config names for {ours})"
-        setting = ours in SETTINGS and not close
+        setting = ours in NOMINAL and not close
         if not setting:
             missing.append((ours, close))
         advice = _advice(ours, table.kind) if setting else guess
@@ -98,7 +97,7 @@ def hint_units_row(
     found: Layout, wanted: Mapping[str, Wanted], name: str, problems: Problems
 ) -> None:
     """Say it first when the first row holds no number: most likely it is the row of units."""
-    first = found.body.lstrip("\n").split("\n", 1)[0].split(found.separator)
+    first = found.body.lstrip(b"\n").split(b"\n", 1)[0].decode().split(found.separator)
     cells = [
         first[w.index].strip(' "')
         for w in wanted.values()

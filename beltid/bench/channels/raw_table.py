@@ -1,4 +1,4 @@
-"""A piece of a recording: a file, or a group of channels in one, before its runs are known."""
+"""A raw table: one file, or a group of channels in one, before its runs are known."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from beltid.bench.channels.readings import Reading
+from beltid.bench.channels.channel_mapping import ChannelMapping
 from beltid.bench.formats.bench_file import Field
 
 
 @dataclass(frozen=True, slots=True)
-class Piece:
+class RawTable:
     """Columns read from one place.
 
     Attributes
@@ -25,7 +25,7 @@ class Piece:
         Label of its run where nothing else tells one.
     columns : dict of str to ndarray
         Our columns that were found, in our units.
-    readings : mapping
+    mappings : mapping
         How they were read.
     fields : tuple of Field
         Header fields of the file and the group.
@@ -41,7 +41,7 @@ class Piece:
     names: tuple[str, ...]
     label: str
     columns: dict[str, np.ndarray]
-    readings: Mapping[str, Reading]
+    mappings: Mapping[str, ChannelMapping]
     fields: tuple[Field, ...] = ()
     rows: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     notes: tuple[str, ...] = ()

@@ -1,0 +1,263 @@
+"""CSV rows: read by Arrow where they are clean, row by row with the place of what is wrong."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import io
+import re
+import zlib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from beltid.artifacts.file_bytes import opened
+from beltid.bench.files.encoding import CUT_OFF
+from beltid.bench.formats.dialect import MISSING_WORDS, Layout
+from beltid.bench.formats.rows import Rows, Texts
+from beltid.bench.problems import Problems
+from beltid.errors import InputError
+
+NUMBER: Final = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+CHUNK: Final = 16 << 20
+"""Bytes that are read at a time."""
+ARROW_BLOCK: Final = 1 << 20
+"""Bytes that a thread of Arrow reads at a time."""
+LONGEST_ROW: Final = 64 << 20
+_COMMA_TO_POINT: Final = str.maketrans(",.", ".?")
+_INFINITE: Final = re.compile(r"[-+]?(inf|infinity)", re.IGNORECASE)
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """A column that is to be read.
+
+    Attributes
+    ----------
+    index : int
+        Its position in the rows of the file.
+    is_text : bool
+        Whether it holds labels rather than numbers.
+    shown : str
+        How messages call it.
+    """
+
+    index: int
+    is_text: bool
+    shown: str
+
+
+def read_rows(layout: Layout, wanted: Mapping[str, Wanted], name: str) -> Rows:
+    """Read the wanted columns.
+
+    Parameters
+    ----------
+    layout : Layout
+        The rows and how they are written.
+    wanted : mapping
+        Our names of the columns -> where they stand.
+    name : str
+        File name for messages.
+
+    Returns
+    -------
+    Rows
+        The columns; rows with none of the wanted cells filled are left out.
+
+    Raises
+    ------
+    UnicodeDecodeError
+        If rows that are not clean are not UTF-8.
+    """
+    rows = _read_clean(layout, wanted)
+    return (_read_row_by_row(layout, wanted, name) if rows is None else rows).filled()
+
+
+def csv_blocks(
+    chunks: Iterable[bytes],
+    layout: Layout,
+    wanted: Mapping[str, Wanted],
+    encoding: str,
+    name: str,
+    notes: list[str],
+) -> Iterator[Rows]:
+    """Blocks of rows of a CSV file of any size.
+
+    Parameters
+    ----------
+    chunks : iterable of bytes
+        The file from its first row on.
+    layout : Layout
+        Its header; the body is not used.
+    wanted : mapping of str to Wanted
+        Columns to read.
+    encoding : str
+        Encoding of the file: UTF-8 or another one that holds ASCII.
+    name : str
+        File name for messages.
+    notes : list of str
+        Takes what is found out at the end of the file.
+
+    Raises
+    ------
+    InputError
+        If a row is too long, or bytes are not text.
+    """
+    line = layout.first_line
+    for data in _whole_rows(chunks, line, name, notes):
+        if b"\0" in data:
+            line += data.count(b"\n", 0, data.index(b"\0"))
+            raise InputError(f"{name}:{line}: holds a zero byte: damaged, or not a text file")
+        if b"\r" in data:
+            data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+        try:
+            body = data if encoding == "utf-8" else data.decode(encoding).encode()
+            yield read_rows(replace(layout, body=body, first_line=line), wanted, name)
+        except UnicodeDecodeError as error:
+            line += data.count(b"\n", 0, error.start)
+            raise InputError(
+                f"{name}:{line}: byte 0x{data[error.start]:02X} is not {encoding.upper()}; if the "
+                "file is in another encoding, say which: dialect: {encoding: latin-1}"
+            ) from None
+        line += data.count(b"\n")
+
+
+def file_chunks(path: Path) -> Iterator[bytes]:
+    """The bytes of a file, plain or packed with gzip, in chunks.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or is damaged.
+    """
+    with opened(path) as raw:
+        packed = raw.peek(2)[:2] == b"\x1f\x8b"
+        try:
+            source = gzip.GzipFile(fileobj=raw) if packed else raw
+            while chunk := source.read(CHUNK):
+                yield chunk
+        except (gzip.BadGzipFile, EOFError, zlib.error):
+            raise InputError(f"{path}: the gzip file is damaged or cut off") from None
+
+
+def _whole_rows(chunks: Iterable[bytes], line: int, name: str, notes: list[str]) -> Iterator[bytes]:
+    """The same bytes, in parts that end with a line feed outside of quotation marks."""
+    rest = b""
+    for chunk in chunks:
+        end = chunk.rfind(b"\n") + 1
+        # a quotation mark without its partner: a cell may go on after the last line feed
+        whole = (rest.count(b'"') + chunk.count(b'"', 0, end)) % 2 == 0
+        if end and (whole or len(rest) + end > LONGEST_ROW):
+            yield rest + chunk[:end]
+            line += rest.count(b"\n") + chunk.count(b"\n")
+            rest = chunk[end:]
+        else:
+            rest += chunk
+            if len(rest) > LONGEST_ROW:
+                raise InputError(f"{name}:{line}: the row is longer than {LONGEST_ROW} bytes")
+    if rest and not rest.endswith((b"\n", b"\r")):
+        notes.append(CUT_OFF)
+    if rest:
+        yield rest + b"\n"
+
+
+def _read_clean(layout: Layout, wanted: Mapping[str, Wanted]) -> Rows | None:
+    """Read with Arrow; None if a row or a cell is not as expected."""
+    import pyarrow as pa
+    from pyarrow import csv as pa_csv
+
+    body = layout.body
+    if b'"' in body and any(line.count(b'"') % 2 for line in body.split(b"\n")):
+        return None  # a cell over several lines: line numbers need the exact reader
+    names = [f"c{i}" for i in range(len(layout.header))]
+    types = {names[w.index]: pa.string() if w.is_text else pa.float64() for w in wanted.values()}
+    try:
+        table = pa_csv.read_csv(
+            pa.BufferReader(body),
+            read_options=pa_csv.ReadOptions(column_names=names, block_size=ARROW_BLOCK),
+            parse_options=pa_csv.ParseOptions(delimiter=layout.separator),
+            convert_options=pa_csv.ConvertOptions(
+                column_types=types,
+                include_columns=list(types),
+                null_values=sorted(MISSING_WORDS),
+                strings_can_be_null=True,
+                decimal_point=layout.decimal,
+            ),
+        )
+    except (pa.ArrowException, ValueError, KeyError):
+        return None
+    lines: int | np.ndarray = layout.first_line
+    if body.count(b"\n") + (not body.endswith(b"\n")) != table.num_rows:
+        lines = _filled_lines(body, layout.first_line)
+        if len(lines) != table.num_rows:
+            return None
+    read = {key: table.column(names[w.index]) for key, w in wanted.items()}
+    return Rows(
+        {key: _writable(read[key].to_numpy()) for key, w in wanted.items() if not w.is_text},
+        {key: Texts.of_arrow(read[key], MISSING_WORDS) for key, w in wanted.items() if w.is_text},
+        lines,
+    )
+
+
+def _writable(values: np.ndarray) -> np.ndarray:
+    return values if values.flags.writeable else values.copy()
+
+
+def _filled_lines(body: bytes, first_line: int) -> np.ndarray:
+    """Line numbers of the lines that are not empty."""
+    ends = np.flatnonzero(np.frombuffer(body, dtype=np.uint8) == ord("\n"))
+    if not body.endswith(b"\n"):
+        ends = np.append(ends, len(body))
+    lengths = np.diff(ends, prepend=-1) - 1
+    return np.flatnonzero(lengths > 0) + first_line
+
+
+def _read_row_by_row(layout: Layout, wanted: Mapping[str, Wanted], name: str) -> Rows:
+    """Read every row by itself, noting the line of everything that is wrong."""
+    width, problems = len(layout.header), Problems()
+    cells: dict[str, list[float | str | None]] = {key: [] for key in wanted}
+    lines: list[int] = []
+    comma = layout.decimal == ","
+    text = io.StringIO(layout.body.decode(), newline="")
+    reader = csv.reader(text, delimiter=layout.separator)
+    try:
+        for row in reader:
+            line = layout.first_line + reader.line_num - 1
+            if not any(cell.strip() for cell in row):
+                continue
+            if len(row) < width or any(cell.strip() for cell in row[width:]):
+                problems.add(f"{name}:{line}: {len(row)} cells, must be {width}", line)
+                continue
+            lines.append(line)
+            for key, w in wanted.items():
+                value, good = _cell(row[w.index].strip(), w.is_text, comma)
+                cells[key].append(value)
+                if not good:
+                    text_there = row[w.index].strip()
+                    shown = text_there if len(text_there) <= 40 else text_there[:37] + "..."
+                    problems.add(f'{name}:{line}: {w.shown} = "{shown}", must be a number', line)
+    except csv.Error as error:
+        line = layout.first_line + reader.line_num - 1
+        problems.add(f"{name}:{line}: not a row of a CSV file: {error}", line)
+    return Rows(
+        {key: np.array(cells[key], dtype=float) for key, w in wanted.items() if not w.is_text},
+        {key: Texts.of(cells[key]) for key, w in wanted.items() if w.is_text},  # type: ignore[arg-type]
+        np.array(lines, dtype=np.int64),
+        problems,
+    )
+
+
+def _cell(text: str, is_text: bool, comma: bool) -> tuple[float | str | None, bool]:
+    """Value of a cell, and whether it could be read."""
+    if text in MISSING_WORDS:
+        return (None if is_text else np.nan), True
+    if is_text:
+        return text, True
+    # under a decimal comma a point would be a thousands separator: 1.234 is not read as 1.234
+    number = text.translate(_COMMA_TO_POINT) if comma else text
+    if NUMBER.fullmatch(number) or _INFINITE.fullmatch(number):
+        return float(number), True
+    return np.nan, False

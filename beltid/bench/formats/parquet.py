@@ -1,0 +1,190 @@
+"""Parquet recordings in blocks of rows: one file, or several in the order of their names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from beltid.artifacts.parquet_open import damaged, is_number, open_parquet, refused_columns
+from beltid.bench.files.sources import Source
+from beltid.bench.formats.csv_table import NUMBER
+from beltid.bench.formats.frames import missing_column
+from beltid.bench.formats.rows import Rows, Texts
+from beltid.errors import InputError
+from beltid.tables.schemas import Column, Table
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+ROWS: Final = 1 << 18
+"""Rows of a block."""
+LONGEST_LABEL: Final = 1000
+LABELS: Final = 1 << 14
+"""Rows whose labels are read at a time to see how long they are."""
+
+
+def parquet_blocks(
+    sources: Iterable[Source], table: Table, names: Mapping[str, str]
+) -> Iterator[Rows]:
+    """Blocks of rows of a Parquet recording, with all columns of its table.
+
+    Parameters
+    ----------
+    sources : iterable of Source
+        The files. Names of folders such as ``arc_deg=82`` hold a column of all the files in them.
+    table : Table
+        Schema of the recording.
+    names : mapping
+        Our column -> its name in the file, where it differs.
+
+    Raises
+    ------
+    InputError
+        If a file is damaged, or a column is missing or of another type.
+    """
+    row = 1
+    for source in sources:
+        from_folders = columns_of_folders(source)
+        file = open_source(source, [names.get(table.label, table.label)])
+        wanted = _wanted(file.schema_arrow, source.name, table, names, from_folders)
+        _refuse_long_labels(file, wanted.get(table.label), source.name)
+        for batch in batches_of(file, list(wanted.values()), source.name):
+            try:
+                rows = _rows(batch, table, wanted, from_folders, names, row)
+            except Exception as error:  # a number that no float64 holds
+                raise InputError(f"{source.name}: {damaged(error)}") from None
+            yield rows
+            row += batch.num_rows
+
+
+def open_source(source: Source, texts: Sequence[str]) -> Any:
+    """A Parquet file, its claims checked where its bytes are in memory; see `open_parquet`."""
+    return open_parquet(source.data or source.path, texts, source.name, InputError)
+
+
+def batches_of(file: Any, columns: Sequence[str], name: str) -> Iterator[pa.RecordBatch]:
+    """Columns of an opened Parquet file in blocks, each of them sound.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged.
+    """
+    try:
+        for batch in file.iter_batches(batch_size=ROWS, columns=columns):
+            batch.validate(full=True)
+            yield batch
+    except Exception as error:  # a damaged file can raise nearly anything
+        raise InputError(f"{name}: {damaged(error)}") from None
+
+
+def columns_of_folders(source: Source) -> dict[str, str]:
+    """Columns that the names of the folders of a file hold, and their value."""
+    parts = (part.partition("=") for part in source.inside.parts[:-1])
+    return {key: value for key, mark, value in parts if mark}
+
+
+def numbers_of(values: pa.Array) -> np.ndarray:
+    """float64 array of numbers of any type, nan where one is missing."""
+    import pyarrow as pa
+
+    if not pa.types.is_float64(values.type):
+        values = values.cast(pa.float64(), safe=False)  # the nearest float64, as everywhere
+    return values.to_numpy(zero_copy_only=False)
+
+
+def holds_numbers(kind: pa.DataType) -> bool:
+    """Whether a type of a column is that of plain numbers, or of a dictionary of them."""
+    import pyarrow as pa
+
+    return is_number(kind.value_type if pa.types.is_dictionary(kind) else kind)
+
+
+def _wanted(
+    there: pa.Schema,
+    name: str,
+    table: Table,
+    names: Mapping[str, str],
+    from_folders: Mapping[str, str],
+) -> dict[str, str]:
+    """Our columns that the file holds -> their names in it."""
+    in_file = {column.name: names.get(column.name, column.name) for column in table.columns}
+    problems = refused_columns(there, list(in_file.values()), in_file[table.label], name)
+    wanted = {}
+    for column in table.columns:
+        theirs = in_file[column.name]
+        if theirs in from_folders:
+            problems += _wrong_folder(name, column, theirs, from_folders[theirs], there)
+        elif theirs in there.names:
+            wanted[column.name] = theirs
+        elif column.required:
+            problems.append(missing_column(theirs, [*there.names, *from_folders], name))
+    if problems:
+        raise InputError(problems)
+    return wanted
+
+
+def _wrong_folder(
+    name: str, column: Column, theirs: str, value: str, there: pa.Schema
+) -> list[str]:
+    """What is wrong with a column that the name of a folder holds."""
+    problems = []
+    if theirs in there.names:
+        problems.append(
+            f"{name}: column {theirs} is there, and its folder is called {theirs}={value}: "
+            "one of them may hold it"
+        )
+    if column.dtype != "string" and not NUMBER.fullmatch(value):
+        problems.append(f"{name}: its folder is called {theirs}={value}, must be a number")
+    return problems
+
+
+def _refuse_long_labels(file: Any, label: str | None, name: str) -> None:
+    """Refuse labels that would fill the memory if every row of a block had one."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if label is None:
+        return
+    try:
+        for batch in file.iter_batches(batch_size=LABELS, columns=[label]):
+            labels = batch.column(0)
+            words = labels.dictionary if pa.types.is_dictionary(labels.type) else labels
+            if not (pa.types.is_string(words.type) or pa.types.is_large_string(words.type)):
+                return
+            longest = pc.max(pc.binary_length(words)).as_py() or 0
+            if longest > LONGEST_LABEL:
+                raise InputError(
+                    f"{name}: labels of {longest} bytes, must be at most {LONGEST_LABEL}"
+                )
+    except InputError:
+        raise
+    except Exception as error:  # a damaged file can raise nearly anything
+        raise InputError(f"{name}: {damaged(error)}") from None
+
+
+def _rows(
+    batch: pa.RecordBatch,
+    table: Table,
+    wanted: Mapping[str, str],
+    from_folders: Mapping[str, str],
+    names: Mapping[str, str],
+    row: int,
+) -> Rows:
+    numbers: dict[str, np.ndarray] = {}
+    texts: dict[str, Texts] = {}
+    for column in table.columns:
+        told = from_folders.get(names.get(column.name, column.name))
+        if column.dtype == "string":
+            if column.name in wanted:
+                texts[column.name] = Texts.of_arrow(batch.column(wanted[column.name]))
+            elif told is not None:
+                texts[column.name] = Texts.of([told] * batch.num_rows)
+        elif column.name in wanted:
+            numbers[column.name] = numbers_of(batch.column(wanted[column.name]))
+        else:
+            value = np.nan if told is None else float(told)
+            numbers[column.name] = np.full(batch.num_rows, value)
+    return Rows(numbers, texts, row)

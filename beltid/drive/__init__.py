@@ -1,0 +1,1 @@
+"""A belt drive predicted from the identified law."""

@@ -1,0 +1,497 @@
+"""Rod level of a belt drive: one pulley with the bending stiffness of the belt and its elastic bed.
+
+The belt runs through a shape that stays: it is the rig of :mod:`beltid.rigsim` with three changes.
+The momentum that the belt carries lowers the axial force, ``N - m v0**2 (1 + eps)``; a point slides
+with the speed ``R (omega - v0 dtheta/dS)``, in either direction; and beside the stretch the speed of
+the pulley is unknown, for the forces of both spans are given. In a steady flow friction has no
+history, so the status of a patch follows from the state: there are no time steps.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.errors import ConvergenceError, InputError
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
+from beltid.params import Belt, Contact, OperatingPoint, Rig
+from beltid.rigsim.banded import factorize, solve
+from beltid.rigsim.compiled import kernel
+from beltid.rigsim.contact import SLIDE, STICK, Motion, Patches, Points, new_points
+from beltid.rigsim.friction import CONE_TOLERANCE, Certificate, violations
+from beltid.rigsim.model import Bench, RigModel, System, Workspace
+from beltid.rigsim.path import bending_length, element_count
+from beltid.rigsim.profile import ContactState
+from beltid.rigsim.steady import (
+    StaticState,
+    force_tolerance,
+    largest_force,
+    lay_on,
+    linearize,
+    move,
+)
+from beltid.rigsim.supports import force_change, release
+
+Array = NDArray[np.float64]
+
+SHORTEST_SPAN = 6.0  # in bending lengths: pulleys further apart do not feel each other's bending
+FINENESS = 3  # elements over those of the rig, where friction has one sign and no short zones
+MOST_ITERATIONS = 60
+# slip over the speed of the belt at which a patch that is still soft carries its friction [-]
+SOFTNESS = (2.0e-2, 2.0e-3, 2.0e-4, 2.0e-5, 2.0e-6, 2.0e-7)
+SLIP_TOLERANCE = 1.0e-11  # of a patch that sticks, over the speed of the belt [-]
+LAID = (0.25, 0.5, 0.75, 1.0)  # shares of the friction by way of which all of the arc slides
+MOST_ROUNDS = 200
+FREE_ROUNDS = 30  # in which all patches may change sides at once
+PATIENCE = 6  # rounds after which only half as many may
+
+
+class Target(NamedTuple):
+    """What is given beside the force of the entering span, as ``weights . force = value`` [N].
+
+    ``force`` (4,) are the forces of both supports. With ``free`` False nothing of the forces is
+    given, but the speed of the pulley. ``leaving`` stands for the magnitude of the second force.
+    """
+
+    leaving: bool
+    weights: Array
+    value: float
+    free: bool
+
+
+class FlowOutcome(NamedTuple):
+    """How the iteration ended."""
+
+    converged: bool
+    iterations: int
+    residual: float
+    stretch: float
+    omega: float
+    outside: int
+
+
+@kernel
+def run_through(
+    system: System,
+    motion: Motion,
+    points: Points,
+    q: Array,
+    stretch: float,
+    P_in: float,
+    target: Target,
+    work: Workspace,
+) -> FlowOutcome:
+    """Newton's method for a belt that runs over the pulley; ``q`` is updated in place.
+
+    Unknown are the coordinates, the stretch and the speed of the pulley: one factorisation, three
+    right-hand sides.
+    """
+    tolerance = force_tolerance(system, motion, P_in)
+    force = work.reactions.force
+    omega, error, outside = motion.omega, math.inf, 0
+    along = np.zeros((2, 4))
+    border = np.zeros((2, 3))
+    for iteration in range(MOST_ITERATIONS):
+        now = Motion(omega, 0.0, motion.friction, motion.augmentation, motion.flow)
+        outside = linearize(system, now, points, q, q, stretch, work)
+        entry = math.hypot(force[0], force[1])
+        leave = math.hypot(force[2], force[3])
+        got = leave
+        for i in range(2):
+            along[0, i], along[1, 2 + i] = force[i] / entry, force[2 + i] / leave
+        if not target.leaving:
+            got = 0.0
+            for i in range(4):
+                along[1, i] = target.weights[i]
+                got += target.weights[i] * force[i]
+        missing = target.value - got if target.free else 0.0
+        error = max(largest_force(system, work.vectors[0]), abs(P_in - entry), abs(missing))
+        if error <= tolerance:
+            return FlowOutcome(True, iteration, error / P_in, stretch, omega, outside)
+        if not (math.isfinite(error) and factorize(work.A, work.pivots)):
+            break
+        for k in range(3):
+            for i in range(q.size):
+                work.steps[k, i] = -work.vectors[k, i]
+            solve(work.A, work.pivots, work.steps[k])
+            for row in range(2):
+                border[row, k] = 0.0
+                for i in range(4):
+                    if along[row, i] != 0.0:
+                        change = force_change(work.reactions, i, work.steps[k])
+                        if k == 1:
+                            change += work.reactions.stretch[i]
+                        border[row, k] += along[row, i] * change
+        # entry force and target to first order in both unknowns beside the coordinates
+        a, b = P_in - entry - border[0, 0], missing - border[1, 0]
+        if target.free:
+            determinant = border[0, 1] * border[1, 2] - border[0, 2] * border[1, 1]
+            by_stretch = (a * border[1, 2] - b * border[0, 2]) / determinant
+            by_omega = (b * border[0, 1] - a * border[1, 1]) / determinant
+        else:
+            by_stretch, by_omega = a / border[0, 1], 0.0
+        step = work.steps[0]
+        for i in range(q.size):
+            step[i] += by_stretch * work.steps[1, i] + by_omega * work.steps[2, i]
+        release(system.supports, step)
+        factor = move(q, step)
+        stretch += factor * by_stretch
+        omega += factor * by_omega
+    return FlowOutcome(False, MOST_ITERATIONS, error / P_in, stretch, omega, outside)
+
+
+@dataclass(frozen=True, slots=True)
+class RodPulley:
+    """A pulley of a drive with the belt on it, on a mesh of its own.
+
+    Parameters
+    ----------
+    belt : Belt
+        Section properties; the mass counts as the belt runs, the damping does not.
+    law : NormalLaw
+        Normal contact law, Eq. (3).
+    surface : FrictionSurface
+        Coefficient of friction over line force and sliding speed.
+    R : float
+        Radius of the belt's centreline on the pulley without load [m].
+    wrap : float
+        Angle between the tangent points [rad].
+    span : float
+        Length of belt on each side that is computed with the pulley [m].
+    tension : float
+        Typical force of the spans, from which the mesh follows [N].
+    points_per_element : int
+        Contact points of an element.
+    elements : int, optional
+        Number of belt elements, even.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of range, or the span is shorter than six bending lengths
+        ``sqrt(EI/tension)``: then its pulleys feel each other's bending.
+    """
+
+    belt: Belt
+    law: NormalLaw
+    surface: FrictionSurface
+    R: float
+    wrap: float
+    span: float
+    tension: float
+    points_per_element: int = 5
+    elements: int | None = None
+    model: RigModel = field(init=False, repr=False, compare=False)
+    laid: StaticState = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        rig = Rig(self.R, self.span)
+        contact = Contact(C_P=0.0, points_per_element=self.points_per_element)
+        point = OperatingPoint(self.wrap, self.tension, 1.0)
+        shortest = SHORTEST_SPAN * bending_length(self.belt.EI, self.tension)
+        if self.span < shortest:
+            raise InputError(
+                f"span {1e3 * self.span:.4g} mm, must be >= {1e3 * shortest:.4g} mm, six bending "
+                f"lengths at {self.tension:g} N: nearer pulleys feel each other's bending"
+            )
+        count = FINENESS * element_count(self.belt, rig, self.law, self.wrap, self.tension)
+        bench = Bench(self.belt, rig, contact, self.law, self.surface)
+        model = bench.model(point, self.elements or count)
+        object.__setattr__(self, "model", model)
+        object.__setattr__(self, "laid", lay_on(model))
+
+
+@dataclass(frozen=True, slots=True)
+class RodState:
+    """A pulley in steady running.
+
+    Attributes
+    ----------
+    v0 : float
+        Stress-free length of belt that passes a point per second [m/s].
+    W : float
+        Speed of the pulley over ``v0`` [1/m].
+    torque : float
+        Torque of the shaft on the belt [N m], > 0 for a driver.
+    P_in, P_out : float
+        Effective forces of the entering and the leaving span, ``N - m v0**2 (1 + eps)`` [N].
+    friction_power : float
+        Power that friction takes [W].
+    contact : ContactState
+        The contact along the arc, entry first; sliding speeds are > 0 where the pulley is ahead.
+    points : Points
+        State of the contact points.
+    certificate : Certificate
+        Slip speed of sticking, or backward slip of sliding patches [m/s]; force beyond the cone.
+    residual : float
+        Largest residual force over ``P_in`` [-].
+    iterations : int
+        Newton iterations.
+    outside : int
+        Look-ups outside the measured range of the surface.
+    """
+
+    v0: float
+    W: float
+    torque: float
+    P_in: float
+    P_out: float
+    friction_power: float
+    contact: ContactState
+    points: Points
+    certificate: Certificate
+    residual: float
+    iterations: int
+    outside: int
+
+
+def pulley_map(
+    pulley: RodPulley,
+    v0: float,
+    P_in: float,
+    *,
+    P_out: float | None = None,
+    torque: float | None = None,
+    W: float | None = None,
+    start: RodState | None = None,
+) -> RodState:
+    """Steady running of a belt over one pulley, with the force of the entering span given.
+
+    Parameters
+    ----------
+    pulley : RodPulley
+        Pulley and belt.
+    v0 : float
+        Stress-free length of belt that passes a point per second [m/s], > 0.
+    P_in : float
+        Effective force of the entering span [N], > 0.
+    P_out, torque, W : float
+        One of them: effective force of the leaving span [N]; torque of the shaft on the belt [N m];
+        speed of the pulley over ``v0`` [1/m], the way to points where all of the arc slides.
+    start : RodState, optional
+        A state of the same pulley nearby, from which the iteration is begun.
+
+    Raises
+    ------
+    InputError
+        If not exactly one of them is given, or a force or speed is not positive.
+    ConvergenceError
+        If no steady state was found, as for a torque that the friction cannot transmit.
+    """
+    given = [value is not None for value in (P_out, torque, W)]
+    if sum(given) != 1 or not v0 > 0.0 or not P_in > 0.0 or (P_out is not None and not P_out > 0.0):
+        raise InputError(
+            "pulley: exactly one of P_out, torque and W, with v0, P_in and P_out > 0, must be given"
+        )
+    # float(): an int would make the kernel be compiled once more for another signature
+    flow = _Flow.begin(pulley, float(v0), float(P_in), start)
+    q, R = flow.q, pulley.R
+    levers = np.array([-q[1], q[0], -q[-3], q[-4]]) / R  # of the supports, which do not move
+    if P_out is not None:
+        target = Target(True, levers, float(P_out), True)
+    else:
+        target = Target(False, levers, float(torque or 0.0) / R, torque is not None)
+    if W is not None:
+        flow.turn(float(W), target, ramp=start is None)
+    flow.settle(target, SOFTNESS if start is None else SOFTNESS[-1:])
+    return flow.state(levers)
+
+
+@dataclass(slots=True)
+class _Flow:
+    """A steady running in the making: what the rounds of the iteration change."""
+
+    pulley: RodPulley
+    v0: float
+    P_in: float
+    system: System
+    points: Points
+    work: Workspace
+    q: Array
+    stretch: float
+    omega: float
+    outcome: FlowOutcome | None = None
+    iterations: int = 0
+
+    @classmethod
+    def begin(cls, pulley: RodPulley, v0: float, P_in: float, start: RodState | None) -> _Flow:
+        """The belt laid on without friction, or a state nearby."""
+        model = pulley.model
+        momentum = pulley.belt.rhoA * v0 * v0
+        system = model.system._replace(belt=model.system.belt._replace(momentum=momentum))
+        points, work = new_points(system.belt, STICK), model.workspace(borders=2)
+        if start is not None:
+            for to, of in (
+                (points.patches.status, start.points.patches.status),
+                (points.patches.sign, start.points.patches.sign),
+                (points.patches.la_T, start.points.patches.la_T),
+                (points.last.limit, start.points.last.limit),
+            ):
+                to[:] = of
+            state = start.contact.q.copy(), start.contact.stretch, start.W * v0
+        else:
+            T, EA = pulley.tension, pulley.belt.EA
+            longer = 1.0 + (T + momentum) / (EA - momentum)
+            stretch = pulley.laid.stretch * (1.0 + T / EA) / longer
+            turn = longer / (pulley.R - float(pulley.law.penetration(T / pulley.R)))
+            state = pulley.laid.q.copy(), stretch, turn * v0
+            opened = ~np.any(pulley.laid.points.F_N > 0.0, axis=1)
+            ends = opened | np.roll(opened, 1) | np.roll(opened, -1)
+            points.patches.status[ends] = SLIDE
+        return cls(pulley, v0, P_in, system, points, work, *state)
+
+    def turn(self, W: float, target: Target, *, ramp: bool) -> None:
+        """Give the pulley its speed; from a belt laid on, with all of the arc sliding."""
+        patches, self_turning = self.points.patches, self.omega
+        self.omega = W * self.v0
+        if not ramp:
+            return
+        patches.status[:] = SLIDE
+        patches.sign[:] = math.copysign(1.0, self.omega - self_turning)
+        for share in LAID:
+            if not self._newton(target, 0.0, share):
+                raise self._failure(1)
+
+    def settle(self, target: Target, softness: tuple[float, ...]) -> None:
+        """Find who sticks: from soft patches, which a force beyond their limit tears off, to hard.
+
+        A patch of a running belt sticks when the slip at its *upstream* end vanishes. What sticks
+        hangs on the slip front downstream of it, so its forces then follow one after the other,
+        with a matrix of compliance that is triangular and positive on its diagonal: a P-matrix.
+        """
+        patches, kept = self.points.patches, self._copy()
+        typical = self.pulley.tension / self.pulley.R * float(np.median(self.system.belt.h))
+        for soft in softness:
+            augmentation = typical / (soft * self.v0)
+            hard = soft == softness[-1]
+            most, rounds = patches.status.size, 0
+            while True:
+                rounds += 1
+                if rounds > MOST_ROUNDS:
+                    raise self._failure(rounds)
+                if not self._newton(target, augmentation):
+                    if most == 1 or rounds == 1:
+                        raise self._failure(rounds)
+                    most //= 4  # too many at once: back, and fewer
+                    self._restore(kept)
+                elif hard:
+                    sticking = patches.status == STICK
+                    patches.la_T[sticking] = patches.force[sticking]
+                kept = self._copy()
+                most = max(most >> int(rounds > FREE_ROUNDS and rounds % PATIENCE == 0), 1)
+                changes = self._change_sides(augmentation, hard, most)
+                if changes == 0 and (not hard or self._holds()):
+                    break
+
+    def _newton(self, target: Target, augmentation: float, friction: float = 1.0) -> bool:
+        motion = Motion(self.omega, 0.0, friction, augmentation, self.v0)
+        out: FlowOutcome = run_through(
+            self.system, motion, self.points, self.q, self.stretch, self.P_in, target, self.work
+        )
+        self.iterations += out.iterations
+        self.outcome, self.stretch, self.omega = out, out.stretch, out.omega
+        if out.converged:
+            self.points.last.limit[:] = self.points.F_max
+        return out.converged
+
+    def _change_sides(self, augmentation: float, hard: bool, most: int) -> int:
+        """Let patches change between stick and slide, the first ``most`` that break the law."""
+        patches = self.points.patches
+        sticking = patches.status == STICK
+        holding = patches.la_T + augmentation * patches.slip
+        backward = patches.sign * patches.slip < -SLIP_TOLERANCE * self.v0
+        if hard:
+            holding = np.where(sticking, patches.force, patches.sign * patches.limit)
+            beyond = np.abs(holding) > patches.limit * (1.0 + 0.1 * CONE_TOLERANCE)
+            changes = np.where(sticking, beyond, backward)
+        else:
+            slides = np.abs(holding) > patches.limit
+            turned = slides & (np.sign(holding) != patches.sign)
+            changes = np.where(sticking, slides, ~slides | turned)
+        changed = np.flatnonzero(changes & (patches.limit > 0.0))[:most]
+        now = holding[changed]
+        tears = np.abs(now) > patches.limit[changed] if not hard else sticking[changed]
+        patches.status[changed] = np.where(tears, SLIDE, STICK)
+        # the ribs are not seated where a patch closes: the pulley is ahead of the belt
+        open_ = patches.limit == 0.0
+        patches.status[open_], patches.la_T[open_] = SLIDE, 0.0
+        patches.sign[changed] = np.where(now < 0.0, -1.0, 1.0)
+        patches.sign[open_] = 1.0
+        if hard:
+            patches.la_T[changed] = patches.force[changed]
+        return changed.size
+
+    def _holds(self) -> bool:
+        """Whether what sticks does not slip."""
+        patches = self.points.patches
+        sticks = (patches.status == STICK) & (patches.limit > 0.0)
+        slip = np.abs(patches.slip[sticks]).max(initial=0.0)
+        return bool(slip <= SLIP_TOLERANCE * self.v0)
+
+    def _copy(self) -> tuple[Array, float, float, list[NDArray[np.generic]]]:
+        """What a failed round must not change."""
+        patches = self.points.patches
+        arrays = [a.copy() for a in self._arrays(patches)]
+        return self.q.copy(), self.stretch, self.omega, arrays
+
+    def _restore(self, kept: tuple[Array, float, float, list[NDArray[np.generic]]]) -> None:
+        self.q[:], self.stretch, self.omega = kept[:3]
+        for to, of in zip(self._arrays(self.points.patches), kept[3], strict=True):
+            to[:] = of
+
+    @staticmethod
+    def _arrays(patches: Patches) -> tuple[NDArray[np.generic], ...]:
+        return (
+            patches.status,
+            patches.sign,
+            patches.la_T,
+            patches.slip,
+            patches.force,
+            patches.limit,
+        )
+
+    def _failure(self, rounds: int) -> ConvergenceError:
+        residual = self.outcome.residual if self.outcome else math.nan
+        return ConvergenceError(
+            f"pulley of {1e3 * self.pulley.R:g} mm, {math.degrees(self.pulley.wrap):.4g} deg, belt "
+            f"at {self.v0:g} m/s, {self.P_in:g} N: no steady running found in {rounds} rounds of "
+            f"{self.iterations} Newton iterations (residual {residual:.2g})",
+            iterations=self.iterations,
+            residual=residual,
+        )
+
+    def state(self, levers: Array) -> RodState:
+        """What came of it."""
+        assert self.outcome is not None
+        points, force, R = self.points, self.work.reactions.force, self.pulley.R
+        sticks = (points.patches.status == STICK)[:, None] & (points.f_N > 0.0)
+        contact = ContactState(
+            model=self.pulley.model,
+            stretch=self.stretch,
+            support_force=force,
+            q=self.q,
+            angle=points.theta,
+            line_force=points.f_N,
+            tangential_force=points.F_T,
+            slip_speed=points.slip,
+            sticks=sticks.astype(float),
+        )
+        return RodState(
+            v0=self.v0,
+            W=self.omega / self.v0,
+            torque=float(levers @ force) * R,
+            P_in=math.hypot(force[0], force[1]),
+            P_out=math.hypot(force[2], force[3]),
+            friction_power=float(np.sum(points.F_T * points.slip * points.rho)) / R,
+            contact=contact,
+            points=points,
+            certificate=violations(self.system.belt, points),
+            residual=self.outcome.residual,
+            iterations=self.iterations,
+            outside=self.outcome.outside,
+        )
