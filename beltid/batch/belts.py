@@ -14,6 +14,7 @@ from beltid.artifacts.file_bytes import read_bytes
 from beltid.errors import EXIT_BATCH_FAILED, EXIT_DONE, ArtifactError
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import FOREIGN
+from beltid.stages.origin import combined_origin
 from beltid.stages.reporter import Reporter
 
 DONE: Final = "done"
@@ -90,10 +91,7 @@ class BeltRun:
     @property
     def origin(self) -> str | None:
         """Where the data come from: "synthetic" if any of them are, "measured" if all are."""
-        origins = {summary.origin for summary in self.summaries.values()}
-        if "synthetic" in origins:
-            return "synthetic"
-        return "measured" if origins == {"measured"} else None
+        return combined_origin([summary.origin for summary in self.summaries.values()])
 
     @property
     def up_to_date(self) -> bool:

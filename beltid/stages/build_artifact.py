@@ -300,6 +300,11 @@ class Build:
                 )
 
 
+def already_exists(path: Path) -> str:
+    """What to say of a file that only --force replaces."""
+    return f"{path}: already exists; use --force to overwrite, or name another --out"
+
+
 def _value(values: Mapping[str, Any], key: str) -> Any:
     section, _, name = key.partition(".")
     return plain(values[section][name] if name else values[section])

@@ -25,7 +25,7 @@ from beltid.export.law import (
     friction_part,
 )
 from beltid.export.law_file import SUFFIX, told
-from beltid.stages.origin import MEASURED, SYNTHETIC
+from beltid.stages.origin import combined_origin
 from beltid.stages.reporter import Reporter
 from beltid.stages.tables import law_of, surface_of
 
@@ -95,7 +95,7 @@ def _put_together(
     row = int(np.flatnonzero(np.isnan(stiffness.columns["temperature_degC"]))[0])
     return ContactLaw(
         about=ABOUT,
-        origin=_origin(stiffness, surface),
+        origin=combined_origin([stiffness.metadata.origin, surface.metadata.origin]),
         belt=BeltFacts(name=_name_of(folder)) if source is None else _belt(source.config),
         normal=NormalPart(
             k_linear_N_m2=normal.k_linear_N_m2,
@@ -206,13 +206,6 @@ def _covariance(stiffness: Artifact, row: int) -> Any:
         return None
     numbers = np.asarray(value, dtype=float).reshape(2, 2)
     return numbers.tolist() if np.isfinite(numbers).all() else None
-
-
-def _origin(*artifacts: Artifact) -> Any:
-    origins = [artifact.metadata.origin for artifact in artifacts]
-    if SYNTHETIC in origins:
-        return SYNTHETIC
-    return MEASURED if all(origin == MEASURED for origin in origins) else None
 
 
 def _validity(stiffness: Artifact, surface: Artifact) -> Validity:

@@ -16,6 +16,7 @@ from beltid.config.meanings import SECTIONS
 from beltid.config.template import template_text
 from beltid.errors import InputError
 from beltid.report.summary import Summary, json_value
+from beltid.stages.build_artifact import already_exists
 from beltid.stages.reporter import Options
 
 RECORDINGS: Final = ("press", "rig", "speedloss")
@@ -36,13 +37,13 @@ def run(stated: Mapping[str, Any], out: Path | None, options: Options) -> Summar
     Raises
     ------
     InputError
-        If a value is not allowed, or the file stands there already.
+        If a value is not allowed, or the file already exists.
     """
     values = _with_type_of_name(dict(stated))
     path = out or Path(f"{values.get('belt.name', Config().belt.name)}.yaml")
     config = load_config(_sections(_relative(values, path.parent)))
     if path.exists() and not options.force:
-        raise InputError(f"{path}: stands there already, not replaced; --force replaces it")
+        raise InputError(already_exists(path))
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(f"{path}: a config is a YAML file, name it {path.stem}.yaml")
     atomic.write_text(path, template_text(config, frozenset(values)))
