@@ -109,7 +109,7 @@ def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptio
     folder : Path
         Folder of the results; each belt has a folder in it, each case one in that of its belt.
     options : BatchOptions
-        Force, listener, workers.
+        Force, reporter, workers.
 
     Raises
     ------

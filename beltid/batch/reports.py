@@ -31,7 +31,7 @@ def write_reports(
     folder : Path or None
         Folder of the results of the batch; None for a part of one, which compares nothing.
     options : Options
-        Force and listener.
+        Force and reporter.
     workers : Workers
         Who draws the pages of several belts.
     """

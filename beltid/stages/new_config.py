@@ -32,7 +32,7 @@ def run(stated: Mapping[str, Any], out: Path | None, options: Options) -> Summar
     out : Path or None
         The file; None for ``<name>.yaml``.
     options : Options
-        Force and listener.
+        Force and reporter.
 
     Raises
     ------

@@ -38,7 +38,7 @@ def run(
         The page; with several belts the one that compares them. By default report.html in the
         folder of a belt, and in the folder above for several.
     options : Options
-        Force and listener.
+        Force and reporter.
     source : ConfigSource, optional
         Config that names the recordings of a belt, for its figures over time.
 

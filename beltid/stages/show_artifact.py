@@ -34,7 +34,7 @@ def run(path: Path, out: Path | None, name: str | None, options: Options) -> Sum
     name : str or None
         Which of its figures; None for the first.
     options : Options
-        Force and listener.
+        Force and reporter.
 
     Raises
     ------
