@@ -66,9 +66,10 @@ class ProcessWorkers(Workers):
         from multiprocessing import forkserver, resource_tracker
 
         forkserver.set_forkserver_preload(list(self._imported))
-        with _deaf_children():
+        # the tracker clears away what a caller leaves that is told to stop: no cause for a warning
+        with _deaf_children(), _environment("PYTHONWARNINGS", "ignore"):
             resource_tracker.ensure_running()  # lets signals in again, so not below
-        with _deaf_children(), _same_package():
+        with _deaf_children(), _environment("PYTHONPATH", _same_package()):
             forkserver.ensure_running()
 
     def as_ended(
@@ -187,19 +188,24 @@ def _deaf_children() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+def _same_package() -> str:
+    """Value of PYTHONPATH with which a Python imports the package from where this one has it."""
+    root, before = str(Path(__file__).resolve().parents[2]), os.environ.get("PYTHONPATH")
+    return os.pathsep.join([root, *([before] if before else [])])
+
+
 @contextlib.contextmanager
-def _same_package() -> Iterator[None]:
-    """Start a Python that imports the package from where this one has it."""
-    before = os.environ.get("PYTHONPATH")
-    root = str(Path(__file__).resolve().parents[2])
-    os.environ["PYTHONPATH"] = os.pathsep.join([root, *([before] if before else [])])
+def _environment(name: str, value: str) -> Iterator[None]:
+    """Start processes with another value of a variable."""
+    before = os.environ.get(name)
+    os.environ[name] = value
     try:
         yield
     finally:
         if before is None:
-            del os.environ["PYTHONPATH"]
+            del os.environ[name]
         else:
-            os.environ["PYTHONPATH"] = before
+            os.environ[name] = before
 
 
 def _kill(pool: ProcessPoolExecutor, others: Collection[Any]) -> None:

@@ -64,11 +64,22 @@ def _leave(number: int, frame: FrameType | None) -> NoReturn:
             os.write(2, SHOW_CURSOR)
         os.write(2, f"{printable(line)}\n".encode(encoding, "replace"))
     with contextlib.suppress(Exception):
+        _end_children()
+    with contextlib.suppress(Exception):
         for folder in _passing:
             import shutil
 
             shutil.rmtree(folder, ignore_errors=True)
-        if "multiprocessing" in sys.modules:
-            for child in sys.modules["multiprocessing"].active_children():
-                child.kill()
     os._exit(128 + number)
+
+
+def _end_children() -> None:
+    """Kill the workers and the server they are forked from, which may be importing still."""
+    if "multiprocessing" not in sys.modules:
+        return
+    for child in sys.modules["multiprocessing"].active_children():
+        child.kill()
+    server = getattr(sys.modules.get("multiprocessing.forkserver"), "_forkserver", None)
+    number = getattr(server, "_forkserver_pid", None)  # there is no other way to know it
+    if number is not None:
+        os.kill(number, signal.SIGKILL)
