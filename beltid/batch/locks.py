@@ -25,7 +25,7 @@ def alone_in(folders: Sequence[Path], reporter: Reporter) -> Iterator[None]:
     ----------
     folders : sequence of Path
         Folders of results.
-    talk : Reporter
+    reporter : Reporter
         Hears that another batch is waited for.
     """
     with contextlib.ExitStack() as held:

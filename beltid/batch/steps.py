@@ -103,7 +103,7 @@ def run_in_worker(
     *,
     peek: bool = False,
 ) -> tuple[Summary, Heard]:
-    """Carry out a stage where nobody listens, in a worker: its summary, and what it said."""
+    """Carry out a stage in a worker: its summary, and what it reported."""
     reporter = _Noted()
     with warnings.catch_warnings():
         warnings.showwarning = reporter.note_warning
@@ -113,7 +113,7 @@ def run_in_worker(
 
 
 class _Noted(Reporter):
-    """Reporter that is kept, to be said where the user is."""
+    """Keeps what is reported, to be reported where the user is."""
 
     def __init__(self) -> None:
         self.heard: Heard = []

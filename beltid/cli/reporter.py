@@ -67,7 +67,7 @@ class TerminalReporter(Reporter):
         self.quiet = quiet
         self._names = {} if names is None else names
         self.verbose = verbose and not quiet
-        self._lock = threading.RLock()  # belts of a batch talk at the same time
+        self._lock = threading.RLock()  # belts of a batch report at the same time
         self._bars: Progress | None = None
         self._followed = 0
 

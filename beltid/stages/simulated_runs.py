@@ -60,7 +60,7 @@ def simulate(
     settings: SimulationSettings,
     how: tuple[Reporter, int | Workers | None],
 ) -> Campaign:
-    """Simulate runs with a surface and a normal law; `how` is who listens, and jobs or workers."""
+    """Simulate runs with a surface and a normal law; `how` is reporter, and jobs or workers."""
     reporter, jobs = how
     results: dict[int, RunResult | BeltidError] = {}
     with reporter.progress("simulated runs", len(runs)) as advance:
