@@ -42,16 +42,26 @@ class Unstated(Section):
     """A section whose keys mean nothing until they are stated."""
 
 
-def _of_columns(columns: Iterable[Column], allowed: Callable[[Column], Any]) -> type[Unstated]:
+def _model(name: str, base: type[Section], keys: dict[str, Any]) -> Any:
+    """A section made of keys, known by its name in this module: workers are sent configs."""
+    model = create_model(name, __base__=base, __module__=__name__, **keys)
+    globals()[name] = model
+    return model
+
+
+def _of_columns(
+    name: str, columns: Iterable[Column], allowed: Callable[[Column], Any]
+) -> type[Unstated]:
     """A section with a key for each column; null where nothing is stated."""
-    keys: dict[str, Any] = {column.name: (allowed(column) | None, None) for column in columns}
-    return create_model("Unstated", __base__=Unstated, **keys)
+    keys = {column.name: (allowed(column) | None, None) for column in columns}
+    model: type[Unstated] = _model(name, Unstated, keys)
+    return model
 
 
-def _per_kind(sections: dict[str, type[Section]]) -> Any:
+def _per_kind(name: str, sections: dict[str, type[Section]]) -> Any:
     """A section with a section for each kind of recording."""
-    keys: dict[str, Any] = {kind: (section, section()) for kind, section in sections.items()}
-    return create_model("PerKind", __base__=Section, **keys)
+    keys = {kind: (section, section()) for kind, section in sections.items()}
+    return _model(name, Section, keys)
 
 
 def _settings(kind: str) -> list[Column]:
@@ -74,12 +84,17 @@ def _value(column: Column) -> Any:
     ]
 
 
-_Names: Any = _per_kind({kind: _of_columns(table(kind).columns, _name) for kind in RECORDINGS})
+_Names: Any = _per_kind(
+    "Names", {kind: _of_columns(f"Names_{kind}", table(kind).columns, _name) for kind in RECORDINGS}
+)
 _Units: Any = _per_kind(
+    "Units",
     {
-        kind: _of_columns((c for c in table(kind).columns if c.dtype == "float64"), _unit)
+        kind: _of_columns(
+            f"Units_{kind}", (c for c in table(kind).columns if c.dtype == "float64"), _unit
+        )
         for kind in RECORDINGS
-    }
+    },
 )
 
 
@@ -131,14 +146,14 @@ class RunsOfKind(Section):
 
 def _runs(kind: str) -> type[RunsOfKind]:
     label = table(kind).column(table(kind).label)
-    fields = _of_columns([label, *_settings(kind)], _name)
-    values = _of_columns(_settings(kind), _value)
-    return create_model(
-        "Runs", __base__=RunsOfKind, fields=(fields, fields()), values=(values, values())
-    )
+    fields = _of_columns(f"Fields_{kind}", [label, *_settings(kind)], _name)
+    values = _of_columns(f"Values_{kind}", _settings(kind), _value)
+    keys = {"fields": (fields, fields()), "values": (values, values())}
+    model: type[RunsOfKind] = _model(f"Runs_{kind}", RunsOfKind, keys)
+    return model
 
 
-_Runs: Any = _per_kind({kind: _runs(kind) for kind in RECORDINGS})
+_Runs: Any = _per_kind("Runs", {kind: _runs(kind) for kind in RECORDINGS})
 
 
 class RunsSection(_Runs):
