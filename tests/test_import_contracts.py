@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-SCIENCE = ("refine", "drive", "identify", "rigsim", "laws", "params", "errors")
+SCIENCE = ("uncertainty", "refine", "drive", "identify", "rigsim", "laws", "params", "errors")
 NOT_FOR_SCIENCE = ("pandas", "pyarrow", "ruamel", "typer", "rich", "matplotlib", "pydantic")
 
 

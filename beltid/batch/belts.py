@@ -13,8 +13,9 @@ from beltid.artifacts.atomic import write_bytes
 from beltid.artifacts.file_bytes import read_bytes
 from beltid.errors import EXIT_BATCH_FAILED, EXIT_DONE, ArtifactError
 from beltid.report.summary import Summary
-from beltid.stages.making import FOREIGN
-from beltid.stages.talk import Talk
+from beltid.stages.build_artifact import FOREIGN
+from beltid.stages.origin import combined_origin
+from beltid.stages.reporter import Reporter
 
 DONE: Final = "done"
 UP_TO_DATE: Final = "up to date"
@@ -90,10 +91,7 @@ class BeltRun:
     @property
     def origin(self) -> str | None:
         """Where the data come from: "synthetic" if any of them are, "measured" if all are."""
-        origins = {summary.origin for summary in self.summaries.values()}
-        if "synthetic" in origins:
-            return "synthetic"
-        return "measured" if origins == {"measured"} else None
+        return combined_origin([summary.origin for summary in self.summaries.values()])
 
     @property
     def up_to_date(self) -> bool:
@@ -152,7 +150,7 @@ def _shown(belts: Sequence[BeltRun], mixed: bool) -> tuple[str, ...]:
     return (*columns, *(["origin"] if mixed else []))
 
 
-def write_sweep_tables(belts: Sequence[BeltRun], folder: Path, talk: Talk) -> None:
+def write_sweep_tables(belts: Sequence[BeltRun], folder: Path, reporter: Reporter) -> None:
     """Write the table of every sweep beside the folders of its cases: ``sweep.csv``.
 
     One that cannot be written is a failure of the last case of its sweep.
@@ -168,7 +166,7 @@ def write_sweep_tables(belts: Sequence[BeltRun], folder: Path, talk: Talk) -> No
             cases[-1].states[TABLE_STEP] = FAILED
             cases[-1].troubles[TABLE_STEP] = (error.exit_status, tuple(error.problems))
             for line in error.problems:
-                talk.error(f"{name}: {TABLE_STEP}: {line}")
+                reporter.error(f"{name}: {TABLE_STEP}: {line}")
 
 
 def _write_sweep_table(cases: Sequence[BeltRun], path: Path) -> None:

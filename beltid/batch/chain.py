@@ -29,7 +29,7 @@ from beltid.stages import (
     simulate_drive,
     simulate_rig,
 )
-from beltid.stages.talk import Options
+from beltid.stages.reporter import Options
 
 
 def _same(*roles: str) -> dict[str, str]:
@@ -130,7 +130,7 @@ def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptio
     folder : Path
         Folder of the results; each belt has a folder in it, each case one in that of its belt.
     options : BatchOptions
-        Force, listener, workers.
+        Force, reporter, workers.
 
     Raises
     ------
@@ -140,15 +140,16 @@ def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptio
     refuse_links_out(folder, [source.name for source in sources])
     chains = []
     for source in sources:
-        chains.append(Chain(source, folder / source.name, chain_of(source, options), options.talk))
+        chain = chain_of(source, options)
+        chains.append(Chain(source, folder / source.name, chain, options.reporter))
     folders = [chain.folder for chain in chains]
-    with alone_in(folders, options.talk):
+    with alone_in(folders, options.reporter):
         workers = options.workers or local_workers(options.jobs)
         try:
             run_chains(chains, workers, force=options.force, fail_fast=options.fail_fast)
             runs = [chain.run for chain in chains]
             if options.whole:
-                write_sweep_tables(runs, folder, options.talk)
+                write_sweep_tables(runs, folder, options.reporter)
             if options.report:
                 write_reports(chains, folder if options.whole else None, options, workers)
         except BaseException:

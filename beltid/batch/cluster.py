@@ -20,7 +20,7 @@ from beltid._version import __version__
 from beltid.artifacts.file_bytes import read_bytes
 from beltid.artifacts.fingerprint import source_sha256
 from beltid.errors import BeltidError, InputError
-from beltid.stages.workers import Halted, Result, Workers
+from beltid.stages.workers import Cancelled, Result, Workers
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -77,7 +77,7 @@ class ClusterWorkers(Workers):
         }
         with self._lock:
             if self._halted:
-                raise Halted
+                raise Cancelled
             self._waiting |= set(futures)
         try:
             for future in as_completed(futures, loop=self._client.loop):
@@ -104,14 +104,14 @@ class ClusterWorkers(Workers):
             ) from None
         except (CancelledError, OSError):
             if self._halted:
-                raise Halted from None
+                raise Cancelled from None
             raise BeltidError(
                 f"cluster {self._where}: the connection was lost; "
                 "run again to go on with what is not finished"
             ) from None
 
     def stop(self) -> None:
-        """Cancel what the cluster has of us; calls that wait for it raise `Halted`."""
+        """Cancel what the cluster has of us; calls that wait for it raise `Cancelled`."""
         with self._lock:
             self._halted = True
             waiting = list(self._waiting)

@@ -8,26 +8,22 @@ with their caller, however it ends.
 from __future__ import annotations
 
 import contextlib
-import math
 import multiprocessing
 import os
 import signal
 import tempfile
 import threading
-import time
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from functools import partial
 from multiprocessing import process
 from pathlib import Path
 from typing import Any, Final
 
 from beltid.errors import BeltidError
-from beltid.stages.beside import beside
 from beltid.stages.workers import (
     LOOK_UP_S,
-    Halted,
+    Cancelled,
     Result,
     Workers,
     available_cores,
@@ -36,8 +32,6 @@ from beltid.stages.workers import (
 
 MOST_LOSSES: Final = 3
 """Workers lost one after the other, without a result between them, before a call is given up."""
-IMPORTING_S: Final = 0.2
-"""Time after which a server that starts no worker is taken to be importing still [s]."""
 LONGEST_SOCKET_FOLDER: Final = 70
 """Bytes of the folder of temporary files: with the names of folder and socket in it 102, and a
 socket may have 103 (macOS) or 107 (Linux)."""
@@ -58,7 +52,6 @@ class ProcessWorkers(Workers):
     def __init__(self, jobs: int, imported: Sequence[str] = IMPORTED) -> None:
         self.jobs = jobs
         self._imported = tuple(imported)
-        self._prepared = False
         self.about = f"{jobs} processes on this machine"
         self._lock = threading.Lock()
         self._starting = threading.Lock()
@@ -70,13 +63,13 @@ class ProcessWorkers(Workers):
         """Start importing beside the caller; returns at once."""
         if _start_method() != "forkserver":
             return
-        self._prepared = True
         from multiprocessing import forkserver, resource_tracker
 
         forkserver.set_forkserver_preload(list(self._imported))
-        with _deaf_children():
+        # the tracker clears away what a caller leaves that is told to stop: no cause for a warning
+        with _deaf_children(), _environment("PYTHONWARNINGS", "ignore"):
             resource_tracker.ensure_running()  # lets signals in again, so not below
-        with _deaf_children(), _same_package():
+        with _deaf_children(), _environment("PYTHONPATH", _same_package()):
             forkserver.ensure_running()
 
     def as_ended(
@@ -95,8 +88,11 @@ class ProcessWorkers(Workers):
             pool = self._running()
             futures: dict[Future[Result], int] = {}
             try:
-                # an interrupt must not come while a worker is being started: nobody would know it
-                futures = beside(partial(self._hand_over, pool, function, waiting)).result()
+                for index, arguments in waiting.items():
+                    with self._starting:
+                        if self._halted:
+                            raise Cancelled
+                        futures[pool.submit(function, *arguments)] = index
                 for future in self._as_completed(futures):
                     index, result = futures[future], future.result()
                     del waiting[index]
@@ -118,21 +114,6 @@ class ProcessWorkers(Workers):
                 for future in futures:
                     future.cancel()
 
-    def _hand_over(
-        self,
-        pool: ProcessPoolExecutor,
-        function: Callable[..., Result],
-        calls: Mapping[int, tuple[Any, ...]],
-    ) -> dict[Future[Result], int]:
-        """Give calls to a pool, which may start workers for them; the index of each call."""
-        futures = {}
-        for index, arguments in calls.items():
-            with self._starting:
-                if self._halted:
-                    raise Halted
-                futures[pool.submit(function, *arguments)] = index
-        return futures
-
     def _as_completed(self, futures: Collection[Future[Result]]) -> Iterator[Future[Result]]:
         """Futures in the order in which they end.
 
@@ -142,18 +123,16 @@ class ProcessWorkers(Workers):
         while waiting:
             done, waiting = wait(waiting, timeout=LOOK_UP_S, return_when=FIRST_COMPLETED)
             if self._halted:
-                raise Halted
+                raise Cancelled
             yield from done
 
     def stop(self) -> None:
-        """Kill the workers; calls that wait for them raise `Halted`."""
+        """Kill the workers; calls that wait for them raise `Cancelled`."""
         with self._lock:
             self._halted = True
             pool, self._pool = self._pool, None
         if pool is not None:
             _kill(pool, self._others)
-        elif self._prepared and not multiprocessing.active_children():
-            _kill_server()  # no worker was needed, it may be importing still
 
     def close(self) -> None:
         """Let the workers go; nothing is waited for."""
@@ -166,7 +145,7 @@ class ProcessWorkers(Workers):
     def _running(self) -> ProcessPoolExecutor:
         with self._lock:
             if self._halted:
-                raise Halted
+                raise Cancelled
             if self._pool is None:
                 self.prepare()
                 self._others = multiprocessing.active_children()
@@ -209,55 +188,40 @@ def _deaf_children() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+def _same_package() -> str:
+    """Value of PYTHONPATH with which a Python imports the package from where this one has it."""
+    root, before = str(Path(__file__).resolve().parents[2]), os.environ.get("PYTHONPATH")
+    return os.pathsep.join([root, *([before] if before else [])])
+
+
 @contextlib.contextmanager
-def _same_package() -> Iterator[None]:
-    """Start a Python that imports the package from where this one has it."""
-    before = os.environ.get("PYTHONPATH")
-    root = str(Path(__file__).resolve().parents[2])
-    os.environ["PYTHONPATH"] = os.pathsep.join([root, *([before] if before else [])])
+def _environment(name: str, value: str) -> Iterator[None]:
+    """Start processes with another value of a variable."""
+    before = os.environ.get(name)
+    os.environ[name] = value
     try:
         yield
     finally:
         if before is None:
-            del os.environ["PYTHONPATH"]
+            del os.environ[name]
         else:
-            os.environ["PYTHONPATH"] = before
+            os.environ[name] = before
 
 
 def _kill(pool: ProcessPoolExecutor, others: Collection[Any]) -> None:
-    """Kill the children that came with a pool, also those that are being started meanwhile.
-
-    While the server is still importing, the first of them cannot be started: then it is the server
-    that is killed, which nobody else has used either.
-    """
+    """Kill the children that came with a pool, also those that are being started meanwhile."""
     ending = threading.Thread(
         target=pool.shutdown, kwargs={"wait": True, "cancel_futures": True}, daemon=True
     )
     ending.start()
-    ended, late = False, time.monotonic() + IMPORTING_S
+    ended = False
     while not ended:  # the pool waits for a worker that was started after the others died
         ended = not ending.is_alive()  # once more after the end: the last one may have come late
-        children = multiprocessing.active_children()
-        for child in children:
+        for child in multiprocessing.active_children():
             if child not in others:
                 with contextlib.suppress(OSError, ValueError):
                     child.kill()
-        if not children and time.monotonic() > late:
-            _kill_server()
-            late = math.inf
         ending.join(0.02)
-
-
-def _kill_server() -> None:
-    """Kill the server that workers are forked from; the next pool starts another one."""
-    if _start_method() == "forkserver":
-        from multiprocessing import forkserver
-
-        server = getattr(forkserver, "_forkserver", None)
-        number = getattr(server, "_forkserver_pid", None)  # there is no other way to know it
-        if number is not None:
-            with contextlib.suppress(OSError):
-                os.kill(number, signal.SIGKILL)
 
 
 def _begin() -> None:

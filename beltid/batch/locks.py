@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Final
 
 from beltid.artifacts.atomic import remove_stale
-from beltid.stages.talk import Talk
+from beltid.stages.reporter import Reporter
 
 LOCK: Final = ".beltid-lock"
 
 
 @contextlib.contextmanager
-def alone_in(folders: Sequence[Path], talk: Talk) -> Iterator[None]:
+def alone_in(folders: Sequence[Path], reporter: Reporter) -> Iterator[None]:
     """Be the only batch in some folders, and clear away what a killed one left there.
 
     The system lets a lock go when its holder ends, however it ends. Where there are no locks (some
@@ -25,7 +25,7 @@ def alone_in(folders: Sequence[Path], talk: Talk) -> Iterator[None]:
     ----------
     folders : sequence of Path
         Folders of results.
-    talk : Talk
+    reporter : Reporter
         Hears that another batch is waited for.
     """
     with contextlib.ExitStack() as held:
@@ -33,7 +33,7 @@ def alone_in(folders: Sequence[Path], talk: Talk) -> Iterator[None]:
             descriptor = _opened(folder)
             if descriptor is not None:
                 held.callback(os.close, descriptor)
-                _lock(descriptor, folder, talk)
+                _lock(descriptor, folder, reporter)
             remove_stale(folder)
         yield
 
@@ -46,7 +46,7 @@ def _opened(folder: Path) -> int | None:
         return None
 
 
-def _lock(descriptor: int, folder: Path, talk: Talk) -> None:
+def _lock(descriptor: int, folder: Path, reporter: Reporter) -> None:
     try:
         import fcntl
     except ImportError:  # not a POSIX system
@@ -54,7 +54,7 @@ def _lock(descriptor: int, folder: Path, talk: Talk) -> None:
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        talk.say(f"{folder}: another beltid run is at work there, waiting for it")
+        reporter.report(f"{folder}: another beltid run is at work there, waiting for it")
         with contextlib.suppress(OSError):
             fcntl.flock(descriptor, fcntl.LOCK_EX)
     except OSError:

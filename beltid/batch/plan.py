@@ -13,7 +13,7 @@ from beltid.batch.steps import Step
 from beltid.config import ConfigSource
 from beltid.errors import EXIT_DONE, BeltidError
 from beltid.report.summary import Summary
-from beltid.stages.making import Stale
+from beltid.stages.build_artifact import Stale
 from beltid.stages.simulate_rig import SimulateOptions
 
 TO_BE_MADE: Final = "to be made"

@@ -8,12 +8,12 @@ from typing import Final
 
 from beltid.batch.belts import DONE, FAILED, UP_TO_DATE, BeltRun
 from beltid.batch.schedule import Chain
-from beltid.batch.steps import Heard, elsewhere
+from beltid.batch.steps import Heard, run_in_worker
 from beltid.config import ConfigSource
 from beltid.errors import BeltidError
 from beltid.report.summary import Summary
-from beltid.stages.making import Stale
-from beltid.stages.talk import Options
+from beltid.stages.build_artifact import Stale
+from beltid.stages.reporter import Options
 from beltid.stages.workers import Workers
 
 STEP: Final = "report"
@@ -31,7 +31,7 @@ def write_reports(
     folder : Path or None
         Folder of the results of the batch; None for a part of one, which compares nothing.
     options : Options
-        Force and listener.
+        Force and reporter.
     workers : Workers
         Who draws the pages of several belts.
     """
@@ -40,14 +40,14 @@ def write_reports(
     wanted = [chain for chain in chains if chain.run.summaries and not chain.run.case]
     for chain, made, heard in _made(wanted, workers, force=options.force):
         for how, text in heard:
-            getattr(chain.talk, how)(text)
+            getattr(chain.reporter, how)(text)
         if isinstance(made, BeltidError):
             _failed(chain.run, made)
             for line in made.problems:
-                chain.talk.error(f"{STEP}: {line}")
+                chain.reporter.error(f"{STEP}: {line}")
         else:
             _finished(chain.run, made)
-            chain.talk.say(f"{STEP}: {chain.run.states[STEP]}, {made.out}")
+            chain.reporter.report(f"{STEP}: {chain.run.states[STEP]}, {made.out}")
     reported = [chain for chain in wanted if chain.run.states[STEP] != FAILED]
     if len(reported) > 1 and folder is not None:
         page = folder / report_belt.NAME
@@ -55,10 +55,10 @@ def write_reports(
             report_belt.of_belts([chain.folder for chain in reported], page, options)
         except BeltidError as error:
             for line in error.problems:
-                options.talk.error(f"{STEP}: {line}")
+                options.reporter.error(f"{STEP}: {line}")
             _failed(reported[-1].run, error)
             return
-        options.talk.say(f"{STEP}: the belts side by side: {page}")
+        options.reporter.report(f"{STEP}: the belts side by side: {page}")
 
 
 def _made(
@@ -93,7 +93,7 @@ def _page(
 
     try:
         page = folder / report_belt.NAME
-        return elsewhere(report_belt.of_chain, source, {}, page, force, peek=peek)
+        return run_in_worker(report_belt.of_chain, source, {}, page, force, peek=peek)
     except BeltidError as error:
         return error, []
 

@@ -17,11 +17,11 @@ from beltid.batch.belts import (
     UP_TO_DATE,
     BeltRun,
 )
-from beltid.batch.steps import Order, Step, carry_out
+from beltid.batch.steps import Step, Task, run_task
 from beltid.config import ConfigSource
 from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, BeltidError
 from beltid.report.summary import Summary
-from beltid.stages.talk import Named, Talk
+from beltid.stages.reporter import NamedReporter, Reporter
 from beltid.stages.workers import LOOK_UP_S, Workers
 
 STEPS_AHEAD = 2  # steps under way for each worker: while some read and write, others compute
@@ -39,15 +39,15 @@ class Chain:
         Folder of its results.
     steps : sequence of Step
         The chain.
-    talk : Talk
-        Who listens.
+    reporter : Reporter
+        Hears what is going on.
     """
 
     def __init__(
-        self, source: ConfigSource, folder: Path, steps: Sequence[Step], talk: Talk
+        self, source: ConfigSource, folder: Path, steps: Sequence[Step], reporter: Reporter
     ) -> None:
         self.source, self.folder = source, folder
-        self.talk = Named(source.name, talk)
+        self.reporter = NamedReporter(source.name, reporter)
         self.files = source.config.data.files
         self.waiting = list(steps)
         self.run = BeltRun(
@@ -58,14 +58,14 @@ class Chain:
         )
         self._announced = False
 
-    def next_order(self) -> Order | None:
+    def next_task(self) -> Task | None:
         """The first step whose inputs stand; None if there is none by now."""
         for step in self.waiting:
             if all(name in self.files for name in step.needs.values()):
                 self.waiting.remove(step)
                 self._announce()
                 inputs = {role: self.files[name] for role, name in step.needs.items()}
-                return Order(step, self.source, inputs, self.folder / f"{step.makes}.parquet")
+                return Task(step, self.source, inputs, self.folder / f"{step.makes}.parquet")
         return None
 
     def _announce(self) -> None:
@@ -74,20 +74,20 @@ class Chain:
             synthetic = self.source.config.data.origin == "synthetic"
             kind_of_data = ", synthetic data" if synthetic else ""
             origin = self.source.origin
-            self.talk.say(f"config {origin}{kind_of_data}, results in {self.folder}")
+            self.reporter.report(f"config {origin}{kind_of_data}, results in {self.folder}")
 
-    def failed(self, order: Order, error: BeltidError) -> None:
+    def failed(self, task: Task, error: BeltidError) -> None:
         """Note that a step failed; what needs it is not run."""
-        name = order.step.name
+        name = task.step.name
         self.run.states[name] = FAILED
         self.run.troubles[name] = (error.exit_status, error.problems)
         for line in error.problems:
-            self.talk.error(f"{name}: {line}")
+            self.reporter.error(f"{name}: {line}")
 
-    def finished(self, order: Order, summary: Summary, elapsed_s: float) -> None:
+    def finished(self, task: Task, summary: Summary, elapsed_s: float) -> None:
         """Note that a step finished."""
-        name, talk = order.step.name, self.talk
-        self.files[order.step.makes] = order.out
+        name, reporter = task.step.name, self.reporter
+        self.files[task.step.makes] = task.out
         self.run.summaries[name] = summary
         if summary.exit_status == EXIT_DONE:
             state = UP_TO_DATE if summary.up_to_date else DONE
@@ -97,13 +97,13 @@ class Chain:
             self.run.troubles[name] = (summary.exit_status, lines)
         self.run.states[name] = state
         spent = "" if summary.up_to_date else f", {elapsed_s:.1f} s"
-        talk.say(f"{name}: {state}{spent}")
+        reporter.report(f"{name}: {state}{spent}")
         for note in summary.notes:
-            talk.detail(f"{name}: {note}")
+            reporter.detail(f"{name}: {note}")
         for warning in summary.warnings:
-            talk.warn(f"{name}: {warning}")
+            reporter.warn(f"{name}: {warning}")
         if summary.verdict:
-            talk.say(f"{name}: {summary.verdict}")
+            reporter.report(f"{name}: {summary.verdict}")
 
 
 def run_chains(
@@ -124,33 +124,30 @@ def run_chains(
     """
     alone = workers.jobs == 1
     most = 1 if alone else min(STEPS_AHEAD * workers.jobs, MOST_STEPS)
-    under_way: dict[Future[Summary], tuple[Chain, Order, float]] = {}
-    clerks: Executor = _Here() if alone else ThreadPoolExecutor(most)
+    under_way: dict[Future[Summary], tuple[Chain, Task, float]] = {}
+    threads: Executor = _Here() if alone else ThreadPoolExecutor(most)
     try:
         while True:
             for chain in chains:
-                while len(under_way) < most and (order := chain.next_order()) is not None:
+                while len(under_way) < most and (task := chain.next_task()) is not None:
                     start = time.monotonic()
-                    future = clerks.submit(carry_out, order, workers, chain.talk, force=force)
-                    under_way[future] = (chain, order, start)
+                    future = threads.submit(run_task, task, workers, chain.reporter, force=force)
+                    under_way[future] = (chain, task, start)
             if not under_way:
                 return
             # a signal that the system gives to another thread is heard when this one wakes up
             for future in wait(under_way, LOOK_UP_S, FIRST_COMPLETED).done:
-                chain, order, start = under_way.pop(future)
+                chain, task, start = under_way.pop(future)
                 try:
-                    chain.finished(order, future.result(), time.monotonic() - start)
+                    chain.finished(task, future.result(), time.monotonic() - start)
                 except BeltidError as error:
-                    chain.failed(order, error)
+                    chain.failed(task, error)
                 if fail_fast and chain.run.exit_status != EXIT_DONE:
                     return
-    except BaseException:  # an interrupt waits for nothing, also not for a step that has just begun
-        workers.stop()
-        raise
     finally:
         if under_way:  # the first failure ends it
             workers.stop()
-        clerks.shutdown(wait=True, cancel_futures=True)
+        threads.shutdown(wait=True, cancel_futures=True)
 
 
 class _Here(Executor):

@@ -10,9 +10,9 @@ from pathlib import Path
 from beltid.config import ConfigSource
 from beltid.errors import BeltidWarning
 from beltid.report.summary import Summary
-from beltid.stages.making import Stale
+from beltid.stages.build_artifact import Stale
+from beltid.stages.reporter import Options, Reporter
 from beltid.stages.simulate_rig import SimulateOptions
-from beltid.stages.talk import Options, Talk
 from beltid.stages.workers import Workers
 
 StageRun = Callable[[ConfigSource, Mapping[str, Path], Path, Options], Summary]
@@ -52,7 +52,7 @@ class Step:
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class Task:
     """A step to be carried out for a belt.
 
     Attributes
@@ -73,7 +73,7 @@ class Order:
     out: Path
 
 
-def carry_out(order: Order, workers: Workers, talk: Talk, *, force: bool) -> Summary:
+def run_task(task: Task, workers: Workers, reporter: Reporter, *, force: bool) -> Summary:
     """Carry out a step: look whether it is up to date, else make it, or have it made.
 
     Raises
@@ -81,23 +81,23 @@ def carry_out(order: Order, workers: Workers, talk: Talk, *, force: bool) -> Sum
     BeltidError
         What the stage raises.
     """
-    step, place = order.step, (order.source, order.inputs, order.out)
+    step, place = task.step, (task.source, task.inputs, task.out)
     if workers.jobs == 1:
-        return step.run(*place, SimulateOptions(force=force, talk=talk, jobs=1))
+        return step.run(*place, SimulateOptions(force=force, reporter=reporter, jobs=1))
     if step.spreads or not workers.share_files:
-        return step.run(*place, SimulateOptions(force=force, talk=talk, workers=workers))
+        return step.run(*place, SimulateOptions(force=force, reporter=reporter, workers=workers))
     if not force:
         try:
-            return step.run(*place, SimulateOptions(talk=talk, peek=True))
+            return step.run(*place, SimulateOptions(reporter=reporter, peek=True))
         except Stale:
             pass
-    summary, heard = workers.call(elsewhere, step.run, *place, force)
+    summary, heard = workers.call(run_in_worker, step.run, *place, force)
     for how, text in heard:
-        getattr(talk, how)(text)
+        getattr(reporter, how)(text)
     return summary
 
 
-def elsewhere(
+def run_in_worker(
     run: StageRun,
     source: ConfigSource,
     inputs: Mapping[str, Path],
@@ -106,24 +106,24 @@ def elsewhere(
     *,
     peek: bool = False,
 ) -> tuple[Summary, Heard]:
-    """Carry out a stage where nobody listens, in a worker: its summary, and what it said."""
-    talk = _Noted()
+    """Carry out a stage in a worker: its summary, and what it reported."""
+    reporter = _Noted()
     with warnings.catch_warnings():
-        warnings.showwarning = talk.note_warning
-        options = SimulateOptions(force=force, talk=talk, jobs=1, peek=peek)
+        warnings.showwarning = reporter.note_warning
+        options = SimulateOptions(force=force, reporter=reporter, jobs=1, peek=peek)
         summary = run(source, inputs, out, options)
-    return summary, talk.heard
+    return summary, reporter.heard
 
 
-class _Noted(Talk):
-    """Talk that is kept, to be said where the user is."""
+class _Noted(Reporter):
+    """Keeps what is reported, to be reported where the user is."""
 
     def __init__(self) -> None:
         self.heard: Heard = []
 
-    def say(self, text: str) -> None:
+    def report(self, text: str) -> None:
         """Keep what is going on."""
-        self.heard.append(("say", text))
+        self.heard.append(("report", text))
 
     def detail(self, text: str) -> None:
         """Keep a detail."""

@@ -12,9 +12,9 @@ Module         Responsibility
 ``execute``    run a stage, print its summary, exit statuses
 ``piping``     - in the place of a file: stdin, stdout
 ``explain``    pages about errors, found by a code
-``signals``    being told to stop by the system
+``signals``    told to stop: say so, end the children, leave
 ``streams``    closed and full standard streams
-``talk``       what goes to stderr: notes, warnings, progress
+``reporter``   what goes to stderr: notes, warnings, progress
 ============== ================================================
 """
 

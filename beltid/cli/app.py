@@ -7,7 +7,7 @@ import sys
 import typer
 
 from beltid.cli.program import app
-from beltid.cli.signals import Stopped, hear_signals
+from beltid.cli.signals import hear_signals
 from beltid.cli.streams import is_of_help, mute, prepare_streams, told
 from beltid.errors import EXIT_INPUT, printable
 from beltid.stages.workers import one_thread_each
@@ -22,9 +22,6 @@ def main() -> None:
     hear_signals()
     try:
         app()
-    except Stopped as stopped:  # before or after the work; the work says itself what it kept
-        typer.echo(f"error: {stopped.word}", err=True)
-        sys.exit(stopped.exit_status)
     except OSError as error:
         if is_of_help(error):
             mute("stdout")

@@ -16,12 +16,11 @@ import typer
 from beltid.cli.common import Common
 from beltid.cli.explain import codes_of
 from beltid.cli.piping import piped
-from beltid.cli.signals import Stopped
+from beltid.cli.reporter import TerminalReporter, console_for
+from beltid.cli.signals import if_stopped
 from beltid.cli.streams import mute, told
-from beltid.cli.talk import TerminalTalk, console_for
 from beltid.errors import (
     EXIT_INPUT,
-    EXIT_INTERRUPTED,
     EXIT_NUMERICS,
     BeltidError,
     BeltidWarning,
@@ -31,7 +30,7 @@ from beltid.errors import (
 if TYPE_CHECKING:
     from beltid.config import ConfigSource
     from beltid.report.summary import Summary
-    from beltid.stages.talk import Options
+    from beltid.stages.reporter import Options
 
 Stage = Callable[["ConfigSource", Mapping[str, Path], Path, Any], "Summary"]
 
@@ -41,7 +40,7 @@ def execute(
     inputs: Mapping[str, Path],
     default_name: str,
     common: Common,
-    options: Callable[[TerminalTalk], Options] | None = None,
+    options: Callable[[TerminalReporter], Options] | None = None,
 ) -> None:
     """Run one stage and exit with its status.
 
@@ -60,7 +59,7 @@ def execute(
     """
     from beltid.bench.files.sources import folder_of
     from beltid.config import find_config
-    from beltid.stages.talk import Options
+    from beltid.stages.reporter import Options
 
     first = next(iter(inputs.values()))
     named = common.out or folder_of(first) / default_name
@@ -68,15 +67,17 @@ def execute(
     names: dict[str, str] = {}
     with ExitStack() as passing:
 
-        def work(talk: TerminalTalk) -> Summary:
+        def work(reporter: TerminalReporter) -> Summary:
             files = passing.enter_context(piped(inputs, named, common.json))
             names.update(files.names)
             source = find_config(first, common.config)
-            talk.say(f"config: {source.origin}")
-            chosen = options(talk) if options else Options(force=common.force, talk=talk)
+            reporter.report(f"config: {source.origin}")
+            chosen = (
+                options(reporter) if options else Options(force=common.force, reporter=reporter)
+            )
             summary = stage(source, files.inputs, files.out, chosen)
             if files.to_stdout:
-                _tell(summary, talk, 0.0)
+                _tell(summary, reporter, 0.0)
                 with _stdout():
                     files.send()
                 raise typer.Exit(summary.exit_status)
@@ -86,7 +87,7 @@ def execute(
 
 
 def finish(
-    work: Callable[[TerminalTalk], Summary],
+    work: Callable[[TerminalReporter], Summary],
     common: Common,
     kept: str,
     names: Mapping[str, str] | None = None,
@@ -96,7 +97,7 @@ def finish(
     Parameters
     ----------
     work : callable
-        Takes the talk, returns the summary.
+        Takes the reporter, returns the summary.
     common : Common
         The common options.
     kept : str
@@ -104,22 +105,22 @@ def finish(
     names : mapping of str to str, optional
         Words to say in the place of others, such as stdin for a passing file.
     """
-    talk = TerminalTalk(quiet=common.quiet, verbose=common.verbose, names=names)
+    reporter = TerminalReporter(quiet=common.quiet, verbose=common.verbose, names=names)
     start = time.monotonic()
-    with _statuses(talk, kept):
-        with _heard_warnings(talk):
-            summary = work(talk)
-        _tell(summary, talk, time.monotonic() - start)
+    with _statuses(reporter, kept):
+        with _heard_warnings(reporter):
+            summary = work(reporter)
+        _tell(summary, reporter, time.monotonic() - start)
         with _stdout():
             _print(summary, common)
     raise typer.Exit(summary.exit_status)
 
 
-def print_text(work: Callable[[TerminalTalk], str], common: Common) -> None:
+def print_text(work: Callable[[TerminalReporter], str], common: Common) -> None:
     """Do the work, whose product is a text, print it on stdout and exit with its status."""
-    talk = TerminalTalk(quiet=common.quiet, verbose=common.verbose)
-    with _statuses(talk, kept="nothing was written"):
-        text = work(talk)
+    reporter = TerminalReporter(quiet=common.quiet, verbose=common.verbose)
+    with _statuses(reporter, kept="nothing was written"):
+        text = work(reporter)
         with _stdout():
             print(text, end="", flush=True)
     raise typer.Exit
@@ -139,60 +140,57 @@ def _stdout() -> Iterator[None]:
 
 
 @contextmanager
-def _statuses(talk: TerminalTalk, kept: str) -> Iterator[None]:
+def _statuses(reporter: TerminalReporter, kept: str) -> Iterator[None]:
     """The one place where an error becomes an exit status."""
     try:
-        yield
+        with if_stopped(kept):
+            yield
     except BeltidError as error:
         for problem in error.problems:
-            talk.error(problem)
+            reporter.error(problem)
         codes = codes_of(error.problems, numerics=error.exit_status == EXIT_NUMERICS)
         if codes:
-            talk.say("note: " + ", ".join(f"`beltid explain {c}`" for c in codes) + " tells more")
+            reporter.report(
+                "note: " + ", ".join(f"`beltid explain {c}`" for c in codes) + " tells more"
+            )
         raise typer.Exit(error.exit_status) from None
     except OSError as error:
         if error.filename is None:  # nothing that the user named
             raise
-        talk.error(printable(f"{error.filename}: {error.strerror}"))
+        reporter.error(printable(f"{error.filename}: {error.strerror}"))
         raise typer.Exit(EXIT_INPUT) from None
-    except KeyboardInterrupt:
-        talk.error(f"interrupted; {kept}")
-        raise typer.Exit(EXIT_INTERRUPTED) from None
-    except Stopped as stopped:
-        talk.error(f"{stopped.word}; {kept}")
-        raise typer.Exit(stopped.exit_status) from None
 
 
 @contextmanager
-def _heard_warnings(talk: TerminalTalk) -> Iterator[None]:
+def _heard_warnings(reporter: TerminalReporter) -> Iterator[None]:
     """Say our own warnings as warnings, without the place in the code."""
 
     def heard(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
         if issubclass(category, BeltidWarning):
-            talk.warn(str(message))
+            reporter.warn(str(message))
         else:
-            talk.detail(f"{category.__name__}: {message}")
+            reporter.detail(f"{category.__name__}: {message}")
 
     with warnings.catch_warnings():
         warnings.showwarning = heard
         yield
 
 
-def _tell(summary: Summary, talk: TerminalTalk, elapsed_s: float) -> None:
+def _tell(summary: Summary, reporter: TerminalReporter, elapsed_s: float) -> None:
     """Notes, warnings, and how it ended."""
     for note in summary.notes:
-        talk.say(f"note: {note}")
-    shown = summary.warnings if talk.verbose else summary.warnings[:10]
+        reporter.report(f"note: {note}")
+    shown = summary.warnings if reporter.verbose else summary.warnings[:10]
     for warning in shown:
-        talk.warn(warning)
+        reporter.warn(warning)
     if len(shown) < len(summary.warnings):
-        talk.warn(f"and {len(summary.warnings) - len(shown)} more, see --verbose")
+        reporter.warn(f"and {len(summary.warnings) - len(shown)} more, see --verbose")
     if summary.up_to_date:
-        talk.say(f"{summary.out} is up to date, nothing computed; --force computes again")
+        reporter.report(f"{summary.out} is up to date, nothing computed; --force computes again")
     elif summary.exit_status:
-        talk.say(f"{elapsed_s:.1f} s")
+        reporter.report(f"{elapsed_s:.1f} s")
     elif summary.out is not None:
-        talk.say(f"{summary.out} written, {elapsed_s:.1f} s")
+        reporter.report(f"{summary.out} written, {elapsed_s:.1f} s")
 
 
 def _print(summary: Summary, common: Common) -> None:

@@ -20,7 +20,7 @@ PATTERNS: Final = (
     ),
     ("artifact-version", r"schema version .* must be"),
     ("damaged", r": damaged|is damaged or cut off"),
-    ("not-replaced", r"not replaced|is the \w+ (input|recording)"),
+    ("not-replaced", r"not replaced|already exists|is the \w+ (input|recording)"),
     ("not-written", r": not written"),
     ("no-run", r"cannot be used: |runs can be used|has the status ok"),
     ("outside-range", r"must be in the measured range"),

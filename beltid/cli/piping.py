@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
+from beltid.cli.signals import passing
 from beltid.errors import InputError
 
 DASH: Final = Path("-")
@@ -84,7 +85,7 @@ def piped(inputs: Mapping[str, Path], out: Path, json: bool) -> Iterator[Piped]:
         raise InputError("--out - and --json both want stdout, name a file for --out")
     from tempfile import TemporaryDirectory  # slow, and the help must be fast
 
-    with TemporaryDirectory(prefix="beltid-") as name:
+    with TemporaryDirectory(prefix="beltid-") as name, passing(Path(name)):
         folder, names, files = Path(name), {}, dict(inputs)
         for role in from_stdin:
             files[role] = _spooled(folder / STDIN)

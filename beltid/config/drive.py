@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from beltid.config.bench_files import Section
-from beltid.config.fields import Checked, Choice, ListOf, Number, Text, complain
+from beltid.config.fields import Checked, ListOf, Number, Text, complain
 
 Installation = Literal["fixed_centres", "slack_force", "tensioner"]
 Metres = Annotated[float, Number(-100, 100, "m")]
@@ -21,7 +21,7 @@ class PulleySection(Section):
     x_m: Metres
     y_m: Metres
     radius_m: Annotated[float, Number(0.002, 5, "m")]
-    side: Annotated[Literal["rib", "back"], Choice(("rib", "back"))] = "rib"
+    side: Literal["rib", "back"] = "rib"
 
 
 class TensionerSection(Section):
@@ -75,10 +75,8 @@ class OperatingPointsSection(Section):
 class DriveSection(Section):
     """A belt drive: pulleys in the order of the belt, installation, operating points."""
 
-    method: Annotated[Literal["string"], Choice(("string",))] = "string"
-    installation: Annotated[Installation, Choice(("fixed_centres", "slack_force", "tensioner"))] = (
-        "fixed_centres"
-    )
+    method: Literal["string"] = "string"
+    installation: Installation = "fixed_centres"
     initial_tension_N: (
         Annotated[
             tuple[Annotated[float, Number(0, 1e5, "N", open_low=True)], ...],

@@ -1,1 +1,42 @@
-"""One file per subcommand: read, science, write. Stages do not import each other."""
+"""One file per command: read, compute, write, sum up. Commands do not import each other.
+
+========================= ====================================================== ===============
+Module                    Responsibility                                         Equation
+========================= ====================================================== ===============
+``fit_stiffness``         press recording to normal contact law                  (1) to (4)
+``fit_slip``              speed loss to sliding speeds in service                (7)
+``fit_friction``          rig recording to a coefficient per run                 (5) to (8)
+``build_surface``         coefficients to mu(f_N, v)                             section 5
+``refine_surface``        the surface without the bias of the mean force         beyond section 7
+``simulate_rig``          the runs of the rig, simulated                         (9) to (12)
+``compare``               measured against simulated                             section 7
+``inspect_file``          what is understood of a bench's files
+``new_config``            a commented config for a new belt
+``report_belt``           the results of a belt, or several, as a page
+``show_artifact``         any artifact as a table and a drawing
+``export_law``            the contact law for other programs
+``about``                 what runs here, what a file is, which values hold
+------------------------- ------------------------------------------------------ ---------------
+``build_artifact``        is it up to date, may it be replaced, write it
+``outcome``               what a stage computed, before it is written
+``origin``                measured or synthetic: one synthetic input makes it so
+``reporter``              what a stage reports while it works; options of all stages
+``workers``               who carries out heavy calls
+``tables``                tables and laws from files, or from memory
+``reduction``             settings and columns of reduced runs of either rig
+``big_recording``         runs reduced while the next ones are read
+``campaign``              the runs of a simulated campaign, and their recording
+``simulated_runs``        a campaign simulated; the Python functions
+``simulated_uncertainty`` uncertainty of simulated runs, by the workers
+``profiles``              the contact along the arc at chosen times
+``refine_runs``           the runs a surface is refined from
+``refine_monte_carlo``    draws of the Monte Carlo check, by the workers
+``uncertainties``         standard uncertainties of a config; budgets for people
+``alternatives``          other normal laws, and friction as a formula
+``validation``            differences in units of their uncertainty              ASME V&V 20
+``law_of_belt``           the contact law put together from artifacts
+``recorded_curves``       what the figures need of the recordings
+``belt_results``          the results in the folder of a belt
+``pages``                 report pages: up to date, or replaced
+========================= ====================================================== ===============
+"""

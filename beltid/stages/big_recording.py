@@ -56,8 +56,10 @@ def reduce_big(
 
 
 def columns_of_runs(recording: BigRecording, labels: Collection[str]) -> dict[str, np.ndarray]:
-    """The samples of some runs of a recording."""
+    """The samples of some runs of a recording; only labels if it has none of them."""
     chosen = [run for run in recording if run.label in labels]
+    if not chosen:
+        return {"run": np.empty(0, dtype=object)}
     sizes = [run.columns["time_s"].size for run in chosen]
     columns = {
         name: np.concatenate([run.columns[name] for run in chosen]) for name in chosen[0].columns

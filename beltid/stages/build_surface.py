@@ -15,21 +15,20 @@ from beltid.errors import InputError
 from beltid.identify.surface.surface import SurfaceResult, SurfaceSettings
 from beltid.identify.surface.surface import build_surface as identify
 from beltid.report.summary import Summary
-from beltid.stages.laws_beside import friction_formulas, friction_law_rows
-from beltid.stages.making import Made, Recipe, make
-from beltid.stages.measured import measured_runs, own_errors, valid_rows
+from beltid.stages.alternatives import friction_formulas, friction_law_rows
+from beltid.stages.build_artifact import Build, Built
 from beltid.stages.outcome import Outcome, rows_of
-from beltid.stages.surface_doubt import QUANTITY, SurfaceDoubt
+from beltid.stages.reporter import Options
 from beltid.stages.tables import surface_of, table_columns
-from beltid.stages.talk import Options
 from beltid.stages.uncertainties import (
     SECTION,
     budget_table,
     standard_uncertainties,
-    stated_keys,
 )
+from beltid.uncertainty.measured import measured_runs, own_errors, valid_rows
 from beltid.uncertainty.published import published_changes, published_curves, scatter_factor
 from beltid.uncertainty.sources import reduction_sources, rig_sources
+from beltid.uncertainty.surface import QUANTITY, SurfaceUncertainty
 
 KIND: Final = "surface"
 KEYS: Final = ("surface", "rig.pulley_radius_m", SECTION)
@@ -40,16 +39,13 @@ NEEDED: Final = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
 
 def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
     """Read a friction table (input ``friction``), build the surface, write it, sum it up."""
-
-    def compute() -> Outcome[SurfaceResult]:
-        artifact = read_artifact(inputs["friction"], "friction")
-        options.talk.say(f"{artifact.path}: {len(artifact.columns['run'])} runs")
-        return _outcome(artifact.columns, config.config, str(artifact.path))
-
-    choices = {"uncertainty_stated": stated_keys(config.config)}
-    return summarise(
-        make(Recipe(KIND, config, KEYS, inputs, choices, FIGURES), out, options, compute)
-    )
+    build = Build(KIND, config, KEYS, inputs, out, options, figures=FIGURES)
+    built = build.up_to_date()
+    if built is None:
+        friction = read_artifact(inputs["friction"], "friction")
+        options.reporter.report(f"{friction.path}: {len(friction.columns['run'])} runs")
+        built = build.write(_outcome(friction.columns, config.config, str(friction.path)))
+    return summarise(built)
 
 
 def build_surface(
@@ -103,13 +99,13 @@ def _outcome(
     surface = result.surface
     table = result.to_columns()
     used = valid_rows(columns, good)
-    doubt = _doubt(columns, used, result, config)
-    beside = friction_formulas(surface, doubt.factor)
+    uncertainty = _uncertainty(columns, used, result, config)
+    beside = friction_formulas(surface, uncertainty.factor)
     f = columns["normal_force_N_m"][used]
     aside = [{"point": line} for line in result.set_aside]
     return Outcome(
         kind=KIND,
-        columns={**table, **doubt.columns(len(table["mu"]))},
+        columns={**table, **uncertainty.columns(len(table["mu"]))},
         result=result,
         validity=dict(result.validity),
         set_aside=aside,
@@ -119,7 +115,7 @@ def _outcome(
             "n_points": result.n_points,
             "rms_arc_spread": result.rms_arc_spread,
             "max_arc_spread": result.max_arc_spread,
-            **doubt.extra((float(f.min()), float(f.max()))),
+            **uncertainty.extra((float(f.min()), float(f.max()))),
             **beside.extra,
         },
         notes=(*result.notes, *beside.notes),
@@ -127,15 +123,15 @@ def _outcome(
     )
 
 
-def _doubt(
+def _uncertainty(
     columns: Mapping[str, np.ndarray], used: np.ndarray, result: SurfaceResult, config: Config
-) -> SurfaceDoubt:
+) -> SurfaceUncertainty:
     """What the surface's causes of error do to it; its bias by bending is not among them."""
     settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
     measured = measured_runs(columns, used, config.rig_params().R)
     given = rig_sources(standard_uncertainties(config), int(measured.arc.max()) + 1)
     sources = (*given, *reduction_sources(measured.columns))
-    return SurfaceDoubt(
+    return SurfaceUncertainty(
         surface=result.surface,
         sources=sources,
         changes=published_changes(measured, result.average, sources, settings),
@@ -144,18 +140,18 @@ def _doubt(
     )
 
 
-def summarise(made: Made) -> Summary:
+def summarise(built: Built) -> Summary:
     """Sum up a surface artifact."""
-    columns = made.artifact.columns
-    metadata: SurfaceMetadata = made.artifact.metadata
-    surface = surface_of(made.artifact)
+    columns = built.artifact.columns
+    metadata: SurfaceMetadata = built.artifact.metadata
+    surface = surface_of(built.artifact)
     validity = metadata.validity
     arcs = columns["arc_deg"]
     spread = metadata.rms_arc_spread
     return Summary(
         stage="build-surface",
         title="friction coefficient over normal force and sliding speed, averaged over arcs",
-        out=made.artifact.path,
+        out=built.artifact.path,
         facts={
             "points": metadata.n_points,
             "arcs_deg": np.unique(arcs[np.isfinite(arcs)]).tolist(),
@@ -183,10 +179,10 @@ def summarise(made: Made) -> Summary:
             "procedure is not in it)": budget_table(metadata.budget, QUANTITY)
         },
         details={"friction formulas": friction_law_rows(metadata.figures)},
-        notes=made.notes,
-        warnings=made.warnings,
-        up_to_date=made.up_to_date,
-        origin=made.origin,
+        notes=built.notes,
+        warnings=built.warnings,
+        up_to_date=built.up_to_date,
+        origin=built.origin,
     )
 
 

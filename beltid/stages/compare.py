@@ -1,33 +1,40 @@
 """beltid compare: measured against simulated friction coefficients (paper section 7).
 
 The simulated recording goes through the very function that reduced the measured one, with the
-settings that the friction artifact says it was reduced with.
+settings that the friction artifact says it was reduced with. Only the load cells are its own: those
+of the simulated rig are perfect, those of a second bench are as the config states them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from beltid.artifacts.artifact import Artifact, read_artifact
+from beltid.artifacts.artifact import Artifact, may_be_artifact, read_artifact
 from beltid.artifacts.metadata_models import CompareMetadata
 from beltid.bench.recording import columns_of, read_recording
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, ArtifactError, ConfigError
 from beltid.identify.agreement.compare import AgreementResult, AgreementSettings, compare_points
-from beltid.identify.friction.reduction import reduce_runs
+from beltid.identify.friction.reduction import FrictionSettings, reduce_runs
 from beltid.report.summary import Summary
-from beltid.stages.making import SUFFIX, Made, Recipe, make
+from beltid.stages.build_artifact import SUFFIX, Build, Built
 from beltid.stages.outcome import Outcome, rows_of
-from beltid.stages.reduction import friction_settings, reduction_columns
-from beltid.stages.simulated_doubt import RunsDoubt, runs_doubt_of
+from beltid.stages.reduction import (
+    CELL_KEYS,
+    cell_settings,
+    friction_settings,
+    reduction_columns,
+)
+from beltid.stages.reporter import Options
 from beltid.stages.tables import table_columns
-from beltid.stages.talk import Options
 from beltid.stages.uncertainties import budget_details
 from beltid.stages.validation import dominant, validated, within_words
+from beltid.uncertainty.simulated import RunsUncertainty, runs_uncertainty_of
 
 KIND: Final = "compare"
 FIGURES: Final = (
@@ -39,7 +46,7 @@ FIGURES: Final = (
     "validation",
     "budget",
 )
-KEYS: Final = ("compare", "columns.rig", "units.rig", "runs.rig", "dialect")
+KEYS: Final = ("compare", "columns.rig", "units.rig", "runs.rig", "dialect", *CELL_KEYS)
 NEEDED: Final = (
     "run",
     "arc_deg",
@@ -63,21 +70,22 @@ TOLERANCES: Final = {
 
 def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
     """Reduce the ``simulated`` recording, compare it with ``friction``, write it, sum it up."""
-
-    def compute() -> Outcome[AgreementResult]:
+    build = Build(KIND, config, KEYS, inputs, out, options, figures=FIGURES)
+    built = build.up_to_date()
+    if built is None:
         friction = read_artifact(inputs["friction"], "friction")
         recording = read_recording(inputs["simulated"], "rig", config.config)
-        options.talk.say(f"{recording.path}: {len(recording.columns['time_s'])} samples")
-        return _outcome(
-            friction.columns,
-            _reduced(recording.columns, *_reduced_with(friction, config.config)),
-            config.config,
-            _doubt_of(inputs["simulated"]),
+        options.reporter.report(f"{recording.path}: {len(recording.columns['time_s'])} samples")
+        radius, settings = _reduced_with(friction, config.config)
+        if not may_be_artifact(recording.path):  # a second bench, whose cells the config knows
+            settings = replace(settings, **cell_settings(config.config))
+        simulated = reduction_columns(reduce_runs(recording.columns, radius, settings))
+        known, uncertainty = settings.cells.note, _uncertainty_of(inputs["simulated"])
+        notes = (f"{recording.path}: {known} ({config.origin})",) if known else ()
+        built = build.write(
+            _outcome(friction.columns, simulated, config.config, uncertainty, notes)
         )
-
-    return summarise(
-        make(Recipe(KIND, config, KEYS, inputs, figures=FIGURES), out, options, compute)
-    )
+    return summarise(built)
 
 
 def compare(
@@ -92,7 +100,8 @@ def compare(
     friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping
         The reduced runs of the bench.
     simulated : DataFrame, pyarrow Table or mapping
-        A simulated recording with the columns of rig.csv; or reduced runs, like `friction`; or the
+        A simulated recording with the columns of rig.csv, of perfect load cells; or reduced runs,
+        like `friction` (those of a second bench: reduce its recording by `fit_friction`); or the
         table of `simulate_campaign`.
     config : Config, dict, path or None
         Tolerances, and for a recording the settings of its reduction.
@@ -120,8 +129,9 @@ def _simulated_columns(simulated: Any, config: Config) -> dict[str, np.ndarray]:
     frame = simulated.columns if isinstance(simulated, Outcome) else simulated
     names = {str(name) for name in getattr(frame, "column_names", getattr(frame, "columns", frame))}
     if "time_s" in names:
-        settings = config.friction.model_dump()
-        return _reduced(columns_of(frame, "rig"), config.rig.pulley_radius_m, settings)
+        settings = friction_settings(config.friction.model_dump(), with_cells=False)
+        reduced = reduce_runs(columns_of(frame, "rig"), config.rig.pulley_radius_m, settings)
+        return reduction_columns(reduced)
     if "mu" in names and "mu_sliding" not in names:  # the table of a simulated campaign
         frame = {
             **{name: np.asarray(frame[name]) for name in names},
@@ -131,15 +141,8 @@ def _simulated_columns(simulated: Any, config: Config) -> dict[str, np.ndarray]:
     return table_columns(frame, "friction", NEEDED)
 
 
-def _reduced(
-    columns: Mapping[str, np.ndarray], pulley_radius_m: float, settings: Mapping[str, Any]
-) -> dict[str, np.ndarray]:
-    chosen = friction_settings(settings, of_bench=False)
-    return reduction_columns(reduce_runs(columns, pulley_radius_m, chosen))
-
-
-def _reduced_with(friction: Artifact, config: Config) -> tuple[float, Mapping[str, Any]]:
-    """Radius and settings with which the measured runs were reduced."""
+def _reduced_with(friction: Artifact, config: Config) -> tuple[float, FrictionSettings]:
+    """Radius and settings with which the measured runs were reduced, but for their load cells."""
     stored = friction.metadata.settings
     radius = stored.get("rig.pulley_radius_m") or config.rig.pulley_radius_m
     known = type(config.friction).model_fields
@@ -149,15 +152,15 @@ def _reduced_with(friction: Artifact, config: Config) -> tuple[float, Mapping[st
     except ConfigError as error:
         lines = [f"{friction.path}: its settings: {line}" for line in error.problems]
         raise ArtifactError(lines) from None
-    return float(radius), found.friction.model_dump()
+    return float(radius), friction_settings(found.friction.model_dump(), with_cells=False)
 
 
-def _doubt_of(path: Path) -> RunsDoubt | None:
+def _uncertainty_of(path: Path) -> RunsUncertainty | None:
     """What an artifact of simulate-rig tells of its uncertainty; other files tell nothing."""
     if path.suffix.lower() != SUFFIX:
         return None
     try:
-        return runs_doubt_of(read_artifact(path, "simulated").metadata.figures)
+        return runs_uncertainty_of(read_artifact(path, "simulated").metadata.figures)
     except ArtifactError:
         return None
 
@@ -166,7 +169,8 @@ def _outcome(
     measured: Mapping[str, np.ndarray],
     simulated: Mapping[str, np.ndarray],
     config: Config,
-    doubt: RunsDoubt | None = None,
+    uncertainty: RunsUncertainty | None = None,
+    notes: tuple[str, ...] = (),
 ) -> Outcome[AgreementResult]:
     section = config.compare
     plain = compare_points(
@@ -180,7 +184,7 @@ def _outcome(
             max_rms_error_over_uncertainty=section.max_rms_error_over_uncertainty,
         ),
     )
-    proven = validated(plain, measured, simulated, doubt)
+    proven = validated(plain, measured, simulated, uncertainty)
     result = proven.result
     columns = {**result.to_columns(), **proven.columns()}
     columns["status"] = np.full(len(columns["run"]), "ok", dtype=object)
@@ -213,14 +217,14 @@ def _outcome(
             "n_simulated": result.n_simulated,
             **proven.extra(),
         },
-        notes=proven.notes(),
+        notes=(*notes, *proven.notes()),
         warnings=(*few, *left_out),
     )
 
 
-def summarise(made: Made) -> Summary:
+def summarise(built: Built) -> Summary:
     """Sum up a compare artifact; its exit status is the verdict."""
-    metadata: CompareMetadata = made.artifact.metadata
+    metadata: CompareMetadata = built.artifact.metadata
     passed = bool(metadata.passed)
     statistics = [
         {
@@ -237,9 +241,9 @@ def summarise(made: Made) -> Summary:
     return Summary(
         stage="compare",
         title="simulated less measured friction coefficient, relative to measured",
-        out=made.artifact.path,
+        out=built.artifact.path,
         facts={
-            "runs_compared": len(made.artifact.columns["run"]),
+            "runs_compared": len(built.artifact.columns["run"]),
             "runs_measured": metadata.n_measured,
             "runs_simulated": metadata.n_simulated,
             "groups": metadata.statistics,
@@ -251,7 +255,7 @@ def summarise(made: Made) -> Summary:
         },
         details=budget_details(metadata.budget),
         table=rows_of(
-            made.artifact.columns,
+            built.artifact.columns,
             "run",
             "arc_deg",
             "nominal_tension_N",
@@ -280,17 +284,17 @@ def summarise(made: Made) -> Summary:
             "within_tolerance",
         ),
         overview=statistics,
-        notes=made.notes,
-        warnings=made.warnings,
+        notes=built.notes,
+        warnings=built.warnings,
         verdict=_verdict(passed, metadata.judged),
         exit_status=EXIT_DONE if passed else EXIT_OUT_OF_TOLERANCE,
-        up_to_date=made.up_to_date,
-        origin=made.origin,
+        up_to_date=built.up_to_date,
+        origin=built.origin,
     )
 
 
 def _verdict(passed: bool, judged: Sequence[Mapping[str, Any]]) -> str:
-    def told(row: Mapping[str, Any]) -> str:
+    def in_words(row: Mapping[str, Any]) -> str:
         name = row["tolerance"]
         words = TOLERANCES.get(name, name)
         found = float("nan") if row["found"] is None else 100.0 * row["found"]
@@ -302,4 +306,4 @@ def _verdict(passed: bool, judged: Sequence[Mapping[str, Any]]) -> str:
         return f"{words} {found:.2f} % {sign} {100.0 * row['allowed']:g} %"
 
     shown = [row for row in judged if row["tolerance"] != "min_share_compared" or not row["holds"]]
-    return f"{'PASS' if passed else 'FAIL'}: " + ", ".join(told(row) for row in shown)
+    return f"{'PASS' if passed else 'FAIL'}: " + ", ".join(in_words(row) for row in shown)

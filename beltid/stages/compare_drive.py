@@ -22,9 +22,9 @@ from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, InputError
 from beltid.identify.estimators.statistics import as_set
 from beltid.identify.slip.points import GROSS_SLIP, OK
 from beltid.report.summary import Summary
-from beltid.stages.making import Made, Recipe, make
+from beltid.stages.build_artifact import Build, Built
 from beltid.stages.outcome import Outcome, rows_of, span
-from beltid.stages.talk import Options
+from beltid.stages.reporter import Options
 
 KIND: Final = "compare_drive"
 FIGURES: Final = ("passed", "rms_relative_error", "rms_over_uncertainty", "n_judged", "n_asked")
@@ -52,14 +52,12 @@ SHOWN: Final = (
 
 def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
     """Compare ``slip`` with ``drive``, write the points, sum them up."""
-
-    def compute() -> Outcome[LossAgreement]:
+    build = Build(KIND, config, KEYS, inputs, out, options, figures=FIGURES)
+    built = build.up_to_date()
+    if built is None:
         slip, drive = read_artifact(inputs["slip"], "slip"), read_artifact(inputs["drive"], "drive")
-        return _outcome(slip, drive, config.config)
-
-    return summarise(
-        make(Recipe(KIND, config, KEYS, inputs, figures=FIGURES), out, options, compute)
-    )
+        built = build.write(_outcome(slip, drive, config.config))
+    return summarise(built)
 
 
 def _outcome(slip: Artifact, drive: Artifact, config: Config) -> Outcome[LossAgreement]:
@@ -211,14 +209,14 @@ def _finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def summarise(made: Made) -> Summary:
+def summarise(built: Built) -> Summary:
     """Sum up a comparison of a drive; its exit status is the verdict."""
-    columns = made.artifact.columns
-    metadata: CompareDriveMetadata = made.artifact.metadata
+    columns = built.artifact.columns
+    metadata: CompareDriveMetadata = built.artifact.metadata
     return Summary(
         stage="compare-drive",
         title="predicted less measured speed loss of the drive",
-        out=made.artifact.path,
+        out=built.artifact.path,
         facts={
             "points_judged": metadata.n_judged,
             "points_to_be_judged": metadata.n_asked,
@@ -228,12 +226,12 @@ def summarise(made: Made) -> Summary:
         table=rows_of(columns, *columns),
         shown=SHOWN,
         overview=_series(columns),
-        notes=made.notes,
-        warnings=made.warnings,
+        notes=built.notes,
+        warnings=built.warnings,
         verdict=_verdict(metadata),
         exit_status=EXIT_DONE if metadata.passed else EXIT_OUT_OF_TOLERANCE,
-        up_to_date=made.up_to_date,
-        origin=made.origin,
+        up_to_date=built.up_to_date,
+        origin=built.origin,
     )
 
 

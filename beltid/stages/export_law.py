@@ -17,9 +17,10 @@ from beltid.export.reduction import reference_point
 from beltid.export.targets import TARGETS, Target
 from beltid.export.units import SI, SYSTEMS
 from beltid.report.summary import Summary
+from beltid.stages.build_artifact import already_exists
 from beltid.stages.law_of_belt import law_of_folder
+from beltid.stages.reporter import Options
 from beltid.stages.tables import load_law
-from beltid.stages.talk import Options
 
 ALL: Final = "all"
 SCHEMA: Final = "schema"
@@ -67,13 +68,13 @@ def run(
     Raises
     ------
     InputError
-        If something that is needed is missing, or a file that stands there was written by others.
+        If something that is needed is missing, or a file with another content already exists.
     """
     chosen = _targets(target)
     law = (
         load_law(source)
         if source.is_file()
-        else law_of_folder(source, config, options.surface, options.talk)
+        else law_of_folder(source, config, options.surface, options.reporter)
     )
     folder = out or (source if source.is_dir() else source.parent) / "export"
     point = reference_point(law, options.normal_force_N_m, options.slip_speed_m_s)
@@ -114,7 +115,7 @@ def _targets(name: str) -> Sequence[Target]:
 
 
 def _write(folder: Path, made: Any, source: Path, options: ExportOptions) -> bool:
-    """Write the files; returns whether all of them stood there already."""
+    """Write the files; whether all of them existed with this content."""
     files = {folder / name: data for export in made for name, data in export.files.items()}
     problems, changed = [], {}
     for path, data in files.items():
@@ -123,9 +124,7 @@ def _write(folder: Path, made: Any, source: Path, options: ExportOptions) -> boo
         if path.exists() and source.exists() and path.samefile(source):
             problems.append(f"{path}: is the law file that is read, name another --out")
         elif path.exists() and not options.force:
-            problems.append(
-                f"{path}: stands there with another content, not replaced; --force replaces it"
-            )
+            problems.append(already_exists(path))
         changed[path] = data
     if problems:
         raise InputError(problems)

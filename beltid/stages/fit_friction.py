@@ -17,12 +17,12 @@ from beltid.identify.friction.load_cells import TOLD
 from beltid.identify.friction.reduction import RunReduction, reduce_runs
 from beltid.report.summary import Summary
 from beltid.stages.big_recording import reduce_big
-from beltid.stages.making import Made, Recipe, make
+from beltid.stages.build_artifact import Build, Built
 from beltid.stages.outcome import Outcome, rows_of, span
-from beltid.stages.reduced_doubt import friction_doubt
 from beltid.stages.reduction import friction_settings, reduction_columns
-from beltid.stages.talk import Options
-from beltid.stages.uncertainties import SECTION, budget_details, stated_keys
+from beltid.stages.reporter import Options
+from beltid.stages.uncertainties import SECTION, budget_details, standard_uncertainties
+from beltid.uncertainty.reduced import friction_uncertainty
 
 KIND: Final = "friction"
 FIGURES: Final = ("budget",)
@@ -39,8 +39,9 @@ KEYS: Final = (
 
 def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
     """Read a recording of the friction rig (input ``rig``), reduce it, write it, sum it up."""
-
-    def compute() -> Outcome[tuple[RunReduction, ...]]:
+    build = Build(KIND, config, KEYS, inputs, out, options, figures=FIGURES)
+    built = build.up_to_date()
+    if built is None:
         path, model = inputs["rig"], config.config
         recording = read_rig(path, model)
         if isinstance(recording, BigRecording):
@@ -48,13 +49,9 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
         else:
             reduced, notes = _reduced(recording.columns, model), recording.notes
             n_samples = len(recording.columns["time_s"])
-        options.talk.say(f"{path}: {n_samples} samples")
-        return _outcome(reduced, model, notes, str(path))
-
-    choices = {"uncertainty_stated": stated_keys(config.config)}
-    return summarise(
-        make(Recipe(KIND, config, KEYS, inputs, choices, FIGURES), out, options, compute)
-    )
+        options.reporter.report(f"{path}: {n_samples} samples")
+        built = build.write(_outcome(reduced, model, notes, str(path)))
+    return summarise(built)
 
 
 def fit_friction(
@@ -100,10 +97,12 @@ def _outcome(
         column: span(table[column][good])
         for column in ("normal_force_N_m", "slip_speed_m_s", "mu_sliding", "arc_deg")
     }
-    doubt, budget = friction_doubt(table, config)
+    uncertainty, budget = friction_uncertainty(
+        table, standard_uncertainties(config), config.rig_params().R
+    )
     return Outcome(
         kind=KIND,
-        columns={**table, **doubt},
+        columns={**table, **uncertainty},
         result=reduced,
         validity=ranges,
         set_aside=[{"run": run, "why": why} for run, why in aside],
@@ -138,25 +137,25 @@ def _listed(runs: Sequence[str]) -> str:
     return f"{text} and {len(runs) - 8} more" if len(runs) > 8 else text
 
 
-def summarise(made: Made) -> Summary:
+def summarise(built: Built) -> Summary:
     """Sum up a friction artifact."""
-    columns = made.artifact.columns
+    columns = built.artifact.columns
     good = columns["status"] == "ok"
     n_aside = int(np.count_nonzero(~good))
-    validity = made.artifact.metadata.validity
+    validity = built.artifact.metadata.validity
     return Summary(
         stage="fit-friction",
         title="friction coefficient of every run",
-        out=made.artifact.path,
+        out=built.artifact.path,
         facts={
             "runs": len(good),
             "runs_set_aside": n_aside,
             "mu_sliding_range": validity.get("mu_sliding"),
             "normal_force_range_N_m": validity.get("normal_force_N_m"),
             "slip_speed_range_m_s": validity.get("slip_speed_m_s"),
-            "budget": made.artifact.metadata.budget,
+            "budget": built.artifact.metadata.budget,
         },
-        details=budget_details(made.artifact.metadata.budget),
+        details=budget_details(built.artifact.metadata.budget),
         table=rows_of(
             columns,
             "run",
@@ -186,10 +185,10 @@ def summarise(made: Made) -> Summary:
             "status",
         ),
         overview=_per_setting(columns, good),
-        notes=made.notes,
-        warnings=made.warnings,
-        up_to_date=made.up_to_date,
-        origin=made.origin,
+        notes=built.notes,
+        warnings=built.warnings,
+        up_to_date=built.up_to_date,
+        origin=built.origin,
     )
 
 

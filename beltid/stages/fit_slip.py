@@ -18,9 +18,9 @@ from beltid.identify.slip.points import GROSS_SLIP, OK
 from beltid.identify.slip.slip import RequiredSpeeds, SlipPoint, SlipResult, required_pulley_speeds
 from beltid.identify.slip.slip import fit_slip as identify
 from beltid.report.summary import Summary
-from beltid.stages.making import Made, Recipe, make
+from beltid.stages.build_artifact import Build, Built
 from beltid.stages.outcome import Outcome, rows_of
-from beltid.stages.talk import Options
+from beltid.stages.reporter import Options
 from beltid.tables import schemas
 from beltid.tables.values import outside
 
@@ -39,15 +39,14 @@ KEYS: Final = (
 
 def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
     """Read a recording of the ``speedloss`` bench, find the speeds, write them, sum them up."""
-
-    def compute() -> Outcome[SlipResult]:
+    build = Build(KIND, config, KEYS, inputs, out, options, figures=FIGURES)
+    built = build.up_to_date()
+    if built is None:
         recording = read_recording(inputs["speedloss"], "speedloss", config.config)
-        options.talk.say(f"{recording.path}: {len(recording.columns['time_s'])} samples")
-        return _outcome(recording.columns, config.config, recording.notes, str(recording.path))
-
-    return summarise(
-        make(Recipe(KIND, config, KEYS, inputs, figures=FIGURES), out, options, compute)
-    )
+        options.reporter.report(f"{recording.path}: {len(recording.columns['time_s'])} samples")
+        name = str(recording.path)
+        built = build.write(_outcome(recording.columns, config.config, recording.notes, name))
+    return summarise(built)
 
 
 def fit_slip(
@@ -132,15 +131,15 @@ def _columns(points: Sequence[SlipPoint]) -> dict[str, np.ndarray]:
     return columns
 
 
-def summarise(made: Made) -> Summary:
+def summarise(built: Built) -> Summary:
     """Sum up a slip artifact."""
-    columns = made.artifact.columns
-    metadata: SlipMetadata = made.artifact.metadata
+    columns = built.artifact.columns
+    metadata: SlipMetadata = built.artifact.metadata
     rig = metadata.rig_speeds
     return Summary(
         stage="fit-slip",
         title="sliding speed of belt on pulley in service, from the loss of angular speed",
-        out=made.artifact.path,
+        out=built.artifact.path,
         facts={
             "runs": len(columns["slip_speed_m_s"]),
             "largest_slip_speed_m_s": metadata.max_slip_speed_m_s,
@@ -171,10 +170,10 @@ def summarise(made: Made) -> Summary:
             "status",
         ),
         overview=_series(columns),
-        notes=made.notes,
-        warnings=made.warnings,
-        up_to_date=made.up_to_date,
-        origin=made.origin,
+        notes=built.notes,
+        warnings=built.warnings,
+        up_to_date=built.up_to_date,
+        origin=built.origin,
     )
 
 

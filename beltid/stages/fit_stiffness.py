@@ -14,13 +14,13 @@ from beltid.config import Config, ConfigSource, load_config
 from beltid.identify.press.stiffness import LawEstimate, StiffnessResult
 from beltid.identify.press.stiffness import fit_stiffness as identify
 from beltid.report.summary import Summary
-from beltid.stages.laws_beside import normal_law_rows, normal_laws
-from beltid.stages.making import Made, Recipe, make
+from beltid.stages.alternatives import normal_law_rows, normal_laws
+from beltid.stages.build_artifact import Build, Built
 from beltid.stages.outcome import Outcome, rows_of
-from beltid.stages.reduced_doubt import stiffness_doubt
 from beltid.stages.reduction import stiffness_settings
-from beltid.stages.talk import Options
-from beltid.stages.uncertainties import SECTION, budget_details, stated_keys
+from beltid.stages.reporter import Options
+from beltid.stages.uncertainties import SECTION, budget_details, standard_uncertainties
+from beltid.uncertainty.reduced import stiffness_uncertainty
 
 KIND: Final = "stiffness"
 FIGURES: Final = ("temperature", "budget")
@@ -30,16 +30,13 @@ POOLED: Final = "pooled"
 
 def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
     """Read a press recording (input ``press``), identify the law, write it, sum it up."""
-
-    def compute() -> Outcome[StiffnessResult]:
+    build = Build(KIND, config, KEYS, inputs, out, options, figures=FIGURES)
+    built = build.up_to_date()
+    if built is None:
         recording = read_recording(inputs["press"], "press", config.config)
-        options.talk.say(f"{recording.path}: {len(recording.columns['force_N'])} samples")
-        return _outcome(recording.columns, config.config, recording.notes)
-
-    choices = {"uncertainty_stated": stated_keys(config.config)}
-    return summarise(
-        make(Recipe(KIND, config, KEYS, inputs, choices, FIGURES), out, options, compute)
-    )
+        options.reporter.report(f"{recording.path}: {len(recording.columns['force_N'])} samples")
+        built = build.write(_outcome(recording.columns, config.config, recording.notes))
+    return summarise(built)
 
 
 def fit_stiffness(
@@ -80,10 +77,12 @@ def _outcome(
     beside = normal_laws(result)
     effect = result.temperature
     laws = (*result.laws, result.pooled)
-    doubt, budget = stiffness_doubt(laws, config)
+    uncertainty, budget = stiffness_uncertainty(
+        laws, standard_uncertainties(config), settings.segment_length_m
+    )
     return Outcome(
         kind=KIND,
-        columns={**_columns(laws), **doubt},
+        columns={**_columns(laws), **uncertainty},
         result=result,
         validity={
             "penetration_m": (0.0, result.pooled.max_penetration_m),
@@ -139,9 +138,9 @@ def _columns(laws: tuple[LawEstimate, ...]) -> dict[str, np.ndarray]:
     }
 
 
-def summarise(made: Made) -> Summary:
+def summarise(built: Built) -> Summary:
     """Sum up a stiffness artifact."""
-    artifact = made.artifact
+    artifact = built.artifact
     rows = rows_of(
         artifact.columns,
         "temperature_degC",
@@ -198,8 +197,8 @@ def summarise(made: Made) -> Summary:
             "choice of law": normal_law_rows(metadata.figures),
             **budget_details(metadata.budget),
         },
-        notes=made.notes,
-        warnings=made.warnings,
-        up_to_date=made.up_to_date,
-        origin=made.origin,
+        notes=built.notes,
+        warnings=built.warnings,
+        up_to_date=built.up_to_date,
+        origin=built.origin,
     )

@@ -17,7 +17,7 @@ from beltid.config import ConfigSource
 from beltid.config.name_pattern import name_pattern
 from beltid.errors import EXIT_DONE, EXIT_INPUT
 from beltid.report.summary import Summary
-from beltid.stages.talk import Options
+from beltid.stages.reporter import Options
 from beltid.tables import schemas
 from beltid.tables.units import Calibration, canonical_unit
 

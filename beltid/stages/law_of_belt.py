@@ -25,9 +25,9 @@ from beltid.export.law import (
     friction_part,
 )
 from beltid.export.law_file import SUFFIX, told
-from beltid.stages.origin import MEASURED, SYNTHETIC
+from beltid.stages.origin import combined_origin
+from beltid.stages.reporter import Reporter
 from beltid.stages.tables import law_of, surface_of
-from beltid.stages.talk import Talk
 
 STIFFNESS: Final = "stiffness.parquet"
 SURFACES: Final = {"refined": "surface_refined.parquet", "published": "surface.parquet"}
@@ -39,7 +39,9 @@ ABOUT: Final = (
 )
 
 
-def law_of_folder(folder: Path, named: Path | None, wanted: str | None, talk: Talk) -> ContactLaw:
+def law_of_folder(
+    folder: Path, named: Path | None, wanted: str | None, reporter: Reporter
+) -> ContactLaw:
     """The contact law of the artifacts in a folder.
 
     Parameters
@@ -50,8 +52,8 @@ def law_of_folder(folder: Path, named: Path | None, wanted: str | None, talk: Ta
         Config that the user named; it tells what belt it is.
     wanted : {"refined", "published"} or None
         Which friction surface; None for the refined one where it is there.
-    talk : Talk
-        Who listens.
+    reporter : Reporter
+        Hears what is going on.
 
     Raises
     ------
@@ -64,18 +66,18 @@ def law_of_folder(folder: Path, named: Path | None, wanted: str | None, talk: Ta
             f"runs/5pk, or a law file <belt>{SUFFIX}"
         )
     stiffness = read_artifact(folder / STIFFNESS, "stiffness")
-    surface = _surface_artifact(folder, wanted, talk)
+    surface = _surface_artifact(folder, wanted, reporter)
     friction = _friction(folder, surface)
     source = _config(folder, named, surface)
     if source is None:
-        talk.warn(
+        reporter.warn(
             "the config of these results was not found: type, ribs and width of the belt are not "
             "known; --config names it"
         )
     else:
-        talk.say(f"config: {source.origin}")
+        reporter.report(f"config: {source.origin}")
         if source.config.sha256 != surface.metadata.config_sha256:
-            talk.warn(f"{surface.path.name} was made with another config than {source.origin}")
+            reporter.warn(f"{surface.path.name} was made with another config than {source.origin}")
     try:
         return _put_together(folder, stiffness, surface, friction, source)
     except ValidationError as error:
@@ -93,7 +95,7 @@ def _put_together(
     row = int(np.flatnonzero(np.isnan(stiffness.columns["temperature_degC"]))[0])
     return ContactLaw(
         about=ABOUT,
-        origin=_origin(stiffness, surface),
+        origin=combined_origin([stiffness.metadata.origin, surface.metadata.origin]),
         belt=BeltFacts(name=_name_of(folder)) if source is None else _belt(source.config),
         normal=NormalPart(
             k_linear_N_m2=normal.k_linear_N_m2,
@@ -117,10 +119,10 @@ def _put_together(
     )
 
 
-def _surface_artifact(folder: Path, wanted: str | None, talk: Talk) -> Artifact:
+def _surface_artifact(folder: Path, wanted: str | None, reporter: Reporter) -> Artifact:
     if wanted is None:
         wanted = "refined" if (folder / SURFACES["refined"]).is_file() else "published"
-    talk.say(f"surface: {wanted}")
+    reporter.report(f"surface: {wanted}")
     return read_artifact(folder / SURFACES[wanted], "surface")
 
 
@@ -204,13 +206,6 @@ def _covariance(stiffness: Artifact, row: int) -> Any:
         return None
     numbers = np.asarray(value, dtype=float).reshape(2, 2)
     return numbers.tolist() if np.isfinite(numbers).all() else None
-
-
-def _origin(*artifacts: Artifact) -> Any:
-    origins = [artifact.metadata.origin for artifact in artifacts]
-    if SYNTHETIC in origins:
-        return SYNTHETIC
-    return MEASURED if all(origin == MEASURED for origin in origins) else None
 
 
 def _validity(stiffness: Artifact, surface: Artifact) -> Validity:

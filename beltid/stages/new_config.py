@@ -16,7 +16,8 @@ from beltid.config.meanings import SECTIONS
 from beltid.config.template import template_text
 from beltid.errors import InputError
 from beltid.report.summary import Summary, json_value
-from beltid.stages.talk import Options
+from beltid.stages.build_artifact import already_exists
+from beltid.stages.reporter import Options
 
 RECORDINGS: Final = ("press", "rig", "speedloss")
 
@@ -31,24 +32,24 @@ def run(stated: Mapping[str, Any], out: Path | None, options: Options) -> Summar
     out : Path or None
         The file; None for ``<name>.yaml``.
     options : Options
-        Force and listener.
+        Force and reporter.
 
     Raises
     ------
     InputError
-        If a value is not allowed, or the file stands there already.
+        If a value is not allowed, or the file already exists.
     """
     values = _with_type_of_name(dict(stated))
     path = out or Path(f"{values.get('belt.name', Config().belt.name)}.yaml")
     config = load_config(_sections(_relative(values, path.parent)))
     if path.exists() and not options.force:
-        raise InputError(f"{path}: stands there already, not replaced; --force replaces it")
+        raise InputError(already_exists(path))
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(f"{path}: a config is a YAML file, name it {path.stem}.yaml")
     atomic.write_text(path, template_text(config, frozenset(values)))
     for kind, file in load_config(path).data.files.items():  # what was written is what is read
         if not file.exists():
-            options.talk.warn(f"data.{kind}: there is no {file} yet")
+            options.reporter.warn(f"data.{kind}: there is no {file} yet")
     return _summary(path, config, frozenset(values))
 
 

@@ -6,15 +6,16 @@ result synthetic.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal
 
 from beltid.artifacts.artifact import may_be_artifact, read_artifact
 from beltid.errors import ArtifactError
 
 RECORDINGS: Final = ("press", "rig", "speedloss")
 """Roles of inputs whose origin the config states."""
+Origin = Literal["measured", "synthetic"]
 MEASURED: Final = "measured"
 SYNTHETIC: Final = "synthetic"
 
@@ -34,10 +35,14 @@ def origin_of(inputs: Mapping[str, Path], stated: str | None) -> str | None:
     {"measured", "synthetic"} or None
         "synthetic" if any input is, "measured" if all are; None if nobody said so.
     """
-    origins = [_origin(role, path, stated) for role, path in inputs.items()]
+    return combined_origin([_origin(role, path, stated) for role, path in inputs.items()])
+
+
+def combined_origin(origins: Collection[str | None]) -> Origin | None:
+    """Origin of what is made from data of some origins; None if nobody said, or of no data."""
     if SYNTHETIC in origins:
         return SYNTHETIC
-    return MEASURED if all(origin == MEASURED for origin in origins) else None
+    return MEASURED if set(origins) == {MEASURED} else None
 
 
 def _origin(role: str, path: Path, stated: str | None) -> str | None:

@@ -15,8 +15,8 @@ from beltid.artifacts.fingerprint import page_source_sha256
 from beltid.artifacts.hashing import sha256
 from beltid.errors import ArtifactError, InputError
 from beltid.report.html import GENERATOR, Page, rendered
-from beltid.stages.making import FOREIGN
-from beltid.stages.talk import Options
+from beltid.stages.build_artifact import FOREIGN
+from beltid.stages.reporter import Options
 
 SUFFIXES: Final = (".html", ".htm")
 HEAD: Final = 4096

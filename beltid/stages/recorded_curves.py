@@ -16,62 +16,71 @@ from beltid.artifacts.artifact import read_artifact
 from beltid.bench.big_recording import BigRecording, read_rig
 from beltid.bench.recording import read_recording
 from beltid.config import ConfigSource
+from beltid.errors import InputError
 from beltid.identify.estimators.statistics import as_set
 from beltid.identify.friction.load_cells import KnownCells
 from beltid.identify.press.curves import Branch
 from beltid.identify.press.stiffness import fit_stiffness
 from beltid.laws.capstan import friction_coefficient
 from beltid.stages.big_recording import columns_of_runs
-from beltid.stages.making import Made, Recipe, make
+from beltid.stages.build_artifact import Build, Built
 from beltid.stages.outcome import Outcome
-from beltid.stages.reduction import friction_settings, stiffness_settings
-from beltid.stages.talk import Options
+from beltid.stages.reduction import CELL_KEYS, friction_settings, stiffness_settings
+from beltid.stages.reporter import Options
 
 PRESS: Final = "press_curves"
 RIG: Final = "rig_curves"
 PRESS_KEYS: Final = ("press", "columns.press", "units.press", "runs.press", "dialect")
-CELLS: Final = tuple(
-    f"friction.tension_{span}_{error}"
-    for span in ("tight", "slack")
-    for error in ("tare_N", "gain", "tilt_deg")
-)
-"""What is known of the load cells: taken off here as in the reduction."""
-RIG_KEYS: Final = ("columns.rig", "units.rig", "runs.rig", "dialect", *CELLS)
+RIG_KEYS: Final = ("columns.rig", "units.rig", "runs.rig", "dialect", *CELL_KEYS)
+"""The load cells, too: what is known of them is taken off here as in the reduction."""
 MOST_SET_ASIDE: Final = 12
 """Runs set aside that are kept to be looked at."""
+MOST_NAMED: Final = 5
 MOST_SAMPLES: Final = 1200
 """Samples of a run that are kept; of a longer one the extremes of neighbouring samples."""
 
 
-def press_curves(source: ConfigSource, press: Path, out: Path, options: Options) -> Made:
+def press_curves(source: ConfigSource, press: Path, out: Path, options: Options) -> Built:
     """Branches of the press cycles that the stiffness was fitted to, over the penetration."""
-
-    def compute() -> Outcome[tuple[Branch, ...]]:
+    build = Build(PRESS, source, PRESS_KEYS, {"press": press}, out, options)
+    built = build.up_to_date()
+    if built is None:
         recording = read_recording(press, "press", source.config)
-        settings = stiffness_settings(source.config.press)
-        branches = fit_stiffness(recording.columns, settings).branches
-        return Outcome(PRESS, _branch_columns(branches), branches)
-
-    return make(Recipe(PRESS, source, PRESS_KEYS, {"press": press}), out, options, compute)
+        branches = fit_stiffness(
+            recording.columns, stiffness_settings(source.config.press)
+        ).branches
+        built = build.write(Outcome(PRESS, _branch_columns(branches), branches))
+    return built
 
 
 def rig_curves(
     source: ConfigSource, rig: Path, friction: Path, out: Path, options: Options
-) -> Made:
-    """A typical run of every arc over time, and runs that were set aside."""
+) -> Built:
+    """A typical run of every arc over time, and runs that were set aside.
 
-    def compute() -> Outcome[tuple[str, ...]]:
+    Raises
+    ------
+    InputError
+        If the recording has not all of these runs: it is not the one of the friction table.
+    """
+    build = Build(RIG, source, RIG_KEYS, {"rig": rig, "friction": friction}, out, options)
+    built = build.up_to_date()
+    if built is None:
         runs = chosen_runs(read_artifact(friction, "friction").columns)
         recording = read_rig(rig, source.config)
         if isinstance(recording, BigRecording):
             columns = columns_of_runs(recording, runs)
         else:
             columns = recording.columns
+        missing = sorted(set(runs) - set(columns["run"]))
+        if missing:
+            raise InputError(
+                f"{rig}: has no run {', '.join(missing[:MOST_NAMED])}; {friction} was made from "
+                "another recording"
+            )
         cells = friction_settings(source.config.friction.model_dump()).cells
-        return Outcome(RIG, _run_columns(columns, runs, cells), runs)
-
-    recipe = Recipe(RIG, source, RIG_KEYS, {"rig": rig, "friction": friction})
-    return make(recipe, out, options, compute)
+        built = build.write(Outcome(RIG, _run_columns(columns, runs, cells), runs))
+    return built
 
 
 def chosen_runs(friction: Mapping[str, np.ndarray]) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -14,30 +14,42 @@ from beltid.tables import schemas
 from beltid.tables.values import outside
 
 if TYPE_CHECKING:
+    from beltid.config import Config
     from beltid.config.model import PressSection
 
 
 NOT_REDUCED = ("mu_sliding_u", "normal_force_u_N_m")
 """Columns that hold what the reduction does not know: the calibration of the bench."""
 
-CELLS = ("tension_tight_", "tension_slack_")
-"""How settings begin that tell what is known of the load cells."""
+CELL_SETTINGS: Final = tuple(
+    f"tension_{span}_{error}"
+    for span in ("tight", "slack")
+    for error in ("tare_N", "gain", "tilt_deg")
+)
+"""Settings that tell what is known of the load cells."""
+CELL_KEYS: Final = tuple(f"friction.{name}" for name in CELL_SETTINGS)
+"""Their keys in a config."""
 
 
-def friction_settings(values: Mapping[str, Any], *, of_bench: bool = True) -> FrictionSettings:
+def friction_settings(values: Mapping[str, Any], *, with_cells: bool = True) -> FrictionSettings:
     """Settings of the reduction from a section ``friction`` of a config or of an artifact.
 
     Parameters
     ----------
     values : mapping
         The section.
-    of_bench : bool
-        Whether they are for a recording of the bench; the simulated rig has perfect load cells.
+    with_cells : bool
+        Whether to take what is known of the load cells; else they are perfect.
     """
     known = {field.name for field in fields(FrictionSettings)}
-    if not of_bench:
-        known = {name for name in known if not name.startswith(CELLS)}
+    if not with_cells:
+        known -= set(CELL_SETTINGS)
     return FrictionSettings(**{name: v for name, v in values.items() if name in known})
+
+
+def cell_settings(config: Config) -> dict[str, Any]:
+    """What a config states of the load cells, by the names of `FrictionSettings`."""
+    return {name: getattr(config.friction, name) for name in CELL_SETTINGS}
 
 
 def stiffness_settings(press: PressSection) -> StiffnessSettings:

@@ -13,8 +13,8 @@ from beltid.errors import InputError
 from beltid.identify.surface.surface import SurfaceSettings
 from beltid.identify.surface.surface import build_surface as publish
 from beltid.rigsim.model import Bench
-from beltid.stages.measured import measured_runs, own_errors
 from beltid.uncertainty.campaign import Campaign
+from beltid.uncertainty.measured import measured_runs, own_errors
 from beltid.uncertainty.press_law import PressLaw
 
 NEEDED: Final = (

@@ -18,24 +18,24 @@ from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.refine.inverse import RefinedSurface
 from beltid.refine.inverse import refine_surface as refine
 from beltid.report.summary import Summary
+from beltid.stages.alternatives import friction_formulas, friction_law_rows
+from beltid.stages.build_artifact import Build, Built
 from beltid.stages.campaign import checked_law
-from beltid.stages.laws_beside import friction_formulas, friction_law_rows
-from beltid.stages.making import Made, Recipe, make
 from beltid.stages.outcome import Outcome
-from beltid.stages.refine_monte_carlo import CHECKED, Draws, MonteCarlo, check_table, monte_carlo
+from beltid.stages.refine_monte_carlo import CHECKED, Draws, check_table, drawn
 from beltid.stages.refine_runs import NEEDED, prepared_campaign, speed_labels
-from beltid.stages.surface_doubt import QUANTITY, SurfaceDoubt
+from beltid.stages.reporter import Options
 from beltid.stages.tables import law_of, surface_of, table_columns
-from beltid.stages.talk import Options
 from beltid.stages.uncertainties import (
     SECTION,
     budget_table,
     press_law,
     standard_uncertainties,
-    stated_keys,
 )
 from beltid.stages.workers import Workers
 from beltid.uncertainty.campaign import Campaign
+from beltid.uncertainty.linear_check import MonteCarlo, check_of
+from beltid.uncertainty.monte_carlo import prepare
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import (
     ArcDifference,
@@ -44,6 +44,7 @@ from beltid.uncertainty.refined import (
     refined_slopes,
 )
 from beltid.uncertainty.sources import all_sources, arc_sources, reduction_sources
+from beltid.uncertainty.surface import QUANTITY, SurfaceUncertainty
 
 KIND: Final = "surface"
 METHOD: Final = "refined"
@@ -91,7 +92,7 @@ class Refinement:
         Labels of the runs used.
     arcs_deg : ndarray
         Their arcs [deg].
-    doubt : SurfaceDoubt
+    uncertainty : SurfaceUncertainty
         What is not known of the surface, by its causes.
     arc_difference : ArcDifference, optional
         The clearest difference between two arcs; None for a single one.
@@ -102,7 +103,7 @@ class Refinement:
     refined: RefinedSurface
     runs: tuple[str, ...]
     arcs_deg: np.ndarray
-    doubt: SurfaceDoubt
+    uncertainty: SurfaceUncertainty
     arc_difference: ArcDifference | None = None
     check: MonteCarlo | None = None
 
@@ -113,8 +114,8 @@ class Refinement:
         if self.check is not None:
             shape = self.refined.surface.mu_nodes.shape
             members = self.check.members().T.reshape(-1, *shape)
-        names = [source.name for source in self.doubt.sources]
-        return UncertainSurface(self.refined.surface, self.doubt.factor, names, members)
+        names = [source.name for source in self.uncertainty.sources]
+        return UncertainSurface(self.refined.surface, self.uncertainty.factor, names, members)
 
     def outliers(self) -> tuple[str, ...]:
         """Runs that lost their weight, each with a sentence."""
@@ -180,19 +181,19 @@ def run(
 
     `bootstrap` draws check the uncertainty; 0 leaves the check out.
     """
-    draws = Draws(bootstrap, seed, options.talk, options.workers or Workers())
-
-    def compute() -> Outcome[Refinement]:
-        artifact = read_artifact(inputs["friction"], "friction")
+    draws = Draws(bootstrap, seed, options.reporter, options.workers or Workers())
+    build = Build(KIND, config, KEYS, inputs, out, options, draws.choices, FIGURES)
+    built = build.up_to_date()
+    if built is None:
+        friction = read_artifact(inputs["friction"], "friction")
         stiffness = read_artifact(inputs["stiffness"], "stiffness")
         law = press_law(law_of(stiffness), config.config, stiffness)
-        options.talk.say(f"{artifact.path}: {len(artifact.columns['run'])} runs, inverse solution")
-        return _outcome(artifact.columns, law, config.config, str(artifact.path), draws)
-
-    choices = {"uncertainty_stated": stated_keys(config.config), **draws.choices}
-    return summarise(
-        make(Recipe(KIND, config, KEYS, inputs, choices, FIGURES), out, options, compute)
-    )
+        options.reporter.report(
+            f"{friction.path}: {len(friction.columns['run'])} runs, inverse solution"
+        )
+        outcome = _outcome(friction.columns, law, config.config, str(friction.path), draws)
+        built = build.write(outcome)
+    return summarise(built)
 
 
 def refine_surface(
@@ -246,12 +247,16 @@ def _outcome(
     labels = tuple(str(columns["run"][i]) for i in used)
     slopes = draws.workers.call(refined_slopes, campaign, refined, speeds)
     campaign = replace(campaign, measured=campaign.measured.with_arc_effects(refined.response))
-    doubt = _doubt(campaign, refined, slopes, config)
+    uncertainty = _uncertainty(campaign, refined, slopes, config)
     settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
-    check = monte_carlo(campaign, refined, doubt, slopes, settings, draws) if draws.count else None
-    apart = arc_difference(campaign.measured, refined, doubt.sources)
-    result = Refinement(refined, labels, columns["arc_deg"][used], doubt, apart, check)
-    beside = friction_formulas(refined.surface, doubt.factor)
+    check = None
+    if draws.count:
+        nominal = prepare(campaign, refined, speeds, settings, (uncertainty.sources, slopes))
+        found = drawn(nominal, draws)
+        check = check_of(nominal, found, uncertainty.factor, uncertainty.sources)
+    apart = arc_difference(campaign.measured, refined, uncertainty.sources)
+    result = Refinement(refined, labels, columns["arc_deg"][used], uncertainty, apart, check)
+    beside = friction_formulas(refined.surface, uncertainty.factor)
     force = campaign.measured.normal_force
     return Outcome(
         kind=KIND,
@@ -270,8 +275,8 @@ def _outcome(
             "iterations": refined.iterations,
             "noise_scale": refined.smoothness.noise_scale,
             "effective_parameters": refined.effective_parameters,
-            **doubt.extra((float(force.min()), float(force.max()))),
-            **(check.extra(draws) if check else {}),
+            **uncertainty.extra((float(force.min()), float(force.max()))),
+            **(check.extra(draws.seed) if check else {}),
             **beside.extra,
         },
         notes=(
@@ -287,9 +292,9 @@ def _outcome(
     )
 
 
-def _doubt(
+def _uncertainty(
     campaign: Campaign, refined: RefinedSurface, slopes: np.ndarray, config: Config
-) -> SurfaceDoubt:
+) -> SurfaceUncertainty:
     """What the causes of error do to the refined surface."""
     n_arcs = int(campaign.measured.arc.max()) + 1
     sources = (
@@ -298,7 +303,7 @@ def _doubt(
         *arc_sources(refined.smoothness.arcs, n_arcs),
     )
     changes, scatter = changes_and_scatter(campaign, refined, sources, slopes)
-    return SurfaceDoubt(
+    return SurfaceUncertainty(
         surface=refined.surface,
         sources=sources,
         changes=changes,
@@ -328,22 +333,22 @@ def _table(result: Refinement, run_speed: np.ndarray) -> dict[str, np.ndarray]:
         "mu_se": errors.ravel(),
         "n_arcs": np.tile(np.array(arcs), forces.size),
         "mu_spread": np.full(forces.size * speeds.size, np.nan),
-        **result.doubt.columns(forces.size * speeds.size),
+        **result.uncertainty.columns(forces.size * speeds.size),
         **members,
     }
 
 
-def summarise(made: Made) -> Summary:
+def summarise(built: Built) -> Summary:
     """Sum up a refined surface."""
-    metadata: SurfaceMetadata = made.artifact.metadata
+    metadata: SurfaceMetadata = built.artifact.metadata
     validity = metadata.validity
-    surface = surface_of(made.artifact)
+    surface = surface_of(built.artifact)
     check = metadata.monte_carlo
     places = check["linear_fails_at"] if check else []
     return Summary(
         stage="refine-surface",
         title="simulated less measured friction coefficient: published surface, then refined",
-        out=made.artifact.path,
+        out=built.artifact.path,
         facts={
             "runs": metadata.n_points,
             "iterations": metadata.iterations,
@@ -366,10 +371,10 @@ def summarise(made: Made) -> Summary:
             **({CHECKED: check_table(check["table"])} if check else {}),
         },
         table=[{name: row[name] for name in MISFIT_COLUMNS} for row in metadata.misfit],
-        notes=made.notes,
-        warnings=made.warnings,
-        up_to_date=made.up_to_date,
-        origin=made.origin,
+        notes=built.notes,
+        warnings=built.warnings,
+        up_to_date=built.up_to_date,
+        origin=built.origin,
         details={"friction formulas": friction_law_rows(metadata.figures)},
     )
 

@@ -16,10 +16,10 @@ from beltid.report.results import BeltResults
 from beltid.report.summary import Summary
 from beltid.report.verdict import verdict_of, whole
 from beltid.stages.belt_results import ARTIFACTS, check_folder, gather
-from beltid.stages.making import Stale
+from beltid.stages.build_artifact import Stale
 from beltid.stages.pages import hash_of, up_to_date, write
 from beltid.stages.recorded_curves import PRESS, RIG, press_curves, rig_curves
-from beltid.stages.talk import Options
+from beltid.stages.reporter import Options
 
 NAME: Final = "report.html"
 STAGE: Final = "report"
@@ -38,7 +38,7 @@ def run(
         The page; with several belts the one that compares them. By default report.html in the
         folder of a belt, and in the folder above for several.
     options : Options
-        Force and listener.
+        Force and reporter.
     source : ConfigSource, optional
         Config that names the recordings of a belt, for its figures over time.
 
@@ -63,7 +63,7 @@ def run(
     single = [of_belt(folder, folder / NAME, options) for folder in folders]
     both = of_belts(folders, out or _above(folders) / NAME, options)
     if both.up_to_date and not all(summary.up_to_date for summary in single):
-        options.talk.say(f"{both.out} is up to date")
+        options.reporter.report(f"{both.out} is up to date")
     return both
 
 
@@ -87,7 +87,7 @@ def keep_curves(source: ConfigSource, folder: Path, options: Options) -> None:
             maker()
         except BeltidError as error:
             for problem in error.problems:
-                options.talk.warn(f"no curves for the report: {problem}")
+                options.reporter.warn(f"no curves for the report: {problem}")
 
 
 def of_chain(

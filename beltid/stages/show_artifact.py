@@ -13,8 +13,9 @@ from beltid.report.figures.single import pictures
 from beltid.report.picture import Picture
 from beltid.report.summary import Summary
 from beltid.stages.belt_results import sheet_of
+from beltid.stages.build_artifact import already_exists
 from beltid.stages.outcome import rows_of
-from beltid.stages.talk import Options
+from beltid.stages.reporter import Options
 
 STAGE: Final = "show"
 FEW_ROWS: Final = 12
@@ -33,7 +34,7 @@ def run(path: Path, out: Path | None, name: str | None, options: Options) -> Sum
     name : str or None
         Which of its figures; None for the first.
     options : Options
-        Force and listener.
+        Force and reporter.
 
     Raises
     ------
@@ -59,7 +60,7 @@ def _check_place(out: Path, options: Options) -> None:
     if out.suffix[1:].lower() not in NO_DATES:
         raise InputError(f"{out}: ends in {out.suffix or 'nothing'}, must be one of {kinds}")
     if out.exists() and not options.force:
-        raise InputError(f"{out}: is there already; name another --out, or replace it with --force")
+        raise InputError(already_exists(out))
 
 
 def _chosen(found: list[Picture], name: str | None, path: Path) -> Picture | None:

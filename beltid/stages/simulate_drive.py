@@ -21,6 +21,7 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.report.summary import Summary
+from beltid.stages.build_artifact import Build, Built
 from beltid.stages.drive_of_config import (
     LabelledPoint,
     drive_of,
@@ -29,16 +30,14 @@ from beltid.stages.drive_of_config import (
     points_of_config,
     points_of_slip,
 )
-from beltid.stages.making import Made, Recipe, make
 from beltid.stages.outcome import Outcome, rows_of, span
+from beltid.stages.reporter import Options
 from beltid.stages.tables import law_of, surface_of
-from beltid.stages.talk import Options
 from beltid.stages.uncertainties import (
     SECTION,
     budget_details,
     press_law,
     standard_uncertainties,
-    stated_keys,
 )
 from beltid.uncertainty.budget import Scatter, budget
 from beltid.uncertainty.drive import drive_uncertainty
@@ -98,7 +97,9 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
     """
     model = config.config
 
-    def compute() -> Outcome[tuple[SolvedPoint, ...]]:
+    build = Build(KIND, config, KEYS, inputs, out, options, figures=FIGURES)
+    built = build.up_to_date()
+    if built is None:
         surface = surface_of(read_artifact(inputs["surface"], "surface"))
         stiffness = read_artifact(inputs["stiffness"], "stiffness")
         press = press_law(law_of(stiffness), model, stiffness)
@@ -107,13 +108,10 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
             if "slip" in inputs
             else points_of_config(model)
         )
-        options.talk.say(f"{len(points)} operating points, {model.drive.method}")
+        options.reporter.report(f"{len(points)} operating points, {model.drive.method}")
         loaded = load_pulley(model.drive) if "slip" in inputs else None
-        return _outcome(model, surface, press, points, loaded)
-
-    choices = {"uncertainty_stated": stated_keys(model)}
-    recipe = Recipe(KIND, config, KEYS, inputs, choices, FIGURES)
-    return summarise(make(recipe, out, options, compute))
+        built = build.write(_outcome(model, surface, press, points, loaded))
+    return summarise(built)
 
 
 def simulate_drive(
@@ -352,15 +350,15 @@ def _outside(columns: Mapping[str, np.ndarray], surface: FrictionSurface) -> lis
     return found
 
 
-def summarise(made: Made) -> Summary:
+def summarise(built: Built) -> Summary:
     """Sum up a drive artifact."""
-    columns = made.artifact.columns
-    metadata: DriveMetadata = made.artifact.metadata
+    columns = built.artifact.columns
+    metadata: DriveMetadata = built.artifact.metadata
     statuses, counts = np.unique(columns["status"].astype(str), return_counts=True)
     return Summary(
         stage="simulate-drive",
         title="speed loss and forces of a belt drive, predicted from the identified laws",
-        out=made.artifact.path,
+        out=built.artifact.path,
         facts={
             "method": metadata.method,
             "points": len(np.unique(columns["point"])),
@@ -379,10 +377,10 @@ def summarise(made: Made) -> Summary:
         table=rows_of(columns, *columns),
         shown=SHOWN,
         overview=_overview(columns) if len(columns["run"]) > FEW_ROWS else [],
-        notes=made.notes,
-        warnings=made.warnings,
-        up_to_date=made.up_to_date,
-        origin=made.origin,
+        notes=built.notes,
+        warnings=built.warnings,
+        up_to_date=built.up_to_date,
+        origin=built.origin,
     )
 
 

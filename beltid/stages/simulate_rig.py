@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,6 +14,7 @@ from beltid.errors import EXIT_DONE, EXIT_NUMERICS, NumericsError
 from beltid.report.summary import Summary
 from beltid.rigsim.rig import SimulationSettings
 from beltid.stages import profiles
+from beltid.stages.build_artifact import Build, Built
 from beltid.stages.campaign import (
     Picked,
     planned_runs,
@@ -23,14 +23,14 @@ from beltid.stages.campaign import (
     sliding_samples,
     solver_record,
 )
-from beltid.stages.making import Made, Recipe, admit, make
 from beltid.stages.outcome import Outcome
-from beltid.stages.simulated_doubt import Inputs, RunsDoubt, runs_doubt
+from beltid.stages.reporter import Options
 from beltid.stages.simulated_runs import Campaign, simulate
+from beltid.stages.simulated_uncertainty import Inputs, runs_uncertainty
 from beltid.stages.tables import law_of, surface_of
-from beltid.stages.talk import Options
-from beltid.stages.uncertainties import SECTION, press_law, stated_keys
+from beltid.stages.uncertainties import SECTION, press_law
 from beltid.stages.workers import Workers
+from beltid.uncertainty.simulated import RunsUncertainty
 
 KIND: Final = "simulated"
 FIGURES: Final = ("method", "runs")
@@ -109,54 +109,51 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
     model, times = config.config, tuple(sorted(set(chosen.profile_times_s)))
     settings = simulation_settings(model, chosen.method, chosen.elements, times)
     runs = planned_runs(model, Picked(chosen.arcs_deg, chosen.tensions_N, chosen.speeds_rad_s))
-
-    @functools.cache
-    def given() -> Inputs:
-        surface = read_artifact(inputs["surface"], "surface")
-        stiffness = read_artifact(inputs["stiffness"], "stiffness")
-        return Inputs(
-            surface_of(surface),
-            surface.metadata.uncertainty or {},
-            press_law(law_of(stiffness), model, stiffness),
-        )
-
-    @functools.cache
-    def campaign() -> Campaign:
-        laws = given().surface, given().press.law
-        options.talk.say(f"{len(runs)} runs, {settings.method}")
-        how = options.talk, options.workers or chosen.jobs
-        return simulate(model, laws, runs, settings, how)
-
-    def compute() -> Outcome[Campaign]:
-        done = campaign()
-        _refuse_nothing(done)
-        workers = options.workers or Workers()
-        doubt = runs_doubt(done.finished, given(), model, settings.elements, workers)
-        return _outcome(done, model, settings, doubt)
-
     choices: dict[str, Any] = {
         "method": settings.method,
         "elements": settings.elements,
         "runs": [[r.label, r.arc_deg, r.initial_tension_N, r.pulley_speed_rad_s] for r in runs],
-        "uncertainty_stated": stated_keys(model),
     }
     if settings.method == "steady":
         choices["sliding_samples"] = sliding_samples(model)
-    recipe = Recipe(KIND, config, KEYS, inputs, choices, FIGURES)
-    of_profiles = replace(
-        recipe,
-        kind=profiles.KIND,
-        choices={**choices, "profile_times_s": list(times)},
-        figures=(),
+    build = Build(KIND, config, KEYS, inputs, out, options, choices, FIGURES)
+    of_profiles = Build(
+        profiles.KIND,
+        config,
+        KEYS,
+        inputs,
+        profiles.path_beside(out),
+        options,
+        {**choices, "profile_times_s": list(times)},
     )
-    beside = profiles.path_beside(out)
-    if times:  # what stands in the way is said before the work
-        admit(of_profiles, beside, options)
-    made = make(recipe, out, options, compute)
-    if not times:
-        return summarise(made)
-    more = make(of_profiles, beside, options, lambda: profiles.profiles_outcome(campaign(), times))
-    return summarise(made, more)
+    contacts = of_profiles.up_to_date() if times else None
+    built = build.up_to_date()
+    if built is None or (times and contacts is None):
+        given = _inputs(inputs, model)
+        options.reporter.report(f"{len(runs)} runs, {settings.method}")
+        how = options.reporter, options.workers or chosen.jobs
+        campaign = simulate(model, (given.surface, given.press.law), runs, settings, how)
+        _refuse_nothing(campaign)
+        if built is None:
+            workers = options.workers or Workers()
+            uncertainty = runs_uncertainty(
+                campaign.finished, given, model, settings.elements, workers
+            )
+            built = build.write(_outcome(campaign, model, settings, uncertainty))
+        if times and contacts is None:
+            contacts = of_profiles.write(profiles.profiles_outcome(campaign, times))
+    return summarise(built, contacts)
+
+
+def _inputs(inputs: Mapping[str, Path], config: Config) -> Inputs:
+    """Surface and normal law to simulate with, and what is known of their uncertainty."""
+    surface = read_artifact(inputs["surface"], "surface")
+    stiffness = read_artifact(inputs["stiffness"], "stiffness")
+    return Inputs(
+        surface_of(surface),
+        surface.metadata.uncertainty or {},
+        press_law(law_of(stiffness), config, stiffness),
+    )
 
 
 def _with_defaults(options: Options) -> SimulateOptions:
@@ -181,7 +178,7 @@ def _outcome(
     done: Campaign,
     config: Config,
     settings: SimulationSettings,
-    doubt: tuple[RunsDoubt | None, tuple[str, ...]],
+    uncertainty: tuple[RunsUncertainty | None, tuple[str, ...]],
 ) -> Outcome[Campaign]:
     runs, results = zip(*done.finished, strict=True)
     records = {run.label: solver_record(result) for run, result in done.finished}
@@ -209,16 +206,16 @@ def _outcome(
             "runs": rows,
             "clamped_lookups": outside,
             "lookups": points,
-            **({"uncertainty": doubt[0].extra()} if doubt[0] else {}),
+            **({"uncertainty": uncertainty[0].extra()} if uncertainty[0] else {}),
         },
-        notes=(*notes, *doubt[1]),
+        notes=(*notes, *uncertainty[1]),
         warnings=tuple(_failures(done)),
     )
 
 
-def summarise(made: Made, of_profiles: Made | None = None) -> Summary:
+def summarise(built: Built, of_profiles: Built | None = None) -> Summary:
     """Sum up a simulated recording, and the profiles beside it."""
-    metadata: SimulatedMetadata = made.artifact.metadata
+    metadata: SimulatedMetadata = built.artifact.metadata
     runs = metadata.runs or ()
     rows: list[dict[str, Any]] = [{name: row.get(name) for name in ROW} for row in runs]
     good = [row for row in rows if row["status"] == "ok"]
@@ -227,24 +224,24 @@ def summarise(made: Made, of_profiles: Made | None = None) -> Summary:
     return Summary(
         stage="simulate-rig",
         title="friction coefficient of every simulated run, sliding",
-        out=made.artifact.path,
+        out=built.artifact.path,
         facts={
             "method": metadata.method,
             "runs": len(rows),
             "runs_failed": failed,
-            "samples": len(made.artifact.columns["time_s"]),
+            "samples": len(built.artifact.columns["time_s"]),
             "mu_range": (min(row["mu"] for row in good), max(row["mu"] for row in good)),
             **beside,
         },
         table=rows,
         overview=_per_setting(good) if len(rows) > 20 else [],
         details={"solver": [_solver_row(row) for row in runs if row.get("solver")]},
-        notes=(*made.notes, *(of_profiles.notes if of_profiles else ())),
-        warnings=made.warnings,
+        notes=(*built.notes, *(of_profiles.notes if of_profiles else ())),
+        warnings=built.warnings,
         verdict=f"{failed} of {len(rows)} runs failed" if failed else "",
         exit_status=EXIT_NUMERICS if failed else EXIT_DONE,
-        up_to_date=made.up_to_date and (of_profiles is None or of_profiles.up_to_date),
-        origin=made.origin,
+        up_to_date=built.up_to_date and (of_profiles is None or of_profiles.up_to_date),
+        origin=built.origin,
     )
 
 

@@ -22,7 +22,7 @@ from beltid.stages.campaign import (
     simulated_results,
     simulation_settings,
 )
-from beltid.stages.talk import Talk
+from beltid.stages.reporter import Reporter
 from beltid.stages.workers import Workers
 
 if TYPE_CHECKING:
@@ -58,12 +58,12 @@ def simulate(
     laws: tuple[FrictionSurface | float, NormalLaw],
     runs: Sequence[PlannedRun],
     settings: SimulationSettings,
-    how: tuple[Talk, int | Workers | None],
+    how: tuple[Reporter, int | Workers | None],
 ) -> Campaign:
-    """Simulate runs with a surface and a normal law; `how` is who listens, and jobs or workers."""
-    talk, jobs = how
+    """Simulate runs with a surface and a normal law; `how` is reporter, and jobs or workers."""
+    reporter, jobs = how
     results: dict[int, RunResult | BeltidError] = {}
-    with talk.progress("simulate-rig", len(runs)) as advance:
+    with reporter.progress("simulated runs", len(runs)) as advance:
         for index, result in simulated_results(config, laws, runs, settings, jobs):
             results[index] = result
             advance()
@@ -207,7 +207,7 @@ def simulate_campaign(
     model = load_config(config)
     runs = planned_runs(model, Picked())
     settings = simulation_settings(model, method, elements)
-    done = simulate(model, (surface, law), runs, settings, (Talk(), jobs))
+    done = simulate(model, (surface, law), runs, settings, (Reporter(), jobs))
     return pd.DataFrame(done.rows()).astype(
         {"tension_tight_N": float, "tension_slack_N": float, "mu": float, "normal_force_N_m": float}
     )

@@ -47,11 +47,6 @@ def standard_uncertainties(config: Config) -> StandardUncertainties:
     return StandardUncertainties(**values, stated=stated)
 
 
-def stated_keys(config: Config) -> list[str]:
-    """Keys of the section that the config states; part of what a result was made from."""
-    return sorted(config.uncertainty.model_fields_set)
-
-
 def press_law(law: NormalLaw, config: Config, artifact: Artifact | None = None) -> PressLaw:
     """A contact law with its making; without an artifact its scatter is not known."""
     covariance, depth = np.zeros((2, 2)), 1.0e-4

@@ -9,9 +9,9 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.identify.agreement.compare import AgreementResult
-from beltid.stages.measured import own_errors, shared_columns
-from beltid.stages.simulated_doubt import RunsDoubt
 from beltid.uncertainty.budget import Scatter, budget
+from beltid.uncertainty.measured import own_errors, shared_columns
+from beltid.uncertainty.simulated import RunsUncertainty
 from beltid.uncertainty.sources import Source, reduction_sources
 from beltid.uncertainty.validation import WITHIN, Validation
 
@@ -91,7 +91,7 @@ def validated(
     result: AgreementResult,
     measured: Mapping[str, np.ndarray],
     simulated: Mapping[str, np.ndarray],
-    doubt: RunsDoubt | None,
+    uncertainty: RunsUncertainty | None,
 ) -> Validated:
     """Uncertainties of the differences of a comparison.
 
@@ -101,7 +101,7 @@ def validated(
         The comparison.
     measured, simulated : mapping of str to ndarray
         The reduced runs of both sides.
-    doubt : RunsDoubt or None
+    uncertainty : RunsUncertainty or None
         What is known of the simulated runs.
     """
     of_measured, of_simulated = result.rows
@@ -120,8 +120,8 @@ def validated(
         difference=np.zeros((mu.size, 0)),
     )
     sources: tuple[Source, ...] = ()
-    rows = _rows_of(doubt, simulated, of_simulated)
-    if doubt is not None and rows is not None:
+    rows = _rows_of(uncertainty, simulated, of_simulated)
+    if uncertainty is not None and rows is not None:
         missed = np.column_stack(
             [
                 _log_ratio(
@@ -138,14 +138,14 @@ def validated(
         parts = Validation(
             measured=whole,
             measured_scatter=scatter if own is None else _known(own[of_measured]) / mu,
-            simulated_scatter=doubt.scatter[rows],
-            numerical=doubt.numerical[rows],
-            settings=np.abs(np.sum(doubt.by_setting[rows] * missed, axis=1)),
-            simulated=doubt.simulated[rows],
-            difference=doubt.difference[rows],
+            simulated_scatter=uncertainty.scatter[rows],
+            numerical=uncertainty.numerical[rows],
+            settings=np.abs(np.sum(uncertainty.by_setting[rows] * missed, axis=1)),
+            simulated=uncertainty.simulated[rows],
+            difference=uncertainty.difference[rows],
         )
         shared = {key: values[of_measured] for key, values in shared_columns(measured).items()}
-        sources, parts = _with_reduction(doubt.sources, parts, shared)
+        sources, parts = _with_reduction(uncertainty.sources, parts, shared)
     return Validated(
         result=replace(result, u_validation=parts.u_validation),
         validation=parts,
@@ -173,12 +173,14 @@ def _with_reduction(
 
 
 def _rows_of(
-    doubt: RunsDoubt | None, simulated: Mapping[str, np.ndarray], of_simulated: np.ndarray
+    uncertainty: RunsUncertainty | None,
+    simulated: Mapping[str, np.ndarray],
+    of_simulated: np.ndarray,
 ) -> list[int] | None:
     """Row of each matched run in what is known of the simulated ones; None if one is missing."""
-    if doubt is None:
+    if uncertainty is None:
         return None
-    places = {label: k for k, label in enumerate(doubt.runs)}
+    places = {label: k for k, label in enumerate(uncertainty.runs)}
     rows = [places.get(str(simulated["run"][i])) for i in of_simulated]
     return None if None in rows else [row for row in rows if row is not None]
 

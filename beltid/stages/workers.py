@@ -19,7 +19,7 @@ ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 and matrices as small as those here take longer on several cores than on one."""
 
 
-class Halted(Exception):
+class Cancelled(Exception):
     """The workers were told to stop: no result comes any more."""
 
 

@@ -9,8 +9,9 @@ difference are kept by source, with their signs.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,12 +29,17 @@ from beltid.uncertainty.sources import Errors, Source
 
 Array = NDArray[np.float64]
 
+DIGITS = 5
+MESH_SHARE = 0.4
+"""Of the change by twice as many elements: a third is the error that is left at order two, times
+1.25, the safety factor of the grid convergence index (ASME V&V 20-2009, section 2)."""
+ARRAYS = ("simulated", "difference", "scatter", "numerical", "by_setting")
 FINER_MESH = 2.0
 """Elements over those used, to see what the mesh changes."""
 
 
 @dataclass(frozen=True, slots=True)
-class SimulatedDoubt:
+class SimulatedUncertainty:
     """Relative changes of simulated coefficients, arrays by run.
 
     Attributes
@@ -60,7 +66,102 @@ class SimulatedDoubt:
     by_setting: Array
 
 
-def simulated_doubt(
+@dataclass(frozen=True, slots=True)
+class RunsUncertainty:
+    """Uncertainty of simulated runs as the metadata hold it, arrays by run.
+
+    Attributes
+    ----------
+    sources : tuple of Source
+        Shared errors.
+    runs : tuple of str
+        Labels of the runs.
+    simulated, difference : ndarray, shape (n, K)
+        Relative changes of the simulated coefficient, and of its difference from the measured one.
+    scatter, numerical : ndarray, shape (n,)
+        Relative standard uncertainties.
+    by_setting : ndarray, shape (n, 2)
+        Derivatives of ln mu by the ln of initial tension and speed.
+    """
+
+    sources: tuple[Source, ...]
+    runs: tuple[str, ...]
+    simulated: Array
+    difference: Array
+    scatter: Array
+    numerical: Array
+    by_setting: Array
+
+    @classmethod
+    def of(
+        cls,
+        runs: Sequence[str],
+        mu: Array,
+        sources: tuple[Source, ...],
+        parts: Sequence[SimulatedUncertainty],
+    ) -> Self:
+        """Uncertainty of runs from that of groups of them, in the same order.
+
+        Parameters
+        ----------
+        runs : sequence of str
+            Labels of the runs.
+        mu : ndarray, shape (n,)
+            Simulated coefficients [-].
+        sources : tuple of Source
+            Shared errors.
+        parts : sequence of SimulatedUncertainty
+            The groups.
+        """
+        mesh = np.concatenate([part.mesh for part in parts])
+        limit = np.concatenate([part.mu for part in parts])
+        # what is left of the build-up at the end of a simulated run, and of its time steps
+        ended = np.abs(np.log(mu / limit))
+        return cls(
+            sources=sources,
+            runs=tuple(runs),
+            simulated=np.concatenate([part.simulated for part in parts]),
+            difference=np.concatenate([part.difference for part in parts]),
+            scatter=np.concatenate([part.scatter for part in parts]),
+            numerical=np.hypot(MESH_SHARE * mesh, ended),
+            by_setting=np.concatenate([part.by_setting for part in parts]),
+        )
+
+    def extra(self) -> dict[str, Any]:
+        """As JSON has it."""
+        return {
+            "sources": [
+                {field: getattr(source, field) for field in Source.__slots__}
+                for source in self.sources
+            ],
+            "runs": list(self.runs),
+            **{name: _short(getattr(self, name)) for name in ARRAYS},
+        }
+
+
+def _short(values: Array) -> list[Any]:
+    """Nested lists with few digits: an uncertainty needs no more."""
+    return [
+        _short(row) if np.ndim(row) else float(f"{row:.{DIGITS}g}") for row in np.asarray(values)
+    ]
+
+
+def runs_uncertainty_of(extra: Mapping[str, Any]) -> RunsUncertainty | None:
+    """Uncertainty in the metadata of a simulated recording; None if there is none."""
+    stored = extra.get("uncertainty")
+    if not stored:
+        return None
+    sources = sources_of(stored["sources"])
+    arrays = {name: np.array(stored[name], dtype=float) for name in ARRAYS}
+    return RunsUncertainty(sources=sources, runs=tuple(stored["runs"]), **arrays)
+
+
+def sources_of(stored: Sequence[Mapping[str, Any]]) -> tuple[Source, ...]:
+    """Sources of error as metadata hold them."""
+    return tuple(Source(**{name: one[name] for name in Source.__slots__}) for one in stored)
+
+
+def simulated_uncertainty(
     bench: Bench,
     press: PressLaw,
     points: Sequence[OperatingPoint],
@@ -68,7 +169,7 @@ def simulated_doubt(
     sources: Sequence[Source],
     elements: int | None = None,
     largest_tension: float | None = None,
-) -> SimulatedDoubt:
+) -> SimulatedUncertainty:
     """Uncertainty of simulated runs (sliding limit).
 
     Parameters
@@ -122,7 +223,7 @@ def simulated_doubt(
         of_difference[:, k] = by_surface[:, k] - residual
         of_measured = np.log(campaign.measured.corrected(errors).mu / campaign.measured.mu)
         of_simulated[:, k] = of_difference[:, k] + of_measured
-    return SimulatedDoubt(
+    return SimulatedUncertainty(
         simulated=of_simulated,
         difference=of_difference,
         scatter=scatter,

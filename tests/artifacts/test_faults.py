@@ -9,9 +9,10 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,14 +23,22 @@ from beltid.artifacts.metadata_models import Metadata
 from beltid.batch.locks import alone_in
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import ArtifactError, InputError
-from beltid.stages.making import Recipe, make
+from beltid.stages.build_artifact import Build, Built
 from beltid.stages.outcome import Outcome
-from beltid.stages.talk import Options, Talk
+from beltid.stages.reporter import Options, Reporter
 from beltid.tables import schemas
 
 ROOT = Path(__file__).parents[2]
 KEPT = "the file that was there is untouched"
 GONE = 2**22 - 1  # no process has this number: it is the largest that Linux gives
+
+
+def make(
+    recipe: tuple[Any, ...], out: Path, options: Options, compute: Callable[[], Outcome[Any]]
+) -> Built:
+    """Build an artifact as every stage does it."""
+    build = Build(*recipe, out, options)
+    return build.up_to_date() or build.write(compute())
 
 
 def example(seed: int, rows: int = 1000) -> bytes:
@@ -41,6 +50,7 @@ def example(seed: int, rows: int = 1000) -> bytes:
 WRITER = """
 import sys
 from pathlib import Path
+from typing import Any
 from beltid.artifacts.atomic import write_bytes
 path, *versions = (Path(name) for name in sys.argv[1:])
 print("at it", flush=True)
@@ -197,7 +207,7 @@ def outcome() -> Outcome[None]:
 def test_an_input_replaced_while_it_is_read_is_noticed(tmp_path: Path, same: bool) -> None:
     source, out = tmp_path / "speedloss.csv", tmp_path / "slip.parquet"
     source.write_text("one")
-    recipe = Recipe("slip", ConfigSource(Config(), "test"), ("slip",), {"speedloss": source})
+    recipe = ("slip", ConfigSource(Config(), "test"), ("slip",), {"speedloss": source})
 
     def meanwhile() -> Outcome[None]:
         write_bytes(source, b"one" if same else b"two")
@@ -222,9 +232,7 @@ def test_one_of_many_files_changed_while_they_are_read_is_noticed(
     (runs / "deeper").mkdir(parents=True)
     for place in (runs / "r1.csv", runs / "r2.csv", runs / "deeper" / "r2.csv"):
         place.write_text("one")
-    recipe = Recipe(
-        "slip", ConfigSource(Config(), "test"), ("slip",), {"speedloss": tmp_path / named}
-    )
+    recipe = ("slip", ConfigSource(Config(), "test"), ("slip",), {"speedloss": tmp_path / named})
 
     def meanwhile() -> Outcome[None]:
         if change == "written":
@@ -247,7 +255,7 @@ def test_a_table_of_runs_changed_while_it_is_read_is_noticed(tmp_path: Path) -> 
     source.write_text("one")
     table.write_text("one")
     config = load_config({"runs": {"speedloss": {"table": str(table)}}})
-    recipe = Recipe("slip", ConfigSource(config, "test"), ("slip",), {"speedloss": source})
+    recipe = ("slip", ConfigSource(config, "test"), ("slip",), {"speedloss": source})
 
     def meanwhile() -> Outcome[None]:
         table.write_text("two")
@@ -261,9 +269,7 @@ def test_a_table_of_runs_changed_while_it_is_read_is_noticed(tmp_path: Path) -> 
 def test_parts_of_a_parquet_folder_changed_while_they_are_read_are_noticed(tmp_path: Path) -> None:
     part, out = tmp_path / "rig" / "arc_deg=82" / "a.parquet", tmp_path / "slip.parquet"
     write_bytes(part, b"one")
-    recipe = Recipe(
-        "slip", ConfigSource(Config(), "test"), ("slip",), {"speedloss": tmp_path / "rig"}
-    )
+    recipe = ("slip", ConfigSource(Config(), "test"), ("slip",), {"speedloss": tmp_path / "rig"})
 
     def meanwhile() -> Outcome[None]:
         write_bytes(part, b"two")
@@ -280,7 +286,7 @@ def test_a_result_that_cannot_be_read_is_built_again_whatever_its_kind(
 ) -> None:
     source, out = tmp_path / "rig.csv", tmp_path / "out.parquet"
     source.write_text("one")
-    recipe = Recipe(kind, ConfigSource(Config(), "test"), ("slip",), {"rig": source})
+    recipe = (kind, ConfigSource(Config(), "test"), ("slip",), {"rig": source})
     table = {c.name: np.array([]) for c in schemas.table(kind).columns if c.required}
     computed = Outcome(kind, table, None)
     make(recipe, out, Options(), lambda: computed)
@@ -300,11 +306,11 @@ def test_a_result_that_cannot_be_read_is_built_again_whatever_its_kind(
     assert out.read_bytes() == whole
 
 
-class Hearing(Talk):
+class Hearing(Reporter):
     def __init__(self) -> None:
         self.heard: list[str] = []
 
-    def say(self, text: str) -> None:
+    def report(self, text: str) -> None:
         self.heard.append(text)
 
 
@@ -316,7 +322,7 @@ def test_a_second_batch_in_a_folder_waits_for_the_first(tmp_path: Path) -> None:
         with alone_in(folders[::-1], talk):
             order.append("second")
 
-    with alone_in(folders, Talk()):
+    with alone_in(folders, Reporter()):
         waiting = threading.Thread(target=second)
         waiting.start()
         waiting.join(timeout=0.3)
@@ -329,8 +335,8 @@ def test_a_second_batch_in_a_folder_waits_for_the_first(tmp_path: Path) -> None:
 def test_the_lock_of_a_killed_batch_is_gone(tmp_path: Path) -> None:
     code = (
         "import sys, time; from pathlib import Path; from beltid.batch.locks import alone_in\n"
-        "from beltid.stages.talk import Talk\n"
-        "with alone_in([Path(sys.argv[1])], Talk()): print('in', flush=True); time.sleep(60)\n"
+        "from beltid.stages.reporter import Reporter\n"
+        "with alone_in([Path(sys.argv[1])], Reporter()): print('in', flush=True); time.sleep(60)\n"
     )
     process = subprocess.Popen(
         [sys.executable, "-c", code, str(tmp_path)],

@@ -17,18 +17,18 @@ from beltid.batch.reports import write_reports
 from beltid.batch.schedule import Chain
 from beltid.errors import EXIT_INPUT, BeltidError
 from beltid.report.summary import Summary
-from beltid.stages.talk import Options, Talk
+from beltid.stages.reporter import Options, Reporter
 from beltid.stages.workers import Workers
 
 
-class Notes(Talk):
-    """Talk that is kept."""
+class Notes(Reporter):
+    """Reporter that is kept."""
 
     def __init__(self) -> None:
         self.said: list[str] = []
         self.wrong: list[str] = []
 
-    def say(self, text: str) -> None:
+    def report(self, text: str) -> None:
         self.said.append(text)
 
     def error(self, text: str) -> None:
@@ -51,10 +51,10 @@ class Counted(Workers):
 
 
 @pytest.fixture
-def ended(by_one: Path, recordings: Path, tmp_path: Path) -> Callable[[str, Talk], list[Chain]]:
+def ended(by_one: Path, recordings: Path, tmp_path: Path) -> Callable[[str, Reporter], list[Chain]]:
     """Chains of two belts that have come to their normal law and friction."""
 
-    def chains(name: str, talk: Talk) -> list[Chain]:
+    def chains(name: str, reporter: Reporter) -> list[Chain]:
         made = []
         for source in config_sources([recordings / "one.yaml", recordings / "two.yaml"]):
             belt = source.name
@@ -62,7 +62,7 @@ def ended(by_one: Path, recordings: Path, tmp_path: Path) -> Callable[[str, Talk
             folder.mkdir(parents=True)
             for artifact in ("stiffness", "friction"):
                 shutil.copy(by_one / belt / f"{artifact}.parquet", folder)
-            chain = Chain(source, folder, (), talk)
+            chain = Chain(source, folder, (), reporter)
             chain.run.summaries["fit-friction"] = Summary(
                 stage="fit-friction", title="", out=folder
             )
@@ -76,7 +76,7 @@ def test_pages_do_not_depend_on_who_draws_them(ended: Any, tmp_path: Path) -> No
     workers = ProcessWorkers(2)
     try:
         for name, who in (("here", Workers()), ("there", workers)):
-            write_reports(ended(name, Talk()), tmp_path / name, Options(), who)
+            write_reports(ended(name, Reporter()), tmp_path / name, Options(), who)
     finally:
         workers.close()
     here, there = contents(tmp_path / "here"), contents(tmp_path / "there")
@@ -103,7 +103,7 @@ def test_a_page_that_fails_does_not_stop_the_others(ended: Any, tmp_path: Path) 
     chains = ended("runs", notes)
     mine = chains[0].folder / "report.html"
     mine.write_text("my own notes\n")
-    write_reports(chains, tmp_path / "runs", Options(talk=notes), Counted())
+    write_reports(chains, tmp_path / "runs", Options(reporter=notes), Counted())
     assert mine.read_text() == "my own notes\n"
     assert [chain.run.states["report"] for chain in chains] == ["failed", "done"]
     assert [chain.run.exit_status for chain in chains] == [2, 0]
@@ -122,24 +122,24 @@ class Lost(Counted):
 
 
 def test_workers_that_are_lost_fail_the_pages_that_they_had(ended: Any, tmp_path: Path) -> None:
-    talk = Notes()
-    chains = ended("lost", talk)
-    write_reports(chains, tmp_path / "lost", Options(talk=talk), Lost())
+    reporter = Notes()
+    chains = ended("lost", reporter)
+    write_reports(chains, tmp_path / "lost", Options(reporter=reporter), Lost())
     assert [chain.run.states["report"] for chain in chains] == ["done", "failed"]
-    assert talk.wrong == ["two: report: workers were killed 4 times"]
+    assert reporter.wrong == ["two: report: workers were killed 4 times"]
     assert (tmp_path / "lost" / "one" / "report.html").is_file()
 
 
 def test_a_table_of_a_sweep_that_cannot_be_written_is_a_failure_of_its_last_case(
     tmp_path: Path,
 ) -> None:
-    talk = Notes()
+    reporter = Notes()
     runs = [BeltRun(b, c, {"rig.supports": c}, {}) for b in ("s", "t") for c in ("x", "y")]
     (tmp_path / "s" / "sweep.csv").mkdir(parents=True)
-    write_sweep_tables(runs, tmp_path, talk)
+    write_sweep_tables(runs, tmp_path, reporter)
     assert [run.exit_status for run in runs] == [0, EXIT_INPUT, 0, 0]
     assert runs[1].states == {"sweep table": "failed"}
-    (line,) = talk.wrong
+    (line,) = reporter.wrong
     assert line.startswith("s: sweep table: ")
     assert line.endswith("sweep.csv: not written: this is a folder, name a file in it")
     assert (tmp_path / "t" / "sweep.csv").read_text().count("\n") == 3
@@ -147,12 +147,12 @@ def test_a_table_of_a_sweep_that_cannot_be_written_is_a_failure_of_its_last_case
 
 
 def test_a_file_of_the_user_is_not_replaced_by_the_table_of_a_sweep(tmp_path: Path) -> None:
-    talk = Notes()
+    reporter = Notes()
     runs = [BeltRun("s", c, {"rig.supports": c}, {}) for c in ("x", "y")]
     mine = tmp_path / "s" / "sweep.csv"
     mine.parent.mkdir()
     mine.write_text("my own notes\n")
-    write_sweep_tables(runs, tmp_path, talk)
+    write_sweep_tables(runs, tmp_path, reporter)
     assert mine.read_text() == "my own notes\n"
     assert runs[1].states == {"sweep table": "failed"}
-    assert "a file that beltid did not write" in talk.wrong[0]
+    assert "a file that beltid did not write" in reporter.wrong[0]

@@ -157,5 +157,5 @@ def test_a_bench_nobody_has_seen_is_reduced_to_the_friction_that_made_it() -> No
     assert np.count_nonzero(resolved) > 0.8 * peak.size
     assert math.sqrt(np.mean(peak[resolved] ** 2)) < 0.03
     # honest errors: three in four within two standard errors is far from what chance allows
-    doubt = table["mu_sliding_se"].to_numpy()
-    assert np.mean(np.abs(error * sliding) < 2.0 * doubt) > 0.75
+    uncertainty = table["mu_sliding_se"].to_numpy()
+    assert np.mean(np.abs(error * sliding) < 2.0 * uncertainty) > 0.75

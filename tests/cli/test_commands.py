@@ -112,7 +112,7 @@ def test_another_recording_makes_it_again(bench: Path, beltid: Any) -> None:
     recording.write_text("".join(lines[:-1]))
     result = beltid("fit-friction", "rig.csv", "-v")
     assert result.exit_code == 0
-    assert "made again" in result.stderr
+    assert "built again" in result.stderr
 
 
 def test_the_config_used_is_said_and_stored(bench: Path, beltid: Any) -> None:

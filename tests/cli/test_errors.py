@@ -300,19 +300,3 @@ def test_a_bug_is_not_dressed_up_as_an_error_of_the_user(
     result = beltid("fit-friction", "rig.csv", "--force")
     assert result.exit_code == 1
     assert isinstance(result.exception, ZeroDivisionError)
-
-
-def test_an_interrupt_is_status_130_and_says_what_is_kept(
-    bench: Path, beltid: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from beltid.stages import fit_friction
-
-    def interrupted(*_: Any) -> Any:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(fit_friction, "reduce_runs", interrupted)
-    before = (bench / "friction.parquet").read_bytes()
-    result = beltid("fit-friction", "rig.csv", "--force")
-    assert result.exit_code == 130
-    assert "interrupted; friction.parquet" in result.stderr
-    assert (bench / "friction.parquet").read_bytes() == before

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
-import time
 
 import pytest
 from typer.main import get_command
@@ -85,17 +84,6 @@ def test_a_wrong_call_is_status_2_and_says_so_on_stderr(arguments: list[str]) ->
     assert result.exit_code == 2
     assert result.stdout == ""
     assert "Error" in result.stderr
-
-
-def test_the_help_starts_at_most_twice_as_slowly_as_typer() -> None:
-    def seconds(*arguments: str) -> float:
-        start = time.perf_counter()
-        subprocess.run([sys.executable, *arguments], check=True, capture_output=True)
-        return time.perf_counter() - start
-
-    # the fastest of several in turn: other work on the machine only adds to the time
-    pairs = [(seconds("-m", "beltid", "--help"), seconds("-c", "import typer")) for _ in range(8)]
-    assert min(ours for ours, _ in pairs) < 2.0 * min(typer for _, typer in pairs)
 
 
 def test_the_help_imports_nothing_heavy() -> None:

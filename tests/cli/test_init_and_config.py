@@ -85,7 +85,7 @@ def test_init_replaces_nothing_without_force(beltid: Any) -> None:
     Path("a.yaml").write_text("belt: {name: mine}\n")
     refused = beltid("init", "a")
     assert refused.exit_code == 2
-    assert "a.yaml: stands there already, not replaced; --force replaces it" in refused.stderr
+    assert "a.yaml: already exists; use --force to overwrite" in refused.stderr
     assert Path("a.yaml").read_text() == "belt: {name: mine}\n"
     assert beltid("init", "a", "--force").exit_code == 0
     assert beltid("init", "a", "-o", "press.csv").exit_code == 2

@@ -88,7 +88,7 @@ def test_what_writes_two_files_needs_names_for_them(bench: Path) -> None:
 
 def test_no_colour_if_nobody_wants_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """NO_COLOR (no-color.org) holds on a terminal, too."""
-    from beltid.cli.talk import console_for
+    from beltid.cli.reporter import console_for
 
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
     monkeypatch.setenv("TERM", "xterm-256color")

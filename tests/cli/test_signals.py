@@ -1,66 +1,104 @@
-"""A signal is neither lost nor harmful where compiled code calls Python code."""
+"""A signal ends the program at once wherever it comes, with its sentence and its status."""
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
 import sys
+import time
+from pathlib import Path
 
 import pytest
 
-HEARD = """
-import ctypes, os, signal, sys, time
-from beltid.cli.signals import Stopped, hear_signals
-signal.signal(signal.SIGINT, signal.default_int_handler)
-signal.signal(signal.SIGTERM, signal.SIG_DFL)
-hear_signals()
+PROGRAM = """
+import ctypes, multiprocessing, os, signal, sys, time
+from beltid.cli.signals import hear_signals, if_stopped
 number = signal.Signals[sys.argv[1]]
-done = []
-def tell(*ignored):
+signal.signal(number, signal.default_int_handler)
+hear_signals()
+def interrupt(*ignored):
     os.kill(os.getpid(), number)
-    for _ in range(1000):  # so that the signal is heard here
-        pass
-    done.append(True)
-    return 0
-try:
-    {call}
     time.sleep(20.0)
-except KeyboardInterrupt:
-    print("SIGINT", len(done))
-except Stopped as stopped:
-    print("SIGTERM", len(done))
+    return 0
+def work():
+    {call}
+    print("went on")
+with if_stopped("nothing was written"):
+    work()
 """
-CALLBACK = "ctypes.CFUNCTYPE(ctypes.c_int)(tell)()"
-FROM_A_KERNEL = (
-    "type(tell)(tell.__code__.replace(co_name='_numba_unpickle'), globals())()  # as numba calls it"
-)
+PLACES = {
+    "plain code": "interrupt()",
+    # ctypes prints and drops an exception that its callback raises
+    "a callback of compiled code": "ctypes.CFUNCTYPE(ctypes.c_int)(interrupt)()",
+    "code that takes every exception": (
+        "exec('try:\\n interrupt()\\nexcept BaseException:\\n pass', globals())"
+    ),
+    "a destructor": "exec('class A:\\n __del__ = interrupt\\nA()', globals())",
+    "an import": (
+        "sys.meta_path.insert(0, type('F', (), {'find_spec': interrupt})()); import no_such_module"
+    ),
+}
 
-IN_AN_IMPORT = (
-    "type(tell)(tell.__code__.replace(co_filename='<frozen importlib._bootstrap>'), globals())()"
-)
-FROM_AN_EXTENSION = (  # which imports another module while it is loaded
-    "import importlib._bootstrap_external as b; b._imp.exec_dynamic = tell; "
-    "b.ExtensionFileLoader('module', 'place').exec_module(None)"
-)
 
-
-@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
 @pytest.mark.parametrize(
-    ("call", "finished"),
-    [
-        (CALLBACK, 0),
-        (FROM_A_KERNEL, 1),
-        (FROM_AN_EXTENSION, 1),
-        (IN_AN_IMPORT, 1),
-        ("tell()", 0),
-    ],
+    ("number", "word", "status"),
+    [("SIGINT", "interrupted", 130), ("SIGTERM", "terminated", 143), ("SIGHUP", "hung up", 129)],
 )
-def test_a_signal_is_heard_wherever_it_comes(number: str, call: str, finished: int) -> None:
-    """One that C code loses is heard again; one in the middle of a kernel waits for its end."""
+@pytest.mark.parametrize("place", PLACES)
+def test_a_signal_ends_the_program_wherever_it_comes(
+    place: str, number: str, word: str, status: int
+) -> None:
     done = subprocess.run(
-        [sys.executable, "-c", HEARD.replace("{call}", call), number],
+        [sys.executable, "-c", PROGRAM.replace("{call}", PLACES[place]), number],
         capture_output=True,
         text=True,
         check=False,
         timeout=60,
     )
-    assert (done.stdout.split(), done.stderr) == ([number, str(finished)], "")
+    assert done.stderr == f"error: {word}; nothing was written\n"
+    assert (done.returncode, done.stdout) == (status, "")
+
+
+def test_an_ignored_signal_stays_ignored() -> None:
+    code = (
+        "import os, signal; from beltid.cli.signals import hear_signals\n"
+        "signal.signal(signal.SIGHUP, signal.SIG_IGN); hear_signals()\n"
+        "os.kill(os.getpid(), signal.SIGHUP); print('went on')"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, "went on\n")
+
+
+def test_children_and_passing_files_end_with_the_program(tmp_path: Path) -> None:
+    code = """
+import multiprocessing, os, pathlib, signal, sys, time
+from beltid.cli.signals import hear_signals, passing
+hear_signals()
+child = multiprocessing.get_context("fork").Process(target=time.sleep, args=(60.0,))
+child.start()
+print(child.pid, flush=True)
+with passing(pathlib.Path(sys.argv[1])):
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(20.0)
+"""
+    folder = tmp_path / "passing"
+    folder.mkdir()
+    (folder / "stdin").write_text("1")
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(folder)], capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 128 + signal.SIGTERM
+    assert not folder.exists()
+    assert ended(int(done.stdout))
+
+
+def ended(pid: int) -> bool:
+    """Whether a process ends within some seconds."""
+    for _ in range(100):
+        try:
+            os.kill(pid, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.05)
+    return False

@@ -205,3 +205,14 @@ def test_small_numbers_are_written_so_that_every_yaml_reader_takes_them_as_numbe
     assert "damping_time_s: 1.0e-05 " in config_text(
         load_config({"belt": {"damping_time_s": 1e-5}})
     )
+
+
+def test_a_config_comes_back_from_a_worker_as_it_was() -> None:
+    import pickle
+
+    stated = {"columns": {"rig": {"arc_deg": "wrap"}}, "runs": {"rig": {"values": {"arc_deg": 82}}}}
+    config = load_config(stated)
+    again = pickle.loads(pickle.dumps(config))
+    assert again == config
+    assert again.columns.of("rig") == {"arc_deg": "wrap"}
+    assert again.sha256 == config.sha256

@@ -1,9 +1,10 @@
-"""The documentation: its pages build without a warning, and the tutorial does what it says."""
+"""The documentation: its pages build without a warning, README and tutorial do what they say."""
 
 from __future__ import annotations
 
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -17,6 +18,7 @@ from beltid.cli import app
 ROOT = Path(__file__).parents[2]
 SPHINX = (sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html")
 TUTORIAL = ROOT / "docs" / "tutorial.md"
+README = ROOT / "README.md"
 
 
 def blocks(language: str) -> list[str]:
@@ -76,6 +78,53 @@ def test_commands_of_the_tutorial_run_one_after_the_other(
     assert law.synthetic
     assert (law.belt.name, law.belt.ribs) == ("5pk", 5)
     for block in blocks("python"):
+        exec(block, {})
+
+
+def shown_in_readme() -> list[tuple[str, list[str]]]:
+    """Commands of the README, each with the lines that it is said to print."""
+    shown: list[tuple[str, list[str]]] = []
+    for line in README.read_text().splitlines():
+        if line.startswith("    $ "):
+            shown.append((line.removeprefix("    $ "), []))
+        elif line.startswith("    ") and shown:
+            shown[-1][1].append(line.removeprefix("    ").rstrip())
+        elif line and shown:
+            shown.append(("", []))  # text ends the block of a command
+    return [(command, lines) for command, lines in shown if command]
+
+
+def parts(lines: list[str]) -> list[str]:
+    """What stands between the dots of a block, each part in one piece."""
+    text = "\n".join(lines).strip("\n")
+    return [part.strip("\n") for part in re.split(r"^\.\.\.$", text, flags=re.M)]
+
+
+@pytest.fixture
+def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder with the recordings and configs of the project, as the current one."""
+    for name in ("configs", "rigdata"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("BELTID_CONFIG", raising=False)
+    monkeypatch.delenv("COLUMNS", raising=False)
+    return tmp_path
+
+
+def test_commands_of_the_readme_print_what_it_shows(project: Path) -> None:
+    shown = shown_in_readme()
+    assert len(shown) > 8
+    wrong = []
+    for command, lines in shown:
+        called = [sys.executable, "-m", *shlex.split(command)]
+        done = subprocess.run(called, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, f"{command}\n{done.stderr}"
+        printed = "\n".join(line.rstrip() for line in (done.stdout + done.stderr).splitlines())
+        wrong += [f"$ {command}\n{part}" for part in parts(lines) if part not in printed]
+        if command.startswith("beltid run"):  # the same results: the steps find them up to date
+            shutil.copytree(project / "runs" / "5pk", project / "tour")
+    assert not wrong, "\n".join(wrong)
+    for block in re.findall(r"^```python\n(.*?)^```$", README.read_text(), re.M | re.S):
         exec(block, {})
 
 

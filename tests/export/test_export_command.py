@@ -101,7 +101,7 @@ def test_a_file_with_another_content_is_replaced_with_force_only(results: Path) 
     path.write_text("# tuned by hand\n")
     refused = call("exudyn", results)
     assert refused.exit_code == 2
-    assert f"{path}: stands there with another content, not replaced; --force" in refused.stderr
+    assert f"{path}: already exists; use --force" in refused.stderr
     assert path.read_text() == "# tuned by hand\n"
     assert call("exudyn", results, "--force").exit_code == 0
     assert path.read_bytes() == written

@@ -25,9 +25,9 @@ from beltid.report.results import BeltResults
 from beltid.report.verdict import verdict_of
 from beltid.stages.about import file_info
 from beltid.stages.belt_results import sheet_of
-from beltid.stages.simulated_doubt import runs_doubt_of
 from beltid.stages.tables import law_of, surface_of
 from beltid.stages.uncertainties import press_law
+from beltid.uncertainty.simulated import runs_uncertainty_of
 
 CONFIG = load_config()
 SETTINGS = load_config({"runs": {"rig": {"values": {"arc_deg": 82, "initial_tension_N": 270}}}})
@@ -57,7 +57,7 @@ def _artifact(path: Path) -> object:
     elif artifact.kind == "stiffness":
         press_law(law_of(artifact), CONFIG, artifact)
     elif artifact.kind == "simulated":
-        runs_doubt_of(artifact.metadata.figures)
+        runs_uncertainty_of(artifact.metadata.figures)
     results = BeltResults("x", {artifact.kind: sheet})
     verdict_of(results)
     for table in (tables.budget, tables.set_aside, tables.provenance, tables.settings):

@@ -186,7 +186,7 @@ def test_combined_uncertainty_takes_the_place_of_the_scatter() -> None:
     columns = {**sheet.columns, "mu_u": np.full(8, 0.01)}
     wider = type(sheet)("surface", "surface", columns)
     assert wider.surface.mu_se_at(4000.0, 0.0025) == pytest.approx(0.01)
-    assert wider.doubt == "combined standard uncertainty"
+    assert wider.uncertainty == "combined standard uncertainty"
 
 
 def test_belts_are_compared_at_a_force_and_a_speed_that_all_have() -> None:

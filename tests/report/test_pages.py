@@ -19,7 +19,7 @@ from beltid.report.html import rendered
 from beltid.report.interactive import as_json, surface_plot
 from beltid.report.results import BeltResults
 from beltid.stages import report_belt
-from beltid.stages.talk import Options
+from beltid.stages.reporter import Options
 
 sys.path.insert(0, str(Path(__file__).parent))
 from report_belt_data import NAUGHTY, results, sheets, without, write

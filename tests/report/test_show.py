@@ -63,7 +63,7 @@ def test_a_figure_is_written(folder: Path, tmp_path: Path, ending: str, magic: b
     before = out.read_bytes()
     status, _, error = shown(folder / "slip.parquet", "-o", out)
     assert status == 2
-    assert "is there already" in error
+    assert "already exists; use --force to overwrite" in error
     assert out.read_bytes() == before
 
 

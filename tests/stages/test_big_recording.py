@@ -13,7 +13,7 @@ from beltid.config import find_config
 from beltid.errors import InputError
 from beltid.stages import fit_friction
 from beltid.stages.recorded_curves import rig_curves
-from beltid.stages.talk import Options
+from beltid.stages.reporter import Options
 from beltid.stages.workers import Workers
 
 RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"
@@ -97,3 +97,16 @@ def test_a_friction_artifact_of_a_folder_of_parquet_files(some_runs: Path, tmp_p
     order = np.argsort(one["run"].astype(str)), np.argsort(other["run"].astype(str))
     for name in ("mu_sliding", "mu_sliding_se", "normal_force_N_m"):
         assert np.array_equal(one[name][order[0]], other[name][order[1]])
+
+
+@pytest.mark.parametrize("limit", [1, 1 << 40], ids=["run by run", "at once"])
+def test_curves_of_another_recording_are_refused_with_what_is_missing(
+    some_runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: int
+) -> None:
+    friction, other = tmp_path / "friction.parquet", tmp_path / "other.csv"
+    fitted(some_runs, friction)
+    header, *rows = some_runs.read_text().splitlines()
+    other.write_text("\n".join([header, *("X" + row for row in rows)]) + "\n")
+    monkeypatch.setattr(big_recording, "BIG", limit)
+    with pytest.raises(InputError, match=r"other\.csv: has no run R\d+, .*another recording"):
+        rig_curves(find_config(some_runs), other, friction, tmp_path / "c.parquet", Options())

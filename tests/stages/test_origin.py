@@ -11,8 +11,8 @@ from beltid.artifacts.artifact import read_artifact, write_artifact
 from beltid.config import ConfigSource, find_config, load_config
 from beltid.report.summary import Summary
 from beltid.stages import build_surface, compare, fit_friction, fit_stiffness, simulate_rig
+from beltid.stages.reporter import Options
 from beltid.stages.simulate_rig import SimulateOptions
-from beltid.stages.talk import Options
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "rigdata" / "5pk"

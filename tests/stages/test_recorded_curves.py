@@ -11,7 +11,7 @@ from beltid.artifacts.artifact import read_artifact
 from beltid.config import find_config
 from beltid.stages import fit_friction
 from beltid.stages.recorded_curves import rig_curves
-from beltid.stages.talk import Options
+from beltid.stages.reporter import Options
 
 RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"
 

@@ -12,7 +12,7 @@ import beltid
 from beltid.artifacts.artifact import read_artifact
 from beltid.config import ConfigSource, load_config
 from beltid.stages import fit_slip
-from beltid.stages.talk import Options
+from beltid.stages.reporter import Options
 
 
 def recording(folder: Path) -> Path:

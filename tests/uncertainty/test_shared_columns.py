@@ -14,11 +14,11 @@ from virtual_bench import NO_ERRORS, SMALL, read_campaign
 
 import beltid
 from beltid.refine.inverse import refine_surface
-from beltid.stages.reduced_doubt import friction_doubt
-from beltid.stages.simulated_doubt import RunsDoubt
-from beltid.stages.uncertainties import KEYS
+from beltid.stages.uncertainties import KEYS, standard_uncertainties
 from beltid.stages.validation import validated
+from beltid.uncertainty.reduced import friction_uncertainty
 from beltid.uncertainty.refined import changes_and_scatter, refined_slopes
+from beltid.uncertainty.simulated import RunsUncertainty
 from beltid.uncertainty.sources import Errors, reduction_sources
 
 TRUTH = Path(__file__).parents[1] / "truth" / "5pk" / "truth.csv"
@@ -66,8 +66,12 @@ def lines(rows: list[dict[str, object]]) -> dict[str, float]:
     return {row["source"]: row["contribution_percent"] for row in rows}
 
 
+def given(config):
+    return standard_uncertainties(beltid.load_config(config))
+
+
 def test_runs_have_the_same_uncertainty_with_a_line_for_each_part():
-    columns, rows = friction_doubt(with_shared(), beltid.load_config(NOTHING))
+    columns, rows = friction_uncertainty(with_shared(), given(NOTHING), 0.05)
     mu = with_shared()["mu_sliding"]
     whole = math.sqrt(OWN**2 + TAIL**2 + DRIFT**2)
     np.testing.assert_allclose(columns["mu_sliding_u"], whole * mu, rtol=2e-3)
@@ -154,7 +158,7 @@ def test_a_nonlinear_cell_errs_by_the_square_of_the_tension():
 def test_a_budget_has_a_line_for_nonlinear_cells():
     config = {"uncertainty": {**NOTHING["uncertainty"], "cell_linearity_rel": 0.02}}
     table = friction()
-    columns, rows = friction_doubt(table, beltid.load_config(config))
+    columns, rows = friction_uncertainty(table, given(config), 0.05)
     f, beta = table["normal_force_N_m"], np.radians(table["arc_deg"])
     slack = f * 0.05 * table["mu_sliding"] * beta / np.expm1(table["mu_sliding"] * beta)
     tight = slack * np.exp(table["mu_sliding"] * beta)
@@ -185,7 +189,7 @@ def test_what_surface_and_run_share_cancels_in_their_difference(known, left):
     n = result.mu_measured.size
     sources = reduction_sources({"shared_tail": table["shared_tail"]}) if known else ()
     column = np.full((n, len(sources)), TAIL)
-    doubt = RunsDoubt(
+    uncertainty = RunsUncertainty(
         sources=sources,
         runs=tuple(str(label) for label in simulated["run"]),
         simulated=column,
@@ -194,7 +198,7 @@ def test_what_surface_and_run_share_cancels_in_their_difference(known, left):
         numerical=np.zeros(n),
         by_setting=np.zeros((n, 2)),
     )
-    found = validated(result, table, simulated, doubt)
+    found = validated(result, table, simulated, uncertainty)
     own = math.sqrt(OWN**2 + DRIFT**2)  # the drift is no longer said to be shared
     np.testing.assert_allclose(found.validation.measured_scatter, own, rtol=1e-6)
     np.testing.assert_allclose(found.validation.u_validation, math.hypot(own, left), rtol=1e-6)

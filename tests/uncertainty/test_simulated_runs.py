@@ -15,7 +15,11 @@ from beltid.params import Contact, OperatingPoint
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import SimulationSettings, simulate
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.simulated import SimulatedDoubt, simulated_doubt, with_rig_sources
+from beltid.uncertainty.simulated import (
+    SimulatedUncertainty,
+    simulated_uncertainty,
+    with_rig_sources,
+)
 from beltid.uncertainty.sources import StandardUncertainties, rig_sources
 from beltid.uncertainty.validation import Validation
 
@@ -37,9 +41,11 @@ def bench(surface: FrictionSurface) -> Bench:
     return Bench(BELT, RIG, Contact(), LAW, surface)
 
 
-def doubt(surface: FrictionSurface, given: StandardUncertainties = GIVEN) -> SimulatedDoubt:
+def doubt(surface: FrictionSurface, given: StandardUncertainties = GIVEN) -> SimulatedUncertainty:
     press = PressLaw(LAW, np.zeros((2, 2)), 1.2e-4, 0.04)
-    return simulated_doubt(bench(surface), press, POINTS, ARC, rig_sources(given, 2), elements=40)
+    return simulated_uncertainty(
+        bench(surface), press, POINTS, ARC, rig_sources(given, 2), elements=40
+    )
 
 
 def log_mu(surface: FrictionSurface, point: OperatingPoint) -> float:
@@ -47,7 +53,7 @@ def log_mu(surface: FrictionSurface, point: OperatingPoint) -> float:
 
 
 @pytest.fixture(scope="module")
-def plain() -> SimulatedDoubt:
+def plain() -> SimulatedUncertainty:
     return doubt(scaled(1.0))
 
 
@@ -64,7 +70,7 @@ def by_sensitivity() -> np.ndarray:
 
 
 def test_an_error_of_the_surface_acts_as_on_runs_simulated_anew(
-    plain: SimulatedDoubt, by_sensitivity: np.ndarray
+    plain: SimulatedUncertainty, by_sensitivity: np.ndarray
 ) -> None:
     # the first source scales all nodes together; one more column is scatter
     nodes = np.ones(TRUE_SURFACE.mu_nodes.shape)
@@ -81,7 +87,7 @@ def test_an_error_of_the_surface_acts_as_on_runs_simulated_anew(
 
 
 def test_without_a_covariance_the_standard_errors_add_up(
-    plain: SimulatedDoubt, by_sensitivity: np.ndarray
+    plain: SimulatedUncertainty, by_sensitivity: np.ndarray
 ) -> None:
     np.testing.assert_allclose(plain.scatter, OWN * by_sensitivity, rtol=0.05)
     np.testing.assert_allclose(
@@ -90,7 +96,7 @@ def test_without_a_covariance_the_standard_errors_add_up(
 
 
 def test_an_error_of_the_bench_is_in_what_was_measured_as_the_formulas_say(
-    plain: SimulatedDoubt,
+    plain: SimulatedUncertainty,
 ) -> None:
     errors = [source.error for source in rig_sources(GIVEN, 2)]
     of_measured = plain.simulated - plain.difference
@@ -101,7 +107,9 @@ def test_an_error_of_the_bench_is_in_what_was_measured_as_the_formulas_say(
     np.testing.assert_allclose(of_measured[:, errors.index("tension_gain")], 0.0, atol=1e-12)
 
 
-def test_slopes_by_the_settings_are_those_of_runs_simulated_anew(plain: SimulatedDoubt) -> None:
+def test_slopes_by_the_settings_are_those_of_runs_simulated_anew(
+    plain: SimulatedUncertainty,
+) -> None:
     surface, step = scaled(1.0), 1e-3
     for i, point in enumerate(POINTS):
         for k, name in enumerate(("T_0", "omega")):
@@ -112,7 +120,7 @@ def test_slopes_by_the_settings_are_those_of_runs_simulated_anew(plain: Simulate
             assert plain.by_setting[i, k] == pytest.approx((up - down) / (2 * step), abs=2e-3)
 
 
-def test_a_mesh_twice_as_fine_is_the_measure_of_the_mesh(plain: SimulatedDoubt) -> None:
+def test_a_mesh_twice_as_fine_is_the_measure_of_the_mesh(plain: SimulatedUncertainty) -> None:
     for i, point in enumerate(POINTS):
         fine = simulate(bench(scaled(1.0)), point, SimulationSettings("steady", 80)).mu
         assert plain.mesh[i] == pytest.approx(abs(math.log(fine / plain.mu[i])), abs=1e-7)

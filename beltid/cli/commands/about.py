@@ -13,7 +13,7 @@ from beltid.cli.explain import CODES
 from beltid.cli.program import PlainCommand, app, command
 
 if TYPE_CHECKING:
-    from beltid.cli.talk import TerminalTalk
+    from beltid.cli.reporter import TerminalReporter
     from beltid.report.summary import Summary
 
 
@@ -51,7 +51,9 @@ def info(
     """
     from beltid.stages import about as stage
 
-    finish(lambda talk: stage.program() if file is None else stage.file_info(file), common, kept="")
+    finish(
+        lambda reporter: stage.program() if file is None else stage.file_info(file), common, kept=""
+    )
 
 
 @config_app.command("show", cls=PlainCommand, short_help="the values that hold, and their origin")
@@ -81,14 +83,14 @@ def show(
 
     if origin or common.json:
 
-        def work(talk: TerminalTalk) -> Summary:
+        def work(reporter: TerminalReporter) -> Summary:
             return stage.config_origins(find_config(file, common.config))
 
         finish(work, common, kept="")
 
-    def text(talk: TerminalTalk) -> str:
+    def text(reporter: TerminalReporter) -> str:
         source = find_config(file, common.config)
-        talk.say(f"config: {source.origin}")
+        reporter.report(f"config: {source.origin}")
         return stage.shown_config(source)
 
     print_text(text, common)
@@ -109,7 +111,7 @@ def check(
     """
     from beltid.stages import about as stage
 
-    finish(lambda talk: stage.check_configs(configs), common, kept="")
+    finish(lambda reporter: stage.check_configs(configs), common, kept="")
 
 
 @command("explain")
@@ -131,7 +133,7 @@ def explain(
     from beltid.cli.explain import page
     from beltid.errors import InputError
 
-    def text(talk: TerminalTalk) -> str:
+    def text(reporter: TerminalReporter) -> str:
         if code is None:
             return "".join(f"{known}\n" for known in CODES)
         if code not in CODES:

@@ -13,7 +13,7 @@ from beltid.cli.execute import finish, print_text
 from beltid.cli.program import command
 
 if TYPE_CHECKING:
-    from beltid.cli.talk import TerminalTalk
+    from beltid.cli.reporter import TerminalReporter
     from beltid.report.summary import Summary
 
 TARGET_NAMES = (
@@ -130,16 +130,16 @@ def export(
     from beltid.stages.export_law import run as stage
 
     if target == SCHEMA:
-        print_text(lambda talk: schema_text(), common)
+        print_text(lambda reporter: schema_text(), common)
 
-    def work(talk: TerminalTalk) -> Summary:
+    def work(reporter: TerminalReporter) -> Summary:
         if source is None:
             raise InputError(
                 "LAW is missing: name the results of a belt, such as runs/5pk, or a law file"
             )
         options = ExportOptions(
             force=common.force,
-            talk=talk,
+            reporter=reporter,
             surface=surface.value if surface else None,
             normal_force_N_m=normal_force,
             slip_speed_m_s=speed,

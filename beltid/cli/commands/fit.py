@@ -13,8 +13,8 @@ from beltid.cli.program import command
 from beltid.cli.recordings import reads_recording
 
 if TYPE_CHECKING:
-    from beltid.cli.talk import TerminalTalk
-    from beltid.stages.talk import Options
+    from beltid.cli.reporter import TerminalReporter
+    from beltid.stages.reporter import Options
 
 
 @command("fit-stiffness")
@@ -87,9 +87,9 @@ def fit_friction(rig: Rig, *, common: Common) -> None:
 
         from beltid.stages import fit_friction as stage  # while the workers import, too
 
-        def options(talk: TerminalTalk) -> Options:
-            from beltid.stages.talk import Options
+        def options(reporter: TerminalReporter) -> Options:
+            from beltid.stages.reporter import Options
 
-            return Options(force=common.force, talk=talk, workers=workers)
+            return Options(force=common.force, reporter=reporter, workers=workers)
 
         execute(stage.run, {"rig": rig}, "friction.parquet", common, options)

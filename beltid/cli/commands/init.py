@@ -13,7 +13,7 @@ from beltid.cli.execute import finish
 from beltid.cli.program import command
 
 if TYPE_CHECKING:
-    from beltid.cli.talk import TerminalTalk
+    from beltid.cli.reporter import TerminalReporter
     from beltid.report.summary import Summary
 
 QUESTIONS: Final = (
@@ -98,7 +98,7 @@ def init(
     Example: beltid init 6pk --press press.csv --rig rig.csv --pulley-radius 0.06
     """
     from beltid.stages import new_config as stage
-    from beltid.stages.talk import Options
+    from beltid.stages.reporter import Options
 
     flags = {
         "belt.name": name,
@@ -122,9 +122,9 @@ def init(
     stated = {key: value for key, value in flags.items() if value is not None}
     ask = on_terminal() and not (no_input or common.quiet or common.json)
 
-    def work(talk: TerminalTalk) -> Summary:
+    def work(reporter: TerminalReporter) -> Summary:
         answers = _asked(stated) if ask else stated
-        return stage.run(answers, common.out, Options(force=common.force, talk=talk))
+        return stage.run(answers, common.out, Options(force=common.force, reporter=reporter))
 
     finish(work, common, kept="no config was written")
 

@@ -14,7 +14,7 @@ from beltid.cli.program import command
 from beltid.errors import InputError
 
 if TYPE_CHECKING:
-    from beltid.cli.talk import TerminalTalk
+    from beltid.cli.reporter import TerminalReporter
     from beltid.report.summary import Summary
 
 KINDS = ("press", "rig", "speedloss")
@@ -47,11 +47,11 @@ def inspect(
     from beltid.config import find_config
     from beltid.stages import inspect_file as stage
 
-    def work(talk: TerminalTalk) -> Summary:
+    def work(reporter: TerminalReporter) -> Summary:
         if kind is not None and kind not in KINDS:
             raise InputError(f"--kind {kind}, must be " + ", ".join(KINDS))
         source = find_config(file, common.config)
-        talk.say(f"config: {source.origin}")
-        return stage.run(source, file, stage.InspectOptions(talk=talk, kind=kind))
+        reporter.report(f"config: {source.origin}")
+        return stage.run(source, file, stage.InspectOptions(reporter=reporter, kind=kind))
 
     finish(work, common, kept="nothing was changed")

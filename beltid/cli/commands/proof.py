@@ -12,8 +12,8 @@ from beltid.cli.inputs import Friction, Jobs, Simulated, Stiffness, Surface
 from beltid.cli.program import command
 
 if TYPE_CHECKING:
-    from beltid.cli.talk import TerminalTalk
-    from beltid.stages.talk import Options
+    from beltid.cli.reporter import TerminalReporter
+    from beltid.stages.reporter import Options
 
 
 @command("simulate-rig")
@@ -87,10 +87,10 @@ def simulate_rig(
     """
     from beltid.stages import simulate_rig as stage
 
-    def options(talk: TerminalTalk) -> Options:
+    def options(reporter: TerminalReporter) -> Options:
         return stage.SimulateOptions(
             force=common.force,
-            talk=talk,
+            reporter=reporter,
             method=method,
             arcs_deg=tuple(arc or ()),
             tensions_N=tuple(tension or ()),

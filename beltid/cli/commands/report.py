@@ -12,7 +12,7 @@ from beltid.cli.execute import finish
 from beltid.cli.program import command
 
 if TYPE_CHECKING:
-    from beltid.cli.talk import TerminalTalk
+    from beltid.cli.reporter import TerminalReporter
     from beltid.report.summary import Summary
 
 
@@ -46,11 +46,13 @@ def report(
     """
     from beltid.config import find_config
     from beltid.stages import report_belt as stage
-    from beltid.stages.talk import Options
+    from beltid.stages.reporter import Options
 
-    def work(talk: TerminalTalk) -> Summary:
+    def work(reporter: TerminalReporter) -> Summary:
         source = find_config(None, common.config) if common.config else None
-        return stage.run(folders, common.out, Options(force=common.force, talk=talk), source)
+        return stage.run(
+            folders, common.out, Options(force=common.force, reporter=reporter), source
+        )
 
     finish(work, common, kept="reports that were finished stand")
 
@@ -78,9 +80,11 @@ def show(
     Example: beltid show runs/5pk/surface_refined.parquet -o map.pdf --figure map-surface_refined
     """
     from beltid.stages import show_artifact as stage
-    from beltid.stages.talk import Options
+    from beltid.stages.reporter import Options
 
-    def work(talk: TerminalTalk) -> Summary:
-        return stage.run(artifact, common.out, figure, Options(force=common.force, talk=talk))
+    def work(reporter: TerminalReporter) -> Summary:
+        return stage.run(
+            artifact, common.out, figure, Options(force=common.force, reporter=reporter)
+        )
 
     finish(work, common, kept="nothing was written")

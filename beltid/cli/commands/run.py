@@ -14,7 +14,7 @@ from beltid.cli.inputs import Bootstrap, Seed
 from beltid.cli.program import command
 
 if TYPE_CHECKING:
-    from beltid.cli.talk import TerminalTalk
+    from beltid.cli.reporter import TerminalReporter
     from beltid.report.summary import Summary
     from beltid.stages.workers import Workers
 
@@ -95,7 +95,7 @@ def run(
     folder = common.out or Path("runs")
     where = Where(executor, scheduler, scheduler_file, jobs)
 
-    def work(talk: TerminalTalk) -> Summary:
+    def work(reporter: TerminalReporter) -> Summary:
         from beltid.batch.sources import Shard, config_sources
 
         part = None if shard is None else Shard.parse(shard)
@@ -112,12 +112,12 @@ def run(
         workers = where.workers(at_once=first_time or common.force)
         from beltid.batch.chain import BatchOptions, run_batch
 
-        talk.detail(f"workers: {workers.about}")
+        reporter.detail(f"workers: {workers.about}")
         if part is not None:
-            talk.say(f"part {part.number} of {part.count}: {len(chosen)} of {len(sources)}")
+            reporter.report(f"part {part.number} of {part.count}: {len(chosen)} of {len(sources)}")
         options = BatchOptions(
             force=common.force,
-            talk=talk,
+            reporter=reporter,
             workers=workers,
             fail_fast=fail_fast,
             bootstrap=bootstrap,

@@ -13,8 +13,8 @@ from beltid.cli.pool import workers_until
 from beltid.cli.program import command
 
 if TYPE_CHECKING:
-    from beltid.cli.talk import TerminalTalk
-    from beltid.stages.talk import Options
+    from beltid.cli.reporter import TerminalReporter
+    from beltid.stages.reporter import Options
 
 
 @command("build-surface")
@@ -58,11 +58,11 @@ def refine_surface(
 
     with ExitStack() as stack:
 
-        def options(talk: TerminalTalk) -> Options:
-            from beltid.stages.talk import Options
+        def options(reporter: TerminalReporter) -> Options:
+            from beltid.stages.reporter import Options
 
             workers = workers_until(stack, jobs) if bootstrap else None
-            return Options(force=common.force, talk=talk, workers=workers)
+            return Options(force=common.force, reporter=reporter, workers=workers)
 
         run = partial(stage.run, bootstrap=bootstrap, seed=seed)
         inputs = {"friction": friction, "stiffness": stiffness}

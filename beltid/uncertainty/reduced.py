@@ -7,28 +7,47 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.config import Config
 from beltid.identify.press.stiffness import LawEstimate
 from beltid.laws.penalty import NormalLaw
-from beltid.stages.measured import measured_runs, valid_rows
-from beltid.stages.uncertainties import standard_uncertainties
 from beltid.uncertainty.budget import Scatter, budget, combined
+from beltid.uncertainty.measured import measured_runs, valid_rows
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.sources import Errors, press_sources, reduction_sources, rig_sources
+from beltid.uncertainty.sources import (
+    Errors,
+    StandardUncertainties,
+    press_sources,
+    reduction_sources,
+    rig_sources,
+)
 
 COEFFICIENTS: Final = ("k_linear_N_m2", "k_quadratic_N_m3")
 Found = tuple[dict[str, np.ndarray], list[dict[str, Any]]]
 
 
-def friction_doubt(columns: Mapping[str, np.ndarray], config: Config) -> Found:
-    """Columns ``mu_sliding_u`` and ``normal_force_u_N_m`` of a friction table, and the budget.
+def friction_uncertainty(
+    columns: Mapping[str, np.ndarray], given: StandardUncertainties, R: float
+) -> Found:
+    """Combined uncertainties of the runs of a friction rig, and their budget.
 
-    Runs that cannot be used have none.
+    Parameters
+    ----------
+    columns : mapping of str to ndarray
+        Columns of the friction table.
+    given : StandardUncertainties
+        Standard uncertainties of the bench.
+    R : float
+        Radius of the belt's centreline on the pulley [m].
+
+    Returns
+    -------
+    columns, budget
+        ``mu_sliding_u`` [-] and ``normal_force_u_N_m``, nan for runs that cannot be used; a row
+        per quantity and source.
     """
     rows = valid_rows(columns, np.flatnonzero(columns["status"] == "ok"))
-    measured = measured_runs(columns, rows, config.rig_params().R)
-    given = rig_sources(standard_uncertainties(config), int(measured.arc.max()) + 1)
-    sources = (*given, *reduction_sources(measured.columns))
+    measured = measured_runs(columns, rows, R)
+    of_rig = rig_sources(given, int(measured.arc.max()) + 1)
+    sources = (*of_rig, *reduction_sources(measured.columns))
     of_mu, of_force = np.zeros((2, rows.size, len(sources)))
     for k, source in enumerate(sources):
         after = measured.corrected(Errors.single(source))
@@ -49,9 +68,25 @@ def friction_doubt(columns: Mapping[str, np.ndarray], config: Config) -> Found:
     )
 
 
-def stiffness_doubt(laws: Sequence[LawEstimate], config: Config) -> Found:
-    """Columns ``k_..._u_...`` of a stiffness table, and the budget of the last law, the pooled."""
-    given = standard_uncertainties(config)
+def stiffness_uncertainty(
+    laws: Sequence[LawEstimate], given: StandardUncertainties, segment_length_m: float
+) -> Found:
+    """Combined uncertainties of normal contact laws, and the budget of the last one, the pooled.
+
+    Parameters
+    ----------
+    laws : sequence of LawEstimate
+        The laws.
+    given : StandardUncertainties
+        Standard uncertainties of the press.
+    segment_length_m : float
+        Length of belt under the press [m].
+
+    Returns
+    -------
+    columns, budget
+        ``k_linear_u_N_m2`` and ``k_quadratic_u_N_m3``; a row per coefficient and source.
+    """
     sources = press_sources(given)
     u = np.zeros((len(laws), 2))
     rows: list[dict[str, Any]] = []
@@ -61,7 +96,7 @@ def stiffness_doubt(laws: Sequence[LawEstimate], config: Config) -> Found:
             NormalLaw(*k.tolist()),
             np.zeros((2, 2)),
             law.max_penetration_m,
-            config.press.segment_length_cm / 100.0,
+            segment_length_m,
         )
         size = np.where(k > 0.0, k, 1.0)
         changes = np.array([press.coefficients(Errors.single(s)) - k for s in sources])

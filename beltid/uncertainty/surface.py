@@ -16,7 +16,7 @@ QUANTITY = "surface"
 
 
 @dataclass(frozen=True, slots=True)
-class SurfaceDoubt:
+class SurfaceUncertainty:
     """Covariance of ln mu at the nodes of a surface by its causes.
 
     Attributes

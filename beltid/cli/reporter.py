@@ -1,4 +1,4 @@
-"""Talk of the command line: everything that goes to stderr, and its progress display."""
+"""Reporter of the command line: everything that goes to stderr, and its progress display."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 from beltid.cli.streams import mute
 from beltid.errors import printable
-from beltid.stages.talk import Talk
+from beltid.stages.reporter import Reporter
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -44,8 +44,8 @@ def console_for(stream: str) -> Console:
     return Console(file=file, width=width)
 
 
-class TerminalTalk(Talk):
-    """Talk on stderr.
+class TerminalReporter(Reporter):
+    """Reporter on stderr.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class TerminalTalk(Talk):
         self.quiet = quiet
         self._names = {} if names is None else names
         self.verbose = verbose and not quiet
-        self._lock = threading.RLock()  # belts of a batch talk at the same time
+        self._lock = threading.RLock()  # belts of a batch report at the same time
         self._bars: Progress | None = None
         self._followed = 0
 
@@ -84,7 +84,7 @@ class TerminalTalk(Talk):
             except OSError:  # nobody can hear it; the work goes on
                 mute("stderr")
 
-    def say(self, text: str) -> None:
+    def report(self, text: str) -> None:
         """Say what is going on."""
         if not self.quiet:
             self._line(text)
@@ -155,8 +155,8 @@ def _bars() -> Progress:
 class _Lines:
     """Progress as a line every few seconds, for logs."""
 
-    def __init__(self, talk: TerminalTalk, label: str, total: int) -> None:
-        self.talk, self.label, self.total = talk, label, total
+    def __init__(self, reporter: TerminalReporter, label: str, total: int) -> None:
+        self.reporter, self.label, self.total = reporter, label, total
         self.done = 0
         self.first = self.last = 0.0
 
@@ -170,4 +170,4 @@ class _Lines:
             return
         self.last = now
         left = (now - self.first) / (self.done - 1) * (self.total - self.done)
-        self.talk.say(f"{self.label}: {self.done} of {self.total}, about {left:.0f} s left")
+        self.reporter.report(f"{self.label}: {self.done} of {self.total}, about {left:.0f} s left")

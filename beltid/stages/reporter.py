@@ -1,4 +1,4 @@
-"""What a stage says while it works, and the options that all stages share."""
+"""What a stage reports while it works, and the options that all stages share."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ if TYPE_CHECKING:
     from beltid.stages.workers import Workers
 
 
-class Talk:
-    """Listener to a stage at work; this one is deaf.
+class Reporter:
+    """Progress reporter; the base class discards everything.
 
-    The command line brings one that writes to the terminal.
+    The command line has one that writes to the terminal.
     """
 
-    def say(self, text: str) -> None:
-        """Hear what is going on."""
+    def report(self, text: str) -> None:
+        """Report what is going on."""
 
     def detail(self, text: str) -> None:
-        """Hear what only a curious user wants to know."""
+        """Report what only a curious user wants to know."""
 
     def warn(self, text: str) -> None:
-        """Hear what the user should look into."""
+        """Report what the user should look into."""
 
     def error(self, text: str) -> None:
-        """Hear what went wrong, where the work goes on without it."""
+        """Report what went wrong, where the work goes on without it."""
 
     @contextmanager
     def progress(self, label: str, total: int) -> Iterator[Callable[[], None]]:
@@ -35,41 +35,41 @@ class Talk:
         yield lambda: None
 
 
-class Named(Talk):
-    """Talk of one of several: every line begins with its name.
+class NamedReporter(Reporter):
+    """Reporter of one of several: every line begins with its name.
 
     Parameters
     ----------
     name : str
         The name.
-    talk : Talk
-        Who listens.
+    reporter : Reporter
+        Hears what is going on.
     """
 
-    def __init__(self, name: str, talk: Talk) -> None:
+    def __init__(self, name: str, reporter: Reporter) -> None:
         self.name = name
-        self.talk = talk
+        self.reporter = reporter
 
-    def say(self, text: str) -> None:
+    def report(self, text: str) -> None:
         """Pass on what is going on."""
-        self.talk.say(f"{self.name}: {text}")
+        self.reporter.report(f"{self.name}: {text}")
 
     def detail(self, text: str) -> None:
         """Pass on a detail."""
-        self.talk.detail(f"{self.name}: {text}")
+        self.reporter.detail(f"{self.name}: {text}")
 
     def warn(self, text: str) -> None:
         """Pass on what the user should look into."""
-        self.talk.warn(f"{self.name}: {text}")
+        self.reporter.warn(f"{self.name}: {text}")
 
     def error(self, text: str) -> None:
         """Pass on what went wrong."""
-        self.talk.error(f"{self.name}: {text}")
+        self.reporter.error(f"{self.name}: {text}")
 
     @contextmanager
     def progress(self, label: str, total: int) -> Iterator[Callable[[], None]]:
         """Follow a task under the name."""
-        with self.talk.progress(f"{self.name}: {label}", total) as advance:
+        with self.reporter.progress(f"{self.name}: {label}", total) as advance:
             yield advance
 
 
@@ -81,8 +81,8 @@ class Options:
     ----------
     force : bool
         Whether to compute again what is up to date, and to replace files of another kind.
-    talk : Talk
-        Who listens.
+    reporter : Reporter
+        Hears what is going on.
     workers : Workers or None
         Who carries out heavy calls; None is the stage itself.
     peek : bool
@@ -90,6 +90,6 @@ class Options:
     """
 
     force: bool = False
-    talk: Talk = field(default_factory=Talk)
+    reporter: Reporter = field(default_factory=Reporter)
     workers: Workers | None = None
     peek: bool = False

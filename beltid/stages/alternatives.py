@@ -17,7 +17,7 @@ from beltid.laws.friction_surface import FrictionSurface
 
 
 @dataclass(frozen=True, slots=True)
-class Beside:
+class Alternatives:
     """What there is to say about other laws.
 
     Attributes
@@ -32,7 +32,7 @@ class Beside:
     notes: tuple[str, ...] = ()
 
 
-def normal_laws(result: StiffnessResult) -> Beside:
+def normal_laws(result: StiffnessResult) -> Alternatives:
     """Compare normal laws on the tests of the pooled law, and estimate the dissipation.
 
     Never an obstacle: what cannot be told is a note.
@@ -57,7 +57,7 @@ def normal_laws(result: StiffnessResult) -> Beside:
         notes.append(loss.statement)
     except BeltidError as error:
         notes.append(f"No estimate of the dissipation: {error}")
-    return Beside(extra, tuple(notes))
+    return Alternatives(extra, tuple(notes))
 
 
 def normal_law_rows(extra: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -78,7 +78,7 @@ def normal_law_rows(extra: Mapping[str, Any]) -> list[dict[str, Any]]:
     ]
 
 
-def friction_formulas(surface: FrictionSurface, factor: np.ndarray | None = None) -> Beside:
+def friction_formulas(surface: FrictionSurface, factor: np.ndarray | None = None) -> Alternatives:
     """Fit the parametric friction laws to the nodes of a surface; never an obstacle.
 
     Parameters
@@ -103,9 +103,9 @@ def friction_formulas(surface: FrictionSurface, factor: np.ndarray | None = None
             factor=None if factor is None else factor.reshape(force.size, -1),
         )
     except BeltidError as error:
-        return Beside(notes=(f"No friction formula beside the surface: {error}",))
+        return Alternatives(notes=(f"No friction formula beside the surface: {error}",))
     best = [note for note in laws.fit(laws.best).notes if note]
-    return Beside({"friction_laws": _record(laws)}, (laws.verdict, *best, *laws.notes))
+    return Alternatives({"friction_laws": _record(laws)}, (laws.verdict, *best, *laws.notes))
 
 
 def _record(laws: FrictionLaws) -> dict[str, Any]:
@@ -163,8 +163,8 @@ def _coefficients(parameters: list[dict[str, Any]]) -> str:
     for p in parameters:
         unit = f" {p['unit']}" if p["unit"] not in ("", "-") else ""
         se = p["se"]
-        doubt = f"{se:.2g}" if se is not None and np.isfinite(se) else "?"
-        texts.append(f"{p['name']} = {p['value']:.5g} ± {doubt}{unit}")
+        error = f"{se:.2g}" if se is not None and np.isfinite(se) else "?"
+        texts.append(f"{p['name']} = {p['value']:.5g} ± {error}{unit}")
     return ", ".join(texts)
 
 

@@ -8,14 +8,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from beltid.artifacts.artifact import read_artifact
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import BeltidError, InputError
 from beltid.identify.estimators.statistics import as_set
-from beltid.stages.making import Recipe, make
+from beltid.stages.build_artifact import Build, Built
 from beltid.stages.outcome import Outcome, rows_of, span
-from beltid.stages.talk import Options
+from beltid.stages.reporter import Options
 
 
 class Work:
@@ -47,9 +48,22 @@ def source(tmp_path: Path) -> Path:
     return path
 
 
+Recipe = Callable[[Path, Options], Build]
+
+
 def recipe(source: Path, config: Config | None = None, **choices: Any) -> Recipe:
-    chosen = ConfigSource(config or Config(), "test")
-    return Recipe("compare", chosen, ("compare", "rig.span_length_m"), {"in": source}, choices)
+    chosen, keys = ConfigSource(config or Config(), "test"), ("compare", "rig.span_length_m")
+    return lambda out, options: Build(
+        "compare", chosen, keys, {"in": source}, out, options, choices
+    )
+
+
+def make(
+    recipe: Recipe, out: Path, options: Options, compute: Callable[[], Outcome[None]]
+) -> Built:
+    """As every stage does it."""
+    build = recipe(out, options)
+    return build.up_to_date() or build.write(compute())
 
 
 def test_it_is_made_once_and_kept(source: Path, tmp_path: Path) -> None:
@@ -108,7 +122,7 @@ def test_another_version_of_the_software_makes_it_again(
 ) -> None:
     work, out = Work(), tmp_path / "out.parquet"
     make(recipe(source), out, Options(), work)
-    monkeypatch.setattr("beltid.stages.making.__version__", "99.0")
+    monkeypatch.setattr("beltid.stages.build_artifact.__version__", "99.0")
     assert not make(recipe(source), out, Options(), work).up_to_date
 
 
@@ -117,7 +131,7 @@ def test_other_sources_of_the_same_version_make_it_again(
 ) -> None:
     work, out = Work(), tmp_path / "out.parquet"
     make(recipe(source), out, Options(), work)
-    monkeypatch.setattr("beltid.stages.making.source_sha256", lambda: "0" * 64)
+    monkeypatch.setattr("beltid.stages.build_artifact.source_sha256", lambda: "0" * 64)
     assert not make(recipe(source), out, Options(), work).up_to_date
 
 
@@ -154,6 +168,21 @@ def test_a_foreign_file_is_replaced_by_force_only(
     assert work.calls == 0
     make(recipe(source), out, Options(force=True), work)
     assert read_artifact(out, "compare")
+
+
+def test_what_reads_back_wrong_is_never_written(source: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out.parquet"
+    make(recipe(source), out, Options(), Work())
+    before = out.read_bytes()
+
+    def wrong() -> Outcome[None]:
+        outcome = Work()()
+        outcome.extra["passed"] = ["perhaps"]
+        return outcome
+
+    with pytest.raises(ValidationError, match="passed"):
+        make(recipe(source), out, Options(force=True), wrong)
+    assert out.read_bytes() == before
 
 
 def test_an_input_is_never_overwritten_not_even_under_another_name(

@@ -1,0 +1,65 @@
+"""Two benches compared: what is known of the load cells of the second one counts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from beltid.config import find_config
+from beltid.stages import compare, fit_friction
+from beltid.stages.reporter import Options
+
+RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"
+CELLS = """\
+friction:
+  tension_tight_tare_N: 12.0
+  tension_slack_tare_N: -7.0
+  tension_tight_gain: 1.25
+  tension_slack_tilt_deg: 20.0
+"""
+
+
+@pytest.fixture
+def benches(tmp_path: Path) -> Path:
+    """The same runs as two benches record them: one true, one by cells that are off."""
+    header, *rows = RIG.read_text().splitlines()
+    labels = list(dict.fromkeys(row.split(",")[0] for row in rows))[::6]
+    kept = [row for row in rows if row.split(",")[0] in labels]
+    (tmp_path / "first.csv").write_text("\n".join([header, *kept]) + "\n")
+    readings = []
+    for row in kept:
+        cells = row.split(",")
+        # reading of a cell: T cos(tilt) / gain + tare
+        if cells[2]:
+            cells[2] = f"{float(cells[2]) / 1.25 + 12.0:.9g}"
+        if cells[3]:
+            cells[3] = f"{float(cells[3]) * np.cos(np.radians(20.0)) - 7.0:.9g}"
+        readings.append(",".join(cells))
+    (tmp_path / "second.csv").write_text("\n".join([header, *readings]) + "\n")
+    (tmp_path / "second.yaml").write_text(CELLS)
+    return tmp_path
+
+
+def test_the_cells_of_the_second_bench_are_taken_off_and_said(benches: Path) -> None:
+    first, second = benches / "first.csv", benches / "second.csv"
+    friction = benches / "friction.parquet"
+    fit_friction.run(find_config(first), {"rig": first}, friction, Options())
+    inputs = {"friction": friction, "simulated": second}
+    summary = compare.run(find_config(second), inputs, benches / "compare.parquet", Options())
+    assert summary.facts["groups"][0]["rms_percent"] < 1e-3
+    (said,) = [note for note in summary.notes if "load cells" in note]
+    assert "second.csv" in said
+    for part in ("tight cell tare 12 N, gain 1.25", "slack cell tare -7 N, tilt 20 deg"):
+        assert part in said
+
+
+def test_the_cells_of_the_first_bench_are_not_those_of_the_second(benches: Path) -> None:
+    first, second = benches / "first.csv", benches / "second.csv"
+    friction = benches / "friction.parquet"
+    fit_friction.run(find_config(second), {"rig": second}, friction, Options())
+    inputs = {"friction": friction, "simulated": first}
+    summary = compare.run(find_config(first), inputs, benches / "compare.parquet", Options())
+    assert summary.facts["groups"][0]["rms_percent"] < 1e-3
+    assert not [note for note in summary.notes if "load cells" in note]
