@@ -457,8 +457,8 @@ class SlipLimitRow(TypedDict):
     driver_speed_rad_s: Number
     initial_tension_N: Number
     largest_torque_N_m: Number
-    adhesion_ends_N_m: Number | None
-    slip_limit_N_m: Number | None
+    adhesion_end_torque_N_m: Number | None
+    slip_limit_torque_N_m: Number | None
 
 
 class DriveMetadata(Metadata):

@@ -225,8 +225,8 @@ def _limits(
                 "driver_speed_rad_s": speed,
                 "initial_tension_N": tension,
                 "largest_torque_N_m": result.load,
-                "adhesion_ends_N_m": limit.adhesion * result.load,
-                "slip_limit_N_m": limit.slip * result.load,
+                "adhesion_end_torque_N_m": limit.adhesion * result.load,
+                "slip_limit_torque_N_m": limit.slip * result.load,
             }
         )
     return rows

@@ -94,8 +94,13 @@ def test_torques_that_the_drive_carries_are_told_per_speed_and_tension() -> None
     for row in limits:
         assert row["largest_torque_N_m"] == pytest.approx(10.0, rel=1e-9)
         # a constant coefficient gives way by nothing; there the whole wrap slides
-        assert row["slip_limit_N_m"] == pytest.approx(row["adhesion_ends_N_m"], rel=1e-4)
-        at = {"driver_speed_rad_s": [62.8], "torque_N_m": {"driven": [row["slip_limit_N_m"]]}}
+        assert row["slip_limit_torque_N_m"] == pytest.approx(
+            row["adhesion_end_torque_N_m"], rel=1e-4
+        )
+        at = {
+            "driver_speed_rad_s": [62.8],
+            "torque_N_m": {"driven": [row["slip_limit_torque_N_m"]]},
+        }
         tension = [row["initial_tension_N"]]
         there = beltid.simulate_drive(
             config(initial_tension_N=tension, operating_points=at), 1.0, LAW
