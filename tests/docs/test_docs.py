@@ -87,9 +87,9 @@ def shown_in_readme() -> list[tuple[str, list[str]]]:
     for line in README.read_text().splitlines():
         if line.startswith("    $ "):
             shown.append((line.removeprefix("    $ "), []))
-        elif line.startswith("    ") and shown:
+        elif shown and (line.startswith("    ") or not line):
             shown[-1][1].append(line.removeprefix("    ").rstrip())
-        elif line and shown:
+        elif shown:
             shown.append(("", []))  # text ends the block of a command
     return [(command, lines) for command, lines in shown if command]
 
