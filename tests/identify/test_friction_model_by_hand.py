@@ -152,7 +152,7 @@ def test_block_means_keep_the_mean_of_the_logarithm_to_first_order():
 def test_the_level_of_one_run_is_that_of_generalised_least_squares():
     record, _ = recorded()
     stack = campaign.Stack([record], campaign.log_settings([record])[0])
-    stack.stretch(np.zeros(2))
+    stack.stretch(np.zeros(campaign.SETTINGS))
     sd = np.array([0.05, 0.1, 0.2, 0.3, 0.4, 2e-4, 0.15, 0.1])
     w = campaign.whiten(stack, campaign.covariance(stack, sd, None)[0])
     c = record.sensitivity

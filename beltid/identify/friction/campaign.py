@@ -49,7 +49,7 @@ build-up, in z: as good as free."""
 # priors: median and width (standard deviation of the logarithm)
 WANDER = (0.4, 1.5)
 """Of the wandering zeros, in units of the error that white noise leaves in the mean of a run."""
-WALK = (2.5, 1.5)
+WALK = (2.5, 1.2)
 """The same of the walk with the longest memory, which a short sliding hardly shows."""
 NEIGHBOURS = 0.5
 """Correlation of the priors of neighbouring memories: the spectrum of real noise is smooth."""
@@ -74,7 +74,7 @@ friction itself."""
 DRIFT_OF_ZERO, DRIFT_OF_MU = 4e-4, 0.03
 """Standard deviations of the drifts, in 1/s of the median initial tension, and over the sliding of
 a run relative to mu."""
-SLOW_PART = (0.1, 0.25, 0.15)
+SLOW_PART = (0.07, 0.25, 0.15)
 """Probability that a part of the tail decays over a length beyond the longest record, its size
 relative to the height and the standard deviation of that."""
 RELAXATION = 1e-3
@@ -389,10 +389,10 @@ def posterior(
     M[cells, cells] += rest.squares
     b[cells] += rest.products
     # the columns hold the change of the powers from what the tails were stretched by
-    b[POWERS] -= powers / TREND**2
-    M[POWERS, POWERS] += np.eye(SETTINGS) / TREND**2
+    expected = np.zeros(SHARED)
+    expected[POWERS] = -powers
     D = np.zeros_like(M)
-    D[POWERS, POWERS] = 1e4 * np.eye(SETTINGS)  # free: their prior is in M and b
+    D[POWERS, POWERS] = TREND**2 * np.eye(SETTINGS)
     low, high = np.log(max(range_m[0], 2e-4)), np.log(max(range_m[1] / 9.0, 1e-3))
     lengths = np.linspace(low, max(high, low + 1.0), 8)
     unlike = tail_coefficients(lengths, np.zeros(8), np.zeros(8))
@@ -404,10 +404,9 @@ def posterior(
     moments = np.einsum("h,hk,hl->kl", before if weights is None else weights, drifts, drifts)
     mixed = D + _blocks(np.zeros(RANK), moments)
     middle = float(np.log(min(CENTRE[0], CENTRE[1] * range_m[1] / 3.0)))
-    ends = _ends(M, b, mixed, range_m, middle, zooms)
-    none = np.zeros(SHARED)
+    ends = _ends(M, b - M @ expected, mixed, range_m, middle, zooms)
     if not zooms:
-        candidates = [(0.0, _given(M, b, none, mixed, ends, middle))]
+        candidates = [(0.0, _given(M, b, expected, mixed, ends, middle))]
     else:
         slow, part, scatter = SLOW_PART
         reach = np.log(np.clip(range_m[1] / 3.0 * np.array([1.0, 4.0]), 2e-4, 1.0))
@@ -416,7 +415,7 @@ def posterior(
         candidates = []
         for weight, drift in zip(before, drifts, strict=True):
             for q, tail in extras:
-                more = none.copy()
+                more = expected.copy()
                 more[:RANK] = part * tail
                 prior = D + _blocks(scatter * tail, np.outer(drift, drift))
                 candidates.append((np.log(weight * q), _given(M, b, more, prior, ends, middle)))
@@ -642,7 +641,7 @@ def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
             jac=True,
             method="L-BFGS-B",
             bounds=[(-4.0, 6.0)] * x.size,
-            options={"maxiter": 20, "ftol": 1e-5},
+            options={"maxiter": 30, "ftol": 1e-7},
         ).x
     assert shared is not None
     sd = np.exp(centre + width * x)
