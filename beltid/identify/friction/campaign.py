@@ -77,11 +77,6 @@ a run relative to mu."""
 SLOW_PART = (0.07, 0.25, 0.15)
 """Probability that a part of the tail decays over a length beyond the longest record, its size
 relative to the height and the standard deviation of that."""
-RELAXATION = 1e-3
-"""Standard deviation of the relaxation of a belt at rest [1/s], which looks like a common drift of
-both cells."""
-
-
 STILL = 1e-6
 """Relative change of the tension in a second that is none: no rest is known better [1/s]."""
 TREND = 0.4
@@ -311,16 +306,14 @@ def rest_slopes(
     """
     n = difference.size
     squares, products = np.zeros((2, 2)), np.zeros(2)
-    relaxation = 2.0 * RELAXATION * float(np.median(tension_N))
-    for slope, se, sign, more in (
-        (difference, difference_se, -1.0, 0.0),
-        (total, total_se, 1.0, relaxation),
-    ):
+    for slope, se, sign in ((difference, difference_se, -1.0), (total, total_se, 1.0)):
         weight = 1.0 / np.maximum(se, STILL * tension_N) ** 2
         mean = float(np.sum(weight * slope) / np.sum(weight))
         # slopes that differ by more than their noise are worth less
         excess = float(np.sum(weight * (slope - mean) ** 2)) / max(n - 1, 1)
-        variance = max(excess, 1.0) / float(np.sum(weight)) + more**2
+        variance = max(excess, 1.0) / float(np.sum(weight))
+        if sign > 0.0:
+            variance += mean**2  # a slope of the sum may be all relaxation of the belt
         h = np.array([1.0, sign])
         squares += np.outer(h, h) / variance
         products += h * mean / variance
