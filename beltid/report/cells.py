@@ -20,6 +20,7 @@ UNITS: Final[tuple[tuple[str, str], ...]] = (
     ("_um", "µm"),
     ("_Hz", "Hz"),
     ("_N", "N"),
+    ("_W", "W"),
     ("_s", "s"),
     ("_m", "m"),
 )

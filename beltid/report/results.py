@@ -76,7 +76,7 @@ class Sheet:
         return surface_from_columns(columns)
 
     @property
-    def doubt(self) -> str:
+    def uncertainty(self) -> str:
         """What the errors of the surface are."""
         return "combined standard uncertainty" if "mu_u" in self.columns else "standard error"
 

@@ -153,7 +153,7 @@ def nodes(sheet: Sheet, of: str) -> View:
         rows.append(row)
     speeds = [f"{1e3 * v:.3g} mm/s" for v in surface.slip_speed_m_s]
     return View(
-        f"µ ± {sheet.doubt} at the nodes of the {of} surface",
+        f"µ ± {sheet.uncertainty} at the nodes of the {of} surface",
         (heading("normal_force_N_m"), *speeds),
         rows,
         (True,) * (1 + len(speeds)),

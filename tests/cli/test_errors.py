@@ -221,8 +221,9 @@ def test_a_press_record_that_is_no_law_says_so(bench: Path, beltid: Any) -> None
         rows.append(f"P,{k / 10},{x:.6f},{400 * (x / 0.2) ** 0.5 if x > 0 else 0:.4f}")
     (bench / "press.csv").write_text("\n".join(rows) + "\n")
     result = beltid("fit-stiffness", "press.csv", "--force")
-    assert result.exit_code == 0, result.stderr
-    assert "warning: lack of fit" in result.stderr
+    assert result.exit_code == 3
+    assert "with zero the law is off by up to" in result.stderr
+    assert "power (exponent" in result.stderr
 
 
 def test_runs_set_aside_are_counted_and_told(bench: Path, beltid: Any) -> None:

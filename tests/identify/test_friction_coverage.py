@@ -67,8 +67,10 @@ MOST_KEPT = 0.95
 NOT_YET = {
     "two exponentials": "over-wide: a slow part beyond the record cannot be excluded, z 0.3 to 0.5",
     "second tail twenty times longer (30 %)": "over-wide on some draws, z 0.4",
-    "ripple once per turn, 1 %": "slow runs see a part of a turn only: 77 to 90 % held",
-    "zero of the slack cell wanders 0.5 N in 10 s": "a walk is found too small: z 1.6",
+    "ripple once per turn, 1 %": "slow runs see a part of a turn only: 70 to 90 % held",
+    "zero of the slack cell wanders 0.5 N in 10 s": "a walk is found too small: z 1.2 to 1.4",
+    "belt relaxes at rest, 3 % in 30 s": "over-wide on some draws, z 0.5 to 0.65",
+    "mu drifts within a run, +1 %": "over-wide on some draws, z 0.5",
 }
 """What is not reached yet, with its size."""
 CASES = [
@@ -144,7 +146,6 @@ def test_initial_tension_is_that_at_the_start_of_the_rotation() -> None:
     assert rms(initial - found.initial_tension_N) < 0.2
 
 
-@pytest.mark.xfail(reason="73 to 92 % held, asked 80: the drift is found, its error too small")
 def test_a_run_whose_friction_drifts_by_four_percent_is_kept() -> None:
     found = reduced("mu drifts within a run, +4 %", 20, 2)
     assert np.mean(found.kept) >= 0.9

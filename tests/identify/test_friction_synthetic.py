@@ -80,7 +80,6 @@ def test_what_one_run_cannot_tell_about_its_tail_is_in_its_standard_error() -> N
     assert np.median(alone) > 1.5 * np.median([run.mu_sliding_se for run in together])
 
 
-@pytest.mark.xfail(reason="0.21 % left at 20 runs of one setting, 0.15 asked")
 def test_a_slow_part_of_the_tail_is_taken_off() -> None:
     runs = reduce_runs(bench(BASE.but(shape="two exponentials", noise=0.1), 20), 0.05)
     error = np.array([run.mu_sliding for run in runs]) / 0.8 - 1.0

@@ -133,7 +133,7 @@ def _band(
 
 def _doubt(results: BeltResults, sheet: Sheet) -> str:
     surface = results.get(SURFACES[sheet.name])
-    return surface.doubt if surface is not None else "standard error"
+    return surface.uncertainty if surface is not None else "standard error"
 
 
 def _verdict(sheet: Sheet) -> str:

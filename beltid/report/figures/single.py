@@ -45,7 +45,7 @@ def _surface(sheet: Sheet) -> list[Picture]:
     cuts = Picture(
         "cuts",
         "The friction surface along the force",
-        f"A line per speed of the grid, with twice the {sheet.doubt}.",
+        f"A line per speed of the grid, with twice the {sheet.uncertainty}.",
         fig,
     )
     named = replace(sheet, name=_name(sheet))
