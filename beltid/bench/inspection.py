@@ -38,7 +38,6 @@ from beltid.bench.recording import Recording, read_recording, recording_of
 from beltid.errors import InputError
 from beltid.tables import schemas
 
-KINDS: Final = ("press", "rig", "speedloss")
 ANY_TABLE: Final = schemas.table("press")
 """Any of our names makes the header of a tidy file plain to see."""
 FIRST_BYTES: Final = 20_000
@@ -310,7 +309,7 @@ def _parquet_views(sources: Sequence[Source]) -> list[FileView]:
 
 def _kind_meant(view: FileView, config: Any, path: Path) -> str:
     """The kind of recording whose sensors the channels are."""
-    shares = {kind: _share_of_sensors(view, kind, config) for kind in KINDS}
+    shares = {kind: _share_of_sensors(view, kind, config) for kind in schemas.RECORDINGS}
     best = max(shares, key=lambda kind: shares[kind])
     if shares[best] == 0 or list(shares.values()).count(shares[best]) > 1:
         found = ", ".join(c.name for c in view.candidates[:20]) or "none"

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,10 +51,39 @@ class Section(NamedTuple):
     R: float
 
 
+class Pulleys(NamedTuple):
+    """The belt on every pulley, as arrays for compiled code; see :class:`Section`.
+
+    Attributes
+    ----------
+    EA, m : float
+        Of the belt, the same everywhere.
+    beds : ndarray (n, 2)
+        k1 and k2 of each contact.
+    R : ndarray (n,)
+        Radius of the centreline without load [m].
+    ribs : ndarray (n,) of bool
+        Whether the ribs are on the pulley, not the back.
+    """
+
+    EA: float
+    m: float
+    beds: Array
+    R: Array
+    ribs: NDArray[np.bool_]
+
+
+@leaf
+def _section(pulleys: Pulleys, i: int) -> Section:
+    """The belt on pulley i."""
+    beds = pulleys.beds
+    return Section(pulleys.EA, pulleys.m, beds[i, 0], beds[i, 1], pulleys.R[i])
+
+
 class Friction(NamedTuple):
     """Friction law for compiled code: tables, the limits of what was measured, and its sense.
 
-    With ``rises``, mu falls with the speed nowhere, so that an arc has one steady state at most.
+    Unless mu ``falls`` with the speed somewhere, an arc has one steady state at most.
     """
 
     tables: SurfaceTables
@@ -62,7 +91,7 @@ class Friction(NamedTuple):
     f_high: float
     v_low: float
     v_high: float
-    rises: bool
+    falls: bool
 
 
 class Arcs(NamedTuple):
@@ -290,7 +319,7 @@ def full_slip(
         return math.nan
     low, at_low = 0.0, sliding_arc(P_in, P_out, v0, 0.0, s, friction)[0] - wrap
     high, at_high = low, at_low
-    for k in range(SLIP_GRID - 1 if friction.rises else 0, SLIP_GRID):
+    for k in range(0 if friction.falls else SLIP_GRID - 1, SLIP_GRID):
         high = _slip_of_grid(k, friction)
         at_high = sliding_arc(P_in, P_out, v0, high, s, friction)[0] - wrap
         if at_high <= 0.0:
@@ -320,7 +349,7 @@ def steady_states(
     found = 0 if above else 1
     if friction.tables.y_nodes.size == 1:
         return found
-    for k in range(SLIP_GRID - 1 if friction.rises else 0, SLIP_GRID):
+    for k in range(0 if friction.falls else SLIP_GRID - 1, SLIP_GRID):
         x = _slip_of_grid(k, friction)
         now = sliding_arc(P_in, P_out, v0, x, s, friction)[0] > wrap
         if now != above:
@@ -335,20 +364,17 @@ def arcs_of_pulleys(
     P_out: Array,
     v0: float,
     wraps: Array,
-    beds: Array,
-    R: Array,
-    ribs: Any,
-    belt: tuple[float, float],
+    pulleys: Pulleys,
     of_ribs: Friction,
     of_back: Friction,
 ) -> Arcs:
     """State of the belt on every pulley; see :class:`Arcs`."""
-    n = R.size
+    n = pulleys.R.size
     torque, W, rate = np.empty(n), np.empty(n), np.empty(n)
     length, needed, slip = np.empty(n), np.empty(n), np.empty(n)
     for i in range(n):
-        s = Section(belt[0], belt[1], beds[i, 0], beds[i, 1], R[i])
-        friction = of_ribs if ribs[i] else of_back
+        s = _section(pulleys, i)
+        friction = of_ribs if pulleys.ribs[i] else of_back
         stretch, radius = seat(P_in[i], v0, s)
         out = seat(P_out[i], v0, s)[1]
         torque[i] = P_in[i] * lever(P_in[i], radius, s) - P_out[i] * lever(P_out[i], out, s)
@@ -364,7 +390,7 @@ def arcs_of_pulleys(
             x = fastest if math.isnan(slip[i]) else slip[i]
             angle, sliding = sliding_arc(P_in[i], P_out[i], v0, x, s, friction)
             length[i] = sliding * wraps[i] / angle
-        ahead = x / (R[i] * v0)
+        ahead = x / (s.R * v0)
         W[i] = rate[i] + (ahead if P_in[i] > P_out[i] else -ahead)
     return Arcs(torque, W, rate, length, needed, slip)
 
@@ -400,20 +426,17 @@ def shares_of_pulleys(
     v0: float,
     wraps: Array,
     slip: Array,
-    beds: Array,
-    R: Array,
-    ribs: Any,
-    belt: tuple[float, float],
+    pulleys: Pulleys,
     of_ribs: Friction,
     of_back: Friction,
 ) -> SlidingShares:
     """Where the friction of every pulley acts; see :class:`SlidingShares`."""
-    n = R.size
+    n = pulleys.R.size
     fastest, f_min, f_max = np.empty(n), np.empty(n), np.empty(n)
     below, outside, states = np.empty(n), np.empty(n), np.empty(n, dtype=np.int64)
     for i in range(n):
-        s = Section(belt[0], belt[1], beds[i, 0], beds[i, 1], R[i])
-        friction = of_ribs if ribs[i] else of_back
+        s = _section(pulleys, i)
+        friction = of_ribs if pulleys.ribs[i] else of_back
         stretch, radius = seat(P_in[i], v0, s)
         f_in = P_in[i] * stretch / radius
         f_out, creep = force_and_speed(P_out[i], v0, stretch / radius, s)
@@ -435,9 +458,7 @@ class StringLevel:
     """
 
     drive: Drive
-    _R: Array = field(init=False, repr=False)
-    _ribs: NDArray[np.bool_] = field(init=False, repr=False)
-    _beds: Array = field(init=False, repr=False)
+    _pulleys: Pulleys = field(init=False, repr=False)
     _of_ribs: Friction = field(init=False, repr=False)
     _of_back: Friction = field(init=False, repr=False)
 
@@ -446,9 +467,14 @@ class StringLevel:
         rigid = (math.inf, 0.0)
         soft = rigid if law is None else (law.k_linear_N_m2, law.k_quadratic_N_m3)
         back = FrictionSurface.constant(self.drive.back_friction)
-        object.__setattr__(self, "_R", np.array([p.R for p in pulleys]))
-        object.__setattr__(self, "_ribs", np.array([p.ribs for p in pulleys]))
-        object.__setattr__(self, "_beds", np.array([soft if p.ribs else rigid for p in pulleys]))
+        arrays = Pulleys(
+            self.drive.belt.EA,
+            self.drive.belt.rhoA,
+            np.array([soft if p.ribs else rigid for p in pulleys]),
+            np.array([p.R for p in pulleys]),
+            np.array([p.ribs for p in pulleys]),
+        )
+        object.__setattr__(self, "_pulleys", arrays)
         object.__setattr__(self, "_of_ribs", _friction(self.drive.surface))
         object.__setattr__(self, "_of_back", _friction(back))
 
@@ -464,10 +490,8 @@ class StringLevel:
         wraps : ndarray (n,)
             Arcs between tangent points [rad].
         """
-        belt = (self.drive.belt.EA, self.drive.belt.rhoA)
         arcs: Arcs = arcs_of_pulleys(
-            *(P_in, P_out, v0, wraps, self._beds, self._R, self._ribs),
-            *(belt, self._of_ribs, self._of_back),
+            P_in, P_out, v0, wraps, self._pulleys, self._of_ribs, self._of_back
         )
         return arcs
 
@@ -483,10 +507,8 @@ class StringLevel:
         slip : ndarray (n,)
             Sliding speeds at the entries [m/s], as :meth:`arcs` gives them.
         """
-        belt = (self.drive.belt.EA, self.drive.belt.rhoA)
         shares: SlidingShares = shares_of_pulleys(
-            *(P_in, P_out, v0, wraps, slip, self._beds, self._R, self._ribs),
-            *(belt, self._of_ribs, self._of_back),
+            P_in, P_out, v0, wraps, slip, self._pulleys, self._of_ribs, self._of_back
         )
         return shares
 
@@ -494,5 +516,4 @@ class StringLevel:
 def _friction(surface: FrictionSurface) -> Friction:
     validity = surface.validity
     limits = (*validity["normal_force_N_m"], *validity["slip_speed_m_s"])
-    rises = bool(np.all(np.diff(surface.mu_nodes, axis=1) >= 0.0))
-    return Friction(surface.tables(), *limits, rises)
+    return Friction(surface.tables(), *limits, surface.falls_with_speed)

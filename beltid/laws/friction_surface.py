@@ -133,6 +133,11 @@ class FrictionSurface:
         return tuple(lines)
 
     @property
+    def falls_with_speed(self) -> bool:
+        """Whether mu falls with the speed anywhere on the surface."""
+        return bool(np.any(np.diff(self.mu_nodes, axis=1) < 0.0))
+
+    @property
     def validity(self) -> dict[str, tuple[float, float]]:
         """Measured range of each variable: lowest and highest value, units in the names."""
         return {

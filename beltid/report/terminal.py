@@ -60,8 +60,9 @@ def renderables(
     if rows:
         yield table_or_records(rows, console)
     for name, more in {**summary.beside, **(summary.details if complete else {})}.items():
-        yield Text(name, style="bold")
-        yield table_or_records(more, console)
+        if more:  # what an artifact has none of is no table
+            yield Text(name, style="bold")
+            yield table_or_records(more, console)
     if summary.drawing is not None:
         from beltid.report.braille import drawn
 

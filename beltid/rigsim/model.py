@@ -86,7 +86,7 @@ class RigModel:
         """The same rig with another friction surface."""
         pulley = with_surface(self.system.pulley, surface)
         system = self.system._replace(pulley=pulley)
-        return replace(self, system=system, friction_falls=_falls(surface))
+        return replace(self, system=system, friction_falls=surface.falls_with_speed)
 
     def workspace(self, borders: int = 1) -> Workspace:
         """Room for the linearised system with so many unknowns beside the coordinates."""
@@ -100,10 +100,6 @@ class RigModel:
             np.zeros((*belt.w_g.shape, 2)),
             new_reactions(),
         )
-
-
-def _falls(surface: FrictionSurface) -> bool:
-    return bool(np.any(np.diff(surface.mu_nodes, axis=1) < 0.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +131,7 @@ class Bench:
     def __post_init__(self) -> None:
         pulley = contact_arrays(self.rig.R, self.contact, self.law, self.surface)
         object.__setattr__(self, "pulley", pulley)
-        object.__setattr__(self, "friction_falls", _falls(self.surface))
+        object.__setattr__(self, "friction_falls", self.surface.falls_with_speed)
 
     def model(self, point: OperatingPoint, elements: int | None = None) -> RigModel:
         """Build the model of one run; ``elements`` overrides the default number of elements.

@@ -38,8 +38,8 @@ from beltid.artifacts.fingerprint import source_sha256
 from beltid.artifacts.metadata_models import METADATA, Metadata, plain
 from beltid.bench.files.sources import Signature, content_sha256, signature_of
 from beltid.errors import ArtifactError, InputError
-from beltid.stages.origin import RECORDINGS, origin_of
-from beltid.tables.schemas import ARTIFACTS
+from beltid.stages.origin import origin_of
+from beltid.tables.schemas import ARTIFACTS, RECORDINGS
 
 if TYPE_CHECKING:
     from beltid.config import ConfigSource

@@ -6,7 +6,7 @@ import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from beltid.artifacts import atomic
 from beltid.config import Config, load_config
@@ -18,8 +18,7 @@ from beltid.errors import InputError
 from beltid.report.summary import Summary, json_value
 from beltid.stages.build_artifact import already_exists
 from beltid.stages.reporter import Options
-
-RECORDINGS: Final = ("press", "rig", "speedloss")
+from beltid.tables.schemas import RECORDINGS
 
 
 def run(stated: Mapping[str, Any], out: Path | None, options: Options) -> Summary:

@@ -12,9 +12,8 @@ from typing import Final, Literal
 
 from beltid.artifacts.artifact import may_be_artifact, read_artifact
 from beltid.errors import ArtifactError
+from beltid.tables.schemas import RECORDINGS
 
-RECORDINGS: Final = ("press", "rig", "speedloss")
-"""Roles of inputs whose origin the config states."""
 Origin = Literal["measured", "synthetic"]
 MEASURED: Final = "measured"
 SYNTHETIC: Final = "synthetic"

@@ -160,6 +160,17 @@ def test_info_without_a_file_tells_what_runs_here(beltid: Any) -> None:
     assert {row["library"] for row in product["table"]} >= {"numpy", "scipy"}
 
 
+def test_info_in_full_shows_every_artifact_whatever_it_has_none_of(
+    bench: Path, beltid: Any
+) -> None:
+    artifacts = sorted(bench.glob("*.parquet"))
+    assert len(artifacts) >= 8
+    for artifact in artifacts:
+        result = beltid("info", "-v", artifact)
+        assert result.exit_code == 0, (artifact.name, result.exception)
+        assert "made from" in result.stdout
+
+
 def test_info_tells_what_an_artifact_is(bench: Path, beltid: Any) -> None:
     product = json.loads(beltid("info", bench / "friction.parquet", "--json").stdout)
     assert product["facts"]["kind"] == "friction"

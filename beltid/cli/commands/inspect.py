@@ -12,12 +12,11 @@ from beltid.cli.execute import finish
 from beltid.cli.inputs import FILES
 from beltid.cli.program import command
 from beltid.errors import InputError
+from beltid.tables.schemas import RECORDINGS
 
 if TYPE_CHECKING:
     from beltid.cli.reporter import TerminalReporter
     from beltid.report.summary import Summary
-
-KINDS = ("press", "rig", "speedloss")
 
 
 @command("inspect")
@@ -48,8 +47,8 @@ def inspect(
     from beltid.stages import inspect_file as stage
 
     def work(reporter: TerminalReporter) -> Summary:
-        if kind is not None and kind not in KINDS:
-            raise InputError(f"--kind {kind}, must be " + ", ".join(KINDS))
+        if kind is not None and kind not in RECORDINGS:
+            raise InputError(f"--kind {kind}, must be " + ", ".join(RECORDINGS))
         source = find_config(file, common.config)
         reporter.report(f"config: {source.origin}")
         return stage.run(source, file, stage.InspectOptions(reporter=reporter, kind=kind))
