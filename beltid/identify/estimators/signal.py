@@ -95,7 +95,7 @@ def _chatter_step(x: Array) -> float:
     moves = np.diff(x)
     moves = moves[moves != 0.0]
     levels = np.unique(x)
-    if np.count_nonzero(moves[1:] * moves[:-1] < 0.0) < 3 or levels.size > x.size // 2:
+    if np.count_nonzero(np.diff(np.sign(moves))) < 3 or levels.size > x.size // 2:
         return 0.0
     return _grid(levels)
 

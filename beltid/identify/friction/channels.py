@@ -22,6 +22,8 @@ CLIPPED_FRACTION = 0.04
 """Part of the sliding samples at one and the same extreme value that betrays a saturated cell."""
 FEWEST_CLIPPED = 4
 """Fewest samples that do: every channel has one at its extreme, and one or two may equal it."""
+LARGEST_N = 1e12
+"""Readings beyond this are none [N]: no cell has them, and their squares are no numbers."""
 LEAST_ANSWER = 0.02
 """Least change of a cell over the change of the other one."""
 
@@ -109,7 +111,7 @@ def _tension(
     values: Array, name: str, settings: FrictionSettings
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Tension with gaps and spikes as nan, and the mask of the spikes."""
-    clean = np.where(np.isfinite(values), values, np.nan)
+    clean = np.where(np.abs(values) < LARGEST_N, values, np.nan)
     present = np.isfinite(clean)
     n, limit = values.size, settings.max_missing_fraction
     if np.count_nonzero(present) < (1.0 - limit) * n:

@@ -34,8 +34,9 @@ GROWTH = 0.1
 """Length of a block over the length of the record before it."""
 FINEST = 256
 """Blocks as short as a sample in a record of so many samples; longer ones of a longer record."""
-TAKE_UP = np.array([0.1, 0.35])
-"""Lengths over which the rest of the build-up decays, over its travel."""
+TAKE_UP = np.geomspace(0.06, 0.35, 5)
+"""Lengths over which the rest of the build-up decays, over its travel: so dense that a recording
+without noise shows no other decay between two of them."""
 LINES = 3
 """Most ripples of a run."""
 OUTLIER = 6.0
@@ -60,7 +61,7 @@ class SlidingRecord:
         The tails' basis functions.
     waves : ndarray, shape (m, 2 k)
         Cosine and sine of the ripples found.
-    take_up : ndarray, shape (m, 2)
+    take_up : ndarray, shape (m, TAKE_UP.size)
         Decays of what may be left of the build-up where the sliding begins.
     turn : ndarray, shape (m, 2)
         Cosine and sine of the angle of the pulley.
