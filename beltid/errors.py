@@ -18,7 +18,6 @@ EXIT_INPUT = 2
 EXIT_NUMERICS = 3
 EXIT_OUT_OF_TOLERANCE = 4
 EXIT_BATCH_FAILED = 5
-EXIT_INTERRUPTED = 130
 
 
 def printable(text: str) -> str:
