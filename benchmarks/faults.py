@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 
 from beltid.artifacts.artifact import artifact_bytes, artifact_from_bytes, read_artifact
-from beltid.artifacts.atomic import write_bytes
+from beltid.artifacts.file_bytes import write_bytes
 from beltid.artifacts.hashing import columns_sha256
 from beltid.artifacts.metadata_models import Metadata
 from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, ArtifactError

@@ -18,12 +18,10 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from beltid._version import __version__
-from beltid.artifacts import atomic
-from beltid.artifacts.file_bytes import read_bytes
-from beltid.artifacts.fingerprint import source_sha256
-from beltid.artifacts.hashing import columns_sha256, sha256
+from beltid.artifacts.file_bytes import read_bytes, write_bytes
+from beltid.artifacts.hashing import columns_sha256, sha256, source_sha256
 from beltid.artifacts.metadata_models import METADATA, SECTIONS, Metadata, metadata_of, plain
-from beltid.artifacts.parquet_open import damaged, open_parquet
+from beltid.artifacts.parquet_table import damaged, open_parquet
 from beltid.errors import ArtifactError
 from beltid.tables import schemas
 
@@ -118,7 +116,7 @@ def write_artifact(
         If columns or figures are not those of the kind: a mistake in the code.
     """
     data = artifact_bytes(kind, columns, metadata, str(path))
-    atomic.write_bytes(path, data)
+    write_bytes(path, data)
     return sha256(data)
 
 
@@ -129,7 +127,7 @@ def artifact_bytes(
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    from beltid.artifacts.arrow_columns import arrow_table, normalised
+    from beltid.artifacts.parquet_table import arrow_table, normalised
 
     table = schemas.table(kind)
     values = normalised(columns, table, name)
@@ -225,7 +223,7 @@ def read_artifact(path: str | Path, kind: str | None = None) -> Artifact[Any]:
 
 def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Artifact[Any]:
     """Artifact from the bytes of its file; see `read_artifact`."""
-    from beltid.artifacts.arrow_columns import columns_of_arrow
+    from beltid.artifacts.parquet_table import columns_of_arrow
 
     if data[:4] != b"PAR1":
         raise ArtifactError(f"{path}: not an artifact (no Parquet file){_needed(kind)}")

@@ -1,16 +1,24 @@
-"""The bytes of an input file, with a message for everything that can be wrong with it."""
+"""The bytes of a file: read with a message for everything that can be wrong, written whole or not.
+
+A file is written under a temporary name, put on the disk (fsync), renamed, and its folder put on
+the disk: it appears whole or not at all.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import os
+import re
+import secrets
+import socket
 import stat
+import time
 from collections.abc import Iterator
 from io import BufferedReader
 from pathlib import Path
 from typing import Final
 
-from beltid.errors import InputError
+from beltid.errors import ArtifactError, InputError
 
 MAX_BYTES: Final = 1 << 30
 
@@ -66,3 +74,129 @@ def read_bytes(path: Path, error_type: type[InputError] = InputError) -> bytes:
     if not data:
         raise error_type(f"{path}: the file is empty")
     return data
+
+
+STALE_AFTER_S: Final = 3600.0
+
+
+def write_bytes(path: str | Path, data: bytes) -> None:
+    """Write a file so that no reader ever finds half of it under its name.
+
+    Missing folders are created. An existing file is replaced only when the new one is safely on the
+    disk; on any failure it stays as it was. Temporary files that a killed process left for the
+    same name are removed.
+
+    Parameters
+    ----------
+    path : path
+        Where to write the file; a symbolic link keeps pointing where it points.
+    data : bytes
+        The whole content.
+
+    Raises
+    ------
+    ArtifactError
+        If it cannot be written: no permission, no space, not a place for a file.
+    """
+    shown = Path(path)
+    target = shown
+    try:
+        target = Path(os.path.realpath(shown))
+        _check_target(shown, target)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        _remove_stale(target.parent, re.escape(target.name))
+        _replace(target, data)
+    except (OSError, ValueError) as error:
+        raise ArtifactError(f"{shown}: not written: {_reason(error)}{_kept(target)}") from None
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a UTF-8 text as `write_bytes` does."""
+    write_bytes(path, text.encode("utf-8"))
+
+
+def _check_target(shown: Path, target: Path) -> None:
+    if target.is_dir():
+        raise ArtifactError(f"{shown}: not written: this is a folder, name a file in it")
+    if target.exists() and not target.is_file():
+        raise ArtifactError(f"{shown}: not written: this is not an ordinary file")
+
+
+def _kept(target: Path) -> str:
+    with contextlib.suppress(OSError, ValueError):
+        if target.is_file():
+            return "; the file that was there is untouched"
+    return ""
+
+
+def _reason(error: OSError | ValueError) -> str:
+    if isinstance(error, PermissionError):
+        return f"no permission to write in {Path(error.filename or '').parent}"
+    if isinstance(error, (FileExistsError, NotADirectoryError)):
+        return f"{error.filename} is a file, not a folder"
+    return getattr(error, "strerror", None) or str(error)
+
+
+def _owner() -> str:
+    host = re.sub(r"[^A-Za-z0-9]+", "", socket.gethostname())[:32] or "host"
+    return f"{host}-{os.getpid()}"
+
+
+def _replace(target: Path, data: bytes) -> None:
+    temporary = target.parent / f".{target.name}.{_owner()}-{secrets.token_hex(4)}.beltid-tmp"
+    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, target)
+    except BaseException:  # an interrupt must not leave the temporary file either
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+        raise
+    _sync_folder(target.parent)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Make the rename durable, where the file system can."""
+    with contextlib.suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def remove_stale(folder: Path) -> None:
+    """Remove the temporary files in a folder whose writers are gone; a missing folder is fine."""
+    with contextlib.suppress(OSError):
+        _remove_stale(folder, r".+")
+
+
+def _remove_stale(folder: Path, of_names: str) -> None:
+    """Remove temporary files, of names that match, whose writers are gone."""
+    pattern = re.compile(
+        rf"\.(?:{of_names})\.(?P<host>[A-Za-z0-9]+)-(?P<pid>\d+)-[0-9a-f]{{8}}\.beltid-tmp"
+    )
+    here = _owner().rsplit("-", 1)[0]
+    for name in os.listdir(folder):
+        match = pattern.fullmatch(name)
+        if match is None:
+            continue
+        left_over = folder / name
+        with contextlib.suppress(OSError):
+            age = time.time() - left_over.stat().st_mtime
+            gone = match["host"] == here and not _alive(int(match["pid"]))
+            if gone or age > STALE_AFTER_S:
+                left_over.unlink()
+
+
+def _alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:
+        return True
+    return True

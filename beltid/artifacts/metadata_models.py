@@ -31,7 +31,7 @@ from pydantic_core import PydanticCustomError
 # pydantic reads this one only, before Python 3.12
 from typing_extensions import TypedDict
 
-from beltid.artifacts.arrow_columns import LARGEST
+from beltid.artifacts.parquet_table import LARGEST
 from beltid.config.messages import problem
 from beltid.errors import ArtifactError
 

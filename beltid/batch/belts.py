@@ -9,8 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from beltid.artifacts.atomic import write_bytes
-from beltid.artifacts.file_bytes import read_bytes
+from beltid.artifacts.file_bytes import read_bytes, write_bytes
 from beltid.errors import EXIT_BATCH_FAILED, EXIT_DONE, ArtifactError
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import FOREIGN

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-from beltid.artifacts.atomic import remove_stale
+from beltid.artifacts.file_bytes import remove_stale
 from beltid.batch.belts import batch_summary, write_sweep_tables
 from beltid.batch.containment import refuse_links_out
 from beltid.batch.local import local_workers

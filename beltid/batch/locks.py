@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
-from beltid.artifacts.atomic import remove_stale
+from beltid.artifacts.file_bytes import remove_stale
 from beltid.stages.reporter import Reporter
 
 LOCK: Final = ".beltid-lock"

@@ -26,7 +26,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from beltid._version import __version__
-from beltid.artifacts import atomic
 from beltid.artifacts.artifact import (
     Artifact,
     artifact_bytes,
@@ -34,7 +33,8 @@ from beltid.artifacts.artifact import (
     read_artifact,
     stated_kind,
 )
-from beltid.artifacts.fingerprint import source_sha256
+from beltid.artifacts.file_bytes import write_bytes
+from beltid.artifacts.hashing import source_sha256
 from beltid.artifacts.metadata_models import METADATA, Metadata, plain
 from beltid.bench.files.sources import Signature, content_sha256, signature_of
 from beltid.errors import ArtifactError, InputError
@@ -165,7 +165,7 @@ class Build:
         self._refuse_changed()
         data = artifact_bytes(self.kind, outcome.columns, self._metadata(outcome), str(self.out))
         artifact = artifact_from_bytes(data, self.out, self.kind)
-        atomic.write_bytes(self.out, data)
+        write_bytes(self.out, data)
         return Built(artifact, up_to_date=False)
 
     @property

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from beltid.artifacts import atomic
+from beltid.artifacts.file_bytes import write_bytes
 from beltid.errors import InputError
 from beltid.export.choices import Choices, Export
 from beltid.export.law import ContactLaw
@@ -129,7 +129,7 @@ def _write(folder: Path, made: Any, source: Path, options: ExportOptions) -> boo
     if problems:
         raise InputError(problems)
     for path, data in changed.items():
-        atomic.write_bytes(path, data)
+        write_bytes(path, data)
     return not changed
 
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from beltid.artifacts import atomic
+from beltid.artifacts.file_bytes import write_text
 from beltid.config import Config, load_config
 from beltid.config.discovery import ConfigSource
 from beltid.config.effective import DEFAULT, effective_values
@@ -45,7 +45,7 @@ def run(stated: Mapping[str, Any], out: Path | None, options: Options) -> Summar
         raise InputError(already_exists(path))
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(f"{path}: a config is a YAML file, name it {path.stem}.yaml")
-    atomic.write_text(path, template_text(config, frozenset(values)))
+    write_text(path, template_text(config, frozenset(values)))
     for kind, file in load_config(path).data.files.items():  # what was written is what is read
         if not file.exists():
             options.reporter.warn(f"data.{kind}: there is no {file} yet")

@@ -9,10 +9,8 @@ from pathlib import Path
 from typing import Final
 
 from beltid._version import __version__
-from beltid.artifacts.atomic import write_text
-from beltid.artifacts.file_bytes import read_bytes
-from beltid.artifacts.fingerprint import page_source_sha256
-from beltid.artifacts.hashing import sha256
+from beltid.artifacts.file_bytes import read_bytes, write_text
+from beltid.artifacts.hashing import page_source_sha256, sha256
 from beltid.errors import ArtifactError, InputError
 from beltid.report.html import GENERATOR, Page, rendered
 from beltid.stages.build_artifact import FOREIGN

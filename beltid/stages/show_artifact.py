@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Final
 
-from beltid.artifacts import atomic
 from beltid.artifacts.artifact import Artifact, read_artifact
+from beltid.artifacts.file_bytes import write_bytes
 from beltid.errors import InputError
 from beltid.report.drawing import NO_DATES, saved
 from beltid.report.figures.single import pictures
@@ -49,7 +49,7 @@ def run(path: Path, out: Path | None, name: str | None, options: Options) -> Sum
     found = pictures(sheet_of(artifact))
     chosen = _chosen(found, name, path)
     if out is not None and chosen is not None and chosen.figure is not None:
-        atomic.write_bytes(out, saved(chosen.figure, out.suffix[1:].lower()))
+        write_bytes(out, saved(chosen.figure, out.suffix[1:].lower()))
     elif out is not None:
         raise InputError(f"{path}: there is nothing to draw in it")
     return _summary(artifact, chosen, [picture.key for picture in found], out)

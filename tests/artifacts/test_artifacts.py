@@ -18,7 +18,6 @@ from hypothesis.extra.numpy import arrays
 from pydantic import ValidationError
 
 from beltid._version import __version__
-from beltid.artifacts.arrow_columns import LARGEST
 from beltid.artifacts.artifact import (
     Artifact,
     artifact_bytes,
@@ -28,6 +27,7 @@ from beltid.artifacts.artifact import (
 )
 from beltid.artifacts.metadata_models import METADATA as MODELS
 from beltid.artifacts.metadata_models import Metadata, SlipMetadata, SurfaceMetadata
+from beltid.artifacts.parquet_table import LARGEST
 from beltid.bench.recording import read_recording
 from beltid.errors import EXIT_INPUT, ArtifactError, InputError
 from beltid.tables import schemas

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from beltid.artifacts.artifact import artifact_bytes, read_artifact
-from beltid.artifacts.atomic import remove_stale, write_bytes
+from beltid.artifacts.file_bytes import remove_stale, write_bytes
 from beltid.artifacts.metadata_models import Metadata
 from beltid.batch.locks import alone_in
 from beltid.config import Config, ConfigSource, load_config
@@ -51,7 +51,7 @@ WRITER = """
 import sys
 from pathlib import Path
 from typing import Any
-from beltid.artifacts.atomic import write_bytes
+from beltid.artifacts.file_bytes import write_bytes
 path, *versions = (Path(name) for name in sys.argv[1:])
 print("at it", flush=True)
 while True:
@@ -162,7 +162,7 @@ def test_a_read_only_folder_keeps_the_old_file(tmp_path: Path) -> None:
     path.write_bytes(b"old")
     place.chmod(0o555)
     code = (
-        "import os, sys; from beltid.artifacts.atomic import write_bytes\n"
+        "import os, sys; from beltid.artifacts.file_bytes import write_bytes\n"
         "from beltid.errors import ArtifactError\n"
         "place = os.open(os.path.dirname(sys.argv[1]), os.O_RDONLY); os.fchdir(place)\n"
         "if os.geteuid() == 0: os.setgid(65534); os.setuid(65534)\n"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from beltid.artifacts.fingerprint import hash_of_sources, source_sha256
+from beltid.artifacts.hashing import hash_of_sources, source_sha256
 
 PACKAGE = Path(__file__).parents[2] / "beltid"
 
@@ -51,7 +51,7 @@ def test_a_renamed_module_changes_it(package: Path) -> None:
 
 def test_what_only_shows_results_does_not_matter(package: Path) -> None:
     before = hash_of_sources(package)
-    for file in ("cli/app.py", "report/terminal.py", "__main__.py"):
+    for file in ("cli/program.py", "report/terminal.py", "__main__.py"):
         (package / file).write_text("# another\n")
     (package / "laws" / "notes.txt").write_text("no source")
     assert hash_of_sources(package) == before

@@ -156,7 +156,7 @@ def test_a_parquet_file_is_inspected_with_the_care_of_the_reader(tmp_path, monke
     assert rows["note"]["min"] is None  # texts stay texts
     assert rows["note"]["samples"] == len(frame)
     assert rows["tension_tight_N"]["max"] == frame["tension_tight_N"].max()
-    monkeypatch.setattr("beltid.artifacts.parquet_open.MAX_CELLS", 100)
+    monkeypatch.setattr("beltid.artifacts.parquet_table.MAX_CELLS", 100)
     result = CliRunner().invoke(app, ["inspect", str(path)])
     assert result.exit_code == 2
     assert "damaged: it claims" in result.stderr

@@ -12,9 +12,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from beltid.artifacts.arrow_columns import arrow_table, columns_of_arrow
 from beltid.artifacts.artifact import METADATA_KEY, SEAL_KEY
 from beltid.artifacts.hashing import columns_sha256, sha256
+from beltid.artifacts.parquet_table import arrow_table, columns_of_arrow
 from beltid.tables import schemas
 
 Columns = dict[str, np.ndarray]

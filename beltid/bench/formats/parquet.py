@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from beltid.artifacts.parquet_open import damaged, is_number, open_parquet, refused_columns
+from beltid.artifacts.parquet_table import damaged, is_number, open_parquet, refused_columns
 from beltid.bench.files.sources import Source
 from beltid.bench.formats.frames import missing_column
 from beltid.bench.formats.rows import Rows, Texts
