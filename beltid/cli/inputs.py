@@ -1,11 +1,14 @@
-"""Arguments and options that several commands share."""
+"""Arguments and options that several commands share, and what their help says of recordings."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final, TypeVar
 
 import typer
+
+from beltid.tables import schemas
 
 
 def _input(what: str, metavar: str) -> typer.models.ArgumentInfo:
@@ -56,3 +59,43 @@ Bootstrap = Annotated[
 Seed = Annotated[
     int, typer.Option("--seed", min=0, metavar="S", help="Seed of the draws. Default: 0.")
 ]
+
+
+Command = TypeVar("Command", bound=Callable[..., None])
+
+MARK: Final = "    (columns)\n"
+"""Stands in the docstring of a command in the place of what is said here."""
+UNITS: Final = {"": "text", "deg": "°", "degC": "°C"}
+
+OTHERWISE: Final = """
+    Columns of other names or units: say so in the config, such as
+    columns: {{{kind}: {{{name}}}}}, units: {{{kind}: {{{unit}}}}}.
+    Exports of testing machines and measuring programs are read as they are, known names and units
+    are recognised: beltid inspect FILE tells how. Separator, decimal sign and encoding are found
+    out, or stated under dialect:.
+"""
+
+
+def reads_recording(kind: str, *, name: str, unit: str) -> Callable[[Command], Command]:
+    """Put the columns of a recording into the help of a command.
+
+    Parameters
+    ----------
+    kind : str
+        The recording.
+    name, unit : str
+        Examples of a column with another name, and with another unit.
+    """
+
+    def described(command: Command) -> Command:
+        rows = [
+            f"      {column.name:<20} {UNITS.get(column.unit, column.unit):<6} {column.meaning}"
+            f"{'' if column.required else '; may be missing'}\n"
+            for column in schemas.table(kind).columns
+        ]
+        said = "    \b\n    Columns of the CSV (more are ignored):\n" + "".join(rows)
+        said += OTHERWISE.format(kind=kind, name=name, unit=unit)
+        command.__doc__ = (command.__doc__ or "").replace(MARK, said)
+        return command
+
+    return described

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Final
 
-from beltid.cli.streams import mute
+from beltid.cli.process import mute
 from beltid.errors import printable
 from beltid.stages.reporter import Reporter
 

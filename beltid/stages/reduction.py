@@ -11,7 +11,7 @@ import numpy as np
 from beltid.identify.friction.reduction import FrictionSettings, RunReduction
 from beltid.identify.press.recording import StiffnessSettings
 from beltid.tables import schemas
-from beltid.tables.values import outside
+from beltid.tables.columns import outside
 
 if TYPE_CHECKING:
     from beltid.config import Config

@@ -291,7 +291,7 @@ def test_an_interrupt_ends_all_and_keeps_what_is_finished(
 CALLER = """
 import time
 from beltid.batch.local import ProcessWorkers
-from beltid.cli.signals import hear_signals
+from beltid.cli.process import hear_signals
 hear_signals()
 workers = ProcessWorkers(2)
 print("ready", flush=True)

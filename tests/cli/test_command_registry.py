@@ -22,7 +22,7 @@ REGISTRIES = {
 COLUMNS_OF_A_BATCH = "batch/belts.py"  # figures of two steps stand in its table
 KINDS_OF_RECORDINGS = "stages/inspect_file.py"  # the command that reads each of the three kinds
 NEW_COMMAND = """
-from beltid.cli.common import Common, with_common_options
+from beltid.cli.program import Common, with_common_options
 from beltid.cli.execute import finish
 from beltid.cli.program import command
 

@@ -13,7 +13,7 @@ import pytest
 
 PROGRAM = """
 import ctypes, multiprocessing, os, signal, sys, time
-from beltid.cli.signals import hear_signals, if_stopped
+from beltid.cli.process import hear_signals, if_stopped
 number = signal.Signals[sys.argv[1]]
 signal.signal(number, signal.default_int_handler)
 hear_signals()
@@ -62,7 +62,7 @@ def test_a_signal_ends_the_program_wherever_it_comes(
 
 def test_an_ignored_signal_stays_ignored() -> None:
     code = (
-        "import os, signal; from beltid.cli.signals import hear_signals\n"
+        "import os, signal; from beltid.cli.process import hear_signals\n"
         "signal.signal(signal.SIGHUP, signal.SIG_IGN); hear_signals()\n"
         "os.kill(os.getpid(), signal.SIGHUP); print('went on')"
     )
@@ -73,7 +73,7 @@ def test_an_ignored_signal_stays_ignored() -> None:
 def test_children_and_passing_files_end_with_the_program(tmp_path: Path) -> None:
     code = """
 import multiprocessing, os, pathlib, signal, sys, time
-from beltid.cli.signals import hear_signals, passing
+from beltid.cli.process import hear_signals, passing
 hear_signals()
 child = multiprocessing.get_context("fork").Process(target=time.sleep, args=(60.0,))
 child.start()

@@ -137,7 +137,7 @@ def test_a_name_that_no_file_can_have_is_said(folder, monkeypatch, capsys, comma
     name = "x" * 300
     inputs = [name, *CALLS.get(command, ())[1:]]
     monkeypatch.setattr(sys, "argv", ["beltid", *command.split(), *inputs])
-    monkeypatch.setattr(sys.modules["beltid.cli.app"], "hear_signals", lambda: None)
+    monkeypatch.setattr(sys.modules["beltid.cli.program"], "hear_signals", lambda: None)
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code == 2

@@ -11,8 +11,8 @@ import numpy as np
 from beltid.bench.formats.rows import Texts, word_of
 from beltid.bench.problems import Problems
 from beltid.errors import InputError
+from beltid.tables.columns import floats
 from beltid.tables.schemas import Column, Table
-from beltid.tables.values import floats
 
 
 def columns_of_frame(

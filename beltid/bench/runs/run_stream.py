@@ -17,9 +17,9 @@ from beltid.bench.formats.rows import Rows
 from beltid.bench.problems import SHOWN, Problems
 from beltid.bench.runs.checks import Checker, no_number
 from beltid.errors import InputError
+from beltid.tables.columns import outside
 from beltid.tables.schemas import Table
 from beltid.tables.units import Conversion
-from beltid.tables.values import outside
 
 MOST_SAMPLES: Final = 20_000_000
 

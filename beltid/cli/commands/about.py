@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from beltid.cli.common import Common, with_common_options
 from beltid.cli.execute import finish, print_text
 from beltid.cli.explain import CODES
-from beltid.cli.program import PlainCommand, app, command
+from beltid.cli.program import Common, PlainCommand, app, command, with_common_options
 
 if TYPE_CHECKING:
     from beltid.cli.reporter import TerminalReporter

@@ -7,10 +7,9 @@ from typing import Annotated
 
 import typer
 
-from beltid.cli.common import Common, with_common_options
 from beltid.cli.execute import execute
 from beltid.cli.inputs import DriveTable, Slip, Stiffness, Surface
-from beltid.cli.program import command
+from beltid.cli.program import Common, command, with_common_options
 
 
 @command("simulate-drive")

@@ -5,12 +5,10 @@ from __future__ import annotations
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
-from beltid.cli.common import Common, with_common_options
 from beltid.cli.execute import execute
-from beltid.cli.inputs import Press, Rig, SpeedLoss
+from beltid.cli.inputs import Press, Rig, SpeedLoss, reads_recording
 from beltid.cli.pool import workers_until
-from beltid.cli.program import command
-from beltid.cli.recordings import reads_recording
+from beltid.cli.program import Common, command, with_common_options
 
 if TYPE_CHECKING:
     from beltid.cli.reporter import TerminalReporter

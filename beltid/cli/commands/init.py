@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from beltid.cli.common import Common, with_common_options
 from beltid.cli.execute import finish
-from beltid.cli.program import command
+from beltid.cli.program import Common, command, with_common_options
 
 if TYPE_CHECKING:
     from beltid.cli.reporter import TerminalReporter

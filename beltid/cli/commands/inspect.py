@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from beltid.cli.common import Common, with_common_options
 from beltid.cli.execute import finish
 from beltid.cli.inputs import FILES
-from beltid.cli.program import command
+from beltid.cli.program import Common, command, with_common_options
 from beltid.errors import InputError
 from beltid.tables.schemas import RECORDINGS
 

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from beltid.cli.common import Common, with_common_options
 from beltid.cli.execute import finish
 from beltid.cli.inputs import Bootstrap, Seed
-from beltid.cli.program import command
+from beltid.cli.program import Common, command, with_common_options
 
 if TYPE_CHECKING:
     from beltid.cli.reporter import TerminalReporter

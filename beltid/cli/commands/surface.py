@@ -6,11 +6,10 @@ from contextlib import ExitStack
 from functools import partial
 from typing import TYPE_CHECKING
 
-from beltid.cli.common import Common, with_common_options
 from beltid.cli.execute import execute
 from beltid.cli.inputs import Bootstrap, Friction, Jobs, Seed, Stiffness
 from beltid.cli.pool import workers_until
-from beltid.cli.program import command
+from beltid.cli.program import Common, command, with_common_options
 
 if TYPE_CHECKING:
     from beltid.cli.reporter import TerminalReporter

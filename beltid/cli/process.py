@@ -3,6 +3,8 @@
 Nothing is unwound. Results are written whole or not at all and survive even a kill, so the program
 leaves from wherever the signal reaches it, also from within compiled code or an import, where an
 exception would be lost or do harm. The exit status is the one that shells expect.
+
+And the standard streams: a terminal without some letters, a closed one, a full disk behind one.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from beltid.errors import printable
 WORDS: Final = {"SIGINT": "interrupted", "SIGTERM": "terminated", "SIGHUP": "hung up"}
 SHOW_CURSOR: Final = b"\r\x1b[2K\x1b[?25h"
 """Clears the line of a progress bar and shows the cursor that it hid."""
+STREAMS: Final = ("stdin", "stdout", "stderr")
 
 _kept: list[str] = []
 _passing: list[Path] = []
@@ -83,3 +86,36 @@ def _end_children() -> None:
     number = getattr(server, "_forkserver_pid", None)  # there is no other way to know it
     if number is not None:
         os.kill(number, signal.SIGKILL)
+
+
+def prepare_streams() -> None:
+    """Let a closed stream lead to nowhere, and a letter the terminal lacks be a substitute."""
+    for name in STREAMS:
+        if getattr(sys, name) is None:
+            # the lowest free number is that of the closed stream, so no result is opened as it
+            descriptor = os.open(os.devnull, os.O_RDONLY if name == "stdin" else os.O_WRONLY)
+            mode = "r" if name == "stdin" else "w"
+            setattr(sys, name, os.fdopen(descriptor, mode, encoding="utf-8"))
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")
+
+
+def mute(name: str) -> None:
+    """Lead a stream that cannot be written to nowhere: nothing may fail at exit either."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), getattr(sys, name).fileno())
+
+
+def is_of_help(error: OSError) -> bool:
+    """Whether an error rose while help or version were written, not from our own work."""
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    module = "" if trace is None else str(trace.tb_frame.f_globals.get("__name__"))
+    return module.partition(".")[0] in ("typer", "click")
+
+
+def told(error: OSError) -> str:
+    """What went wrong with stdout, for the user."""
+    return f"stdout: {error.strerror or error}"
