@@ -10,7 +10,7 @@ from typing import Final
 
 from beltid.bench.files.sources import exists
 from beltid.config import ConfigSource, load_cases
-from beltid.config.discovery import ENVIRONMENT_VARIABLE, named_by_environment
+from beltid.config.loading import ENVIRONMENT_VARIABLE, named_by_environment
 from beltid.config.yaml_source import parse, read_text
 from beltid.errors import BeltidError, ConfigError, InputError
 

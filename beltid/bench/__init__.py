@@ -5,13 +5,11 @@ The rooms in the order of the data; imports go up this table only:
 ================= ======================================================================
 Module            Responsibility
 ================= ======================================================================
-``problems``      everything wrong with a file, reported together
 ``files``         the files of a recording: found, unpacked, their format recognised
 ``formats``       a reader for each format: bytes -> named channels, or rows of numbers
 ``channels``      which channel is which of our columns, converted to its unit
 ``runs``          samples -> runs with label and settings, checked
-``opening``       files opened: unpacked, their format recognised, their channels read
-``recording``     a recording in memory: any format -> validated columns
+``recording``     a recording in memory: files opened, their channels read, joined, checked
 ``big_recording`` a recording of any size, read run by run
 ``inspection``    what was found in files: formats, channels, runs, gaps
 ================= ======================================================================

@@ -17,13 +17,15 @@ from pathlib import Path
 from typing import Any, Final
 
 from beltid.artifacts.file_bytes import opened
-from beltid.bench.channels.channel_mapping import MappingContext, stated_conversions
-from beltid.bench.channels.header import missing_setting
+from beltid.bench.channels.channel_mapping import (
+    MappingContext,
+    missing_setting,
+    stated_conversions,
+)
 from beltid.bench.channels.text_tables import text_layout, text_notes, wanted_columns
 from beltid.bench.channels.vocabulary import NOMINAL
 from beltid.bench.files.ahead import ahead
-from beltid.bench.files.encoding import Decoded, decode
-from beltid.bench.files.sniff import GZIP, PARQUET, TEXT, sniff, unread
+from beltid.bench.files.sniff import GZIP, PARQUET, TEXT, Decoded, decode, sniff, unread
 from beltid.bench.files.sources import (
     Source,
     are_parquet,
@@ -34,10 +36,9 @@ from beltid.bench.files.sources import (
 )
 from beltid.bench.formats.csv_table import csv_blocks, file_chunks
 from beltid.bench.formats.dialect import Layout, ReadOptions
-from beltid.bench.problems import Problems
 from beltid.bench.recording import Recording, recording_from
 from beltid.bench.runs.run_stream import RunColumns, RunStream
-from beltid.errors import InputError
+from beltid.errors import InputError, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table
 

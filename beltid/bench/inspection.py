@@ -25,17 +25,28 @@ from beltid.bench.channels.channel_mapping import (
 )
 from beltid.bench.channels.text_tables import candidates_of as text_candidates
 from beltid.bench.channels.text_tables import text_layout
-from beltid.bench.files.encoding import Decoded
+from beltid.bench.files.sniff import Decoded
 from beltid.bench.files.sources import Source, are_parquet, is_many, sources_of
 from beltid.bench.formats.bench_file import Field
 from beltid.bench.formats.csv_table import Wanted, csv_blocks, read_rows
-from beltid.bench.formats.dialect import Layout, ReadOptions, cells_or_line
+from beltid.bench.formats.dialect import (
+    MISSING_WORDS,
+    Layout,
+    ReadOptions,
+    cells_or_line,
+    is_number,
+    unit_in_name,
+)
 from beltid.bench.formats.rows import Rows, Texts
-from beltid.bench.formats.table_head import MISSING_WORDS, is_number, unit_in_name
-from beltid.bench.opening import Opened, open_sources, text_format
-from beltid.bench.problems import Problems
-from beltid.bench.recording import Recording, read_recording, recording_of
-from beltid.errors import InputError
+from beltid.bench.recording import (
+    Opened,
+    Recording,
+    open_sources,
+    read_recording,
+    recording_of,
+    text_format,
+)
+from beltid.errors import InputError, Problems
 from beltid.tables import schemas
 
 ANY_TABLE: Final = schemas.table("press")
@@ -204,7 +215,7 @@ def inspect_recording(path: Path, config: Any, kind: str | None = None) -> Inspe
     try:
         recording: Recording | BigRecording
         if opened:
-            recording = recording_of(opened, path, kind, ReadOptions.of(config, kind), digest="")
+            recording = recording_of(opened, path, kind, ReadOptions.of(config, kind))
         elif kind == "rig":
             recording = read_rig(path, config)
         else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,27 +10,38 @@ from typing import Any
 
 import numpy as np
 
-from beltid.artifacts.hashing import sha256
 from beltid.bench.channels.channel_mapping import (
     ChannelMapping,
     MappingContext,
+    RawTable,
     stated_conversions,
+)
+from beltid.bench.channels.text_tables import read_text
+from beltid.bench.files.archives import unpacked
+from beltid.bench.files.sniff import (
+    GZIP,
+    ISOLATED,
+    LVM,
+    PARQUET,
+    ZIP,
+    Decoded,
+    decode,
+    sniff,
+    unread,
 )
 from beltid.bench.files.sources import (
     Source,
     are_parquet,
     is_many,
-    names_and_contents_sha256,
     refuse_large,
     sources_of,
 )
+from beltid.bench.formats.bench_file import BenchFile, FormatError
 from beltid.bench.formats.dialect import ReadOptions
 from beltid.bench.formats.frames import columns_of_frame
-from beltid.bench.opening import Opened, open_sources, read_opened
-from beltid.bench.problems import Problems
 from beltid.bench.runs.checks import Checker
-from beltid.bench.runs.joining import completed, joined
-from beltid.errors import InputError
+from beltid.bench.runs.run_settings import completed, joined
+from beltid.errors import InputError, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table
 
@@ -48,23 +60,23 @@ class Recording:
         is all nan.
     path : Path
         The file.
-    sha256 : str
-        Hash of the bytes of the file.
     notes : tuple of str
         What was found out, left out or missing.
     lines : ndarray
         Line of every row in the file, from 1; empty for files without lines, or several.
     mappings : dict
         Our columns -> how they were read; empty where the file has our own columns.
+    is_artifact : bool
+        Whether it is a simulated recording: an artifact of ours.
     """
 
     kind: str
     columns: dict[str, np.ndarray]
     path: Path
-    sha256: str
     notes: tuple[str, ...] = ()
     lines: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     mappings: dict[str, ChannelMapping] = field(default_factory=dict)
+    is_artifact: bool = False
 
     def line_of(self, index: int) -> int:
         """Line in the file, from 1, of the row with this index; for Parquet the row, from 1."""
@@ -102,17 +114,13 @@ def recording_from(
     """The recording in some files; see `read_recording`."""
     if is_many(path):
         refuse_large(path, sources)
-        digest = names_and_contents_sha256(sources)
-    else:
-        digest = sha256(sources[0].data)
     if are_parquet(sources):
-        columns, notes = _from_parquet(sources, path, kind, options)
-        return Recording(kind, columns, path, digest, notes)
-    return recording_of(open_sources(sources, options), path, kind, options, digest)
+        return _from_parquet(sources, path, kind, options)
+    return recording_of(open_sources(sources, options), path, kind, options)
 
 
 def recording_of(
-    opened: Sequence[Opened], path: Path, kind: str, options: ReadOptions, digest: str
+    opened: Sequence[Opened], path: Path, kind: str, options: ReadOptions
 ) -> Recording:
     """The recording that opened files hold.
 
@@ -126,8 +134,6 @@ def recording_of(
         What it is a recording of.
     options : ReadOptions
         What the config states.
-    digest : str
-        SHA-256 of names and contents.
 
     Raises
     ------
@@ -149,7 +155,7 @@ def recording_of(
     problems.raise_if_any()
     lines = origins.lines if len(raw_tables) == 1 else np.empty(0, dtype=np.int64)
     mappings = {r: mapping for raw in raw_tables for r, mapping in raw.mappings.items()}
-    return Recording(kind, columns, path, digest, tuple(notes), lines, mappings)
+    return Recording(kind, columns, path, tuple(notes), lines, mappings)
 
 
 def columns_of(frame: Any, kind: str, config: Any = None) -> dict[str, np.ndarray]:
@@ -179,8 +185,8 @@ def columns_of(frame: Any, kind: str, config: Any = None) -> dict[str, np.ndarra
 
 def _from_parquet(
     sources: Sequence[Source], path: Path, kind: str, options: ReadOptions
-) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
-    """Columns of Parquet files: an artifact of ours (simulated), or files of the same columns."""
+) -> Recording:
+    """Recording in Parquet files: an artifact of ours (simulated), or files of the same columns."""
     from beltid.artifacts.artifact import SEAL_KEY, artifact_from_bytes
     from beltid.bench.formats.parquet import open_source, parquet_blocks
 
@@ -194,13 +200,15 @@ def _from_parquet(
         problems = Problems()
         columns = columns_of_frame(artifact.columns, table, str(path), {}, problems)
         problems.raise_if_any()
-        return _checked(columns, table, str(path), ReadOptions(), units_stated=table.names)
+        columns, notes = _checked(columns, table, str(path), ReadOptions(), table.names)
+        return Recording(kind, columns, path, notes, is_artifact=True)
     blocks = list(parquet_blocks(sources, table, options.names))
     if not any(map(len, blocks)):
         raise InputError(f"{path}: holds no samples")
     parts = [block.columns() for block in blocks]
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    return _checked(columns, table, str(path), options)
+    columns, notes = _checked(columns, table, str(path), options)
+    return Recording(kind, columns, path, notes)
 
 
 def _checked(
@@ -223,3 +231,115 @@ def _checked(
     notes = Checker(name, columns, table, place, problems).run({*units_stated, *conversions})
     problems.raise_if_any()
     return columns, tuple(notes)
+
+
+@dataclass(frozen=True, slots=True)
+class Opened:
+    """A file whose format is known: its text, its channels, or why it cannot be read.
+
+    Attributes
+    ----------
+    name : str
+        Its name, for messages.
+    format : str
+        Its format in words.
+    text : Decoded or None
+        The text, of a table in a text file.
+    channels : BenchFile or None
+        What was found, of any other format.
+    wrong : tuple of str
+        Why it cannot be read.
+    """
+
+    name: str
+    format: str
+    text: Decoded | None = None
+    channels: BenchFile | None = None
+    wrong: tuple[str, ...] = ()
+
+
+def open_sources(sources: Sequence[Source], options: ReadOptions) -> list[Opened]:
+    """Open files, those of delicate formats together in a child process."""
+    opened: list[Opened] = []
+    jobs: dict[int, tuple[str, Path]] = {}
+    with tempfile.TemporaryDirectory(prefix="beltid-") as folder:
+        for number, source in enumerate(sources):
+            try:
+                one = _opened(source, options, Path(folder, str(number)))
+            except InputError as error:
+                one = Opened(source.name, "", wrong=error.problems)
+            if isinstance(one, tuple):
+                jobs[number] = one
+                one = Opened(source.name, "")
+            opened.append(one)
+        if jobs:
+            from beltid.bench.formats.isolated.process import read_isolated
+
+            for number, found in zip(jobs, read_isolated(list(jobs.values())), strict=True):
+                name = sources[number].name
+                opened[number] = (
+                    Opened(name, "", wrong=(f"{name}: {found}",))
+                    if isinstance(found, FormatError)
+                    else Opened(name, found.format, channels=found)
+                )
+    return opened
+
+
+def read_opened(
+    opened: Opened, table: Table, options: ReadOptions, problems: Problems
+) -> list[RawTable]:
+    """Columns of an opened file."""
+    for wrong in opened.wrong:
+        problems.add(wrong)
+    try:
+        if opened.text is not None:
+            raw = read_text(opened.text, opened.name, table, options, problems)
+            return [] if raw is None else [raw]
+        if opened.channels is not None:
+            from beltid.bench.channels.channel_groups import read_groups
+
+            return read_groups(opened.channels, opened.name, table, options, problems)
+    except InputError as error:
+        for wrong in error.problems:
+            problems.add(wrong)
+    return []
+
+
+def _opened(source: Source, options: ReadOptions, spare: Path) -> Opened | tuple[str, Path]:
+    """An opened file, or the format and the file that the child process has to read."""
+    data = plain = source.read()
+    name = source.inside.name.removesuffix(".gz")
+    format_name = sniff(data, name)
+    if format_name == GZIP:
+        plain = unpacked(data, source.path)
+        format_name = sniff(plain, name)
+    if format_name in ISOLATED:
+        if plain is data and not source.is_member:
+            return format_name, source.path
+        spare.write_bytes(plain)
+        return format_name, spare
+    if format_name == LVM:
+        from beltid.bench.formats import lvm
+
+        decoded = decode(plain, source.name, options.encoding)
+        found = lvm.read(decoded.text, source.name)
+        return Opened(source.name, found.format, channels=found)
+    what = {
+        PARQUET: "a Parquet file among others, name it alone",
+        ZIP: "a zip file within another packed file, unpack it",
+        GZIP: "packed twice, unpack it",
+    }.get(format_name) or unread(plain)
+    if what:
+        raise InputError(f"{source.name}: is {what}")
+    decoded = decode(plain, source.name, options.encoding)
+    return Opened(source.name, text_format(decoded.text), text=decoded)
+
+
+def text_format(text: str) -> str:
+    """What wrote a table in a text file, where its first lines tell."""
+    head = text[:4000]
+    if head.startswith("MTS793|"):
+        return "MTS 793 text"
+    if "Standardkraft" in head or "Standardweg" in head or "Traversenweg" in head:
+        return "Zwick testXpert text"
+    return "CSV"

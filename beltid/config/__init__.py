@@ -10,16 +10,14 @@ Module           Responsibility
 ``messages``     words of the errors
 ``name_pattern`` settings in the names of files, by a pattern or a regular expression
 ``sweep``        a section of lists of values -> cases
-``loading``      file or dict -> `Config`
-``discovery``    which config belongs to a recording
+``loading``      file or dict -> `Config`; which config belongs to a recording
 ``writing``      `Config` -> YAML text
 ``template``     `Config` -> YAML text for a new belt, with the ``meanings`` of its keys
 ``effective``    every value that holds, and where it is stated
 ================ =========================================================
 """
 
-from beltid.config.discovery import ConfigSource, find_config
-from beltid.config.loading import load_cases, load_config
+from beltid.config.loading import ConfigSource, find_config, load_cases, load_config
 from beltid.config.model import Config
 from beltid.config.writing import config_text
 

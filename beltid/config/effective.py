@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from beltid.config.bench_files import Section
-from beltid.config.discovery import ConfigSource
+from beltid.config.loading import ConfigSource
 from beltid.config.yaml_source import KeyPath, Source, format_path, parse, read_text
 
 DEFAULT: Final = "default"

@@ -14,8 +14,8 @@ from beltid._version import __version__
 from beltid.artifacts.artifact import Artifact, read_artifact
 from beltid.artifacts.hashing import source_sha256
 from beltid.config import ConfigSource, config_text, load_cases
-from beltid.config.discovery import ENVIRONMENT_VARIABLE
 from beltid.config.effective import DEFAULT, effective_values
+from beltid.config.loading import ENVIRONMENT_VARIABLE
 from beltid.errors import ConfigError
 from beltid.report.summary import Summary, json_value
 from beltid.stages.tables import load_law

@@ -17,28 +17,29 @@ A stage reads like this::
 
 from __future__ import annotations
 
+import contextlib
 import os
 import threading
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 from beltid._version import __version__
 from beltid.artifacts.artifact import (
     Artifact,
     artifact_bytes,
     artifact_from_bytes,
+    may_be_artifact,
     read_artifact,
     stated_kind,
 )
 from beltid.artifacts.file_bytes import write_bytes
 from beltid.artifacts.hashing import source_sha256
 from beltid.artifacts.metadata_models import METADATA, Metadata, plain
-from beltid.bench.files.sources import Signature, content_sha256, signature_of
+from beltid.bench.files.sources import Content, Signature, content_of, signature_of
 from beltid.errors import ArtifactError, InputError
-from beltid.stages.origin import origin_of
 from beltid.tables.schemas import ARTIFACTS, RECORDINGS
 
 if TYPE_CHECKING:
@@ -55,6 +56,9 @@ RECORDED: Final = "simulated"
 LARGE: Final = 64 << 20
 """Bytes of inputs whose hashes take longer than the start of a thread."""
 FOREIGN: Final = "a file that beltid did not write"
+
+
+Origin = Literal["measured", "synthetic"]
 
 
 class Stale(Exception):
@@ -125,7 +129,7 @@ class Build:
     choices: dict[str, Any] = field(default_factory=dict)
     figures: tuple[str, ...] = ()
     _seen: dict[str, Signature] = field(init=False)
-    _hashes: Future[dict[str, str]] = field(init=False)
+    _contents: Future[dict[str, Content]] = field(init=False)
 
     def up_to_date(self) -> Built | None:
         """The existing artifact if it is up to date; None if it has to be built.
@@ -140,7 +144,7 @@ class Build:
             If it has to be built and the options say only to look.
         """
         self._seen = self._signatures()
-        self._hashes = self._hash_inputs()
+        self._contents = self._read_contents()
         existing = self._check_place()
         rebuild = self.options.force or existing is None
         if existing is not None and not rebuild and self._is_fresh(existing):
@@ -185,13 +189,13 @@ class Build:
             {
                 **outcome.extra,
                 "config_sha256": self.source.config.sha256,
-                "inputs": self._hashes.result(),
+                "inputs": self._hashes(),
                 "validity": outcome.validity,
                 "set_aside": outcome.set_aside,
                 "settings": self.settings,
                 # the name without its folder: the same input gives the same bytes anywhere
                 "config": BUILT_IN if path is None else path.name,
-                "origin": origin_of(self.inputs, self.source.config.data.origin),
+                "origin": self._origin(),
                 "notes": outcome.notes,
                 "warnings": outcome.warnings,
             }
@@ -201,7 +205,7 @@ class Build:
         return (
             artifact.software_version == __version__
             and artifact.software_sha256 == source_sha256()
-            and artifact.metadata.inputs == self._hashes.result()
+            and artifact.metadata.inputs == self._hashes()
             and artifact.metadata.settings == self.settings
             and set(self.figures) <= artifact.metadata.model_fields_set
         )
@@ -218,26 +222,30 @@ class Build:
         """What the file system says of every input."""
         return {role: signature_of(path) for role, path in self._files().items()}
 
-    def _hash_inputs(self) -> Future[dict[str, str]]:
-        """Hashes of the inputs; those of large files are taken while the work begins.
+    def _read_contents(self) -> Future[dict[str, Content]]:
+        """Contents of the inputs; those of large files are hashed while the work begins.
 
         Signals do not reach a thread, and an interrupted program does not wait for a daemon.
         """
-        hashes: Future[dict[str, str]] = Future()
+        contents: Future[dict[str, Content]] = Future()
         if sum(file.size for files in self._seen.values() for file in files) < LARGE:
-            hashes.set_result(self._input_hashes())
+            contents.set_result(self._input_contents())
         else:
-            threading.Thread(target=self._hash_into, args=(hashes,), daemon=True).start()
-        return hashes
+            threading.Thread(target=self._read_into, args=(contents,), daemon=True).start()
+        return contents
 
-    def _hash_into(self, hashes: Future[dict[str, str]]) -> None:
+    def _read_into(self, contents: Future[dict[str, Content]]) -> None:
         try:
-            hashes.set_result(self._input_hashes())
-        except Exception as error:  # raised where the hashes are asked for
-            hashes.set_exception(error)
+            contents.set_result(self._input_contents())
+        except Exception as error:  # raised where the contents are asked for
+            contents.set_exception(error)
 
-    def _input_hashes(self) -> dict[str, str]:
+    def _hashes(self) -> dict[str, str]:
         """SHA-256 of every file that is read, by its role."""
+        return {role: content.sha256 for role, content in self._contents.result().items()}
+
+    def _input_contents(self) -> dict[str, Content]:
+        """Content of every file that is read, by its role."""
         folders = [  # an artifact is one file; only recordings may be folders
             f"{path}: is a folder, a {role} artifact is needed, "
             f"a file such as {path / role}{SUFFIX}"
@@ -248,15 +256,32 @@ class Build:
             raise ArtifactError(folders)
         tables = self.source.config.runs.tables
         return {
-            role: content_sha256(path, [tables[role]] if role in tables else [])
+            role: content_of(path, [tables[role]] if role in tables else [])
             for role, path in self._files().items()
         }
+
+    def _origin(self) -> Origin | None:
+        """Where the data of the inputs come from."""
+        return combined_origin([self._origin_of(role, path) for role, path in self.inputs.items()])
+
+    def _origin_of(self, role: str, path: Path) -> Origin | None:
+        """The config states the origin of recordings; artifacts hand it on."""
+        artifact = None
+        if self._contents.result()[role].is_parquet and may_be_artifact(path):
+            with contextlib.suppress(ArtifactError):
+                artifact = read_artifact(path)
+        if artifact is None:  # a recording as the bench wrote it, of any size
+            # a simulation that is brought along as a table adds no data of a bench
+            return self.source.config.data.origin if role in RECORDINGS else "measured"
+        if role in RECORDINGS:
+            return "synthetic"  # a simulated recording in the place of a measured one
+        return artifact.metadata.origin
 
     def _refuse_changed(self) -> None:
         """The inputs that were read must be those whose hashes the artifact will carry."""
         if self._signatures() == self._seen:
             return
-        before, now = self._hashes.result(), self._input_hashes()
+        before, now = self._contents.result(), self._input_contents()
         changed = [path for role, path in self._files().items() if now[role] != before[role]]
         if changed:
             raise InputError(
@@ -298,6 +323,16 @@ class Build:
                 raise InputError(
                     f"{out}: is the {kind} recording of the config, name another --out"
                 )
+
+
+def combined_origin(origins: Collection[str | None]) -> Origin | None:
+    """Origin of what is made from data of some origins; None if nobody said, or of no data.
+
+    One synthetic input makes the result synthetic.
+    """
+    if "synthetic" in origins:
+        return "synthetic"
+    return "measured" if set(origins) == {"measured"} else None
 
 
 def already_exists(path: Path) -> str:

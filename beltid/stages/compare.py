@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.artifacts.artifact import Artifact, may_be_artifact, read_artifact
+from beltid.artifacts.artifact import Artifact, read_artifact
 from beltid.artifacts.metadata_models import CompareMetadata
 from beltid.bench.recording import columns_of, read_recording
 from beltid.config import Config, ConfigSource, load_config
@@ -77,7 +77,7 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
         recording = read_recording(inputs["simulated"], "rig", config.config)
         options.reporter.report(f"{recording.path}: {len(recording.columns['time_s'])} samples")
         radius, settings = _reduced_with(friction, config.config)
-        if not may_be_artifact(recording.path):  # a second bench, whose cells the config knows
+        if not recording.is_artifact:  # a second bench, whose cells the config knows
             settings = replace(settings, **cell_settings(config.config))
         simulated = reduction_columns(reduce_runs(recording.columns, radius, settings))
         known, uncertainty = settings.cells.note, _uncertainty_of(inputs["simulated"])

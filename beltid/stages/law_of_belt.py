@@ -25,7 +25,7 @@ from beltid.export.law import (
     friction_part,
 )
 from beltid.export.law_file import SUFFIX, told
-from beltid.stages.origin import combined_origin
+from beltid.stages.build_artifact import combined_origin
 from beltid.stages.reporter import Reporter
 from beltid.stages.tables import law_of, surface_of
 

@@ -10,8 +10,8 @@ from typing import Any
 
 from beltid.artifacts.file_bytes import write_text
 from beltid.config import Config, load_config
-from beltid.config.discovery import ConfigSource
 from beltid.config.effective import DEFAULT, effective_values
+from beltid.config.loading import ConfigSource
 from beltid.config.meanings import SECTIONS
 from beltid.config.template import template_text
 from beltid.errors import InputError

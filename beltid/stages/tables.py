@@ -11,8 +11,7 @@ import numpy as np
 from beltid.artifacts.artifact import Artifact, read_artifact
 from beltid.artifacts.file_bytes import read_bytes
 from beltid.bench.formats.frames import columns_of_frame
-from beltid.bench.problems import Problems
-from beltid.errors import ArtifactError, InputError
+from beltid.errors import ArtifactError, InputError, Problems
 from beltid.export.law import ContactLaw
 from beltid.export.law_file import law_from_text
 from beltid.identify.surface.surface import surface_from_columns

@@ -7,7 +7,7 @@ import writers
 from typer.testing import CliRunner
 
 from beltid.artifacts.artifact import read_artifact
-from beltid.bench.files.sources import content_sha256
+from beltid.bench.files.sources import content_of
 from beltid.cli import app
 
 CONFIG = """\
@@ -40,7 +40,7 @@ def test_from_bench_files_to_the_comparison(tmp_path):
     assert result.exit_code == 0, result.stderr
     friction = read_artifact(runs / "bench" / "friction.parquet")
     assert len(friction.columns["run"]) == 8
-    assert friction.metadata.inputs["rig"] == content_sha256(tmp_path / "rig" / "*.lvm")
+    assert friction.metadata.inputs["rig"] == content_of(tmp_path / "rig" / "*.lvm").sha256
     assert (runs / "bench" / "compare_refined.parquet").is_file()
     # the same numbers as from the tidy file
     tidy.to_csv(tmp_path / "rig.csv", index=False)
@@ -53,4 +53,4 @@ def test_from_bench_files_to_the_comparison(tmp_path):
     # a file that changes makes the result stale, and only that
     changed = next((tmp_path / "rig").glob("R*"))
     changed.write_bytes(changed.read_bytes() + b"\r\n")
-    assert friction.metadata.inputs["rig"] != content_sha256(tmp_path / "rig" / "*.lvm")
+    assert friction.metadata.inputs["rig"] != content_of(tmp_path / "rig" / "*.lvm").sha256

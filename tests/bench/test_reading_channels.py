@@ -12,10 +12,9 @@ from beltid.bench.channels.channel_groups import read_groups
 from beltid.bench.channels.vocabulary import VOCABULARY, roles_meant
 from beltid.bench.formats.bench_file import BenchFile, Channel, Group
 from beltid.bench.formats.dialect import ReadOptions
-from beltid.bench.problems import Problems
 from beltid.bench.recording import Recording, read_recording
 from beltid.config import load_config
-from beltid.errors import InputError
+from beltid.errors import InputError, Problems
 from beltid.tables import schemas
 
 

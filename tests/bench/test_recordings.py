@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import gzip
-import hashlib
 import sys
 from pathlib import Path
 
@@ -115,7 +114,6 @@ def test_packed_recordings(tmp_path):
     packed.write_bytes(gzip.compress(plain.read_bytes()))
     one, two = read_recording(plain, "rig"), read_recording(packed, "rig")
     np.testing.assert_array_equal(one.columns["time_s"], two.columns["time_s"])
-    assert one.sha256 != two.sha256  # of the bytes that were given
     packed.write_bytes(packed.read_bytes()[:-9])
     assert problems(packed) == ["rig.csv.gz: the gzip file is damaged or cut off"]
 
@@ -472,6 +470,5 @@ def test_a_recording_is_opened_once(tmp_path, name):
             opened.append(given) if event == "open" and given[0] == str(path) else 0
         )
     )
-    recording = read_rig(path)
+    read_rig(path)
     assert len(opened) == 1
-    assert recording.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from beltid.bench.files.sources import content_sha256
+from beltid.bench.files.sources import content_of
 from beltid.bench.recording import read_recording
 from beltid.config import load_config
 from beltid.errors import InputError
@@ -245,16 +245,16 @@ def test_a_single_run_is_called_like_its_file(tmp_path, runs):
 
 def test_the_hash_of_a_folder_follows_names_and_contents(tmp_path, runs):
     folder = per_run(tmp_path / "runs", runs)
-    before = content_sha256(folder)
-    assert content_sha256(tmp_path / "runs" / "*.csv") == before
+    before = content_of(folder).sha256
+    assert content_of(tmp_path / "runs" / "*.csv").sha256 == before
     (folder / "R001.csv").rename(folder / "R001b.csv")
-    renamed = content_sha256(folder)
+    renamed = content_of(folder).sha256
     with (folder / "R002.csv").open("a") as file:
         file.write("\n")
-    assert len({before, renamed, content_sha256(folder)}) == 3
+    assert len({before, renamed, content_of(folder).sha256}) == 3
     (folder / "notes.md").write_text("no recording")
     (folder / ".hidden.csv").write_text("no recording")
-    assert content_sha256(folder) == content_sha256(tmp_path / "runs" / "R*.csv")
+    assert content_of(folder).sha256 == content_of(tmp_path / "runs" / "R*.csv").sha256
 
 
 def test_results_among_the_recordings_are_no_recordings(tmp_path, runs):
@@ -266,10 +266,10 @@ def test_results_among_the_recordings_are_no_recordings(tmp_path, runs):
     config = tmp_path / "c.yaml"
     config.write_text('runs: {rig: {pattern: "{run}_{arc_deg}deg_{initial_tension_N}N.csv"}}\n')
     call = ["fit-friction", "-c", str(config), "-q"]
-    before = content_sha256(folder)
+    before = content_of(folder).sha256
     out = str(folder / "friction.parquet")
     assert CliRunner().invoke(app, [*call, str(folder), "-o", out]).exit_code == 0
-    assert content_sha256(folder) == content_sha256(folder / "*") == before
+    assert content_of(folder).sha256 == content_of(folder / "*").sha256 == before
     expect(read_recording(folder, "rig", load_config(config)).columns, runs)
     again = CliRunner().invoke(app, ["fit-friction", "-c", str(config), str(folder), "-o", out])
     assert "is up to date" in again.stderr

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"
+RIGDATA = Path(__file__).parents[2] / "rigdata"
 MOST_FILES = 60
 MOST_OPENS = 2
 COUNTER = """
@@ -58,7 +58,8 @@ finally:
 def counts(tmp_path_factory):
     folder = tmp_path_factory.mktemp("way")
     rig, counts = folder / "rig.csv", folder / "counts.json"
-    shutil.copy(RIG, rig)
+    shutil.copy(RIGDATA / "5pk" / "rig.csv", rig)
+    shutil.copy(RIGDATA / "beltid.yaml", folder)  # found for the recording
     called = [sys.executable, "-c", COUNTER, "fit-friction", str(rig), str(counts)]
     ended = subprocess.run(
         called, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}, capture_output=True

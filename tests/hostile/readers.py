@@ -15,8 +15,7 @@ from beltid.bench.big_recording import open_big
 from beltid.bench.formats.dialect import ReadOptions
 from beltid.bench.formats.isolated.child import read_format
 from beltid.bench.formats.isolated.exchange import load, save
-from beltid.bench.opening import Opened
-from beltid.bench.recording import read_recording, recording_of
+from beltid.bench.recording import Opened, read_recording, recording_of
 from beltid.config.loading import load_cases, load_config
 from beltid.errors import LONGEST_LINE, BeltidError
 from beltid.export.law_file import law_from_text
@@ -85,7 +84,7 @@ def _isolated(format_name: str) -> Callable[[Path], object]:
         except Exception:  # the child tells it: see isolated.child
             return None
         opened = Opened(path.name, found.format, channels=load(path.with_suffix(".npz")))
-        return recording_of([opened], path, "rig", ReadOptions(), "")
+        return recording_of([opened], path, "rig", ReadOptions())
 
     return read
 

@@ -136,18 +136,3 @@ def test_the_config_beside_the_shipped_recordings_says_nothing_else() -> None:
     assert found.sha256 == load_config(None).sha256
     assert found.data.files == {}
     assert np.isclose(found.belt.axial_stiffness_N, 1e5)
-
-
-def test_a_recording_is_not_read_to_learn_its_origin(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It may be larger than the memory."""
-    from beltid.stages import origin
-
-    def refuse(path: Path) -> None:
-        raise AssertionError(path)
-
-    monkeypatch.setattr(origin, "read_artifact", refuse)
-    recording = tmp_path / "rig.csv"
-    recording.write_text("run,time_s\n")
-    assert origin.origin_of({"rig": recording}, "measured") == "measured"

@@ -4,11 +4,9 @@
 Module              Responsibility
 =================== =================================================================
 ``vocabulary``      names of channels in German, English and French laboratories
-``channel_mapping`` which channel is which column, and the conversion of its unit
-``header``          whether the header names the columns that are needed
+``channel_mapping`` which channel is which column, the conversion of its unit; raw tables
 ``alignment``       channels of different rates brought to one time
-``raw_table``       what was read from one file or group, before its runs are known
-``text_tables``     a table in a text file -> a raw table
+``text_tables``     a table in a text file, its header checked -> a raw table
 ``channel_groups``  groups of channels of other formats -> raw tables
 =================== =================================================================
 """

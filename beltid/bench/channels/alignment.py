@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from beltid.bench.problems import Problems
+from beltid.errors import Problems
 
 MASTERS: Final = {
     "press": ("force_N", "displacement_mm"),

@@ -13,19 +13,17 @@ from beltid.bench.channels.channel_mapping import (
     Candidate,
     ChannelMapping,
     MappingContext,
+    RawTable,
     map_channels,
     notes_of,
     told_elsewhere,
 )
-from beltid.bench.channels.header import check_header
-from beltid.bench.channels.raw_table import RawTable
-from beltid.bench.channels.text_tables import convert
+from beltid.bench.channels.text_tables import check_header, convert
 from beltid.bench.channels.vocabulary import SETTINGS
 from beltid.bench.formats.bench_file import BenchFile, Channel, Group
-from beltid.bench.formats.dialect import ReadOptions
+from beltid.bench.formats.dialect import ReadOptions, is_number
 from beltid.bench.formats.rows import Texts, word_of
-from beltid.bench.formats.table_head import is_number
-from beltid.bench.problems import Problems
+from beltid.errors import Problems
 from beltid.tables.columns import Table
 
 

@@ -10,12 +10,13 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
+import numpy as np
+
 from beltid.bench.channels.vocabulary import SETTINGS, roles_meant, simplified
 from beltid.bench.formats.bench_file import Field
-from beltid.bench.formats.dialect import ReadOptions
-from beltid.bench.formats.table_head import unit_in_name, without_unit
-from beltid.bench.problems import Problems
+from beltid.bench.formats.dialect import ReadOptions, unit_in_name, without_unit
 from beltid.config.name_pattern import name_pattern
+from beltid.errors import Problems
 from beltid.tables.columns import Column, Table
 from beltid.tables.units import (
     Calibration,
@@ -348,3 +349,64 @@ def _unclear_turns(unit: str, name: str) -> bool:
     """Whether 1/s may be turns as well as radians."""
     per_second = unit.strip(" []()").replace(" ", "") in ("1/s", "s-1", "s^-1", "s⁻¹")
     return per_second and not any(word in simplified(name) for word in _TURNS)
+
+
+@dataclass(frozen=True, slots=True)
+class RawTable:
+    """Columns read from one place.
+
+    Attributes
+    ----------
+    place : str
+        File, and group in it, for messages.
+    names : tuple of str
+        Names by which patterns and tables of runs know it, the most special one first.
+    label : str
+        Label of its run where nothing else tells one.
+    columns : dict of str to ndarray
+        Our columns that were found, in our units.
+    mappings : mapping
+        How they were read.
+    fields : tuple of Field
+        Header fields of the file and the group.
+    rows : ndarray
+        Line or row of every sample in the file, from 1; empty where there are none.
+    notes : tuple of str
+        What was found out.
+    name_place : str
+        Place of the names of the channels, for messages.
+    """
+
+    place: str
+    names: tuple[str, ...]
+    label: str
+    columns: dict[str, np.ndarray]
+    mappings: Mapping[str, ChannelMapping]
+    fields: tuple[Field, ...] = ()
+    rows: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    notes: tuple[str, ...] = ()
+    name_place: str = ""
+
+    def __len__(self) -> int:
+        return len(next(iter(self.columns.values()), ()))
+
+    def place_of(self, index: int) -> tuple[str, int]:
+        """Place of a sample in words, and its line for the order of messages."""
+        if self.rows.size:
+            return f"{self.place}:{self.rows[index]}", int(self.rows[index])
+        return f"{self.place}, sample {index + 1}", index + 1
+
+
+def missing_setting(setting: str, kind: str, place: str) -> str:
+    """Say that neither a column nor anything else tells a setting, and how it can be told."""
+    return f"{place}: column {setting} is missing{how_to_tell(setting, kind)}"
+
+
+def how_to_tell(setting: str, kind: str) -> str:
+    """The ways to tell a setting that no column holds."""
+    return (
+        f"; if it holds for every run: runs: {{{kind}: {{values: {{{setting}: ...}}}}}}; if the "
+        f"names of the files tell it: runs: {{{kind}: {{pattern: "
+        f'"{{run}}_{{{setting}}}.csv"}}}}; or in a table of the files: runs: {{{kind}: '
+        "{table: runs.csv}}"
+    )

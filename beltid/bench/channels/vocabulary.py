@@ -8,7 +8,7 @@ import unicodedata
 from dataclasses import dataclass
 from typing import Final
 
-from beltid.bench.formats.table_head import without_unit
+from beltid.bench.formats.dialect import without_unit
 
 NOMINAL: Final = ("arc_deg", "initial_tension_N")
 """Our columns that hold the nominal settings of a run, constant within it."""

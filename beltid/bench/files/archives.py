@@ -20,15 +20,13 @@ MAX_RATIO: Final = 1000
 
 
 def unpacked(data: bytes, path: Path) -> bytes:
-    """Bytes of a gzip file without the packing; other bytes as they are.
+    """Bytes of a gzip file without the packing.
 
     Raises
     ------
     InputError
         If the packed file is damaged or unpacks to more than the limit.
     """
-    if data[:2] != b"\x1f\x8b":
-        return data
     try:
         with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
             plain = file.read(MAX_BYTES + 1)

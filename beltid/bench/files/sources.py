@@ -125,17 +125,29 @@ def size_of(sources: Sequence[Source]) -> int:
     return 0
 
 
-def content_sha256(path: Path, besides: Sequence[Path] = ()) -> str:
-    """SHA-256 of a file; of the names and contents of the files where there are several."""
+@dataclass(frozen=True, slots=True)
+class Content:
+    """What a file, or the files that a path stands for, hold.
+
+    Attributes
+    ----------
+    sha256 : str
+        SHA-256 of the file; of the names and contents of the files where there are several.
+    is_parquet : bool
+        Whether it is one Parquet file, as artifacts are.
+    """
+
+    sha256: str
+    is_parquet: bool
+
+
+def content_of(path: Path, besides: Sequence[Path] = ()) -> Content:
+    """Content of a file, or of several; `besides` are files that are no recordings."""
     if not is_many(path):
-        return _file_sha256(path)
-    return names_and_contents_sha256(sources_of(path, besides))
-
-
-def names_and_contents_sha256(sources: Sequence[Source]) -> str:
-    """SHA-256 of the names and contents of several files."""
-    lines = [f"{s.inside.as_posix()}\0{_file_sha256(s.path)}\n" for s in sources]
-    return sha256("".join(lines).encode())
+        return _file_content(path)
+    sources = sources_of(path, besides)
+    lines = [f"{s.inside.as_posix()}\0{_file_content(s.path).sha256}\n" for s in sources]
+    return Content(sha256("".join(lines).encode()), is_parquet=False)
 
 
 def are_parquet(sources: Sequence[Source]) -> bool:
@@ -184,10 +196,11 @@ def signature_of(path: Path) -> Signature:
     return tuple(sorted(states, key=lambda state: state.name))
 
 
-def _file_sha256(path: Path) -> str:
-    """SHA-256 of a file of any size, read in parts."""
+def _file_content(path: Path) -> Content:
+    """Content of a file of any size, read in parts."""
     with opened(path) as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+        is_parquet = file.peek(4)[:4] == b"PAR1"
+        return Content(hashlib.file_digest(file, "sha256").hexdigest(), is_parquet)
 
 
 def folder_of(path: Path) -> Path:

@@ -7,8 +7,7 @@ Module         Responsibility
 ============== ================================================================
 ``bench_file`` what is found in a file: groups of channels, header fields
 ``rows``       rows of a table: numbers, texts, where they stand in the file
-``table_head`` where title lines, header, row of units and numbers stand
-``dialect``    how a table in a text file is written
+``dialect``    how a table is written: title lines, header, row of units, separators
 ``csv_table``  CSV -> rows, at once or in blocks, exact about places
 ``parquet``    Parquet -> rows in blocks
 ``lvm``        LabVIEW measurement files

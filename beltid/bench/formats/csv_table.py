@@ -15,12 +15,10 @@ from typing import Final
 import numpy as np
 
 from beltid.artifacts.file_bytes import opened
-from beltid.bench.files.encoding import CUT_OFF
-from beltid.bench.formats.dialect import Layout
+from beltid.bench.files.sniff import CUT_OFF
+from beltid.bench.formats.dialect import MISSING_WORDS, NUMBER, Layout
 from beltid.bench.formats.rows import Rows, Texts
-from beltid.bench.formats.table_head import MISSING_WORDS, NUMBER
-from beltid.bench.problems import Problems
-from beltid.errors import InputError
+from beltid.errors import InputError, Problems
 
 CHUNK: Final = 16 << 20
 """Bytes that are read at a time."""

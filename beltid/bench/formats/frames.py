@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from beltid.bench.formats.rows import Texts, word_of
-from beltid.bench.problems import Problems
-from beltid.errors import InputError
+from beltid.errors import InputError, Problems
 from beltid.tables.columns import floats
 from beltid.tables.schemas import Column, Table
 

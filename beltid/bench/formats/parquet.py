@@ -9,9 +9,9 @@ import numpy as np
 
 from beltid.artifacts.parquet_table import damaged, is_number, open_parquet, refused_columns
 from beltid.bench.files.sources import Source
+from beltid.bench.formats.dialect import NUMBER
 from beltid.bench.formats.frames import missing_column
 from beltid.bench.formats.rows import Rows, Texts
-from beltid.bench.formats.table_head import NUMBER
 from beltid.errors import InputError
 from beltid.tables.schemas import Column, Table
 

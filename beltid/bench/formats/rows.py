@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from beltid.bench.problems import Problems
+from beltid.errors import Problems
 from beltid.tables.columns import is_missing
 
 

@@ -4,9 +4,8 @@
 Module           Responsibility
 ================ ==================================================================
 ``run_table``    a table of runs: a row per file
-``run_settings`` label and settings of a run from names, headers and tables
+``run_settings`` label and settings of runs from names, headers and tables; tables joined
 ``run_split``    runs that no column labels, told apart
-``joining``      pieces joined: every sample with label and settings of its run
 ``checks``       whether the columns can be what they claim to be
 ``run_stream``   runs out of blocks of rows
 ================ ==================================================================

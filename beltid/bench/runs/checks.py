@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection
 import numpy as np
 
 from beltid.bench.channels.vocabulary import NOMINAL
-from beltid.bench.problems import SHOWN, Problems
+from beltid.errors import SHOWN, Problems
 from beltid.tables.columns import absent, outside
 from beltid.tables.schemas import Column, Table
 

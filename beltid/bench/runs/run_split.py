@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from beltid.bench.channels.vocabulary import NOMINAL
-from beltid.bench.problems import Problems
+from beltid.errors import Problems
 
 RESTART: Final = 0.05
 """A time that falls to the first this share of the run before begins a new run."""

@@ -14,9 +14,8 @@ import numpy as np
 
 from beltid.bench.channels.vocabulary import NOMINAL
 from beltid.bench.formats.rows import Rows
-from beltid.bench.problems import SHOWN, Problems
 from beltid.bench.runs.checks import Checker, no_number
-from beltid.errors import InputError
+from beltid.errors import SHOWN, InputError, Problems
 from beltid.tables.columns import outside
 from beltid.tables.schemas import Table
 from beltid.tables.units import Conversion

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.bench.formats.bench_file import BenchFile, Channel, FormatError, Group
-from beltid.bench.formats.table_head import SEARCHED, TableHead, find_head, unit_in_name
+from beltid.bench.formats.dialect import SEARCHED, TableHead, find_head, unit_in_name
 
 MAX_UNPACKED: Final = 2 << 30
 MAX_COLUMNS: Final = 2000
