@@ -4,15 +4,15 @@
 Module           Responsibility
 ================ =========================================================
 ``model``        what a config holds, with its defaults (the 5PK rig of the paper)
-``bench_files``  how the files of a bench differ: names, units, dialect; built from the tables
-``fields``       kinds of values: numbers with bounds and units, names, lists
+``drive``        the sections of a belt drive
+``fields``       sections and kinds of values: numbers with bounds and units, names, lists
 ``yaml_source``  YAML text -> plain values with their places
 ``messages``     words of the errors
 ``name_pattern`` settings in the names of files, by a pattern or a regular expression
 ``sweep``        a section of lists of values -> cases
 ``loading``      file or dict -> `Config`; which config belongs to a recording
 ``writing``      `Config` -> YAML text
-``template``     `Config` -> YAML text for a new belt, with the ``meanings`` of its keys
+``template``     `Config` -> YAML text for a new belt, with the meanings of its keys
 ``effective``    every value that holds, and where it is stated
 ================ =========================================================
 """

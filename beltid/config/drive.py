@@ -6,8 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from beltid.config.bench_files import Section
-from beltid.config.fields import Checked, ListOf, Number, Text, complain
+from beltid.config.fields import Checked, ListOf, Number, Section, Text, complain
 
 Installation = Literal["fixed_centres", "slack_force", "tensioner"]
 Metres = Annotated[float, Number(-100, 100, "m")]

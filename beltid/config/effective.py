@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
-from beltid.config.bench_files import Section
+from beltid.config.fields import Section
 from beltid.config.loading import ConfigSource
 from beltid.config.yaml_source import KeyPath, Source, format_path, parse, read_text
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pydantic import BaseModel, ConfigDict
 from pydantic_core import InitErrorDetails, PydanticCustomError, ValidationError, core_schema
 
 from beltid.config.name_pattern import name_pattern
@@ -25,6 +26,16 @@ if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler
 
 _LARGEST = sys.float_info.max  # compared with, not converted: a whole number may be beyond it
+
+
+class Section(BaseModel):
+    """A closed, frozen section of the config."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Unstated(Section):
+    """A section whose keys mean nothing until they are stated."""
 
 
 def complain(allowed: str) -> PydanticCustomError:

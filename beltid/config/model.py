@@ -1,36 +1,182 @@
-"""What a config holds: belt, press, rig, contact, and the settings of every stage.
+"""What a config holds: belt, benches and their files, and the settings of every stage.
 
 The model is closed (an unknown key is an error) and frozen. The defaults are the built-in rig of
-the paper with a 5PK belt, so an empty config is a complete one.
+the paper with a 5PK belt, so an empty config is a complete one. The sections that tell how the
+files of a bench differ from ours (names of columns, units, dialect) have a key for each column of
+the table of its kind of recording, so they are built from the tables.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
-from pydantic import BeforeValidator
+from pydantic import (
+    BeforeValidator,
+    Strict,
+    create_model,
+    field_serializer,
+)
 
 from beltid import params
-from beltid.config.bench_files import (
-    ColumnsSection,
-    DialectSection,
-    RunsSection,
-    Section,
-    UnitsSection,
-)
 from beltid.config.drive import CompareDriveSection, DriveSection
 from beltid.config.fields import (
     Count,
     ListOf,
     Number,
+    Section,
     Text,
+    UnitOf,
+    Unstated,
     auto_or_switch,
     file_path,
     folder_name,
+    pattern_of_names,
+    separating_character,
+    text_encoding,
 )
+from beltid.tables.columns import Column
+from beltid.tables.schemas import RECORDINGS, SETTINGS, table
+from beltid.tables.units import Calibration
+
+SHOWN: Final = {"deg": "°", "degC": "°C"}
+"""Unit of a column -> how a config shows it."""
+
+
+def _built(name: str, base: type[Section], keys: dict[str, Any]) -> Any:
+    """A section as a class of this module: a config is pickled for worker processes."""
+    section = create_model(name, __base__=base, __module__=__name__, **keys)
+    globals()[name] = section
+    return section
+
+
+def _of_columns(name: str, columns: Iterable[Column], allowed: Callable[[Column], Any]) -> Any:
+    """A section with a key for each column; null where nothing is stated."""
+    keys = {column.name: (allowed(column) | None, None) for column in columns}
+    return _built(name, Unstated, keys)
+
+
+def _per_kind(name: str, section_of: Callable[[str], Any]) -> Any:
+    """A section with a section for each kind of recording."""
+    sections = {kind: section_of(kind) for kind in RECORDINGS}
+    return _built(name, Section, {kind: (of, of()) for kind, of in sections.items()})
+
+
+def _settings(kind: str) -> list[Column]:
+    columns = {column.name: column for column in table(kind).columns}
+    return [columns[name] for name in SETTINGS if name in columns]
+
+
+def _name(column: Column) -> Any:
+    return Annotated[str, Text()]
+
+
+def _unit(column: Column) -> Any:
+    return Annotated[Any, UnitOf(column.unit)]
+
+
+def _value(column: Column) -> Any:
+    unit = SHOWN.get(column.unit, column.unit)
+    return Annotated[
+        float, Number(column.low, column.high, unit, column.open_low, column.open_high)
+    ]
+
+
+def _names(kind: str) -> Any:
+    return _of_columns(f"_{kind}_names", table(kind).columns, _name)
+
+
+def _units(kind: str) -> Any:
+    numbers = [column for column in table(kind).columns if column.dtype == "float64"]
+    return _of_columns(f"_{kind}_units", numbers, _unit)
+
+
+_Names: Any = _per_kind("_Names", _names)
+_Units: Any = _per_kind("_Units", _units)
+
+
+class ColumnsSection(_Names):
+    """Our name of a column -> its name in the file, per kind of recording."""
+
+    def of(self, kind: str) -> dict[str, str]:
+        """The columns that are named otherwise in files of this kind."""
+        return _stated(getattr(self, kind))
+
+
+class UnitsSection(_Units):
+    """Our name of a column -> its unit in the file, per kind of recording."""
+
+    def of(self, kind: str) -> dict[str, str | Calibration]:
+        """The columns that come in another unit, or as a raw signal, in files of this kind."""
+        return _stated(getattr(self, kind))
+
+
+def _stated(section: Section) -> dict[str, Any]:
+    return {name: value for name, value in section if value is not None}
+
+
+class RunsOfKind(Section):
+    """Where to find label and settings of a run that is a file, group or sheet of its own.
+
+    Attributes
+    ----------
+    pattern : str or None
+        How the names of the files (of the groups, where one file holds all runs) are made up.
+    table : Path or None
+        A CSV file with a row per file.
+    fields : Section
+        Names of the header fields that hold label and settings.
+    values : Section
+        Settings that hold for every run.
+    """
+
+    pattern: Annotated[str, BeforeValidator(pattern_of_names)] | None = None
+    table: Annotated[Path, BeforeValidator(file_path)] | None = None
+    fields: Any
+    values: Any
+
+    @field_serializer("table", when_used="json")
+    def _table_name(self, table: Path | None) -> str | None:
+        """The name without its folder: where a table lies changes no result, its content does."""
+        return None if table is None else table.name
+
+
+def _runs(kind: str) -> Any:
+    label = table(kind).column(table(kind).label)
+    fields = _of_columns(f"_{kind}_fields", [label, *_settings(kind)], _name)
+    values = _of_columns(f"_{kind}_values", _settings(kind), _value)
+    keys = {"fields": (fields, fields()), "values": (values, values())}
+    return _built(f"_{kind}_runs", RunsOfKind, keys)
+
+
+_Runs: Any = _per_kind("_Runs", _runs)
+
+
+class RunsSection(_Runs):
+    """Label and settings of runs whose recordings do not hold them, per kind of recording."""
+
+    def of(self, kind: str) -> RunsOfKind:
+        """What is said about the runs of a kind of recording."""
+        runs: RunsOfKind = getattr(self, kind)
+        return runs
+
+    @property
+    def tables(self) -> dict[str, Path]:
+        """The tables that are named, by the kind of recording."""
+        return {kind: found for kind in RECORDINGS if (found := self.of(kind).table) is not None}
+
+
+class DialectSection(Section):
+    """How the CSV files of the bench are written; null means: found out from the file."""
+
+    separator: Annotated[str, BeforeValidator(separating_character)] | None = None
+    decimal: Literal[".", ","] | None = None
+    encoding: Annotated[str, BeforeValidator(text_encoding)] | None = None
+    skip_lines: Annotated[int, Count(0, 10_000)] = 0
+    units_row: Annotated[bool, Strict()] = False
 
 
 class BeltSection(Section):

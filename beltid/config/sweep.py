@@ -19,7 +19,7 @@ from dataclasses import replace
 from itertools import product
 from typing import Any, Final
 
-from beltid.config.bench_files import Section
+from beltid.config.fields import Section
 from beltid.config.messages import suggestion
 from beltid.config.model import Config
 from beltid.config.yaml_source import KeyPath, Source

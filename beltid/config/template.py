@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, Final
 
-from beltid.config.meanings import MEANINGS, SECTIONS
 from beltid.config.model import Config
 from beltid.config.writing import allowed, value_text
 
@@ -49,3 +48,70 @@ def _keys(section: str, values: Any, stated: frozenset[str]) -> Iterator[str]:
         sign = "" if key in stated else "# "
         line = f"  {sign}{name}: {value_text(text)}"
         yield f"{line:<{COLUMN - 1}} # {'; '.join(notes)}"
+
+
+SECTIONS: Final = {
+    "belt": "the belt",
+    "press": "compression press: a segment of belt pressed into a grooved plate",
+    "rig": "friction rig: the belt lies still over a turning pulley",
+    "contact": "of the simulated rig; no bench measures these",
+    "data": "recordings; relative paths count from the folder of this file",
+    "compare": "tolerances of simulated against measured friction coefficients",
+    "compare_drive": "tolerance of predicted against measured speed loss of a drive",
+    "uncertainty": "standard uncertainties (k = 1) of benches and settings; _rel: share of value",
+}
+"""Sections that a new config writes out, in its order."""
+
+MEANINGS: Final = {
+    "belt.name": "names the folder of the results",
+    "belt.type": "as the maker calls it; 5PK: five ribs of the profile PK",
+    "belt.ribs": "number of ribs",
+    "belt.width_m": "width of the ribbed side; null: ribs times the pitch of the profile",
+    "belt.axial_stiffness_N": "EA, from a tensile test",
+    "belt.bending_stiffness_N_m2": "EI; decides how much the reduction of the rig is off",
+    "belt.mass_per_length_kg_m": "matters only in motion",
+    "belt.damping_time_s": "Kelvin-Voigt c/E; matters only in motion",
+    "press.segment_length_cm": "length of belt under the press; scales the stiffness",
+    "press.reference_temperature_degC": "the law handed on is that at this temperature",
+    "press.machine_compliance_mm_N": "travel that the press itself takes up, per force",
+    "press.force_gain": "true force over reading of the press",
+    "press.displacement_gain": "true travel over reading of the press",
+    "press.cycles": "load cycles used; virgin rubber is stiffer in its first",
+    "rig.pulley_radius_m": "radius of the belt's centreline on the pulley",
+    "rig.span_length_m": "free belt from a load cell to where it meets the pulley",
+    "rig.supports": "how the load cells hold the ends of the belt",
+    "rig.arcs_deg": "contact arcs of the campaign",
+    "rig.initial_tensions_N": "tensions before the pulley turns",
+    "rig.pulley_speeds_rad_s": "speeds of the pulley",
+    "contact.damping_N_s_m": "C_P of one contact point; the sliding result does not depend on it",
+    "contact.points_per_element": "contact points of a belt element",
+    "data.origin": "whatever is made from synthetic data says so",
+    "data.press": "recording of the press",
+    "data.rig": "recording of the friction rig",
+    "data.speedloss": "recording of the two-pulley drive; may be left out",
+    "compare.max_rms_relative_error": "root mean square over all runs, share of mu",
+    "compare.max_mean_relative_error": "mean magnitude, share of mu",
+    "compare.max_relative_error": "largest, share of mu",
+    "compare.max_rms_error_over_uncertainty": "RMS of difference over its uncertainty; null: none",
+    "uncertainty.tension_gain_rel": "calibration that both load cells share",
+    "uncertainty.cell_gain_rel": "calibration of each load cell",
+    "uncertainty.cell_linearity_rel": "nonlinearity of each load cell at the largest tension",
+    "uncertainty.cell_offset_N": "zero of each load cell",
+    "uncertainty.arc_deg": "contact arc, the same in all runs",
+    "uncertainty.arc_setting_deg": "contact arc, anew with each arc",
+    "uncertainty.pulley_radius_rel": "radius of the belt's centreline",
+    "uncertainty.span_length_m": "length of the free spans",
+    "uncertainty.pulley_speed_rel": "speed of the pulley",
+    "uncertainty.bending_stiffness_rel": "EI",
+    "uncertainty.axial_stiffness_rel": "EA",
+    "uncertainty.press_force_rel": "load cell of the press",
+    "uncertainty.press_displacement_rel": "travel of the press",
+    "uncertainty.segment_length_rel": "length of belt under the press",
+    "uncertainty.machine_compliance_mm_N": "compliance of the press",
+    "uncertainty.drive_radius_rel": "radius of each pulley of a drive",
+    "uncertainty.drive_centres_m": "place of each pulley of a drive",
+    "uncertainty.initial_tension_rel": "belt tension of a drive at rest",
+    "uncertainty.torque_rel": "torque of the speed-loss bench",
+    "compare_drive.max_rms_relative_error": "root mean square over all points judged",
+    "compare_drive.min_torque_share": "of the largest torque; points below are not judged",
+}

@@ -9,8 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
-from beltid.config.bench_files import Section, Unstated
-from beltid.config.fields import Checked, Count, Number
+from beltid.config.fields import Checked, Count, Number, Section, Unstated
 from beltid.config.model import Config
 from beltid.config.yaml_source import scalar
 from beltid.tables.units import Calibration

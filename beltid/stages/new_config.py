@@ -12,8 +12,7 @@ from beltid.artifacts.file_bytes import write_text
 from beltid.config import Config, load_config
 from beltid.config.effective import DEFAULT, effective_values
 from beltid.config.loading import ConfigSource
-from beltid.config.meanings import SECTIONS
-from beltid.config.template import template_text
+from beltid.config.template import SECTIONS, template_text
 from beltid.errors import InputError
 from beltid.report.summary import Summary, json_value
 from beltid.stages.build_artifact import already_exists

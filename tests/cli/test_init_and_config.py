@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from beltid import __version__
 from beltid.config import Config, load_config
-from beltid.config.meanings import MEANINGS, SECTIONS
-from beltid.config.template import template_text
+from beltid.config.template import MEANINGS, SECTIONS, template_text
 
 
 @pytest.fixture(autouse=True)
