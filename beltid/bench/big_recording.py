@@ -58,13 +58,23 @@ class BigRecording:
         The file or folder.
     runs : RunStream
         Its runs.
-    notes : callable
-        What was found out, left out or missing; complete once the runs have been read.
+    found_out : callable
+        Returns the notes of now.
     """
 
     path: Path
     runs: RunStream
-    notes: Callable[[], tuple[str, ...]]
+    found_out: Callable[[], tuple[str, ...]]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was found out, left out or missing; complete once the runs have been read."""
+        return self.found_out()
+
+    @property
+    def n_samples(self) -> int:
+        """Samples of the runs that have been read."""
+        return self.runs.n_samples
 
     def __iter__(self) -> Iterator[RunColumns]:
         """The runs, in the order of the file."""

@@ -224,7 +224,7 @@ def inspect_recording(path: Path, config: Any, kind: str | None = None) -> Inspe
             runs, notes = runs_found(recording.columns, kind), recording.notes
         else:
             runs = [_run_view(run.label, run.columns, kind) for run in recording]
-            notes = recording.notes()
+            notes = recording.notes
     except InputError as error:
         mappings = _mappings(files[0], kind, config)
         return Inspection(kind, tuple(files), mappings, (), files[0].notes, error.problems)

@@ -78,6 +78,11 @@ class Recording:
     mappings: dict[str, ChannelMapping] = field(default_factory=dict)
     is_artifact: bool = False
 
+    @property
+    def n_samples(self) -> int:
+        """Samples in it."""
+        return len(self.columns["time_s"])
+
     def line_of(self, index: int) -> int:
         """Line in the file, from 1, of the row with this index; for Parquet the row, from 1."""
         return int(self.lines[index]) if self.lines.size else index + 1

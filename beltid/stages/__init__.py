@@ -17,20 +17,15 @@ Module                    Responsibility                                        
 ``export_law``            the contact law for other programs
 ``about``                 what runs here, what a file is, which values hold
 ------------------------- ------------------------------------------------------ ---------------
-``build_artifact``        is it up to date, may it be replaced, write it
+``build_artifact``        up to date? replaceable? measured or synthetic? write it
 ``outcome``               what a stage computed, before it is written
-``origin``                measured or synthetic: one synthetic input makes it so
 ``reporter``              what a stage reports while it works; options of all stages
 ``workers``               who carries out heavy calls
 ``tables``                tables and laws from files, or from memory
-``reduction``             settings and columns of reduced runs of either rig
-``big_recording``         runs reduced while the next ones are read
+``reduction``             settings; the runs of a rig reduced; their table       (5) to (8)
 ``campaign``              the runs of a simulated campaign, and their recording
-``simulated_runs``        a campaign simulated; the Python functions
-``simulated_uncertainty`` uncertainty of simulated runs, by the workers
-``profiles``              the contact along the arc at chosen times
-``refine_runs``           the runs a surface is refined from
-``refine_monte_carlo``    draws of the Monte Carlo check, by the workers
+``simulated_runs``        a campaign simulated, its uncertainty, profiles; functions
+``refinement``            the runs a surface is refined from; its Monte Carlo draws
 ``uncertainties``         standard uncertainties of a config; budgets for people
 ``alternatives``          other normal laws, and friction as a formula
 ``validation``            differences in units of their uncertainty              ASME V&V 20

@@ -75,7 +75,7 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
     if built is None:
         friction = read_artifact(inputs["friction"], "friction")
         recording = read_recording(inputs["simulated"], "rig", config.config)
-        options.reporter.report(f"{recording.path}: {len(recording.columns['time_s'])} samples")
+        options.reporter.report(f"{recording.path}: {recording.n_samples} samples")
         radius, settings = _reduced_with(friction, config.config)
         if not recording.is_artifact:  # a second bench, whose cells the config knows
             settings = replace(settings, **cell_settings(config.config))
@@ -129,7 +129,7 @@ def _simulated_columns(simulated: Any, config: Config) -> dict[str, np.ndarray]:
     frame = simulated.columns if isinstance(simulated, Outcome) else simulated
     names = {str(name) for name in getattr(frame, "column_names", getattr(frame, "columns", frame))}
     if "time_s" in names:
-        settings = friction_settings(config.friction.model_dump(), with_cells=False)
+        settings = friction_settings(config, with_cells=False)
         reduced = reduce_runs(columns_of(frame, "rig"), config.rig.pulley_radius_m, settings)
         return reduction_columns(reduced)
     if "mu" in names and "mu_sliding" not in names:  # the table of a simulated campaign
@@ -152,7 +152,7 @@ def _reduced_with(friction: Artifact, config: Config) -> tuple[float, FrictionSe
     except ConfigError as error:
         lines = [f"{friction.path}: its settings: {line}" for line in error.problems]
         raise ArtifactError(lines) from None
-    return float(radius), friction_settings(found.friction.model_dump(), with_cells=False)
+    return float(radius), friction_settings(found, with_cells=False)
 
 
 def _uncertainty_of(path: Path) -> RunsUncertainty | None:

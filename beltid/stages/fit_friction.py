@@ -8,21 +8,18 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench.big_recording import BigRecording, read_rig
+from beltid.bench.big_recording import read_rig
 from beltid.bench.recording import columns_of
 from beltid.config import Config, ConfigSource, load_config
-from beltid.errors import InputError
 from beltid.identify.estimators.statistics import as_set
 from beltid.identify.friction.load_cells import TOLD
 from beltid.identify.friction.reduction import RunReduction, reduce_runs
 from beltid.report.summary import Summary
-from beltid.stages.big_recording import reduce_big
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.outcome import Outcome, rows_of, span
-from beltid.stages.reduction import friction_settings, reduction_columns
+from beltid.stages.reduction import FrictionTable, friction_settings, reduce_rig
 from beltid.stages.reporter import Options
 from beltid.stages.uncertainties import SECTION, budget_details, standard_uncertainties
-from beltid.uncertainty.reduced import friction_uncertainty
 
 KIND: Final = "friction"
 FIGURES: Final = ("budget",)
@@ -42,15 +39,13 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
     build = Build(KIND, config, KEYS, inputs, out, options, figures=FIGURES)
     built = build.up_to_date()
     if built is None:
-        path, model = inputs["rig"], config.config
-        recording = read_rig(path, model)
-        if isinstance(recording, BigRecording):
-            reduced, notes, n_samples = reduce_big(recording, model, options.workers)
-        else:
-            reduced, notes = _reduced(recording.columns, model), recording.notes
-            n_samples = len(recording.columns["time_s"])
-        options.reporter.report(f"{path}: {n_samples} samples")
-        built = build.write(_outcome(reduced, model, notes, str(path)))
+        model = config.config
+        rig = read_rig(inputs["rig"], model)
+        runs = reduce_rig(rig, model, options.workers)
+        options.reporter.report(f"{rig.path}: {rig.n_samples} samples")
+        uncertainty, radius_m = standard_uncertainties(model), model.rig.pulley_radius_m
+        table = FrictionTable.of(runs, uncertainty, radius_m, str(rig.path))
+        built = build.write(_outcome(table, rig.notes))
     return summarise(built)
 
 
@@ -77,37 +72,26 @@ def fit_friction(
         If the recording cannot be used, or none of its runs.
     """
     model = load_config(config)
-    return _outcome(_reduced(columns_of(frame, "rig", model), model), model, (), "frame")
+    radius_m = model.rig.pulley_radius_m
+    runs = reduce_runs(columns_of(frame, "rig", model), radius_m, friction_settings(model))
+    return _outcome(FrictionTable.of(runs, standard_uncertainties(model), radius_m, "frame"), ())
 
 
-def _reduced(columns: Mapping[str, np.ndarray], config: Config) -> tuple[RunReduction, ...]:
-    settings = friction_settings(config.friction.model_dump())
-    return reduce_runs(columns, config.rig.pulley_radius_m, settings)
-
-
-def _outcome(
-    reduced: tuple[RunReduction, ...], config: Config, notes: tuple[str, ...], name: str
-) -> Outcome[tuple[RunReduction, ...]]:
-    table = reduction_columns(reduced)
-    good = table["status"] == "ok"
-    aside = [(r.run, r.status) for r in reduced if not r.ok]
-    if not good.any():
-        raise InputError([f"{name}: run {run} cannot be used: {why}" for run, why in aside])
+def _outcome(table: FrictionTable, notes: tuple[str, ...]) -> Outcome[tuple[RunReduction, ...]]:
+    good = table.columns["status"] == "ok"
+    aside = [(r.run, r.status) for r in table.runs if not r.ok]
     ranges = {
-        column: span(table[column][good])
+        column: span(table.columns[column][good])
         for column in ("normal_force_N_m", "slip_speed_m_s", "mu_sliding", "arc_deg")
     }
-    uncertainty, budget = friction_uncertainty(
-        table, standard_uncertainties(config), config.rig_params().R
-    )
     return Outcome(
         kind=KIND,
-        columns={**table, **uncertainty},
-        result=reduced,
+        columns=table.columns,
+        result=table.runs,
         validity=ranges,
         set_aside=[{"run": run, "why": why} for run, why in aside],
-        extra={"budget": budget},
-        notes=(*notes, *_notes(reduced)),
+        extra={"budget": table.budget},
+        notes=(*notes, *_notes(table.runs)),
         warnings=tuple(f"run {run} set aside: {why}" for run, why in aside),
     )
 

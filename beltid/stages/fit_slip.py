@@ -43,7 +43,7 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
     built = build.up_to_date()
     if built is None:
         recording = read_recording(inputs["speedloss"], "speedloss", config.config)
-        options.reporter.report(f"{recording.path}: {len(recording.columns['time_s'])} samples")
+        options.reporter.report(f"{recording.path}: {recording.n_samples} samples")
         name = str(recording.path)
         built = build.write(_outcome(recording.columns, config.config, recording.notes, name))
     return summarise(built)

@@ -34,7 +34,7 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
     built = build.up_to_date()
     if built is None:
         recording = read_recording(inputs["press"], "press", config.config)
-        options.reporter.report(f"{recording.path}: {len(recording.columns['force_N'])} samples")
+        options.reporter.report(f"{recording.path}: {recording.n_samples} samples")
         built = build.write(_outcome(recording.columns, config.config, recording.notes))
     return summarise(built)
 

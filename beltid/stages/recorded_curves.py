@@ -22,10 +22,14 @@ from beltid.identify.friction.load_cells import KnownCells
 from beltid.identify.press.curves import Branch
 from beltid.identify.press.stiffness import fit_stiffness
 from beltid.laws.capstan import friction_coefficient
-from beltid.stages.big_recording import columns_of_runs
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.outcome import Outcome
-from beltid.stages.reduction import CELL_KEYS, friction_settings, stiffness_settings
+from beltid.stages.reduction import (
+    CELL_KEYS,
+    columns_of_runs,
+    friction_settings,
+    stiffness_settings,
+)
 from beltid.stages.reporter import Options
 
 PRESS: Final = "press_curves"
@@ -78,7 +82,7 @@ def rig_curves(
                 f"{rig}: has no run {', '.join(missing[:MOST_NAMED])}; {friction} was made from "
                 "another recording"
             )
-        cells = friction_settings(source.config.friction.model_dump()).cells
+        cells = friction_settings(source.config).cells
         built = build.write(Outcome(RIG, _run_columns(columns, runs, cells), runs))
     return built
 

@@ -22,8 +22,15 @@ from beltid.stages.alternatives import friction_formulas, friction_law_rows
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.campaign import checked_law
 from beltid.stages.outcome import Outcome
-from beltid.stages.refine_monte_carlo import CHECKED, Draws, check_table, drawn
-from beltid.stages.refine_runs import NEEDED, prepared_campaign, speed_labels
+from beltid.stages.refinement import (
+    CHECKED,
+    NEEDED,
+    Draws,
+    check_table,
+    drawn,
+    prepared_campaign,
+    speed_labels,
+)
 from beltid.stages.reporter import Options
 from beltid.stages.tables import law_of, surface_of, table_columns
 from beltid.stages.uncertainties import (

@@ -13,7 +13,6 @@ from beltid.config import Config, ConfigSource
 from beltid.errors import EXIT_DONE, EXIT_NUMERICS, NumericsError
 from beltid.report.summary import Summary
 from beltid.rigsim.rig import SimulationSettings
-from beltid.stages import profiles
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.campaign import (
     Picked,
@@ -25,8 +24,15 @@ from beltid.stages.campaign import (
 )
 from beltid.stages.outcome import Outcome
 from beltid.stages.reporter import Options
-from beltid.stages.simulated_runs import Campaign, simulate
-from beltid.stages.simulated_uncertainty import Inputs, runs_uncertainty
+from beltid.stages.simulated_runs import (
+    PROFILES,
+    Campaign,
+    Inputs,
+    path_beside,
+    profiles_outcome,
+    runs_uncertainty,
+    simulate,
+)
 from beltid.stages.tables import law_of, surface_of
 from beltid.stages.uncertainties import SECTION, press_law
 from beltid.stages.workers import Workers
@@ -118,11 +124,11 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
         choices["sliding_samples"] = sliding_samples(model)
     build = Build(KIND, config, KEYS, inputs, out, options, choices, FIGURES)
     of_profiles = Build(
-        profiles.KIND,
+        PROFILES,
         config,
         KEYS,
         inputs,
-        profiles.path_beside(out),
+        path_beside(out),
         options,
         {**choices, "profile_times_s": list(times)},
     )
@@ -141,7 +147,7 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
             )
             built = build.write(_outcome(campaign, model, settings, uncertainty))
         if times and contacts is None:
-            contacts = of_profiles.write(profiles.profiles_outcome(campaign, times))
+            contacts = of_profiles.write(profiles_outcome(campaign, times))
     return summarise(built, contacts)
 
 

@@ -1,16 +1,20 @@
-"""Runs of the simulated rig, one or all of a config: the Python functions and what they share."""
+"""A simulated campaign: its runs, their uncertainty, the contact along the arc at chosen times."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
 
 from beltid.config import Config, load_config
 from beltid.errors import BeltidError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
+from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import RunResult, SimulationSettings
 from beltid.stages.campaign import (
     Picked,
@@ -22,11 +26,28 @@ from beltid.stages.campaign import (
     simulated_results,
     simulation_settings,
 )
+from beltid.stages.outcome import Outcome
 from beltid.stages.reporter import Reporter
+from beltid.stages.uncertainties import standard_uncertainties
 from beltid.stages.workers import Workers
+from beltid.tables import schemas
+from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.simulated import (
+    RunsUncertainty,
+    simulated_uncertainty,
+    sources_of,
+    with_rig_sources,
+)
+from beltid.uncertainty.sources import all_sources
 
 if TYPE_CHECKING:
     import pandas as pd
+
+PROFILES: Final = "profiles"
+"""Kind of the table of the contact along the arc at chosen times."""
+PER_CALL: Final = 24
+"""Runs whose uncertainty a worker computes at a time."""
+ARC_GAP: Final = 1e-3  # relative
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,3 +232,135 @@ def simulate_campaign(
     return pd.DataFrame(done.rows()).astype(
         {"tension_tight_N": float, "tension_slack_N": float, "mu": float, "normal_force_N_m": float}
     )
+
+
+def path_beside(recording: Path) -> Path:
+    """Where the profiles of a simulated recording stand."""
+    return recording.parent / f"{recording.stem}_{PROFILES}.parquet"
+
+
+def profiles_outcome(done: Campaign, times_s: Sequence[float]) -> Outcome[Campaign]:
+    """Table of the profiles of a campaign.
+
+    Parameters
+    ----------
+    done : Campaign
+        Transient runs that kept their contact at these times.
+    times_s : sequence of float
+        Times after the start of rotation that were asked for [s].
+    """
+    parts = [part for run, result in done.finished for part in _profiles(run, result)]
+    columns = {
+        name: np.concatenate([part[name] for part in parts])
+        for name in schemas.table(PROFILES).names
+    }
+    return Outcome(
+        kind=PROFILES,
+        columns=columns,
+        result=done,
+        validity={"arc_position_m": (0.0, float(np.max(columns["arc_position_m"])))},
+        set_aside=[{"run": run.label, "why": "; ".join(e.problems)} for run, e in done.failures],
+        extra={"profile_times_s": list(times_s)},
+        notes=_too_late(done, times_s),
+    )
+
+
+def _profiles(run: PlannedRun, result: RunResult) -> list[dict[str, np.ndarray]]:
+    """Profiles of a run, one per step: two times may lie in one step."""
+    states = dict(result.snapshots)
+    parts = []
+    for time, state in states.items():
+        profile = state.profile()
+        n = len(profile["arc_position_m"])
+        parts.append(
+            {"run": np.full(n, run.label, dtype=object), "time_s": np.full(n, time), **profile}
+        )
+    return parts
+
+
+def _too_late(done: Campaign, times_s: Sequence[float]) -> tuple[str, ...]:
+    notes = []
+    for time in times_s:
+        short = [run.label for run, result in done.finished if time > _turned(result)]
+        if short:
+            which = short[0] if len(short) == 1 else f"{len(short)} runs"
+            notes.append(
+                f"profile at {time:g} s: {which} had ended before, the state at the end was taken"
+            )
+    return tuple(notes)
+
+
+def _turned(result: RunResult) -> float:
+    """How long the pulley turned in a transient run [s]."""
+    assert result.recording is not None
+    time, omega = result.recording["time_s"], result.recording["pulley_speed_rad_s"]
+    return float(time[-1] - time[np.flatnonzero(omega > 0.0)[0] - 1]) * (1.0 + 1e-12)
+
+
+@dataclass(frozen=True, slots=True)
+class Inputs:
+    """What a campaign was simulated with.
+
+    Attributes
+    ----------
+    surface : FrictionSurface
+        The surface, best one with its covariance.
+    stored : mapping
+        What its artifact says of its uncertainty.
+    press : PressLaw
+        The contact law and its making.
+    """
+
+    surface: FrictionSurface
+    stored: Mapping[str, Any]
+    press: PressLaw
+
+
+def runs_uncertainty(
+    finished: Sequence[tuple[PlannedRun, RunResult]],
+    inputs: Inputs,
+    config: Config,
+    elements: int | None,
+    workers: Workers,
+) -> tuple[RunsUncertainty | None, tuple[str, ...]]:
+    """Uncertainty of the runs of a campaign that were simulated; a note if it stays unknown."""
+    arcs = _arcs(inputs.stored.get("arcs_deg", ()), [run.arc_deg for run, _ in finished])
+    given = all_sources(standard_uncertainties(config), len(arcs), inputs.press.has_scatter)
+    stored = sources_of(inputs.stored.get("sources", ()))
+    sources = with_rig_sources(stored, given)
+    bench = Bench(
+        config.belt_params(),
+        config.rig_params(),
+        config.contact_params(),
+        inputs.press.law,
+        inputs.surface,
+    )
+    points = [run.point for run, _ in finished]
+    numbers = np.array([_number(arcs, run.arc_deg) for run, _ in finished], dtype=np.intp)
+    pieces = [slice(i, i + PER_CALL) for i in range(0, len(points), PER_CALL)]
+    largest = max(float(result.tension_tight_N) for _, result in finished)
+    calls = [
+        (bench, inputs.press, points[piece], numbers[piece], sources, elements, largest)
+        for piece in pieces
+    ]
+    try:
+        parts = dict(workers.as_ended(simulated_uncertainty, calls))
+    except BeltidError as error:
+        return None, (f"uncertainty of the simulated runs is not known: {error.problems[0]}",)
+    ordered = [parts[i] for i in range(len(pieces))]
+    mu = np.array([result.mu for _, result in finished])
+    labels = [run.label for run, _ in finished]
+    return RunsUncertainty.of(labels, mu, sources, ordered), ()
+
+
+def _arcs(stored: Sequence[float], simulated: Sequence[float]) -> list[float]:
+    """Arc settings: those that the surface was made from, in their order, then others."""
+    arcs = [float(arc) for arc in stored]
+    for arc in simulated:
+        if not any(math.isclose(arc, known, rel_tol=ARC_GAP) for known in arcs):
+            arcs.append(float(arc))
+    return arcs
+
+
+def _number(arcs: Sequence[float], arc: float) -> int:
+    return next(k for k, known in enumerate(arcs) if math.isclose(arc, known, rel_tol=ARC_GAP))

@@ -180,7 +180,7 @@ def streamed(path: Path, data: bytes) -> tuple[list[str], tuple[str, ...]]:
     """Labels of the runs and the notes of a recording read run by run."""
     path.write_bytes(data)
     recording = open_big(path)
-    return [run.label for run in recording], recording.notes()
+    return [run.label for run in recording], recording.notes
 
 
 def relabelled(old: bytes, new: bytes) -> bytes:

@@ -79,9 +79,7 @@ def test_the_sliding_limit_survives_the_reduction_exactly(minimum: int) -> None:
     assert tuple(columns) == schemas.table("simulated").names
     from beltid.stages.reduction import friction_settings
 
-    reduced = reduce_runs(
-        columns, config.rig.pulley_radius_m, friction_settings(config.friction.model_dump())
-    )
+    reduced = reduce_runs(columns, config.rig.pulley_radius_m, friction_settings(config))
     assert [r.run for r in reduced] == [run.label for run in runs]
     for run, r in zip(runs, reduced, strict=True):
         assert r.status == "ok"

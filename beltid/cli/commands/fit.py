@@ -80,7 +80,7 @@ def fit_friction(rig: Rig, *, common: Common) -> None:
     from beltid.bench.big_recording import is_big
 
     with ExitStack() as stack:
-        needs = ("beltid.stages.big_recording",)
+        needs = ("beltid.stages.reduction",)
         workers = workers_until(stack, needs=needs) if is_big(rig) else None
 
         from beltid.stages import fit_friction as stage  # while the workers import, too
