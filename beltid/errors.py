@@ -9,7 +9,7 @@ from __future__ import annotations
 import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, Self
 
 LONGEST_LINE: Final = 4000
 """Characters of a message that are shown; hostile files have names of megabytes."""
@@ -48,6 +48,23 @@ def _shortened(text: str) -> str:
     return f"{text[: LONGEST_LINE - 300]} ... {text[-295:]}"
 
 
+class Problem(str):
+    """A line of an error, and the code of the page that explains it.
+
+    Attributes
+    ----------
+    code : str
+        The code, for ``beltid explain``; "" where there is no page.
+    """
+
+    code: str
+
+    def __new__(cls, text: str, code: str = "") -> Self:  # noqa: D102
+        line = super().__new__(cls, text)
+        line.code = code or getattr(text, "code", "")
+        return line
+
+
 class BeltidWarning(UserWarning):
     """A result was obtained, but the user should know something about it."""
 
@@ -55,21 +72,42 @@ class BeltidWarning(UserWarning):
 class BeltidError(Exception):
     """Base of all errors with a reason that a user can mend.
 
+    Parameters
+    ----------
+    problems : str or sequence of str
+        One line per problem, each with its place, what was found and what is allowed.
+    code : str
+        Code of the page that explains the lines that are no `Problem` with a code of its own.
+
     Attributes
     ----------
     exit_status : int
         Exit status of the command line for this error.
-    problems : tuple of str
-        One line per problem, each with its place, what was found and what is allowed; what
-        they quote is made printable.
+    code : str
+        Code of the page that explains all errors of a class, or "".
+    problems : tuple of Problem
+        The lines; what they quote is made printable.
     """
 
     exit_status: int = EXIT_INPUT
+    code: str = ""
 
-    def __init__(self, problems: str | Sequence[str]) -> None:
+    def __init__(self, problems: str | Sequence[str], *, code: str = "") -> None:
         given = (problems,) if isinstance(problems, str) else problems
-        self.problems: tuple[str, ...] = tuple(printable(line) for line in given)
+        own = code or self.code
+        self.problems: tuple[Problem, ...] = tuple(
+            Problem(printable(line), getattr(line, "code", "") or own) for line in given
+        )
         super().__init__("\n".join(self.problems))
+
+    @property
+    def codes(self) -> tuple[str, ...]:
+        """Codes of the pages that explain it, in the order of the lines."""
+        return tuple(dict.fromkeys(line.code for line in self.problems if line.code))
+
+    def at(self, place: str) -> list[Problem]:
+        """The lines with a place before each, for the error of whoever knows it."""
+        return [Problem(f"{place}: {line}", line.code) for line in self.problems]
 
 
 class InputError(BeltidError):
@@ -88,6 +126,7 @@ class NumericsError(BeltidError):
     """The numerics could not give a result that may be trusted (status 3)."""
 
     exit_status = EXIT_NUMERICS
+    code = "numerics"
 
 
 class ConvergenceError(NumericsError):
@@ -119,20 +158,20 @@ class Problems:
 
     Attributes
     ----------
-    found : list of (int, str)
+    found : list of (int, Problem)
         Line (0 for the whole file) and wording of the problems that are kept.
     count : int
         How many there were, with those that were not kept.
     """
 
-    found: list[tuple[int, str]] = field(default_factory=list)
+    found: list[tuple[int, Problem]] = field(default_factory=list)
     count: int = 0
 
-    def add(self, text: str, line: int = 0) -> None:
+    def add(self, text: str, line: int = 0, code: str = "") -> None:
         """Note a problem; beyond a few hundred only their number is kept."""
         self.count += 1
         if len(self.found) < 20 * SHOWN:
-            self.found.append((line, text))
+            self.found.append((line, Problem(text, code)))
 
     def take(self, others: Problems) -> None:
         """Note the problems of a part of the file."""
@@ -151,7 +190,7 @@ class Problems:
         places : sequence of str
             Names of the files, with which their problems begin.
         """
-        alike: dict[str, list[tuple[int, str]]] = {}
+        alike: dict[str, list[tuple[int, Problem]]] = {}
         for line, text in self.found:
             place = next((p for p in places if text.startswith(p)), "")
             rest = text[len(place) :].partition(": ")[2] if place else text
@@ -160,7 +199,8 @@ class Problems:
         for rest, told in alike.items():
             line, text = told[0]
             if len(told) > 1 and not rest.startswith("\0"):
-                text = f"{text[: -len(rest) - 2]} and {len(told) - 1} more: {rest}"
+                place = text[: -len(rest) - 2]
+                text = Problem(f"{place} and {len(told) - 1} more: {rest}", text.code)
                 self.count -= len(told) - 1
             self.found.append((line, text))
 

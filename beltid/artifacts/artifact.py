@@ -226,7 +226,8 @@ def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Art
     from beltid.artifacts.parquet_table import columns_of_arrow
 
     if data[:4] != b"PAR1":
-        raise ArtifactError(f"{path}: not an artifact (no Parquet file){_needed(kind)}")
+        text = f"{path}: not an artifact (no Parquet file){_needed(kind)}"
+        raise ArtifactError(text, code="artifact-kind")
     file, record = _open(data, path, kind)
     _check_kind(path, record.kind, kind)
     table = schemas.table(record.kind)
@@ -237,9 +238,10 @@ def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Art
     except ArtifactError:
         raise
     except Exception as error:  # a damaged file can raise nearly anything
-        raise ArtifactError(f"{path}: {damaged(error)}") from None
+        raise ArtifactError(f"{path}: {damaged(error)}", code="damaged") from None
     if not whole:
-        raise ArtifactError(f"{path}: damaged: the numbers do not match their checksum")
+        text = f"{path}: damaged: the numbers do not match their checksum"
+        raise ArtifactError(text, code="damaged")
     stated = {**record.extra, **{name: getattr(record, name) for name in SECTIONS}}
     metadata = metadata_of(record.kind, stated, f"{path}: damaged or written by others")
     return Artifact(
@@ -261,19 +263,22 @@ def _open(data: bytes, path: Path, kind: str | None) -> tuple[Any, _Record]:
     stored = file.schema_arrow.metadata or {}
     if METADATA_KEY not in stored:
         if SEAL_KEY in stored:
-            raise ArtifactError(f"{path}: damaged: its metadata are missing")
+            raise ArtifactError(f"{path}: damaged: its metadata are missing", code="damaged")
         raise ArtifactError(f"{path}: a Parquet file, but not one of beltid{_needed(kind)}")
     if sha256(stored[METADATA_KEY]).encode() != stored.get(SEAL_KEY):
-        raise ArtifactError(f"{path}: damaged: its metadata do not match their checksum")
+        text = f"{path}: damaged: its metadata do not match their checksum"
+        raise ArtifactError(text, code="damaged")
     try:
         return file, _Record.model_validate_json(stored[METADATA_KEY])
     except ValidationError:
-        raise ArtifactError(f"{path}: damaged: its metadata are not those of an artifact") from None
+        text = f"{path}: damaged: its metadata are not those of an artifact"
+        raise ArtifactError(text, code="damaged") from None
 
 
 def _check_kind(path: Path, found: str, needed: str | None) -> None:
     if needed is not None and found != needed:
-        raise ArtifactError(f"{path}: is a {found} artifact{_needed(needed)}")
+        text = f"{path}: is a {found} artifact{_needed(needed)}"
+        raise ArtifactError(text, code="artifact-kind")
     if found not in schemas.ARTIFACTS:
         raise ArtifactError(f"{path}: is a {found} artifact, which this version does not know")
 
@@ -283,7 +288,8 @@ def _check_version(path: Path, record: _Record, table: schemas.Table) -> None:
         raise ArtifactError(
             f"{path}: schema version {record.schema_version} of a {table.kind} artifact (written "
             f"by beltid {record.software_version}), must be {table.version}; "
-            f"write it again with `{table.command}`"
+            f"write it again with `{table.command}`",
+            code="artifact-version",
         )
 
 

@@ -35,7 +35,7 @@ def opened(path: Path, error_type: type[InputError] = InputError) -> Iterator[Bu
         with path.open("rb") as file:
             yield file
     except FileNotFoundError:
-        raise error_type(f"{path}: there is no such file") from None
+        raise error_type(f"{path}: there is no such file", code="missing-file") from None
     except IsADirectoryError:
         raise error_type(f"{path}: is a folder, a file is needed") from None
     except PermissionError:
@@ -107,7 +107,8 @@ def write_bytes(path: str | Path, data: bytes) -> None:
         _remove_stale(target.parent, re.escape(target.name))
         _replace(target, data)
     except (OSError, ValueError) as error:
-        raise ArtifactError(f"{shown}: not written: {_reason(error)}{_kept(target)}") from None
+        text = f"{shown}: not written: {_reason(error)}{_kept(target)}"
+        raise ArtifactError(text, code="not-written") from None
 
 
 def write_text(path: str | Path, text: str) -> None:
@@ -117,9 +118,12 @@ def write_text(path: str | Path, text: str) -> None:
 
 def _check_target(shown: Path, target: Path) -> None:
     if target.is_dir():
-        raise ArtifactError(f"{shown}: not written: this is a folder, name a file in it")
-    if target.exists() and not target.is_file():
-        raise ArtifactError(f"{shown}: not written: this is not an ordinary file")
+        what = "this is a folder, name a file in it"
+    elif target.exists() and not target.is_file():
+        what = "this is not an ordinary file"
+    else:
+        return
+    raise ArtifactError(f"{shown}: not written: {what}", code="not-written")
 
 
 def _kept(target: Path) -> str:

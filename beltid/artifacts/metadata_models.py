@@ -531,7 +531,8 @@ def metadata_of(kind: str, values: Mapping[str, Any], name: str) -> Metadata:
         return METADATA[kind].model_validate(values)
     except ValidationError as error:
         details = error.errors(include_url=False)[:SHOWN]
-        raise ArtifactError([f"{name}: {_problem(detail)}" for detail in details]) from None
+        lines = [f"{name}: {_problem(detail)}" for detail in details]
+        raise ArtifactError(lines, code="damaged") from None
 
 
 def _problem(detail: Mapping[str, Any]) -> str:

@@ -85,7 +85,7 @@ def open_parquet(
     except InputError:
         raise
     except Exception as error:  # a damaged file can raise nearly anything
-        raise error_type(f"{name}: {damaged(error)}") from None
+        raise error_type(f"{name}: {damaged(error)}", code="damaged") from None
 
 
 def _refuse_claims(about: Any, size: int, name: str, error_type: type[InputError]) -> None:
@@ -93,7 +93,8 @@ def _refuse_claims(about: Any, size: int, name: str, error_type: type[InputError
     sizes = [about.row_group(i).total_byte_size for i in range(about.num_row_groups)]
     limit = min(MAX_CELLS, MAX_EXPANSION * size)
     if not (0 <= cells <= limit and all(0 <= claimed <= 8 * limit for claimed in sizes)):
-        raise error_type(f"{name}: damaged: it claims {cells:,} values in {size:,} bytes")
+        text = f"{name}: damaged: it claims {cells:,} values in {size:,} bytes"
+        raise error_type(text, code="damaged")
 
 
 def is_number(kind: pa.DataType) -> bool:
@@ -278,7 +279,8 @@ def columns_of_arrow(arrow: pa.Table, table: Table, name: str) -> dict[str, np.n
     for column in table.columns:
         if column.name not in arrow.column_names:
             if column.required:
-                raise ArtifactError(f"{name}: damaged: column {column.name} is missing")
+                text = f"{name}: damaged: column {column.name} is missing"
+                raise ArtifactError(text, code="damaged")
             continue
         chunked = arrow.column(column.name)
         if column.dtype == "string":  # one copy of every text: a file may repeat a long one
@@ -287,7 +289,8 @@ def columns_of_arrow(arrow: pa.Table, table: Table, name: str) -> dict[str, np.n
         if found != _arrow_type(column):
             raise ArtifactError(
                 f"{name}: damaged: column {column.name} holds {found}, "
-                f"must hold {_arrow_type(column)}"
+                f"must hold {_arrow_type(column)}",
+                code="damaged",
             )
         columns[column.name] = _from_arrow(chunked, column)
     problems = [
@@ -296,7 +299,7 @@ def columns_of_arrow(arrow: pa.Table, table: Table, name: str) -> dict[str, np.n
         for problem in _problems(cells, table.column(column_name), name)
     ]
     if problems:
-        raise ArtifactError(problems)
+        raise ArtifactError(problems, code="damaged")
     return columns
 
 

@@ -180,7 +180,7 @@ def _write_sweep_table(cases: Sequence[BeltRun], path: Path) -> None:
     content = text.getvalue().encode()
     standing = read_bytes(path, ArtifactError) if path.is_file() else b""
     if standing and not standing.startswith(OUR_TABLE):
-        raise ArtifactError(f"{path}: is {FOREIGN}, not replaced; move it")
+        raise ArtifactError(f"{path}: is {FOREIGN}, not replaced; move it", code="not-replaced")
     if standing != content:
         write_bytes(path, content)
 

@@ -208,7 +208,9 @@ def refuse_lacking(client: Any, where: str) -> None:
 def _check_file(scheduler_file: Path) -> None:
     """Look at the file of a scheduler first: its reader waits, and leaves a traceback."""
     if not scheduler_file.is_file():
-        raise InputError(f"--scheduler-file {scheduler_file}: there is no such file")
+        raise InputError(
+            f"--scheduler-file {scheduler_file}: there is no such file", code="missing-file"
+        )
     try:
         content = json.loads(read_bytes(scheduler_file))
     except (ValueError, RecursionError):

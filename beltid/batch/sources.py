@@ -12,7 +12,7 @@ from beltid.bench.files.sources import exists
 from beltid.config import ConfigSource, load_cases
 from beltid.config.loading import ENVIRONMENT_VARIABLE, named_by_environment
 from beltid.config.yaml_source import parse, read_text
-from beltid.errors import BeltidError, ConfigError, InputError
+from beltid.errors import BeltidError, ConfigError, InputError, Problem
 
 RECORDINGS: Final = {"press": True, "rig": True, "speedloss": False}
 """Recordings of a chain, and whether it needs them."""
@@ -102,7 +102,8 @@ def _missing_recordings(source: ConfigSource) -> list[str]:
         if file is None and needed:
             problems.append(f"{at}data.{kind} is missing, the chain needs this recording")
         elif file is not None and not exists(file):
-            problems.append(f"{at}data.{kind} = {file}, there is no such file")
+            text = f"{at}data.{kind} = {file}, there is no such file"
+            problems.append(Problem(text, "missing-file"))
     return problems
 
 

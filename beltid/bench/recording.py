@@ -41,7 +41,7 @@ from beltid.bench.formats.dialect import ReadOptions
 from beltid.bench.formats.frames import columns_of_frame
 from beltid.bench.runs.checks import Checker
 from beltid.bench.runs.run_settings import completed, joined
-from beltid.errors import InputError, Problems
+from beltid.errors import InputError, Problem, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table
 
@@ -201,7 +201,8 @@ def _from_parquet(
         needed = "simulated" if kind == "rig" else None
         artifact = artifact_from_bytes(sources[0].data, path, needed)
         if needed is None:
-            raise InputError(f"{path}: is a {artifact.kind} artifact, a {kind} recording is needed")
+            text = f"{path}: is a {artifact.kind} artifact, a {kind} recording is needed"
+            raise InputError(text, code="artifact-kind")
         problems = Problems()
         columns = columns_of_frame(artifact.columns, table, str(path), {}, problems)
         problems.raise_if_any()
@@ -283,7 +284,7 @@ def open_sources(sources: Sequence[Source], options: ReadOptions) -> list[Opened
             for number, found in zip(jobs, read_isolated(list(jobs.values())), strict=True):
                 name = sources[number].name
                 opened[number] = (
-                    Opened(name, "", wrong=(f"{name}: {found}",))
+                    Opened(name, "", wrong=(Problem(f"{name}: {found}", found.code),))
                     if isinstance(found, FormatError)
                     else Opened(name, found.format, channels=found)
                 )

@@ -18,13 +18,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 import typer
 
-from beltid.cli.explain import codes_of
 from beltid.cli.process import if_stopped, mute, passing, told
 from beltid.cli.program import Common
 from beltid.cli.reporter import TerminalReporter, console_for
 from beltid.errors import (
     EXIT_INPUT,
-    EXIT_NUMERICS,
     BeltidError,
     BeltidWarning,
     InputError,
@@ -42,6 +40,8 @@ Stage = Callable[["ConfigSource", Mapping[str, Path], Path, Any], "Summary"]
 DASH: Final = Path("-")
 STDIN: Final = "stdin"
 STDOUT: Final = "stdout"
+MOST_PAGES: Final = 3
+"""Pages that are named below an error, at most."""
 
 
 def execute(
@@ -157,11 +157,9 @@ def _statuses(reporter: TerminalReporter, kept: str) -> Iterator[None]:
     except BeltidError as error:
         for problem in error.problems:
             reporter.error(problem)
-        codes = codes_of(error.problems, numerics=error.exit_status == EXIT_NUMERICS)
-        if codes:
-            reporter.report(
-                "note: " + ", ".join(f"`beltid explain {c}`" for c in codes) + " tells more"
-            )
+        pages = [f"`beltid explain {code}`" for code in error.codes[:MOST_PAGES]]
+        if pages:
+            reporter.report(f"note: {', '.join(pages)} tells more")
         raise typer.Exit(error.exit_status) from None
     except OSError as error:
         if error.filename is None:  # nothing that the user named

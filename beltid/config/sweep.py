@@ -23,6 +23,7 @@ from beltid.config.fields import Section
 from beltid.config.messages import suggestion
 from beltid.config.model import Config
 from beltid.config.yaml_source import KeyPath, Source
+from beltid.errors import Problem
 
 SWEEP: Final = "sweep"
 MOST_CASES: Final = 1000
@@ -76,7 +77,8 @@ def take_sweep(source: Source) -> Sweep:
 
 def _complain(source: Source, keys: KeyPath, what: str) -> None:
     path = (SWEEP, *keys)
-    source.problems.append(f"{source.prefix(path)}{'.'.join(str(k) for k in path)} {what}")
+    text = f"{source.prefix(path)}{'.'.join(str(k) for k in path)} {what}"
+    source.problems.append(Problem(text, "config-value"))
 
 
 def _refuse_repeated(source: Source, key: str, values: list[Any]) -> None:
@@ -85,7 +87,8 @@ def _refuse_repeated(source: Source, key: str, values: list[Any]) -> None:
         text = _text(value)
         if text in seen:
             place = source.prefix((SWEEP, key, i))
-            source.problems.append(f"{place}{SWEEP}.{key}[{i}] = {text} is given twice")
+            twice = f"{place}{SWEEP}.{key}[{i}] = {text} is given twice"
+            source.problems.append(Problem(twice, "config-key"))
         seen.append(text)
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from beltid.errors import ConfigError
+from beltid.errors import ConfigError, Problem
 
 MAX_BYTES: Final = 300_000
 MAX_DEPTH: Final = 16
@@ -82,7 +82,7 @@ def read_text(path: Path) -> str:
         with path.open("rb") as file:
             raw = file.read(MAX_BYTES + 1)
     except FileNotFoundError:
-        raise ConfigError(f"{path}: there is no such config file") from None
+        raise ConfigError(f"{path}: there is no such config file", code="missing-file") from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise ConfigError(f"{path}: the config cannot be read: {reason}") from None
@@ -93,7 +93,8 @@ def read_text(path: Path) -> str:
     except UnicodeDecodeError as error:
         line = raw[: error.start].count(b"\n") + 1
         raise ConfigError(
-            f"{path}:{line}: byte 0x{raw[error.start]:02X} is not UTF-8, save the config as UTF-8"
+            f"{path}:{line}: byte 0x{raw[error.start]:02X} is not UTF-8, save the config as UTF-8",
+            code="encoding",
         ) from None
 
 
@@ -135,17 +136,19 @@ def _compose(text: str, name: str) -> Any:
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = f"{name}:{mark.line + 1}:{mark.column + 1}" if mark else name
-        raise ConfigError(f"{place}: not valid YAML: {_yaml_words(error)}") from None
+        text = f"{place}: not valid YAML: {_yaml_words(error)}"
+        raise ConfigError(text, code="config-yaml") from None
     except YAMLError as error:
         position = getattr(error, "position", None)
         line = f":{text[:position].count(chr(10)) + 1}" if isinstance(position, int) else ""
         raise ConfigError(
-            f"{name}{line}: not valid YAML: a character that a text must not contain"
+            f"{name}{line}: not valid YAML: a character that a text must not contain",
+            code="config-yaml",
         ) from None
     except ConfigError:
         raise
     except Exception:  # ruamel.yaml lets nearly anything through on malformed directives, escapes
-        raise ConfigError(f"{name}: not valid YAML") from None
+        raise ConfigError(f"{name}: not valid YAML", code="config-yaml") from None
 
 
 def _limit(yaml: Any, text: str, name: str) -> None:
@@ -200,9 +203,9 @@ class _Walk:
                 )
                 continue
             if key in found:
-                self.source.problems.append(
-                    f"{here}{format_path((*path, key))} is given twice, first in line {lines[key]}"
-                )
+                twice = format_path((*path, key))
+                text = f"{here}{twice} is given twice, first in line {lines[key]}"
+                self.source.problems.append(Problem(text, "config-key"))
                 continue
             lines[key] = mark.line + 1
             self.source.key_places[(*path, key)] = Place(mark.line + 1, mark.column + 1)

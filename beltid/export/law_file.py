@@ -54,11 +54,13 @@ def law_from_text(text: str, name: str) -> ContactLaw:
     try:
         values = json.loads(text, parse_constant=_refuse_constant, parse_float=_finite)
     except (ValueError, RecursionError) as error:
-        raise ArtifactError(f"{name}: not a contact law: no JSON ({error})") from None
+        text = f"{name}: not a contact law: no JSON ({error})"
+        raise ArtifactError(text, code="law-file") from None
     if not isinstance(values, dict) or values.get("format") != "beltlaw":
         raise ArtifactError(
             f'{name}: not a contact law: the key "format" must be "beltlaw"; '
-            "`beltid export json` writes one"
+            "`beltid export json` writes one",
+            code="law-file",
         )
     if values.get("version") != 1:
         raise ArtifactError(
@@ -68,7 +70,8 @@ def law_from_text(text: str, name: str) -> ContactLaw:
     values.pop("$schema", None)
     if seal is not None and seal != _seal(values):
         raise ArtifactError(
-            f"{name}: was changed after beltid wrote it; if that is meant, remove its key {SEAL}"
+            f"{name}: was changed after beltid wrote it; if that is meant, remove its key {SEAL}",
+            code="law-file",
         )
     try:
         # strict, and as JSON: a text in the place of a number is none, a list stands for a tuple
@@ -78,7 +81,7 @@ def law_from_text(text: str, name: str) -> ContactLaw:
     except ValidationError as error:
         raise ArtifactError(told(error, name)) from None
     except InputError as error:
-        raise ArtifactError([f"{name}: {line}" for line in error.problems]) from None
+        raise ArtifactError(error.at(name)) from None
     _check_patches(law, surface.tables().C, name)
     return law
 
@@ -130,7 +133,8 @@ def _check_patches(law: ContactLaw, expected: np.ndarray, name: str) -> None:
     if given.shape != expected.shape or not np.allclose(given, expected, rtol=1e-7, atol=1e-9):
         raise ArtifactError(
             f"{name}: friction.patches do not belong to the nodes friction.mu; "
-            "`beltid.FrictionSurface` makes a surface of nodes alone"
+            "`beltid.FrictionSurface` makes a surface of nodes alone",
+            code="law-file",
         )
 
 

@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.errors import InputError
+from beltid.errors import InputError, Problem
 from beltid.export.law import ContactLaw
 from beltid.laws.friction_surface import FrictionSurface
 
@@ -108,10 +108,11 @@ def reference_point(
         # one node 0 states that mu does not depend on this variable: any value is measured
         low, high = (0.0, math.inf) if nodes[-1] == 0.0 else (float(nodes[0]), float(nodes[-1]))
         if value is not None and not (low <= value <= high and 0.0 < value < math.inf):
-            problems.append(
+            text = (
                 f"{option} = {value:g}, must be in the measured range, "
                 f"{low:.6g} to {high:.6g} {unit}"
             )
+            problems.append(Problem(text, "outside-range"))
         chosen.append(_middle(nodes) if value is None else value)
     if problems:
         raise InputError(problems)

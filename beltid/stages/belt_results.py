@@ -64,15 +64,16 @@ def sheet_of(artifact: Artifact) -> Sheet:
     try:
         sheet.check()
     except InputError as error:
-        raise ArtifactError([f"{artifact.path}: {line}" for line in error.problems]) from None
+        raise ArtifactError(error.at(str(artifact.path))) from None
     return sheet
 
 
 def check_folder(folder: Path) -> None:
     """Refuse what is no folder (`ArtifactError`)."""
     if not folder.is_dir():
-        what = "is a file, the folder of a belt's results is needed"
-        raise ArtifactError(f"{folder}: {what if folder.exists() else 'there is no such folder'}")
+        if folder.exists():
+            raise ArtifactError(f"{folder}: is a file, the folder of a belt's results is needed")
+        raise ArtifactError(f"{folder}: there is no such folder", code="missing-file")
 
 
 def gather(folder: Path, *, with_profiles: bool = True) -> BeltResults:

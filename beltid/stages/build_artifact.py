@@ -39,7 +39,7 @@ from beltid.artifacts.file_bytes import write_bytes
 from beltid.artifacts.hashing import source_sha256
 from beltid.artifacts.metadata_models import METADATA, Metadata, plain
 from beltid.bench.files.sources import Content, Signature, content_of, signature_of
-from beltid.errors import ArtifactError, InputError
+from beltid.errors import ArtifactError, InputError, Problem
 from beltid.tables.schemas import ARTIFACTS, RECORDINGS
 
 if TYPE_CHECKING:
@@ -307,7 +307,8 @@ class Build:
             )
             even = " even with --force" if force else ""
             raise InputError(
-                f"{out}: is {obstacle}, not replaced{even} by a {self.kind} artifact; {how}"
+                f"{out}: is {obstacle}, not replaced{even} by a {self.kind} artifact; {how}",
+                code="not-replaced",
             )
         _refuse_unwritable(out)
         return existing
@@ -317,12 +318,12 @@ class Build:
         out = self.out
         for role, path in self.inputs.items():
             if _same_file(path, out):
-                raise InputError(f"{out}: is the {role} input of this command, name another --out")
+                text = f"{out}: is the {role} input of this command, name another --out"
+                raise InputError(text, code="not-replaced")
         for kind, path in self.source.config.data.files.items():
             if _same_file(path, out):
-                raise InputError(
-                    f"{out}: is the {kind} recording of the config, name another --out"
-                )
+                text = f"{out}: is the {kind} recording of the config, name another --out"
+                raise InputError(text, code="not-replaced")
 
 
 def combined_origin(origins: Collection[str | None]) -> Origin | None:
@@ -335,9 +336,10 @@ def combined_origin(origins: Collection[str | None]) -> Origin | None:
     return "measured" if set(origins) == {"measured"} else None
 
 
-def already_exists(path: Path) -> str:
+def already_exists(path: Path) -> Problem:
     """What to say of a file that only --force replaces."""
-    return f"{path}: already exists; use --force to overwrite, or name another --out"
+    text = f"{path}: already exists; use --force to overwrite, or name another --out"
+    return Problem(text, "not-replaced")
 
 
 def _value(values: Mapping[str, Any], key: str) -> Any:
@@ -376,6 +378,8 @@ def _refuse_unwritable(out: Path) -> None:
     while not folder.exists() and folder != folder.parent:
         folder = folder.parent
     if not folder.is_dir():
-        raise ArtifactError(f"{out}: not written: {folder} is a file, not a folder")
+        text = f"{out}: not written: {folder} is a file, not a folder"
+        raise ArtifactError(text, code="not-written")
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise ArtifactError(f"{out}: not written: no permission to write in {folder}")
+        text = f"{out}: not written: no permission to write in {folder}"
+        raise ArtifactError(text, code="not-written")

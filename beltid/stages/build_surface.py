@@ -82,7 +82,8 @@ def _outcome(
     status = columns.get("status", np.full(n, "ok", dtype=object))
     good = np.flatnonzero(status == "ok")
     if good.size == 0:
-        raise InputError(f"{name}: none of its {n} runs has the status ok, at least one is needed")
+        text = f"{name}: none of its {n} runs has the status ok, at least one is needed"
+        raise InputError(text, code="no-run")
     se = own_errors(columns)
     settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
     try:
@@ -95,7 +96,7 @@ def _outcome(
             settings,
         )
     except InputError as error:
-        raise InputError([f"{name}: {line}" for line in error.problems]) from None
+        raise InputError(error.at(name)) from None
     surface = result.surface
     table = result.to_columns()
     used = valid_rows(columns, good)

@@ -146,7 +146,7 @@ def simulation_settings(
             profile_times_s=profile_times_s,
         )
     except InputError as error:
-        raise InputError([f"simulation: {line}" for line in error.problems]) from None
+        raise InputError(error.at("simulation")) from None
 
 
 def surface_from(surface: FrictionSurface | float) -> FrictionSurface:

@@ -83,7 +83,7 @@ def _outcome(
     try:
         result = identify(columns, radius)
     except InputError as error:
-        raise InputError([f"{name}: {line}" for line in error.problems]) from None
+        raise InputError(error.at(name)) from None
     required, warnings = _required(result, config)
     aside = [
         {"run": p.run, "why": p.status} for p in result.points if p.status not in (OK, GROSS_SLIP)

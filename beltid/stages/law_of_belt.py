@@ -63,7 +63,8 @@ def law_of_folder(
     if not folder.is_dir():
         raise InputError(
             f"{folder}: there is no such folder or file; name the results of a belt, such as "
-            f"runs/5pk, or a law file <belt>{SUFFIX}"
+            f"runs/5pk, or a law file <belt>{SUFFIX}",
+            code="missing-file",
         )
     stiffness = read_artifact(folder / STIFFNESS, "stiffness")
     surface = _surface_artifact(folder, wanted, reporter)

@@ -63,7 +63,7 @@ def up_to_date(out: Path, made_from: str, options: Options) -> bool:
             if out.suffix.lower() in SUFFIXES
             else "name another --out"
         )
-        raise InputError(f"{out}: is {FOREIGN}, not replaced; {how}")
+        raise InputError(f"{out}: is {FOREIGN}, not replaced; {how}", code="not-replaced")
     return found is not None and found[1] == made_from and not options.force
 
 

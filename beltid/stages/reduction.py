@@ -197,7 +197,8 @@ class FrictionTable:
             If none of the runs can be used, with the reason of each.
         """
         if not any(run.ok for run in runs):
-            raise InputError([f"{name}: run {r.run} cannot be used: {r.status}" for r in runs])
+            lines = [f"{name}: run {run.run} cannot be used: {run.status}" for run in runs]
+            raise InputError(lines, code="no-run")
         columns = reduction_columns(runs)
         combined, budget = friction_uncertainty(columns, uncertainty, radius_m)
         return cls(runs, {**columns, **combined}, budget)

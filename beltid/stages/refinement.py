@@ -115,7 +115,8 @@ def prepared_campaign(
     """Campaign with the surface to start from, its speeds, its rows, and what was set aside."""
     good, set_aside = _usable(columns)
     if good.size < 4:
-        raise InputError(f"{name}: {good.size} runs can be used, at least 4 are needed")
+        text = f"{name}: {good.size} runs can be used, at least 4 are needed"
+        raise InputError(text, code="no-run")
     arc_deg, f, v, mu = (columns[key][good] for key in PUBLISHED)
     own = own_errors(columns)
     mu_se = None if own is None else own[good]

@@ -43,7 +43,8 @@ def load_law(path: str | Path) -> ContactLaw:
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError:
-        raise ArtifactError(f"{path}: not a contact law: no UTF-8 text") from None
+        text = f"{path}: not a contact law: no UTF-8 text"
+        raise ArtifactError(text, code="law-file") from None
     return law_from_text(text, str(path))
 
 
@@ -74,7 +75,7 @@ def surface_of(artifact: Artifact) -> UncertainSurface:
     try:
         surface = surface_from_columns(columns)
     except InputError as error:
-        raise InputError([f"{artifact.path}: {line}" for line in error.problems]) from None
+        raise InputError(error.at(str(artifact.path))) from None
     rows = np.flatnonzero(np.isnan(columns["arc_deg"]))
     rows = rows[np.lexsort((columns["slip_speed_m_s"][rows], columns["normal_force_N_m"][rows]))]
 

@@ -297,7 +297,7 @@ def test_a_bug_is_not_dressed_up_as_an_error_of_the_user(
     def broken(*_: Any) -> Any:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(fit_friction, "reduce_runs", broken)
+    monkeypatch.setattr(fit_friction, "reduce_rig", broken)
     result = beltid("fit-friction", "rig.csv", "--force")
     assert result.exit_code == 1
     assert isinstance(result.exception, ZeroDivisionError)

@@ -207,7 +207,7 @@ def test_nothing_in_the_package_unpickles_or_evaluates():
     """Names that run what a file holds; numpy's readers are told not to."""
     # what they computed themselves: in a nameless file, as a copy, and the cache of the compiler,
     # which is sealed
-    own = ("friction_stream.py", "refine_monte_carlo.py", "compiled.py")
+    own = ("friction_stream.py", "refinement.py", "compiled.py")
     forbidden = {"pickle", "marshal", "shelve", "dill", "cloudpickle", "eval", "exec", "compile"}
     for path in (ROOT / "beltid").rglob("*.py"):
         if path.name in own:

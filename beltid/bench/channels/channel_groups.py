@@ -260,6 +260,8 @@ def _typed(
         else:
             where = f"{context.place}:{first + i}" if first else f"{context.place}, sample {i + 1}"
             context.problems.add(
-                f'{where}: {mapping.shown} = "{str(text)[:40]}", must be a number', i + 1
+                f'{where}: {mapping.shown} = "{str(text)[:40]}", must be a number',
+                i + 1,
+                "numbers",
             )
     return numbers

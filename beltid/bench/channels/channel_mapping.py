@@ -16,7 +16,7 @@ from beltid.bench.channels.vocabulary import SETTINGS, roles_meant, simplified
 from beltid.bench.formats.bench_file import Field
 from beltid.bench.formats.dialect import ReadOptions, unit_in_name, without_unit
 from beltid.config.name_pattern import name_pattern
-from beltid.errors import Problems
+from beltid.errors import Problem, Problems
 from beltid.tables.columns import Column, Table
 from beltid.tables.units import (
     Calibration,
@@ -397,9 +397,10 @@ class RawTable:
         return f"{self.place}, sample {index + 1}", index + 1
 
 
-def missing_setting(setting: str, kind: str, place: str) -> str:
+def missing_setting(setting: str, kind: str, place: str) -> Problem:
     """Say that neither a column nor anything else tells a setting, and how it can be told."""
-    return f"{place}: column {setting} is missing{how_to_tell(setting, kind)}"
+    text = f"{place}: column {setting} is missing{how_to_tell(setting, kind)}"
+    return Problem(text, "columns")
 
 
 def how_to_tell(setting: str, kind: str) -> str:

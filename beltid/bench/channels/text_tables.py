@@ -22,7 +22,7 @@ from beltid.bench.channels.vocabulary import NOMINAL
 from beltid.bench.files.sniff import Decoded
 from beltid.bench.formats.csv_table import Wanted, read_rows
 from beltid.bench.formats.dialect import Layout, ReadOptions, is_number, layout
-from beltid.errors import Problems
+from beltid.errors import Problem, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table
 from beltid.tables.units import Conversion
@@ -185,11 +185,12 @@ def check_header(
         advice = how_to_tell(ours, table.kind) if setting else guess
         told_so.append(f"{place}: column {called} is missing{advice}")
     for text in told_so if missing else ():  # settings alone: who gives them their values says it
-        problems.add(text)
+        problems.add(text, code="columns")
     other = _kind_of(header, table.kind)
     if missing and other:
         problems.add(
-            f"{place}: these are the columns of a {other} recording, not of a {table.kind}"
+            f"{place}: these are the columns of a {other} recording, not of a {table.kind}",
+            code="columns",
         )
     elif missing:
         ours, close = missing[0]
@@ -221,12 +222,9 @@ def hint_units_row(
     ]
     if found.unit_cells or not any(cells) or any(is_number(c) for c in cells):
         return
-    problems.found.insert(
-        0,
-        (
-            -1,
-            f"{name}:{found.first_line}: holds no number; "
-            "if it is a row of units, set dialect: {units_row: true}",
-        ),
+    text = (
+        f"{name}:{found.first_line}: holds no number; "
+        "if it is a row of units, set dialect: {units_row: true}"
     )
+    problems.found.insert(0, (-1, Problem(text, "numbers")))
     problems.count += 1

@@ -133,7 +133,8 @@ def decode(data: bytes, name: str, encoding: str | None = None) -> Decoded:
             line = data[: error.start].count(b"\n") + 1
             hint = "" if encoding else "; if it is of Windows, set dialect: {encoding: cp1252}"
             raise InputError(
-                f"{name}:{line}: byte 0x{data[error.start]:02X} is not {encoding or 'UTF-8'}{hint}"
+                f"{name}:{line}: byte 0x{data[error.start]:02X} is not {encoding or 'UTF-8'}{hint}",
+                code="encoding",
             ) from None
         text, used = data.decode("latin-1"), "latin-1"
         notes = ("not UTF-8, read as latin-1",)

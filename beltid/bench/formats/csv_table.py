@@ -108,7 +108,9 @@ def csv_blocks(
     for data in _whole_rows(chunks, line, name, notes):
         if b"\0" in data:
             line += data.count(b"\n", 0, data.index(b"\0"))
-            raise InputError(f"{name}:{line}: holds a zero byte: damaged, or not a text file")
+            raise InputError(
+                f"{name}:{line}: holds a zero byte: damaged, or not a text file", code="damaged"
+            )
         if b"\r" in data:
             data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
         try:
@@ -118,7 +120,8 @@ def csv_blocks(
             line += data.count(b"\n", 0, error.start)
             raise InputError(
                 f"{name}:{line}: byte 0x{data[error.start]:02X} is not {encoding.upper()}; if the "
-                "file is in another encoding, say which: dialect: {encoding: latin-1}"
+                "file is in another encoding, say which: dialect: {encoding: latin-1}",
+                code="encoding",
             ) from None
         line += data.count(b"\n")
 
@@ -138,7 +141,9 @@ def file_chunks(path: Path) -> Iterator[bytes]:
             while chunk := source.read(CHUNK):
                 yield chunk
         except (gzip.BadGzipFile, EOFError, zlib.error):
-            raise InputError(f"{path}: the gzip file is damaged or cut off") from None
+            raise InputError(
+                f"{path}: the gzip file is damaged or cut off", code="damaged"
+            ) from None
 
 
 def _whole_rows(chunks: Iterable[bytes], line: int, name: str, notes: list[str]) -> Iterator[bytes]:
@@ -236,7 +241,8 @@ def _read_row_by_row(layout: Layout, wanted: Mapping[str, Wanted], name: str) ->
                 if not good:
                     text_there = row[w.index].strip()
                     shown = text_there if len(text_there) <= 40 else text_there[:37] + "..."
-                    problems.add(f'{name}:{line}: {w.shown} = "{shown}", must be a number', line)
+                    told = f'{name}:{line}: {w.shown} = "{shown}", must be a number'
+                    problems.add(told, line, "numbers")
     except csv.Error as error:
         line = layout.first_line + reader.line_num - 1
         problems.add(f"{name}:{line}: not a row of a CSV file: {error}", line)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from beltid.bench.formats.rows import Texts, word_of
-from beltid.errors import InputError, Problems
+from beltid.errors import InputError, Problem, Problems
 from beltid.tables.columns import floats
 from beltid.tables.schemas import Column, Table
 
@@ -53,11 +53,12 @@ def columns_of_frame(
     return columns
 
 
-def missing_column(wanted: str, have: Sequence[str], name: str) -> str:
+def missing_column(wanted: str, have: Sequence[str], name: str) -> Problem:
     """Say that a column is missing, and what it may be called instead."""
     close = difflib.get_close_matches(wanted, have, n=1, cutoff=0.6)
     guess = f", did you mean {close[0]}?" if close else ""
-    return f"{name}: column {wanted} is missing{guess}; found are " + ", ".join(have[:20])
+    found = ", ".join(have[:20])
+    return Problem(f"{name}: column {wanted} is missing{guess}; found are {found}", "columns")
 
 
 def _names(frame: Any, name: str) -> list[str]:
@@ -98,7 +99,8 @@ def _values(values: Any, column: Column, name: str, problems: Problems) -> np.nd
     except (ValueError, TypeError):
         for row, value in enumerate(np.asarray(values, dtype=object)):
             if isinstance(value, str) or not np.isscalar(value):
-                problems.add(f"{name}, row {row + 1}: {column.name} = {value!r}, must be a number")
+                text = f"{name}, row {row + 1}: {column.name} = {value!r}, must be a number"
+                problems.add(text, code="numbers")
         if not problems.count:
             problems.add(f"{name}: column {column.name} must hold numbers")
         return np.full(len(values), np.nan)

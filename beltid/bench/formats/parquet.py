@@ -54,7 +54,7 @@ def parquet_blocks(
             try:
                 rows = _rows(batch, table, wanted, from_folders, names, row)
             except Exception as error:  # a number that no float64 holds
-                raise InputError(f"{source.name}: {damaged(error)}") from None
+                raise InputError(f"{source.name}: {damaged(error)}", code="damaged") from None
             yield rows
             row += batch.num_rows
 
@@ -77,7 +77,7 @@ def batches_of(file: Any, columns: Sequence[str], name: str) -> Iterator[pa.Reco
             batch.validate(full=True)
             yield batch
     except Exception as error:  # a damaged file can raise nearly anything
-        raise InputError(f"{name}: {damaged(error)}") from None
+        raise InputError(f"{name}: {damaged(error)}", code="damaged") from None
 
 
 def columns_of_folders(source: Source) -> dict[str, str]:
@@ -162,7 +162,7 @@ def _refuse_long_labels(file: Any, label: str | None, name: str) -> None:
     except InputError:
         raise
     except Exception as error:  # a damaged file can raise nearly anything
-        raise InputError(f"{name}: {damaged(error)}") from None
+        raise InputError(f"{name}: {damaged(error)}", code="damaged") from None
 
 
 def _rows(

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection
 import numpy as np
 
 from beltid.bench.channels.vocabulary import NOMINAL
-from beltid.errors import SHOWN, Problems
+from beltid.errors import SHOWN, Problem, Problems
 from beltid.tables.columns import absent, outside
 from beltid.tables.schemas import Column, Table
 
@@ -79,7 +79,7 @@ class Checker:
     def _report(self, rows: np.ndarray, text: Callable[[int], str]) -> None:
         for row in rows[: 5 * SHOWN]:
             where, line = self.place(int(row))
-            self.problems.add(f"{where}: {text(int(row))}", line)
+            self.problems.add(f"{where}: {text(int(row))}", line, "numbers")
         self.problems.add_uncounted(len(rows) - 5 * SHOWN)
 
     def _units(self, units_stated: Collection[str]) -> None:
@@ -178,9 +178,9 @@ class Checker:
         )
 
 
-def no_number(name: str, column: Column) -> str:
+def no_number(name: str, column: Column) -> Problem:
     """Say that a column of a recording is empty."""
-    return f"{name}: {column.name} holds no number at all"
+    return Problem(f"{name}: {column.name} holds no number at all", "numbers")
 
 
 def _other_unit(column: Column, kind: str, finite: np.ndarray) -> str:

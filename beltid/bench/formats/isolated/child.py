@@ -14,7 +14,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Final
 
-from beltid.bench.formats.bench_file import BenchFile, FormatError
+from beltid.bench.formats.bench_file import BenchFile, DamagedFile, FormatError
 from beltid.bench.formats.isolated.exchange import save
 
 READERS: Final = {
@@ -25,7 +25,6 @@ READERS: Final = {
     "xlsx": "beltid.bench.formats.isolated.xlsx",
 }
 REFUSED: Final = "refused: "
-DAMAGED: Final = "damaged: "
 
 
 def read_format(format_name: str, path: Path) -> BenchFile:
@@ -43,15 +42,17 @@ def main(folder: Path, jobs: list[tuple[str, str]]) -> None:
                 raise FormatError("holds no channel with samples")
             save(found, folder / f"{number}.part")
             os.replace(folder / f"{number}.part", folder / f"{number}.npz")
+        except DamagedFile as error:
+            reason = str(error)
         except FormatError as error:
             reason = f"{REFUSED}{error}"
         except ImportError as error:
             reason = f"{REFUSED}the library that reads its format cannot be loaded: {error}"
         except MemoryError:
-            reason = f"{DAMAGED}it asks for more memory than a file of its size can need"
+            reason = str(DamagedFile("it asks for more memory than a file of its size can need"))
         except Exception as error:  # a damaged file can raise nearly anything
             said = " ".join(str(error).split())[:160] or "unreadable"
-            reason = f"{DAMAGED}{type(error).__name__}: {said}"
+            reason = str(DamagedFile(f"{type(error).__name__}: {said}"))
         else:
             continue
         (folder / f"{number}.txt").write_text(reason, encoding="utf-8")

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from beltid.bench.formats.bench_file import BenchFile, FormatError
-from beltid.bench.formats.isolated.child import DAMAGED, REFUSED
+from beltid.bench.formats.bench_file import BenchFile, DamagedFile, FormatError
+from beltid.bench.formats.isolated.child import REFUSED
 from beltid.bench.formats.isolated.exchange import load
 
 BASE_MEMORY: Final = 3 << 30
@@ -48,7 +48,7 @@ def read_isolated(jobs: Sequence[tuple[str, Path]]) -> list[BenchFile | FormatEr
         read, ended = _one_child(rest)
         results += read
         if len(read) < len(rest):
-            results.append(FormatError(ended))
+            results.append(DamagedFile(ended))
             crashes += 1
     return results
 
@@ -96,11 +96,13 @@ def _one_child(jobs: Sequence[tuple[str, Path]]) -> tuple[list[BenchFile | Forma
             if done.exists():
                 results.append(load(done))
             elif refused.exists():
-                results.append(FormatError(_reason(refused.read_text(encoding="utf-8"))))
+                results.append(_reason(refused.read_text(encoding="utf-8")))
             else:
                 break
-    return results, f"{DAMAGED}{ended}"
+    return results, ended
 
 
-def _reason(text: str) -> str:
-    return text.removeprefix(REFUSED)
+def _reason(text: str) -> FormatError:
+    if text.startswith(DamagedFile.mark):
+        return DamagedFile(text.removeprefix(DamagedFile.mark))
+    return FormatError(text.removeprefix(REFUSED))

@@ -15,8 +15,8 @@ import numpy as np
 from beltid.bench.formats.bench_file import (
     BenchFile,
     Channel,
+    DamagedFile,
     Field,
-    FormatError,
     Group,
     even_times,
 )
@@ -32,7 +32,7 @@ def read(path: Path) -> BenchFile:
     with path.open("rb") as stream:
         file = TdmsFile.read(stream)
         if getattr(file, "incomplete_data", False) or _status_incomplete(file):
-            raise FormatError("damaged: the last segment is cut off")
+            raise DamagedFile("the last segment is cut off")
         origin = _first_start(file)
         groups = []
         for group in file.groups():

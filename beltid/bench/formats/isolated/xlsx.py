@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench.formats.bench_file import BenchFile, Channel, FormatError, Group
+from beltid.bench.formats.bench_file import BenchFile, Channel, DamagedFile, FormatError, Group
 from beltid.bench.formats.dialect import SEARCHED, TableHead, find_head, unit_in_name
 
 MAX_UNPACKED: Final = 2 << 30
@@ -25,7 +25,7 @@ def read(path: Path) -> BenchFile:
             raise FormatError(f"unpacks to more than {MAX_UNPACKED >> 20} MB, split the recording")
         broken = archive.testzip()
         if broken is not None:
-            raise FormatError(f"damaged: {broken} in it does not have its checksum")
+            raise DamagedFile(f"{broken} in it does not have its checksum")
     notes: list[str] = []
     groups = []
     with path.open("rb") as stream:
