@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import pickle
 from collections.abc import Callable
@@ -11,6 +12,7 @@ from typing import Any
 
 import pytest
 
+import beltid as beltid_package
 from beltid.artifacts.artifact import read_artifact
 from beltid.cli.explain import CODES, page
 from beltid.errors import ArtifactError, InputError, NumericsError, Problem, Problems
@@ -111,6 +113,18 @@ def test_every_code_has_a_page_and_is_tested_and_told_by_the_documentation() -> 
     for code in CODES:
         assert page(code).startswith("# ")
         assert f"explanations/{code}.md" in (docs / f"{code}.md").read_text()
+
+
+def test_every_code_that_an_error_is_given_has_a_page() -> None:
+    given = set()
+    for path in Path(beltid_package.__file__).parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.Call):
+                named = [word.value for word in node.keywords if word.arg == "code"]
+                if isinstance(node.func, ast.Name) and node.func.id == "Problem":
+                    named += node.args[1:]
+                given |= {w.value for w in named if isinstance(w, ast.Constant)}
+    assert given == {*CODES} - {"numerics"}  # that one is of a class of errors
 
 
 def test_explain_lists_the_codes_and_refuses_others(beltid: Any) -> None:
