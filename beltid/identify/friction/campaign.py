@@ -21,7 +21,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.special import log_ndtr, logsumexp
+from scipy.special import log_ndtr, logsumexp, ndtri
+from scipy.stats import qmc
 
 from beltid.identify.friction.noise import block_covariance, early_misfit, wander_since_rest
 from beltid.identify.friction.sliding_record import SlidingRecord
@@ -183,6 +184,8 @@ class Shared:
         Powers of the settings with which its length goes.
     weights : ndarray, shape (5,)
         Probabilities of no drift, one of the tight, the slack, both cells, and of mu.
+    spectra : Spectra
+        Tails over which it was summed.
     """
 
     mean: Array
@@ -192,6 +195,12 @@ class Shared:
     spectrum: Array
     powers: Array
     weights: Array
+    spectra: Spectra
+
+    @property
+    def rough(self) -> Rough:
+        """What the next posterior starts from."""
+        return Rough(max(self.height, 1e-3), self.powers, self.weights, self.spectra)
 
     @property
     def deviations(self) -> Array:
@@ -320,39 +329,60 @@ def rest_slopes(
     return RestSlopes(squares, products)
 
 
+BEFORE = np.array([1.0 - DRIFTING, *[DRIFTING / 4.0] * 4])
+"""Probabilities of no drift, one of the tight, the slack, both cells, and of mu."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rough:
+    """What is known roughly of the tail and the drift before they are sought.
+
+    Attributes
+    ----------
+    height : float
+        Height of the tail, relative to the level.
+    powers : ndarray, shape (SETTINGS,)
+        Powers of the settings that the tails were stretched by.
+    weights : ndarray, shape (5,)
+        Probabilities of the drifts.
+    spectra : Spectra, optional
+        Tails that stand for the posterior.
+    """
+
+    height: float
+    powers: Array
+    weights: Array
+    spectra: Spectra | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Given:
+    """What is known of a bench beside its sliding phases.
+
+    Attributes
+    ----------
+    rest : RestSlopes
+        What the rest phases say about a common drift.
+    unit_N : float
+        Median initial tension [N].
+    range_m : tuple of float
+        Shortest and longest length of a tail that is looked for [m].
+    """
+
+    rest: RestSlopes
+    unit_N: float
+    range_m: tuple[float, float]
+
+
 def fit_shared(
-    stack: Stack,
-    w: Whitened,
-    scale: Array,
-    rest: RestSlopes,
-    unit_N: float,
-    height: float,
-    powers: Array,
-    weights: Array | None,
-    zooms: int,
+    stack: Stack, w: Whitened, scale: Array, given: Given, rough: Rough, every_drift: bool = False
 ) -> Shared:
     """Posterior of the tail and the common drift from some runs."""
-    M = np.einsum("r,rkl->kl", 1.0 / scale, w.M)
-    range_m = (stack.shortest_m, stack.longest_m)
-    return posterior(
-        M, w.b.T @ (1.0 / scale), rest, unit_N, height, powers, range_m, weights, zooms
-    )
+    share = 1.0 / scale
+    return posterior(np.einsum("r,rkl->kl", share, w.M), w.b.T @ share, given, rough, every_drift)
 
 
-ZOOMS = 3
-
-
-def posterior(
-    M: Array,
-    b: Array,
-    rest: RestSlopes,
-    unit_N: float,
-    height: float,
-    powers: Array,
-    range_m: tuple[float, float],
-    weights: Array | None,
-    zooms: int,
-) -> Shared:
+def posterior(M: Array, b: Array, given: Given, rough: Rough, every_drift: bool = True) -> Shared:
     """Posterior of the tail and the common drift.
 
     The squares and products of the shared columns, summed over the runs, are all that the runs say
@@ -362,56 +392,53 @@ def posterior(
     ----------
     M, b : ndarray, shape (SHARED, SHARED), (SHARED,)
         Squares and products.
-    rest : RestSlopes
-        What the rest phases say about a common drift.
-    unit_N : float
-        Median initial tension [N].
-    height : float
-        Height of the tail, roughly, relative to the level.
-    powers : ndarray, shape (SETTINGS,)
-        Powers of the settings that the tails were stretched by.
-    range_m : tuple of float
-        Shortest and longest length of a tail that is looked for [m].
-    weights : ndarray, shape (5,), optional
-        Probabilities of the drifts, where they are known roughly.
-    zooms : int
-        How often the grid of spectra is laid anew.
+    given : Given
+        What is known beside them.
+    rough : Rough
+        Tail and drift, roughly.
+    every_drift : bool
+        Each drift, and each slow part of the tail, is a hypothesis of its own; else one Gaussian
+        has the moments of all drifts.
     """
     M, b = M.copy(), b.copy()
     cells = slice(RANK, RANK + 2)
-    M[cells, cells] += rest.squares
-    b[cells] += rest.products
+    M[cells, cells] += given.rest.squares
+    b[cells] += given.rest.products
     # the columns hold the change of the powers from what the tails were stretched by
     expected = np.zeros(SHARED)
-    expected[POWERS] = -powers
+    expected[POWERS] = -rough.powers
     D = np.zeros_like(M)
     D[POWERS, POWERS] = TREND**2 * np.eye(SETTINGS)
-    low, high = np.log(max(range_m[0], 2e-4)), np.log(max(range_m[1] / 9.0, 1e-3))
+    shortest, longest = given.range_m
+    low, high = np.log(max(shortest, 2e-4)), np.log(max(longest / 9.0, 1e-3))
     lengths = np.linspace(low, max(high, low + 1.0), 8)
     unlike = tail_coefficients(lengths, np.zeros(8), np.zeros(8))
-    D[:RANK, :RANK] = (UNLIKE * height) ** 2 * (unlike.T @ unlike)
-    zero = DRIFT_OF_ZERO * unit_N
+    D[:RANK, :RANK] = (UNLIKE * rough.height) ** 2 * (unlike.T @ unlike)
+    zero = DRIFT_OF_ZERO * given.unit_N
     drifts = np.array([[0, 0, 0], [zero, 0, 0], [0, zero, 0], [zero, zero, 0], [0, 0, DRIFT_OF_MU]])
-    before = np.array([1.0 - DRIFTING, *[DRIFTING / 4.0] * 4])
     # one Gaussian with the moments of all drifts, to find where the tails are
-    moments = np.einsum("h,hk,hl->kl", before if weights is None else weights, drifts, drifts)
+    moments = np.einsum("h,hk,hl->kl", rough.weights, drifts, drifts)
     mixed = D + _blocks(np.zeros(RANK), moments)
-    middle = float(np.log(min(CENTRE[0], CENTRE[1] * range_m[1] / 3.0)))
-    ends = _ends(M, b - M @ expected, mixed, range_m, middle, zooms)
-    if not zooms:
-        candidates = [(0.0, _given(M, b, expected, mixed, ends, middle))]
+    spectra = rough.spectra
+    if every_drift or spectra is None:
+        left = _free(M, mixed)[0]
+        spectra = spectra_of(
+            (left @ M)[:RANK, :RANK], (left @ (b - M @ expected))[:RANK], given.range_m
+        )
+    if not every_drift:
+        candidates = [(0.0, _given(M, b, expected, mixed, spectra))]
     else:
         slow, part, scatter = SLOW_PART
-        reach = np.log(np.clip(range_m[1] / 3.0 * np.array([1.0, 4.0]), 2e-4, 1.0))
-        tails = height * tail_coefficients(reach, np.zeros(2), np.zeros(2))
+        reach = np.log(np.clip(longest / 3.0 * np.array([1.0, 4.0]), 2e-4, 1.0))
+        tails = rough.height * tail_coefficients(reach, np.zeros(2), np.zeros(2))
         extras = [(1.0 - slow, np.zeros(RANK)), *((slow / 2.0, tail) for tail in tails)]
         candidates = []
-        for weight, drift in zip(before, drifts, strict=True):
+        for weight, drift in zip(BEFORE, drifts, strict=True):
             for q, tail in extras:
                 more = expected.copy()
                 more[:RANK] = part * tail
                 prior = D + _blocks(scatter * tail, np.outer(drift, drift))
-                candidates.append((np.log(weight * q), _given(M, b, more, prior, ends, middle)))
+                candidates.append((np.log(weight * q), _given(M, b, more, prior, spectra)))
     log_p = np.array([prior + f[0].log_evidence for prior, f in candidates])
     found = [f for _, f in candidates]
     log_evidence = float(logsumexp(log_p))
@@ -429,8 +456,9 @@ def posterior(
         log_evidence=log_evidence,
         height=best.height,
         spectrum=best.centre,
-        powers=np.clip(powers + mean[POWERS], -1.5, 1.5),
-        weights=p.reshape(len(before), -1).sum(axis=1) if zooms else before,
+        powers=np.clip(rough.powers + mean[POWERS], -1.5, 1.5),
+        weights=p.reshape(len(BEFORE), -1).sum(axis=1) if every_drift else rough.weights,
+        spectra=spectra,
     )
 
 
@@ -440,10 +468,6 @@ def _blocks(extra: Array, drift: Array) -> Array:
     D[:RANK, :RANK] = np.outer(extra, extra)
     D[DRIFTS, DRIFTS] = drift
     return D
-
-
-Ends = tuple[float, ...]
-"""Where a grid of spectra begins and ends in ln l_c, s_slow and s_fast."""
 
 
 def _free(M: Array, D: Array) -> tuple[Array, Array, float]:
@@ -464,12 +488,12 @@ def _free(M: Array, D: Array) -> tuple[Array, Array, float]:
 
 
 def _given(
-    M: Array, b: Array, more: Array, D: Array, ends: Ends, middle: float
+    M: Array, b: Array, more: Array, D: Array, spectra: Spectra
 ) -> tuple[_Tail, Array, Array]:
     """Posterior with a part v - [tail, 0] ~ N(more, D) integrated out: tail, mean, covariance."""
     left, G, log_det = _free(M, D)
     c = b - M @ more
-    tail = _summed((left @ M)[:RANK, :RANK], (left @ c)[:RANK], ends, middle)
+    tail = _summed((left @ M)[:RANK, :RANK], (left @ c)[:RANK], spectra)
     constant = 0.5 * float(c @ G @ c) + float(b @ more) - 0.5 * float(more @ M @ more)
     log_evidence = tail.log_evidence + constant - 0.5 * log_det
     mean = more + left.T[:, :RANK] @ tail.mean + G @ c
@@ -485,69 +509,124 @@ class _Tail:
     height: float
     centre: Array
     """Posterior means of ln l_c, s_slow and s_fast, shape (3,)."""
-    spread: Array
-    """Their standard deviations."""
 
 
-_STEPS = np.array([28, 7, 5])
+@dataclass(frozen=True, slots=True, eq=False)
+class Spectra:
+    """Tails that stand for all tails of a bench.
+
+    Attributes
+    ----------
+    points : ndarray, shape (3, n)
+        ln l_c (l_c in m), s_slow and s_fast.
+    tails : ndarray, shape (n, RANK)
+        Tails of height 1.
+    log_prior : ndarray, shape (n,)
+        Logarithm of the prior probability that each stands for.
+    """
+
+    points: Array
+    tails: Array
+    log_prior: Array
+
+    def posterior(self, M: Array, b: Array) -> tuple[Array, Array, Array]:
+        """Logarithms of the probabilities (n,), most likely heights and roots of their precision.
+
+        M (RANK, RANK) and b (RANK,) are the squares and products of the basis; the height is
+        integrated out.
+        """
+        root = np.sqrt(
+            np.maximum(np.sum((self.tails @ M) * self.tails, axis=1), 0.0) + 1.0 / HEIGHT**2
+        )
+        best = (self.tails @ b) / root**2
+        u = best * root
+        log_p = self.log_prior + 0.5 * u**2 + log_ndtr(u) - np.log(0.5 * root * HEIGHT)
+        return log_p, best, root
 
 
-def _ends(
-    M: Array, b: Array, D: Array, range_m: tuple[float, float], middle: float, zooms: int
-) -> Ends:
-    """Grid of spectra whose steps are smaller than the spread of the posterior."""
+GRID = (28, 7, 5)
+"""Points of the first look over ln l_c, s_slow and s_fast."""
+LOOKS = 10
+RESOLVED = 0.15
+"""Share of the points that must carry the posterior."""
+
+
+@lru_cache(maxsize=1)
+def _normal_points() -> Array:
+    """Evenly spread points of three standard normal variables, shape (512, 3)."""
+    even = qmc.Sobol(3, scramble=False).random_base2(9)
+    return np.asarray(ndtri(even + 0.5 / len(even)))
+
+
+def spectra_of(M: Array, b: Array, range_m: tuple[float, float]) -> Spectra:
+    """Tails that stand for the posterior given squares (RANK, RANK) and products (RANK,).
+
+    The posterior of quiet records is a narrow ridge. Importance sampling by a Gaussian closes in
+    on it: what the points of one look do not resolve is made flatter till they do, and gives the
+    Gaussian of the next look.
+    """
     low = np.array([np.log(max(range_m[0], 2e-4)), 0.0, 0.0])
     high = np.array([np.log(min(max(range_m[1], 2e-3), 0.6)), 2.5, 2.0])
-    ends = np.stack([low, high])
-    left, _, _ = _free(M, D)
-    for _ in range(zooms):
-        tail = _summed((left @ M)[:RANK, :RANK], (left @ b)[:RANK], tuple(ends.ravel()), middle)
-        step = np.ptp(ends, axis=0) / (_STEPS - 1.0)
-        if np.all(tail.spread > 1.2 * step):
+    middle = float(np.log(min(CENTRE[0], CENTRE[1] * range_m[1] / 3.0)))
+
+    def weighed(points: Array, log_density: Array | float) -> Spectra:
+        c, s, f = points
+        log_prior = -0.5 * ((c - middle) / CENTRE[2]) ** 2 - (s + f) / WIDTH - log_density
+        inside = np.all(points <= high[:, None], axis=0) & (c >= low[0])
+        return Spectra(points, tail_coefficients(c, s, f), np.where(inside, log_prior, -np.inf))
+
+    axes = [np.linspace(*ends, n) for *ends, n in zip(low, high, GRID, strict=True)]
+    grid = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")])
+    step = np.log((high - low) / (np.array(GRID) - 1.0))
+    spectra = weighed(grid, -float(np.sum(step)))
+    normal = _normal_points()
+    for _ in range(LOOKS):
+        log_p = spectra.posterior(M, b)[0]
+        away = log_p - np.max(log_p)
+        flat, weight = 1.0, np.exp(away)
+        enough = RESOLVED * len(normal)
+        while np.sum(weight) ** 2 < enough * np.sum(weight**2):
+            flat *= 0.8
+            weight = np.exp(flat * away)
+        if flat == 1.0 and spectra.points.shape[1] == len(normal):
             break
-        reach = 5.0 * np.maximum(tail.spread, 0.5 * step)
-        lower, upper = tail.centre - reach, tail.centre + reach
-        ends = np.stack([np.maximum(lower, low), np.minimum(upper, high)])
-    return tuple(ends.ravel())
+        mean, C = (
+            np.average(spectra.points, axis=1, weights=weight),
+            np.cov(spectra.points, aweights=weight),
+        )
+        root = 1.3 * np.linalg.cholesky(C + np.diag((0.05 * np.exp(step)) ** 2))
+        points = mean[:, None] + root @ normal.T
+        points[1:] = np.abs(points[1:])
+        # widths below zero are folded back: the density is that of all four signs
+        log_q = [
+            -0.5 * np.sum(np.linalg.solve(root, points * sign - mean[:, None]) ** 2, axis=0)
+            for sign in np.array([[1, 1, 1], [1, -1, 1], [1, 1, -1], [1, -1, -1]])[:, :, None]
+        ]
+        log_det = float(np.sum(np.log(np.diag(root)))) + 1.5 * np.log(2.0 * np.pi)
+        spectra = weighed(points, logsumexp(log_q, axis=0) - log_det + np.log(len(normal)))
+    return spectra
 
 
-def _summed(M: Array, b: Array, ends: Ends, middle: float) -> _Tail:
-    """Posterior of a tail from its squares (RANK, RANK) and products (RANK,), over a grid."""
-    points, C = _spectra(ends)
-    c, s, f = points
-    log_prior = -0.5 * ((c - middle) / CENTRE[2]) ** 2 - (s + f) / WIDTH
-    precision = np.maximum(np.sum((C @ M) * C, axis=1), 0.0) + 1.0 / HEIGHT**2
-    best = (C @ b) / precision
-    root = np.sqrt(precision)
-    u = best * root
-    log_phi = log_ndtr(u)
-    log_p = log_prior + 0.5 * u**2 + log_phi - np.log(0.5 * root * HEIGHT)
+def _summed(M: Array, b: Array, spectra: Spectra) -> _Tail:
+    """Posterior of a tail from its squares (RANK, RANK) and products (RANK,)."""
+    C = spectra.tails
+    log_p, best, root = spectra.posterior(M, b)
     total = float(logsumexp(log_p))
     weight = np.exp(log_p - total)
+    u = best * root
     # moments of a height >= 0
-    ratio = np.exp(-0.5 * u**2 - log_phi) / np.sqrt(2.0 * np.pi)
+    ratio = np.exp(-0.5 * u**2 - log_ndtr(u)) / np.sqrt(2.0 * np.pi)
     height = best + ratio / root
-    square = height**2 + np.maximum(1.0 - ratio * (u + ratio), 1e-12) / precision
+    square = height**2 + np.maximum(1.0 - ratio * (u + ratio), 1e-12) / root**2
     mean = (weight * height) @ C
     second = (C * (weight * square)[:, None]).T @ C
-    centre = points @ weight
-    step = np.subtract(ends[3:], ends[:3]) / (_STEPS - 1.0)
     return _Tail(
         mean=mean,
         covariance=second - np.outer(mean, mean),
-        log_evidence=total + float(np.sum(np.log(np.maximum(step, 1e-12)))),
+        log_evidence=total,
         height=float(weight @ height),
-        centre=centre,
-        spread=np.sqrt(np.maximum(np.square(points - centre[:, None]) @ weight, 0.0)),
+        centre=spectra.points @ weight,
     )
-
-
-@lru_cache(maxsize=64)
-def _spectra(ends: Ends) -> tuple[Array, Array]:
-    """Grid of ln l_c, s_slow, s_fast between its ends (3, n), and the tails on it (n, RANK)."""
-    axes = [np.linspace(ends[k], ends[k + 3], n) for k, n in enumerate(_STEPS)]
-    points = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")])
-    return points, tail_coefficients(*points)
 
 
 CLOCKS = (np.zeros(SETTINGS), np.eye(SETTINGS)[0])
@@ -558,17 +637,15 @@ HIDDEN_STEPS = (-2.4, -1.8, -1.2, -0.6, 0.0, 0.6, 1.2, 1.8)
 of their priors."""
 
 
-def _log_evidence_of(
-    stack: Stack, powers: Array, sd: Array, rest: RestSlopes, unit_N: float
-) -> float:
+def _log_evidence_of(stack: Stack, powers: Array, sd: Array, given: Given) -> float:
     """Evidence for tails that are stretched so, before anything else is known of the bench."""
     stack.stretch(powers)
     w = whiten(stack, covariance(stack, sd, None)[0])
     one = np.ones(stack.n_runs)
-    return fit_shared(stack, w, one, rest, unit_N, 0.05, powers, None, 0).log_evidence
+    return fit_shared(stack, w, one, given, Rough(0.05, powers, BEFORE)).log_evidence
 
 
-def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
+def fit_bench(stack: Stack, given: Given) -> Bench:
     """Most probable variances of a bench, with its tail and drift."""
     typical = stack.typical_error_N
     typical_z = typical * float(np.median(stack.sensitivity / stack.level))
@@ -589,12 +666,11 @@ def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
     precision[:n, :n] = np.linalg.inv(NEIGHBOURS**apart)
     shared: Shared | None = None
     scale = np.ones(stack.n_runs)
-    height, weights = 0.05, None
 
     def evidence(sd: Array) -> tuple[float, Array, Whitened, Shared]:
         V, parts = covariance(stack, sd, shared)
         w = whiten(stack, V)
-        found = fit_shared(stack, w, scale, rest, unit_N, height, powers, weights, 0)
+        found = fit_shared(stack, w, scale, given, rough)
         log_z = found.log_evidence - 0.5 * float(np.sum(w.squares / scale + w.log_det))
         return log_z, parts, w, found
 
@@ -603,7 +679,7 @@ def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
         log_z, parts, w, found = evidence(sd)
         # Fisher's identity: the gradient is that of the likelihood, averaged over the posterior
         residual = stack.z - stack.shared @ found.mean
-        columns = np.concatenate([residual[:, :, None], stack.shared @ found.factor[:, :6]], axis=2)
+        columns = np.concatenate([residual[:, :, None], stack.shared @ found.factor], axis=2)
         Pe = w.P @ columns
         outer = (Pe / scale[:, None, None]) @ Pe.transpose(0, 2, 1) - w.P
         slope = np.zeros(x.size)
@@ -614,20 +690,18 @@ def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
     # from above: a variance that is too small has no gradient
     x = np.where(np.arange(n + 4) <= n + 1, 1.5, 0.0)
     sd = np.exp(centre + width * x)
-    odds = [_log_evidence_of(stack, clock, sd, rest, unit_N) for clock in CLOCKS]
-    powers = CLOCKS[int(np.argmax(odds))]
-    stack.stretch(powers)
+    odds = [_log_evidence_of(stack, clock, sd, given) for clock in CLOCKS]
+    rough = Rough(0.05, CLOCKS[int(np.argmax(odds))], BEFORE)
+    stack.stretch(rough.powers)
     w = whiten(stack, covariance(stack, sd, None)[0])
     # a rough tail, of which the change with the powers can be told
-    rough = fit_shared(stack, w, scale, rest, unit_N, height, powers, None, 0)
-    stack.stretch(powers, rough)
+    stack.stretch(rough.powers, fit_shared(stack, w, scale, given, rough))
     for _ in range(SWEEPS):
         w = whiten(stack, covariance(stack, np.exp(centre + width * x), shared)[0])
-        shared = fit_shared(stack, w, scale, rest, unit_N, height, powers, weights, 2)
+        shared = fit_shared(stack, w, scale, given, rough, every_drift=True)
         scale = noise_scale(stack, w, shared.mean)
-        height, powers = max(shared.height, 1e-3), shared.powers
-        weights = shared.weights
-        stack.stretch(powers, shared)
+        rough = shared.rough
+        stack.stretch(rough.powers, shared)
         x = minimize(
             cost,
             x,
@@ -722,7 +796,9 @@ def reduce_bench(
     """
     centre = np.mean(log_settings(records), axis=0)
     every = np.linspace(0, len(records) - 1, min(len(records), RUNS_FOR_VARIANCES)).astype(int)
-    bench = fit_bench(Stack([records[k] for k in every], centre), rest, unit_N)
+    stack = Stack([records[k] for k in every], centre)
+    given = Given(rest, unit_N, (stack.shortest_m, stack.longest_m))
+    bench = fit_bench(stack, given)
     parts = [records[k : k + BATCH] for k in range(0, len(records), BATCH)]
     # a small bench is stacked once, of a large one only a part at a time is held
     stacks = [Stack(parts[0], centre)] if len(parts) == 1 else (Stack(p, centre) for p in parts)
@@ -735,10 +811,8 @@ def reduce_bench(
             M, b = M + np.einsum("r,rkl->kl", share, w.M), b + w.b.T @ share
         shortest = 2.0 * min(r.step_m for r in records)
         longest = 3.0 * max(float(r.travel[-1]) for r in records)
-        range_m = (shortest, longest)
-        height = max(bench.shared.height, 1e-3)
-        powers, weights = bench.shared.powers, bench.shared.weights
-        shared = posterior(M, b, rest, unit_N, height, powers, range_m, weights, ZOOMS)
+        given = replace(given, range_m=(shortest, longest))
+        shared = posterior(M, b, given, bench.shared.rough)
         bench = Bench(bench.sd, shared)
     if len(parts) > 1:
         stacks = (Stack(p, centre) for p in parts)
