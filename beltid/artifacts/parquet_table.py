@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from beltid.errors import ArtifactError, InputError
-from beltid.tables.columns import floats, is_missing, outside
 from beltid.tables.schemas import Column, Table
+from beltid.tables.values import floats, is_missing, outside
 
 if TYPE_CHECKING:
     import pyarrow as pa

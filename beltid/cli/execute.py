@@ -12,7 +12,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -49,7 +49,7 @@ def execute(
     inputs: Mapping[str, Path],
     default_name: str,
     common: Common,
-    options: Callable[[TerminalReporter], Options] | None = None,
+    options: Options | None = None,
 ) -> None:
     """Run one stage and exit with its status.
 
@@ -63,8 +63,8 @@ def execute(
         Name of the result beside the first input, if the user named none.
     common : Common
         The common options.
-    options : callable, optional
-        Options of this stage, beyond those that all share.
+    options : Options, optional
+        Options of this stage; the common ones are added.
     """
     from beltid.bench.files.sources import folder_of
     from beltid.config import find_config
@@ -81,9 +81,7 @@ def execute(
             names.update(files.names)
             source = find_config(first, common.config)
             reporter.report(f"config: {source.origin}")
-            chosen = (
-                options(reporter) if options else Options(force=common.force, reporter=reporter)
-            )
+            chosen = replace(options or Options(), force=common.force, reporter=reporter)
             summary = stage(source, files.inputs, files.out, chosen)
             if files.to_stdout:
                 _tell(summary, reporter, 0.0)

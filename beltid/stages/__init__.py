@@ -28,7 +28,6 @@ Module                    Responsibility                                        
 ``refinement``            the runs a surface is refined from; its Monte Carlo draws
 ``uncertainties``         standard uncertainties of a config; budgets for people
 ``alternatives``          other normal laws, and friction as a formula
-``validation``            differences in units of their uncertainty              ASME V&V 20
 ``law_of_belt``           the contact law put together from artifacts
 ``recorded_curves``       what the figures need of the recordings
 ``belt_results``          the results in the folder of a belt

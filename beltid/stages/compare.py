@@ -33,7 +33,7 @@ from beltid.stages.reduction import (
 from beltid.stages.reporter import Options
 from beltid.stages.tables import table_columns
 from beltid.stages.uncertainties import budget_details
-from beltid.stages.validation import dominant, validated, within_words
+from beltid.uncertainty.agreement import dominant, validated, within_words
 from beltid.uncertainty.simulated import RunsUncertainty, runs_uncertainty_of
 
 KIND: Final = "compare"

@@ -22,7 +22,7 @@ from beltid.stages.build_artifact import Build, Built
 from beltid.stages.outcome import Outcome, rows_of
 from beltid.stages.reporter import Options
 from beltid.tables import schemas
-from beltid.tables.columns import outside
+from beltid.tables.values import outside
 
 KIND: Final = "slip"
 FIGURES: Final = ("rig_speeds", "max_slip_speed_m_s", "max_slip_run")

@@ -27,7 +27,7 @@ from beltid.identify.friction.rig_table import run_record
 from beltid.identify.press.recording import StiffnessSettings
 from beltid.stages.workers import Workers
 from beltid.tables import schemas
-from beltid.tables.columns import outside
+from beltid.tables.values import outside
 from beltid.uncertainty.reduced import friction_uncertainty
 from beltid.uncertainty.sources import StandardUncertainties
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, Final, TypeVar
+from typing import Any, Final, Self, TypeVar
 
 Result = TypeVar("Result")
 
@@ -74,6 +74,12 @@ class Workers:
 
     def close(self) -> None:
         """End, when nothing is under way."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.stop()  # an interrupt waits for nobody
 
 
 def available_cores() -> int:

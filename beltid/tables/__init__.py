@@ -3,9 +3,9 @@
 =========== ====================================================================
 Module      Responsibility
 =========== ====================================================================
-``columns`` what a column and a table are: name, type, unit, range, meaning; which of its
-            values are missing, which lie out of range
+``columns`` what a column and a table are: name, type, unit, range, meaning
 ``schemas`` every table of recordings and artifacts; schema versions
 ``units``   units that recordings may come in, and their conversion
+``values``  values of a column: which are missing, which lie out of range
 =========== ====================================================================
 """

@@ -1,12 +1,10 @@
-"""What a column and a table are: names, types, units, ranges, meanings; missing values."""
+"""What a column and a table are: names, types, units, ranges, meanings."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, Literal
-
-import numpy as np
+from typing import Literal
 
 DType = Literal["float64", "int64", "bool", "string", "list"]
 
@@ -147,40 +145,3 @@ def text(name: str, meaning: str, *, nullable: bool = False) -> Column:
 def optional(*columns: Column) -> tuple[Column, ...]:
     """Columns that a table may do without."""
     return tuple(replace(column, required=False) for column in columns)
-
-
-def floats(values: Any) -> np.ndarray:
-    """float64 array of values, nan where one is missing (None, masked, pandas.NA).
-
-    Raises
-    ------
-    ValueError, TypeError
-        If a value is no number.
-    """
-    if isinstance(values, np.ma.MaskedArray):
-        values = np.ma.filled(values.astype(np.float64), np.nan)
-    array = np.asarray(values)
-    if array.dtype.kind in "fiu":
-        return array.astype(np.float64)
-    return np.array([np.nan if is_missing(v) else v for v in array], dtype=np.float64)
-
-
-def is_missing(cell: Any) -> bool:
-    """Whether one value stands for a missing one: None, nan, pandas.NA, pandas.NaT."""
-    if cell is None or type(cell).__name__ in ("NAType", "NaTType"):
-        return True
-    return isinstance(cell, (float, np.floating)) and bool(np.isnan(cell))
-
-
-def absent(values: np.ndarray) -> np.ndarray:
-    """Which values are missing: None among texts, nan among numbers."""
-    if values.dtype == object:
-        return np.fromiter((v is None for v in values), dtype=bool, count=len(values))
-    return np.asarray(np.isnan(values))
-
-
-def outside(numbers: np.ndarray, column: Column) -> np.ndarray:
-    """Which numbers lie outside the range of a column; missing ones (nan) do not."""
-    low = numbers <= column.low if column.open_low else numbers < column.low
-    high = numbers >= column.high if column.open_high else numbers > column.high
-    return np.asarray(low | high)

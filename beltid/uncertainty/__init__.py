@@ -16,6 +16,7 @@ Module           Responsibility
 ``monte_carlo``  the chain again with drawn errors (JCGM 101)
 ``linear_check`` where the law of propagation is not good enough
 ``drive``          what the inputs of a drive leave open of its speed losses
+``agreement``      a comparison with its validation and its budget, run by run
 ``validation``   simulated less measured, in units of its uncertainty (ASME V&V 20)
 ================ =========================================================================
 """

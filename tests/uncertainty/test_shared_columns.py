@@ -15,7 +15,7 @@ from virtual_bench import NO_ERRORS, SMALL, read_campaign
 import beltid
 from beltid.refine.inverse import refine_surface
 from beltid.stages.uncertainties import KEYS, standard_uncertainties
-from beltid.stages.validation import validated
+from beltid.uncertainty.agreement import validated
 from beltid.uncertainty.reduced import friction_uncertainty
 from beltid.uncertainty.refined import changes_and_scatter, refined_slopes
 from beltid.uncertainty.simulated import RunsUncertainty

@@ -10,8 +10,8 @@ import numpy as np
 
 from beltid.bench.formats.rows import Texts, word_of
 from beltid.errors import InputError, Problem, Problems
-from beltid.tables.columns import floats
 from beltid.tables.schemas import Column, Table
+from beltid.tables.values import floats
 
 
 def columns_of_frame(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from beltid.errors import Problems
-from beltid.tables.columns import is_missing
+from beltid.tables.values import is_missing
 
 
 @dataclass(frozen=True, slots=True)

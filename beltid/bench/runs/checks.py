@@ -8,8 +8,8 @@ import numpy as np
 
 from beltid.bench.channels.vocabulary import NOMINAL
 from beltid.errors import SHOWN, Problem, Problems
-from beltid.tables.columns import absent, outside
 from beltid.tables.schemas import Column, Table
+from beltid.tables.values import absent, outside
 
 Columns = dict[str, np.ndarray]
 

@@ -16,9 +16,9 @@ from beltid.bench.channels.vocabulary import NOMINAL
 from beltid.bench.formats.rows import Rows
 from beltid.bench.runs.checks import Checker, no_number
 from beltid.errors import SHOWN, InputError, Problems
-from beltid.tables.columns import outside
 from beltid.tables.schemas import Table
 from beltid.tables.units import Conversion
+from beltid.tables.values import outside
 
 MOST_SAMPLES: Final = 20_000_000
 

@@ -3,16 +3,10 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from typing import TYPE_CHECKING
 
 from beltid.cli.execute import execute
 from beltid.cli.inputs import Press, Rig, SpeedLoss, reads_recording
-from beltid.cli.pool import workers_until
 from beltid.cli.program import Common, command, with_common_options
-
-if TYPE_CHECKING:
-    from beltid.cli.reporter import TerminalReporter
-    from beltid.stages.reporter import Options
 
 
 @command("fit-stiffness")
@@ -80,14 +74,13 @@ def fit_friction(rig: Rig, *, common: Common) -> None:
     from beltid.bench.big_recording import is_big
 
     with ExitStack() as stack:
-        needs = ("beltid.stages.reduction",)
-        workers = workers_until(stack, needs=needs) if is_big(rig) else None
+        workers = None
+        if is_big(rig):
+            from beltid.batch.local import local_workers
 
+            workers = stack.enter_context(local_workers(None, ("beltid.stages.reduction",)))
+            workers.prepare()
         from beltid.stages import fit_friction as stage  # while the workers import, too
+        from beltid.stages.reporter import Options
 
-        def options(reporter: TerminalReporter) -> Options:
-            from beltid.stages.reporter import Options
-
-            return Options(force=common.force, reporter=reporter, workers=workers)
-
-        execute(stage.run, {"rig": rig}, "friction.parquet", common, options)
+        execute(stage.run, {"rig": rig}, "friction.parquet", common, Options(workers=workers))

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from beltid.cli.execute import execute
 from beltid.cli.inputs import Friction, Jobs, Simulated, Stiffness, Surface
 from beltid.cli.program import Common, command, with_common_options
-
-if TYPE_CHECKING:
-    from beltid.cli.reporter import TerminalReporter
-    from beltid.stages.reporter import Options
 
 
 @command("simulate-rig")
@@ -86,19 +82,15 @@ def simulate_rig(
     """
     from beltid.stages import simulate_rig as stage
 
-    def options(reporter: TerminalReporter) -> Options:
-        return stage.SimulateOptions(
-            force=common.force,
-            reporter=reporter,
-            method=method,
-            arcs_deg=tuple(arc or ()),
-            tensions_N=tuple(tension or ()),
-            speeds_rad_s=tuple(speed or ()),
-            elements=elements,
-            jobs=jobs,
-            profile_times_s=tuple(profile_time or ()),
-        )
-
+    options = stage.SimulateOptions(
+        method=method,
+        arcs_deg=tuple(arc or ()),
+        tensions_N=tuple(tension or ()),
+        speeds_rad_s=tuple(speed or ()),
+        elements=elements,
+        jobs=jobs,
+        profile_times_s=tuple(profile_time or ()),
+    )
     name = "simulated_part.parquet" if arc or tension or speed else "simulated.parquet"
     inputs = {"surface": surface, "stiffness": stiffness}
     execute(stage.run, inputs, name, common, options)

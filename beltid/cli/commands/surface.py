@@ -4,16 +4,10 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from functools import partial
-from typing import TYPE_CHECKING
 
 from beltid.cli.execute import execute
 from beltid.cli.inputs import Bootstrap, Friction, Jobs, Seed, Stiffness
-from beltid.cli.pool import workers_until
 from beltid.cli.program import Common, command, with_common_options
-
-if TYPE_CHECKING:
-    from beltid.cli.reporter import TerminalReporter
-    from beltid.stages.reporter import Options
 
 
 @command("build-surface")
@@ -54,15 +48,14 @@ def refine_surface(
     Example: beltid refine-surface friction.parquet stiffness.parquet
     """
     from beltid.stages import refine_surface as stage
+    from beltid.stages.reporter import Options
 
     with ExitStack() as stack:
+        workers = None
+        if bootstrap:
+            from beltid.batch.local import local_workers
 
-        def options(reporter: TerminalReporter) -> Options:
-            from beltid.stages.reporter import Options
-
-            workers = workers_until(stack, jobs) if bootstrap else None
-            return Options(force=common.force, reporter=reporter, workers=workers)
-
+            workers = stack.enter_context(local_workers(jobs))
         run = partial(stage.run, bootstrap=bootstrap, seed=seed)
         inputs = {"friction": friction, "stiffness": stiffness}
-        execute(run, inputs, "surface_refined.parquet", common, options)
+        execute(run, inputs, "surface_refined.parquet", common, Options(workers=workers))
