@@ -27,7 +27,6 @@ from beltid.stages.workers import (
     Result,
     Workers,
     available_cores,
-    one_thread_each,
 )
 
 MOST_LOSSES: Final = 3
@@ -247,6 +246,5 @@ def local_workers(jobs: int | None, imported: Sequence[str] = IMPORTED) -> Worke
     imported : sequence of str
         Modules that they need; by default those of a whole chain.
     """
-    one_thread_each()
     count = jobs or available_cores()
     return Workers() if count == 1 else ProcessWorkers(count, imported)

@@ -9,8 +9,8 @@ Module            Responsibility
 ``formats``       a reader for each format: bytes -> named channels, or rows of numbers
 ``channels``      which channel is which of our columns, converted to its unit
 ``runs``          samples -> runs with label and settings, checked
-``recording``     a recording in memory: files opened, their channels read, joined, checked
 ``big_recording`` a recording of any size, read run by run
+``recording``     any recording: files opened, channels read, joined, checked; which are big
 ``inspection``    what was found in files: formats, channels, runs, gaps
 ================= ======================================================================
 """

@@ -1,16 +1,13 @@
-"""Recordings of the friction rig of any size: big ones are read run by run.
+"""Recordings of the friction rig of any size, read run by run.
 
-A big CSV file, plain or packed with gzip, or big Parquet files; what a file is, its bytes tell.
+A CSV file, plain or packed with gzip, or Parquet files; what a file is, its bytes tell.
 """
 
 from __future__ import annotations
 
 import codecs
-import gzip
-import io
 import itertools
 import re
-import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,25 +22,19 @@ from beltid.bench.channels.channel_mapping import (
 from beltid.bench.channels.text_tables import text_layout, text_notes, wanted_columns
 from beltid.bench.channels.vocabulary import NOMINAL
 from beltid.bench.files.ahead import ahead
-from beltid.bench.files.sniff import GZIP, PARQUET, TEXT, Decoded, decode, sniff, unread
+from beltid.bench.files.sniff import Decoded, decode
 from beltid.bench.files.sources import (
     Source,
-    are_parquet,
     is_many,
-    size_of,
-    sources_in,
     sources_of,
 )
 from beltid.bench.formats.csv_table import csv_blocks, file_chunks
 from beltid.bench.formats.dialect import Layout, ReadOptions
-from beltid.bench.recording import Recording, recording_from
 from beltid.bench.runs.run_stream import RunColumns, RunStream
 from beltid.errors import InputError, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table
 
-BIG: Final = 64 << 20
-"""Bytes of a recording, unpacked, from which on it is read run by run."""
 HEAD: Final = 1 << 20
 _FEEDS: Final = "a file of this size must have line feeds"
 
@@ -81,70 +72,6 @@ class BigRecording:
         return iter(self.runs)
 
 
-def is_big(path: Path) -> bool:
-    """Whether a recording takes that much on the disk that reading it is worth helpers.
-
-    Whether it is read run by run, `read_rig` finds out: a small file may be packed.
-    """
-    try:
-        if is_many(path):
-            sources = sources_of(path)
-            return size_of(sources) >= BIG and are_parquet(sources)
-        if path.stat().st_size < BIG:
-            return False
-        with opened(path) as file:
-            return sniff(file.read(1024), path.name) in (TEXT, PARQUET, GZIP)
-    except (OSError, InputError):  # told by the one who reads it
-        return False
-
-
-def read_rig(path: Path, config: Any = None) -> Recording | BigRecording:
-    """Read a recording of the friction rig: a big one whose rows tell all settings run by run.
-
-    Parameters
-    ----------
-    path : Path
-        A file, folder, pattern or zip file; see `beltid.bench.recording.read_recording`.
-    config : Config, optional
-        Names, units and dialect of the bench's files, and where settings of the runs stand.
-
-    Raises
-    ------
-    InputError
-        With everything that is wrong with a recording that is read at once, or the head of a big
-        one.
-    """
-    options = ReadOptions.of(config, "rig")
-    sources = sources_read_at_once(path, options)
-    if sources is None:
-        return open_big(path, config)
-    return recording_from(sources, path, "rig", options)
-
-
-def sources_read_at_once(path: Path, options: ReadOptions) -> list[Source] | None:
-    """Files of a recording that is read at once; None if it is read run by run.
-
-    Raises
-    ------
-    InputError
-        If there is no file, or it is too large to be read at once and cannot be run by run.
-    """
-    runs = options.runs
-    in_rows = runs is None or runs == type(runs)()
-    tables = [] if runs is None or runs.table is None else [runs.table]
-    if is_many(path):
-        sources = sources_of(path, tables)
-        return None if in_rows and size_of(sources) >= BIG and are_parquet(sources) else sources
-    with opened(path) as file:
-        data = file.read(BIG)
-    whole = len(data) < BIG
-    if in_rows and _is_stream(data, path, whole=whole):
-        return None
-    if not data:
-        raise InputError(f"{path}: the file is empty")
-    return sources_in(data, path) if whole else sources_of(path)
-
-
 def open_big(path: Path, config: Any = None) -> BigRecording:
     """Open a recording of the friction rig to be read run by run, whatever its size.
 
@@ -169,31 +96,6 @@ def open_big(path: Path, config: Any = None) -> BigRecording:
     if magic == b"PAR1":
         return _parquet([Source(str(path), path, Path(path.name))], path, options)
     return _csv(path, options)
-
-
-def _is_stream(data: bytes, path: Path, *, whole: bool) -> bool:
-    """Whether a file that begins with these bytes is big, and of a format that is read in blocks.
-
-    Parameters
-    ----------
-    data : bytes
-        Its first `BIG` bytes.
-    path : Path
-        The file.
-    whole : bool
-        Whether they are all of it.
-    """
-    kind = sniff(data[:1024], path.name)
-    if kind == GZIP:
-        try:
-            with gzip.GzipFile(fileobj=io.BytesIO(data)) as packed:
-                data = packed.read(BIG if whole else 1024)
-        except (OSError, EOFError, zlib.error):  # told by the one who reads it
-            return False
-        whole = whole and len(data) < BIG
-        kind = sniff(data[:1024], path.name.removesuffix(".gz"))
-        return not whole and kind == TEXT and not unread(data)
-    return not whole and kind in (TEXT, PARQUET) and not unread(data)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,12 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench.big_recording import (
-    BigRecording,
-    read_head,
-    read_rig,
-    sources_read_at_once,
-)
+from beltid.bench.big_recording import BigRecording, read_head
 from beltid.bench.channels.channel_groups import candidates_of as channel_candidates
 from beltid.bench.channels.channel_groups import sensors_of
 from beltid.bench.channels.channel_mapping import (
@@ -43,7 +38,9 @@ from beltid.bench.recording import (
     Recording,
     open_sources,
     read_recording,
+    read_rig,
     recording_of,
+    sources_read_at_once,
     text_format,
 )
 from beltid.errors import InputError, Problems

@@ -1,15 +1,23 @@
-"""Recordings of the benches: files of any format in, validated columns out."""
+"""Recordings of the benches: files of any format in, validated columns out.
+
+A big recording of the friction rig is read run by run, by `big_recording`.
+"""
 
 from __future__ import annotations
 
+import gzip
+import io
 import tempfile
+import zlib
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
+from beltid.artifacts.file_bytes import opened as opened_file
+from beltid.bench.big_recording import BigRecording, open_big
 from beltid.bench.channels.channel_mapping import (
     ChannelMapping,
     MappingContext,
@@ -23,6 +31,7 @@ from beltid.bench.files.sniff import (
     ISOLATED,
     LVM,
     PARQUET,
+    TEXT,
     ZIP,
     Decoded,
     decode,
@@ -34,6 +43,8 @@ from beltid.bench.files.sources import (
     are_parquet,
     is_many,
     refuse_large,
+    size_of,
+    sources_in,
     sources_of,
 )
 from beltid.bench.formats.bench_file import BenchFile, FormatError
@@ -44,6 +55,9 @@ from beltid.bench.runs.run_settings import completed, joined
 from beltid.errors import InputError, Problem, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table
+
+BIG: Final = 64 << 20
+"""Bytes of a recording, unpacked, from which on it is read run by run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +125,95 @@ def read_recording(path: str | Path, kind: str, config: Any = None) -> Recording
     options = ReadOptions.of(config, kind)
     tables = [] if options.runs is None or options.runs.table is None else [options.runs.table]
     return recording_from(sources_of(path, tables), path, kind, options)
+
+
+def is_big(path: Path) -> bool:
+    """Whether a recording takes that much on the disk that reading it is worth helpers.
+
+    Whether it is read run by run, `read_rig` finds out: a small file may be packed.
+    """
+    try:
+        if is_many(path):
+            sources = sources_of(path)
+            return size_of(sources) >= BIG and are_parquet(sources)
+        if path.stat().st_size < BIG:
+            return False
+        with opened_file(path) as file:
+            return sniff(file.read(1024), path.name) in (TEXT, PARQUET, GZIP)
+    except (OSError, InputError):  # told by the one who reads it
+        return False
+
+
+def read_rig(path: Path, config: Any = None) -> Recording | BigRecording:
+    """Read a recording of the friction rig: a big one whose rows tell all settings run by run.
+
+    Parameters
+    ----------
+    path : Path
+        A file, folder, pattern or zip file; see `beltid.bench.recording.read_recording`.
+    config : Config, optional
+        Names, units and dialect of the bench's files, and where settings of the runs stand.
+
+    Raises
+    ------
+    InputError
+        With everything that is wrong with a recording that is read at once, or the head of a big
+        one.
+    """
+    options = ReadOptions.of(config, "rig")
+    sources = sources_read_at_once(path, options)
+    if sources is None:
+        return open_big(path, config)
+    return recording_from(sources, path, "rig", options)
+
+
+def sources_read_at_once(path: Path, options: ReadOptions) -> list[Source] | None:
+    """Files of a recording that is read at once; None if it is read run by run.
+
+    Raises
+    ------
+    InputError
+        If there is no file, or it is too large to be read at once and cannot be run by run.
+    """
+    runs = options.runs
+    in_rows = runs is None or runs == type(runs)()
+    tables = [] if runs is None or runs.table is None else [runs.table]
+    if is_many(path):
+        sources = sources_of(path, tables)
+        return None if in_rows and size_of(sources) >= BIG and are_parquet(sources) else sources
+    with opened_file(path) as file:
+        data = file.read(BIG)
+    whole = len(data) < BIG
+    if in_rows and _is_stream(data, path, whole=whole):
+        return None
+    if not data:
+        raise InputError(f"{path}: the file is empty")
+    return sources_in(data, path) if whole else sources_of(path)
+
+
+def _is_stream(data: bytes, path: Path, *, whole: bool) -> bool:
+    """Whether a file that begins with these bytes is big, and of a format that is read in blocks.
+
+    Parameters
+    ----------
+    data : bytes
+        Its first `BIG` bytes.
+    path : Path
+        The file.
+    whole : bool
+        Whether they are all of it.
+    """
+    kind = sniff(data[:1024], path.name)
+    if kind == GZIP:
+        try:
+            with gzip.GzipFile(fileobj=io.BytesIO(data)) as packed:
+                data = packed.read(BIG if whole else 1024)
+        except (OSError, EOFError, zlib.error):  # told by the one who reads it
+            return False
+        whole = whole and len(data) < BIG
+        kind = sniff(data[:1024], path.name.removesuffix(".gz"))
+        return not whole and kind == TEXT and not unread(data)
+    return not whole and kind in (TEXT, PARQUET) and not unread(data)
 
 
 def recording_from(

@@ -24,9 +24,18 @@ WORDS: Final = {"SIGINT": "interrupted", "SIGTERM": "terminated", "SIGHUP": "hun
 SHOW_CURSOR: Final = b"\r\x1b[2K\x1b[?25h"
 """Clears the line of a progress bar and shows the cursor that it hid."""
 STREAMS: Final = ("stdin", "stdout", "stderr")
+ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""The workers are the parallelism. Threads of the linear algebra below them only get in the way,
+and matrices as small as those here take longer on several cores than on one."""
 
 _kept: list[str] = []
 _passing: list[Path] = []
+
+
+def one_thread_each() -> None:
+    """Let the linear algebra of this process, if not begun, and its workers run in one thread."""
+    for name in ONE_THREAD:
+        os.environ.setdefault(name, "1")
 
 
 def hear_signals() -> None:

@@ -16,9 +16,15 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_group
 
 from beltid._version import __version__
-from beltid.cli.process import hear_signals, is_of_help, mute, prepare_streams, told
+from beltid.cli.process import (
+    hear_signals,
+    is_of_help,
+    mute,
+    one_thread_each,
+    prepare_streams,
+    told,
+)
 from beltid.errors import EXIT_INPUT, printable
-from beltid.stages.workers import one_thread_each
 
 MAIN_HELP = """\
 Identify the contact parameters between a V-ribbed belt and a pulley.

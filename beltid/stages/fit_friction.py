@@ -8,8 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench.big_recording import read_rig
-from beltid.bench.recording import columns_of
+from beltid.bench.recording import columns_of, read_rig
 from beltid.config import Config, ConfigSource, load_config
 from beltid.identify.estimators.statistics import as_set
 from beltid.identify.friction.load_cells import TOLD

@@ -13,8 +13,8 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.artifacts.artifact import read_artifact
-from beltid.bench.big_recording import BigRecording, read_rig
-from beltid.bench.recording import read_recording
+from beltid.bench.big_recording import BigRecording
+from beltid.bench.recording import read_recording, read_rig
 from beltid.config import ConfigSource
 from beltid.errors import InputError
 from beltid.identify.estimators.statistics import as_set

@@ -14,9 +14,6 @@ Result = TypeVar("Result")
 
 LOOK_UP_S: Final = 0.2
 """Time after which one who waits wakes up, to hear a signal or that it is to stop [s]."""
-ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""The workers are the parallelism. Threads of the linear algebra below them only get in the way,
-and matrices as small as those here take longer on several cores than on one."""
 
 
 class Cancelled(Exception):
@@ -87,9 +84,3 @@ def available_cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return max(1, len(os.sched_getaffinity(0)))
     return os.cpu_count() or 1
-
-
-def one_thread_each() -> None:
-    """Let the linear algebra of this process, if not begun, and its workers run in one thread."""
-    for name in ONE_THREAD:
-        os.environ.setdefault(name, "1")

@@ -13,14 +13,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beltid.bench import big_recording
-from beltid.bench.big_recording import BigRecording, open_big, read_rig
+from beltid.bench.big_recording import BigRecording, open_big
 from beltid.bench.files.sources import Source
 from beltid.bench.formats import csv_table
 from beltid.bench.formats import parquet as parquet
 from beltid.bench.formats.csv_table import Wanted, read_rows
 from beltid.bench.formats.dialect import Layout
-from beltid.bench.recording import read_recording
+from beltid.bench.recording import read_recording, read_rig
 from beltid.config import load_config
 from beltid.errors import InputError
 from beltid.tables import schemas
@@ -198,7 +197,7 @@ def relabelled(old: bytes, new: bytes) -> bytes:
 def test_a_label_that_is_no_text_is_refused_with_its_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, label: bytes, words: str
 ) -> None:
-    monkeypatch.setattr(big_recording, "HEAD", 1000)
+    monkeypatch.setattr("beltid.bench.big_recording.HEAD", 1000)
     data = relabelled(b"R019", label)
     line = 1 + data[: data.index(b"\n" + label)].count(b"\n") + 1
     with pytest.raises(InputError, match=rf"rig\.csv:{line}: {words}"):
@@ -208,7 +207,7 @@ def test_a_label_that_is_no_text_is_refused_with_its_line(
 def test_a_last_line_that_does_not_end_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(big_recording, "HEAD", 1000)
+    monkeypatch.setattr("beltid.bench.big_recording.HEAD", 1000)
     path, data = tmp_path / "rig.csv", RIG.read_bytes()
     assert not any("does not end" in note for note in streamed(path, data)[1])
     _, notes = streamed(path, data[:-1])
@@ -243,7 +242,7 @@ def test_a_setting_that_no_column_holds_is_asked_for_once(tmp_path: Path) -> Non
 def test_a_header_that_does_not_end_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(big_recording, "HEAD", 1000)
+    monkeypatch.setattr("beltid.bench.big_recording.HEAD", 1000)
     with pytest.raises(InputError, match=r"rig\.csv:1: no line feed in the first 1,000 bytes"):
         streamed(tmp_path / "rig.csv", RIG.read_bytes().replace(b"\n", b"\r"))
 
@@ -444,7 +443,7 @@ def test_a_flat_folder_of_small_parquet_files_is_read_as_a_large_one(
         for name, values in at_once.columns.items():
             assert np.array_equal(values, wanted[name]), name
     with monkeypatch.context() as patched:
-        patched.setattr(big_recording, "BIG", 1000)
+        patched.setattr("beltid.bench.recording.BIG", 1000)
         assert isinstance(read_rig(folder), BigRecording)
         assert isinstance(read_rig(folder / "*.parquet"), BigRecording)
     same_as_read_at_once(folder)
@@ -465,7 +464,7 @@ def test_a_folder_of_parquet_files_of_another_bench(tmp_path: Path) -> None:
 def test_no_ending_decides_how_a_big_file_is_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, packed: bool
 ) -> None:
-    monkeypatch.setattr(big_recording, "BIG", 10_000)
+    monkeypatch.setattr("beltid.bench.recording.BIG", 10_000)
     path = tmp_path / name
     data = "\n".join(some_rows()).encode() + b"\n"
     path.write_bytes(gzip.compress(data) if packed else data)
@@ -478,7 +477,7 @@ def test_a_big_file_of_another_format_called_csv_is_read_by_its_content(
     import writers
 
     path = writers.write_xlsx(tmp_path / "rig.csv", writers.rig_runs(1))
-    monkeypatch.setattr(big_recording, "BIG", 1000)
+    monkeypatch.setattr("beltid.bench.recording.BIG", 1000)
     recording = read_rig(path)
     assert not isinstance(recording, BigRecording)
     assert len(recording.columns["time_s"]) == len(writers.rig_runs(1)["R001"])
@@ -492,10 +491,10 @@ def test_a_packed_file_is_as_big_as_what_is_in_it(
     size = path.stat().st_size
     monkeypatch.setattr("beltid.bench.files.archives.MAX_BYTES", 2 * size)
     for limit in (size - 1000, size + 1000):  # packed just above and just below it
-        monkeypatch.setattr(big_recording, "BIG", limit)
+        monkeypatch.setattr("beltid.bench.recording.BIG", limit)
         recording = read_rig(path)
         assert isinstance(recording, BigRecording)
         assert len(list(recording)) == 120
-    monkeypatch.setattr(big_recording, "BIG", RIG.stat().st_size + 1)
+    monkeypatch.setattr("beltid.bench.recording.BIG", RIG.stat().st_size + 1)
     with pytest.raises(InputError, match="unpacks to more than"):
         read_rig(path)

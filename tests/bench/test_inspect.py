@@ -136,7 +136,7 @@ def test_a_recording_too_big_for_the_memory_is_told_as_a_small_one(tmp_path, mon
     path.write_bytes(gzip.compress(RIG.read_bytes()) if packed else RIG.read_bytes())
     for module in ("beltid.artifacts.file_bytes", "beltid.bench.files.archives"):
         monkeypatch.setattr(f"{module}.MAX_BYTES", 100_000)
-    monkeypatch.setattr("beltid.bench.big_recording.BIG", 50_000)
+    monkeypatch.setattr("beltid.bench.recording.BIG", 50_000)
     status, found = inspect(path)
     assert status == 0
     for part in ("facts", "table", "details"):

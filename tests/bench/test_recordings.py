@@ -12,8 +12,7 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 
-from beltid.bench.big_recording import read_rig
-from beltid.bench.recording import columns_of, read_recording
+from beltid.bench.recording import columns_of, read_recording, read_rig
 from beltid.config import load_config
 from beltid.errors import EXIT_INPUT, InputError
 

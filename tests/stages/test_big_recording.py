@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from beltid.artifacts.artifact import read_artifact
-from beltid.bench import big_recording
 from beltid.config import find_config
 from beltid.errors import InputError
 from beltid.stages import fit_friction
@@ -31,7 +30,7 @@ def some_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def everything_is_big(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(big_recording, "BIG", 1)
+    monkeypatch.setattr("beltid.bench.recording.BIG", 1)
 
 
 def fitted(rig: Path, out: Path, workers: Workers | None = None) -> bytes:
@@ -44,7 +43,7 @@ def test_the_artifact_is_the_same_to_the_byte(
     some_runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     at_once = fitted(some_runs, tmp_path / "at_once.parquet")
-    monkeypatch.setattr(big_recording, "BIG", 1)
+    monkeypatch.setattr("beltid.bench.recording.BIG", 1)
     assert fitted(some_runs, tmp_path / "streamed.parquet") == at_once
     two = Workers()
     two.jobs = 2  # the calls of one batch in two parts
@@ -58,7 +57,7 @@ def test_runs_for_the_figures_are_picked_from_the_stream(
     fitted(some_runs, friction)
     source = find_config(some_runs, None)
     at_once = rig_curves(source, some_runs, friction, tmp_path / "a.parquet", Options())
-    monkeypatch.setattr(big_recording, "BIG", 1)
+    monkeypatch.setattr("beltid.bench.recording.BIG", 1)
     streamed = rig_curves(source, some_runs, friction, tmp_path / "b.parquet", Options())
     for name, values in at_once.artifact.columns.items():
         found = streamed.artifact.columns[name]
@@ -107,6 +106,6 @@ def test_curves_of_another_recording_are_refused_with_what_is_missing(
     fitted(some_runs, friction)
     header, *rows = some_runs.read_text().splitlines()
     other.write_text("\n".join([header, *("X" + row for row in rows)]) + "\n")
-    monkeypatch.setattr(big_recording, "BIG", limit)
+    monkeypatch.setattr("beltid.bench.recording.BIG", limit)
     with pytest.raises(InputError, match=r"other\.csv: has no run R\d+, .*another recording"):
         rig_curves(find_config(some_runs), other, friction, tmp_path / "c.parquet", Options())

@@ -71,7 +71,7 @@ def fit_friction(rig: Rig, *, common: Common) -> None:
 
     Example: beltid fit-friction rig.csv
     """
-    from beltid.bench.big_recording import is_big
+    from beltid.bench.recording import is_big
 
     with ExitStack() as stack:
         workers = None
