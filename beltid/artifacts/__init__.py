@@ -6,10 +6,9 @@ Module              Responsibility
 ``artifact``        one artifact: kind, columns, metadata, checksums; read and written
 ``metadata_models`` what it states about itself, a typed model per kind
 ``parquet_table``   Parquet files opened with care, those of others as well; columns checked
-                    against their table, to Arrow and back
+                    against their table, hashed, to Arrow and back
 ``file_bytes``      the bytes of a file: read with a message for all that can be wrong,
-                    written whole or not at all
-``hashing``         SHA-256 of bytes, of columns and of our own sources
+                    written whole or not at all, hashed; hash of our sources
 =================== ===============================================================
 
 Recordings are read one room above, in `beltid.bench`: a simulated recording is an artifact.

@@ -18,10 +18,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from beltid._version import __version__
-from beltid.artifacts.file_bytes import read_bytes, write_bytes
-from beltid.artifacts.hashing import columns_sha256, sha256, source_sha256
+from beltid.artifacts.file_bytes import read_bytes, sha256, source_sha256, write_bytes
 from beltid.artifacts.metadata_models import METADATA, SECTIONS, Metadata, metadata_of, plain
-from beltid.artifacts.parquet_table import damaged, open_parquet
+from beltid.artifacts.parquet_table import columns_sha256, damaged, open_parquet
 from beltid.errors import ArtifactError
 from beltid.tables import schemas
 

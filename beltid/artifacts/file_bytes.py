@@ -1,19 +1,22 @@
-"""The bytes of a file: read with a message for everything that can be wrong, written whole or not.
+"""The bytes of files: read with a message for all that can be wrong, written whole or not, hashed.
 
 A file is written under a temporary name, put on the disk (fsync), renamed, and its folder put on
-the disk: it appears whole or not at all.
+the disk: it appears whole or not at all. By the hash of our own sources a changed installation is
+known from its version's twin.
 """
 
 from __future__ import annotations
 
 import contextlib
+import functools
+import hashlib
 import os
 import re
 import secrets
 import socket
 import stat
 import time
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from io import BufferedReader
 from pathlib import Path
 from typing import Final
@@ -77,6 +80,10 @@ def read_bytes(path: Path, error_type: type[InputError] = InputError) -> bytes:
 
 
 STALE_AFTER_S: Final = 3600.0
+ONLY_SHOW: Final = ("cli", "report", "__main__.py")
+"""Parts that show results and cannot change them."""
+PAGES: Final = (".j2", ".css", ".js")
+"""Sources of pages, beside modules."""
 
 
 def write_bytes(path: str | Path, data: bytes) -> None:
@@ -204,3 +211,51 @@ def _alive(pid: int) -> bool:
     except OSError:
         return True
     return True
+
+
+def sha256(data: bytes | memoryview) -> str:
+    """SHA-256 of some bytes, as 64 hexadecimal digits."""
+    return hashlib.sha256(data).hexdigest()
+
+
+@functools.cache
+def source_sha256() -> str:
+    """SHA-256 of the sources of this installation; see `hash_of_sources`."""
+    return hash_of_sources(Path(__file__).resolve().parents[1])
+
+
+@functools.cache
+def page_source_sha256() -> str:
+    """SHA-256 of all that can change a page: every source, that of the pages themselves, too."""
+    return hash_of_sources(Path(__file__).resolve().parents[1], but=("cli",), more=PAGES)
+
+
+def hash_of_sources(
+    package: Path, but: Container[str] = ONLY_SHOW, more: tuple[str, ...] = ()
+) -> str:
+    """SHA-256 of the names and contents of all modules that can change a result.
+
+    Line ends do not matter. Empty if there are no sources to read (a packed installation).
+
+    Parameters
+    ----------
+    package : Path
+        Folder of the package.
+    but : container of str
+        Rooms that cannot change the result.
+    more : tuple of str
+        Endings of further files that can.
+    """
+    sources = sorted(
+        (path.relative_to(package).as_posix(), path)
+        for path in package.rglob("*")
+        if path.suffix in (".py", *more) and path.relative_to(package).parts[0] not in but
+    )
+    if not sources:
+        return ""
+    digest = hashlib.sha256()
+    for name, path in sources:
+        content = path.read_bytes().replace(b"\r\n", b"\n")
+        digest.update(f"{name}\0{len(content)}\0".encode())
+        digest.update(content)
+    return digest.hexdigest()

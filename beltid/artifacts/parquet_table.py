@@ -1,10 +1,11 @@
-"""Parquet files opened with care, and the columns of a table checked, to Arrow and back.
+"""Parquet files opened with care; the columns of a table checked, hashed, to Arrow and back.
 
 What a file claims is checked before anything is read.
 """
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -324,3 +325,33 @@ def _from_arrow(chunked: pa.ChunkedArray, column: Column) -> np.ndarray:
         return np.asarray(words[encoded.indices.fill_null(-1).to_numpy(zero_copy_only=False)])
     # a copy: the caller may write to it, and Arrow's memory is read-only
     return np.array(chunked.to_numpy(), dtype=column.dtype)
+
+
+def columns_sha256(columns: Mapping[str, np.ndarray]) -> str:
+    """SHA-256 of the names, types and values of the columns of a table, in their order.
+
+    Missing numbers hash alike whatever kind of nan stands for them; numbers hash by their bits in
+    little-endian order, so the hash is the same on every machine.
+
+    Parameters
+    ----------
+    columns : mapping of str to ndarray
+        float64, int64 or bool arrays, 1-D or 2-D, or object arrays of str or None.
+    """
+    digest = hashlib.sha256()
+    for name, values in columns.items():
+        digest.update(f"{name}\0{values.dtype.kind}{values.shape}\0".encode())
+        digest.update(_bytes_of(values))
+    return digest.hexdigest()
+
+
+def _bytes_of(values: np.ndarray[Any, Any]) -> bytes:
+    if values.dtype.kind == "O":
+        cells = [b"\0" if cell is None else b"\1" + str(cell).encode() for cell in values]
+        return b"".join(len(cell).to_bytes(8, "little") + cell for cell in cells)
+    if values.dtype.kind == "f":
+        clean = np.where(np.isnan(values), np.nan, values)
+        return clean.astype("<f8").tobytes()
+    if values.dtype.kind == "b":
+        return values.astype("u1").tobytes()
+    return values.astype("<i8").tobytes()

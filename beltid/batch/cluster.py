@@ -17,8 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from beltid._version import __version__
-from beltid.artifacts.file_bytes import read_bytes
-from beltid.artifacts.hashing import source_sha256
+from beltid.artifacts.file_bytes import read_bytes, source_sha256
 from beltid.errors import BeltidError, InputError
 from beltid.stages.workers import Cancelled, Result, Workers
 

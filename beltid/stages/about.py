@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from beltid._version import __version__
 from beltid.artifacts.artifact import Artifact, read_artifact
-from beltid.artifacts.hashing import source_sha256
+from beltid.artifacts.file_bytes import source_sha256
 from beltid.config import ConfigSource, config_text, load_cases
 from beltid.config.effective import DEFAULT, effective_values
 from beltid.config.loading import ENVIRONMENT_VARIABLE

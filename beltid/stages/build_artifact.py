@@ -35,8 +35,7 @@ from beltid.artifacts.artifact import (
     read_artifact,
     stated_kind,
 )
-from beltid.artifacts.file_bytes import write_bytes
-from beltid.artifacts.hashing import source_sha256
+from beltid.artifacts.file_bytes import source_sha256, write_bytes
 from beltid.artifacts.metadata_models import METADATA, Metadata, plain
 from beltid.bench.files.sources import Content, Signature, content_of, signature_of
 from beltid.errors import ArtifactError, InputError, Problem

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from beltid._version import __version__
-from beltid.artifacts.file_bytes import read_bytes, write_text
-from beltid.artifacts.hashing import page_source_sha256, sha256
+from beltid.artifacts.file_bytes import page_source_sha256, read_bytes, sha256, write_text
 from beltid.errors import ArtifactError, InputError
 from beltid.report.html import GENERATOR, Page, rendered
 from beltid.stages.build_artifact import FOREIGN

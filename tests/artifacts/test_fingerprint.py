@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from beltid.artifacts.hashing import hash_of_sources, source_sha256
+from beltid.artifacts.file_bytes import hash_of_sources, source_sha256
 
 PACKAGE = Path(__file__).parents[2] / "beltid"
 

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from beltid.artifacts.artifact import read_artifact
-from beltid.artifacts.hashing import columns_sha256
+from beltid.artifacts.parquet_table import columns_sha256
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "rigdata" / "5pk"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from beltid.artifacts.artifact import write_artifact
-from beltid.artifacts.hashing import sha256
+from beltid.artifacts.file_bytes import sha256
 from beltid.artifacts.metadata_models import Metadata
 from beltid.config import Config
 from beltid.export.law import (

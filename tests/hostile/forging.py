@@ -13,8 +13,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from beltid.artifacts.artifact import METADATA_KEY, SEAL_KEY
-from beltid.artifacts.hashing import columns_sha256, sha256
-from beltid.artifacts.parquet_table import arrow_table, columns_of_arrow
+from beltid.artifacts.file_bytes import sha256
+from beltid.artifacts.parquet_table import arrow_table, columns_of_arrow, columns_sha256
 from beltid.tables import schemas
 
 Columns = dict[str, np.ndarray]

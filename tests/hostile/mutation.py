@@ -203,7 +203,7 @@ def _rewritten(data: bytes, dice: random.Random) -> bytes:
     import pyarrow.parquet as pq
 
     from beltid.artifacts.artifact import METADATA_KEY, SEAL_KEY
-    from beltid.artifacts.hashing import sha256
+    from beltid.artifacts.file_bytes import sha256
 
     table = pq.read_table(pa.BufferReader(data))
     metadata = dict(table.schema.metadata or {})

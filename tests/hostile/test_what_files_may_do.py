@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 
 from beltid.artifacts import parquet_table
 from beltid.artifacts.artifact import METADATA_KEY, SEAL_KEY, read_artifact
-from beltid.artifacts.hashing import sha256
+from beltid.artifacts.file_bytes import sha256
 from beltid.bench.big_recording import open_big
 from beltid.bench.files.sources import Source, parquet_files
 from beltid.bench.formats import dialect

@@ -10,8 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePath, PurePosixPath
 from typing import Final
 
-from beltid.artifacts.file_bytes import MAX_BYTES, opened, read_bytes
-from beltid.artifacts.hashing import sha256
+from beltid.artifacts.file_bytes import MAX_BYTES, opened, read_bytes, sha256
 from beltid.bench.files.archives import MAX_FILES, member_bytes, members, natural
 from beltid.bench.files.sniff import ZIP, sniff
 from beltid.errors import InputError
