@@ -11,11 +11,11 @@ from beltid.config import ConfigSource
 from beltid.errors import BeltidWarning
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import Stale
-from beltid.stages.reporter import Options, Reporter
+from beltid.stages.reporter import Reporter
 from beltid.stages.simulate_rig import SimulateOptions
 from beltid.stages.workers import Workers
 
-StageRun = Callable[[ConfigSource, Mapping[str, Path], Path, Options], Summary]
+StageRun = Callable[[ConfigSource, Mapping[str, Path], Path, SimulateOptions], Summary]
 Heard = list[tuple[str, str]]
 
 

@@ -20,7 +20,6 @@ from beltid.bench.channels.channel_mapping import (
     stated_conversions,
 )
 from beltid.bench.channels.text_tables import text_layout, text_notes, wanted_columns
-from beltid.bench.channels.vocabulary import NOMINAL
 from beltid.bench.files.ahead import ahead
 from beltid.bench.files.sniff import Decoded, decode
 from beltid.bench.files.sources import (
@@ -34,6 +33,7 @@ from beltid.bench.runs.run_stream import RunColumns, RunStream
 from beltid.errors import InputError, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table
+from beltid.tables.schemas import NOMINAL
 
 HEAD: Final = 1 << 20
 _FEEDS: Final = "a file of this size must have line feeds"

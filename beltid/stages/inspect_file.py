@@ -170,7 +170,8 @@ def _snippet(
     units = _units(kind, config, mappings)
     if units:
         lines += ["units:", f"  {kind}:", *(f"    {role}: {unit}" for role, unit in units.items())]
-    lines += _runs_lines(kind, config, views, problems)
+    untold = {c.name for c in schemas.table(kind).columns if c.required} - set(mappings)
+    lines += _runs_lines(kind, config, views, bool(problems) and bool(untold & {*schemas.SETTINGS}))
     for problem in dict.fromkeys(problems):
         lines += [f"# still to be told: {problem}"]
     return "\n".join(lines) + "\n"
@@ -191,10 +192,8 @@ def _units(kind: str, config: Any, mappings: dict[str, ChannelMapping]) -> dict[
     return units
 
 
-def _runs_lines(
-    kind: str, config: Any, views: Sequence[FileView], problems: Sequence[str]
-) -> list[str]:
-    """What the config says about the runs; a pattern that fits the names, as a comment."""
+def _runs_lines(kind: str, config: Any, views: Sequence[FileView], untold: bool) -> list[str]:
+    """What the config says about the runs; a pattern for settings untold, as a comment."""
     runs = config.runs.of(kind)
     said = []
     if runs.pattern:
@@ -208,7 +207,7 @@ def _runs_lines(
             said.append(f"    {part}: {{{inside}}}")
     if said:
         return ["runs:", f"  {kind}:", *said]
-    if any(" is missing; if it holds for every run" in problem for problem in problems):
+    if untold:
         pattern = _proposed_pattern([PurePath(view.name).name for view in views], kind)
         if pattern:
             return [f"# runs: {{{kind}: {{pattern: {_quoted(pattern)}}}}}  # if the names say so"]

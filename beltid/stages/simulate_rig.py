@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -106,15 +106,16 @@ class SimulateOptions(Options):
     profile_times_s: tuple[float, ...] = ()
 
 
-def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
+def run(
+    config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: SimulateOptions
+) -> Summary:
     """Simulate the runs with ``surface`` and ``stiffness``, write the recording, sum it up.
 
     Profiles of the contact go beside the recording if times for them are given.
     """
-    chosen = options if isinstance(options, SimulateOptions) else _with_defaults(options)
-    model, times = config.config, tuple(sorted(set(chosen.profile_times_s)))
-    settings = simulation_settings(model, chosen.method, chosen.elements, times)
-    runs = planned_runs(model, Picked(chosen.arcs_deg, chosen.tensions_N, chosen.speeds_rad_s))
+    model, times = config.config, tuple(sorted(set(options.profile_times_s)))
+    settings = simulation_settings(model, options.method, options.elements, times)
+    runs = planned_runs(model, Picked(options.arcs_deg, options.tensions_N, options.speeds_rad_s))
     choices: dict[str, Any] = {
         "method": settings.method,
         "elements": settings.elements,
@@ -137,7 +138,7 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
     if built is None or (times and contacts is None):
         given = _inputs(inputs, model)
         options.reporter.report(f"{len(runs)} runs, {settings.method}")
-        how = options.reporter, options.workers or chosen.jobs
+        how = options.reporter, options.workers or options.jobs
         campaign = simulate(model, (given.surface, given.press.law), runs, settings, how)
         _refuse_nothing(campaign)
         if built is None:
@@ -160,10 +161,6 @@ def _inputs(inputs: Mapping[str, Path], config: Config) -> Inputs:
         surface.metadata.uncertainty or {},
         press_law(law_of(stiffness), config, stiffness),
     )
-
-
-def _with_defaults(options: Options) -> SimulateOptions:
-    return SimulateOptions(**{f.name: getattr(options, f.name) for f in fields(Options)})
 
 
 def _failures(done: Campaign) -> list[str]:

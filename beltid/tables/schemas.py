@@ -374,7 +374,9 @@ TABLES: Final[dict[str, Table]] = {
     )
 }
 RECORDINGS: Final = ("press", "rig", "speedloss")
-SETTINGS: Final = ("arc_deg", "initial_tension_N", "temperature_degC")
+NOMINAL: Final = ("arc_deg", "initial_tension_N")
+"""Columns that hold the nominal settings of a run, constant within it."""
+SETTINGS: Final = (*NOMINAL, "temperature_degC")
 """Columns that hold one value in a whole run."""
 ARTIFACTS: Final = tuple(kind for kind in TABLES if kind not in RECORDINGS)
 

@@ -19,12 +19,12 @@ from beltid.bench.channels.channel_mapping import (
     told_elsewhere,
 )
 from beltid.bench.channels.text_tables import check_header, convert
-from beltid.bench.channels.vocabulary import SETTINGS
 from beltid.bench.formats.bench_file import BenchFile, Channel, Group
 from beltid.bench.formats.dialect import ReadOptions, is_number
 from beltid.bench.formats.rows import Texts, word_of
 from beltid.errors import Problems
 from beltid.tables.columns import Table
+from beltid.tables.schemas import SETTINGS
 
 
 def candidates_of(groups: Sequence[Group], *, named: bool) -> list[Candidate]:

@@ -12,12 +12,13 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from beltid.bench.channels.vocabulary import SETTINGS, roles_meant, simplified
+from beltid.bench.channels.vocabulary import roles_meant, simplified
 from beltid.bench.formats.bench_file import Field
 from beltid.bench.formats.dialect import ReadOptions, unit_in_name, without_unit
 from beltid.config.name_pattern import name_pattern
 from beltid.errors import Problem, Problems
 from beltid.tables.columns import Column, Table
+from beltid.tables.schemas import SETTINGS
 from beltid.tables.units import (
     Calibration,
     Conversion,

@@ -18,13 +18,13 @@ from beltid.bench.channels.channel_mapping import (
     notes_of,
     told_elsewhere,
 )
-from beltid.bench.channels.vocabulary import NOMINAL
 from beltid.bench.files.sniff import Decoded
 from beltid.bench.formats.csv_table import Wanted, read_rows
 from beltid.bench.formats.dialect import Layout, ReadOptions, is_number, layout
 from beltid.errors import Problem, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table
+from beltid.tables.schemas import NOMINAL
 from beltid.tables.units import Conversion
 
 

@@ -10,10 +10,6 @@ from typing import Final
 
 from beltid.bench.formats.dialect import without_unit
 
-NOMINAL: Final = ("arc_deg", "initial_tension_N")
-"""Our columns that hold the nominal settings of a run, constant within it."""
-SETTINGS: Final = (*NOMINAL, "temperature_degC")
-"""Our columns that may be told once for a whole run."""
 _UMLAUTS: Final = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
 
 

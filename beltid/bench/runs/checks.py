@@ -6,9 +6,8 @@ from collections.abc import Callable, Collection
 
 import numpy as np
 
-from beltid.bench.channels.vocabulary import NOMINAL
 from beltid.errors import SHOWN, Problem, Problems
-from beltid.tables.schemas import Column, Table
+from beltid.tables.schemas import NOMINAL, Column, Table
 from beltid.tables.values import absent, outside
 
 Columns = dict[str, np.ndarray]

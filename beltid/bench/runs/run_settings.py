@@ -18,7 +18,7 @@ from beltid.bench.channels.channel_mapping import (
     missing_setting,
     unit_conversion,
 )
-from beltid.bench.channels.vocabulary import SETTINGS, roles_meant
+from beltid.bench.channels.vocabulary import roles_meant
 from beltid.bench.formats.bench_file import Field
 from beltid.bench.formats.dialect import ReadOptions, read_field
 from beltid.bench.runs.run_split import run_labels
@@ -26,6 +26,7 @@ from beltid.bench.runs.run_table import RunTable, read_run_table
 from beltid.config.name_pattern import name_pattern, number
 from beltid.errors import Problems
 from beltid.tables.columns import Table
+from beltid.tables.schemas import SETTINGS
 from beltid.tables.units import conversion
 
 

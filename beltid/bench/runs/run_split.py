@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from beltid.bench.channels.vocabulary import NOMINAL
 from beltid.errors import Problems
+from beltid.tables.schemas import NOMINAL
 
 RESTART: Final = 0.05
 """A time that falls to the first this share of the run before begins a new run."""

@@ -12,11 +12,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench.channels.vocabulary import NOMINAL
 from beltid.bench.formats.rows import Rows
 from beltid.bench.runs.checks import Checker, no_number
 from beltid.errors import SHOWN, InputError, Problems
-from beltid.tables.schemas import Table
+from beltid.tables.schemas import NOMINAL, Table
 from beltid.tables.units import Conversion
 from beltid.tables.values import outside
 

@@ -8,12 +8,13 @@ from pathlib import Path
 
 from beltid.artifacts.file_bytes import read_bytes
 from beltid.bench.channels.channel_mapping import MappingContext, unit_conversion
-from beltid.bench.channels.vocabulary import FILE_NAMES, SETTINGS, roles_meant, simplified
+from beltid.bench.channels.vocabulary import FILE_NAMES, roles_meant, simplified
 from beltid.bench.files.sniff import decode
 from beltid.bench.formats.csv_table import Wanted, read_rows
 from beltid.bench.formats.dialect import Layout, ReadOptions, layout, unit_in_name
 from beltid.errors import InputError, Problems
 from beltid.tables.columns import Table
+from beltid.tables.schemas import SETTINGS
 from beltid.tables.units import Conversion
 
 
