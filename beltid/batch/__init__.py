@@ -3,18 +3,21 @@
 The chains of all belts go on side by side, on one pool of workers. Stages that do not need each
 other go on when one of them fails; a belt that fails does not stop the others.
 
-============ ======================================================
-Module       Responsibility
-============ ======================================================
-``sources``  the configs of a batch, checked before anything runs
-``chain``    the stages of a belt in their order
-``steps``    one of them: up to date, or who makes it
-``schedule`` which step of which belt comes next
-``locks``    one batch at a time in a folder
-``local``    worker processes on this machine
-``cluster``  workers of a Dask cluster
-``belts``    what became of each belt, and the table that tells it
-============ ======================================================
+=============== =============================================================
+Module          Responsibility
+=============== =============================================================
+``sources``     the configs of a batch, checked before anything runs
+``chain``       the stages of a belt in their order
+``steps``       one of them: up to date, or who makes it
+``schedule``    which step of which belt comes next
+``plan``        what a batch would do
+``containment`` no link leads out of the folder of the results
+``locks``       one batch at a time in a folder
+``local``       worker processes on this machine
+``cluster``     workers of a Dask cluster
+``belts``       what became of each belt, and the table that tells it
+``reports``     the pages at the end
+=============== =============================================================
 """
 
 from __future__ import annotations

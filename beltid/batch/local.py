@@ -23,6 +23,7 @@ from typing import Any, Final
 from beltid.errors import BeltidError
 from beltid.stages.workers import (
     LOOK_UP_S,
+    ONE_THREAD,
     Cancelled,
     Result,
     Workers,
@@ -246,5 +247,7 @@ def local_workers(jobs: int | None, imported: Sequence[str] = IMPORTED) -> Worke
     imported : sequence of str
         Modules that they need; by default those of a whole chain.
     """
+    for name in ONE_THREAD:  # before numpy is imported in them
+        os.environ.setdefault(name, "1")
     count = jobs or available_cores()
     return Workers() if count == 1 else ProcessWorkers(count, imported)

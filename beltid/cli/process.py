@@ -19,14 +19,12 @@ from types import FrameType
 from typing import Final, NoReturn
 
 from beltid.errors import printable
+from beltid.stages.workers import ONE_THREAD
 
 WORDS: Final = {"SIGINT": "interrupted", "SIGTERM": "terminated", "SIGHUP": "hung up"}
 SHOW_CURSOR: Final = b"\r\x1b[2K\x1b[?25h"
 """Clears the line of a progress bar and shows the cursor that it hid."""
 STREAMS: Final = ("stdin", "stdout", "stderr")
-ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""The workers are the parallelism. Threads of the linear algebra below them only get in the way,
-and matrices as small as those here take longer on several cores than on one."""
 
 _kept: list[str] = []
 _passing: list[Path] = []

@@ -14,6 +14,9 @@ Result = TypeVar("Result")
 
 LOOK_UP_S: Final = 0.2
 """Time after which one who waits wakes up, to hear a signal or that it is to stop [s]."""
+ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""The workers are the parallelism. Threads of the linear algebra below them only get in the way,
+and matrices as small as those here take longer on several cores than on one."""
 
 
 class Cancelled(Exception):
