@@ -12,12 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from beltid.errors import ArtifactError, InputError
+from beltid.errors import ArtifactError, InputError, percent
 from beltid.report.belt_page import belt_page
 from beltid.report.belts_page import belts_page
 from beltid.report.html import rendered
 from beltid.report.interactive import as_json, surface_plot
 from beltid.report.results import BeltResults
+from beltid.report.tables import set_aside
 from beltid.stages import report_belt
 from beltid.stages.reporter import Options
 
@@ -160,6 +161,35 @@ def test_verdict_is_that_of_the_comparison(page: str) -> None:
     assert "Identified and proven" in head
     assert "Identified, but out of tolerance" in head_of(without("compare_refined"))
     assert "Not proven" in head_of(without("compare", "compare_refined"))
+
+
+def test_a_run_that_was_set_aside_is_listed_once_and_no_run_that_nobody_measured() -> None:
+    aside = {
+        "surface_refined": [{"run": "R11", "why": "never turned"}],
+        "simulated": [{"run": "R11", "why": "no convergence"}],
+        "compare": [
+            {"run": "measured R11", "why": "measured: never turned"},
+            {"run": "measured R03", "why": "no simulated run with these settings"},
+            {"run": "simulated S7", "why": "no measured run with these settings"},
+        ],
+    }
+    aside["compare_refined"] = aside["compare"]
+    whole = sheets()
+    for name, items in aside.items():
+        whole[name] = replace(whole[name], set_aside=tuple(items))
+    table = set_aside(replace(results(), sheets=whole))
+    assert table is not None
+    assert table.rows == [
+        ["friction", "run R11", "never turned"],
+        ["simulated", "run R11", "no convergence"],
+        ["compare", "run R03", "no simulated run with these settings"],
+    ]
+
+
+def test_percent_has_no_powers_of_ten() -> None:
+    values = [0.0, 0.0961, 3.78, 9.96, 99.4, 99.6, 1234.0]
+    texts = [percent(value) for value in values]
+    assert texts == ["0 %", "0.096 %", "3.8 %", "10 %", "99 %", "100 %", "1200 %"]
 
 
 def test_no_surface_no_scripts() -> None:
