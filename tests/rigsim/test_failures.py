@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import pickle
 import shutil
 import subprocess
 import sys
@@ -17,8 +18,9 @@ from rig_bench import LAW_5PK, at, bench, start, true_surface_5pk
 import beltid
 from beltid.errors import EXIT_NUMERICS, ConvergenceError, InputError
 from beltid.laws.penalty import NormalLaw
+from beltid.params import OperatingPoint
 from beltid.rigsim.rig import Method, RunResult, SimulationSettings, campaign, simulate
-from beltid.rigsim.steady import lay_on, slide
+from beltid.rigsim.steady import lay_on, newton, slide
 from beltid.rigsim.transient import Recorder
 from beltid.rigsim.transient_run import Plan, run_transient
 
@@ -128,13 +130,16 @@ def test_wrong_settings_are_refused(settings: dict[str, object], problem: str) -
     assert problem in caught.value.problems
 
 
-def test_an_integer_radius_or_stiffness_compiles_nothing_anew() -> None:
-    run = simulate(
-        bench(R=1, span=2, law=NormalLaw(100_000_000)),
-        at(82, 270),
-        SimulationSettings("steady"),
-    )
-    assert run.mu == pytest.approx(0.5, rel=0.01)
+def test_whole_numbers_and_surfaces_from_another_process_compile_nothing_anew() -> None:
+    surface = true_surface_5pk()
+    sent = pickle.loads(pickle.dumps(surface))
+    assert sent == surface
+    for rig, point in (
+        (bench(law=LAW_5PK, mu=surface), OperatingPoint(1.5, 270.5, 0.5)),
+        (bench(R=1, span=2, law=NormalLaw(100_000_000), mu=sent), OperatingPoint(1, 270, 1)),
+    ):
+        simulate(rig, point, SimulationSettings("steady"))
+    assert len(newton.signatures) == 1
 
 
 # ----- compiled kernels ---------------------------------------------------------------------
