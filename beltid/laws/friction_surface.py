@@ -84,7 +84,8 @@ class FrictionSurface:
             raise InputError(problems)
         (x, f_ref), (y, v_ref) = log_nodes(f), log_nodes(v)
         C, limited = patches(x, y, z)
-        self.__setstate__((f, v, z, se, limited, SurfaceTables(x, y, f_ref, v_ref, C)))
+        tables = SurfaceTables(x, y, f_ref, v_ref, C)
+        FrictionSurface.__setstate__(self, (f, v, z, se, limited, tables))
 
     def __setstate__(self, state: Sequence[Any]) -> None:
         """Set all fields to arrays that nobody can write to.
@@ -92,7 +93,7 @@ class FrictionSurface:
         Pickle forgets that they cannot be written to; compiled code would be compiled once more for
         arrays that can.
         """
-        for own, value in zip(fields(self), state, strict=True):
+        for own, value in zip(fields(FrictionSurface), state, strict=True):
             for part in value if isinstance(value, tuple) else (value,):
                 if isinstance(part, np.ndarray):
                     part.flags.writeable = False

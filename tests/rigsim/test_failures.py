@@ -18,6 +18,7 @@ from rig_bench import LAW_5PK, at, bench, start, true_surface_5pk
 import beltid
 from beltid.errors import EXIT_NUMERICS, ConvergenceError, InputError
 from beltid.laws.penalty import NormalLaw
+from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.params import OperatingPoint
 from beltid.rigsim.rig import Method, RunResult, SimulationSettings, campaign, simulate
 from beltid.rigsim.steady import lay_on, newton, slide
@@ -131,14 +132,15 @@ def test_wrong_settings_are_refused(settings: dict[str, object], problem: str) -
 
 
 def test_whole_numbers_and_surfaces_from_another_process_compile_nothing_anew() -> None:
+    steady = SimulationSettings("steady")
     surface = true_surface_5pk()
-    sent = pickle.loads(pickle.dumps(surface))
-    assert sent == surface
-    for rig, point in (
-        (bench(law=LAW_5PK, mu=surface), OperatingPoint(1.5, 270.5, 0.5)),
-        (bench(R=1, span=2, law=NormalLaw(100_000_000), mu=sent), OperatingPoint(1, 270, 1)),
-    ):
-        simulate(rig, point, SimulationSettings("steady"))
+    uncertain = UncertainSurface(surface, np.zeros((*surface.mu_nodes.shape, 1)), ("gain",))
+    simulate(bench(law=LAW_5PK, mu=surface), OperatingPoint(1.5, 270.5, 0.5), steady)
+    for mu in (surface, uncertain):
+        sent = pickle.loads(pickle.dumps(mu))
+        assert sent == mu
+        hard = bench(R=1, span=2, law=NormalLaw(100_000_000), mu=sent)
+        simulate(hard, OperatingPoint(1, 270, 1), steady)
     assert len(newton.signatures) == 1
 
 
