@@ -175,12 +175,13 @@ def _agreement(results: BeltResults, name: str) -> Card | None:
     if sheet is None:
         return None
     figures, passed = whole(sheet), bool(sheet.extra.get("passed"))
+    count = figures.get("n_points")
     return Card(
         f"Agreement, {WORDS[name]} surface",
         f"{'PASS' if passed else 'FAIL'} {cell('rms_percent', figures.get('rms_percent'))} % RMS",
         (
             f"{cell('largest_percent', figures.get('largest_percent'))} % at worst",
-            f"{cell('n', figures.get('n_points'))} runs",
+            "1 run" if count == 1 else f"{cell('n', count)} runs",
         ),
         "good" if passed else "bad",
     )

@@ -145,6 +145,13 @@ def test_verdict_is_that_of_the_comparison(page: str) -> None:
     assert "Identified and proven" in head
     published = verdict_of(without("compare_refined"))
     assert (published.state, published.headline[:32]) == ("bad", "Identified, but out of tolerance")
+    whole = sheets()
+    (group,) = whole["compare"].extra["statistics"]
+    single = {**whole["compare"].extra, "statistics": [{**group, "n_points": 1}]}
+    whole["compare"] = replace(whole["compare"], extra=single)
+    cards = {card.title: card for card in verdict_of(replace(results(), sheets=whole)).cards}
+    assert cards["Agreement, published surface"].details[1] == "1 run"
+    assert cards["Agreement, refined surface"].details[1] == "11 runs"
     nothing = verdict_of(without("compare", "compare_refined"))
     assert (nothing.state, nothing.headline[:10]) == ("open", "Not proven")
 
