@@ -52,6 +52,7 @@ bench: $(BENCHMARK)  ## the benchmark beside its peer; writes benchmarks/RESULTS
 	$(BIN)/python -m benchmarks.bench $(ARGS)
 
 verify: $(DEVELOPMENT)  ## long proofs that the tests cannot wait for; each writes its table
+	$(BIN)/python -m pytest -m long
 	$(BIN)/python -m benchmarks.verify
 	$(BIN)/python -m benchmarks.coverage
 	$(BIN)/python -m benchmarks.coverage_identify

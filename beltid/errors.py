@@ -42,6 +42,17 @@ def printable(text: str) -> str:
     )
 
 
+def percent(value: float) -> str:
+    """A value in percent with two digits, never as a power of ten.
+
+    Examples
+    --------
+    >>> percent(0.144), percent(99.7)
+    ('0.14 %', '100 %')
+    """
+    return f"{float(f'{value:.2g}'):g} %"
+
+
 def _shortened(text: str) -> str:
     if len(text) <= LONGEST_LINE:
         return text

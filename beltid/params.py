@@ -139,3 +139,6 @@ class OperatingPoint:
             T_0=(self.T_0, self.T_0 > 0, "> 0 N"),
             omega=(self.omega, self.omega > 0, "> 0 rad/s"),
         )
+        # an int would make the kernels be compiled once more for another signature
+        for name in ("beta", "T_0", "omega"):
+            object.__setattr__(self, name, float(getattr(self, name)))

@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from beltid.errors import percent
 from beltid.export.law import ContactLaw
 from beltid.export.units import SI, UnitSystem
 
@@ -117,6 +118,6 @@ def _uncertainty(law: ContactLaw) -> str:
     else:
         return "Standard uncertainty of mu: not known."
     return (
-        f"{what}: {100.0 * np.nanmedian(known):.2g} % in the middle, "
-        f"{100.0 * np.nanmax(known):.2g} % at worst.{more}"
+        f"{what}: {percent(100.0 * np.nanmedian(known))} in the middle, "
+        f"{percent(100.0 * np.nanmax(known))} at worst.{more}"
     )

@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.errors import InputError, Problem
+from beltid.errors import InputError, Problem, percent
 from beltid.export.law import ContactLaw
 from beltid.laws.friction_surface import FrictionSurface
 
@@ -46,7 +46,7 @@ class Deviation:
     where: str
 
     def __str__(self) -> str:
-        return f"{100 * self.rms:.2g} % rms, {100 * self.worst:.2g} % at worst ({self.where})"
+        return f"{percent(100 * self.rms)} rms, {percent(100 * self.worst)} at worst ({self.where})"
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,8 @@ the nearest measured value is taken, never an extrapolation.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -83,17 +84,20 @@ class FrictionSurface:
             raise InputError(problems)
         (x, f_ref), (y, v_ref) = log_nodes(f), log_nodes(v)
         C, limited = patches(x, y, z)
-        for array in (f, v, z, x, y, C, limited) + (() if se is None else (se,)):
-            array.flags.writeable = False
-        for name, value in (
-            ("normal_force_N_m", f),
-            ("slip_speed_m_s", v),
-            ("mu_nodes", z),
-            ("mu_se_nodes", se),
-            ("limited", limited),
-            ("_tables", SurfaceTables(x, y, f_ref, v_ref, C)),
-        ):
-            object.__setattr__(self, name, value)
+        tables = SurfaceTables(x, y, f_ref, v_ref, C)
+        FrictionSurface.__setstate__(self, (f, v, z, se, limited, tables))
+
+    def __setstate__(self, state: Sequence[Any]) -> None:
+        """Set all fields to arrays that nobody can write to.
+
+        Pickle forgets that they cannot be written to; compiled code would be compiled once more for
+        arrays that can.
+        """
+        for own, value in zip(fields(FrictionSurface), state, strict=True):
+            for part in value if isinstance(value, tuple) else (value,):
+                if isinstance(part, np.ndarray):
+                    part.flags.writeable = False
+            object.__setattr__(self, own.name, value)
 
     @classmethod
     def constant(cls, mu: float) -> Self:

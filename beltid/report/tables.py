@@ -72,6 +72,8 @@ BUDGET_COLUMNS: Final = (
     "share_percent",
 )
 SHORT_HASH: Final = 12
+# how a comparison names the runs of its two sides
+MEASURED_RUN, SIMULATED_RUN = "run measured ", "run simulated "
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,20 +180,27 @@ def budget(results: BeltResults) -> View | None:
 
 
 def set_aside(results: BeltResults) -> View | None:
-    """Everything that was set aside, with the reason; None if nothing was."""
-    rows = []
+    """Everything that was set aside, once, with the reason; None if nothing was.
+
+    A run that `fit-friction` set aside is missing in all that follows, and a simulated run that
+    nobody measured is no loss: neither is listed for the comparisons again.
+    """
+    rows: dict[str, dict[str, str]] = {}
     friction = results.get("friction")
     if friction is not None:
         for run, status in zip(friction["run"], friction["status"], strict=True):
             if status != "ok":
-                rows.append({"of": "friction", "what": f"run {run}", "why": status})
+                rows[f"run {run}"] = {"of": "friction", "what": f"run {run}", "why": status}
     for name, sheet in results.sheets.items():
-        told = {row["what"] for row in rows if row["of"] == name}
         for item in sheet.set_aside:
             what = " ".join(f"{key} {value}" for key, value in item.items() if key != "why")
-            if what not in told:
-                rows.append({"of": name, "what": what, "why": item.get("why", "")})
-    return view("Set aside", rows, ("of", "what", "why")) if rows else None
+            if sheet.kind == "compare":
+                if what.startswith(SIMULATED_RUN):
+                    continue
+                what = what.replace(MEASURED_RUN, "run ", 1)
+            one = f"{name} {what}" if sheet.kind == "simulated" else what
+            rows.setdefault(one, {"of": name, "what": what, "why": item.get("why", "")})
+    return view("Set aside", list(rows.values()), ("of", "what", "why")) if rows else None
 
 
 def provenance(results: BeltResults) -> View:

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from beltid.errors import percent
 from beltid.report.cells import cell, scientific
 from beltid.report.results import BeltResults, Sheet
 
@@ -124,7 +125,7 @@ def _normal_contact(results: BeltResults) -> Card | None:
         "Normal contact, N per metre of belt",
         f"{scientific(k_linear)} δ + {scientific(k_quadratic)} δ²",
         (
-            f"δ in m; coefficients ± {first:.2g} %, ± {second:.2g} % ({what})",
+            f"δ in m; coefficients ± {percent(first)}, ± {percent(second)} ({what})",
             f"up to δ = {depth:.3g} µm, {_newtons(float(stiffness['max_force_N_m'][row]))} N/m",
         ),
     )
@@ -174,12 +175,13 @@ def _agreement(results: BeltResults, name: str) -> Card | None:
     if sheet is None:
         return None
     figures, passed = whole(sheet), bool(sheet.extra.get("passed"))
+    count = figures.get("n_points")
     return Card(
         f"Agreement, {WORDS[name]} surface",
         f"{'PASS' if passed else 'FAIL'} {cell('rms_percent', figures.get('rms_percent'))} % RMS",
         (
             f"{cell('largest_percent', figures.get('largest_percent'))} % at worst",
-            f"{cell('n', figures.get('n_points'))} runs",
+            "1 run" if count == 1 else f"{cell('n', count)} runs",
         ),
         "good" if passed else "bad",
     )
@@ -241,9 +243,9 @@ def _doubts(results: BeltResults) -> list[str]:
         return []
     largest = max(parts, key=lambda row: row["contribution_percent"])
     return [
-        f"The combined standard uncertainty of µ is {total['contribution_percent']:.2g} % within "
-        f"the range of the runs, mostly from: {largest['source']} "
-        f"({largest['contribution_percent']:.2g} %, {largest['basis']})."
+        f"The combined standard uncertainty of µ is {percent(total['contribution_percent'])} "
+        f"within the range of the runs, mostly from: {largest['source']} "
+        f"({percent(largest['contribution_percent'])}, {largest['basis']})."
     ]
 
 

@@ -10,7 +10,7 @@ from typing import Any, Final
 from beltid.artifacts.artifact import read_artifact
 from beltid.artifacts.metadata_models import SimulatedMetadata
 from beltid.config import Config, ConfigSource
-from beltid.errors import EXIT_DONE, EXIT_NUMERICS, NumericsError
+from beltid.errors import EXIT_DONE, EXIT_NUMERICS, NumericsError, percent
 from beltid.report.summary import Summary
 from beltid.rigsim.rig import SimulationSettings
 from beltid.stages.build_artifact import Build, Built
@@ -191,7 +191,7 @@ def _outcome(
     notes = []
     if outside:
         notes.append(
-            f"{100 * outside / points:.2g} % of the sliding contact points lie outside the "
+            f"{percent(100 * outside / points)} of the sliding contact points lie outside the "
             "measured range of the surface: the nearest measured value was taken"
         )
     return Outcome(

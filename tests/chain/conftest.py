@@ -19,7 +19,7 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def by_one(recordings: Path) -> Path:
     """Results of both belts, made by one process."""
     done = beltid(recordings, "run", "one.yaml", "two.yaml", "-j", "1", "-o", "by-one")
-    assert done.returncode == 0, done.stderr
+    assert done.exit_code == 0, done.stderr
     return recordings / "by-one"
 
 

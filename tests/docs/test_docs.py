@@ -116,9 +116,8 @@ def test_commands_of_the_readme_print_what_it_shows(project: Path) -> None:
     assert len(shown) > 8
     wrong = []
     for command, lines in shown:
-        called = [sys.executable, "-m", *shlex.split(command)]
-        done = subprocess.run(called, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, f"{command}\n{done.stderr}"
+        done = CliRunner().invoke(app, shlex.split(command)[1:])
+        assert done.exit_code == 0, f"{command}\n{done.output}\n{done.exception!r}"
         printed = "\n".join(line.rstrip() for line in (done.stdout + done.stderr).splitlines())
         wrong += [f"$ {command}\n{part}" for part in parts(lines) if part not in printed]
         if command.startswith("beltid run"):  # the same results: the steps find them up to date
@@ -126,6 +125,18 @@ def test_commands_of_the_readme_print_what_it_shows(project: Path) -> None:
     assert not wrong, "\n".join(wrong)
     for block in re.findall(r"^```python\n(.*?)^```$", README.read_text(), re.M | re.S):
         exec(block, {})
+
+
+def test_links_of_the_readme_lead_to_files() -> None:
+    links = re.findall(r"\]\(([^)#]+)\)", README.read_text())
+    assert len(links) > 10
+    assert [link for link in links if not (ROOT / link).is_file()] == []
+
+
+def test_the_citation_names_this_version() -> None:
+    stated = re.search(r"^version: (.+)$", (ROOT / "CITATION.cff").read_text(), re.M)
+    assert stated is not None
+    assert stated[1] == beltid.__version__
 
 
 def test_pages_build_without_a_warning(tmp_path: Path) -> None:

@@ -208,3 +208,4 @@ def test_names_of_targets_are_completed() -> None:
 def test_help_names_every_target() -> None:
     told = call("--help").stdout
     assert all(name in told for name in (*TARGETS, "all", "schema", "--list"))
+    assert "\\b" not in told

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import sys
 from pathlib import Path
 
@@ -48,11 +47,13 @@ COMMANDS = (
 
 
 def bench(folder: Path) -> None:
-    """Recordings and config of a rig with twelve runs."""
-    for name in ("press", "speedloss"):
-        shutil.copy(DATA / f"{name}.csv", folder)
+    """Recordings and config of a rig with twelve runs; a press test, four points of the drive."""
+    for name, labels in (("press", {"P22"}), ("speedloss", {"S01", "S04", "S07", "S10"})):
+        header, *lines = (DATA / f"{name}.csv").read_text().splitlines(keepends=True)
+        rows = [line for line in lines if line.split(",")[0] in labels]
+        (folder / f"{name}.csv").write_text("".join([header, *rows]))
     header, *lines = (DATA / "rig.csv").read_text().splitlines(keepends=True)
-    labels: dict[tuple[str, str, str], str] = {}
+    settings: dict[tuple[str, str, str], str] = {}
     top: dict[str, float] = {}
     for line in lines:
         cells = line.split(",")
@@ -61,8 +62,8 @@ def bench(folder: Path) -> None:
         cells = line.split(",")
         speed = next((s for s in ("0.05", "0.21") if abs(top[cells[0]] - float(s)) < 0.01), None)
         if cells[6] in ("40", "82") and cells[7].strip() in ("100", "220", "411") and speed:
-            labels.setdefault((cells[6], cells[7], speed), cells[0])
-    kept = set(labels.values())
+            settings.setdefault((cells[6], cells[7], speed), cells[0])
+    kept = set(settings.values())
     rows = [line for line in lines if line.split(",")[0] in kept]
     (folder / "rig.csv").write_text("".join([header, *rows]))
     (folder / "beltid.yaml").write_text(CONFIG)

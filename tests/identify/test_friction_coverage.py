@@ -68,7 +68,6 @@ NOT_YET = {
     "two exponentials": "over-wide: a slow part beyond the record cannot be excluded, z 0.43",
     "second tail twenty times longer (30 %)": "over-wide on some draws, z 0.39",
     "ripple once per turn, 1 %": "no run sees more than 0.4 of a turn: 70 % held",
-    "zero of the slack cell wanders 0.5 N in 10 s": "a walk is found too small: z 1.3",
     "mu drifts within a run, +1 %": "over-wide on some draws, z 0.56",
 }
 """What is not reached yet, with its size."""

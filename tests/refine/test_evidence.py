@@ -113,7 +113,7 @@ def test_effects_of_arcs_are_solved_for_and_merit_is_that_of_the_marginal_gaussi
     assert model.misfit(r, p, chosen) == pytest.approx(r @ W @ r + p @ P @ p, rel=1e-10)
 
 
-@pytest.mark.parametrize("spread", [0.002, 0.03])
+@pytest.mark.parametrize("spread", [0.002, pytest.param(0.03, marks=pytest.mark.long)])
 def test_differences_of_arcs_are_found_and_their_mean_stays_unknown(spread):
     # level of the surface: the mean of a few effects is never seen; with four arcs in each of many
     # campaigns its error has the standard deviation spread / 2

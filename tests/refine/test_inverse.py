@@ -76,7 +76,7 @@ def errors(belt: str, surface: FrictionSurface, runs: list[MeasuredRun], f: np.n
     return float(np.sqrt(np.mean(flat**2))), float(np.max(np.abs(flat)))
 
 
-@pytest.mark.parametrize("belt", list(BELTS))
+@pytest.mark.parametrize("belt", [pytest.param("4pk", marks=pytest.mark.long), "5pk", "6pk"])
 def test_without_noise_the_bias_of_the_published_procedure_goes(belt):
     bench, runs, f = bench_and_runs(belt)
     refined = solved(belt)
@@ -158,7 +158,12 @@ def worn_arcs(arc: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("factor", "arcs_known"), [(run_in, False), (run_in, True), (worn_arcs, False)]
+    ("factor", "arcs_known"),
+    [
+        (run_in, False),
+        pytest.param(run_in, True, marks=pytest.mark.long),
+        (worn_arcs, False),
+    ],
 )
 def test_a_friction_that_no_surface_explains_converges_all_the_same(factor, arcs_known):
     # a run-in over a campaign sorted by arcs, and arcs that differ unknown to the fit: full steps
@@ -177,7 +182,14 @@ def test_a_friction_that_no_surface_explains_converges_all_the_same(factor, arcs
         assert refined.smoothness.noise_scale > 4.0  # the runs do not scatter as they say
 
 
-@pytest.mark.parametrize("effects", [(0.03, -0.03, 0.03), (0.03, 0.0, -0.03), (-0.03, 0.03, 0.0)])
+@pytest.mark.parametrize(
+    "effects",
+    [
+        (0.03, -0.03, 0.03),
+        pytest.param((0.03, 0.0, -0.03), marks=pytest.mark.long),
+        pytest.param((-0.03, 0.03, 0.0), marks=pytest.mark.long),
+    ],
+)
 def test_arcs_that_differ_by_3_percent_are_found_and_the_surface_says_so(effects):
     # a wear track: a factor on the friction of one arc, which the coefficient follows by 0.85 to
     # 1.02, as simulated

@@ -4,18 +4,10 @@ from __future__ import annotations
 
 import os
 import shutil
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
-
-from beltid.report.belt_page import belt_page
-from beltid.report.html import rendered
-
-sys.path.insert(0, str(Path(__file__).parent))
-from report_belt_data import results
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
@@ -43,9 +35,9 @@ def browser() -> Iterator[Any]:
 
 
 @pytest.fixture(scope="module")
-def address(tmp_path_factory: pytest.TempPathFactory) -> str:
+def address(page: str, tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("page") / "report.html"
-    path.write_text(rendered(belt_page(results(), "0" * 64)), encoding="utf-8")
+    path.write_text(page, encoding="utf-8")
     return path.as_uri()
 
 

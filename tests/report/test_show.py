@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from report_belt_data import sheets, write
 from typer.testing import CliRunner
 
 from beltid.cli import app
 from beltid.report.braille import drawn
 from beltid.report.drawing import figure
-
-sys.path.insert(0, str(Path(__file__).parent))
-from report_belt_data import sheets, write
 
 
 @pytest.fixture(scope="module")

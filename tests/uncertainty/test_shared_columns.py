@@ -87,6 +87,17 @@ def refined():
     return beltid.refine_surface(with_shared(), LAW, NOTHING)
 
 
+@pytest.fixture(scope="module")
+def plain():
+    return beltid.refine_surface(friction(), LAW, NOTHING)
+
+
+@pytest.fixture(scope="module")
+def usual():
+    """With the default uncertainties: an arc is set to 0.2°."""
+    return beltid.refine_surface(friction(), LAW)
+
+
 def test_an_error_equal_in_all_runs_is_as_large_in_both_surfaces(refined):
     published = beltid.build_surface(with_shared(), NOTHING)
     response = refined.result.refined.response
@@ -106,8 +117,7 @@ def test_an_error_equal_in_all_runs_is_as_large_in_both_surfaces(refined):
         np.testing.assert_allclose(outcome.columns["mu_u"][known], size, rtol=1e-9)
 
 
-def test_the_fit_weighs_runs_by_their_own_scatter(refined):
-    plain = beltid.refine_surface(friction(), LAW, NOTHING)
+def test_the_fit_weighs_runs_by_their_own_scatter(refined, plain):
     for name in ("mu", "mu_se"):
         # what rounding leaves of the own errors moves hyperparameters and step within their limits
         np.testing.assert_allclose(refined.columns[name], plain.columns[name], rtol=2e-3)
@@ -168,11 +178,10 @@ def test_a_budget_has_a_line_for_nonlinear_cells():
     assert "nonlinearity of each load cell" in lines(rows)
 
 
-def test_without_any_uncertainty_stated_both_surfaces_and_a_campaign_are_made(refined):
+def test_without_any_uncertainty_stated_both_surfaces_and_a_campaign_are_made(plain):
     # every key 0: nothing is shared; the scatter is what is left
     outcome = beltid.build_surface(friction(), NOTHING)
     assert set(lines(outcome.extra["budget"])) == {"scatter of the runs", "combined"}
-    plain = beltid.refine_surface(friction(), LAW, NOTHING)
     assert set(lines(plain.extra["budget"])) == {
         "differences between arcs",
         "scatter of the runs",
@@ -205,12 +214,12 @@ def test_what_surface_and_run_share_cancels_in_their_difference(known, left):
     assert [source.error for source in found.sources] == ["shared_tail"]
 
 
-def test_arcs_that_differ_are_told_with_their_size_and_are_in_the_uncertainty():
+def test_arcs_that_differ_are_told_with_their_size_and_are_in_the_uncertainty(usual):
     table = friction()
     effect = np.select([table["arc_deg"] == arc for arc in (40, 68, 82)], [0.03, -0.03, 0.03])
     noise = 1.0 + OWN * np.random.default_rng(1).standard_normal(effect.size)
     table["mu_sliding"] = table["mu_sliding"] * np.exp(effect) * noise
-    found = beltid.refine_surface(table, LAW)  # the default uncertainties: an arc is set to 0.2°
+    found = beltid.refine_surface(table, LAW)
     (line,) = found.warnings
     assert line.startswith("arcs differ: the runs at ")
     apart = found.result.arc_difference
@@ -219,16 +228,13 @@ def test_arcs_that_differ_are_told_with_their_size_and_are_in_the_uncertainty():
     budget = lines(found.extra["budget"])
     # the three effects have a standard deviation of 3.5 %; their mean, 1 %, is not seen
     assert 1.0 < budget["differences between arcs"] < 5.0
-    assert (
-        lines(beltid.refine_surface(friction(), LAW).extra["budget"])["differences between arcs"]
-        < 0.1
-    )
+    assert lines(usual.extra["budget"])["differences between arcs"] < 0.1
 
 
-def test_runs_that_scatter_far_more_than_they_say_are_told():
+def test_runs_that_scatter_far_more_than_they_say_are_told(usual):
     table = friction()
     noise = np.random.default_rng(1).standard_normal(table["mu_sliding"].size)
     table["mu_sliding"] = table["mu_sliding"] * np.exp(8.0 * OWN * noise)
     found = beltid.refine_surface(table, LAW)
     assert any(line.startswith("the runs scatter ") for line in found.warnings)
-    assert not beltid.refine_surface(friction(), LAW).warnings
+    assert not usual.warnings

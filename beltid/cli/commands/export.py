@@ -111,7 +111,7 @@ def export(
     *,
     common: Common,
 ) -> None:
-    r"""Write the contact law of a belt for multibody and finite-element programs.
+    """Write the contact law of a belt for multibody and finite-element programs.
 
     Normal stiffness, friction over normal force and sliding speed, range of validity, origin. What
     a program cannot hold is replaced by something simpler; the file says how far that is from the
@@ -123,7 +123,7 @@ def export(
              beltid export recurdyn runs/5pk --normal-force 5000 --units mm
              beltid export all runs/5pk -o laws/5pk
              beltid export --list
-    """
+    """  # noqa: D301
     from beltid.errors import InputError
     from beltid.stages.export_law import SCHEMA, ExportOptions, schema_text
     from beltid.stages.export_law import run as stage

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from beltid.errors import percent
 from beltid.report.drawing import GROUPS, INK, figure, legend_below, style
 from beltid.report.picture import Picture
 from beltid.report.results import BeltResults
@@ -69,7 +70,7 @@ def of_quantity(name: str, quantity: str, rows: Sequence[Row]) -> Picture:
         names = [str(row["source"]) for row in shown]
         if total is not None:
             bar = axes.barh(len(shown), _contribution(total), 0.7, color=INK, label=COMBINED)
-            axes.bar_label(bar, [f"{_contribution(total):.2g} %"], padding=3)
+            axes.bar_label(bar, [percent(_contribution(total))], padding=3)
             names.append(COMBINED)
         axes.set_yticks(range(len(names)), names)
         axes.invert_yaxis()
@@ -81,7 +82,7 @@ def of_quantity(name: str, quantity: str, rows: Sequence[Row]) -> Picture:
     left_out = len(single) - len(shown)
     more = f" {left_out} smaller sources are in the table." if left_out else ""
     largest = float(total.get("largest_percent") or np.nan) if total is not None else np.nan
-    worst = f", {largest:.2g} % at worst" if np.isfinite(largest) else ""
+    worst = f", {percent(largest)} at worst" if np.isfinite(largest) else ""
     return Picture(
         f"budget-{name}-{quantity}",
         f"Uncertainty of {what}: {WORDS[name]}",

@@ -1,4 +1,8 @@
-"""Round trip: the chain on the virtual bench of three belts finds what that bench was made from."""
+"""Round trip: the virtual benches of three belts give back what they were made from.
+
+The recordings are synthetic; their truth is in tests/truth and rigdata/README.md. The simulated rig
+of the 5PK belt is judged by the commands of the README, that of the other two by ``make verify``.
+"""
 
 from __future__ import annotations
 
@@ -7,16 +11,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from beltid.artifacts.artifact import read_artifact
 from beltid.batch import BatchOptions, config_sources, run_batch
-from beltid.config import ConfigSource
-from beltid.report.summary import Summary
+from beltid.cli import app
 from beltid.stages.tables import load_stiffness, load_surface
 
 ROOT = Path(__file__).parents[2]
 # true laws of the virtual bench, rigdata/README.md
 LAWS = {"4pk": (5.6e7, 2.20e11), "5pk": (6.5e7, 3.0256e11), "6pk": (7.1e7, 3.90e11)}
+FITS = ("fit-stiffness press", "fit-slip speedloss", "fit-friction rig")
 
 
 def truth(belt: str, name: str) -> dict[str, dict[str, str]]:
@@ -25,29 +30,28 @@ def truth(belt: str, name: str) -> dict[str, dict[str, str]]:
 
 
 @pytest.fixture(scope="module")
-def chain(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Summary]:
-    """All three belts, with the sliding limit in place of the transient runs."""
+def identified(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder per belt with what its recordings say; nothing is simulated."""
     folder = tmp_path_factory.mktemp("runs")
-    sources = []
-    for source in config_sources([ROOT / "configs" / f"{belt}.yaml" for belt in LAWS]):
-        section = source.config.simulation.model_copy(update={"method": "steady"})
-        config = source.config.model_copy(update={"simulation": section})
-        sources.append(ConfigSource(config, source.origin, source.path))
-    return folder, run_batch(sources, folder, BatchOptions(jobs=1, report=False))
+    for belt in LAWS:
+        config = ROOT / "configs" / f"{belt}.yaml"
+        for fit in FITS:
+            command, recording = fit.split()
+            out = folder / belt / f"{command.removeprefix('fit-')}.parquet"
+            source = ROOT / "rigdata" / belt / f"{recording}.csv"
+            called(command, source, "-c", config, "-o", out)
+        called("build-surface", folder / belt / "friction.parquet", "-c", config)
+    return folder
 
 
-def test_every_belt_passes_with_all_its_runs(chain: tuple[Path, Summary]) -> None:
-    _, summary = chain
-    assert summary.exit_status == 0, summary.table
-    for row in summary.table:
-        assert set(row["stages"].values()) == {"done"}
-        assert row["fit_friction"]["runs"] == row["simulate_rig"]["runs"] == 120
-        assert row["compare"]["runs_compared"] == 120
+def called(*arguments: object) -> None:
+    done = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert done.exit_code == 0, done.output
 
 
 @pytest.mark.parametrize("belt", LAWS)
-def test_normal_law(chain: tuple[Path, Summary], belt: str) -> None:
-    path = chain[0] / belt / "stiffness.parquet"
+def test_normal_law(identified: Path, belt: str) -> None:
+    path = identified / belt / "stiffness.parquet"
     law = load_stiffness(path)
     columns = read_artifact(path, "stiffness").columns
     pooled = np.isnan(columns["temperature_degC"])
@@ -60,8 +64,8 @@ def test_normal_law(chain: tuple[Path, Summary], belt: str) -> None:
 
 
 @pytest.mark.parametrize("belt", LAWS)
-def test_friction_of_every_run(chain: tuple[Path, Summary], belt: str) -> None:
-    columns = read_artifact(chain[0] / belt / "friction.parquet", "friction").columns
+def test_friction_of_every_run(identified: Path, belt: str) -> None:
+    columns = read_artifact(identified / belt / "friction.parquet", "friction").columns
     rows = truth(belt, "truth.csv")
     assert list(columns["run"]) == list(rows)
     assert set(columns["status"]) == {"ok"}
@@ -71,8 +75,8 @@ def test_friction_of_every_run(chain: tuple[Path, Summary], belt: str) -> None:
 
 
 @pytest.mark.parametrize("belt", LAWS)
-def test_sliding_speeds(chain: tuple[Path, Summary], belt: str) -> None:
-    columns = read_artifact(chain[0] / belt / "slip.parquet", "slip").columns
+def test_sliding_speeds(identified: Path, belt: str) -> None:
+    columns = read_artifact(identified / belt / "slip.parquet", "slip").columns
     rows = truth(belt, "speedloss_truth.csv")
     expected = np.array([float(rows[run]["slip_speed_m_s"]) for run in columns["run"]])
     deviation = (columns["slip_speed_m_s"] - expected) / columns["slip_speed_se_m_s"]
@@ -81,10 +85,8 @@ def test_sliding_speeds(chain: tuple[Path, Summary], belt: str) -> None:
 
 
 @pytest.mark.parametrize("belt", LAWS)
-def test_friction_falls_with_the_force_at_every_speed(
-    chain: tuple[Path, Summary], belt: str
-) -> None:
-    columns = read_artifact(chain[0] / belt / "surface.parquet", "surface").columns
+def test_friction_falls_with_the_force_at_every_speed(identified: Path, belt: str) -> None:
+    columns = read_artifact(identified / belt / "surface.parquet", "surface").columns
     averaged = np.isnan(columns["arc_deg"])
     assert averaged.any()
     for speed in np.unique(columns["slip_speed_m_s"][averaged]):
@@ -94,9 +96,9 @@ def test_friction_falls_with_the_force_at_every_speed(
 
 
 @pytest.mark.parametrize("belt", LAWS)
-def test_the_surface_stays_within_the_measured_band(chain: tuple[Path, Summary], belt: str) -> None:
-    measured = read_artifact(chain[0] / belt / "friction.parquet", "friction").columns
-    surface = load_surface(chain[0] / belt / "surface.parquet")
+def test_the_surface_stays_within_the_measured_band(identified: Path, belt: str) -> None:
+    measured = read_artifact(identified / belt / "friction.parquet", "friction").columns
+    surface = load_surface(identified / belt / "surface.parquet")
     for k, speed in enumerate(surface.slip_speed_m_s):
         mu = measured["mu_sliding"][np.abs(measured["slip_speed_m_s"] / speed - 1.0) < 0.02]
         assert mu.size == 24
@@ -106,3 +108,14 @@ def test_the_surface_stays_within_the_measured_band(chain: tuple[Path, Summary],
     anywhere = surface.mu(f, np.geomspace(1e-4, 1.0, 300))
     assert measured["mu_sliding"].min() <= anywhere.min() * (1.0 + 1e-12)
     assert anywhere.max() <= measured["mu_sliding"].max() * (1.0 + 1e-12)
+
+
+@pytest.mark.long
+def test_the_simulated_rig_agrees_with_the_benches_of_the_other_belts(tmp_path: Path) -> None:
+    configs = [ROOT / "configs" / f"{belt}.yaml" for belt in ("4pk", "6pk")]
+    summary = run_batch(config_sources(configs), tmp_path, BatchOptions(jobs=2, report=False))
+    assert summary.exit_status == 0, summary.table
+    for row in summary.table:
+        assert set(row["stages"].values()) == {"done"}
+        assert row["fit_friction"]["runs"] == row["simulate_rig"]["runs"] == 120
+        assert row["compare"]["runs_compared"] == 120

@@ -1,0 +1,26 @@
+"""The page of the belt that was never measured, drawn once for all who look at it."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from beltid.report.belt_page import belt_page
+from beltid.report.html import Page, rendered
+
+sys.path.insert(0, str(Path(__file__).parent))
+from report_belt_data import results
+
+
+@pytest.fixture(scope="session")
+def drawn_page() -> Page:
+    """Verdict, figures and tables."""
+    return belt_page(results(), "0" * 64)
+
+
+@pytest.fixture(scope="session")
+def page(drawn_page: Page) -> str:
+    """The same as HTML."""
+    return rendered(drawn_page)
