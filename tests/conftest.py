@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from beltid.stages.workers import one_thread_each
+from beltid.cli.process import one_thread_each
 
 one_thread_each()
