@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import product
 
 import pytest
-from beltid.bench.formats.table_head import is_unit, read_field
+from beltid.bench.formats.dialect import is_unit, read_field
 
 WHOLE = ("0", "1", "82", "-3", "+270")
 DECIMALS = [str(n) for n in range(100)] + ["01", "010", "1000"]
