@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import product
 
 import pytest
+
 from beltid.bench.formats.dialect import is_unit, read_field
 
 WHOLE = ("0", "1", "82", "-3", "+270")
