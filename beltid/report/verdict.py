@@ -94,9 +94,41 @@ def _headline(results: BeltResults) -> tuple[str, str]:
         for of, sheet in compared
     ]
     passed = bool(compared[0][1].extra.get("passed"))
-    start = "Identified and proven" if passed else "Identified, but out of tolerance"
-    text = f"{start}: the simulated rig misses the measured friction {', '.join(parts)}."
-    return text, "good" if passed else "bad"
+    missing = _missing_evidence(results)
+    if not passed:
+        start, state = "Identified, but out of tolerance", "bad"
+    elif missing:
+        start, state = f"Identified, not proven ({'; '.join(missing)})", "open"
+    else:
+        start, state = "Identified and proven", "good"
+    return f"{start}: the simulated rig misses the measured friction {', '.join(parts)}.", state
+
+
+ENOUGH: Final = {
+    "contact arc": ("arc_deg", 2),
+    "initial tension": ("initial_tension_N", 3),
+    "speed": ("slip_speed_m_s", 3),
+}
+"""Settings of the rig, and how many of each the word "proven" asks for: a surface over force and
+speed needs three of each to show its shape, and two arcs to show that it is one surface."""
+SAME: Final = 0.05
+"""Relative distance within which two values are one setting."""
+
+
+def _missing_evidence(results: BeltResults) -> list[str]:
+    """What keeps results that agree from being proven."""
+    missing = []
+    if results.get("compare_refined") is None:
+        missing.append("no refined surface was compared")
+    friction = results.get("friction")
+    if friction is not None:
+        good = friction["status"] == "ok"
+        for setting, (column, enough) in ENOUGH.items():
+            values = np.sort(np.asarray(friction[column][good], dtype=float))
+            n = 1 + int(np.count_nonzero(np.diff(values) > SAME * values[1:]))
+            if n < enough:
+                missing.append(f"{n} {setting}{'s' if n > 1 else ''}, {enough} needed")
+    return missing
 
 
 def _normal_contact(results: BeltResults) -> Card | None:

@@ -9,6 +9,7 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 from report_belt_data import NAUGHTY, results, sheets, without, write
 
@@ -138,11 +139,28 @@ def test_synthetic_data_are_called_so_on_top(page: str, drawn_page: Page) -> Non
     assert "ynthetic" not in re.sub(r"<script.*?</script>", "", body, flags=re.DOTALL)
 
 
+def test_proven_needs_runs_that_cover_the_surface() -> None:
+    belt = results()
+    friction = belt.get("friction")
+    n = friction["status"].size
+    speeds = np.resize([0.002, 0.01, 0.04], n) * np.linspace(1.0, 1.02, n)
+    columns = {**friction.columns, "slip_speed_m_s": speeds}
+    whole = replace(belt, sheets={**belt.sheets, "friction": replace(friction, columns=columns)})
+    assert verdict_of(whole).headline.startswith("Identified and proven: ")
+    assert verdict_of(whole).state == "good"
+    single = {name: values[:1] for name, values in columns.items()}
+    sheets_of_one = {**belt.sheets, "friction": replace(friction, columns=single)}
+    verdict = verdict_of(replace(belt, sheets=sheets_of_one))
+    assert verdict.state == "open"
+    for told in ("1 contact arc, 2 needed", "1 initial tension, 3", "1 speed, 3 needed"):
+        assert told in verdict.headline
+
+
 def test_verdict_is_that_of_the_comparison(page: str) -> None:
     head = page[: page.index("<nav")]
     assert "PASS 0.10 % RMS" in head
     assert "FAIL 3.00 % RMS" in head
-    assert "Identified and proven" in head
+    assert "Identified, not proven (2 speeds, 3 needed)" in head
     published = verdict_of(without("compare_refined"))
     assert (published.state, published.headline[:32]) == ("bad", "Identified, but out of tolerance")
     whole = sheets()
