@@ -52,7 +52,7 @@ MOST_ITERATIONS = 60
 SOFTNESS = (2.0e-2, 2.0e-3, 2.0e-4, 2.0e-5, 2.0e-6, 2.0e-7)
 SLIP_TOLERANCE = 1.0e-11  # of a patch that sticks, over the speed of the belt [-]
 LAID = (0.25, 0.5, 0.75, 1.0)  # shares of the friction by way of which all of the arc slides
-MOST_ROUNDS = 200
+MOST_ROUNDS = 60
 FREE_ROUNDS = 30  # in which all patches may change sides at once
 PATIENCE = 6  # rounds after which only half as many may
 
@@ -313,18 +313,27 @@ def pulley_map(
         raise InputError(
             "pulley: exactly one of P_out, torque and W, with v0, P_in and P_out > 0, must be given"
         )
-    # float(): an int would make the kernel be compiled once more for another signature
-    flow = _Flow.begin(pulley, float(v0), float(P_in), start)
-    q, R = flow.q, pulley.R
-    levers = np.array([-q[1], q[0], -q[-3], q[-4]]) / R  # of the supports, which do not move
-    if P_out is not None:
-        target = Target(True, levers, float(P_out), True)
-    else:
-        target = Target(False, levers, float(torque or 0.0) / R, torque is not None)
-    if W is not None:
-        flow.turn(float(W), target, ramp=start is None)
-    flow.settle(target, SOFTNESS if start is None and W is None else SOFTNESS[-1:])
-    return flow.state(levers)
+    # a neighbour's sticking patches may be too far from those sought: then from soft ones, and then
+    # from a belt laid on
+    ways = [(start, SOFTNESS[-1:]), (start, SOFTNESS), (None, SOFTNESS)]
+    failure = ConvergenceError("")
+    for begin, softness in ways if start is not None else ways[2:]:
+        # float(): an int would make the kernel be compiled once more for another signature
+        flow = _Flow.begin(pulley, float(v0), float(P_in), begin)
+        q, R = flow.q, pulley.R
+        levers = np.array([-q[1], q[0], -q[-3], q[-4]]) / R  # of the supports, which do not move
+        if P_out is not None:
+            target = Target(True, levers, float(P_out), True)
+        else:
+            target = Target(False, levers, float(torque or 0.0) / R, torque is not None)
+        try:
+            if W is not None:
+                flow.turn(float(W), target, ramp=begin is None)
+            flow.settle(target, softness if W is None else SOFTNESS[-1:])
+            return flow.state(levers)
+        except ConvergenceError as error:
+            failure = error
+    raise failure
 
 
 @dataclass(slots=True)
@@ -438,9 +447,13 @@ class _Flow:
             slides = np.abs(holding) > patches.limit
             turned = slides & (np.sign(holding) != patches.sign)
             changes = np.where(sticking, slides, ~slides | turned)
+        # a patch at an end of the contact bears nothing: were it to stick, it would open and close
+        edge = np.any(self.points.F_max == 0.0, axis=1)
+        changes = np.where(edge, sticking | backward, changes)
+        holding = np.where(edge, patches.slip, holding)
         changed = np.flatnonzero(changes & (patches.limit > 0.0))[:most]
         now = holding[changed]
-        tears = np.abs(now) > patches.limit[changed] if not hard else sticking[changed]
+        tears = sticking[changed] | edge[changed]  # what slides the other way round sticks first
         patches.status[changed] = np.where(tears, SLIDE, STICK)
         # the ribs are not seated where a patch closes: the pulley is ahead of the belt
         open_ = patches.limit == 0.0
