@@ -196,7 +196,7 @@ class RodLevel:
         return self._known[key]
 
     def _is_beyond_limit(self, pulley: RodPulley, state: LoopState, i: int) -> bool:
-        """Whether the forces differ by more than the fastest known sliding of the whole arc holds."""
+        """Whether even the fastest known sliding of the whole arc cannot hold the forces."""
         P_in, P_out, v0 = float(state.P_in[i]), float(state.P[i]), state.v0
         fastest = self.fastest if math.isfinite(self.fastest) else FASTEST_WITHOUT_RANGE * v0
         ahead = math.copysign(fastest, P_in - P_out) / (pulley.R * v0)

@@ -447,6 +447,17 @@ def shares_of_pulleys(
     return SlidingShares(fastest, f_min, f_max, below, outside, states)
 
 
+@kernel
+def forces_and_speeds(P: Array, v0: float, pulleys: Pulleys, i: int) -> tuple[Array, Array]:
+    """Line forces [N/m] and speeds of creep [m/s] on pulley i where P (n,) falls from P[0] on."""
+    s = _section(pulleys, i)
+    stretch, radius = seat(P[0], v0, s)
+    force, creep = np.empty(P.size), np.empty(P.size)
+    for k in range(P.size):
+        force[k], creep[k] = force_and_speed(P[k], v0, stretch / radius, s)
+    return force, creep
+
+
 @dataclass(frozen=True, slots=True)
 class StringLevel:
     """The pulleys of a drive at string level.
@@ -494,6 +505,14 @@ class StringLevel:
             P_in, P_out, v0, wraps, self._pulleys, self._of_ribs, self._of_back
         )
         return arcs
+
+    def along_arc(self, i: int, P: Array, v0: float) -> tuple[Array, Array]:
+        """Line force [N/m] and speed of creep [m/s] on pulley i where the belt has P (n,) [N].
+
+        The first is the force at the entry.
+        """
+        force, creep = forces_and_speeds(P, v0, self._pulleys, i)
+        return force, creep
 
     def shares(
         self, P_in: Array, P_out: Array, v0: float, wraps: Array, slip: Array

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,10 +12,12 @@ import numpy as np
 from beltid.artifacts.artifact import read_artifact
 from beltid.artifacts.metadata_models import DriveMetadata
 from beltid.config import Config, ConfigSource, load_config
+from beltid.drive.geometry import layout
 from beltid.drive.limits import slip_limit
 from beltid.drive.model import Drive
-from beltid.drive.results import DriveResult, Simulator
-from beltid.errors import ConvergenceError, NumericsError
+from beltid.drive.profile import arc_profiles
+from beltid.drive.results import ADHESION, FULL_SLIP, DriveResult, Method, Simulator
+from beltid.errors import ConvergenceError, InputError, NumericsError
 from beltid.identify.estimators.statistics import as_set
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
@@ -72,6 +74,8 @@ SHOWN: Final = (
 TELLING: Final = 0.1
 """Share of the largest loss above which a loss counts in the budget."""
 SLIP_LIMITS: Final = "Torque with which adhesion ends, and beyond which the drive slips grossly"
+TENSIONS: Final = (0.4, 0.6, 0.8, 1.0, 1.25, 1.5)
+"""Tensions over that at rest for which the report shows the slip limit."""
 FEW_ROWS: Final = 12
 """Rows of the table up to which all of them are shown."""
 NOT_STATED: Final = (
@@ -155,7 +159,7 @@ def _outcome(
     loaded: str | None = None,
 ) -> Outcome[tuple[SolvedPoint, ...]]:
     drive = drive_of(config, surface, press.law)
-    solved = _solved(drive, points)
+    solved = _solved(drive, points, config.drive.method)
     good = [(s.asked, s.result) for s in solved if isinstance(s.result, DriveResult)]
     failed = [(s.asked, s.result) for s in solved if isinstance(s.result, ConvergenceError)]
     if not good:
@@ -182,9 +186,12 @@ def _outcome(
             "n_failed": len(failed),
             "loaded_pulley": loaded,
             "slip_limits": _limits(drive, good),
+            "limits_over_tension": _limits_over_tension(drive, good),
+            "laid": _laid(drive, good),
+            "arcs": _arcs(good),
             "budget": _budget(columns, sources, open_.shared, open_.surface),
         },
-        notes=_notes(columns, known),
+        notes=_notes(columns, known, config.drive.method),
         warnings=(
             *alike,
             *(f"point {asked.run}: {error}" for asked, error in failed),
@@ -193,8 +200,10 @@ def _outcome(
     )
 
 
-def _solved(drive: Drive, points: Sequence[LabelledPoint]) -> tuple[SolvedPoint, ...]:
-    simulator, solved = Simulator(drive), []
+def _solved(
+    drive: Drive, points: Sequence[LabelledPoint], method: Method
+) -> tuple[SolvedPoint, ...]:
+    simulator, solved = Simulator(drive, method), []
     for asked in points:
         result: DriveResult | ConvergenceError
         try:
@@ -230,6 +239,71 @@ def _limits(
             }
         )
     return rows
+
+
+def _limits_over_tension(
+    drive: Drive, good: Sequence[tuple[LabelledPoint, DriveResult]]
+) -> list[dict[str, Any]]:
+    """How much torque the drive carries over the belt tension, for its most loaded point."""
+    asked, result = _heaviest(good)
+    if result.load == 0.0:
+        return []
+    simulator, rows = Simulator(drive), []
+    for share in TENSIONS:
+        point = replace(asked.point, T_0=share * result.rest.T_0)
+        try:
+            limit = slip_limit(simulator, point)
+        except InputError:  # the arm of a tensioner does not reach every tension
+            continue
+        rows.append(
+            {
+                "driver_speed_rad_s": asked.point.omega,
+                "initial_tension_N": point.T_0,
+                "adhesion_end_torque_N_m": limit.adhesion * result.load,
+                "slip_limit_torque_N_m": limit.slip * result.load,
+            }
+        )
+    return rows
+
+
+def _heaviest(
+    good: Sequence[tuple[LabelledPoint, DriveResult]],
+) -> tuple[LabelledPoint, DriveResult]:
+    """The point with the largest torque of those that the belt carries steadily, if any."""
+    steady = [one for one in good if set(one[1].status) <= {ADHESION, FULL_SLIP}]
+    return max(steady or good, key=lambda one: one[1].load)
+
+
+def _laid(drive: Drive, good: Sequence[tuple[LabelledPoint, DriveResult]]) -> list[dict[str, Any]]:
+    """Pulleys and spans at rest, in the order of the drive."""
+    laid = layout(drive, good[0][1].rest.arm_angle)
+    return [
+        {
+            "pulley": pulley.name,
+            "x_m": laid.centres[i, 0],
+            "y_m": laid.centres[i, 1],
+            "radius_m": pulley.R,
+            "leaves_m": laid.starts[i],
+            "arrives_m": laid.ends[i],
+        }
+        for i, pulley in enumerate(drive.pulleys)
+    ]
+
+
+def _arcs(good: Sequence[tuple[LabelledPoint, DriveResult]]) -> list[dict[str, Any]]:
+    """Line force and sliding speed along every arc at the most loaded point."""
+    asked, result = _heaviest(good)
+    return [
+        {
+            "pulley": pulley.name,
+            "run": asked.run,
+            "angle_deg": np.degrees(profile.angle),
+            "normal_force_N_m": profile.normal_force,
+            "slip_speed_m_s": profile.slip_speed,
+        }
+        for pulley, profile in zip(result.drive.pulleys, arc_profiles(result), strict=True)
+        if profile is not None
+    ]
 
 
 def _columns(
@@ -303,11 +377,18 @@ def _budget(
     return budget("speed loss", sources, changes[telling] * per_loss[:, None], part)
 
 
-def _notes(columns: Mapping[str, np.ndarray], surface_known: bool) -> tuple[str, ...]:
+def _notes(
+    columns: Mapping[str, np.ndarray], surface_known: bool, method: Method
+) -> tuple[str, ...]:
     notes = [
         "the friction power is that of the contact alone: the hysteresis of the belt in bending "
         "and seating costs about as much again"
     ]
+    if method == "rod":
+        notes.append(
+            "speeds and torques are those of the rod; slip limits, arcs used, shares and "
+            "uncertainties those of the string, which carries about 2 % more torque"
+        )
     if not surface_known:
         notes.append("the friction surface has no covariance: it is taken as known")
     for status, words in (

@@ -1,9 +1,8 @@
-"""A drive at rod level: the loop of the string with speeds and torques of the rod on each pulley."""
+"""A drive at rod level: the loop of the string with a rod on each pulley."""
 
 from __future__ import annotations
 
 import csv
-import math
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ import pytest
 from drives import BELTS, true_surface, two_pulleys
 
 from beltid.config import load_config
-from beltid.drive.model import Drive, DrivePoint, Pulley
+from beltid.drive.model import DrivePoint, Pulley
 from beltid.drive.results import Simulator, simulate
 from beltid.errors import InputError
 from beltid.laws.friction_surface import FrictionSurface
@@ -137,5 +136,5 @@ def test_more_than_the_bent_belt_carries_is_gross_slip() -> None:
 
 
 def test_rigid_pulleys_have_no_rod() -> None:
-    with pytest.raises(InputError, match="rod level: .* contact law"):
+    with pytest.raises(InputError, match=r"rod level: .* contact law"):
         simulate(two_pulleys(law=None), [DrivePoint(20.0, 310.0, (0.0, 5.0))], method="rod")
