@@ -10,10 +10,11 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal
 
-from beltid.identify.friction import campaign, zeros
+from beltid.identify.friction import campaign, shared, spectra, zeros
 from beltid.identify.friction.noise import block_covariance, wander_since_rest
 from beltid.identify.friction.rest_phase import Rest
 from beltid.identify.friction.sliding_record import block_starts, sliding_record
+from beltid.identify.friction.spectra import spectra_of, summed
 from beltid.identify.friction.tail_shapes import (
     RANK,
     stretched,
@@ -176,48 +177,68 @@ def test_the_level_of_one_run_is_that_of_generalised_least_squares():
     assert w.squares[0] == pytest.approx(squares[0], rel=1e-6)
 
 
-def test_the_posterior_of_a_tail_is_that_of_brute_force():
-    """Over the spectra of a grid and heights laid out one by one."""
-    ends = (math.log(2e-3), 0.0, 0.0, math.log(2e-2), 1.0, 0.6)
+@pytest.mark.parametrize("noise", [1.0, 0.15])
+def test_the_posterior_of_a_tail_is_that_of_brute_force(noise):
+    """Over spectra and heights laid out one by one; a quiet record leaves a narrow ridge."""
     rng = np.random.default_rng(2)
     x = np.linspace(0.0, 0.05, 80)
-    design = tail_basis(x) / 0.01
-    z = (0.05 * np.exp(-x / 6e-3)) / 0.01 + rng.normal(size=80)
+    design = tail_basis(x) / (0.01 * noise)
+    z = (0.03 * np.exp(-x / 6e-3) + 0.02 * np.exp(-x / 18e-3)) / (0.01 * noise)
+    z += rng.normal(size=80)
     M, b = design.T @ design, design.T @ z
-    middle = math.log(5e-3)
-    found = campaign._summed(M, b, ends, middle)
-    axes = [np.linspace(ends[k], ends[k + 3], n) for k, n in enumerate(campaign._STEPS)]
-    points = np.array(list(itertools.product(*axes)))
-    heights = np.linspace(0.0, 0.12, 2401)
-    log_p, tails = [], []
-    for c, slow, fast in points:
-        (tail,) = tail_coefficients(np.array([c]), np.array([slow]), np.array([fast]))
-        prior = -0.5 * ((c - middle) / campaign.CENTRE[2]) ** 2
-        prior -= (slow + fast) / campaign.WIDTH
-        fit = design @ tail
-        squares = (fit @ z) * heights - 0.5 * (fit @ fit) * heights**2
-        half_normal = -0.5 * (heights / campaign.HEIGHT) ** 2 - 0.5 * math.log(
-            0.5 * math.pi * campaign.HEIGHT**2
-        )
-        log_p.append(prior + squares + half_normal)
-        tails.append(tail)
-    log_p = np.array(log_p)
-    p = np.exp(log_p - log_p.max())
-    height = float(np.sum(p * heights) / p.sum())
-    of_tail, T = p @ heights / p.sum(), np.array(tails)
-    mean = of_tail @ T
-    second = (T * (p @ heights**2 / p.sum())[:, None]).T @ T
-    assert found.height == pytest.approx(height, rel=1e-3)
+    longest = 3.0 * 0.05
+    found = summed(M, b, spectra_of(M, b, (1e-3, longest)))
+    middle, (_, _, width) = math.log(5e-3), spectra.CENTRE
+    log_centre = np.linspace(math.log(1e-3), math.log(longest), 120)
+    slow, fast = (np.arange(n) * step + 0.5 * step for n, step in ((40, 0.06), (30, 0.07)))
+    heights = np.linspace(0.0, 0.12, 301)
+    prior_of_height = -0.5 * (heights / spectra.HEIGHT) ** 2
+    total, of_height, first, second = 0.0, 0.0, np.zeros(RANK), np.zeros((RANK, RANK))
+    top = 0.5 * float(np.linalg.lstsq(design, z)[0] @ b)
+    for c in log_centre:
+        s, f = (axis.ravel() for axis in np.meshgrid(slow, fast, indexing="ij"))
+        tails = tail_coefficients(np.full(s.size, c), s, f)
+        squares = np.sum((tails @ M) * tails, axis=1)
+        log_p = (tails @ b)[:, None] * heights - 0.5 * squares[:, None] * heights**2
+        log_p += prior_of_height - 0.5 * ((c - middle) / width) ** 2
+        log_p -= ((s + f) / spectra.WIDTH)[:, None]
+        p = np.exp(log_p - top)
+        total += p.sum()
+        of_height += float(np.sum(p @ heights))
+        first += (p @ heights) @ tails
+        second += (tails * (p @ heights**2)[:, None]).T @ tails
     basis = tail_basis(np.array([0.0, 2e-3, 1e-2, 4e-2]))
-    np.testing.assert_allclose(basis @ found.mean, basis @ mean, rtol=1e-3, atol=1e-7)
-    covariance = second - np.outer(mean, mean)
-    spread, by_hand = (
+    mean, by_hand = (basis @ v for v in (found.mean, first / total))
+    covariance = second / total - np.outer(first, first) / total**2
+    spread, spread_by_hand = (
         np.sqrt(np.diag(basis @ C @ basis.T)) for C in (found.covariance, covariance)
     )
-    np.testing.assert_allclose(spread, by_hand, rtol=5e-3)
-    centre = points.T @ p.sum(axis=1) / p.sum()
-    np.testing.assert_allclose(found.centre, centre, rtol=1e-3)
-    assert found.mean.shape == (RANK,)
+    np.testing.assert_allclose(mean, by_hand, rtol=0, atol=0.15 * np.max(spread_by_hand))
+    np.testing.assert_allclose(spread, spread_by_hand, rtol=0.1)
+    assert found.height == pytest.approx(of_height / total, rel=0.02)
+
+
+def test_the_slope_of_the_evidence_is_its_difference_quotient():
+    """A search with a wrong slope stops anywhere."""
+    records = [recorded(seed)[0] for seed in (0, 1)]
+    stack = campaign.Stack(records, np.mean(campaign.log_settings(records), axis=0))
+    rest = shared.rest_slopes(*[np.array([0.01, -0.02])] * 2, *[np.array([0.02, 0.03])] * 2, 200.0)
+    given = shared.Given(rest, 200.0, (1e-3, 0.2))
+    sd = np.array([0.05, 0.1, 0.2, 0.3, 0.4, 2e-4, 0.15, 0.1])
+    rough = shared.Rough(0.05, np.zeros(shared.SETTINGS), shared.BEFORE)
+    stack.stretch(rough.powers)
+    w = campaign.whiten(stack, campaign.covariance(stack, sd, None)[0])
+    scale = np.array([0.9, 1.1])
+    known = campaign.fit_shared(w, scale, given, rough, every_drift=True)
+    stack.stretch(known.powers, known)
+
+    def log_evidence(log_sd):
+        return campaign.evidence(stack, np.exp(log_sd), known, scale, given, known.rough)[0]
+
+    slope = campaign.evidence(stack, sd, known, scale, given, known.rough)[1]
+    step = 1e-4 * np.eye(sd.size)
+    quotient = [(log_evidence(np.log(sd) + e) - log_evidence(np.log(sd) - e)) / 2e-4 for e in step]
+    np.testing.assert_allclose(slope, quotient, rtol=1e-5, atol=1e-6)
 
 
 # --- the cells ---

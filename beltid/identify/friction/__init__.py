@@ -5,9 +5,11 @@ Module           Responsibility                                         Equation
 ================ ====================================================== ==================
 reduction        the two passes; a run's mu, forces and status          (6), (8)
 prepare          first pass: one run by itself                          (7)
-campaign         second pass: what all runs share, level of each        (S3)
+campaign         second pass: variances of a bench, level of each run   (S3)
+shared           what all runs share: the tail and common drifts        --
 sliding_record   block means of ln(T_tight/T_slack)                     (S1)
 tail_shapes      decay of the sticking peak                             (S2)
+spectra          which tails a bench can have                           --
 noise            covariance of noise with a memory                      --
 zeros            zeros and gains of the cells, from the rest            (S4), (S5)
 peak             the sticking peak                                      (6)

@@ -15,23 +15,28 @@ bench does not know of its tail and its drift has one sign in all runs, and is k
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.special import log_ndtr, logsumexp
+from scipy.special import logsumexp
 
 from beltid.identify.friction.noise import block_covariance, early_misfit, wander_since_rest
-from beltid.identify.friction.sliding_record import SlidingRecord
-from beltid.identify.friction.tail_shapes import (
-    RANK,
-    stretched,
-    stretching,
-    tail_basis,
-    tail_coefficients,
+from beltid.identify.friction.shared import (
+    BEFORE,
+    DRIFTS,
+    POWERS,
+    SETTINGS,
+    SHARED,
+    Given,
+    RestSlopes,
+    Rough,
+    Shared,
+    posterior,
 )
+from beltid.identify.friction.sliding_record import SlidingRecord
+from beltid.identify.friction.tail_shapes import RANK, stretched, stretching, tail_basis
 
 Array = NDArray[np.float64]
 
@@ -53,41 +58,11 @@ WALK = (2.5, 1.2)
 """The same of the walk with the longest memory, which a short sliding hardly shows."""
 NEIGHBOURS = 0.5
 """Correlation of the priors of neighbouring memories: the spectrum of real noise is smooth."""
-TURN = (0.7, 1.5)
+TURN = (0.4, 1.5)
 """Of the ripple once per turn, in the same unit."""
 HEIGHT_SPREAD = (0.15, 1.0)
 LENGTH_SPREAD = (0.10, 1.0)
 """Of the deviations of a run's tail from that of its bench, relative."""
-HEIGHT = 0.1
-"""Standard deviation of the height a >= 0 of the tail, relative to the level (half-normal)."""
-CENTRE = (5e-3, 0.2, 1.2)
-"""Median of l_c: so many m, or this share of the longest travel if that is less; and the standard
-deviation of ln l_c."""
-WIDTH = 0.7
-"""Mean of s_slow + s_fast (exponential)."""
-UNLIKE = 0.01
-"""Deviations of a tail from its family: standard deviation of each of some exponentials with
-lengths within the record, relative to the height."""
-DRIFTING = 0.04
-"""Probability that something drifts in all runs alike: the zero of either cell or of both, or the
-friction itself."""
-DRIFT_OF_ZERO, DRIFT_OF_MU = 4e-4, 0.03
-"""Standard deviations of the drifts, in 1/s of the median initial tension, and over the sliding of
-a run relative to mu."""
-SLOW_PART = (0.07, 0.25, 0.15)
-"""Probability that a part of the tail decays over a length beyond the longest record, its size
-relative to the height and the standard deviation of that."""
-STILL = 1e-6
-"""Relative change of the tension in a second that is none: no rest is known better [1/s]."""
-TREND = 0.4
-"""Standard deviation of the powers with which the length of the tail goes with the settings."""
-SETTINGS = 3
-"""Settings that it goes with: speed, mean tension and level of ln(T_tight/T_slack), so the arc."""
-
-SHARED = RANK + 3 + SETTINGS
-"""Columns that all runs share: the basis of the tails, drifts of both cells and of mu, powers."""
-DRIFTS, POWERS = slice(RANK, RANK + 3), slice(RANK + 3, SHARED)
-"""Where the drifts and the powers are in them."""
 
 
 def log_settings(records: Sequence[SlidingRecord]) -> Array:
@@ -111,8 +86,6 @@ class Stack:
         self.sensitivity = np.array([r.sensitivity for r in records])
         self.noise_N = np.array([r.noise_N for r in records])
         self.freedom = np.array([r.z.size - 2.0 for r in records])
-        self.shortest_m = 2.0 * min(r.step_m for r in records)
-        self.longest_m = 3.0 * max(float(r.travel[-1]) for r in records)
         self.count = np.zeros((n, m))
         self.z = np.zeros((n, m))
         self.one = np.zeros((n, m))
@@ -161,42 +134,6 @@ class Stack:
     def typical_error_N(self) -> float:
         """Error that white noise leaves in the mean of a cell over a run, median [N]."""
         return float(np.median(self.noise_N / np.sqrt(self.count.sum(axis=1))))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Shared:
-    """Posterior of what is the same in all runs: tail in the basis, drift of both cells [N/s].
-
-    Attributes
-    ----------
-    mean : ndarray, shape (SHARED,)
-        Posterior mean.
-    factor : ndarray, shape (SHARED, k)
-        Factor of its covariance, the largest direction first.
-    log_evidence : float
-        Logarithm of the integral over all of it.
-    height : float
-        Posterior mean of the height of the tail, relative to the level.
-    spectrum : ndarray, shape (3,)
-        Posterior means of ln l_c (l_c in m), s_slow and s_fast.
-    powers : ndarray, shape (SETTINGS,)
-        Powers of the settings with which its length goes.
-    weights : ndarray, shape (5,)
-        Probabilities of no drift, one of the tight, the slack, both cells, and of mu.
-    """
-
-    mean: Array
-    factor: Array
-    log_evidence: float
-    height: float
-    spectrum: Array
-    powers: Array
-    weights: Array
-
-    @property
-    def deviations(self) -> Array:
-        """What makes the tail higher and longer, by the logarithms of both (RANK, 2)."""
-        return np.column_stack([self.mean[:RANK], stretched(self.mean[:RANK])])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -282,272 +219,12 @@ def noise_scale(stack: Stack, w: Whitened, mean: Array) -> Array:
     return np.asarray(scale / np.median(scale))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RestSlopes:
-    """Information on common drifts in the rest phases, as squares (2, 2) and products (2,)."""
-
-    squares: Array
-    products: Array
-
-
-def rest_slopes(
-    difference: Array, difference_se: Array, total: Array, total_se: Array, tension_N: Array
-) -> RestSlopes:
-    """What the slopes of the cells at rest say about a drift of all runs.
-
-    Parameters
-    ----------
-    difference, total : ndarray
-        Slopes of the difference (tight less slack) and of the sum of both cells [N/s], shape (R,).
-    difference_se, total_se : ndarray
-        Their standard errors.
-    tension_N : ndarray
-        Initial tensions [N].
-    """
-    n = difference.size
-    squares, products = np.zeros((2, 2)), np.zeros(2)
-    for slope, se, sign in ((difference, difference_se, -1.0), (total, total_se, 1.0)):
-        weight = 1.0 / np.maximum(se, STILL * tension_N) ** 2
-        mean = float(np.sum(weight * slope) / np.sum(weight))
-        # slopes that differ by more than their noise are worth less
-        excess = float(np.sum(weight * (slope - mean) ** 2)) / max(n - 1, 1)
-        variance = max(excess, 1.0) / float(np.sum(weight))
-        if sign > 0.0:
-            variance += mean**2  # a slope of the sum may be all relaxation of the belt
-        h = np.array([1.0, sign])
-        squares += np.outer(h, h) / variance
-        products += h * mean / variance
-    return RestSlopes(squares, products)
-
-
 def fit_shared(
-    stack: Stack,
-    w: Whitened,
-    scale: Array,
-    rest: RestSlopes,
-    unit_N: float,
-    height: float,
-    powers: Array,
-    weights: Array | None,
-    zooms: int,
+    w: Whitened, scale: Array, given: Given, rough: Rough, every_drift: bool = False
 ) -> Shared:
     """Posterior of the tail and the common drift from some runs."""
-    M = np.einsum("r,rkl->kl", 1.0 / scale, w.M)
-    range_m = (stack.shortest_m, stack.longest_m)
-    return posterior(
-        M, w.b.T @ (1.0 / scale), rest, unit_N, height, powers, range_m, weights, zooms
-    )
-
-
-ZOOMS = 3
-
-
-def posterior(
-    M: Array,
-    b: Array,
-    rest: RestSlopes,
-    unit_N: float,
-    height: float,
-    powers: Array,
-    range_m: tuple[float, float],
-    weights: Array | None,
-    zooms: int,
-) -> Shared:
-    """Posterior of the tail and the common drift.
-
-    The squares and products of the shared columns, summed over the runs, are all that the runs say
-    about them; the hypotheses differ in the prior only.
-
-    Parameters
-    ----------
-    M, b : ndarray, shape (SHARED, SHARED), (SHARED,)
-        Squares and products.
-    rest : RestSlopes
-        What the rest phases say about a common drift.
-    unit_N : float
-        Median initial tension [N].
-    height : float
-        Height of the tail, roughly, relative to the level.
-    powers : ndarray, shape (SETTINGS,)
-        Powers of the settings that the tails were stretched by.
-    range_m : tuple of float
-        Shortest and longest length of a tail that is looked for [m].
-    weights : ndarray, shape (5,), optional
-        Probabilities of the drifts, where they are known roughly.
-    zooms : int
-        How often the grid of spectra is laid anew.
-    """
-    M, b = M.copy(), b.copy()
-    cells = slice(RANK, RANK + 2)
-    M[cells, cells] += rest.squares
-    b[cells] += rest.products
-    # the columns hold the change of the powers from what the tails were stretched by
-    expected = np.zeros(SHARED)
-    expected[POWERS] = -powers
-    D = np.zeros_like(M)
-    D[POWERS, POWERS] = TREND**2 * np.eye(SETTINGS)
-    low, high = np.log(max(range_m[0], 2e-4)), np.log(max(range_m[1] / 9.0, 1e-3))
-    lengths = np.linspace(low, max(high, low + 1.0), 8)
-    unlike = tail_coefficients(lengths, np.zeros(8), np.zeros(8))
-    D[:RANK, :RANK] = (UNLIKE * height) ** 2 * (unlike.T @ unlike)
-    zero = DRIFT_OF_ZERO * unit_N
-    drifts = np.array([[0, 0, 0], [zero, 0, 0], [0, zero, 0], [zero, zero, 0], [0, 0, DRIFT_OF_MU]])
-    before = np.array([1.0 - DRIFTING, *[DRIFTING / 4.0] * 4])
-    # one Gaussian with the moments of all drifts, to find where the tails are
-    moments = np.einsum("h,hk,hl->kl", before if weights is None else weights, drifts, drifts)
-    mixed = D + _blocks(np.zeros(RANK), moments)
-    middle = float(np.log(min(CENTRE[0], CENTRE[1] * range_m[1] / 3.0)))
-    ends = _ends(M, b - M @ expected, mixed, range_m, middle, zooms)
-    if not zooms:
-        candidates = [(0.0, _given(M, b, expected, mixed, ends, middle))]
-    else:
-        slow, part, scatter = SLOW_PART
-        reach = np.log(np.clip(range_m[1] / 3.0 * np.array([1.0, 4.0]), 2e-4, 1.0))
-        tails = height * tail_coefficients(reach, np.zeros(2), np.zeros(2))
-        extras = [(1.0 - slow, np.zeros(RANK)), *((slow / 2.0, tail) for tail in tails)]
-        candidates = []
-        for weight, drift in zip(before, drifts, strict=True):
-            for q, tail in extras:
-                more = expected.copy()
-                more[:RANK] = part * tail
-                prior = D + _blocks(scatter * tail, np.outer(drift, drift))
-                candidates.append((np.log(weight * q), _given(M, b, more, prior, ends, middle)))
-    log_p = np.array([prior + f[0].log_evidence for prior, f in candidates])
-    found = [f for _, f in candidates]
-    log_evidence = float(logsumexp(log_p))
-    p = np.exp(log_p - log_evidence)
-    means = np.array([mean for _, mean, _ in found])
-    mean = p @ means
-    away = means - mean
-    second = np.tensordot(p, [C for *_, C in found], axes=1) + (away * p[:, None]).T @ away
-    values, vectors = np.linalg.eigh(second)
-    factor = (vectors * np.sqrt(np.maximum(values, 0.0)))[:, ::-1]
-    best = found[int(np.argmax(p))][0]
-    return Shared(
-        mean=mean,
-        factor=factor,
-        log_evidence=log_evidence,
-        height=best.height,
-        spectrum=best.centre,
-        powers=np.clip(powers + mean[POWERS], -1.5, 1.5),
-        weights=p.reshape(len(before), -1).sum(axis=1) if zooms else before,
-    )
-
-
-def _blocks(extra: Array, drift: Array) -> Array:
-    """Covariance of an extra tail, and of a drift."""
-    D = np.zeros((SHARED, SHARED))
-    D[:RANK, :RANK] = np.outer(extra, extra)
-    D[DRIFTS, DRIFTS] = drift
-    return D
-
-
-Ends = tuple[float, ...]
-"""Where a grid of spectra begins and ends in ln l_c, s_slow and s_fast."""
-
-
-def _free(M: Array, D: Array) -> tuple[Array, Array, float]:
-    """Integrate a part u ~ N(0, D) out of the information M.
-
-    Returns
-    -------
-    left, G, log_det : ndarray, ndarray, float
-        ``left @ M`` and ``left @ b`` are the squares and products that are left, G is the
-        covariance of u given the rest, log_det the logarithm of det(1 + M D).
-    """
-    values, vectors = np.linalg.eigh(D)
-    F = vectors * np.sqrt(np.maximum(values, 0.0))
-    inner = np.eye(len(D)) + F.T @ M @ F
-    G = np.asarray(F @ np.linalg.solve(inner, F.T))
-    G = 0.5 * (G + G.T)
-    return np.eye(len(D)) - M @ G, G, float(np.linalg.slogdet(inner)[1])
-
-
-def _given(
-    M: Array, b: Array, more: Array, D: Array, ends: Ends, middle: float
-) -> tuple[_Tail, Array, Array]:
-    """Posterior with a part v - [tail, 0] ~ N(more, D) integrated out: tail, mean, covariance."""
-    left, G, log_det = _free(M, D)
-    c = b - M @ more
-    tail = _summed((left @ M)[:RANK, :RANK], (left @ c)[:RANK], ends, middle)
-    constant = 0.5 * float(c @ G @ c) + float(b @ more) - 0.5 * float(more @ M @ more)
-    log_evidence = tail.log_evidence + constant - 0.5 * log_det
-    mean = more + left.T[:, :RANK] @ tail.mean + G @ c
-    covariance = left.T[:, :RANK] @ tail.covariance @ left[:RANK] + G
-    return replace(tail, log_evidence=log_evidence), mean, covariance
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Tail:
-    mean: Array
-    covariance: Array
-    log_evidence: float
-    height: float
-    centre: Array
-    """Posterior means of ln l_c, s_slow and s_fast, shape (3,)."""
-    spread: Array
-    """Their standard deviations."""
-
-
-_STEPS = np.array([28, 7, 5])
-
-
-def _ends(
-    M: Array, b: Array, D: Array, range_m: tuple[float, float], middle: float, zooms: int
-) -> Ends:
-    """Grid of spectra whose steps are smaller than the spread of the posterior."""
-    low = np.array([np.log(max(range_m[0], 2e-4)), 0.0, 0.0])
-    high = np.array([np.log(min(max(range_m[1], 2e-3), 0.6)), 2.5, 2.0])
-    ends = np.stack([low, high])
-    left, _, _ = _free(M, D)
-    for _ in range(zooms):
-        tail = _summed((left @ M)[:RANK, :RANK], (left @ b)[:RANK], tuple(ends.ravel()), middle)
-        step = np.ptp(ends, axis=0) / (_STEPS - 1.0)
-        if np.all(tail.spread > 1.2 * step):
-            break
-        reach = 5.0 * np.maximum(tail.spread, 0.5 * step)
-        lower, upper = tail.centre - reach, tail.centre + reach
-        ends = np.stack([np.maximum(lower, low), np.minimum(upper, high)])
-    return tuple(ends.ravel())
-
-
-def _summed(M: Array, b: Array, ends: Ends, middle: float) -> _Tail:
-    """Posterior of a tail from its squares (RANK, RANK) and products (RANK,), over a grid."""
-    points, C = _spectra(ends)
-    c, s, f = points
-    log_prior = -0.5 * ((c - middle) / CENTRE[2]) ** 2 - (s + f) / WIDTH
-    precision = np.maximum(np.sum((C @ M) * C, axis=1), 0.0) + 1.0 / HEIGHT**2
-    best = (C @ b) / precision
-    root = np.sqrt(precision)
-    u = best * root
-    log_phi = log_ndtr(u)
-    log_p = log_prior + 0.5 * u**2 + log_phi - np.log(0.5 * root * HEIGHT)
-    total = float(logsumexp(log_p))
-    weight = np.exp(log_p - total)
-    # moments of a height >= 0
-    ratio = np.exp(-0.5 * u**2 - log_phi) / np.sqrt(2.0 * np.pi)
-    height = best + ratio / root
-    square = height**2 + np.maximum(1.0 - ratio * (u + ratio), 1e-12) / precision
-    mean = (weight * height) @ C
-    second = (C * (weight * square)[:, None]).T @ C
-    centre = points @ weight
-    step = np.subtract(ends[3:], ends[:3]) / (_STEPS - 1.0)
-    return _Tail(
-        mean=mean,
-        covariance=second - np.outer(mean, mean),
-        log_evidence=total + float(np.sum(np.log(np.maximum(step, 1e-12)))),
-        height=float(weight @ height),
-        centre=centre,
-        spread=np.sqrt(np.maximum(np.square(points - centre[:, None]) @ weight, 0.0)),
-    )
-
-
-@lru_cache(maxsize=64)
-def _spectra(ends: Ends) -> tuple[Array, Array]:
-    """Grid of ln l_c, s_slow, s_fast between its ends (3, n), and the tails on it (n, RANK)."""
-    axes = [np.linspace(ends[k], ends[k + 3], n) for k, n in enumerate(_STEPS)]
-    points = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")])
-    return points, tail_coefficients(*points)
+    share = 1.0 / scale
+    return posterior(np.einsum("r,rkl->kl", share, w.M), w.b.T @ share, given, rough, every_drift)
 
 
 CLOCKS = (np.zeros(SETTINGS), np.eye(SETTINGS)[0])
@@ -558,17 +235,54 @@ HIDDEN_STEPS = (-2.4, -1.8, -1.2, -0.6, 0.0, 0.6, 1.2, 1.8)
 of their priors."""
 
 
-def _log_evidence_of(
-    stack: Stack, powers: Array, sd: Array, rest: RestSlopes, unit_N: float
-) -> float:
+def _log_evidence_of(stack: Stack, powers: Array, sd: Array, given: Given) -> float:
     """Evidence for tails that are stretched so, before anything else is known of the bench."""
     stack.stretch(powers)
     w = whiten(stack, covariance(stack, sd, None)[0])
     one = np.ones(stack.n_runs)
-    return fit_shared(stack, w, one, rest, unit_N, 0.05, powers, None, 0).log_evidence
+    return fit_shared(w, one, given, Rough(0.05, powers, BEFORE)).log_evidence
 
 
-def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
+def evidence(
+    stack: Stack, sd: Array, shared: Shared | None, scale: Array, given: Given, rough: Rough
+) -> tuple[float, Array]:
+    """Marginal likelihood of all runs under given variances.
+
+    Parameters
+    ----------
+    stack : Stack
+        The runs.
+    sd : ndarray
+        Standard deviations, as in :class:`Bench`.
+    shared : Shared, optional
+        Tail from which the runs deviate.
+    scale : ndarray, shape (R,)
+        Noise of each run over that of the bench, variances.
+    given, rough : Given, Rough
+        What is known beside the runs, and roughly.
+
+    Returns
+    -------
+    log_z : float
+        Its logarithm.
+    slope : ndarray
+        Derivative by the logarithms of `sd`: that of the likelihood, averaged over the posterior
+        (Fisher's identity).
+    """
+    V, parts = covariance(stack, sd, shared)
+    w = whiten(stack, V)
+    found = fit_shared(w, scale, given, rough)
+    log_z = found.log_evidence - 0.5 * float(np.sum(w.squares / scale + w.log_det))
+    residual = stack.z - stack.shared @ found.mean
+    columns = np.concatenate([residual[:, :, None], stack.shared @ found.factor], axis=2)
+    Pe = w.P @ columns
+    outer = (Pe / scale[:, None, None]) @ Pe.transpose(0, 2, 1) - w.P
+    slope = np.zeros(sd.size)
+    slope[: len(parts)] = np.tensordot(parts, outer, axes=3)
+    return log_z, slope * sd**2
+
+
+def fit_bench(stack: Stack, given: Given) -> Bench:
     """Most probable variances of a bench, with its tail and drift."""
     typical = stack.typical_error_N
     typical_z = typical * float(np.median(stack.sensitivity / stack.level))
@@ -589,45 +303,27 @@ def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
     precision[:n, :n] = np.linalg.inv(NEIGHBOURS**apart)
     shared: Shared | None = None
     scale = np.ones(stack.n_runs)
-    height, weights = 0.05, None
-
-    def evidence(sd: Array) -> tuple[float, Array, Whitened, Shared]:
-        V, parts = covariance(stack, sd, shared)
-        w = whiten(stack, V)
-        found = fit_shared(stack, w, scale, rest, unit_N, height, powers, weights, 0)
-        log_z = found.log_evidence - 0.5 * float(np.sum(w.squares / scale + w.log_det))
-        return log_z, parts, w, found
 
     def cost(x: Array) -> tuple[float, Array]:
-        sd = np.exp(centre + width * x)
-        log_z, parts, w, found = evidence(sd)
-        # Fisher's identity: the gradient is that of the likelihood, averaged over the posterior
-        residual = stack.z - stack.shared @ found.mean
-        columns = np.concatenate([residual[:, :, None], stack.shared @ found.factor[:, :6]], axis=2)
-        Pe = w.P @ columns
-        outer = (Pe / scale[:, None, None]) @ Pe.transpose(0, 2, 1) - w.P
-        slope = np.zeros(x.size)
-        slope[: len(parts)] = np.tensordot(parts, outer, axes=3)
+        log_z, slope = evidence(stack, np.exp(centre + width * x), shared, scale, given, rough)
         away = precision @ x
-        return 0.5 * float(x @ away) - log_z, away - slope * sd**2 * width
+        return 0.5 * float(x @ away) - log_z, away - slope * width
 
     # from above: a variance that is too small has no gradient
     x = np.where(np.arange(n + 4) <= n + 1, 1.5, 0.0)
     sd = np.exp(centre + width * x)
-    odds = [_log_evidence_of(stack, clock, sd, rest, unit_N) for clock in CLOCKS]
-    powers = CLOCKS[int(np.argmax(odds))]
-    stack.stretch(powers)
+    odds = [_log_evidence_of(stack, clock, sd, given) for clock in CLOCKS]
+    rough = Rough(0.05, CLOCKS[int(np.argmax(odds))], BEFORE)
+    stack.stretch(rough.powers)
     w = whiten(stack, covariance(stack, sd, None)[0])
     # a rough tail, of which the change with the powers can be told
-    rough = fit_shared(stack, w, scale, rest, unit_N, height, powers, None, 0)
-    stack.stretch(powers, rough)
+    stack.stretch(rough.powers, fit_shared(w, scale, given, rough))
     for _ in range(SWEEPS):
         w = whiten(stack, covariance(stack, np.exp(centre + width * x), shared)[0])
-        shared = fit_shared(stack, w, scale, rest, unit_N, height, powers, weights, 2)
+        shared = fit_shared(w, scale, given, rough, every_drift=True)
         scale = noise_scale(stack, w, shared.mean)
-        height, powers = max(shared.height, 1e-3), shared.powers
-        weights = shared.weights
-        stack.stretch(powers, shared)
+        rough = shared.rough
+        stack.stretch(rough.powers, shared)
         x = minimize(
             cost,
             x,
@@ -637,22 +333,23 @@ def fit_bench(stack: Stack, rest: RestSlopes, unit_N: float) -> Bench:
             options={"maxiter": 30, "ftol": 1e-7},
         ).x
     assert shared is not None
-    sd = np.exp(centre + width * x)
     # walk and ripple once per turn move the level most and show least: the mean of their variances
     # in place of the mode, with an even chance that there is none
-    mode = sd.copy()
+    mode = np.exp(centre + width * x)
+    mean = mode.copy()
     for k in (n - 1, n + 1):
         along = x[k] + np.array(HIDDEN_STEPS)
         sizes = np.append(np.exp(centre[k] + width[k] * along), 0.0)
-        log_p = np.array([evidence(np.where(np.arange(x.size) == k, s, mode))[0] for s in sizes])
+        trials = [np.where(np.arange(x.size) == k, size, mode) for size in sizes]
+        log_p = np.array([evidence(stack, sd, shared, scale, given, rough)[0] for sd in trials])
         # density of the prior given the other variances, over a step
         away = along - x[k] + precision[k] @ x / precision[k, k]
         log_p[:-1] -= 0.5 * precision[k, k] * away**2 - 0.5 * np.log(
             precision[k, k] / (2.0 * np.pi)
         )
         log_p[:-1] += np.log(HIDDEN_STEPS[1] - HIDDEN_STEPS[0])
-        sd[k] = np.sqrt(np.exp(log_p - logsumexp(log_p)) @ sizes**2)
-    return Bench(sd, shared)
+        mean[k] = np.sqrt(np.exp(log_p - logsumexp(log_p)) @ sizes**2)
+    return Bench(mean, shared)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -722,24 +419,20 @@ def reduce_bench(
     """
     centre = np.mean(log_settings(records), axis=0)
     every = np.linspace(0, len(records) - 1, min(len(records), RUNS_FOR_VARIANCES)).astype(int)
-    bench = fit_bench(Stack([records[k] for k in every], centre), rest, unit_N)
+    shortest = 2.0 * min(r.step_m for r in records)
+    longest = 3.0 * max(float(r.travel[-1]) for r in records)
+    given = Given(rest, unit_N, (shortest, longest))
+    bench = fit_bench(Stack([records[k] for k in every], centre), given)
     parts = [records[k : k + BATCH] for k in range(0, len(records), BATCH)]
     # a small bench is stacked once, of a large one only a part at a time is held
     stacks = [Stack(parts[0], centre)] if len(parts) == 1 else (Stack(p, centre) for p in parts)
-    if len(every) < len(records):
-        M, b = np.zeros((SHARED, SHARED)), np.zeros(SHARED)
-        for stack in stacks:
-            stack.stretch(bench.shared.powers, bench.shared)
-            w = whiten(stack, covariance(stack, bench.sd, bench.shared)[0])
-            share = 1.0 / noise_scale(stack, w, bench.shared.mean)
-            M, b = M + np.einsum("r,rkl->kl", share, w.M), b + w.b.T @ share
-        shortest = 2.0 * min(r.step_m for r in records)
-        longest = 3.0 * max(float(r.travel[-1]) for r in records)
-        range_m = (shortest, longest)
-        height = max(bench.shared.height, 1e-3)
-        powers, weights = bench.shared.powers, bench.shared.weights
-        shared = posterior(M, b, rest, unit_N, height, powers, range_m, weights, ZOOMS)
-        bench = Bench(bench.sd, shared)
+    M, b = np.zeros((SHARED, SHARED)), np.zeros(SHARED)
+    for stack in stacks:
+        stack.stretch(bench.shared.powers, bench.shared)
+        w = whiten(stack, covariance(stack, bench.sd, bench.shared)[0])
+        share = 1.0 / noise_scale(stack, w, bench.shared.stretched_mean)
+        M, b = M + np.einsum("r,rkl->kl", share, w.M), b + w.b.T @ share
+    bench = Bench(bench.sd, posterior(M, b, given, bench.shared.rough))
     if len(parts) > 1:
         stacks = (Stack(p, centre) for p in parts)
     levels = [level for stack in stacks for level in _levels(stack, bench)]
@@ -752,8 +445,7 @@ def _levels(stack: Stack, bench: Bench) -> list[RunLevel]:
     stack.stretch(shared.powers, shared)
     V, parts = covariance(stack, bench.sd, shared)
     w = whiten(stack, V)
-    mean = shared.mean.copy()
-    mean[POWERS] = 0.0  # the tails are stretched by all of it
+    mean = shared.stretched_mean
     scale = noise_scale(stack, w, mean)
     tail, drift = (-(w.shift[:, part] @ shared.factor[part]) for part in (_TAIL, DRIFTS))
     both = tail + drift

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beltid.identify.friction.campaign import RunLevel, Shared
+from beltid.identify.friction.campaign import RunLevel
 from beltid.identify.friction.prepare import Onset
+from beltid.identify.friction.shared import Shared
 from beltid.identify.friction.sliding_record import SlidingRecord
 from beltid.identify.friction.tail_shapes import tail_basis
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import InputError
-from beltid.identify.friction.campaign import Bench, RunLevel, reduce_bench, rest_slopes
+from beltid.identify.friction.campaign import Bench, RunLevel, reduce_bench
 from beltid.identify.friction.peak import sticking_peak
 from beltid.identify.friction.prepare import PreparedRun, prepare_run
 from beltid.identify.friction.rest_phase import Rest
@@ -29,6 +29,7 @@ from beltid.identify.friction.run import (
     RunReduction,
     arc_problem,
 )
+from beltid.identify.friction.shared import rest_slopes
 from beltid.identify.friction.sliding_record import SlidingRecord
 from beltid.identify.friction.zeros import cell_errors
 from beltid.laws.capstan import friction_coefficient, mean_normal_force
