@@ -52,10 +52,10 @@ MOST_ITERATIONS = 60
 SOFTNESS = (2.0e-2, 2.0e-3, 2.0e-4, 2.0e-5, 2.0e-6, 2.0e-7)
 SLIP_TOLERANCE = 1.0e-11  # of a patch that sticks, over the speed of the belt [-]
 LAID = (0.25, 0.5, 0.75, 1.0)  # shares of the friction by way of which all of the arc slides
-MOST_ROUNDS = 60
-FREE_ROUNDS = 30  # in which all patches may change sides at once
+MOST_ROUNDS = 80
+FREE_ROUNDS = 12  # in which all patches may change sides at once
 MOST_TURNS = 4  # of a patch at an end of the contact
-PATIENCE = 6  # rounds after which only half as many may
+PATIENCE = 3  # rounds after which only half as many may
 
 
 class Target(NamedTuple):

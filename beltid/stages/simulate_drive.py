@@ -42,7 +42,7 @@ from beltid.stages.uncertainties import (
     standard_uncertainties,
 )
 from beltid.uncertainty.budget import Scatter, budget
-from beltid.uncertainty.drive import drive_uncertainty
+from beltid.uncertainty.drive import DriveUncertainty, drive_uncertainty
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.sources import Source, drive_sources
 
@@ -172,7 +172,7 @@ def _outcome(
     )
     ensemble = surface.ensemble() if known and isinstance(surface, UncertainSurface) else ()
     sources = drive_sources(standard_uncertainties(config), len(drive.pulleys), press.has_scatter)
-    open_ = drive_uncertainty(drive, [asked.point for asked, _ in good], press, sources, ensemble)
+    open_ = _uncertainty(drive, good, press, sources, ensemble)
     columns = _columns(drive, good)
     columns["speed_loss_u_rad_s"] = open_.combined.ravel()
     return Outcome(
@@ -212,6 +212,27 @@ def _solved(
             result = error
         solved.append(SolvedPoint(asked, result))
     return tuple(solved)
+
+
+def _uncertainty(
+    drive: Drive,
+    good: Sequence[tuple[LabelledPoint, DriveResult]],
+    press: PressLaw,
+    sources: Sequence[Source],
+    ensemble: Sequence[FrictionSurface],
+) -> DriveUncertainty:
+    """Uncertainty of the losses: by the string, and by rods for points whose rods slip."""
+    points = [asked.point for asked, _ in good]
+    found = drive_uncertainty(drive, points, press, sources, ensemble)
+    slips = [bool(result.state.rods) and FULL_SLIP in result.status for _, result in good]
+    if any(slips):
+        mine = [point for point, slip in zip(points, slips, strict=True) if slip]
+        with_rods = drive_uncertainty(drive, mine, press, sources, ensemble, "rod")
+        # where an error of an input leaves a rod without a steady state, the string has to do
+        known = np.isfinite(with_rods.shared)
+        found.shared[slips] = np.where(known, with_rods.shared, found.shared[slips])
+        found.surface[slips] = with_rods.surface
+    return found
 
 
 def _limits(
@@ -386,8 +407,8 @@ def _notes(
     ]
     if method == "rod":
         notes.append(
-            "speeds and torques are those of the rod; slip limits, arcs used, shares and "
-            "uncertainties those of the string, which carries about 2 % more torque"
+            "speeds and torques are those of the rod; slip limits, arcs used, shares and, short of "
+            "full slip, uncertainties those of the string, which carries about 2 % more torque"
         )
     if not surface_known:
         notes.append("the friction surface has no covariance: it is taken as known")
