@@ -5,7 +5,8 @@ Module         Responsibility                                                   
 =============  ===================================================================  ==============
 ``model``      Pulleys, installation and operating point of a drive
 ``geometry``   Tangent spans, wrap angles, arm of the tensioner
-``string``     The belt on its pulleys: strain, seating, creep, sliding, torque     (D1) to (D6)
+``string``     The belt on its pulleys: strain, seating, creep, sliding, torque     (D1) to (D6),
+                                                                                    (D13)
 ``rod``        The belt on one pulley with its bending stiffness                    (R1) to (R5)
 ``loop``       Span forces, flow of belt and tensioner of the closed loop           (D7) to (D9)
 ``rod_level``  The same loop with a rod on each pulley                              (D12)

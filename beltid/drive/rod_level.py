@@ -93,13 +93,18 @@ class RodLevel:
     Raises
     ------
     InputError
-        If there is no contact law: a rigid pulley has no bed.
+        If there is no contact law, as a rigid pulley has no bed, or if the ribs shear.
     """
 
     def __init__(self, drive: Drive, level: StringLevel) -> None:
         if drive.law is None:
             raise InputError(
                 "rod level: a contact law of the ribs is needed; rigid pulleys have none"
+            )
+        if math.isfinite(drive.shear_stiffness):
+            raise InputError(
+                "rod level: ribs that shear (belt.shear_stiffness_N_m2) are known to the string "
+                "only; predict with drive.method: string"
             )
         self.drive, self.level = drive, level
         self._known: dict[tuple[int, float, float], _Known] = {}

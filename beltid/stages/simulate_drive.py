@@ -52,6 +52,7 @@ KEYS: Final = (
     "belt.axial_stiffness_N",
     "belt.bending_stiffness_N_m2",
     "belt.mass_per_length_kg_m",
+    "belt.shear_stiffness_N_m2",
     "drive",
     "rig.pulley_radius_m",
     "press.segment_length_cm",
