@@ -163,6 +163,7 @@ class FrictionSection(Section):
     tension_slack_gain: Annotated[float, Number(0.1, 10)] = 1.0
     tension_tight_tilt_deg: Annotated[float, Number(-60, 60, "°")] = 0.0
     tension_slack_tilt_deg: Annotated[float, Number(-60, 60, "°")] = 0.0
+    check_initial_tension: bool = True
     max_mu: Annotated[float, Number(0.01, 100)] = 3.0
 
 

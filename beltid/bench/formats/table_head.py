@@ -162,7 +162,7 @@ def _parted(text: str) -> tuple[str, str, str]:
 def read_field(name: str, text: str, unit: str = "") -> Field:
     """A field whose unit stands in a cell of its own, in its name, or after the number."""
     unit = unit or unit_in_name(name)
-    number = re.match(r"\s*([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([^\d\s].*)$", text)
+    number = re.match(r"\s*([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([^\d\s.,].*)$", text)
     if not unit and number and is_unit(number[2]):
         return Field(without_unit(name), number[1], number[2].strip())
     return Field(without_unit(name), text, unit)

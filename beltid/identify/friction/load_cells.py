@@ -18,7 +18,10 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-
+CLEAR, LARGE = 5.0, 0.1
+"""Standard errors, and share of the lowest stated tension or of the factor 1, from which readings
+do not fit what is stated."""
+ROUGH = "If the stated tensions are no more than rough: friction.check_initial_tension: false"
 TOLD = "known errors of the load cells taken off"
 """How the note begins."""
 
@@ -96,3 +99,58 @@ class KnownCells:
             slack=self.slack.tension(channels.slack),
             steps=(self.tight.scale * step_tight, self.slack.scale * step_slack),
         )
+
+
+def against_stated(measured_N: Array, stated_N: Array) -> str:
+    """What is wrong between the tensions at rest and those that the test was to have.
+
+    Their line ``measured = offset + factor stated`` is that through the medians of the lowest and
+    of the highest third of the runs (Tukey's resistant line): a few runs set wrongly do not matter.
+
+    Parameters
+    ----------
+    measured_N : ndarray
+        Mean of both cells at rest [N], shape (n,).
+    stated_N : ndarray
+        Stated initial tensions [N], nan where there is none, shape (n,).
+
+    Returns
+    -------
+    str
+        Empty if they fit, or if fewer than four runs or a single tension leave it open.
+    """
+    known = np.isfinite(measured_N) & np.isfinite(stated_N)
+    measured, stated = measured_N[known], stated_N[known]
+    if known.sum() < 4:
+        return ""
+    order = np.argsort(stated, kind="stable")
+    third = -(-order.size // 3)
+    (low, high), (at_low, at_high) = (
+        (np.median(x[order[:third]]), np.median(x[order[-third:]])) for x in (stated, measured)
+    )
+    if high - low < 0.1 * abs(high):
+        return ""
+    factor = float((at_high - at_low) / (high - low))
+    offset = float(np.median(measured - factor * stated))
+    away = measured - offset - factor * stated
+    scatter = 1.4826 * float(np.median(np.abs(away))) + 1e-3 * float(np.median(stated))
+    design = np.column_stack([np.ones_like(stated), stated])
+    # the line of medians is some 1.25 times as uncertain as that of least squares
+    errors = 1.25 * scatter * np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
+    offset_se, factor_se = errors
+    lowest = float(np.min(stated))
+    if abs(offset) > max(CLEAR * offset_se, LARGE * lowest):
+        return (
+            f"the tensions at rest are {offset:+.3g} N (standard error {offset_se:.2g} N) off the "
+            "stated initial tensions, whatever the tension: were the load cells tared? State their "
+            "readings without a load as friction.tension_tight_tare_N and "
+            f"friction.tension_slack_tare_N. {ROUGH}"
+        )
+    if abs(factor - 1.0) > max(CLEAR * factor_se, LARGE):
+        return (
+            f"the tensions at rest are {factor:.4g} (standard error {factor_se:.2g}) times the "
+            "stated initial tensions: is the unit of the cells right (units.rig), is the force of "
+            "the whole hub stated? A known error of the cells is friction.tension_tight_gain and "
+            f"friction.tension_slack_gain. {ROUGH}"
+        )
+    return ""

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import InputError
 from beltid.identify.friction.campaign import Bench, RunLevel, reduce_bench
+from beltid.identify.friction.load_cells import against_stated
 from beltid.identify.friction.peak import sticking_peak
 from beltid.identify.friction.prepare import PreparedRun, prepare_run
 from beltid.identify.friction.rest_phase import Rest
@@ -159,6 +160,11 @@ def reduce_stream(
     -------
     tuple of RunReduction
         One for every run, in their order.
+
+    Raises
+    ------
+    InputError
+        If the tensions at rest do not fit the stated ones, see :func:`against_stated`.
     """
     if not (np.isfinite(R) and R > 0.0):
         raise InputError(f"pulley_radius_m = {R!r}, must be > 0")
@@ -169,6 +175,14 @@ def reduce_stream(
         together = _reduce_together([runs[k] for k in sliding], R, settings)
         for k, reduced in zip(sliding, together, strict=True):
             found[k] = reduced
+    if settings.check_initial_tension:
+        good = [run for run in found if run.ok]
+        problem = against_stated(
+            np.array([run.initial_tension_N for run in good]),
+            np.array([run.nominal_tension_N for run in good]),
+        )
+        if problem:
+            raise InputError(problem)
     return tuple(found)
 
 

@@ -53,6 +53,8 @@ class FrictionSettings:
     each cell, with the noise of the rest phase. ``False``: never; the standard error allows for a
     clear one. ``"auto"``: where it is clear, as what all runs of the bench together show it
     to be: a difference of the zero points, or of the gains; otherwise as with ``False``."""
+    check_initial_tension: bool = True
+    """Whether tensions at rest that do not fit the stated ones are an error."""
     tension_tight_tare_N: float = 0.0
     """Reading of the cell of the column tension_tight_N without a load [N]."""
     tension_slack_tare_N: float = 0.0

@@ -13,7 +13,6 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, logsumexp, ndtri
-from scipy.stats import qmc
 
 from beltid.identify.friction.tail_shapes import tail_coefficients
 
@@ -68,9 +67,13 @@ class Spectra:
 
 @lru_cache(maxsize=1)
 def _normal_points() -> Array:
-    """Evenly spread points of three standard normal variables, shape (512, 3)."""
-    even = qmc.Sobol(3, scramble=False).random_base2(9)
-    return np.asarray(ndtri(even + 0.5 / len(even)))
+    """Evenly spread points of three standard normal variables, shape (512, 3).
+
+    Multiples of the powers of 1/g with g**4 = g + 1 fill the cube evenly (additive recurrence).
+    """
+    g = 1.2207440846057596
+    even = (0.5 + np.outer(np.arange(1, 513), g ** -np.arange(1.0, 4.0))) % 1.0
+    return np.asarray(ndtri(even))
 
 
 def spectra_of(M: Array, b: Array, range_m: tuple[float, float]) -> Spectra:
