@@ -13,6 +13,7 @@ from beltid.report.drawing import (
     GRID,
     INK,
     SIMULATED,
+    WIDTH,
     figure,
     group,
     legend_below,
@@ -24,6 +25,7 @@ from beltid.report.results import Sheet
 TORQUE: Final = "torque [N m]"
 LOSS: Final = "speed loss [rad/s]"
 MILLI: Final = 1e3
+TALL: Final = 5.8
 
 
 def predicted(sheet: Sheet) -> list[Picture]:
@@ -49,22 +51,24 @@ def _drawing(sheet: Sheet) -> list[Picture]:
     leaving = sheet["tension_out_N" if forwards else "tension_in_N"][rows]
     from matplotlib.patches import Arc, Circle
 
+    centres = np.array([(pulley["x_m"], pulley["y_m"]) for pulley in laid])
+    middle, (wide, high) = centres.mean(axis=0), np.ptp(centres, axis=0) + 4.0 * size
     with style():
-        fig = figure()
+        fig = figure(height=min(WIDTH * high / wide, TALL))
         axes = fig.subplots()
         for i, (pulley, row) in enumerate(zip(laid, rows, strict=True)):
             centre = np.array((pulley["x_m"], pulley["y_m"]))
             radius = pulley["radius_m"]
             axes.add_patch(Circle(tuple(centre), radius, facecolor=GRID, edgecolor="none"))
             arrives, leaves = np.array(laid[i - 1]["arrives_m"]), np.array(pulley["leaves_m"])
-            low, high = _wrapped(arrives - centre, leaves - centre, sheet["wrap_deg"][row])
+            first, last = _wrapped(arrives - centre, leaves - centre, sheet["wrap_deg"][row])
             axes.add_patch(
                 Arc(
                     tuple(centre),
                     2.0 * radius,
                     2.0 * radius,
-                    theta1=low,
-                    theta2=high,
+                    theta1=first,
+                    theta2=last,
                     color=INK,
                     linewidth=2.0,
                 )
@@ -80,7 +84,10 @@ def _drawing(sheet: Sheet) -> list[Picture]:
                 bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
             )
             force, angle = sheet["hub_force_N"][row], np.radians(sheet["hub_angle_deg"][row])
-            tip = centre + 2.0 * size * force / largest * np.array((np.cos(angle), np.sin(angle)))
+            along = np.array((np.cos(angle), np.sin(angle)))
+            tip = centre + 2.0 * size * force / largest * along
+            outwards = centre - middle
+            beside = centre + (radius + 0.6 * size) * outwards / np.hypot(*outwards)
             axes.annotate(
                 "",
                 xy=tuple(tip),
@@ -89,16 +96,14 @@ def _drawing(sheet: Sheet) -> list[Picture]:
             )
             axes.annotate(
                 f"{pulley['pulley']}\n{force:.0f} N",
-                tuple(centre),
-                xytext=(0, -4),
-                textcoords="offset points",
+                tuple(beside),
                 ha="center",
-                va="top",
+                va="center",
                 fontsize=8.5,
                 color=SIMULATED,
             )
         axes.set_aspect("equal")
-        axes.margins(0.08)
+        axes.margins(0.2)
         axes.set(xlabel="x [m]", ylabel="y [m]")
         axes.grid(visible=False)
     torque = float(np.nanmax(np.abs(sheet["torque_N_m"][rows])))
@@ -127,7 +132,7 @@ def _along_arcs(sheet: Sheet) -> list[Picture]:
     if not arcs:
         return []
     with style():
-        fig = figure(height=5.2)
+        fig = figure(height=TALL)
         force, speed = fig.subplots(2, 1, sharex=True)
         for k, arc in enumerate(arcs):
             look = {**group(k), "marker": None}
@@ -135,7 +140,7 @@ def _along_arcs(sheet: Sheet) -> list[Picture]:
             force.plot(angle, arc["normal_force_N_m"], label=arc["pulley"], **look)
             speed.plot(angle, MILLI * np.array(arc["slip_speed_m_s"]), **look)
         speed.axhline(0.0, color=FAINT, linewidth=0.8)
-        force.set_ylabel("normal force per length [N/m]")
+        force.set_ylabel("normal force [N/m]")
         force.set_ylim(bottom=0.0)
         speed.set(xlabel="angle from where the belt runs on [°]", ylabel="sliding speed [mm/s]")
         legend_below(fig, [force])
