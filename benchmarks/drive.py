@@ -1,4 +1,4 @@
-"""Predicted drives: time a point, and an ensemble of 64 surfaces over the points of a recording.
+"""Predicted drives: time a point by string and rod, and of an ensemble of 64 surfaces.
 
 python -m benchmarks.drive
 """
@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from beltid.drive.model import Drive, DrivePoint, Pulley
+from beltid.drive.results import simulate
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt
@@ -29,7 +30,7 @@ def surface(level: float = 1.0) -> FrictionSurface:
 
 
 def main() -> None:
-    """Print both times."""
+    """Print the times."""
     pulleys = (Pulley("driver", 0.0, 0.0, 0.05), Pulley("driven", 0.25, 0.0, 0.05))
     law = NormalLaw(6.5e7, 3.0256e11)
     drive = Drive(Belt(1.0e5, 0.02, 0.10), law, surface(), pulleys)
@@ -43,6 +44,15 @@ def main() -> None:
     speed_losses(drive, points)
     spent = time.process_time() - start
     print(f"{1e3 * spent / len(points):.2f} ms of processor time a point (aim: 1 ms)")
+    simulate(drive, points[:2], "rod")  # compiles
+    start = time.process_time()
+    simulate(drive, points, "rod")
+    spent = time.process_time() - start
+    of_pulley = 1e3 * spent / (len(points) * len(pulleys))
+    print(
+        f"{spent:.1f} s for the rods of {len(points)} points (aim: 3 s), {of_pulley:.0f} ms a "
+        "pulley (aim: 30 ms)"
+    )
     start = time.process_time()
     for level in np.linspace(0.98, 1.02, MEMBERS):
         speed_losses(replace(drive, surface=surface(level)), points)

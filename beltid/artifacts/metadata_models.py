@@ -461,12 +461,45 @@ class SlipLimitRow(TypedDict):
     slip_limit_torque_N_m: Number | None
 
 
+class TensionLimitRow(TypedDict):
+    """Torques at which a drive stops sticking and begins to slip grossly, at one tension."""
+
+    driver_speed_rad_s: Number
+    initial_tension_N: Number
+    adhesion_end_torque_N_m: Number | None
+    slip_limit_torque_N_m: Number | None
+
+
+class LaidPulleyRow(TypedDict):
+    """A pulley at rest, and the ends of the span that leaves it [m]."""
+
+    pulley: str
+    x_m: Number
+    y_m: Number
+    radius_m: Number
+    leaves_m: list[Number]
+    arrives_m: list[Number]
+
+
+class DriveArcRow(TypedDict):
+    """The contact along the arc of a pulley at the most loaded point, entry first."""
+
+    pulley: str
+    run: str
+    angle_deg: list[Number]
+    normal_force_N_m: list[Number]
+    slip_speed_m_s: list[Number]
+
+
 class DriveMetadata(Metadata):
     """Of a predicted drive; the loaded pulley is that of the recording it follows, if any."""
 
     n_failed: Count | None = None
     loaded_pulley: str | None = None
     slip_limits: Listed[SlipLimitRow] = ()
+    limits_over_tension: Listed[TensionLimitRow] = ()
+    laid: Listed[LaidPulleyRow] = ()
+    arcs: Listed[DriveArcRow] = ()
 
 
 class CompareDriveMetadata(Metadata):

@@ -74,7 +74,7 @@ class OperatingPointsSection(Section):
 class DriveSection(Section):
     """A belt drive: pulleys in the order of the belt, installation, operating points."""
 
-    method: Literal["string"] = "string"
+    method: Literal["string", "rod"] = "string"
     installation: Installation = "fixed_centres"
     initial_tension_N: (
         Annotated[

@@ -190,6 +190,7 @@ class BeltSection(Section):
     bending_stiffness_N_m2: Annotated[float, Number(1e-8, 1e2, "N m²")] = 0.02
     mass_per_length_kg_m: Annotated[float, Number(1e-4, 1e2, "kg/m")] = 0.10
     damping_time_s: Annotated[float, Number(0, 1, "s")] = 1.0e-4
+    shear_stiffness_N_m2: Annotated[float, Number(1e5, 1e12, "N/m²")] | None = None
 
 
 class PressSection(Section):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,8 @@ from scipy.optimize import root_scalar
 
 from beltid.drive.geometry import Layout, arm_lever, layout, spring_moment
 from beltid.drive.model import Drive, DrivePoint
-from beltid.drive.string import Arcs, StringLevel
+from beltid.drive.rod import RodState
+from beltid.drive.string import Arcs
 from beltid.errors import ConvergenceError, InputError
 
 Array = NDArray[np.float64]
@@ -31,6 +32,14 @@ MOST_HALVINGS: Final = 12
 DIFFERENCE: Final = 1e-7
 SLACK: Final = 1e-5
 """A span with less than this share of the largest span force is slack."""
+
+
+class Level(Protocol):
+    """How the belt on the pulleys is computed."""
+
+    def arcs(self, P_in: Array, P_out: Array, v0: float, wraps: Array) -> Arcs:
+        """State of the belt on every pulley, from the effective forces before and behind it."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +84,8 @@ class LoopState:
         Whether the torques leave a span without force; then no number of the state means anything.
     iterations : int
         Newton steps.
+    rods : tuple of RodState or None
+        Rod on each pulley; empty at string level, None where the string stays.
     """
 
     P: Array
@@ -84,6 +95,7 @@ class LoopState:
     arcs: Arcs
     slack: bool = False
     iterations: int = 0
+    rods: tuple[RodState | None, ...] = ()
 
     @property
     def P_in(self) -> Array:
@@ -91,14 +103,14 @@ class LoopState:
         return np.roll(self.P, 1)
 
 
-def rest_state(drive: Drive, level: StringLevel, T_0: float) -> RestState:
+def rest_state(drive: Drive, level: Level, T_0: float) -> RestState:
     """Tighten the belt at rest, which says how long it is.
 
     Parameters
     ----------
     drive : Drive
         Pulleys and installation.
-    level : StringLevel
+    level : Level
         Their laws.
     T_0 : float
         Tension at rest [N]; nan with a tensioner whose mean position sets it.
@@ -133,7 +145,7 @@ def rest_state(drive: Drive, level: StringLevel, T_0: float) -> RestState:
     return _laid_at_rest(drive, level, T_0, float(found.root))
 
 
-def _laid_at_rest(drive: Drive, level: StringLevel, T_0: float, angle: float | None) -> RestState:
+def _laid_at_rest(drive: Drive, level: Level, T_0: float, angle: float | None) -> RestState:
     laid = layout(drive, angle)
     P = np.full(laid.spans.size, T_0)
     on_arcs = level.arcs(P, P, 0.0, laid.wraps).length
@@ -168,9 +180,7 @@ def _tension_of_arm(drive: Drive, angle: float) -> float:
 class _Loop:
     """The equations of an operating point; forces are scaled by T_0, the flow by the driver."""
 
-    def __init__(
-        self, drive: Drive, point: DrivePoint, level: StringLevel, rest: RestState
-    ) -> None:
+    def __init__(self, drive: Drive, point: DrivePoint, level: Level, rest: RestState) -> None:
         self.drive, self.point, self.level, self.rest = drive, point, level, rest
         self.R = np.array([p.R for p in drive.pulleys])
         self.torque = np.array(point.torque) + np.array([p.drag for p in drive.pulleys])
@@ -229,7 +239,7 @@ class _Loop:
         return np.array([*np.maximum(P, 0.05), 1.0 / stretch, *arm])
 
 
-def solve_loop(drive: Drive, point: DrivePoint, level: StringLevel, rest: RestState) -> LoopState:
+def solve_loop(drive: Drive, point: DrivePoint, level: Level, rest: RestState) -> LoopState:
     """Find the steady state of an operating point.
 
     Newton's method with a Jacobian by differences, kept as long as it serves. A span force may fall
@@ -241,7 +251,7 @@ def solve_loop(drive: Drive, point: DrivePoint, level: StringLevel, rest: RestSt
         The drive, its belt running in the order of the pulleys.
     point : DrivePoint
         The operating point; of its speed the magnitude counts.
-    level : StringLevel
+    level : Level
         Belt on a pulley.
     rest : RestState
         The belt at rest.

@@ -98,6 +98,9 @@ class Drive:
         Only with that installation.
     back_friction : float
         Friction coefficient of the back of the belt, which is taken as rigid.
+    shear_stiffness : float
+        Tangential force of the ribs per stress-free length and shear displacement [N/m²]; infinite
+        where they do not shear. At string level only.
 
     Raises
     ------
@@ -113,9 +116,12 @@ class Drive:
     installation: Installation = "fixed_centres"
     tensioner: Tensioner | None = None
     back_friction: float = 0.5
+    shear_stiffness: float = math.inf
 
     def __post_init__(self) -> None:
         problems = []
+        if not self.shear_stiffness > 0:
+            problems.append(f"shear_stiffness = {self.shear_stiffness:g} N/m², must be > 0")
         if len(self.pulleys) < 2:
             problems.append(f"{len(self.pulleys)} pulley(s), must be at least two")
         problems += [

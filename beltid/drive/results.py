@@ -11,16 +11,19 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltid.drive.loop import LoopState, RestState, rest_state, solve_loop
 from beltid.drive.model import Drive, DrivePoint
+from beltid.drive.rod_level import RodLevel
 from beltid.drive.string import SlidingShares, StringLevel
 
 Array = NDArray[np.float64]
+
+Method = Literal["string", "rod"]
 
 ADHESION: Final = "adhesion"
 FULL_SLIP: Final = "full slip"
@@ -82,9 +85,9 @@ class DriveResult:
         """Of each pulley: adhesion, full slip, gross slip; slack if a span has no force."""
         if self.state.slack or self.idle.slack:
             return (SLACK,) * len(self.drive.pulleys)
-        arcs, wraps = self.state.arcs, self.state.laid.wraps
-        names = np.where(arcs.needed <= wraps, ADHESION, FULL_SLIP)
-        return tuple(np.where(np.isnan(arcs.slip), GROSS_SLIP, names).tolist())
+        slip = self.state.arcs.slip
+        names = np.where(slip == 0.0, ADHESION, FULL_SLIP)
+        return tuple(np.where(np.isnan(slip), GROSS_SLIP, names).tolist())
 
     @property
     def speed(self) -> Array:
@@ -152,6 +155,12 @@ class DriveResult:
         found = StringLevel(self.drive).shares(
             state.P_in, state.P, state.v0, state.laid.wraps, state.arcs.slip
         )
+        for i, rod in enumerate(state.rods):
+            if rod is not None:
+                touches = rod.points.f_N > 0.0
+                found.slip_speed_max[i] = np.abs(rod.points.slip[touches]).max()
+                found.normal_force_min[i] = rod.points.f_N[touches].min()
+                found.normal_force_max[i] = rod.points.f_N[touches].max()
         if not state.slack:
             return found
         unknown = np.full(state.P.size, np.nan)
@@ -203,11 +212,19 @@ class Simulator:
     ----------
     drive : Drive
         Belt, laws, pulleys, installation.
+    method : {"string", "rod"}
+        Whether the belt has its bending stiffness.
+
+    Raises
+    ------
+    InputError
+        At rod level without a contact law.
     """
 
-    def __init__(self, drive: Drive) -> None:
-        self.drive = drive
+    def __init__(self, drive: Drive, method: Method = "string") -> None:
+        self.drive, self.method = drive, method
         self.level = StringLevel(drive)
+        self._rods = RodLevel(drive, self.level) if method == "rod" else None
         self._rest: dict[float | None, RestState] = {}
         self._idle: dict[tuple[float, float | None], LoopState] = {}
 
@@ -230,7 +247,7 @@ class Simulator:
 
     @cached_property
     def _reversed(self) -> Simulator:
-        return Simulator(self.drive.reversed())
+        return Simulator(self.drive.reversed(), self.method)
 
     def _forwards(self, point: DrivePoint) -> DriveResult:
         """Solve a point with the belt running in the order of the pulleys."""
@@ -239,13 +256,19 @@ class Simulator:
             self._rest[T_0] = rest_state(self.drive, self.level, point.T_0)
         rest = self._rest[T_0]
         if (point.omega, T_0) not in self._idle:
-            idle = solve_loop(self.drive, point.scaled(0.0), self.level, rest)
-            self._idle[point.omega, T_0] = idle
-        state = solve_loop(self.drive, point, self.level, rest)
+            self._idle[point.omega, T_0] = self._loop(point.scaled(0.0), rest)
+        state = self._loop(point, rest)
         return DriveResult(point, self.drive, rest, state, self._idle[point.omega, T_0])
 
+    def _loop(self, point: DrivePoint, rest: RestState) -> LoopState:
+        if self._rods is None:
+            return solve_loop(self.drive, point, self.level, rest)
+        return self._rods.solve(point, rest)
 
-def simulate(drive: Drive, points: Sequence[DrivePoint]) -> list[DriveResult]:
+
+def simulate(
+    drive: Drive, points: Sequence[DrivePoint], method: Method = "string"
+) -> list[DriveResult]:
     """Predict operating points of a drive.
 
     Parameters
@@ -254,6 +277,8 @@ def simulate(drive: Drive, points: Sequence[DrivePoint]) -> list[DriveResult]:
         Belt, laws, pulleys, installation.
     points : sequence of DrivePoint
         Operating points.
+    method : {"string", "rod"}
+        Whether the belt has its bending stiffness.
 
     Returns
     -------
@@ -265,5 +290,5 @@ def simulate(drive: Drive, points: Sequence[DrivePoint]) -> list[DriveResult]:
     InputError, ConvergenceError
         As :meth:`Simulator.solve`.
     """
-    simulator = Simulator(drive)
+    simulator = Simulator(drive, method)
     return [simulator.solve(point) for point in points]

@@ -52,9 +52,10 @@ MOST_ITERATIONS = 60
 SOFTNESS = (2.0e-2, 2.0e-3, 2.0e-4, 2.0e-5, 2.0e-6, 2.0e-7)
 SLIP_TOLERANCE = 1.0e-11  # of a patch that sticks, over the speed of the belt [-]
 LAID = (0.25, 0.5, 0.75, 1.0)  # shares of the friction by way of which all of the arc slides
-MOST_ROUNDS = 200
-FREE_ROUNDS = 30  # in which all patches may change sides at once
-PATIENCE = 6  # rounds after which only half as many may
+MOST_ROUNDS = 80
+FREE_ROUNDS = 12  # in which all patches may change sides at once
+MOST_TURNS = 4  # of a patch at an end of the contact
+PATIENCE = 3  # rounds after which only half as many may
 
 
 class Target(NamedTuple):
@@ -194,6 +195,7 @@ class RodPulley:
     points_per_element: int = 5
     elements: int | None = None
     model: RigModel = field(init=False, repr=False, compare=False)
+    behind_entry: int = field(init=False, repr=False, compare=False)
     laid: StaticState = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -208,17 +210,19 @@ class RodPulley:
             )
         bench = Bench(self.belt, rig, contact, self.law, self.surface)
         model = bench.model(point, self.elements)
+        delta = float(self.law.penetration(self.tension / self.R))
+        bed = bed_length(self.belt.EI, float(self.law.stiffness(delta)))
         if self.elements is None:
-            nodes = self._divided(model.nodes)
+            nodes = self._divided(model.nodes, bed)
             arrays = belt_arrays(self.belt, nodes, self.points_per_element)
             model = replace(model, nodes=nodes, system=model.system._replace(belt=arrays))
+        first = int(np.searchsorted(model.nodes, self.span + ENTRY[1] * bed))
+        object.__setattr__(self, "behind_entry", first)
         object.__setattr__(self, "model", model)
         object.__setattr__(self, "laid", lay_on(model))
 
-    def _divided(self, nodes: Array) -> Array:
+    def _divided(self, nodes: Array, bed: float) -> Array:
         """The nodes of the rig with those in between on the arc, and more at the entry."""
-        delta = float(self.law.penetration(self.tension / self.R))
-        bed = bed_length(self.belt.EI, float(self.law.stiffness(delta)))
         leave = self.span + self.R * self.wrap
         pieces = []
         for begin, end in itertools.pairwise(nodes):
@@ -247,6 +251,8 @@ class RodState:
         Effective forces of the entering and the leaving span, ``N - m v0**2 (1 + eps)`` [N].
     friction_power : float
         Power that friction takes [W].
+    whole_slip : float
+        Sliding speed of a pulley that slides as a whole, taken behind the entry [m/s]; else 0.
     contact : ContactState
         The contact along the arc, entry first; sliding speeds are > 0 where the pulley is ahead.
     points : Points
@@ -267,6 +273,7 @@ class RodState:
     P_in: float
     P_out: float
     friction_power: float
+    whole_slip: float
     contact: ContactState
     points: Points
     certificate: Certificate
@@ -313,18 +320,27 @@ def pulley_map(
         raise InputError(
             "pulley: exactly one of P_out, torque and W, with v0, P_in and P_out > 0, must be given"
         )
-    # float(): an int would make the kernel be compiled once more for another signature
-    flow = _Flow.begin(pulley, float(v0), float(P_in), start)
-    q, R = flow.q, pulley.R
-    levers = np.array([-q[1], q[0], -q[-3], q[-4]]) / R  # of the supports, which do not move
-    if P_out is not None:
-        target = Target(True, levers, float(P_out), True)
-    else:
-        target = Target(False, levers, float(torque or 0.0) / R, torque is not None)
-    if W is not None:
-        flow.turn(float(W), target, ramp=start is None)
-    flow.settle(target, SOFTNESS if start is None and W is None else SOFTNESS[-1:])
-    return flow.state(levers)
+    # a neighbour's sticking patches may be too far from those sought: then from soft ones, and then
+    # from a belt laid on
+    ways = [(start, SOFTNESS[-1:]), (start, SOFTNESS), (None, SOFTNESS)]
+    failure = ConvergenceError("")
+    for begin, softness in ways if start is not None else ways[2:]:
+        # float(): an int would make the kernel be compiled once more for another signature
+        flow = _Flow.begin(pulley, float(v0), float(P_in), begin)
+        q, R = flow.q, pulley.R
+        levers = np.array([-q[1], q[0], -q[-3], q[-4]]) / R  # of the supports, which do not move
+        if P_out is not None:
+            target = Target(True, levers, float(P_out), True)
+        else:
+            target = Target(False, levers, float(torque or 0.0) / R, torque is not None)
+        try:
+            if W is not None:
+                flow.turn(float(W), target, ramp=begin is None)
+            flow.settle(target, softness if W is None else SOFTNESS[-1:])
+            return flow.state(levers)
+        except ConvergenceError as error:
+            failure = error
+    raise failure
 
 
 @dataclass(slots=True)
@@ -340,6 +356,7 @@ class _Flow:
     q: Array
     stretch: float
     omega: float
+    turns: NDArray[np.int64]  # changes of every patch
     outcome: FlowOutcome | None = None
     iterations: int = 0
 
@@ -368,7 +385,8 @@ class _Flow:
             opened = ~np.any(pulley.laid.points.F_N > 0.0, axis=1)
             ends = opened | np.roll(opened, 1) | np.roll(opened, -1)
             points.patches.status[ends] = SLIDE
-        return cls(pulley, v0, P_in, system, points, work, *state)
+        turns = np.zeros(points.patches.status.size, dtype=np.int64)
+        return cls(pulley, v0, P_in, system, points, work, *state, turns)
 
     def turn(self, W: float, target: Target, *, ramp: bool) -> None:
         """Give the pulley its speed; from a belt laid on, with all of the arc sliding."""
@@ -395,6 +413,7 @@ class _Flow:
             augmentation = typical / (soft * self.v0)
             hard = soft == softness[-1]
             most, rounds = patches.status.size, 0
+            self.turns[:] = 0
             while True:
                 rounds += 1
                 if rounds > MOST_ROUNDS:
@@ -438,12 +457,18 @@ class _Flow:
             slides = np.abs(holding) > patches.limit
             turned = slides & (np.sign(holding) != patches.sign)
             changes = np.where(sticking, slides, ~slides | turned)
+        # a patch at an end of the contact bears nothing: were it to stick, it would open and close.
+        # Where the sliding changes its direction within such a patch, it keeps the last one
+        open_ = patches.limit == 0.0
+        edge = np.any(self.points.F_max == 0.0, axis=1) | np.roll(open_, 1) | np.roll(open_, -1)
+        changes = np.where(edge, sticking | (backward & (self.turns < MOST_TURNS)), changes)
+        holding = np.where(edge, patches.slip, holding)
         changed = np.flatnonzero(changes & (patches.limit > 0.0))[:most]
         now = holding[changed]
-        tears = np.abs(now) > patches.limit[changed] if not hard else sticking[changed]
+        tears = sticking[changed] | edge[changed]  # what slides the other way round sticks first
+        self.turns[changed] += 1
         patches.status[changed] = np.where(tears, SLIDE, STICK)
         # the ribs are not seated where a patch closes: the pulley is ahead of the belt
-        open_ = patches.limit == 0.0
         patches.status[open_], patches.la_T[open_] = SLIDE, 0.0
         patches.sign[changed] = np.where(now < 0.0, -1.0, 1.0)
         patches.sign[open_] = 1.0
@@ -480,6 +505,17 @@ class _Flow:
             patches.limit,
         )
 
+    def _whole_slip(self) -> float:
+        """Sliding speed behind the entry where no adhesion arc is left [m/s], else 0.
+
+        A patch that sticks alone is none: where the sliding changes its direction, one may.
+        """
+        patches = self.points.patches
+        sticks = (patches.status == STICK) & (patches.limit > 0.0)
+        if np.any(sticks[1:] & sticks[:-1]):
+            return 0.0
+        return abs(float(patches.slip[self.pulley.behind_entry]))
+
     def _failure(self, rounds: int) -> ConvergenceError:
         residual = self.outcome.residual if self.outcome else math.nan
         return ConvergenceError(
@@ -515,6 +551,7 @@ class _Flow:
             friction_power=float(np.sum(points.F_T * points.slip * points.rho)) / R,
             contact=contact,
             points=points,
+            whole_slip=self._whole_slip(),
             certificate=violations(self.system.belt, points),
             residual=self.outcome.residual,
             iterations=self.iterations,

@@ -34,6 +34,7 @@ _x, _w = np.polynomial.legendre.leggauss(8)
 GAUSS_NODES, GAUSS_WEIGHTS = 0.5 * (1.0 + _x), 0.5 * _w  # on (0, 1)
 WIDEST_PANEL = 0.4  # of ln P
 SLIP_GRID = 24  # sliding speeds at which the full slip of a pulley is looked for
+SLOWEST_SHEAR = 1e-14  # over the speed of the belt: ribs this slow stick for good
 SLOWEST_SLIP = 0.02  # the first of them, over the lowest measured speed
 
 
@@ -41,7 +42,7 @@ class Section(NamedTuple):
     """What the law of the belt and the bed are made of, for compiled code.
 
     ``EA`` [N], ``m`` [kg/m]; ``k_linear`` [N/m²] (infinite on a rigid pulley), ``k_quadratic``
-    [N/m³]; ``R`` [m].
+    [N/m³]; ``R`` [m]; ``k_shear`` of the ribs [N/m²] (infinite without shear).
     """
 
     EA: float
@@ -49,6 +50,7 @@ class Section(NamedTuple):
     k_linear: float
     k_quadratic: float
     R: float
+    k_shear: float
 
 
 class Pulleys(NamedTuple):
@@ -64,6 +66,8 @@ class Pulleys(NamedTuple):
         Radius of the centreline without load [m].
     ribs : ndarray (n,) of bool
         Whether the ribs are on the pulley, not the back.
+    k_shear : ndarray (n,)
+        Shear stiffness of the ribs [N/m²], infinite where they do not shear.
     """
 
     EA: float
@@ -71,13 +75,14 @@ class Pulleys(NamedTuple):
     beds: Array
     R: Array
     ribs: NDArray[np.bool_]
+    k_shear: Array
 
 
 @leaf
 def _section(pulleys: Pulleys, i: int) -> Section:
     """The belt on pulley i."""
     beds = pulleys.beds
-    return Section(pulleys.EA, pulleys.m, beds[i, 0], beds[i, 1], pulleys.R[i])
+    return Section(pulleys.EA, pulleys.m, beds[i, 0], beds[i, 1], pulleys.R[i], pulleys.k_shear[i])
 
 
 class Friction(NamedTuple):
@@ -341,6 +346,123 @@ def full_slip(
 
 
 @kernel
+def rate_deficit(P_in: float, P: float, v0: float, x: float, s: Section) -> float:
+    """Integral of |W - theta'/v0| over P from the entry on, for (D13) [N/m].
+
+    ``x`` is by how much the pulley's surface differs from that of the belt at the entry [m/s].
+    """
+    stretch, radius = seat(P_in, v0, s)
+    entry = stretch / radius
+    total = x / (s.R * v0) * abs(P - P_in)
+    for q in range(GAUSS_NODES.size):
+        stretch, radius = seat(P_in + GAUSS_NODES[q] * (P - P_in), v0, s)
+        total += GAUSS_WEIGHTS[q] * abs(P - P_in) * abs(entry - stretch / radius)
+    return total
+
+
+@leaf
+def _shear_excess(
+    P_in: float, P: float, v0: float, x: float, s: Section, friction: Friction
+) -> float:
+    """Shear force over the friction limit, less one, where the force has come to P."""
+    stretch, radius = seat(P_in, v0, s)
+    f, creep = force_and_speed(P, v0, stretch / radius, s)
+    tables = friction.tables
+    i, a, _ = locate(tables.x_nodes, tables.f_ref, f)
+    j, b, _ = locate(tables.y_nodes, tables.v_ref, x + creep)
+    mu, _, _ = evaluate_cell(tables.C, i, j, a, b)
+    shear = math.sqrt(2.0 * s.k_shear * s.R * rate_deficit(P_in, P, v0, x, s))
+    return shear / (mu * f) - 1.0
+
+
+@kernel
+def sheared_arc(
+    P_in: float, P_out: float, v0: float, x: float, s: Section, friction: Friction
+) -> tuple[float, float]:
+    """Angle and stress-free length of an arc whose ribs shear until they slide, (D13).
+
+    Parameters
+    ----------
+    x : float
+        Speed of the pulley's surface against the belt at the entry [m/s], > 0.
+    P_in, P_out, v0, s, friction
+        As in :func:`sliding_arc`.
+
+    Returns
+    -------
+    angle, length : float
+        [rad], [m].
+    """
+    P_slides = P_out
+    if _shear_excess(P_in, P_out, v0, x, s, friction) > 0.0:
+        low, high = P_in, P_out
+        for _ in range(60):
+            P_slides = 0.5 * (low + high)
+            if _shear_excess(P_in, P_slides, v0, x, s, friction) > 0.0:
+                high = P_slides
+            else:
+                low = P_slides
+    stretch, radius = seat(P_in, v0, s)
+    entry = stretch / radius
+    end_stretch, end_radius = seat(P_slides, v0, s)
+    angle, length = 0.0, 0.0
+    if P_slides != P_out:
+        ahead = x + s.R * v0 * abs(entry - end_stretch / end_radius)
+        angle, length = sliding_arc(P_slides, P_out, v0, ahead, s, friction)
+    # near the entry the force grows with the root of the change of P, or with it: P - P_in goes
+    # with sinh² of the variable of integration
+    change = abs(P_slides - P_in)
+    if change == 0.0:
+        return angle, length
+    slope = abs(entry - end_stretch / end_radius) / change
+    scale = 2.0 * x / (s.R * v0 * slope)
+    longest = math.asinh(math.sqrt(change / scale))
+    sense = math.copysign(1.0, P_slides - P_in)
+    panels = int(longest) + 1
+    for panel in range(panels):
+        for q in range(GAUSS_NODES.size):
+            t = longest * (panel + GAUSS_NODES[q]) / panels
+            root = math.sqrt(scale) * math.sinh(t)
+            P = P_in + sense * root * root
+            shear = math.sqrt(2.0 * s.k_shear * s.R * rate_deficit(P_in, P, v0, x, s))
+            dP = 2.0 * root * math.sqrt(scale) * math.cosh(t) * longest / panels
+            stretch, radius = seat(P, v0, s)
+            length += GAUSS_WEIGHTS[q] * dP / shear
+            angle += GAUSS_WEIGHTS[q] * dP / shear * stretch / radius
+    return angle, length
+
+
+@kernel
+def sheared_speed(
+    P_in: float, P_out: float, v0: float, wrap: float, s: Section, friction: Friction
+) -> float:
+    """Speed of the pulley's surface against the belt at the entry with ribs that shear [m/s].
+
+    With it the arc (D13) is the whole wrap; nan if that takes more than the measured speeds.
+    """
+    low = math.log(SLOWEST_SHEAR * v0)
+    fastest = friction.v_high if math.isfinite(friction.v_high) else v0
+    high = math.log(fastest)
+    at_low = sheared_arc(P_in, P_out, v0, math.exp(low), s, friction)[0] - wrap
+    at_high = sheared_arc(P_in, P_out, v0, math.exp(high), s, friction)[0] - wrap
+    if at_low <= 0.0:  # shear decays long before the entry: the string without it
+        return 0.0
+    if at_high > 0.0:
+        return math.nan
+    for _ in range(80):
+        middle = (low * at_high - high * at_low) / (at_high - at_low)
+        at_middle = sheared_arc(P_in, P_out, v0, math.exp(middle), s, friction)[0] - wrap
+        if at_middle * at_high <= 0.0:
+            low, at_low = high, at_high
+        else:
+            at_low *= 0.5
+        high, at_high = middle, at_middle
+        if abs(at_middle) < 1e-12 * wrap or abs(high - low) < 1e-12:
+            break
+    return math.exp(high)
+
+
+@kernel
 def steady_states(
     P_in: float, P_out: float, v0: float, wrap: float, s: Section, friction: Friction
 ) -> int:
@@ -381,7 +503,15 @@ def arcs_of_pulleys(
         rate[i] = stretch / radius
         needed[i], sliding = sliding_arc(P_in[i], P_out[i], v0, 0.0, s, friction)
         x, slip[i] = 0.0, 0.0
-        if needed[i] <= wraps[i]:
+        if math.isfinite(s.k_shear) and P_in[i] != P_out[i]:
+            x = sheared_speed(P_in[i], P_out[i], v0, wraps[i], s, friction)
+            slip[i] = x if needed[i] > wraps[i] or math.isnan(x) else 0.0
+        if x > 0.0 or math.isnan(x):
+            if math.isnan(x):
+                x = friction.v_high if math.isfinite(friction.v_high) else v0
+            angle, sheared = sheared_arc(P_in[i], P_out[i], v0, x, s, friction)
+            length[i] = sheared * wraps[i] / angle
+        elif needed[i] <= wraps[i]:
             length[i] = sliding + (wraps[i] - needed[i]) * radius / stretch
         else:
             slip[i] = full_slip(P_in[i], P_out[i], v0, wraps[i], s, friction)
@@ -447,6 +577,17 @@ def shares_of_pulleys(
     return SlidingShares(fastest, f_min, f_max, below, outside, states)
 
 
+@kernel
+def forces_and_speeds(P: Array, v0: float, pulleys: Pulleys, i: int) -> tuple[Array, Array]:
+    """Line forces [N/m] and speeds of creep [m/s] on pulley i where P (n,) falls from P[0] on."""
+    s = _section(pulleys, i)
+    stretch, radius = seat(P[0], v0, s)
+    force, creep = np.empty(P.size), np.empty(P.size)
+    for k in range(P.size):
+        force[k], creep[k] = force_and_speed(P[k], v0, stretch / radius, s)
+    return force, creep
+
+
 @dataclass(frozen=True, slots=True)
 class StringLevel:
     """The pulleys of a drive at string level.
@@ -473,6 +614,7 @@ class StringLevel:
             np.array([soft if p.ribs else rigid for p in pulleys]),
             np.array([p.R for p in pulleys]),
             np.array([p.ribs for p in pulleys]),
+            np.array([self.drive.shear_stiffness if p.ribs else math.inf for p in pulleys]),
         )
         object.__setattr__(self, "_pulleys", arrays)
         object.__setattr__(self, "_of_ribs", _friction(self.drive.surface))
@@ -494,6 +636,14 @@ class StringLevel:
             P_in, P_out, v0, wraps, self._pulleys, self._of_ribs, self._of_back
         )
         return arcs
+
+    def along_arc(self, i: int, P: Array, v0: float) -> tuple[Array, Array]:
+        """Line force [N/m] and speed of creep [m/s] on pulley i where the belt has P (n,) [N].
+
+        The first is the force at the entry.
+        """
+        force, creep = forces_and_speeds(P, v0, self._pulleys, i)
+        return force, creep
 
     def shares(
         self, P_in: Array, P_out: Array, v0: float, wraps: Array, slip: Array

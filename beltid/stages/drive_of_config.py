@@ -39,7 +39,7 @@ def drive_of(config: Config, surface: FrictionSurface, law: NormalLaw) -> Drive:
     InputError
         If pulleys are named twice, or a name is not that of a pulley.
     """
-    section = config.drive
+    section, shear = config.drive, config.belt.shear_stiffness_N_m2
     names = [pulley.name for pulley in section.pulleys]
     _refuse_names(section, names)
     taken = {*section.operating_points.torque_N_m, *section.operating_points.power_W}
@@ -63,6 +63,7 @@ def drive_of(config: Config, surface: FrictionSurface, law: NormalLaw) -> Drive:
         section.installation,
         _tensioner(section, names),
         section.back_friction,
+        math.inf if shear is None else shear,
     )
 
 

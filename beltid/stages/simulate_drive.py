@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,10 +12,12 @@ import numpy as np
 from beltid.artifacts.artifact import read_artifact
 from beltid.artifacts.metadata_models import DriveMetadata
 from beltid.config import Config, ConfigSource, load_config
+from beltid.drive.geometry import layout
 from beltid.drive.limits import slip_limit
 from beltid.drive.model import Drive
-from beltid.drive.results import DriveResult, Simulator
-from beltid.errors import ConvergenceError, NumericsError
+from beltid.drive.profile import arc_profiles
+from beltid.drive.results import ADHESION, FULL_SLIP, DriveResult, Method, Simulator
+from beltid.errors import ConvergenceError, InputError, NumericsError
 from beltid.identify.estimators.statistics import as_set
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
@@ -40,7 +42,7 @@ from beltid.stages.uncertainties import (
     standard_uncertainties,
 )
 from beltid.uncertainty.budget import Scatter, budget
-from beltid.uncertainty.drive import drive_uncertainty
+from beltid.uncertainty.drive import DriveUncertainty, drive_uncertainty
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.sources import Source, drive_sources
 
@@ -50,6 +52,7 @@ KEYS: Final = (
     "belt.axial_stiffness_N",
     "belt.bending_stiffness_N_m2",
     "belt.mass_per_length_kg_m",
+    "belt.shear_stiffness_N_m2",
     "drive",
     "rig.pulley_radius_m",
     "press.segment_length_cm",
@@ -72,6 +75,8 @@ SHOWN: Final = (
 TELLING: Final = 0.1
 """Share of the largest loss above which a loss counts in the budget."""
 SLIP_LIMITS: Final = "Torque with which adhesion ends, and beyond which the drive slips grossly"
+TENSIONS: Final = (0.4, 0.6, 0.8, 1.0, 1.25, 1.5)
+"""Tensions over that at rest for which the report shows the slip limit."""
 FEW_ROWS: Final = 12
 """Rows of the table up to which all of them are shown."""
 NOT_STATED: Final = (
@@ -155,7 +160,7 @@ def _outcome(
     loaded: str | None = None,
 ) -> Outcome[tuple[SolvedPoint, ...]]:
     drive = drive_of(config, surface, press.law)
-    solved = _solved(drive, points)
+    solved = _solved(drive, points, config.drive.method)
     good = [(s.asked, s.result) for s in solved if isinstance(s.result, DriveResult)]
     failed = [(s.asked, s.result) for s in solved if isinstance(s.result, ConvergenceError)]
     if not good:
@@ -168,7 +173,7 @@ def _outcome(
     )
     ensemble = surface.ensemble() if known and isinstance(surface, UncertainSurface) else ()
     sources = drive_sources(standard_uncertainties(config), len(drive.pulleys), press.has_scatter)
-    open_ = drive_uncertainty(drive, [asked.point for asked, _ in good], press, sources, ensemble)
+    open_ = _uncertainty(drive, good, press, sources, ensemble)
     columns = _columns(drive, good)
     columns["speed_loss_u_rad_s"] = open_.combined.ravel()
     return Outcome(
@@ -182,9 +187,12 @@ def _outcome(
             "n_failed": len(failed),
             "loaded_pulley": loaded,
             "slip_limits": _limits(drive, good),
+            "limits_over_tension": _limits_over_tension(drive, good),
+            "laid": _laid(drive, good),
+            "arcs": _arcs(good),
             "budget": _budget(columns, sources, open_.shared, open_.surface),
         },
-        notes=_notes(columns, known),
+        notes=_notes(columns, known, config.drive.method),
         warnings=(
             *alike,
             *(f"point {asked.run}: {error}" for asked, error in failed),
@@ -193,8 +201,10 @@ def _outcome(
     )
 
 
-def _solved(drive: Drive, points: Sequence[LabelledPoint]) -> tuple[SolvedPoint, ...]:
-    simulator, solved = Simulator(drive), []
+def _solved(
+    drive: Drive, points: Sequence[LabelledPoint], method: Method
+) -> tuple[SolvedPoint, ...]:
+    simulator, solved = Simulator(drive, method), []
     for asked in points:
         result: DriveResult | ConvergenceError
         try:
@@ -203,6 +213,27 @@ def _solved(drive: Drive, points: Sequence[LabelledPoint]) -> tuple[SolvedPoint,
             result = error
         solved.append(SolvedPoint(asked, result))
     return tuple(solved)
+
+
+def _uncertainty(
+    drive: Drive,
+    good: Sequence[tuple[LabelledPoint, DriveResult]],
+    press: PressLaw,
+    sources: Sequence[Source],
+    ensemble: Sequence[FrictionSurface],
+) -> DriveUncertainty:
+    """Uncertainty of the losses: by the string, and by rods for points whose rods slip."""
+    points = [asked.point for asked, _ in good]
+    found = drive_uncertainty(drive, points, press, sources, ensemble)
+    slips = [bool(result.state.rods) and FULL_SLIP in result.status for _, result in good]
+    if any(slips):
+        mine = [point for point, slip in zip(points, slips, strict=True) if slip]
+        with_rods = drive_uncertainty(drive, mine, press, sources, ensemble, "rod")
+        # where an error of an input leaves a rod without a steady state, the string has to do
+        known = np.isfinite(with_rods.shared)
+        found.shared[slips] = np.where(known, with_rods.shared, found.shared[slips])
+        found.surface[slips] = with_rods.surface
+    return found
 
 
 def _limits(
@@ -230,6 +261,71 @@ def _limits(
             }
         )
     return rows
+
+
+def _limits_over_tension(
+    drive: Drive, good: Sequence[tuple[LabelledPoint, DriveResult]]
+) -> list[dict[str, Any]]:
+    """How much torque the drive carries over the belt tension, for its most loaded point."""
+    asked, result = _heaviest(good)
+    if result.load == 0.0:
+        return []
+    simulator, rows = Simulator(drive), []
+    for share in TENSIONS:
+        point = replace(asked.point, T_0=share * result.rest.T_0)
+        try:
+            limit = slip_limit(simulator, point)
+        except InputError:  # the arm of a tensioner does not reach every tension
+            continue
+        rows.append(
+            {
+                "driver_speed_rad_s": asked.point.omega,
+                "initial_tension_N": point.T_0,
+                "adhesion_end_torque_N_m": limit.adhesion * result.load,
+                "slip_limit_torque_N_m": limit.slip * result.load,
+            }
+        )
+    return rows
+
+
+def _heaviest(
+    good: Sequence[tuple[LabelledPoint, DriveResult]],
+) -> tuple[LabelledPoint, DriveResult]:
+    """The point with the largest torque of those that the belt carries steadily, if any."""
+    steady = [one for one in good if set(one[1].status) <= {ADHESION, FULL_SLIP}]
+    return max(steady or good, key=lambda one: one[1].load)
+
+
+def _laid(drive: Drive, good: Sequence[tuple[LabelledPoint, DriveResult]]) -> list[dict[str, Any]]:
+    """Pulleys and spans at rest, in the order of the drive."""
+    laid = layout(drive, good[0][1].rest.arm_angle)
+    return [
+        {
+            "pulley": pulley.name,
+            "x_m": laid.centres[i, 0],
+            "y_m": laid.centres[i, 1],
+            "radius_m": pulley.R,
+            "leaves_m": laid.starts[i],
+            "arrives_m": laid.ends[i],
+        }
+        for i, pulley in enumerate(drive.pulleys)
+    ]
+
+
+def _arcs(good: Sequence[tuple[LabelledPoint, DriveResult]]) -> list[dict[str, Any]]:
+    """Line force and sliding speed along every arc at the most loaded point."""
+    asked, result = _heaviest(good)
+    return [
+        {
+            "pulley": pulley.name,
+            "run": asked.run,
+            "angle_deg": np.degrees(profile.angle),
+            "normal_force_N_m": profile.normal_force,
+            "slip_speed_m_s": profile.slip_speed,
+        }
+        for pulley, profile in zip(result.drive.pulleys, arc_profiles(result), strict=True)
+        if profile is not None
+    ]
 
 
 def _columns(
@@ -303,11 +399,18 @@ def _budget(
     return budget("speed loss", sources, changes[telling] * per_loss[:, None], part)
 
 
-def _notes(columns: Mapping[str, np.ndarray], surface_known: bool) -> tuple[str, ...]:
+def _notes(
+    columns: Mapping[str, np.ndarray], surface_known: bool, method: Method
+) -> tuple[str, ...]:
     notes = [
         "the friction power is that of the contact alone: the hysteresis of the belt in bending "
         "and seating costs about as much again"
     ]
+    if method == "rod":
+        notes.append(
+            "speeds and torques are those of the rod; slip limits, arcs used, shares and, short of "
+            "full slip, uncertainties those of the string, which carries about 2 % more torque"
+        )
     if not surface_known:
         notes.append("the friction surface has no covariance: it is taken as known")
     for status, words in (

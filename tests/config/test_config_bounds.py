@@ -67,7 +67,7 @@ def with_drive(config: Config) -> tuple[Any, ...]:
 
 
 SCIENCE: dict[str, tuple[Callable[[Config], Any], ...]] = {
-    "belt": (lambda c: c.belt_params(),),
+    "belt": (lambda c: c.belt_params(), lambda c: with_drive(c)[0].shear_stiffness),
     "press": (lambda c: stiffness_settings(c.press),),
     "rig": (lambda c: c.rig_params(), with_points, with_slip),
     "contact": (lambda c: c.contact_params(),),

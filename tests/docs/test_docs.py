@@ -18,12 +18,14 @@ from beltid.cli import app
 ROOT = Path(__file__).parents[2]
 SPHINX = (sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html")
 TUTORIAL = ROOT / "docs" / "tutorial.md"
+DRIVE = ROOT / "docs" / "drive.md"
 README = ROOT / "README.md"
 
 
 def blocks(language: str) -> list[str]:
-    """Fenced blocks of the tutorial, in their order."""
-    return re.findall(rf"^```{language}\n(.*?)^```$", TUTORIAL.read_text(), re.M | re.S)
+    """Fenced blocks of the tutorial and of the page that goes on from it, in their order."""
+    pages = TUTORIAL.read_text() + DRIVE.read_text()
+    return re.findall(rf"^```{language}\n(.*?)^```$", pages, re.M | re.S)
 
 
 def commands() -> list[str]:

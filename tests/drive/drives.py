@@ -38,3 +38,19 @@ def two_pulleys(**changes: Any) -> Drive:
         "pulleys": (Pulley("driver", 0.0, 0.0, 0.05), Pulley("driven", 0.25, 0.0, 0.05)),
     }
     return Drive(**(parts | changes))
+
+
+BELTS = {
+    "4pk": (1.05, 0.20, 0.50, 0.0020, NormalLaw(5.6e7, 2.20e11)),
+    "5pk": (0.95, 0.18, 0.45, 0.0015, LAW_5PK),
+    "6pk": (0.88, 0.14, 0.38, 0.0012, NormalLaw(7.1e7, 3.90e11)),
+}
+"""True laws of the synthetic belts: mu0, a, c, v0 and the contact (rigdata/README.md)."""
+
+
+def true_surface(belt: str, slowest: float = SLOWEST) -> FrictionSurface:
+    """True friction of a synthetic belt from a sliding speed [m/s] on; nearest value outside."""
+    mu0, a, c, v0, _ = BELTS[belt]
+    f, v = np.geomspace(20.0, 30000.0, 70), np.geomspace(slowest, FASTEST, 30)
+    speed = np.log1p(v / v0) / np.log1p(0.01 / v0)
+    return FrictionSurface(f, v, mu0 * (f[:, None] / 5400.0) ** -a * (1.0 + c * (speed - 1.0)))

@@ -1,4 +1,4 @@
-"""The belt drive: speed loss over torque and its parts, arcs used, predicted against measured."""
+"""The belt drive: drawing, speed loss, arcs, slip limit, and predicted against measured."""
 
 from __future__ import annotations
 
@@ -8,17 +8,190 @@ from typing import Final
 import numpy as np
 
 from beltid.identify.estimators.statistics import as_set
-from beltid.report.drawing import FAINT, figure, group, legend_below, style
+from beltid.report.drawing import (
+    FAINT,
+    GRID,
+    INK,
+    SIMULATED,
+    WIDTH,
+    figure,
+    group,
+    legend_below,
+    style,
+)
 from beltid.report.picture import Picture
 from beltid.report.results import Sheet
 
 TORQUE: Final = "torque [N m]"
 LOSS: Final = "speed loss [rad/s]"
+MILLI: Final = 1e3
+TALL: Final = 5.8
 
 
 def predicted(sheet: Sheet) -> list[Picture]:
-    """Figures of a predicted drive: the loss of its most loaded pulley, and the arcs used."""
-    return [_loss(sheet), _arcs(sheet)]
+    """Figures of a predicted drive; those that an older table has no numbers for are left out."""
+    return [
+        *_drawing(sheet),
+        _loss(sheet),
+        _arcs(sheet),
+        *_along_arcs(sheet),
+        *_slip_limit(sheet),
+    ]
+
+
+def _drawing(sheet: Sheet) -> list[Picture]:
+    """Pulleys and belt, with the forces of the spans and on the axes at the most loaded point."""
+    laid, run = list(sheet.extra.get("laid") or []), _most_loaded(sheet)
+    if not laid or run is None:
+        return []
+    rows = np.flatnonzero(sheet["run"] == run)
+    size = max(pulley["radius_m"] for pulley in laid)
+    largest = float(np.nanmax(sheet["hub_force_N"][rows]))
+    forwards = sheet["driver_speed_rad_s"][rows[0]] > 0.0
+    leaving = sheet["tension_out_N" if forwards else "tension_in_N"][rows]
+    from matplotlib.patches import Arc, Circle
+
+    centres = np.array([(pulley["x_m"], pulley["y_m"]) for pulley in laid])
+    middle, (wide, high) = centres.mean(axis=0), np.ptp(centres, axis=0) + 4.0 * size
+    with style():
+        fig = figure(height=min(WIDTH * high / wide, TALL))
+        axes = fig.subplots()
+        for i, (pulley, row) in enumerate(zip(laid, rows, strict=True)):
+            centre = np.array((pulley["x_m"], pulley["y_m"]))
+            radius = pulley["radius_m"]
+            axes.add_patch(Circle(tuple(centre), radius, facecolor=GRID, edgecolor="none"))
+            arrives, leaves = np.array(laid[i - 1]["arrives_m"]), np.array(pulley["leaves_m"])
+            first, last = _wrapped(arrives - centre, leaves - centre, sheet["wrap_deg"][row])
+            axes.add_patch(
+                Arc(
+                    tuple(centre),
+                    2.0 * radius,
+                    2.0 * radius,
+                    theta1=first,
+                    theta2=last,
+                    color=INK,
+                    linewidth=2.0,
+                )
+            )
+            span = np.stack([leaves, pulley["arrives_m"]])
+            axes.plot(span[:, 0], span[:, 1], color=INK, linewidth=2.0)
+            axes.annotate(
+                f"{leaving[i]:.0f} N",
+                tuple(span.mean(axis=0)),
+                ha="center",
+                va="center",
+                fontsize=8.5,
+                bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
+            )
+            force, angle = sheet["hub_force_N"][row], np.radians(sheet["hub_angle_deg"][row])
+            along = np.array((np.cos(angle), np.sin(angle)))
+            tip = centre + 2.0 * size * force / largest * along
+            outwards = centre - middle
+            beside = centre + (radius + 0.6 * size) * outwards / np.hypot(*outwards)
+            axes.annotate(
+                "",
+                xy=tuple(tip),
+                xytext=tuple(centre),
+                arrowprops={"arrowstyle": "-|>", "color": SIMULATED, "linewidth": 1.6},
+            )
+            axes.annotate(
+                f"{pulley['pulley']}\n{force:.0f} N",
+                tuple(beside),
+                ha="center",
+                va="center",
+                fontsize=8.5,
+                color=SIMULATED,
+            )
+        axes.set_aspect("equal")
+        axes.margins(0.2)
+        axes.set(xlabel="x [m]", ylabel="y [m]")
+        axes.grid(visible=False)
+    torque = float(np.nanmax(np.abs(sheet["torque_N_m"][rows])))
+    return [
+        Picture(
+            "drawing",
+            "The drive and its forces",
+            f"Point {run}, {abs(sheet['driver_speed_rad_s'][rows[0]]):.4g} rad/s, largest torque "
+            f"{torque:.3g} N m. At the spans: tension of the belt. Arrows: force of the belt on "
+            "each axis.",
+            fig,
+        )
+    ]
+
+
+def _wrapped(arrives: np.ndarray, leaves: np.ndarray, wrap: float) -> tuple[float, float]:
+    """Polar angles between which the belt lies on a pulley [deg], anticlockwise."""
+    first, last = (np.degrees(np.arctan2(at[1], at[0])) for at in (arrives, leaves))
+    anticlockwise = abs((last - first) % 360.0 - wrap) <= abs((first - last) % 360.0 - wrap)
+    return (first, last) if anticlockwise else (last, first)
+
+
+def _along_arcs(sheet: Sheet) -> list[Picture]:
+    """Line force and sliding speed along each arc at the most loaded point."""
+    arcs = list(sheet.extra.get("arcs") or [])
+    if not arcs:
+        return []
+    with style():
+        fig = figure(height=TALL)
+        force, speed = fig.subplots(2, 1, sharex=True)
+        for k, arc in enumerate(arcs):
+            look = {**group(k), "marker": None}
+            angle = np.array(arc["angle_deg"])
+            force.plot(angle, arc["normal_force_N_m"], label=arc["pulley"], **look)
+            speed.plot(angle, MILLI * np.array(arc["slip_speed_m_s"]), **look)
+        speed.axhline(0.0, color=FAINT, linewidth=0.8)
+        force.set_ylabel("normal force [N/m]")
+        force.set_ylim(bottom=0.0)
+        speed.set(xlabel="angle from where the belt runs on [°]", ylabel="sliding speed [mm/s]")
+        legend_below(fig, [force])
+    return [
+        Picture(
+            "along-arcs",
+            "Along the arcs: normal force and sliding",
+            f"Point {arcs[0]['run']}. Above 0 the pulley is ahead of the belt; at 0 the belt "
+            "sticks.",
+            fig,
+        )
+    ]
+
+
+def _slip_limit(sheet: Sheet) -> list[Picture]:
+    """Torques that the drive carries over its tension at rest."""
+    rows = list(sheet.extra.get("limits_over_tension") or [])
+    if len(rows) < 2:
+        return []
+    tension = np.array([row["initial_tension_N"] for row in rows])
+    with style():
+        fig = figure()
+        axes = fig.subplots()
+        for k, (name, column) in enumerate(
+            (
+                ("adhesion ends", "adhesion_end_torque_N_m"),
+                ("gross slip", "slip_limit_torque_N_m"),
+            )
+        ):
+            torque = [np.nan if row[column] is None else row[column] for row in rows]
+            axes.plot(tension, torque, label=name, **group(k))
+        axes.set(xlabel="belt tension at rest [N]", ylabel=TORQUE)
+        axes.set_xlim(left=0.0)
+        axes.set_ylim(bottom=0.0)
+        legend_below(fig, [axes])
+    return [
+        Picture(
+            "slip-limit",
+            "Torque that the drive carries",
+            f"At {abs(rows[0]['driver_speed_rad_s']):.4g} rad/s, by the string. Between both lines "
+            "pulleys slide as a whole, and the speed loss grows fast.",
+            fig,
+        )
+    ]
+
+
+def _most_loaded(sheet: Sheet) -> str | None:
+    """The point that carries the largest torque steadily."""
+    torque = np.abs(sheet["torque_N_m"]) * np.isfinite(sheet["speed_loss_rad_s"])
+    steady = np.where(np.isfinite(torque), torque, -1.0)
+    return str(sheet["run"][int(np.argmax(steady))]) if np.max(steady) > 0.0 else None
 
 
 def _loss(sheet: Sheet) -> Picture:

@@ -1,0 +1,80 @@
+"""Line force and sliding speed along the arc of each pulley of a solved operating point."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.drive.results import DriveResult
+from beltid.drive.rod import RodState
+from beltid.drive.string import StringLevel
+from beltid.laws.friction_surface import FrictionSurface
+
+Array = NDArray[np.float64]
+
+PLACES: Final = 60
+"""Places along the sliding arc of the string."""
+
+
+@dataclass(frozen=True, slots=True)
+class ArcProfile:
+    """The contact along the arc of a pulley, from the entry on; arrays of one length.
+
+    Attributes
+    ----------
+    angle : ndarray
+        From the tangent point of the entering span [rad].
+    normal_force : ndarray
+        Line force [N/m].
+    slip_speed : ndarray
+        Speed of the pulley's surface against the belt [m/s], > 0 where the pulley is ahead.
+    """
+
+    angle: Array
+    normal_force: Array
+    slip_speed: Array
+
+
+def arc_profiles(result: DriveResult) -> list[ArcProfile | None]:
+    """Contact along the arcs; None without a steady state. Pulleys as in ``result.drive``."""
+    state, n = result.state, len(result.drive.pulleys)
+    profiles: list[ArcProfile | None] = []
+    for i, rod in enumerate(state.rods or (None,) * n):
+        if state.slack or math.isnan(state.arcs.slip[i]):
+            profiles.append(None)
+        else:
+            profiles.append(_of_string(result, i) if rod is None else _of_rod(rod))
+    return profiles
+
+
+def _of_rod(rod: RodState) -> ArcProfile:
+    """Contact points of a rod."""
+    contact = rod.contact
+    touches = contact.line_force > 0.0
+    angle = contact.angle[touches] + 0.5 * contact.model.path.beta
+    return ArcProfile(angle, contact.line_force[touches], contact.slip_speed[touches])
+
+
+def _of_string(result: DriveResult, i: int) -> ArcProfile:
+    """Adhesion arc, then the sliding arc with (D4) summed over steps of ln P."""
+    state, drive = result.state, result.drive
+    P_in, P_out = float(state.P_in[i]), float(state.P[i])
+    P = np.geomspace(P_in, P_out, PLACES)
+    force, creep = StringLevel(drive).along_arc(i, P, state.v0)
+    slip = state.arcs.slip[i] + creep
+    ribs = drive.pulleys[i].ribs
+    surface = drive.surface if ribs else FrictionSurface.constant(drive.back_friction)
+    per_angle = 1.0 / surface.mu(force, slip)
+    steps = 0.5 * (per_angle[1:] + per_angle[:-1]) * np.abs(np.diff(np.log(P)))
+    from_exit = np.concatenate([np.cumsum(steps[::-1])[::-1], [0.0]])
+    angle = np.maximum(state.laid.wraps[i] - from_exit, 0.0)
+    ahead = math.copysign(1.0, P_in - P_out)
+    return ArcProfile(
+        np.concatenate([[0.0], angle]),
+        np.concatenate([force[:1], force]),
+        ahead * np.concatenate([slip[:1], slip]),
+    )
