@@ -141,6 +141,7 @@ def _columns(laws: tuple[LawEstimate, ...]) -> dict[str, np.ndarray]:
 def summarise(built: Built) -> Summary:
     """Sum up a stiffness artifact."""
     artifact = built.artifact
+    effect = artifact.metadata.temperature
     rows = rows_of(
         artifact.columns,
         "temperature_degC",
@@ -185,7 +186,8 @@ def summarise(built: Built) -> Summary:
                     "k_quadratic_u_N_m3",
                 )
             },
-            "temperature_matters": metadata.temperature.get("matters"),
+            # with a single temperature there is nothing to compare
+            "temperature_matters": effect.get("matters") if effect.get("f_dof_between") else None,
             "quadratic_law_supported": choice and choice.get("quadratic_supported"),
             "damping_at_press_speed_N_s_m": loss and loss.get("C_P_N_s_m"),
             "budget": metadata.budget,

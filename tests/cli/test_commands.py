@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pyarrow.compute import add
+from pyarrow.csv import read_csv, write_csv
 
 from beltid.artifacts.artifact import read_artifact
 
@@ -92,6 +94,31 @@ def test_json_tells_full_precision_of_what_is_stored(bench: Path, beltid: Any) -
     stored = read_artifact(bench / "friction.parquet", "friction").columns
     assert [row["mu_sliding"] for row in product["table"]] == stored["mu_sliding"].tolist()
     assert product["up_to_date"] is True
+
+
+def test_one_temperature_says_nothing_about_the_temperature(bench: Path, beltid: Any) -> None:
+    head, *rows = (bench / "press.csv").read_text().splitlines(keepends=True)
+    (bench / "warm.csv").write_text(head + "".join(row for row in rows if row.startswith("P22")))
+    for recording, said in (("press.csv", False), ("warm.csv", None)):
+        product = json.loads(beltid("fit-stiffness", recording, "--json", "--force").stdout)
+        assert product["facts"]["temperature_matters"] is said
+
+
+def test_cells_that_were_not_tared_are_an_error_with_its_mend(bench: Path, beltid: Any) -> None:
+    table = read_csv(bench / "rig.csv")
+    for name in ("tension_tight_N", "tension_slack_N"):
+        k = table.column_names.index(name)
+        table = table.set_column(k, name, add(table[name], 30.0))
+    write_csv(table, bench / "untared.csv")
+    refused = beltid("fit-friction", "untared.csv", "-o", "new.parquet")
+    assert refused.exit_code == 2
+    assert "friction.tension_tight_tare_N" in refused.stderr
+    assert not (bench / "new.parquet").exists()
+    (bench / "rough.yaml").write_text("friction: {check_initial_tension: false}\n")
+    assert beltid("fit-friction", "untared.csv", "-c", "rough.yaml").exit_code == 0
+    tares = "{tension_tight_tare_N: 30.0, tension_slack_tare_N: 30.0}"
+    (bench / "tared.yaml").write_text(f"friction: {tares}\n")
+    assert beltid("fit-friction", "untared.csv", "-c", "tared.yaml").exit_code == 0
 
 
 def test_other_settings_make_it_again_and_unrelated_ones_do_not(bench: Path, beltid: Any) -> None:
