@@ -235,12 +235,11 @@ HIDDEN_STEPS = (-2.4, -1.8, -1.2, -0.6, 0.0, 0.6, 1.2, 1.8)
 of their priors."""
 
 
-def _log_evidence_of(stack: Stack, powers: Array, sd: Array, given: Given) -> float:
-    """Evidence for tails that are stretched so, before anything else is known of the bench."""
-    stack.stretch(powers)
+def _first_look(stack: Stack, sd: Array, given: Given, rough: Rough) -> Shared:
+    """What the runs share, before anything else is known of the bench."""
+    stack.stretch(rough.powers)
     w = whiten(stack, covariance(stack, sd, None)[0])
-    one = np.ones(stack.n_runs)
-    return fit_shared(w, one, given, Rough(0.05, powers, BEFORE)).log_evidence
+    return fit_shared(w, np.ones(stack.n_runs), given, rough)
 
 
 def evidence(
@@ -312,12 +311,12 @@ def fit_bench(stack: Stack, given: Given) -> Bench:
     # from above: a variance that is too small has no gradient
     x = np.where(np.arange(n + 4) <= n + 1, 1.5, 0.0)
     sd = np.exp(centre + width * x)
-    odds = [_log_evidence_of(stack, clock, sd, given) for clock in CLOCKS]
-    rough = Rough(0.05, CLOCKS[int(np.argmax(odds))], BEFORE)
-    stack.stretch(rough.powers)
-    w = whiten(stack, covariance(stack, sd, None)[0])
+    starts = [Rough(0.05, powers, BEFORE) for powers in CLOCKS]
+    looks = [_first_look(stack, sd, given, start) for start in starts]
+    likely = int(np.argmax([look.log_evidence for look in looks]))
+    rough = starts[likely]
     # a rough tail, of which the change with the powers can be told
-    stack.stretch(rough.powers, fit_shared(w, scale, given, rough))
+    stack.stretch(rough.powers, looks[likely])
     for _ in range(SWEEPS):
         w = whiten(stack, covariance(stack, np.exp(centre + width * x), shared)[0])
         shared = fit_shared(w, scale, given, rough, every_drift=True)

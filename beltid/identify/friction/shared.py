@@ -57,8 +57,6 @@ class Shared:
         Logarithm of the integral over all of it.
     height : float
         Posterior mean of the height of the tail, relative to the level.
-    spectrum : ndarray, shape (3,)
-        Posterior means of ln l_c (l_c in m), s_slow and s_fast.
     powers : ndarray, shape (SETTINGS,)
         Powers of the settings with which its length goes.
     weights : ndarray, shape (5,)
@@ -71,7 +69,6 @@ class Shared:
     factor: Array
     log_evidence: float
     height: float
-    spectrum: Array
     powers: Array
     weights: Array
     spectra: Spectra
@@ -244,7 +241,6 @@ def posterior(M: Array, b: Array, given: Given, rough: Rough, every_drift: bool 
         factor=factor,
         log_evidence=log_evidence,
         height=best.height,
-        spectrum=best.centre,
         powers=np.clip(rough.powers + mean[POWERS], -1.5, 1.5),
         weights=p.reshape(len(BEFORE), -1).sum(axis=1) if every_drift else rough.weights,
         spectra=spectra,

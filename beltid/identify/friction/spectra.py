@@ -98,11 +98,11 @@ def spectra_of(M: Array, b: Array, range_m: tuple[float, float]) -> Spectra:
     step = np.log((high - low) / (np.array(GRID) - 1.0))
     spectra = weighed(grid, -float(np.sum(step)))
     normal = _normal_points()
+    enough = RESOLVED * len(normal)
     for _ in range(LOOKS):
         log_p = spectra.posterior(M, b)[0]
         away = log_p - np.max(log_p)
         flat, weight = 1.0, np.exp(away)
-        enough = RESOLVED * len(normal)
         while np.sum(weight) ** 2 < enough * np.sum(weight**2):
             flat *= 0.8
             weight = np.exp(flat * away)
@@ -131,8 +131,6 @@ class TailPosterior:
     covariance: Array
     log_evidence: float
     height: float
-    centre: Array
-    """Posterior means of ln l_c, s_slow and s_fast, shape (3,)."""
 
 
 def summed(M: Array, b: Array, spectra: Spectra) -> TailPosterior:
@@ -153,5 +151,4 @@ def summed(M: Array, b: Array, spectra: Spectra) -> TailPosterior:
         covariance=second - np.outer(mean, mean),
         log_evidence=total,
         height=float(weight @ height),
-        centre=spectra.points @ weight,
     )
