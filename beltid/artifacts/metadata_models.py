@@ -202,6 +202,24 @@ class MisfitRow(TypedDict):
     mean_after_percent: Number | None
 
 
+class EffectRow(TypedDict):
+    """What shifts the friction of the runs beside the surface, in percent of mu."""
+
+    effect: str
+    size_percent: Number
+    standard_uncertainty_percent: Number | None
+    clear: bool
+
+
+class BendingFigures(TypedDict):
+    """Bending stiffness that the runs ask for beside the stated one [N m²]."""
+
+    fitted_N_m2: Positive
+    fitted_u_N_m2: Number
+    stated_N_m2: Positive
+    stated_u_N_m2: Number
+
+
 class MonteCarlo(TypedDict):
     """Check of the linear uncertainty by replicates."""
 
@@ -399,6 +417,9 @@ class SurfaceMetadata(Metadata):
     iterations: Count | None = None
     noise_scale: Number | None = None
     effective_parameters: Number | None = None
+    effects: Listed[EffectRow] = ()
+    reference_temperature_degC: Number | None = None
+    bending: BendingFigures | None = None
     monte_carlo: MonteCarlo | None = None
 
 
