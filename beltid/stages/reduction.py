@@ -5,9 +5,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any, Final
 
@@ -20,6 +20,7 @@ from beltid.config import Config
 from beltid.config.model import PressSection
 from beltid.errors import InputError
 from beltid.identify.friction.kinds import TWO_CELLS, RigKind, drag_of
+from beltid.identify.friction.plateaus import reduce_plateaus
 from beltid.identify.friction.reduction import (
     FrictionSettings,
     RunReduction,
@@ -27,6 +28,7 @@ from beltid.identify.friction.reduction import (
     reduce_stream,
 )
 from beltid.identify.friction.rig_table import RunColumns, run_record
+from beltid.identify.friction.run import Conditions
 from beltid.identify.press.recording import StiffnessSettings
 from beltid.stages.workers import Workers
 from beltid.tables import schemas
@@ -65,7 +67,9 @@ def friction_settings(config: Config, *, with_cells: bool = True) -> FrictionSet
     if not with_cells:
         known -= set(CELL_SETTINGS)
     section = config.friction.model_dump()
-    return FrictionSettings(**{name: v for name, v in section.items() if name in known})
+    bins = config.rig.speed_bins_rad_s or ()
+    chosen = {name: value for name, value in section.items() if name in known}
+    return FrictionSettings(**chosen, speed_bins_rad_s=bins)
 
 
 def rig_kind(config: Config) -> RigKind:
@@ -75,7 +79,7 @@ def rig_kind(config: Config) -> RigKind:
         measures=rig.measures,
         weight_on=rig.weight_on,
         running=rig.kind == "running",
-        belt_speed_m_s=math.nan if rig.belt_speed_m_s is None else rig.belt_speed_m_s,
+        belt_speed_m_s=_or_nan(rig.belt_speed_m_s),
         mass_per_length_kg_m=config.belt.mass_per_length_kg_m,
         cells=friction_settings(config).cells,
     )
@@ -112,10 +116,10 @@ def reduce_rig(
     workers : Workers or None
         Who reduces the runs of a big recording while the next ones are read.
     """
-    radius, settings, kind = config.rig.pulley_radius_m, friction_settings(config), rig_kind(config)
     if isinstance(rig, Recording):
         # a simulated rig has two cells, whatever the bench measures
-        return reduce_runs(rig.columns, radius, settings, TWO_CELLS if rig.is_artifact else kind)
+        return reduce_columns(rig.columns, config, TWO_CELLS if rig.is_artifact else None)
+    radius, settings, kind = config.rig.pulley_radius_m, friction_settings(config), rig_kind(config)
     mapper = map if workers is None else partial(_shared, workers)
     drag = None
     if kind.has_torque:
@@ -124,6 +128,62 @@ def reduce_rig(
     runs = (run for run in map(_columns, rig) if not run.is_idle)
     records = (run_record(run, radius, kind, drag) for run in runs)
     return reduce_stream(records, radius, settings, mapper)
+
+
+def reduce_columns(
+    columns: Mapping[str, np.ndarray], config: Config, kind: RigKind | None = None
+) -> tuple[RunReduction, ...]:
+    """Reduce the runs of a recording of the friction rig that is held in memory.
+
+    Parameters
+    ----------
+    columns : mapping of str to ndarray
+        Its columns.
+    config : Config
+        Kind of the rig, radius of the pulley, settings of the reduction.
+    kind : RigKind, optional
+        Another kind than that of the config.
+    """
+    settings = friction_settings(config)
+    return reduce_runs(columns, config.rig.pulley_radius_m, settings, kind or rig_kind(config))
+
+
+def reduce_points(columns: Mapping[str, np.ndarray], config: Config) -> tuple[RunReduction, ...]:
+    """Reduce a table with a row per plateau.
+
+    Parameters
+    ----------
+    columns : mapping of str to ndarray
+        Its columns.
+    config : Config
+        Kind of the rig, radius of the pulley, resolution of the forces.
+    """
+    rig, resolution_N = config.rig, config.rig.force_resolution_N
+    return reduce_plateaus(
+        columns,
+        rig.pulley_radius_m,
+        friction_settings(config),
+        rig_kind(config),
+        _or_nan(resolution_N),
+    )
+
+
+def with_conditions(runs: Sequence[RunReduction], config: Config) -> tuple[RunReduction, ...]:
+    """Runs with the conditions of the config where the recording states none of its own."""
+    stated = config.conditions
+    default = Conditions(
+        condition=stated.surface,
+        side=stated.side,
+        humidity_percent=_or_nan(stated.humidity_percent),
+        hours_run=_or_nan(stated.hours_run),
+        pulley_material=stated.pulley.material,
+        roughness_Ra_um=_or_nan(stated.pulley.roughness_Ra_um),
+    )
+    return tuple(replace(run, conditions=run.conditions.completed(default)) for run in runs)
+
+
+def _or_nan(value: float | None) -> float:
+    return math.nan if value is None else value
 
 
 def _columns(run: StreamedRun) -> RunColumns:
