@@ -398,10 +398,9 @@ def _is_table_of_plateaus(view: FileView, config: Any) -> bool:
         found[kind] = set(map_channels(candidates, MappingContext(table, options)))
     if "time_s" in found["rig"]:
         return False
-    moves = found["points"] & {"pulley_speed_rad_s", "slip_speed_m_s"}
-    return bool(moves) and (
-        "arc_deg" in found["points"] or {"mu", "normal_force_N_m"} <= found["points"]
-    )
+    there = found["points"]
+    slides = bool(there & {"pulley_speed_rad_s", "slip_speed_m_s"})
+    return slides and ("arc_deg" in there or {"mu", "normal_force_N_m"} <= there)
 
 
 def _share_of_sensors(view: FileView, kind: str, config: Any) -> float:
