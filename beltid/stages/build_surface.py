@@ -19,6 +19,7 @@ from beltid.stages.alternatives import friction_formulas, friction_law_rows
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.conditions import rows_of_one
 from beltid.stages.outcome import Outcome, rows_of
+from beltid.stages.reduction import weight_cell
 from beltid.stages.reporter import Options
 from beltid.stages.tables import surface_of, table_columns
 from beltid.stages.uncertainties import (
@@ -32,7 +33,14 @@ from beltid.uncertainty.sources import StandardUncertainties, reduction_sources,
 from beltid.uncertainty.surface import QUANTITY, SurfaceUncertainty
 
 KIND: Final = "surface"
-KEYS: Final = ("surface", "rig.pulley_radius_m", SECTION)
+KEYS: Final = (
+    "surface",
+    "rig.kind",
+    "rig.weight_on",
+    "rig.running_measures",
+    "rig.pulley_radius_m",
+    SECTION,
+)
 METHOD: Final = "published"
 FIGURES: Final = ("n_points", "rms_arc_spread", "budget")
 NO_ARC_DEG: Final = 90.0
@@ -164,7 +172,7 @@ def _uncertainty(
 ) -> SurfaceUncertainty:
     """What the surface's causes of error do to it; its bias by bending is not among them."""
     settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
-    measured = measured_runs(columns, used, config.rig_params().R)
+    measured = measured_runs(columns, used, config.rig_params().R, weight_cell(config))
     given = rig_sources(standard, int(measured.arc.max()) + 1)
     sources = (*given, *reduction_sources(measured.columns))
     return SurfaceUncertainty(

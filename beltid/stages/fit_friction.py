@@ -24,6 +24,7 @@ from beltid.stages.reduction import (
     reduce_points,
     reduce_rig,
     rig_kind,
+    weight_cell,
     with_conditions,
 )
 from beltid.stages.reporter import Options
@@ -121,7 +122,8 @@ def _outcome(
     direct = not any(np.isfinite(run.tension_tight_N) for run in runs if run.ok)
     # nothing of the calibration of a rig is in coefficients that a table states by itself
     uncertainty = StandardUncertainties() if direct else standard_uncertainties(config)
-    table = FrictionTable.of(runs, uncertainty, config.rig.pulley_radius_m, name)
+    radius_m = config.rig.pulley_radius_m
+    table = FrictionTable.of(runs, uncertainty, radius_m, name, weight_cell(config))
     good = table.columns["status"] == "ok"
     aside = [(r.run, r.status) for r in table.runs if not r.ok]
     ranges = {
