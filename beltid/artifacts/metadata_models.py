@@ -220,6 +220,16 @@ class BendingFigures(TypedDict):
     stated_u_N_m2: Number
 
 
+class DriftRow(TypedDict):
+    """Change of the friction of the runs with one cause, in percent of mu."""
+
+    cause: str
+    per: str
+    change_percent: Number
+    standard_error_percent: Number
+    clear: bool
+
+
 class MonteCarlo(TypedDict):
     """Check of the linear uncertainty by replicates."""
 
@@ -403,6 +413,12 @@ class SlipMetadata(Metadata):
     rig_speeds: RigSpeeds | None = None
 
 
+class FrictionMetadata(Metadata):
+    """Of the reduced runs of a friction rig."""
+
+    drift: Listed[DriftRow] = ()
+
+
 class SurfaceMetadata(Metadata):
     """Of a friction surface, published or refined; spreads between arcs are shares of mu."""
 
@@ -551,7 +567,7 @@ class CompareMetadata(Metadata):
 METADATA: Final[dict[str, type[Metadata]]] = {
     "stiffness": StiffnessMetadata,
     "slip": SlipMetadata,
-    "friction": Metadata,
+    "friction": FrictionMetadata,
     "surface": SurfaceMetadata,
     "simulated": SimulatedMetadata,
     "profiles": ProfilesMetadata,

@@ -49,6 +49,8 @@ class Measured:
         Temperature of each run while sliding [°C], nan where it is not known, as by default.
     largest_tension : float, optional
         Largest tension of the campaign [N]; by default that of these runs.
+    weight : int, optional
+        0 or 1 if the tight or the slack tension is a dead weight, which no cell measures.
     """
 
     R: float
@@ -64,6 +66,7 @@ class Measured:
     order: NDArray[np.intp] | None = None
     temperature_degC: Array | None = None
     largest_tension: float | None = None
+    weight: int | None = None
 
     @property
     def arcs_deg(self) -> Array:
@@ -101,13 +104,13 @@ class Measured:
         InputError
             If an error is as large as what it is an error of.
         """
-        zeros = [errors.at("cell_offset", k) for k in (0, 1)]
+        zeros = [0.0 if k == self.weight else errors.at("cell_offset", k) for k in (0, 1)]
         tight = self.tight * (1.0 + self._gain(errors, 0, self.tight)) + zeros[0]
         slack = self.slack * (1.0 + self._gain(errors, 1, self.slack)) + zeros[1]
         setting = np.array([errors.at("arc_setting", int(k)) for k in self.arc])
         beta = self.beta + errors.at("arc") + setting
         gain = 0.5 * sum(self._gain(errors, k, self.T_0) for k in (0, 1))
-        T_0 = self.T_0 * (1.0 + gain) + 0.5 * sum(zeros)
+        T_0 = self.T_0 * (1.0 + gain) + 0.5 * sum(zeros) if self.weight is None else self.T_0
         lowest = min(float(np.min(a)) for a in (tight, slack, beta, T_0))
         if not lowest > 0.0:
             raise InputError(
@@ -140,6 +143,8 @@ class Measured:
 
     def _gain(self, errors: Errors, cell: int, tension: Array) -> Array:
         """Error of the gain of a cell at some tensions, as a share; cell 0 is the tight one."""
+        if cell == self.weight:
+            return np.zeros(tension.shape)
         largest = self.largest_tension or float(np.max(self.tight))
         gain = errors.at("tension_gain") + errors.at("cell_gain", cell)
         return np.asarray(gain + errors.at("cell_linearity", cell) * tension / largest)
@@ -153,7 +158,9 @@ class Measured:
         return change
 
 
-def measured_runs(columns: Mapping[str, np.ndarray], rows: np.ndarray, R: float) -> Measured:
+def measured_runs(
+    columns: Mapping[str, np.ndarray], rows: np.ndarray, R: float, weight: int | None = None
+) -> Measured:
     """Rows of a friction table; the tensions follow from force and coefficient, Eqs. (5) and (8).
 
     Parameters
@@ -164,6 +171,8 @@ def measured_runs(columns: Mapping[str, np.ndarray], rows: np.ndarray, R: float)
         The rows to take, valid ones.
     R : float
         Radius of the belt's centreline on the pulley [m].
+    weight : int, optional
+        0 or 1 if the tight or the slack tension is a dead weight.
 
     Returns
     -------
@@ -195,6 +204,7 @@ def measured_runs(columns: Mapping[str, np.ndarray], rows: np.ndarray, R: float)
         columns={key: values[rows][:, None] for key, values in shared_columns(columns).items()},
         order=np.asarray(rows, dtype=np.intp),
         temperature_degC=None if warm is None else np.asarray(warm, dtype=float)[rows],
+        weight=weight,
     )
 
 

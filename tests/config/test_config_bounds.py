@@ -41,6 +41,11 @@ SLIP = SlipResult(
 )
 
 
+def with_measured(config: Config) -> tuple[Any, ...]:
+    rig = config.rig
+    return rig.belt_speed_m_s, rig.speed_bins_rad_s, rig.force_resolution_N
+
+
 def with_slip(config: Config) -> RequiredSpeeds:
     return required_pulley_speeds(SLIP, config.rig.pulley_radius_m, config.slip.n_speeds)
 
@@ -76,7 +81,7 @@ def with_temperature(config: Config) -> Any:
 SCIENCE: dict[str, tuple[Callable[[Config], Any], ...]] = {
     "belt": (lambda c: c.belt_params(), lambda c: with_drive(c)[0].shear_stiffness),
     "press": (lambda c: stiffness_settings(c.press),),
-    "rig": (lambda c: c.rig_params(), with_points, with_slip),
+    "rig": (lambda c: c.rig_params(), with_points, with_slip, with_measured),
     "contact": (lambda c: c.contact_params(),),
     "compare": (lambda c: AgreementSettings(**c.compare.model_dump()),),
     "friction": (friction_settings, with_temperature),
@@ -121,6 +126,7 @@ def test_no_section_with_numbers_is_forgotten() -> None:
         "units",
         "runs",
         "dialect",
+        "conditions",
     }
 
 
@@ -134,7 +140,7 @@ def test_the_science_takes_what_the_config_takes(
 ) -> None:
     default = [repr(science(Config())) for science in SCIENCE[section]]
     for value in edges(check):
-        wanted = [value] if is_list else value
+        wanted = [value, 0.5 * (check.low + check.high)] if is_list else value
         config = load_config({section: {key: wanted}})
         taken = [repr(science(config)) for science in SCIENCE[section]]
         unchanged = wanted == getattr(getattr(Config(), section), key)
