@@ -1,0 +1,395 @@
+"""Shear stiffness of the ribs from slopes of the build-up at several contact arcs.
+
+The tension member can move by u against the foot of the ribs, which answers with k_s u per length.
+While everything sticks, the tensions part with the travel x of the pulley's surface by
+
+    d(T_tight - T_slack)/dx = 2 EA / [L + e + lambda coth(l / (2 lambda))],  lambda² = EA/k_s, (B1)
+
+where L is the effective length of a free span (half the length of both, plus EA times the
+compliance of a support) and l = R beta - 2 e the length in contact. Bending lifts the belt off the
+pulley over
+
+    e = sqrt(EI/T) - sqrt(2 sqrt(EI/k) + T/k)                                               (B2)
+
+at each end, k the stiffness of the normal contact, and near these ends the belt slips from the
+first moment on, which flattens the slope by a share of some sqrt(T/k)/l, Eq. (B3). L is the same at
+all arcs, the coth is not: two arcs tell k_s and L apart. Derived in docs/theory.md, "Build-up of
+the rig".
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq, minimize_scalar
+
+from beltid.errors import InputError
+from beltid.identify.estimators.least_squares import pseudo_inverse, solve_linear
+from beltid.identify.shear.build_up import FEWEST, SHARE, BuildUp
+
+Array = NDArray[np.float64]
+
+NORMAL_STIFFNESS: Final = 6.5e7
+"""Stiffness of the normal contact at the ends of the contact, that of Eq. (3) [N/m²]. It enters
+(B2) with its fourth root, and (B3), a small correction, with its square root."""
+NORMAL_STIFFNESS_SPREAD: Final = 0.4
+"""Its standard uncertainty over itself: it differs between belts, and grows with the depth."""
+LIFT_OFF_SPREAD: Final = 0.5
+"""Standard uncertainty of e over e: the bending stiffness of a belt that lies still, and that (B2)
+is linear. Runs at several tensions know it better."""
+MICRO_SLIP_SPREAD: Final = 0.5
+"""Standard uncertainty of (B3) over itself."""
+MODEL_ERROR: Final = 0.005
+"""Standard uncertainty of the slope of a run, relative, by what (B1) to (B3) leave out."""
+SHORTEST_CONTACT: Final = 4.0
+"""Length of arc over bending length sqrt(EI/T) below which a run is not used: (B2) takes the ends
+of the contact for independent."""
+TYPICAL_SPAN: Final = 0.1
+"""Effective length of a span at which (B3) is linearised [m]."""
+QUANTILE: Final = 3.84
+"""95 % of chi² with one degree of freedom."""
+GRID: Final = np.log(np.geomspace(1.0e5, 1.0e12, 71))
+"""Values of ln k_s that are searched [k_s in N/m²]."""
+SHARED: Final = (
+    "axial_stiffness",
+    "pulley_radius",
+    "pulley_speed",
+    "tension_gain",
+    "cell_gain",
+    "arc",
+    "normal_stiffness",
+    "lift_off",
+    "micro_slip",
+)
+"""Sources of error that all runs share, in the order of their unknowns; those of the setting of
+each arc follow."""
+FIRST: Final = 2
+"""Place of the first of them in theta."""
+
+
+@dataclass(frozen=True, slots=True)
+class BenchValues:
+    """What is known of belt and bench, with standard uncertainties (k = 1)."""
+
+    EA: float
+    """Axial stiffness [N]."""
+    EI: float
+    """Bending stiffness [N m²]."""
+    R: float
+    """Radius of the belt's centreline on the pulley [m]."""
+    axial_stiffness: float = 0.0
+    """Of EA, as a share."""
+    pulley_radius: float = 0.0
+    """Of R, as a share."""
+    pulley_speed: float = 0.0
+    """Gain of the speed of the pulley, as a share."""
+    tension_gain: float = 0.0
+    """Gain common to both load cells, as a share."""
+    cell_gain: float = 0.0
+    """Gain of each load cell by itself, as a share."""
+    arc: float = 0.0
+    """Of all arcs together [rad]."""
+    arc_setting: float = 0.0
+    """Of each arc by itself [rad]."""
+    normal_stiffness: float = NORMAL_STIFFNESS_SPREAD
+    """Of the stiffness of the normal contact, as a share."""
+    lift_off: float = LIFT_OFF_SPREAD
+    """Of (B2), as a share."""
+    micro_slip: float = MICRO_SLIP_SPREAD
+    """Of (B3), as a share."""
+
+
+@dataclass(frozen=True, slots=True)
+class ShearStiffness:
+    """Shear stiffness of the ribs, and what else the slopes tell."""
+
+    runs: tuple[BuildUp, ...]
+    """All runs, also those that are not used."""
+    fitted_N_m: tuple[float, ...]
+    """Slope by (B1) of every run, nan where it is not used [N/m]."""
+    low_N_m2: float
+    """Lower end of the interval of 95 % for k_s, per length of belt [N/m²]."""
+    high_N_m2: float
+    """Its upper end; infinite where ribs without compliance fit as well."""
+    scatter: float
+    """Scatter of the slopes about (B1) over their standard errors [-]; nan for two runs."""
+    shear_stiffness_N_m2: float = math.nan
+    """k_s; nan, as all that follows, where the slopes give no more than a bound."""
+    shear_stiffness_u_N_m2: float = math.nan
+    """Its combined standard uncertainty (k = 1)."""
+    effective_length_m: float = math.nan
+    """L of (B1)."""
+    effective_length_u_m: float = math.nan
+    shares: dict[str, float] = field(default_factory=dict)
+    """Standard uncertainty of k_s over k_s [-] by each source."""
+
+    @property
+    def resolved(self) -> bool:
+        """Whether ribs without compliance are excluded."""
+        return math.isfinite(self.high_N_m2)
+
+
+def lift_off(EI: float, T: Array | float, k: float) -> Array:
+    """Arc at each end of the contact over which bending holds the belt off the pulley, Eq. (B2).
+
+    Parameters
+    ----------
+    EI : float
+        Bending stiffness [N m²].
+    T : ndarray or float
+        Tension [N].
+    k : float
+        Stiffness of the normal contact [N/m²].
+
+    Returns
+    -------
+    ndarray
+        [m]; negative where the belt touches before its tangent point, as a soft bed lets it.
+    """
+    return np.asarray(np.sqrt(EI / T) - np.sqrt(2.0 * math.sqrt(EI / k) + T / k))
+
+
+def build_up_slope(EA: float, k_s: float, length: Array | float, free: Array | float) -> Array:
+    """Slope of T_tight - T_slack over the travel of the pulley while everything sticks, Eq. (B1).
+
+    Parameters
+    ----------
+    EA : float
+        Axial stiffness [N].
+    k_s : float
+        Shear stiffness [N/m²].
+    length : ndarray or float
+        Length in contact [m].
+    free : ndarray or float
+        Effective length of a free span, from support to contact [m].
+
+    Returns
+    -------
+    ndarray
+        [N/m].
+    """
+    decay = math.sqrt(EA / k_s)
+    return np.asarray(2.0 * EA / (free + decay / np.tanh(length / (2.0 * decay))))
+
+
+def micro_slip(
+    EA: float, k_s: float, length: Array | float, free: Array | float, T: Array | float, k: float
+) -> Array:
+    """Share by which slip at the ends of the contact flattens the slope of a run, Eq. (B3).
+
+    Parameters
+    ----------
+    EA, k_s, length, free : float or ndarray
+        As for :func:`build_up_slope`.
+    T : ndarray or float
+        Tension [N].
+    k : float
+        Stiffness of the normal contact [N/m²].
+
+    Returns
+    -------
+    ndarray
+        [-], for a line through the build-up up to `SHARE` of the plateau difference.
+    """
+    rise = np.sqrt(T / k)
+    decay = np.sqrt(EA / k_s + SHARE * rise * length / 8.0)
+    bend = np.tanh(length / (2.0 * decay))
+    return np.asarray(
+        SHARE * rise * length / (2.0 * decay * bend) ** 2 / (1.0 + free / decay * bend)
+    )
+
+
+def fit_shear_stiffness(runs: Sequence[BuildUp], bench: BenchValues) -> ShearStiffness:
+    """Find the shear stiffness that the slopes of a rig's runs tell.
+
+    Weighted least squares for ln k_s and L; every uncertainty of `bench` and the lift-off is one
+    more unknown with its prior, so that the covariance holds them all. The interval is that of the
+    profile likelihood: far from normal where the ribs are hardly softer than the data resolve.
+
+    Parameters
+    ----------
+    runs : sequence of BuildUp
+        The runs; those that are not "ok" are left out.
+    bench : BenchValues
+        What is known of belt and bench.
+
+    Raises
+    ------
+    InputError
+        If the runs that can be used have fewer than two contact arcs.
+    """
+    runs = [_with_whole_contact(run, bench) for run in runs]
+    used = [k for k, run in enumerate(runs) if run.ok]
+    arcs = sorted({runs[k].arc_deg for k in used})
+    if len(arcs) < 2:
+        found = f"contact arc {arcs[0]:g} deg only" if arcs else "no contact arc"
+        why = (
+            f"{found} among the runs that can be used, must be two arcs or more: one arc cannot "
+            "tell the shear of the ribs from the compliance of the bench"
+        )
+        raise InputError([why, *not_used(runs)], code="no-run")
+    slopes = _Slopes.of([runs[k] for k in used], arcs, bench)
+    ln_k = slopes.best()
+    freedom = len(used) - 2
+    misfit = slopes.given(ln_k)[1][: len(used)]
+    scatter = math.sqrt(float(misfit @ misfit) / freedom) if freedom else math.nan
+    if scatter > 1.0:
+        slopes = replace(slopes, error=scatter * slopes.error)
+        ln_k = slopes.best()
+    theta, residuals = slopes.given(ln_k)
+    low, high = slopes.interval(ln_k)
+    fitted = np.full(len(runs), np.nan)
+    fitted[used] = slopes.slope / (1.0 + slopes.error * residuals[: len(used)])
+    result = ShearStiffness(tuple(runs), tuple(fitted.tolist()), low, high, scatter)
+    if not result.resolved:
+        return result
+    sensitivity = pseudo_inverse(slopes.jacobian(theta))
+    u = np.linalg.norm(sensitivity, axis=1)
+    k_s = math.exp(ln_k)
+    return replace(
+        result,
+        shear_stiffness_N_m2=k_s,
+        shear_stiffness_u_N_m2=k_s * float(u[0]),
+        effective_length_m=float(theta[1]),
+        effective_length_u_m=float(u[1]),
+        shares=_shares(sensitivity[0], len(used)),
+    )
+
+
+def _with_whole_contact(run: BuildUp, bench: BenchValues) -> BuildUp:
+    """A run, set aside if bending lifts too much of its belt off the pulley for (B2)."""
+    if not run.ok:
+        return run
+    least = bench.EI * (SHORTEST_CONTACT / (bench.R * math.radians(run.arc_deg))) ** 2
+    if run.initial_tension_N >= least:
+        return run
+    reason = (
+        f"initial tension below {least:.3g} N at {run.arc_deg:g} deg: bending lifts much of the "
+        "belt off the pulley"
+    )
+    return replace(run, status=reason)
+
+
+def not_used(runs: Sequence[BuildUp]) -> list[str]:
+    """Why runs are not used, a line per reason; of those with too few samples, what would do."""
+    lines = []
+    short = [run for run in runs if math.isfinite(run.needed_rate_Hz)]
+    if short:
+        counts, rates = zip(*((r.n_samples, r.needed_rate_Hz) for r in short), strict=True)
+        lines.append(
+            f"{len(short)} of {len(runs)} runs have {_span(counts)} samples before "
+            f"{100 * SHARE:g} % of the plateau difference, must be >= {FEWEST}: sample at "
+            f"{min(rates):g} Hz for the slowest of them, at {max(rates):g} Hz for all of them, "
+            "or turn the pulley more slowly"
+        )
+    others = [run for run in runs if not run.ok and run not in short]
+    for status in dict.fromkeys(run.status for run in others):
+        labels = [run.run for run in others if run.status == status]
+        more = f" and {len(labels) - 1} more" if len(labels) > 1 else ""
+        lines.append(f"run {labels[0]}{more} cannot be used: {status}")
+    return lines
+
+
+def _span(counts: Sequence[int]) -> str:
+    low, high = min(counts), max(counts)
+    return str(low) if low == high else f"{low} to {high}"
+
+
+def _shares(sensitivity: Array, n: int) -> dict[str, float]:
+    """Standard uncertainty of ln k_s by each source, from its derivatives by the residuals."""
+    slopes, shared, settings = np.split(np.abs(sensitivity), [n, n + len(SHARED)])
+    return {
+        "slopes": float(np.linalg.norm(slopes)),
+        **dict(zip(SHARED, shared.tolist(), strict=True)),
+        "arc_setting": float(np.linalg.norm(settings)),
+    }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Slopes:
+    """Slopes of runs against (B1), as a function of theta.
+
+    theta is ln k_s, L [m], and the errors of `SHARED` and of the setting of each arc, in units of
+    their standard uncertainties. All but ln k_s are taken as linear in the residuals: L all but is,
+    and the errors are small.
+    """
+
+    slope: Array
+    error: Array
+    """Standard error of each slope, relative."""
+    tension: Array
+    arc: Array
+    """Contact arc of each run [rad]."""
+    setting: NDArray[np.intp]
+    """Which of the arcs it is."""
+    bench: BenchValues
+
+    @classmethod
+    def of(cls, runs: Sequence[BuildUp], arcs: Sequence[float], bench: BenchValues) -> _Slopes:
+        slope, se, tension, arc = np.array(
+            [(r.slope_N_m, r.slope_se_N_m, r.initial_tension_N, r.arc_deg) for r in runs]
+        ).T
+        error = np.hypot(se / slope, MODEL_ERROR)
+        return cls(slope, error, tension, np.radians(arc), np.searchsorted(arcs, arc), bench)
+
+    def fitted(self, theta: Array) -> Array:
+        """Slopes by (B1) to (B3) of tensions and travel as they are recorded [N/m]."""
+        bench, n = self.bench, FIRST + len(SHARED)
+        EA, R, speed, gain, cell, arc, normal, lift, slip = theta[FIRST:n] * [
+            getattr(bench, name) for name in SHARED
+        ]
+        EA = bench.EA * (1.0 + EA)
+        k = NORMAL_STIFFNESS * (1.0 + normal)
+        off = (1.0 + lift) * lift_off(bench.EI, self.tension, k)
+        beta = self.arc + arc + bench.arc_setting * theta[n:][self.setting]
+        contact = bench.R * (1.0 + R) * beta - 2.0 * off
+        k_s, free = math.exp(theta[0]), theta[1] + off
+        lost = (1.0 + slip) * micro_slip(EA, k_s, contact, free, self.tension, k)
+        travel = (1.0 + R) * (1.0 + speed)
+        # both cells halve the error of one of them in the difference of the tensions
+        tensions = 1.0 + gain + cell / math.sqrt(2.0)
+        slope = build_up_slope(EA, k_s, contact, free) * (1.0 - lost)
+        return np.asarray(slope * travel / tensions)
+
+    def residuals(self, theta: Array) -> Array:
+        """Misfit of each slope over its error, and the errors of theta."""
+        return np.concatenate([(self.slope / self.fitted(theta) - 1.0) / self.error, theta[FIRST:]])
+
+    def jacobian(self, theta: Array) -> Array:
+        """Derivatives of the residuals, by central differences."""
+        step = 1e-5 * np.eye(theta.size)
+        up, down = ([self.residuals(theta + s * d) for d in step] for s in (1.0, -1.0))
+        return (np.array(up) - np.array(down)).T / 2e-5
+
+    def given(self, ln_k: float) -> tuple[Array, Array]:
+        """Theta and residuals of the least sum of squares with a shear stiffness that is given."""
+        theta = np.zeros(FIRST + len(SHARED) + int(self.setting.max()) + 1)
+        theta[:2] = ln_k, TYPICAL_SPAN
+        found = solve_linear(self.jacobian(theta)[:, 1:], -self.residuals(theta))
+        theta[1:] += found.parameters
+        return theta, -found.residuals
+
+    def cost(self, ln_k: float) -> float:
+        """The least sum of squares with a shear stiffness that is given."""
+        return float(np.sum(self.given(ln_k)[1] ** 2))
+
+    def best(self) -> float:
+        """Ln k_s of the least sum of squares."""
+        k = int(np.argmin([self.cost(ln_k) for ln_k in GRID]))
+        around = GRID[max(k - 1, 0)], GRID[min(k + 1, GRID.size - 1)]
+        return float(minimize_scalar(self.cost, bounds=around, method="bounded").x)
+
+    def interval(self, ln_k: float) -> tuple[float, float]:
+        """Shear stiffnesses that the slopes exclude by less than 95 % [N/m²]."""
+        limit = self.cost(ln_k) + QUANTILE
+        ends = [0.0, math.inf]
+        for i, edge in enumerate((GRID[0], GRID[-1])):
+            if self.cost(edge) > limit:
+                between = sorted((edge, ln_k))
+                ends[i] = math.exp(brentq(lambda x: self.cost(x) - limit, *between, xtol=1e-6))
+        return ends[0], ends[1]
