@@ -18,6 +18,7 @@ from beltid.uncertainty.sources import (
     press_sources,
     reduction_sources,
     rig_sources,
+    shear_sources,
 )
 
 COEFFICIENTS: Final = ("k_linear_N_m2", "k_quadratic_N_m3")
@@ -66,6 +67,28 @@ def friction_uncertainty(
             *budget("normal_force_N_m", sources, of_force, Scatter(of_runs.name, none)),
         ],
     )
+
+
+def shear_budget(shares: Mapping[str, float], given: StandardUncertainties) -> list[dict[str, Any]]:
+    """Budget of a shear stiffness.
+
+    Parameters
+    ----------
+    shares : mapping of str to float
+        Standard uncertainty of the stiffness over itself by each source, by its key; empty where
+        the stiffness is not known.
+    given : StandardUncertainties
+        Standard uncertainties of the bench.
+
+    Returns
+    -------
+    list of dict
+        A row per source.
+    """
+    sources = shear_sources(given) if shares else ()
+    changes = np.array([[shares[source.error] for source in sources]])
+    scatter = Scatter("scatter of the slopes", np.array([shares.get("slopes", 0.0)]))
+    return budget("shear_stiffness_N_m2", sources, changes, scatter) if shares else []
 
 
 def stiffness_uncertainty(

@@ -214,12 +214,29 @@ REDUCTION_SOURCES = (
     ("shared_cells", "cells as seen at rest"),
 )
 """Key and words of what the reduction of all runs shares: their sizes stand in the runs."""
+SHEAR_SOURCES = (
+    ("axial_stiffness", "axial stiffness of the belt", PERCENT, 1),
+    *((*row[:3], 1) for row in RIG_SOURCES if row[0] not in ("cell_linearity", "cell_offset")),
+)
+"""Those of the shear stiffness, each one figure whatever it acts on."""
+BUILD_UP_SOURCES = (
+    ("lift_off", "bending at the ends of the contact"),
+    ("normal_stiffness", "normal stiffness at the ends of the contact"),
+    ("micro_slip", "slip at the ends of the contact"),
+)
+"""Key and words of those that its own model leaves open."""
 ARC_EFFECT = "arc_effect"
 
 
 def rig_sources(u: StandardUncertainties, n_arcs: int) -> tuple[Source, ...]:
     """Sources of the friction rig that Eqs. (6) to (8) know, those of zero size left out."""
     return _sources(u, RIG_SOURCES, n_arcs)
+
+
+def shear_sources(u: StandardUncertainties) -> tuple[Source, ...]:
+    """Sources of the shear stiffness of the ribs."""
+    own = (Source(words, key, 0, 1.0, "1", 1.0, FITTED) for key, words in BUILD_UP_SOURCES)
+    return (*_sources(u, SHEAR_SOURCES, 1), *own)
 
 
 def press_sources(u: StandardUncertainties) -> tuple[Source, ...]:

@@ -86,6 +86,8 @@ def build_up(record: RunRecord, R: float, settings: FrictionSettings) -> BuildUp
         )
         channels, swapped = unswapped(channels, rotation)
         phase = sliding_phase(channels, rotation)
+        if phase.time_s.size - phase.slide < settings.min_plateau_samples:
+            raise RunRejected("too short: the record ends before the plateau shows")
     except RunRejected as reason:
         return replace(found, status=str(reason))
     # from here on time counts from the first sample at which the pulley turns

@@ -122,9 +122,9 @@ class ShearStiffness:
     """k_s; nan, as all that follows, where the slopes give no more than a bound."""
     shear_stiffness_u_N_m2: float = math.nan
     """Its combined standard uncertainty (k = 1)."""
-    effective_length_m: float = math.nan
+    effective_span_m: float = math.nan
     """L of (B1)."""
-    effective_length_u_m: float = math.nan
+    effective_span_u_m: float = math.nan
     shares: dict[str, float] = field(default_factory=dict)
     """Standard uncertainty of k_s over k_s [-] by each source."""
 
@@ -255,8 +255,8 @@ def fit_shear_stiffness(runs: Sequence[BuildUp], bench: BenchValues) -> ShearSti
         result,
         shear_stiffness_N_m2=k_s,
         shear_stiffness_u_N_m2=k_s * float(u[0]),
-        effective_length_m=float(theta[1]),
-        effective_length_u_m=float(u[1]),
+        effective_span_m=float(theta[1]),
+        effective_span_u_m=float(u[1]),
         shares=_shares(sensitivity[0], len(used)),
     )
 
