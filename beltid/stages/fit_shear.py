@@ -118,6 +118,7 @@ def _outcome(records: Iterable[RunRecord], config: Config) -> Outcome[ShearStiff
         EA=config.belt.axial_stiffness_N,
         EI=config.belt.bending_stiffness_N_m2,
         R=radius,
+        span=config.rig.span_length_m,
         **{name: getattr(uncertainty, name) for name in known},
     )
     found = fit_shear_stiffness(runs, bench)

@@ -220,8 +220,8 @@ SHEAR_SOURCES = (
 )
 """Those of the shear stiffness, each one figure whatever it acts on."""
 BUILD_UP_SOURCES = (
-    ("lift_off", "bending at the ends of the contact"),
-    ("normal_stiffness", "normal stiffness at the ends of the contact"),
+    ("end_bending", "bending at the ends of the contact"),
+    ("normal_stiffness", "normal stiffness of the ribs"),
     ("micro_slip", "slip at the ends of the contact"),
 )
 """Key and words of those that its own model leaves open."""

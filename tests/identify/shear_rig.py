@@ -1,130 +1,118 @@
-"""A friction rig whose belt has ribs that shear, built up from nothing that the package knows.
+"""The simulated rig with ribs that shear: a reference for what recordings tell of them.
 
-The belt is laid on first: a beam under tension on a bed that only pushes gives the line force along
-the arc. Then the pulley turns: a chain of belt elements, each held by a spring to a slider that
-carries mu times its line force at most, is pulled between the supports. Synthetic data.
+The rig of `beltid.rigsim` lets a patch stick or slide. Here a spring stands between each patch and
+the pulley: its force grows with the travel of the pulley relative to the belt, up to the limit of
+friction, from where it is dragged along. Nothing is known here of how recordings are evaluated.
+Synthetic data.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.linalg import solveh_banded
-from scipy.sparse.linalg import spsolve
+
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
+from beltid.params import Belt, Contact, Rig
+from beltid.rigsim.banded import factorize, solve
+from beltid.rigsim.belt import store_strains
+from beltid.rigsim.contact import SLIDE, STICK, Motion, new_points, remember
+from beltid.rigsim.model import Bench, OperatingPoint
+from beltid.rigsim.steady import force_tolerance, largest_force, lay_on, move
+from beltid.rigsim.supports import release
+from beltid.rigsim.transient import Kinematics, accept, assemble
 
 Array = NDArray[np.float64]
+Setting = tuple[float, float]
+"""Contact arc [deg] and initial tension [N]."""
+Curve = tuple[Array, Array]
+"""Travel of the pulley's surface [m] and T_tight - T_slack [N]."""
+OMEGA = 0.05
+SPRING_TOLERANCE = 1e-7
+"""Largest error of a spring's force over the initial tension."""
 
 
 @dataclass(frozen=True)
 class ShearRig:
-    """Belt and rig; `support` is the compliance of each support [m/N]."""
+    """Belt, rig and ribs; `support` is the compliance of each support [m/N]."""
 
     k_s: float
     EA: float = 1.0e5
     EI: float = 0.02
     R: float = 0.05
     span: float = 0.10
-    k_linear: float = 6.5e7
-    k_quadratic: float = 3.0256e11
     mu: float = 0.8
     support: float = 0.0
-    step: float = 5.0e-4
+    law: NormalLaw = NormalLaw(6.5e7, 3.0256e11)
 
-    def laid_on(self, T: float, arc_deg: float) -> tuple[Array, Array]:
-        """Places along the belt from the middle of the arc, and the penetration there [m].
-
-        With the penetration d: T (1/R + d'') - EI d'''' = k_1 d + k_2 d² where d > 0, without
-        moment at the supports, in the spans without pulley.
-        """
-        arc = 0.5 * self.R * np.radians(arc_deg)
-        half = arc + self.span
-        n = round(2 * half / self.step) + 1
-        s = np.linspace(-half, half, n)
-        d = -np.square(np.maximum(np.abs(s) - arc, 0.0)) / (2 * self.R)
-        held = d[0]
-        second = sp.diags_array([1.0, -2.0, 1.0], offsets=[-1, 0, 1], shape=(n, n)).tolil()
-        second[0], second[-1] = 0.0, 0.0
-        second = second.tocsr() / (s[1] - s[0]) ** 2
-        bends = np.ones(n)
-        bends[[0, -1]] = 0.0
-        ends = sp.diags_array(1.0 - bends)
-        for _ in range(100):
-            deep = np.maximum(d, 0.0)
-            force = self.k_linear * deep + self.k_quadratic * deep**2
-            rate = np.where(d > 0.0, self.k_linear + 2 * self.k_quadratic * d, 0.0)
-            curvature = bends / self.R + second @ d
-            residual = bends * (T * curvature - self.EI * (second @ curvature) - force)
-            residual += (1.0 - bends) * (d - held)
-            tangent = T * second - self.EI * (second @ second) - sp.diags_array(rate)
-            change = spsolve((sp.diags_array(bends) @ tangent + ends).tocsc(), -residual)
-            d = d + change
-            if np.max(np.abs(change)) < 1e-13:
-                return s, d
-        raise AssertionError("the belt does not lie")
-
-    def build_up(self, T: float, arc_deg: float, travel: Array) -> Array:
-        """T_tight - T_slack [N] over the travel [m] of the pulley's surface, from 0 upwards."""
-        s, d = self.laid_on(T, arc_deg)
-        h = s[1] - s[0]
-        deep = np.maximum(d, 0.0)
-        limit = self.mu * h * (self.k_linear * deep + self.k_quadratic * deep**2)
-        spring = np.where(limit > 0.0, self.k_s * h, 0.0)
-        bars = np.full(s.size, 2.0)
-        bars[[0, -1]] = 1.0
-        bars *= self.EA / h
-        bars[[0, -1]] += 1.0 / max(self.support, 1e-15)
-        slipped, sticks = np.zeros(s.size), limit > 0.0
-        tension = np.full(s.size, T)
-        found = []
-        for x in travel:
+    def curve(self, arc_deg: float, T: float, steps: int = 100) -> Curve:
+        """The build-up, from the belt at rest to the belt that slides as a whole."""
+        belt = Belt(EA=self.EA, EI=self.EI, rhoA=0.10)
+        surface = FrictionSurface.constant(self.mu)
+        bench = Bench(belt, Rig(R=self.R, span=self.span), Contact(), self.law, surface)
+        model = bench.model(OperatingPoint(np.radians(arc_deg), T, OMEGA), None)
+        system, laid = model.system, lay_on(model)
+        # springs and spans in series, with the whole difference of the tensions and some more
+        plateau = 2.0 * T * np.sinh(0.5 * self.mu * np.radians(arc_deg))
+        soft = self.span / self.EA + 3.0 / (self.k_s * self.R * np.radians(arc_deg))
+        travel = np.linspace(0.0, plateau * soft + 3e-4, steps + 1)
+        points, work = new_points(system.belt, STICK), model.workspace()
+        remember(system.belt, points, laid.q)
+        store_strains(system.belt, laid.q, laid.stretch, work.strain_old)
+        state = Kinematics(laid.q.copy(), *(np.zeros_like(laid.q) for _ in range(3)))
+        patches, length = points.patches, laid.stretch * system.belt.w_c
+        stiffest = self.k_s * float(length.sum(axis=1).max())
+        motion = Motion(OMEGA, self.R * OMEGA / float(travel[1]), 1.0, stiffest)
+        tolerance = max(force_tolerance(system, motion, T), 1e-9 * T)
+        tensions = [(laid.T_A, laid.T_B)]
+        for _ in travel[1:]:
+            before = patches.la_T.copy()
+            state.trial[:] = state.q + state.q_dot / motion.rate
+            patches.status[:] = STICK
             for _ in range(200):
-                now = limit * tension / T
-                held = np.where(sticks, spring, 0.0)
-                load = held * (x - slipped) + np.where((limit > 0.0) & ~sticks, now, 0.0)
-                band = np.vstack([np.full(s.size, -self.EA / h), bars + held])
-                w = solveh_banded(band, load)
-                bar = T + self.EA * np.diff(w) / h
-                tension = np.concatenate([bar[:1], 0.5 * (bar[1:] + bar[:-1]), bar[-1:]])
-                force = spring * (x - slipped - w)
-                capacity = limit * tension / T
-                keeps = force <= capacity * np.where(sticks, 1 + 1e-9, 1 - 1e-6)
-                new = (limit > 0.0) & keeps
-                settled = np.max(np.abs(capacity - now)) < 1e-6 * np.max(capacity)
-                if settled and np.array_equal(new, sticks):
+                assemble(system, motion, points, state, laid.stretch, work)
+                touches = patches.limit > 0.0
+                k = self.k_s * np.where(points.F_N > 0.0, length, 0.0).sum(axis=1)
+                spring = before + k * patches.slip
+                wanted = np.clip(spring, -patches.limit, patches.limit)
+                off = float(np.max(np.abs(patches.force - wanted)[touches]))
+                if largest_force(system, work.vectors[0]) < tolerance and (
+                    off < SPRING_TOLERANCE * T
+                ):
                     break
-                sticks = new
+                slides = touches & (np.abs(spring) > patches.limit)
+                patches.status[:] = np.where(slides, SLIDE, STICK)
+                patches.sign[:] = np.where(spring >= 0.0, 1.0, -1.0)
+                # a sticking patch has the force la_T + stiffest * slip: make that its spring's
+                patches.la_T[:] = before + (k - stiffest) * patches.slip
+                assemble(system, motion, points, state, laid.stretch, work)
+                assert factorize(work.A, work.pivots)
+                change = -work.vectors[0]
+                solve(work.A, work.pivots, change)
+                release(system.supports, change)
+                move(state.trial, change)
             else:
                 raise AssertionError("no equilibrium")
-            slides = (limit > 0.0) & ~sticks
-            slipped[slides] = (x - w)[slides] - capacity[slides] / spring[slides]
-            found.append(bar[0] - bar[-1])
-        return np.array(found)
-
-    def curve(self, T: float, arc_deg: float, points: int = 90) -> tuple[Array, Array]:
-        """Travel [m] and difference of the tensions [N], from rest to sliding as a whole."""
-        beta = np.radians(arc_deg)
-        plateau = 2 * T * np.sinh(0.5 * self.mu * beta)
-        # of ribs and spans in series, the arc in contact shortened generously
-        soft = self.span / self.EA + self.support + 4.0 / (self.k_s * self.R * beta)
-        travel = np.linspace(0.0, plateau * soft + 2e-4, points)
-        return travel, np.append(0.0, self.build_up(T, arc_deg, travel[1:]))
-
-
-Setting = tuple[float, float]
-"""Contact arc [deg] and initial tension [N]."""
+            accept(system, motion, points, state, 1.0)
+            store_strains(system.belt, state.q, laid.stretch, work.strain_old)
+            patches.la_T[:] = np.where(patches.limit > 0.0, patches.force, 0.0)
+            force = work.reactions.force
+            tensions.append((np.hypot(force[0], force[1]), np.hypot(force[2], force[3])))
+        tight, slack = np.array(tensions).T
+        difference = tight - slack - (tight[0] - slack[0])
+        # the supports give way with the springs, in series
+        return travel + 0.5 * self.support * difference, difference
 
 
 def recording(
-    rig: ShearRig,
-    curves: dict[Setting, tuple[Array, Array]],
+    curves: dict[Setting, Curve],
     rng: np.random.Generator,
     *,
+    R: float = 0.05,
     rate: float = 1000.0,
-    omega: float = 0.05,
     noise: float = 0.5,
     rest: float = 0.15,
     sliding: float = 0.2,
@@ -132,20 +120,19 @@ def recording(
     """Columns of rig.csv: every setting once, with noise of the cells [N] and of the speed."""
     parts = []
     for k, ((arc, T), (travel, difference)) in enumerate(curves.items()):
-        v = omega * rig.R
-        # the pulley starts anywhere between two samples
-        t = np.arange(0.0, rest + travel[-1] / v + sliding, 1.0 / rate)
-        start = rest + rng.uniform(0.0, 1.0 / rate)
-        D = np.interp(v * np.maximum(t - start, 0.0), travel, difference)
+        t = np.arange(0.0, rest + travel[-1] / (R * OMEGA) + sliding, 1.0 / rate)
+        start = rest + rng.uniform(0.0, 1.0 / rate)  # anywhere between two samples
+        D = np.interp(R * OMEGA * np.maximum(t - start, 0.0), travel, difference)
         white = rng.standard_normal((3, t.size))
-        turns = np.where(t > start, omega * (1.0 + 0.004 * white[2]), 3e-5 * white[2])
         parts.append(
             {
                 "run": np.full(t.size, f"R{k + 1:02d}", dtype=object),
                 "time_s": t,
                 "tension_tight_N": T + 0.5 * D + noise * white[0],
                 "tension_slack_N": T - 0.5 * D + noise * white[1],
-                "pulley_speed_rad_s": turns,
+                "pulley_speed_rad_s": np.where(
+                    t > start, OMEGA * (1.0 + 0.004 * white[2]), 3e-5 * white[2]
+                ),
                 "arc_deg": np.full(t.size, arc),
                 "initial_tension_N": np.full(t.size, T),
             }
@@ -153,5 +140,9 @@ def recording(
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def settings(arcs: Sequence[float], tensions: Sequence[float]) -> list[Setting]:
-    return [(arc, T) for arc in arcs for T in tensions]
+def curves_of(
+    rig: ShearRig, arcs: Iterable[float], tensions: Iterable[float]
+) -> dict[Setting, Curve]:
+    """Build-up of every arc at every tension."""
+    tensions = tuple(tensions)
+    return {(arc, T): rig.curve(arc, T) for arc in arcs for T in tensions}

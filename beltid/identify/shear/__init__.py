@@ -4,6 +4,7 @@
 Module     Responsibility                                                Equation
 ========== ============================================================= =========
 build_up   slope of the tension difference while everything sticks       --
-stiffness  slopes at several arcs to shear stiffness and bench           (B1), (B2)
+mechanics  the slope of a belt with ribs that shear, bent at its ends    (B1) to (B4)
+stiffness  slopes at several arcs to shear stiffness and bench           --
 ========== ============================================================= =========
 """

@@ -1,20 +1,8 @@
 """Shear stiffness of the ribs from slopes of the build-up at several contact arcs.
 
-The tension member can move by u against the foot of the ribs, which answers with k_s u per length.
-While everything sticks, the tensions part with the travel x of the pulley's surface by
-
-    d(T_tight - T_slack)/dx = 2 EA / [L + e + lambda coth(l / (2 lambda))],  lambda² = EA/k_s, (B1)
-
-where L is the effective length of a free span (half the length of both, plus EA times the
-compliance of a support) and l = R beta - 2 e the length in contact. Bending lifts the belt off the
-pulley over
-
-    e = sqrt(EI/T) - sqrt(2 sqrt(EI/k) + T/k)                                               (B2)
-
-at each end, k the stiffness of the normal contact, and near these ends the belt slips from the
-first moment on, which flattens the slope by a share of some sqrt(T/k)/l, Eq. (B3). L is the same at
-all arcs, the coth is not: two arcs tell k_s and L apart. Derived in docs/theory.md, "Build-up of
-the rig".
+By Eq. (B1) of `mechanics` the compliance of the ribs goes with the contact arc, that of spans and
+supports does not: two arcs tell them apart. By (B2) and (B3) what bending does at the ends of the
+contact goes with the tension: runs at several tensions know it better than the model does.
 """
 
 from __future__ import annotations
@@ -31,26 +19,26 @@ from scipy.optimize import brentq, minimize_scalar
 from beltid.errors import InputError
 from beltid.identify.estimators.least_squares import pseudo_inverse, solve_linear
 from beltid.identify.shear.build_up import FEWEST, SHARE, BuildUp
+from beltid.identify.shear.mechanics import build_up_slope, laid_belt, micro_slip
 
 Array = NDArray[np.float64]
 
-NORMAL_STIFFNESS: Final = 6.5e7
-"""Stiffness of the normal contact at the ends of the contact, that of Eq. (3) [N/m²]. It enters
-(B2) with its fourth root, and (B3), a small correction, with its square root."""
+NORMAL_LAW: Final = (6.5e7, 3.0256e11)
+"""The normal law of Eq. (3) [N/m², N/m³], taken for every ribbed belt: it counts for little."""
 NORMAL_STIFFNESS_SPREAD: Final = 0.4
-"""Its standard uncertainty over itself: it differs between belts, and grows with the depth."""
-LIFT_OFF_SPREAD: Final = 0.5
-"""Standard uncertainty of e over e: the bending stiffness of a belt that lies still, and that (B2)
-is linear. Runs at several tensions know it better."""
+"""Its standard uncertainty over itself."""
+BENDING_SPREAD: Final = 0.5
+"""Standard uncertainty of (B2) and (B3) over themselves, by the bending stiffness of a belt that
+lies still."""
 MICRO_SLIP_SPREAD: Final = 0.5
-"""Standard uncertainty of (B3) over itself."""
+"""Standard uncertainty of (B4) over itself."""
 MODEL_ERROR: Final = 0.005
-"""Standard uncertainty of the slope of a run, relative, by what (B1) to (B3) leave out."""
+"""Standard uncertainty of the slope of a run, relative, by what (B1) to (B4) leave out."""
 SHORTEST_CONTACT: Final = 4.0
-"""Length of arc over bending length sqrt(EI/T) below which a run is not used: (B2) takes the ends
-of the contact for independent."""
+"""Length of arc over bending length sqrt(EI/T) below which a run is not used: the ends of
+the contact are taken for independent."""
 TYPICAL_SPAN: Final = 0.1
-"""Effective length of a span at which (B3) is linearised [m]."""
+"""Effective length of a span at which (B4) is linearised [m]."""
 QUANTILE: Final = 3.84
 """95 % of chi² with one degree of freedom."""
 GRID: Final = np.log(np.geomspace(1.0e5, 1.0e12, 71))
@@ -63,7 +51,7 @@ SHARED: Final = (
     "cell_gain",
     "arc",
     "normal_stiffness",
-    "lift_off",
+    "end_bending",
     "micro_slip",
 )
 """Sources of error that all runs share, in the order of their unknowns; those of the setting of
@@ -82,6 +70,8 @@ class BenchValues:
     """Bending stiffness [N m²]."""
     R: float
     """Radius of the belt's centreline on the pulley [m]."""
+    span: float
+    """Length of a free span [m]; it counts in (B3) only."""
     axial_stiffness: float = 0.0
     """Of EA, as a share."""
     pulley_radius: float = 0.0
@@ -97,11 +87,11 @@ class BenchValues:
     arc_setting: float = 0.0
     """Of each arc by itself [rad]."""
     normal_stiffness: float = NORMAL_STIFFNESS_SPREAD
-    """Of the stiffness of the normal contact, as a share."""
-    lift_off: float = LIFT_OFF_SPREAD
-    """Of (B2), as a share."""
+    """Of `NORMAL_LAW`, as a share."""
+    end_bending: float = BENDING_SPREAD
+    """Of (B2) and (B3), as a share."""
     micro_slip: float = MICRO_SLIP_SPREAD
-    """Of (B3), as a share."""
+    """Of (B4), as a share."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +113,7 @@ class ShearStiffness:
     shear_stiffness_u_N_m2: float = math.nan
     """Its combined standard uncertainty (k = 1)."""
     effective_span_m: float = math.nan
-    """L of (B1)."""
+    """L of (B1): half of both spans, and EA times the compliance of a support."""
     effective_span_u_m: float = math.nan
     shares: dict[str, float] = field(default_factory=dict)
     """Standard uncertainty of k_s over k_s [-] by each source."""
@@ -132,76 +122,6 @@ class ShearStiffness:
     def resolved(self) -> bool:
         """Whether ribs without compliance are excluded."""
         return math.isfinite(self.high_N_m2)
-
-
-def lift_off(EI: float, T: Array | float, k: float) -> Array:
-    """Arc at each end of the contact over which bending holds the belt off the pulley, Eq. (B2).
-
-    Parameters
-    ----------
-    EI : float
-        Bending stiffness [N m²].
-    T : ndarray or float
-        Tension [N].
-    k : float
-        Stiffness of the normal contact [N/m²].
-
-    Returns
-    -------
-    ndarray
-        [m]; negative where the belt touches before its tangent point, as a soft bed lets it.
-    """
-    return np.asarray(np.sqrt(EI / T) - np.sqrt(2.0 * math.sqrt(EI / k) + T / k))
-
-
-def build_up_slope(EA: float, k_s: float, length: Array | float, free: Array | float) -> Array:
-    """Slope of T_tight - T_slack over the travel of the pulley while everything sticks, Eq. (B1).
-
-    Parameters
-    ----------
-    EA : float
-        Axial stiffness [N].
-    k_s : float
-        Shear stiffness [N/m²].
-    length : ndarray or float
-        Length in contact [m].
-    free : ndarray or float
-        Effective length of a free span, from support to contact [m].
-
-    Returns
-    -------
-    ndarray
-        [N/m].
-    """
-    decay = math.sqrt(EA / k_s)
-    return np.asarray(2.0 * EA / (free + decay / np.tanh(length / (2.0 * decay))))
-
-
-def micro_slip(
-    EA: float, k_s: float, length: Array | float, free: Array | float, T: Array | float, k: float
-) -> Array:
-    """Share by which slip at the ends of the contact flattens the slope of a run, Eq. (B3).
-
-    Parameters
-    ----------
-    EA, k_s, length, free : float or ndarray
-        As for :func:`build_up_slope`.
-    T : ndarray or float
-        Tension [N].
-    k : float
-        Stiffness of the normal contact [N/m²].
-
-    Returns
-    -------
-    ndarray
-        [-], for a line through the build-up up to `SHARE` of the plateau difference.
-    """
-    rise = np.sqrt(T / k)
-    decay = np.sqrt(EA / k_s + SHARE * rise * length / 8.0)
-    bend = np.tanh(length / (2.0 * decay))
-    return np.asarray(
-        SHARE * rise * length / (2.0 * decay * bend) ** 2 / (1.0 + free / decay * bend)
-    )
 
 
 def fit_shear_stiffness(runs: Sequence[BuildUp], bench: BenchValues) -> ShearStiffness:
@@ -262,7 +182,7 @@ def fit_shear_stiffness(runs: Sequence[BuildUp], bench: BenchValues) -> ShearSti
 
 
 def _with_whole_contact(run: BuildUp, bench: BenchValues) -> BuildUp:
-    """A run, set aside if bending lifts too much of its belt off the pulley for (B2)."""
+    """A run, set aside if bending lifts too much of its belt off the pulley."""
     if not run.ok:
         return run
     least = bench.EI * (SHORTEST_CONTACT / (bench.R * math.radians(run.arc_deg))) ** 2
@@ -340,20 +260,30 @@ class _Slopes:
     def fitted(self, theta: Array) -> Array:
         """Slopes by (B1) to (B3) of tensions and travel as they are recorded [N/m]."""
         bench, n = self.bench, FIRST + len(SHARED)
-        EA, R, speed, gain, cell, arc, normal, lift, slip = theta[FIRST:n] * [
+        EA, R, speed, gain, cell, arc, normal, bending, slip = theta[FIRST:n] * [
             getattr(bench, name) for name in SHARED
         ]
-        EA = bench.EA * (1.0 + EA)
-        k = NORMAL_STIFFNESS * (1.0 + normal)
-        off = (1.0 + lift) * lift_off(bench.EI, self.tension, k)
-        beta = self.arc + arc + bench.arc_setting * theta[n:][self.setting]
-        contact = bench.R * (1.0 + R) * beta - 2.0 * off
-        k_s, free = math.exp(theta[0]), theta[1] + off
-        lost = (1.0 + slip) * micro_slip(EA, k_s, contact, free, self.tension, k)
+        R_true = bench.R * (1.0 + R)
+        belt = laid_belt(
+            bench.EA * (1.0 + EA),
+            bench.EI,
+            self.tension,
+            R_true,
+            bench.span,
+            (NORMAL_LAW[0] * (1.0 + normal), NORMAL_LAW[1] * (1.0 + normal)),
+        )
+        belt = replace(
+            belt,
+            lift_off=(1.0 + bending) * belt.lift_off,
+            end_compliance=(1.0 + bending) * belt.end_compliance,
+        )
+        length = R_true * (self.arc + arc + bench.arc_setting * theta[n:][self.setting])
+        k_s, span = math.exp(theta[0]), float(theta[1])
+        lost = (1.0 + slip) * micro_slip(belt, k_s, length, span)
         travel = (1.0 + R) * (1.0 + speed)
         # both cells halve the error of one of them in the difference of the tensions
         tensions = 1.0 + gain + cell / math.sqrt(2.0)
-        slope = build_up_slope(EA, k_s, contact, free) * (1.0 - lost)
+        slope = build_up_slope(belt, k_s, length, span) * (1.0 - lost)
         return np.asarray(slope * travel / tensions)
 
     def residuals(self, theta: Array) -> Array:
