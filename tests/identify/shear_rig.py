@@ -21,6 +21,7 @@ from beltid.rigsim.banded import factorize, solve
 from beltid.rigsim.belt import store_strains
 from beltid.rigsim.contact import SLIDE, STICK, Motion, new_points, remember
 from beltid.rigsim.model import Bench, OperatingPoint
+from beltid.rigsim.rig import simulate
 from beltid.rigsim.steady import force_tolerance, largest_force, lay_on, move
 from beltid.rigsim.supports import release
 from beltid.rigsim.transient import Kinematics, accept, assemble
@@ -31,6 +32,9 @@ Setting = tuple[float, float]
 Curve = tuple[Array, Array]
 """Travel of the pulley's surface [m] and T_tight - T_slack [N]."""
 OMEGA = 0.05
+"""Speed of the pulley in a recording [rad/s]."""
+SLOWLY = 5.0e-4
+"""Speed at which the build-up is computed: without inertia and damping."""
 SPRING_TOLERANCE = 1e-7
 """Largest error of a spring's force over the initial tension."""
 
@@ -46,14 +50,25 @@ class ShearRig:
     span: float = 0.10
     mu: float = 0.8
     support: float = 0.0
-    law: NormalLaw = NormalLaw(6.5e7, 3.0256e11)
+
+    def bench(self) -> Bench:
+        """The rig without what the ribs add."""
+        law, surface = NormalLaw(6.5e7, 3.0256e11), FrictionSurface.constant(self.mu)
+        belt = Belt(EA=self.EA, EI=self.EI, rhoA=0.10)
+        return Bench(belt, Rig(R=self.R, span=self.span), Contact(), law, surface)
+
+    def rigid_curve(self, arc_deg: float, T: float) -> Curve:
+        """The build-up of the rig itself, whose ribs do not shear."""
+        point = OperatingPoint(np.radians(arc_deg), T, SLOWLY)
+        run = simulate(self.bench(), point).recording
+        assert run is not None
+        turned = np.cumsum(run["pulley_speed_rad_s"][1:] * np.diff(run["time_s"]))
+        difference = run["tension_tight_N"] - run["tension_slack_N"]
+        return self.R * np.append(0.0, turned), difference - difference[0]
 
     def curve(self, arc_deg: float, T: float, steps: int = 100) -> Curve:
         """The build-up, from the belt at rest to the belt that slides as a whole."""
-        belt = Belt(EA=self.EA, EI=self.EI, rhoA=0.10)
-        surface = FrictionSurface.constant(self.mu)
-        bench = Bench(belt, Rig(R=self.R, span=self.span), Contact(), self.law, surface)
-        model = bench.model(OperatingPoint(np.radians(arc_deg), T, OMEGA), None)
+        model = self.bench().model(OperatingPoint(np.radians(arc_deg), T, SLOWLY), None)
         system, laid = model.system, lay_on(model)
         # springs and spans in series, with the whole difference of the tensions and some more
         plateau = 2.0 * T * np.sinh(0.5 * self.mu * np.radians(arc_deg))
@@ -65,7 +80,7 @@ class ShearRig:
         state = Kinematics(laid.q.copy(), *(np.zeros_like(laid.q) for _ in range(3)))
         patches, length = points.patches, laid.stretch * system.belt.w_c
         stiffest = self.k_s * float(length.sum(axis=1).max())
-        motion = Motion(OMEGA, self.R * OMEGA / float(travel[1]), 1.0, stiffest)
+        motion = Motion(SLOWLY, self.R * SLOWLY / float(travel[1]), 1.0, stiffest)
         tolerance = max(force_tolerance(system, motion, T), 1e-9 * T)
         tensions = [(laid.T_A, laid.T_B)]
         for _ in travel[1:]:

@@ -9,7 +9,7 @@ with the compliance C of a span and its end of the contact, the length l in cont
 1/EA* = 1/EA + 1/(R² k_t): on the arc the belt gives way by its stretch and by lying deeper.
 At each end of the arc bending holds the belt off the pulley over
 
-    e = b - c,   b = sqrt(EI/T),   c² = 2 p + T/k,   p = sqrt(EI/k),                         (B2)
+    e = b - c - (b² - T/k)/(2 L),   b² = EI/T,   c² = 2 p + T/k,   p² = EI/k,                (B2)
 
 and a bent belt is straightened by more tension, which gives way by
 
@@ -92,7 +92,7 @@ def laid_belt(
     return LaidBelt(
         EA=EA,
         arc_EA=1.0 / arc_compliance,
-        lift_off=b - c,
+        lift_off=b - c - (b**2 - soft) / (2.0 * span),
         end_compliance=(bent - raised) / (8.0 * R**2 * T),
         rise=np.sqrt(soft),
     )

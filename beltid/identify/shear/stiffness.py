@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq, minimize_scalar
 
-from beltid.errors import InputError
+from beltid.errors import FitError, InputError
 from beltid.identify.estimators.least_squares import pseudo_inverse, solve_linear
 from beltid.identify.shear.build_up import FEWEST, SHARE, BuildUp
 from beltid.identify.shear.mechanics import build_up_slope, laid_belt, micro_slip
@@ -30,7 +30,7 @@ NORMAL_STIFFNESS_SPREAD: Final = 0.4
 BENDING_SPREAD: Final = 0.5
 """Standard uncertainty of (B2) and (B3) over themselves, by the bending stiffness of a belt that
 lies still."""
-MICRO_SLIP_SPREAD: Final = 0.5
+MICRO_SLIP_SPREAD: Final = 1.0
 """Standard uncertainty of (B4) over itself."""
 MODEL_ERROR: Final = 0.005
 """Standard uncertainty of the slope of a run, relative, by what (B1) to (B4) leave out."""
@@ -41,7 +41,7 @@ TYPICAL_SPAN: Final = 0.1
 """Effective length of a span at which (B4) is linearised [m]."""
 QUANTILE: Final = 3.84
 """95 % of chi² with one degree of freedom."""
-GRID: Final = np.log(np.geomspace(1.0e5, 1.0e12, 71))
+GRID: Final = np.log(np.geomspace(1.0e5, 1.0e12, 29))
 """Values of ln k_s that are searched [k_s in N/m²]."""
 SHARED: Final = (
     "axial_stiffness",
@@ -56,6 +56,8 @@ SHARED: Final = (
 )
 """Sources of error that all runs share, in the order of their unknowns; those of the setting of
 each arc follow."""
+STEP: Final = 1.0e-6
+"""Step of the differences, in the unit of each unknown."""
 FIRST: Final = 2
 """Place of the first of them in theta."""
 
@@ -71,7 +73,7 @@ class BenchValues:
     R: float
     """Radius of the belt's centreline on the pulley [m]."""
     span: float
-    """Length of a free span [m]; it counts in (B3) only."""
+    """Length of a free span [m], for (B2) and (B3); L of (B1) cannot be less."""
     axial_stiffness: float = 0.0
     """Of EA, as a share."""
     pulley_radius: float = 0.0
@@ -142,6 +144,8 @@ def fit_shear_stiffness(runs: Sequence[BuildUp], bench: BenchValues) -> ShearSti
     ------
     InputError
         If the runs that can be used have fewer than two contact arcs.
+    FitError
+        If the slopes are those of spans shorter than the rig's.
     """
     runs = [_with_whole_contact(run, bench) for run in runs]
     used = [k for k, run in enumerate(runs) if run.ok]
@@ -156,8 +160,7 @@ def fit_shear_stiffness(runs: Sequence[BuildUp], bench: BenchValues) -> ShearSti
     slopes = _Slopes.of([runs[k] for k in used], arcs, bench)
     ln_k = slopes.best()
     freedom = len(used) - 2
-    misfit = slopes.given(ln_k)[1][: len(used)]
-    scatter = math.sqrt(float(misfit @ misfit) / freedom) if freedom else math.nan
+    scatter = math.sqrt(slopes.cost(ln_k) / freedom) if freedom else math.nan
     if scatter > 1.0:
         slopes = replace(slopes, error=scatter * slopes.error)
         ln_k = slopes.best()
@@ -170,12 +173,19 @@ def fit_shear_stiffness(runs: Sequence[BuildUp], bench: BenchValues) -> ShearSti
         return result
     sensitivity = pseudo_inverse(slopes.jacobian(theta))
     u = np.linalg.norm(sensitivity, axis=1)
-    k_s = math.exp(ln_k)
+    k_s, span = math.exp(ln_k), float(theta[1])
+    if span <= 0.0 or span + 2.0 * u[1] < bench.span:
+        raise FitError(
+            f"the slopes of the build-up are those of free spans of {span:.3g} m (standard "
+            f"uncertainty {u[1]:.2g} m), shorter than the {bench.span:g} m of the rig: the "
+            "tensions do not part as those of an elastic belt that sticks (take-up of the bench, "
+            "cells that lag), or span, axial stiffness or radius are not those of the bench"
+        )
     return replace(
         result,
         shear_stiffness_N_m2=k_s,
         shear_stiffness_u_N_m2=k_s * float(u[0]),
-        effective_span_m=float(theta[1]),
+        effective_span_m=span,
         effective_span_u_m=float(u[1]),
         shares=_shares(sensitivity[0], len(used)),
     )
@@ -291,10 +301,10 @@ class _Slopes:
         return np.concatenate([(self.slope / self.fitted(theta) - 1.0) / self.error, theta[FIRST:]])
 
     def jacobian(self, theta: Array) -> Array:
-        """Derivatives of the residuals, by central differences."""
-        step = 1e-5 * np.eye(theta.size)
-        up, down = ([self.residuals(theta + s * d) for d in step] for s in (1.0, -1.0))
-        return (np.array(up) - np.array(down)).T / 2e-5
+        """Derivatives of the residuals, by differences."""
+        here = self.residuals(theta)
+        steps = STEP * np.eye(theta.size)
+        return np.array([self.residuals(theta + step) - here for step in steps]).T / STEP
 
     def given(self, ln_k: float) -> tuple[Array, Array]:
         """Theta and residuals of the least sum of squares with a shear stiffness that is given."""
