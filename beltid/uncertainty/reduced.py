@@ -8,12 +8,20 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.identify.press.stiffness import LawEstimate
+from beltid.identify.shear.stiffness import (
+    BENDING_SPREAD,
+    MICRO_SLIP_SPREAD,
+    NORMAL_STIFFNESS_SPREAD,
+)
 from beltid.laws.penalty import NormalLaw
 from beltid.uncertainty.budget import Scatter, budget, combined
 from beltid.uncertainty.measured import measured_runs, valid_rows
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.sources import (
+    ASSUMED,
+    PERCENT,
     Errors,
+    Source,
     StandardUncertainties,
     press_sources,
     reduction_sources,
@@ -22,6 +30,12 @@ from beltid.uncertainty.sources import (
 )
 
 COEFFICIENTS: Final = ("k_linear_N_m2", "k_quadratic_N_m3")
+BUILD_UP_SOURCES: Final = (
+    ("normal_stiffness", "normal stiffness of the ribs", NORMAL_STIFFNESS_SPREAD),
+    ("end_bending", "bending at the ends of the contact", BENDING_SPREAD),
+    ("micro_slip", "slip at the ends of the contact", MICRO_SLIP_SPREAD),
+)
+"""Key, words and size of what the model of the build-up leaves open."""
 Found = tuple[dict[str, np.ndarray], list[dict[str, Any]]]
 
 
@@ -85,10 +99,15 @@ def shear_budget(shares: Mapping[str, float], given: StandardUncertainties) -> l
     list of dict
         A row per source.
     """
-    sources = shear_sources(given) if shares else ()
+    if not shares:
+        return []
+    assumed = (
+        Source(words, key, 0, size, *PERCENT, ASSUMED) for key, words, size in BUILD_UP_SOURCES
+    )
+    sources = (*shear_sources(given), *assumed)
     changes = np.array([[shares[source.error] for source in sources]])
-    scatter = Scatter("scatter of the slopes", np.array([shares.get("slopes", 0.0)]))
-    return budget("shear_stiffness_N_m2", sources, changes, scatter) if shares else []
+    scatter = Scatter("scatter of the slopes", np.array([shares["slopes"]]))
+    return budget("shear_stiffness_N_m2", sources, changes, scatter)
 
 
 def stiffness_uncertainty(

@@ -218,13 +218,7 @@ SHEAR_SOURCES = (
     ("axial_stiffness", "axial stiffness of the belt", PERCENT, 1),
     *((*row[:3], 1) for row in RIG_SOURCES if row[0] not in ("cell_linearity", "cell_offset")),
 )
-"""Those of the shear stiffness, each one figure whatever it acts on."""
-BUILD_UP_SOURCES = (
-    ("end_bending", "bending at the ends of the contact"),
-    ("normal_stiffness", "normal stiffness of the ribs"),
-    ("micro_slip", "slip at the ends of the contact"),
-)
-"""Key and words of those that its own model leaves open."""
+"""Those of the shear stiffness, each of them one figure whatever it acts on."""
 ARC_EFFECT = "arc_effect"
 
 
@@ -234,9 +228,8 @@ def rig_sources(u: StandardUncertainties, n_arcs: int) -> tuple[Source, ...]:
 
 
 def shear_sources(u: StandardUncertainties) -> tuple[Source, ...]:
-    """Sources of the shear stiffness of the ribs."""
-    own = (Source(words, key, 0, 1.0, "1", 1.0, FITTED) for key, words in BUILD_UP_SOURCES)
-    return (*_sources(u, SHEAR_SOURCES, 1), *own)
+    """Sources of the shear stiffness of the ribs that the bench states."""
+    return _sources(u, SHEAR_SOURCES, 1)
 
 
 def press_sources(u: StandardUncertainties) -> tuple[Source, ...]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -161,3 +162,26 @@ def curves_of(
     """Build-up of every arc at every tension."""
     tensions = tuple(tensions)
     return {(arc, T): rig.curve(arc, T) for arc in arcs for T in tensions}
+
+
+EXAMPLE = ShearRig(k_s=3.4e7, support=1.0e-7)
+"""The rig of rigdata/shear/rig.csv."""
+
+
+def write_example() -> None:
+    """Write rigdata/shear/rig.csv: python tests/identify/shear_rig.py."""
+    columns = recording(
+        curves_of(EXAMPLE, (40.0, 68.0, 82.0), (270.0, 411.0)),
+        np.random.default_rng(1),
+        rest=0.1,
+        sliding=0.1,
+    )
+    forms = ("%s", "%.4f", "%.2f", "%.2f", "%.6f", "%g", "%g")
+    rows = zip(*columns.values(), strict=True)
+    lines = [",".join(f % cell for f, cell in zip(forms, row, strict=True)) for row in rows]
+    path = Path(__file__).parents[2] / "rigdata" / "shear" / "rig.csv"
+    path.write_text("\n".join([",".join(columns), *lines]) + "\n")
+
+
+if __name__ == "__main__":
+    write_example()
