@@ -19,10 +19,8 @@ def against_arc(shear: Sheet) -> Picture:
     used = shear["status"] == "ok"
     arcs, measured = shear["arc_deg"][used], 1.0 / shear["slope_N_m"][used]
     errors = 2.0 * shear["slope_se_N_m"][used] * measured**2
-    fitted, tensions = (
-        1.0 / shear["slope_fitted_N_m"][used],
-        as_set(shear["initial_tension_N"])[used],
-    )
+    fitted = 1.0 / shear["slope_fitted_N_m"][used]
+    tensions = as_set(shear["initial_tension_N"])[used]
     with style():
         fig = figure(height=4.2)
         axes = fig.subplots()
