@@ -24,7 +24,7 @@ from beltid.identify.shear.mechanics import build_up_slope, laid_belt, micro_sli
 Array = NDArray[np.float64]
 
 NORMAL_LAW: Final = (6.5e7, 3.0256e11)
-"""The normal law of Eq. (3) [N/m², N/m³], taken for every ribbed belt: it counts for little."""
+"""The normal law of Eq. (3) [N/m², N/m³], taken for every ribbed belt."""
 NORMAL_STIFFNESS_SPREAD: Final = 0.4
 """Its standard uncertainty over itself."""
 BENDING_SPREAD: Final = 0.5
@@ -41,6 +41,8 @@ TYPICAL_SPAN: Final = 0.1
 """Effective length of a span at which (B4) is linearised [m]."""
 QUANTILE: Final = 3.84
 """95 % of chi² with one degree of freedom."""
+CLEAR: Final = 4.0
+"""Standard uncertainties by which a span must be too short to be none."""
 GRID: Final = np.log(np.geomspace(1.0e5, 1.0e12, 29))
 """Values of ln k_s that are searched [k_s in N/m²]."""
 SHARED: Final = (
@@ -171,10 +173,12 @@ def fit_shear_stiffness(runs: Sequence[BuildUp], bench: BenchValues) -> ShearSti
     result = ShearStiffness(tuple(runs), tuple(fitted.tolist()), low, high, scatter)
     if not result.resolved:
         return result
+    k_s, span = math.exp(ln_k), float(theta[1])
+    # the errors are linear about none of them, here as in the fit
+    theta[FIRST:] = 0.0
     sensitivity = pseudo_inverse(slopes.jacobian(theta))
     u = np.linalg.norm(sensitivity, axis=1)
-    k_s, span = math.exp(ln_k), float(theta[1])
-    if span <= 0.0 or span + 2.0 * u[1] < bench.span:
+    if span <= 0.0 or span + CLEAR * u[1] < bench.span:
         raise FitError(
             f"the slopes of the build-up are those of free spans of {span:.3g} m (standard "
             f"uncertainty {u[1]:.2g} m), shorter than the {bench.span:g} m of the rig: the "
