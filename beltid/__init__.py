@@ -32,6 +32,7 @@ Module                 Responsibility                                         Pa
 ``identify.press``     press recording to normal contact law                  Eqs. (1) to (4)
 ``identify.slip``      speed loss to sliding speed                            Eq. (7)
 ``identify.friction``  run of the rig to friction coefficient                 Eqs. (5) to (8)
+``identify.shear``     build-up of the runs to shear stiffness of the ribs
 ``identify.surface``   runs to friction surface                               section 5
 ``identify.agreement`` measured against simulated                             section 7
 ``drive``              belt drive from the identified laws: speed loss, forces section 2.1
@@ -67,6 +68,7 @@ if TYPE_CHECKING:
     from beltid.stages.build_surface import build_surface
     from beltid.stages.compare import compare
     from beltid.stages.fit_friction import fit_friction
+    from beltid.stages.fit_shear import fit_shear
     from beltid.stages.fit_slip import fit_slip
     from beltid.stages.fit_stiffness import fit_stiffness
     from beltid.stages.refine_surface import refine_surface
@@ -92,6 +94,7 @@ __all__ = [
     "build_surface",
     "compare",
     "fit_friction",
+    "fit_shear",
     "fit_slip",
     "fit_stiffness",
     "load_config",
@@ -130,6 +133,7 @@ _HOMES = {
     "refine_surface": "stages.refine_surface",
     "compare": "stages.compare",
     "fit_friction": "stages.fit_friction",
+    "fit_shear": "stages.fit_shear",
     "fit_slip": "stages.fit_slip",
     "fit_stiffness": "stages.fit_stiffness",
     "load_law": "stages.tables",
