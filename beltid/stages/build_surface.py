@@ -31,7 +31,7 @@ from beltid.uncertainty.sources import reduction_sources, rig_sources
 from beltid.uncertainty.surface import QUANTITY, SurfaceUncertainty
 
 KIND: Final = "surface"
-KEYS: Final = ("surface", "rig.pulley_radius_m", SECTION)
+KEYS: Final = ("surface", "rig.pulley_radius_m", "rig.kind", "rig.weight_on", SECTION)
 METHOD: Final = "published"
 FIGURES: Final = ("n_points", "rms_arc_spread", "budget")
 NEEDED: Final = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
@@ -129,7 +129,8 @@ def _uncertainty(
 ) -> SurfaceUncertainty:
     """What the surface's causes of error do to it; its bias by bending is not among them."""
     settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
-    measured = measured_runs(columns, used, config.rig_params().R)
+    rig = config.rig_params()
+    measured = measured_runs(columns, used, rig.R, rig.given_force)
     given = rig_sources(standard_uncertainties(config), int(measured.arc.max()) + 1)
     sources = (*given, *reduction_sources(measured.columns))
     return SurfaceUncertainty(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
@@ -70,7 +70,8 @@ def planned_runs(config: Config, picked: Picked) -> tuple[PlannedRun, ...]:
     Raises
     ------
     InputError
-        If a value was picked that the config does not have; with the allowed ones.
+        If a value was picked that the config does not have; with the allowed ones. If a running
+        rig has no belt speed, or a run without tension or sliding.
     """
     rig = config.rig
     problems: list[str] = []
@@ -87,7 +88,50 @@ def planned_runs(config: Config, picked: Picked) -> tuple[PlannedRun, ...]:
                 number += 1
                 if arc in arcs and tension in tensions and speed in speeds:
                     runs.append(PlannedRun(f"S{number:03d}", arc, tension, speed))
-    return tuple(runs)
+    return as_resting(config, runs)
+
+
+def as_resting(config: Config, runs: Sequence[PlannedRun]) -> tuple[PlannedRun, ...]:
+    """The runs of a running rig as those of a belt at rest; of another rig the runs themselves.
+
+    A belt of the mass m per length that runs with v_b through its shape needs the force m v_b² of
+    its tensions to be turned: what presses, rubs and bends is left to the effective tensions
+    T - m v_b², and friction acts at the sliding speed abs(omega R - v_b). With these the balance of
+    the running belt is that of the belt at rest, but for its strain: it runs faster where it is
+    longer, so that the sliding speed differs by v_b (T_tight - T_slack)/EA between the ends of the
+    arc. The coefficient is taken at one speed, wrong by half of that times d mu/dv at either end.
+
+    Raises
+    ------
+    InputError
+        If the belt speed is not known, or a run has no tension or no sliding left.
+    """
+    rig = config.rig
+    if rig.kind != "running":
+        return tuple(runs)
+    v_b = rig.belt_speed_m_s
+    if v_b is None:
+        text = "rig.belt_speed_m_s is not set, must be the speed of the belt to simulate"
+        raise InputError(f"{text} a running rig [m/s]")
+    momentum = config.belt.mass_per_length_kg_m * v_b**2
+    problems, resting = [], []
+    for run in runs:
+        T_0 = run.initial_tension_N - momentum
+        omega = abs(run.pulley_speed_rad_s - v_b / rig.pulley_radius_m)
+        if T_0 <= 0.0:
+            problems.append(
+                f"run {run.label}: initial tension {run.initial_tension_N:g} N, must be above "
+                f"{momentum:.4g} N, which turn the running belt"
+            )
+        if omega == 0.0:
+            problems.append(
+                f"run {run.label}: pulley speed {run.pulley_speed_rad_s:g} rad/s, must differ from "
+                "that of the belt"
+            )
+        resting.append(replace(run, initial_tension_N=T_0, pulley_speed_rad_s=omega))
+    if problems:
+        raise InputError(problems)
+    return tuple(resting)
 
 
 def _chosen(

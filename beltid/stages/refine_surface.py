@@ -68,6 +68,9 @@ FIGURES: Final = (
 KEYS: Final = (
     "belt.axial_stiffness_N",
     "belt.bending_stiffness_N_m2",
+    "rig.kind",
+    "rig.weight_on",
+    "rig.belt_speed_m_s",
     "rig.pulley_radius_m",
     "rig.span_length_m",
     "rig.supports",

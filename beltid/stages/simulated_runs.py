@@ -19,6 +19,7 @@ from beltid.rigsim.rig import RunResult, SimulationSettings
 from beltid.stages.campaign import (
     Picked,
     PlannedRun,
+    as_resting,
     checked_run,
     planned_runs,
     recording_columns,
@@ -183,7 +184,7 @@ def simulate_rig(
         If the simulation does not converge.
     """
     model = load_config(config)
-    run = checked_run(arc_deg, initial_tension_N, pulley_speed_rad_s)
+    (run,) = as_resting(model, [checked_run(arc_deg, initial_tension_N, pulley_speed_rad_s)])
     settings = simulation_settings(model, method, elements)
     (_, result), *_ = simulated_results(model, (surface, law), [run], settings, jobs=1)
     if isinstance(result, BeltidError):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from beltid.errors import InputError
 from beltid.laws.capstan import mean_normal_force, sliding_speed
+from beltid.params import GivenForce
 from beltid.uncertainty.sources import ARC_EFFECT, REDUCTION_SOURCES, Errors
 
 Array = NDArray[np.float64]
@@ -32,7 +33,7 @@ class Measured:
     beta : ndarray
         Contact arc [rad].
     T_0 : ndarray
-        Initial tension [N], mean of both cells.
+        Initial tension [N], mean of both cells; where a force is given, the tension it gives.
     omega : ndarray
         Speed of the pulley [rad/s].
     tight, slack : ndarray
@@ -44,6 +45,9 @@ class Measured:
         way: key of the source -> a column per place.
     largest_tension : float, optional
         Largest tension of the campaign [N]; by default that of these runs.
+    given_force : {"none", "tight", "slack", "hub"}
+        Force that stays while the pulley turns, see :class:`beltid.params.Rig`. A span with a dead
+        weight has no cell, and no error of one.
     """
 
     R: float
@@ -57,6 +61,7 @@ class Measured:
     mu_se: Array
     columns: Mapping[str, Array] = field(default_factory=dict)
     largest_tension: float | None = None
+    given_force: GivenForce = "none"
 
     @property
     def arcs_deg(self) -> Array:
@@ -90,13 +95,15 @@ class Measured:
         InputError
             If an error is as large as what it is an error of.
         """
-        zeros = [errors.at("cell_offset", k) for k in (0, 1)]
+        has_cell = [self.given_force != "tight", self.given_force != "slack"]
+        zeros = [errors.at("cell_offset", k) if has_cell[k] else 0.0 for k in (0, 1)]
         tight = self.tight * (1.0 + self._gain(errors, 0, self.tight)) + zeros[0]
         slack = self.slack * (1.0 + self._gain(errors, 1, self.slack)) + zeros[1]
         setting = np.array([errors.at("arc_setting", int(k)) for k in self.arc])
         beta = self.beta + errors.at("arc") + setting
         gain = 0.5 * sum(self._gain(errors, k, self.T_0) for k in (0, 1))
         T_0 = self.T_0 * (1.0 + gain) + 0.5 * sum(zeros)
+        T_0 = tension_given(self.given_force, tight, slack, T_0)
         lowest = min(float(np.min(a)) for a in (tight, slack, beta, T_0))
         if not lowest > 0.0:
             raise InputError(
@@ -130,6 +137,8 @@ class Measured:
     def _gain(self, errors: Errors, cell: int, tension: Array) -> Array:
         """Error of the gain of a cell at some tensions, as a share; cell 0 is the tight one."""
         largest = self.largest_tension or float(np.max(self.tight))
+        if self.given_force == ("tight", "slack")[cell]:
+            return np.zeros(tension.size)
         gain = errors.at("tension_gain") + errors.at("cell_gain", cell)
         return np.asarray(gain + errors.at("cell_linearity", cell) * tension / largest)
 
@@ -142,7 +151,17 @@ class Measured:
         return change
 
 
-def measured_runs(columns: Mapping[str, np.ndarray], rows: np.ndarray, R: float) -> Measured:
+def tension_given(given: GivenForce, tight: Array, slack: Array, T_0: Array) -> Array:
+    """Tension before the pulley turns (n,) [N], from those while sliding where a force is given."""
+    return {"none": T_0, "tight": tight, "slack": slack, "hub": 0.5 * (tight + slack)}[given]
+
+
+def measured_runs(
+    columns: Mapping[str, np.ndarray],
+    rows: np.ndarray,
+    R: float,
+    given_force: GivenForce = "none",
+) -> Measured:
     """Rows of a friction table; the tensions follow from force and coefficient, Eqs. (5) and (8).
 
     Parameters
@@ -153,6 +172,8 @@ def measured_runs(columns: Mapping[str, np.ndarray], rows: np.ndarray, R: float)
         The rows to take, valid ones.
     R : float
         Radius of the belt's centreline on the pulley [m].
+    given_force : {"none", "tight", "slack", "hub"}
+        Force that stays while the pulley turns.
 
     Returns
     -------
@@ -171,17 +192,19 @@ def measured_runs(columns: Mapping[str, np.ndarray], rows: np.ndarray, R: float)
     slack = f * R * log_ratio / np.expm1(log_ratio)
     tight = slack * np.exp(log_ratio)
     T_0 = np.sqrt(tight * slack) if initial is None else np.asarray(initial, dtype=float)[rows]
+    T_0 = np.where(np.isfinite(T_0), T_0, np.sqrt(tight * slack))
     return Measured(
         R=R,
         arc=arc_settings(arc_deg),
         beta=beta,
-        T_0=np.where(np.isfinite(T_0), T_0, np.sqrt(tight * slack)),
+        T_0=tension_given(given_force, tight, slack, T_0),
         omega=np.abs(v) / R,
         tight=tight,
         slack=slack,
         mu=mu,
         mu_se=np.where(known, errors, typical),
         columns={key: values[rows][:, None] for key, values in shared_columns(columns).items()},
+        given_force=given_force,
     )
 
 
