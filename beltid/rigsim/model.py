@@ -36,8 +36,8 @@ class Workspace(NamedTuple):
 
     ``A`` (n, WIDTH) banded tangent with ``pivots`` (n,); ``vectors`` (2, n) residual and its
     derivative in the stretch, of a running belt (3, n) also in the speed of the pulley; ``steps``
-    solutions of the same shape, the last one the movement of ends that give way; ``strain_old`` (n_e, n_g, 2) strains at
-    the last time step; ``reactions`` of the supports.
+    solutions of the same shape, the last one the movement of ends that give way; ``strain_old``
+    (n_e, n_g, 2) strains at the last time step; ``reactions`` of the supports.
     """
 
     A: Array
