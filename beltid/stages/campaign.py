@@ -99,7 +99,7 @@ def as_resting(config: Config, runs: Sequence[PlannedRun]) -> tuple[PlannedRun, 
     T - m v_b², and friction acts at the sliding speed abs(omega R - v_b). With these the balance of
     the running belt is that of the belt at rest, but for its strain: it runs faster where it is
     longer, so that the sliding speed differs by v_b (T_tight - T_slack)/EA between the ends of the
-    arc. The coefficient is taken at one speed, wrong by half of that times d mu/dv at either end.
+    arc. The coefficient is taken at one speed (docs/theory.md gives the size of the error).
 
     Raises
     ------
