@@ -15,7 +15,11 @@ from beltid.errors import InputError
 from beltid.identify.surface.surface import SurfaceResult, SurfaceSettings
 from beltid.identify.surface.surface import build_surface as identify
 from beltid.report.summary import Summary
-from beltid.stages.alternatives import friction_formulas, friction_law_rows
+from beltid.stages.alternatives import (
+    forces_of_plateaus,
+    friction_formulas,
+    friction_law_rows,
+)
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.outcome import Outcome, rows_of
 from beltid.stages.reporter import Options
@@ -25,7 +29,7 @@ from beltid.stages.uncertainties import (
     budget_table,
     standard_uncertainties,
 )
-from beltid.uncertainty.measured import measured_runs, own_errors, valid_rows
+from beltid.uncertainty.measured import Measured, measured_runs, own_errors, valid_rows
 from beltid.uncertainty.published import published_changes, published_curves, scatter_factor
 from beltid.uncertainty.sources import reduction_sources, rig_sources
 from beltid.uncertainty.surface import QUANTITY, SurfaceUncertainty
@@ -100,7 +104,10 @@ def _outcome(
     surface = result.surface
     table = result.to_columns()
     used = valid_rows(columns, good)
-    uncertainty = _uncertainty(columns, used, result, config)
+    rig = config.rig_params()
+    measured = measured_runs(columns, used, rig.R, rig.given_force)
+    uncertainty = _uncertainty(measured, result, config)
+    forces = forces_of_plateaus(measured, config)
     beside = friction_formulas(surface, uncertainty.factor)
     f = columns["normal_force_N_m"][used]
     aside = [{"point": line} for line in result.set_aside]
@@ -119,18 +126,14 @@ def _outcome(
             **uncertainty.extra((float(f.min()), float(f.max()))),
             **beside.extra,
         },
-        notes=(*result.notes, *beside.notes),
-        warnings=tuple(f"set aside: {line}" for line in result.set_aside),
+        notes=(*result.notes, *beside.notes, *forces.notes),
+        warnings=(*(f"set aside: {line}" for line in result.set_aside), *forces.warnings),
     )
 
 
-def _uncertainty(
-    columns: Mapping[str, np.ndarray], used: np.ndarray, result: SurfaceResult, config: Config
-) -> SurfaceUncertainty:
+def _uncertainty(measured: Measured, result: SurfaceResult, config: Config) -> SurfaceUncertainty:
     """What the surface's causes of error do to it; its bias by bending is not among them."""
     settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
-    rig = config.rig_params()
-    measured = measured_runs(columns, used, rig.R, rig.given_force)
     given = rig_sources(standard_uncertainties(config), int(measured.arc.max()) + 1)
     sources = (*given, *reduction_sources(measured.columns))
     return SurfaceUncertainty(
