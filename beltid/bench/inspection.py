@@ -330,7 +330,8 @@ def _kind_meant(view: FileView, config: Any, path: Path) -> str:
 
 def _share_of_sensors(view: FileView, kind: str, config: Any) -> float:
     """Share of the sensors of a kind of recording that the channels of a file can be."""
-    table, options = schemas.table(kind), ReadOptions.of(config, kind)
+    options = ReadOptions.of(config, kind)
+    table = options.table(kind)
     sensors = sensors_of(table)
     found: set[str] = set()
     for group in _groups(view.candidates):
@@ -343,7 +344,8 @@ def _share_of_sensors(view: FileView, kind: str, config: Any) -> float:
 
 def _mappings(view: FileView, kind: str, config: Any) -> dict[str, ChannelMapping]:
     """How channels are read, as far as it is decided."""
-    table, options = schemas.table(kind), ReadOptions.of(config, kind)
+    options = ReadOptions.of(config, kind)
+    table = options.table(kind)
     found: dict[str, ChannelMapping] = {}
     for group in _groups(view.candidates):
         found = {**map_channels(group, MappingContext(table, options)), **found}

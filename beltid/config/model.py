@@ -79,6 +79,8 @@ def _unit(column: Column) -> Any:
 
 
 def _value(column: Column) -> Any:
+    if column.dtype == "string":
+        return Literal[column.choices] if column.choices else _name(column)
     unit = SHOWN.get(column.unit, column.unit)
     return Annotated[
         float, Number(column.low, column.high, unit, column.open_low, column.open_high)

@@ -16,7 +16,7 @@ from beltid.identify.friction.reduction import RunReduction, reduce_runs
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.outcome import Outcome, rows_of, span
-from beltid.stages.reduction import FrictionTable, friction_settings, reduce_rig
+from beltid.stages.reduction import FrictionTable, friction_settings, reduce_rig, rig_kind
 from beltid.stages.reporter import Options
 from beltid.stages.uncertainties import SECTION, budget_details, standard_uncertainties
 
@@ -72,7 +72,8 @@ def fit_friction(
     """
     model = load_config(config)
     radius_m = model.rig.pulley_radius_m
-    runs = reduce_runs(columns_of(frame, "rig", model), radius_m, friction_settings(model))
+    columns = columns_of(frame, "rig", model)
+    runs = reduce_runs(columns, radius_m, friction_settings(model), rig_kind(model))
     return _outcome(FrictionTable.of(runs, standard_uncertainties(model), radius_m, "frame"), ())
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -12,22 +13,24 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench.big_recording import BigRecording
+from beltid.bench.big_recording import BigRecording, open_big
 from beltid.bench.recording import Recording
+from beltid.bench.runs.run_stream import RunColumns as StreamedRun
 from beltid.config import Config
 from beltid.config.model import PressSection
 from beltid.errors import InputError
+from beltid.identify.friction.kinds import TWO_CELLS, RigKind, drag_of
 from beltid.identify.friction.reduction import (
     FrictionSettings,
     RunReduction,
     reduce_runs,
     reduce_stream,
 )
-from beltid.identify.friction.rig_table import run_record
+from beltid.identify.friction.rig_table import RunColumns, run_record
 from beltid.identify.press.recording import StiffnessSettings
 from beltid.stages.workers import Workers
 from beltid.tables import schemas
-from beltid.tables.values import outside
+from beltid.tables.values import is_missing, outside
 from beltid.uncertainty.reduced import friction_uncertainty
 from beltid.uncertainty.sources import StandardUncertainties
 
@@ -65,6 +68,19 @@ def friction_settings(config: Config, *, with_cells: bool = True) -> FrictionSet
     return FrictionSettings(**{name: v for name, v in section.items() if name in known})
 
 
+def rig_kind(config: Config) -> RigKind:
+    """What the friction rig of a config measures."""
+    rig = config.rig
+    return RigKind(
+        measures=rig.measures,
+        weight_on=rig.weight_on,
+        running=rig.kind == "running",
+        belt_speed_m_s=math.nan if rig.belt_speed_m_s is None else rig.belt_speed_m_s,
+        mass_per_length_kg_m=config.belt.mass_per_length_kg_m,
+        cells=friction_settings(config).cells,
+    )
+
+
 def cell_settings(config: Config) -> dict[str, Any]:
     """What a config states of the load cells, by the names of `FrictionSettings`."""
     return {name: getattr(config.friction, name) for name in CELL_SETTINGS}
@@ -96,13 +112,22 @@ def reduce_rig(
     workers : Workers or None
         Who reduces the runs of a big recording while the next ones are read.
     """
-    radius, settings = config.rig.pulley_radius_m, friction_settings(config)
+    radius, settings, kind = config.rig.pulley_radius_m, friction_settings(config), rig_kind(config)
     if isinstance(rig, Recording):
-        return reduce_runs(rig.columns, radius, settings)
+        # a simulated rig has two cells, whatever the bench measures
+        return reduce_runs(rig.columns, radius, settings, TWO_CELLS if rig.is_artifact else kind)
     mapper = map if workers is None else partial(_shared, workers)
-    return reduce_stream(
-        (run_record(run.label, run.columns) for run in rig), radius, settings, mapper
-    )
+    drag = None
+    if kind.has_torque:
+        idle = (run for run in open_big(rig.path, config) if _columns(run).is_idle)
+        drag = drag_of([run.columns for run in idle])
+    runs = (run for run in map(_columns, rig) if not run.is_idle)
+    records = (run_record(run, radius, kind, drag) for run in runs)
+    return reduce_stream(records, radius, settings, mapper)
+
+
+def _columns(run: StreamedRun) -> RunColumns:
+    return RunColumns(run.label, run.columns, run.said)
 
 
 def columns_of_runs(recording: BigRecording, labels: Collection[str]) -> dict[str, np.ndarray]:
@@ -214,7 +239,11 @@ def reduction_columns(reduced: Sequence[RunReduction]) -> dict[str, np.ndarray]:
     for column in schemas.table("friction").columns:
         if column.name in NOT_REDUCED:
             continue
-        if column.name == "notes":
+        if column.name in schemas.CONDITIONS:
+            values = [getattr(r.conditions, column.name) for r in reduced]
+            if all(is_missing(value) for value in values):
+                continue
+        elif column.name == "notes":
             values = [_notes(r) for r in reduced]
         else:
             values = [getattr(r, column.name) for r in reduced]

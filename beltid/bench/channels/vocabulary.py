@@ -93,6 +93,10 @@ _SPEED: Final = _words(
     "vitesse,vitesse de rotation,vitesse angulaire",
     "pulley scheibe riemenscheibe motor poulie de la du the of ist actual act drive encoder",
 )
+_TORQUE: Final = _words(
+    "drehmoment,moment,lastmoment,abtriebsmoment,bremsmoment,torque,couple,load torque",
+    "abtrieb driven output nm n m shaft brake resistant de sortie last",
+)
 _DRIVER: Final = _words(
     "antriebsdrehzahl,eingangsdrehzahl,drehzahl antrieb,drehzahl an,antrieb,treibend,treibende,"
     "driver,driving,input,menante,motrice,entree",
@@ -108,6 +112,37 @@ _RUN: Final = _words(
     "run,lauf,versuch,messung,messreihe,essai,mesure,trial,test",
     "id no nr nummer number numero name label n num",
 )
+
+_RIG: Final = {
+    "run": _RUN,
+    "tension_tight_N": _TIGHT,
+    "tension_slack_N": _SLACK,
+    "weight_N": _words(
+        "weight,dead weight,hanging weight,gewicht,gewichtskraft,poids,totlast,load weight",
+        "n force of the belt am de",
+    ),
+    "torque_N_m": _TORQUE,
+    "hub_force_N": _words(
+        "hub force,hub load,shaft load,shaft force,axle force,bearing force,wellenbelastung,"
+        "achskraft,nabenkraft,lagerkraft,effort sur l axe",
+        "n pulley radial belt riemen de la",
+    ),
+    "belt_speed_m_s": _words(
+        "belt speed,belt velocity,riemengeschwindigkeit,bandgeschwindigkeit,vitesse courroie",
+        "m s de la ist",
+    ),
+    "pulley_speed_rad_s": _SPEED,
+    "temperature_degC": _TEMPERATURE,
+    "arc_deg": _ARC,
+    "initial_tension_N": _INITIAL,
+    "idle": _words("idle,idling,leerlauf,a vide", "run"),
+    "condition": _words("condition,surface,surface condition,zustand,oberflaeche,etat"),
+    "side": _words("side,belt side,riemenseite", "belt"),
+    "humidity_percent": _words("humidity,relative humidity,luftfeuchte,humidite", "rel air"),
+    "hours_run": _words("hours run,running hours,betriebsstunden,laufzeit riemen"),
+    "pulley_material": _words("pulley material,scheibenmaterial,scheibenwerkstoff"),
+    "roughness_Ra_um": _words("roughness,roughness ra,ra,rauheit,rauheit ra,rugosite", "pulley"),
+}
 
 VOCABULARY: Final[dict[str, dict[str, Words]]] = {
     "press": {
@@ -133,24 +168,23 @@ VOCABULARY: Final[dict[str, dict[str, Words]]] = {
             "kraftaufnehmer kmd 1 de la du machine kn",
         ),
     },
-    "rig": {
-        "run": _RUN,
-        "time_s": _TIME,
-        "tension_tight_N": _TIGHT,
-        "tension_slack_N": _SLACK,
-        "pulley_speed_rad_s": _SPEED,
-        "temperature_degC": _TEMPERATURE,
-        "arc_deg": _ARC,
-        "initial_tension_N": _INITIAL,
+    "rig": {"time_s": _TIME, **_RIG},
+    "points": {
+        **_RIG,
+        "slip_speed_m_s": _words("slip speed,sliding speed,gleitgeschwindigkeit,slip velocity"),
+        "mu": _words(
+            "mu,cof,friction coefficient,coefficient of friction,reibungskoeffizient,reibzahl,"
+            "reibbeiwert,coefficient de frottement",
+            "sliding kinetic",
+        ),
+        "mu_se": _words("mu se,mu error,mu standard error,mu std"),
+        "normal_force_N_m": _words("normal force,line force,normalkraft,streckenlast"),
     },
     "speedloss": {
         "run": _RUN,
         "time_s": _TIME,
         "initial_tension_N": _INITIAL,
-        "torque_N_m": _words(
-            "drehmoment,moment,lastmoment,abtriebsmoment,bremsmoment,torque,couple,load torque",
-            "abtrieb driven output nm n m shaft brake resistant de sortie last",
-        ),
+        "torque_N_m": _TORQUE,
         "driver_speed_rad_s": _DRIVER,
         "driven_speed_rad_s": _DRIVEN,
     },

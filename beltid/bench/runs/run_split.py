@@ -18,6 +18,11 @@ PHASE: Final = 5
 """Samples in a row that make the pulley stand or turn."""
 
 
+def row_labels(length: int) -> np.ndarray:
+    """Labels of the rows of a table of plateaus that has none: their numbers, from 1."""
+    return np.array([str(number) for number in range(1, length + 1)], dtype=object)
+
+
 def run_labels(
     columns: Mapping[str, np.ndarray], label: str, place: str, problems: Problems
 ) -> tuple[np.ndarray, list[str]]:
