@@ -13,7 +13,7 @@ from beltid.errors import BeltidError
 from beltid.identify.press.dissipation import estimate_dissipation
 from beltid.identify.press.laws import choose_normal_law
 from beltid.identify.press.stiffness import StiffnessResult
-from beltid.identify.surface.laws import FrictionLaws, fit_friction_laws
+from beltid.identify.surface.laws import SPEED_GAP, FrictionLaws, fit_friction_laws
 from beltid.identify.surface.plateau_laws import fit_plateau_laws
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.uncertainty.measured import Measured
@@ -113,7 +113,10 @@ def friction_formulas(surface: FrictionSurface, factor: np.ndarray | None = None
 
 
 def forces_of_plateaus(measured: Measured, config: Config) -> Alternatives:
-    """Fit friction laws to the forces read beside a dead weight; nothing on other rigs.
+    """Fit friction laws to single readings beside a dead weight; nothing where more is known.
+
+    A recording over time shows its scatter, and the surface is made with it. A stated resolution
+    says that there are readings only. The laws know no sliding speed but one.
 
     Parameters
     ----------
@@ -123,7 +126,9 @@ def forces_of_plateaus(measured: Measured, config: Config) -> Alternatives:
         Kind of the rig, the span with the weight, the resolution of the cell.
     """
     rig = config.rig
-    if rig.kind != "dead_weight":
+    speed = measured.slip_speed
+    one_speed = float(speed.max()) <= (1.0 + SPEED_GAP) * float(speed.min())
+    if rig.kind != "dead_weight" or rig.force_resolution_N is None or not one_speed:
         return Alternatives()
     try:
         laws = fit_plateau_laws(
@@ -132,7 +137,7 @@ def forces_of_plateaus(measured: Measured, config: Config) -> Alternatives:
             measured.slack,
             measured.R,
             weight_on=rig.weight_on,
-            resolution_N=rig.force_resolution_N or 0.0,
+            resolution_N=rig.force_resolution_N,
         )
     except BeltidError as error:
         return Alternatives(notes=(f"No friction law through the forces: {error}",))

@@ -5,13 +5,14 @@ from __future__ import annotations
 import itertools
 import math
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, fields
 from functools import partial
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from beltid.bench.big_recording import BigRecording, open_big
 from beltid.bench.recording import Recording
@@ -19,7 +20,7 @@ from beltid.bench.runs.run_stream import RunColumns as StreamedRun
 from beltid.config import Config
 from beltid.config.model import PressSection
 from beltid.errors import InputError
-from beltid.identify.friction.kinds import TWO_CELLS, RigKind, drag_of
+from beltid.identify.friction.kinds import RigKind, drag_of
 from beltid.identify.friction.reduction import (
     FrictionSettings,
     RunReduction,
@@ -114,8 +115,9 @@ def reduce_rig(
     """
     radius, settings, kind = config.rig.pulley_radius_m, friction_settings(config), rig_kind(config)
     if isinstance(rig, Recording):
-        # a simulated rig has two cells, whatever the bench measures
-        return reduce_runs(rig.columns, radius, settings, TWO_CELLS if rig.is_artifact else kind)
+        if rig.is_artifact:
+            return reduce_simulated(rig.columns, radius, settings, config)
+        return reduce_runs(rig.columns, radius, settings, kind)
     mapper = map if workers is None else partial(_shared, workers)
     drag = None
     if kind.has_torque:
@@ -124,6 +126,33 @@ def reduce_rig(
     runs = (run for run in map(_columns, rig) if not run.is_idle)
     records = (run_record(run, radius, kind, drag) for run in runs)
     return reduce_stream(records, radius, settings, mapper)
+
+
+def reduce_simulated(
+    columns: Mapping[str, ArrayLike], radius_m: float, settings: FrictionSettings, config: Config
+) -> tuple[RunReduction, ...]:
+    """Reduce the runs of a recording of the simulated rig.
+
+    It holds the tensions of both spans, whatever the bench measures, and is reduced by them. Only
+    the span of a dead weight has no cell: its tension is the initial one.
+
+    Parameters
+    ----------
+    columns : mapping of str to array_like
+        The columns of the recording.
+    radius_m : float
+        Radius of the belt's centreline on the pulley [m].
+    settings : FrictionSettings
+        Settings of the reduction.
+    config : Config
+        Kind of the rig.
+    """
+    rig = config.rig
+    if rig.kind != "dead_weight":
+        return reduce_runs(columns, radius_m, settings)
+    weight = {"weight_N": columns["initial_tension_N"]}
+    kind = RigKind(measures="dead_weight", weight_on=rig.weight_on)
+    return reduce_runs({**columns, **weight}, radius_m, settings, kind)
 
 
 def _columns(run: StreamedRun) -> RunColumns:

@@ -70,7 +70,6 @@ KEYS: Final = (
     "belt.bending_stiffness_N_m2",
     "rig.kind",
     "rig.weight_on",
-    "rig.belt_speed_m_s",
     "rig.pulley_radius_m",
     "rig.span_length_m",
     "rig.supports",
