@@ -140,7 +140,7 @@ def test_no_law_is_forced_on_silicone(material: str, heads: tuple[str, ...], hol
     ]
     force, mu = (np.array(table[name], dtype=float)[rows] for name in ("normal_force_N", "mu"))
     verdict = fit_friction_laws(force, np.full(force.size, 0.01), mu).verdict
-    assert verdict.startswith("None of the formulas holds over the whole range") is not holds
+    assert verdict.startswith("None of the fitted formulas holds over the whole range") is not holds
 
 
 def test_tables_that_cannot_be_fitted_are_refused_with_the_plateau() -> None:
