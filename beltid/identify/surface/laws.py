@@ -539,10 +539,10 @@ def verdict_of(fits: Sequence[FrictionLawFit]) -> str:
     closest = min(fits, key=lambda f: f.rms_misfit)
     if all(f.law_error > NO_LAW for f in fits):
         return (
-            f"None of the fitted formulas holds over the whole range: the closest, {closest.law}, misses "
-            f"by {100 * closest.rms_misfit:.2g} % RMS, {100 * abs(closest.worst_misfit):.2g} % at "
-            f"worst (at {closest.worst_at[0]:.3g} N/m); take the surface itself, or a part of the "
-            "range."
+            f"None of the fitted formulas holds over the whole range: the closest, {closest.law}, "
+            f"misses by {100 * closest.rms_misfit:.2g} % RMS, "
+            f"{100 * abs(closest.worst_misfit):.2g} % at worst (at {closest.worst_at[0]:.3g} N/m); "
+            "take the surface itself, or a part of the range."
         )
     known = [f for f in fits if not math.isnan(f.criterion)]
     if not known:
