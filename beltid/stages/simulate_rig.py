@@ -12,6 +12,7 @@ from beltid.artifacts.metadata_models import SimulatedMetadata
 from beltid.config import Config, ConfigSource
 from beltid.errors import EXIT_DONE, EXIT_NUMERICS, NumericsError, percent
 from beltid.report.summary import Summary
+from beltid.rigsim.path import swinging_share
 from beltid.rigsim.rig import SimulationSettings
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.campaign import (
@@ -196,6 +197,13 @@ def _outcome(
         notes.append(
             f"{percent(100 * outside / points)} of the sliding contact points lie outside the "
             "measured range of the surface: the nearest measured value was taken"
+        )
+    if config.rig.kind == "dead_weight":
+        belt, rig = config.belt_params(), config.rig_params()
+        share = max(swinging_share(belt, rig, run.point) for run in runs)
+        notes.append(
+            "the dead weight is guided in the line of its span; one that swings freely makes mu "
+            f"lower, by up to {percent(100 * share)} in these runs"
         )
     return Outcome(
         kind=KIND,

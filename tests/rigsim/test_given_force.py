@@ -15,6 +15,7 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import GivenForce, OperatingPoint, Rig
 from beltid.rigsim.model import Bench
+from beltid.rigsim.path import swinging_share
 from beltid.rigsim.rig import SimulationSettings, simulate
 from beltid.rigsim.steady import StaticState, lay_on, slide
 
@@ -147,6 +148,31 @@ def test_sensitivities_are_differences_of_the_tensions(given: GivenForce, suppor
     for name in ("tension_tight_N", "tension_slack_N"):
         by_difference = (getattr(up, name) - getattr(down, name)) / (2 * step)
         assert getattr(found, name) @ change == pytest.approx(by_difference, rel=2e-4, abs=1e-5)
+
+
+@pytest.mark.parametrize(("arc", "weight"), [(82.0, 270.0), (82.0, 100.0), (40.0, 200.0)])
+@pytest.mark.parametrize("given", ["tight", "slack"])
+def test_a_weight_that_swings_freely_loses_the_angle_of_the_guided_end(
+    given: GivenForce, arc: float, weight: float
+) -> None:
+    """Found by moving the end across its span until its force lies in the line of the span."""
+    rig = with_given(bench(law=LAW_5PK, mu=true_surface_5pk()), given)
+    model = rig.model(at(arc, weight))
+    laid = lay_on(model)
+    first, end = (0, 0) if given == "tight" else (-4, 1)
+    along = model.system.supports.directions[end]
+    across = np.array([-along[1], along[0]])
+
+    def swung(offset: float) -> StaticState:
+        q = laid.q.copy()
+        q[[first, first + 1]] += offset * across
+        return slide(model, replace(laid, q=q))
+
+    offset = brentq(lambda x: swung(x).force.reshape(2, 2)[end] @ across, -0.01, 0.01, xtol=1e-8)
+    free, guided = swung(offset), swung(0.0)
+    lost = 1.0 - math.log(free.T_A / free.T_B) / math.log(guided.T_A / guided.T_B)
+    found = swinging_share(rig.belt, rig.rig, model.point)
+    assert found == pytest.approx(lost, rel=0.25)
 
 
 def test_an_unknown_given_force_is_refused() -> None:
