@@ -7,7 +7,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any, Final
 
@@ -21,6 +21,7 @@ from beltid.config import Config
 from beltid.config.model import PressSection
 from beltid.errors import InputError
 from beltid.identify.friction.kinds import RigKind, drag_of
+from beltid.identify.friction.plateaus import reduce_plateaus
 from beltid.identify.friction.reduction import (
     FrictionSettings,
     RunReduction,
@@ -28,6 +29,7 @@ from beltid.identify.friction.reduction import (
     reduce_stream,
 )
 from beltid.identify.friction.rig_table import RunColumns, run_record
+from beltid.identify.friction.run import Conditions
 from beltid.identify.press.recording import StiffnessSettings
 from beltid.stages.workers import Workers
 from beltid.tables import schemas
@@ -66,7 +68,9 @@ def friction_settings(config: Config, *, with_cells: bool = True) -> FrictionSet
     if not with_cells:
         known -= set(CELL_SETTINGS)
     section = config.friction.model_dump()
-    return FrictionSettings(**{name: v for name, v in section.items() if name in known})
+    bins = config.rig.speed_bins_rad_s or ()
+    chosen = {name: value for name, value in section.items() if name in known}
+    return FrictionSettings(**chosen, speed_bins_rad_s=bins)
 
 
 def rig_kind(config: Config) -> RigKind:
@@ -76,7 +80,7 @@ def rig_kind(config: Config) -> RigKind:
         measures=rig.measures,
         weight_on=rig.weight_on,
         running=rig.kind == "running",
-        belt_speed_m_s=math.nan if rig.belt_speed_m_s is None else rig.belt_speed_m_s,
+        belt_speed_m_s=_or_nan(rig.belt_speed_m_s),
         mass_per_length_kg_m=config.belt.mass_per_length_kg_m,
         cells=friction_settings(config).cells,
     )
@@ -113,11 +117,12 @@ def reduce_rig(
     workers : Workers or None
         Who reduces the runs of a big recording while the next ones are read.
     """
-    radius, settings, kind = config.rig.pulley_radius_m, friction_settings(config), rig_kind(config)
     if isinstance(rig, Recording):
         if rig.is_artifact:
+            radius, settings = config.rig.pulley_radius_m, friction_settings(config)
             return reduce_simulated(rig.columns, radius, settings, config)
-        return reduce_runs(rig.columns, radius, settings, kind)
+        return reduce_columns(rig.columns, config)
+    radius, settings, kind = config.rig.pulley_radius_m, friction_settings(config), rig_kind(config)
     mapper = map if workers is None else partial(_shared, workers)
     drag = None
     if kind.has_torque:
@@ -153,6 +158,58 @@ def reduce_simulated(
     weight = {"weight_N": columns["initial_tension_N"]}
     kind = RigKind(measures="dead_weight", weight_on=rig.weight_on)
     return reduce_runs({**columns, **weight}, radius_m, settings, kind)
+
+
+def reduce_columns(columns: Mapping[str, np.ndarray], config: Config) -> tuple[RunReduction, ...]:
+    """Reduce the runs of a recording of the friction rig that is held in memory.
+
+    Parameters
+    ----------
+    columns : mapping of str to ndarray
+        Its columns.
+    config : Config
+        Kind of the rig, radius of the pulley, settings of the reduction.
+    """
+    settings = friction_settings(config)
+    return reduce_runs(columns, config.rig.pulley_radius_m, settings, rig_kind(config))
+
+
+def reduce_points(columns: Mapping[str, np.ndarray], config: Config) -> tuple[RunReduction, ...]:
+    """Reduce a table with a row per plateau.
+
+    Parameters
+    ----------
+    columns : mapping of str to ndarray
+        Its columns.
+    config : Config
+        Kind of the rig, radius of the pulley, resolution of the forces.
+    """
+    rig, resolution_N = config.rig, config.rig.force_resolution_N
+    return reduce_plateaus(
+        columns,
+        rig.pulley_radius_m,
+        friction_settings(config),
+        rig_kind(config),
+        _or_nan(resolution_N),
+    )
+
+
+def with_conditions(runs: Sequence[RunReduction], config: Config) -> tuple[RunReduction, ...]:
+    """Runs with the conditions of the config where the recording states none of its own."""
+    stated = config.conditions
+    default = Conditions(
+        condition=stated.surface,
+        side=stated.side,
+        humidity_percent=_or_nan(stated.humidity_percent),
+        hours_run=_or_nan(stated.hours_run),
+        pulley_material=stated.pulley.material,
+        roughness_Ra_um=_or_nan(stated.pulley.roughness_Ra_um),
+    )
+    return tuple(replace(run, conditions=run.conditions.completed(default)) for run in runs)
+
+
+def _or_nan(value: float | None) -> float:
+    return math.nan if value is None else value
 
 
 def _columns(run: StreamedRun) -> RunColumns:

@@ -79,42 +79,6 @@ SAID_OF_RUNS: Final = (_IDLE.name, *CONDITIONS)
 """Columns of a recording that are not filled in where nobody states them."""
 
 
-def rig_table(
-    measures: str = "two_cells", weight_on: str = "tight", *, running: bool = False
-) -> Table:
-    """The table of a recording of a friction rig, by what the rig measures.
-
-    Parameters
-    ----------
-    measures : {"two_cells", "dead_weight", "torque", "torque_hub"}
-        What it measures. One of both tensions is enough for `torque`.
-    weight_on : {"tight", "slack"}
-        Span that hangs on a dead weight.
-    running : bool
-        Whether the belt moves.
-    """
-    cell = "tension_slack_N" if weight_on == "tight" else "tension_tight_N"
-    needed = {
-        "two_cells": ("tension_tight_N", "tension_slack_N"),
-        "dead_weight": ("weight_N", cell),
-        "torque": ("torque_N_m",),
-        "torque_hub": ("torque_N_m", "hub_force_N"),
-    }[measures]
-    more: tuple[str, ...] = ("tension_tight_N", "tension_slack_N") if measures == "torque" else ()
-    more += ("idle",) if "torque_N_m" in needed else ()
-    more += ("belt_speed_m_s",) if running else ()
-    channels = {column.name for column in (_TIGHT, _SLACK, *_OTHER_CHANNELS, _IDLE)}
-    own = measures == "two_cells" and not running
-    columns = []
-    for column in (*_RIG, *_OTHER_CHANNELS, _IDLE, *_CONDITIONS):
-        if column.name in channels and column.name not in (*needed, *more):
-            continue
-        required = column.required and (column.name in needed or column.name not in channels)
-        required &= column.name not in SAID_OF_RUNS and (own or column != _INITIAL)
-        columns.append(replace(column, required=required))
-    return Table("rig", 1, "the friction rig", tuple(columns), label="run")
-
-
 _ANY_RIG = Table(
     "rig",
     1,
@@ -499,3 +463,41 @@ def table(kind: str) -> Table:
         If there is no such kind; a mistake in the code, not of the user.
     """
     return TABLES[kind]
+
+
+def rig_table(
+    measures: str = "two_cells", weight_on: str = "tight", *, running: bool = False
+) -> Table:
+    """The table of a recording of a friction rig, by what the rig measures.
+
+    Parameters
+    ----------
+    measures : {"two_cells", "dead_weight", "torque", "torque_hub"}
+        What it measures. One of both tensions is enough for `torque`.
+    weight_on : {"tight", "slack"}
+        Span that hangs on a dead weight.
+    running : bool
+        Whether the belt moves.
+    """
+    cell = "tension_slack_N" if weight_on == "tight" else "tension_tight_N"
+    needed = {
+        "two_cells": ("tension_tight_N", "tension_slack_N"),
+        "dead_weight": ("weight_N", cell),
+        "torque": ("torque_N_m",),
+        "torque_hub": ("torque_N_m", "hub_force_N"),
+    }[measures]
+    more: tuple[str, ...] = ("tension_tight_N", "tension_slack_N") if measures == "torque" else ()
+    more += ("idle",) if "torque_N_m" in needed else ()
+    more += ("belt_speed_m_s",) if running else ()
+    channels = {column.name for column in (_TIGHT, _SLACK, *_OTHER_CHANNELS, _IDLE)}
+    # a bench that needs no initial tension need not state one
+    left_open = set() if measures == "two_cells" and not running else {_INITIAL.name}
+    columns = []
+    for column in table("rig").columns:
+        if column.name in needed:
+            columns.append(replace(column, required=True))
+        elif column.name in more or column.name in left_open:
+            columns.append(replace(column, required=False))
+        elif column.name not in channels:
+            columns.append(column)
+    return replace(table("rig"), columns=tuple(columns))

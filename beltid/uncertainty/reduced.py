@@ -45,6 +45,9 @@ def friction_uncertainty(
         per quantity and source.
     """
     rows = valid_rows(columns, np.flatnonzero(columns["status"] == "ok"))
+    if not rows.size:  # coefficients without an arc, as a table may state them
+        none = np.full(len(columns["status"]), np.nan)
+        return {"mu_sliding_u": none, "normal_force_u_N_m": none}, []
     measured = measured_runs(columns, rows, R)
     of_rig = rig_sources(given, int(measured.arc.max()) + 1)
     sources = (*of_rig, *reduction_sources(measured.columns))

@@ -24,13 +24,14 @@ from beltid.bench.formats.dialect import Layout, ReadOptions, is_number, layout
 from beltid.errors import Problem, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table
-from beltid.tables.schemas import NOMINAL
+from beltid.tables.schemas import NOMINAL, SAID_OF_RUNS
 from beltid.tables.units import Conversion
 
 
 def text_layout(decoded: Decoded, name: str, options: ReadOptions, table: Table) -> Layout:
     """Header, units and separators of a text file."""
-    in_file = [options.names.get(c.name, c.name) for c in table.columns]
+    asked_for = [c.name for c in table.columns if c.name not in SAID_OF_RUNS]
+    in_file = [options.names.get(name, name) for name in asked_for]
     return layout(decoded.text, name, options, in_file)
 
 
@@ -205,7 +206,7 @@ def _kind_of(header: tuple[str, ...], kind: str) -> str:
     """Another kind of recording that has all its columns in the header, or ""."""
     for other in schemas.RECORDINGS:
         names = {c.name for c in schemas.table(other).columns if c.required}
-        if other != kind and names <= set(header):
+        if other != kind and names and names <= set(header):
             return other
     return ""
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from beltid.bench.formats.dialect import without_unit
+from beltid.tables import schemas
 
 _UMLAUTS: Final = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
 
@@ -113,8 +114,9 @@ _RUN: Final = _words(
     "id no nr nummer number numero name label n num",
 )
 
-_RIG: Final = {
+_OF_RIG: Final = {
     "run": _RUN,
+    "time_s": _TIME,
     "tension_tight_N": _TIGHT,
     "tension_slack_N": _SLACK,
     "weight_N": _words(
@@ -141,6 +143,14 @@ _RIG: Final = {
     "humidity_percent": _words("humidity,relative humidity,luftfeuchte,humidite", "rel air"),
     "hours_run": _words("hours run,running hours,betriebsstunden,laufzeit riemen"),
     "pulley_material": _words("pulley material,scheibenmaterial,scheibenwerkstoff"),
+    "slip_speed_m_s": _words("slip speed,sliding speed,gleitgeschwindigkeit,slip velocity"),
+    "mu": _words(
+        "mu,cof,friction coefficient,coefficient of friction,reibungskoeffizient,reibzahl,"
+        "reibbeiwert,coefficient de frottement",
+        "sliding kinetic",
+    ),
+    "mu_se": _words("mu se,mu error,mu standard error,mu std"),
+    "normal_force_N_m": _words("normal force,line force,normalkraft,streckenlast"),
     "roughness_Ra_um": _words("roughness,roughness ra,ra,rauheit,rauheit ra,rugosite", "pulley"),
 }
 
@@ -168,18 +178,8 @@ VOCABULARY: Final[dict[str, dict[str, Words]]] = {
             "kraftaufnehmer kmd 1 de la du machine kn",
         ),
     },
-    "rig": {"time_s": _TIME, **_RIG},
-    "points": {
-        **_RIG,
-        "slip_speed_m_s": _words("slip speed,sliding speed,gleitgeschwindigkeit,slip velocity"),
-        "mu": _words(
-            "mu,cof,friction coefficient,coefficient of friction,reibungskoeffizient,reibzahl,"
-            "reibbeiwert,coefficient de frottement",
-            "sliding kinetic",
-        ),
-        "mu_se": _words("mu se,mu error,mu standard error,mu std"),
-        "normal_force_N_m": _words("normal force,line force,normalkraft,streckenlast"),
-    },
+    "rig": {name: _OF_RIG[name] for name in schemas.table("rig").names if name in _OF_RIG},
+    "points": {name: _OF_RIG[name] for name in schemas.table("points").names if name in _OF_RIG},
     "speedloss": {
         "run": _RUN,
         "time_s": _TIME,

@@ -6,23 +6,32 @@ from contextlib import ExitStack
 from functools import partial
 
 from beltid.cli.execute import execute
-from beltid.cli.inputs import Bootstrap, Friction, Jobs, Seed, Stiffness
+from beltid.cli.inputs import Bootstrap, Condition, Friction, Jobs, Seed, Side, Stiffness
 from beltid.cli.program import Common, command, with_common_options
 
 
 @command("build-surface")
 @with_common_options
-def build_surface(friction: Friction, *, common: Common) -> None:
+def build_surface(
+    friction: Friction,
+    condition: Condition = None,
+    side: Side = None,
+    *,
+    common: Common,
+) -> None:
     """Build the friction surface: the coefficient over normal force and sliding speed.
 
     One surface per contact arc and their average, as bicubic splines through the measured
-    values; outside the measured range the nearest measured value holds. Writes surface.parquet.
+    values; outside the measured range the nearest measured value holds. Runs on another surface
+    (dry, wet, dusty) or of the other side of the belt are never put into one: choose by
+    --condition and --side. Writes surface.parquet.
 
     Example: beltid build-surface friction.parquet
     """
     from beltid.stages import build_surface as stage
 
-    execute(stage.run, {"friction": friction}, "surface.parquet", common)
+    run = partial(stage.run, condition=condition, side=side)
+    execute(run, {"friction": friction}, "surface.parquet", common)
 
 
 @command("refine-surface")

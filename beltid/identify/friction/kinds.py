@@ -43,6 +43,12 @@ TURNS = 0.03
 TOUCH_DEG = 360.0
 """Arc from which on the turns of the belt may touch each other [deg]."""
 
+TOUCHING = (
+    "the belt is wrapped by a whole turn or more: where its turns touch each other, the friction "
+    "is not that of the pulley alone"
+)
+"""What a run of such an arc tells."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drag:
@@ -208,7 +214,11 @@ class RigKind:
         return speed
 
     def tensions(
-        self, columns: Mapping[str, Array], arc_deg: float, R: float, drag: Drag | None = None
+        self,
+        columns: Mapping[str, Array],
+        arc_deg: float | Array,
+        R: float,
+        drag: Drag | None = None,
     ) -> tuple[Array, Array]:
         """Tensions that press the belt onto the pulley [N], shape (n,) each.
 
@@ -216,7 +226,7 @@ class RigKind:
         ----------
         columns : mapping of str to ndarray
             The channels of this kind, shape (n,) each.
-        arc_deg : float
+        arc_deg : float or ndarray
             Contact arc [deg].
         R : float
             Radius of the belt's centreline on the pulley [m].
@@ -240,8 +250,7 @@ class RigKind:
             tension = np.asarray(columns["weight_N"], dtype=float)
         else:
             reading = np.asarray(columns.get(f"tension_{span}_N", np.nan), dtype=float)
-            # an exact zero is a lost reading
-            tension = self.cell(span).tension(np.where(reading == 0.0, np.nan, reading))
+            tension = self.cell(span).tension(reading)
         if not self.running:
             return tension
         return pressing_tension(tension, self.mass_per_length_kg_m, self.belt_speed(columns))

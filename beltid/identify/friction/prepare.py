@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from beltid.identify.estimators.signal import block_means
 from beltid.identify.friction.channels import Channels, read_channels
 from beltid.identify.friction.condense import condensed
-from beltid.identify.friction.kinds import TOUCH_DEG, Span
+from beltid.identify.friction.kinds import TOUCH_DEG, TOUCHING, Span
+from beltid.identify.friction.plateaus import binned_plateaus, course
 from beltid.identify.friction.rest_phase import (
     Rest,
     Rotation,
@@ -59,6 +60,8 @@ class PreparedRun:
     onset: Onset | None = None
     weight: Span | None = None
     """Span that hangs on a dead weight."""
+    plateaus: tuple[RunReduction, ...] = ()
+    """Those of a run whose speed is not steady, in place of the one found."""
 
 
 def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> PreparedRun:
@@ -73,6 +76,9 @@ def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> Prep
     settings : FrictionSettings
         Settings of the reduction.
     """
+    if settings.speed_bins_rad_s and course(record):
+        plateaus = binned_plateaus(record, R, settings)
+        return PreparedRun(RunReduction(run=record.run), plateaus=plateaus)
     run = PreparedRun(
         RunReduction(
             run=record.run,
@@ -124,13 +130,6 @@ def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> Prep
         return _slide(run, rest, channels, rotation, R, settings)
     except RunRejected as reason:
         return _with(replace(run, sliding=None), status=str(reason))
-
-
-TOUCHING = (
-    "the belt is wrapped by a whole turn or more: where its turns touch each other, the friction "
-    "is not that of the pulley alone"
-)
-"""What a run of such an arc tells."""
 
 
 def _pulley_speed(rotation: Rotation, record: RunRecord, R: float) -> float:

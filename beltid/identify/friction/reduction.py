@@ -167,7 +167,7 @@ def reduce_stream(
     Returns
     -------
     tuple of RunReduction
-        One for every run, in their order.
+        One for every run, in their order; for a run whose speed is not steady, one for each bin.
 
     Raises
     ------
@@ -182,6 +182,7 @@ def reduce_stream(
         together = _reduce_together([runs[k] for k in sliding], R, settings)
         for k, reduced in zip(sliding, together, strict=True):
             found[k] = reduced
+    found = [run for k, one in enumerate(runs) for run in one.plateaus or (found[k],)]
     if settings.check_initial_tension:
         good = [run for run in found if run.ok]
         problem = against_stated(

@@ -30,6 +30,7 @@ OPTIONAL = (
     "hours_run",
     "roughness_Ra_um",
 )
+CELLS = ("tension_tight_N", "tension_slack_N", "hub_force_N")
 SAID = ("idle", "condition", "side", "pulley_material")
 """Columns of texts that say something of a run."""
 
@@ -208,6 +209,7 @@ def run_record(
     if not kind.is_derived:
         return record
     kind.check(columns)
+    columns = {**columns, **{name: _present(columns[name]) for name in CELLS if name in columns}}
     tight, slack = kind.tensions(columns, record.arc_deg, R, drag)
     if kind.weight is not None and np.isnan(record.nominal_tension_N):
         record = replace(record, nominal_tension_N=nominal["weight_N"])
@@ -220,6 +222,11 @@ def run_record(
         kind=kind,
         belt_speed_m_s=belt_speed,
     )
+
+
+def _present(readings: Array) -> Array:
+    """Readings of a cell; an exact zero is a lost one."""
+    return np.where(readings == 0.0, np.nan, readings)
 
 
 def conditions_of(run: RunColumns) -> Conditions:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, fields
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,6 +70,8 @@ class FrictionSettings:
     """The same of the other cell [deg]."""
     max_mu: float = 3.0
     """Largest credible friction coefficient [-]."""
+    speed_bins_rad_s: tuple[float, ...] = ()
+    """Edges of the bins that a run is cut into whose speed is not steady [rad/s]."""
     max_peak_error: float = 0.015
     """Largest standard error of mu_sticking, relative to it, with which a peak is resolved [-]."""
 
@@ -132,6 +134,15 @@ class Conditions:
     hours_run: float = NAN
     pulley_material: str | None = None
     roughness_Ra_um: float = NAN
+
+    def completed(self, default: Conditions) -> Conditions:
+        """These, with those of a default where nothing is stated."""
+        values: dict[str, Any] = {}
+        for field in fields(self):
+            value = getattr(self, field.name)
+            stated = value is not None and value == value
+            values[field.name] = value if stated else getattr(default, field.name)
+        return Conditions(**values)
 
 
 @dataclass(frozen=True, slots=True)
