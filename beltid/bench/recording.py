@@ -52,6 +52,7 @@ from beltid.bench.formats.dialect import ReadOptions
 from beltid.bench.formats.frames import columns_of_frame
 from beltid.bench.runs.checks import Checker
 from beltid.bench.runs.run_settings import completed, joined
+from beltid.bench.runs.run_split import row_labels
 from beltid.errors import InputError, Problem, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table
@@ -329,8 +330,10 @@ def _checked(
     units_stated: Collection[str] = (),
 ) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
     """Columns that hold our names, converted as the config states and checked; and notes."""
-    problems = Problems()
-    columns = completed(columns, table, len(next(iter(columns.values()))))
+    problems, length = Problems(), len(next(iter(columns.values()), ()))
+    if "time_s" not in table.names:
+        columns = {**columns, table.label: row_labels(length, columns.get(table.label))}
+    columns = completed(columns, table, length)
     conversions = stated_conversions(MappingContext(table, options, name))
     for column, by in conversions.items():
         columns[column] = (columns[column] + by.shift) * by.factor

@@ -299,8 +299,8 @@ def joined(
             labels, split = run_labels(columns, raw.label, raw.place, problems)
             columns[table.label] = labels
             said += split
-        elif table.label not in columns:
-            columns[table.label] = row_labels(len(raw))
+        elif "time_s" not in table.names:
+            columns[table.label] = row_labels(len(raw), columns.get(table.label))
         for role in SETTINGS:
             if role in table.names and table.column(role).required and role not in columns:
                 problems.add(missing_setting(role, table.kind, raw.name_place))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 
+import typer
+
 from beltid.cli.execute import execute
 from beltid.cli.inputs import OptionalRig, Points, Press, SpeedLoss, reads_recording
 from beltid.cli.program import Common, command, with_common_options
@@ -78,15 +80,13 @@ def fit_friction(rig: OptionalRig = None, *, table: Points = None, common: Commo
 
     Example: beltid fit-friction rig.csv
     """
-    from beltid.errors import InputError
-
     if table is not None and rig is None:
         from beltid.stages import fit_friction as stage
 
         execute(stage.run, {"points": table}, "friction.parquet", common)
         return
     if rig is None or table is not None:
-        raise InputError("beltid fit-friction takes a recording, or a table by --table")
+        raise typer.BadParameter("it takes a recording, or a table by --table")
     from beltid.bench.recording import is_big
 
     with ExitStack() as stack:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from beltid.errors import InputError
 from beltid.identify.estimators.signal import median, running_median
 from beltid.identify.estimators.statistics import integrated_autocorrelation_time
-from beltid.identify.friction.kinds import TOUCH_DEG, TOUCHING, RigKind, drag_of
+from beltid.identify.friction.kinds import TOUCH_DEG, TOUCHING, Drag, RigKind, drag_of
 from beltid.identify.friction.rig_table import RunColumns, conditions_of
 from beltid.identify.friction.run import (
     NAN,
@@ -37,6 +37,8 @@ FORCES = ("tension_tight_N", "tension_slack_N", "hub_force_N")
 """Channels that the stated resolution of a force is that of."""
 BINNED = "friction at falling speed differs from that at rising and from that at steady speed"
 """What a run that was cut into bins of the speed tells."""
+BY_BINS = "a run whose speed falls or rises throughout is cut into bins by rig.speed_bins_rad_s"
+"""What may help where such a run cannot be used."""
 FALLS, RISES = 0.8, 1.25
 """Speed at the end of a run over that at its begin from which on it falls or rises."""
 
@@ -102,7 +104,7 @@ def reduce_plateaus(
             "tension_slack_N": slack,
             "mu_sliding": friction_coefficient(tight, slack, beta),
             "normal_force_N_m": _force(tight, slack, R),
-            "mu_sliding_se": _by_resolution(used, kind, R, resolution_N) / beta,
+            "mu_sliding_se": _by_resolution(used, kind, R, drag, resolution_N) / beta,
         }
     speed = _speeds(used, kind, R)
     weight = used.get("weight_N", np.full(rows.size, NAN)) if kind.weight else NAN
@@ -151,17 +153,21 @@ def _force(tight: Array, slack: Array, R: float) -> Array:
     return force
 
 
-def _by_resolution(columns: Columns, kind: RigKind, R: float, resolution_N: float) -> Array:
+def _by_resolution(
+    columns: Columns, kind: RigKind, R: float, drag: Drag | None, resolution_N: float
+) -> Array:
     """Standard error of ln(T_tight/T_slack) by the resolution of the forces (n,)."""
     u = resolution_N / np.sqrt(12.0)
     variance = np.zeros(len(columns["arc_deg"]))
+    if not np.isfinite(u):
+        return np.full(variance.size, NAN)
     for name in FORCES:
         if not _known(columns, name):
             continue
         z = []
         for sign in (-1.0, 1.0):
             shifted = {**columns, name: columns[name] + 0.5 * sign * u}
-            tight, slack = kind.tensions(shifted, columns["arc_deg"], R)
+            tight, slack = kind.tensions(shifted, columns["arc_deg"], R, drag)
             z.append(friction_coefficient(tight, slack, 1.0))
         variance += np.square(z[1] - z[0])
     return np.asarray(np.sqrt(variance))

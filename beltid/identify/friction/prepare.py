@@ -15,7 +15,7 @@ from beltid.identify.estimators.signal import block_means
 from beltid.identify.friction.channels import Channels, read_channels
 from beltid.identify.friction.condense import condensed
 from beltid.identify.friction.kinds import TOUCH_DEG, TOUCHING, Span
-from beltid.identify.friction.plateaus import binned_plateaus, course
+from beltid.identify.friction.plateaus import BY_BINS, binned_plateaus, course
 from beltid.identify.friction.rest_phase import (
     Rest,
     Rotation,
@@ -129,7 +129,8 @@ def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> Prep
         run = replace(run, rest=rest)
         return _slide(run, rest, channels, rotation, R, settings)
     except RunRejected as reason:
-        return _with(replace(run, sliding=None), status=str(reason))
+        hint = f"; {BY_BINS}" if course(record) else ""
+        return _with(replace(run, sliding=None), status=f"{reason}{hint}")
 
 
 def _pulley_speed(rotation: Rotation, record: RunRecord, R: float) -> float:
