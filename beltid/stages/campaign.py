@@ -70,8 +70,7 @@ def planned_runs(config: Config, picked: Picked) -> tuple[PlannedRun, ...]:
     Raises
     ------
     InputError
-        If a value was picked that the config does not have; with the allowed ones. If a running
-        rig has no belt speed, or a run without tension or sliding.
+        If a value was picked that the config does not have; with the allowed ones.
     """
     rig = config.rig
     problems: list[str] = []
@@ -88,7 +87,7 @@ def planned_runs(config: Config, picked: Picked) -> tuple[PlannedRun, ...]:
                 number += 1
                 if arc in arcs and tension in tensions and speed in speeds:
                     runs.append(PlannedRun(f"S{number:03d}", arc, tension, speed))
-    return as_resting(config, runs)
+    return tuple(runs)
 
 
 def as_resting(config: Config, runs: Sequence[PlannedRun]) -> tuple[PlannedRun, ...]:
@@ -109,11 +108,7 @@ def as_resting(config: Config, runs: Sequence[PlannedRun]) -> tuple[PlannedRun, 
     rig = config.rig
     if rig.kind != "running":
         return tuple(runs)
-    v_b = rig.belt_speed_m_s
-    if v_b is None:
-        text = "rig.belt_speed_m_s is not set, must be the speed of the belt to simulate"
-        raise InputError(f"{text} a running rig [m/s]")
-    momentum = config.belt.mass_per_length_kg_m * v_b**2
+    v_b, momentum = _belt_speed(config), _momentum(config)
     problems, resting = [], []
     for run in runs:
         T_0 = run.initial_tension_N - momentum
@@ -132,6 +127,19 @@ def as_resting(config: Config, runs: Sequence[PlannedRun]) -> tuple[PlannedRun, 
     if problems:
         raise InputError(problems)
     return tuple(resting)
+
+
+def _belt_speed(config: Config) -> float:
+    """Speed of the belt of a running rig [m/s]."""
+    if config.rig.belt_speed_m_s is None:
+        text = "rig.belt_speed_m_s is not set, must be the speed of the belt to simulate"
+        raise InputError(f"{text} a running rig [m/s]")
+    return config.rig.belt_speed_m_s
+
+
+def _momentum(config: Config) -> float:
+    """Part of the tensions of a running belt that turns it [N]."""
+    return config.belt.mass_per_length_kg_m * _belt_speed(config) ** 2
 
 
 def _chosen(
@@ -281,7 +289,7 @@ def simulated_results(
         law=law,
         surface=surface_from(surface),
     )
-    points = [run.point for run in runs]
+    points = [run.point for run in as_resting(config, runs)]
     if not isinstance(jobs, Workers):
         yield from rig_campaign(bench, points, settings, jobs=jobs or available_cores())
         return
@@ -328,11 +336,32 @@ def solver_record(result: RunResult) -> dict[str, Any]:
 def recording_columns(
     runs: Sequence[PlannedRun], results: Sequence[RunResult], config: Config
 ) -> dict[str, np.ndarray]:
-    """Recordings of runs as one table with the columns of rig.csv."""
-    parts = [_one_recording(*pair, config) for pair in zip(runs, results, strict=True)]
+    """Recordings of runs as one table with the columns of rig.csv.
+
+    Those of a running rig are what it shows: whole tensions, and the speed of a pulley that goes
+    with the belt before it slides.
+    """
+    resting = as_resting(config, runs)
+    parts = [_one_recording(*pair, config) for pair in zip(resting, results, strict=True)]
+    if config.rig.kind == "running":
+        parts = [_running(*pair, config) for pair in zip(runs, parts, strict=True)]
     return {
         column.name: np.concatenate([part[column.name] for part in parts])
         for column in schemas.table("simulated").columns
+    }
+
+
+def _running(
+    run: PlannedRun, resting: dict[str, np.ndarray], config: Config
+) -> dict[str, np.ndarray]:
+    """The recording of a running rig from that of the belt at rest."""
+    with_belt = _belt_speed(config) / config.rig.pulley_radius_m
+    sign = math.copysign(1.0, run.pulley_speed_rad_s - with_belt)
+    tensions = ("tension_tight_N", "tension_slack_N", "initial_tension_N")
+    return {
+        **resting,
+        **{name: resting[name] + _momentum(config) for name in tensions},
+        "pulley_speed_rad_s": with_belt + sign * resting["pulley_speed_rad_s"],
     }
 
 

@@ -21,6 +21,7 @@ from beltid.config import Config
 from beltid.config.model import PressSection
 from beltid.errors import InputError
 from beltid.identify.friction.kinds import RigKind, drag_of
+from beltid.identify.friction.load_cells import KnownCells
 from beltid.identify.friction.plateaus import reduce_plateaus
 from beltid.identify.friction.reduction import (
     FrictionSettings,
@@ -139,7 +140,8 @@ def reduce_simulated(
     """Reduce the runs of a recording of the simulated rig.
 
     It holds the tensions of both spans, whatever the bench measures, and is reduced by them. Only
-    the span of a dead weight has no cell: its tension is the initial one.
+    the span of a dead weight has no cell: its tension is the initial one. The belt of a running rig
+    runs here, too.
 
     Parameters
     ----------
@@ -152,11 +154,10 @@ def reduce_simulated(
     config : Config
         Kind of the rig.
     """
-    rig = config.rig
-    if rig.kind != "dead_weight":
-        return reduce_runs(columns, radius_m, settings)
+    kind = replace(rig_kind(config), cells=KnownCells())
+    if config.rig.kind != "dead_weight":
+        return reduce_runs(columns, radius_m, settings, replace(kind, measures="two_cells"))
     weight = {"weight_N": columns["initial_tension_N"]}
-    kind = RigKind(measures="dead_weight", weight_on=rig.weight_on)
     return reduce_runs({**columns, **weight}, radius_m, settings, kind)
 
 

@@ -205,6 +205,11 @@ def _outcome(
             "the dead weight is guided in the line of its span; one that swings freely makes mu "
             f"lower, by up to {percent(100 * share)} in these runs"
         )
+    if config.rig.kind == "running":
+        notes.append(
+            "a running belt is simulated at rest: the tensions of the table are those that press "
+            "it onto the pulley; the recording holds the whole ones"
+        )
     return Outcome(
         kind=KIND,
         columns=recording_columns(runs, results, config),

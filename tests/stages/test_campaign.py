@@ -142,7 +142,6 @@ def test_a_running_rig_is_one_at_rest_with_effective_tensions() -> None:
         method="steady",
         elements=120,
     )
-    assert run.settings.pulley_speed_rad_s == pytest.approx(slip / R)
     assert run.tension_tight_N == pytest.approx(running.P_in, rel=2e-4)
     assert run.tension_slack_N == pytest.approx(running.P_out, rel=2e-4)
     # with the whole tensions the ratio would be another one
