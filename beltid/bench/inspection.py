@@ -198,21 +198,7 @@ def inspect_recording(path: Path, config: Any, kind: str | None = None) -> Inspe
     InputError
         If a file cannot be read at all, or its kind cannot be found out.
     """
-    options = ReadOptions.of(config, "rig")
-    sources = sources_read_at_once(path, options)
-    opened: list[Opened] = []
-    if sources is None and not is_many(path):
-        sources = [Source(str(path), path, PurePath(path.name))]
-        files = _parquet_views(sources) if are_parquet(sources) else [_big_text_view(path, options)]
-    elif sources is None or are_parquet(sources):
-        files = _parquet_views(sources or sources_of(path))
-    else:
-        opened = open_sources(sources, options)
-        problems = Problems()
-        for wrong in (text for one in opened for text in one.wrong):
-            problems.add(wrong)
-        problems.raise_if_any()
-        files = [_view(one, options) for one in opened]
+    files, opened = _looked_into(path, config)
     kind = kind or _kind_meant(files[0], config, path)
     rig = _rig_meant(files[0], config) if kind in ("rig", "points") else {}
     if rig:
@@ -238,6 +224,48 @@ def inspect_recording(path: Path, config: Any, kind: str | None = None) -> Inspe
     if rig:
         notes = (*notes, f"the channels are those of rig.kind: {rig['kind']}")
     return Inspection(kind, tuple(files), mappings, tuple(runs), notes, (), rig)
+
+
+def rig_of_file(path: Path, config: Any) -> dict[str, str]:
+    """Keys of the section `rig` that the channels of a recording ask for.
+
+    Parameters
+    ----------
+    path : Path
+        File, folder, pattern or zip file.
+    config : Config
+        What is known about the files already.
+
+    Returns
+    -------
+    dict
+        ``kind``, and ``weight_on`` of a dead weight; empty where the channels are those of the
+        config, or tell nothing.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read at all.
+    """
+    return _rig_meant(_looked_into(path, config)[0][0], config)
+
+
+def _looked_into(path: Path, config: Any) -> tuple[list[FileView], list[Opened]]:
+    """Files as they were understood, and those that are read at once as they were opened."""
+    options = ReadOptions.of(config, "rig")
+    sources = sources_read_at_once(path, options)
+    if sources is None and not is_many(path):
+        sources = [Source(str(path), path, PurePath(path.name))]
+        if are_parquet(sources):
+            return _parquet_views(sources), []
+        return [_big_text_view(path, options)], []
+    if sources is None or are_parquet(sources):
+        return _parquet_views(sources or sources_of(path)), []
+    opened, problems = open_sources(sources, options), Problems()
+    for wrong in (text for one in opened for text in one.wrong):
+        problems.add(wrong)
+    problems.raise_if_any()
+    return [_view(one, options) for one in opened], opened
 
 
 def _view(opened: Opened, options: ReadOptions) -> FileView:
@@ -325,16 +353,6 @@ def _parquet_views(sources: Sequence[Source]) -> list[FileView]:
     ]
 
 
-RIG_KINDS: Final = (
-    ("two_cells", "tight"),
-    ("dead_weight", "tight"),
-    ("dead_weight", "slack"),
-    ("torque_hub", "tight"),
-    ("torque", "tight"),
-)
-"""Kinds of a friction rig, and the span of the weight; those that need more come first."""
-
-
 def _rig_meant(view: FileView, config: Any) -> dict[str, str]:
     """What the channels say of the rig where they are not those that the config states."""
     if config.rig.model_fields_set & {"kind", "weight_on"}:
@@ -342,7 +360,7 @@ def _rig_meant(view: FileView, config: Any) -> dict[str, str]:
     options = ReadOptions.of(config, "rig")
     shares = {
         (measures, span): _share_of(view, schemas.rig_table(measures, span), options)
-        for measures, span in RIG_KINDS
+        for measures, span in schemas.RIG_KINDS
     }
     best = max(shares, key=lambda found: shares[found])
     if shares[best] < 1.0 or best[0] == "two_cells":
@@ -355,10 +373,10 @@ def _kind_meant(view: FileView, config: Any, path: Path) -> str:
     shares = {kind: _share_of_sensors(view, kind, config) for kind in ("press", "speedloss")}
     tables = [ReadOptions.of(config, "rig").table("rig")]
     if not config.rig.model_fields_set & {"kind", "weight_on"}:
-        tables += [schemas.rig_table(*found) for found in RIG_KINDS]
+        tables += [schemas.rig_table(*found) for found in schemas.RIG_KINDS]
     options = ReadOptions.of(config, "rig")
     shares["rig"] = max(_share_of(view, table, options) for table in tables)
-    if shares["rig"] == 1.0 and shares["speedloss"] < 1.0 and _is_table_of_plateaus(view, config):
+    if _is_table_of_plateaus(view, config):
         return "points"
     best = max(shares, key=lambda kind: shares[kind])
     if shares[best] == 0 or list(shares.values()).count(shares[best]) > 1:
@@ -371,11 +389,18 @@ def _kind_meant(view: FileView, config: Any, path: Path) -> str:
 
 
 def _is_table_of_plateaus(view: FileView, config: Any) -> bool:
-    """Whether no channel is a time, and the format tells none."""
-    timed = any(np.isfinite(channel.rate_Hz) for channel in view.channels)
-    table, options = schemas.rig_table(), ReadOptions.of(config, "rig")
-    candidates = view.candidates
-    return not timed and not map_channels(candidates, MappingContext(table, options), ["time_s"])
+    """Whether a row is a plateau: a speed and an arc or a coefficient, and no time."""
+    if any(np.isfinite(channel.rate_Hz) for channel in view.channels):
+        return False
+    candidates, found = view.candidates, {}
+    for kind in ("rig", "points"):
+        table, options = schemas.table(kind), ReadOptions.of(config, kind)
+        found[kind] = set(map_channels(candidates, MappingContext(table, options)))
+    if "time_s" in found["rig"]:
+        return False
+    there = found["points"]
+    slides = bool(there & {"pulley_speed_rad_s", "slip_speed_m_s"})
+    return slides and ("arc_deg" in there or {"mu", "normal_force_N_m"} <= there)
 
 
 def _share_of_sensors(view: FileView, kind: str, config: Any) -> float:
@@ -386,6 +411,8 @@ def _share_of_sensors(view: FileView, kind: str, config: Any) -> float:
 
 def _share_of(view: FileView, table: Table, options: ReadOptions) -> float:
     sensors = sensors_of(table)
+    if "weight_N" in table.names and table.column("weight_N").required:
+        sensors.append("weight_N")  # no sensor, but nothing else tells such a bench
     # of a torque bench, one of both tensions is enough
     either = {"tension_tight_N", "tension_slack_N"} if sensors == TORQUE_SENSORS else set()
     found: set[str] = set()

@@ -371,6 +371,8 @@ class FrictionSection(Section):
     tension_tight_tilt_deg: Annotated[float, Number(-60, 60, "°")] = 0.0
     tension_slack_tilt_deg: Annotated[float, Number(-60, 60, "°")] = 0.0
     check_initial_tension: bool = True
+    correct_temperature: bool = False
+    reference_temperature_degC: Annotated[float, Number(-60, 200, "°C")] | None = None
     max_mu: Annotated[float, Number(0.01, 100)] = 3.0
 
 

@@ -24,6 +24,7 @@ from beltid.stages.alternatives import (
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.conditions import rows_of_one
 from beltid.stages.outcome import Outcome, rows_of
+from beltid.stages.reduction import weight_cell
 from beltid.stages.reporter import Options
 from beltid.stages.tables import surface_of, table_columns
 from beltid.stages.uncertainties import (
@@ -37,7 +38,14 @@ from beltid.uncertainty.sources import StandardUncertainties, reduction_sources,
 from beltid.uncertainty.surface import QUANTITY, SurfaceUncertainty
 
 KIND: Final = "surface"
-KEYS: Final = ("surface", "rig.pulley_radius_m", "rig.kind", "rig.weight_on", SECTION)
+KEYS: Final = (
+    "surface",
+    "rig.kind",
+    "rig.weight_on",
+    "rig.running_measures",
+    "rig.pulley_radius_m",
+    SECTION,
+)
 METHOD: Final = "published"
 FIGURES: Final = ("n_points", "rms_arc_spread", "budget")
 NO_ARC_DEG: Final = 90.0
@@ -136,7 +144,7 @@ def _outcome(
     table = result.to_columns()
     used = valid_rows(columns, good)
     rig = config.rig_params()
-    measured = measured_runs(columns, used, rig.R, rig.given_force)
+    measured = measured_runs(columns, used, rig.R, weight_cell(config), rig.given_force)
     given = StandardUncertainties() if direct else standard_uncertainties(config)
     uncertainty = _uncertainty(measured, result, config, given)
     forces = Alternatives() if direct else forces_of_plateaus(measured, config)

@@ -11,6 +11,7 @@ import numpy as np
 from beltid.bench.recording import Recording, columns_of, read_recording, read_rig
 from beltid.config import Config, ConfigSource, load_config
 from beltid.identify.estimators.statistics import as_set
+from beltid.identify.friction.drift_check import CAUSES, Drift, drift_check
 from beltid.identify.friction.kinds import TOUCH_DEG, TOUCHING, RigKind
 from beltid.identify.friction.load_cells import TOLD
 from beltid.identify.friction.plateaus import BINNED
@@ -24,6 +25,7 @@ from beltid.stages.reduction import (
     reduce_points,
     reduce_rig,
     rig_kind,
+    weight_cell,
     with_conditions,
 )
 from beltid.stages.reporter import Options
@@ -31,7 +33,8 @@ from beltid.stages.uncertainties import SECTION, budget_details, standard_uncert
 from beltid.uncertainty.sources import StandardUncertainties
 
 KIND: Final = "friction"
-FIGURES: Final = ("budget",)
+FIGURES: Final = ("budget", "drift")
+DRIFT: Final = "drift of the friction over the campaign, in percent of mu"
 RIG_KEYS: Final = (
     "kind",
     "weight_on",
@@ -121,9 +124,11 @@ def _outcome(
     direct = not any(np.isfinite(run.tension_tight_N) for run in runs if run.ok)
     # nothing of the calibration of a rig is in coefficients that a table states by itself
     uncertainty = StandardUncertainties() if direct else standard_uncertainties(config)
-    table = FrictionTable.of(runs, uncertainty, config.rig.pulley_radius_m, name)
+    radius_m = config.rig.pulley_radius_m
+    table = FrictionTable.of(runs, uncertainty, radius_m, name, weight_cell(config))
     good = table.columns["status"] == "ok"
     aside = [(r.run, r.status) for r in table.runs if not r.ok]
+    drifts = drift_check(table.columns)
     ranges = {
         column: span(table.columns[column][good])
         for column in ("normal_force_N_m", "slip_speed_m_s", "mu_sliding", "arc_deg")
@@ -134,13 +139,41 @@ def _outcome(
         result=table.runs,
         validity=ranges,
         set_aside=[{"run": run, "why": why} for run, why in aside],
-        extra={"budget": table.budget},
+        extra={"budget": table.budget, "drift": _drift_rows(drifts)},
         notes=(*notes, *_notes(table.runs)),
         warnings=(
             *_traps(table.runs, rig_kind(config), idle),
+            *(_drift_line(drift) for drift in drifts if drift.is_clear),
             *(f"run {run} set aside: {why}" for run, why in aside),
         ),
     )
+
+
+def _drift_rows(drifts: Sequence[Drift]) -> list[dict[str, Any]]:
+    """The check for drift as it is shown and stored, in percent of mu."""
+    return [
+        {
+            "cause": CAUSES[drift.cause][0],
+            "per": CAUSES[drift.cause][2],
+            "change_percent": 100.0 * drift.change,
+            "standard_error_percent": 100.0 * drift.standard_error,
+            "clear": drift.is_clear,
+        }
+        for drift in drifts
+    ]
+
+
+def _drift_line(drift: Drift) -> str:
+    """A clear drift in words."""
+    words, _, per = CAUSES[drift.cause]
+    size = f"{100 * drift.change:+.2g} ± {100 * drift.standard_error:.1g} %"
+    mended = {
+        "order": "run-in or wear; refine-surface takes it into account",
+        "distance": "run-in or wear; refine-surface takes the order of the runs into account",
+        "temperature": "friction.correct_temperature: true refers the refined surface to "
+        "friction.reference_temperature_degC",
+    }[drift.cause]
+    return f"the friction drifts with the {words}: {size} per {per} ({mended})"
 
 
 def _traps(runs: Sequence[RunReduction], kind: RigKind, idle: bool) -> Iterator[str]:
@@ -200,6 +233,7 @@ def summarise(built: Built) -> Summary:
     good = columns["status"] == "ok"
     n_aside = int(np.count_nonzero(~good))
     validity = built.artifact.metadata.validity
+    drift = [dict(row) for row in built.artifact.metadata.drift]
     return Summary(
         stage="fit-friction",
         title="friction coefficient of every run",
@@ -211,8 +245,10 @@ def summarise(built: Built) -> Summary:
             "normal_force_range_N_m": validity.get("normal_force_N_m"),
             "slip_speed_range_m_s": validity.get("slip_speed_m_s"),
             "budget": built.artifact.metadata.budget,
+            "drift": drift,
         },
         details=budget_details(built.artifact.metadata.budget),
+        beside={DRIFT: drift} if drift else {},
         table=rows_of(
             columns,
             "run",

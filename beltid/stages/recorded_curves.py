@@ -15,10 +15,10 @@ import numpy as np
 from beltid.artifacts.artifact import read_artifact
 from beltid.bench.big_recording import BigRecording
 from beltid.bench.recording import read_recording, read_rig
-from beltid.config import ConfigSource
+from beltid.config import Config, ConfigSource
 from beltid.errors import InputError
 from beltid.identify.estimators.statistics import as_set
-from beltid.identify.friction.load_cells import KnownCells
+from beltid.identify.friction.rig_table import run_records
 from beltid.identify.press.curves import Branch
 from beltid.identify.press.stiffness import fit_stiffness
 from beltid.laws.capstan import friction_coefficient
@@ -28,6 +28,7 @@ from beltid.stages.reduction import (
     CELL_KEYS,
     columns_of_runs,
     friction_settings,
+    rig_kind,
     stiffness_settings,
 )
 from beltid.stages.reporter import Options
@@ -35,7 +36,17 @@ from beltid.stages.reporter import Options
 PRESS: Final = "press_curves"
 RIG: Final = "rig_curves"
 PRESS_KEYS: Final = ("press", "columns.press", "units.press", "runs.press", "dialect")
-RIG_KEYS: Final = ("columns.rig", "units.rig", "runs.rig", "dialect", *CELL_KEYS)
+RIG_KEYS: Final = (
+    "columns.rig",
+    "units.rig",
+    "runs.rig",
+    "dialect",
+    "rig.kind",
+    "rig.weight_on",
+    "rig.running_measures",
+    "rig.belt_speed_m_s",
+    *CELL_KEYS,
+)
 """The load cells, too: what is known of them is taken off here as in the reduction."""
 MOST_SET_ASIDE: Final = 12
 """Runs set aside that are kept to be looked at."""
@@ -73,18 +84,24 @@ def rig_curves(
         runs = chosen_runs(read_artifact(friction, "friction").columns)
         recording = read_rig(rig, source.config)
         if isinstance(recording, BigRecording):
-            columns = columns_of_runs(recording, runs)
+            columns = columns_of_runs(recording, {*runs, *map(_whole, runs)})
         else:
             columns = recording.columns
+        # of a run that was cut into bins of the speed, the whole of it is shown
+        there = set(columns["run"])
+        runs = tuple(dict.fromkeys(run if run in there else _whole(run) for run in runs))
         missing = sorted(set(runs) - set(columns["run"]))
         if missing:
             raise InputError(
                 f"{rig}: has no run {', '.join(missing[:MOST_NAMED])}; {friction} was made from "
                 "another recording"
             )
-        cells = friction_settings(source.config).cells
-        built = build.write(Outcome(RIG, _run_columns(columns, runs, cells), runs))
+        built = build.write(Outcome(RIG, _run_columns(columns, runs, source.config), runs))
     return built
+
+
+def _whole(run: str) -> str:
+    return run.rpartition(":")[0] or run
 
 
 def chosen_runs(friction: Mapping[str, np.ndarray]) -> tuple[str, ...]:
@@ -136,25 +153,30 @@ def _branch_columns(branches: tuple[Branch, ...]) -> dict[str, np.ndarray]:
 
 
 def _run_columns(
-    rig: Mapping[str, np.ndarray], runs: tuple[str, ...], cells: KnownCells
+    rig: Mapping[str, np.ndarray], runs: tuple[str, ...], config: Config
 ) -> dict[str, np.ndarray]:
-    kept = np.concatenate(
-        [thinned(np.flatnonzero(rig["run"] == run), rig["tension_tight_N"]) for run in runs]
-    )
-    tight = cells.tight.tension(rig["tension_tight_N"][kept])
-    slack = cells.slack.tension(rig["tension_slack_N"][kept])
-    good = (tight > 0.0) & (slack > 0.0)
-    beta = np.radians(rig["arc_deg"][kept][good])
-    mu = np.full(kept.size, np.nan)
-    mu[good] = friction_coefficient(tight[good], slack[good], beta)
-    return {
-        "run": rig["run"][kept],
-        "time_s": rig["time_s"][kept],
-        "tension_tight_N": tight,
-        "tension_slack_N": slack,
-        "mu": mu,
-        "pulley_speed_rad_s": rig["pulley_speed_rad_s"][kept],
-    }
+    """Tensions of some runs over time, as the kind of the rig gives them."""
+    kind, cells = rig_kind(config), friction_settings(config).cells
+    records = {r.run: r for r in run_records(rig, config.rig.pulley_radius_m, kind)}
+    parts = []
+    for run in runs:
+        record, rows = records[run], np.flatnonzero(rig["run"] == run)
+        tight, slack = record.tension_tight_N, record.tension_slack_N
+        if not kind.is_derived:  # else they were taken off before
+            tight, slack = cells.tight.tension(tight), cells.slack.tension(slack)
+        kept = thinned(np.arange(rows.size), tight)
+        tight, slack = tight[kept], slack[kept]
+        parts.append(
+            {
+                "run": rig["run"][rows][kept],
+                "time_s": record.time_s[kept],
+                "tension_tight_N": tight,
+                "tension_slack_N": slack,
+                "mu": friction_coefficient(tight, slack, np.radians(record.arc_deg)),
+                "pulley_speed_rad_s": rig["pulley_speed_rad_s"][rows][kept],
+            }
+        )
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def thinned(rows: np.ndarray, values: np.ndarray) -> np.ndarray:

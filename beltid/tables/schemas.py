@@ -465,6 +465,16 @@ def table(kind: str) -> Table:
     return TABLES[kind]
 
 
+RIG_KINDS: Final = (
+    ("two_cells", "tight"),
+    ("dead_weight", "tight"),
+    ("dead_weight", "slack"),
+    ("torque_hub", "tight"),
+    ("torque", "tight"),
+)
+"""Kinds of a friction rig, and the span of the weight; those that need more channels come first."""
+
+
 def rig_table(
     measures: str = "two_cells", weight_on: str = "tight", *, running: bool = False
 ) -> Table:
@@ -496,7 +506,9 @@ def rig_table(
     for column in table("rig").columns:
         if column.name in needed:
             columns.append(replace(column, required=True))
-        elif column.name in more or column.name in left_open:
+        elif column.name in left_open:
+            columns.append(replace(column, required=False, nullable=True))
+        elif column.name in more:
             columns.append(replace(column, required=False))
         elif column.name not in channels:
             columns.append(column)

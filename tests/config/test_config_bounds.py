@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import fields, replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from beltid.config import Config, load_config
@@ -22,8 +23,9 @@ from beltid.identify.press.stiffness import StiffnessSettings
 from beltid.identify.slip.slip import RequiredSpeeds, SlipPoint, SlipResult, required_pulley_speeds
 from beltid.identify.surface.surface import SurfaceSettings
 from beltid.params import OperatingPoint
+from beltid.refine.effects import campaign_effects
 from beltid.rigsim.rig import DEFAULT_STEPS, SimulationSettings
-from beltid.stages.reduction import stiffness_settings
+from beltid.stages.reduction import friction_settings, stiffness_settings
 from beltid.stages.uncertainties import standard_uncertainties
 
 SLIP = SlipResult(
@@ -71,13 +73,18 @@ def with_drive(config: Config) -> tuple[Any, ...]:
     return drive, points_of_config(config) if stated else ()
 
 
+def with_temperature(config: Config) -> Any:
+    runs = np.zeros(2, dtype=int), np.zeros(2), np.array([20.0, 30.0])
+    return campaign_effects(*runs, config.friction.reference_temperature_degC)
+
+
 SCIENCE: dict[str, tuple[Callable[[Config], Any], ...]] = {
     "belt": (lambda c: c.belt_params(), lambda c: with_drive(c)[0].shear_stiffness),
     "press": (lambda c: stiffness_settings(c.press),),
     "rig": (lambda c: c.rig_params(), with_points, with_slip, with_measured),
     "contact": (lambda c: c.contact_params(),),
     "compare": (lambda c: AgreementSettings(**c.compare.model_dump()),),
-    "friction": (lambda c: FrictionSettings(**c.friction.model_dump()),),
+    "friction": (friction_settings, with_temperature),
     "surface": (lambda c: SurfaceSettings(**c.surface.model_dump()),),
     "slip": (with_slip,),
     "simulation": (with_simulation, lambda c: c.contact_params()),

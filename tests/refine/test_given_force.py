@@ -38,7 +38,8 @@ def campaign(bench: Bench, rows: np.ndarray) -> Campaign:
         "mu_sliding_se": 1e-4 * mu,
         "normal_force_N_m": f,
     }
-    measured = measured_runs(columns, np.arange(mu.size), R, bench.rig.given_force)
+    given = bench.rig.given_force
+    measured = measured_runs(columns, np.arange(mu.size), R, given_force=given)
     start = build_surface(arc_deg, f, v, mu, 1e-4 * mu).surface
     press = PressLaw(bench.law, np.zeros((2, 2)), 1.2e-4, 0.04)
     return Campaign(measured, replace(bench, surface=start), press)

@@ -272,3 +272,26 @@ def test_the_python_function_takes_every_kind_of_recording():
     assert any("drag of the bearings" in line for line in outcome.warnings)
     with pytest.raises(InputError, match="column torque_N_m is missing"):
         beltid.fit_friction(part, {"rig": {"kind": "torque"}})
+
+
+NO_OTHERS = {
+    "cell_gain_rel": 0,
+    "cell_offset_N": 0,
+    "arc_deg": 0,
+    "arc_setting_deg": 0,
+    "pulley_radius_rel": 0,
+    "pulley_speed_rel": 0,
+}
+
+
+@pytest.mark.parametrize(("kind", "share"), [("two_cells", 0.0), ("dead_weight", 1.0)])
+def test_a_gain_of_the_cells_counts_beside_a_dead_weight_only(kind, share):
+    table, rig = by_kind(kind)
+    config = {
+        "rig": {"kind": kind, **rig},
+        "uncertainty": {"tension_gain_rel": 0.01, **NO_OTHERS},
+    }
+    found = fit_friction(table.assign(mu_se=0.0), config, table=True).to_frame()
+    # both tensions of two cells grow alike; a weight stays, so that mu changes by ln(1.01) / beta
+    expected = share * np.log(1.01) / np.radians(table["arc_deg"])
+    assert found["mu_sliding_u"].to_numpy() == pytest.approx(expected.to_numpy(), abs=1e-12)

@@ -18,6 +18,7 @@ from beltid.bench.channels.channel_mapping import (
     notes_of,
     told_elsewhere,
 )
+from beltid.bench.channels.vocabulary import roles_meant
 from beltid.bench.files.sniff import Decoded
 from beltid.bench.formats.csv_table import Wanted, read_rows
 from beltid.bench.formats.dialect import Layout, ReadOptions, is_number, layout
@@ -193,6 +194,8 @@ def check_header(
             f"{place}: these are the columns of a {other} recording, not of a {table.kind}",
             code="columns",
         )
+    elif missing and (kind := _rig_kind_of(header, table)):
+        problems.add(f"{place}: these are the channels of {kind}", code="columns")
     elif missing:
         ours, close = missing[0]
         example = close[0] if close else "its name in the file"
@@ -208,6 +211,22 @@ def _kind_of(header: tuple[str, ...], kind: str) -> str:
         names = {c.name for c in schemas.table(other).columns if c.required}
         if other != kind and names and names <= set(header):
             return other
+    return ""
+
+
+def _rig_kind_of(header: tuple[str, ...], table: Table) -> str:
+    """Another kind of friction rig whose channels a header has, as the config states it; or ""."""
+    if table.kind != "rig":
+        return ""
+    meant = {role for name in header for role in (name, *roles_meant(name, "rig"))}
+    tensions = {"tension_tight_N", "tension_slack_N"}
+    for measures, weight_on in schemas.RIG_KINDS:
+        other = schemas.rig_table(measures, weight_on)
+        needed = {c.name for c in other.columns if c.required} - {*schemas.SETTINGS, table.label}
+        enough = measures != "torque" or bool(meant & tensions)
+        if other != table and enough and needed | {"weight_N"} & set(other.names) <= meant:
+            on = f", weight_on: {weight_on}" if measures == "dead_weight" else ""
+            return f"rig: {{kind: {measures}{on}}}"
     return ""
 
 

@@ -4,10 +4,26 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from functools import partial
+from typing import Annotated
+
+import typer
 
 from beltid.cli.execute import execute
 from beltid.cli.inputs import Bootstrap, Condition, Friction, Jobs, Seed, Side, Stiffness
 from beltid.cli.program import Common, command, with_common_options
+
+FitBending = Annotated[
+    bool,
+    typer.Option(
+        "--fit-bending",
+        help="Find the bending stiffness that the runs ask for too, and show it beside the stated "
+        "one.",
+    ),
+]
+UseBending = Annotated[
+    bool,
+    typer.Option("--use-bending", help="Refine the surface with the bending stiffness found."),
+]
 
 
 @command("build-surface")
@@ -42,6 +58,8 @@ def refine_surface(
     bootstrap: Bootstrap = 0,
     seed: Seed = 0,
     jobs: Jobs = None,
+    fit_bending: FitBending = False,
+    use_bending: UseBending = False,
     *,
     common: Common,
 ) -> None:
@@ -65,6 +83,7 @@ def refine_surface(
             from beltid.batch.local import local_workers
 
             workers = stack.enter_context(local_workers(jobs))
-        run = partial(stage.run, bootstrap=bootstrap, seed=seed)
+        bending: stage.Bending = "use" if use_bending else "fit" if fit_bending else "stated"
+        run = partial(stage.run, bootstrap=bootstrap, seed=seed, bending=bending)
         inputs = {"friction": friction, "stiffness": stiffness}
         execute(run, inputs, "surface_refined.parquet", common, Options(workers=workers))
