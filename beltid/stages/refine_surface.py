@@ -74,6 +74,8 @@ FIGURES: Final = (
 KEYS: Final = (
     "belt.axial_stiffness_N",
     "belt.bending_stiffness_N_m2",
+    "rig.kind",
+    "rig.weight_on",
     "rig.pulley_radius_m",
     "rig.span_length_m",
     "rig.supports",

@@ -15,6 +15,7 @@ from beltid.errors import InputError
 from beltid.identify.surface.surface import SurfaceSettings
 from beltid.identify.surface.surface import build_surface as publish
 from beltid.rigsim.model import Bench
+from beltid.stages.reduction import weight_cell
 from beltid.stages.reporter import Reporter
 from beltid.stages.workers import Workers
 from beltid.uncertainty.campaign import Campaign
@@ -125,8 +126,9 @@ def prepared_campaign(
     speeds = start.slip_speed_m_s
     used = _at_speeds(columns, good, speeds, set_aside)
     rig = config.rig_params()
+    measured = measured_runs(columns, used, rig.R, weight_cell(config), rig.given_force)
     bench = Bench(config.belt_params(), rig, config.contact_params(), press.law, start)
-    return Campaign(measured_runs(columns, used, rig.R), bench, press), speeds, used, set_aside
+    return Campaign(measured, bench, press), speeds, used, set_aside
 
 
 def _usable(columns: Mapping[str, np.ndarray]) -> tuple[np.ndarray, list[dict[str, Any]]]:
