@@ -1,0 +1,303 @@
+"""24 planned runs against 24 random ones and the whole factorial, on synthetic benches.
+
+    python -m benchmarks.plan [REPETITIONS]
+
+Each repetition draws errors of the bench, shared by all its runs, and noise of each run. The rig is
+the sliding limit of the simulator on its finer mesh, with a known surface. The same bench is read
+three times: at the 24 settings of `beltid plan` before any run, at 24 random ones of the factorial,
+and at all of it; each reading is refined. Error: root mean square of ln mu, uniform in ln f and
+ln v, between the lowest and highest line force (Eq. 8) and speed of the factorial.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from beltid.identify.surface.surface import build_surface
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
+from beltid.laws.uncertain_surface import UncertainSurface
+from beltid.params import Belt, Contact, OperatingPoint, Rig
+from beltid.plan.candidates import NoiseLaw, Settings, simulate_candidates
+from beltid.plan.design import choose_runs
+from beltid.plan.prior import USUAL, knowledge_at
+from beltid.plan.target import surface_target
+from beltid.refine.inverse import refine_surface
+from beltid.rigsim.model import Bench
+from beltid.rigsim.rig import SimulationSettings, simulate
+from beltid.uncertainty.campaign import Campaign
+from beltid.uncertainty.measured import Measured
+from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.refined import changes_and_scatter, refined_slopes
+from beltid.uncertainty.sources import StandardUncertainties, all_sources, arc_sources
+
+Array = np.ndarray
+
+RUNS = 24
+FINER = 1.5
+PLACES = (30, 13)
+USUAL_CLASS = StandardUncertainties(
+    tension_gain=0.002,
+    cell_gain=0.001,
+    cell_offset=0.05,
+    arc=math.radians(0.1),
+    arc_setting=math.radians(0.2),
+    pulley_radius=0.002,
+    span_length=5.0e-4,
+    pulley_speed=0.002,
+    bending_stiffness=0.05,
+    axial_stiffness=0.05,
+    press_force=0.005,
+    press_displacement=0.002,
+    segment_length=0.005,
+)
+"""The standard uncertainties that a config has by default."""
+POOR_CLASS = replace(
+    USUAL_CLASS,
+    cell_gain=0.002,
+    cell_offset=0.1,
+    arc=math.radians(0.2),
+    arc_setting=math.radians(0.3),
+    pulley_radius=0.004,
+    bending_stiffness=0.08,
+    press_force=0.01,
+    segment_length=0.01,
+)
+
+
+def bent(f: Array, v: Array) -> Array:
+    """Falls with the force in a bent curve, rises with the speed."""
+    return (0.62 + 0.55 / (1.0 + (f / 2500.0) ** 0.8)) * (1.0 + 0.08 * np.log(v / 0.01))
+
+
+def stribeck(f: Array, v: Array) -> Array:
+    """A power of the force; rises with the speed, less and less."""
+    rise = np.log1p(v / 0.0015) / math.log1p(0.01 / 0.0015) - 1.0
+    return 0.95 * (f / 5400.0) ** -0.18 * (1.0 + 0.45 * rise)
+
+
+def falling(f: Array, v: Array) -> Array:
+    """Adhesion at low force; a highest value at some speed."""
+    hump = 0.25 * np.exp(-0.5 * np.square(np.log(v / 0.02) / 1.5))
+    return (0.75 + 220.0 / (f + 900.0)) * (0.9 + hump)
+
+
+@dataclass(frozen=True)
+class SyntheticBench:
+    """A rig with its true surface, its settings and how well it is known."""
+
+    mu: Callable[[Array, Array], Array]
+    given: StandardUncertainties
+    noise: NoiseLaw = field(default_factory=NoiseLaw)
+    belt: Belt = field(default_factory=lambda: Belt(1.0e5, 0.02, 0.10))
+    rig: Rig = field(default_factory=lambda: Rig(0.05, 0.10))
+    law: NormalLaw = field(default_factory=lambda: NormalLaw(6.5e7, 3.0256e11))
+    settings: Settings = field(
+        default_factory=lambda: Settings(
+            (40.0, 68.0, 82.0),
+            (50.0, 100.0, 160.0, 220.0, 270.0, 310.0, 360.0, 411.0),
+            (0.05, 0.10, 0.21, 0.42, 0.84),
+        )
+    )
+
+    @property
+    def press(self) -> PressLaw:
+        """The contact law as it is known."""
+        return PressLaw(self.law, np.zeros((2, 2)), 1.2e-4, 0.04)
+
+
+BENCHES = {
+    "5PK rig, usual class": SyntheticBench(stribeck, USUAL_CLASS),
+    "5PK rig, poor class, bent surface": SyntheticBench(bent, POOR_CLASS),
+    "wide arcs, small pulley, quiet runs": SyntheticBench(
+        falling,
+        USUAL_CLASS,
+        NoiseLaw(friction=0.002, tension=0.05),
+        Belt(0.8e5, 0.012, 0.08),
+        Rig(0.04, 0.12),
+        NormalLaw(5.6e7, 2.2e11),
+        Settings(
+            (60.0, 90.0, 120.0, 150.0),
+            (60.0, 110.0, 170.0, 240.0, 320.0, 420.0),
+            (0.03, 0.08, 0.2, 0.5, 1.3),
+        ),
+    ),
+    "5PK rig, usual class, noise of 1.5 %": SyntheticBench(
+        bent, USUAL_CLASS, NoiseLaw(friction=0.015)
+    ),
+}
+
+
+def read(bench: SyntheticBench, rng: np.random.Generator) -> tuple[Measured, Array]:
+    """The whole factorial as the bench reads it without noise, and the noise of its runs."""
+    u = bench.given
+
+    def draw(size: float) -> float:
+        return size * float(rng.standard_normal())
+
+    gain, gains = draw(u.tension_gain), [draw(u.cell_gain) for _ in range(2)]
+    zeros, arc = [draw(u.cell_offset) for _ in range(2)], draw(u.arc)
+    of_setting = [draw(u.arc_setting) for _ in bench.settings.arcs_deg]
+    belt = replace(
+        bench.belt,
+        EI=bench.belt.EI * (1.0 + draw(u.bending_stiffness)),
+        EA=bench.belt.EA * (1.0 + draw(u.axial_stiffness)),
+    )
+    rig = Rig(bench.rig.R * (1.0 + draw(u.pulley_radius)), bench.rig.span + draw(u.span_length))
+    turning, travel = 1.0 + draw(u.pulley_speed), 1.0 + draw(u.press_displacement)
+    press = (1.0 + draw(u.press_force)) / (1.0 + draw(u.segment_length))
+    k = bench.law.k_linear_N_m2 * press / travel, bench.law.k_quadratic_N_m3 * press / travel**2
+    f, v = np.geomspace(40.0, 60000.0, 80), np.geomspace(5e-4, 0.2, 40)
+    surface = FrictionSurface(f, v, bench.mu(f[:, None], v[None, :]))
+    true = Bench(belt, rig, Contact(), NormalLaw(*k), surface)
+    points = bench.settings.points()
+    arcs = np.array([math.degrees(point.beta) for point in points])
+    number = np.unique(np.round(arcs, 6), return_inverse=True)[1]
+    tensions = []
+    for point, k_arc in zip(points, number, strict=True):
+        T_0 = point.T_0 * (1.0 + gain + 0.5 * sum(gains)) + 0.5 * sum(zeros)
+        beta = point.beta + arc + of_setting[k_arc]
+        at = OperatingPoint(beta, T_0, point.omega * turning)
+        elements = 2 * round(0.5 * FINER * (true.model(at).nodes.size - 1))
+        run = simulate(true, at, SimulationSettings("steady", elements=elements))
+        tensions.append(
+            [
+                (tension - zero) / (1.0 + gain + own)
+                for tension, zero, own in zip(
+                    (run.tension_tight_N, run.tension_slack_N), zeros, gains, strict=True
+                )
+            ]
+        )
+    tight, slack = np.array(tensions).T
+    beta = np.array([point.beta for point in points])
+    measured = Measured(
+        R=bench.rig.R,
+        arc=number.astype(np.intp),
+        beta=beta,
+        T_0=np.array([point.T_0 for point in points]),
+        omega=np.array([point.omega for point in points]),
+        tight=tight,
+        slack=slack,
+        mu=np.log(tight / slack) / beta,
+        mu_se=np.zeros(beta.size),
+    )
+    se = np.sqrt(bench.noise.variance(measured))
+    return replace(measured, mu_se=measured.mu * se), se
+
+
+def taken(measured: Measured, se: Array, chosen: Sequence[int], noise: Array) -> Measured:
+    """Some of the runs, each with noise of its own; arcs numbered anew."""
+    rows = np.array(chosen)
+    names = ("beta", "T_0", "omega", "tight", "slack", "mu", "mu_se")
+    some = replace(
+        measured,
+        arc=np.unique(measured.arc[rows], return_inverse=True)[1],
+        **{name: getattr(measured, name)[rows] for name in names},
+    )
+    return some.scattered(se[rows] * noise)
+
+
+def error_and_uncertainty(bench: SyntheticBench, measured: Measured) -> tuple[Array, Array]:
+    """Error of ln mu of the refined surface, and its standard uncertainty, over the target."""
+    speeds = np.unique(measured.slip_speed)
+    start = build_surface(
+        np.degrees(measured.beta),
+        measured.normal_force,
+        measured.slip_speed,
+        measured.mu,
+        measured.mu_se,
+    ).surface
+    campaign = Campaign(
+        measured, Bench(bench.belt, bench.rig, Contact(), bench.law, start), bench.press
+    )
+    refined = refine_surface(campaign.bench, campaign.runs, speeds)
+    slopes = refined_slopes(campaign, refined, speeds)
+    campaign = replace(campaign, measured=measured.with_arc_effects(refined.response))
+    n_arcs = int(measured.arc.max()) + 1
+    sources = (
+        *all_sources(bench.given, n_arcs, False),
+        *arc_sources(refined.smoothness.arcs, n_arcs),
+    )
+    factor = np.concatenate(changes_and_scatter(campaign, refined, sources, slopes), axis=-1)
+    surface = UncertainSurface(refined.surface, factor)
+    f, v = target_points(bench)
+    return (
+        np.log(surface.mu(f, v) / bench.mu(f, v)),
+        np.asarray(surface.mu_u(f, v) / surface.mu(f, v)),
+    )
+
+
+def target_points(bench: SyntheticBench) -> tuple[Array, Array]:
+    """Forces and speeds over which the error counts; the forces are those of the true surface."""
+    v = bench.rig.R * np.array(bench.settings.omegas)
+    measured, _ = read(replace(bench, given=StandardUncertainties()), np.random.default_rng(0))
+    force = measured.normal_force
+    f = np.geomspace(force.min(), force.max(), PLACES[0])
+    return tuple(np.meshgrid(f, np.geomspace(v.min(), v.max(), PLACES[1]), indexing="ij"))
+
+
+def planned(bench: SyntheticBench) -> tuple[list[int], float]:
+    """The runs planned before any is made, and the seconds that takes."""
+    clock = time.perf_counter()
+    middle = Bench(
+        bench.belt, bench.rig, Contact(), bench.law, FrictionSurface.constant(1.0)
+    )
+    candidates = simulate_candidates(middle, bench.press, bench.settings, (), None)
+    n_arcs = len(bench.settings.arcs_deg)
+    sources = (*all_sources(bench.given, n_arcs, False), *arc_sources(USUAL.arcs, n_arcs))
+    rows = candidates.rows(sources, bench.noise, {})
+    before = knowledge_at(candidates.curves, None, len(sources))
+    f, v = candidates.measured.normal_force, candidates.measured.slip_speed
+    target = surface_target(candidates.curves, (f.min(), f.max()), (v.min(), v.max()))
+    chosen = choose_runs(before, rows, target.W, RUNS)
+    return chosen, time.perf_counter() - clock
+
+
+def compare(bench: SyntheticBench, repetitions: int) -> Iterator[tuple[list[float], Array]]:
+    """RMS errors of planned, random and all runs, and whether intervals hold, per repetition."""
+    chosen, _ = planned(bench)
+    for seed in range(repetitions):
+        rng = np.random.default_rng(seed)
+        measured, se = read(bench, rng)
+        n = measured.mu.size
+        rms, holds = [], []
+        for runs in (chosen, rng.choice(n, RUNS, replace=False), range(n)):
+            noise = rng.standard_normal(len(runs))
+            error, u = error_and_uncertainty(bench, taken(measured, se, runs, noise))
+            rms.append(float(np.sqrt(np.mean(np.square(error)))))
+            holds.append(float(np.mean(np.abs(error) < 1.96 * u)))
+        yield rms, np.array(holds)
+
+
+def main() -> None:
+    """Print the table."""
+    repetitions = int(sys.argv[1]) if len(sys.argv) > 1 else 20
+    print(
+        "| synthetic bench | plan | RMS error: 24 planned | 24 random | all | planned <= random "
+        "| planned / all | intervals hold: planned, random, all |"
+    )
+    print("|---|---|---|---|---|---|---|---|")
+    for name, bench in BENCHES.items():
+        planned(bench)  # compiles
+        _, seconds = planned(bench)
+        found = list(compare(bench, repetitions))
+        rms = np.array([r for r, _ in found])
+        holds = 100.0 * np.mean([h for _, h in found], axis=0)
+        mean = 100.0 * np.sqrt(np.mean(np.square(rms), axis=0))
+        wins = int(np.sum(rms[:, 0] <= rms[:, 1]))
+        print(
+            f"| {name} | {seconds:.1f} s | {mean[0]:.2f} % | {mean[1]:.2f} % | {mean[2]:.2f} % "
+            f"| {wins} of {repetitions} | {mean[0] / mean[2]:.2f} "
+            f"| {holds[0]:.0f}, {holds[1]:.0f}, {holds[2]:.0f} % |",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()
