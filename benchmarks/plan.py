@@ -1,20 +1,22 @@
 """24 planned runs against 24 random ones and the whole factorial, on synthetic benches.
 
-    python -m benchmarks.plan [REPETITIONS]
+    python -m benchmarks.plan [REPETITIONS [DRAWS]]
 
-Each repetition draws errors of the bench, shared by all its runs, and noise of each run. The rig is
-the sliding limit of the simulator on its finer mesh, with a known surface. The same bench is read
-three times: at the 24 settings of `beltid plan` before any run, at 24 random ones of the factorial,
-and at all of it; each reading is refined. Error: root mean square of ln mu, uniform in ln f and
-ln v, between the lowest and highest line force (Eq. 8) and speed of the factorial.
+Each draw is a bench with errors of its own, shared by all its runs, an effect of each arc setting
+on friction, and noise of each run. The rig is the sliding limit of the simulator on its finer mesh,
+with a known surface. It is read at the 24 settings of `beltid plan` before any run, and at the
+whole factorial; each repetition reads it at 24 settings of the factorial chosen at random. Every
+reading is refined. Error: root mean square of ln mu over all draws, uniform in ln f and ln v
+between the lowest and highest line force (Eq. 8) and speed of the factorial.
 """
 
 from __future__ import annotations
 
+import functools
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -95,6 +97,7 @@ class SyntheticBench:
     mu: Callable[[Array, Array], Array]
     given: StandardUncertainties
     noise: NoiseLaw = field(default_factory=NoiseLaw)
+    arc_effect: float = USUAL.arcs
     belt: Belt = field(default_factory=lambda: Belt(1.0e5, 0.02, 0.10))
     rig: Rig = field(default_factory=lambda: Rig(0.05, 0.10))
     law: NormalLaw = field(default_factory=lambda: NormalLaw(6.5e7, 3.0256e11))
@@ -119,10 +122,10 @@ BENCHES = {
         falling,
         USUAL_CLASS,
         NoiseLaw(friction=0.002, tension=0.05),
-        Belt(0.8e5, 0.012, 0.08),
-        Rig(0.04, 0.12),
-        NormalLaw(5.6e7, 2.2e11),
-        Settings(
+        belt=Belt(0.8e5, 0.012, 0.08),
+        rig=Rig(0.04, 0.12),
+        law=NormalLaw(5.6e7, 2.2e11),
+        settings=Settings(
             (60.0, 90.0, 120.0, 150.0),
             (60.0, 110.0, 170.0, 240.0, 320.0, 420.0),
             (0.03, 0.08, 0.2, 0.5, 1.3),
@@ -154,8 +157,12 @@ def read(bench: SyntheticBench, rng: np.random.Generator) -> tuple[Measured, Arr
     press = (1.0 + draw(u.press_force)) / (1.0 + draw(u.segment_length))
     k = bench.law.k_linear_N_m2 * press / travel, bench.law.k_quadratic_N_m3 * press / travel**2
     f, v = np.geomspace(40.0, 60000.0, 80), np.geomspace(5e-4, 0.2, 40)
-    surface = FrictionSurface(f, v, bench.mu(f[:, None], v[None, :]))
-    true = Bench(belt, rig, Contact(), NormalLaw(*k), surface)
+    level = bench.mu(f[:, None], v[None, :])
+    effects = [math.exp(draw(bench.arc_effect)) for _ in bench.settings.arcs_deg]
+    of_arc = [
+        Bench(belt, rig, Contact(), NormalLaw(*k), FrictionSurface(f, v, level * effect))
+        for effect in effects
+    ]
     points = bench.settings.points()
     arcs = np.array([math.degrees(point.beta) for point in points])
     number = np.unique(np.round(arcs, 6), return_inverse=True)[1]
@@ -164,6 +171,7 @@ def read(bench: SyntheticBench, rng: np.random.Generator) -> tuple[Measured, Arr
         T_0 = point.T_0 * (1.0 + gain + 0.5 * sum(gains)) + 0.5 * sum(zeros)
         beta = point.beta + arc + of_setting[k_arc]
         at = OperatingPoint(beta, T_0, point.omega * turning)
+        true = of_arc[k_arc]
         elements = 2 * round(0.5 * FINER * (true.model(at).nodes.size - 1))
         run = simulate(true, at, SimulationSettings("steady", elements=elements))
         tensions.append(
@@ -233,10 +241,12 @@ def error_and_uncertainty(bench: SyntheticBench, measured: Measured) -> tuple[Ar
     )
 
 
+@functools.cache
 def target_points(bench: SyntheticBench) -> tuple[Array, Array]:
     """Forces and speeds over which the error counts; the forces are those of the true surface."""
     v = bench.rig.R * np.array(bench.settings.omegas)
-    measured, _ = read(replace(bench, given=StandardUncertainties()), np.random.default_rng(0))
+    exact = replace(bench, given=StandardUncertainties(), arc_effect=0.0)
+    measured, _ = read(exact, np.random.default_rng(0))
     force = measured.normal_force
     f = np.geomspace(force.min(), force.max(), PLACES[0])
     return tuple(np.meshgrid(f, np.geomspace(v.min(), v.max(), PLACES[1]), indexing="ij"))
@@ -245,9 +255,7 @@ def target_points(bench: SyntheticBench) -> tuple[Array, Array]:
 def planned(bench: SyntheticBench) -> tuple[list[int], float]:
     """The runs planned before any is made, and the seconds that takes."""
     clock = time.perf_counter()
-    middle = Bench(
-        bench.belt, bench.rig, Contact(), bench.law, FrictionSurface.constant(1.0)
-    )
+    middle = Bench(bench.belt, bench.rig, Contact(), bench.law, FrictionSurface.constant(1.0))
     candidates = simulate_candidates(middle, bench.press, bench.settings, (), None)
     n_arcs = len(bench.settings.arcs_deg)
     sources = (*all_sources(bench.given, n_arcs, False), *arc_sources(USUAL.arcs, n_arcs))
@@ -259,42 +267,61 @@ def planned(bench: SyntheticBench) -> tuple[list[int], float]:
     return chosen, time.perf_counter() - clock
 
 
-def compare(bench: SyntheticBench, repetitions: int) -> Iterator[tuple[list[float], Array]]:
-    """RMS errors of planned, random and all runs, and whether intervals hold, per repetition."""
+@dataclass(frozen=True)
+class Comparison:
+    """Mean square errors of ln mu per draw, and shares of the target whose interval holds it.
+
+    `random` has a row per repetition; the pairs are mean squares and shares, arrays (draws,).
+    """
+
+    planned: tuple[Array, Array]
+    everything: tuple[Array, Array]
+    random: tuple[Array, Array]
+
+
+def compare(bench: SyntheticBench, repetitions: int, draws: int) -> Comparison:
+    """Refine planned, random and all runs of each draw."""
     chosen, _ = planned(bench)
-    for seed in range(repetitions):
-        rng = np.random.default_rng(seed)
+    n = len(bench.settings.points())
+    rng = np.random.default_rng(0)
+    at_random = [rng.choice(n, RUNS, replace=False) for _ in range(repetitions)]
+    rows = []
+    for seed in range(draws):
+        rng = np.random.default_rng(1000 + seed)
         measured, se = read(bench, rng)
-        n = measured.mu.size
-        rms, holds = [], []
-        for runs in (chosen, rng.choice(n, RUNS, replace=False), range(n)):
+        row = []
+        for runs in (chosen, range(n), *at_random):
             noise = rng.standard_normal(len(runs))
             error, u = error_and_uncertainty(bench, taken(measured, se, runs, noise))
-            rms.append(float(np.sqrt(np.mean(np.square(error)))))
-            holds.append(float(np.mean(np.abs(error) < 1.96 * u)))
-        yield rms, np.array(holds)
+            row.append([np.mean(np.square(error)), np.mean(np.abs(error) < 1.96 * u)])
+        rows.append(row)
+    squares, holds = np.array(rows).transpose(2, 1, 0)
+    return Comparison((squares[0], holds[0]), (squares[1], holds[1]), (squares[2:], holds[2:]))
 
 
 def main() -> None:
     """Print the table."""
-    repetitions = int(sys.argv[1]) if len(sys.argv) > 1 else 20
-    print(
-        "| synthetic bench | plan | RMS error: 24 planned | 24 random | all | planned <= random "
-        "| planned / all | intervals hold: planned, random, all |"
+    repetitions, draws = (
+        int(sys.argv[k]) if len(sys.argv) > k else n for k, n in ((1, 20), (2, 8))
     )
-    print("|---|---|---|---|---|---|---|---|")
+    print(
+        "| synthetic bench | plan | RMS error: 24 planned | 24 random | all | planned <= random, "
+        "all draws | draw by draw | planned / all | intervals hold: planned, random, all |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|")
     for name, bench in BENCHES.items():
         planned(bench)  # compiles
         _, seconds = planned(bench)
-        found = list(compare(bench, repetitions))
-        rms = np.array([r for r, _ in found])
-        holds = 100.0 * np.mean([h for _, h in found], axis=0)
-        mean = 100.0 * np.sqrt(np.mean(np.square(rms), axis=0))
-        wins = int(np.sum(rms[:, 0] <= rms[:, 1]))
+        found = compare(bench, repetitions, draws)
+        parts = found.planned, found.random, found.everything
+        rms = [100.0 * float(np.sqrt(np.mean(squares))) for squares, _ in parts]
+        holds = ", ".join(f"{100.0 * np.mean(share):.0f}" for _, share in parts)
+        squares, at_random = found.planned[0], found.random[0]
+        wins = int(np.sum(squares.mean() <= at_random.mean(axis=1)))
+        single = 100.0 * np.mean(squares <= at_random)
         print(
-            f"| {name} | {seconds:.1f} s | {mean[0]:.2f} % | {mean[1]:.2f} % | {mean[2]:.2f} % "
-            f"| {wins} of {repetitions} | {mean[0] / mean[2]:.2f} "
-            f"| {holds[0]:.0f}, {holds[1]:.0f}, {holds[2]:.0f} % |",
+            f"| {name} | {seconds:.1f} s | {rms[0]:.2f} % | {rms[1]:.2f} % | {rms[2]:.2f} % "
+            f"| {wins} of {repetitions} | {single:.0f} % | {rms[0] / rms[2]:.2f} | {holds} % |",
             flush=True,
         )
 

@@ -12,7 +12,7 @@ from beltid.plan.design import Knowledge, RunRows, choose_runs
 from beltid.plan.target import Target
 from beltid.uncertainty.sources import FITTED, Source
 
-WORTH = 0.05  # share of the uncertainty that runs must take off to be worth their time
+WORTH = 0.1  # share of the uncertainty that runs must take off to be worth their time
 LOOK_AHEAD = 24  # runs by which it is judged whether any number of them helps
 MOSTLY = 0.5  # share of the variance from which on shared errors are what remains
 

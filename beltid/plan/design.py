@@ -148,9 +148,7 @@ def _single_and_double(chosen: list[int]) -> list[list[int]]:
     return [[i] for i in distinct] + [[i, i] for i in distinct if chosen.count(i) > 1]
 
 
-def _filled(
-    before: Knowledge, runs: RunRows, W: Array, chosen: list[int], count: int
-) -> list[int]:
+def _filled(before: Knowledge, runs: RunRows, W: Array, chosen: list[int], count: int) -> list[int]:
     """A choice made complete by the best run at a time, ascending."""
     chosen = list(chosen)
     for left in range(count - len(chosen) - 1, -1, -1):

@@ -135,7 +135,7 @@ def knowledge_at(curves: Curves, measured: MeasuredSurface | None, n_errors: int
     precision = prior_precision(curves)
     size = precision.shape[0]
     if measured is None:
-        return Knowledge(np.linalg.inv(precision), np.zeros((size, n_errors)))
+        return Knowledge(np.asarray(np.linalg.inv(precision), float), np.zeros((size, n_errors)))
     old = _places(curves, measured.surface)
     new = np.setdiff1d(np.arange(size), old)
     follows = np.zeros((size, old.size))
@@ -145,8 +145,9 @@ def knowledge_at(curves: Curves, measured: MeasuredSurface | None, n_errors: int
         own = precision[np.ix_(new, new)]
         follows[new] = -np.linalg.solve(own, precision[np.ix_(new, old)])
         unknown[np.ix_(new, new)] = np.linalg.inv(own)
-    scatter = follows @ _speed_by_speed(measured.scatter)
-    return Knowledge(scatter @ scatter.T + unknown, follows @ _speed_by_speed(measured.changes))
+    factor = follows @ _speed_by_speed(measured.scatter)
+    scatter = np.asarray(factor @ factor.T + unknown, dtype=float)
+    return Knowledge(scatter, follows @ _speed_by_speed(measured.changes))
 
 
 def _speed_by_speed(nodes: Array) -> Array:

@@ -1,18 +1,15 @@
 """The order of the runs of a session: the arc is changed least, repetitions lie far apart.
 
-Runs of one arc follow each other. Within an arc they come in rounds: every setting once, then the
-repetitions in the same order, so that the two runs of a pair are a round apart and tell a drift. A
-round goes up through every other setting and down through those between, so that a drift over time
-is no trend over the tension.
+Runs of one arc follow each other. Within an arc the runs of a repeated setting are spread evenly
+from the first to the last place, so that they tell a drift. The others fill the places between: up
+through every other setting and down through those left out, so that a drift over time is no trend
+over the tension.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
-
-Setting = TypeVar("Setting")
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,14 +22,14 @@ class ScheduledRun:
         Number of the run, as it was chosen.
     repeat, repeats : int
         Which of how many runs at its setting, from 1.
-    start_min : float
+    start_minutes : float
         Minutes from the start of the session.
     """
 
     run: int
     repeat: int
     repeats: int
-    start_min: float
+    start_minutes: float
 
 
 def schedule(
@@ -62,14 +59,23 @@ def schedule(
     for arc in sorted({settings[i][0] for i in chosen}):
         clock += minutes_per_arc_change if ordered else 0.0
         here = sorted((i for i in set(chosen) if settings[i][0] == arc), key=settings.__getitem__)
-        counts = {i: chosen.count(i) for i in here}
-        for repeat in range(1, max(counts.values()) + 1):
-            for i in _up_and_down([i for i in here if counts[i] >= repeat]):
-                ordered.append(ScheduledRun(i, repeat, counts[i], clock))
-                clock += minutes_per_run
+        seen: dict[int, int] = {}
+        for i in _spread({i: chosen.count(i) for i in here}):
+            seen[i] = seen.get(i, 0) + 1
+            ordered.append(ScheduledRun(i, seen[i], chosen.count(i), clock))
+            clock += minutes_per_run
     return ordered
 
 
-def _up_and_down(items: list[Setting]) -> list[Setting]:
-    """Every other item upwards, those between downwards."""
-    return items[::2] + items[1::2][::-1]
+def _spread(counts: dict[int, int]) -> list[int]:
+    """Runs of one arc in order, from how often each is made; the settings come ascending."""
+    places = list(range(sum(counts.values())))
+    last = places[-1]
+    at: dict[int, int] = {}
+    for i, count in sorted(counts.items(), key=lambda item: -item[1]):
+        for k in range(count if count > 1 else 0):
+            wanted = last * k / (count - 1)
+            at[places.pop(min(range(len(places)), key=lambda p: abs(places[p] - wanted)))] = i
+    single = [i for i, count in counts.items() if count == 1]
+    at.update(zip(places, single[::2] + single[1::2][::-1], strict=True))
+    return [at[place] for place in sorted(at)]

@@ -66,7 +66,9 @@ def _thirds(x: Array) -> NDArray[np.intp]:
     return np.asarray(number, dtype=np.intp)
 
 
-def surface_target(curves: Curves, force: tuple[float, float], speed: tuple[float, float]) -> Target:
+def surface_target(
+    curves: Curves, force: tuple[float, float], speed: tuple[float, float]
+) -> Target:
     """Uniform in ln f and ln v over a range of forces [N/m] and speeds [m/s].
 
     The speeds are those of the curves within the range, each with the half of its gaps to the next.
@@ -96,8 +98,6 @@ def drive_target(curves: Curves, results: Sequence[DriveResult]) -> Target:
     if not parts:
         raise InputError("drive: no rib slides at its operating points, no friction acts")
     f, v, weight = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-    f = np.clip(f, *np.exp(curves.log_force[[0, -1]]))
-    v = np.clip(v, *np.exp(curves.log_speed[[0, -1]]))
     return _target(curves, f, v, weight / weight.sum())
 
 
@@ -116,7 +116,10 @@ def _sliding_places(result: DriveResult) -> list[tuple[Array, Array, Array]]:
 
 
 def _target(curves: Curves, f: Array, v: Array, weight: Array) -> Target:
-    """A target with its rows: splines over ln f, straight lines over ln v between the speeds."""
+    """A target with its rows: splines over ln f, straight lines over ln v between the speeds.
+
+    Beyond the knots and speeds the nearest one holds, as in the refined surface.
+    """
     speeds = curves.log_speed
     basis = curves.basis(np.log(f))
     hats = np.stack([np.interp(np.log(v), speeds, unit) for unit in np.eye(speeds.size)], axis=1)
