@@ -23,6 +23,7 @@ the largest error of the arc, that is always chosen.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -127,7 +128,7 @@ def choose_runs(before: Knowledge, runs: RunRows, W: Array, count: int) -> list[
     improved = True
     while improved:
         improved = False
-        for dropped in _single_and_double(chosen):
+        for dropped in _singles_and_pairs(chosen):
             others = list(chosen)
             for i in dropped:
                 others.remove(i)
@@ -139,13 +140,10 @@ def choose_runs(before: Knowledge, runs: RunRows, W: Array, count: int) -> list[
     return chosen
 
 
-def _single_and_double(chosen: list[int]) -> list[list[int]]:
-    """What an exchange takes out: each run, and each repetition with its first run.
-
-    The one without the other would have to come back, as a plan needs a repetition.
-    """
-    distinct = sorted(set(chosen))
-    return [[i] for i in distinct] + [[i, i] for i in distinct if chosen.count(i) > 1]
+def _singles_and_pairs(chosen: list[int]) -> list[tuple[int, ...]]:
+    """What an exchange takes out: one run; where no such exchange helps, two."""
+    singles = [(i,) for i in sorted(set(chosen))]
+    return [*singles, *sorted(set(itertools.combinations(chosen, 2)))]
 
 
 def _filled(before: Knowledge, runs: RunRows, W: Array, chosen: list[int], count: int) -> list[int]:
@@ -153,15 +151,17 @@ def _filled(before: Knowledge, runs: RunRows, W: Array, chosen: list[int], count
     chosen = list(chosen)
     for left in range(count - len(chosen) - 1, -1, -1):
         variance = before.after(runs, chosen).variance_after_one(runs, W)
-        candidates = range(variance.size)
-        allowed = [_lacking(runs, [*chosen, i], count) <= left for i in candidates]
-        variance = np.where(allowed, variance, np.inf)
+        variance = np.where(_lacking(runs, chosen, count) <= left, variance, np.inf)
         chosen.append(int(np.flatnonzero(variance <= variance.min() * (1.0 + TIE))[0]))
     return sorted(chosen)
 
 
-def _lacking(runs: RunRows, chosen: list[int], count: int) -> int:
-    """Runs that a choice still needs for its arcs and for its repetition."""
-    arcs = min(ARCS, count, np.unique(runs.arc).size) - np.unique(runs.arc[chosen]).size
-    repeated = count < FEWEST_WITH_REPEAT or len(set(chosen)) < len(chosen)
-    return max(arcs, 0) + (not repeated)
+def _lacking(runs: RunRows, chosen: list[int], count: int) -> NDArray[np.intp]:
+    """Runs (n,) that a choice with each candidate added still needs, for arcs and repetition."""
+    mine = np.unique(runs.arc[chosen])
+    arcs = mine.size + ~np.isin(runs.arc, mine)
+    wanted = min(ARCS, count, np.unique(runs.arc).size)
+    repeated = np.isin(np.arange(runs.arc.size), chosen)
+    if count < FEWEST_WITH_REPEAT or len(set(chosen)) < len(chosen):
+        repeated[:] = True
+    return np.asarray(np.maximum(wanted - arcs, 0) + ~repeated, dtype=np.intp)

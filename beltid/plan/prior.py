@@ -152,7 +152,8 @@ def knowledge_at(curves: Curves, measured: MeasuredSurface | None, n_errors: int
 
 def _speed_by_speed(nodes: Array) -> Array:
     """Values at nodes (nf, nv, r) in the order of the parameters (nv nf, r)."""
-    return nodes.transpose(1, 0, 2).reshape(-1, nodes.shape[2])
+    nf, nv, r = nodes.shape
+    return nodes.transpose(1, 0, 2).reshape(nv * nf, r)
 
 
 def _places(curves: Curves, surface: FrictionSurface) -> NDArray[np.intp]:

@@ -126,7 +126,7 @@ def run(
     artifacts = {role: read_artifact(path, role) for role, path in inputs.items()}
     origin = combined_origin([artifact.metadata.origin for artifact in artifacts.values()])
     present = _present(artifacts, config.config)
-    settings = _settings(config.config)
+    settings = rig_settings(config.config)
     count = len(settings.points())
     options.reporter.report(f"{count} candidates, simulated with the present surface")
     measured = None if present.surface is None else present.surface.surface
@@ -242,7 +242,7 @@ def _joined(
 ) -> tuple[Source, ...]:
     """The shared errors of a surface, then those that its candidates have beside them."""
     arcs = list(arcs_deg)
-    wanted = _settings(config).arcs_deg
+    wanted = rig_settings(config).arcs_deg
     arcs += [arc for arc in wanted if not np.isclose(arc, arcs, rtol=1e-3).any()]
     size = next((s.size for s in stored if s.error == ARC_EFFECT), USUAL.arcs)
     every = (
@@ -253,7 +253,7 @@ def _joined(
     return (*stored, *(s for s in every if (s.error, s.place) not in known))
 
 
-def _settings(config: Config) -> Settings:
+def rig_settings(config: Config) -> Settings:
     """What the rig can be set to: the section plan, else the rig."""
     plan, rig = config.plan, config.rig
     return Settings(
