@@ -39,7 +39,7 @@ class Region:
 
 @dataclass(frozen=True, slots=True)
 class Statement:
-    """A shared error of the benches that a better statement would shrink.
+    """What a better statement of a shared error would bring.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class Plan:
     shared : float
         Share of the variance after the runs that all of them share.
     statements : tuple of Statement
-        Shared errors, the one that would help most first.
+        Shared errors, the largest first; those that are fitted, not stated, among them.
     stop : str or None
         Why to stop; None where the runs are worth their time.
     """
@@ -90,6 +90,12 @@ class Plan:
     shared: float
     statements: tuple[Statement, ...]
     stop: Stop | None
+
+    @property
+    def best_statement(self) -> Statement | None:
+        """What would help most of all that can be stated better; None if nothing can."""
+        stated = (one for one in self.statements if one.source.basis != FITTED)
+        return next(stated, None)
 
 
 def plan_runs(
@@ -197,10 +203,10 @@ def _regions(target: Target, before: np.ndarray, after: np.ndarray) -> tuple[Reg
 def _statements(
     after: Knowledge, W: np.ndarray, sources: Sequence[Source]
 ) -> tuple[Statement, ...]:
-    """Shared errors that a statement could shrink, those without effect left out."""
+    """Shared errors by their part in the uncertainty, those without effect left out."""
     whole = after.variance(W)
     of_source = np.einsum("pk,pk->k", after.changes, W @ after.changes)
-    names = dict.fromkeys(source.name for source in sources if source.basis != FITTED)
+    names = dict.fromkeys(source.name for source in sources)
     found = []
     for name in names:
         mine = [k for k, source in enumerate(sources) if source.name == name]

@@ -15,7 +15,7 @@ from beltid.artifacts.file_bytes import write_bytes
 from beltid.artifacts.metadata_models import SurfaceMetadata
 from beltid.config import Config, ConfigSource
 from beltid.drive.results import Simulator
-from beltid.errors import InputError
+from beltid.errors import InputError, Problem
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.plan.advice import Plan, plan_runs
@@ -40,7 +40,7 @@ from beltid.stages.tables import law_of, surface_of
 from beltid.stages.uncertainties import press_law, standard_uncertainties
 from beltid.uncertainty.measured import measured_runs, valid_rows
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.sources import ARC_EFFECT, Source, all_sources, arc_sources
+from beltid.uncertainty.sources import ARC_EFFECT, FITTED, Source, all_sources, arc_sources
 
 TARGETS: Final = ("surface", "drive")
 USUAL_LAW: Final = NormalLaw(6.5e7, 3.0256e11)
@@ -66,17 +66,6 @@ class PlanOptions(Options):
     runs: int = 12
     target: str = "surface"
     goal_u: float = 0.01
-
-    def __post_init__(self) -> None:
-        problems = []
-        if self.runs < 1:
-            problems.append(f"--runs = {self.runs}, must be >= 1")
-        if self.target not in TARGETS:
-            problems.append(f"--target = {self.target}, must be one of {', '.join(TARGETS)}")
-        if not 0.0 <= self.goal_u < 1.0:
-            problems.append(f"--goal-u = {self.goal_u:g}, must be in [0, 1)")
-        if problems:
-            raise InputError(problems)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,10 +108,7 @@ def run(
     the noise of those runs; without any it starts from what is usual for such a belt.
     """
     figure = out.with_suffix(".png")
-    if not options.force:
-        problems = [already_exists(path) for path in (out, figure) if path.exists()]
-        if problems:
-            raise InputError(problems)
+    _check(options, out, figure)
     artifacts = {role: read_artifact(path, role) for role, path in inputs.items()}
     origin = combined_origin([artifact.metadata.origin for artifact in artifacts.values()])
     present = _present(artifacts, config.config)
@@ -180,6 +166,21 @@ def run(
         verdict=_verdict(plan, options),
         origin=origin,
     )
+
+
+def _check(options: PlanOptions, out: Path, figure: Path) -> None:
+    """Refuse options out of range, and files that would be replaced unasked."""
+    problems: list[str | Problem] = []
+    if options.runs < 1:
+        problems.append(f"--runs = {options.runs}, must be >= 1")
+    if options.target not in TARGETS:
+        problems.append(f"--target = {options.target}, must be one of {', '.join(TARGETS)}")
+    if not 0.0 <= options.goal_u < 1.0:
+        problems.append(f"--goal-u = {options.goal_u:g}, must be in [0, 1)")
+    if not options.force:
+        problems += [already_exists(path) for path in (out, figure) if path.exists()]
+    if problems:
+        raise InputError(problems)
 
 
 def _present(artifacts: Mapping[str, Artifact], config: Config) -> Present:
@@ -376,7 +377,9 @@ def _statement_rows(plan: Plan) -> list[dict[str, Any]]:
         {
             "source": one.source.name,
             "known": one.source.basis,
-            "uncertainty": f"{one.source.shown:.3g} {one.source.unit}",
+            "uncertainty": ""
+            if one.source.basis == FITTED
+            else f"{one.source.shown:.3g} {one.source.unit}",
             "contribution_percent": 100.0 * one.contribution,
             "surface_then_percent": 100.0 * one.halved,
         }
@@ -390,15 +393,15 @@ def _verdict(plan: Plan, options: PlanOptions) -> str:
     goal = 100.0 * options.goal_u
     if plan.stop is None:
         reached = "reached" if after <= goal else "not reached"
+        count = "1 run" if len(plan.chosen) == 1 else f"{len(plan.chosen)} runs"
         return (
-            f"{len(plan.chosen)} runs: uncertainty of mu {before:.3g} % -> {after:.2g} %, goal "
-            f"{goal:g} % {reached}"
+            f"{count}: uncertainty of mu {before:.3g} % -> {after:.2g} %, goal {goal:g} % {reached}"
         )
     if plan.stop == "goal reached":
         return f"stop: goal reached: uncertainty of mu {before:.2g} % <= {goal:g} %"
     if plan.stop == "runs do not help":
         return f"stop: further runs hardly lower the uncertainty of mu, {before:.2g} %"
-    best = plan.statements[0] if plan.statements else None
+    best = plan.best_statement
     text = (
         f"stop: {100.0 * plan.shared:.0f} % of the variance of mu is shared by all runs, further "
         f"ones hardly lower its uncertainty, {before:.2g} %"

@@ -23,6 +23,7 @@ from beltid.identify.slip.slip import RequiredSpeeds, SlipPoint, SlipResult, req
 from beltid.identify.surface.surface import SurfaceSettings
 from beltid.params import OperatingPoint
 from beltid.rigsim.rig import DEFAULT_STEPS, SimulationSettings
+from beltid.stages.plan import rig_settings
 from beltid.stages.reduction import stiffness_settings
 from beltid.stages.uncertainties import standard_uncertainties
 
@@ -78,6 +79,10 @@ SCIENCE: dict[str, tuple[Callable[[Config], Any], ...]] = {
     "simulation": (with_simulation, lambda c: c.contact_params()),
     "drive": (with_drive,),
     "compare_drive": (lambda c: c.compare_drive,),  # both numbers are compared with as they are
+    "plan": (
+        lambda c: rig_settings(c).points(),
+        lambda c: (c.plan.minutes_per_run, c.plan.minutes_per_arc_change),
+    ),
     "uncertainty": (lambda c: replace(standard_uncertainties(c), stated=frozenset()),),
 }
 

@@ -18,13 +18,13 @@ from beltid.cli import app
 ROOT = Path(__file__).parents[2]
 SPHINX = (sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html")
 TUTORIAL = ROOT / "docs" / "tutorial.md"
-DRIVE = ROOT / "docs" / "drive.md"
+FURTHER = (ROOT / "docs" / "drive.md", ROOT / "docs" / "plan.md")
 README = ROOT / "README.md"
 
 
 def blocks(language: str) -> list[str]:
-    """Fenced blocks of the tutorial and of the page that goes on from it, in their order."""
-    pages = TUTORIAL.read_text() + DRIVE.read_text()
+    """Fenced blocks of the tutorial and of the pages that go on from it, in their order."""
+    pages = "".join(page.read_text() for page in (TUTORIAL, *FURTHER))
     return re.findall(rf"^```{language}\n(.*?)^```$", pages, re.M | re.S)
 
 
@@ -70,12 +70,14 @@ def test_commands_of_the_tutorial_run_one_after_the_other(
             done = CliRunner().invoke(app, [*shlex.split(command)[1:], *alone])
             assert done.exit_code == 0, f"{command}\n{done.output}\n{done.exception!r}"
         else:
-            subprocess.run(command, shell=True, check=True)
+            python = re.sub(r"^python ", f"{shlex.quote(sys.executable)} ", command)
+            subprocess.run(python, shell=True, check=True)
         if "rig.csv" in command and command.startswith("cp "):
             cut_recording_short(tmp_path / "rig.csv")
         if command.startswith("beltid init"):
             cut_config_short(tmp_path / "5pk.yaml")
     assert (tmp_path / "runs" / "5pk" / "report.html").is_file()
+    assert (tmp_path / "campaign" / "plan.png").is_file()
     law = beltid.load_law(tmp_path / "law" / "5pk.beltlaw.json")
     assert law.synthetic
     assert (law.belt.name, law.belt.ribs) == ("5pk", 5)
