@@ -26,7 +26,8 @@ def test_a_plan_goes_on_from_results(ran: Path, results: Any, beltid: Any) -> No
     # slower than what was measured: there runs are needed
     config = (ran / "beltid.yaml").read_text()
     (ran / "slow.yaml").write_text(f"{config}\nplan: {{speed_rad_s: [0.01, 0.05, 0.42]}}\n")
-    call = ("plan", *results, "--runs", "5", "-c", "slow.yaml", "-o", "plan.csv", "--json")
+    options = ("--runs", "5", "--goal-u", "0", "-c", "slow.yaml", "-o", "plan.csv", "--json")
+    call = ("plan", *results, *options)
     result = beltid(*call)
     assert result.exit_code == 0, result.stderr
     product = json.loads(result.stdout)
@@ -35,11 +36,11 @@ def test_a_plan_goes_on_from_results(ran: Path, results: Any, beltid: Any) -> No
     with (ran / "plan.csv").open() as file:
         written = list(csv.DictReader(file))
     assert [row["order"] for row in written] == [str(row["order"]) for row in rows]
-    assert 3 <= len(rows) <= 5
+    assert len(rows) == 5
     for row in written:
         assert row["arc_deg"] in ("40", "82")
         assert row["initial_tension_N"] in ("100", "220", "310", "411")
-        assert row["pulley_speed_rad_s"] == "0.01"
+    assert [row["pulley_speed_rad_s"] for row in written].count("0.01") >= 2
     assert {row["arc_deg"] for row in written} == {"40", "82"}
     assert max(int(row["repeats"]) for row in written) >= 2
     assert facts["uncertainty_after_percent"] < facts["uncertainty_before_percent"] < 30.0
@@ -85,7 +86,6 @@ def test_the_drive_as_target_asks_for_runs_where_it_rubs(bench: Path, beltid: An
     product = json.loads(result.stdout)
     rows = product["table"]
     assert max(row["pulley_speed_rad_s"] for row in rows) <= 0.21
-    assert min(row["initial_tension_N"] for row in rows) >= 220.0
     # most of it rubs more slowly than any candidate
     assert any("below the slowest candidate" in line for line in product["warnings"])
 
