@@ -231,10 +231,10 @@ def _problem(run: RunReduction, settings: FrictionSettings) -> str:
 def course(record: RunRecord) -> str:
     """How the speed of a run goes: "falls", "rises", or "" where it is steady."""
     speed = np.abs(record.pulley_speed_rad_s[np.isfinite(record.pulley_speed_rad_s)])
-    if speed.size < 16:
+    turning = speed[speed > 0.02 * float(np.max(speed, initial=0.0))]
+    if turning.size < 16:
         return ""
-    turning = speed[speed > 0.02 * float(np.max(speed))]
-    quarter = max(turning.size // 4, 1)
+    quarter = turning.size // 4
     change = median(turning[-quarter:]) / median(turning[:quarter])
     return "falls" if change < FALLS else "rises" if change > RISES else ""
 
