@@ -17,7 +17,7 @@ from beltid.identify.surface.surface import build_surface as identify
 from beltid.report.summary import Summary
 from beltid.stages.alternatives import friction_formulas, friction_law_rows
 from beltid.stages.build_artifact import Build, Built
-from beltid.stages.conditions import rows_of_one
+from beltid.stages.conditions import rows_of_one, stated_of
 from beltid.stages.outcome import Outcome, rows_of
 from beltid.stages.reduction import weight_cell
 from beltid.stages.reporter import Options
@@ -153,6 +153,7 @@ def _outcome(
             "method": METHOD,
             "degree": surface.degree,
             "n_points": result.n_points,
+            **stated_of(columns, good),
             "rms_arc_spread": result.rms_arc_spread,
             "max_arc_spread": result.max_arc_spread,
             **uncertainty.extra((float(f.min()), float(f.max()))),
