@@ -170,7 +170,6 @@ def _drift_line(drift: Drift) -> str:
     return f"the friction drifts with the {words}: {size} per {per} ({mended})"
 
 
-def _traps(runs: Sequence[RunReduction], kind: RigKind, idle: bool) -> Iterator[str]:
 def _traps(runs: Sequence[RunReduction], kind: RigKind) -> Iterator[str]:
     """What a bench of this kind easily does wrong, where it may have."""
     good = [run for run in runs if run.ok]
