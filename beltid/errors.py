@@ -125,6 +125,10 @@ class InputError(BeltidError):
     """A recording, a config, an artifact or an argument is not what it must be (status 2)."""
 
 
+class TooFewSettings(InputError):
+    """Too few settings of the bench were measured for what was asked of them."""
+
+
 class ConfigError(InputError):
     """A config file is wrong; each problem carries file, line, column and key path."""
 

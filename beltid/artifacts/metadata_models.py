@@ -516,8 +516,12 @@ class CompareDriveMetadata(Metadata):
 
 
 class CompareMetadata(Metadata):
-    """Of simulated against measured coefficients; `passed` if every tolerance holds."""
+    """Of simulated against measured coefficients; `passed` if every tolerance holds.
 
+    `hold_out` says whether the runs were predicted from those of other arcs or speeds.
+    """
+
+    hold_out: Literal["none", "arc", "speed"] = "none"
     passed: bool | None = None
     statistics: Listed[AgreementRow] = ()
     averaged: Listed[AveragedRow] = ()

@@ -254,7 +254,7 @@ def _outcome(
     labels = tuple(str(columns["run"][i]) for i in used)
     slopes = draws.workers.call(refined_slopes, campaign, refined, speeds)
     campaign = replace(campaign, measured=campaign.measured.with_arc_effects(refined.response))
-    uncertainty = _uncertainty(campaign, refined, slopes, config)
+    uncertainty = refined_uncertainty(campaign, refined, slopes, config)
     settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
     check = None
     if draws.count:
@@ -299,7 +299,7 @@ def _outcome(
     )
 
 
-def _uncertainty(
+def refined_uncertainty(
     campaign: Campaign, refined: RefinedSurface, slopes: np.ndarray, config: Config
 ) -> SurfaceUncertainty:
     """What the causes of error do to the refined surface."""

@@ -113,7 +113,7 @@ def prepared_campaign(
     columns: Mapping[str, np.ndarray], press: PressLaw, config: Config, name: str
 ) -> tuple[Campaign, np.ndarray, np.ndarray, list[dict[str, Any]]]:
     """Campaign with the surface to start from, its speeds, its rows, and what was set aside."""
-    good, set_aside = _usable(columns)
+    good, set_aside = usable_runs(columns)
     if good.size < 4:
         text = f"{name}: {good.size} runs can be used, at least 4 are needed"
         raise InputError(text, code="no-run")
@@ -129,7 +129,7 @@ def prepared_campaign(
     return Campaign(measured_runs(columns, used, rig.R), bench, press), speeds, used, set_aside
 
 
-def _usable(columns: Mapping[str, np.ndarray]) -> tuple[np.ndarray, list[dict[str, Any]]]:
+def usable_runs(columns: Mapping[str, np.ndarray]) -> tuple[np.ndarray, list[dict[str, Any]]]:
     """Rows that can be used, and those that cannot, with the reason."""
     n = len(columns["mu_sliding"])
     status = columns.get("status", np.full(n, "ok", dtype=object))
