@@ -14,6 +14,10 @@ from beltid.report.verdict import verdict_of
 
 SURFACES: Final = {"surface_refined": "refined", "surface": "published"}
 PROOFS: Final = {"compare": "published", "compare_refined": "refined"}
+PREDICTED: Final = {
+    "arc": "arc left out, predicted from the others",
+    "speed": "speed left out, predicted from the others",
+}
 SPACE: Final = "surface-space"
 
 
@@ -118,13 +122,16 @@ def _surface(results: BeltResults) -> Section:
 
 def _proof(results: BeltResults) -> Section:
     known = [(sheet, of) for name, of in PROOFS.items() if (sheet := results.get(name))]
+    shown = [(sheet, f"{of} surface") for sheet, of in known]
+    if predicted := results.prediction:
+        shown.insert(0, (predicted, PREDICTED[predicted.extra["hold_out"]]))
     return Section(
         "proof",
         "The proof: the rig, simulated",
         "Every run again on a simulated copy of the rig, with what was identified; measured and "
         "simulated recordings go through the same reduction.",
         [*friction.simulated(results), *proof.pictures(results)],
-        [tables.agreement(sheet, of) for sheet, of in known],
+        [tables.agreement(sheet, of) for sheet, of in shown],
         _said_of_both(known),
     )
 

@@ -65,7 +65,11 @@ def _row(belt: BeltResults) -> dict[str, Any]:
         row["mu_range"] = [float(mu.min()), float(mu.max())]
     else:
         row["mu_range"] = None
-    for name, prefix in (("compare", ""), ("compare_refined", "refined_")):
+    for name, prefix in (
+        ("compare", ""),
+        ("compare_refined", "refined_"),
+        ("compare_hold_out", "predicted_"),
+    ):
         sheet = belt.get(name)
         row[f"{prefix}rms_percent"] = whole(sheet).get("rms_percent") if sheet else None
         passed = None if sheet is None else bool(sheet.extra.get("passed"))

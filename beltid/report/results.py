@@ -160,6 +160,12 @@ class BeltResults:
         return self.get("surface_refined") or self.get("surface")
 
     @property
+    def prediction(self) -> Sheet | None:
+        """The comparison with runs that were left out and predicted."""
+        sheet = self.get("compare_hold_out")
+        return sheet if sheet and sheet.extra.get("hold_out") in ("arc", "speed") else None
+
+    @property
     def origin(self) -> str | None:
         """Where the data come from: "synthetic" if any are, "measured" if all are, else None."""
         origins = {sheet.extra.get("origin") for sheet in self.sheets.values()}

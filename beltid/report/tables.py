@@ -166,7 +166,7 @@ def nodes(sheet: Sheet, of: str) -> View:
 def agreement(sheet: Sheet, of: str) -> View:
     """Differences of groups of points."""
     rows = sheet.extra.get("statistics") or []
-    return view(f"Simulated less measured µ, {of} surface", rows, GROUP_COLUMNS)
+    return view(f"Simulated less measured µ, {of}", rows, GROUP_COLUMNS)
 
 
 def budget(results: BeltResults) -> View | None:

@@ -12,6 +12,9 @@ from beltid.report.cells import cell, scientific
 from beltid.report.results import BeltResults, Sheet
 
 WORDS: Final = {"compare_refined": "refined", "compare": "published"}
+LEFT_OUT: Final = {"arc": "an arc", "speed": "a speed"}
+MOST_UNCERTAINTIES: Final = 2.0
+"""Standard uncertainties within which predictions confirm what is stated of the surface."""
 MICRO: Final = 1e6
 MILLI: Final = 1e3
 
@@ -64,6 +67,7 @@ def verdict_of(results: BeltResults) -> Verdict:
     cards = [
         card
         for card in (
+            _prediction(results),
             _normal_contact(results),
             _friction(results),
             *(_agreement(results, name) for name in WORDS),
@@ -83,25 +87,52 @@ def whole(sheet: Sheet) -> dict[str, Any]:
 
 def _headline(results: BeltResults) -> tuple[str, str]:
     compared = [(of, sheet) for name, of in WORDS.items() if (sheet := results.get(name))]
-    if not compared:
+    predicted = results.prediction
+    if not compared and predicted is None:
         return (
             "Not proven: nothing in this folder compares the simulated rig with the bench.",
             "open",
         )
-    parts = [
-        f"with the {of} surface by {cell('rms_percent', whole(sheet).get('rms_percent'))} % RMS "
-        f"({'within' if sheet.extra.get('passed') else 'out of'} tolerance)"
-        for of, sheet in compared
-    ]
-    passed = bool(compared[0][1].extra.get("passed"))
+    said = []
+    if predicted is not None:
+        said.append(
+            f"friction of {LEFT_OUT[predicted.extra['hold_out']]} that was left out is predicted "
+            f"to {_percent_rms(predicted)}{_in_units(predicted)} ({_within(predicted)})"
+        )
+    if compared:
+        parts = [
+            f"with the {of} surface by {_percent_rms(sheet)} ({_within(sheet)})"
+            for of, sheet in compared
+        ]
+        said.append(f"the simulated rig misses the measured friction {', '.join(parts)}")
+    decisive = [sheet for sheet in (predicted, *(s for _, s in compared[:1])) if sheet is not None]
     missing = _missing_evidence(results)
-    if not passed:
+    if not all(sheet.extra.get("passed") for sheet in decisive):
         start, state = "Identified, but out of tolerance", "bad"
     elif missing:
         start, state = f"Identified, not proven ({'; '.join(missing)})", "open"
     else:
         start, state = "Identified and proven", "good"
-    return f"{start}: the simulated rig misses the measured friction {', '.join(parts)}.", state
+    first, *others = said
+    return f"{start}: {first}.{''.join(f' {o[0].upper()}{o[1:]}.' for o in others)}", state
+
+
+def _percent_rms(sheet: Sheet) -> str:
+    return f"{cell('rms_percent', whole(sheet).get('rms_percent'))} % RMS"
+
+
+def _within(sheet: Sheet) -> str:
+    return f"{'within' if sheet.extra.get('passed') else 'out of'} tolerance"
+
+
+def _over_uncertainty(sheet: Sheet) -> float | None:
+    """Root mean square of the differences in standard uncertainties; None if they are unknown."""
+    return (sheet.extra.get("validation") or {}).get("rms_e_over_u")
+
+
+def _in_units(sheet: Sheet) -> str:
+    over_u = _over_uncertainty(sheet)
+    return "" if over_u is None else f", {over_u:.2g} standard uncertainties"
 
 
 ENOUGH: Final = {
@@ -120,6 +151,14 @@ def _missing_evidence(results: BeltResults) -> list[str]:
     missing = []
     if results.get("compare_refined") is None:
         missing.append("no refined surface was compared")
+    predicted = results.prediction
+    if predicted is None:
+        missing.append("no runs were left out and predicted")
+    elif (over_u := _over_uncertainty(predicted)) is not None and over_u > MOST_UNCERTAINTIES:
+        missing.append(
+            f"the predictions miss by {over_u:.2g} of their standard uncertainties, at most "
+            f"{MOST_UNCERTAINTIES:g} allowed"
+        )
     friction = results.get("friction")
     if friction is not None:
         good = friction["status"] == "ok"
@@ -219,6 +258,23 @@ def _agreement(results: BeltResults, name: str) -> Card | None:
     )
 
 
+def _prediction(results: BeltResults) -> Card | None:
+    sheet = results.prediction
+    if sheet is None:
+        return None
+    figures, passed = whole(sheet), bool(sheet.extra.get("passed"))
+    return Card(
+        f"Prediction, {LEFT_OUT[sheet.extra['hold_out']]} left out",
+        f"{'PASS' if passed else 'FAIL'} {_percent_rms(sheet)}",
+        (
+            f"{cell('rms', _over_uncertainty(sheet))} standard uncertainties",
+            f"{cell('largest_percent', figures.get('largest_percent'))} % at worst, "
+            f"{cell('n', figures.get('n_points'))} runs",
+        ),
+        "good" if passed else "bad",
+    )
+
+
 def _runs(results: BeltResults) -> Card | None:
     friction = results.get("friction")
     if friction is None:
@@ -250,6 +306,9 @@ def _trust(results: BeltResults) -> list[str]:
             "The refined surface was fitted to these very runs: its agreement tells how well the "
             "model follows them, not how well it predicts others."
         )
+    predicted = results.prediction
+    if predicted is not None:
+        said += [f"Prediction: {note}." for note in predicted.notes]
     for name in ("simulated", "simulated_refined"):
         simulated = results.get(name)
         if simulated is not None:

@@ -28,6 +28,7 @@ ARTIFACTS: Final = {
     "compare": "compare",
     "simulated_refined": "simulated",
     "compare_refined": "compare",
+    "compare_hold_out": "compare",
     "drive": "drive",
     "compare_drive": "compare_drive",
     PRESS: PRESS,

@@ -28,7 +28,7 @@ from beltid.identify.agreement.compare import (
     Statistics,
     compare_points,
 )
-from beltid.identify.agreement.hold_out import HoldOut
+from beltid.identify.agreement.hold_out import FEWEST, HoldOut
 from beltid.identify.friction.reduction import FrictionSettings, reduce_runs
 from beltid.laws.penalty import NormalLaw
 from beltid.report.summary import Summary
@@ -42,7 +42,7 @@ from beltid.stages.reduction import (
     friction_settings,
     reduction_columns,
 )
-from beltid.stages.refine_surface import KEYS as REFINED_BY
+from beltid.stages.refinement import KEYS as REFINED_BY
 from beltid.stages.reporter import Options
 from beltid.stages.tables import law_of, table_columns
 from beltid.stages.uncertainties import budget_details, press_law
@@ -79,7 +79,7 @@ MIN_SHARE_COMPARED: Final = 0.5
 TITLES: Final = {
     "none": "simulated less measured friction coefficient, relative to measured",
     "arc": "friction of each arc predicted from the other arcs, less measured, relative to it",
-    "speed": "friction of each inner speed predicted from the others, less measured, relative to it",
+    "speed": "friction of each speed predicted from the others, less measured, relative to it",
 }
 TOLERANCES: Final = {
     "max_rms_relative_error": "rms",
@@ -188,9 +188,9 @@ def predict_held_out(
 
 
 def _checked(hold_out: str) -> HoldOut:
-    if hold_out == "arc" or hold_out == "speed":
-        return hold_out
-    raise InputError(f"hold_out = {hold_out}, must be arc or speed")
+    if hold_out not in FEWEST:
+        raise InputError(f"hold_out = {hold_out}, must be {' or '.join(FEWEST)}")
+    return hold_out
 
 
 def _held_out(

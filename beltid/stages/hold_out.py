@@ -16,8 +16,12 @@ from beltid.config import Config
 from beltid.identify.agreement.hold_out import Fold, HoldOut, folds
 from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.refine.inverse import refine_surface as refine
-from beltid.stages.refine_surface import refined_uncertainty
-from beltid.stages.refinement import NEEDED, prepared_campaign, usable_runs
+from beltid.stages.refinement import (
+    NEEDED,
+    prepared_campaign,
+    refined_uncertainty,
+    usable_runs,
+)
 from beltid.stages.uncertainties import standard_uncertainties
 from beltid.stages.workers import Workers
 from beltid.uncertainty.measured import ARC_GAP, measured_runs

@@ -24,33 +24,30 @@ from beltid.stages.campaign import checked_law
 from beltid.stages.outcome import Outcome
 from beltid.stages.refinement import (
     CHECKED,
+    KEYS,
     NEEDED,
     Draws,
     check_table,
     drawn,
     prepared_campaign,
+    refined_uncertainty,
     speed_labels,
 )
 from beltid.stages.reporter import Options
 from beltid.stages.tables import law_of, surface_of, table_columns
 from beltid.stages.uncertainties import (
-    SECTION,
     budget_table,
     press_law,
-    standard_uncertainties,
 )
 from beltid.stages.workers import Workers
-from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.linear_check import MonteCarlo, check_of
 from beltid.uncertainty.monte_carlo import prepare
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import (
     ArcDifference,
     arc_difference,
-    changes_and_scatter,
     refined_slopes,
 )
-from beltid.uncertainty.sources import all_sources, arc_sources, reduction_sources
 from beltid.uncertainty.surface import QUANTITY, SurfaceUncertainty
 
 KIND: Final = "surface"
@@ -64,17 +61,6 @@ FIGURES: Final = (
     "rms_arc_spread",
     "budget",
     "misfit",
-)
-KEYS: Final = (
-    "belt.axial_stiffness_N",
-    "belt.bending_stiffness_N_m2",
-    "rig.pulley_radius_m",
-    "rig.span_length_m",
-    "rig.supports",
-    "contact.points_per_element",
-    "surface",
-    "press.segment_length_cm",
-    SECTION,
 )
 MOST_NOISE: Final = 3.0
 MISFIT_COLUMNS: Final = (
@@ -296,27 +282,6 @@ def _outcome(
             *result.outliers(),
             *(check.warnings() if check else ()),
         ),
-    )
-
-
-def refined_uncertainty(
-    campaign: Campaign, refined: RefinedSurface, slopes: np.ndarray, config: Config
-) -> SurfaceUncertainty:
-    """What the causes of error do to the refined surface."""
-    n_arcs = int(campaign.measured.arc.max()) + 1
-    sources = (
-        *all_sources(standard_uncertainties(config), n_arcs, campaign.press.has_scatter),
-        *reduction_sources(campaign.measured.columns),
-        *arc_sources(refined.smoothness.arcs, n_arcs),
-    )
-    changes, scatter = changes_and_scatter(campaign, refined, sources, slopes)
-    return SurfaceUncertainty(
-        surface=refined.surface,
-        sources=sources,
-        changes=changes,
-        scatter=scatter,
-        arcs_deg=campaign.measured.arcs_deg,
-        degrees_of_freedom=max(len(campaign.measured.mu) - refined.effective_parameters, 1.0),
     )
 
 

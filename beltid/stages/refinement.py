@@ -1,4 +1,4 @@
-"""What a surface is refined from, and the draws of its Monte Carlo check, by the workers."""
+"""What a surface is refined from, its uncertainty, and the draws of its Monte Carlo check."""
 
 from __future__ import annotations
 
@@ -14,14 +14,30 @@ from beltid.config import Config
 from beltid.errors import InputError
 from beltid.identify.surface.surface import SurfaceSettings
 from beltid.identify.surface.surface import build_surface as publish
+from beltid.refine.inverse import RefinedSurface
 from beltid.rigsim.model import Bench
 from beltid.stages.reporter import Reporter
+from beltid.stages.uncertainties import SECTION, standard_uncertainties
 from beltid.stages.workers import Workers
 from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.measured import measured_runs, own_errors
 from beltid.uncertainty.monte_carlo import Nominal, Replicates, gathered, replicates
 from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.refined import changes_and_scatter
+from beltid.uncertainty.sources import all_sources, arc_sources, reduction_sources
+from beltid.uncertainty.surface import SurfaceUncertainty
 
+KEYS: Final = (
+    "belt.axial_stiffness_N",
+    "belt.bending_stiffness_N_m2",
+    "rig.pulley_radius_m",
+    "rig.span_length_m",
+    "rig.supports",
+    "contact.points_per_element",
+    "surface",
+    "press.segment_length_cm",
+    SECTION,
+)
 PER_CALL: Final = 5
 FEWEST: Final = 50
 CHECKED: Final = "linear standard uncertainty against Monte Carlo, in percent of mu"
@@ -167,3 +183,24 @@ def speed_labels(
     """Index of the speed setting of each used run."""
     v = columns["slip_speed_m_s"][used]
     return np.asarray(np.argmin(np.abs(np.log(v[:, None] / speeds)), axis=1))
+
+
+def refined_uncertainty(
+    campaign: Campaign, refined: RefinedSurface, slopes: np.ndarray, config: Config
+) -> SurfaceUncertainty:
+    """What the causes of error do to the refined surface."""
+    n_arcs = int(campaign.measured.arc.max()) + 1
+    sources = (
+        *all_sources(standard_uncertainties(config), n_arcs, campaign.press.has_scatter),
+        *reduction_sources(campaign.measured.columns),
+        *arc_sources(refined.smoothness.arcs, n_arcs),
+    )
+    changes, scatter = changes_and_scatter(campaign, refined, sources, slopes)
+    return SurfaceUncertainty(
+        surface=refined.surface,
+        sources=sources,
+        changes=changes,
+        scatter=scatter,
+        arcs_deg=campaign.measured.arcs_deg,
+        degrees_of_freedom=max(len(campaign.measured.mu) - refined.effective_parameters, 1.0),
+    )

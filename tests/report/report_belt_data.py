@@ -181,6 +181,11 @@ def statistics(factor: float, passed: bool) -> dict[str, Any]:
     return {**ORIGIN, "passed": passed, "statistics": [group], "averaged": averaged}
 
 
+def predicted(over_u: float) -> dict[str, Any]:
+    validation = {"n": 11, "within_2u": 11, "rms_e_over_u": over_u, "inputs_known": True}
+    return {**statistics(1.004, True), "hold_out": "arc", "validation": validation}
+
+
 def simulated_extra() -> dict[str, Any]:
     table = friction()
     runs = [
@@ -241,6 +246,7 @@ def sheets() -> dict[str, Sheet]:
         "compare": ("compare", compare(0.97), statistics(0.97, False)),
         "simulated_refined": ("simulated", recording, simulated_extra()),
         "compare_refined": ("compare", compare(1.001), statistics(1.001, True)),
+        "compare_hold_out": ("compare", compare(1.004), predicted(0.9)),
         "press_curves": ("press_curves", press_curves(), ORIGIN),
         "rig_curves": ("rig_curves", rig_curves(), ORIGIN),
     }

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from report_belt_data import NAUGHTY, results, sheets, without, write
+from report_belt_data import NAUGHTY, predicted, results, sheets, without, write
 
 from beltid.errors import ArtifactError, InputError, percent
 from beltid.report.belt_page import belt_page
@@ -148,6 +148,22 @@ def test_proven_needs_runs_that_cover_the_surface() -> None:
     whole = replace(belt, sheets={**belt.sheets, "friction": replace(friction, columns=columns)})
     assert verdict_of(whole).headline.startswith("Identified and proven: ")
     assert verdict_of(whole).state == "good"
+    assert verdict_of(whole).cards[0].value == "PASS 0.40 % RMS"
+    held_out = "friction of an arc that was left out is predicted to 0.40 % RMS, 0.9 standard unc"
+    assert held_out in verdict_of(whole).headline
+    missed = replace(belt.get("compare_hold_out"), extra=predicted(3.1))
+    unpredicted = {k: v for k, v in whole.sheets.items() if k != "compare_hold_out"}
+    for others, told in (
+        (unpredicted, "no runs were left out and predicted"),
+        ({**unpredicted, "compare_hold_out": missed}, "miss by 3.1 of their standard uncertainti"),
+    ):
+        verdict = verdict_of(replace(whole, sheets=others))
+        assert verdict.state == "open"
+        assert told in verdict.headline
+    failed = replace(missed, extra={**predicted(0.9), "passed": False})
+    verdict = verdict_of(replace(whole, sheets={**unpredicted, "compare_hold_out": failed}))
+    assert verdict.state == "bad"
+    assert verdict.headline.startswith("Identified, but out of tolerance: friction of an arc")
     single = {name: values[:1] for name, values in columns.items()}
     sheets_of_one = {**belt.sheets, "friction": replace(friction, columns=single)}
     verdict = verdict_of(replace(belt, sheets=sheets_of_one))
@@ -170,7 +186,7 @@ def test_verdict_is_that_of_the_comparison(page: str) -> None:
     cards = {card.title: card for card in verdict_of(replace(results(), sheets=whole)).cards}
     assert cards["Agreement, published surface"].details[1] == "1 run"
     assert cards["Agreement, refined surface"].details[1] == "11 runs"
-    nothing = verdict_of(without("compare", "compare_refined"))
+    nothing = verdict_of(without("compare", "compare_refined", "compare_hold_out"))
     assert (nothing.state, nothing.headline[:10]) == ("open", "Not proven")
 
 
