@@ -386,8 +386,13 @@ class SlipMetadata(Metadata):
 
 
 class SurfaceMetadata(Metadata):
-    """Of a friction surface, published or refined; spreads between arcs are shares of mu."""
+    """Of a friction surface, published or refined; spreads between arcs are shares of mu.
 
+    `measured` is the range of the runs' mean forces, Eq. (8), and speeds; what the refined surface
+    says beyond it (`validity`) is inferred from the forces that act within their contact.
+    """
+
+    measured: dict[str, Span] = {}
     degree: Listed[Count] | None = None
     n_points: Count | None = None
     rms_arc_spread: Number | None = None

@@ -162,13 +162,31 @@ def friction_table(surface: FrictionSurface) -> FrictionTable:
     return FrictionTable(f, v, mu, deviation)
 
 
+def press_end(law: ContactLaw) -> float | None:
+    """Line force at which the press ended [N/m]; beyond, the normal law is extrapolated."""
+    pressed = law.validity.press_force_N_m
+    return None if pressed is None else pressed[1]
+
+
 def penetration_nodes(law: ContactLaw) -> Array:
-    """Evenly spaced penetrations [m] from 0 to that of the largest line force of the law."""
-    largest = [float(law.surface.normal_force_N_m[-1])]
-    if law.validity.press_force_N_m:
-        largest.append(law.validity.press_force_N_m[1])
-    deepest = float(law.normal_law.penetration(max(max(largest), 1.0)))
-    return np.linspace(0.0, deepest, PENETRATIONS)
+    """Evenly spaced penetrations [m] from 0 to at least that of the largest line force of the law.
+
+    One of them is where the press ended: no straight line joins what was measured with what is
+    extrapolated.
+    """
+    largest, end = float(law.surface.normal_force_N_m[-1]), press_end(law) or 0.0
+    deepest = float(law.normal_law.penetration(max(largest, end, 1.0)))
+    ended = float(law.normal_law.penetration(end)) or deepest
+    step = ended / max(round((PENETRATIONS - 1) * ended / deepest), 1)
+    return np.asarray(step * np.arange(math.ceil(deepest / step - 1e-9) + 1), dtype=float)
+
+
+def is_extrapolated(law: ContactLaw, penetration_m: Array) -> NDArray[np.bool_]:
+    """Whether penetrations (n,) are deeper than the press went."""
+    end = press_end(law)
+    if end is None:
+        return np.zeros(penetration_m.shape, dtype=bool)
+    return np.asarray(law.normal_law.force(penetration_m) > end * (1.0 + 1e-9))
 
 
 def between_nodes(law: ContactLaw, table: FrictionTable) -> str:

@@ -76,6 +76,12 @@ class Sheet:
         return surface_from_columns(columns)
 
     @property
+    def measured_force(self) -> tuple[float, float] | None:
+        """Lowest and highest mean force of the runs behind a surface [N/m]; None if not stated."""
+        stated = (self.extra.get("measured") or {}).get("normal_force_N_m")
+        return (float(stated[0]), float(stated[1])) if stated else None
+
+    @property
     def uncertainty(self) -> str:
         """What the errors of the surface are."""
         return "combined standard uncertainty" if "mu_u" in self.columns else "standard error"

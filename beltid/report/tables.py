@@ -146,7 +146,7 @@ def nodes(sheet: Sheet, of: str) -> View:
     errors = surface.mu_se_nodes
     rows = []
     for i, force in enumerate(surface.normal_force_N_m):
-        row = [cell("normal_force_N_m", float(force))]
+        row = [cell("normal_force_N_m", float(force)), _known(sheet, float(force))]
         for j in range(surface.slip_speed_m_s.size):
             text = cell("mu", float(surface.mu_nodes[i, j]))
             if errors is not None and np.isfinite(errors[i, j]):
@@ -156,11 +156,19 @@ def nodes(sheet: Sheet, of: str) -> View:
     speeds = [f"{1e3 * v:.3g} mm/s" for v in surface.slip_speed_m_s]
     return View(
         f"µ ± {sheet.uncertainty} at the nodes of the {of} surface",
-        (heading("normal_force_N_m"), *speeds),
+        (heading("normal_force_N_m"), "range", *speeds),
         rows,
-        (True,) * (1 + len(speeds)),
+        (True, False, *([True] * len(speeds))),
         folded=True,
     )
+
+
+def _known(sheet: Sheet, force: float) -> str:
+    """Whether runs were measured at a mean force, or the surface says it of forces within them."""
+    if sheet.measured_force is None:
+        return "-"
+    low, high = sheet.measured_force
+    return "measured" if low <= force <= high else "inferred"
 
 
 def agreement(sheet: Sheet, of: str) -> View:

@@ -208,10 +208,15 @@ def _friction(results: BeltResults) -> Card | None:
         return None
     (f0, f1), (v0, v1), (m0, m1) = _ranges(sheet)
     of = "refined" if sheet.name == "surface_refined" else "published"
+    of_runs = sheet.measured_force
     return Card(
         f"Friction surface, {of}",
         f"µ = {m0:.3g} to {m1:.3g}",
-        (f"{_newtons(f0)} to {_newtons(f1)} N/m", f"{MILLI * v0:.3g} to {MILLI * v1:.3g} mm/s"),
+        (
+            *([] if of_runs is None else [f"measured {_newton_range(of_runs)} N/m"]),
+            f"{'inferred ' if of == 'refined' else ''}{_newton_range((f0, f1))} N/m",
+            f"{MILLI * v0:.3g} to {MILLI * v1:.3g} mm/s",
+        ),
     )
 
 
@@ -295,12 +300,7 @@ def _trust(results: BeltResults) -> list[str]:
         said.append("Nobody has stated whether the data are measured or synthetic (data.origin).")
     sheet = results.best_surface
     if sheet is not None:
-        (f0, f1), (v0, v1), _ = _ranges(sheet)
-        said.append(
-            f"The friction law holds from {_newtons(f0)} to {_newtons(f1)} N/m and from "
-            f"{MILLI * v0:.3g} to {MILLI * v1:.3g} mm/s; outside, the nearest value is taken, "
-            "nothing is extrapolated."
-        )
+        said += _known_ranges(results, sheet)
     if results.get("compare_refined") is not None:
         said.append(
             "The refined surface was fitted to these very runs: its agreement tells how well the "
@@ -338,6 +338,39 @@ def _doubts(results: BeltResults) -> list[str]:
         f"within the range of the runs, mostly from: {largest['source']} "
         f"({percent(largest['contribution_percent'])}, {largest['basis']})."
     ]
+
+
+def _known_ranges(results: BeltResults, sheet: Sheet) -> list[str]:
+    """What was measured, what the surface infers from it, what is extrapolated: a line each."""
+    inferred, (v0, v1), _ = _ranges(sheet)
+    speeds = f"from {MILLI * v0:.3g} to {MILLI * v1:.3g} mm/s"
+    lines = []
+    if sheet.measured_force is None:
+        lines.append(f"µ is given from {_newton_range(inferred)} N/m and {speeds}.")
+    else:
+        lines.append(
+            f"Measured: runs with mean line forces of {_newton_range(sheet.measured_force)} N/m, "
+            f"{speeds}."
+        )
+        if sheet.name == "surface_refined":
+            lines.append(
+                f"Inferred by the refined surface: µ from {_newton_range(inferred)} N/m, the line "
+                "forces that act within the contact of these runs."
+            )
+    lines.append("Outside, the nearest µ is taken; friction is never extrapolated.")
+    stiffness = results.get("stiffness")
+    if stiffness is not None:
+        pressed = float(stiffness["max_force_N_m"][stiffness.pooled_row])
+        if pressed < inferred[1]:
+            lines.append(
+                f"Extrapolated: the normal law beyond {_newtons(pressed)} N/m, where the press "
+                f"ended; the friction law reaches {_newtons(inferred[1])} N/m."
+            )
+    return lines
+
+
+def _newton_range(span: tuple[float, float]) -> str:
+    return f"{_newtons(span[0])} to {_newtons(span[1])}"
 
 
 def _newtons(value: float) -> str:

@@ -17,7 +17,7 @@ from beltid.identify.surface.surface import build_surface as identify
 from beltid.report.summary import Summary
 from beltid.stages.alternatives import friction_formulas, friction_law_rows
 from beltid.stages.build_artifact import Build, Built
-from beltid.stages.outcome import Outcome, rows_of
+from beltid.stages.outcome import Outcome, rows_of, span
 from beltid.stages.reporter import Options
 from beltid.stages.tables import surface_of, table_columns
 from beltid.stages.uncertainties import (
@@ -102,7 +102,7 @@ def _outcome(
     used = valid_rows(columns, good)
     uncertainty = _uncertainty(columns, used, result, config)
     beside = friction_formulas(surface, uncertainty.factor)
-    f = columns["normal_force_N_m"][used]
+    f, v = columns["normal_force_N_m"][used], np.abs(columns["slip_speed_m_s"][used])
     aside = [{"point": line} for line in result.set_aside]
     return Outcome(
         kind=KIND,
@@ -116,6 +116,7 @@ def _outcome(
             "n_points": result.n_points,
             "rms_arc_spread": result.rms_arc_spread,
             "max_arc_spread": result.max_arc_spread,
+            "measured": {"normal_force_N_m": span(f), "slip_speed_m_s": span(v)},
             **uncertainty.extra((float(f.min()), float(f.max()))),
             **beside.extra,
         },

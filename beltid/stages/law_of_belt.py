@@ -212,6 +212,7 @@ def _covariance(stiffness: Artifact, row: int) -> Any:
 def _validity(stiffness: Artifact, surface: Artifact) -> Validity:
     ours, theirs = surface.metadata.validity, stiffness.metadata.validity
     return Validity(
+        measured_force_N_m=surface.metadata.figures.get("measured", {}).get("normal_force_N_m"),
         normal_force_N_m=ours.get("normal_force_N_m"),
         slip_speed_m_s=ours.get("slip_speed_m_s"),
         penetration_m=theirs.get("penetration_m"),

@@ -21,7 +21,7 @@ from beltid.report.summary import Summary
 from beltid.stages.alternatives import friction_formulas, friction_law_rows
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.campaign import checked_law
-from beltid.stages.outcome import Outcome
+from beltid.stages.outcome import Outcome, span
 from beltid.stages.refinement import (
     CHECKED,
     KEYS,
@@ -61,6 +61,7 @@ FIGURES: Final = (
     "rms_arc_spread",
     "budget",
     "misfit",
+    "measured",
 )
 MOST_NOISE: Final = 3.0
 MISFIT_COLUMNS: Final = (
@@ -250,7 +251,7 @@ def _outcome(
     apart = arc_difference(campaign.measured, refined, uncertainty.sources)
     result = Refinement(refined, labels, columns["arc_deg"][used], uncertainty, apart, check)
     beside = friction_formulas(refined.surface, uncertainty.factor)
-    force = campaign.measured.normal_force
+    force, slip = campaign.measured.normal_force, campaign.measured.slip_speed
     return Outcome(
         kind=KIND,
         columns=_table(result, speeds[speed_labels(columns, used, speeds)]),
@@ -268,12 +269,14 @@ def _outcome(
             "iterations": refined.iterations,
             "noise_scale": refined.smoothness.noise_scale,
             "effective_parameters": refined.effective_parameters,
+            "measured": {"normal_force_N_m": span(force), "slip_speed_m_s": span(slip)},
             **uncertainty.extra((float(force.min()), float(force.max()))),
             **(check.extra(draws.seed) if check else {}),
             **beside.extra,
         },
         notes=(
-            "the range of validity is that of the forces that acted in the contact, peaks included",
+            "beyond the measured mean forces of the runs the surface is inferred: its range is "
+            "that of the forces that acted within their contact, peaks included",
             *([check.note()] if check else []),
             *beside.notes,
         ),
@@ -330,6 +333,7 @@ def summarise(built: Built) -> Summary:
             "arc_to_arc_spread_after_percent": _percent(metadata.rms_arc_spread),
             "force_nodes": surface.normal_force_N_m.size,
             "speed_nodes": surface.slip_speed_m_s.size,
+            "measured_force_N_m": metadata.measured.get("normal_force_N_m"),
             "valid_force_N_m": validity.get("normal_force_N_m"),
             "valid_speed_m_s": validity.get("slip_speed_m_s"),
             "budget": metadata.budget,

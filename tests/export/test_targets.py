@@ -345,13 +345,35 @@ def csv_rows(data: bytes) -> list[dict[str, str]]:
     return list(csv.DictReader(lines))
 
 
+def test_measured_inferred_and_extrapolated_are_told_apart(law: ContactLaw) -> None:
+    ranges = law.validity.model_copy(update={"measured_force_N_m": (900.0, 8000.0)})
+    law = law.model_copy(update={"validity": ranges})
+    for target, ending in (("adams", ".adm"), ("mbdyn", ".mbd"), ("modelica", ".txt")):
+        text = re.sub(r" [#!*]+ ", " ", " ".join(text_of(law, target, ending).split()))
+        assert "mean line force of the runs 900 to 8000 N/m" in text, target
+        assert "mu is inferred by the refined surface for line forces of 400 to 12000 N/m" in text
+        assert "Extrapolated: line forces of the normal law beyond 10000 N/m" in text
+    nodes = csv_rows(written(law, "csv")["belt_5pk_friction_nodes.csv"])
+    of_force = {float(row["normal_force_N_m"]): row["range"] for row in nodes}
+    inside = {force: "measured" if 900 <= force <= 8000 else "inferred" for force in of_force}
+    assert of_force == inside
+    assert set(of_force.values()) == {"measured", "inferred"}
+
+
 def test_csv_grids(law: ContactLaw) -> None:
     files = written(law, "csv")
     nodes = csv_rows(files["belt_5pk_friction_nodes.csv"])
     mu = np.array([float(row["mu"]) for row in nodes]).reshape(8, 5)
     np.testing.assert_array_equal(mu, law.surface.mu_nodes)
     normal = csv_rows(files["belt_5pk_normal.csv"])
+    ranges = [row.pop("range") for row in normal]
     column = {key: np.array([float(row[key]) for row in normal]) for key in normal[0]}
+    # the press went to 10 kN/m, the friction surface to 12
+    last = ranges.index("extrapolated") - 1
+    assert column["force_N_m"][last] == pytest.approx(1.0e4, rel=1e-9)
+    assert set(ranges[: last + 1]) == {"measured"}
+    assert set(ranges[last + 1 :]) == {"extrapolated"}
+    assert column["force_N_m"][-1] == pytest.approx(12000.0, rel=0.02)
     assert_is_normal_law(column["penetration_m"], column["force_N_m"])
     # error propagation by hand at the last node
     d = column["penetration_m"][-1]

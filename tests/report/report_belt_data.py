@@ -17,6 +17,7 @@ TENSIONS = (100.0, 300.0, 410.0)
 SPEEDS = (0.05, 0.21)
 RADIUS = 0.05
 ORIGIN = {"origin": "synthetic", "notes": [], "warnings": []}
+MEASURED = {"normal_force_N_m": (2500.0, 7000.0), "slip_speed_m_s": (0.0025, 0.0105)}
 NAUGHTY = '<script>alert("1")</script>&<b>'
 
 
@@ -241,7 +242,11 @@ def sheets() -> dict[str, Sheet]:
         "slip": ("slip", slip(), ORIGIN),
         "friction": ("friction", friction(), ORIGIN),
         "surface": ("surface", surface(), {**ORIGIN, "method": "published"}),
-        "surface_refined": ("surface", surface(1.05), {**ORIGIN, "budget": budget()}),
+        "surface_refined": (
+            "surface",
+            surface(1.05),
+            {**ORIGIN, "budget": budget(), "measured": MEASURED},
+        ),
         "simulated": ("simulated", recording, simulated_extra()),
         "compare": ("compare", compare(0.97), statistics(0.97, False)),
         "simulated_refined": ("simulated", recording, simulated_extra()),

@@ -18,7 +18,7 @@ from beltid.report.belt_page import belt_page
 from beltid.report.belts_page import belts_page
 from beltid.report.html import Page, rendered
 from beltid.report.interactive import as_json, surface_plot
-from beltid.report.tables import set_aside
+from beltid.report.tables import nodes, set_aside
 from beltid.report.verdict import verdict_of
 from beltid.stages import report_belt
 from beltid.stages.reporter import Options
@@ -170,6 +170,24 @@ def test_proven_needs_runs_that_cover_the_surface() -> None:
     assert verdict.state == "open"
     for told in ("1 contact arc, 2 needed", "1 initial tension, 3", "1 speed, 3 needed"):
         assert told in verdict.headline
+
+
+def test_measured_inferred_and_extrapolated_ranges_are_told_apart() -> None:
+    belt = results()
+    trust = " ".join(verdict_of(belt).trust)
+    assert (
+        "Measured: runs with mean line forces of 2500 to 7000 N/m, from 2.5 to 10.5 mm/s" in trust
+    )
+    assert "Inferred by the refined surface: µ from 2000 to 8000 N/m" in trust
+    assert "Extrapolated" not in trust  # the press went to 9500 N/m
+    shallow = belt.get("stiffness")
+    columns = {**shallow.columns, "max_force_N_m": np.full(3, 6500.0)}
+    shallow = replace(belt, sheets={**belt.sheets, "stiffness": replace(shallow, columns=columns)})
+    trust = " ".join(verdict_of(shallow).trust)
+    assert "Extrapolated: the normal law beyond 6500 N/m" in trust
+    table = nodes(belt.get("surface_refined"), "refined")
+    assert table.headings[1] == "range"
+    assert [row[1] for row in table.rows] == ["inferred", "measured", "measured", "inferred"]
 
 
 def test_verdict_is_that_of_the_comparison(page: str) -> None:
