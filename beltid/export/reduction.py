@@ -1,8 +1,8 @@
 """Simpler laws for programs that cannot hold the whole one, and how far they are from it.
 
-A program may know a linear normal law, a constant friction coefficient, mu(v) at one line force,
-or straight lines between the nodes of a table. Each is a reduction; its deviation is computed over
-the measured range, evenly in the logarithmic coordinates of the surface.
+A program may know a linear normal law, a constant friction coefficient, or straight lines between
+the nodes of a table. Each is a reduction; its deviation is computed over the range of the surface,
+evenly in its logarithmic coordinates.
 """
 
 from __future__ import annotations
@@ -143,13 +143,6 @@ def constant_deviation(surface: FrictionSurface, point: ReferencePoint) -> Devia
     return _deviation(ratio, lambda i: _place(f, v, i))
 
 
-def speed_law_deviation(surface: FrictionSurface, point: ReferencePoint) -> Deviation:
-    """Deviation of mu(v) at the reference force, taken at every force."""
-    f, v = sample_points(surface)
-    ratio = surface.mu(point.normal_force_N_m, v) / surface.mu(f, v)
-    return _deviation(ratio, lambda i: _place(f, v, i))
-
-
 def friction_table(surface: FrictionSurface) -> FrictionTable:
     """Nodes between which straight lines are within a thousandth of the law, if any do."""
     for parts in range(1, FINEST + 1):
@@ -191,13 +184,15 @@ def is_extrapolated(law: ContactLaw, penetration_m: Array) -> NDArray[np.bool_]:
 
 def between_nodes(law: ContactLaw, table: FrictionTable) -> str:
     """What straight lines between the nodes of both tables miss, in words."""
+    return f"{between_penetrations(law)} Straight lines of mu are off by {table.deviation}."
+
+
+def between_penetrations(law: ContactLaw) -> str:
+    """What straight lines between the penetrations of a table miss, in words."""
     width = float(penetration_nodes(law)[1])
     # a chord of the parabola k_quadratic delta² lies above it by at most k_quadratic width²/4
     above = law.normal_law.k_quadratic_N_m3 * width**2 / 4.0
-    return (
-        "Both laws are here; straight lines between the nodes give a line force up to "
-        f"{above:.2g} N/m too high, and a mu that is off by {table.deviation}."
-    )
+    return f"Straight lines between its penetrations give a line force up to {above:.2g} N/m high."
 
 
 def sample_points(surface: FrictionSurface) -> tuple[Array, Array]:
