@@ -200,7 +200,7 @@ def test_names_of_targets_are_completed() -> None:
     from beltid.cli.commands.export import TARGET_NAMES, _complete
 
     assert set(TARGET_NAMES) == {*TARGETS, "all", "schema"}
-    assert _complete("m") == ["mbdyn", "modelica", "matlab"]
+    assert _complete("m") == ["mbdyn", "motionsolve", "modelica", "matlab"]
 
 
 def test_help_names_every_target() -> None:
