@@ -150,7 +150,7 @@ def _run_held_out(
 
 def predict_held_out(
     friction: Any,
-    law: NormalLaw,
+    law: NormalLaw | Outcome[Any],
     config: Config | Mapping[str, Any] | str | Path | None = None,
     *,
     hold_out: HoldOut = "arc",
@@ -161,8 +161,8 @@ def predict_held_out(
     ----------
     friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping
         The reduced runs of the bench.
-    law : NormalLaw
-        Normal contact law of the belt.
+    law : NormalLaw or Outcome of fit_stiffness
+        Normal contact law of the belt; the result brings its scatter along.
     config : Config, dict, path or None
         Belt, rig and tolerances.
     hold_out : {"arc", "speed"}
@@ -183,7 +183,7 @@ def predict_held_out(
     by = _checked(hold_out)
     model = load_config(config)
     columns = table_columns(friction, "friction", HELD_OUT)
-    press = press_law(checked_law(law), model)
+    press = press_law(checked_law(law), model, law if isinstance(law, Outcome) else None)
     return _held_out(columns, press, model, by, Workers())
 
 

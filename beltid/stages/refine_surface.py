@@ -192,7 +192,7 @@ def run(
 
 def refine_surface(
     friction: Any,
-    law: NormalLaw,
+    law: NormalLaw | Outcome[Any],
     config: Config | Mapping[str, Any] | str | Path | None = None,
     *,
     bootstrap: int = 0,
@@ -204,8 +204,8 @@ def refine_surface(
     ----------
     friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping
         A row per reduced run.
-    law : NormalLaw
-        Normal contact law of the belt.
+    law : NormalLaw or Outcome of fit_stiffness
+        Normal contact law of the belt; the result brings its scatter along.
     config : Config, dict, path or None
         Belt and rig; None is the built-in 5PK rig.
     bootstrap : int
@@ -226,10 +226,10 @@ def refine_surface(
     ConvergenceError
         If a run cannot be simulated or the iteration does not converge.
     """
-    law = checked_law(law)
+    known = checked_law(law)
     model = load_config(config)
     columns = table_columns(friction, "friction", NEEDED)
-    press = press_law(law, model)
+    press = press_law(known, model, law if isinstance(law, Outcome) else None)
     return _outcome(columns, press, model, "friction table", Draws(bootstrap, seed))
 
 
