@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from beltid.report import tables
+from beltid.report import gallery, tables
+from beltid.report.conditions import conditions
 from beltid.report.figures import arc, budget, drive, friction, press, proof, runs, slip, surface
 from beltid.report.html import Page, Section
 from beltid.report.interactive import as_json, surface_plot
@@ -53,6 +54,7 @@ def belt_page(results: BeltResults, made_from: str) -> Page:
             _made(results),
         ),
         verdict=verdict_of(results),
+        conditions=conditions(results),
         synthetic=results.origin == "synthetic",
         plot=as_json(plot) if plot else "",
         made_from=made_from,
@@ -98,6 +100,7 @@ def _friction(results: BeltResults) -> Section:
         [*runs.pictures(results), *friction.measured(results), *arc.pictures(results)],
         [tables.runs(sheet)] if sheet else (),
         _said(sheet),
+        tiles=gallery.tiles(results),
     )
 
 
@@ -105,7 +108,7 @@ def _surface(results: BeltResults) -> Section:
     best = results.best_surface
     pictures = surface.pictures(results)
     if best is not None:
-        pictures.insert(0, surface.in_space(best, results.get("friction")))
+        pictures.insert(0, surface.in_space(best))
     known = [(sheet, of) for name, of in SURFACES.items() if (sheet := results.get(name))]
     return Section(
         "surface",

@@ -149,12 +149,15 @@ class BeltResults:
         The contact along the arc, simulated, for a typical run of each arc.
     problems : tuple of str
         What is missing or damaged, a line each.
+    belt_facts : tuple of str
+        Type and ribs of the belt, as far as its config was found.
     """
 
     belt: str
     sheets: Mapping[str, Sheet]
     profiles: tuple[ArcProfile, ...] = ()
     problems: tuple[str, ...] = ()
+    belt_facts: tuple[str, ...] = ()
 
     def get(self, name: str) -> Sheet | None:
         """An artifact by its name; None if it is not there."""

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import base64
+import csv
+import io
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -72,6 +76,7 @@ BUDGET_COLUMNS: Final = (
     "share_percent",
 )
 SHORT_HASH: Final = 12
+LONGEST_NAME: Final = 60
 # how a comparison names the runs of its two sides
 MEASURED_RUN, SIMULATED_RUN = "run measured ", "run simulated "
 
@@ -99,6 +104,20 @@ class View:
     rows: list[list[str]]
     numeric: tuple[bool, ...]
     folded: bool = False
+
+    @property
+    def file(self) -> str:
+        """Name of the table as a file to download."""
+        words = re.sub(r"[^a-z0-9]+", "_", self.title.lower()).strip("_")
+        return f"{words[:LONGEST_NAME]}.csv"
+
+    @property
+    def csv(self) -> str:
+        """The table as CSV, in base64: what the page shows, to download."""
+        text = io.StringIO(newline="")
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerows([self.headings, *self.rows])
+        return base64.b64encode(text.getvalue().encode()).decode()
 
 
 def view(

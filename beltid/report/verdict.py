@@ -272,7 +272,7 @@ def _prediction(results: BeltResults) -> Card | None:
         f"Prediction, {LEFT_OUT[sheet.extra['hold_out']]} left out",
         f"{'PASS' if passed else 'FAIL'} {_percent_rms(sheet)}",
         (
-            f"{cell('rms', _over_uncertainty(sheet))} standard uncertainties",
+            _in_units(sheet).removeprefix(", ") or "its uncertainty is not known",
             f"{cell('largest_percent', figures.get('largest_percent'))} % at worst, "
             f"{cell('n', figures.get('n_points'))} runs",
         ),

@@ -6,7 +6,7 @@ alone, when the recordings are elsewhere.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from beltid.artifacts.artifact import read_artifact
 from beltid.bench.big_recording import BigRecording
-from beltid.bench.recording import read_recording, read_rig
+from beltid.bench.recording import Recording, read_recording, read_rig
 from beltid.config import ConfigSource
 from beltid.errors import InputError
 from beltid.identify.estimators.statistics import as_set
@@ -26,7 +26,6 @@ from beltid.stages.build_artifact import Build, Built
 from beltid.stages.outcome import Outcome
 from beltid.stages.reduction import (
     CELL_KEYS,
-    columns_of_runs,
     friction_settings,
     stiffness_settings,
 )
@@ -40,6 +39,16 @@ RIG_KEYS: Final = ("columns.rig", "units.rig", "runs.rig", "dialect", *CELL_KEYS
 MOST_SET_ASIDE: Final = 12
 """Runs set aside that are kept to be looked at."""
 MOST_NAMED: Final = 5
+MOST_RUNS: Final = 480
+"""Runs of a campaign that are kept as small pictures, the first ones."""
+SMALL_SAMPLES: Final = 80
+NEEDED: Final = (
+    "time_s",
+    "tension_tight_N",
+    "tension_slack_N",
+    "pulley_speed_rad_s",
+    "arc_deg",
+)
 MOST_SAMPLES: Final = 1200
 """Samples of a run that are kept; of a longer one the extremes of neighbouring samples."""
 
@@ -60,7 +69,7 @@ def press_curves(source: ConfigSource, press: Path, out: Path, options: Options)
 def rig_curves(
     source: ConfigSource, rig: Path, friction: Path, out: Path, options: Options
 ) -> Built:
-    """A typical run of every arc over time, and runs that were set aside.
+    """Runs over time: typical ones and those set aside as recorded, all others thinned.
 
     Raises
     ------
@@ -70,28 +79,61 @@ def rig_curves(
     build = Build(RIG, source, RIG_KEYS, {"rig": rig, "friction": friction}, out, options)
     built = build.up_to_date()
     if built is None:
-        runs = chosen_runs(read_artifact(friction, "friction").columns)
-        recording = read_rig(rig, source.config)
-        if isinstance(recording, BigRecording):
-            columns = columns_of_runs(recording, runs)
-        else:
-            columns = recording.columns
-        missing = sorted(set(runs) - set(columns["run"]))
+        samples = samples_of_runs(read_artifact(friction, "friction").columns)
+        parts = _thinned_runs(read_rig(rig, source.config), samples)
+        missing = sorted(set(samples) - set(parts))
         if missing:
             raise InputError(
                 f"{rig}: has no run {', '.join(missing[:MOST_NAMED])}; {friction} was made from "
                 "another recording"
             )
+        runs = [parts[run] for run in samples]
+        columns = {name: np.concatenate([part[name] for part in runs]) for name in runs[0]}
         cells = friction_settings(source.config).cells
-        built = build.write(Outcome(RIG, _run_columns(columns, runs, cells), runs))
+        built = build.write(Outcome(RIG, _run_columns(columns, cells), tuple(samples)))
     return built
 
 
-def chosen_runs(friction: Mapping[str, np.ndarray]) -> tuple[str, ...]:
-    """Labels of runs worth looking at: the typical one of every arc, and those set aside."""
+def samples_of_runs(friction: Mapping[str, np.ndarray]) -> dict[str, int]:
+    """Runs to keep, and how many samples of each at most.
+
+    The typical run of every arc comes first, then runs that were set aside: these are looked at
+    one by one. Of all others as many samples are kept as a gallery of small pictures shows.
+    """
     labels, good = friction["run"], friction["status"] == "ok"
     aside = np.flatnonzero(~good)[:MOST_SET_ASIDE].tolist()
-    return tuple(str(labels[row]) for row in (*typical_runs(friction), *aside))
+    looked_at = [str(labels[row]) for row in (*typical_runs(friction), *aside)]
+    others = {str(label): SMALL_SAMPLES for label in labels[:MOST_RUNS]}
+    return dict.fromkeys(looked_at, MOST_SAMPLES) | {
+        label: most for label, most in others.items() if label not in looked_at
+    }
+
+
+def _thinned_runs(
+    recording: Recording | BigRecording, samples: Mapping[str, int]
+) -> dict[str, dict[str, np.ndarray]]:
+    """Columns of the runs to keep, thinned; of a big recording one run at a time."""
+    found = {}
+    for label, columns in _runs_of(recording):
+        if label in samples:
+            tight = columns["tension_tight_N"]
+            rows = thinned(np.arange(tight.size), tight, samples[label])
+            found[label] = {name: columns[name][rows] for name in NEEDED}
+            found[label]["run"] = np.full(rows.size, label, dtype=object)
+    return found
+
+
+def _runs_of(
+    recording: Recording | BigRecording,
+) -> Iterator[tuple[str, Mapping[str, np.ndarray]]]:
+    if isinstance(recording, BigRecording):
+        for run in recording:
+            yield run.label, run.columns
+        return
+    labels, places = np.unique(recording.columns["run"].astype(str), return_inverse=True)
+    for k, label in enumerate(labels.tolist()):
+        rows = np.flatnonzero(places == k)
+        yield label, {name: recording.columns[name][rows] for name in NEEDED}
 
 
 def typical_runs(friction: Mapping[str, np.ndarray]) -> tuple[int, ...]:
@@ -135,34 +177,28 @@ def _branch_columns(branches: tuple[Branch, ...]) -> dict[str, np.ndarray]:
     }
 
 
-def _run_columns(
-    rig: Mapping[str, np.ndarray], runs: tuple[str, ...], cells: KnownCells
-) -> dict[str, np.ndarray]:
-    kept = np.concatenate(
-        [thinned(np.flatnonzero(rig["run"] == run), rig["tension_tight_N"]) for run in runs]
-    )
-    tight = cells.tight.tension(rig["tension_tight_N"][kept])
-    slack = cells.slack.tension(rig["tension_slack_N"][kept])
+def _run_columns(rig: Mapping[str, np.ndarray], cells: KnownCells) -> dict[str, np.ndarray]:
+    tight = cells.tight.tension(rig["tension_tight_N"])
+    slack = cells.slack.tension(rig["tension_slack_N"])
     good = (tight > 0.0) & (slack > 0.0)
-    beta = np.radians(rig["arc_deg"][kept][good])
-    mu = np.full(kept.size, np.nan)
-    mu[good] = friction_coefficient(tight[good], slack[good], beta)
+    mu = np.full(tight.size, np.nan)
+    mu[good] = friction_coefficient(tight[good], slack[good], np.radians(rig["arc_deg"][good]))
     return {
-        "run": rig["run"][kept],
-        "time_s": rig["time_s"][kept],
+        "run": rig["run"],
+        "time_s": rig["time_s"],
         "tension_tight_N": tight,
         "tension_slack_N": slack,
         "mu": mu,
-        "pulley_speed_rad_s": rig["pulley_speed_rad_s"][kept],
+        "pulley_speed_rad_s": rig["pulley_speed_rad_s"],
     }
 
 
-def thinned(rows: np.ndarray, values: np.ndarray) -> np.ndarray:
+def thinned(rows: np.ndarray, values: np.ndarray, most: int = MOST_SAMPLES) -> np.ndarray:
     """Rows of a run, or of a long one those with the extremes of every bunch of neighbours."""
-    if rows.size <= MOST_SAMPLES:
+    if rows.size <= most:
         return rows
     kept = []
-    for bunch in np.array_split(rows, MOST_SAMPLES // 2):
+    for bunch in np.array_split(rows, most // 2):
         v = values[bunch]
         known = bunch[np.isfinite(v)]
         if known.size:

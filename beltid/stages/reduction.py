@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, fields
 from functools import partial
@@ -103,20 +103,6 @@ def reduce_rig(
     return reduce_stream(
         (run_record(run.label, run.columns) for run in rig), radius, settings, mapper
     )
-
-
-def columns_of_runs(recording: BigRecording, labels: Collection[str]) -> dict[str, np.ndarray]:
-    """The samples of some runs of a recording; only labels if it has none of them."""
-    chosen = [run for run in recording if run.label in labels]
-    if not chosen:
-        return {"run": np.empty(0, dtype=object)}
-    sizes = [run.columns["time_s"].size for run in chosen]
-    columns = {
-        name: np.concatenate([run.columns[name] for run in chosen]) for name in chosen[0].columns
-    }
-    return {
-        "run": np.repeat(np.array([run.label for run in chosen], dtype=object), sizes)
-    } | columns
 
 
 def _shared(

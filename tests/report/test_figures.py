@@ -85,7 +85,7 @@ def test_slip_at_an_unknown_tension_is_drawn_as_well() -> None:
     columns = {**sheet.columns, "initial_tension_N": np.full(6, np.nan)}
     picture = slip.against_torque(type(sheet)("slip", "slip", columns))
     labels = [c.get_label() for c in axes_of(picture)[0].containers]
-    assert labels == ["22 rad/s, T₀ unknown", "76.8 rad/s, T₀ unknown"]
+    assert labels == ["driver 22 rad/s, T₀ unknown", "driver 76.8 rad/s, T₀ unknown"]
     assert all(len(c.lines[0].get_xdata()) == 3 for c in axes_of(picture)[0].containers)
 
 
