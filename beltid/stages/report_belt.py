@@ -17,7 +17,7 @@ from beltid.report.summary import Summary
 from beltid.report.verdict import verdict_of, whole
 from beltid.stages.belt_results import ARTIFACTS, belt_facts, check_folder, gather
 from beltid.stages.build_artifact import Stale
-from beltid.stages.pages import hash_of, up_to_date, write
+from beltid.stages.pages import hash_of, is_ours, up_to_date, write
 from beltid.stages.recorded_curves import PRESS, RIG, press_curves, rig_curves
 from beltid.stages.reporter import Options
 
@@ -88,6 +88,18 @@ def keep_curves(source: ConfigSource, folder: Path, options: Options) -> None:
         except BeltidError as error:
             for problem in error.problems:
                 options.reporter.warn(f"no curves for the report: {problem}")
+
+
+def reported_in(folder: Path) -> list[Path]:
+    """Folders of belts below a folder that have a report of ours, of this call or an earlier one.
+
+    So the page that compares belts keeps those of earlier calls.
+    """
+    return [
+        page.parent
+        for page in sorted(folder.glob(f"*/{NAME}"))
+        if not page.parent.is_symlink() and is_ours(page) and _files(page.parent)
+    ]
 
 
 def of_chain(
