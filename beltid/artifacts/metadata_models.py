@@ -202,6 +202,34 @@ class MisfitRow(TypedDict):
     mean_after_percent: Number | None
 
 
+class EffectRow(TypedDict):
+    """What shifts the friction of the runs beside the surface, in percent of mu."""
+
+    effect: str
+    size_percent: Number
+    standard_uncertainty_percent: Number | None
+    clear: bool
+
+
+class BendingFigures(TypedDict):
+    """Bending stiffness that the runs ask for beside the stated one [N m²]."""
+
+    fitted_N_m2: Positive
+    fitted_u_N_m2: Number
+    stated_N_m2: Positive
+    stated_u_N_m2: Number
+
+
+class DriftRow(TypedDict):
+    """Change of the friction of the runs with one cause, in percent of mu."""
+
+    cause: str
+    per: str
+    change_percent: Number
+    standard_error_percent: Number
+    clear: bool
+
+
 class MonteCarlo(TypedDict):
     """Check of the linear uncertainty by replicates."""
 
@@ -385,6 +413,12 @@ class SlipMetadata(Metadata):
     rig_speeds: RigSpeeds | None = None
 
 
+class FrictionMetadata(Metadata):
+    """Of the reduced runs of a friction rig."""
+
+    drift: Listed[DriftRow] = ()
+
+
 class SurfaceMetadata(Metadata):
     """Of a friction surface, published or refined; spreads between arcs are shares of mu.
 
@@ -404,6 +438,9 @@ class SurfaceMetadata(Metadata):
     iterations: Count | None = None
     noise_scale: Number | None = None
     effective_parameters: Number | None = None
+    effects: Listed[EffectRow] = ()
+    reference_temperature_degC: Number | None = None
+    bending: BendingFigures | None = None
     monte_carlo: MonteCarlo | None = None
 
 
@@ -539,7 +576,7 @@ class CompareMetadata(Metadata):
 METADATA: Final[dict[str, type[Metadata]]] = {
     "stiffness": StiffnessMetadata,
     "slip": SlipMetadata,
-    "friction": Metadata,
+    "friction": FrictionMetadata,
     "surface": SurfaceMetadata,
     "simulated": SimulatedMetadata,
     "profiles": ProfilesMetadata,

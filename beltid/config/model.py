@@ -79,6 +79,8 @@ def _unit(column: Column) -> Any:
 
 
 def _value(column: Column) -> Any:
+    if column.dtype == "string":
+        return Literal[column.choices] if column.choices else _name(column)
     unit = SHOWN.get(column.unit, column.unit)
     return Annotated[
         float, Number(column.low, column.high, unit, column.open_low, column.open_high)
@@ -204,9 +206,30 @@ class PressSection(Section):
     cycles: Literal["last", "first", "all"] = "last"
 
 
-class RigSection(Section):
-    """The friction rig: geometry, supports, and the settings of its runs."""
+MeasuredKind = Literal["two_cells", "dead_weight", "torque", "torque_hub"]
+RigKind = Literal[MeasuredKind, "running"]
+BinEdge = Annotated[float, Number(0, 1e4, "rad/s")]
 
+
+class RigSection(Section):
+    """The friction rig: what it measures, geometry, supports, and the settings of its runs.
+
+    `weight_on` counts where one span hangs on a dead weight. On a `running` rig the belt moves at
+    `belt_speed_m_s` (null: a column of the recording), and `running_measures` says which of the
+    other kinds its channels are those of.
+    """
+
+    kind: RigKind = "two_cells"
+    weight_on: Literal["tight", "slack"] = "tight"
+    running_measures: MeasuredKind = "two_cells"
+    belt_speed_m_s: Annotated[float, Number(0, 1e3, "m/s")] | None = None
+    speed_bins_rad_s: (
+        Annotated[
+            tuple[BinEdge, ...], ListOf("edges of speed bins", "[0.1, 0.2, 0.4, 0.8]", fewest=2)
+        ]
+        | None
+    ) = None
+    force_resolution_N: Annotated[float, Number(0, 1e4, "N")] | None = None
     pulley_radius_m: Annotated[float, Number(0.002, 5, "m")] = 0.05
     span_length_m: Annotated[float, Number(0.002, 10, "m")] = 0.10
     supports: Literal["pinned", "clamped"] = "pinned"
@@ -222,6 +245,33 @@ class RigSection(Section):
         tuple[Annotated[float, Number(0, 1e4, "rad/s", open_low=True)], ...],
         ListOf("speeds", "[0.05, 0.21, 0.84]"),
     ] = (0.05, 0.10, 0.21, 0.42, 0.84)
+
+    @property
+    def measures(self) -> MeasuredKind:
+        """The kind whose channels the recording has: that of the rig, or what it is if running."""
+        return self.running_measures if self.kind == "running" else self.kind
+
+
+class PulleyConditions(Section):
+    """The pulley that the belt rubs on."""
+
+    material: Annotated[str, Text(40)] | None = None
+    roughness_Ra_um: Annotated[float, Number(0, 1e3, "µm")] | None = None
+
+
+class ConditionsSection(Section):
+    """Under which conditions a bench was run; null where nobody stated it.
+
+    They travel with the data and change no number. A column of the recording states them run by
+    run, which then counts. What was measured on another surface, or on the other side of the belt,
+    is never put into one friction surface.
+    """
+
+    surface: Literal["dry", "wet", "dusty"] | None = None
+    side: Literal["rib", "back"] | None = None
+    humidity_percent: Annotated[float, Number(0, 100, "%")] | None = None
+    hours_run: Annotated[float, Number(0, 1e6, "h")] | None = None
+    pulley: PulleyConditions = PulleyConditions()
 
 
 class ContactSection(Section):
@@ -314,6 +364,8 @@ class FrictionSection(Section):
     tension_tight_tilt_deg: Annotated[float, Number(-60, 60, "°")] = 0.0
     tension_slack_tilt_deg: Annotated[float, Number(-60, 60, "°")] = 0.0
     check_initial_tension: bool = True
+    correct_temperature: bool = False
+    reference_temperature_degC: Annotated[float, Number(-60, 200, "°C")] | None = None
     max_mu: Annotated[float, Number(0.01, 100)] = 3.0
 
 
@@ -349,6 +401,7 @@ class Config(Section):
     belt: BeltSection = BeltSection()
     press: PressSection = PressSection()
     rig: RigSection = RigSection()
+    conditions: ConditionsSection = ConditionsSection()
     contact: ContactSection = ContactSection()
     data: DataSection = DataSection()
     compare: CompareSection = CompareSection()

@@ -34,7 +34,13 @@ from beltid.laws.penalty import NormalLaw
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import SUFFIX, Build, Built
 from beltid.stages.campaign import checked_law
-from beltid.stages.hold_out import HELD_OUT, as_simulated, beyond_range, predictions
+from beltid.stages.hold_out import (
+    HELD_OUT,
+    as_simulated,
+    beyond_range,
+    knows_arcs,
+    predictions,
+)
 from beltid.stages.outcome import Outcome, rows_of
 from beltid.stages.reduction import (
     CELL_KEYS,
@@ -221,6 +227,11 @@ def _held_out(
             else ()
         ),
     )
+    if by == "arc" and not knows_arcs(found):
+        notes += (
+            "a single arc was left, which does not show how far arcs differ: such a difference is "
+            "not in the uncertainty of the prediction",
+        )
     outcome = _outcome(measured, predicted, config, uncertainty, notes)
     relative, force = outcome.result.relative_difference, outcome.result.normal_force_N_m
     sizes = np.cumsum([one.fold.left_out.size for one in found])[:-1]

@@ -15,25 +15,27 @@ import numpy as np
 from beltid.config import Config
 from beltid.identify.agreement.hold_out import Fold, HoldOut, folds
 from beltid.laws.uncertain_surface import UncertainSurface
-from beltid.refine.inverse import refine_surface as refine
+from beltid.refine.effects import ARC
 from beltid.stages.refinement import (
     NEEDED,
     prepared_campaign,
+    reference_temperature,
     refined_uncertainty,
+    shared_sources,
     usable_runs,
 )
 from beltid.stages.uncertainties import standard_uncertainties
 from beltid.stages.workers import Workers
 from beltid.uncertainty.measured import ARC_GAP, measured_runs
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.refined import refined_slopes
+from beltid.uncertainty.refined import refined_campaign
 from beltid.uncertainty.simulated import (
     RunsUncertainty,
     SimulatedUncertainty,
     simulated_uncertainty,
     with_rig_sources,
 )
-from beltid.uncertainty.sources import Source, all_sources, arc_sources
+from beltid.uncertainty.sources import Source, all_sources
 
 SETTINGS: Final = ("arc_deg", "nominal_tension_N", "pulley_speed_rad_s")
 HELD_OUT: Final = (*NEEDED, "nominal_tension_N", "pulley_speed_rad_s")
@@ -104,21 +106,22 @@ def predict(
     """Refine the surface from the rest of the runs and simulate those left out."""
     rest = {name: values[fold.rest] for name, values in columns.items()}
     campaign, speeds, _, _ = prepared_campaign(rest, press, config, f"without {fold.name}")
-    refined = refine(campaign.bench, campaign.runs, speeds)
-    slopes = refined_slopes(campaign, refined, speeds)
-    campaign = replace(campaign, measured=campaign.measured.with_arc_effects(refined.response))
-    of_rest = refined_uncertainty(campaign, refined, slopes, config)
-    names = [source.name for source in of_rest.sources]
-    surface = UncertainSurface(refined.surface, of_rest.factor, names)
+    reference = reference_temperature(config, campaign)
+    found = refined_campaign(campaign, speeds, shared_sources(campaign, config), reference)
+    of_rest = refined_uncertainty(found)
+    names = [source.name for source in found.sources]
+    surface = UncertainSurface(found.refined.surface, of_rest.factor, names)
 
-    measured = measured_runs(columns, fold.left_out, campaign.bench.rig.R)
+    measured = measured_runs(columns, fold.left_out, campaign.bench.rig.R, campaign.measured.weight)
     arcs = _arc_numbers(columns["arc_deg"][fold.left_out], campaign.measured.arcs_deg)
     n_arcs = int(max(arcs.max(), campaign.measured.arc.max())) + 1
+    # an arc not seen has an effect of its own, as large as those of the others
+    of_arcs = [source for source in found.sources if source.error == ARC][:1]
     given = (
         *all_sources(standard_uncertainties(config), n_arcs, press.has_scatter),
-        *arc_sources(refined.smoothness.arcs, n_arcs),  # an arc not seen has an effect of its own
+        *(replace(source, place=k) for source in of_arcs for k in range(n_arcs)),
     )
-    sources = with_rig_sources(tuple(of_rest.sources), given)
+    sources = with_rig_sources(found.sources, given)
     points = [run.point for run in replace(campaign, measured=measured).runs]
     bench = replace(campaign.bench, surface=surface)
     largest = float(max(measured.tight.max(), campaign.measured.tight.max()))
@@ -183,3 +186,8 @@ def beyond_range(columns: Mapping[str, np.ndarray], found: Sequence[Predicted]) 
         for one in found
         for low, high in [one.force_range]
     )
+
+
+def knows_arcs(found: Sequence[Predicted]) -> bool:
+    """Whether the runs that were left show how far arcs differ: of a single arc nothing does."""
+    return all(any(source.error == ARC for source in one.sources) for one in found)

@@ -6,7 +6,7 @@ alone, when the recordings are elsewhere.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,10 +15,9 @@ import numpy as np
 from beltid.artifacts.artifact import read_artifact
 from beltid.bench.big_recording import BigRecording
 from beltid.bench.recording import Recording, read_recording, read_rig
-from beltid.config import ConfigSource
+from beltid.config import Config, ConfigSource
 from beltid.errors import InputError
 from beltid.identify.estimators.statistics import as_set
-from beltid.identify.friction.load_cells import KnownCells
 from beltid.identify.press.curves import Branch
 from beltid.identify.press.stiffness import fit_stiffness
 from beltid.laws.capstan import friction_coefficient
@@ -27,6 +26,8 @@ from beltid.stages.outcome import Outcome
 from beltid.stages.reduction import (
     CELL_KEYS,
     friction_settings,
+    records_of,
+    rig_kind,
     stiffness_settings,
 )
 from beltid.stages.reporter import Options
@@ -34,7 +35,17 @@ from beltid.stages.reporter import Options
 PRESS: Final = "press_curves"
 RIG: Final = "rig_curves"
 PRESS_KEYS: Final = ("press", "columns.press", "units.press", "runs.press", "dialect")
-RIG_KEYS: Final = ("columns.rig", "units.rig", "runs.rig", "dialect", *CELL_KEYS)
+RIG_KEYS: Final = (
+    "columns.rig",
+    "units.rig",
+    "runs.rig",
+    "dialect",
+    "rig.kind",
+    "rig.weight_on",
+    "rig.running_measures",
+    "rig.belt_speed_m_s",
+    *CELL_KEYS,
+)
 """The load cells, too: what is known of them is taken off here as in the reduction."""
 MOST_SET_ASIDE: Final = 12
 """Runs set aside that are kept to be looked at."""
@@ -42,13 +53,6 @@ MOST_NAMED: Final = 5
 MOST_RUNS: Final = 480
 """Runs of a campaign that are kept as small pictures, the first ones."""
 SMALL_SAMPLES: Final = 80
-NEEDED: Final = (
-    "time_s",
-    "tension_tight_N",
-    "tension_slack_N",
-    "pulley_speed_rad_s",
-    "arc_deg",
-)
 MOST_SAMPLES: Final = 1200
 """Samples of a run that are kept; of a longer one the extremes of neighbouring samples."""
 
@@ -80,18 +84,23 @@ def rig_curves(
     built = build.up_to_date()
     if built is None:
         samples = samples_of_runs(read_artifact(friction, "friction").columns)
-        parts = _thinned_runs(read_rig(rig, source.config), samples)
-        missing = sorted(set(samples) - set(parts))
+        parts = _thinned_runs(read_rig(rig, source.config), samples, source.config)
+        # of a run that was cut into bins of the speed, the whole of it is shown
+        labels = dict.fromkeys(run if run in parts else _whole(run) for run in samples)
+        missing = sorted(set(labels) - set(parts))
         if missing:
             raise InputError(
                 f"{rig}: has no run {', '.join(missing[:MOST_NAMED])}; {friction} was made from "
                 "another recording"
             )
-        runs = [parts[run] for run in samples]
+        runs = [parts[run] for run in labels]
         columns = {name: np.concatenate([part[name] for part in runs]) for name in runs[0]}
-        cells = friction_settings(source.config).cells
-        built = build.write(Outcome(RIG, _run_columns(columns, cells), tuple(samples)))
+        built = build.write(Outcome(RIG, columns, tuple(labels)))
     return built
+
+
+def _whole(run: str) -> str:
+    return run.rpartition(":")[0] or run
 
 
 def samples_of_runs(friction: Mapping[str, np.ndarray]) -> dict[str, int]:
@@ -110,30 +119,31 @@ def samples_of_runs(friction: Mapping[str, np.ndarray]) -> dict[str, int]:
 
 
 def _thinned_runs(
-    recording: Recording | BigRecording, samples: Mapping[str, int]
+    recording: Recording | BigRecording, samples: Mapping[str, int], config: Config
 ) -> dict[str, dict[str, np.ndarray]]:
-    """Columns of the runs to keep, thinned; of a big recording one run at a time."""
+    """Tensions of the runs to keep, as the kind of the rig gives them, thinned.
+
+    Of a big recording one run at a time is held.
+    """
+    kind, cells = rig_kind(config), friction_settings(config).cells
+    sizes = {_whole(run): most for run, most in reversed(list(samples.items()))} | dict(samples)
     found = {}
-    for label, columns in _runs_of(recording):
-        if label in samples:
-            tight = columns["tension_tight_N"]
-            rows = thinned(np.arange(tight.size), tight, samples[label])
-            found[label] = {name: columns[name][rows] for name in NEEDED}
-            found[label]["run"] = np.full(rows.size, label, dtype=object)
+    for record in records_of(recording, config):
+        if record.run not in sizes:
+            continue
+        tight, slack = record.tension_tight_N, record.tension_slack_N
+        if not kind.is_derived:  # else they were taken off before
+            tight, slack = cells.tight.tension(tight), cells.slack.tension(slack)
+        kept = thinned(np.arange(tight.size), tight, sizes[record.run])
+        found[record.run] = {
+            "run": np.full(kept.size, record.run, dtype=object),
+            "time_s": record.time_s[kept],
+            "tension_tight_N": tight[kept],
+            "tension_slack_N": slack[kept],
+            "mu": friction_coefficient(tight[kept], slack[kept], np.radians(record.arc_deg)),
+            "pulley_speed_rad_s": record.pulley_speed_rad_s[kept],
+        }
     return found
-
-
-def _runs_of(
-    recording: Recording | BigRecording,
-) -> Iterator[tuple[str, Mapping[str, np.ndarray]]]:
-    if isinstance(recording, BigRecording):
-        for run in recording:
-            yield run.label, run.columns
-        return
-    labels, places = np.unique(recording.columns["run"].astype(str), return_inverse=True)
-    for k, label in enumerate(labels.tolist()):
-        rows = np.flatnonzero(places == k)
-        yield label, {name: recording.columns[name][rows] for name in NEEDED}
 
 
 def typical_runs(friction: Mapping[str, np.ndarray]) -> tuple[int, ...]:
@@ -174,22 +184,6 @@ def _branch_columns(branches: tuple[Branch, ...]) -> dict[str, np.ndarray]:
         "branch": repeated([b.branch for b in branches], object),
         "penetration_m": np.concatenate([b.penetration_m for b in branches]),
         "line_force_N_m": np.concatenate([b.line_force_N_m for b in branches]),
-    }
-
-
-def _run_columns(rig: Mapping[str, np.ndarray], cells: KnownCells) -> dict[str, np.ndarray]:
-    tight = cells.tight.tension(rig["tension_tight_N"])
-    slack = cells.slack.tension(rig["tension_slack_N"])
-    good = (tight > 0.0) & (slack > 0.0)
-    mu = np.full(tight.size, np.nan)
-    mu[good] = friction_coefficient(tight[good], slack[good], np.radians(rig["arc_deg"][good]))
-    return {
-        "run": rig["run"],
-        "time_s": rig["time_s"],
-        "tension_tight_N": tight,
-        "tension_slack_N": slack,
-        "mu": mu,
-        "pulley_speed_rad_s": rig["pulley_speed_rad_s"],
     }
 
 

@@ -14,7 +14,6 @@ from beltid.config import Config
 from beltid.errors import InputError
 from beltid.identify.surface.surface import SurfaceSettings
 from beltid.identify.surface.surface import build_surface as publish
-from beltid.refine.inverse import RefinedSurface
 from beltid.rigsim.model import Bench
 from beltid.stages.reporter import Reporter
 from beltid.stages.uncertainties import SECTION, standard_uncertainties
@@ -23,8 +22,8 @@ from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.measured import measured_runs, own_errors
 from beltid.uncertainty.monte_carlo import Nominal, Replicates, gathered, replicates
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.refined import changes_and_scatter
-from beltid.uncertainty.sources import all_sources, arc_sources, reduction_sources
+from beltid.uncertainty.refined import Refined, changes_and_scatter
+from beltid.uncertainty.sources import Source, all_sources, reduction_sources
 from beltid.uncertainty.surface import SurfaceUncertainty
 
 KEYS: Final = (
@@ -36,6 +35,8 @@ KEYS: Final = (
     "contact.points_per_element",
     "surface",
     "press.segment_length_cm",
+    "friction.correct_temperature",
+    "friction.reference_temperature_degC",
     SECTION,
 )
 PER_CALL: Final = 5
@@ -185,22 +186,36 @@ def speed_labels(
     return np.asarray(np.argmin(np.abs(np.log(v[:, None] / speeds)), axis=1))
 
 
-def refined_uncertainty(
-    campaign: Campaign, refined: RefinedSurface, slopes: np.ndarray, config: Config
-) -> SurfaceUncertainty:
-    """What the causes of error do to the refined surface."""
+def reference_temperature(config: Config, campaign: Campaign) -> float | None:
+    """Temperature to which the surface is corrected [°C]; None if that was not asked for."""
+    if not config.friction.correct_temperature:
+        return None
+    warm = campaign.measured.temperature_degC
+    if warm is None or not np.isfinite(warm).any():
+        raise InputError(
+            "friction.correct_temperature: true, but no run has a temperature; found no values in "
+            "the column temperature_degC"
+        )
+    stated = config.friction.reference_temperature_degC
+    return float(np.nanmean(warm)) if stated is None else stated
+
+
+def shared_sources(campaign: Campaign, config: Config) -> tuple[Source, ...]:
+    """Errors that runs share, as they are stated."""
     n_arcs = int(campaign.measured.arc.max()) + 1
-    sources = (
-        *all_sources(standard_uncertainties(config), n_arcs, campaign.press.has_scatter),
-        *reduction_sources(campaign.measured.columns),
-        *arc_sources(refined.smoothness.arcs, n_arcs),
-    )
-    changes, scatter = changes_and_scatter(campaign, refined, sources, slopes)
+    stated = all_sources(standard_uncertainties(config), n_arcs, campaign.press.has_scatter)
+    return (*stated, *reduction_sources(campaign.measured.columns))
+
+
+def refined_uncertainty(found: Refined) -> SurfaceUncertainty:
+    """What the causes of error do to the refined surface."""
+    changes, scatter = changes_and_scatter(found)
+    measured = found.campaign.measured
     return SurfaceUncertainty(
-        surface=refined.surface,
-        sources=sources,
+        surface=found.refined.surface,
+        sources=found.sources,
         changes=changes,
         scatter=scatter,
-        arcs_deg=campaign.measured.arcs_deg,
-        degrees_of_freedom=max(len(campaign.measured.mu) - refined.effective_parameters, 1.0),
+        arcs_deg=measured.arcs_deg,
+        degrees_of_freedom=max(measured.mu.size - found.refined.effective_parameters, 1.0),
     )

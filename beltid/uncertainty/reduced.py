@@ -25,7 +25,10 @@ Found = tuple[dict[str, np.ndarray], list[dict[str, Any]]]
 
 
 def friction_uncertainty(
-    columns: Mapping[str, np.ndarray], given: StandardUncertainties, R: float
+    columns: Mapping[str, np.ndarray],
+    given: StandardUncertainties,
+    R: float,
+    weight: int | None = None,
 ) -> Found:
     """Combined uncertainties of the runs of a friction rig, and their budget.
 
@@ -37,6 +40,8 @@ def friction_uncertainty(
         Standard uncertainties of the bench.
     R : float
         Radius of the belt's centreline on the pulley [m].
+    weight : int, optional
+        0 or 1 if the tight or the slack tension is a dead weight.
 
     Returns
     -------
@@ -45,7 +50,10 @@ def friction_uncertainty(
         per quantity and source.
     """
     rows = valid_rows(columns, np.flatnonzero(columns["status"] == "ok"))
-    measured = measured_runs(columns, rows, R)
+    if not rows.size:  # coefficients without an arc, as a table may state them
+        none = np.full(len(columns["status"]), np.nan)
+        return {"mu_sliding_u": none, "normal_force_u_N_m": none}, []
+    measured = measured_runs(columns, rows, R, weight)
     of_rig = rig_sources(given, int(measured.arc.max()) + 1)
     sources = (*of_rig, *reduction_sources(measured.columns))
     of_mu, of_force = np.zeros((2, rows.size, len(sources)))

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.params import OperatingPoint
+from beltid.refine.effects import arc_effect
 from beltid.refine.rig_runs import MeasuredRun, RigRuns, lookup_weights, mesh_of
 from beltid.rigsim.model import Bench
 from beltid.uncertainty.campaign import Campaign
@@ -214,7 +215,7 @@ def simulated_uncertainty(
     change = finer.log_mu([surface] * speeds.size, speed_slope) - log_mu
     measured = _as_measured(points, tensions, np.exp(log_mu), bench.rig.R)
     measured = replace(measured, arc=arc, largest_tension=largest_tension)
-    campaign = Campaign(measured.with_arc_effects(response), bench, press)
+    campaign = Campaign(measured.with_effects([arc_effect(arc)], response), bench, press)
     slopes = simulated_slopes(campaign, [surface] * speeds.size, speeds, speed_slope)
     of_difference, of_simulated = np.zeros((n, len(sources))), np.zeros((n, len(sources)))
     for k, source in enumerate(sources):

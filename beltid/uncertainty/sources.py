@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
+from beltid.refine.effects import ARC, COURSE, ORDER, TEMPERATURE, FoundEffect
 
 Array = NDArray[np.float64]
 
@@ -214,7 +215,13 @@ REDUCTION_SOURCES = (
     ("shared_cells", "cells as seen at rest"),
 )
 """Key and words of what the reduction of all runs shares: their sizes stand in the runs."""
-ARC_EFFECT = "arc_effect"
+EFFECT_SOURCES = {
+    ARC: "differences between arcs",
+    ORDER: "change over the campaign",
+    COURSE: "change over the campaign",
+    TEMPERATURE: "temperature of the runs",
+}
+"""Key and words of what shifts the friction beside the surface."""
 
 
 def rig_sources(u: StandardUncertainties, n_arcs: int) -> tuple[Source, ...]:
@@ -269,12 +276,13 @@ def reduction_sources(columns: Mapping[str, Array]) -> tuple[Source, ...]:
     )
 
 
-def arc_sources(size: float, n_arcs: int) -> tuple[Source, ...]:
-    """Effect of each arc setting on ln mu that the runs show, of a standard deviation."""
+def effect_sources(effects: Sequence[FoundEffect]) -> tuple[Source, ...]:
+    """Sources of what shifts the friction beside the surface, as large as the runs show it."""
     return tuple(
-        Source("differences between arcs", ARC_EFFECT, k, size, *PERCENT, FITTED)
-        for k in range(n_arcs)
-        if size > 0.0
+        Source(EFFECT_SOURCES[found.effect.key], found.effect.key, k, found.size, *PERCENT, FITTED)
+        for found in effects
+        if found.effect.before is not None
+        for k in range(found.values.size)
     )
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 
+import typer
+
 from beltid.cli.execute import execute
-from beltid.cli.inputs import Press, Rig, SpeedLoss, reads_recording
+from beltid.cli.inputs import OptionalRig, Points, Press, SpeedLoss, reads_recording
 from beltid.cli.program import Common, command, with_common_options
 
 
@@ -53,7 +55,7 @@ def fit_slip(speedloss: SpeedLoss, *, common: Common) -> None:
 @command("fit-friction")
 @with_common_options
 @reads_recording("rig", name="arc_deg: wrap", unit="pulley_speed_rad_s: rpm")
-def fit_friction(rig: Rig, *, common: Common) -> None:
+def fit_friction(rig: OptionalRig = None, *, table: Points = None, common: Common) -> None:
     """Find the friction coefficient of every run of the friction rig.
 
     Each run gives the sliding coefficient (Euler-Eytelwein, over the steady plateau) with its
@@ -64,13 +66,27 @@ def fit_friction(rig: Rig, *, common: Common) -> None:
     Sliding speed and normal force need the radius of the belt's centreline on the pulley: 0.05 m
     unless a config says rig.pulley_radius_m, whatever bench the file is from.
 
+    What the rig measures is rig.kind of the config: two_cells (the default), dead_weight, torque,
+    torque_hub, or running for a belt that moves.
+
     (columns)
+
+    With --table, the file has a row per plateau in place of samples over the time: arc_deg, the
+    forces or torque of rig.kind, pulley_speed_rad_s or slip_speed_m_s, and if known run, mu_se,
+    temperature_degC, initial_tension_N, condition, side; or mu and normal_force_N_m themselves.
 
     A CSV file or Parquet files of more than 64 MB (unpacked) are read run by run, so that they need
     not fit into the memory: the rows of a run must stand together.
 
     Example: beltid fit-friction rig.csv
     """
+    if table is not None and rig is None:
+        from beltid.stages import fit_friction as stage
+
+        execute(stage.run, {"points": table}, "friction.parquet", common)
+        return
+    if rig is None or table is not None:
+        raise typer.BadParameter("it takes a recording, or a table by --table")
     from beltid.bench.recording import is_big
 
     with ExitStack() as stack:
