@@ -32,6 +32,7 @@ Module                 Responsibility                                         Pa
 ``identify.press``     press recording to normal contact law                  Eqs. (1) to (4)
 ``identify.slip``      speed loss to sliding speed                            Eq. (7)
 ``identify.friction``  run of the rig to friction coefficient                 Eqs. (5) to (8)
+``identify.shear``     build-up of the runs to shear stiffness of the ribs
 ``identify.surface``   runs to friction surface                               section 5
 ``identify.agreement`` measured against simulated                             section 7
 ``drive``              belt drive from the identified laws: speed loss, forces section 2.1
@@ -69,6 +70,7 @@ if TYPE_CHECKING:
     from beltid.stages.build_surface import build_surface
     from beltid.stages.compare import compare, predict_held_out
     from beltid.stages.fit_friction import fit_friction
+    from beltid.stages.fit_shear import fit_shear
     from beltid.stages.fit_slip import fit_slip
     from beltid.stages.fit_stiffness import fit_stiffness
     from beltid.stages.recordings import read_press, read_rig, read_speedloss
@@ -97,6 +99,7 @@ __all__ = [
     "build_surface",
     "compare",
     "fit_friction",
+    "fit_shear",
     "fit_slip",
     "fit_stiffness",
     "load_config",
@@ -141,6 +144,7 @@ _HOMES = {
     "refine_surface": "stages.refine_surface",
     "compare": "stages.compare",
     "fit_friction": "stages.fit_friction",
+    "fit_shear": "stages.fit_shear",
     "fit_slip": "stages.fit_slip",
     "fit_stiffness": "stages.fit_stiffness",
     "predict_held_out": "stages.compare",

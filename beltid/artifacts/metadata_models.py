@@ -419,6 +419,19 @@ class FrictionMetadata(Metadata):
     drift: Listed[DriftRow] = ()
 
 
+class ShearMetadata(Metadata):
+    """Of the shear stiffness of the ribs; `high` is missing where ribs without compliance fit."""
+
+    resolved: bool = False
+    shear_stiffness_N_m2: Positive | None = None
+    shear_stiffness_u_N_m2: Positive | None = None
+    shear_stiffness_low_N_m2: Number | None = None
+    shear_stiffness_high_N_m2: Positive | None = None
+    effective_span_m: Number | None = None
+    effective_span_u_m: Number | None = None
+    slope_scatter: Number | None = None
+
+
 class SurfaceMetadata(Metadata):
     """Of a friction surface, published or refined; spreads between arcs are shares of mu.
 
@@ -577,6 +590,7 @@ METADATA: Final[dict[str, type[Metadata]]] = {
     "stiffness": StiffnessMetadata,
     "slip": SlipMetadata,
     "friction": FrictionMetadata,
+    "shear": ShearMetadata,
     "surface": SurfaceMetadata,
     "simulated": SimulatedMetadata,
     "profiles": ProfilesMetadata,

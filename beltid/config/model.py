@@ -251,6 +251,17 @@ class RigSection(Section):
         """The kind whose channels the recording has: that of the rig, or what it is if running."""
         return self.running_measures if self.kind == "running" else self.kind
 
+    @property
+    def given_force(self) -> params.GivenForce:
+        """The force that stays what it was before the pulley turned.
+
+        A dead weight is that of one span, a hub force that of both together. On a running rig the
+        spans share the length of one belt: what one gains the other loses, as under a hub force.
+        """
+        if self.kind == "dead_weight":
+            return self.weight_on
+        return "hub" if self.kind in ("torque_hub", "running") else "none"
+
 
 class PulleyConditions(Section):
     """The pulley that the belt rubs on."""
@@ -430,7 +441,12 @@ class Config(Section):
     def rig_params(self) -> params.Rig:
         """Geometry of the rig for the science."""
         r = self.rig
-        return params.Rig(R=r.pulley_radius_m, span=r.span_length_m, supports=r.supports)
+        return params.Rig(
+            R=r.pulley_radius_m,
+            span=r.span_length_m,
+            supports=r.supports,
+            given_force=r.given_force,
+        )
 
     def contact_params(self) -> params.Contact:
         """Settings of the contact for the science."""

@@ -15,7 +15,12 @@ from beltid.errors import InputError
 from beltid.identify.surface.surface import SurfaceResult, SurfaceSettings
 from beltid.identify.surface.surface import build_surface as identify
 from beltid.report.summary import Summary
-from beltid.stages.alternatives import friction_formulas, friction_law_rows
+from beltid.stages.alternatives import (
+    Alternatives,
+    forces_of_plateaus,
+    friction_formulas,
+    friction_law_rows,
+)
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.conditions import rows_of_one
 from beltid.stages.outcome import Outcome, rows_of, span
@@ -27,7 +32,7 @@ from beltid.stages.uncertainties import (
     budget_table,
     standard_uncertainties,
 )
-from beltid.uncertainty.measured import measured_runs, own_errors, valid_rows
+from beltid.uncertainty.measured import Measured, measured_runs, own_errors, valid_rows
 from beltid.uncertainty.published import published_changes, published_curves, scatter_factor
 from beltid.uncertainty.sources import StandardUncertainties, reduction_sources, rig_sources
 from beltid.uncertainty.surface import QUANTITY, SurfaceUncertainty
@@ -138,8 +143,11 @@ def _outcome(
     surface = result.surface
     table = result.to_columns()
     used = valid_rows(columns, good)
+    rig = config.rig_params()
+    measured = measured_runs(columns, used, rig.R, weight_cell(config), rig.given_force)
     given = StandardUncertainties() if direct else standard_uncertainties(config)
-    uncertainty = _uncertainty(columns, used, result, config, given)
+    uncertainty = _uncertainty(measured, result, config, given)
+    forces = Alternatives() if direct else forces_of_plateaus(measured, config)
     beside = friction_formulas(surface, uncertainty.factor)
     f, v = columns["normal_force_N_m"][used], np.abs(columns["slip_speed_m_s"][used])
     aside = [{"point": line} for line in result.set_aside]
@@ -159,21 +167,16 @@ def _outcome(
             **uncertainty.extra((float(f.min()), float(f.max()))),
             **beside.extra,
         },
-        notes=(*result.notes, *beside.notes),
-        warnings=tuple(f"set aside: {line}" for line in result.set_aside),
+        notes=(*result.notes, *beside.notes, *forces.notes),
+        warnings=(*(f"set aside: {line}" for line in result.set_aside), *forces.warnings),
     )
 
 
 def _uncertainty(
-    columns: Mapping[str, np.ndarray],
-    used: np.ndarray,
-    result: SurfaceResult,
-    config: Config,
-    standard: StandardUncertainties,
+    measured: Measured, result: SurfaceResult, config: Config, standard: StandardUncertainties
 ) -> SurfaceUncertainty:
     """What the surface's causes of error do to it; its bias by bending is not among them."""
     settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
-    measured = measured_runs(columns, used, config.rig_params().R, weight_cell(config))
     given = rig_sources(standard, int(measured.arc.max()) + 1)
     sources = (*given, *reduction_sources(measured.columns))
     return SurfaceUncertainty(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
@@ -89,6 +89,58 @@ def planned_runs(config: Config, picked: Picked) -> tuple[PlannedRun, ...]:
                 if arc in arcs and tension in tensions and speed in speeds:
                     runs.append(PlannedRun(f"S{number:03d}", arc, tension, speed))
     return tuple(runs)
+
+
+def as_resting(config: Config, runs: Sequence[PlannedRun]) -> tuple[PlannedRun, ...]:
+    """The runs of a running rig as those of a belt at rest; of another rig the runs themselves.
+
+    A belt of the mass m per length that runs with v_b through its shape needs the force m v_b² of
+    its tensions to be turned: what presses, rubs and bends is left to the effective tensions
+    T - m v_b², and friction acts at the sliding speed abs(omega R - v_b). With these the balance of
+    the running belt is that of the belt at rest, but for its strain: it runs faster where it is
+    longer, so that the sliding speed differs by v_b (T_tight - T_slack)/EA between the ends of the
+    arc. The coefficient is taken at one speed (docs/theory.md gives the size of the error).
+
+    Raises
+    ------
+    InputError
+        If the belt speed is not known, or a run has no tension or no sliding left.
+    """
+    rig = config.rig
+    if rig.kind != "running":
+        return tuple(runs)
+    v_b, momentum = _belt_speed(config), _momentum(config)
+    problems, resting = [], []
+    for run in runs:
+        T_0 = run.initial_tension_N - momentum
+        omega = abs(run.pulley_speed_rad_s - v_b / rig.pulley_radius_m)
+        if T_0 <= 0.0:
+            problems.append(
+                f"run {run.label}: initial tension {run.initial_tension_N:g} N, must be above "
+                f"{momentum:.4g} N, which turn the running belt"
+            )
+        if omega == 0.0:
+            problems.append(
+                f"run {run.label}: pulley speed {run.pulley_speed_rad_s:g} rad/s, must differ from "
+                "that of the belt"
+            )
+        resting.append(replace(run, initial_tension_N=T_0, pulley_speed_rad_s=omega))
+    if problems:
+        raise InputError(problems)
+    return tuple(resting)
+
+
+def _belt_speed(config: Config) -> float:
+    """Speed of the belt of a running rig [m/s]."""
+    if config.rig.belt_speed_m_s is None:
+        text = "rig.belt_speed_m_s is not set, must be the speed of the belt to simulate"
+        raise InputError(f"{text} a running rig [m/s]")
+    return config.rig.belt_speed_m_s
+
+
+def _momentum(config: Config) -> float:
+    """Part of the tensions of a running belt that turns it [N]."""
+    return config.belt.mass_per_length_kg_m * _belt_speed(config) ** 2
 
 
 def _chosen(
@@ -245,7 +297,7 @@ def simulated_results(
         law=law,
         surface=surface_from(surface),
     )
-    points = [run.point for run in runs]
+    points = [run.point for run in as_resting(config, runs)]
     if not isinstance(jobs, Workers):
         yield from rig_campaign(bench, points, settings, jobs=jobs or available_cores())
         return
@@ -292,11 +344,32 @@ def solver_record(result: RunResult) -> dict[str, Any]:
 def recording_columns(
     runs: Sequence[PlannedRun], results: Sequence[RunResult], config: Config
 ) -> dict[str, np.ndarray]:
-    """Recordings of runs as one table with the columns of rig.csv."""
-    parts = [_one_recording(*pair, config) for pair in zip(runs, results, strict=True)]
+    """Recordings of runs as one table with the columns of rig.csv.
+
+    Those of a running rig are what it shows: whole tensions, and the speed of a pulley that goes
+    with the belt before it slides.
+    """
+    resting = as_resting(config, runs)
+    parts = [_one_recording(*pair, config) for pair in zip(resting, results, strict=True)]
+    if config.rig.kind == "running":
+        parts = [_running(*pair, config) for pair in zip(runs, parts, strict=True)]
     return {
         column.name: np.concatenate([part[column.name] for part in parts])
         for column in schemas.table("simulated").columns
+    }
+
+
+def _running(
+    run: PlannedRun, resting: dict[str, np.ndarray], config: Config
+) -> dict[str, np.ndarray]:
+    """The recording of a running rig from that of the belt at rest."""
+    with_belt = _belt_speed(config) / config.rig.pulley_radius_m
+    sign = math.copysign(1.0, run.pulley_speed_rad_s - with_belt)
+    tensions = ("tension_tight_N", "tension_slack_N", "initial_tension_N")
+    return {
+        **resting,
+        **{name: resting[name] + _momentum(config) for name in tensions},
+        "pulley_speed_rad_s": with_belt + sign * resting["pulley_speed_rad_s"],
     }
 
 

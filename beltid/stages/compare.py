@@ -46,7 +46,9 @@ from beltid.stages.reduction import (
     CELL_KEYS,
     cell_settings,
     friction_settings,
+    reduce_simulated,
     reduction_columns,
+    rig_kind,
 )
 from beltid.stages.refinement import KEYS as REFINED_BY
 from beltid.stages.reporter import Options
@@ -68,7 +70,16 @@ FIGURES: Final = (
     "budget",
     "hold_out",
 )
-KEYS: Final = ("compare", "columns.rig", "units.rig", "runs.rig", "dialect", *CELL_KEYS)
+KEYS: Final = (
+    "compare",
+    "rig.kind",
+    "rig.weight_on",
+    "columns.rig",
+    "units.rig",
+    "runs.rig",
+    "dialect",
+    *CELL_KEYS,
+)
 HELD_OUT_KEYS: Final = ("compare", *REFINED_BY)
 NEEDED: Final = (
     "run",
@@ -125,9 +136,13 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
         recording = read_recording(inputs["simulated"], "rig", config.config)
         options.reporter.report(f"{recording.path}: {recording.n_samples} samples")
         radius, settings = _reduced_with(friction, config.config)
-        if not recording.is_artifact:  # a second bench, whose cells the config knows
+        if recording.is_artifact:
+            reduced = reduce_simulated(recording.columns, radius, settings, config.config)
+        else:  # a second bench, whose kind and cells the config knows
             settings = replace(settings, **cell_settings(config.config))
-        simulated = reduction_columns(reduce_runs(recording.columns, radius, settings))
+            kind = rig_kind(config.config)
+            reduced = reduce_runs(recording.columns, radius, settings, kind)
+        simulated = reduction_columns(reduced)
         known, uncertainty = settings.cells.note, _uncertainty_of(inputs["simulated"])
         notes = (f"{recording.path}: {known} ({config.origin})",) if known else ()
         built = build.write(
@@ -287,7 +302,8 @@ def _simulated_columns(simulated: Any, config: Config) -> dict[str, np.ndarray]:
     names = {str(name) for name in getattr(frame, "column_names", getattr(frame, "columns", frame))}
     if "time_s" in names:
         settings = friction_settings(config, with_cells=False)
-        reduced = reduce_runs(columns_of(frame, "rig"), config.rig.pulley_radius_m, settings)
+        recorded = columns_of(frame, "rig")
+        reduced = reduce_simulated(recorded, config.rig.pulley_radius_m, settings, config)
         return reduction_columns(reduced)
     if "mu" in names and "mu_sliding" not in names:  # the table of a simulated campaign
         frame = {

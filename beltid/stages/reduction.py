@@ -12,6 +12,7 @@ from functools import partial
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from beltid.bench.big_recording import BigRecording, open_big
 from beltid.bench.recording import Recording
@@ -19,7 +20,8 @@ from beltid.bench.runs.run_stream import RunColumns as StreamedRun
 from beltid.config import Config
 from beltid.config.model import PressSection
 from beltid.errors import InputError
-from beltid.identify.friction.kinds import SPANS, TWO_CELLS, RigKind, drag_of
+from beltid.identify.friction.kinds import SPANS, RigKind, drag_of
+from beltid.identify.friction.load_cells import KnownCells
 from beltid.identify.friction.plateaus import reduce_plateaus
 from beltid.identify.friction.reduction import (
     FrictionSettings,
@@ -123,8 +125,10 @@ def reduce_rig(
         Who reduces the runs of a big recording while the next ones are read.
     """
     if isinstance(rig, Recording):
-        # a simulated rig has two cells, whatever the bench measures
-        return reduce_columns(rig.columns, config, TWO_CELLS if rig.is_artifact else None)
+        if rig.is_artifact:
+            radius, settings = config.rig.pulley_radius_m, friction_settings(config)
+            return reduce_simulated(rig.columns, radius, settings, config)
+        return reduce_columns(rig.columns, config)
     radius, settings = config.rig.pulley_radius_m, friction_settings(config)
     mapper = map if workers is None else partial(_shared, workers)
     return reduce_stream(records_of(rig, config), radius, settings, mapper)
@@ -134,8 +138,7 @@ def records_of(rig: Recording | BigRecording, config: Config) -> Iterator[RunRec
     """Records of the runs of a recording; those of a big one are read one at a time."""
     radius, kind = config.rig.pulley_radius_m, rig_kind(config)
     if isinstance(rig, Recording):
-        # a simulated rig has two cells, whatever the bench measures
-        yield from run_records(rig.columns, radius, TWO_CELLS if rig.is_artifact else kind)
+        yield from run_records(rig.columns, radius, kind)
         return
     drag = None
     if kind.has_torque:
@@ -146,9 +149,34 @@ def records_of(rig: Recording | BigRecording, config: Config) -> Iterator[RunRec
             yield run_record(run, radius, kind, drag)
 
 
-def reduce_columns(
-    columns: Mapping[str, np.ndarray], config: Config, kind: RigKind | None = None
+def reduce_simulated(
+    columns: Mapping[str, ArrayLike], radius_m: float, settings: FrictionSettings, config: Config
 ) -> tuple[RunReduction, ...]:
+    """Reduce the runs of a recording of the simulated rig.
+
+    It holds the tensions of both spans, whatever the bench measures, and is reduced by them. Only
+    the span of a dead weight has no cell: its tension is the initial one. The belt of a running rig
+    runs here, too.
+
+    Parameters
+    ----------
+    columns : mapping of str to array_like
+        The columns of the recording.
+    radius_m : float
+        Radius of the belt's centreline on the pulley [m].
+    settings : FrictionSettings
+        Settings of the reduction.
+    config : Config
+        Kind of the rig.
+    """
+    kind = replace(rig_kind(config), cells=KnownCells())
+    if config.rig.kind != "dead_weight":
+        return reduce_runs(columns, radius_m, settings, replace(kind, measures="two_cells"))
+    weight = {"weight_N": columns["initial_tension_N"]}
+    return reduce_runs({**columns, **weight}, radius_m, settings, kind)
+
+
+def reduce_columns(columns: Mapping[str, np.ndarray], config: Config) -> tuple[RunReduction, ...]:
     """Reduce the runs of a recording of the friction rig that is held in memory.
 
     Parameters
@@ -157,11 +185,9 @@ def reduce_columns(
         Its columns.
     config : Config
         Kind of the rig, radius of the pulley, settings of the reduction.
-    kind : RigKind, optional
-        Another kind than that of the config.
     """
     settings = friction_settings(config)
-    return reduce_runs(columns, config.rig.pulley_radius_m, settings, kind or rig_kind(config))
+    return reduce_runs(columns, config.rig.pulley_radius_m, settings, rig_kind(config))
 
 
 def reduce_points(columns: Mapping[str, np.ndarray], config: Config) -> tuple[RunReduction, ...]:

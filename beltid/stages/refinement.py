@@ -15,6 +15,7 @@ from beltid.errors import InputError
 from beltid.identify.surface.surface import SurfaceSettings
 from beltid.identify.surface.surface import build_surface as publish
 from beltid.rigsim.model import Bench
+from beltid.stages.reduction import weight_cell
 from beltid.stages.reporter import Reporter
 from beltid.stages.uncertainties import SECTION, standard_uncertainties
 from beltid.stages.workers import Workers
@@ -29,6 +30,8 @@ from beltid.uncertainty.surface import SurfaceUncertainty
 KEYS: Final = (
     "belt.axial_stiffness_N",
     "belt.bending_stiffness_N_m2",
+    "rig.kind",
+    "rig.weight_on",
     "rig.pulley_radius_m",
     "rig.span_length_m",
     "rig.supports",
@@ -142,8 +145,9 @@ def prepared_campaign(
     speeds = start.slip_speed_m_s
     used = _at_speeds(columns, good, speeds, set_aside)
     rig = config.rig_params()
+    measured = measured_runs(columns, used, rig.R, weight_cell(config), rig.given_force)
     bench = Bench(config.belt_params(), rig, config.contact_params(), press.law, start)
-    return Campaign(measured_runs(columns, used, rig.R), bench, press), speeds, used, set_aside
+    return Campaign(measured, bench, press), speeds, used, set_aside
 
 
 def usable_runs(columns: Mapping[str, np.ndarray]) -> tuple[np.ndarray, list[dict[str, Any]]]:

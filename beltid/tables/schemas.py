@@ -246,6 +246,31 @@ _FRICTION = Table(
     ),
     label="run",
 )
+_SHEAR = Table(
+    "shear",
+    1,
+    "beltid fit-shear",
+    (
+        _RUN,
+        replace(_ARC, nullable=True),
+        positive("initial_tension_N", "N", "tension measured at rest", nullable=True),
+        _SET_TENSION,
+        replace(_PULLEY_SPEED, meaning="speed of the pulley on the plateau"),
+        positive(
+            "slope_N_m",
+            "N/m",
+            "change of the tension difference over the travel of the pulley's surface",
+            nullable=True,
+        ),
+        standard_error("slope_se_N_m", "N/m"),
+        positive("slope_fitted_N_m", "N/m", "the same by the shear stiffness found", nullable=True),
+        count("n_samples", "samples of the build-up"),
+        positive("sampling_rate_Hz", "Hz", "of these samples", nullable=True),
+        positive("needed_rate_Hz", "Hz", "at which there are enough of them", nullable=True),
+        _STATUS,
+    ),
+    label="run",
+)
 _SURFACE = Table(
     "surface",
     1,
@@ -425,6 +450,7 @@ TABLES: Final[dict[str, Table]] = {
         _STIFFNESS,
         _SLIP,
         _FRICTION,
+        _SHEAR,
         _SURFACE,
         Table("simulated", 1, "beltid simulate-rig", _RIG, label="run"),
         _PROFILES,

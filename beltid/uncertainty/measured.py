@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from beltid.errors import InputError
 from beltid.laws.capstan import mean_normal_force, sliding_speed
+from beltid.params import GivenForce
 from beltid.refine.effects import Effect
 from beltid.uncertainty.sources import REDUCTION_SOURCES, Errors
 
@@ -33,7 +34,7 @@ class Measured:
     beta : ndarray
         Contact arc [rad].
     T_0 : ndarray
-        Initial tension [N], mean of both cells.
+        Initial tension [N], mean of both cells; where a force is given, the tension it gives.
     omega : ndarray
         Speed of the pulley [rad/s].
     tight, slack : ndarray
@@ -51,6 +52,8 @@ class Measured:
         Largest tension of the campaign [N]; by default that of these runs.
     weight : int, optional
         0 or 1 if the tight or the slack tension is a dead weight, which no cell measures.
+    given_force : {"none", "tight", "slack", "hub"}
+        Force that stays while the pulley turns, see :class:`beltid.params.Rig`.
     """
 
     R: float
@@ -67,6 +70,7 @@ class Measured:
     temperature_degC: Array | None = None
     largest_tension: float | None = None
     weight: int | None = None
+    given_force: GivenForce = "none"
 
     @property
     def arcs_deg(self) -> Array:
@@ -111,6 +115,7 @@ class Measured:
         beta = self.beta + errors.at("arc") + setting
         gain = 0.5 * sum(self._gain(errors, k, self.T_0) for k in (0, 1))
         T_0 = self.T_0 * (1.0 + gain) + 0.5 * sum(zeros) if self.weight is None else self.T_0
+        T_0 = tension_given(self.given_force, tight, slack, T_0)
         lowest = min(float(np.min(a)) for a in (tight, slack, beta, T_0))
         if not lowest > 0.0:
             raise InputError(
@@ -158,8 +163,17 @@ class Measured:
         return change
 
 
+def tension_given(given: GivenForce, tight: Array, slack: Array, T_0: Array) -> Array:
+    """Tension before the pulley turns (n,) [N], from those while sliding where a force is given."""
+    return {"none": T_0, "tight": tight, "slack": slack, "hub": 0.5 * (tight + slack)}[given]
+
+
 def measured_runs(
-    columns: Mapping[str, np.ndarray], rows: np.ndarray, R: float, weight: int | None = None
+    columns: Mapping[str, np.ndarray],
+    rows: np.ndarray,
+    R: float,
+    weight: int | None = None,
+    given_force: GivenForce = "none",
 ) -> Measured:
     """Rows of a friction table; the tensions follow from force and coefficient, Eqs. (5) and (8).
 
@@ -173,6 +187,8 @@ def measured_runs(
         Radius of the belt's centreline on the pulley [m].
     weight : int, optional
         0 or 1 if the tight or the slack tension is a dead weight.
+    given_force : {"none", "tight", "slack", "hub"}
+        Force that stays while the pulley turns.
 
     Returns
     -------
@@ -191,11 +207,12 @@ def measured_runs(
     slack = f * R * log_ratio / np.expm1(log_ratio)
     tight = slack * np.exp(log_ratio)
     T_0 = np.sqrt(tight * slack) if initial is None else np.asarray(initial, dtype=float)[rows]
+    T_0 = np.where(np.isfinite(T_0), T_0, np.sqrt(tight * slack))
     return Measured(
         R=R,
         arc=arc_settings(arc_deg),
         beta=beta,
-        T_0=np.where(np.isfinite(T_0), T_0, np.sqrt(tight * slack)),
+        T_0=tension_given(given_force, tight, slack, T_0),
         omega=np.abs(v) / R,
         tight=tight,
         slack=slack,
@@ -205,6 +222,7 @@ def measured_runs(
         order=np.asarray(rows, dtype=np.intp),
         temperature_degC=None if warm is None else np.asarray(warm, dtype=float)[rows],
         weight=weight,
+        given_force=given_force,
     )
 
 

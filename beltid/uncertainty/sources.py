@@ -222,11 +222,21 @@ EFFECT_SOURCES = {
     TEMPERATURE: "temperature of the runs",
 }
 """Key and words of what shifts the friction beside the surface."""
+SHEAR_SOURCES = (
+    ("axial_stiffness", "axial stiffness of the belt", PERCENT, 1),
+    *((*row[:3], 1) for row in RIG_SOURCES if row[0] not in ("cell_linearity", "cell_offset")),
+)
+"""Those of the shear stiffness, each of them one figure whatever it acts on."""
 
 
 def rig_sources(u: StandardUncertainties, n_arcs: int) -> tuple[Source, ...]:
     """Sources of the friction rig that Eqs. (6) to (8) know, those of zero size left out."""
     return _sources(u, RIG_SOURCES, n_arcs)
+
+
+def shear_sources(u: StandardUncertainties) -> tuple[Source, ...]:
+    """Sources of the shear stiffness of the ribs that the bench states."""
+    return _sources(u, SHEAR_SOURCES, 1)
 
 
 def press_sources(u: StandardUncertainties) -> tuple[Source, ...]:

@@ -21,17 +21,18 @@ ROOT = Path(__file__).parents[2]
 SPHINX = (sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html")
 TUTORIAL = ROOT / "docs" / "tutorial.md"
 DRIVE = ROOT / "docs" / "drive.md"
+OTHERS = ROOT / "docs" / "measured_by_others.md"
 README = ROOT / "README.md"
 
 
-def blocks(language: str) -> list[str]:
-    """Fenced blocks of the tutorial and of the page that goes on from it, in their order."""
-    pages = TUTORIAL.read_text() + DRIVE.read_text()
-    return re.findall(rf"^```{language}\n(.*?)^```$", pages, re.M | re.S)
+def blocks(language: str, *pages: Path) -> list[str]:
+    """Fenced blocks of some pages, in their order."""
+    text = "".join(page.read_text() for page in pages)
+    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.M | re.S)
 
 
-def commands() -> list[str]:
-    lines = "".join(blocks("console")).replace("\\\n", " ").splitlines()
+def commands(*pages: Path) -> list[str]:
+    lines = "".join(blocks("console", *pages)).replace("\\\n", " ").splitlines()
     return [line.removeprefix("$ ") for line in lines]
 
 
@@ -64,8 +65,8 @@ def test_commands_of_the_tutorial_run_one_after_the_other(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("BELTID", str(ROOT))
     monkeypatch.delenv("BELTID_CONFIG", raising=False)
-    assert len(commands()) > 10
-    for command in commands():
+    assert len(commands(TUTORIAL, DRIVE)) > 10
+    for command in commands(TUTORIAL, DRIVE):
         if command.startswith("beltid "):
             # in this process where it can be: starting others is most of the time
             alone = ["--jobs", "1"] if command.startswith("beltid run") else []
@@ -81,7 +82,7 @@ def test_commands_of_the_tutorial_run_one_after_the_other(
     law = beltid.load_law(tmp_path / "law" / "5pk.beltlaw.json")
     assert law.synthetic
     assert (law.belt.name, law.belt.ribs) == ("5pk", 5)
-    for block in blocks("python"):
+    for block in blocks("python", TUTORIAL, DRIVE):
         exec(block, {})
 
 
@@ -97,6 +98,29 @@ def test_the_session_in_python_runs(project: Path) -> None:
     saved = beltid.build_surface(read_artifact("friction.parquet"))
     assert saved.columns["mu"].size
     assert read_artifact("friction.parquet").metadata.origin == "synthetic"
+
+
+def test_the_page_on_real_numbers_prints_what_it_shows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("BELTID", str(ROOT))
+    monkeypatch.delenv("BELTID_CONFIG", raising=False)
+    said = ""
+    for command in commands(OTHERS):
+        if command.startswith("beltid "):
+            done = CliRunner().invoke(app, shlex.split(command)[1:])
+            assert done.exit_code == 0, f"{command}\n{done.output}\n{done.exception!r}"
+            said += done.output
+        else:
+            subprocess.run(command, shell=True, check=True)
+    (shown,) = blocks("text", OTHERS)
+    words = " ".join(said.split())
+    assert [line for line in shown.splitlines() if " ".join(line.split()) not in words] == []
+    for block in blocks("python", OTHERS):
+        exec(block, {})
+    verdicts = capsys.readouterr().out.splitlines()
+    assert ["None of the fitted formulas holds" in line for line in verdicts] == [True, False, True]
 
 
 def shown_in_readme() -> list[tuple[str, list[str]]]:

@@ -20,7 +20,9 @@ import pytest
 from beltid.errors import InputError
 from beltid.identify.friction.kinds import Drag, RigKind, drag_of
 from beltid.identify.friction.load_cells import KnownCell, KnownCells
-from beltid.identify.friction.reduction import RunReduction, reduce_runs
+from beltid.identify.friction.prepare import prepare_run
+from beltid.identify.friction.reduction import FrictionSettings, RunReduction, reduce_runs
+from beltid.identify.friction.rig_table import run_records
 
 R = 0.05
 RIG = Path(__file__).parents[2] / "rigdata/5pk/rig.csv"
@@ -210,6 +212,15 @@ def test_a_dead_weight_has_the_noise_of_one_cell_only():
     assert found["tight"] / found["slack"] == pytest.approx(2.0, rel=0.25)
     assert found["tight"] < cells * 1.1
     assert found["slack"] < 0.6 * cells
+
+
+@pytest.mark.parametrize(("span", "cell_N"), [("tight", 100.0), ("slack", 200.0)])
+def test_only_the_cell_of_a_dead_weight_has_errors(span, cell_N):
+    kind = RigKind("dead_weight", weight_on=span)
+    record = run_records(white(span, 1), R, kind)[0]
+    sliding = prepare_run(record, R, FrictionSettings()).sliding
+    assert sliding is not None
+    assert sliding.sensitivity == pytest.approx(1.0 / cell_N, rel=2e-3)
 
 
 def one_of(columns: Columns, n: int = 8) -> Columns:

@@ -7,7 +7,7 @@ from contextlib import ExitStack
 import typer
 
 from beltid.cli.execute import execute
-from beltid.cli.inputs import OptionalRig, Points, Press, SpeedLoss, reads_recording
+from beltid.cli.inputs import OptionalRig, Points, Press, Rig, SpeedLoss, reads_recording
 from beltid.cli.program import Common, command, with_common_options
 
 
@@ -50,6 +50,31 @@ def fit_slip(speedloss: SpeedLoss, *, common: Common) -> None:
     from beltid.stages import fit_slip as stage
 
     execute(stage.run, {"speedloss": speedloss}, "slip.parquet", common)
+
+
+@command("fit-shear")
+@with_common_options
+@reads_recording("rig", name="arc_deg: wrap", unit="pulley_speed_rad_s: rpm")
+def fit_shear(rig: Rig, *, common: Common) -> None:
+    """Find how stiff the ribs are in shear along the belt, from the runs of the friction rig.
+
+    Before the belt slides, the tensions part in proportion to the travel of the pulley: the slope
+    tells how far belt, ribs and bench give way. Runs at two contact arcs or more tell the ribs from
+    the bench. A run is used if it has eight samples before 30 % of the difference of the tensions
+    on the plateau, so only slow runs or fast sampling qualify; otherwise it is said which sampling
+    rate would do. Ribs that are too stiff to be seen get a lower bound and no value. Writes
+    shear.parquet.
+
+    The config tells axial and bending stiffness of the belt (belt.axial_stiffness_N, default
+    100000; belt.bending_stiffness_N_m2, default 0.02) and rig.pulley_radius_m, default 0.05.
+
+    (columns)
+
+    Example: beltid fit-shear rig.csv
+    """
+    from beltid.stages import fit_shear as stage
+
+    execute(stage.run, {"rig": rig}, "shear.parquet", common)
 
 
 @command("fit-friction")

@@ -146,7 +146,7 @@ class RigKind:
     @property
     def noisy(self) -> tuple[float, float]:
         """1 for a tension with errors, 0 for that of a dead weight."""
-        return tuple(0.0 if span == self.weight else 1.0 for span in SPANS)  # type: ignore[return-value]
+        return float(self.weight != "tight"), float(self.weight != "slack")
 
     @property
     def needed(self) -> tuple[str, ...]:
