@@ -53,6 +53,7 @@ from beltid._version import __version__
 if TYPE_CHECKING:
     from beltid.config import Config, load_config
     from beltid.errors import (
+        ArgumentTypeError,
         ArtifactError,
         BeltidError,
         BeltidWarning,
@@ -61,23 +62,26 @@ if TYPE_CHECKING:
         FitError,
         InputError,
         NumericsError,
+        TooFewSettings,
     )
     from beltid.export.law import ContactLaw
     from beltid.laws.friction_surface import FrictionSurface
     from beltid.laws.penalty import NormalLaw
     from beltid.laws.uncertain_surface import UncertainSurface
     from beltid.stages.build_surface import build_surface
-    from beltid.stages.compare import compare
+    from beltid.stages.compare import compare, predict_held_out
     from beltid.stages.fit_friction import fit_friction
     from beltid.stages.fit_shear import fit_shear
     from beltid.stages.fit_slip import fit_slip
     from beltid.stages.fit_stiffness import fit_stiffness
+    from beltid.stages.recordings import read_press, read_rig, read_speedloss
     from beltid.stages.refine_surface import refine_surface
     from beltid.stages.simulate_drive import simulate_drive
     from beltid.stages.simulated_runs import simulate_campaign, simulate_rig
     from beltid.stages.tables import load_law, load_stiffness, load_surface
 
 __all__ = [
+    "ArgumentTypeError",
     "ArtifactError",
     "BeltidError",
     "BeltidWarning",
@@ -90,6 +94,7 @@ __all__ = [
     "InputError",
     "NormalLaw",
     "NumericsError",
+    "TooFewSettings",
     "UncertainSurface",
     "__version__",
     "build_surface",
@@ -102,6 +107,10 @@ __all__ = [
     "load_law",
     "load_stiffness",
     "load_surface",
+    "predict_held_out",
+    "read_press",
+    "read_rig",
+    "read_speedloss",
     "refine_surface",
     "simulate_campaign",
     "simulate_drive",
@@ -115,6 +124,7 @@ _HOMES = {
     "load_config": "config",
     **dict.fromkeys(
         (
+            "ArgumentTypeError",
             "ArtifactError",
             "BeltidError",
             "BeltidWarning",
@@ -123,6 +133,7 @@ _HOMES = {
             "FitError",
             "InputError",
             "NumericsError",
+            "TooFewSettings",
         ),
         "errors",
     ),
@@ -137,6 +148,8 @@ _HOMES = {
     "fit_shear": "stages.fit_shear",
     "fit_slip": "stages.fit_slip",
     "fit_stiffness": "stages.fit_stiffness",
+    "predict_held_out": "stages.compare",
+    **dict.fromkeys(("read_press", "read_rig", "read_speedloss"), "stages.recordings"),
     "load_law": "stages.tables",
     "load_stiffness": "stages.tables",
     "load_surface": "stages.tables",

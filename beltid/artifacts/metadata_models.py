@@ -433,8 +433,13 @@ class ShearMetadata(Metadata):
 
 
 class SurfaceMetadata(Metadata):
-    """Of a friction surface, published or refined; spreads between arcs are shares of mu."""
+    """Of a friction surface, published or refined; spreads between arcs are shares of mu.
 
+    `measured` is the range of the runs' mean forces, Eq. (8), and speeds; what the refined surface
+    says beyond it (`validity`) is inferred from the forces that act within their contact.
+    """
+
+    measured: dict[str, Span] = {}
     degree: Listed[Count] | None = None
     n_points: Count | None = None
     rms_arc_spread: Number | None = None
@@ -566,8 +571,12 @@ class CompareDriveMetadata(Metadata):
 
 
 class CompareMetadata(Metadata):
-    """Of simulated against measured coefficients; `passed` if every tolerance holds."""
+    """Of simulated against measured coefficients; `passed` if every tolerance holds.
 
+    `hold_out` says whether the runs were predicted from those of other arcs or speeds.
+    """
+
+    hold_out: Literal["none", "arc", "speed"] = "none"
     passed: bool | None = None
     statistics: Listed[AgreementRow] = ()
     averaged: Listed[AveragedRow] = ()

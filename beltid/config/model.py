@@ -318,12 +318,16 @@ class DataSection(Section):
 
 
 class CompareSection(Section):
-    """How far the simulated friction coefficients may be from the measured ones."""
+    """How far the simulated friction coefficients may be from the measured ones.
+
+    `hold_out` says whose runs `run` leaves out in turn, to predict them from the others.
+    """
 
     max_rms_relative_error: Annotated[float, Number(0, 10, open_low=True)] = 0.06
     max_mean_relative_error: Annotated[float, Number(0, 10, open_low=True)] = 0.05
     max_relative_error: Annotated[float, Number(0, 10, open_low=True)] = 0.20
     max_rms_error_over_uncertainty: Annotated[float, Number(0, 100, open_low=True)] | None = None
+    hold_out: Literal["none", "arc", "speed"] = "arc"
 
 
 Share = Annotated[float, Number(0, 0.5)]

@@ -23,7 +23,7 @@ from beltid.stages.alternatives import (
 )
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.conditions import rows_of_one, stated_of
-from beltid.stages.outcome import Outcome, rows_of
+from beltid.stages.outcome import Outcome, rows_of, span
 from beltid.stages.reduction import weight_cell
 from beltid.stages.reporter import Options
 from beltid.stages.tables import surface_of, table_columns
@@ -149,7 +149,7 @@ def _outcome(
     uncertainty = _uncertainty(measured, result, config, given)
     forces = Alternatives() if direct else forces_of_plateaus(measured, config)
     beside = friction_formulas(surface, uncertainty.factor)
-    f = columns["normal_force_N_m"][used]
+    f, v = columns["normal_force_N_m"][used], np.abs(columns["slip_speed_m_s"][used])
     aside = [{"point": line} for line in result.set_aside]
     return Outcome(
         kind=KIND,
@@ -164,6 +164,7 @@ def _outcome(
             **stated_of(columns, good),
             "rms_arc_spread": result.rms_arc_spread,
             "max_arc_spread": result.max_arc_spread,
+            "measured": {"normal_force_N_m": span(f), "slip_speed_m_s": span(v)},
             **uncertainty.extra((float(f.min()), float(f.max()))),
             **beside.extra,
         },

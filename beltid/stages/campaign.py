@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
 
-from beltid.errors import BeltidError, InputError
+from beltid.errors import ArgumentTypeError, BeltidError, InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import OperatingPoint
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import DEFAULT_STEPS, Method, RunResult, SimulationSettings
 from beltid.rigsim.rig import campaign as rig_campaign
+from beltid.stages.outcome import Outcome
 from beltid.stages.workers import Workers, available_cores
 from beltid.tables import schemas
 
@@ -201,19 +202,22 @@ def simulation_settings(
         raise InputError(error.at("simulation")) from None
 
 
-def surface_from(surface: FrictionSurface | float) -> FrictionSurface:
-    """A friction surface; a number is a constant friction coefficient.
+def surface_from(surface: Any) -> FrictionSurface:
+    """A friction surface, that of a result, or of a number: a constant friction coefficient.
 
     Raises
     ------
     InputError
-        If it is neither.
+        If it is none of these.
     """
+    if isinstance(surface, Outcome) and surface.kind == "surface":
+        surface = surface.result.surface
     if isinstance(surface, FrictionSurface):
         return surface
     if not is_number(surface):
-        raise InputError(
-            f"surface = {shown(surface)}, must be a FrictionSurface or a number (constant mu)"
+        raise ArgumentTypeError(
+            f"surface = {shown(surface)}, must be a FrictionSurface such as load_surface(PATH), "
+            "the result of build_surface or refine_surface, or a number (constant mu)"
         )
     if not 0.0 < surface < math.inf:
         raise InputError(f"surface = {float(surface):g}, must be > 0 and finite (constant mu)")
@@ -221,12 +225,14 @@ def surface_from(surface: FrictionSurface | float) -> FrictionSurface:
 
 
 def checked_law(law: Any) -> NormalLaw:
-    """A normal law, or an error that names the argument and where one comes from."""
+    """A normal law, that of a result, or an error that names the argument and its sources."""
+    if isinstance(law, Outcome) and law.kind == "stiffness":
+        law = law.result.pooled.law
     if isinstance(law, NormalLaw):
         return law
-    raise InputError(
-        f"law = {shown(law)}, must be a NormalLaw such as load_stiffness(PATH) or "
-        "fit_stiffness(FRAME).result.pooled.law"
+    raise ArgumentTypeError(
+        f"law = {shown(law)}, must be a NormalLaw such as load_stiffness(PATH), or the result of "
+        "fit_stiffness(FRAME)"
     )
 
 
@@ -255,6 +261,8 @@ def is_number(value: Any) -> bool:
 
 def shown(value: Any) -> str:
     """A wrong argument for a message: None, or what kind of thing it is."""
+    if isinstance(value, Outcome):
+        return f"result of kind {value.kind}"
     return "None" if value is None else type(value).__name__
 
 

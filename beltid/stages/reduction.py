@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
 from functools import partial
@@ -29,8 +29,8 @@ from beltid.identify.friction.reduction import (
     reduce_runs,
     reduce_stream,
 )
-from beltid.identify.friction.rig_table import RunColumns, run_record
-from beltid.identify.friction.run import Conditions
+from beltid.identify.friction.rig_table import RunColumns, run_record, run_records
+from beltid.identify.friction.run import Conditions, RunRecord
 from beltid.identify.press.recording import StiffnessSettings
 from beltid.stages.workers import Workers
 from beltid.tables import schemas
@@ -129,15 +129,24 @@ def reduce_rig(
             radius, settings = config.rig.pulley_radius_m, friction_settings(config)
             return reduce_simulated(rig.columns, radius, settings, config)
         return reduce_columns(rig.columns, config)
-    radius, settings, kind = config.rig.pulley_radius_m, friction_settings(config), rig_kind(config)
+    radius, settings = config.rig.pulley_radius_m, friction_settings(config)
     mapper = map if workers is None else partial(_shared, workers)
+    return reduce_stream(records_of(rig, config), radius, settings, mapper)
+
+
+def records_of(rig: Recording | BigRecording, config: Config) -> Iterator[RunRecord]:
+    """Records of the runs of a recording; those of a big one are read one at a time."""
+    radius, kind = config.rig.pulley_radius_m, rig_kind(config)
+    if isinstance(rig, Recording):
+        yield from run_records(rig.columns, radius, kind)
+        return
     drag = None
     if kind.has_torque:
         idle = (run for run in open_big(rig.path, config) if _columns(run).is_idle)
         drag = drag_of([run.columns for run in idle])
-    runs = (run for run in map(_columns, rig) if not run.is_idle)
-    records = (run_record(run, radius, kind, drag) for run in runs)
-    return reduce_stream(records, radius, settings, mapper)
+    for run in map(_columns, rig):
+        if not run.is_idle:
+            yield run_record(run, radius, kind, drag)
 
 
 def reduce_simulated(
@@ -221,20 +230,6 @@ def _or_nan(value: float | None) -> float:
 
 def _columns(run: StreamedRun) -> RunColumns:
     return RunColumns(run.label, run.columns, run.said)
-
-
-def columns_of_runs(recording: BigRecording, labels: Collection[str]) -> dict[str, np.ndarray]:
-    """The samples of some runs of a recording; only labels if it has none of them."""
-    chosen = [run for run in recording if run.label in labels]
-    if not chosen:
-        return {"run": np.empty(0, dtype=object)}
-    sizes = [run.columns["time_s"].size for run in chosen]
-    columns = {
-        name: np.concatenate([run.columns[name] for run in chosen]) for name in chosen[0].columns
-    }
-    return {
-        "run": np.repeat(np.array([run.label for run in chosen], dtype=object), sizes)
-    } | columns
 
 
 def _shared(

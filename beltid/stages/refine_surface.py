@@ -13,7 +13,6 @@ import numpy as np
 from beltid.artifacts.artifact import read_artifact
 from beltid.artifacts.metadata_models import BendingFigures, SurfaceMetadata
 from beltid.config import Config, ConfigSource, load_config
-from beltid.errors import InputError
 from beltid.identify.surface.surface import SurfaceSettings
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
@@ -23,37 +22,35 @@ from beltid.report.summary import Summary
 from beltid.stages.alternatives import friction_formulas, friction_law_rows
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.campaign import checked_law
-from beltid.stages.outcome import Outcome
+from beltid.stages.outcome import Outcome, span
 from beltid.stages.refinement import (
     CHECKED,
+    KEYS,
     NEEDED,
     Draws,
     check_table,
     drawn,
     prepared_campaign,
+    reference_temperature,
+    refined_uncertainty,
+    shared_sources,
     speed_labels,
 )
 from beltid.stages.reporter import Options
 from beltid.stages.tables import law_of, surface_of, table_columns
 from beltid.stages.uncertainties import (
-    SECTION,
     budget_table,
     press_law,
-    standard_uncertainties,
 )
 from beltid.stages.workers import Workers
 from beltid.uncertainty.bending import FittedBending, fit_bending
-from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.campaign_effects import CLEAR, SCATTER, TOGETHER, ShownEffect, shown_effects
 from beltid.uncertainty.linear_check import MonteCarlo, check_of
 from beltid.uncertainty.monte_carlo import prepare
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import (
-    Refined,
-    changes_and_scatter,
     refined_campaign,
 )
-from beltid.uncertainty.sources import Source, all_sources, reduction_sources
 from beltid.uncertainty.surface import QUANTITY, SurfaceUncertainty
 
 KIND: Final = "surface"
@@ -67,24 +64,10 @@ FIGURES: Final = (
     "rms_arc_spread",
     "budget",
     "misfit",
+    "measured",
     "effects",
     "reference_temperature_degC",
     "bending",
-)
-KEYS: Final = (
-    "belt.axial_stiffness_N",
-    "belt.bending_stiffness_N_m2",
-    "rig.kind",
-    "rig.weight_on",
-    "rig.pulley_radius_m",
-    "rig.span_length_m",
-    "rig.supports",
-    "contact.points_per_element",
-    "surface",
-    "press.segment_length_cm",
-    "friction.correct_temperature",
-    "friction.reference_temperature_degC",
-    SECTION,
 )
 MOST_NOISE: Final = 3.0
 Bending = Literal["stated", "fit", "use"]
@@ -251,7 +234,7 @@ def run(
 
 def refine_surface(
     friction: Any,
-    law: NormalLaw,
+    law: NormalLaw | Outcome[Any],
     config: Config | Mapping[str, Any] | str | Path | None = None,
     *,
     bootstrap: int = 0,
@@ -264,8 +247,8 @@ def refine_surface(
     ----------
     friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping
         A row per reduced run.
-    law : NormalLaw
-        Normal contact law of the belt.
+    law : NormalLaw or Outcome of fit_stiffness
+        Normal contact law of the belt; the result brings its scatter along.
     config : Config, dict, path or None
         Belt and rig; None is the built-in 5PK rig.
     bootstrap : int
@@ -289,10 +272,10 @@ def refine_surface(
     ConvergenceError
         If a run cannot be simulated or the iteration does not converge.
     """
-    law = checked_law(law)
+    known = checked_law(law)
     model = load_config(config)
     columns = table_columns(friction, "friction", NEEDED)
-    press = press_law(law, model)
+    press = press_law(known, model, law if isinstance(law, Outcome) else None)
     return _outcome(columns, press, model, "friction table", Draws(bootstrap, seed), bending)
 
 
@@ -306,8 +289,8 @@ def _outcome(
 ) -> Outcome[Refinement]:
     campaign, speeds, used, set_aside = prepared_campaign(columns, press, config, name)
     labels = tuple(str(columns["run"][i]) for i in used)
-    sources = _shared_sources(campaign, config)
-    reference = _reference(config, campaign)
+    sources = shared_sources(campaign, config)
+    reference = reference_temperature(config, campaign)
     fitted = None
     if bending != "stated":
         fitted = draws.workers.call(fit_bending, campaign, speeds, sources, reference)
@@ -315,7 +298,7 @@ def _outcome(
             campaign, sources = fitted.used(campaign, sources)
     found = draws.workers.call(refined_campaign, campaign, speeds, sources, reference)
     refined = found.refined
-    uncertainty = _uncertainty(found)
+    uncertainty = refined_uncertainty(found)
     settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
     check = None
     if draws.count:
@@ -327,7 +310,7 @@ def _outcome(
         refined, labels, columns["arc_deg"][used], uncertainty, shown_effects(found), fitted, check
     )
     beside = friction_formulas(refined.surface, uncertainty.factor)
-    force = campaign.measured.normal_force
+    force, slip = campaign.measured.normal_force, campaign.measured.slip_speed
     return Outcome(
         kind=KIND,
         columns=_table(result, speeds[speed_labels(columns, used, speeds)]),
@@ -345,6 +328,7 @@ def _outcome(
             "iterations": refined.iterations,
             "noise_scale": refined.noise_scale,
             "effective_parameters": refined.effective_parameters,
+            "measured": {"normal_force_N_m": span(force), "slip_speed_m_s": span(slip)},
             "effects": _effect_rows(result.effects),
             "reference_temperature_degC": reference,
             "bending": _bending_figures(fitted, config),
@@ -353,7 +337,8 @@ def _outcome(
             **beside.extra,
         },
         notes=(
-            "the range of validity is that of the forces that acted in the contact, peaks included",
+            "beyond the measured mean forces of the runs the surface is inferred: its range is "
+            "that of the forces that acted within their contact, peaks included",
             *([check.note()] if check else []),
             *beside.notes,
         ),
@@ -364,20 +349,6 @@ def _outcome(
             *(check.warnings() if check else ()),
         ),
     )
-
-
-def _reference(config: Config, campaign: Campaign) -> float | None:
-    """Temperature to which the surface is corrected [°C]; None if that was not asked for."""
-    if not config.friction.correct_temperature:
-        return None
-    warm = campaign.measured.temperature_degC
-    if warm is None or not np.isfinite(warm).any():
-        raise InputError(
-            "friction.correct_temperature: true, but no run has a temperature; found no values in "
-            "the column temperature_degC"
-        )
-    stated = config.friction.reference_temperature_degC
-    return float(np.nanmean(warm)) if stated is None else stated
 
 
 def _effect_rows(effects: Sequence[ShownEffect]) -> list[dict[str, Any]]:
@@ -422,27 +393,6 @@ def _bending_lines(fitted: FittedBending | None, config: Config) -> tuple[str, .
         f"belt.bending_stiffness_N_m2 = {stated:g} is stated within {100 * own:.2g} %, the runs "
         f"ask for {fitted.EI:.3g} within {100 * fitted.relative:.2g} %: {away:.2g} standard "
         "uncertainties apart; one of them is wrong, or the runs are",
-    )
-
-
-def _shared_sources(campaign: Campaign, config: Config) -> tuple[Source, ...]:
-    """Errors that runs share, as they are stated."""
-    n_arcs = int(campaign.measured.arc.max()) + 1
-    stated = all_sources(standard_uncertainties(config), n_arcs, campaign.press.has_scatter)
-    return (*stated, *reduction_sources(campaign.measured.columns))
-
-
-def _uncertainty(found: Refined) -> SurfaceUncertainty:
-    """What the causes of error do to the refined surface."""
-    changes, scatter = changes_and_scatter(found)
-    measured = found.campaign.measured
-    return SurfaceUncertainty(
-        surface=found.refined.surface,
-        sources=found.sources,
-        changes=changes,
-        scatter=scatter,
-        arcs_deg=measured.arcs_deg,
-        degrees_of_freedom=max(measured.mu.size - found.refined.effective_parameters, 1.0),
     )
 
 
@@ -491,6 +441,7 @@ def summarise(built: Built) -> Summary:
             "arc_to_arc_spread_after_percent": _percent(metadata.rms_arc_spread),
             "force_nodes": surface.normal_force_N_m.size,
             "speed_nodes": surface.slip_speed_m_s.size,
+            "measured_force_N_m": metadata.measured.get("normal_force_N_m"),
             "valid_force_N_m": validity.get("normal_force_N_m"),
             "valid_speed_m_s": validity.get("slip_speed_m_s"),
             "budget": metadata.budget,

@@ -84,7 +84,7 @@ SCIENCE: dict[str, tuple[Callable[[Config], Any], ...]] = {
     "press": (lambda c: stiffness_settings(c.press),),
     "rig": (lambda c: c.rig_params(), with_points, with_slip, with_measured),
     "contact": (lambda c: c.contact_params(),),
-    "compare": (lambda c: AgreementSettings(**c.compare.model_dump()),),
+    "compare": (lambda c: AgreementSettings(**c.compare.model_dump(exclude={"hold_out"})),),
     "friction": (friction_settings, with_temperature),
     "surface": (lambda c: SurfaceSettings(**c.surface.model_dump()),),
     "slip": (with_slip,),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import doctest
 import re
 import shlex
 import shutil
@@ -13,6 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 import beltid
+from beltid.artifacts.artifact import read_artifact
 from beltid.cli import app
 
 ROOT = Path(__file__).parents[2]
@@ -85,6 +87,20 @@ def test_commands_of_the_tutorial_run_one_after_the_other(
     assert (law.belt.name, law.belt.ribs) == ("5pk", 5)
     for block in blocks("python", *ONWARD):
         exec(block, {})
+
+
+def test_the_session_in_python_runs(project: Path) -> None:
+    parsed = doctest.DocTestParser().get_doctest(
+        (ROOT / "docs" / "python.md").read_text().replace("```", ""), {}, "python.md", None, 0
+    )
+    told: list[str] = []
+    failed = doctest.DocTestRunner().run(parsed, out=told.append).failed
+    assert len(parsed.examples) > 20
+    assert not failed, "".join(told)
+    assert "<svg" in Path("friction.svg").read_text()
+    saved = beltid.build_surface(read_artifact("friction.parquet"))
+    assert saved.columns["mu"].size
+    assert read_artifact("friction.parquet").metadata.origin == "synthetic"
 
 
 def test_the_page_on_real_numbers_prints_what_it_shows(

@@ -60,7 +60,7 @@ def _surface(sheet: Sheet) -> list[Picture]:
         fig,
     )
     named = replace(sheet, name=_name(sheet))
-    return [cuts, surface.as_map(named, None), surface.in_space(named, None)]
+    return [cuts, surface.as_map(named, None), surface.in_space(named)]
 
 
 def _compare(sheet: Sheet) -> list[Picture]:
