@@ -98,7 +98,7 @@ def _friction(results: BeltResults) -> Section:
         "Each run of the rig gives one coefficient by Eq. (6), at its sliding speed and at the "
         "mean normal force of Eq. (8).",
         [*runs.pictures(results), *friction.measured(results), *arc.pictures(results)],
-        [tables.runs(sheet)] if sheet else (),
+        [table for table in (tables.runs(sheet), tables.drift(sheet)) if table] if sheet else (),
         _said(sheet),
         tiles=gallery.tiles(results),
     )
@@ -117,7 +117,10 @@ def _surface(results: BeltResults) -> Section:
         "surface averages the runs at the mean force of Eq. (8); the refined one is that with "
         "which the simulated rig gives the measured tensions.",
         pictures,
-        [tables.nodes(sheet, of) for sheet, of in known],
+        [
+            *(tables.nodes(sheet, of) for sheet, of in known),
+            *(table for sheet, _ in known if (table := tables.effects(sheet)) is not None),
+        ],
         _said_of_both(known),
         live=SPACE if best is not None else "",
     )

@@ -63,6 +63,8 @@ HUB_COLUMNS: Final = (
     "reserve",
     "status",
 )
+DRIFT_COLUMNS: Final = ("cause", "per", "change_percent", "standard_error_percent", "clear")
+EFFECT_COLUMNS: Final = ("effect", "size_percent", "standard_uncertainty_percent", "clear")
 BUDGET_COLUMNS: Final = (
     "artifact",
     "quantity",
@@ -204,6 +206,19 @@ def budget(results: BeltResults) -> View | None:
         for row in sheet.extra.get("budget") or ()
     ]
     return view("Budget of the uncertainties", rows, BUDGET_COLUMNS, folded=True) if rows else None
+
+
+def drift(friction: Sheet) -> View | None:
+    """Whether the friction drifts over the campaign; None if that was not checked."""
+    rows = friction.extra.get("drift") or ()
+    return view("Drift over the campaign, in percent of µ", rows, DRIFT_COLUMNS) if rows else None
+
+
+def effects(sheet: Sheet) -> View | None:
+    """What shifts the friction of the runs beside the refined surface; None if it is another."""
+    rows = sheet.extra.get("effects") or ()
+    title = "What shifts the friction beside the refined surface, in percent of µ"
+    return view(title, rows, EFFECT_COLUMNS) if rows else None
 
 
 def set_aside(results: BeltResults) -> View | None:

@@ -22,6 +22,7 @@ from beltid.report.summary import Summary
 from beltid.stages.alternatives import friction_formulas, friction_law_rows
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.campaign import checked_law
+from beltid.stages.conditions import stated_of
 from beltid.stages.outcome import Outcome, span
 from beltid.stages.refinement import (
     CHECKED,
@@ -210,14 +211,18 @@ def run(
     bootstrap: int = 0,
     seed: int = 0,
     bending: Bending = "stated",
+    condition: str | None = None,
+    side: str | None = None,
 ) -> Summary:
     """Refine the surface of a friction table with a stiffness, write it, sum it up.
 
     `bootstrap` draws check the uncertainty; 0 leaves the check out. `bending` says whether the
-    bending stiffness is looked for in the runs too ("fit"), and used ("use").
+    bending stiffness is looked for in the runs too ("fit"), and used ("use"). Only the runs of a
+    chosen `condition` and `side` of the belt are taken.
     """
     draws = Draws(bootstrap, seed, options.reporter, options.workers or Workers())
-    choices = {**draws.choices, **({} if bending == "stated" else {"bending": bending})}
+    chosen = {name: word for name, word in (("condition", condition), ("side", side)) if word}
+    choices = {**draws.choices, **({} if bending == "stated" else {"bending": bending}), **chosen}
     build = Build(KIND, config, KEYS, inputs, out, options, choices, FIGURES)
     built = build.up_to_date()
     if built is None:
@@ -227,7 +232,8 @@ def run(
         options.reporter.report(
             f"{friction.path}: {len(friction.columns['run'])} runs, inverse solution"
         )
-        outcome = _outcome(friction.columns, law, config.config, str(friction.path), draws, bending)
+        name = str(friction.path)
+        outcome = _outcome(friction.columns, law, config.config, name, draws, bending, chosen)
         built = build.write(outcome)
     return summarise(built)
 
@@ -240,6 +246,8 @@ def refine_surface(
     bootstrap: int = 0,
     seed: int = 0,
     bending: Bending = "stated",
+    condition: str | None = None,
+    side: str | None = None,
 ) -> Outcome[Refinement]:
     """Find the friction surface with which the simulated rig gives the measured tension ratios.
 
@@ -258,6 +266,8 @@ def refine_surface(
     bending : str
         "stated": EI of the config; "fit": that and the EI that the runs ask for; "use": the surface
         with the latter.
+    condition, side : str, optional
+        Only runs on this surface (dry, wet, dusty), of this side of the belt (rib, back).
 
     Returns
     -------
@@ -276,7 +286,9 @@ def refine_surface(
     model = load_config(config)
     columns = table_columns(friction, "friction", NEEDED)
     press = press_law(known, model, law if isinstance(law, Outcome) else None)
-    return _outcome(columns, press, model, "friction table", Draws(bootstrap, seed), bending)
+    return _outcome(
+        columns, press, model, "friction table", Draws(bootstrap, seed), bending, chosen
+    )
 
 
 def _outcome(
@@ -286,8 +298,9 @@ def _outcome(
     name: str,
     draws: Draws,
     bending: Bending,
+    chosen: Mapping[str, str | None],
 ) -> Outcome[Refinement]:
-    campaign, speeds, used, set_aside = prepared_campaign(columns, press, config, name)
+    campaign, speeds, used, set_aside = prepared_campaign(columns, press, config, name, chosen)
     labels = tuple(str(columns["run"][i]) for i in used)
     sources = shared_sources(campaign, config)
     reference = reference_temperature(config, campaign)
@@ -319,6 +332,7 @@ def _outcome(
         set_aside=set_aside,
         extra={
             "method": METHOD,
+            **stated_of(columns, used),
             "degree": refined.surface.degree,
             "n_points": len(labels),
             "rms_arc_spread": _share(result.arc_spread_percent(refined.misfit_after)),

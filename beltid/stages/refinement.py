@@ -16,6 +16,7 @@ from beltid.identify.estimators.statistics import settings_of
 from beltid.identify.surface.surface import SurfaceSettings
 from beltid.identify.surface.surface import build_surface as publish
 from beltid.rigsim.model import Bench
+from beltid.stages.conditions import rows_of_one
 from beltid.stages.reduction import weight_cell
 from beltid.stages.reporter import Reporter
 from beltid.stages.uncertainties import SECTION, standard_uncertainties
@@ -132,10 +133,18 @@ def check_table(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def prepared_campaign(
-    columns: Mapping[str, np.ndarray], press: PressLaw, config: Config, name: str
+    columns: Mapping[str, np.ndarray],
+    press: PressLaw,
+    config: Config,
+    name: str,
+    chosen: Mapping[str, str | None] | None = None,
 ) -> tuple[Campaign, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-    """Campaign with the surface to start from, its speeds, its rows, and what was set aside."""
+    """Campaign with the surface to start from, its speeds, its rows, and what was set aside.
+
+    `chosen` are condition and side of the belt, where the runs were made under several.
+    """
     good, set_aside = usable_runs(columns)
+    good = rows_of_one(columns, good, chosen or {}, name)
     if good.size < 4:
         text = f"{name}: {good.size} runs can be used, at least 4 are needed"
         raise InputError(text, code="no-run")

@@ -60,6 +60,8 @@ def refine_surface(
     jobs: Jobs = None,
     fit_bending: FitBending = False,
     use_bending: UseBending = False,
+    condition: Condition = None,
+    side: Side = None,
     *,
     common: Common,
 ) -> None:
@@ -84,6 +86,13 @@ def refine_surface(
 
             workers = stack.enter_context(local_workers(jobs))
         bending: stage.Bending = "use" if use_bending else "fit" if fit_bending else "stated"
-        run = partial(stage.run, bootstrap=bootstrap, seed=seed, bending=bending)
+        run = partial(
+            stage.run,
+            bootstrap=bootstrap,
+            seed=seed,
+            bending=bending,
+            condition=condition,
+            side=side,
+        )
         inputs = {"friction": friction, "stiffness": stiffness}
         execute(run, inputs, "surface_refined.parquet", common, Options(workers=workers))

@@ -20,6 +20,8 @@ SPEED: Final = "sliding speed v [mm/s]"
 MILLI: Final = 1e3
 WORDS: Final = {"surface": "published", "surface_refined": "refined"}
 LEVELS: Final = 12
+LEVEL_SLOPE: Final = 1e-3
+"""Share of mu per unit of ln v below which it does not change with the speed."""
 
 
 def pictures(results: BeltResults) -> list[Picture]:
@@ -86,6 +88,17 @@ def as_map(sheet: Sheet, friction: Sheet | None) -> Picture:
             )
             shown_f.append(points[0])
             shown_v.append(points[1])
+        falling = falls_with_speed(surface, f, v)
+        if falling.any():
+            axes.contourf(
+                f,
+                v * MILLI,
+                falling.T.astype(float),
+                levels=[0.5, 1.5],
+                colors="none",
+                hatches=["////"],
+            )
+            axes.fill([], [], fill=False, hatch="////", label="µ falls with the speed")
         box_f, box_v = f[[0, -1, -1, 0, 0]], v[[0, 0, -1, -1, 0]] * MILLI
         axes.plot(box_f, box_v, "-", color=INK, lw=1.6, label="range of validity")
         logarithmic(axes, "x", np.concatenate(shown_f))
@@ -104,9 +117,25 @@ def as_map(sheet: Sheet, friction: Sheet | None) -> Picture:
         f"The {WORDS[sheet.name]} surface as a map",
         f"Contours of µ between {f0:.0f} and {f1:.0f} N/m, {MILLI * v0:.3g} and "
         f"{MILLI * v1:.3g} mm/s (box); beyond it the nearest value is taken, nothing is "
-        f"extrapolated. {_why_wider(sheet)}".strip(),
+        f"extrapolated. {_falling(falling)}{_why_wider(sheet)}".strip(),
         fig,
         "Fig. 13 (b)",
+    )
+
+
+def falls_with_speed(surface: FrictionSurface, f: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Where mu falls with the speed (force, speed): sliding can excite vibration there."""
+    _, slope = surface.gradient(f[:, None], v[None, :])
+    by_log = slope * v / surface.mu(f[:, None], v[None, :])
+    return np.asarray(by_log < -LEVEL_SLOPE)
+
+
+def _falling(falling: np.ndarray) -> str:
+    if not falling.any():
+        return "µ does not fall with the speed anywhere. "
+    return (
+        f"Hatched, {100.0 * falling.mean():.0f} % of it: µ falls with the speed, and sliding can "
+        "excite noise and stick-slip. "
     )
 
 
