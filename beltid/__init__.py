@@ -33,6 +33,7 @@ Module                 Responsibility                                         Pa
 ``identify.press``     press recording to normal contact law                  Eqs. (1) to (4)
 ``identify.slip``      speed loss to sliding speed                            Eq. (7)
 ``identify.friction``  run of the rig to friction coefficient                 Eqs. (5) to (8)
+``identify.shear``     build-up of the runs to shear stiffness of the ribs
 ``identify.surface``   runs to friction surface                               section 5
 ``identify.agreement`` measured against simulated                             section 7
 ``drive``              belt drive from the identified laws: speed loss, forces section 2.1
@@ -52,6 +53,7 @@ from beltid._version import __version__
 if TYPE_CHECKING:
     from beltid.config import Config, load_config
     from beltid.errors import (
+        ArgumentTypeError,
         ArtifactError,
         BeltidError,
         BeltidWarning,
@@ -60,22 +62,26 @@ if TYPE_CHECKING:
         FitError,
         InputError,
         NumericsError,
+        TooFewSettings,
     )
     from beltid.export.law import ContactLaw
     from beltid.laws.friction_surface import FrictionSurface
     from beltid.laws.penalty import NormalLaw
     from beltid.laws.uncertain_surface import UncertainSurface
     from beltid.stages.build_surface import build_surface
-    from beltid.stages.compare import compare
+    from beltid.stages.compare import compare, predict_held_out
     from beltid.stages.fit_friction import fit_friction
+    from beltid.stages.fit_shear import fit_shear
     from beltid.stages.fit_slip import fit_slip
     from beltid.stages.fit_stiffness import fit_stiffness
+    from beltid.stages.recordings import read_press, read_rig, read_speedloss
     from beltid.stages.refine_surface import refine_surface
     from beltid.stages.simulate_drive import simulate_drive
     from beltid.stages.simulated_runs import simulate_campaign, simulate_rig
     from beltid.stages.tables import load_law, load_stiffness, load_surface
 
 __all__ = [
+    "ArgumentTypeError",
     "ArtifactError",
     "BeltidError",
     "BeltidWarning",
@@ -88,17 +94,23 @@ __all__ = [
     "InputError",
     "NormalLaw",
     "NumericsError",
+    "TooFewSettings",
     "UncertainSurface",
     "__version__",
     "build_surface",
     "compare",
     "fit_friction",
+    "fit_shear",
     "fit_slip",
     "fit_stiffness",
     "load_config",
     "load_law",
     "load_stiffness",
     "load_surface",
+    "predict_held_out",
+    "read_press",
+    "read_rig",
+    "read_speedloss",
     "refine_surface",
     "simulate_campaign",
     "simulate_drive",
@@ -112,6 +124,7 @@ _HOMES = {
     "load_config": "config",
     **dict.fromkeys(
         (
+            "ArgumentTypeError",
             "ArtifactError",
             "BeltidError",
             "BeltidWarning",
@@ -120,6 +133,7 @@ _HOMES = {
             "FitError",
             "InputError",
             "NumericsError",
+            "TooFewSettings",
         ),
         "errors",
     ),
@@ -131,8 +145,11 @@ _HOMES = {
     "refine_surface": "stages.refine_surface",
     "compare": "stages.compare",
     "fit_friction": "stages.fit_friction",
+    "fit_shear": "stages.fit_shear",
     "fit_slip": "stages.fit_slip",
     "fit_stiffness": "stages.fit_stiffness",
+    "predict_held_out": "stages.compare",
+    **dict.fromkeys(("read_press", "read_rig", "read_speedloss"), "stages.recordings"),
     "load_law": "stages.tables",
     "load_stiffness": "stages.tables",
     "load_surface": "stages.tables",

@@ -125,6 +125,14 @@ class InputError(BeltidError):
     """A recording, a config, an artifact or an argument is not what it must be (status 2)."""
 
 
+class ArgumentTypeError(InputError, TypeError):
+    """An argument of a call in Python is of the wrong kind; says what is meant, and where from."""
+
+
+class TooFewSettings(InputError):
+    """Too few settings of the bench were measured for what was asked of them."""
+
+
 class ConfigError(InputError):
     """A config file is wrong; each problem carries file, line, column and key path."""
 

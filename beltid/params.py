@@ -12,6 +12,7 @@ from typing import Literal
 from beltid.errors import InputError
 
 Supports = Literal["pinned", "clamped"]
+GivenForce = Literal["none", "tight", "slack", "hub"]
 
 
 def _require(owner: str, **checks: tuple[float, bool, str]) -> None:
@@ -67,11 +68,17 @@ class Rig:
         Length from a support to the tangent point [m].
     supports : {"pinned", "clamped"}
         How the belt ends are held by the load cells.
+    given_force : {"none", "tight", "slack", "hub"}
+        What stays as it was before the pulley turns. "none": both ends stay in place, and with them
+        the stress-free length. "tight", "slack": the tension of that end, by a dead weight; the end
+        moves in the line of its span. "hub": the sum of both tensions, by a force on the slide of
+        the pulley, which moves along the bisector of the arc.
     """
 
     R: float
     span: float
     supports: Supports = "pinned"
+    given_force: GivenForce = "none"
 
     def __post_init__(self) -> None:
         _require(
@@ -81,6 +88,9 @@ class Rig:
         )
         if self.supports not in ("pinned", "clamped"):
             raise InputError(f"rig.supports = {self.supports!r}, must be 'pinned' or 'clamped'")
+        if self.given_force not in ("none", "tight", "slack", "hub"):
+            allowed = "'none', 'tight', 'slack' or 'hub'"
+            raise InputError(f"rig.given_force = {self.given_force!r}, must be {allowed}")
 
 
 @dataclass(frozen=True, slots=True)

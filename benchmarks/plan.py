@@ -29,16 +29,16 @@ from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.plan.candidates import NoiseLaw, Settings, simulate_candidates
 from beltid.plan.design import choose_runs
-from beltid.plan.prior import USUAL, knowledge_at
+from beltid.plan.prior import USUAL_ARCS, knowledge_at
 from beltid.plan.target import surface_target
-from beltid.refine.inverse import refine_surface
+from beltid.refine.effects import ARC
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import SimulationSettings, simulate
 from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.refined import changes_and_scatter, refined_slopes
-from beltid.uncertainty.sources import StandardUncertainties, all_sources, arc_sources
+from beltid.uncertainty.refined import changes_and_scatter, refined_campaign
+from beltid.uncertainty.sources import StandardUncertainties, all_sources, effect_sources
 
 Array = np.ndarray
 
@@ -98,7 +98,7 @@ class SyntheticBench:
     mu: Callable[[Array, Array], Array]
     given: StandardUncertainties
     noise: NoiseLaw = field(default_factory=NoiseLaw)
-    arc_effect: float = USUAL.arcs
+    arc_effect: float = USUAL_ARCS
     belt: Belt = field(default_factory=lambda: Belt(1.0e5, 0.02, 0.10))
     rig: Rig = field(default_factory=lambda: Rig(0.05, 0.10))
     law: NormalLaw = field(default_factory=lambda: NormalLaw(6.5e7, 3.0256e11))
@@ -222,16 +222,11 @@ def error_and_uncertainty(bench: SyntheticBench, measured: Measured) -> tuple[Ar
     campaign = Campaign(
         measured, Bench(bench.belt, bench.rig, Contact(), bench.law, start), bench.press
     )
-    refined = refine_surface(campaign.bench, campaign.runs, speeds)
-    slopes = refined_slopes(campaign, refined, speeds)
-    campaign = replace(campaign, measured=measured.with_arc_effects(refined.response))
-    n_arcs = int(measured.arc.max()) + 1
-    sources = (
-        *all_sources(bench.given, n_arcs, False),
-        *arc_sources(refined.smoothness.arcs, n_arcs),
+    sources = all_sources(bench.given, int(measured.arc.max()) + 1, False)
+    found = refined_campaign(campaign, speeds, sources)
+    surface = UncertainSurface(
+        found.refined.surface, np.concatenate(changes_and_scatter(found), axis=-1)
     )
-    factor = np.concatenate(changes_and_scatter(campaign, refined, sources, slopes), axis=-1)
-    surface = UncertainSurface(refined.surface, factor)
     f, v = target_points(bench)
     return (
         np.log(surface.mu(f, v) / bench.mu(f, v)),
@@ -256,7 +251,7 @@ def planned(bench: SyntheticBench) -> tuple[list[int], float]:
     middle = Bench(bench.belt, bench.rig, Contact(), bench.law, FrictionSurface.constant(1.0))
     candidates = simulate_candidates(middle, bench.press, bench.settings, (), None)
     n_arcs = len(bench.settings.arcs_deg)
-    sources = (*all_sources(bench.given, n_arcs, False), *arc_sources(USUAL.arcs, n_arcs))
+    sources = (*all_sources(bench.given, n_arcs, False), *effect_sources(ARC, USUAL_ARCS, n_arcs))
     rows = candidates.rows(sources, bench.noise, {})
     before = knowledge_at(candidates.curves, None, len(sources))
     f, v = candidates.measured.normal_force, candidates.measured.slip_speed

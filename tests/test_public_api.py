@@ -188,6 +188,47 @@ def test_compare_takes_the_table_of_a_campaign(friction: Any) -> None:
     assert beltid.compare(friction, table).result.overall.rms == pytest.approx(0.01, rel=1e-9)
 
 
+def test_results_behave_like_tables(friction: Any, tmp_path: Path) -> None:
+    shown = friction._repr_html_()
+    assert "friction: 60 rows" in shown
+    assert shown.count("<tr") < 20  # a notebook gets a table that it can show
+    assert friction.plot().axes[0].get_xlabel()
+    with pytest.raises(beltid.InputError, match="figure = nothing, must be one of: "):
+        friction.plot("nothing")
+    path = friction.save(tmp_path / "friction.parquet", origin="synthetic")
+    assert CliRunner().invoke(app, ["build-surface", str(path)]).exit_code == 0
+    surface = beltid.load_surface(tmp_path / "surface.parquet")
+    assert surface == beltid.build_surface(friction).result.surface
+    with pytest.raises(beltid.InputError, match="already exists"):
+        friction.save(path)
+    table = pd.read_csv(friction.save(tmp_path / "friction.csv"))
+    assert np.allclose(table["mu_sliding"], friction.to_frame()["mu_sliding"])
+    with pytest.raises(beltid.InputError, match=r"must end in .parquet or .csv"):
+        friction.save(tmp_path / "friction.xlsx")
+
+
+def test_recordings_of_any_format_are_read_into_tables(rig: pd.DataFrame, tmp_path: Path) -> None:
+    path = tmp_path / "rig.parquet"
+    rig.to_parquet(path)
+    read = beltid.read_rig(path)
+    assert list(read.columns) == RIG_COLUMNS
+    assert np.array_equal(read["tension_tight_N"], rig["tension_tight_N"])
+    assert set(beltid.read_speedloss(DATA / "speedloss.csv")["run"]) >= {"S01"}
+    odd = tmp_path / "press.csv"
+    odd.write_text("test;time_s;displacement_mm;Kraft [kN]\n" + "P1;0,5;0,1;0,25\n" * 3)
+    force = beltid.read_press(odd, {"columns": {"press": {"force_N": "Kraft [kN]"}}})["force_N"]
+    assert force.tolist() == [250.0] * 3
+
+
+def test_functions_take_what_the_others_return() -> None:
+    stiffness = beltid.fit_stiffness(beltid.read_press(DATA / "press.csv"))
+    run = beltid.simulate_rig(None, 0.5, stiffness, **POINT, method="steady")
+    law = stiffness.result.pooled.law
+    assert run.mu == beltid.simulate_rig(None, 0.5, law, **POINT, method="steady").mu
+    with pytest.raises(TypeError, match="surface = result of kind stiffness, must be a Fric"):
+        beltid.simulate_rig(None, stiffness, law, **POINT)
+
+
 def test_files_of_the_commands_load(tmp_path: Path) -> None:
     runner = CliRunner()
     for name in ("press.csv", "rig.csv"):

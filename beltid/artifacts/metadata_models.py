@@ -202,6 +202,34 @@ class MisfitRow(TypedDict):
     mean_after_percent: Number | None
 
 
+class EffectRow(TypedDict):
+    """What shifts the friction of the runs beside the surface, in percent of mu."""
+
+    effect: str
+    size_percent: Number
+    standard_uncertainty_percent: Number | None
+    clear: bool
+
+
+class BendingFigures(TypedDict):
+    """Bending stiffness that the runs ask for beside the stated one [N m²]."""
+
+    fitted_N_m2: Positive
+    fitted_u_N_m2: Number
+    stated_N_m2: Positive
+    stated_u_N_m2: Number
+
+
+class DriftRow(TypedDict):
+    """Change of the friction of the runs with one cause, in percent of mu."""
+
+    cause: str
+    per: str
+    change_percent: Number
+    standard_error_percent: Number
+    clear: bool
+
+
 class MonteCarlo(TypedDict):
     """Check of the linear uncertainty by replicates."""
 
@@ -385,9 +413,33 @@ class SlipMetadata(Metadata):
     rig_speeds: RigSpeeds | None = None
 
 
-class SurfaceMetadata(Metadata):
-    """Of a friction surface, published or refined; spreads between arcs are shares of mu."""
+class FrictionMetadata(Metadata):
+    """Of the reduced runs of a friction rig."""
 
+    drift: Listed[DriftRow] = ()
+
+
+class ShearMetadata(Metadata):
+    """Of the shear stiffness of the ribs; `high` is missing where ribs without compliance fit."""
+
+    resolved: bool = False
+    shear_stiffness_N_m2: Positive | None = None
+    shear_stiffness_u_N_m2: Positive | None = None
+    shear_stiffness_low_N_m2: Number | None = None
+    shear_stiffness_high_N_m2: Positive | None = None
+    effective_span_m: Number | None = None
+    effective_span_u_m: Number | None = None
+    slope_scatter: Number | None = None
+
+
+class SurfaceMetadata(Metadata):
+    """Of a friction surface, published or refined; spreads between arcs are shares of mu.
+
+    `measured` is the range of the runs' mean forces, Eq. (8), and speeds; what the refined surface
+    says beyond it (`validity`) is inferred from the forces that act within their contact.
+    """
+
+    measured: dict[str, Span] = {}
     degree: Listed[Count] | None = None
     n_points: Count | None = None
     rms_arc_spread: Number | None = None
@@ -399,6 +451,9 @@ class SurfaceMetadata(Metadata):
     iterations: Count | None = None
     noise_scale: Number | None = None
     effective_parameters: Number | None = None
+    effects: Listed[EffectRow] = ()
+    reference_temperature_degC: Number | None = None
+    bending: BendingFigures | None = None
     monte_carlo: MonteCarlo | None = None
 
 
@@ -516,8 +571,12 @@ class CompareDriveMetadata(Metadata):
 
 
 class CompareMetadata(Metadata):
-    """Of simulated against measured coefficients; `passed` if every tolerance holds."""
+    """Of simulated against measured coefficients; `passed` if every tolerance holds.
 
+    `hold_out` says whether the runs were predicted from those of other arcs or speeds.
+    """
+
+    hold_out: Literal["none", "arc", "speed"] = "none"
     passed: bool | None = None
     statistics: Listed[AgreementRow] = ()
     averaged: Listed[AveragedRow] = ()
@@ -530,7 +589,8 @@ class CompareMetadata(Metadata):
 METADATA: Final[dict[str, type[Metadata]]] = {
     "stiffness": StiffnessMetadata,
     "slip": SlipMetadata,
-    "friction": Metadata,
+    "friction": FrictionMetadata,
+    "shear": ShearMetadata,
     "surface": SurfaceMetadata,
     "simulated": SimulatedMetadata,
     "profiles": ProfilesMetadata,

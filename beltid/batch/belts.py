@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from beltid.artifacts.file_bytes import read_bytes, write_bytes
-from beltid.errors import EXIT_BATCH_FAILED, EXIT_DONE, ArtifactError
+from beltid.errors import EXIT_BATCH_FAILED, EXIT_DONE, ArtifactError, percent
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import FOREIGN, combined_origin
 from beltid.stages.reporter import Reporter
@@ -23,6 +23,10 @@ OUT_OF_TOLERANCE: Final = "out of tolerance"
 MADE_GOOD_BY: Final = {"compare": "compare refined"}
 """Comparison that may be out of tolerance -> the one that decides, if it is within."""
 SKIPPED: Final = "no recording"
+TOO_FEW_SETTINGS: Final = "too few settings"
+"""Runs of a bench with a single arc cannot be predicted from those of another."""
+HELD_OUT: Final = "compare hold-out"
+LEFT_OUT: Final = {"arc": "an arc", "speed": "a speed"}
 SWEEP_TABLE: Final = "sweep.csv"
 OUR_TABLE: Final = b"case,"
 """How a table of a sweep begins."""
@@ -94,7 +98,8 @@ class BeltRun:
     @property
     def up_to_date(self) -> bool:
         """Whether nothing had to be done."""
-        return all(state in (UP_TO_DATE, SKIPPED) for state in self._settled())
+        nothing = (UP_TO_DATE, SKIPPED, TOO_FEW_SETTINGS)
+        return all(state in nothing for state in self._settled())
 
     def _settled(self) -> list[str]:
         return [
@@ -112,6 +117,7 @@ def batch_summary(belts: Sequence[BeltRun], folder: Path) -> Summary:
     origins = {belt.origin for belt in belts}
     mixed = len(origins) > 1
     kind = "cases" if any(belt.case for belt in belts) else "belts"
+    predicted = [line for belt in belts if not belt.case and (line := prediction(belt))]
     nothing_done = all(belt.up_to_date for belt in belts)
     if failed:
         verdict = f"{len(failed)} of {len(belts)} {kind} failed: " + ", ".join(
@@ -128,10 +134,24 @@ def batch_summary(belts: Sequence[BeltRun], folder: Path) -> Summary:
         facts={kind: len(belts), f"{kind}_failed": len(failed)},
         table=[_row(belt) for belt in belts],
         shown=_shown(belts, mixed),
-        verdict=verdict,
+        verdict="\n".join([*predicted, verdict]),
         exit_status=status,
         up_to_date=nothing_done,
         origin=None if mixed else next(iter(origins), None),
+    )
+
+
+def prediction(belt: BeltRun) -> str:
+    """How well runs left out were predicted, in a sentence; "" if none were."""
+    summary = belt.summaries.get(HELD_OUT)
+    if summary is None:
+        return ""
+    facts = summary.facts
+    rms, over_u = facts["groups"][0]["rms_percent"], facts["rms_over_u_validation"]
+    units = "" if over_u is None else f", {over_u:.2g} standard uncertainties"
+    return (
+        f"{belt.name}: runs of {LEFT_OUT[facts['hold_out']]} that was left out are predicted to "
+        f"{percent(rms)} RMS{units}"
     )
 
 
@@ -205,9 +225,9 @@ def _short_row(belt: BeltRun) -> dict[str, Any]:
     """The belt in a line: the law, the friction, the agreement, what became of it."""
     stiffness = belt.summaries.get("fit-stiffness")
     friction = belt.summaries.get("fit-friction")
-    compared, refined = (
+    compared, refined, predicted = (
         summary.facts["groups"][0] if (summary := belt.summaries.get(name)) else {}
-        for name in ("compare", "compare refined")
+        for name in ("compare", "compare refined", HELD_OUT)
     )
     return {
         "belt": belt.belt,
@@ -219,6 +239,7 @@ def _short_row(belt: BeltRun) -> dict[str, Any]:
         "largest_percent": compared.get("largest_percent"),
         "refined_rms_percent": refined.get("rms_percent"),
         "refined_largest_percent": refined.get("largest_percent"),
+        "predicted_rms_percent": predicted.get("rms_percent"),
         "status": UP_TO_DATE if belt.up_to_date else _ended(belt),
     }
 

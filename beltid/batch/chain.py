@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from beltid.artifacts.file_bytes import remove_stale
-from beltid.batch.belts import batch_summary, write_sweep_tables
+from beltid.batch.belts import HELD_OUT, batch_summary, write_sweep_tables
 from beltid.batch.containment import refuse_links_out
 from beltid.batch.local import local_workers
 from beltid.batch.locks import alone_in
@@ -61,6 +61,14 @@ CHAIN: Final = (
         compare.run,
     ),
     Step(
+        HELD_OUT,
+        "compare_hold_out",
+        _same("friction", "stiffness"),
+        compare.run,
+        optional=True,
+        spreads=True,
+    ),
+    Step(
         "simulate-drive",
         "drive",
         {"surface": "surface_refined", "stiffness": "stiffness", "slip": "slip"},
@@ -77,8 +85,9 @@ CHAIN: Final = (
         section="drive",
     ),
 )
-"""The published procedure, and the surface refined by the inverse solution: both are proven; and
-the drive of the speed-loss recording, where the config states it."""
+"""The published procedure, and the surface refined by the inverse solution: both are compared with
+the bench; runs left out, which a surface refined from the others predicts; and the drive of the
+speed-loss recording, where the config states it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +120,8 @@ def chain_of(source: ConfigSource, options: BatchOptions) -> tuple[Step, ...]:
     """The steps of a chain; draws of a Monte Carlo check go to the workers one by one."""
     stated = source.config.model_fields_set
     chain = tuple(step for step in CHAIN if not step.section or step.section in stated)
+    if source.config.compare.hold_out == "none":
+        chain = tuple(step for step in chain if step.name != HELD_OUT)
     if not options.bootstrap:
         return chain
     checked = partial(refine_surface.run, bootstrap=options.bootstrap, seed=options.seed)

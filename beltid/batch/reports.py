@@ -49,10 +49,15 @@ def write_reports(
             _finished(chain.run, made)
             chain.reporter.report(f"{STEP}: {chain.run.states[STEP]}, {made.out}")
     reported = [chain for chain in wanted if chain.run.states[STEP] != FAILED]
-    if len(reported) > 1 and folder is not None:
+    if not reported or folder is None:
+        return
+    belts = [chain.folder for chain in reported]
+    mine = {chain.folder for chain in chains}
+    belts += [path for path in report_belt.reported_in(folder) if path not in mine]
+    if len(belts) > 1:
         page = folder / report_belt.NAME
         try:
-            report_belt.of_belts([chain.folder for chain in reported], page, options)
+            report_belt.of_belts(sorted(belts), page, options)
         except BeltidError as error:
             for line in error.problems:
                 options.reporter.error(f"{STEP}: {line}")

@@ -14,12 +14,13 @@ from beltid.batch.belts import (
     NOT_RUN,
     OUT_OF_TOLERANCE,
     SKIPPED,
+    TOO_FEW_SETTINGS,
     UP_TO_DATE,
     BeltRun,
 )
 from beltid.batch.steps import Step, Task, run_task
 from beltid.config import ConfigSource
-from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, BeltidError
+from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, BeltidError, TooFewSettings
 from beltid.report.summary import Summary
 from beltid.stages.reporter import NamedReporter, Reporter
 from beltid.stages.workers import LOOK_UP_S, Workers
@@ -79,6 +80,11 @@ class Chain:
     def failed(self, task: Task, error: BeltidError) -> None:
         """Note that a step failed; what needs it is not run."""
         name = task.step.name
+        if task.step.optional and isinstance(error, TooFewSettings):
+            self.run.states[name] = TOO_FEW_SETTINGS
+            for line in error.problems:
+                self.reporter.warn(f"{name}: {line}")
+            return
         self.run.states[name] = FAILED
         self.run.troubles[name] = (error.exit_status, error.problems)
         for line in error.problems:

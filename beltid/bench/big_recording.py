@@ -31,7 +31,6 @@ from beltid.bench.formats.csv_table import csv_blocks, file_chunks
 from beltid.bench.formats.dialect import Layout, ReadOptions
 from beltid.bench.runs.run_stream import RunColumns, RunStream
 from beltid.errors import InputError, Problems
-from beltid.tables import schemas
 from beltid.tables.columns import Table
 from beltid.tables.schemas import NOMINAL
 
@@ -142,13 +141,14 @@ def read_head(path: Path, options: ReadOptions, table: Table) -> TextHead:
 
 
 def _csv(path: Path, options: ReadOptions) -> BigRecording:
-    name, table, problems = str(path), schemas.table("rig"), Problems()
+    name, table, problems = str(path), options.table("rig"), Problems()
     head = read_head(path, options, table)
     layout = head.layout
     mappings, wanted = wanted_columns(layout, name, table, options, problems)
     wrong = problems.count  # then the settings have been asked for as well
     for setting in NOMINAL:
-        if setting not in mappings and not wrong:
+        needed = setting in table.names and table.column(setting).required
+        if needed and setting not in mappings and not wrong:
             problems.add(missing_setting(setting, "rig", f"{name}:{layout.header_line}"))
     problems.raise_if_any()
     ends: list[str] = []
@@ -172,7 +172,7 @@ def _after_lines(data: bytes, lines: int) -> bytes:
 def _parquet(sources: Sequence[Source], path: Path, options: ReadOptions) -> BigRecording:
     from beltid.bench.formats.parquet import parquet_blocks
 
-    table = schemas.table("rig")
+    table = options.table("rig")
     blocks = parquet_blocks(sources, table, options.names)
     conversions = stated_conversions(MappingContext(table, options))
     runs = RunStream(blocks, table, str(path), conversions, Problems())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePath
 from typing import Any, Final
 
@@ -45,7 +45,9 @@ from beltid.bench.recording import (
 )
 from beltid.errors import InputError, Problems
 from beltid.tables import schemas
+from beltid.tables.columns import Table
 
+TORQUE_SENSORS: Final = sensors_of(schemas.rig_table("torque"))
 ANY_TABLE: Final = schemas.table("press")
 """Any of our names makes the header of a tidy file plain to see."""
 FIRST_BYTES: Final = 20_000
@@ -166,6 +168,8 @@ class Inspection:
         What was found out.
     problems : tuple of str
         What is still to be told; none where the recording can be read.
+    rig : dict of str to str
+        Keys of the section `rig` that the channels ask for and the config does not state.
     """
 
     kind: str
@@ -174,6 +178,7 @@ class Inspection:
     runs: tuple[RunView, ...] = ()
     notes: tuple[str, ...] = ()
     problems: tuple[str, ...] = ()
+    rig: dict[str, str] = field(default_factory=dict)
 
 
 def inspect_recording(path: Path, config: Any, kind: str | None = None) -> Inspection:
@@ -193,22 +198,11 @@ def inspect_recording(path: Path, config: Any, kind: str | None = None) -> Inspe
     InputError
         If a file cannot be read at all, or its kind cannot be found out.
     """
-    options = ReadOptions.of(config, "rig")
-    sources = sources_read_at_once(path, options)
-    opened: list[Opened] = []
-    if sources is None and not is_many(path):
-        sources = [Source(str(path), path, PurePath(path.name))]
-        files = _parquet_views(sources) if are_parquet(sources) else [_big_text_view(path, options)]
-    elif sources is None or are_parquet(sources):
-        files = _parquet_views(sources or sources_of(path))
-    else:
-        opened = open_sources(sources, options)
-        problems = Problems()
-        for wrong in (text for one in opened for text in one.wrong):
-            problems.add(wrong)
-        problems.raise_if_any()
-        files = [_view(one, options) for one in opened]
+    files, opened = _looked_into(path, config)
     kind = kind or _kind_meant(files[0], config, path)
+    rig = _rig_meant(files[0], config) if kind in ("rig", "points") else {}
+    if rig:
+        config = config.model_copy(update={"rig": config.rig.model_copy(update=rig)})
     try:
         recording: Recording | BigRecording
         if opened:
@@ -224,10 +218,54 @@ def inspect_recording(path: Path, config: Any, kind: str | None = None) -> Inspe
             notes = recording.notes
     except InputError as error:
         mappings = _mappings(files[0], kind, config)
-        return Inspection(kind, tuple(files), mappings, (), files[0].notes, error.problems)
+        return Inspection(kind, tuple(files), mappings, (), files[0].notes, error.problems, rig)
     known = recording.mappings if isinstance(recording, Recording) else {}
     mappings = known or _mappings(files[0], kind, config)
-    return Inspection(kind, tuple(files), mappings, tuple(runs), notes)
+    if rig:
+        notes = (*notes, f"the channels are those of rig.kind: {rig['kind']}")
+    return Inspection(kind, tuple(files), mappings, tuple(runs), notes, (), rig)
+
+
+def rig_of_file(path: Path, config: Any) -> dict[str, str]:
+    """Keys of the section `rig` that the channels of a recording ask for.
+
+    Parameters
+    ----------
+    path : Path
+        File, folder, pattern or zip file.
+    config : Config
+        What is known about the files already.
+
+    Returns
+    -------
+    dict
+        ``kind``, and ``weight_on`` of a dead weight; empty where the channels are those of the
+        config, or tell nothing.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read at all.
+    """
+    return _rig_meant(_looked_into(path, config)[0][0], config)
+
+
+def _looked_into(path: Path, config: Any) -> tuple[list[FileView], list[Opened]]:
+    """Files as they were understood, and those that are read at once as they were opened."""
+    options = ReadOptions.of(config, "rig")
+    sources = sources_read_at_once(path, options)
+    if sources is None and not is_many(path):
+        sources = [Source(str(path), path, PurePath(path.name))]
+        if are_parquet(sources):
+            return _parquet_views(sources), []
+        return [_big_text_view(path, options)], []
+    if sources is None or are_parquet(sources):
+        return _parquet_views(sources or sources_of(path)), []
+    opened, problems = open_sources(sources, options), Problems()
+    for wrong in (text for one in opened for text in one.wrong):
+        problems.add(wrong)
+    problems.raise_if_any()
+    return [_view(one, options) for one in opened], opened
 
 
 def _view(opened: Opened, options: ReadOptions) -> FileView:
@@ -315,35 +353,82 @@ def _parquet_views(sources: Sequence[Source]) -> list[FileView]:
     ]
 
 
+def _rig_meant(view: FileView, config: Any) -> dict[str, str]:
+    """What the channels say of the rig where they are not those that the config states."""
+    if config.rig.model_fields_set & {"kind", "weight_on"}:
+        return {}
+    options = ReadOptions.of(config, "rig")
+    shares = {
+        (measures, span): _share_of(view, schemas.rig_table(measures, span), options)
+        for measures, span in schemas.RIG_KINDS
+    }
+    best = max(shares, key=lambda found: shares[found])
+    if shares[best] < 1.0 or best[0] == "two_cells":
+        return {}
+    return {"kind": best[0]} | ({"weight_on": best[1]} if best[0] == "dead_weight" else {})
+
+
 def _kind_meant(view: FileView, config: Any, path: Path) -> str:
     """The kind of recording whose sensors the channels are."""
-    shares = {kind: _share_of_sensors(view, kind, config) for kind in schemas.RECORDINGS}
+    shares = {kind: _share_of_sensors(view, kind, config) for kind in ("press", "speedloss")}
+    tables = [ReadOptions.of(config, "rig").table("rig")]
+    if not config.rig.model_fields_set & {"kind", "weight_on"}:
+        tables += [schemas.rig_table(*found) for found in schemas.RIG_KINDS]
+    options = ReadOptions.of(config, "rig")
+    shares["rig"] = max(_share_of(view, table, options) for table in tables)
+    if _is_table_of_plateaus(view, config):
+        return "points"
     best = max(shares, key=lambda kind: shares[kind])
     if shares[best] == 0 or list(shares.values()).count(shares[best]) > 1:
         found = ", ".join(c.name for c in view.candidates[:20]) or "none"
         raise InputError(
-            f"{path}: the channels do not tell what it is a recording of, say --kind press, rig or "
-            f"speedloss; found: {found}"
+            f"{path}: the channels do not tell what it is a recording of, say --kind press, rig, "
+            f"speedloss or points; found: {found}"
         )
     return best
 
 
+def _is_table_of_plateaus(view: FileView, config: Any) -> bool:
+    """Whether a row is a plateau: a speed and an arc or a coefficient, and no time."""
+    if any(np.isfinite(channel.rate_Hz) for channel in view.channels):
+        return False
+    candidates, found = view.candidates, {}
+    for kind in ("rig", "points"):
+        table, options = schemas.table(kind), ReadOptions.of(config, kind)
+        found[kind] = set(map_channels(candidates, MappingContext(table, options)))
+    if "time_s" in found["rig"]:
+        return False
+    there = found["points"]
+    slides = bool(there & {"pulley_speed_rad_s", "slip_speed_m_s"})
+    return slides and ("arc_deg" in there or {"mu", "normal_force_N_m"} <= there)
+
+
 def _share_of_sensors(view: FileView, kind: str, config: Any) -> float:
     """Share of the sensors of a kind of recording that the channels of a file can be."""
-    table, options = schemas.table(kind), ReadOptions.of(config, kind)
+    options = ReadOptions.of(config, kind)
+    return _share_of(view, options.table(kind), options)
+
+
+def _share_of(view: FileView, table: Table, options: ReadOptions) -> float:
     sensors = sensors_of(table)
+    if "weight_N" in table.names and table.column("weight_N").required:
+        sensors.append("weight_N")  # no sensor, but nothing else tells such a bench
+    # of a torque bench, one of both tensions is enough
+    either = {"tension_tight_N", "tension_slack_N"} if sensors == TORQUE_SENSORS else set()
     found: set[str] = set()
     for group in _groups(view.candidates):
         context = MappingContext(table, options)
-        mappings = map_channels(group, context, sensors)
+        mappings = map_channels(group, context, [*sensors, *either])
         unclear = {c for c in sensors if any(c in text for _, text in context.problems.found)}
         found |= set(mappings) | unclear
-    return len(found) / len(sensors)
+    tensions = min(len(found & either), 1) if either else 0
+    return (len(found - either) + tensions) / (len(sensors) + bool(either))
 
 
 def _mappings(view: FileView, kind: str, config: Any) -> dict[str, ChannelMapping]:
     """How channels are read, as far as it is decided."""
-    table, options = schemas.table(kind), ReadOptions.of(config, kind)
+    options = ReadOptions.of(config, kind)
+    table = options.table(kind)
     found: dict[str, ChannelMapping] = {}
     for group in _groups(view.candidates):
         found = {**map_channels(group, MappingContext(table, options)), **found}
@@ -361,7 +446,7 @@ def runs_found(columns: dict[str, np.ndarray], kind: str) -> list[RunView]:
     """Runs of a recording, in the order of their first sample."""
     label = schemas.table(kind).label
     labels = Texts.of(columns[label])
-    sensors = {name: values for name, values in columns.items() if name != label}
+    sensors = {name: x for name, x in columns.items() if name != label and x.dtype != object}
     order = np.argsort(labels.codes, kind="stable")
     bounds = np.cumsum(np.bincount(labels.codes))[:-1]
     return [
@@ -371,6 +456,8 @@ def runs_found(columns: dict[str, np.ndarray], kind: str) -> list[RunView]:
 
 
 def _run_view(label: str, columns: dict[str, np.ndarray], kind: str) -> RunView:
+    if "time_s" not in columns:
+        return RunView(label, 1, np.nan, np.nan, (), _settings(columns, kind))
     time = columns["time_s"]
     steps = np.diff(time)
     step = float(np.median(steps)) if steps.size else 0.0
@@ -388,7 +475,7 @@ def _run_view(label: str, columns: dict[str, np.ndarray], kind: str) -> RunView:
 def _settings(part: dict[str, np.ndarray], kind: str) -> dict[str, float]:
     """What a run was made at."""
     settings = {}
-    for name in ("arc_deg", "initial_tension_N", "temperature_degC"):
+    for name in ("arc_deg", "initial_tension_N", "weight_N", "temperature_degC"):
         values = part.get(name)
         if values is not None and np.isfinite(values).any():
             settings[name] = float(np.nanmedian(values))

@@ -52,6 +52,7 @@ from beltid.bench.formats.dialect import ReadOptions
 from beltid.bench.formats.frames import columns_of_frame
 from beltid.bench.runs.checks import Checker
 from beltid.bench.runs.run_settings import completed, joined
+from beltid.bench.runs.run_split import row_labels
 from beltid.errors import InputError, Problem, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table
@@ -95,7 +96,7 @@ class Recording:
     @property
     def n_samples(self) -> int:
         """Samples in it."""
-        return len(self.columns["time_s"])
+        return len(self.columns[schemas.table(self.kind).label])
 
     def line_of(self, index: int) -> int:
         """Line in the file, from 1, of the row with this index; for Parquet the row, from 1."""
@@ -248,7 +249,7 @@ def recording_of(
     InputError
         With everything that is wrong, each with its line.
     """
-    table, problems = schemas.table(kind), Problems()
+    table, problems = options.table(kind), Problems()
     read = [read_opened(one, table, options, problems) for one in opened]
     if not all(read):  # what cannot be read at all; wrong rows are told with what the checks find
         problems.told_once([one.name for one in opened])
@@ -285,7 +286,8 @@ def columns_of(frame: Any, kind: str, config: Any = None) -> dict[str, np.ndarra
     """
     if isinstance(frame, Recording):
         frame = frame.columns
-    table, options, problems = schemas.table(kind), ReadOptions.of(config, kind), Problems()
+    options, problems = ReadOptions.of(config, kind), Problems()
+    table = options.table(kind)
     columns = columns_of_frame(frame, table, "frame", options.names, problems)
     problems.raise_if_any()
     return _checked(columns, table, "frame", options)[0]
@@ -298,7 +300,7 @@ def _from_parquet(
     from beltid.artifacts.artifact import SEAL_KEY, artifact_from_bytes
     from beltid.bench.formats.parquet import open_source, parquet_blocks
 
-    table, sources = schemas.table(kind), [source.loaded() for source in sources]
+    table, sources = options.table(kind), [source.loaded() for source in sources]
     about = open_source(sources[0], ()).schema_arrow.metadata or {}
     if len(sources) == 1 and SEAL_KEY in about:
         needed = "simulated" if kind == "rig" else None
@@ -306,7 +308,7 @@ def _from_parquet(
         if needed is None:
             text = f"{path}: is a {artifact.kind} artifact, a {kind} recording is needed"
             raise InputError(text, code="artifact-kind")
-        problems = Problems()
+        table, problems = schemas.rig_table(), Problems()
         columns = columns_of_frame(artifact.columns, table, str(path), {}, problems)
         problems.raise_if_any()
         columns, notes = _checked(columns, table, str(path), ReadOptions(), table.names)
@@ -328,8 +330,10 @@ def _checked(
     units_stated: Collection[str] = (),
 ) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
     """Columns that hold our names, converted as the config states and checked; and notes."""
-    problems = Problems()
-    columns = completed(columns, table, len(next(iter(columns.values()))))
+    problems, length = Problems(), len(next(iter(columns.values()), ()))
+    if "time_s" not in table.names:
+        columns = {**columns, table.label: row_labels(length, columns.get(table.label))}
+    columns = completed(columns, table, length)
     conversions = stated_conversions(MappingContext(table, options, name))
     for column, by in conversions.items():
         columns[column] = (columns[column] + by.shift) * by.factor

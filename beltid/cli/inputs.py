@@ -23,6 +23,19 @@ FILES = (
 Press = Annotated[Path, _input(f"Recording of the compression press ({FILES}).", "PRESS")]
 SpeedLoss = Annotated[Path, _input(f"Recording of the speed-loss bench ({FILES}).", "SPEEDLOSS")]
 Rig = Annotated[Path, _input(f"Recording of the friction rig ({FILES}).", "RIG")]
+OptionalRig = Annotated[Path | None, _input(f"Recording of the friction rig ({FILES}).", "[RIG]")]
+Points = Annotated[
+    Path | None,
+    typer.Option("--table", metavar="POINTS", help="A row per plateau, in place of RIG."),
+]
+Condition = Annotated[
+    str | None,
+    typer.Option("--condition", metavar="dry|wet|dusty", help="Only runs on this surface."),
+]
+Side = Annotated[
+    str | None,
+    typer.Option("--side", metavar="rib|back", help="Only runs of this side of the belt."),
+]
 Friction = Annotated[Path, _input("friction.parquet of fit-friction.", "FRICTION")]
 Surface = Annotated[
     Path, _input("surface.parquet of build-surface or surface_refined.parquet.", "SURFACE")

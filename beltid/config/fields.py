@@ -264,20 +264,22 @@ class ListOf(Checked):
         The items in words, for the message.
     example : str
         Such a list, for the message.
-    longest : int
-        Largest number of items.
+    longest, fewest : int
+        Largest and smallest number of items.
     """
 
     what: str
     example: str
     longest: int = 200
+    fewest: int = 1
 
     def check(self, value: Any) -> tuple[Any, ...]:
         """Return the items; complain about what is not a list, or an empty or endless one."""
         if not isinstance(value, (list, tuple)):
             raise complain(f"a list of {self.what}, such as {self.example}")
-        if not 1 <= len(value) <= self.longest:
-            raise complain(f"a list of 1 to {self.longest} {self.what}, it has {len(value)}")
+        if not self.fewest <= len(value) <= self.longest:
+            allowed = f"a list of {self.fewest} to {self.longest} {self.what}"
+            raise complain(f"{allowed}, it has {len(value)}")
         return tuple(value)
 
     def __get_pydantic_core_schema__(

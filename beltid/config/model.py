@@ -79,6 +79,8 @@ def _unit(column: Column) -> Any:
 
 
 def _value(column: Column) -> Any:
+    if column.dtype == "string":
+        return Literal[column.choices] if column.choices else _name(column)
     unit = SHOWN.get(column.unit, column.unit)
     return Annotated[
         float, Number(column.low, column.high, unit, column.open_low, column.open_high)
@@ -204,6 +206,9 @@ class PressSection(Section):
     cycles: Literal["last", "first", "all"] = "last"
 
 
+MeasuredKind = Literal["two_cells", "dead_weight", "torque", "torque_hub"]
+RigKind = Literal[MeasuredKind, "running"]
+BinEdge = Annotated[float, Number(0, 1e4, "rad/s")]
 Arcs = Annotated[
     tuple[Annotated[float, Number(0, 360, open_low=True, open_high=True)], ...],
     ListOf("contact arcs", "[40, 68, 82]"),
@@ -219,14 +224,68 @@ Speeds = Annotated[
 
 
 class RigSection(Section):
-    """The friction rig: geometry, supports, and the settings of its runs."""
+    """The friction rig: what it measures, geometry, supports, and the settings of its runs.
 
+    `weight_on` counts where one span hangs on a dead weight. On a `running` rig the belt moves at
+    `belt_speed_m_s` (null: a column of the recording), and `running_measures` says which of the
+    other kinds its channels are those of.
+    """
+
+    kind: RigKind = "two_cells"
+    weight_on: Literal["tight", "slack"] = "tight"
+    running_measures: MeasuredKind = "two_cells"
+    belt_speed_m_s: Annotated[float, Number(0, 1e3, "m/s")] | None = None
+    speed_bins_rad_s: (
+        Annotated[
+            tuple[BinEdge, ...], ListOf("edges of speed bins", "[0.1, 0.2, 0.4, 0.8]", fewest=2)
+        ]
+        | None
+    ) = None
+    force_resolution_N: Annotated[float, Number(0, 1e4, "N")] | None = None
     pulley_radius_m: Annotated[float, Number(0.002, 5, "m")] = 0.05
     span_length_m: Annotated[float, Number(0.002, 10, "m")] = 0.10
     supports: Literal["pinned", "clamped"] = "pinned"
     arcs_deg: Arcs = (40.0, 68.0, 82.0)
     initial_tensions_N: Tensions = (50.0, 100.0, 160.0, 220.0, 270.0, 310.0, 360.0, 411.0)
     pulley_speeds_rad_s: Speeds = (0.05, 0.10, 0.21, 0.42, 0.84)
+
+    @property
+    def measures(self) -> MeasuredKind:
+        """The kind whose channels the recording has: that of the rig, or what it is if running."""
+        return self.running_measures if self.kind == "running" else self.kind
+
+    @property
+    def given_force(self) -> params.GivenForce:
+        """The force that stays what it was before the pulley turned.
+
+        A dead weight is that of one span, a hub force that of both together. On a running rig the
+        spans share the length of one belt: what one gains the other loses, as under a hub force.
+        """
+        if self.kind == "dead_weight":
+            return self.weight_on
+        return "hub" if self.kind in ("torque_hub", "running") else "none"
+
+
+class PulleyConditions(Section):
+    """The pulley that the belt rubs on."""
+
+    material: Annotated[str, Text(40)] | None = None
+    roughness_Ra_um: Annotated[float, Number(0, 1e3, "µm")] | None = None
+
+
+class ConditionsSection(Section):
+    """Under which conditions a bench was run; null where nobody stated it.
+
+    They travel with the data and change no number. A column of the recording states them run by
+    run, which then counts. What was measured on another surface, or on the other side of the belt,
+    is never put into one friction surface.
+    """
+
+    surface: Literal["dry", "wet", "dusty"] | None = None
+    side: Literal["rib", "back"] | None = None
+    humidity_percent: Annotated[float, Number(0, 100, "%")] | None = None
+    hours_run: Annotated[float, Number(0, 1e6, "h")] | None = None
+    pulley: PulleyConditions = PulleyConditions()
 
 
 class ContactSection(Section):
@@ -259,12 +318,16 @@ class DataSection(Section):
 
 
 class CompareSection(Section):
-    """How far the simulated friction coefficients may be from the measured ones."""
+    """How far the simulated friction coefficients may be from the measured ones.
+
+    `hold_out` says whose runs `run` leaves out in turn, to predict them from the others.
+    """
 
     max_rms_relative_error: Annotated[float, Number(0, 10, open_low=True)] = 0.06
     max_mean_relative_error: Annotated[float, Number(0, 10, open_low=True)] = 0.05
     max_relative_error: Annotated[float, Number(0, 10, open_low=True)] = 0.20
     max_rms_error_over_uncertainty: Annotated[float, Number(0, 100, open_low=True)] | None = None
+    hold_out: Literal["none", "arc", "speed"] = "arc"
 
 
 Share = Annotated[float, Number(0, 0.5)]
@@ -315,6 +378,8 @@ class FrictionSection(Section):
     tension_tight_tilt_deg: Annotated[float, Number(-60, 60, "°")] = 0.0
     tension_slack_tilt_deg: Annotated[float, Number(-60, 60, "°")] = 0.0
     check_initial_tension: bool = True
+    correct_temperature: bool = False
+    reference_temperature_degC: Annotated[float, Number(-60, 200, "°C")] | None = None
     max_mu: Annotated[float, Number(0.01, 100)] = 3.0
 
 
@@ -363,6 +428,7 @@ class Config(Section):
     belt: BeltSection = BeltSection()
     press: PressSection = PressSection()
     rig: RigSection = RigSection()
+    conditions: ConditionsSection = ConditionsSection()
     contact: ContactSection = ContactSection()
     data: DataSection = DataSection()
     compare: CompareSection = CompareSection()
@@ -392,7 +458,12 @@ class Config(Section):
     def rig_params(self) -> params.Rig:
         """Geometry of the rig for the science."""
         r = self.rig
-        return params.Rig(R=r.pulley_radius_m, span=r.span_length_m, supports=r.supports)
+        return params.Rig(
+            R=r.pulley_radius_m,
+            span=r.span_length_m,
+            supports=r.supports,
+            given_force=r.given_force,
+        )
 
     def contact_params(self) -> params.Contact:
         """Settings of the contact for the science."""

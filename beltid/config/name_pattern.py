@@ -12,7 +12,7 @@ from typing import Any, Final
 
 _PLACE: Final = re.compile(r"\{([A-Za-z_]\w*)?(?::([^{}]*))?\}")
 _NUMBER: Final = r"[-+]?\d+(?:[.,p]\d+)?"
-_TEXT_NAMES: Final = ("run", "test")
+_TEXT_NAMES: Final = ("run", "test", "idle", "condition", "side", "pulley_material")
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +45,10 @@ def name_pattern(pattern: str) -> NameParts:
     Parameters
     ----------
     pattern : str
-        ``{run}_{arc_deg}deg_{initial_tension_N}N_{}.lvm``: ``{run}`` and ``{test}`` stand for a
-        text, ``{}`` for a text that is not used, other names for a number (decimal sign ``.``,
-        ``,`` or ``p``), ``{pulley_speed_rad_s:rpm}`` for a number in this unit. A pattern with
+        ``{run}_{arc_deg}deg_{initial_tension_N}N_{}.lvm``: ``{run}``, ``{test}``, ``{condition}``
+        and ``{side}`` stand for a text, ``{}`` for a text that is not used, other names for a
+        number (decimal sign ``.``, ``,`` or ``p``), ``{pulley_speed_rad_s:rpm}`` for a number in
+        this unit. A pattern with
         ``(?P<name>...)`` is a regular expression of RE2.
 
     Raises

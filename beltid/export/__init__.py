@@ -13,7 +13,8 @@ Module            Responsibility
 ``preamble``      the comment that every file begins with
 ``targets``       what can be written, by name
 ``python_text``   Exudyn and Project Chrono modules
-``solver_text``   MBDyn, Adams, RecurDyn, Abaqus
+``compiled_text`` C, Fortran; user subroutines of MBDyn, RecurDyn, Adams, MotionSolve
+``solver_text``   MBDyn, Adams, Abaqus
 ``table_text``    Modelica, MATLAB, CSV
 ================= ===================================================================
 

@@ -133,10 +133,17 @@ class FrictionPart(Part):
 
 
 class Validity(Part):
-    """Measured range; beyond it nothing is known."""
+    """Ranges: what was measured, what the refined surface infers; beyond, nothing is known.
 
+    Line forces between `measured_force_N_m` and `normal_force_N_m` act within the contact of the
+    measured runs: mu is inferred there. The normal law beyond `press_force_N_m` is extrapolated.
+    """
+
+    measured_force_N_m: Range | None = Field(
+        default=None, description="mean line force of the measured runs, of friction [N/m]"
+    )
     normal_force_N_m: Range | None = Field(
-        default=None, description="line force, of friction [N/m]"
+        default=None, description="line force for which mu is given, inferred included [N/m]"
     )
     slip_speed_m_s: Range | None = Field(default=None, description="sliding speed [m/s]")
     penetration_m: Range | None = Field(

@@ -10,6 +10,7 @@ import numpy as np
 
 from beltid.errors import percent
 from beltid.export.law import ContactLaw
+from beltid.export.reduction import press_end
 from beltid.export.units import SI, UnitSystem
 
 WIDTH: Final = 92
@@ -42,7 +43,7 @@ def preamble(law: ContactLaw, target: str, own: Sequence[str], units: UnitSystem
         *_validity(law),
         _uncertainty(law),
         *_sticking(law),
-        "Outside the measured range take the nearest measured value: never extrapolate.",
+        "Outside these ranges take the nearest value of mu: never extrapolate.",
         f"Units: {units.length}, N, s. Line force [{units.line_force}] is the normal force per "
         "length of belt; friction is mu times it, against the sliding.",
         *own,
@@ -78,17 +79,29 @@ def _hashes(law: ContactLaw) -> str:
 
 
 def _validity(law: ContactLaw) -> list[str]:
+    """What was measured, what the refined surface infers, what is extrapolated; a line each."""
     ranges = law.validity
+    inferred, end = ranges.normal_force_N_m, press_end(law)
     parts = [
         f"{name} {span[0]:.5g} to {span[1]:.5g} {unit}"
         for name, span, unit in (
-            ("line force", ranges.normal_force_N_m, "N/m"),
+            ("mean line force of the runs", ranges.measured_force_N_m, "N/m"),
             ("sliding speed", ranges.slip_speed_m_s, "m/s"),
             ("penetration", ranges.penetration_m, "m"),
+            ("line force of the press", ranges.press_force_N_m, "N/m"),
         )
         if span is not None
     ]
-    return [f"Measured range: {'; '.join(parts)}."] if parts else []
+    lines = [f"Measured range: {'; '.join(parts)}."] if parts else []
+    if inferred is not None:
+        how = "inferred by the refined surface" if law.friction.method == "refined" else "given"
+        lines.append(f"mu is {how} for line forces of {inferred[0]:.5g} to {inferred[1]:.5g} N/m.")
+    if end is not None and inferred is not None and inferred[1] > end:
+        lines.append(
+            f"Extrapolated: line forces of the normal law beyond {end:.5g} N/m, where the press "
+            f"ended (penetration {float(law.normal_law.penetration(end)):.5g} m)."
+        )
+    return lines
 
 
 def _sticking(law: ContactLaw) -> list[str]:

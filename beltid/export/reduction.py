@@ -1,8 +1,8 @@
 """Simpler laws for programs that cannot hold the whole one, and how far they are from it.
 
-A program may know a linear normal law, a constant friction coefficient, mu(v) at one line force,
-or straight lines between the nodes of a table. Each is a reduction; its deviation is computed over
-the measured range, evenly in the logarithmic coordinates of the surface.
+A program may know a linear normal law, a constant friction coefficient, or straight lines between
+the nodes of a table. Each is a reduction; its deviation is computed over the range of the surface,
+evenly in its logarithmic coordinates.
 """
 
 from __future__ import annotations
@@ -143,13 +143,6 @@ def constant_deviation(surface: FrictionSurface, point: ReferencePoint) -> Devia
     return _deviation(ratio, lambda i: _place(f, v, i))
 
 
-def speed_law_deviation(surface: FrictionSurface, point: ReferencePoint) -> Deviation:
-    """Deviation of mu(v) at the reference force, taken at every force."""
-    f, v = sample_points(surface)
-    ratio = surface.mu(point.normal_force_N_m, v) / surface.mu(f, v)
-    return _deviation(ratio, lambda i: _place(f, v, i))
-
-
 def friction_table(surface: FrictionSurface) -> FrictionTable:
     """Nodes between which straight lines are within a thousandth of the law, if any do."""
     for parts in range(1, FINEST + 1):
@@ -162,24 +155,44 @@ def friction_table(surface: FrictionSurface) -> FrictionTable:
     return FrictionTable(f, v, mu, deviation)
 
 
+def press_end(law: ContactLaw) -> float | None:
+    """Line force at which the press ended [N/m]; beyond, the normal law is extrapolated."""
+    pressed = law.validity.press_force_N_m
+    return None if pressed is None else pressed[1]
+
+
 def penetration_nodes(law: ContactLaw) -> Array:
-    """Evenly spaced penetrations [m] from 0 to that of the largest line force of the law."""
-    largest = [float(law.surface.normal_force_N_m[-1])]
-    if law.validity.press_force_N_m:
-        largest.append(law.validity.press_force_N_m[1])
-    deepest = float(law.normal_law.penetration(max(max(largest), 1.0)))
-    return np.linspace(0.0, deepest, PENETRATIONS)
+    """Evenly spaced penetrations [m] from 0 to at least that of the largest line force of the law.
+
+    One of them is where the press ended: no straight line joins what was measured with what is
+    extrapolated.
+    """
+    largest, end = float(law.surface.normal_force_N_m[-1]), press_end(law) or 0.0
+    deepest = float(law.normal_law.penetration(max(largest, end, 1.0)))
+    ended = float(law.normal_law.penetration(end)) or deepest
+    step = ended / max(round((PENETRATIONS - 1) * ended / deepest), 1)
+    return np.asarray(step * np.arange(math.ceil(deepest / step - 1e-9) + 1), dtype=float)
+
+
+def is_extrapolated(law: ContactLaw, penetration_m: Array) -> NDArray[np.bool_]:
+    """Whether penetrations (n,) are deeper than the press went."""
+    end = press_end(law)
+    if end is None:
+        return np.zeros(penetration_m.shape, dtype=bool)
+    return np.asarray(law.normal_law.force(penetration_m) > end * (1.0 + 1e-9))
 
 
 def between_nodes(law: ContactLaw, table: FrictionTable) -> str:
     """What straight lines between the nodes of both tables miss, in words."""
+    return f"{between_penetrations(law)} Straight lines of mu are off by {table.deviation}."
+
+
+def between_penetrations(law: ContactLaw) -> str:
+    """What straight lines between the penetrations of a table miss, in words."""
     width = float(penetration_nodes(law)[1])
     # a chord of the parabola k_quadratic delta² lies above it by at most k_quadratic width²/4
     above = law.normal_law.k_quadratic_N_m3 * width**2 / 4.0
-    return (
-        "Both laws are here; straight lines between the nodes give a line force up to "
-        f"{above:.2g} N/m too high, and a mu that is off by {table.deviation}."
-    )
+    return f"Straight lines between its penetrations give a line force up to {above:.2g} N/m high."
 
 
 def sample_points(surface: FrictionSurface) -> tuple[Array, Array]:

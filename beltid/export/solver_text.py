@@ -1,4 +1,4 @@
-"""Texts for programs with an input language: MBDyn, Adams, RecurDyn, Abaqus."""
+"""Texts for programs with an input language: MBDyn, Adams, Abaqus."""
 
 from __future__ import annotations
 
@@ -8,15 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
+from beltid.export import compiled_text
 from beltid.export.belt_width import ribbed_width
 from beltid.export.choices import Choices, Export
 from beltid.export.law import ContactLaw
 from beltid.export.preamble import commented, identifier, preamble
 from beltid.export.reduction import (
     between_nodes,
+    between_penetrations,
     friction_table,
     penetration_nodes,
-    speed_law_deviation,
 )
 
 Array = NDArray[np.float64]
@@ -28,38 +29,24 @@ FEWEST_POINTS = 4
 
 
 def mbdyn(law: ContactLaw, choices: Choices) -> Export:
-    """Scalar functions of MBDyn: line force over penetration, mu over speed at one line force."""
-    name, point = identifier(law.belt.name), choices.point
-    deviation = speed_law_deviation(law.surface, point)
-    table = friction_table(law.surface)
-    speeds = table.slip_speed_m_s
-    mu = law.surface.mu(point.normal_force_N_m, speeds)
-    small = 1.0e-3 * (float(speeds[0]) or float(speeds[-1]) or 1.0)
-    v = np.concatenate([[small], speeds[speeds > small]])
-    up = np.concatenate([mu[:1], mu[speeds > small]])
-    odd = np.concatenate([-v[::-1], v]), np.concatenate([-up[::-1], up])
+    """Line force as a scalar function of MBDyn, the whole law as a module of drive callers."""
+    name = identifier(law.belt.name)
     delta = penetration_nodes(law)
     lines = preamble(
         law,
         "MBDyn",
         [
-            f'Holds: "{name}_line_force", line force [N/m] over penetration [m], 0 while open; '
-            f'"{name}_mu", mu(v) sign(v) over the sliding speed v [m/s].',
-            f"Use: multiply the line force by the length of belt of a contact point, such as "
+            f'Holds: "{name}_line_force", line force [N/m] over penetration [m], 0 while open. '
+            f"{between_penetrations(law)} Friction is in module-{name}.cc.",
+            "Use: multiply the line force by the length of belt of a contact point, such as "
             f'scalar function: "F", mul, "length", "{name}_line_force"; with "length" a const '
-            f'function, in a constitutive law "scalar function elastic". "{name}_mu" is the '
-            "friction function of the friction models modlugre and discrete coulomb.",
-            f"Reduced: mu at f_N = {point.normal_force_N_m:.6g} N/m is taken at every line force; "
-            f"over the measured range it is off by {deviation}.",
-            f"Below {small:.3g} m/s the friction falls to 0 along a straight line.",
+            'function, in a constitutive law "scalar function elastic".',
         ],
     )
-    text = (
-        commented("#", lines)
-        + _mbdyn_function(f"{name}_line_force", np.r_[-1.0, delta], np.r_[0.0, _force(law, delta)])
-        + _mbdyn_function(f"{name}_mu", *odd)
+    text = commented("#", lines) + _mbdyn_function(
+        f"{name}_line_force", np.r_[-1.0, delta], np.r_[0.0, _force(law, delta)]
     )
-    return Export({f"{name}.mbd": text.encode("ascii")}, {"mu(v) at one force": deviation})
+    return Export({f"{name}.mbd": text.encode("ascii"), **compiled_text.mbdyn(law)})
 
 
 def adams(law: ContactLaw, choices: Choices) -> Export:
@@ -101,43 +88,8 @@ def adams(law: ContactLaw, choices: Choices) -> Export:
         )
     )
     files = {f"{name}.adm": adm.encode("ascii"), f"{name}.cmd": cmd.encode("ascii")}
-    return Export(files, {"straight lines between nodes": table.deviation})
-
-
-def recurdyn(law: ContactLaw, choices: Choices) -> Export:
-    """Splines of RecurDyn: two columns each, and a text that says what they are."""
-    name, point, units = identifier(law.belt.name), choices.point, choices.units
-    deviation = speed_law_deviation(law.surface, point)
-    table = friction_table(law.surface)
-    delta = penetration_nodes(law)
-    speeds = table.slip_speed_m_s
-    mu = law.surface.mu(point.normal_force_N_m, speeds)
-    v, mu_row = _long_enough(speeds * units.metre, mu[None, :])
-    force, friction = f"{name}_line_force.csv", f"{name}_mu.csv"
-    lines = preamble(
-        law,
-        "RecurDyn",
-        [
-            f"{force}: penetration [{units.length}], line force [{units.line_force}]. Multiply "
-            "by the length of belt of a contact point.",
-            f"{friction}: sliding speed [{units.speed}], mu at the line force "
-            f"{point.normal_force_N_m * units.newton_per_metre:.6g} {units.line_force}.",
-            "Import both as splines; they hold numbers only, as the import wants it. Use them as "
-            f"AKISPL(MAX(0,penetration),0,spline) and AKISPL(MAX({_g(v[0])},MIN({_g(v[-1])},"
-            "ABS(v))),0,spline): splines are extrapolated, and nothing is known outside.",
-            "Reduced: mu at this line force is taken at every one; over the measured range it is "
-            f"off by {deviation}.",
-        ],
-        units,
-    )
-    files = {
-        f"{name}_recurdyn.txt": "\n".join(lines) + "\n",
-        force: _columns(delta * units.metre, _force(law, delta) * units.newton_per_metre),
-        friction: _columns(v, mu_row[0]),
-    }
     return Export(
-        {key: text.encode("ascii") for key, text in files.items()},
-        {"mu(v) at one force": deviation},
+        files | compiled_text.cffsub(law), {"straight lines between nodes": table.deviation}
     )
 
 
@@ -242,10 +194,6 @@ def _cmd_spline(name: str, number: int, axes: dict[str, Array]) -> str:
         lines.append(f"{key} = " + ", &\n      ".join(parts))
     lines.append("linear_extrapolate = no")
     return "data_element create spline &\n   " + " &\n   ".join(lines) + "\n"
-
-
-def _columns(x: Array, y: Array) -> str:
-    return "".join(f"{_g(a)},{_g(b)}\n" for a, b in zip(x, y, strict=True))
 
 
 def _rows(rows: Iterable[tuple[float, ...]]) -> str:

@@ -10,7 +10,13 @@ from numpy.typing import NDArray
 from beltid.export.choices import Choices, Export
 from beltid.export.law import ContactLaw
 from beltid.export.preamble import commented, identifier, preamble
-from beltid.export.reduction import FrictionTable, between_nodes, friction_table, penetration_nodes
+from beltid.export.reduction import (
+    FrictionTable,
+    between_nodes,
+    friction_table,
+    is_extrapolated,
+    penetration_nodes,
+)
 
 Array = NDArray[np.float64]
 
@@ -84,6 +90,7 @@ def matlab(law: ContactLaw, choices: Choices) -> Export:
         "covariance": np.array(law.normal.covariance or np.full((2, 2), np.nan)),
         "penetration_m": delta,
         "force_N_m": law.normal_law.force(delta),
+        "extrapolated": is_extrapolated(law, delta),
         "normal_force_N_m": surface.normal_force_N_m,
         "slip_speed_m_s": surface.slip_speed_m_s,
         "mu": surface.mu_nodes,
@@ -149,25 +156,31 @@ def _with_text(data: bytes, law: ContactLaw) -> bytes:
 def _normal_csv(law: ContactLaw) -> str:
     delta = penetration_nodes(law)
     force = law.normal_law.force(delta)
-    rows = ["penetration_m,force_N_m,force_se_N_m"]
+    rows = ["penetration_m,force_N_m,force_se_N_m,range"]
+    ranges = np.where(is_extrapolated(law, delta), "extrapolated", "measured")
     powers = np.column_stack([delta, delta**2])
     if law.normal.covariance is None:
         errors = [""] * delta.size
     else:
         variance = np.einsum("ni,ij,nj->n", powers, np.array(law.normal.covariance), powers)
         errors = [f"{se:.6g}" for se in np.sqrt(np.maximum(variance, 0.0))]
-    rows += [f"{d:.12g},{f:.12g},{se}" for d, f, se in zip(delta, force, errors, strict=True)]
+    rows += [
+        f"{d:.12g},{f:.12g},{se},{known}"
+        for d, f, se, known in zip(delta, force, errors, ranges, strict=True)
+    ]
     return "\n".join(rows) + "\n"
 
 
 def _nodes_csv(law: ContactLaw) -> str:
     part = law.friction
-    rows = ["normal_force_N_m,slip_speed_m_s,mu,mu_u,mu_se"]
+    rows = ["normal_force_N_m,slip_speed_m_s,mu,mu_u,mu_se,range"]
+    low, high = law.validity.measured_force_N_m or (0.0, np.inf)
     for i, force in enumerate(part.normal_force_N_m):
         for j, speed in enumerate(part.slip_speed_m_s):
             doubts = (None if of is None else of[i][j] for of in (part.mu_u, part.mu_se))
             cells = (force, speed, part.mu[i][j], *doubts)
-            rows.append(",".join("" if cell is None else repr(cell) for cell in cells))
+            known = "measured" if low <= force <= high else "inferred"
+            rows.append(",".join([*("" if cell is None else repr(cell) for cell in cells), known]))
     return "\n".join(rows) + "\n"
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-from beltid.export import python_text, solver_text, table_text
+from beltid.export import compiled_text, python_text, solver_text, table_text
 from beltid.export.choices import Choices, Export
 from beltid.export.law import ContactLaw
 from beltid.export.law_file import SUFFIX, law_text
@@ -57,17 +57,28 @@ TARGETS: Final = {
             "linear stiffness, constant mu; all of it by contact_force()",
             python_text.chrono,
         ),
+        Target("c", "C: functions, no library needed", "everything", compiled_text.c),
+        Target("fortran", "Fortran 2003: the same", "everything", compiled_text.fortran),
         Target(
-            "mbdyn", "MBDyn: scalar functions", "line force, mu(v) at one force", solver_text.mbdyn
+            "mbdyn",
+            "MBDyn: scalar function, module of drive callers in C++",
+            "everything",
+            solver_text.mbdyn,
         ),
-        Target("adams", "Adams: splines, .adm and .cmd", "everything", solver_text.adams, True),
         Target(
-            "recurdyn",
-            "RecurDyn: splines",
-            "line force, mu(v) at one force",
-            solver_text.recurdyn,
+            "adams",
+            "Adams: splines, .adm and .cmd; CFFSUB in Fortran",
+            "everything",
+            solver_text.adams,
             True,
         ),
+        Target(
+            "motionsolve",
+            "Altair MotionSolve: CFFSUB in C",
+            "everything",
+            compiled_text.motionsolve,
+        ),
+        Target("recurdyn", "RecurDyn: CONTACT_FORCE in C", "everything", compiled_text.recurdyn),
         Target("modelica", "Modelica: CombiTable1D and 2D", "everything", table_text.modelica),
         Target("matlab", "MATLAB: MAT-file", "everything", table_text.matlab),
         Target(

@@ -28,6 +28,7 @@ from beltid.params import OperatingPoint
 from beltid.plan.design import RunRows
 from beltid.plan.prior import knots_for, speeds_for, usual_surface
 from beltid.refine.curves import Curves
+from beltid.refine.effects import arc_effect
 from beltid.refine.inverse import KNOTS, MODEL_ERROR
 from beltid.refine.rig_runs import (
     MeasuredRun,
@@ -169,7 +170,8 @@ class Candidates:
         """
         n = self.J.shape[0]
         shared = {key: np.full((n, 1), value) for key, value in columns.items()}
-        measured = replace(self.measured, columns=shared).with_arc_effects(self.response)
+        measured = replace(self.measured, columns=shared)
+        measured = measured.with_effects([arc_effect(measured.arc)], self.response)
         campaign = replace(self.campaign, measured=measured)
         changes = [
             residual_change(campaign, Errors.single(source), self.slopes, self.speed_slope)

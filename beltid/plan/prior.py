@@ -23,14 +23,15 @@ from numpy.typing import NDArray
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.plan.design import Knowledge
 from beltid.refine.curves import Curves
+from beltid.refine.effects import ARC, BEFORE
 from beltid.refine.evidence import Smoothness
 
 Array = NDArray[np.float64]
 
-USUAL = Smoothness(
-    bending=float(np.exp(5.0)), difference=float(np.exp(7.0)), noise_scale=1.0, arcs=3.0e-3
-)
+USUAL = Smoothness(bending=float(np.exp(5.0)), difference=float(np.exp(7.0)), noise_scale=1.0)
 """The smoothness of a surface of which nothing is known, as the refined surface begins with."""
+USUAL_ARCS = float(np.exp(BEFORE[ARC][0]))
+"""Standard deviation of ln mu between arcs, likewise."""
 LEVEL = 1.0
 """mu of a dry ribbed belt at the middle of the knots [-]: 0.7 to 1.5 is typical."""
 LEVEL_WIDTH = 0.38

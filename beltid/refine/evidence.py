@@ -1,15 +1,18 @@
 """How smooth is the surface, how far do the arcs differ? Chosen by the data: marginal likelihood.
 
-With the data of the runs in units of their standard errors, y = J p + s_a Z u + noise, where
+With the data of the runs in units of their standard errors, y = J p + sum s_e Z_e u_e + noise, with
 
-    noise ~ N(0, s²)                one scale for all runs,
-    s_a Z u, u ~ N(0, 1)            one effect for each arc setting (Z: sensitivity of each run to a
-                                    factor on the surface, in the column of its arc),
+    noise ~ N(0, s² + s_r² r²)      s: one scale for all runs; s_r: scatter of the friction from run
+                                    to run (r: sensitivity of each run to a factor on the surface),
+    s_e Z_e u_e, u_e ~ N(0, 1)      effects of arcs, run order, temperature
+                                    (:mod:`beltid.refine.effects`), and the errors that runs share,
+                                    in units of their stated standard uncertainties (s_e = 1),
     p ~ exp(-1/2 p' P p)            P = a Q_bending + b Q_difference, an improper prior,
 
-the probability of the data given (s, a, b, s_a), with p and u integrated out, has a maximum where
-the model is neither too stiff nor too loose (restricted maximum likelihood; D. J. C. MacKay, Neural
-Computation 4 (1992) 415). What P does not see (a level per speed and a common slope) is free.
+the probability of the data given (s, a, b, s_r, s_e), with p and u integrated out, has a maximum
+where the model is neither too stiff nor too loose (restricted maximum likelihood; D. J. C. MacKay,
+Neural Computation 4 (1992) 415). What P does not see (a level per speed and a common slope) is
+free.
 
 Where noise hides the curvature, the marginal likelihood hardly falls towards a rigid power law, and
 its maximum often lies there: the surface would then be surer of itself than it may be (its 95 %
@@ -19,18 +22,20 @@ of about 0.1, slopes that differ by some hundredths between speeds, each within 
 three at one standard deviation. Data that see the shape override them.
 
 A few arcs say little about the size of their differences: with three there are two degrees of
-freedom, and the most probable s_a is too small in most draws. The mean of s_a² over its posterior
-is taken in its place, which is what the variance of the surface asks for. Its prior (0.3 % within a
-factor of three) is that of an arc set by a scale; a single arc has no effect of its own.
+freedom, and the most probable s_e is too small in most draws. The mean of s_e² over its posterior
+is taken in its place, which is what the variance of the surface asks for; likewise for the others.
 """
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag, cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 
 Array = NDArray[np.float64]
@@ -40,14 +45,16 @@ SMALLEST_SCALE, LARGEST_SCALE = 0.5, 20.0
 SCALE_BEFORE = (0.0, 0.5)
 BENDING_BEFORE = (5.0, 1.5)
 DIFFERENCE_BEFORE = (7.0, 2.0)
-ARCS_BEFORE = (np.log(3.0e-3), 2.0)
-ARCS_RANGE = (np.log(1.0e-5), np.log(0.3))
-ARCS_STEPS = 60  # of the quadrature over ln s_a
+SCATTER_BEFORE = (float(np.log(3.0e-3)), 1.5)
+WEIGHT_RANGE = (-6.0, 18.0)
+EFFECT_RANGE = (float(np.log(1.0e-5)), float(np.log(0.3)))
+EFFECT_SMALL, EFFECT_LARGE = float(np.log(1.0e-3)), float(np.log(3.0e-2))  # to start from
+EFFECT_STEPS = 60  # of the quadrature over ln of the size of an effect
 
 
 @dataclass(frozen=True, slots=True)
 class Smoothness:
-    """Hyperparameters of the surface.
+    """Hyperparameters of the surface and of what is beside it.
 
     Attributes
     ----------
@@ -55,44 +62,58 @@ class Smoothness:
         Weights of the two roughnesses.
     noise_scale : float
         Factor on the stated standard errors that the data show [-].
-    arcs : float
-        Standard deviation of ln mu between arc settings, beyond what the surface explains [-].
+    scatter : float
+        Standard deviation of ln mu of the friction from run to run, beyond the stated errors [-].
+    effects : tuple of float
+        Standard deviation of the numbers of each effect; 1 of those in units of a stated one.
     """
 
     bending: float
     difference: float
     noise_scale: float
-    arcs: float = 0.0
+    scatter: float = 0.0
+    effects: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """Most probable parameters and effects of the arcs, with their covariance.
+    """Most probable parameters and numbers of the effects, with their covariance.
 
     Attributes
     ----------
     parameters : ndarray, shape (size,)
         Of the surface.
-    arcs : ndarray, shape (K,)
-        Effect of each arc setting on ln mu.
+    effects : ndarray, shape (K,)
+        Numbers of all effects.
     covariance : ndarray, shape (size, size)
         Of the parameters.
-    arcs_covariance : ndarray, shape (K, K)
-        Of the effects.
-    gain : ndarray, shape (size, n)
-        Derivatives of the parameters by the data (in units of their standard errors).
+    effects_covariance : ndarray, shape (K, K)
+        Of the numbers.
+    gain, effects_gain : ndarray, shape (size, n), (K, n)
+        Derivatives of parameters and numbers by the data (in units of their standard errors).
     """
 
     parameters: Array
-    arcs: Array
+    effects: Array
     covariance: Array
-    arcs_covariance: Array
+    effects_covariance: Array
     gain: Array
+    effects_gain: Array
+
+
+class _Marginal(NamedTuple):
+    """What the marginal likelihood is made of."""
+
+    design: Array
+    factor: tuple[Array, bool]
+    variance: Array
+    both: Array
+    residual: Array
 
 
 @dataclass(frozen=True, slots=True)
 class LinearModel:
-    """Linearised data: ``y = J p + arcs + noise`` in units of the stated standard errors.
+    """Linearised data: ``y = J p + effects + noise`` in units of the stated standard errors.
 
     Attributes
     ----------
@@ -102,113 +123,218 @@ class LinearModel:
         Data over standard errors.
     bending, difference : ndarray, shape (size, size)
         Quadratic forms of the roughness.
-    Z : ndarray, shape (n, K)
-        Sensitivities to the effect of each arc over standard errors; no columns for a single arc.
+    response : ndarray, shape (n,)
+        Sensitivity to a factor on the friction of the run over its standard error; zero where the
+        friction is not to scatter.
+    effects : sequence of ndarray, shape (n, K_e)
+        Sensitivities to the numbers of each effect over standard errors.
+    before : sequence of (float, float) or None
+        Centre and width of ln of the size of each effect; None if its size is 1.
     """
 
     J: Array
     y: Array
     bending: Array
     difference: Array
-    Z: Array
+    response: Array
+    effects: Sequence[Array] = ()
+    before: Sequence[tuple[float, float] | None] = ()
 
     def solve(self, smoothness: Smoothness) -> Solution:
         """Most probable parameters and effects."""
-        size = self.J.shape[1]
+        size, sizes = self.J.shape[1], self._sizes(smoothness)
         design, A = self._design(smoothness), self._normal(smoothness)
         covariance = cho_solve(cho_factor(A), np.eye(A.shape[0]))
-        gain = covariance @ design.T / smoothness.noise_scale**2
+        gain = covariance @ (design / self.variance(smoothness)[:, None]).T
         both = gain @ self.y
         return Solution(
             parameters=both[:size],
-            arcs=smoothness.arcs * both[size:],
+            effects=sizes * both[size:],
             covariance=covariance[:size, :size],
-            arcs_covariance=smoothness.arcs**2 * covariance[size:, size:],
+            effects_covariance=np.outer(sizes, sizes) * covariance[size:, size:],
             gain=gain[:size],
+            effects_gain=sizes[:, None] * gain[size:],
         )
+
+    def residual(self, solution: Solution) -> Array:
+        """What the solution leaves of the data (n,), noise."""
+        effects = np.hstack([np.zeros((self.y.size, 0)), *self.effects])
+        return np.asarray(self.y - self.J @ solution.parameters - effects @ solution.effects)
 
     def effective_parameters(self, smoothness: Smoothness) -> float:
         """Number of parameters that the data determine: trace of the influence matrix."""
         design = self._design(smoothness)
-        data = design.T @ design / smoothness.noise_scale**2
+        data = design.T @ (design / self.variance(smoothness)[:, None])
         return float(np.trace(cho_solve(cho_factor(self._normal(smoothness)), data)))
 
-    def log_evidence(self, smoothness: Smoothness) -> float:
-        """Logarithm of the marginal likelihood, up to a constant."""
-        design, A = self._design(smoothness), self._normal(smoothness)
-        s2 = smoothness.noise_scale**2
-        both = cho_solve(cho_factor(A), design.T @ self.y / s2)
-        residual = self.y - design @ both
-        eigenvalues = np.linalg.eigvalsh(self.roughness(smoothness))
-        seen = eigenvalues[eigenvalues > 1e-9 * eigenvalues[-1]]
-        _, log_normal = np.linalg.slogdet(A)
-        quadratic = residual @ residual / s2 + both @ self._prior(smoothness) @ both
-        return float(0.5 * (np.log(seen).sum() - log_normal - quadratic - self.y.size * np.log(s2)))
+    def log_evidence(self, smoothness: Smoothness) -> tuple[float, Array]:
+        """Logarithm of the marginal likelihood up to a constant, and its derivatives.
+
+        The derivatives are those by ln of noise scale, bending, difference, scatter and the sizes
+        of the effects. With A the normal matrix, d_i the rows of the design, r the residual, v the
+        variance of the noise, and P⁺ the inverse of the roughness where it is not zero:
+
+            d/d ln a   = [tr(P⁺ a Q) - tr(A⁻¹ a Q) - p' a Q p]/2,
+            d/d ln s   = sum_i (dv_i/d ln s) [(d_i' A⁻¹ d_i + r_i²)/v_i² - 1/v_i]/2,
+            d/d ln s_e = tr((A⁻¹)_uu) + u_e' u_e - K_e.
+        """
+        at, size = self._marginal(smoothness), self.J.shape[1]
+        values, vectors = np.linalg.eigh(self.roughness(smoothness))
+        seen = values > 1e-9 * values[-1]
+        p, u = at.both[:size], at.both[size:]
+        quadratic = at.residual @ (at.residual / at.variance) + u @ u
+        quadratic += p @ self.roughness(smoothness) @ p
+        log_normal = 2.0 * np.log(np.diag(at.factor[0])).sum()
+        log_noise = np.log(at.variance).sum()
+        value = 0.5 * (np.log(values[seen]).sum() - log_normal - quadratic - log_noise)
+        inverse = cho_solve(at.factor, np.eye(at.both.size))
+        open_inverse = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T
+        open_inverse = open_inverse - inverse[:size, :size] - np.outer(p, p)
+        of_weights = [
+            0.5 * weight * np.sum(open_inverse * Q)
+            for weight, Q in (
+                (smoothness.bending, self.bending),
+                (smoothness.difference, self.difference),
+            )
+        ]
+        leverage = np.sum(at.design @ inverse * at.design, axis=1)
+        by_variance = (leverage + np.square(at.residual)) / at.variance**2 - 1.0 / at.variance
+        of_scale = smoothness.noise_scale**2 * by_variance.sum()
+        of_scatter = np.square(smoothness.scatter * self.response) @ by_variance
+        of_number = np.diag(inverse)[size:] + np.square(u) - 1.0
+        first = np.cumsum([0, *(columns.shape[1] for columns in self.effects)])
+        of_effects = [of_number[a:b].sum() for a, b in itertools.pairwise(first)]
+        return float(value), np.array([of_scale, *of_weights, of_scatter, *of_effects])
+
+    def log_evidence_by_size(self, smoothness: Smoothness, k: int, sizes: Array) -> Array:
+        """The same for other sizes (m,) of effect `k`, up to a constant."""
+        Z = self.effects[k]
+        at = self._marginal(_with_size(smoothness, k, 0.0))
+        weighted = Z / at.variance[:, None]
+        seen = at.design.T @ weighted
+        M = Z.T @ weighted - seen.T @ cho_solve(at.factor, seen)
+        values, vectors = np.linalg.eigh(M)
+        shown = np.square(vectors.T @ (weighted.T @ at.residual))
+        grown = 1.0 + np.square(sizes)[:, None] * np.maximum(values, 0.0)
+        terms = np.square(sizes)[:, None] * shown / grown - np.log(grown)
+        return np.asarray(0.5 * terms.sum(axis=1))
+
+    def _marginal(self, smoothness: Smoothness) -> _Marginal:
+        design, factor = self._design(smoothness), cho_factor(self._normal(smoothness))
+        variance = self.variance(smoothness)
+        both = cho_solve(factor, design.T @ (self.y / variance))
+        return _Marginal(design, factor, variance, both, self.y - design @ both)
 
     def misfit(self, residual: Array, parameters: Array, smoothness: Smoothness) -> float:
-        """Penalised misfit: ``r' V^-1 r + p' P p``, V the covariance of noise and arcs.
+        """Penalised misfit: ``r' V^-1 r + p' P p``, V the covariance of noise and effects.
 
         `residual` (n,) is measured less simulated ln mu over standard errors, of whatever model:
         it need not be the linear one.
         """
-        r = residual / smoothness.noise_scale
-        B = self.Z * (smoothness.arcs / smoothness.noise_scale)
+        noise = np.sqrt(self.variance(smoothness))
+        r = residual / noise
+        B = self._columns(smoothness) / noise[:, None]
         b = B.T @ r
         explained = b @ np.linalg.solve(np.eye(b.size) + B.T @ B, b)
         return float(r @ r - explained + parameters @ self.roughness(smoothness) @ parameters)
+
+    def variance(self, smoothness: Smoothness) -> Array:
+        """Variance of the noise of each run (n,), in squares of its standard error."""
+        return smoothness.noise_scale**2 + np.square(smoothness.scatter * self.response)
 
     def roughness(self, smoothness: Smoothness) -> Array:
         """Quadratic form of both roughnesses with their weights, shape (size, size)."""
         return smoothness.bending * self.bending + smoothness.difference * self.difference
 
-    def _design(self, smoothness: Smoothness) -> Array:
-        return np.hstack([self.J, smoothness.arcs * self.Z])
+    def _sizes(self, smoothness: Smoothness) -> Array:
+        counts = [columns.shape[1] for columns in self.effects]
+        return np.repeat(smoothness.effects, counts) if counts else np.zeros(0)
 
-    def _prior(self, smoothness: Smoothness) -> Array:
-        return np.asarray(block_diag(self.roughness(smoothness), np.eye(self.Z.shape[1])))
+    def _columns(self, smoothness: Smoothness) -> Array:
+        if not self.effects:
+            return np.zeros((self.y.size, 0))
+        return np.hstack(self.effects) * self._sizes(smoothness)
+
+    def _design(self, smoothness: Smoothness) -> Array:
+        return np.hstack([self.J, self._columns(smoothness)])
 
     def _normal(self, smoothness: Smoothness) -> Array:
         design = self._design(smoothness)
-        A = design.T @ design / smoothness.noise_scale**2 + self._prior(smoothness)
-        return np.asarray(A + 1e-10 * np.trace(A) / A.shape[0] * np.eye(A.shape[0]))
+        A = design.T @ (design / self.variance(smoothness)[:, None])
+        size = self.J.shape[1]
+        A[:size, :size] += self.roughness(smoothness)
+        diagonal = np.einsum("ii->i", A)
+        diagonal[size:] += 1.0
+        diagonal += 1e-10 * diagonal.mean()
+        return A
 
 
 def choose_smoothness(model: LinearModel, start: Smoothness) -> Smoothness:
     """Most probable hyperparameters: marginal likelihood times their own wide priors.
 
-    `arcs` is the root of the posterior mean of its square, given the others.
+    Those of the effects are the root of the posterior mean of their square, given the others.
     """
-    # noise scale and bending always; the others where there are several speeds, several arcs
-    free = np.array([True, True, bool(np.any(model.difference)), model.Z.shape[1] > 0])
-    before = np.array([SCALE_BEFORE, BENDING_BEFORE, DIFFERENCE_BEFORE, ARCS_BEFORE])[free]
-    limits = [(np.log(SMALLEST_SCALE), np.log(LARGEST_SCALE)), *2 * [(-6.0, 18.0)], ARCS_RANGE]
-    started = [start.noise_scale, start.bending, start.difference or 1.0]
-    x0 = np.append(np.log(started), np.log(start.arcs) if start.arcs else ARCS_BEFORE[0])
+    free = [k for k, before in enumerate(model.before) if before is not None]
+    before = [SCALE_BEFORE, BENDING_BEFORE, DIFFERENCE_BEFORE, SCATTER_BEFORE]
+    before += [at for at in model.before if at is not None]
+    limits = [(np.log(SMALLEST_SCALE), np.log(LARGEST_SCALE)), WEIGHT_RANGE, WEIGHT_RANGE]
+    limits += [EFFECT_RANGE] * (1 + len(free))
+    # noise scale, bending and effects always; the others where runs tell them
+    asked = np.ones(len(before), dtype=bool)
+    asked[2:4] = bool(np.any(model.difference)), bool(np.any(model.response))
+    rows = np.flatnonzero([*asked[:4], *(before is not None for before in model.before)])
+    sizes = np.ones(len(model.before))
+    centre, width = np.array(before).T
 
     def unpack(x: Array) -> Smoothness:
-        values = np.zeros(4)
-        values[free] = np.exp(x)
-        scale, bending, difference, arcs = values.tolist()
-        return Smoothness(bending, difference, scale, arcs)
+        values = np.zeros(asked.size)
+        values[asked] = np.exp(x)
+        sizes[free] = values[4:]
+        scale, bending, difference, scatter = values[:4].tolist()
+        return Smoothness(bending, difference, scale, scatter, tuple(sizes.tolist()))
 
-    def cost(x: Array) -> float:
-        away = (x - before[:, 0]) / before[:, 1]
-        return float(0.5 * away @ away) - model.log_evidence(unpack(x))
+    def cost(x: Array) -> tuple[float, Array]:
+        away, at = (x - centre[asked]) / width[asked], unpack(x)
+        value, slope = model.log_evidence(at)
+        return float(0.5 * away @ away) - value, away / width[asked] - slope[rows]
 
-    bounds = [limit for limit, chosen in zip(limits, free, strict=True) if chosen]
-    limited = np.clip(x0[free], *np.transpose(bounds))
-    # steps of the differences far above the rounding of a determinant
-    options = {"eps": 1.0e-4, "ftol": 1.0e-12, "gtol": 1.0e-4}
-    best = minimize(cost, limited, bounds=bounds, method="L-BFGS-B", options=options)
-    found = unpack(best.x)
-    return replace(found, arcs=_mean_square_root(model, found)) if free[3] else found
+    def starts() -> Iterator[Array]:
+        """From the last choice; without one from the centres, and with one effect large in turn."""
+        x = centre.copy()
+        x[:3] = np.log([start.noise_scale, start.bending, start.difference or 1.0])
+        if start.effects:
+            x[3] = np.log(start.scatter) if start.scatter else x[3]
+            x[4:] = np.log(np.array(start.effects)[free])
+            yield x
+            return
+        yield x
+        for k in range(4, x.size):
+            x = x.copy()
+            x[4:] = EFFECT_SMALL
+            x[k] = EFFECT_LARGE
+            yield x
+
+    bounds = [limit for limit, chosen in zip(limits, asked, strict=True) if chosen]
+    inside = [np.clip(x[asked], *np.transpose(bounds)) for x in starts()]
+    tried = [minimize(cost, x, jac=True, bounds=bounds, method="L-BFGS-B") for x in inside]
+    found = unpack(min(tried, key=lambda end: float(end.fun)).x)
+    means = [_mean_square_root(model, found, k) for k in free]
+    for k, size in zip(free, means, strict=True):
+        found = _with_size(found, k, size)
+    return found
 
 
-def _mean_square_root(model: LinearModel, found: Smoothness) -> float:
-    """Root of the posterior mean of s_a², the other hyperparameters as found."""
-    grid = np.linspace(*ARCS_RANGE, ARCS_STEPS)
-    away = (grid - ARCS_BEFORE[0]) / ARCS_BEFORE[1]
-    log_density = [model.log_evidence(replace(found, arcs=float(np.exp(x)))) for x in grid]
-    log_density = np.array(log_density) - 0.5 * away**2
+def _mean_square_root(model: LinearModel, found: Smoothness, k: int) -> float:
+    """Root of the posterior mean of the square of the size of effect `k`, the others as found."""
+    grid, before = np.linspace(*EFFECT_RANGE, EFFECT_STEPS), model.before[k]
+    assert before is not None
+    log_density = model.log_evidence_by_size(found, k, np.exp(grid))
+    log_density -= 0.5 * np.square((grid - before[0]) / before[1])
     density = np.exp(log_density - log_density.max())
     return float(np.sqrt(density @ np.exp(2.0 * grid) / density.sum()))
+
+
+def _with_size(found: Smoothness, k: int, size: float) -> Smoothness:
+    sizes = list(found.effects)
+    sizes[k] = size
+    return replace(found, effects=tuple(sizes))

@@ -4,8 +4,9 @@ The published procedure gives each measured coefficient the mean force of Eq. (8
 bending: peaks of the force where the belt enters and leaves the pulley. Here the rig is simulated
 (its sliding limit, with sensitivities), and the surface is solved for by Gauss–Newton so that Eq.
 (6), applied to the simulated tensions, gives each measured coefficient. The shape of the surface is
-free; its smoothness is chosen by the data (:mod:`beltid.refine.evidence`), and so is how far the
-arcs differ from each other.
+free; its smoothness is chosen by the data (:mod:`beltid.refine.evidence`), and so is what shifts
+the friction beside it (:mod:`beltid.refine.effects`). Errors that runs share are unknowns with
+their stated standard uncertainties.
 """
 
 from __future__ import annotations
@@ -19,7 +20,14 @@ from numpy.typing import NDArray
 from beltid.errors import BeltidError, ConvergenceError, InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.refine.curves import Curves
-from beltid.refine.evidence import SMALLEST_SCALE, LinearModel, Smoothness, choose_smoothness
+from beltid.refine.effects import STATED, Effect, FoundEffect, campaign_effects
+from beltid.refine.evidence import (
+    SMALLEST_SCALE,
+    LinearModel,
+    Smoothness,
+    Solution,
+    choose_smoothness,
+)
 from beltid.refine.rig_runs import (
     MeasuredRun,
     RigRuns,
@@ -72,7 +80,11 @@ class RefinedSurface:
     force_range : ndarray, shape (m, 2)
         Range of the line force that acted in the contact at each speed [N/m].
     errors : ndarray, shape (n,)
-        Standard errors of ln mu of the runs as the fit took them: noise scale and weight are in.
+        Standard errors of ln mu of the runs as the fit took them: noise scale, scatter from run to
+        run and weight are in.
+    noise_scale : float
+        How many times their stated standard errors the runs scatter about the surface and the
+        effects beside it, root mean square [-].
     J, gain : ndarray, shape (n, size), (size, n)
         Derivatives of ln mu of the runs by the parameters, and of the parameters by ln mu of the
         runs: how the solution follows its data.
@@ -80,9 +92,13 @@ class RefinedSurface:
         Derivative of the simulated ln mu by ln v of the run.
     roughness : ndarray, shape (size, size)
         Quadratic form that was added to the misfit.
-    arcs, arcs_covariance : ndarray, shape (K,), (K, K)
-        Effect of each arc setting on ln mu, beyond the surface, and its covariance; empty for one
-        arc. What they have in common is not seen; it is in the covariance of both.
+    effects : tuple of FoundEffect
+        What shifts the friction beside the surface, and the stated errors as the runs show them.
+        What a whole effect has in common with the surface is not seen; it is in the covariance of
+        both.
+    effects_covariance, effects_gain : ndarray, shape (K, K), (K, n)
+        Covariance of the numbers of all effects, in their order, and their derivatives by ln mu of
+        the runs.
     """
 
     surface: FrictionSurface
@@ -97,12 +113,23 @@ class RefinedSurface:
     weight: Array
     force_range: Array
     errors: Array
+    noise_scale: float
     J: Array
     gain: Array
     speed_slope: Array
     roughness: Array
-    arcs: Array
-    arcs_covariance: Array
+    effects: tuple[FoundEffect, ...]
+    effects_covariance: Array
+    effects_gain: Array
+
+    def effect(self, key: str) -> FoundEffect | None:
+        """One of the effects; None if the runs cannot show it."""
+        return next((found for found in self.effects if found.effect.key == key), None)
+
+    @property
+    def columns_of_effects(self) -> dict[str, Array]:
+        """What each number of an effect does to ln mu of the friction of the runs, (n, K_e)."""
+        return {found.effect.key: found.effect.columns for found in self.effects}
 
     @property
     def response(self) -> Array:
@@ -111,7 +138,13 @@ class RefinedSurface:
 
 
 def refine_surface(
-    bench: Bench, runs: Sequence[MeasuredRun], speeds: Array, nodes: int = 12
+    bench: Bench,
+    runs: Sequence[MeasuredRun],
+    speeds: Array,
+    nodes: int = 12,
+    *,
+    stated: Array | None = None,
+    reference_degC: float | None = None,
 ) -> RefinedSurface:
     """Find the surface with which the simulated rig gives every measured coefficient.
 
@@ -125,6 +158,11 @@ def refine_surface(
         Speed settings [m/s], increasing; each run belongs to the nearest one.
     nodes : int
         Force nodes of the surface that comes out.
+    stated : ndarray, shape (n, K), optional
+        Change of measured less simulated ln mu of each run by one standard uncertainty of each
+        error that runs share.
+    reference_degC : float, optional
+        Temperature to which the surface is corrected [°C]; by default it is that of the runs.
 
     Raises
     ------
@@ -146,9 +184,17 @@ def refine_surface(
     start = np.log(bench.surface.mu(grid_f[None, :], grid_v[:, None])).ravel()
     measured = np.log([run.mu for run in runs])
     errors = np.hypot([run.mu_se / run.mu for run in runs], MODEL_ERROR)
-    arc = np.array([run.arc for run in runs])
-    fit = _gauss_newton(_Problem(rig, curves, measured, errors, arc), start)
+    effects = campaign_effects(
+        np.array([run.arc for run in runs]),
+        np.array([run.order for run in runs]),
+        np.array([run.temperature_degC for run in runs]),
+        reference_degC,
+    )
+    shared = () if stated is None else (Effect(STATED, stated),)
+    problem = _Problem(rig, curves, measured, errors, (*effects, *shared))
+    fit = _gauss_newton(problem, start)
     last = sweep_with_slopes(rig, curves, fit.parameters)
+    variance = fit.model.variance(fit.smoothness)
     solution = fit.model.solve(fit.smoothness)
     return RefinedSurface(
         surface=_tabulated(curves, fit.parameters, solution.covariance, nodes),
@@ -162,14 +208,29 @@ def refine_surface(
         misfit_after=np.expm1(last.log_mu - measured),
         weight=fit.weight,
         force_range=acting,
-        errors=errors * fit.smoothness.noise_scale / np.sqrt(fit.weight),
+        errors=errors * np.sqrt(variance / fit.weight),
+        noise_scale=float(np.sqrt(np.mean(variance))),
         J=last.J,
         gain=solution.gain * (np.sqrt(fit.weight) / errors),
         speed_slope=last.speed_slope,
         roughness=fit.model.roughness(fit.smoothness),
-        arcs=solution.arcs,
-        arcs_covariance=solution.arcs_covariance,
+        effects=_found(problem.effects, fit.smoothness, solution),
+        effects_covariance=solution.effects_covariance,
+        effects_gain=solution.effects_gain * (np.sqrt(fit.weight) / errors),
     )
+
+
+def _found(
+    effects: Sequence[Effect], smoothness: Smoothness, solution: Solution
+) -> tuple[FoundEffect, ...]:
+    """The numbers of each effect."""
+    found, first = [], 0
+    for effect, size in zip(effects, smoothness.effects, strict=True):
+        mine = slice(first, first + effect.columns.shape[1])
+        covariance = solution.effects_covariance[mine, mine]
+        found.append(FoundEffect(effect, size, solution.effects[mine], covariance))
+        first = mine.stop
+    return tuple(found)
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,19 +241,27 @@ class _Problem:
     curves: Curves
     log_mu: Array
     errors: Array
-    arc: NDArray[np.intp]
+    effects: tuple[Effect, ...]
 
-    def linearised(self, sweep: Sweep, parameters: Array, weight: Array) -> LinearModel:
-        """The data over their standard errors, linear about simulated runs."""
+    def linearised(
+        self, sweep: Sweep, parameters: Array, weight: Array, response: Array
+    ) -> LinearModel:
+        """The data over their standard errors, linear about simulated runs.
+
+        `response` (n,) is what effects and scatter act by; it rests with the hyperparameters.
+        """
         scale = np.sqrt(weight) / self.errors
-        several = np.unique(self.arc).size > 1
-        of_arc = np.eye(self.arc.max() + 1)[self.arc] if several else np.zeros((scale.size, 0))
         return LinearModel(
             J=sweep.J * scale[:, None],
             y=(self.log_mu - sweep.log_mu + sweep.J @ parameters) * scale,
             bending=self.curves.bending(),
             difference=self.curves.difference(),
-            Z=of_arc * (sweep.response * scale)[:, None],
+            response=response / self.errors,
+            effects=[
+                effect.columns * (scale * (1.0 if effect.before is None else response))[:, None]
+                for effect in self.effects
+            ],
+            before=[effect.before for effect in self.effects],
         )
 
 
@@ -220,18 +289,17 @@ def _gauss_newton(problem: _Problem, start: Array) -> _Fit:
     share, change, choices, iteration = 1.0, np.inf, 0, 0
     try:
         sweep = sweep_with_slopes(problem.rig, problem.curves, parameters)
-        log_mu_before = sweep.log_mu
+        log_mu_before, response = sweep.log_mu, sweep.response
         for iteration in range(1, MOST_ITERATIONS + 1):
             fresh = choices < CHOICES and share in (0.0, 1.0)
             if fresh:
-                weight, choices = _weights(left), choices + 1
-            model = problem.linearised(sweep, parameters, weight)
+                weight, response, choices = _weights(left), sweep.response, choices + 1
+            model = problem.linearised(sweep, parameters, weight, response)
             if fresh:
                 smoothness = choose_smoothness(model, smoothness)
             solution = model.solve(smoothness)
             scale = np.sqrt(weight) / problem.errors
-            left = model.y - model.J @ solution.parameters - model.Z @ solution.arcs
-            left /= np.sqrt(weight)
+            left = model.residual(solution) / np.sqrt(weight * model.variance(smoothness))
             step = solution.parameters - parameters
             # what the data see of the step: knots that carry no load may drift
             change = float(np.max(np.abs(sweep.J @ step)))

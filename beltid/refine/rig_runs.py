@@ -40,12 +40,18 @@ class MeasuredRun:
         Sliding coefficient by Eq. (6) and its standard error by what differs from run to run [-].
     arc : int
         Number of the arc setting: runs of one setting share its effect.
+    order : int
+        Place of the run in the campaign.
+    temperature_degC : float
+        Temperature while sliding [°C]; nan if it is not known.
     """
 
     point: OperatingPoint
     mu: float
     mu_se: float
     arc: int = 0
+    order: int = 0
+    temperature_degC: float = float("nan")
 
 
 @dataclass(frozen=True, slots=True)

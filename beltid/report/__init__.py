@@ -9,6 +9,8 @@ Module          Responsibility
 ``interactive`` the surface for the mouse
 ``tables``      tables of a page
 ``verdict``     what stands on top of a page
+``conditions``  what was tested, and how
+``gallery``     all runs over time as small pictures
 ``belt_page``   the report of one belt
 ``belts_page``  several belts side by side
 ``html``        sections to one self-contained page

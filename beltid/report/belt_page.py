@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from beltid.report import tables
+from beltid.report import gallery, tables
+from beltid.report.conditions import conditions
 from beltid.report.figures import arc, budget, drive, friction, press, proof, runs, slip, surface
 from beltid.report.html import Page, Section
 from beltid.report.interactive import as_json, surface_plot
@@ -14,6 +15,10 @@ from beltid.report.verdict import verdict_of
 
 SURFACES: Final = {"surface_refined": "refined", "surface": "published"}
 PROOFS: Final = {"compare": "published", "compare_refined": "refined"}
+PREDICTED: Final = {
+    "arc": "arc left out, predicted from the others",
+    "speed": "speed left out, predicted from the others",
+}
 SPACE: Final = "surface-space"
 
 
@@ -49,6 +54,7 @@ def belt_page(results: BeltResults, made_from: str) -> Page:
             _made(results),
         ),
         verdict=verdict_of(results),
+        conditions=conditions(results),
         synthetic=results.origin == "synthetic",
         plot=as_json(plot) if plot else "",
         made_from=made_from,
@@ -94,6 +100,7 @@ def _friction(results: BeltResults) -> Section:
         [*runs.pictures(results), *friction.measured(results), *arc.pictures(results)],
         [tables.runs(sheet)] if sheet else (),
         _said(sheet),
+        tiles=gallery.tiles(results),
     )
 
 
@@ -101,7 +108,7 @@ def _surface(results: BeltResults) -> Section:
     best = results.best_surface
     pictures = surface.pictures(results)
     if best is not None:
-        pictures.insert(0, surface.in_space(best, results.get("friction")))
+        pictures.insert(0, surface.in_space(best))
     known = [(sheet, of) for name, of in SURFACES.items() if (sheet := results.get(name))]
     return Section(
         "surface",
@@ -118,13 +125,16 @@ def _surface(results: BeltResults) -> Section:
 
 def _proof(results: BeltResults) -> Section:
     known = [(sheet, of) for name, of in PROOFS.items() if (sheet := results.get(name))]
+    shown = [(sheet, f"{of} surface") for sheet, of in known]
+    if predicted := results.prediction:
+        shown.insert(0, (predicted, PREDICTED[predicted.extra["hold_out"]]))
     return Section(
         "proof",
         "The proof: the rig, simulated",
         "Every run again on a simulated copy of the rig, with what was identified; measured and "
         "simulated recordings go through the same reduction.",
         [*friction.simulated(results), *proof.pictures(results)],
-        [tables.agreement(sheet, of) for sheet, of in known],
+        [tables.agreement(sheet, of) for sheet, of in shown],
         _said_of_both(known),
     )
 

@@ -10,7 +10,7 @@ import numpy as np
 from beltid.report import tables
 from beltid.report.figures import belts as figures
 from beltid.report.html import Link, Page, Section
-from beltid.report.results import BeltResults
+from beltid.report.results import BeltResults, Sheet
 from beltid.report.verdict import whole
 
 
@@ -45,11 +45,21 @@ def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: st
                 ],
             ),
             Section("laws", "Normal contact", pictures=[figures.laws(belts)]),
-            Section("friction", "Friction", pictures=figures.friction(belts)),
+            Section(
+                "friction",
+                "Friction",
+                pictures=[figures.measured(belts), *figures.friction(belts), figures.proof(belts)],
+            ),
         ),
         synthetic=any(belt.origin == "synthetic" for belt in belts),
         made_from=made_from,
     )
+
+
+def _combined_percent(sheet: Sheet) -> float | None:
+    """Combined standard uncertainty of mu within the measured range [%]; None if not known."""
+    rows = [row for row in sheet.extra.get("budget") or () if row["source"] == "combined"]
+    return rows[0]["contribution_percent"] if rows else None
 
 
 def _row(belt: BeltResults) -> dict[str, Any]:
@@ -63,9 +73,16 @@ def _row(belt: BeltResults) -> dict[str, Any]:
     if best is not None:
         mu = best.surface.mu_nodes
         row["mu_range"] = [float(mu.min()), float(mu.max())]
+        low, high = best.surface.validity["normal_force_N_m"]
+        row["measured_force_N_m"], row["valid_force_N_m"] = best.measured_force, [low, high]
+        row["mu_u_percent"] = _combined_percent(best)
     else:
-        row["mu_range"] = None
-    for name, prefix in (("compare", ""), ("compare_refined", "refined_")):
+        row |= dict.fromkeys(("mu_range", "measured_force_N_m", "valid_force_N_m", "mu_u_percent"))
+    for name, prefix in (
+        ("compare", ""),
+        ("compare_refined", "refined_"),
+        ("compare_hold_out", "predicted_"),
+    ):
         sheet = belt.get(name)
         row[f"{prefix}rms_percent"] = whole(sheet).get("rms_percent") if sheet else None
         passed = None if sheet is None else bool(sheet.extra.get("passed"))

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from string import ascii_lowercase
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
+from matplotlib.colors import to_rgba
+from matplotlib.lines import Line2D
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -14,8 +20,11 @@ BLANK: Final = 0x2800
 LEAST: Final = 24
 WIDEST: Final = 78
 HEIGHT: Final = 14
+TICKS: Final = 4
 STEPS: Final = 400
 """Points that a segment is drawn with."""
+
+Colour = tuple[float, float, float, float]
 
 
 def drawn(axes: Axes, width: int, height: int = HEIGHT) -> str:
@@ -35,34 +44,112 @@ def drawn(axes: Axes, width: int, height: int = HEIGHT) -> str:
     str
         Lines of text; "" if there is nothing to draw or no room.
     """
-    lines = [(x, y, joined) for x, y, joined in _lines(axes) if x.size]
-    ticks = [f"{limit:.4g}" for limit in axes.get_ylim()]
-    margin = max(len(text) for text in ticks) + 1
+    lines = [line for line in _lines(axes) if line.x.size]
+    levels = _ticks(axes, "y")
+    margin = max((len(text) for _, text in levels), default=0) + 1
     columns = min(width, WIDEST) - margin - 1
     if not lines or columns < LEAST:
         return ""
     dots = np.zeros((4 * height, 2 * columns), dtype=bool)
-    for x, y, joined in lines:
-        _mark(dots, _scaled(axes, x, "x"), _scaled(axes, y, "y"), joined)
-    rows = _cells(dots)
-    low, high = (f"{limit:.4g}" for limit in axes.get_xlim())
-    left = [ticks[1], *[""] * (height - 2), ticks[0]]
-    body = [f"{name:>{margin - 1}} ┤{row}" for name, row in zip(left, rows, strict=True)]
+    title, names = _legend(axes)
+    ends: dict[Colour, tuple[float, float]] = {}
+    for line in lines:
+        x, y = _scaled(axes, line.x, "x"), _scaled(axes, line.y, "y")
+        _mark(dots, x, y, line.joined)
+        inside = np.flatnonzero((x >= 0) & (x <= 1) & (y >= 0) & (y <= 1))
+        if line.colour in names and inside.size:
+            last = inside[np.argmax(x[inside])]
+            ends.setdefault(line.colour, (float(x[last]), float(y[last])))
+    rows = [list(row.ljust(columns)) for row in _cells(dots)]
+    told = title + _put_letters(rows, {names[colour]: end for colour, end in ends.items()})
+    left = [""] * height
+    for at, text in levels:
+        left[round((1.0 - at) * (height - 1))] = text
+    body = [
+        f"{text:>{margin - 1}} ┤{''.join(row).rstrip()}"
+        for text, row in zip(left, rows, strict=True)
+    ]
     foot = " " * margin + "└" + "─" * columns
-    ends = f"{' ' * (margin + 1)}{low}{high:>{max(1, columns - len(low))}}"
-    return "\n".join(
-        [axes.get_ylabel(), *body, foot, ends, f"{axes.get_xlabel():>{margin + columns + 1}}"]
-    )
+    said = textwrap.wrap(told, min(width, WIDEST)) if ends else []
+    xlabel = f"{_label(axes, 'x'):>{margin + columns + 1}}"
+    below = " " * (margin + 1) + _placed(_ticks(axes, "x"), columns)
+    return "\n".join([_label(axes, "y"), *said, *body, foot, below.rstrip(), xlabel])
 
 
-def _lines(axes: Axes) -> list[tuple[np.ndarray, np.ndarray, bool]]:
-    """Coordinates of the lines, and whether their points are joined."""
+def _label(axes: Axes, which: Literal["x", "y"]) -> str:
+    """What an axis shows, and that it is logarithmic."""
+    name: str = getattr(axes, f"get_{which}label")()
+    return f"{name}, log" if getattr(axes, f"get_{which}scale")() == "log" else name
+
+
+def _ticks(axes: Axes, which: Literal["x", "y"]) -> list[tuple[float, str]]:
+    """A few round values of an axis: their places from 0 to 1, and their texts."""
+    from matplotlib.ticker import LogLocator, MaxNLocator
+
+    low, high = getattr(axes, f"get_{which}lim")()
+    low, high = min(low, high), max(low, high)
+    values = MaxNLocator(TICKS, steps=[1, 2, 5, 10]).tick_values(low, high)
+    if getattr(axes, f"get_{which}scale")() == "log":
+        values = LogLocator(subs=(1.0, 2.0, 5.0)).tick_values(low, high)
+    values = values[(values >= low) & (values <= high)]
+    places = _scaled(axes, values, which)
+    return [(float(at), f"{value:.10g}") for at, value in zip(places, values, strict=True)]
+
+
+def _placed(ticks: Sequence[tuple[float, str]], columns: int) -> str:
+    """Texts below their places, those left out that do not fit."""
+    line = ""
+    for at, text in ticks:
+        start = max(0, min(round(at * (columns - 1)) - len(text) // 2, columns - len(text)))
+        if start >= len(line) + bool(line):
+            line = line.ljust(start) + text
+    return line
+
+
+def _legend(axes: Axes) -> tuple[str, dict[Colour, str]]:
+    """Title of the legends, and colour of what they tell apart -> its name."""
+    own = axes.get_legend()
+    legends = [*axes.get_figure(root=True).legends, *([own] if own else [])]  # type: ignore[union-attr]
+    found: dict[Colour, str] = {}
+    titles = [title for one in legends if (title := one.get_title().get_text())]
+    for legend in legends:
+        for handle, text in zip(legend.legend_handles, legend.get_texts(), strict=True):
+            if isinstance(handle, Line2D):
+                found.setdefault(to_rgba(handle.get_color()), text.get_text())
+    return f"{titles[0]}:   " if titles and found else "", found
+
+
+def _put_letters(rows: list[list[str]], ends: dict[str, tuple[float, float]]) -> str:
+    """A letter at the end of each line that has a name; the letters with their names."""
+    told = []
+    for letter, (name, (x, y)) in zip(ascii_lowercase, ends.items(), strict=False):
+        row = rows[round((1.0 - y) * (len(rows) - 1))]
+        place = round(x * (len(row) - 1))
+        while place > 0 and row[place].isalpha():
+            place -= 1
+        row[place] = letter
+        told.append(f"{letter} {name}")
+    return "   ".join(told)
+
+
+@dataclass(frozen=True, slots=True)
+class _Line:
+    """Coordinates of a line, whether its points are joined, and its colour."""
+
+    x: np.ndarray
+    y: np.ndarray
+    joined: bool
+    colour: Colour
+
+
+def _lines(axes: Axes) -> list[_Line]:
     found = []
     for line in axes.get_lines():
         x, y = (np.asarray(v, dtype=float) for v in line.get_data())
         if line.get_transform() != axes.transData:  # such as a level across the whole figure
             continue
-        found.append((x, y, line.get_linestyle() not in ("None", "", " ")))
+        joined = line.get_linestyle() not in ("None", "", " ")
+        found.append(_Line(x, y, joined, to_rgba(line.get_color())))
     return found
 
 

@@ -26,7 +26,7 @@ UNITS: Final[tuple[tuple[str, str], ...]] = (
 )
 # the one ending that is not a force per length
 TORQUE: Final = "torque_N_m"
-RANGES: Final = ("range", "valid")
+RANGES: Final = ("range", "valid", "measured")
 # what is left over of an equation: its order of magnitude matters
 MAGNITUDES: Final = ("residual", "slip_m", "cone")
 MISSING: Final = "-"

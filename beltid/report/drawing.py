@@ -47,9 +47,9 @@ STYLE: Final[dict[str, Any]] = {
     "grid.linewidth": 0.6,
     "xtick.color": INK,
     "ytick.color": INK,
-    "xtick.labelsize": 9.0,
-    "ytick.labelsize": 9.0,
-    "legend.fontsize": 8.5,
+    "xtick.labelsize": 9.5,
+    "ytick.labelsize": 9.5,
+    "legend.fontsize": 9.5,
     "legend.frameon": True,
     "legend.framealpha": 0.85,
     "legend.edgecolor": GRID,
@@ -161,10 +161,16 @@ def legend_below(fig: Figure, every: Sequence[Axes], columns: int = 3) -> None:
         )
 
 
-def saved(fig: Figure, kind: str) -> bytes:
-    """Bytes of a figure as "svg", "png" or "pdf"; the same for the same figure."""
+def saved(fig: Figure, kind: str, *, letters: bool = False) -> bytes:
+    """Bytes of a figure as "svg", "png" or "pdf"; the same for the same figure.
+
+    `letters` leaves the text of an SVG to the fonts of the reader; else they are outlines.
+    """
+    import matplotlib as mpl
+
     buffer = io.BytesIO()
     with style():
+        mpl.rcParams["svg.fonttype"] = "none" if letters else "path"
         engine = fig.get_layout_engine()
         if engine is not None:  # once is enough; matplotlib would arrange it for every pass
             engine.execute(fig)
@@ -173,16 +179,22 @@ def saved(fig: Figure, kind: str) -> bytes:
     return buffer.getvalue()
 
 
+def _short_numbers(attribute: re.Match[str]) -> str:
+    """Coordinates with a hundredth of a point, which nobody sees."""
+    return re.sub(r"(\.\d\d)\d+", r"\1", attribute[0])
+
+
 def inline_svg(fig: Figure, key: str) -> str:
     """A figure as SVG to stand within a page.
 
     Names within it begin with `key`, so that several may stand on one page. It has no size of its
     own but a view box, and is hidden from readers of the screen: the page tells them what it shows.
     """
-    text = saved(fig, "svg").decode()
+    text = saved(fig, "svg", letters=True).decode()
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>\s*", "", text, flags=re.DOTALL)
     text = re.sub(r"<!--.*?-->\s*", "", text, flags=re.DOTALL)
+    text = re.sub(r'\b(d|x|y|points)="[^"]*"', _short_numbers, text)
     text = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{key}-", text)
     head, rest = text.split(">", 1)
     view = re.search(r'viewBox="([^"]+)"', head)

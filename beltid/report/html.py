@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import gzip
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from unicodedata import category
 
 from beltid._version import __version__
 from beltid.report.drawing import inline_svg
+from beltid.report.gallery import Tile
 from beltid.report.picture import Picture
 from beltid.report.tables import View
 from beltid.report.verdict import Verdict
@@ -52,6 +54,8 @@ class Section:
         Where else to look.
     live : str
         Key of the picture that the interactive surface takes the place of.
+    tiles : sequence of Tile
+        Many small pictures side by side.
     """
 
     key: str
@@ -62,6 +66,7 @@ class Section:
     notes: Sequence[str] = ()
     links: Sequence[Link] = ()
     live: str = ""
+    tiles: Sequence[Tile] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,6 +81,8 @@ class Page:
         Its parts.
     verdict : Verdict or None
         What stands on top.
+    conditions : sequence of (str, str)
+        What was tested and how, each with its value.
     synthetic : bool
         Whether any data are synthetic.
     plot : str
@@ -88,6 +95,7 @@ class Page:
     title: str
     sections: Sequence[Section]
     verdict: Verdict | None = None
+    conditions: Sequence[tuple[str, str]] = ()
     synthetic: bool = False
     plot: str = ""
     made_from: str = ""
@@ -111,10 +119,11 @@ def rendered(page: Page) -> str:
             title=page.title,
             synthetic=SYNTHETIC if page.synthetic else "",
             verdict=page.verdict,
+            conditions=page.conditions,
             sections=[_drawn(section) for section in page.sections],
             css=Markup(css),
             plot=Markup(page.plot),
-            library=Markup(scripts[0]) if scripts else "",
+            library=Markup(_packed(scripts[0])) if scripts else "",
             script=Markup(scripts[1]) if scripts else "",
         )
         + "\n"
@@ -148,6 +157,11 @@ def _library() -> str:
     from plotly.offline import get_plotlyjs
 
     return str(get_plotlyjs())
+
+
+def _packed(script: str) -> str:
+    """A script as the page brings it along, a third as large; the page unpacks and knows it."""
+    return base64.b64encode(gzip.compress(script.encode(), 9, mtime=0)).decode()
 
 
 def _policy(scripts: Sequence[str]) -> str:
@@ -186,4 +200,5 @@ def _drawn(section: Section) -> dict[str, Any]:
         "tables": section.tables,
         "notes": section.notes,
         "links": section.links,
+        "tiles": section.tiles,
     }

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.report.drawing import INK, ORDERED, SIMULATED
+from beltid.report.drawing import INK, ORDERED
 from beltid.report.figures.friction import FORCE
 from beltid.report.figures.surface import MILLI, SPEED, WORDS, grid_of, ticks
 from beltid.report.results import BeltResults, Sheet
@@ -28,10 +28,9 @@ def surface_plot(results: BeltResults) -> dict[str, Any] | None:
     every = np.concatenate([sheet.surface.mu_nodes.ravel() for sheet in sheets])
     limits = float(every.min()), float(every.max())
     traces = [_trace(sheet, k == 0, limits) for k, sheet in enumerate(sheets)]
-    points = _points(results.get("friction"))
     return {
-        "data": [*traces, *points],
-        "layout": _layout(sheets, len(points)),
+        "data": traces,
+        "layout": _layout(sheets),
         "config": {
             "responsive": True,
             "displaylogo": False,
@@ -72,35 +71,6 @@ def _trace(sheet: Sheet, shown: bool, limits: tuple[float, float]) -> dict[str, 
     }
 
 
-def _points(friction: Sheet | None) -> list[dict[str, Any]]:
-    """The measured runs."""
-    if friction is None or not (friction["status"] == "ok").any():
-        return []
-    good = friction["status"] == "ok"
-    arcs = friction["arc_deg"][good]
-    return [
-        {
-            "type": "scatter3d",
-            "mode": "markers",
-            "name": "measured runs",
-            "x": _rounded(friction["normal_force_N_m"][good]),
-            "y": _rounded(np.abs(friction["slip_speed_m_s"][good]) * MILLI),
-            "z": _rounded(friction["mu_sliding"][good]),
-            "text": [
-                f"{_plain(run)}, arc {arc:g}°"
-                for run, arc in zip(friction["run"][good], arcs, strict=True)
-            ],
-            "marker": {"size": 3.5, "color": SIMULATED, "line": {"color": INK, "width": 0.5}},
-            "hovertemplate": f"%{{text}}<br>{HOVER}<extra></extra>",
-        }
-    ]
-
-
-def _plain(label: Any) -> str:
-    """A label without what plotly takes for markup."""
-    return str(label).replace("<", "‹").replace(">", "›").replace("%{", "% {")
-
-
 def _axis(title: str, values: list[float]) -> dict[str, Any]:
     low, high = min(values), max(values)
     axis: dict[str, Any] = {"title": {"text": title}, "color": INK}
@@ -111,14 +81,14 @@ def _axis(title: str, values: list[float]) -> dict[str, Any]:
     return axis
 
 
-def _layout(sheets: list[Sheet], points: int) -> dict[str, Any]:
+def _layout(sheets: list[Sheet]) -> dict[str, Any]:
     f = [float(x) for s in sheets for x in s.surface.normal_force_N_m[[0, -1]]]
     v = [MILLI * float(x) for s in sheets for x in s.surface.slip_speed_m_s[[0, -1]]]
     buttons = [
         {
             "method": "restyle",
             "label": WORDS[sheet.name],
-            "args": [{"visible": [k == i for k in range(len(sheets))] + [True] * points}],
+            "args": [{"visible": [k == i for k in range(len(sheets))]}],
         }
         for i, sheet in enumerate(sheets)
     ]

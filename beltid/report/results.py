@@ -76,6 +76,12 @@ class Sheet:
         return surface_from_columns(columns)
 
     @property
+    def measured_force(self) -> tuple[float, float] | None:
+        """Lowest and highest mean force of the runs behind a surface [N/m]; None if not stated."""
+        stated = (self.extra.get("measured") or {}).get("normal_force_N_m")
+        return (float(stated[0]), float(stated[1])) if stated else None
+
+    @property
     def uncertainty(self) -> str:
         """What the errors of the surface are."""
         return "combined standard uncertainty" if "mu_u" in self.columns else "standard error"
@@ -143,12 +149,15 @@ class BeltResults:
         The contact along the arc, simulated, for a typical run of each arc.
     problems : tuple of str
         What is missing or damaged, a line each.
+    belt_facts : tuple of str
+        Type and ribs of the belt, as far as its config was found.
     """
 
     belt: str
     sheets: Mapping[str, Sheet]
     profiles: tuple[ArcProfile, ...] = ()
     problems: tuple[str, ...] = ()
+    belt_facts: tuple[str, ...] = ()
 
     def get(self, name: str) -> Sheet | None:
         """An artifact by its name; None if it is not there."""
@@ -158,6 +167,12 @@ class BeltResults:
     def best_surface(self) -> Sheet | None:
         """The refined surface, or else the published one."""
         return self.get("surface_refined") or self.get("surface")
+
+    @property
+    def prediction(self) -> Sheet | None:
+        """The comparison with runs that were left out and predicted."""
+        sheet = self.get("compare_hold_out")
+        return sheet if sheet and sheet.extra.get("hold_out") in ("arc", "speed") else None
 
     @property
     def origin(self) -> str | None:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import base64
+import csv
+import io
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -72,6 +76,7 @@ BUDGET_COLUMNS: Final = (
     "share_percent",
 )
 SHORT_HASH: Final = 12
+LONGEST_NAME: Final = 60
 # how a comparison names the runs of its two sides
 MEASURED_RUN, SIMULATED_RUN = "run measured ", "run simulated "
 
@@ -99,6 +104,20 @@ class View:
     rows: list[list[str]]
     numeric: tuple[bool, ...]
     folded: bool = False
+
+    @property
+    def file(self) -> str:
+        """Name of the table as a file to download."""
+        words = re.sub(r"[^a-z0-9]+", "_", self.title.lower()).strip("_")
+        return f"{words[:LONGEST_NAME]}.csv"
+
+    @property
+    def csv(self) -> str:
+        """The table as CSV, in base64: what the page shows, to download."""
+        text = io.StringIO(newline="")
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerows([self.headings, *self.rows])
+        return base64.b64encode(text.getvalue().encode()).decode()
 
 
 def view(
@@ -146,7 +165,7 @@ def nodes(sheet: Sheet, of: str) -> View:
     errors = surface.mu_se_nodes
     rows = []
     for i, force in enumerate(surface.normal_force_N_m):
-        row = [cell("normal_force_N_m", float(force))]
+        row = [cell("normal_force_N_m", float(force)), _known(sheet, float(force))]
         for j in range(surface.slip_speed_m_s.size):
             text = cell("mu", float(surface.mu_nodes[i, j]))
             if errors is not None and np.isfinite(errors[i, j]):
@@ -156,17 +175,25 @@ def nodes(sheet: Sheet, of: str) -> View:
     speeds = [f"{1e3 * v:.3g} mm/s" for v in surface.slip_speed_m_s]
     return View(
         f"µ ± {sheet.uncertainty} at the nodes of the {of} surface",
-        (heading("normal_force_N_m"), *speeds),
+        (heading("normal_force_N_m"), "range", *speeds),
         rows,
-        (True,) * (1 + len(speeds)),
+        (True, False, *([True] * len(speeds))),
         folded=True,
     )
+
+
+def _known(sheet: Sheet, force: float) -> str:
+    """Whether runs were measured at a mean force, or the surface says it of forces within them."""
+    if sheet.measured_force is None:
+        return "-"
+    low, high = sheet.measured_force
+    return "measured" if low <= force <= high else "inferred"
 
 
 def agreement(sheet: Sheet, of: str) -> View:
     """Differences of groups of points."""
     rows = sheet.extra.get("statistics") or []
-    return view(f"Simulated less measured µ, {of} surface", rows, GROUP_COLUMNS)
+    return view(f"Simulated less measured µ, {of}", rows, GROUP_COLUMNS)
 
 
 def budget(results: BeltResults) -> View | None:

@@ -50,7 +50,8 @@ def renderables(
     from rich.text import Text
 
     of_what = " (synthetic data)" if summary.origin == SYNTHETIC else ""
-    yield Text(f"{summary.stage}{of_what}: {summary.title}", style="bold")
+    if summary.title:
+        yield Text(f"{summary.stage}{of_what}: {summary.title}", style="bold")
     if summary.facts:
         yield _facts(summary.facts)
     rows = summary.overview

@@ -12,6 +12,9 @@ from beltid.report.cells import cell, scientific
 from beltid.report.results import BeltResults, Sheet
 
 WORDS: Final = {"compare_refined": "refined", "compare": "published"}
+LEFT_OUT: Final = {"arc": "an arc", "speed": "a speed"}
+MOST_UNCERTAINTIES: Final = 2.0
+"""Standard uncertainties within which predictions confirm what is stated of the surface."""
 MICRO: Final = 1e6
 MILLI: Final = 1e3
 
@@ -64,6 +67,7 @@ def verdict_of(results: BeltResults) -> Verdict:
     cards = [
         card
         for card in (
+            _prediction(results),
             _normal_contact(results),
             _friction(results),
             *(_agreement(results, name) for name in WORDS),
@@ -83,25 +87,52 @@ def whole(sheet: Sheet) -> dict[str, Any]:
 
 def _headline(results: BeltResults) -> tuple[str, str]:
     compared = [(of, sheet) for name, of in WORDS.items() if (sheet := results.get(name))]
-    if not compared:
+    predicted = results.prediction
+    if not compared and predicted is None:
         return (
             "Not proven: nothing in this folder compares the simulated rig with the bench.",
             "open",
         )
-    parts = [
-        f"with the {of} surface by {cell('rms_percent', whole(sheet).get('rms_percent'))} % RMS "
-        f"({'within' if sheet.extra.get('passed') else 'out of'} tolerance)"
-        for of, sheet in compared
-    ]
-    passed = bool(compared[0][1].extra.get("passed"))
+    said = []
+    if predicted is not None:
+        said.append(
+            f"friction of {LEFT_OUT[predicted.extra['hold_out']]} that was left out is predicted "
+            f"to {_percent_rms(predicted)}{_in_units(predicted)} ({_within(predicted)})"
+        )
+    if compared:
+        parts = [
+            f"with the {of} surface by {_percent_rms(sheet)} ({_within(sheet)})"
+            for of, sheet in compared
+        ]
+        said.append(f"the simulated rig misses the measured friction {', '.join(parts)}")
+    decisive = [sheet for sheet in (predicted, *(s for _, s in compared[:1])) if sheet is not None]
     missing = _missing_evidence(results)
-    if not passed:
+    if not all(sheet.extra.get("passed") for sheet in decisive):
         start, state = "Identified, but out of tolerance", "bad"
     elif missing:
         start, state = f"Identified, not proven ({'; '.join(missing)})", "open"
     else:
         start, state = "Identified and proven", "good"
-    return f"{start}: the simulated rig misses the measured friction {', '.join(parts)}.", state
+    first, *others = said
+    return f"{start}: {first}.{''.join(f' {o[0].upper()}{o[1:]}.' for o in others)}", state
+
+
+def _percent_rms(sheet: Sheet) -> str:
+    return f"{cell('rms_percent', whole(sheet).get('rms_percent'))} % RMS"
+
+
+def _within(sheet: Sheet) -> str:
+    return f"{'within' if sheet.extra.get('passed') else 'out of'} tolerance"
+
+
+def _over_uncertainty(sheet: Sheet) -> float | None:
+    """Root mean square of the differences in standard uncertainties; None if they are unknown."""
+    return (sheet.extra.get("validation") or {}).get("rms_e_over_u")
+
+
+def _in_units(sheet: Sheet) -> str:
+    over_u = _over_uncertainty(sheet)
+    return "" if over_u is None else f", {over_u:.2g} standard uncertainties"
 
 
 ENOUGH: Final = {
@@ -120,6 +151,14 @@ def _missing_evidence(results: BeltResults) -> list[str]:
     missing = []
     if results.get("compare_refined") is None:
         missing.append("no refined surface was compared")
+    predicted = results.prediction
+    if predicted is None:
+        missing.append("no runs were left out and predicted")
+    elif (over_u := _over_uncertainty(predicted)) is not None and over_u > MOST_UNCERTAINTIES:
+        missing.append(
+            f"the predictions miss by {over_u:.2g} of their standard uncertainties, at most "
+            f"{MOST_UNCERTAINTIES:g} allowed"
+        )
     friction = results.get("friction")
     if friction is not None:
         good = friction["status"] == "ok"
@@ -169,10 +208,15 @@ def _friction(results: BeltResults) -> Card | None:
         return None
     (f0, f1), (v0, v1), (m0, m1) = _ranges(sheet)
     of = "refined" if sheet.name == "surface_refined" else "published"
+    of_runs = sheet.measured_force
     return Card(
         f"Friction surface, {of}",
         f"µ = {m0:.3g} to {m1:.3g}",
-        (f"{_newtons(f0)} to {_newtons(f1)} N/m", f"{MILLI * v0:.3g} to {MILLI * v1:.3g} mm/s"),
+        (
+            *([] if of_runs is None else [f"measured {_newton_range(of_runs)} N/m"]),
+            f"{'inferred ' if of == 'refined' else ''}{_newton_range((f0, f1))} N/m",
+            f"{MILLI * v0:.3g} to {MILLI * v1:.3g} mm/s",
+        ),
     )
 
 
@@ -219,6 +263,23 @@ def _agreement(results: BeltResults, name: str) -> Card | None:
     )
 
 
+def _prediction(results: BeltResults) -> Card | None:
+    sheet = results.prediction
+    if sheet is None:
+        return None
+    figures, passed = whole(sheet), bool(sheet.extra.get("passed"))
+    return Card(
+        f"Prediction, {LEFT_OUT[sheet.extra['hold_out']]} left out",
+        f"{'PASS' if passed else 'FAIL'} {_percent_rms(sheet)}",
+        (
+            _in_units(sheet).removeprefix(", ") or "its uncertainty is not known",
+            f"{cell('largest_percent', figures.get('largest_percent'))} % at worst, "
+            f"{cell('n', figures.get('n_points'))} runs",
+        ),
+        "good" if passed else "bad",
+    )
+
+
 def _runs(results: BeltResults) -> Card | None:
     friction = results.get("friction")
     if friction is None:
@@ -239,17 +300,15 @@ def _trust(results: BeltResults) -> list[str]:
         said.append("Nobody has stated whether the data are measured or synthetic (data.origin).")
     sheet = results.best_surface
     if sheet is not None:
-        (f0, f1), (v0, v1), _ = _ranges(sheet)
-        said.append(
-            f"The friction law holds from {_newtons(f0)} to {_newtons(f1)} N/m and from "
-            f"{MILLI * v0:.3g} to {MILLI * v1:.3g} mm/s; outside, the nearest value is taken, "
-            "nothing is extrapolated."
-        )
+        said += _known_ranges(results, sheet)
     if results.get("compare_refined") is not None:
         said.append(
             "The refined surface was fitted to these very runs: its agreement tells how well the "
             "model follows them, not how well it predicts others."
         )
+    predicted = results.prediction
+    if predicted is not None:
+        said += [f"Prediction: {note}." for note in predicted.notes]
     for name in ("simulated", "simulated_refined"):
         simulated = results.get(name)
         if simulated is not None:
@@ -279,6 +338,39 @@ def _doubts(results: BeltResults) -> list[str]:
         f"within the range of the runs, mostly from: {largest['source']} "
         f"({percent(largest['contribution_percent'])}, {largest['basis']})."
     ]
+
+
+def _known_ranges(results: BeltResults, sheet: Sheet) -> list[str]:
+    """What was measured, what the surface infers from it, what is extrapolated: a line each."""
+    inferred, (v0, v1), _ = _ranges(sheet)
+    speeds = f"from {MILLI * v0:.3g} to {MILLI * v1:.3g} mm/s"
+    lines = []
+    if sheet.measured_force is None:
+        lines.append(f"µ is given from {_newton_range(inferred)} N/m and {speeds}.")
+    else:
+        lines.append(
+            f"Measured: runs with mean line forces of {_newton_range(sheet.measured_force)} N/m, "
+            f"{speeds}."
+        )
+        if sheet.name == "surface_refined":
+            lines.append(
+                f"Inferred by the refined surface: µ from {_newton_range(inferred)} N/m, the line "
+                "forces that act within the contact of these runs."
+            )
+    lines.append("Outside, the nearest µ is taken; friction is never extrapolated.")
+    stiffness = results.get("stiffness")
+    if stiffness is not None:
+        pressed = float(stiffness["max_force_N_m"][stiffness.pooled_row])
+        if pressed < inferred[1]:
+            lines.append(
+                f"Extrapolated: the normal law beyond {_newtons(pressed)} N/m, where the press "
+                f"ended; the friction law reaches {_newtons(inferred[1])} N/m."
+            )
+    return lines
+
+
+def _newton_range(span: tuple[float, float]) -> str:
+    return f"{_newtons(span[0])} to {_newtons(span[1])}"
 
 
 def _newtons(value: float) -> str:

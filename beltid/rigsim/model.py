@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -17,7 +16,7 @@ from beltid.rigsim.banded import WIDTH
 from beltid.rigsim.belt import BeltArrays, belt_arrays
 from beltid.rigsim.contact import ContactArrays, contact_arrays, with_surface
 from beltid.rigsim.path import Path, graded_nodes, path_coordinates
-from beltid.rigsim.supports import Reactions, SupportArrays, new_reactions
+from beltid.rigsim.supports import Reactions, SupportArrays, new_reactions, support_arrays
 
 Array = NDArray[np.float64]
 
@@ -37,8 +36,8 @@ class Workspace(NamedTuple):
 
     ``A`` (n, WIDTH) banded tangent with ``pivots`` (n,); ``vectors`` (2, n) residual and its
     derivative in the stretch, of a running belt (3, n) also in the speed of the pulley; ``steps``
-    solutions of the same shape; ``strain_old`` (n_e, n_g, 2) strains at
-    the last time step; ``reactions`` of the supports.
+    solutions of the same shape, the last one the movement of ends that give way; ``strain_old``
+    (n_e, n_g, 2) strains at the last time step; ``reactions`` of the supports.
     """
 
     A: Array
@@ -91,6 +90,7 @@ class RigModel:
     def workspace(self, borders: int = 1) -> Workspace:
         """Room for the linearised system with so many unknowns beside the coordinates."""
         belt = self.system.belt
+        borders = max(borders, 2 if self.system.supports.give_way else 1)
         n = 4 * belt.h.size + 4
         return Workspace(
             np.zeros((n, WIDTH)),
@@ -148,13 +148,10 @@ class Bench:
             )
         path = Path(self.rig.R, self.rig.span, point.beta)
         nodes, fineness = graded_nodes(self.belt, self.rig, self.law, point, elements)
-        along, down = math.cos(0.5 * point.beta), math.sin(0.5 * point.beta)
         system = System(
             belt=belt_arrays(self.belt, nodes, self.contact.points_per_element),
             # C_P belongs to a point of the default mesh: along the belt the damping stays the same
             pulley=self.pulley._replace(C_P=self.pulley.C_P / fineness),
-            supports=SupportArrays(
-                self.rig.supports == "clamped", np.array([[along, down], [along, -down]])
-            ),
+            supports=support_arrays(self.rig, point.beta),
         )
         return RigModel(path, point, nodes, self.belt.rhoA, system, self.friction_falls)

@@ -104,6 +104,16 @@ def bed_length(EI: float, k: float) -> float:
     return (4.0 * EI / k) ** 0.25
 
 
+def swinging_share(belt: Belt, rig: Rig, point: OperatingPoint) -> float:
+    """Share of ln(T_tight/T_slack) that a dead weight loses if it swings freely, first order [-].
+
+    The belt stands off the line of the span by EI/(2 R W). A guided end pulls it back, by the angle
+    EI/(2 R W L) that adds to the contact arc; the force of a weight that swings stays in its line.
+    """
+    angle = belt.EI / (2.0 * rig.R * point.T_0 * rig.span)
+    return angle / point.beta
+
+
 @dataclass(frozen=True, slots=True)
 class Touchdown:
     """Where a tightened belt touches down on the pulley, without friction.

@@ -16,7 +16,7 @@ from beltid.rigsim.friction import CONE_TOLERANCE, SLIP_TOLERANCE, Certificate, 
 from beltid.rigsim.lcp import friction_lcp
 from beltid.rigsim.model import System, Workspace
 from beltid.rigsim.steady import force_tolerance, largest_force, move
-from beltid.rigsim.supports import release, restrain
+from beltid.rigsim.supports import give_way, missing_force, release, restrain, unit_movement
 from beltid.rigsim.transient import (
     MOST_HALVINGS,
     Drive,
@@ -70,6 +70,8 @@ def lemke_step(
     for iteration in range(MOST_ITERATIONS):
         outside = assemble(system, motion, points, state, stretch, work)
         error = largest_force(system, work.vectors[0])
+        if system.supports.give_way:
+            error = max(error, abs(missing_force(system.supports, work.reactions, T_0)))
         certificate = violations(system.belt, points)
         if (
             error <= tolerance
@@ -77,7 +79,7 @@ def lemke_step(
             and certificate.cone <= CONE_TOLERANCE
         ):
             return StepOutcome(True, iteration, changes, error / T_0, outside, certificate)
-        changes += _complementarity_iteration(system, motion, points, state, stretch, work)
+        changes += _complementarity_iteration(system, motion, points, state, stretch, T_0, work)
     return StepOutcome(False, MOST_ITERATIONS, changes, error / T_0, outside, certificate)
 
 
@@ -87,6 +89,7 @@ def _complementarity_iteration(
     points: Points,
     state: Kinematics,
     stretch: float,
+    T_0: float,
     work: Workspace,
 ) -> int:
     """Solve the linearised step with its friction, move the trial; returns the pivots."""
@@ -95,6 +98,9 @@ def _complementarity_iteration(
     patches.la_T[:] = patches.force
     assemble(system, motion, points, state, stretch, work)
     factorize(work.A, work.pivots)
+    supports, reactions, movement = system.supports, work.reactions, work.steps[-1]
+    if supports.give_way:
+        unit_movement(supports, reactions, work.A, work.pivots, movement)
     touching = np.flatnonzero(patches.limit > 0.0)
     force, slip = patches.force[touching].copy(), patches.slip[touching].copy()
     limits = patches.limit[touching].copy()
@@ -102,13 +108,18 @@ def _complementarity_iteration(
     compliance = np.empty_like(W)
     for i in range(touching.size):
         column = W[:, i].copy()
-        restrain(system.supports, column)
+        restrain(supports, column)
         solve(work.A, work.pivots, column)
-        release(system.supports, column)
+        if supports.give_way:
+            give_way(supports, reactions, movement, 0.0, column)
+        release(supports, column)
         compliance[:, i] = column
     free = -work.vectors[0]
     solve(work.A, work.pivots, free)
-    release(system.supports, free)
+    if supports.give_way:
+        missing = missing_force(supports, reactions, T_0)
+        give_way(supports, reactions, movement, missing, free)
+    release(supports, free)
     G = W.T @ compliance
     slip_free = slip - W.T @ free + G @ force
     wanted, slips, solution = friction_lcp(G, slip_free, limits)

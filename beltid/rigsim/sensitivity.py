@@ -9,6 +9,11 @@ that depends on q through the held rows,
 Two transposed solves with the factors of the tangent give both tensions' derivatives with respect
 to mu of every look-up; any parameter p of the surface follows by
 ``dT/dp = sum_i dT/dmu_i dmu(f_i, v)/dp``.
+
+Where a force ``w.T`` is given, the ends give way by y. With the derivatives T_y of the tensions
+with respect to y, and dT that of held ends,
+
+    dT_given = dT - T_y (w.dT)/(w.T_y).
 """
 
 from __future__ import annotations
@@ -24,7 +29,7 @@ from beltid.rigsim.banded import HALF, factorize, solve_transposed
 from beltid.rigsim.contact import Motion, Points
 from beltid.rigsim.model import RigModel
 from beltid.rigsim.steady import StaticState, linearize
-from beltid.rigsim.supports import held_row, release
+from beltid.rigsim.supports import held_row, release, tension_change, unit_movement
 
 Array = NDArray[np.float64]
 
@@ -61,12 +66,19 @@ def tension_sensitivity(model: RigModel, sliding: StaticState) -> TensionSensiti
     if not factorize(work.A, work.pivots):
         raise ConvergenceError("the tangent of the sliding state is singular")
     touching = points.F_N > 0.0
-    tensions = []
+    held = []
     for first in (0, 2):
         adjoint = _tension_gradient(work.reactions.rows, work.reactions.force, first, model)
         solve_transposed(work.A, work.pivots, adjoint)
         release(system.supports, adjoint)
-        tensions.append(_along_friction(system.belt.N_c, points, adjoint)[touching].ravel())
+        held.append(_along_friction(system.belt.N_c, points, adjoint)[touching].ravel())
+    tensions = np.array(held)
+    supports, reactions, movement = system.supports, work.reactions, work.steps[-1]
+    if supports.give_way:
+        unit_movement(supports, reactions, work.A, work.pivots, movement)
+        by_movement = np.array([tension_change(reactions, end, movement) for end in (0, 1)])
+        moved = supports.weights @ tensions / (supports.weights @ by_movement)
+        tensions -= np.outer(by_movement, moved)
     return TensionSensitivity(points.f_look[touching].ravel(), tensions[0], tensions[1])
 
 

@@ -3,7 +3,8 @@
 Both are found by Newton's method on the nodal forces. The lay-on is frictionless; its unknowns are
 the coordinates and the stretch, its additional equation is |support force| = T_0, so that the belt
 is tightened with the contact in place (a pre-strain T_0/EA alone would miss T_0 by 5 to 10 %).
-Then the supports and the stretch stay, the pulley turns, and every touching point slides.
+Then the stretch stays, the pulley turns, and every touching point slides; the supports stay, too,
+or give way until the force that is given acts.
 """
 
 from __future__ import annotations
@@ -23,7 +24,14 @@ from beltid.rigsim.compiled import kernel
 from beltid.rigsim.contact import SLIDE, Motion, Points, new_points
 from beltid.rigsim.contact_forces import add_contact
 from beltid.rigsim.model import RigModel, System, Workspace
-from beltid.rigsim.supports import force_change, hold, release
+from beltid.rigsim.supports import (
+    force_change,
+    give_way,
+    hold,
+    missing_force,
+    release,
+    unit_movement,
+)
 
 Array = NDArray[np.float64]
 
@@ -137,7 +145,8 @@ def newton(
     """Newton's method for the static equilibrium; ``q`` is updated in place.
 
     With ``tighten`` the stretch is an unknown and |force on support A| = T_0 an equation; the
-    bordered system is solved with one factorisation and two right-hand sides.
+    bordered system is solved with one factorisation and two right-hand sides. So it is, without
+    ``tighten``, where the ends give way.
     """
     error = math.inf
     outside = 0
@@ -148,8 +157,12 @@ def newton(
         outside = linearize(system, motion, points, q, q, stretch, work)
         T = math.hypot(force[0], force[1])
         error = largest_force(system, work.vectors[0])
+        missing = 0.0
         if tighten:
             error = max(error, abs(T - T_0))
+        elif system.supports.give_way:
+            missing = missing_force(system.supports, work.reactions, T_0)
+            error = max(error, abs(missing))
         if error <= tolerance:
             return Outcome(True, iteration, error / T_0, stretch, outside)
         if not (math.isfinite(error) and factorize(work.A, work.pivots)):
@@ -171,6 +184,10 @@ def newton(
             change = (T_0 - T - T_step) / T_stretch
             for i in range(step.size):
                 step[i] += change * by_stretch[i]
+        elif system.supports.give_way:
+            movement = work.steps[-1]
+            unit_movement(system.supports, work.reactions, work.A, work.pivots, movement)
+            give_way(system.supports, work.reactions, movement, missing, step)
         release(system.supports, step)
         stretch += move(q, step) * change
     return Outcome(False, MOST_ITERATIONS, error / T_0, stretch, outside)

@@ -1,30 +1,50 @@
-"""Supports A and B as constraints of Eq. (10): belt ends that stay in place.
+"""Supports A and B as constraints of Eq. (10): belt ends that stay in place, or give way.
 
 The constraints hold coordinates (or one combination of two), so ``C_e`` selects rows: the Lagrange
 multipliers, that is the support forces, are the residual of the held rows.
+
+Where a force is given, by a dead weight or a force on the pulley's slide, the ends give way by one
+unknown, their movement ``y`` in fixed directions d, until the weighted sum of the tensions is that
+force. With the tangent K of the held system and its columns K_d of the held coordinates, the step
+is ``dq = dq_held + y z``, ``K z = -K_d``, with y from the change of the given force.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.rigsim.banded import HALF, WIDTH
+from beltid.params import Rig
+from beltid.rigsim.banded import HALF, WIDTH, solve
 from beltid.rigsim.compiled import kernel, leaf
 
 Array = NDArray[np.float64]
+
+WEIGHTS: Final = {
+    "none": (0.0, 0.0),
+    "tight": (1.0, 0.0),
+    "slack": (0.0, 1.0),
+    "hub": (1.0, 1.0),
+}
+"""Weights of the tensions at A and B in the force that is given."""
 
 
 class SupportArrays(NamedTuple):
     """How the ends are held: positions always; directions too if ``clamped``.
 
-    ``directions`` (2, 2) are the unit tangents of the path at A and B.
+    ``directions`` (2, 2) are the unit tangents of the path at A and B. If the ends ``give_way``,
+    the sum of the tensions at A and B with the ``weights`` (2,) is given, and A and B move by the
+    rows of ``moves`` (2, 2), unit vectors that tighten the belt, or zero.
     """
 
     clamped: bool
     directions: Array
+    give_way: bool
+    weights: Array
+    moves: Array
 
 
 class Reactions(NamedTuple):
@@ -37,6 +57,26 @@ class Reactions(NamedTuple):
     force: Array
     rows: Array
     stretch: Array
+
+
+def support_arrays(rig: Rig, beta: float) -> SupportArrays:
+    """Supports of a rig with the contact arc ``beta`` [rad], for compiled code."""
+    along, down = math.cos(0.5 * beta), math.sin(0.5 * beta)
+    directions = np.array([[along, down], [along, -down]])
+    moves = np.zeros((2, 2))
+    if rig.given_force == "tight":
+        moves[0] = -directions[0]
+    elif rig.given_force == "slack":
+        moves[1] = directions[1]
+    elif rig.given_force == "hub":
+        moves[:, 1] = -1.0  # as the pulley, which stays the origin, sees it
+    return SupportArrays(
+        clamped=rig.supports == "clamped",
+        directions=directions,
+        give_way=rig.given_force != "none",
+        weights=np.array(WEIGHTS[rig.given_force]),
+        moves=moves,
+    )
 
 
 def new_reactions() -> Reactions:
@@ -148,3 +188,63 @@ def force_change(reactions: Reactions, i: int, step: Array) -> float:
     for j in range(max(0, row - HALF), min(n, row + HALF + 1)):
         total += reactions.rows[i, HALF + j - row] * step[j]
     return total
+
+
+@kernel
+def tension_change(reactions: Reactions, end: int, step: Array) -> float:
+    """Change of the tension at an end, 0 (A) or 1 (B), with the held system's ``step`` (n,) [N]."""
+    x, y = reactions.force[2 * end], reactions.force[2 * end + 1]
+    by_x, by_y = force_change(reactions, 2 * end, step), force_change(reactions, 2 * end + 1, step)
+    return (x * by_x + y * by_y) / math.hypot(x, y)
+
+
+@kernel
+def missing_force(supports: SupportArrays, reactions: Reactions, T_0: float) -> float:
+    """Given force, that of the tension ``T_0`` in both spans, less the present one [N]."""
+    missing = 0.0
+    for end in range(2):
+        T = math.hypot(reactions.force[2 * end], reactions.force[2 * end + 1])
+        missing += supports.weights[end] * (T_0 - T)
+    return missing
+
+
+@kernel
+def unit_movement(
+    supports: SupportArrays,
+    reactions: Reactions,
+    A: Array,
+    pivots: NDArray[np.int64],
+    movement: Array,
+) -> None:
+    """Solution ``movement`` (n,) of the held, factorised system for ends that move by 1 m.
+
+    No contact reaches the ends, so that the columns of the held coordinates are their rows.
+    """
+    n = movement.size
+    for j in range(n):
+        movement[j] = 0.0
+    for i in range(4):
+        row = held_row(i, n)
+        for j in range(max(0, row - HALF), min(n, row + HALF + 1)):
+            movement[j] -= supports.moves[i // 2, i % 2] * reactions.rows[i, HALF + j - row]
+    for i in range(4):
+        movement[held_row(i, n)] = 0.0
+    if supports.clamped:
+        movement[3] = movement[n - 1] = 0.0
+    solve(A, pivots, movement)
+    for i in range(4):
+        movement[held_row(i, n)] = supports.moves[i // 2, i % 2]
+
+
+@kernel
+def give_way(
+    supports: SupportArrays, reactions: Reactions, movement: Array, change: float, step: Array
+) -> None:
+    """Let the ends move in ``step`` (n,) until the given force changes by ``change`` [N]."""
+    by_step = by_movement = 0.0
+    for end in range(2):
+        by_step += supports.weights[end] * tension_change(reactions, end, step)
+        by_movement += supports.weights[end] * tension_change(reactions, end, movement)
+    moved = (change - by_step) / by_movement
+    for j in range(step.size):
+        step[j] += moved * movement[j]

@@ -32,7 +32,7 @@ from beltid.rigsim.friction import (
 )
 from beltid.rigsim.model import System, Workspace
 from beltid.rigsim.steady import force_tolerance, largest_force, linearize, move
-from beltid.rigsim.supports import release, restrain
+from beltid.rigsim.supports import give_way, missing_force, release, restrain, unit_movement
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -123,6 +123,8 @@ def tighten_sticks(system: System, motion: Motion, patches: Patches, work: Works
             return
         restrain(system.supports, change)
         solve(work.A, work.pivots, change)
+        if system.supports.give_way:
+            give_way(system.supports, work.reactions, work.steps[-1], 0.0, change)
         release(system.supports, change)
         for i in range(change.size):
             solution[i] += change[i]
@@ -151,6 +153,10 @@ def step(
     for iteration in range(MOST_ITERATIONS):
         outside = assemble(system, motion, points, state, stretch, work)
         error = largest_force(system, residual)
+        missing = 0.0
+        if system.supports.give_way:
+            missing = missing_force(system.supports, work.reactions, T_0)
+            error = max(error, abs(missing))
         certificate = violations(system.belt, points)
         if (
             error <= tolerance
@@ -164,6 +170,10 @@ def step(
         for i in range(solution.size):
             solution[i] = -residual[i]
         solve(work.A, work.pivots, solution)
+        if system.supports.give_way:
+            movement = work.steps[-1]
+            unit_movement(system.supports, work.reactions, work.A, work.pivots, movement)
+            give_way(system.supports, work.reactions, movement, missing, solution)
         release(system.supports, solution)
         tighten_sticks(system, motion, points.patches, work)
         move(trial, solution)

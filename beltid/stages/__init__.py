@@ -6,6 +6,7 @@ Module                    Responsibility                                        
 ``fit_stiffness``         press recording to normal contact law                  (1) to (4)
 ``fit_slip``              speed loss to sliding speeds in service                (7)
 ``fit_friction``          rig recording to a coefficient per run                 (5) to (8)
+``fit_shear``             build-up of the runs to shear stiffness of the ribs    (B1) to (B4)
 ``build_surface``         coefficients to mu(f_N, v)                             section 5
 ``refine_surface``        the surface without the bias of the mean force         beyond section 7
 ``simulate_rig``          the runs of the rig, simulated                         (9) to (12)

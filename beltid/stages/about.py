@@ -60,7 +60,8 @@ def file_info(path: Path) -> Summary:
     artifact = read_artifact(path)
     metadata = artifact.metadata
     rows = len(next(iter(artifact.columns.values())))
-    known = {"notes", "warnings", "origin", "config", "method"}
+    measured = metadata.figures.get("measured", {})
+    known = {"notes", "warnings", "origin", "config", "method", "measured"}
     return Summary(
         stage="info",
         title=f"{path.name}: {artifact.kind} artifact",
@@ -74,6 +75,7 @@ def file_info(path: Path) -> Summary:
             "file_sha256": artifact.sha256,
             "config_sha256": metadata.config_sha256,
             "sources_sha256": artifact.software_sha256,
+            **{f"measured {name}": span for name, span in measured.items()},
             **{f"valid {name}": span for name, span in metadata.validity.items()},
             "set_aside": len(metadata.set_aside),
         },

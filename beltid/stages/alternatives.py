@@ -8,12 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from beltid.config import Config
 from beltid.errors import BeltidError
 from beltid.identify.press.dissipation import estimate_dissipation
 from beltid.identify.press.laws import choose_normal_law
 from beltid.identify.press.stiffness import StiffnessResult
-from beltid.identify.surface.laws import FrictionLaws, fit_friction_laws
+from beltid.identify.surface.laws import SPEED_GAP, FrictionLaws, fit_friction_laws
+from beltid.identify.surface.plateau_laws import fit_plateau_laws
 from beltid.laws.friction_surface import FrictionSurface
+from beltid.uncertainty.measured import Measured
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,12 +27,13 @@ class Alternatives:
     ----------
     extra : dict
         Figures for the artifact.
-    notes : tuple of str
-        The verdict, for the user.
+    notes, warnings : tuple of str
+        The verdict, and what contradicts it, for the user.
     """
 
     extra: dict[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 def normal_laws(result: StiffnessResult) -> Alternatives:
@@ -106,6 +110,38 @@ def friction_formulas(surface: FrictionSurface, factor: np.ndarray | None = None
         return Alternatives(notes=(f"No friction formula beside the surface: {error}",))
     best = [note for note in laws.fit(laws.best).notes if note]
     return Alternatives({"friction_laws": _record(laws)}, (laws.verdict, *best, *laws.notes))
+
+
+def forces_of_plateaus(measured: Measured, config: Config) -> Alternatives:
+    """Fit friction laws to single readings beside a dead weight; nothing where more is known.
+
+    A recording over time shows its scatter, and the surface is made with it. A stated resolution
+    says that there are readings only. The laws know no sliding speed but one.
+
+    Parameters
+    ----------
+    measured : Measured
+        The reduced runs.
+    config : Config
+        Kind of the rig, the span with the weight, the resolution of the cell.
+    """
+    rig = config.rig
+    speed = measured.slip_speed
+    one_speed = float(speed.max()) <= (1.0 + SPEED_GAP) * float(speed.min())
+    if rig.kind != "dead_weight" or rig.force_resolution_N is None or not one_speed:
+        return Alternatives()
+    try:
+        laws = fit_plateau_laws(
+            np.degrees(measured.beta),
+            measured.tight,
+            measured.slack,
+            measured.R,
+            weight_on=rig.weight_on,
+            resolution_N=rig.force_resolution_N,
+        )
+    except BeltidError as error:
+        return Alternatives(notes=(f"No friction law through the forces: {error}",))
+    return Alternatives(notes=(laws.verdict,), warnings=laws.warnings)
 
 
 def _record(laws: FrictionLaws) -> dict[str, Any]:

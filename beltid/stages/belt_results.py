@@ -16,6 +16,7 @@ from beltid.params import OperatingPoint
 from beltid.report.results import ArcProfile, BeltResults, Sheet
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import SimulationSettings, simulate
+from beltid.stages.law_of_belt import config_of_results
 from beltid.stages.recorded_curves import PRESS, RIG, typical_runs
 
 ARTIFACTS: Final = {
@@ -28,6 +29,7 @@ ARTIFACTS: Final = {
     "compare": "compare",
     "simulated_refined": "simulated",
     "compare_refined": "compare",
+    "compare_hold_out": "compare",
     "drive": "drive",
     "compare_drive": "compare_drive",
     PRESS: PRESS,
@@ -109,7 +111,21 @@ def gather(folder: Path, *, with_profiles: bool = True) -> BeltResults:
     problems += _drop_strangers(sheets)
     belt = folder.resolve().name
     profiles, more = arc_profiles(sheets) if with_profiles else ((), [])
-    return BeltResults(belt, sheets, profiles, (*problems, *more))
+    return BeltResults(belt, sheets, profiles, (*problems, *more), belt_facts(folder))
+
+
+def belt_facts(folder: Path) -> tuple[str, ...]:
+    """Type and ribs of the belt, where the config that the results were made with is found."""
+    for name in ("friction", "stiffness"):
+        try:
+            metadata = read_artifact(folder / f"{name}.parquet", name).metadata
+        except ArtifactError:
+            continue
+        source = config_of_results(folder, metadata)
+        if source is not None:
+            belt = source.config.belt
+            return tuple(fact for fact in (belt.type, f"{belt.ribs} ribs") if fact)
+    return ()
 
 
 def _drop_strangers(sheets: dict[str, Sheet]) -> list[str]:

@@ -15,9 +15,16 @@ from beltid.errors import InputError
 from beltid.identify.surface.surface import SurfaceResult, SurfaceSettings
 from beltid.identify.surface.surface import build_surface as identify
 from beltid.report.summary import Summary
-from beltid.stages.alternatives import friction_formulas, friction_law_rows
+from beltid.stages.alternatives import (
+    Alternatives,
+    forces_of_plateaus,
+    friction_formulas,
+    friction_law_rows,
+)
 from beltid.stages.build_artifact import Build, Built
-from beltid.stages.outcome import Outcome, rows_of
+from beltid.stages.conditions import rows_of_one, stated_of
+from beltid.stages.outcome import Outcome, rows_of, span
+from beltid.stages.reduction import weight_cell
 from beltid.stages.reporter import Options
 from beltid.stages.tables import surface_of, table_columns
 from beltid.stages.uncertainties import (
@@ -25,31 +32,57 @@ from beltid.stages.uncertainties import (
     budget_table,
     standard_uncertainties,
 )
-from beltid.uncertainty.measured import measured_runs, own_errors, valid_rows
+from beltid.uncertainty.measured import Measured, measured_runs, own_errors, valid_rows
 from beltid.uncertainty.published import published_changes, published_curves, scatter_factor
-from beltid.uncertainty.sources import reduction_sources, rig_sources
+from beltid.uncertainty.sources import StandardUncertainties, reduction_sources, rig_sources
 from beltid.uncertainty.surface import QUANTITY, SurfaceUncertainty
 
 KIND: Final = "surface"
-KEYS: Final = ("surface", "rig.pulley_radius_m", SECTION)
+KEYS: Final = (
+    "surface",
+    "rig.kind",
+    "rig.weight_on",
+    "rig.running_measures",
+    "rig.pulley_radius_m",
+    SECTION,
+)
 METHOD: Final = "published"
 FIGURES: Final = ("n_points", "rms_arc_spread", "budget")
+NO_ARC_DEG: Final = 90.0
+"""Stands for the arc of coefficients that a table states without one: all are of one group, and
+nothing of the calibration of a rig is in them."""
 NEEDED: Final = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
 
 
-def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
-    """Read a friction table (input ``friction``), build the surface, write it, sum it up."""
-    build = Build(KIND, config, KEYS, inputs, out, options, figures=FIGURES)
+def run(
+    config: ConfigSource,
+    inputs: Mapping[str, Path],
+    out: Path,
+    options: Options,
+    condition: str | None = None,
+    side: str | None = None,
+) -> Summary:
+    """Read a friction table (input ``friction``), build the surface, write it, sum it up.
+
+    Only the runs of a chosen `condition` and `side` of the belt go into it.
+    """
+    chosen = {name: word for name, word in (("condition", condition), ("side", side)) if word}
+    build = Build(KIND, config, KEYS, inputs, out, options, figures=FIGURES, choices=chosen)
     built = build.up_to_date()
     if built is None:
         friction = read_artifact(inputs["friction"], "friction")
         options.reporter.report(f"{friction.path}: {len(friction.columns['run'])} runs")
-        built = build.write(_outcome(friction.columns, config.config, str(friction.path)))
+        name = str(friction.path)
+        built = build.write(_outcome(friction.columns, config.config, name, chosen))
     return summarise(built)
 
 
 def build_surface(
-    friction: Any, config: Config | Mapping[str, Any] | str | Path | None = None
+    friction: Any,
+    config: Config | Mapping[str, Any] | str | Path | None = None,
+    *,
+    condition: str | None = None,
+    side: str | None = None,
 ) -> Outcome[SurfaceResult]:
     """Build the friction surface of each arc and their average.
 
@@ -60,6 +93,8 @@ def build_surface(
         ``mu_sliding_se`` and ``status`` (rows other than "ok" are left out).
     config : Config, dict, path or None
         Settings of the surface; None is the built-in 5PK rig.
+    condition, side : str, optional
+        Only runs on this surface (dry, wet, dusty), of this side of the belt (rib, back).
 
     Returns
     -------
@@ -72,11 +107,15 @@ def build_surface(
         If no surface can be built from the runs.
     """
     columns = table_columns(friction, "friction", NEEDED)
-    return _outcome(columns, load_config(config), "friction table")
+    chosen = {"condition": condition, "side": side}
+    return _outcome(columns, load_config(config), "friction table", chosen)
 
 
 def _outcome(
-    columns: Mapping[str, np.ndarray], config: Config, name: str
+    columns: Mapping[str, np.ndarray],
+    config: Config,
+    name: str,
+    chosen: Mapping[str, str | None],
 ) -> Outcome[SurfaceResult]:
     n = len(columns["mu_sliding"])
     status = columns.get("status", np.full(n, "ok", dtype=object))
@@ -84,6 +123,10 @@ def _outcome(
     if good.size == 0:
         text = f"{name}: none of its {n} runs has the status ok, at least one is needed"
         raise InputError(text, code="no-run")
+    good = rows_of_one(columns, good, chosen, name)
+    direct = not np.isfinite(columns["arc_deg"][good]).any()
+    if direct:
+        columns = {**columns, "arc_deg": np.full(n, NO_ARC_DEG)}
     se = own_errors(columns)
     settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
     try:
@@ -100,9 +143,13 @@ def _outcome(
     surface = result.surface
     table = result.to_columns()
     used = valid_rows(columns, good)
-    uncertainty = _uncertainty(columns, used, result, config)
+    rig = config.rig_params()
+    measured = measured_runs(columns, used, rig.R, weight_cell(config), rig.given_force)
+    given = StandardUncertainties() if direct else standard_uncertainties(config)
+    uncertainty = _uncertainty(measured, result, config, given)
+    forces = Alternatives() if direct else forces_of_plateaus(measured, config)
     beside = friction_formulas(surface, uncertainty.factor)
-    f = columns["normal_force_N_m"][used]
+    f, v = columns["normal_force_N_m"][used], np.abs(columns["slip_speed_m_s"][used])
     aside = [{"point": line} for line in result.set_aside]
     return Outcome(
         kind=KIND,
@@ -114,23 +161,24 @@ def _outcome(
             "method": METHOD,
             "degree": surface.degree,
             "n_points": result.n_points,
+            **stated_of(columns, good),
             "rms_arc_spread": result.rms_arc_spread,
             "max_arc_spread": result.max_arc_spread,
+            "measured": {"normal_force_N_m": span(f), "slip_speed_m_s": span(v)},
             **uncertainty.extra((float(f.min()), float(f.max()))),
             **beside.extra,
         },
-        notes=(*result.notes, *beside.notes),
-        warnings=tuple(f"set aside: {line}" for line in result.set_aside),
+        notes=(*result.notes, *beside.notes, *forces.notes),
+        warnings=(*(f"set aside: {line}" for line in result.set_aside), *forces.warnings),
     )
 
 
 def _uncertainty(
-    columns: Mapping[str, np.ndarray], used: np.ndarray, result: SurfaceResult, config: Config
+    measured: Measured, result: SurfaceResult, config: Config, standard: StandardUncertainties
 ) -> SurfaceUncertainty:
     """What the surface's causes of error do to it; its bias by bending is not among them."""
     settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
-    measured = measured_runs(columns, used, config.rig_params().R)
-    given = rig_sources(standard_uncertainties(config), int(measured.arc.max()) + 1)
+    given = rig_sources(standard, int(measured.arc.max()) + 1)
     sources = (*given, *reduction_sources(measured.columns))
     return SurfaceUncertainty(
         surface=result.surface,

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
 
-from beltid.errors import BeltidError, InputError
+from beltid.errors import ArgumentTypeError, BeltidError, InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import OperatingPoint
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import DEFAULT_STEPS, Method, RunResult, SimulationSettings
 from beltid.rigsim.rig import campaign as rig_campaign
+from beltid.stages.outcome import Outcome
 from beltid.stages.workers import Workers, available_cores
 from beltid.tables import schemas
 
@@ -90,6 +91,58 @@ def planned_runs(config: Config, picked: Picked) -> tuple[PlannedRun, ...]:
     return tuple(runs)
 
 
+def as_resting(config: Config, runs: Sequence[PlannedRun]) -> tuple[PlannedRun, ...]:
+    """The runs of a running rig as those of a belt at rest; of another rig the runs themselves.
+
+    A belt of the mass m per length that runs with v_b through its shape needs the force m v_b² of
+    its tensions to be turned: what presses, rubs and bends is left to the effective tensions
+    T - m v_b², and friction acts at the sliding speed abs(omega R - v_b). With these the balance of
+    the running belt is that of the belt at rest, but for its strain: it runs faster where it is
+    longer, so that the sliding speed differs by v_b (T_tight - T_slack)/EA between the ends of the
+    arc. The coefficient is taken at one speed (docs/theory.md gives the size of the error).
+
+    Raises
+    ------
+    InputError
+        If the belt speed is not known, or a run has no tension or no sliding left.
+    """
+    rig = config.rig
+    if rig.kind != "running":
+        return tuple(runs)
+    v_b, momentum = _belt_speed(config), _momentum(config)
+    problems, resting = [], []
+    for run in runs:
+        T_0 = run.initial_tension_N - momentum
+        omega = abs(run.pulley_speed_rad_s - v_b / rig.pulley_radius_m)
+        if T_0 <= 0.0:
+            problems.append(
+                f"run {run.label}: initial tension {run.initial_tension_N:g} N, must be above "
+                f"{momentum:.4g} N, which turn the running belt"
+            )
+        if omega == 0.0:
+            problems.append(
+                f"run {run.label}: pulley speed {run.pulley_speed_rad_s:g} rad/s, must differ from "
+                "that of the belt"
+            )
+        resting.append(replace(run, initial_tension_N=T_0, pulley_speed_rad_s=omega))
+    if problems:
+        raise InputError(problems)
+    return tuple(resting)
+
+
+def _belt_speed(config: Config) -> float:
+    """Speed of the belt of a running rig [m/s]."""
+    if config.rig.belt_speed_m_s is None:
+        text = "rig.belt_speed_m_s is not set, must be the speed of the belt to simulate"
+        raise InputError(f"{text} a running rig [m/s]")
+    return config.rig.belt_speed_m_s
+
+
+def _momentum(config: Config) -> float:
+    """Part of the tensions of a running belt that turns it [N]."""
+    return config.belt.mass_per_length_kg_m * _belt_speed(config) ** 2
+
+
 def _chosen(
     picked: Sequence[float], allowed: Sequence[float], option: str, problems: list[str]
 ) -> set[float]:
@@ -149,19 +202,22 @@ def simulation_settings(
         raise InputError(error.at("simulation")) from None
 
 
-def surface_from(surface: FrictionSurface | float) -> FrictionSurface:
-    """A friction surface; a number is a constant friction coefficient.
+def surface_from(surface: Any) -> FrictionSurface:
+    """A friction surface, that of a result, or of a number: a constant friction coefficient.
 
     Raises
     ------
     InputError
-        If it is neither.
+        If it is none of these.
     """
+    if isinstance(surface, Outcome) and surface.kind == "surface":
+        surface = surface.result.surface
     if isinstance(surface, FrictionSurface):
         return surface
     if not is_number(surface):
-        raise InputError(
-            f"surface = {shown(surface)}, must be a FrictionSurface or a number (constant mu)"
+        raise ArgumentTypeError(
+            f"surface = {shown(surface)}, must be a FrictionSurface such as load_surface(PATH), "
+            "the result of build_surface or refine_surface, or a number (constant mu)"
         )
     if not 0.0 < surface < math.inf:
         raise InputError(f"surface = {float(surface):g}, must be > 0 and finite (constant mu)")
@@ -169,12 +225,14 @@ def surface_from(surface: FrictionSurface | float) -> FrictionSurface:
 
 
 def checked_law(law: Any) -> NormalLaw:
-    """A normal law, or an error that names the argument and where one comes from."""
+    """A normal law, that of a result, or an error that names the argument and its sources."""
+    if isinstance(law, Outcome) and law.kind == "stiffness":
+        law = law.result.pooled.law
     if isinstance(law, NormalLaw):
         return law
-    raise InputError(
-        f"law = {shown(law)}, must be a NormalLaw such as load_stiffness(PATH) or "
-        "fit_stiffness(FRAME).result.pooled.law"
+    raise ArgumentTypeError(
+        f"law = {shown(law)}, must be a NormalLaw such as load_stiffness(PATH), or the result of "
+        "fit_stiffness(FRAME)"
     )
 
 
@@ -203,6 +261,8 @@ def is_number(value: Any) -> bool:
 
 def shown(value: Any) -> str:
     """A wrong argument for a message: None, or what kind of thing it is."""
+    if isinstance(value, Outcome):
+        return f"result of kind {value.kind}"
     return "None" if value is None else type(value).__name__
 
 
@@ -237,7 +297,7 @@ def simulated_results(
         law=law,
         surface=surface_from(surface),
     )
-    points = [run.point for run in runs]
+    points = [run.point for run in as_resting(config, runs)]
     if not isinstance(jobs, Workers):
         yield from rig_campaign(bench, points, settings, jobs=jobs or available_cores())
         return
@@ -284,11 +344,32 @@ def solver_record(result: RunResult) -> dict[str, Any]:
 def recording_columns(
     runs: Sequence[PlannedRun], results: Sequence[RunResult], config: Config
 ) -> dict[str, np.ndarray]:
-    """Recordings of runs as one table with the columns of rig.csv."""
-    parts = [_one_recording(*pair, config) for pair in zip(runs, results, strict=True)]
+    """Recordings of runs as one table with the columns of rig.csv.
+
+    Those of a running rig are what it shows: whole tensions, and the speed of a pulley that goes
+    with the belt before it slides.
+    """
+    resting = as_resting(config, runs)
+    parts = [_one_recording(*pair, config) for pair in zip(resting, results, strict=True)]
+    if config.rig.kind == "running":
+        parts = [_running(*pair, config) for pair in zip(runs, parts, strict=True)]
     return {
         column.name: np.concatenate([part[column.name] for part in parts])
         for column in schemas.table("simulated").columns
+    }
+
+
+def _running(
+    run: PlannedRun, resting: dict[str, np.ndarray], config: Config
+) -> dict[str, np.ndarray]:
+    """The recording of a running rig from that of the belt at rest."""
+    with_belt = _belt_speed(config) / config.rig.pulley_radius_m
+    sign = math.copysign(1.0, run.pulley_speed_rad_s - with_belt)
+    tensions = ("tension_tight_N", "tension_slack_N", "initial_tension_N")
+    return {
+        **resting,
+        **{name: resting[name] + _momentum(config) for name in tensions},
+        "pulley_speed_rad_s": with_belt + sign * resting["pulley_speed_rad_s"],
     }
 
 

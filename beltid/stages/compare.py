@@ -3,12 +3,15 @@
 The simulated recording goes through the very function that reduced the measured one, with the
 settings that the friction artifact says it was reduced with. Only the load cells are its own: those
 of the simulated rig are perfect, those of a second bench are as the config states them.
+
+With runs held out there is no recording: the surface is refined from the other runs, and those left
+out are predicted (:mod:`beltid.stages.hold_out`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,22 +21,42 @@ from beltid.artifacts.artifact import Artifact, read_artifact
 from beltid.artifacts.metadata_models import CompareMetadata
 from beltid.bench.recording import columns_of, read_recording
 from beltid.config import Config, ConfigSource, load_config
-from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, ArtifactError, ConfigError
-from beltid.identify.agreement.compare import AgreementResult, AgreementSettings, compare_points
+from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, ArtifactError, ConfigError, InputError
+from beltid.identify.agreement.compare import (
+    AgreementResult,
+    AgreementSettings,
+    Statistics,
+    compare_points,
+)
+from beltid.identify.agreement.hold_out import FEWEST, HoldOut
 from beltid.identify.friction.reduction import FrictionSettings, reduce_runs
+from beltid.laws.penalty import NormalLaw
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import SUFFIX, Build, Built
+from beltid.stages.campaign import checked_law
+from beltid.stages.hold_out import (
+    HELD_OUT,
+    as_simulated,
+    beyond_range,
+    knows_arcs,
+    predictions,
+)
 from beltid.stages.outcome import Outcome, rows_of
 from beltid.stages.reduction import (
     CELL_KEYS,
     cell_settings,
     friction_settings,
+    reduce_simulated,
     reduction_columns,
+    rig_kind,
 )
+from beltid.stages.refinement import KEYS as REFINED_BY
 from beltid.stages.reporter import Options
-from beltid.stages.tables import table_columns
-from beltid.stages.uncertainties import budget_details
+from beltid.stages.tables import law_of, table_columns
+from beltid.stages.uncertainties import budget_details, press_law
+from beltid.stages.workers import Workers
 from beltid.uncertainty.agreement import dominant, validated, within_words
+from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.simulated import RunsUncertainty, runs_uncertainty_of
 
 KIND: Final = "compare"
@@ -45,8 +68,19 @@ FIGURES: Final = (
     "judged",
     "validation",
     "budget",
+    "hold_out",
 )
-KEYS: Final = ("compare", "columns.rig", "units.rig", "runs.rig", "dialect", *CELL_KEYS)
+KEYS: Final = (
+    "compare",
+    "rig.kind",
+    "rig.weight_on",
+    "columns.rig",
+    "units.rig",
+    "runs.rig",
+    "dialect",
+    *CELL_KEYS,
+)
+HELD_OUT_KEYS: Final = ("compare", *REFINED_BY)
 NEEDED: Final = (
     "run",
     "arc_deg",
@@ -59,6 +93,11 @@ ENOUGH: Final = 0.8
 """Share of the usable measured runs below which a comparison is one of few runs."""
 MIN_SHARE_COMPARED: Final = 0.5
 """Share below which it says nothing about the campaign: out of tolerance."""
+TITLES: Final = {
+    "none": "simulated less measured friction coefficient, relative to measured",
+    "arc": "friction of each arc predicted from the other arcs, less measured, relative to it",
+    "speed": "friction of each speed predicted from the others, less measured, relative to it",
+}
 TOLERANCES: Final = {
     "max_rms_relative_error": "rms",
     "max_mean_relative_error": "mean magnitude",
@@ -68,8 +107,28 @@ TOLERANCES: Final = {
 }
 
 
+@dataclass(frozen=True, slots=True)
+class CompareOptions(Options):
+    """Options of a comparison.
+
+    Attributes
+    ----------
+    hold_out : {"arc", "speed"} or None
+        Whose runs are predicted from the others, where a stiffness takes the place of the
+        simulated recording; None is as the config says.
+    """
+
+    hold_out: str | None = None
+
+
 def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
-    """Reduce the ``simulated`` recording, compare it with ``friction``, write it, sum it up."""
+    """Compare ``friction`` with the ``simulated`` recording, write it, sum it up.
+
+    With ``stiffness`` in the place of ``simulated`` the runs of each arc or speed are predicted
+    from the others.
+    """
+    if "stiffness" in inputs:
+        return _run_held_out(config, inputs, out, options)
     build = Build(KIND, config, KEYS, inputs, out, options, figures=FIGURES)
     built = build.up_to_date()
     if built is None:
@@ -77,15 +136,128 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
         recording = read_recording(inputs["simulated"], "rig", config.config)
         options.reporter.report(f"{recording.path}: {recording.n_samples} samples")
         radius, settings = _reduced_with(friction, config.config)
-        if not recording.is_artifact:  # a second bench, whose cells the config knows
+        if recording.is_artifact:
+            reduced = reduce_simulated(recording.columns, radius, settings, config.config)
+        else:  # a second bench, whose kind and cells the config knows
             settings = replace(settings, **cell_settings(config.config))
-        simulated = reduction_columns(reduce_runs(recording.columns, radius, settings))
+            kind = rig_kind(config.config)
+            reduced = reduce_runs(recording.columns, radius, settings, kind)
+        simulated = reduction_columns(reduced)
         known, uncertainty = settings.cells.note, _uncertainty_of(inputs["simulated"])
         notes = (f"{recording.path}: {known} ({config.origin})",) if known else ()
         built = build.write(
             _outcome(friction.columns, simulated, config.config, uncertainty, notes)
         )
     return summarise(built)
+
+
+def _run_held_out(
+    config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options
+) -> Summary:
+    """Predict the runs of ``friction`` with ``stiffness`` and compare them with the measured."""
+    stated = options.hold_out if isinstance(options, CompareOptions) else None
+    by = _checked(stated or config.config.compare.hold_out)
+    build = Build(KIND, config, HELD_OUT_KEYS, inputs, out, options, {"hold_out": by}, FIGURES)
+    built = build.up_to_date()
+    if built is None:
+        friction = read_artifact(inputs["friction"], "friction")
+        stiffness = read_artifact(inputs["stiffness"], "stiffness")
+        press = press_law(law_of(stiffness), config.config, stiffness)
+        workers = options.workers or Workers()
+        options.reporter.report(f"{friction.path}: every {by} left out once and predicted")
+        built = build.write(_held_out(friction.columns, press, config.config, by, workers))
+    return summarise(built)
+
+
+def predict_held_out(
+    friction: Any,
+    law: NormalLaw | Outcome[Any],
+    config: Config | Mapping[str, Any] | str | Path | None = None,
+    *,
+    hold_out: HoldOut = "arc",
+) -> Outcome[AgreementResult]:
+    """Predict the runs of every arc, or speed, from the others, and compare with the measured.
+
+    Parameters
+    ----------
+    friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping
+        The reduced runs of the bench.
+    law : NormalLaw or Outcome of fit_stiffness
+        Normal contact law of the belt; the result brings its scatter along.
+    config : Config, dict, path or None
+        Belt, rig and tolerances.
+    hold_out : {"arc", "speed"}
+        What is left out in turn. Speeds: all but the lowest and the highest.
+
+    Returns
+    -------
+    Outcome
+        As of `compare`: a row per predicted run.
+
+    Raises
+    ------
+    TooFewSettings
+        If too few settings or runs would be left.
+    ConvergenceError
+        If a surface does not converge, or a run cannot be simulated.
+    """
+    by = _checked(hold_out)
+    model = load_config(config)
+    columns = table_columns(friction, "friction", HELD_OUT)
+    press = press_law(checked_law(law), model, law if isinstance(law, Outcome) else None)
+    return _held_out(columns, press, model, by, Workers())
+
+
+def _checked(hold_out: str) -> HoldOut:
+    if hold_out not in FEWEST:
+        raise InputError(f"hold_out = {hold_out}, must be {' or '.join(FEWEST)}")
+    return hold_out
+
+
+def _held_out(
+    columns: Mapping[str, np.ndarray],
+    press: PressLaw,
+    config: Config,
+    by: HoldOut,
+    workers: Workers,
+) -> Outcome[AgreementResult]:
+    found = predictions(columns, press, config, by, workers)
+    rows = np.concatenate([one.fold.left_out for one in found])
+    measured = {name: values[rows] for name, values in columns.items()}
+    predicted, uncertainty = as_simulated(columns, found)
+    beyond = beyond_range(columns, found)
+    notes = (
+        f"each {by} was left out once: its runs were predicted by a surface refined from the rest",
+        *(
+            ("predicted between speeds: the lowest and the highest one were never left out",)
+            if by == "speed"
+            else ()
+        ),
+        *(
+            (
+                f"{beyond} of {rows.size} predicted runs lie at a mean force that no other run "
+                "reached: the nearest value was taken there",
+            )
+            if beyond
+            else ()
+        ),
+    )
+    if by == "arc" and not knows_arcs(found):
+        notes += (
+            "a single arc was left, which does not show how far arcs differ: such a difference is "
+            "not in the uncertainty of the prediction",
+        )
+    outcome = _outcome(measured, predicted, config, uncertainty, notes)
+    relative, force = outcome.result.relative_difference, outcome.result.normal_force_N_m
+    sizes = np.cumsum([one.fold.left_out.size for one in found])[:-1]
+    groups = [
+        Statistics.of(one.fold.name, *part).as_row()
+        for one, part in zip(
+            found, zip(np.split(relative, sizes), np.split(force, sizes), strict=True), strict=True
+        )
+    ]
+    statistics = [*outcome.extra["statistics"], *(groups if by == "speed" else [])]
+    return replace(outcome, extra={**outcome.extra, "statistics": statistics, "hold_out": by})
 
 
 def compare(
@@ -130,7 +302,8 @@ def _simulated_columns(simulated: Any, config: Config) -> dict[str, np.ndarray]:
     names = {str(name) for name in getattr(frame, "column_names", getattr(frame, "columns", frame))}
     if "time_s" in names:
         settings = friction_settings(config, with_cells=False)
-        reduced = reduce_runs(columns_of(frame, "rig"), config.rig.pulley_radius_m, settings)
+        recorded = columns_of(frame, "rig")
+        reduced = reduce_simulated(recorded, config.rig.pulley_radius_m, settings, config)
         return reduction_columns(reduced)
     if "mu" in names and "mu_sliding" not in names:  # the table of a simulated campaign
         frame = {
@@ -215,6 +388,7 @@ def _outcome(
             "averaged": result.averaged_table(),
             "n_measured": result.n_measured,
             "n_simulated": result.n_simulated,
+            "hold_out": "none",
             **proven.extra(),
         },
         notes=(*notes, *proven.notes()),
@@ -240,9 +414,10 @@ def summarise(built: Built) -> Summary:
     ]
     return Summary(
         stage="compare",
-        title="simulated less measured friction coefficient, relative to measured",
+        title=TITLES[metadata.hold_out],
         out=built.artifact.path,
         facts={
+            "hold_out": metadata.hold_out,
             "runs_compared": len(built.artifact.columns["run"]),
             "runs_measured": metadata.n_measured,
             "runs_simulated": metadata.n_simulated,

@@ -171,6 +171,8 @@ def _summary(
         out=folder,
         facts={
             "surface": law.friction.method,
+            "config": law.provenance.config,
+            "measured_force_N_m": valid.measured_force_N_m,
             "valid_force_N_m": valid.normal_force_N_m,
             "valid_speed_m_s": valid.slip_speed_m_s,
         },

@@ -2,63 +2,95 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench.recording import columns_of, read_rig
+from beltid.bench.recording import columns_of, read_recording, read_rig
 from beltid.config import Config, ConfigSource, load_config
 from beltid.identify.estimators.statistics import as_set
+from beltid.identify.friction.drift_check import CAUSES, Drift, drift_check
+from beltid.identify.friction.kinds import DRAG_TAKEN_OFF, TOUCH_DEG, TOUCHING, RigKind
 from beltid.identify.friction.load_cells import TOLD
-from beltid.identify.friction.reduction import RunReduction, reduce_runs
+from beltid.identify.friction.plateaus import BINNED
+from beltid.identify.friction.reduction import RunReduction
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.outcome import Outcome, rows_of, span
-from beltid.stages.reduction import FrictionTable, friction_settings, reduce_rig
+from beltid.stages.reduction import (
+    FrictionTable,
+    reduce_columns,
+    reduce_points,
+    reduce_rig,
+    rig_kind,
+    weight_cell,
+    with_conditions,
+)
 from beltid.stages.reporter import Options
 from beltid.stages.uncertainties import SECTION, budget_details, standard_uncertainties
+from beltid.uncertainty.sources import StandardUncertainties
 
 KIND: Final = "friction"
-FIGURES: Final = ("budget",)
-KEYS: Final = (
-    "friction",
-    "rig.pulley_radius_m",
-    "columns.rig",
-    "units.rig",
-    "runs.rig",
-    "dialect",
-    SECTION,
+FIGURES: Final = ("budget", "drift")
+DRIFT: Final = "drift of the friction over the campaign, in percent of mu"
+RIG_KEYS: Final = (
+    "kind",
+    "weight_on",
+    "running_measures",
+    "belt_speed_m_s",
+    "speed_bins_rad_s",
+    "force_resolution_N",
+    "pulley_radius_m",
 )
 
 
 def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
-    """Read a recording of the friction rig (input ``rig``), reduce it, write it, sum it up."""
-    build = Build(KIND, config, KEYS, inputs, out, options, figures=FIGURES)
+    """Reduce a recording (input ``rig``) or a table of plateaus (``points``), write and sum up."""
+    model = config.config
+    (role, path), *_ = inputs.items()
+    build = Build(KIND, config, _keys(model, role), inputs, out, options, figures=FIGURES)
     built = build.up_to_date()
     if built is None:
-        model = config.config
-        rig = read_rig(inputs["rig"], model)
-        runs = reduce_rig(rig, model, options.workers)
-        options.reporter.report(f"{rig.path}: {rig.n_samples} samples")
-        uncertainty, radius_m = standard_uncertainties(model), model.rig.pulley_radius_m
-        table = FrictionTable.of(runs, uncertainty, radius_m, str(rig.path))
-        built = build.write(_outcome(table, rig.notes))
+        if role == "points":
+            points = read_recording(path, "points", model)
+            notes, n_samples = points.notes, points.n_samples
+            runs = reduce_points(points.columns, model)
+        else:
+            rig = read_rig(path, model)
+            runs = reduce_rig(rig, model, options.workers)
+            notes, n_samples = rig.notes, rig.n_samples
+        options.reporter.report(f"{path}: {n_samples} {'rows' if role == 'points' else 'samples'}")
+        built = build.write(_outcome(runs, model, str(path), notes))
     return summarise(built)
 
 
+def _keys(config: Config, role: str) -> tuple[str, ...]:
+    """What of a config matters for a recording, or for a table of plateaus."""
+    rig = tuple(f"rig.{name}" for name in RIG_KEYS)
+    mass = ("belt.mass_per_length_kg_m",) if config.rig.kind == "running" else ()
+    files = tuple(f"{section}.{role}" for section in ("columns", "units", "runs"))
+    return ("friction", *rig, *mass, "conditions", *files, "dialect", SECTION)
+
+
 def fit_friction(
-    frame: Any, config: Config | Mapping[str, Any] | str | Path | None = None
+    frame: Any,
+    config: Config | Mapping[str, Any] | str | Path | None = None,
+    *,
+    table: bool = False,
 ) -> Outcome[tuple[RunReduction, ...]]:
     """Reduce every run of a recording of the friction rig to its friction coefficient, Eq. (6).
 
     Parameters
     ----------
     frame : DataFrame, pyarrow Table or mapping
-        The columns of rig.csv.
+        The columns of rig.csv, with the channels of the kind of the rig.
     config : Config, dict, path or None
-        Radius of the pulley, settings of the reduction; None is the built-in 5PK rig.
+        Kind of the rig, radius of the pulley, settings of the reduction, conditions; None is the
+        built-in 5PK rig.
+    table : bool
+        Whether the frame has a row per plateau in place of samples over the time.
 
     Returns
     -------
@@ -71,14 +103,26 @@ def fit_friction(
         If the recording cannot be used, or none of its runs.
     """
     model = load_config(config)
-    radius_m = model.rig.pulley_radius_m
-    runs = reduce_runs(columns_of(frame, "rig", model), radius_m, friction_settings(model))
-    return _outcome(FrictionTable.of(runs, standard_uncertainties(model), radius_m, "frame"), ())
+    columns = columns_of(frame, "points" if table else "rig", model)
+    runs = reduce_points(columns, model) if table else reduce_columns(columns, model)
+    return _outcome(runs, model, "frame", ())
 
 
-def _outcome(table: FrictionTable, notes: tuple[str, ...]) -> Outcome[tuple[RunReduction, ...]]:
+def _outcome(
+    runs: tuple[RunReduction, ...],
+    config: Config,
+    name: str,
+    notes: tuple[str, ...],
+) -> Outcome[tuple[RunReduction, ...]]:
+    runs = with_conditions(runs, config)
+    direct = not any(np.isfinite(run.tension_tight_N) for run in runs if run.ok)
+    # nothing of the calibration of a rig is in coefficients that a table states by itself
+    uncertainty = StandardUncertainties() if direct else standard_uncertainties(config)
+    radius_m = config.rig.pulley_radius_m
+    table = FrictionTable.of(runs, uncertainty, radius_m, name, weight_cell(config))
     good = table.columns["status"] == "ok"
     aside = [(r.run, r.status) for r in table.runs if not r.ok]
+    drifts = drift_check(table.columns)
     ranges = {
         column: span(table.columns[column][good])
         for column in ("normal_force_N_m", "slip_speed_m_s", "mu_sliding", "arc_deg")
@@ -89,10 +133,68 @@ def _outcome(table: FrictionTable, notes: tuple[str, ...]) -> Outcome[tuple[RunR
         result=table.runs,
         validity=ranges,
         set_aside=[{"run": run, "why": why} for run, why in aside],
-        extra={"budget": table.budget},
+        extra={"budget": table.budget, "drift": _drift_rows(drifts)},
         notes=(*notes, *_notes(table.runs)),
-        warnings=tuple(f"run {run} set aside: {why}" for run, why in aside),
+        warnings=(
+            *_traps(table.runs, rig_kind(config)),
+            *(_drift_line(drift) for drift in drifts if drift.is_clear),
+            *(f"run {run} set aside: {why}" for run, why in aside),
+        ),
     )
+
+
+def _drift_rows(drifts: Sequence[Drift]) -> list[dict[str, Any]]:
+    """The check for drift as it is shown and stored, in percent of mu."""
+    return [
+        {
+            "cause": CAUSES[drift.cause][0],
+            "per": CAUSES[drift.cause][2],
+            "change_percent": 100.0 * drift.change,
+            "standard_error_percent": 100.0 * drift.standard_error,
+            "clear": drift.is_clear,
+        }
+        for drift in drifts
+    ]
+
+
+def _drift_line(drift: Drift) -> str:
+    """A clear drift in words."""
+    words, _, per = CAUSES[drift.cause]
+    size = f"{100 * drift.change:+.2g} ± {100 * drift.standard_error:.1g} %"
+    mended = {
+        "order": "run-in or wear; refine-surface takes it into account",
+        "distance": "run-in or wear; refine-surface takes the order of the runs into account",
+        "temperature": "friction.correct_temperature: true refers the refined surface to "
+        "friction.reference_temperature_degC",
+    }[drift.cause]
+    return f"the friction drifts with the {words}: {size} per {per} ({mended})"
+
+
+def _traps(runs: Sequence[RunReduction], kind: RigKind) -> Iterator[str]:
+    """What a bench of this kind easily does wrong, where it may have."""
+    good = [run for run in runs if run.ok]
+    derived = any(np.isfinite(run.tension_tight_N) for run in good)
+    taken_off = any(note.startswith(DRAG_TAKEN_OFF) for run in good for note in run.notes)
+    if kind.has_torque and derived and not taken_off:
+        yield (
+            "the torque includes the drag of the bearings, which raises mu: record a run of the "
+            "pulley without the belt and mark it by a column idle: true"
+        )
+    touching = [run.run for run in good if run.arc_deg >= TOUCH_DEG]
+    if touching:
+        yield f"{TOUCHING} ({_listed(touching)})"
+    if any(run.conditions.side == "back" for run in good):
+        yield (
+            "measured on the back of the belt: it shares the units with the ribs, not the laws; "
+            "neither surface nor contact stiffness of one side holds for the other"
+        )
+    if good and not any(np.isfinite(run.mu_sliding_se) for run in good):
+        yield (
+            "no standard error is known: state mu_se in the table, or the resolution of the forces "
+            "as rig.force_resolution_N"
+        )
+    if any(BINNED in note for run in good for note in run.notes):
+        yield f"runs whose speed is not steady were cut into bins of the speed: {BINNED}"
 
 
 def _notes(reduced: Sequence[RunReduction]) -> tuple[str, ...]:
@@ -100,8 +202,9 @@ def _notes(reduced: Sequence[RunReduction]) -> tuple[str, ...]:
     spikes = [r for r in reduced if r.n_spikes]
     missing = [r for r in reduced if r.n_missing]
     swapped = [r.run for r in reduced if r.swapped]
-    unresolved = [r for r in reduced if r.ok and not np.isfinite(r.mu_sticking)]
-    lines = list(dict.fromkeys(n for r in reduced for n in r.notes if n.startswith(TOLD)))
+    unresolved = [r for r in reduced if r.ok and r.mu_sticking_reason]
+    begins = (TOLD, DRAG_TAKEN_OFF)
+    lines = list(dict.fromkeys(n for r in reduced for n in r.notes if n.startswith(begins)))
     if spikes:
         lines.append(f"{sum(r.n_spikes for r in spikes)} spikes left out, in {len(spikes)} runs")
     if missing:
@@ -126,6 +229,7 @@ def summarise(built: Built) -> Summary:
     good = columns["status"] == "ok"
     n_aside = int(np.count_nonzero(~good))
     validity = built.artifact.metadata.validity
+    drift = [dict(row) for row in built.artifact.metadata.drift]
     return Summary(
         stage="fit-friction",
         title="friction coefficient of every run",
@@ -137,8 +241,10 @@ def summarise(built: Built) -> Summary:
             "normal_force_range_N_m": validity.get("normal_force_N_m"),
             "slip_speed_range_m_s": validity.get("slip_speed_m_s"),
             "budget": built.artifact.metadata.budget,
+            "drift": drift,
         },
         details=budget_details(built.artifact.metadata.budget),
+        beside={DRIFT: drift} if drift else {},
         table=rows_of(
             columns,
             "run",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any, Final
@@ -21,7 +21,12 @@ from beltid.stages.reporter import Options
 from beltid.tables import schemas
 from beltid.tables.units import Calibration, canonical_unit
 
-COMMANDS: Final = {"press": "fit-stiffness", "rig": "fit-friction", "speedloss": "fit-slip"}
+COMMANDS: Final = {
+    "press": "fit-stiffness",
+    "rig": "fit-friction",
+    "speedloss": "fit-slip",
+    "points": "fit-friction --table",
+}
 SHOWN_RUNS: Final = 8
 _NUMBER: Final = r"[-+]?\d+(?:[.,p]\d+)?"
 
@@ -75,7 +80,7 @@ def run(source: ConfigSource, path: Path, options: InspectOptions) -> Summary:
         warnings=problems,
         verdict=verdict,
         exit_status=EXIT_DONE if understood else EXIT_INPUT,
-        snippet=_snippet(path, kind, config, mappings, problems, views),
+        snippet=_snippet(path, kind, config, mappings, problems, views, found.rig),
     )
 
 
@@ -157,9 +162,14 @@ def _snippet(
     mappings: dict[str, ChannelMapping],
     problems: Sequence[str],
     views: Sequence[FileView],
+    rig: Mapping[str, str],
 ) -> str:
     """A section of a config that says what was understood, with what is still to be told."""
-    lines = ["data:", f"  {kind}: {_quoted(str(path.absolute()))}"]
+    lines = []
+    if kind != "points":  # a table is named to the command
+        lines += ["data:", f"  {kind}: {_quoted(str(path.absolute()))}"]
+    if rig:
+        lines += ["rig:", *(f"  {name}: {word}" for name, word in rig.items())]
     own = {role: r for role, r in mappings.items() if r.how != "own name"}
     if own:
         lines += ["columns:", f"  {kind}:"]

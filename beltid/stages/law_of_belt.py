@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from beltid._version import __version__
 from beltid.artifacts.artifact import Artifact, read_artifact
+from beltid.artifacts.metadata_models import Metadata
 from beltid.config import Config, ConfigSource, find_config, load_config
 from beltid.errors import ArtifactError, ConfigError, InputError
 from beltid.export.belt_width import ribbed_width
@@ -69,7 +70,7 @@ def law_of_folder(
     stiffness = read_artifact(folder / STIFFNESS, "stiffness")
     surface = _surface_artifact(folder, wanted, reporter)
     friction = _friction(folder, surface)
-    source = _config(folder, named, surface)
+    source = find_config(None, named) if named else config_of_results(folder, surface.metadata)
     if source is None:
         reporter.warn(
             "the config of these results was not found: type, ribs and width of the belt are not "
@@ -127,24 +128,24 @@ def _surface_artifact(folder: Path, wanted: str | None, reporter: Reporter) -> A
     return read_artifact(folder / SURFACES[wanted], "surface")
 
 
-def _config(folder: Path, named: Path | None, surface: Artifact) -> ConfigSource | None:
-    """The config that the user named, else the one that the results were made with, by its hash.
+def config_of_results(folder: Path, made_with: Metadata) -> ConfigSource | None:
+    """The config that results were made with, by its hash; None if it is not found.
 
     It is looked for beside the results and in the current folder, in the folders above them, and in
     their subfolders ``configs``.
     """
-    if named is not None:
-        return find_config(None, named)
-    candidates = [find_config(folder / STIFFNESS)]
-    name = surface.metadata.config
+    candidates = []
+    with contextlib.suppress(ConfigError):
+        candidates.append(find_config(folder / STIFFNESS))
+    name = made_with.config or ""
     places = dict.fromkeys([Path(), *(Path(p) for p in folder.resolve().parents)])
     for place in places if name else ():
         for path in (place / name, place / "configs" / name):
             with contextlib.suppress(ConfigError):
                 if path.is_file():
                     candidates.append(ConfigSource(load_config(path), f"{path}", path))
-    made_with = surface.metadata.config_sha256
-    return next((c for c in candidates if c.config.sha256 == made_with), None)
+    sha256 = made_with.config_sha256
+    return next((c for c in candidates if c.config.sha256 == sha256), None)
 
 
 def _name_of(folder: Path) -> str:
@@ -212,6 +213,7 @@ def _covariance(stiffness: Artifact, row: int) -> Any:
 def _validity(stiffness: Artifact, surface: Artifact) -> Validity:
     ours, theirs = surface.metadata.validity, stiffness.metadata.validity
     return Validity(
+        measured_force_N_m=surface.metadata.figures.get("measured", {}).get("normal_force_N_m"),
         normal_force_N_m=ours.get("normal_force_N_m"),
         slip_speed_m_s=ours.get("slip_speed_m_s"),
         penetration_m=theirs.get("penetration_m"),

@@ -5,10 +5,13 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from beltid.artifacts.file_bytes import write_text
+from beltid.bench.files.sources import exists
+from beltid.bench.inspection import rig_of_file
 from beltid.config import Config, load_config
 from beltid.config.effective import DEFAULT, effective_values
 from beltid.config.loading import ConfigSource
@@ -40,6 +43,10 @@ def run(stated: Mapping[str, Any], out: Path | None, options: Options) -> Summar
     values = _with_type_of_name(dict(stated))
     path = out or Path(f"{values.get('belt.name', Config().belt.name)}.yaml")
     config = load_config(_sections(_relative(values, path.parent)))
+    found = {} if "rig.kind" in values else _rig_found(stated.get("data.rig"), config, options)
+    if found:
+        values |= found
+        config = load_config(_sections(values))
     if path.exists() and not options.force:
         raise InputError(already_exists(path))
     if path.suffix not in (".yaml", ".yml"):
@@ -48,7 +55,23 @@ def run(stated: Mapping[str, Any], out: Path | None, options: Options) -> Summar
     for kind, file in load_config(path).data.files.items():  # what was written is what is read
         if not file.exists():
             options.reporter.warn(f"data.{kind}: there is no {file} yet")
-    return _summary(path, config, frozenset(values))
+    summary = _summary(path, config, frozenset(values))
+    if not found:
+        return summary
+    words = ", ".join(f"{key}: {word}" for key, word in found.items())
+    return replace(summary, notes=(f"the channels of the recording of the rig say {words}",))
+
+
+def _rig_found(recording: Path | None, config: Config, options: Options) -> dict[str, str]:
+    """What the channels of a recording say of the rig, by its keys."""
+    if recording is None or not exists(Path(recording)):
+        return {}
+    try:
+        found = rig_of_file(Path(recording), config)
+    except InputError as error:  # a config can be written before its recording can be read
+        options.reporter.warn(f"data.rig: {error.problems[0]}")
+        return {}
+    return {f"rig.{name}": word for name, word in found.items()}
 
 
 def _with_type_of_name(values: dict[str, Any]) -> dict[str, Any]:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 import numpy as np
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 Result = TypeVar("Result")
 
@@ -54,6 +56,95 @@ class Outcome(Generic[Result]):
                 for name, values in self.columns.items()
             }
         )
+
+    def plot(self, figure: str | None = None) -> Figure:
+        """The table as a figure of matplotlib, like that of ``beltid show``.
+
+        Parameters
+        ----------
+        figure : str, optional
+            Which of its figures; by default the most telling one.
+
+        Raises
+        ------
+        InputError
+            If there is no such figure, with the names of those there are.
+        """
+        from beltid.errors import InputError
+        from beltid.report.figures.single import pictures
+        from beltid.report.results import Sheet
+
+        found = {
+            picture.key: picture.figure
+            for picture in pictures(Sheet(self.kind, self.kind, self.columns, self.extra))
+            if picture.figure is not None
+        }
+        name = figure or next(iter(found), "")
+        if name not in found:
+            raise InputError(f"figure = {name}, must be one of: {', '.join(found) or 'none'}")
+        return found[name]
+
+    def save(
+        self,
+        path: str | Path,
+        *,
+        origin: Literal["measured", "synthetic"] | None = None,
+        force: bool = False,
+    ) -> Path:
+        """Write the table: to an artifact (.parquet) that every command takes, or as .csv.
+
+        Parameters
+        ----------
+        path : path
+            The file.
+        origin : {"measured", "synthetic"}, optional
+            Where the data come from; the artifact states it.
+        force : bool
+            Whether to replace a file that stands there.
+
+        Raises
+        ------
+        InputError
+            If the file ends in something else, or stands there already.
+        ArtifactError
+            If it cannot be written.
+        """
+        from beltid.artifacts.artifact import write_artifact
+        from beltid.artifacts.file_bytes import write_bytes
+        from beltid.artifacts.metadata_models import METADATA
+        from beltid.errors import InputError
+
+        path = Path(path)
+        if path.exists() and not force:
+            raise InputError(f"{path}: already exists; force=True replaces it")
+        if path.suffix == ".csv":
+            plain = self.to_frame()[[n for n, v in self.columns.items() if v.ndim == 1]]
+            write_bytes(path, plain.to_csv(index=False, lineterminator="\n").encode())
+        elif path.suffix == ".parquet":
+            stated = {
+                **self.extra,
+                "validity": self.validity,
+                "set_aside": self.set_aside,
+                "origin": origin,
+                "notes": self.notes,
+                "warnings": self.warnings,
+            }
+            metadata = METADATA[self.kind].model_validate(stated)
+            write_artifact(path, self.kind, self.columns, metadata)
+        else:
+            raise InputError(f"{path}: must end in .parquet or .csv")
+        return path
+
+    def _repr_html_(self) -> str:
+        """The table for a notebook, with what should be looked into."""
+        from html import escape
+
+        frame = self.to_frame()[[n for n, v in self.columns.items() if v.ndim == 1]]
+        said = "".join(f"<li>{escape(line)}</li>" for line in self.warnings)
+        table = frame.to_html(
+            max_rows=12, na_rep="", border=0, float_format="{:.5g}".format, escape=True
+        )
+        return f"<p>{escape(self.kind)}: {len(frame)} rows</p><ul>{said}</ul>{table}"
 
 
 def rows_of(columns: dict[str, np.ndarray], *names: str) -> list[dict[str, Any]]:

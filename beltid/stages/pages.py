@@ -39,6 +39,12 @@ def hash_of(files: Sequence[tuple[str, Path]], *words: str) -> str:
     return sha256(json.dumps(record).encode())
 
 
+def is_ours(page: Path) -> bool:
+    """Whether a page of ours stands there."""
+    with page.open("rb") as file:
+        return MARK.search(file.read(HEAD).decode("utf-8", "replace")) is not None
+
+
 def up_to_date(out: Path, made_from: str, options: Options) -> bool:
     """Whether the page that stands at `out` may stay.
 

@@ -26,9 +26,10 @@ from beltid.plan.candidates import (
     noise_law,
     simulate_candidates,
 )
-from beltid.plan.prior import USUAL, MeasuredSurface, knowledge_at, usual_surface
+from beltid.plan.prior import USUAL_ARCS, MeasuredSurface, knowledge_at, usual_surface
 from beltid.plan.session import ScheduledRun, schedule
 from beltid.plan.target import Target, drive_target, surface_target
+from beltid.refine.effects import ARC
 from beltid.report.drawing import saved
 from beltid.report.figures.plan import runs_and_uncertainty
 from beltid.report.summary import Summary
@@ -40,7 +41,7 @@ from beltid.stages.tables import law_of, surface_of
 from beltid.stages.uncertainties import press_law, standard_uncertainties
 from beltid.uncertainty.measured import measured_runs, valid_rows
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.sources import ARC_EFFECT, FITTED, Source, all_sources, arc_sources
+from beltid.uncertainty.sources import FITTED, Source, all_sources, effect_sources
 
 TARGETS: Final = ("surface", "drive")
 USUAL_LAW: Final = NormalLaw(6.5e7, 3.0256e11)
@@ -245,10 +246,10 @@ def _joined(
     arcs = list(arcs_deg)
     wanted = rig_settings(config).arcs_deg
     arcs += [arc for arc in wanted if not np.isclose(arc, arcs, rtol=1e-3).any()]
-    size = next((s.size for s in stored if s.error == ARC_EFFECT), USUAL.arcs)
+    size = next((s.size for s in stored if s.error == ARC), USUAL_ARCS)
     every = (
         *all_sources(standard_uncertainties(config), len(arcs), law_scatter),
-        *arc_sources(size, len(arcs)),
+        *effect_sources(ARC, size, len(arcs)),
     )
     known = {(source.error, source.place) for source in stored}
     return (*stored, *(s for s in every if (s.error, s.place) not in known))

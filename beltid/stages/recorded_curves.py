@@ -14,11 +14,10 @@ import numpy as np
 
 from beltid.artifacts.artifact import read_artifact
 from beltid.bench.big_recording import BigRecording
-from beltid.bench.recording import read_recording, read_rig
-from beltid.config import ConfigSource
+from beltid.bench.recording import Recording, read_recording, read_rig
+from beltid.config import Config, ConfigSource
 from beltid.errors import InputError
 from beltid.identify.estimators.statistics import as_set
-from beltid.identify.friction.load_cells import KnownCells
 from beltid.identify.press.curves import Branch
 from beltid.identify.press.stiffness import fit_stiffness
 from beltid.laws.capstan import friction_coefficient
@@ -26,8 +25,9 @@ from beltid.stages.build_artifact import Build, Built
 from beltid.stages.outcome import Outcome
 from beltid.stages.reduction import (
     CELL_KEYS,
-    columns_of_runs,
     friction_settings,
+    records_of,
+    rig_kind,
     stiffness_settings,
 )
 from beltid.stages.reporter import Options
@@ -35,11 +35,24 @@ from beltid.stages.reporter import Options
 PRESS: Final = "press_curves"
 RIG: Final = "rig_curves"
 PRESS_KEYS: Final = ("press", "columns.press", "units.press", "runs.press", "dialect")
-RIG_KEYS: Final = ("columns.rig", "units.rig", "runs.rig", "dialect", *CELL_KEYS)
+RIG_KEYS: Final = (
+    "columns.rig",
+    "units.rig",
+    "runs.rig",
+    "dialect",
+    "rig.kind",
+    "rig.weight_on",
+    "rig.running_measures",
+    "rig.belt_speed_m_s",
+    *CELL_KEYS,
+)
 """The load cells, too: what is known of them is taken off here as in the reduction."""
 MOST_SET_ASIDE: Final = 12
 """Runs set aside that are kept to be looked at."""
 MOST_NAMED: Final = 5
+MOST_RUNS: Final = 480
+"""Runs of a campaign that are kept as small pictures, the first ones."""
+SMALL_SAMPLES: Final = 80
 MOST_SAMPLES: Final = 1200
 """Samples of a run that are kept; of a longer one the extremes of neighbouring samples."""
 
@@ -60,7 +73,7 @@ def press_curves(source: ConfigSource, press: Path, out: Path, options: Options)
 def rig_curves(
     source: ConfigSource, rig: Path, friction: Path, out: Path, options: Options
 ) -> Built:
-    """A typical run of every arc over time, and runs that were set aside.
+    """Runs over time: typical ones and those set aside as recorded, all others thinned.
 
     Raises
     ------
@@ -70,28 +83,67 @@ def rig_curves(
     build = Build(RIG, source, RIG_KEYS, {"rig": rig, "friction": friction}, out, options)
     built = build.up_to_date()
     if built is None:
-        runs = chosen_runs(read_artifact(friction, "friction").columns)
-        recording = read_rig(rig, source.config)
-        if isinstance(recording, BigRecording):
-            columns = columns_of_runs(recording, runs)
-        else:
-            columns = recording.columns
-        missing = sorted(set(runs) - set(columns["run"]))
+        samples = samples_of_runs(read_artifact(friction, "friction").columns)
+        parts = _thinned_runs(read_rig(rig, source.config), samples, source.config)
+        # of a run that was cut into bins of the speed, the whole of it is shown
+        labels = dict.fromkeys(run if run in parts else _whole(run) for run in samples)
+        missing = sorted(set(labels) - set(parts))
         if missing:
             raise InputError(
                 f"{rig}: has no run {', '.join(missing[:MOST_NAMED])}; {friction} was made from "
                 "another recording"
             )
-        cells = friction_settings(source.config).cells
-        built = build.write(Outcome(RIG, _run_columns(columns, runs, cells), runs))
+        runs = [parts[run] for run in labels]
+        columns = {name: np.concatenate([part[name] for part in runs]) for name in runs[0]}
+        built = build.write(Outcome(RIG, columns, tuple(labels)))
     return built
 
 
-def chosen_runs(friction: Mapping[str, np.ndarray]) -> tuple[str, ...]:
-    """Labels of runs worth looking at: the typical one of every arc, and those set aside."""
+def _whole(run: str) -> str:
+    return run.rpartition(":")[0] or run
+
+
+def samples_of_runs(friction: Mapping[str, np.ndarray]) -> dict[str, int]:
+    """Runs to keep, and how many samples of each at most.
+
+    The typical run of every arc comes first, then runs that were set aside: these are looked at
+    one by one. Of all others as many samples are kept as a gallery of small pictures shows.
+    """
     labels, good = friction["run"], friction["status"] == "ok"
     aside = np.flatnonzero(~good)[:MOST_SET_ASIDE].tolist()
-    return tuple(str(labels[row]) for row in (*typical_runs(friction), *aside))
+    looked_at = [str(labels[row]) for row in (*typical_runs(friction), *aside)]
+    others = {str(label): SMALL_SAMPLES for label in labels[:MOST_RUNS]}
+    return dict.fromkeys(looked_at, MOST_SAMPLES) | {
+        label: most for label, most in others.items() if label not in looked_at
+    }
+
+
+def _thinned_runs(
+    recording: Recording | BigRecording, samples: Mapping[str, int], config: Config
+) -> dict[str, dict[str, np.ndarray]]:
+    """Tensions of the runs to keep, as the kind of the rig gives them, thinned.
+
+    Of a big recording one run at a time is held.
+    """
+    kind, cells = rig_kind(config), friction_settings(config).cells
+    sizes = {_whole(run): most for run, most in reversed(list(samples.items()))} | dict(samples)
+    found = {}
+    for record in records_of(recording, config):
+        if record.run not in sizes:
+            continue
+        tight, slack = record.tension_tight_N, record.tension_slack_N
+        if not kind.is_derived:  # else they were taken off before
+            tight, slack = cells.tight.tension(tight), cells.slack.tension(slack)
+        kept = thinned(np.arange(tight.size), tight, sizes[record.run])
+        found[record.run] = {
+            "run": np.full(kept.size, record.run, dtype=object),
+            "time_s": record.time_s[kept],
+            "tension_tight_N": tight[kept],
+            "tension_slack_N": slack[kept],
+            "mu": friction_coefficient(tight[kept], slack[kept], np.radians(record.arc_deg)),
+            "pulley_speed_rad_s": record.pulley_speed_rad_s[kept],
+        }
+    return found
 
 
 def typical_runs(friction: Mapping[str, np.ndarray]) -> tuple[int, ...]:
@@ -135,34 +187,12 @@ def _branch_columns(branches: tuple[Branch, ...]) -> dict[str, np.ndarray]:
     }
 
 
-def _run_columns(
-    rig: Mapping[str, np.ndarray], runs: tuple[str, ...], cells: KnownCells
-) -> dict[str, np.ndarray]:
-    kept = np.concatenate(
-        [thinned(np.flatnonzero(rig["run"] == run), rig["tension_tight_N"]) for run in runs]
-    )
-    tight = cells.tight.tension(rig["tension_tight_N"][kept])
-    slack = cells.slack.tension(rig["tension_slack_N"][kept])
-    good = (tight > 0.0) & (slack > 0.0)
-    beta = np.radians(rig["arc_deg"][kept][good])
-    mu = np.full(kept.size, np.nan)
-    mu[good] = friction_coefficient(tight[good], slack[good], beta)
-    return {
-        "run": rig["run"][kept],
-        "time_s": rig["time_s"][kept],
-        "tension_tight_N": tight,
-        "tension_slack_N": slack,
-        "mu": mu,
-        "pulley_speed_rad_s": rig["pulley_speed_rad_s"][kept],
-    }
-
-
-def thinned(rows: np.ndarray, values: np.ndarray) -> np.ndarray:
+def thinned(rows: np.ndarray, values: np.ndarray, most: int = MOST_SAMPLES) -> np.ndarray:
     """Rows of a run, or of a long one those with the extremes of every bunch of neighbours."""
-    if rows.size <= MOST_SAMPLES:
+    if rows.size <= most:
         return rows
     kept = []
-    for bunch in np.array_split(rows, MOST_SAMPLES // 2):
+    for bunch in np.array_split(rows, most // 2):
         v = values[bunch]
         known = bunch[np.isfinite(v)]
         if known.size:

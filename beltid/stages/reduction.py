@@ -3,31 +3,38 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from beltid.bench.big_recording import BigRecording
+from beltid.bench.big_recording import BigRecording, open_big
 from beltid.bench.recording import Recording
+from beltid.bench.runs.run_stream import RunColumns as StreamedRun
 from beltid.config import Config
 from beltid.config.model import PressSection
 from beltid.errors import InputError
+from beltid.identify.friction.kinds import SPANS, RigKind, drag_of
+from beltid.identify.friction.load_cells import KnownCells
+from beltid.identify.friction.plateaus import reduce_plateaus
 from beltid.identify.friction.reduction import (
     FrictionSettings,
     RunReduction,
     reduce_runs,
     reduce_stream,
 )
-from beltid.identify.friction.rig_table import run_record
+from beltid.identify.friction.rig_table import RunColumns, run_record, run_records
+from beltid.identify.friction.run import Conditions, RunRecord
 from beltid.identify.press.recording import StiffnessSettings
 from beltid.stages.workers import Workers
 from beltid.tables import schemas
-from beltid.tables.values import outside
+from beltid.tables.values import is_missing, outside
 from beltid.uncertainty.reduced import friction_uncertainty
 from beltid.uncertainty.sources import StandardUncertainties
 
@@ -62,7 +69,28 @@ def friction_settings(config: Config, *, with_cells: bool = True) -> FrictionSet
     if not with_cells:
         known -= set(CELL_SETTINGS)
     section = config.friction.model_dump()
-    return FrictionSettings(**{name: v for name, v in section.items() if name in known})
+    bins = config.rig.speed_bins_rad_s or ()
+    chosen = {name: value for name, value in section.items() if name in known}
+    return FrictionSettings(**chosen, speed_bins_rad_s=bins)
+
+
+def rig_kind(config: Config) -> RigKind:
+    """What the friction rig of a config measures."""
+    rig = config.rig
+    return RigKind(
+        measures=rig.measures,
+        weight_on=rig.weight_on,
+        running=rig.kind == "running",
+        belt_speed_m_s=_or_nan(rig.belt_speed_m_s),
+        mass_per_length_kg_m=config.belt.mass_per_length_kg_m,
+        cells=friction_settings(config).cells,
+    )
+
+
+def weight_cell(config: Config) -> int | None:
+    """0 or 1 if the tight or the slack tension is a dead weight, which no cell measures."""
+    span = rig_kind(config).weight
+    return None if span is None else SPANS.index(span)
 
 
 def cell_settings(config: Config) -> dict[str, Any]:
@@ -96,27 +124,112 @@ def reduce_rig(
     workers : Workers or None
         Who reduces the runs of a big recording while the next ones are read.
     """
-    radius, settings = config.rig.pulley_radius_m, friction_settings(config)
     if isinstance(rig, Recording):
-        return reduce_runs(rig.columns, radius, settings)
+        if rig.is_artifact:
+            radius, settings = config.rig.pulley_radius_m, friction_settings(config)
+            return reduce_simulated(rig.columns, radius, settings, config)
+        return reduce_columns(rig.columns, config)
+    radius, settings = config.rig.pulley_radius_m, friction_settings(config)
     mapper = map if workers is None else partial(_shared, workers)
-    return reduce_stream(
-        (run_record(run.label, run.columns) for run in rig), radius, settings, mapper
+    return reduce_stream(records_of(rig, config), radius, settings, mapper)
+
+
+def records_of(rig: Recording | BigRecording, config: Config) -> Iterator[RunRecord]:
+    """Records of the runs of a recording; those of a big one are read one at a time."""
+    radius, kind = config.rig.pulley_radius_m, rig_kind(config)
+    if isinstance(rig, Recording):
+        yield from run_records(rig.columns, radius, kind)
+        return
+    drag = None
+    if kind.has_torque:
+        idle = (run for run in open_big(rig.path, config) if _columns(run).is_idle)
+        drag = drag_of([run.columns for run in idle])
+    for run in map(_columns, rig):
+        if not run.is_idle:
+            yield run_record(run, radius, kind, drag)
+
+
+def reduce_simulated(
+    columns: Mapping[str, ArrayLike], radius_m: float, settings: FrictionSettings, config: Config
+) -> tuple[RunReduction, ...]:
+    """Reduce the runs of a recording of the simulated rig.
+
+    It holds the tensions of both spans, whatever the bench measures, and is reduced by them. Only
+    the span of a dead weight has no cell: its tension is the initial one. The belt of a running rig
+    runs here, too.
+
+    Parameters
+    ----------
+    columns : mapping of str to array_like
+        The columns of the recording.
+    radius_m : float
+        Radius of the belt's centreline on the pulley [m].
+    settings : FrictionSettings
+        Settings of the reduction.
+    config : Config
+        Kind of the rig.
+    """
+    kind = replace(rig_kind(config), cells=KnownCells())
+    if config.rig.kind != "dead_weight":
+        return reduce_runs(columns, radius_m, settings, replace(kind, measures="two_cells"))
+    weight = {"weight_N": columns["initial_tension_N"]}
+    return reduce_runs({**columns, **weight}, radius_m, settings, kind)
+
+
+def reduce_columns(columns: Mapping[str, np.ndarray], config: Config) -> tuple[RunReduction, ...]:
+    """Reduce the runs of a recording of the friction rig that is held in memory.
+
+    Parameters
+    ----------
+    columns : mapping of str to ndarray
+        Its columns.
+    config : Config
+        Kind of the rig, radius of the pulley, settings of the reduction.
+    """
+    settings = friction_settings(config)
+    return reduce_runs(columns, config.rig.pulley_radius_m, settings, rig_kind(config))
+
+
+def reduce_points(columns: Mapping[str, np.ndarray], config: Config) -> tuple[RunReduction, ...]:
+    """Reduce a table with a row per plateau.
+
+    Parameters
+    ----------
+    columns : mapping of str to ndarray
+        Its columns.
+    config : Config
+        Kind of the rig, radius of the pulley, resolution of the forces.
+    """
+    rig, resolution_N = config.rig, config.rig.force_resolution_N
+    return reduce_plateaus(
+        columns,
+        rig.pulley_radius_m,
+        friction_settings(config),
+        rig_kind(config),
+        _or_nan(resolution_N),
     )
 
 
-def columns_of_runs(recording: BigRecording, labels: Collection[str]) -> dict[str, np.ndarray]:
-    """The samples of some runs of a recording; only labels if it has none of them."""
-    chosen = [run for run in recording if run.label in labels]
-    if not chosen:
-        return {"run": np.empty(0, dtype=object)}
-    sizes = [run.columns["time_s"].size for run in chosen]
-    columns = {
-        name: np.concatenate([run.columns[name] for run in chosen]) for name in chosen[0].columns
-    }
-    return {
-        "run": np.repeat(np.array([run.label for run in chosen], dtype=object), sizes)
-    } | columns
+def with_conditions(runs: Sequence[RunReduction], config: Config) -> tuple[RunReduction, ...]:
+    """Runs with the conditions of the config where the recording states none of its own."""
+    stated = config.conditions
+    default = Conditions(
+        condition=stated.surface,
+        side=stated.side,
+        humidity_percent=_or_nan(stated.humidity_percent),
+        hours_run=_or_nan(stated.hours_run),
+        pulley_material=stated.pulley.material,
+        roughness_Ra_um=_or_nan(stated.pulley.roughness_Ra_um),
+    )
+    return tuple(replace(run, conditions=run.conditions.completed(default)) for run in runs)
+
+
+def _or_nan(value: float | None) -> float:
+    return math.nan if value is None else value
+
+
+def _columns(run: StreamedRun) -> RunColumns:
+    return RunColumns(run.label, run.columns, run.said)
 
 
 def _shared(
@@ -177,6 +290,7 @@ class FrictionTable:
         uncertainty: StandardUncertainties,
         radius_m: float,
         name: str,
+        weight: int | None = None,
     ) -> FrictionTable:
         """Table of reduced runs.
 
@@ -190,6 +304,8 @@ class FrictionTable:
             Radius of the belt's centreline on the pulley [m].
         name : str
             Name of the recording, for messages.
+        weight : int, optional
+            0 or 1 if the tight or the slack tension is a dead weight.
 
         Raises
         ------
@@ -200,7 +316,7 @@ class FrictionTable:
             lines = [f"{name}: run {run.run} cannot be used: {run.status}" for run in runs]
             raise InputError(lines, code="no-run")
         columns = reduction_columns(runs)
-        combined, budget = friction_uncertainty(columns, uncertainty, radius_m)
+        combined, budget = friction_uncertainty(columns, uncertainty, radius_m, weight)
         return cls(runs, {**columns, **combined}, budget)
 
 
@@ -214,7 +330,11 @@ def reduction_columns(reduced: Sequence[RunReduction]) -> dict[str, np.ndarray]:
     for column in schemas.table("friction").columns:
         if column.name in NOT_REDUCED:
             continue
-        if column.name == "notes":
+        if column.name in schemas.CONDITIONS:
+            values = [getattr(r.conditions, column.name) for r in reduced]
+            if all(is_missing(value) for value in values):
+                continue
+        elif column.name == "notes":
             values = [_notes(r) for r in reduced]
         else:
             values = [getattr(r, column.name) for r in reduced]

@@ -2,55 +2,55 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 
 from beltid.artifacts.artifact import read_artifact
-from beltid.artifacts.metadata_models import SurfaceMetadata
+from beltid.artifacts.metadata_models import BendingFigures, SurfaceMetadata
 from beltid.config import Config, ConfigSource, load_config
 from beltid.identify.surface.surface import SurfaceSettings
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
+from beltid.refine.effects import ARC, COURSE, ORDER, TEMPERATURE
 from beltid.refine.inverse import RefinedSurface
-from beltid.refine.inverse import refine_surface as refine
 from beltid.report.summary import Summary
 from beltid.stages.alternatives import friction_formulas, friction_law_rows
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.campaign import checked_law
-from beltid.stages.outcome import Outcome
+from beltid.stages.outcome import Outcome, span
 from beltid.stages.refinement import (
     CHECKED,
+    KEYS,
     NEEDED,
     Draws,
     check_table,
     drawn,
     prepared_campaign,
+    reference_temperature,
+    refined_uncertainty,
+    shared_sources,
     speed_labels,
 )
 from beltid.stages.reporter import Options
 from beltid.stages.tables import law_of, surface_of, table_columns
 from beltid.stages.uncertainties import (
-    SECTION,
     budget_table,
     press_law,
-    standard_uncertainties,
 )
 from beltid.stages.workers import Workers
-from beltid.uncertainty.campaign import Campaign
+from beltid.uncertainty.bending import FittedBending, fit_bending
+from beltid.uncertainty.campaign_effects import CLEAR, SCATTER, TOGETHER, ShownEffect, shown_effects
 from beltid.uncertainty.linear_check import MonteCarlo, check_of
 from beltid.uncertainty.monte_carlo import prepare
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import (
-    ArcDifference,
-    arc_difference,
-    changes_and_scatter,
-    refined_slopes,
+    refined_campaign,
 )
-from beltid.uncertainty.sources import all_sources, arc_sources, reduction_sources
 from beltid.uncertainty.surface import QUANTITY, SurfaceUncertainty
 
 KIND: Final = "surface"
@@ -64,19 +64,23 @@ FIGURES: Final = (
     "rms_arc_spread",
     "budget",
     "misfit",
-)
-KEYS: Final = (
-    "belt.axial_stiffness_N",
-    "belt.bending_stiffness_N_m2",
-    "rig.pulley_radius_m",
-    "rig.span_length_m",
-    "rig.supports",
-    "contact.points_per_element",
-    "surface",
-    "press.segment_length_cm",
-    SECTION,
+    "measured",
+    "effects",
+    "reference_temperature_degC",
+    "bending",
 )
 MOST_NOISE: Final = 3.0
+Bending = Literal["stated", "fit", "use"]
+EFFECTS: Final = "what shifts the friction beside the surface, in percent of mu"
+BENDING: Final = "bending stiffness EI in N m²: what the runs ask for, and what is stated"
+EFFECT_WORDS: Final = {
+    ARC: "difference between arcs",
+    ORDER: "steady change over the campaign",
+    COURSE: "course beside it, root mean square",
+    TEMPERATURE: "temperature, per 10 K",
+    TOGETHER: "order or temperature, over the campaign",
+    SCATTER: "scatter from run to run",
+}
 MISFIT_COLUMNS: Final = (
     "group",
     "runs",
@@ -101,8 +105,10 @@ class Refinement:
         Their arcs [deg].
     uncertainty : SurfaceUncertainty
         What is not known of the surface, by its causes.
-    arc_difference : ArcDifference, optional
-        The clearest difference between two arcs; None for a single one.
+    effects : tuple of ShownEffect
+        What the runs show beside the surface.
+    bending : FittedBending, optional
+        Bending stiffness that the runs ask for, where it was looked for.
     check : MonteCarlo, optional
         The Monte Carlo check of that.
     """
@@ -111,7 +117,8 @@ class Refinement:
     runs: tuple[str, ...]
     arcs_deg: np.ndarray
     uncertainty: SurfaceUncertainty
-    arc_difference: ArcDifference | None = None
+    effects: tuple[ShownEffect, ...] = ()
+    bending: FittedBending | None = None
     check: MonteCarlo | None = None
 
     @property
@@ -134,19 +141,13 @@ class Refinement:
 
     def disagreement(self) -> tuple[str, ...]:
         """What of the runs no surface explains, each with a sentence."""
-        lines, apart, scale = [], self.arc_difference, self.refined.smoothness.noise_scale
-        if apart is not None and apart.is_real:
-            lines.append(
-                f"arcs differ: the runs at {apart.higher_deg:.4g}° lie {100 * apart.size:.2g} % "
-                f"above those at {apart.lower_deg:.4g}° on one surface, where scatter and stated "
-                f"uncertainties explain {100 * apart.explained:.2g} %: a wear track, an arc or a "
-                "load cell that is wrong; the difference is in the uncertainty of the surface"
-            )
+        lines = [sentence(effect) for effect in self.effects if effect.is_clear]
+        scale = self.refined.noise_scale
         if scale > MOST_NOISE:
             lines.append(
                 f"the runs scatter {scale:.2g} times as much as their standard errors say, at most "
-                f"{MOST_NOISE:g} is usual: something changed from run to run (run-in, temperature, "
-                "wear), which the uncertainty of the surface does not hold"
+                f"{MOST_NOISE:g} is usual: something changed from run to run that is neither their "
+                "order nor their temperature; the uncertainty of the surface takes it for scatter"
             )
         return tuple(lines)
 
@@ -176,6 +177,31 @@ def _rms_percent(values: np.ndarray) -> float:
     return 100.0 * float(np.sqrt(np.mean(np.square(values))))
 
 
+def sentence(effect: ShownEffect) -> str:
+    """A clear effect in words."""
+    digits = max(0, 1 - math.floor(math.log10(100.0 * effect.uncertainty)))
+    size = f"{100 * effect.size:+.{digits}f} ± {100 * effect.uncertainty:.{digits}f} %"
+    if effect.key == ARC:
+        lower, higher = effect.arcs_deg
+        return (
+            f"arcs differ: the runs at {higher:.4g}° lie {100 * effect.size:.2g} % above those at "
+            f"{lower:.4g}° on one surface, where scatter and stated uncertainties explain "
+            f"{100 * effect.uncertainty:.2g} %: a wear track, an arc or a load cell that is wrong; "
+            "the difference is in the uncertainty of the surface"
+        )
+    return {
+        ORDER: f"the friction changes over the campaign by {size} from the first run to the last "
+        "(run-in, wear); the surface is that of its middle",
+        COURSE: f"the friction changes over the campaign by {size} (root mean square) beside a "
+        "steady change; the surface is that of its mean",
+        TEMPERATURE: f"the friction changes with the temperature of the runs, {size} per 10 K; the "
+        "surface is that of their mean, or of friction.reference_temperature_degC with "
+        "friction.correct_temperature: true",
+        TOGETHER: f"the friction changes over the campaign by {size} from the first run to the "
+        "last, with the order of the runs or with their temperature, which rises together with it",
+    }[effect.key]
+
+
 def run(
     config: ConfigSource,
     inputs: Mapping[str, Path],
@@ -183,13 +209,16 @@ def run(
     options: Options,
     bootstrap: int = 0,
     seed: int = 0,
+    bending: Bending = "stated",
 ) -> Summary:
     """Refine the surface of a friction table with a stiffness, write it, sum it up.
 
-    `bootstrap` draws check the uncertainty; 0 leaves the check out.
+    `bootstrap` draws check the uncertainty; 0 leaves the check out. `bending` says whether the
+    bending stiffness is looked for in the runs too ("fit"), and used ("use").
     """
     draws = Draws(bootstrap, seed, options.reporter, options.workers or Workers())
-    build = Build(KIND, config, KEYS, inputs, out, options, draws.choices, FIGURES)
+    choices = {**draws.choices, **({} if bending == "stated" else {"bending": bending})}
+    build = Build(KIND, config, KEYS, inputs, out, options, choices, FIGURES)
     built = build.up_to_date()
     if built is None:
         friction = read_artifact(inputs["friction"], "friction")
@@ -198,18 +227,19 @@ def run(
         options.reporter.report(
             f"{friction.path}: {len(friction.columns['run'])} runs, inverse solution"
         )
-        outcome = _outcome(friction.columns, law, config.config, str(friction.path), draws)
+        outcome = _outcome(friction.columns, law, config.config, str(friction.path), draws, bending)
         built = build.write(outcome)
     return summarise(built)
 
 
 def refine_surface(
     friction: Any,
-    law: NormalLaw,
+    law: NormalLaw | Outcome[Any],
     config: Config | Mapping[str, Any] | str | Path | None = None,
     *,
     bootstrap: int = 0,
     seed: int = 0,
+    bending: Bending = "stated",
 ) -> Outcome[Refinement]:
     """Find the friction surface with which the simulated rig gives the measured tension ratios.
 
@@ -217,14 +247,17 @@ def refine_surface(
     ----------
     friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping
         A row per reduced run.
-    law : NormalLaw
-        Normal contact law of the belt.
+    law : NormalLaw or Outcome of fit_stiffness
+        Normal contact law of the belt; the result brings its scatter along.
     config : Config, dict, path or None
         Belt and rig; None is the built-in 5PK rig.
     bootstrap : int
         Draws of the Monte Carlo check of the uncertainty; 0 leaves it out.
     seed : int
         Of the draws.
+    bending : str
+        "stated": EI of the config; "fit": that and the EI that the runs ask for; "use": the surface
+        with the latter.
 
     Returns
     -------
@@ -239,32 +272,45 @@ def refine_surface(
     ConvergenceError
         If a run cannot be simulated or the iteration does not converge.
     """
-    law = checked_law(law)
+    known = checked_law(law)
     model = load_config(config)
     columns = table_columns(friction, "friction", NEEDED)
-    press = press_law(law, model)
-    return _outcome(columns, press, model, "friction table", Draws(bootstrap, seed))
+    press = press_law(known, model, law if isinstance(law, Outcome) else None)
+    return _outcome(columns, press, model, "friction table", Draws(bootstrap, seed), bending)
 
 
 def _outcome(
-    columns: Mapping[str, np.ndarray], press: PressLaw, config: Config, name: str, draws: Draws
+    columns: Mapping[str, np.ndarray],
+    press: PressLaw,
+    config: Config,
+    name: str,
+    draws: Draws,
+    bending: Bending,
 ) -> Outcome[Refinement]:
     campaign, speeds, used, set_aside = prepared_campaign(columns, press, config, name)
-    refined = draws.workers.call(refine, campaign.bench, campaign.runs, speeds)
     labels = tuple(str(columns["run"][i]) for i in used)
-    slopes = draws.workers.call(refined_slopes, campaign, refined, speeds)
-    campaign = replace(campaign, measured=campaign.measured.with_arc_effects(refined.response))
-    uncertainty = _uncertainty(campaign, refined, slopes, config)
+    sources = shared_sources(campaign, config)
+    reference = reference_temperature(config, campaign)
+    fitted = None
+    if bending != "stated":
+        fitted = draws.workers.call(fit_bending, campaign, speeds, sources, reference)
+        if bending == "use":
+            campaign, sources = fitted.used(campaign, sources)
+    found = draws.workers.call(refined_campaign, campaign, speeds, sources, reference)
+    refined = found.refined
+    uncertainty = refined_uncertainty(found)
     settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
     check = None
     if draws.count:
-        nominal = prepare(campaign, refined, speeds, settings, (uncertainty.sources, slopes))
-        found = drawn(nominal, draws)
-        check = check_of(nominal, found, uncertainty.factor, uncertainty.sources)
-    apart = arc_difference(campaign.measured, refined, uncertainty.sources)
-    result = Refinement(refined, labels, columns["arc_deg"][used], uncertainty, apart, check)
+        linear = (found.sources, found.slopes)
+        nominal = prepare(found.campaign, refined, speeds, settings, linear)
+        drawings = drawn(nominal, draws)
+        check = check_of(nominal, drawings, uncertainty.factor, uncertainty.sources)
+    result = Refinement(
+        refined, labels, columns["arc_deg"][used], uncertainty, shown_effects(found), fitted, check
+    )
     beside = friction_formulas(refined.surface, uncertainty.factor)
-    force = campaign.measured.normal_force
+    force, slip = campaign.measured.normal_force, campaign.measured.slip_speed
     return Outcome(
         kind=KIND,
         columns=_table(result, speeds[speed_labels(columns, used, speeds)]),
@@ -280,43 +326,73 @@ def _outcome(
             "misfit": result.misfit_table(),
             "arc_spread_before": _share(result.arc_spread_percent(refined.misfit_before)),
             "iterations": refined.iterations,
-            "noise_scale": refined.smoothness.noise_scale,
+            "noise_scale": refined.noise_scale,
             "effective_parameters": refined.effective_parameters,
+            "measured": {"normal_force_N_m": span(force), "slip_speed_m_s": span(slip)},
+            "effects": _effect_rows(result.effects),
+            "reference_temperature_degC": reference,
+            "bending": _bending_figures(fitted, config),
             **uncertainty.extra((float(force.min()), float(force.max()))),
             **(check.extra(draws.seed) if check else {}),
             **beside.extra,
         },
         notes=(
-            "the range of validity is that of the forces that acted in the contact, peaks included",
+            "beyond the measured mean forces of the runs the surface is inferred: its range is "
+            "that of the forces that acted within their contact, peaks included",
             *([check.note()] if check else []),
             *beside.notes,
         ),
         warnings=(
             *result.disagreement(),
+            *_bending_lines(fitted, config),
             *result.outliers(),
             *(check.warnings() if check else ()),
         ),
     )
 
 
-def _uncertainty(
-    campaign: Campaign, refined: RefinedSurface, slopes: np.ndarray, config: Config
-) -> SurfaceUncertainty:
-    """What the causes of error do to the refined surface."""
-    n_arcs = int(campaign.measured.arc.max()) + 1
-    sources = (
-        *all_sources(standard_uncertainties(config), n_arcs, campaign.press.has_scatter),
-        *reduction_sources(campaign.measured.columns),
-        *arc_sources(refined.smoothness.arcs, n_arcs),
-    )
-    changes, scatter = changes_and_scatter(campaign, refined, sources, slopes)
-    return SurfaceUncertainty(
-        surface=refined.surface,
-        sources=sources,
-        changes=changes,
-        scatter=scatter,
-        arcs_deg=campaign.measured.arcs_deg,
-        degrees_of_freedom=max(len(campaign.measured.mu) - refined.effective_parameters, 1.0),
+def _effect_rows(effects: Sequence[ShownEffect]) -> list[dict[str, Any]]:
+    """The effects as they are shown and stored, in percent of mu."""
+    return [
+        {
+            "effect": EFFECT_WORDS[one.key],
+            "size_percent": 100.0 * one.size,
+            "standard_uncertainty_percent": _finite(100.0 * one.uncertainty),
+            "clear": one.is_clear,
+        }
+        for one in effects
+    ]
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _bending_figures(fitted: FittedBending | None, config: Config) -> dict[str, float] | None:
+    """Bending stiffness that the runs ask for beside the stated one [N m²]."""
+    if fitted is None:
+        return None
+    stated = config.belt.bending_stiffness_N_m2
+    return {
+        "fitted_N_m2": fitted.EI,
+        "fitted_u_N_m2": fitted.EI * fitted.relative,
+        "stated_N_m2": stated,
+        "stated_u_N_m2": stated * config.uncertainty.bending_stiffness_rel,
+    }
+
+
+def _bending_lines(fitted: FittedBending | None, config: Config) -> tuple[str, ...]:
+    """A sentence where the runs and the statement disagree."""
+    if fitted is None:
+        return ()
+    stated, own = config.belt.bending_stiffness_N_m2, config.uncertainty.bending_stiffness_rel
+    away = abs(math.log(fitted.EI / stated)) / math.hypot(fitted.relative, own)
+    if away <= CLEAR:
+        return ()
+    return (
+        f"belt.bending_stiffness_N_m2 = {stated:g} is stated within {100 * own:.2g} %, the runs "
+        f"ask for {fitted.EI:.3g} within {100 * fitted.relative:.2g} %: {away:.2g} standard "
+        "uncertainties apart; one of them is wrong, or the runs are",
     )
 
 
@@ -365,9 +441,12 @@ def summarise(built: Built) -> Summary:
             "arc_to_arc_spread_after_percent": _percent(metadata.rms_arc_spread),
             "force_nodes": surface.normal_force_N_m.size,
             "speed_nodes": surface.slip_speed_m_s.size,
+            "measured_force_N_m": metadata.measured.get("normal_force_N_m"),
             "valid_force_N_m": validity.get("normal_force_N_m"),
             "valid_speed_m_s": validity.get("slip_speed_m_s"),
             "budget": metadata.budget,
+            "effects": list(metadata.effects),
+            **({"bending": metadata.bending} if metadata.bending else {}),
             **({"draws": check["replicates"], "seed": check["seed"]} if check else {}),
             **({"linear_fails_at": places} if places else {}),
         },
@@ -375,6 +454,8 @@ def summarise(built: Built) -> Summary:
             "standard uncertainty of the refined surface, in percent of mu": budget_table(
                 metadata.budget, QUANTITY
             ),
+            EFFECTS: [dict(row) for row in metadata.effects],
+            **({BENDING: _bending_rows(metadata.bending)} if metadata.bending else {}),
             **({CHECKED: check_table(check["table"])} if check else {}),
         },
         table=[{name: row[name] for name in MISFIT_COLUMNS} for row in metadata.misfit],
@@ -384,6 +465,17 @@ def summarise(built: Built) -> Summary:
         origin=built.origin,
         details={"friction formulas": friction_law_rows(metadata.figures)},
     )
+
+
+def _bending_rows(bending: BendingFigures) -> list[dict[str, Any]]:
+    pairs = {
+        "fitted": (bending["fitted_N_m2"], bending["fitted_u_N_m2"]),
+        "stated": (bending["stated_N_m2"], bending["stated_u_N_m2"]),
+    }
+    return [
+        {"by": word, "EI": EI, "standard_uncertainty_percent": 100.0 * u / EI}
+        for word, (EI, u) in pairs.items()
+    ]
 
 
 def _percent(share: float | None) -> float | None:

@@ -1,4 +1,4 @@
-"""What a surface is refined from, and the draws of its Monte Carlo check, by the workers."""
+"""What a surface is refined from, its uncertainty, and the draws of its Monte Carlo check."""
 
 from __future__ import annotations
 
@@ -16,13 +16,33 @@ from beltid.identify.estimators.statistics import settings_of
 from beltid.identify.surface.surface import SurfaceSettings
 from beltid.identify.surface.surface import build_surface as publish
 from beltid.rigsim.model import Bench
+from beltid.stages.reduction import weight_cell
 from beltid.stages.reporter import Reporter
+from beltid.stages.uncertainties import SECTION, standard_uncertainties
 from beltid.stages.workers import Workers
 from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.measured import measured_runs, own_errors
 from beltid.uncertainty.monte_carlo import Nominal, Replicates, gathered, replicates
 from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.refined import Refined, changes_and_scatter
+from beltid.uncertainty.sources import Source, all_sources, reduction_sources
+from beltid.uncertainty.surface import SurfaceUncertainty
 
+KEYS: Final = (
+    "belt.axial_stiffness_N",
+    "belt.bending_stiffness_N_m2",
+    "rig.kind",
+    "rig.weight_on",
+    "rig.pulley_radius_m",
+    "rig.span_length_m",
+    "rig.supports",
+    "contact.points_per_element",
+    "surface",
+    "press.segment_length_cm",
+    "friction.correct_temperature",
+    "friction.reference_temperature_degC",
+    SECTION,
+)
 PER_CALL: Final = 5
 FEWEST: Final = 50
 CHECKED: Final = "linear standard uncertainty against Monte Carlo, in percent of mu"
@@ -115,7 +135,7 @@ def prepared_campaign(
     columns: Mapping[str, np.ndarray], press: PressLaw, config: Config, name: str
 ) -> tuple[Campaign, np.ndarray, np.ndarray, list[dict[str, Any]]]:
     """Campaign with the surface to start from, its speeds, its rows, and what was set aside."""
-    good, set_aside = _usable(columns)
+    good, set_aside = usable_runs(columns)
     if good.size < 4:
         text = f"{name}: {good.size} runs can be used, at least 4 are needed"
         raise InputError(text, code="no-run")
@@ -126,11 +146,12 @@ def prepared_campaign(
     start = publish(arc_deg, f, v, mu, mu_se, settings).surface
     speeds = _speeds(start.slip_speed_m_s, np.abs(v))
     rig = config.rig_params()
+    measured = measured_runs(columns, good, rig.R, weight_cell(config), rig.given_force)
     bench = Bench(config.belt_params(), rig, config.contact_params(), press.law, start)
-    return Campaign(measured_runs(columns, good, rig.R), bench, press), speeds, good, set_aside
+    return Campaign(measured, bench, press), speeds, good, set_aside
 
 
-def _usable(columns: Mapping[str, np.ndarray]) -> tuple[np.ndarray, list[dict[str, Any]]]:
+def usable_runs(columns: Mapping[str, np.ndarray]) -> tuple[np.ndarray, list[dict[str, Any]]]:
     """Rows that can be used, and those that cannot, with the reason."""
     n = len(columns["mu_sliding"])
     status = columns.get("status", np.full(n, "ok", dtype=object))
@@ -167,3 +188,38 @@ def speed_labels(
     """Index of the speed setting of each used run."""
     v = columns["slip_speed_m_s"][used]
     return np.asarray(np.argmin(np.abs(np.log(v[:, None] / speeds)), axis=1))
+
+
+def reference_temperature(config: Config, campaign: Campaign) -> float | None:
+    """Temperature to which the surface is corrected [°C]; None if that was not asked for."""
+    if not config.friction.correct_temperature:
+        return None
+    warm = campaign.measured.temperature_degC
+    if warm is None or not np.isfinite(warm).any():
+        raise InputError(
+            "friction.correct_temperature: true, but no run has a temperature; found no values in "
+            "the column temperature_degC"
+        )
+    stated = config.friction.reference_temperature_degC
+    return float(np.nanmean(warm)) if stated is None else stated
+
+
+def shared_sources(campaign: Campaign, config: Config) -> tuple[Source, ...]:
+    """Errors that runs share, as they are stated."""
+    n_arcs = int(campaign.measured.arc.max()) + 1
+    stated = all_sources(standard_uncertainties(config), n_arcs, campaign.press.has_scatter)
+    return (*stated, *reduction_sources(campaign.measured.columns))
+
+
+def refined_uncertainty(found: Refined) -> SurfaceUncertainty:
+    """What the causes of error do to the refined surface."""
+    changes, scatter = changes_and_scatter(found)
+    measured = found.campaign.measured
+    return SurfaceUncertainty(
+        surface=found.refined.surface,
+        sources=found.sources,
+        changes=changes,
+        scatter=scatter,
+        arcs_deg=measured.arcs_deg,
+        degrees_of_freedom=max(measured.mu.size - found.refined.effective_parameters, 1.0),
+    )

@@ -15,9 +15,9 @@ from beltid.report.html import Page
 from beltid.report.results import BeltResults
 from beltid.report.summary import Summary
 from beltid.report.verdict import verdict_of, whole
-from beltid.stages.belt_results import ARTIFACTS, check_folder, gather
+from beltid.stages.belt_results import ARTIFACTS, belt_facts, check_folder, gather
 from beltid.stages.build_artifact import Stale
-from beltid.stages.pages import hash_of, up_to_date, write
+from beltid.stages.pages import hash_of, is_ours, up_to_date, write
 from beltid.stages.recorded_curves import PRESS, RIG, press_curves, rig_curves
 from beltid.stages.reporter import Options
 
@@ -90,6 +90,18 @@ def keep_curves(source: ConfigSource, folder: Path, options: Options) -> None:
                 options.reporter.warn(f"no curves for the report: {problem}")
 
 
+def reported_in(folder: Path) -> list[Path]:
+    """Folders of belts below a folder that have a report of ours, of this call or an earlier one.
+
+    So the page that compares belts keeps those of earlier calls.
+    """
+    return [
+        page.parent
+        for page in sorted(folder.glob(f"*/{NAME}"))
+        if not page.parent.is_symlink() and is_ours(page) and _files(page.parent)
+    ]
+
+
 def of_chain(
     source: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options
 ) -> Summary:
@@ -106,7 +118,7 @@ def of_chain(
 
 def of_belt(folder: Path, out: Path, options: Options) -> Summary:
     """Write the report of one belt, unless it is up to date."""
-    made_from = hash_of(_files(folder), folder.resolve().name)
+    made_from = hash_of(_files(folder), folder.resolve().name, *belt_facts(folder))
     standing = up_to_date(out, made_from, options)
     results = gather(folder, with_profiles=not standing)
     if standing:

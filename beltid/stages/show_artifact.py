@@ -19,7 +19,42 @@ from beltid.stages.reporter import Options
 
 STAGE: Final = "show"
 FEW_ROWS: Final = 12
-FEW_COLUMNS: Final = 8
+SHOWN: Final = {
+    "stiffness": (
+        "k_linear_N_m2",
+        "k_quadratic_N_m3",
+        "temperature_degC",
+        "hysteresis_ratio",
+        "max_force_N_m",
+    ),
+    "slip": ("slip_speed_m_s", "run", "driver_speed_rad_s", "initial_tension_N", "torque_N_m"),
+    "friction": (
+        "mu_sliding",
+        "run",
+        "arc_deg",
+        "nominal_tension_N",
+        "slip_speed_m_s",
+        "normal_force_N_m",
+        "status",
+    ),
+    "surface": ("mu", "mu_u", "normal_force_N_m", "slip_speed_m_s", "arc_deg"),
+    "simulated": ("tension_tight_N", "tension_slack_N", "run", "time_s", "pulley_speed_rad_s"),
+    "profiles": ("normal_force_N_m", "slip_speed_m_s", "arc_position_m", "tension_N", "run"),
+    "compare": (
+        "mu_measured",
+        "mu_simulated",
+        "e_over_u",
+        "run",
+        "arc_deg",
+        "nominal_tension_N",
+        "pulley_speed_rad_s",
+    ),
+    "drive": ("speed_loss_rad_s", "torque_N_m", "pulley", "hub_force_N", "run", "status"),
+    "compare_drive": ("loss_measured_rad_s", "loss_predicted_rad_s", "torque_N_m", "run"),
+    "press_curves": ("line_force_N_m", "penetration_m", "test", "branch", "temperature_degC"),
+    "rig_curves": ("mu", "time_s", "run"),
+}
+"""Columns that a person sees, by kind; what was identified first."""
 
 
 def run(path: Path, out: Path | None, name: str | None, options: Options) -> Summary:
@@ -76,13 +111,12 @@ def _chosen(found: list[Picture], name: str | None, path: Path) -> Picture | Non
 def _summary(
     artifact: Artifact, chosen: Picture | None, names: list[str], out: Path | None
 ) -> Summary:
+    """What a person sees of it; of a figure that was written its path alone."""
+    if out is not None:
+        return Summary(stage=STAGE, title="", out=out, origin=artifact.metadata.origin)
     columns = {name: v for name, v in artifact.columns.items() if v.ndim == 1}
     rows = rows_of(columns, *columns)
-    told = {
-        name: {row[name] for row in rows} - {None} for name in columns
-    }  # a column that says the same in every row says little
-    telling = [name for name in columns if len(told[name]) > 1] or list(columns)
-    telling = telling[:FEW_COLUMNS]
+    shown = [name for name in SHOWN[artifact.kind] if name in columns]
     facts: dict[str, Any] = {
         "kind": artifact.kind,
         "rows": len(rows),
@@ -92,17 +126,16 @@ def _summary(
         "further figures": ", ".join(n for n in names if chosen is None or n != chosen.key) or None,
     }
     notes = [*artifact.metadata.warnings, *artifact.metadata.notes]
-    few = [{name: row[name] for name in telling} for row in rows[:FEW_ROWS]]
+    few = [{name: row[name] for name in shown} for row in rows[:FEW_ROWS]]
     rest = len(rows) - len(few)
     return Summary(
         stage=STAGE,
         title=str(artifact.path),
-        out=out,
         facts=facts,
         table=rows,
-        overview=[] if out is not None else few,
-        shown=("",) if out is not None else tuple(columns),
-        notes=(*notes, *([f"{rest} more rows, see --verbose"] if rest > 0 and out is None else [])),
+        overview=few,
+        shown=tuple(columns),
+        notes=(*notes, *([f"{rest} more rows, see --verbose"] if rest > 0 else [])),
         origin=artifact.metadata.origin,
-        drawing=None if out is not None or chosen is None else chosen.figure,
+        drawing=None if chosen is None else chosen.figure,
     )

@@ -12,6 +12,7 @@ from beltid.artifacts.metadata_models import SimulatedMetadata
 from beltid.config import Config, ConfigSource
 from beltid.errors import EXIT_DONE, EXIT_NUMERICS, NumericsError, percent
 from beltid.report.summary import Summary
+from beltid.rigsim.path import swinging_share
 from beltid.rigsim.rig import SimulationSettings
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.campaign import (
@@ -55,6 +56,9 @@ KEYS: Final = (
     "belt.bending_stiffness_N_m2",
     "belt.mass_per_length_kg_m",
     "belt.damping_time_s",
+    "rig.kind",
+    "rig.weight_on",
+    "rig.belt_speed_m_s",
     "rig.pulley_radius_m",
     "rig.span_length_m",
     "rig.supports",
@@ -193,6 +197,18 @@ def _outcome(
         notes.append(
             f"{percent(100 * outside / points)} of the sliding contact points lie outside the "
             "measured range of the surface: the nearest measured value was taken"
+        )
+    if config.rig.kind == "dead_weight":
+        belt, rig = config.belt_params(), config.rig_params()
+        share = max(swinging_share(belt, rig, run.point) for run in runs)
+        notes.append(
+            "the dead weight is guided in the line of its span; one that swings freely makes mu "
+            f"lower, by up to {percent(100 * share)} in these runs"
+        )
+    if config.rig.kind == "running":
+        notes.append(
+            "a running belt is simulated at rest: the tensions of the table are those that press "
+            "it onto the pulley; the recording holds the whole ones"
         )
     return Outcome(
         kind=KIND,

@@ -19,6 +19,7 @@ from beltid.rigsim.rig import RunResult, SimulationSettings
 from beltid.stages.campaign import (
     Picked,
     PlannedRun,
+    as_resting,
     checked_run,
     planned_runs,
     recording_columns,
@@ -98,7 +99,7 @@ class SimulatedRun:
     Attributes
     ----------
     tension_tight_N, tension_slack_N : float
-        Forces in the supports, sliding [N].
+        Forces in the supports, sliding [N]; of a running rig less what turns the belt.
     mu : float
         Friction coefficient by Eq. (6) from these tensions [-].
     normal_force_N_m : float
@@ -335,7 +336,7 @@ def runs_uncertainty(
         inputs.press.law,
         inputs.surface,
     )
-    points = [run.point for run, _ in finished]
+    points = [run.point for run in as_resting(config, [run for run, _ in finished])]
     numbers = np.array([_number(arcs, run.arc_deg) for run, _ in finished], dtype=np.intp)
     pieces = [slice(i, i + PER_CALL) for i in range(0, len(points), PER_CALL)]
     largest = max(float(result.tension_tight_N) for _, result in finished)

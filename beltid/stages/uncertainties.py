@@ -11,6 +11,7 @@ import numpy as np
 from beltid.artifacts.artifact import Artifact
 from beltid.config import Config
 from beltid.laws.penalty import NormalLaw
+from beltid.stages.outcome import Outcome
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.sources import StandardUncertainties
 
@@ -47,8 +48,10 @@ def standard_uncertainties(config: Config) -> StandardUncertainties:
     return StandardUncertainties(**values, stated=stated)
 
 
-def press_law(law: NormalLaw, config: Config, artifact: Artifact | None = None) -> PressLaw:
-    """A contact law with its making; without an artifact its scatter is not known."""
+def press_law(
+    law: NormalLaw, config: Config, artifact: Artifact | Outcome[Any] | None = None
+) -> PressLaw:
+    """A contact law with its making; without the table it is from its scatter is not known."""
     covariance, depth = np.zeros((2, 2)), 1.0e-4
     if artifact is not None:
         pooled = int(np.flatnonzero(np.isnan(artifact.columns["temperature_degC"]))[0])

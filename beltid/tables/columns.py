@@ -33,6 +33,8 @@ class Column:
         Whether the table must have the column.
     length : int
         Numbers in a list; 0 leaves it to the table.
+    choices : tuple of str
+        Texts that are allowed; all of them where there are none.
     """
 
     name: str
@@ -46,10 +48,13 @@ class Column:
     open_high: bool = False
     required: bool = True
     length: int = 4
+    choices: tuple[str, ...] = ()
 
     @property
     def allowed(self) -> str:
-        """The range in words: ``> 0``, ``in (0, 360)``."""
+        """The range in words: ``> 0``, ``in (0, 360)``; the choices of a text."""
+        if self.choices:
+            return " or ".join(filter(None, [", ".join(self.choices[:-1]), self.choices[-1]]))
         return interval(self.low, self.high, open_low=self.open_low, open_high=self.open_high)
 
 

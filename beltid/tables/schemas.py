@@ -31,24 +31,84 @@ _TIME = real("time_s", "s", "time from the start of the recording", nullable=Fal
 _TEMPERATURE = Column(
     "temperature_degC", "float64", "degC", "temperature", True, -90.0, 200.0, required=False
 )
-_ARC = Column(
-    "arc_deg", "float64", "deg", "contact arc", False, 0.0, 360.0, open_low=True, open_high=True
-)
+_ARC = Column("arc_deg", "float64", "deg", "contact arc", False, 0.0, 3600.0, open_low=True)
 _PULLEY_SPEED = real("pulley_speed_rad_s", "rad/s", "speed of the pulley")
 _FORCE = nonnegative("normal_force_N_m", "N/m", "mean of Eq. (8) over the arc", nullable=True)
 _SLIDING_SPEED = real("slip_speed_m_s", "m/s", "sliding speed omega R")
 _SET_TENSION = positive("nominal_tension_N", "N", "tension the run was set to", nullable=True)
 _STATUS = text("status", "ok, or why it was set aside")
 _NOTES = text("notes", "what the user should know", nullable=True)
+_TIGHT = positive("tension_tight_N", "N", "tension of the tight span", nullable=True)
+_SLACK = positive("tension_slack_N", "N", "tension of the slack span", nullable=True)
+_INITIAL = positive("initial_tension_N", "N", "nominal tension before the pulley turns")
 _RIG = (
     _RUN,
     _TIME,
-    positive("tension_tight_N", "N", "tension of the tight span", nullable=True),
-    positive("tension_slack_N", "N", "tension of the slack span", nullable=True),
+    _TIGHT,
+    _SLACK,
     replace(_PULLEY_SPEED, meaning="speed of the pulley, 0 before it turns"),
     _TEMPERATURE,
     _ARC,
-    positive("initial_tension_N", "N", "nominal tension before the pulley turns"),
+    _INITIAL,
+)
+_OTHER_CHANNELS = (
+    positive("weight_N", "N", "dead weight that one span carries"),
+    real("torque_N_m", "N m", "torque of the belt on the pulley, > 0 where the tight span pulls"),
+    nonnegative("hub_force_N", "N", "force of the belt on the pulley's axis", nullable=True),
+    real("belt_speed_m_s", "m/s", "speed of the belt"),
+)
+_IDLE = Column(
+    "idle",
+    "string",
+    "",
+    "whether the pulley turned without the belt, for the drag of its bearings",
+    True,
+    choices=("true", "false"),
+)
+_CONDITIONS = (
+    Column("condition", "string", "", "surface", True, choices=("dry", "wet", "dusty")),
+    Column("side", "string", "", "side of the belt on the pulley", True, choices=("rib", "back")),
+    Column("humidity_percent", "float64", "%", "relative humidity", True, 0.0, 100.0),
+    nonnegative("hours_run", "h", "running time of the belt before", nullable=True),
+    text("pulley_material", "material of the pulley", nullable=True),
+    nonnegative("roughness_Ra_um", "um", "roughness Ra of the pulley", nullable=True),
+)
+CONDITIONS: Final = tuple(column.name for column in _CONDITIONS)
+"""Columns that tell under which conditions a run was made."""
+SAID_OF_RUNS: Final = (_IDLE.name, *CONDITIONS)
+"""Columns of a recording that are not filled in where nobody states them."""
+
+
+_ANY_RIG = Table(
+    "rig",
+    1,
+    "the friction rig",
+    (*_RIG, *optional(*_OTHER_CHANNELS, _IDLE, *_CONDITIONS)),
+    label="run",
+)
+_POINTS = Table(
+    "points",
+    1,
+    "the friction rig, as a table of its plateaus",
+    optional(
+        _RUN,
+        replace(_ARC, nullable=True),
+        *(
+            replace(column, low=0.0, open_low=False, nullable=True)
+            for column in (_TIGHT, _SLACK, _OTHER_CHANNELS[0])
+        ),
+        *_OTHER_CHANNELS[1:],
+        _PULLEY_SPEED,
+        real("slip_speed_m_s", "m/s", "sliding speed"),
+        real("mu", "1", "friction coefficient while sliding"),
+        standard_error("mu_se", "1"),
+        replace(_FORCE, meaning="normal force per length"),
+        _TEMPERATURE,
+        replace(_INITIAL, nullable=True),
+        _IDLE,
+        *_CONDITIONS,
+    ),
+    label="run",
 )
 
 _POINT = replace(_RUN, meaning="label of the operating point")
@@ -180,8 +240,34 @@ _FRICTION = Table(
             nonnegative("tail_time_s", "s", "decay time from the peak", nullable=True),
             real("drift", "1", "relative drift of mu over the plateau"),
             Column("swapped", "bool", "", "whether the cells were found swapped"),
+            *_CONDITIONS,
             _NOTES,
         ),
+    ),
+    label="run",
+)
+_SHEAR = Table(
+    "shear",
+    1,
+    "beltid fit-shear",
+    (
+        _RUN,
+        replace(_ARC, nullable=True),
+        positive("initial_tension_N", "N", "tension measured at rest", nullable=True),
+        _SET_TENSION,
+        replace(_PULLEY_SPEED, meaning="speed of the pulley on the plateau"),
+        positive(
+            "slope_N_m",
+            "N/m",
+            "change of the tension difference over the travel of the pulley's surface",
+            nullable=True,
+        ),
+        standard_error("slope_se_N_m", "N/m"),
+        positive("slope_fitted_N_m", "N/m", "the same by the shear stiffness found", nullable=True),
+        count("n_samples", "samples of the build-up"),
+        positive("sampling_rate_Hz", "Hz", "of these samples", nullable=True),
+        positive("needed_rate_Hz", "Hz", "at which there are enough of them", nullable=True),
+        _STATUS,
     ),
     label="run",
 )
@@ -358,11 +444,13 @@ TABLES: Final[dict[str, Table]] = {
     table.kind: table
     for table in (
         _PRESS,
-        Table("rig", 1, "the friction rig", _RIG, label="run"),
+        _ANY_RIG,
+        _POINTS,
         _SPEEDLOSS,
         _STIFFNESS,
         _SLIP,
         _FRICTION,
+        _SHEAR,
         _SURFACE,
         Table("simulated", 1, "beltid simulate-rig", _RIG, label="run"),
         _PROFILES,
@@ -373,10 +461,10 @@ TABLES: Final[dict[str, Table]] = {
         _RIG_CURVES,
     )
 }
-RECORDINGS: Final = ("press", "rig", "speedloss")
-NOMINAL: Final = ("arc_deg", "initial_tension_N")
+RECORDINGS: Final = ("press", "rig", "speedloss", "points")
+NOMINAL: Final = ("arc_deg", "initial_tension_N", "weight_N")
 """Columns that hold the nominal settings of a run, constant within it."""
-SETTINGS: Final = (*NOMINAL, "temperature_degC")
+SETTINGS: Final = (*NOMINAL, "temperature_degC", "belt_speed_m_s", *SAID_OF_RUNS)
 """Columns that hold one value in a whole run."""
 ARTIFACTS: Final = tuple(kind for kind in TABLES if kind not in RECORDINGS)
 
@@ -401,3 +489,53 @@ def table(kind: str) -> Table:
         If there is no such kind; a mistake in the code, not of the user.
     """
     return TABLES[kind]
+
+
+RIG_KINDS: Final = (
+    ("two_cells", "tight"),
+    ("dead_weight", "tight"),
+    ("dead_weight", "slack"),
+    ("torque_hub", "tight"),
+    ("torque", "tight"),
+)
+"""Kinds of a friction rig, and the span of the weight; those that need more channels come first."""
+
+
+def rig_table(
+    measures: str = "two_cells", weight_on: str = "tight", *, running: bool = False
+) -> Table:
+    """The table of a recording of a friction rig, by what the rig measures.
+
+    Parameters
+    ----------
+    measures : {"two_cells", "dead_weight", "torque", "torque_hub"}
+        What it measures. One of both tensions is enough for `torque`.
+    weight_on : {"tight", "slack"}
+        Span that hangs on a dead weight.
+    running : bool
+        Whether the belt moves.
+    """
+    cell = "tension_slack_N" if weight_on == "tight" else "tension_tight_N"
+    needed = {
+        "two_cells": ("tension_tight_N", "tension_slack_N"),
+        "dead_weight": ("weight_N", cell),
+        "torque": ("torque_N_m",),
+        "torque_hub": ("torque_N_m", "hub_force_N"),
+    }[measures]
+    more: tuple[str, ...] = ("tension_tight_N", "tension_slack_N") if measures == "torque" else ()
+    more += ("idle",) if "torque_N_m" in needed else ()
+    more += ("belt_speed_m_s",) if running else ()
+    channels = {column.name for column in (_TIGHT, _SLACK, *_OTHER_CHANNELS, _IDLE)}
+    # a bench that needs no initial tension need not state one
+    left_open = set() if measures == "two_cells" and not running else {_INITIAL.name}
+    columns = []
+    for column in table("rig").columns:
+        if column.name in needed:
+            columns.append(replace(column, required=True))
+        elif column.name in left_open:
+            columns.append(replace(column, required=False, nullable=True))
+        elif column.name in more:
+            columns.append(replace(column, required=False))
+        elif column.name not in channels:
+            columns.append(column)
+    return replace(table("rig"), columns=tuple(columns))

@@ -70,6 +70,21 @@ CONVERSIONS: Final[dict[str, dict[str, Conversion]]] = {
         "lbf in": Conversion(_LBF * 0.0254),
         "lbf ft": Conversion(_LBF * 0.3048),
     },
+    "m/s": {
+        "m/s": Conversion(1.0),
+        "mm/s": Conversion(1e-3),
+        "m/min": Conversion(1.0 / 60.0),
+    },
+    "N/m": {
+        "N/m": Conversion(1.0),
+        "N/cm": Conversion(1e2),
+        "N/mm": Conversion(1e3),
+        "kN/m": Conversion(1e3),
+    },
+    "h": {"h": Conversion(1.0)},
+    "um": {"um": Conversion(1.0)},
+    "%": {"%": Conversion(1.0)},
+    "1": {"1": Conversion(1.0)},
 }
 
 # Other spellings that benches and spreadsheets use, after blanks and brackets are gone.
@@ -182,7 +197,7 @@ def canonical_unit(text: str) -> str:
 
 
 def _is_known(unit: str) -> bool:
-    return any(unit in table for table in CONVERSIONS.values())
+    return unit != "1" and any(unit in table for table in CONVERSIONS.values())
 
 
 def is_known_unit(text: str) -> bool:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Self
 
+import numpy as np
+
 from beltid.params import OperatingPoint
 from beltid.refine.rig_runs import MeasuredRun
 from beltid.rigsim.model import Bench
@@ -35,10 +37,20 @@ class Campaign:
     def runs(self) -> list[MeasuredRun]:
         """The runs as the inverse solution takes them."""
         of = self.measured
-        rows = zip(of.beta, of.T_0, of.omega, of.mu, of.mu_se, of.arc, strict=True)
+        points = zip(of.beta, of.T_0, of.omega, strict=True)
+        order = range(of.mu.size) if of.order is None else of.order
+        warm = np.full(of.mu.size, np.nan) if of.temperature_degC is None else of.temperature_degC
+        rows = zip(points, of.mu, of.mu_se, of.arc, order, warm, strict=True)
         return [
-            MeasuredRun(OperatingPoint(float(b), float(T), float(w)), float(m), float(s), int(k))
-            for b, T, w, m, s, k in rows
+            MeasuredRun(
+                point=OperatingPoint(*map(float, point)),
+                mu=float(mu),
+                mu_se=float(mu_se),
+                arc=int(arc),
+                order=int(order),
+                temperature_degC=float(temperature),
+            )
+            for point, mu, mu_se, arc, order, temperature in rows
         ]
 
     def corrected(self, errors: Errors) -> Self:

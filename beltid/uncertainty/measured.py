@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from beltid.errors import InputError
 from beltid.laws.capstan import mean_normal_force, sliding_speed
-from beltid.uncertainty.sources import ARC_EFFECT, REDUCTION_SOURCES, Errors
+from beltid.params import GivenForce
+from beltid.refine.effects import Effect
+from beltid.uncertainty.sources import REDUCTION_SOURCES, Errors
 
 Array = NDArray[np.float64]
 
@@ -32,7 +34,7 @@ class Measured:
     beta : ndarray
         Contact arc [rad].
     T_0 : ndarray
-        Initial tension [N], mean of both cells.
+        Initial tension [N], mean of both cells; where a force is given, the tension it gives.
     omega : ndarray
         Speed of the pulley [rad/s].
     tight, slack : ndarray
@@ -42,8 +44,16 @@ class Measured:
     columns : mapping of str to ndarray, shape (n, places)
         Change of ln mu of each run by a unit of errors that runs share and follow each in its own
         way: key of the source -> a column per place.
+    order : ndarray of int, optional
+        Place of each run in the campaign; by default they come one after the other.
+    temperature_degC : ndarray, optional
+        Temperature of each run while sliding [°C], nan where it is not known, as by default.
     largest_tension : float, optional
         Largest tension of the campaign [N]; by default that of these runs.
+    weight : int, optional
+        0 or 1 if the tight or the slack tension is a dead weight, which no cell measures.
+    given_force : {"none", "tight", "slack", "hub"}
+        Force that stays while the pulley turns, see :class:`beltid.params.Rig`.
     """
 
     R: float
@@ -56,7 +66,11 @@ class Measured:
     mu: Array
     mu_se: Array
     columns: Mapping[str, Array] = field(default_factory=dict)
+    order: NDArray[np.intp] | None = None
+    temperature_degC: Array | None = None
     largest_tension: float | None = None
+    weight: int | None = None
+    given_force: GivenForce = "none"
 
     @property
     def arcs_deg(self) -> Array:
@@ -74,13 +88,17 @@ class Measured:
         """Sliding speed, Eq. (7) [m/s]."""
         return sliding_speed(self.omega, self.R)
 
-    def with_arc_effects(self, response: Array) -> Self:
-        """The runs with effects of their arcs, a factor on the surface each, among the columns.
+    def with_effects(self, effects: Sequence[Effect], response: Array) -> Self:
+        """The runs with what shifts the friction beside the surface among the columns.
 
-        `response` (n,) is the derivative of ln mu of each run by ln of such a factor.
+        `response` (n,) is the derivative of ln mu of each run by ln of a factor on the surface.
         """
-        of_arc = np.eye(int(self.arc.max()) + 1)[self.arc] * response[:, None]
-        return replace(self, columns={**self.columns, ARC_EFFECT: of_arc})
+        columns = {
+            effect.key: effect.columns * response[:, None]
+            for effect in effects
+            if effect.before is not None
+        }
+        return replace(self, columns={**self.columns, **columns})
 
     def corrected(self, errors: Errors) -> Self:
         """The runs with errors put right: each value as it would truly have been.
@@ -90,13 +108,14 @@ class Measured:
         InputError
             If an error is as large as what it is an error of.
         """
-        zeros = [errors.at("cell_offset", k) for k in (0, 1)]
+        zeros = [0.0 if k == self.weight else errors.at("cell_offset", k) for k in (0, 1)]
         tight = self.tight * (1.0 + self._gain(errors, 0, self.tight)) + zeros[0]
         slack = self.slack * (1.0 + self._gain(errors, 1, self.slack)) + zeros[1]
         setting = np.array([errors.at("arc_setting", int(k)) for k in self.arc])
         beta = self.beta + errors.at("arc") + setting
         gain = 0.5 * sum(self._gain(errors, k, self.T_0) for k in (0, 1))
-        T_0 = self.T_0 * (1.0 + gain) + 0.5 * sum(zeros)
+        T_0 = self.T_0 * (1.0 + gain) + 0.5 * sum(zeros) if self.weight is None else self.T_0
+        T_0 = tension_given(self.given_force, tight, slack, T_0)
         lowest = min(float(np.min(a)) for a in (tight, slack, beta, T_0))
         if not lowest > 0.0:
             raise InputError(
@@ -129,6 +148,8 @@ class Measured:
 
     def _gain(self, errors: Errors, cell: int, tension: Array) -> Array:
         """Error of the gain of a cell at some tensions, as a share; cell 0 is the tight one."""
+        if cell == self.weight:
+            return np.zeros(tension.shape)
         largest = self.largest_tension or float(np.max(self.tight))
         gain = errors.at("tension_gain") + errors.at("cell_gain", cell)
         return np.asarray(gain + errors.at("cell_linearity", cell) * tension / largest)
@@ -142,7 +163,18 @@ class Measured:
         return change
 
 
-def measured_runs(columns: Mapping[str, np.ndarray], rows: np.ndarray, R: float) -> Measured:
+def tension_given(given: GivenForce, tight: Array, slack: Array, T_0: Array) -> Array:
+    """Tension before the pulley turns (n,) [N], from those while sliding where a force is given."""
+    return {"none": T_0, "tight": tight, "slack": slack, "hub": 0.5 * (tight + slack)}[given]
+
+
+def measured_runs(
+    columns: Mapping[str, np.ndarray],
+    rows: np.ndarray,
+    R: float,
+    weight: int | None = None,
+    given_force: GivenForce = "none",
+) -> Measured:
     """Rows of a friction table; the tensions follow from force and coefficient, Eqs. (5) and (8).
 
     Parameters
@@ -153,6 +185,10 @@ def measured_runs(columns: Mapping[str, np.ndarray], rows: np.ndarray, R: float)
         The rows to take, valid ones.
     R : float
         Radius of the belt's centreline on the pulley [m].
+    weight : int, optional
+        0 or 1 if the tight or the slack tension is a dead weight.
+    given_force : {"none", "tight", "slack", "hub"}
+        Force that stays while the pulley turns.
 
     Returns
     -------
@@ -165,23 +201,28 @@ def measured_runs(columns: Mapping[str, np.ndarray], rows: np.ndarray, R: float)
     errors = np.full(mu.size, np.nan) if own is None else own[rows]
     known = np.isfinite(errors)
     typical = float(np.median(errors[known])) if known.any() else 0.0
-    initial = columns.get("initial_tension_N")
+    initial, warm = columns.get("initial_tension_N"), columns.get("temperature_degC")
     beta = np.radians(arc_deg)
     log_ratio = mu * beta
     slack = f * R * log_ratio / np.expm1(log_ratio)
     tight = slack * np.exp(log_ratio)
     T_0 = np.sqrt(tight * slack) if initial is None else np.asarray(initial, dtype=float)[rows]
+    T_0 = np.where(np.isfinite(T_0), T_0, np.sqrt(tight * slack))
     return Measured(
         R=R,
         arc=arc_settings(arc_deg),
         beta=beta,
-        T_0=np.where(np.isfinite(T_0), T_0, np.sqrt(tight * slack)),
+        T_0=tension_given(given_force, tight, slack, T_0),
         omega=np.abs(v) / R,
         tight=tight,
         slack=slack,
         mu=mu,
         mu_se=np.where(known, errors, typical),
         columns={key: values[rows][:, None] for key, values in shared_columns(columns).items()},
+        order=np.asarray(rows, dtype=np.intp),
+        temperature_degC=None if warm is None else np.asarray(warm, dtype=float)[rows],
+        weight=weight,
+        given_force=given_force,
     )
 
 

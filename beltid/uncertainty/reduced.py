@@ -8,24 +8,42 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.identify.press.stiffness import LawEstimate
+from beltid.identify.shear.stiffness import (
+    BENDING_SPREAD,
+    MICRO_SLIP_SPREAD,
+    NORMAL_STIFFNESS_SPREAD,
+)
 from beltid.laws.penalty import NormalLaw
 from beltid.uncertainty.budget import Scatter, budget, combined
 from beltid.uncertainty.measured import measured_runs, valid_rows
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.sources import (
+    ASSUMED,
+    PERCENT,
     Errors,
+    Source,
     StandardUncertainties,
     press_sources,
     reduction_sources,
     rig_sources,
+    shear_sources,
 )
 
 COEFFICIENTS: Final = ("k_linear_N_m2", "k_quadratic_N_m3")
+BUILD_UP_SOURCES: Final = (
+    ("normal_stiffness", "normal stiffness of the ribs", NORMAL_STIFFNESS_SPREAD),
+    ("end_bending", "bending at the ends of the contact", BENDING_SPREAD),
+    ("micro_slip", "slip at the ends of the contact", MICRO_SLIP_SPREAD),
+)
+"""Key, words and size of what the model of the build-up leaves open."""
 Found = tuple[dict[str, np.ndarray], list[dict[str, Any]]]
 
 
 def friction_uncertainty(
-    columns: Mapping[str, np.ndarray], given: StandardUncertainties, R: float
+    columns: Mapping[str, np.ndarray],
+    given: StandardUncertainties,
+    R: float,
+    weight: int | None = None,
 ) -> Found:
     """Combined uncertainties of the runs of a friction rig, and their budget.
 
@@ -37,6 +55,8 @@ def friction_uncertainty(
         Standard uncertainties of the bench.
     R : float
         Radius of the belt's centreline on the pulley [m].
+    weight : int, optional
+        0 or 1 if the tight or the slack tension is a dead weight.
 
     Returns
     -------
@@ -45,7 +65,10 @@ def friction_uncertainty(
         per quantity and source.
     """
     rows = valid_rows(columns, np.flatnonzero(columns["status"] == "ok"))
-    measured = measured_runs(columns, rows, R)
+    if not rows.size:  # coefficients without an arc, as a table may state them
+        none = np.full(len(columns["status"]), np.nan)
+        return {"mu_sliding_u": none, "normal_force_u_N_m": none}, []
+    measured = measured_runs(columns, rows, R, weight)
     of_rig = rig_sources(given, int(measured.arc.max()) + 1)
     sources = (*of_rig, *reduction_sources(measured.columns))
     of_mu, of_force = np.zeros((2, rows.size, len(sources)))
@@ -66,6 +89,33 @@ def friction_uncertainty(
             *budget("normal_force_N_m", sources, of_force, Scatter(of_runs.name, none)),
         ],
     )
+
+
+def shear_budget(shares: Mapping[str, float], given: StandardUncertainties) -> list[dict[str, Any]]:
+    """Budget of a shear stiffness.
+
+    Parameters
+    ----------
+    shares : mapping of str to float
+        Standard uncertainty of the stiffness over itself by each source, by its key; empty where
+        the stiffness is not known.
+    given : StandardUncertainties
+        Standard uncertainties of the bench.
+
+    Returns
+    -------
+    list of dict
+        A row per source.
+    """
+    if not shares:
+        return []
+    assumed = (
+        Source(words, key, 0, size, *PERCENT, ASSUMED) for key, words, size in BUILD_UP_SOURCES
+    )
+    sources = (*shear_sources(given), *assumed)
+    changes = np.array([[shares[source.error] for source in sources]])
+    scatter = Scatter("scatter of the slopes", np.array([shares["slopes"]]))
+    return budget("shear_stiffness_N_m2", sources, changes, scatter)
 
 
 def stiffness_uncertainty(

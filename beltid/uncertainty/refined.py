@@ -19,11 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.laws.friction_surface import FrictionSurface
-from beltid.refine.inverse import RefinedSurface
+from beltid.refine.inverse import RefinedSurface, refine_surface
 from beltid.refine.rig_runs import RigRuns, mesh_of, surfaces_of
 from beltid.uncertainty.campaign import Campaign
-from beltid.uncertainty.measured import Measured
-from beltid.uncertainty.sources import ARC_EFFECT, Errors, Source
+from beltid.uncertainty.sources import EFFECT_SOURCES, Errors, Source, effect_sources
 
 Array = NDArray[np.float64]
 
@@ -31,8 +30,6 @@ STEP = 2.0e-3
 """Relative step of the differences; their error is of its order, a fraction of a percent."""
 MESH = 1.0
 """Elements over the default: a difference needs no finer mesh."""
-CLEAR = 3.0
-"""Standard uncertainties beyond which a difference between arcs is no chance."""
 INPUTS = ("arc", "initial tension", "radius", "span", "EI", "EA", "k_linear", "k_quadratic")
 
 
@@ -43,6 +40,66 @@ def log_inputs(campaign: Campaign) -> Array:
     shared = [bench.rig.R, bench.rig.span, bench.belt.EI, bench.belt.EA, *np.where(k > 0, k, 1.0)]
     columns = [measured.beta, measured.T_0, *(np.full(measured.mu.size, x) for x in shared)]
     return np.log(np.column_stack(columns))
+
+
+@dataclass(frozen=True, slots=True)
+class Refined:
+    """A refined surface and all that its uncertainty is made of.
+
+    Attributes
+    ----------
+    refined : RefinedSurface
+        The solution of the inverse problem.
+    campaign : Campaign
+        Its runs, with the effects that they show.
+    sources : tuple of Source
+        Errors that runs share, and those effects.
+    slopes : ndarray, shape (n, 8)
+        Derivatives of the simulated ln mu of each run by the ln of each input.
+    """
+
+    refined: RefinedSurface
+    campaign: Campaign
+    sources: tuple[Source, ...]
+    slopes: Array
+
+
+def refined_campaign(
+    campaign: Campaign,
+    speeds: Array,
+    sources: Sequence[Source],
+    reference_degC: float | None = None,
+) -> Refined:
+    """Refine the surface of a campaign, with all that its uncertainty is made of.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        Runs and bench.
+    speeds : ndarray, shape (m,)
+        Speeds of the surface [m/s].
+    sources : sequence of Source
+        Errors that runs share.
+    reference_degC : float, optional
+        Temperature to which the surface is corrected [°C]; by default it is that of the runs.
+
+    Raises
+    ------
+    InputError, ConvergenceError
+        As :func:`beltid.refine.inverse.refine_surface`.
+    """
+    refined = refine_surface(campaign.bench, campaign.runs, speeds, reference_degC=reference_degC)
+    effects = [found.effect for found in refined.effects]
+    measured = campaign.measured.with_effects(effects, refined.response)
+    shown = (
+        effect_sources(found.effect.key, found.size, found.values.size) for found in refined.effects
+    )
+    return Refined(
+        refined=refined,
+        campaign=replace(campaign, measured=measured),
+        sources=(*sources, *itertools.chain.from_iterable(shown)),
+        slopes=refined_slopes(campaign, refined, speeds),
+    )
 
 
 def refined_slopes(campaign: Campaign, refined: RefinedSurface, speeds: Array) -> Array:
@@ -105,83 +162,29 @@ def parameter_changes(
     campaign: Campaign, refined: RefinedSurface, sources: Sequence[Source], slopes: Array
 ) -> Array:
     """Change of the parameters by one standard uncertainty of each source, shape (size, K)."""
-    if not sources:
-        return np.zeros((refined.parameters.size, 0))
-    residuals = [
-        residual_change(campaign, Errors.single(source), slopes, refined.speed_slope)
-        for source in sources
-    ]
-    return np.asarray(refined.gain @ np.column_stack(residuals))
+    changes = changes_of_residuals(campaign, sources, slopes, refined.speed_slope)
+    return np.asarray(refined.gain @ changes)
 
 
-@dataclass(frozen=True, slots=True)
-class ArcDifference:
-    """Two arc settings whose runs do not agree on one surface.
-
-    Attributes
-    ----------
-    lower_deg, higher_deg : float
-        The arcs whose coefficients lie lower and higher than the common surface says [deg].
-    size : float
-        Difference of their effects on ln mu.
-    explained : float
-        Standard uncertainty of that difference by the scatter of the runs and by the sources.
-    """
-
-    lower_deg: float
-    higher_deg: float
-    size: float
-    explained: float
-
-    @property
-    def is_real(self) -> bool:
-        """Whether the difference is far more than what explains it."""
-        return self.size > CLEAR * self.explained
+def changes_of_residuals(
+    campaign: Campaign, sources: Sequence[Source], slopes: Array, speed_slope: Array
+) -> Array:
+    """Change of measured less simulated ln mu by each source put right, shape (n, K)."""
+    changes = [residual_change(campaign, Errors.single(s), slopes, speed_slope) for s in sources]
+    return np.column_stack([np.zeros((campaign.measured.mu.size, 0)), *changes])
 
 
-def arc_difference(
-    measured: Measured, refined: RefinedSurface, sources: Sequence[Source]
-) -> ArcDifference | None:
-    """The difference between arcs that is the largest for what explains it; None for one arc.
-
-    The sources of the formulas alone count: what they change in the coefficients of one arc more
-    than in those of the other.
-    """
-    covariance, pairs = refined.arcs_covariance, []
-    stated = [source for source in sources if source.error not in measured.columns]
-    by_arc = np.array(
-        [
-            [np.mean(change[measured.arc == k]) for k in range(refined.arcs.size)]
-            for source in stated
-            for change in [np.log(measured.corrected(Errors.single(source)).mu / measured.mu)]
-        ]
-    ).reshape(len(stated), refined.arcs.size)
-    for low, high in itertools.permutations(range(refined.arcs.size), 2):
-        scatter = covariance[low, low] + covariance[high, high] - 2.0 * covariance[low, high]
-        apart = by_arc[:, high] - by_arc[:, low]
-        pairs.append(
-            ArcDifference(
-                lower_deg=float(measured.arcs_deg[low]),
-                higher_deg=float(measured.arcs_deg[high]),
-                size=float(refined.arcs[high] - refined.arcs[low]),
-                explained=float(np.sqrt(scatter + apart @ apart)),
-            )
-        )
-    return max(pairs, key=lambda pair: pair.size / pair.explained, default=None)
-
-
-def changes_and_scatter(
-    campaign: Campaign, refined: RefinedSurface, sources: Sequence[Source], slopes: Array
-) -> tuple[Array, Array]:
+def changes_and_scatter(found: Refined) -> tuple[Array, Array]:
     """What the covariance of ln mu at the nodes is made of, two factors (nf, nv, K), (nf, nv, r).
 
     The first holds the change by one standard uncertainty of each source, the second the scatter of
-    the runs. The effects of the arcs are a source with a column for each arc: the covariance of the
-    solution holds them too, out of which they are taken here.
+    the runs. The effects of the campaign are sources too, and unknowns of the solution, so that its
+    covariance holds them: they are taken out of it here.
     """
-    changes = parameter_changes(campaign, refined, sources, slopes)
-    of_arcs = changes[:, [source.error == ARC_EFFECT for source in sources]]
-    scatter = factor_of(refined.covariance - of_arcs @ of_arcs.T)
+    refined = found.refined
+    changes = parameter_changes(found.campaign, refined, found.sources, found.slopes)
+    of_effects = changes[:, [source.error in EFFECT_SOURCES for source in found.sources]]
+    scatter = factor_of(refined.covariance - of_effects @ of_effects.T)
     return on_nodes(refined, changes), on_nodes(refined, scatter)
 
 

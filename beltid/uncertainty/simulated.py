@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.uncertain_surface import UncertainSurface
-from beltid.params import OperatingPoint
+from beltid.params import OperatingPoint, Rig
+from beltid.refine.effects import arc_effect
 from beltid.refine.rig_runs import MeasuredRun, RigRuns, lookup_weights, mesh_of
 from beltid.rigsim.model import Bench
 from beltid.uncertainty.campaign import Campaign
@@ -212,9 +213,9 @@ def simulated_uncertainty(
         log_mu[i], tensions[i], response[i] = np.log(mu), (state.T_A, state.T_B), weight.sum()
     finer = RigRuns(bench, runs, speeds, [2 * round(0.5 * FINER_MESH * m) for m in mesh])
     change = finer.log_mu([surface] * speeds.size, speed_slope) - log_mu
-    measured = _as_measured(points, tensions, np.exp(log_mu), bench.rig.R)
+    measured = _as_measured(points, tensions, np.exp(log_mu), bench.rig)
     measured = replace(measured, arc=arc, largest_tension=largest_tension)
-    campaign = Campaign(measured.with_arc_effects(response), bench, press)
+    campaign = Campaign(measured.with_effects([arc_effect(arc)], response), bench, press)
     slopes = simulated_slopes(campaign, [surface] * speeds.size, speeds, speed_slope)
     of_difference, of_simulated = np.zeros((n, len(sources))), np.zeros((n, len(sources)))
     for k, source in enumerate(sources):
@@ -246,11 +247,13 @@ def _of_surface(
 
 
 def _as_measured(
-    points: Sequence[OperatingPoint], tensions: Array, mu: Array, R: float
+    points: Sequence[OperatingPoint], tensions: Array, mu: Array, rig: Rig
 ) -> Measured:
     """The simulated runs in the place of measured ones."""
     return Measured(
-        R=R,
+        R=rig.R,
+        weight={"tight": 0, "slack": 1}.get(rig.given_force),
+        given_force=rig.given_force,
         arc=np.zeros(mu.size, dtype=np.intp),
         beta=np.array([point.beta for point in points]),
         T_0=np.array([point.T_0 for point in points]),

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
+from beltid.refine.effects import ARC, COURSE, ORDER, TEMPERATURE
 
 Array = NDArray[np.float64]
 
@@ -214,12 +215,28 @@ REDUCTION_SOURCES = (
     ("shared_cells", "cells as seen at rest"),
 )
 """Key and words of what the reduction of all runs shares: their sizes stand in the runs."""
-ARC_EFFECT = "arc_effect"
+EFFECT_SOURCES = {
+    ARC: "differences between arcs",
+    ORDER: "change over the campaign",
+    COURSE: "change over the campaign",
+    TEMPERATURE: "temperature of the runs",
+}
+"""Key and words of what shifts the friction beside the surface."""
+SHEAR_SOURCES = (
+    ("axial_stiffness", "axial stiffness of the belt", PERCENT, 1),
+    *((*row[:3], 1) for row in RIG_SOURCES if row[0] not in ("cell_linearity", "cell_offset")),
+)
+"""Those of the shear stiffness, each of them one figure whatever it acts on."""
 
 
 def rig_sources(u: StandardUncertainties, n_arcs: int) -> tuple[Source, ...]:
     """Sources of the friction rig that Eqs. (6) to (8) know, those of zero size left out."""
     return _sources(u, RIG_SOURCES, n_arcs)
+
+
+def shear_sources(u: StandardUncertainties) -> tuple[Source, ...]:
+    """Sources of the shear stiffness of the ribs that the bench states."""
+    return _sources(u, SHEAR_SOURCES, 1)
 
 
 def press_sources(u: StandardUncertainties) -> tuple[Source, ...]:
@@ -269,11 +286,11 @@ def reduction_sources(columns: Mapping[str, Array]) -> tuple[Source, ...]:
     )
 
 
-def arc_sources(size: float, n_arcs: int) -> tuple[Source, ...]:
-    """Effect of each arc setting on ln mu that the runs show, of a standard deviation."""
+def effect_sources(key: str, size: float, count: int) -> tuple[Source, ...]:
+    """The numbers of an effect beside the surface, of a standard deviation that the runs show."""
     return tuple(
-        Source("differences between arcs", ARC_EFFECT, k, size, *PERCENT, FITTED)
-        for k in range(n_arcs)
+        Source(EFFECT_SOURCES[key], key, k, size, *PERCENT, FITTED)
+        for k in range(count)
         if size > 0.0
     )
 

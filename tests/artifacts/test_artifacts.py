@@ -342,7 +342,7 @@ def test_what_is_no_artifact(tmp_path):
         ("normal_force_N_m", np.inf, "normal_force_N_m = inf in row 2, must be >= 0"),
         ("tension_tight_N", -1.0, "tension_tight_N = -1.0 in row 2, must be > 0"),
         ("mu_sliding", -np.inf, "mu_sliding = -inf in row 2, must be finite"),
-        ("arc_deg", 400.0, "arc_deg = 400.0 in row 2, must be in (0, 360)"),
+        ("arc_deg", 4000.0, "arc_deg = 4000.0 in row 2, must be in (0, 3600]"),
     ],
 )
 def test_a_value_that_the_schema_forbids_is_not_written(tmp_path, column, value, words):

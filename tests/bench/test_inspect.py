@@ -107,7 +107,9 @@ def test_a_pattern_that_the_names_follow_is_proposed_and_works(tmp_path):
 def test_channels_of_no_bench_of_ours_ask_for_the_kind():
     result = CliRunner().invoke(app, ["inspect", str(DATA / "labview-two-channels.lvm")])
     assert result.exit_code == 2
-    assert "say --kind press, rig or speedloss; found: Excitation (Trigger)" in result.stderr
+    assert (
+        "say --kind press, rig, speedloss or points; found: Excitation (Trigger)" in result.stderr
+    )
     result = CliRunner().invoke(app, ["inspect", str(RIG), "--kind", "belt"])
     assert result.exit_code == 2
     assert "--kind belt, must be press, rig, speedloss" in result.stderr

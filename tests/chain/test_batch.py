@@ -71,6 +71,31 @@ def test_the_first_failure_ends_it_if_that_is_asked_for(bench: Path) -> None:
     assert {chain["compare refined"] for chain in chains} == {"not run"}
 
 
+def test_runs_left_out_are_predicted_and_a_single_arc_is_told(bench: Path) -> None:
+    config = (bench / "two.yaml").read_text()
+    one_arc = config.replace("name: two", "name: one_arc").replace("[40, 82]", "[82]")
+    (bench / "one_arc.yaml").write_text(one_arc)
+    header, *lines = (bench / "rig.csv").read_text().splitlines(keepends=True)
+    rows = [line for line in lines if line.split(",")[6] == "82"]
+    (bench / "one_arc.csv").write_text("".join([header, *rows]))
+    (bench / "one_arc.yaml").write_text(one_arc.replace("rig: rig.csv", "rig: one_arc.csv"))
+    off = config.replace("name: two", "name: off").replace(
+        "compare: {", "compare: {hold_out: none, "
+    )
+    (bench / "off.yaml").write_text(off)
+    done = beltid(bench, "run", "two.yaml", "one_arc.yaml", "off.yaml", "-j", "1", "--json")
+    assert done.exit_code == 0, done.stderr
+    two, single, without = json.loads(done.stdout)["table"]
+    assert two["stages"]["compare hold-out"] == "done"
+    facts = two["compare_hold_out"]
+    assert two["predicted_rms_percent"] == facts["groups"][0]["rms_percent"] < 3.0
+    assert facts["hold_out"] == "arc"
+    assert f"{two['belt']}: runs of an arc that was left out are predicted to" in done.stdout
+    assert single["stages"]["compare hold-out"] == "too few settings"
+    assert "1 arc measured, must be at least 2 to leave one out" in done.stderr
+    assert "compare hold-out" not in without["stages"]
+
+
 # --- sweeps ------------------------------------------------------------------------------------
 
 

@@ -98,6 +98,17 @@ def test_only_pages_that_are_not_up_to_date_are_given_away(ended: Any, tmp_path:
     assert f"one: report: up to date, {chains[0].folder / 'report.html'}" in notes.said
 
 
+def test_the_page_of_all_belts_keeps_those_of_earlier_calls(ended: Any, tmp_path: Path) -> None:
+    one, two = ended("runs", Reporter())
+    page = tmp_path / "runs" / "report.html"
+    write_reports([one], tmp_path / "runs", Options(), Workers())
+    assert not page.exists()  # of a single belt
+    write_reports([two], tmp_path / "runs", Options(), Workers())
+    text = page.read_text()
+    assert 'href="one/report.html"' in text
+    assert 'href="two/report.html"' in text
+
+
 def test_a_page_that_fails_does_not_stop_the_others(ended: Any, tmp_path: Path) -> None:
     notes = Notes()
     chains = ended("runs", notes)

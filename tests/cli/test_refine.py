@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import beltid as package
+from beltid.artifacts.artifact import read_artifact
 
 CALL = ("refine-surface", "friction.parquet", "stiffness.parquet")
 
@@ -32,6 +33,12 @@ def test_refine_surface_writes_a_surface_that_all_later_commands_take(
     # the forces that act in the contact reach beyond the means of (8), on both sides
     assert refined.normal_force_N_m[-1] > 1.5 * published.normal_force_N_m[-1]
     assert refined.normal_force_N_m[0] < published.normal_force_N_m[0]
+    # and are told apart from what was measured
+    low, high = read_artifact(bench / "surface_refined.parquet").metadata.measured[
+        "normal_force_N_m"
+    ]
+    force = read_artifact(bench / "friction.parquet").columns["normal_force_N_m"]
+    assert (low, high) == pytest.approx((force.min(), force.max()), rel=1e-9)
     again = beltid("simulate-rig", "surface_refined.parquet", "stiffness.parquet")
     assert again.exit_code == 0, again.stderr
 

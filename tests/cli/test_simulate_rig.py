@@ -155,3 +155,25 @@ def test_a_comparison_of_few_runs_says_so(bench: Path, beltid: Any) -> None:
     assert "warning: only 4 of 32 measured runs were compared" in result.stderr
     whole = beltid("compare", "friction.parquet", "simulated.parquet", "--force")
     assert "were compared" not in whole.stderr
+
+
+def test_a_dead_weight_keeps_its_force_and_its_recording_is_reduced(
+    bench: Path, beltid: Any
+) -> None:
+    config = (bench / "beltid.yaml").read_text()
+    with_weight = config.replace("rig:\n", "rig:\n  kind: dead_weight\n  weight_on: slack\n")
+    (bench / "weight.yaml").write_text(with_weight)
+    call = (*CALL, *ONE, "--method", "transient", "-o", "run.parquet", "-c", "weight.yaml")
+    result = beltid(*call)
+    assert result.exit_code == 0, result.stderr
+    assert "one that swings freely makes mu lower" in result.stderr
+    recorded = read_artifact(bench / "run.parquet", "simulated").columns
+    np.testing.assert_allclose(recorded["tension_slack_N"], 220.0, rtol=1e-8)
+    assert recorded["tension_tight_N"][-1] > 2.0 * 220.0
+
+    reduced = beltid("fit-friction", "run.parquet", "-o", "back.parquet", "-c", "weight.yaml")
+    assert reduced.exit_code == 0, reduced.stderr
+    mu = read_artifact(bench / "back.parquet", "friction").columns["mu_sliding"][0]
+    # Eq. (6) from the tensions that slide
+    ratio = recorded["tension_tight_N"][-1] / 220.0
+    assert mu == pytest.approx(math.log(ratio) / math.radians(82), rel=1e-3)

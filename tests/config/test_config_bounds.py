@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import fields, replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from beltid.config import Config, load_config
@@ -22,9 +23,10 @@ from beltid.identify.press.stiffness import StiffnessSettings
 from beltid.identify.slip.slip import RequiredSpeeds, SlipPoint, SlipResult, required_pulley_speeds
 from beltid.identify.surface.surface import SurfaceSettings
 from beltid.params import OperatingPoint
+from beltid.refine.effects import campaign_effects
 from beltid.rigsim.rig import DEFAULT_STEPS, SimulationSettings
 from beltid.stages.plan import rig_settings
-from beltid.stages.reduction import stiffness_settings
+from beltid.stages.reduction import friction_settings, stiffness_settings
 from beltid.stages.uncertainties import standard_uncertainties
 
 SLIP = SlipResult(
@@ -38,6 +40,11 @@ SLIP = SlipResult(
     max_slip_run="1",
     notes=(),
 )
+
+
+def with_measured(config: Config) -> tuple[Any, ...]:
+    rig = config.rig
+    return rig.belt_speed_m_s, rig.speed_bins_rad_s, rig.force_resolution_N
 
 
 def with_slip(config: Config) -> RequiredSpeeds:
@@ -67,13 +74,18 @@ def with_drive(config: Config) -> tuple[Any, ...]:
     return drive, points_of_config(config) if stated else ()
 
 
+def with_temperature(config: Config) -> Any:
+    runs = np.zeros(2, dtype=int), np.zeros(2), np.array([20.0, 30.0])
+    return campaign_effects(*runs, config.friction.reference_temperature_degC)
+
+
 SCIENCE: dict[str, tuple[Callable[[Config], Any], ...]] = {
     "belt": (lambda c: c.belt_params(), lambda c: with_drive(c)[0].shear_stiffness),
     "press": (lambda c: stiffness_settings(c.press),),
-    "rig": (lambda c: c.rig_params(), with_points, with_slip),
+    "rig": (lambda c: c.rig_params(), with_points, with_slip, with_measured),
     "contact": (lambda c: c.contact_params(),),
-    "compare": (lambda c: AgreementSettings(**c.compare.model_dump()),),
-    "friction": (lambda c: FrictionSettings(**c.friction.model_dump()),),
+    "compare": (lambda c: AgreementSettings(**c.compare.model_dump(exclude={"hold_out"})),),
+    "friction": (friction_settings, with_temperature),
     "surface": (lambda c: SurfaceSettings(**c.surface.model_dump()),),
     "slip": (with_slip,),
     "simulation": (with_simulation, lambda c: c.contact_params()),
@@ -119,6 +131,7 @@ def test_no_section_with_numbers_is_forgotten() -> None:
         "units",
         "runs",
         "dialect",
+        "conditions",
     }
 
 
@@ -132,7 +145,7 @@ def test_the_science_takes_what_the_config_takes(
 ) -> None:
     default = [repr(science(Config())) for science in SCIENCE[section]]
     for value in edges(check):
-        wanted = [value] if is_list else value
+        wanted = [value, 0.5 * (check.low + check.high)] if is_list else value
         config = load_config({section: {key: wanted}})
         taken = [repr(science(config)) for science in SCIENCE[section]]
         unchanged = wanted == getattr(getattr(Config(), section), key)

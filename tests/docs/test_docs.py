@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import doctest
 import re
 import shlex
 import shutil
@@ -13,23 +14,26 @@ import pytest
 from typer.testing import CliRunner
 
 import beltid
+from beltid.artifacts.artifact import read_artifact
 from beltid.cli import app
 
 ROOT = Path(__file__).parents[2]
 SPHINX = (sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html")
 TUTORIAL = ROOT / "docs" / "tutorial.md"
-FURTHER = (ROOT / "docs" / "drive.md", ROOT / "docs" / "plan.md")
+ONWARD = (TUTORIAL, ROOT / "docs" / "drive.md", ROOT / "docs" / "plan.md")
+"""The tutorial and the pages that go on from it, in their order."""
+OTHERS = ROOT / "docs" / "measured_by_others.md"
 README = ROOT / "README.md"
 
 
-def blocks(language: str) -> list[str]:
-    """Fenced blocks of the tutorial and of the pages that go on from it, in their order."""
-    pages = "".join(page.read_text() for page in (TUTORIAL, *FURTHER))
-    return re.findall(rf"^```{language}\n(.*?)^```$", pages, re.M | re.S)
+def blocks(language: str, *pages: Path) -> list[str]:
+    """Fenced blocks of some pages, in their order."""
+    text = "".join(page.read_text() for page in pages)
+    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.M | re.S)
 
 
-def commands() -> list[str]:
-    lines = "".join(blocks("console")).replace("\\\n", " ").splitlines()
+def commands(*pages: Path) -> list[str]:
+    lines = "".join(blocks("console", *pages)).replace("\\\n", " ").splitlines()
     return [line.removeprefix("$ ") for line in lines]
 
 
@@ -62,8 +66,8 @@ def test_commands_of_the_tutorial_run_one_after_the_other(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("BELTID", str(ROOT))
     monkeypatch.delenv("BELTID_CONFIG", raising=False)
-    assert len(commands()) > 10
-    for command in commands():
+    assert len(commands(*ONWARD)) > 10
+    for command in commands(*ONWARD):
         if command.startswith("beltid "):
             # in this process where it can be: starting others is most of the time
             alone = ["--jobs", "1"] if command.startswith("beltid run") else []
@@ -81,8 +85,45 @@ def test_commands_of_the_tutorial_run_one_after_the_other(
     law = beltid.load_law(tmp_path / "law" / "5pk.beltlaw.json")
     assert law.synthetic
     assert (law.belt.name, law.belt.ribs) == ("5pk", 5)
-    for block in blocks("python"):
+    for block in blocks("python", *ONWARD):
         exec(block, {})
+
+
+def test_the_session_in_python_runs(project: Path) -> None:
+    parsed = doctest.DocTestParser().get_doctest(
+        (ROOT / "docs" / "python.md").read_text().replace("```", ""), {}, "python.md", None, 0
+    )
+    told: list[str] = []
+    failed = doctest.DocTestRunner().run(parsed, out=told.append).failed
+    assert len(parsed.examples) > 20
+    assert not failed, "".join(told)
+    assert "<svg" in Path("friction.svg").read_text()
+    saved = beltid.build_surface(read_artifact("friction.parquet"))
+    assert saved.columns["mu"].size
+    assert read_artifact("friction.parquet").metadata.origin == "synthetic"
+
+
+def test_the_page_on_real_numbers_prints_what_it_shows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("BELTID", str(ROOT))
+    monkeypatch.delenv("BELTID_CONFIG", raising=False)
+    said = ""
+    for command in commands(OTHERS):
+        if command.startswith("beltid "):
+            done = CliRunner().invoke(app, shlex.split(command)[1:])
+            assert done.exit_code == 0, f"{command}\n{done.output}\n{done.exception!r}"
+            said += done.output
+        else:
+            subprocess.run(command, shell=True, check=True)
+    (shown,) = blocks("text", OTHERS)
+    words = " ".join(said.split())
+    assert [line for line in shown.splitlines() if " ".join(line.split()) not in words] == []
+    for block in blocks("python", OTHERS):
+        exec(block, {})
+    verdicts = capsys.readouterr().out.splitlines()
+    assert ["None of the fitted formulas holds" in line for line in verdicts] == [True, False, True]
 
 
 def shown_in_readme() -> list[tuple[str, list[str]]]:

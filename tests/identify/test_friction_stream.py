@@ -55,7 +55,7 @@ def test_streamed_runs_are_those_of_the_whole_recording(
     columns = offset(recording, newton)
     settings = FrictionSettings(correct_imbalance=mode)
     together = reduce_runs(columns, RADIUS_M, settings)
-    records = iter(run_records(columns))
+    records = iter(run_records(columns, RADIUS_M))
     assert same(reduce_stream(records, RADIUS_M, settings, backwards), together)
     assert any(run.ok for run in together)
 
@@ -65,7 +65,7 @@ def test_a_run_that_is_set_aside_keeps_its_place(recording: dict[str, np.ndarray
     labels = list(dict.fromkeys(columns["run"]))
     columns["pulley_speed_rad_s"][columns["run"] == labels[1]] = 0.0
     settings = FrictionSettings()
-    streamed = reduce_stream(run_records(columns), RADIUS_M, settings)
+    streamed = reduce_stream(run_records(columns, RADIUS_M), RADIUS_M, settings)
     assert [r.run for r in streamed] == labels
     assert "never turns" in streamed[1].status
     others = {name: values[columns["run"] != labels[1]] for name, values in columns.items()}

@@ -452,11 +452,11 @@ def test_one_bad_run_stops_no_other_and_is_not_dropped() -> None:
 
 
 def test_nominal_settings_that_change_or_cannot_be_are_reasons() -> None:
-    columns = table(("a", record(BASE), 82.0), ("b", record(BASE), 400.0))
+    columns = table(("a", record(BASE), 82.0), ("b", record(BASE), 4000.0))
     columns["arc_deg"][10] = 68.0
     first, second = reduce_runs(columns, 0.05)
     assert first.status == "arc_deg changes within the run from 82 to 68"
-    assert second.status == "arc_deg = 400, must be in (0, 360)"
+    assert second.status == "arc_deg = 4000, must be in (0, 3600]"
     columns = table(("a", record(BASE), 82.0))
     columns["initial_tension_N"][5:] = 310.0
     assert "initial_tension_N changes" in reduce_runs(columns, 0.05)[0].status

@@ -75,3 +75,48 @@ def test_mean_force_of_nearly_equal_tensions_keeps_all_digits(x: float) -> None:
     exact = (tight - 270.0) / 270.0  # x as it is after rounding
     series = 270.0 / R * (1 + exact / 2 - exact**2 / 12 + exact**3 / 24)
     assert capstan.mean_normal_force(tight, 270.0, R) == pytest.approx(series, rel=1e-14)
+
+
+def resultant(tight: float, slack: float, beta: float) -> float:
+    """Length of the sum of both span forces as vectors: the spans part by the angle beta."""
+    pull = [tight * math.cos(beta) - slack, tight * math.sin(beta)]
+    return math.hypot(*pull)
+
+
+@given(st.floats(0.1, 6.2), st.floats(1, 1e3), st.floats(1, 1e3))
+def test_torque_and_hub_force_give_the_tensions_that_made_them(
+    beta: float, tight: float, slack: float
+) -> None:
+    M, H = (tight - slack) * R, resultant(tight, slack, beta)
+    found = capstan.tensions_by_hub_force(M, H, beta, R)
+    # H says less of the sum, the nearer the arc is to a whole turn or to nothing
+    rounding = 1e-12 * (tight + slack) / math.sin(beta / 2) ** 2
+    assert found[0] == pytest.approx(tight, rel=1e-12, abs=rounding)
+    assert found[1] == pytest.approx(slack, rel=1e-12, abs=rounding)
+
+
+def test_at_half_a_turn_the_hub_force_is_the_sum_of_the_tensions() -> None:
+    tight, slack = capstan.tensions_by_hub_force(M=10.0, H=600.0, beta=math.pi, R=R)
+    assert (tight + slack, tight - slack) == pytest.approx((600.0, 200.0), rel=1e-14)
+
+
+def test_a_hub_force_that_no_tensions_have_gives_none() -> None:
+    # d = 200 N: at 82 degrees the resultant is at least 200 N * cos(41 degrees) = 150.9 N
+    found = capstan.tensions_by_hub_force([10.0, 10.0], [150.0, 152.0], math.radians(82), R)
+    assert np.isnan(found[0]).tolist() == [True, False]
+    assert np.isnan(capstan.tensions_by_hub_force(10.0, 300.0, 2.0 * math.pi, R)[0])
+
+
+def test_torque_and_one_span_give_the_other() -> None:
+    assert capstan.tensions_by_torque(5.0, R, T_tight=300.0) == (300.0, 200.0)
+    assert capstan.tensions_by_torque(5.0, R, T_slack=200.0) == (300.0, 200.0)
+    with pytest.raises(TypeError, match="one of"):
+        capstan.tensions_by_torque(5.0, R)
+
+
+def test_a_moving_belt_is_pressed_on_by_what_its_momentum_leaves() -> None:
+    # 0.1 kg/m at 30 m/s: 90 N
+    tight, slack = (capstan.pressing_tension(T, 0.1, 30.0) for T in (90.0 + 200.0, 90.0 + 100.0))
+    assert capstan.friction_coefficient(tight, slack, 1.0) == pytest.approx(math.log(2.0))
+    # 30.5 m/s at the pulley's surface under a belt of 30 m/s
+    assert capstan.running_sliding_speed(610.0, R, 30.0) == pytest.approx(0.5)

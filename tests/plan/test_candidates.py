@@ -18,10 +18,11 @@ from beltid.plan.candidates import (
     noise_law,
     simulate_candidates,
 )
+from beltid.refine.effects import ARC
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import SimulationSettings, simulate
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.sources import ARC_EFFECT, Source
+from beltid.uncertainty.sources import Source
 
 LAW = NormalLaw(6.5e7, 3.0256e11)
 SETTINGS = Settings((40.0, 82.0), (60.0, 300.0), (0.05, 0.42))
@@ -71,7 +72,7 @@ def test_an_arc_that_is_larger_lowers_what_was_measured_on_it_alone(candidates):
 
 
 def test_an_effect_of_an_arc_and_a_tail_are_columns_of_their_runs(candidates):
-    sources = [source(ARC_EFFECT, 0.003, place=1), source("shared_tail", 1.0)]
+    sources = [source(ARC, 0.003, place=1), source("shared_tail", 1.0)]
     rows = candidates.rows(sources, NoiseLaw(), {"shared_tail": 0.002})
     np.testing.assert_allclose(rows.S[:4, 0], 0.003 * candidates.response[:4], rtol=5e-3)
     assert np.all(rows.S[4:, 0] == 0.0)

@@ -9,6 +9,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from beltid.refine.curves import Curves
+from beltid.refine.effects import ARC, BEFORE
 from beltid.refine.evidence import LinearModel, Smoothness, choose_smoothness
 
 
@@ -21,7 +22,7 @@ def _model(rng: np.random.Generator, noise: float, wiggle: float) -> tuple[Linea
         j = i % 2
         J[i, 10 * j : 10 * j + 10] = curves.basis(np.array([u]))[0]
     y = J @ truth + noise * rng.normal(size=80)
-    return LinearModel(J, y, curves.bending(), curves.difference(), np.zeros((80, 0))), truth
+    return LinearModel(J, y, curves.bending(), curves.difference(), np.zeros(80)), truth
 
 
 def test_evidence_ratio_is_that_of_the_marginal_gaussians():
@@ -29,15 +30,58 @@ def test_evidence_ratio_is_that_of_the_marginal_gaussians():
     rng = np.random.default_rng(3)
     J, y = rng.normal(size=(6, 3)), rng.normal(size=6)
     B = rng.normal(size=(3, 3))
-    Z = rng.normal(size=(6, 2))
-    model = LinearModel(J, y, B @ B.T + np.eye(3), np.eye(3), Z)
+    Z, X, response = rng.normal(size=(6, 2)), rng.normal(size=(6, 1)), rng.normal(size=6)
+    before = ((-5.0, 1.0), None)
+    model = LinearModel(J, y, B @ B.T + np.eye(3), np.eye(3), response, (Z, X), before)
     values = []
-    for s in (Smoothness(0.7, 0.4, 1.3, 0.6), Smoothness(2.0, 3.0, 0.8, 0.0)):
+    for s in (
+        Smoothness(0.7, 0.4, 1.3, 0.9, (0.6, 1.0)),
+        Smoothness(2.0, 3.0, 0.8, 0.0, (0.0, 1.0)),
+    ):
         prior = np.linalg.inv(s.bending * model.bending + s.difference * model.difference)
-        V = s.noise_scale**2 * np.eye(6) + s.arcs**2 * Z @ Z.T
+        V = s.noise_scale**2 * np.eye(6) + s.effects[0] ** 2 * Z @ Z.T + X @ X.T
+        V += np.diag(np.square(s.scatter * response))
         direct = multivariate_normal(np.zeros(6), J @ prior @ J.T + V)
-        values.append(model.log_evidence(s) - direct.logpdf(y))
+        values.append(model.log_evidence(s)[0] - direct.logpdf(y))
     assert values[0] == pytest.approx(values[1], abs=1e-7)
+
+
+def _with_effects() -> tuple[LinearModel, np.ndarray]:
+    """A model with two effects, one of them of a stated size, and ln of some hyperparameters."""
+    rng = np.random.default_rng(0)
+    curves = Curves(np.linspace(0.0, 3.0, 6), np.array([0.0, 1.0]))
+    model = LinearModel(
+        J=rng.normal(size=(40, 12)),
+        y=2.0 * rng.normal(size=40),
+        bending=curves.bending(),
+        difference=curves.difference(),
+        response=300.0 * rng.normal(size=40),
+        effects=(100.0 * rng.normal(size=(40, 3)), rng.normal(size=(40, 2))),
+        before=((-5.0, 1.0), None),
+    )
+    return model, np.log([1.3, 20.0, 30.0, 0.004, 0.01, 1.0])
+
+
+def _smoothness(x: np.ndarray) -> Smoothness:
+    scale, bending, difference, scatter, *effects = np.exp(x).tolist()
+    return Smoothness(bending, difference, scale, scatter, tuple(effects))
+
+
+def test_slope_of_the_evidence_is_its_difference_quotient():
+    model, x = _with_effects()
+    _, slope = model.log_evidence(_smoothness(x))
+    for k, step in enumerate(1e-5 * np.eye(x.size)):
+        up, down = (model.log_evidence(_smoothness(at))[0] for at in (x + step, x - step))
+        assert slope[k] == pytest.approx((up - down) / 2e-5, rel=1e-6)
+
+
+def test_evidence_over_the_size_of_one_effect_is_that_of_the_whole_model():
+    model, x = _with_effects()
+    sizes = np.array([0.0, 0.001, 0.02, 0.3])
+    quick = model.log_evidence_by_size(_smoothness(x), 0, sizes)
+    chosen = [replace(_smoothness(x), effects=(size, 1.0)) for size in sizes]
+    whole = np.array([model.log_evidence(one)[0] for one in chosen])
+    np.testing.assert_allclose(quick - quick[0], whole - whole[0], rtol=1e-6)
 
 
 @pytest.mark.parametrize("noise", [0.7, 1.0, 3.0])
@@ -84,7 +128,7 @@ def test_curvature_that_the_noise_hides_is_not_ruled_out():
         rng = np.random.default_rng(seed)
         J = curves.basis(rng.uniform(6.8, 9.0, 24)) / 0.005
         y = J @ truth + rng.normal(size=24)
-        model = LinearModel(J, y, curves.bending(), curves.difference(), np.zeros((24, 0)))
+        model = LinearModel(J, y, curves.bending(), curves.difference(), np.zeros(24))
         found = model.solve(choose_smoothness(model, Smoothness(1.0, 1.0, 1.0)))
         size = 1.96 * np.sqrt(np.diag(found.covariance))
         inside.append((np.abs(found.parameters - truth) < size)[3:10])
@@ -95,20 +139,26 @@ def test_effects_of_arcs_are_solved_for_and_merit_is_that_of_the_marginal_gaussi
     # eliminated by hand: V = s² + s_a² Z Z', p = (J'V⁻¹J + P)⁻¹ J'V⁻¹y, u = s_a² Z'V⁻¹(y - Jp)
     rng = np.random.default_rng(8)
     J, y, Z = rng.normal(size=(9, 3)), rng.normal(size=9), rng.normal(size=(9, 2))
-    model = LinearModel(J, y, 2.0 * np.eye(3), np.eye(3), Z)
-    chosen = Smoothness(0.7, 0.4, 1.3, 0.6)
-    P, W = 1.8 * np.eye(3), np.linalg.inv(1.3**2 * np.eye(9) + 0.6**2 * Z @ Z.T)
+    response = rng.normal(size=9)
+    model = LinearModel(J, y, 2.0 * np.eye(3), np.eye(3), response, (Z,), ((-5.0, 1.0),))
+    chosen = Smoothness(0.7, 0.4, 1.3, 0.5, (0.6,))
+    noise = np.diag(1.3**2 + np.square(0.5 * response))
+    P, W = 1.8 * np.eye(3), np.linalg.inv(noise + 0.6**2 * Z @ Z.T)
     covariance = np.linalg.inv(J.T @ W @ J + P)
     found = model.solve(chosen)
     np.testing.assert_allclose(found.covariance, covariance, rtol=1e-7)
     np.testing.assert_allclose(found.gain, covariance @ J.T @ W, rtol=1e-7)
     p = covariance @ J.T @ W @ y
     np.testing.assert_allclose(found.parameters, p, rtol=1e-7)
-    np.testing.assert_allclose(found.arcs, 0.6**2 * Z.T @ W @ (y - J @ p), rtol=1e-7)
+    np.testing.assert_allclose(found.effects, 0.6**2 * Z.T @ W @ (y - J @ p), rtol=1e-7)
+    np.testing.assert_allclose(found.effects_gain @ y, found.effects, rtol=1e-9)
+    np.testing.assert_allclose(
+        model.residual(found), y - J @ p - Z @ found.effects, rtol=1e-7, atol=1e-12
+    )
     # what of the effects is left unknown: s_a² less what the runs show of it, the surface unknown
     Q = W - W @ J @ covariance @ J.T @ W
     left = 0.36 * np.eye(2) - 0.36**2 * Z.T @ Q @ Z
-    np.testing.assert_allclose(found.arcs_covariance, left, rtol=1e-7)
+    np.testing.assert_allclose(found.effects_covariance, left, rtol=1e-7)
     r = rng.normal(size=9)
     assert model.misfit(r, p, chosen) == pytest.approx(r @ W @ r + p @ P @ p, rel=1e-10)
 
@@ -126,13 +176,15 @@ def test_differences_of_arcs_are_found_and_their_mean_stays_unknown(spread):
         J = curves.basis(rng.uniform(6.2, 8.8, 80)) / 0.003
         Z = np.eye(4)[arc] / 0.003
         y = J @ np.full(6, 0.2) + Z @ effect + rng.normal(size=80)
-        model = LinearModel(J, y, curves.bending(), curves.difference(), Z)
+        before = (BEFORE[ARC],)
+        nothing = np.zeros(80)
+        model = LinearModel(J, y, curves.bending(), curves.difference(), nothing, (Z,), before)
         chosen = choose_smoothness(model, Smoothness(1.0, 0.0, 1.0))
         found = model.solve(chosen)
         error = found.parameters - 0.2
         inside.append(np.abs(error) < 1.96 * np.sqrt(np.diag(found.covariance)))
-        size.append(chosen.arcs)
-        between = (found.arcs - found.arcs.mean()) - (effect - effect.mean())
+        size.append(chosen.effects[0])
+        between = (found.effects - found.effects.mean()) - (effect - effect.mean())
         assert np.abs(between).max() < 4.0 * 0.003 / np.sqrt(20.0)
     assert 0.88 <= np.mean(inside) <= 0.99
     # three degrees of freedom: the mean of s_a² is up to 3 / (3 - 2) times what the arcs show

@@ -17,6 +17,7 @@ TENSIONS = (100.0, 300.0, 410.0)
 SPEEDS = (0.05, 0.21)
 RADIUS = 0.05
 ORIGIN = {"origin": "synthetic", "notes": [], "warnings": []}
+MEASURED = {"normal_force_N_m": (2500.0, 7000.0), "slip_speed_m_s": (0.0025, 0.0105)}
 NAUGHTY = '<script>alert("1")</script>&<b>'
 
 
@@ -181,6 +182,11 @@ def statistics(factor: float, passed: bool) -> dict[str, Any]:
     return {**ORIGIN, "passed": passed, "statistics": [group], "averaged": averaged}
 
 
+def predicted(over_u: float) -> dict[str, Any]:
+    validation = {"n": 11, "within_2u": 11, "rms_e_over_u": over_u, "inputs_known": True}
+    return {**statistics(1.004, True), "hold_out": "arc", "validation": validation}
+
+
 def simulated_extra() -> dict[str, Any]:
     table = friction()
     runs = [
@@ -236,11 +242,16 @@ def sheets() -> dict[str, Sheet]:
         "slip": ("slip", slip(), ORIGIN),
         "friction": ("friction", friction(), ORIGIN),
         "surface": ("surface", surface(), {**ORIGIN, "method": "published"}),
-        "surface_refined": ("surface", surface(1.05), {**ORIGIN, "budget": budget()}),
+        "surface_refined": (
+            "surface",
+            surface(1.05),
+            {**ORIGIN, "budget": budget(), "measured": MEASURED},
+        ),
         "simulated": ("simulated", recording, simulated_extra()),
         "compare": ("compare", compare(0.97), statistics(0.97, False)),
         "simulated_refined": ("simulated", recording, simulated_extra()),
         "compare_refined": ("compare", compare(1.001), statistics(1.001, True)),
+        "compare_hold_out": ("compare", compare(1.004), predicted(0.9)),
         "press_curves": ("press_curves", press_curves(), ORIGIN),
         "rig_curves": ("rig_curves", rig_curves(), ORIGIN),
     }

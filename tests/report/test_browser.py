@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -97,6 +98,51 @@ def test_a_narrow_screen_needs_no_scrolling_sideways(opened: Any) -> None:
     page.wait_for_timeout(300)
     assert page.evaluate("document.documentElement.scrollWidth") <= NARROW["width"]
     page.set_viewport_size(WIDE)
+
+
+def test_a_run_of_the_gallery_is_enlarged_and_put_back(opened: Any) -> None:
+    page, complaints, _ = opened
+    page.evaluate("document.querySelector('details.gallery').open = true")
+    tile = page.locator(".tile").first
+    small = tile.locator("svg").bounding_box()["width"]
+    tile.locator("a").first.click()
+    large = tile.locator("svg").bounding_box()["width"]
+    assert large > 3 * small
+    tile.locator("a.close").click()
+    assert tile.locator("svg").bounding_box()["width"] == pytest.approx(small, rel=0.1)
+    assert complaints == []
+
+
+def test_a_table_is_downloaded(opened: Any) -> None:
+    page, _, _ = opened
+    page.evaluate("for (const d of document.querySelectorAll('details')) d.open = true")
+    with page.expect_download() as waiting:
+        page.locator("a[download^=every_run]").click()
+    text = Path(waiting.value.path()).read_text()
+    assert text.splitlines()[0].startswith("run,")
+    assert "never turned" in text
+
+
+def test_text_of_the_figures_is_legible_on_a_telephone(opened: Any) -> None:
+    page, _, _ = opened
+    page.set_viewport_size({"width": 420, "height": 900})
+    page.wait_for_timeout(300)
+    heights = page.evaluate(
+        "[...document.querySelectorAll('.drawing svg')].filter(s => s.clientWidth).map(s => "
+        "Math.min(...[...s.querySelectorAll('text')].map(t => parseFloat(getComputedStyle(t)"
+        ".fontSize) * s.clientWidth / s.viewBox.baseVal.width)))"
+    )
+    page.set_viewport_size(WIDE)
+    assert len(heights) > 10
+    assert min(heights) > 9.0
+
+
+def test_folded_tables_are_open_on_paper(opened: Any) -> None:
+    page, _, _ = opened
+    page.evaluate("for (const d of document.querySelectorAll('details')) d.open = false")
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    folded = "[...document.querySelectorAll('details')].filter(d => !d.open).length"
+    assert page.evaluate(folded) == 0
 
 
 def test_static_part_needs_no_scripts(browser: Any, address: str) -> None:

@@ -80,12 +80,33 @@ def test_slip_is_drawn_over_torque_for_every_setting() -> None:
     assert list(y) == pytest.approx([0.0, 4.0, 8.0])  # mm/s
 
 
+def test_belts_side_by_side_show_what_each_measured_and_what_was_simulated() -> None:
+    one, other = results("one"), results("other")
+    columns = dict(other.get("friction").columns)
+    columns["mu_sliding"] = 1.1 * columns["mu_sliding"]
+    changed = replace(other.get("friction"), columns=columns)
+    other = replace(other, sheets={**other.sheets, "friction": changed})
+    first, second = axes_of(belts.measured([one, other]))[0].containers
+    f, mu = first[0].get_data()
+    friction = one.get("friction")
+    rows = [i for i, m in enumerate(friction["mu_sliding"]) if m in mu]
+    assert len(rows) == mu.size > 3
+    assert set(friction["status"][rows]) == {"ok"}
+    assert len(set(friction["pulley_speed_rad_s"][rows])) == 1  # one speed
+    assert f == pytest.approx(friction["normal_force_N_m"][rows])
+    assert second[0].get_data()[1] == pytest.approx(1.1 * mu)
+    lines = axes_of(belts.proof([one, other]))[0].get_lines()
+    measured, simulated = lines[0].get_ydata(), lines[1].get_ydata()
+    assert simulated == pytest.approx(1.001 * measured)  # the refined comparison of the data
+    assert belts.measured([without("friction")]).figure is None
+
+
 def test_slip_at_an_unknown_tension_is_drawn_as_well() -> None:
     sheet = results().sheets["slip"]
     columns = {**sheet.columns, "initial_tension_N": np.full(6, np.nan)}
     picture = slip.against_torque(type(sheet)("slip", "slip", columns))
     labels = [c.get_label() for c in axes_of(picture)[0].containers]
-    assert labels == ["22 rad/s, T₀ unknown", "76.8 rad/s, T₀ unknown"]
+    assert labels == ["driver 22 rad/s, T₀ unknown", "driver 76.8 rad/s, T₀ unknown"]
     assert all(len(c.lines[0].get_xdata()) == 3 for c in axes_of(picture)[0].containers)
 
 

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import base64
+import csv
+import gzip
 import hashlib
+import io
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -11,14 +14,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from report_belt_data import NAUGHTY, results, sheets, without, write
+from report_belt_data import NAUGHTY, predicted, results, sheets, without, write
 
 from beltid.errors import ArtifactError, InputError, percent
 from beltid.report.belt_page import belt_page
 from beltid.report.belts_page import belts_page
+from beltid.report.conditions import conditions
+from beltid.report.gallery import tiles
 from beltid.report.html import Page, rendered
 from beltid.report.interactive import as_json, surface_plot
-from beltid.report.tables import set_aside
+from beltid.report.tables import nodes, set_aside
 from beltid.report.verdict import verdict_of
 from beltid.stages import report_belt
 from beltid.stages.reporter import Options
@@ -72,11 +77,17 @@ def test_page_is_well_formed_and_every_name_stands_once(page: str) -> None:
 def test_page_needs_nothing_from_elsewhere(page: str) -> None:
     without_scripts = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
     assert not re.search(r'(src|data|action)="|<link|@import|url\((?!#)', without_scripts)
+    links = re.findall(r'href="([^#"][^"]{0,40})', without_scripts)
+    assert all(link.startswith("data:text/csv;") for link in links)
     policy = re.search(r'Content-Security-Policy" content="([^"]+)"', page)
     assert policy is not None
     scripts = re.findall(r"<script>(.*?)</script>", page, flags=re.DOTALL)
-    assert len(scripts) == 2
-    for script in scripts:
+    assert len(scripts) == 1
+    packed = re.search(r'id="library">([^<]+)<', page)
+    assert packed is not None
+    library = gzip.decompress(base64.b64decode(packed[1])).decode()
+    assert "plotly" in library[:200].lower()
+    for script in (*scripts, library):
         digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
         assert f"sha256-{digest}" in policy[1].replace("&#39;", "'")
     assert "unsafe-eval" not in policy[1]
@@ -84,7 +95,54 @@ def test_page_needs_nothing_from_elsewhere(page: str) -> None:
 
 
 def test_page_is_not_too_large(page: str) -> None:
-    assert len(page.encode()) < 8e6
+    assert len(page.encode()) < 4e6
+
+
+def test_conditions_of_the_test_stand_on_top(page: str) -> None:
+    told = dict(conditions(replace(results(), belt_facts=("5PK", "5 ribs"))))
+    assert told["Belt"] == "testbelt, 5PK, 5 ribs"
+    assert told["Contact arcs"] == "40, 82°"
+    assert told["Initial tensions"] == "100, 300, 410 N"
+    assert told["Sliding speeds v"] == "2.5, 10.5 mm/s"
+    assert told["Pulley radius"] == "50 mm"
+    assert told["Press temperatures"] == "22, 60 °C"
+    assert page.index("Contact arcs") < page.index('id="verdict"')
+
+
+def test_gallery_has_every_run_and_marks_those_set_aside() -> None:
+    belt = results()
+    found = tiles(belt)
+    friction = belt.get("friction")
+    kept = set(belt.get("rig_curves")["run"].tolist())
+    used = friction["status"][np.isin(friction["run"], list(kept))] == "ok"
+    assert [not tile.why for tile in found] == used.tolist()
+    assert not all(used)
+    aside = next(tile for tile in found if tile.why)
+    text = rendered(belt_page(belt, "0" * 64))
+    tile = text[text.index(f'id="{aside.key}"') - 30 :][:2500]
+    assert 'class="tile aside"' in tile
+    assert "set aside: never turned" in tile
+    first = found[0]
+    rows = belt.get("rig_curves")["run"] == first.title.split(":")[0]
+    mu = belt.get("rig_curves")["mu"][rows]
+    heights = [float(part.split()[1]) for part in re.split("[ML]", first.path)[1:]]
+    expected = np.clip(80.0 * (1.0 - mu / first.highest), 0.0, 80.0)
+    assert heights == pytest.approx(expected.tolist(), abs=0.051)
+
+
+def test_tables_can_be_downloaded_as_shown() -> None:
+    table = nodes(results().get("surface_refined"), "refined")
+    rows = list(csv.reader(io.StringIO(base64.b64decode(table.csv).decode())))
+    assert rows == [list(table.headings), *table.rows]
+    assert table.file.endswith(".csv")
+
+
+def test_the_speed_has_one_symbol(page: str) -> None:
+    shown = re.sub(
+        r"(?s)<script.*?</script>|<table.*?</table>|<div class=.tiles.*?</details>", "", page
+    )
+    assert "ω =" not in shown
+    assert "v = 10.5 mm/s" in shown
 
 
 def test_what_one_surface_alone_says_names_it() -> None:
@@ -148,12 +206,46 @@ def test_proven_needs_runs_that_cover_the_surface() -> None:
     whole = replace(belt, sheets={**belt.sheets, "friction": replace(friction, columns=columns)})
     assert verdict_of(whole).headline.startswith("Identified and proven: ")
     assert verdict_of(whole).state == "good"
+    assert verdict_of(whole).cards[0].value == "PASS 0.40 % RMS"
+    held_out = "friction of an arc that was left out is predicted to 0.40 % RMS, 0.9 standard unc"
+    assert held_out in verdict_of(whole).headline
+    missed = replace(belt.get("compare_hold_out"), extra=predicted(3.1))
+    unpredicted = {k: v for k, v in whole.sheets.items() if k != "compare_hold_out"}
+    for others, told in (
+        (unpredicted, "no runs were left out and predicted"),
+        ({**unpredicted, "compare_hold_out": missed}, "miss by 3.1 of their standard uncertainti"),
+    ):
+        verdict = verdict_of(replace(whole, sheets=others))
+        assert verdict.state == "open"
+        assert told in verdict.headline
+    failed = replace(missed, extra={**predicted(0.9), "passed": False})
+    verdict = verdict_of(replace(whole, sheets={**unpredicted, "compare_hold_out": failed}))
+    assert verdict.state == "bad"
+    assert verdict.headline.startswith("Identified, but out of tolerance: friction of an arc")
     single = {name: values[:1] for name, values in columns.items()}
     sheets_of_one = {**belt.sheets, "friction": replace(friction, columns=single)}
     verdict = verdict_of(replace(belt, sheets=sheets_of_one))
     assert verdict.state == "open"
     for told in ("1 contact arc, 2 needed", "1 initial tension, 3", "1 speed, 3 needed"):
         assert told in verdict.headline
+
+
+def test_measured_inferred_and_extrapolated_ranges_are_told_apart() -> None:
+    belt = results()
+    trust = " ".join(verdict_of(belt).trust)
+    assert (
+        "Measured: runs with mean line forces of 2500 to 7000 N/m, from 2.5 to 10.5 mm/s" in trust
+    )
+    assert "Inferred by the refined surface: µ from 2000 to 8000 N/m" in trust
+    assert "Extrapolated" not in trust  # the press went to 9500 N/m
+    shallow = belt.get("stiffness")
+    columns = {**shallow.columns, "max_force_N_m": np.full(3, 6500.0)}
+    shallow = replace(belt, sheets={**belt.sheets, "stiffness": replace(shallow, columns=columns)})
+    trust = " ".join(verdict_of(shallow).trust)
+    assert "Extrapolated: the normal law beyond 6500 N/m" in trust
+    table = nodes(belt.get("surface_refined"), "refined")
+    assert table.headings[1] == "range"
+    assert [row[1] for row in table.rows] == ["inferred", "measured", "measured", "inferred"]
 
 
 def test_verdict_is_that_of_the_comparison(page: str) -> None:
@@ -170,7 +262,7 @@ def test_verdict_is_that_of_the_comparison(page: str) -> None:
     cards = {card.title: card for card in verdict_of(replace(results(), sheets=whole)).cards}
     assert cards["Agreement, published surface"].details[1] == "1 run"
     assert cards["Agreement, refined surface"].details[1] == "11 runs"
-    nothing = verdict_of(without("compare", "compare_refined"))
+    nothing = verdict_of(without("compare", "compare_refined", "compare_hold_out"))
     assert (nothing.state, nothing.headline[:10]) == ("open", "Not proven")
 
 
@@ -213,14 +305,13 @@ def test_no_surface_no_scripts(drawn_page: Page) -> None:
 def test_surface_plot_holds_the_surface() -> None:
     plot = surface_plot(results())
     assert plot is not None
-    refined, published, points = plot["data"]
+    refined, published = plot["data"]  # no points: they would float beside the refined surface
     assert refined["visible"]
     assert not published["visible"]
     assert published["x"][0] == 2000.0
     assert published["z"][0][0] == pytest.approx(1.2 - 0.1 + 0.025)
     assert published["z"][-1][-1] == pytest.approx(1.2 - 0.4 + 0.105)
     assert refined["z"][0][0] == pytest.approx(1.05 * published["z"][0][0], rel=1e-4)
-    assert len(points["x"]) == 11
 
 
 def test_report_of_a_folder_is_kept_while_nothing_changes(tmp_path: Path) -> None:

@@ -50,6 +50,40 @@ def test_braille_draws_where_the_data_are() -> None:
     assert drawn(axes, 20) == ""
 
 
+def test_a_drawing_has_round_ticks_says_log_and_names_its_lines() -> None:
+    fig = figure()
+    axes = fig.subplots()
+    x = np.geomspace(300.0, 30000.0, 50)
+    for name, colour, level in (("slow", "#112233", 0.31), ("fast", "#445566", 1.17)):
+        axes.plot(x, level + 0.0 * x, color=colour, label=name)
+    axes.set(xscale="log", xlim=(300, 30000), ylim=(0.0, 1.3), xlabel="f [N/m]", ylabel="mu")
+    fig.legend(title="v")
+    lines = drawn(axes, 70, height=14).splitlines()
+    assert lines[0] == "mu"
+    assert lines[1] == "v:   a slow   b fast"
+    assert lines[-1].endswith("f [N/m], log")
+    assert lines[-2].split() == ["500", "1000", "2000", "5000", "10000", "20000"]
+    levels = [line.split("┤")[0].strip() for line in lines if "┤" in line]
+    assert [text for text in levels if text] == ["1", "0.5", "0"]
+    (fast,) = [line for line in lines if line.endswith("b")]
+    (slow,) = [line for line in lines if line.endswith("a")]
+    assert lines.index(fast) < lines.index(slow)
+
+
+def test_the_coefficient_comes_first(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    for name, first in (("friction", "mu sliding"), ("surface", "mu"), ("slip", "slip speed")):
+        _, text, _ = shown(folder / f"{name}.parquet")
+        (rule,) = [i for i, line in enumerate(text.splitlines()) if set(line.strip()) == {"─"}][:1]
+        assert text.splitlines()[rule - 1].strip().startswith(first), name
+
+
+def test_a_figure_in_a_file_prints_nothing_but_its_path(folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "figure.svg"
+    status, text, _ = shown(folder / "friction.parquet", "-o", out)
+    assert (status, text) == (0, f"{out}\n")
+
+
 @pytest.mark.parametrize(
     ("ending", "magic"), [("svg", b"<?xml"), ("png", b"\x89PNG"), ("pdf", b"%PDF")]
 )
@@ -82,4 +116,4 @@ def test_verbose_prints_every_row(folder: Path) -> None:
     count = len(np.unique(sheets()["rig_curves"].columns["run"]))
     assert count == 3
     assert "R11" not in short.split("friction coefficient")[0].split("kind")[1]
-    assert whole.count("R11") == 41
+    assert whole.count("R11") == 42  # its samples, and its name in the legend

@@ -18,12 +18,12 @@ from beltid.rigsim.path import Path, bed_length, bending_length, graded_nodes, t
 from beltid.rigsim.rig import SimulationSettings, simulate
 from beltid.rigsim.steady import lay_on, slide
 from beltid.rigsim.supports import (
-    SupportArrays,
     force_change,
     held_row,
     hold,
     new_reactions,
     release,
+    support_arrays,
 )
 
 FIXED = settings(max_examples=50, deadline=None, derandomize=True)
@@ -146,10 +146,13 @@ def test_held_system_is_the_one_with_lagrange_multipliers(clamped: bool) -> None
     full = np.block([[K, C.T], [C, np.zeros((len(C), len(C)))]])
     exact = np.linalg.solve(full, np.concatenate([-residual, np.zeros(len(C))]))
     reactions = new_reactions()
-    hold(SupportArrays(clamped, directions), A, vectors, reactions)
+    rig = Rig(0.05, 0.10, "clamped" if clamped else "pinned")
+    supports = support_arrays(rig, 2.0 * angle)
+    np.testing.assert_allclose(supports.directions, directions)
+    hold(supports, A, vectors, reactions)
     step = np.linalg.solve(dense(A), -vectors[0])
     changes = [force_change(reactions, i, step) for i in range(4)]
-    release(SupportArrays(clamped, directions), step)
+    release(supports, step)
     np.testing.assert_allclose(step, exact[:n], atol=1e-12)
     # multipliers: minus the row of the residual after the step
     for i in range(4):

@@ -10,7 +10,7 @@ import pytest
 from beltid.artifacts.artifact import read_artifact
 from beltid.config import find_config
 from beltid.stages import fit_friction
-from beltid.stages.recorded_curves import rig_curves
+from beltid.stages.recorded_curves import SMALL_SAMPLES, rig_curves
 from beltid.stages.reporter import Options
 
 RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"
@@ -36,14 +36,20 @@ def test_what_is_known_of_the_cells_is_taken_off(bench: Path) -> None:
     curves = rig_curves(source, rig, friction, bench / "curves.parquet", Options())
     columns, reduced = curves.artifact.columns, read_artifact(friction, "friction").columns
     recorded = np.genfromtxt(rig, delimiter=",", skip_header=1, usecols=(2, 3))
-    shown = np.isin(np.genfromtxt(rig, delimiter=",", skip_header=1, usecols=0, dtype=str),
-                    columns["run"])  # fmt: skip
-    tight, slack = recorded[shown].T
-    np.testing.assert_allclose(columns["tension_tight_N"], 1.03 * (tight + 5.0), rtol=1e-12)
-    np.testing.assert_allclose(
-        columns["tension_slack_N"], slack / np.cos(np.radians(4.0)), rtol=1e-12
-    )
+    labels = np.genfromtxt(rig, delimiter=",", skip_header=1, usecols=0, dtype=str)
     run = str(columns["run"][0])
+    tight, slack = recorded[labels == run].T
+    typical = columns["run"] == run
+    expected = 1.03 * (tight + 5.0), slack / np.cos(np.radians(4.0))
+    np.testing.assert_allclose(columns["tension_tight_N"][typical], expected[0], rtol=1e-12)
+    np.testing.assert_allclose(columns["tension_slack_N"][typical], expected[1], rtol=1e-12)
+    # of the other run, which is but a small picture, the extremes of neighbouring samples
+    (other,) = {*columns["run"].tolist()} - {run}
+    kept = columns["tension_tight_N"][~typical]
+    whole = 1.03 * (recorded[labels == other][:, 0] + 5.0)
+    assert 40 < kept.size <= SMALL_SAMPLES < whole.size
+    assert np.isin(np.round(kept, 9), np.round(whole, 9)).all()
+    assert (kept.max(), kept.min()) == pytest.approx((whole.max(), whole.min()))
     row = int(np.flatnonzero(reduced["run"] == run)[0])
     late = (columns["run"] == run) & (columns["time_s"] > reduced["plateau_start_s"][row])
     assert np.nanmedian(columns["mu"][late]) == pytest.approx(reduced["mu_sliding"][row], rel=0.01)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from virtual_bench import Design, read_campaign, true_mu
 
-from beltid.refine.inverse import refine_surface
-from beltid.uncertainty.refined import changes_and_scatter, refined_slopes
-from beltid.uncertainty.sources import all_sources, arc_sources, reduction_sources
+from beltid.uncertainty.refined import changes_and_scatter, refined_campaign
+from beltid.uncertainty.sources import all_sources, reduction_sources
 
 
 @dataclass(frozen=True)
@@ -24,17 +23,13 @@ class Repetition:
 def repetition(design: Design, seed: int) -> Repetition:
     """A campaign read, refined and compared with the truth."""
     campaign = read_campaign(design, np.random.default_rng(seed))
-    refined = refine_surface(campaign.bench, campaign.runs, design.speeds)
-    measured = campaign.measured.with_arc_effects(refined.response)
-    campaign = replace(campaign, measured=measured)
-    n_arcs = len(design.arcs_deg)
     sources = (
-        *all_sources(design.given, n_arcs, campaign.press.has_scatter),
-        *reduction_sources(measured.columns),
-        *arc_sources(refined.smoothness.arcs, n_arcs),
+        *all_sources(design.given, len(design.arcs_deg), campaign.press.has_scatter),
+        *reduction_sources(campaign.measured.columns),
     )
-    slopes = refined_slopes(campaign, refined, design.speeds)
-    changes, random = changes_and_scatter(campaign, refined, sources, slopes)
+    found = refined_campaign(campaign, design.speeds, sources)
+    refined = found.refined
+    changes, random = changes_and_scatter(found)
     f = refined.surface.normal_force_N_m
     force = campaign.measured.normal_force
     inside = (f >= force.min()) & (f <= force.max())

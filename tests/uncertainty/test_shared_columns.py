@@ -17,7 +17,7 @@ from beltid.refine.inverse import refine_surface
 from beltid.stages.uncertainties import KEYS, standard_uncertainties
 from beltid.uncertainty.agreement import validated
 from beltid.uncertainty.reduced import friction_uncertainty
-from beltid.uncertainty.refined import changes_and_scatter, refined_slopes
+from beltid.uncertainty.refined import changes_and_scatter, refined_campaign
 from beltid.uncertainty.simulated import RunsUncertainty
 from beltid.uncertainty.sources import Errors, reduction_sources
 
@@ -132,10 +132,8 @@ def test_a_surface_follows_a_common_error_exactly_whatever_the_noise():
         measured = replace(campaign.measured, mu_se=times * campaign.measured.mu_se)
         measured = replace(measured, columns={"shared_cells": column})
         other = replace(campaign, measured=measured)
-        found = refine_surface(other.bench, other.runs, SMALL.speeds)
         sources = reduction_sources(measured.columns)
-        slopes = refined_slopes(other, found, SMALL.speeds)
-        changes, _ = changes_and_scatter(other, found, sources, slopes)
+        changes, _ = changes_and_scatter(refined_campaign(other, SMALL.speeds, sources))
         np.testing.assert_allclose(changes[..., 0], 0.005, rtol=0.02)
 
 
@@ -184,6 +182,7 @@ def test_without_any_uncertainty_stated_both_surfaces_and_a_campaign_are_made(pl
     assert set(lines(outcome.extra["budget"])) == {"scatter of the runs", "combined"}
     assert set(lines(plain.extra["budget"])) == {
         "differences between arcs",
+        "change over the campaign",
         "scatter of the runs",
         "combined",
     }
@@ -222,9 +221,9 @@ def test_arcs_that_differ_are_told_with_their_size_and_are_in_the_uncertainty(us
     found = beltid.refine_surface(table, LAW)
     (line,) = found.warnings
     assert line.startswith("arcs differ: the runs at ")
-    apart = found.result.arc_difference
+    (apart,) = (effect for effect in found.result.effects if effect.key == "arc_effect")
     assert apart.size == pytest.approx(0.06, abs=0.003)
-    assert apart.lower_deg == pytest.approx(68.0)
+    assert apart.arcs_deg[0] == pytest.approx(68.0)
     budget = lines(found.extra["budget"])
     # the three effects have a standard deviation of 3.5 %; their mean, 1 %, is not seen
     assert 1.0 < budget["differences between arcs"] < 5.0

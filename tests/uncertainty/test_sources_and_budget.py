@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from virtual_bench import GIVEN, LAW
 
 from beltid.errors import InputError
 from beltid.laws.penalty import NormalLaw
+from beltid.params import GivenForce
 from beltid.uncertainty.budget import Scatter, budget, combined, coverage_factor
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.press_law import PressLaw
@@ -57,6 +59,25 @@ def test_a_difference_of_gains_and_a_zero_point_change_mu_by_eq_6():
     after = runs().corrected(errors(cell_offset=[0.0, 0.7]))
     np.testing.assert_allclose(after.mu, np.log(TIGHT / (SLACK + 0.7)) / BETA, rtol=1e-12)
     np.testing.assert_allclose(after.T_0, [270.35, 100.35])
+
+
+@pytest.mark.parametrize(("given", "weight"), [("tight", 0), ("slack", 1)])
+def test_a_dead_weight_has_no_error_of_a_cell(given: GivenForce, weight: int) -> None:
+    before = replace(runs(), weight=weight, given_force=given)
+    gains, zeros = [0.004, -0.002], [0.3, 0.7]
+    after = before.corrected(
+        errors(tension_gain=[0.01], cell_gain=gains, cell_linearity=[0.02, 0.03], cell_offset=zeros)
+    )
+    tensions = [(before.tight, after.tight), (before.slack, after.slack)]
+    np.testing.assert_array_equal(*tensions[weight])
+    assert np.all(tensions[1 - weight][1] > tensions[1 - weight][0])
+    # it is the tension at rest, too
+    np.testing.assert_array_equal(after.T_0, tensions[weight][1])
+
+
+def test_the_tension_at_rest_under_a_hub_force_is_the_mean_of_both() -> None:
+    after = replace(runs(), given_force="hub").corrected(errors(cell_gain=[0.004, -0.002]))
+    np.testing.assert_allclose(after.T_0, 0.5 * (1.004 * runs().tight + 0.998 * runs().slack))
 
 
 def test_an_arc_acts_on_its_own_setting_or_on_all():

@@ -11,7 +11,6 @@ from virtual_bench import GIVEN, SMALL, read_campaign
 
 from beltid.errors import ConvergenceError
 from beltid.identify.surface.surface import SurfaceSettings
-from beltid.refine.inverse import refine_surface
 from beltid.uncertainty.linear_check import linear_check
 from beltid.uncertainty.monte_carlo import gathered, prepare, refined_again, replicates
 from beltid.uncertainty.published import (
@@ -23,11 +22,12 @@ from beltid.uncertainty.published import (
 )
 from beltid.uncertainty.refined import (
     INPUTS,
+    Refined,
     changes_and_scatter,
     parameter_changes,
-    refined_slopes,
+    refined_campaign,
 )
-from beltid.uncertainty.sources import Errors, all_sources, arc_sources, rig_sources
+from beltid.uncertainty.sources import Errors, all_sources, rig_sources
 
 SETTINGS = SurfaceSettings()
 
@@ -35,13 +35,10 @@ SETTINGS = SurfaceSettings()
 @pytest.fixture(scope="module")
 def nominal():
     campaign = read_campaign(SMALL, np.random.default_rng(4))
-    refined = refine_surface(campaign.bench, campaign.runs, SMALL.speeds)
-    slopes = refined_slopes(campaign, refined, SMALL.speeds)
-    measured = campaign.measured.with_arc_effects(refined.response)
-    campaign = replace(campaign, measured=measured)
-    arcs = arc_sources(refined.smoothness.arcs, len(SMALL.arcs_deg))
-    sources = (*all_sources(GIVEN, len(SMALL.arcs_deg), law_scatter=False), *arcs)
-    return prepare(campaign, refined, SMALL.speeds, SETTINGS, (sources, slopes))
+    sources = all_sources(GIVEN, len(SMALL.arcs_deg), law_scatter=False)
+    found = refined_campaign(campaign, SMALL.speeds, sources)
+    linear = (found.sources, found.slopes)
+    return prepare(found.campaign, found.refined, SMALL.speeds, SETTINGS, linear)
 
 
 def test_slopes_obey_the_dimensions(nominal):
@@ -149,10 +146,10 @@ def test_replicates_depend_on_seed_and_number_only(nominal):
 
 
 def test_monte_carlo_agrees_where_the_errors_are_small(nominal):
-    sources = nominal.sources
     found = replicates(nominal, 1, range(60))
     assert not found.failed
-    parts = changes_and_scatter(nominal.campaign, nominal.refined, sources, nominal.slopes)
+    whole = Refined(nominal.refined, nominal.campaign, nominal.sources, nominal.slopes)
+    parts = changes_and_scatter(whole)
     linear = np.sqrt(sum(np.sum(part**2, axis=-1) for part in parts))
     check = linear_check(found.refined.reshape(60, -1), linear.ravel())
     # 60 draws give a standard deviation to 9 %; nodes move together

@@ -170,6 +170,10 @@ def _columns(
         for r, channel in taken.items()
     }
     problems, wrong = context.problems, context.problems.count
+    if "time_s" not in context.table.names:
+        if len({len(column) for column in values.values()}) > 1:
+            context.complain("the columns have different lengths")
+        return values, []
     clocks = _Clocks(groups, mappings, values, context)
     timed: dict[str, Timed] = {}
     for role, channel in taken.items():

@@ -18,19 +18,21 @@ from beltid.bench.channels.channel_mapping import (
     notes_of,
     told_elsewhere,
 )
+from beltid.bench.channels.vocabulary import roles_meant
 from beltid.bench.files.sniff import Decoded
 from beltid.bench.formats.csv_table import Wanted, read_rows
 from beltid.bench.formats.dialect import Layout, ReadOptions, is_number, layout
 from beltid.errors import Problem, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table
-from beltid.tables.schemas import NOMINAL
+from beltid.tables.schemas import NOMINAL, SAID_OF_RUNS
 from beltid.tables.units import Conversion
 
 
 def text_layout(decoded: Decoded, name: str, options: ReadOptions, table: Table) -> Layout:
     """Header, units and separators of a text file."""
-    in_file = [options.names.get(c.name, c.name) for c in table.columns]
+    asked_for = [c.name for c in table.columns if c.name not in SAID_OF_RUNS]
+    in_file = [options.names.get(name, name) for name in asked_for]
     return layout(decoded.text, name, options, in_file)
 
 
@@ -192,6 +194,8 @@ def check_header(
             f"{place}: these are the columns of a {other} recording, not of a {table.kind}",
             code="columns",
         )
+    elif missing and (kind := _rig_kind_of(header, table)):
+        problems.add(f"{place}: these are the channels of {kind}", code="columns")
     elif missing:
         ours, close = missing[0]
         example = close[0] if close else "its name in the file"
@@ -205,8 +209,24 @@ def _kind_of(header: tuple[str, ...], kind: str) -> str:
     """Another kind of recording that has all its columns in the header, or ""."""
     for other in schemas.RECORDINGS:
         names = {c.name for c in schemas.table(other).columns if c.required}
-        if other != kind and names <= set(header):
+        if other != kind and names and names <= set(header):
             return other
+    return ""
+
+
+def _rig_kind_of(header: tuple[str, ...], table: Table) -> str:
+    """Another kind of friction rig whose channels a header has, as the config states it; or ""."""
+    if table.kind != "rig":
+        return ""
+    meant = {role for name in header for role in (name, *roles_meant(name, "rig"))}
+    tensions = {"tension_tight_N", "tension_slack_N"}
+    for measures, weight_on in schemas.RIG_KINDS:
+        other = schemas.rig_table(measures, weight_on)
+        needed = {c.name for c in other.columns if c.required} - {*schemas.SETTINGS, table.label}
+        enough = measures != "torque" or bool(meant & tensions)
+        if other != table and enough and needed | {"weight_N"} & set(other.names) <= meant:
+            on = f", weight_on: {weight_on}" if measures == "dead_weight" else ""
+            return f"rig: {{kind: {measures}{on}}}"
     return ""
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from beltid.bench.formats.dialect import without_unit
+from beltid.tables import schemas
 
 _UMLAUTS: Final = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
 
@@ -93,6 +94,10 @@ _SPEED: Final = _words(
     "vitesse,vitesse de rotation,vitesse angulaire",
     "pulley scheibe riemenscheibe motor poulie de la du the of ist actual act drive encoder",
 )
+_TORQUE: Final = _words(
+    "drehmoment,moment,lastmoment,abtriebsmoment,bremsmoment,torque,couple,load torque",
+    "abtrieb driven output nm n m shaft brake resistant de sortie last",
+)
 _DRIVER: Final = _words(
     "antriebsdrehzahl,eingangsdrehzahl,drehzahl antrieb,drehzahl an,antrieb,treibend,treibende,"
     "driver,driving,input,menante,motrice,entree",
@@ -108,6 +113,46 @@ _RUN: Final = _words(
     "run,lauf,versuch,messung,messreihe,essai,mesure,trial,test",
     "id no nr nummer number numero name label n num",
 )
+
+_OF_RIG: Final = {
+    "run": _RUN,
+    "time_s": _TIME,
+    "tension_tight_N": _TIGHT,
+    "tension_slack_N": _SLACK,
+    "weight_N": _words(
+        "weight,dead weight,hanging weight,gewicht,gewichtskraft,poids,totlast,load weight",
+        "n force of the belt am de",
+    ),
+    "torque_N_m": _TORQUE,
+    "hub_force_N": _words(
+        "hub force,hub load,shaft load,shaft force,axle force,bearing force,wellenbelastung,"
+        "achskraft,nabenkraft,lagerkraft,effort sur l axe",
+        "n pulley radial belt riemen de la",
+    ),
+    "belt_speed_m_s": _words(
+        "belt speed,belt velocity,riemengeschwindigkeit,bandgeschwindigkeit,vitesse courroie",
+        "m s de la ist",
+    ),
+    "pulley_speed_rad_s": _SPEED,
+    "temperature_degC": _TEMPERATURE,
+    "arc_deg": _ARC,
+    "initial_tension_N": _INITIAL,
+    "idle": _words("idle,idling,leerlauf,a vide", "run"),
+    "condition": _words("condition,surface,surface condition,zustand,oberflaeche,etat"),
+    "side": _words("side,belt side,riemenseite", "belt"),
+    "humidity_percent": _words("humidity,relative humidity,luftfeuchte,humidite", "rel air"),
+    "hours_run": _words("hours run,running hours,betriebsstunden,laufzeit riemen"),
+    "pulley_material": _words("pulley material,scheibenmaterial,scheibenwerkstoff"),
+    "slip_speed_m_s": _words("slip speed,sliding speed,gleitgeschwindigkeit,slip velocity"),
+    "mu": _words(
+        "mu,cof,friction coefficient,coefficient of friction,reibungskoeffizient,reibzahl,"
+        "reibbeiwert,coefficient de frottement",
+        "sliding kinetic",
+    ),
+    "mu_se": _words("mu se,mu error,mu standard error,mu std"),
+    "normal_force_N_m": _words("normal force,line force,normalkraft,streckenlast"),
+    "roughness_Ra_um": _words("roughness,roughness ra,ra,rauheit,rauheit ra,rugosite", "pulley"),
+}
 
 VOCABULARY: Final[dict[str, dict[str, Words]]] = {
     "press": {
@@ -133,24 +178,13 @@ VOCABULARY: Final[dict[str, dict[str, Words]]] = {
             "kraftaufnehmer kmd 1 de la du machine kn",
         ),
     },
-    "rig": {
-        "run": _RUN,
-        "time_s": _TIME,
-        "tension_tight_N": _TIGHT,
-        "tension_slack_N": _SLACK,
-        "pulley_speed_rad_s": _SPEED,
-        "temperature_degC": _TEMPERATURE,
-        "arc_deg": _ARC,
-        "initial_tension_N": _INITIAL,
-    },
+    "rig": {name: _OF_RIG[name] for name in schemas.table("rig").names if name in _OF_RIG},
+    "points": {name: _OF_RIG[name] for name in schemas.table("points").names if name in _OF_RIG},
     "speedloss": {
         "run": _RUN,
         "time_s": _TIME,
         "initial_tension_N": _INITIAL,
-        "torque_N_m": _words(
-            "drehmoment,moment,lastmoment,abtriebsmoment,bremsmoment,torque,couple,load torque",
-            "abtrieb driven output nm n m shaft brake resistant de sortie last",
-        ),
+        "torque_N_m": _TORQUE,
         "driver_speed_rad_s": _DRIVER,
         "driven_speed_rad_s": _DRIVEN,
     },

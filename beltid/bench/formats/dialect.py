@@ -10,6 +10,8 @@ from typing import Any, Final
 
 from beltid.bench.formats.bench_file import Field
 from beltid.errors import InputError
+from beltid.tables import schemas
+from beltid.tables.columns import Table
 from beltid.tables.units import Calibration, canonical_unit, is_known_unit
 
 SEPARATORS: Final = (",", ";", "\t", "|")
@@ -58,6 +60,8 @@ class ReadOptions:
         Whether a row of units follows the header.
     runs : object or None
         What the config says about label and settings of the runs.
+    rig : object or None
+        What the config says about the friction rig: its kind tells the channels of a recording.
     """
 
     names: Mapping[str, str] = field(default_factory=dict)
@@ -68,6 +72,7 @@ class ReadOptions:
     skip_lines: int = 0
     units_row: bool = False
     runs: Any = None
+    rig: Any = None
 
     @classmethod
     def of(cls, config: Any, kind: str) -> ReadOptions:
@@ -84,7 +89,17 @@ class ReadOptions:
             skip_lines=dialect.skip_lines,
             units_row=dialect.units_row,
             runs=config.runs.of(kind),
+            rig=config.rig,
         )
+
+    def table(self, kind: str) -> Table:
+        """The table that a kind of recording must fill."""
+        if kind != "rig":
+            return schemas.table(kind)
+        if self.rig is None:
+            return schemas.rig_table()
+        running = self.rig.kind == "running"
+        return schemas.rig_table(self.rig.measures, self.rig.weight_on, running=running)
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from beltid.bench.formats.dialect import NUMBER
 from beltid.bench.formats.frames import missing_column
 from beltid.bench.formats.rows import Rows, Texts
 from beltid.errors import InputError
-from beltid.tables.schemas import Column, Table
+from beltid.tables.schemas import SAID_OF_RUNS, Column, Table
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -184,7 +184,7 @@ def _rows(
                 texts[column.name] = Texts.of([told] * batch.num_rows)
         elif column.name in wanted:
             numbers[column.name] = numbers_of(batch.column(wanted[column.name]))
-        else:
+        elif told is not None or column.name not in SAID_OF_RUNS:
             value = np.nan if told is None else float(told)
             numbers[column.name] = np.full(batch.num_rows, value)
     return Rows(numbers, texts, row)

@@ -66,12 +66,16 @@ class Checker:
         self._units({*units_stated, *(judged or ())})
         codes = self._labels()
         notes: list[str] = []
-        if codes is not None:
+        if codes is not None and "time_s" in self.columns:
             self._settings(codes)
         for column in self.table.columns:
-            if column.dtype == "float64" and column.name not in self.suspects:
+            if column.name not in self.columns or column.name in self.suspects:
+                continue
+            if column.dtype == "float64":
                 notes += self._numbers(column, judged)
-        if codes is not None:
+            elif column.choices:
+                self._choices(column)
+        if codes is not None and "time_s" in self.columns:
             self._time(codes)
         return notes
 
@@ -84,9 +88,9 @@ class Checker:
     def _units(self, units_stated: Collection[str]) -> None:
         """Doubt columns whose numbers are about a thousand times too small or large."""
         for column in self.table.columns:
-            values = self.columns[column.name]
             if column.dtype != "float64" or column.name in units_stated:
                 continue
+            values = self.columns.get(column.name, np.empty(0))
             finite = values[np.isfinite(values)]
             guess = _other_unit(column, self.table.kind, finite) if finite.size else ""
             if guess:
@@ -160,6 +164,19 @@ class Checker:
             return [f"{missing.size} of {values.size} samples of {column.name} are missing"]
         return []
 
+    def _choices(self, column: Column) -> None:
+        """Words of a column that takes a few only; case does not matter."""
+        words = {
+            word: None if word is None else word.lower() for word in set(self.columns[column.name])
+        }
+        wrong = {word for word, low in words.items() if low not in (None, *column.choices)}
+        values = self.columns[column.name]
+        if wrong:
+            rows = np.flatnonzero(np.fromiter((v in wrong for v in values), bool, len(values)))
+            self._report(rows, lambda i: f"{column.name} = {values[i]}, must be {column.allowed}")
+        if any(word != low for word, low in words.items()):
+            values[:] = [words[word] for word in values]
+
     def _time(self, codes: np.ndarray) -> None:
         """Time must not go backwards within a run."""
         time = self.columns["time_s"]
@@ -189,6 +206,8 @@ def _other_unit(column: Column, kind: str, finite: np.ndarray) -> str:
     forces of 50 to 3000 N, travels of 0.03 to 5 mm) as from a thousandth or a thousand times that.
     """
     size = np.abs(finite)
+    if kind == "points" and column.name != "arc_deg":
+        return ""  # written by hand, of belts of any size
     if column.unit == "N" and "tension" in column.name:
         if finite.max() > 0.0 and size.max() < 5.0:
             return "kN"

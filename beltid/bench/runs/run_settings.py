@@ -6,7 +6,7 @@ runs: what the config says comes first, then what the header tells in words that
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,12 +21,12 @@ from beltid.bench.channels.channel_mapping import (
 from beltid.bench.channels.vocabulary import roles_meant
 from beltid.bench.formats.bench_file import Field
 from beltid.bench.formats.dialect import ReadOptions, read_field
-from beltid.bench.runs.run_split import run_labels
+from beltid.bench.runs.run_split import row_labels, run_labels
 from beltid.bench.runs.run_table import RunTable, read_run_table
 from beltid.config.name_pattern import name_pattern, number
 from beltid.errors import Problems
 from beltid.tables.columns import Table
-from beltid.tables.schemas import SETTINGS
+from beltid.tables.schemas import SAID_OF_RUNS, SETTINGS
 from beltid.tables.units import conversion
 
 
@@ -86,7 +86,7 @@ class RunSettings:
     ) -> None:
         """Header fields whose names are known words."""
         for role in SETTINGS:
-            if role not in self.table.names or role in raw.mappings:
+            if role not in self.table.names or role in raw.mappings or self._is_text(role):
                 continue
             meant = [f for f in raw.fields if role in roles_meant(f.name, self.table.kind)]
             values = {}
@@ -107,6 +107,9 @@ class RunSettings:
                 told[role] = next(iter(values.values()))
                 if role not in values:
                     notes.append(f"read header field {next(iter(values))} as {role}")
+
+    def _is_text(self, role: str) -> bool:
+        return self.table.column(role).dtype == "string"
 
     def _stated(self, role: str) -> bool:
         """Whether the config tells a setting in another way."""
@@ -143,7 +146,7 @@ class RunSettings:
             return
         for role in type(self.runs.fields).model_fields:
             name = getattr(self.runs.fields, role)
-            if name is None:
+            if name is None or role not in self.table.names:
                 continue
             found = [f for f in raw.fields if f.name == name]
             if not found:
@@ -153,7 +156,7 @@ class RunSettings:
                     f"{role}); found: {known}"
                 )
                 continue
-            if role == self.table.label:
+            if self._is_text(role):
                 told[role] = found[0].text
                 continue
             value = self._field_value(role, found[0], recognised=False)
@@ -177,9 +180,11 @@ class RunSettings:
             )
             return
         for role, text in values.items():
-            if role == self.table.label:
+            if role not in (*SETTINGS, self.table.label) or role not in self.table.names:
+                continue
+            if self._is_text(role):
                 told[role] = text
-            elif role in SETTINGS and role in self.table.names:
+            else:
                 unit = self.pattern.units.get(role, self.table.column(role).unit)
                 by = conversion(unit, self.table.column(role).unit)
                 try:
@@ -290,14 +295,17 @@ def joined(
         told, said = settings.of(raw, problems)
         columns = dict(raw.columns)
         said += fill(columns, told, len(raw))
-        if table.label not in columns:
+        if table.label not in columns and "time_s" in table.names:
             labels, split = run_labels(columns, raw.label, raw.place, problems)
             columns[table.label] = labels
             said += split
+        elif "time_s" not in table.names:
+            columns[table.label] = row_labels(len(raw), columns.get(table.label))
         for role in SETTINGS:
             if role in table.names and table.column(role).required and role not in columns:
                 problems.add(missing_setting(role, table.kind, raw.name_place))
-        _own_labels(columns[table.label], raw, owners, table, problems)
+        if "time_s" in table.names:
+            _own_labels(columns[table.label], raw, owners, table, problems)
         for note in (*raw.notes, *said):
             notes.setdefault(note, []).append(raw.place)
         parts.append(completed(columns, table, len(raw)))
@@ -306,11 +314,7 @@ def joined(
         problems.told_once([raw.place for raw in raw_tables])
         problems.raise_if_any()
     starts = np.cumsum([0, *(len(raw) for raw in raw_tables)])[:-1]
-    whole = (
-        parts[0]
-        if len(parts) == 1
-        else {c: np.concatenate([part[c] for part in parts]) for c in table.names}
-    )
+    whole = parts[0] if len(parts) == 1 else _together(parts, table)
     told_units = [
         {r for r, mapping in raw.mappings.items() if mapping.unit_stated} for raw in raw_tables
     ]
@@ -318,11 +322,31 @@ def joined(
     return whole, SampleOrigins(tuple(raw_tables), starts), _merged(notes, len(raw_tables)), stated
 
 
+def _together(parts: Sequence[dict[str, np.ndarray]], table: Table) -> dict[str, np.ndarray]:
+    there = {name for part in parts for name in part}
+    filled = [completed(part, table, len(part[table.label]), there) for part in parts]
+    return {name: np.concatenate([part[name] for part in filled]) for name in filled[0]}
+
+
 def completed(
-    columns: Mapping[str, np.ndarray], table: Table, length: int
+    columns: Mapping[str, np.ndarray], table: Table, length: int, also: Collection[str] = ()
 ) -> dict[str, np.ndarray]:
-    """Columns in the order of the schema; an optional one that is absent is all nan."""
-    return {c.name: columns.get(c.name, np.full(length, np.nan)) for c in table.columns}
+    """Columns in the order of the schema; an optional one that is absent holds nothing.
+
+    What may be said of a run (`SAID_OF_RUNS`) is left out where nobody says it, but for those
+    `also` wanted.
+    """
+    whole = {}
+    for column in table.columns:
+        if column.name in columns:
+            whole[column.name] = columns[column.name]
+        elif column.name not in SAID_OF_RUNS or column.name in also:
+            whole[column.name] = (
+                np.full(length, None, dtype=object)
+                if column.dtype == "string"
+                else np.full(length, np.nan)
+            )
+    return whole
 
 
 def _own_labels(

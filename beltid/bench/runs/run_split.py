@@ -18,6 +18,14 @@ PHASE: Final = 5
 """Samples in a row that make the pulley stand or turn."""
 
 
+def row_labels(length: int, known: np.ndarray | None = None) -> np.ndarray:
+    """Labels of the rows of a table of plateaus: where there is none, their number from 1."""
+    words = [None] * length if known is None else known.tolist()
+    return np.array(
+        [str(row + 1) if word is None else word for row, word in enumerate(words)], dtype=object
+    )
+
+
 def run_labels(
     columns: Mapping[str, np.ndarray], label: str, place: str, problems: Problems
 ) -> tuple[np.ndarray, list[str]]:

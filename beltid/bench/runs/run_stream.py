@@ -15,7 +15,7 @@ import numpy as np
 from beltid.bench.formats.rows import Rows
 from beltid.bench.runs.checks import Checker, no_number
 from beltid.errors import SHOWN, InputError, Problems
-from beltid.tables.schemas import NOMINAL, Table
+from beltid.tables.schemas import NOMINAL, SAID_OF_RUNS, Table
 from beltid.tables.units import Conversion
 from beltid.tables.values import outside
 
@@ -32,10 +32,13 @@ class RunColumns:
         Its label.
     columns : dict of str to ndarray
         Numeric columns of the table, in its units; nan where a number is missing.
+    said : dict of str to str
+        Texts that the rows say of the run, such as its conditions, by their column.
     """
 
     label: str
     columns: dict[str, np.ndarray]
+    said: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(slots=True)
@@ -56,6 +59,12 @@ class _RunRows:
             name: np.concatenate([rows.numbers[name][start:end] for rows, start, end in self.parts])
             for name in self.parts[0][0].numbers
         }
+
+    def said(self, label: str) -> dict[str, str]:
+        """What the first row says in its columns of texts, but for the label."""
+        rows, start, _ = self.parts[0]
+        texts = {name: t.words[t.codes[start]] for name, t in rows.texts.items() if name != label}
+        return {name: word for name, word in texts.items() if word is not None}
 
     def line_of(self, row: int) -> int:
         for rows, start, end in self.parts:
@@ -171,25 +180,31 @@ class RunStream:
             if by != Conversion(1.0):
                 columns[name] = (columns[name] + by.shift) * by.factor
         for column in self.table.columns:
-            if column.dtype == "float64" and column.name not in columns:
+            known = column.name in columns or column.name in SAID_OF_RUNS
+            if column.dtype == "float64" and not known:
                 columns[column.name] = np.full(n, np.nan)
         shown = {n for n in {*columns} - self._judged if np.isfinite(columns[n]).any()}
-        if shown or run.label is None or self._is_suspect(columns):
+        unknown = [
+            word
+            for name, word in run.said(self.table.label).items()
+            if word.lower() not in (self.table.column(name).choices or (word.lower(),))
+        ]
+        if shown or unknown or run.label is None or self._is_suspect(columns):
             self._check(columns, run)
         self._judged |= shown
         for column in self.table.columns:
-            if column.nullable and column.dtype == "float64":
+            if column.nullable and column.name in columns:
                 count = int(np.count_nonzero(np.isnan(columns[column.name])))
                 self.missing[column.name] = self.missing.get(column.name, 0) + count
         self.n_samples += n
         self.n_runs += 1
         if run.label is not None:
-            yield RunColumns(run.label, columns)
+            yield RunColumns(run.label, columns, run.said(self.table.label))
 
     def _is_suspect(self, columns: Mapping[str, np.ndarray]) -> bool:
         """Whether anything in a run asks for the checks that tell what and where."""
         for column in self.table.columns:
-            if column.dtype != "float64":
+            if column.name not in columns:
                 continue
             values = columns[column.name]
             low, high = float(np.min(values)), float(np.max(values))  # nan if any value is
@@ -212,7 +227,11 @@ class RunStream:
             line = run.line_of(index)
             return self._place(line), line
 
-        ordered = {name: whole[name] for name in self.table.names}
+        said = {
+            name: np.array([word], dtype=object)
+            for name, word in run.said(self.table.label).items()
+        }
+        ordered = {name: whole[name] for name in self.table.names if name in whole} | said
         checker = Checker(self.name, ordered, self.table, place, self.problems)
         checker.run(self.conversions, self._judged)
         if checker.suspects:  # most likely it is the same in all runs: told once

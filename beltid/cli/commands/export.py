@@ -19,8 +19,11 @@ TARGET_NAMES = (
     "json",
     "exudyn",
     "chrono",
+    "c",
+    "fortran",
     "mbdyn",
     "adams",
+    "motionsolve",
     "recurdyn",
     "modelica",
     "matlab",
@@ -68,7 +71,8 @@ def export(
         str,
         typer.Argument(
             metavar="TARGET",
-            help="json, exudyn, chrono, mbdyn, adams, recurdyn, modelica, matlab, abaqus, csv, "
+            help="json, exudyn, chrono, c, fortran, mbdyn, adams, motionsolve, recurdyn, modelica, "
+            "matlab, abaqus, csv, "
             "or all. schema prints the JSON Schema of the law file.",
             autocompletion=_complete,
         ),

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 
+import typer
+
 from beltid.cli.execute import execute
-from beltid.cli.inputs import Press, Rig, SpeedLoss, reads_recording
+from beltid.cli.inputs import OptionalRig, Points, Press, Rig, SpeedLoss, reads_recording
 from beltid.cli.program import Common, command, with_common_options
 
 
@@ -50,10 +52,35 @@ def fit_slip(speedloss: SpeedLoss, *, common: Common) -> None:
     execute(stage.run, {"speedloss": speedloss}, "slip.parquet", common)
 
 
+@command("fit-shear")
+@with_common_options
+@reads_recording("rig", name="arc_deg: wrap", unit="pulley_speed_rad_s: rpm")
+def fit_shear(rig: Rig, *, common: Common) -> None:
+    """Find how stiff the ribs are in shear along the belt, from the runs of the friction rig.
+
+    Before the belt slides, the tensions part in proportion to the travel of the pulley: the slope
+    tells how far belt, ribs and bench give way. Runs at two contact arcs or more tell the ribs from
+    the bench. A run is used if it has eight samples before 30 % of the difference of the tensions
+    on the plateau, so only slow runs or fast sampling qualify; otherwise it is said which sampling
+    rate would do. Ribs that are too stiff to be seen get a lower bound and no value. Writes
+    shear.parquet.
+
+    The config tells axial and bending stiffness of the belt (belt.axial_stiffness_N, default
+    100000; belt.bending_stiffness_N_m2, default 0.02) and rig.pulley_radius_m, default 0.05.
+
+    (columns)
+
+    Example: beltid fit-shear rig.csv
+    """
+    from beltid.stages import fit_shear as stage
+
+    execute(stage.run, {"rig": rig}, "shear.parquet", common)
+
+
 @command("fit-friction")
 @with_common_options
 @reads_recording("rig", name="arc_deg: wrap", unit="pulley_speed_rad_s: rpm")
-def fit_friction(rig: Rig, *, common: Common) -> None:
+def fit_friction(rig: OptionalRig = None, *, table: Points = None, common: Common) -> None:
     """Find the friction coefficient of every run of the friction rig.
 
     Each run gives the sliding coefficient (Euler-Eytelwein, over the steady plateau) with its
@@ -64,13 +91,27 @@ def fit_friction(rig: Rig, *, common: Common) -> None:
     Sliding speed and normal force need the radius of the belt's centreline on the pulley: 0.05 m
     unless a config says rig.pulley_radius_m, whatever bench the file is from.
 
+    What the rig measures is rig.kind of the config: two_cells (the default), dead_weight, torque,
+    torque_hub, or running for a belt that moves.
+
     (columns)
+
+    With --table, the file has a row per plateau in place of samples over the time: arc_deg, the
+    forces or torque of rig.kind, pulley_speed_rad_s or slip_speed_m_s, and if known run, mu_se,
+    temperature_degC, initial_tension_N, condition, side; or mu and normal_force_N_m themselves.
 
     A CSV file or Parquet files of more than 64 MB (unpacked) are read run by run, so that they need
     not fit into the memory: the rows of a run must stand together.
 
     Example: beltid fit-friction rig.csv
     """
+    if table is not None and rig is None:
+        from beltid.stages import fit_friction as stage
+
+        execute(stage.run, {"points": table}, "friction.parquet", common)
+        return
+    if rig is None or table is not None:
+        raise typer.BadParameter("it takes a recording, or a table by --table")
     from beltid.bench.recording import is_big
 
     with ExitStack() as stack:

@@ -98,7 +98,21 @@ def simulate_rig(
 
 @command("compare")
 @with_common_options
-def compare(friction: Friction, simulated: Simulated, *, common: Common) -> None:
+def compare(
+    friction: Friction,
+    simulated: Simulated,
+    hold_out: Annotated[
+        str | None,
+        typer.Option(
+            metavar="arc|speed",
+            help="Predict instead: each arc (or inner speed) is left out once, the surface is "
+            "refined from the other runs, and the runs left out are predicted. The second file is "
+            "then stiffness.parquet.",
+        ),
+    ] = None,
+    *,
+    common: Common,
+) -> None:
     """Compare the simulated with the measured friction coefficients; exit 0 or 4.
 
     The simulated recording goes through the same reduction as the measured one. Differences per
@@ -107,11 +121,15 @@ def compare(friction: Friction, simulated: Simulated, *, common: Common) -> None
 
     Tolerances by default: RMS 6 %, mean magnitude 5 %, largest 20 %; others under compare: in the
     config. Exit 4, too, if fewer than half of the usable measured runs have a simulated partner.
-    Writes compare.parquet.
+    Writes compare.parquet; with --hold-out compare_hold_out.parquet.
 
     Example: beltid compare friction.parquet simulated.parquet
+
+    Example: beltid compare friction.parquet stiffness.parquet --hold-out arc
     """
     from beltid.stages import compare as stage
 
-    inputs = {"friction": friction, "simulated": simulated}
-    execute(stage.run, inputs, "compare.parquet", common)
+    second = "stiffness" if hold_out else "simulated"
+    name = "compare_hold_out.parquet" if hold_out else "compare.parquet"
+    options = stage.CompareOptions(hold_out=hold_out)
+    execute(stage.run, {"friction": friction, second: simulated}, name, common, options)

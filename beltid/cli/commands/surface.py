@@ -4,25 +4,50 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from functools import partial
+from typing import Annotated
+
+import typer
 
 from beltid.cli.execute import execute
-from beltid.cli.inputs import Bootstrap, Friction, Jobs, Seed, Stiffness
+from beltid.cli.inputs import Bootstrap, Condition, Friction, Jobs, Seed, Side, Stiffness
 from beltid.cli.program import Common, command, with_common_options
+
+FitBending = Annotated[
+    bool,
+    typer.Option(
+        "--fit-bending",
+        help="Find the bending stiffness that the runs ask for too, and show it beside the stated "
+        "one.",
+    ),
+]
+UseBending = Annotated[
+    bool,
+    typer.Option("--use-bending", help="Refine the surface with the bending stiffness found."),
+]
 
 
 @command("build-surface")
 @with_common_options
-def build_surface(friction: Friction, *, common: Common) -> None:
+def build_surface(
+    friction: Friction,
+    condition: Condition = None,
+    side: Side = None,
+    *,
+    common: Common,
+) -> None:
     """Build the friction surface: the coefficient over normal force and sliding speed.
 
     One surface per contact arc and their average, as bicubic splines through the measured
-    values; outside the measured range the nearest measured value holds. Writes surface.parquet.
+    values; outside the measured range the nearest measured value holds. Runs on another surface
+    (dry, wet, dusty) or of the other side of the belt are never put into one: choose by
+    --condition and --side. Writes surface.parquet.
 
     Example: beltid build-surface friction.parquet
     """
     from beltid.stages import build_surface as stage
 
-    execute(stage.run, {"friction": friction}, "surface.parquet", common)
+    run = partial(stage.run, condition=condition, side=side)
+    execute(run, {"friction": friction}, "surface.parquet", common)
 
 
 @command("refine-surface")
@@ -33,6 +58,8 @@ def refine_surface(
     bootstrap: Bootstrap = 0,
     seed: Seed = 0,
     jobs: Jobs = None,
+    fit_bending: FitBending = False,
+    use_bending: UseBending = False,
     *,
     common: Common,
 ) -> None:
@@ -56,6 +83,7 @@ def refine_surface(
             from beltid.batch.local import local_workers
 
             workers = stack.enter_context(local_workers(jobs))
-        run = partial(stage.run, bootstrap=bootstrap, seed=seed)
+        bending: stage.Bending = "use" if use_bending else "fit" if fit_bending else "stated"
+        run = partial(stage.run, bootstrap=bootstrap, seed=seed, bending=bending)
         inputs = {"friction": friction, "stiffness": stiffness}
         execute(run, inputs, "surface_refined.parquet", common, Options(workers=workers))

@@ -3,6 +3,8 @@
 ================ ====================================================== ==================
 Module           Responsibility                                         Equation
 ================ ====================================================== ==================
+kinds            what a bench measures, as the tensions of both spans   (6), (7)
+plateaus         rows of a table, bins of a falling speed               (6), (8)
 reduction        the two passes; a run's mu, forces and status          (6), (8)
 prepare          first pass: one run by itself                          (7)
 campaign         second pass: variances of a bench, level of each run   (S3)

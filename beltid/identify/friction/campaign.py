@@ -103,8 +103,8 @@ class Stack:
             self.z[k, :b] = r.z / c
             self.one[k, :b] = 1.0 / c
             self.basis[k, :b] = r.basis * (r.level / c)
-            self.shared[k, :b, RANK] = since / (r.tensions_N[0] * c)
-            self.shared[k, :b, RANK + 1] = -since / (r.tensions_N[1] * c)
+            self.shared[k, :b, RANK] = r.noisy[0] * since / (r.tensions_N[0] * c)
+            self.shared[k, :b, RANK + 1] = -r.noisy[1] * since / (r.tensions_N[1] * c)
             # mu_sliding of a run in which friction drifts is that of the middle of its second half
             elapsed = (0.5 * (r.first_s + r.last_s) - r.first_s[0]) / (r.last_s[-1] - r.first_s[0])
             self.shared[k, :b, RANK + 2] = (r.level / c) * (elapsed - 0.75)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from beltid.identify.estimators.signal import converter_steps, median, spike_mask
 from beltid.identify.estimators.statistics import mad_sigma
 from beltid.identify.friction.condense import missing_rows
+from beltid.identify.friction.kinds import TWO_CELLS, RigKind
 from beltid.identify.friction.rest_phase import RunRejected
 from beltid.identify.friction.run import FrictionSettings, RunRecord
 
@@ -43,6 +44,8 @@ class Channels:
     n_missing: int
     steps: tuple[float, float] = (0.0, 0.0)
     """Steps of the converters of the tight and the slack cell [N]; zero where they do not show."""
+    kind: RigKind = TWO_CELLS
+    """What the bench measured."""
 
     @property
     def usable(self) -> NDArray[np.bool_]:
@@ -73,8 +76,16 @@ def read_channels(record: RunRecord, settings: FrictionSettings) -> Channels:
         )
     if t[-1] <= t[0]:
         raise RunRejected(f"time_s stands still at {t[0]:g} s")
-    tight, spikes_tight = _tension(record.tension_tight_N[timed], "tension_tight_N", settings)
-    slack, spikes_slack = _tension(record.tension_slack_N[timed], "tension_slack_N", settings)
+    weight = record.kind.weight
+    (tight, spikes_tight), (slack, spikes_slack) = (
+        (values, np.zeros(values.size, dtype=bool))
+        if span == weight
+        else _tension(values, f"tension_{span}_N", settings)
+        for span, values in (
+            ("tight", record.tension_tight_N[timed]),
+            ("slack", record.tension_slack_N[timed]),
+        )
+    )
     present = [
         values[timed & np.isfinite(values) & (values != 0.0)]
         for values in (record.tension_tight_N, record.tension_slack_N)
@@ -94,6 +105,7 @@ def read_channels(record: RunRecord, settings: FrictionSettings) -> Channels:
             raw.n_missing if raw else int(np.count_nonzero(lost)) + n - t.size + missing_rows(t)
         ),
         steps=raw.steps if raw else converter_steps(present[0], present[1]),
+        kind=record.kind,
     )
 
 
@@ -160,15 +172,15 @@ def check_cells(channels: Channels, first: int, sliding: slice, tension_N: float
     RunRejected
         With the name of the cell.
     """
-    change = {}
+    change, weight = {}, channels.kind.weight
     for name, values in (("tight", channels.tight), ("slack", channels.slack)):
         rest, slide = values[:first], values[sliding]
         rest, slide = rest[np.isfinite(rest)], slide[np.isfinite(slide)]
         change[name] = abs(median(slide) - median(rest))
-        reason = _clipped(rest, slide)
+        reason = "" if name == weight else _clipped(rest, slide)
         if reason:
             raise RunRejected(f"tension_{name}_N is saturated: {reason}")
-    for name, other in (("tight", "slack"), ("slack", "tight")):
+    for name, other in (("tight", "slack"), ("slack", "tight")) if weight is None else ():
         answered = change[name] >= LEAST_ANSWER * change[other]
         if not answered and change[other] > 0.2 * tension_N:
             raise RunRejected(

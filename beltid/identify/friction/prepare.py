@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from beltid.identify.estimators.signal import block_means
 from beltid.identify.friction.channels import Channels, read_channels
 from beltid.identify.friction.condense import condensed
+from beltid.identify.friction.kinds import TOUCH_DEG, TOUCHING, Span
+from beltid.identify.friction.plateaus import BY_BINS, binned_plateaus, course
 from beltid.identify.friction.rest_phase import (
     Rest,
     Rotation,
@@ -22,7 +24,7 @@ from beltid.identify.friction.rest_phase import (
     rest_state,
 )
 from beltid.identify.friction.run import FrictionSettings, RunRecord, RunReduction
-from beltid.identify.friction.sliding_phase import sliding_phase, unswapped
+from beltid.identify.friction.sliding_phase import as_if_held, sliding_phase, unswapped
 from beltid.identify.friction.sliding_record import SlidingRecord, sliding_record
 from beltid.laws.capstan import sliding_speed
 
@@ -56,6 +58,10 @@ class PreparedRun:
     rest: Rest | None = None
     sliding: SlidingRecord | None = None
     onset: Onset | None = None
+    weight: Span | None = None
+    """Span that hangs on a dead weight."""
+    plateaus: tuple[RunReduction, ...] = ()
+    """Those of a run whose speed is not steady, in place of the one found."""
 
 
 def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> PreparedRun:
@@ -70,27 +76,39 @@ def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> Prep
     settings : FrictionSettings
         Settings of the reduction.
     """
+    if settings.speed_bins_rad_s and course(record):
+        plateaus = binned_plateaus(record, R, settings)
+        return PreparedRun(RunReduction(run=record.run), plateaus=plateaus)
     run = PreparedRun(
         RunReduction(
-            run=record.run, arc_deg=record.arc_deg, nominal_tension_N=record.nominal_tension_N
-        )
+            run=record.run,
+            arc_deg=record.arc_deg,
+            nominal_tension_N=record.nominal_tension_N,
+            conditions=record.conditions,
+        ),
+        weight=record.kind.weight,
     )
     try:
         if record.defect:
             raise RunRejected(record.defect)
         # one quantity after the other, so that a run set aside keeps what came before
         channels = read_channels(condensed(record, settings.spike_threshold), settings)
-        channels = settings.cells.applied(channels)
+        if not record.kind.is_derived:  # else they were taken off before
+            channels = settings.cells.applied(channels)
         run = _with(run, n_spikes=channels.n_spikes, n_missing=channels.n_missing)
         if settings.cells.note:
             run = _noted(run, settings.cells.note)
         rotation = find_rotation(channels.speed)
         run = _with(
             run,
-            pulley_speed_rad_s=rotation.speed_rad_s,
+            pulley_speed_rad_s=_pulley_speed(rotation, record, R),
             slip_speed_m_s=float(sliding_speed(rotation.speed_rad_s, R)),
             start_time_s=float(channels.time_s[rotation.first]),
         )
+        if record.note:
+            run = _noted(run, record.note)
+        if record.arc_deg >= TOUCH_DEG:
+            run = _noted(run, TOUCHING)
         run = _noted(run, *_rotation_notes(rotation, channels))
         rest = rest_state(
             channels.time_s,
@@ -100,6 +118,9 @@ def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> Prep
             settings.min_rest_samples,
             channels.steps,
         )
+        if record.kind.weight is not None:
+            on_tight = record.kind.weight == "tight"
+            rest = _of_weight(rest, float((channels.tight if on_tight else channels.slack)[0]))
         run = _with(
             run,
             initial_tension_N=rest.tension_N,
@@ -110,7 +131,28 @@ def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> Prep
         run = replace(run, rest=rest)
         return _slide(run, rest, channels, rotation, R, settings)
     except RunRejected as reason:
-        return _with(replace(run, sliding=None), status=str(reason))
+        hint = f"; {BY_BINS}" if course(record) else ""
+        return _with(replace(run, sliding=None), status=f"{reason}{hint}")
+
+
+def _pulley_speed(rotation: Rotation, record: RunRecord, R: float) -> float:
+    """Speed of the pulley, also where the belt moves [rad/s]."""
+    if not record.belt_speed_m_s:
+        return rotation.speed_rad_s
+    relative = -rotation.speed_rad_s if rotation.reversed else rotation.speed_rad_s
+    return record.belt_speed_m_s / R + relative
+
+
+def _of_weight(rest: Rest, weight_N: float) -> Rest:
+    """The rest of a belt on a dead weight: W is its tension, and friction holds the difference."""
+    return replace(
+        rest,
+        tension_N=weight_N,
+        end_N=weight_N,
+        end_se_N=0.0,
+        imbalance_N=0.0,
+        imbalance_se_N=0.0,
+    )
 
 
 def _with(run: PreparedRun, **found: object) -> PreparedRun:
@@ -123,7 +165,7 @@ def _noted(run: PreparedRun, *notes: str) -> PreparedRun:
 
 def _rotation_notes(rotation: Rotation, channels: Channels) -> list[str]:
     notes = []
-    if rotation.reversed:
+    if rotation.reversed and not channels.kind.running:
         notes.append("the pulley speed is negative: its magnitude is used")
     change = abs(rotation.unsteadiness)
     if change > SPEED_CHANGE_ALLOWED:
@@ -165,6 +207,9 @@ def _slide(
         slopes = (-rest.slopes_N_s[0], rest.slopes_N_s[1])
         rest = replace(rest, imbalance_N=-rest.imbalance_N, slopes_N_s=slopes)
         run = replace(run, rest=rest)
+    recorded = channels
+    if channels.kind.weight is not None:
+        channels = as_if_held(channels, rotation)
     phase = sliding_phase(channels, rotation)
     first, slide = phase.first, phase.slide
     t, tensions = phase.time_s, phase.tensions
@@ -193,6 +238,7 @@ def _slide(
         rest.n_samples,
         float(R * angle[phase.built]),
         steps,
+        channels.kind.noisy,
     )
     if sliding.rounding > ROUNDING_NOTED:
         run = _noted(run, f"the converters of the cells resolve only {max(steps):.3g} N")
@@ -209,8 +255,24 @@ def _slide(
         plateau_end_s=float(sliding.last_s[-1]),
         n_spikes=run.found.n_spikes + sliding.n_outliers,
     )
+    if channels.kind.is_derived:
+        # noise of a weight's cell may be that of the cell, or of the ratio of the tensions
+        noise = max(_noise_at_rest(rest, seen, sliding) for seen in (recorded, channels))
+        rest = replace(rest, noise_N=noise)
     _check_noise(rest, sliding, max(steps), settings)
     return replace(run, sliding=sliding, onset=onset)
+
+
+def _noise_at_rest(rest: Rest, channels: Channels, sliding: SlidingRecord) -> float:
+    """Noise that the errors at rest would make while sliding, over the sensitivity there [N]."""
+    here = (channels.time_s >= rest.first_s) & (channels.time_s <= rest.last_s) & channels.usable
+    time = channels.time_s[here]
+    tight, slack = sliding.tensions_N
+    z = channels.tight[here] / tight - channels.slack[here] / slack
+    if time.size < 4:
+        return rest.noise_N
+    line = np.polynomial.Polynomial.fit(time, z, 1)
+    return float(np.std(z - line(time), ddof=2)) / sliding.sensitivity
 
 
 def _check_noise(

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import InputError
 from beltid.identify.friction.campaign import Bench, RunLevel, reduce_bench
+from beltid.identify.friction.kinds import TWO_CELLS, RigKind
 from beltid.identify.friction.load_cells import against_stated
 from beltid.identify.friction.peak import sticking_peak
 from beltid.identify.friction.prepare import PreparedRun, prepare_run
@@ -112,24 +113,29 @@ def reduce_runs(
     columns: Mapping[str, ArrayLike],
     pulley_radius_m: float,
     settings: FrictionSettings | None = None,
+    kind: RigKind = TWO_CELLS,
 ) -> tuple[RunReduction, ...]:
     """Reduce all runs of a recording of the friction rig.
 
     Parameters
     ----------
     columns : mapping of str to array_like
-        The columns of rig.csv: run, time_s [s], tension_tight_N, tension_slack_N [N],
-        pulley_speed_rad_s [rad/s], arc_deg [deg], and optionally temperature_degC [°C] and
-        initial_tension_N (nominal) [N], shape (n,) each. Rows of a run need not be together.
+        The columns of rig.csv: run, time_s [s], tension_tight_N, tension_slack_N [N] or what
+        another kind needs in their place, pulley_speed_rad_s [rad/s], arc_deg [deg], and
+        optionally temperature_degC [°C], initial_tension_N (nominal) [N] and conditions, shape
+        (n,) each. Rows of a run need not be together.
     pulley_radius_m : float
         Radius of the belt's centreline on the pulley [m].
     settings : FrictionSettings, optional
         Settings of the reduction.
+    kind : RigKind
+        What the rig measures.
 
     Returns
     -------
     tuple of RunReduction
-        One for every run, in the order in which they first appear.
+        One for every run, in the order in which they first appear; runs of the idle pulley are
+        none.
 
     Raises
     ------
@@ -137,7 +143,9 @@ def reduce_runs(
         If a column is missing, has another length or is not numeric, if there are no samples, or
         if the radius is not positive.
     """
-    return reduce_stream(run_records(columns), pulley_radius_m, settings or FrictionSettings())
+    _check_radius(pulley_radius_m)
+    records = run_records(columns, pulley_radius_m, kind)
+    return reduce_stream(records, pulley_radius_m, settings or FrictionSettings())
 
 
 def reduce_stream(
@@ -159,15 +167,14 @@ def reduce_stream(
     Returns
     -------
     tuple of RunReduction
-        One for every run, in their order.
+        One for every run, in their order; for a run whose speed is not steady, one for each bin.
 
     Raises
     ------
     InputError
         If the tensions at rest do not fit the stated ones, see :func:`against_stated`.
     """
-    if not (np.isfinite(R) and R > 0.0):
-        raise InputError(f"pulley_radius_m = {R!r}, must be > 0")
+    _check_radius(R)
     runs = list(mapper(partial(prepare_run, R=R, settings=settings), records))
     sliding = [k for k, run in enumerate(runs) if run.sliding is not None]
     found = [run.found for run in runs]
@@ -175,6 +182,7 @@ def reduce_stream(
         together = _reduce_together([runs[k] for k in sliding], R, settings)
         for k, reduced in zip(sliding, together, strict=True):
             found[k] = reduced
+    found = [run for k, one in enumerate(runs) for run in one.plateaus or (found[k],)]
     if settings.check_initial_tension:
         good = [run for run in found if run.ok]
         problem = against_stated(
@@ -184,6 +192,11 @@ def reduce_stream(
         if problem:
             raise InputError(problem)
     return tuple(found)
+
+
+def _check_radius(R: float) -> None:
+    if not (np.isfinite(R) and R > 0.0):
+        raise InputError(f"pulley_radius_m = {R!r}, must be > 0")
 
 
 def _reduce_together(
@@ -276,8 +289,13 @@ def _with_plateau(
     start = int(np.flatnonzero(~settled)[-1]) + 1 if not settled.all() else 0
     start = min(start, record.z.size - 1)
     count = record.count[start:]
-    mean = _mean_level(record, tail, start, y)
-    tight, slack = np.exp(mean + 0.5 * y), np.exp(mean - 0.5 * y)
+    if run.weight is None:
+        mean = _mean_level(record, tail, start, y)
+        tight, slack = np.exp(mean + 0.5 * y), np.exp(mean - 0.5 * y)
+    elif run.weight == "tight":
+        tight, slack = found.initial_tension_N, found.initial_tension_N * np.exp(-y)
+    else:
+        tight, slack = found.initial_tension_N * np.exp(y), found.initial_tension_N
     warm = np.isfinite(record.temperature[start:])
     temperature = NAN
     if warm.any():

@@ -3,35 +3,80 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import InputError
-from beltid.identify.friction.run import NAN, RunRecord, arc_problem
+from beltid.identify.friction.kinds import TWO_CELLS, Drag, RigKind, drag_of
+from beltid.identify.friction.run import NAN, Conditions, RunRecord, arc_problem
 
 Array = NDArray[np.float64]
+NONE = np.empty(0)
 
-REQUIRED = ("time_s", "tension_tight_N", "tension_slack_N", "pulley_speed_rad_s", "arc_deg")
-OPTIONAL = ("temperature_degC", "initial_tension_N")
+REQUIRED = ("time_s", "pulley_speed_rad_s", "arc_deg")
+OPTIONAL = (
+    "tension_tight_N",
+    "tension_slack_N",
+    "weight_N",
+    "torque_N_m",
+    "hub_force_N",
+    "belt_speed_m_s",
+    "temperature_degC",
+    "initial_tension_N",
+    "humidity_percent",
+    "hours_run",
+    "roughness_Ra_um",
+)
+CELLS = ("tension_tight_N", "tension_slack_N", "hub_force_N")
+SAID = ("idle", "condition", "side", "pulley_material")
+"""Columns of texts that say something of a run."""
 
 
-def run_records(columns: Mapping[str, ArrayLike]) -> tuple[RunRecord, ...]:
+@dataclass(frozen=True, slots=True, eq=False)
+class RunColumns:
+    """The columns of one run.
+
+    Attributes
+    ----------
+    label : str
+        Its label.
+    numbers : mapping of str to ndarray
+        Numeric columns, shape (n,) each, n >= 1; those that may be missing may be missing.
+    said : mapping of str to str
+        What texts say of it.
+    """
+
+    label: str
+    numbers: Mapping[str, Array]
+    said: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether the pulley turned without the belt."""
+        return self.said.get("idle", "").lower() == "true"
+
+
+def runs_of(columns: Mapping[str, ArrayLike], kind: RigKind) -> list[RunColumns]:
     """Runs of a recording, in the order in which they first appear.
 
     Parameters
     ----------
     columns : mapping of str to array_like
-        The columns of rig.csv, shape (n,) each; temperature_degC and initial_tension_N may be
+        The columns of rig.csv, shape (n,) each; but for those that the kind needs, they may be
         missing. Rows of a run need not be together; they keep their order.
+    kind : RigKind
+        What the rig measures.
 
     Raises
     ------
     InputError
         If a column is missing, has another length or is not numeric, or if there are no samples.
     """
-    missing = [f"column {name} is missing" for name in ("run", *REQUIRED) if name not in columns]
+    needed = ("run", *REQUIRED, *kind.needed)
+    missing = [f"column {name} is missing" for name in needed if name not in columns]
     if missing:
         raise InputError(missing)
     numeric: dict[str, Array] = {}
@@ -45,11 +90,35 @@ def run_records(columns: Mapping[str, ArrayLike]) -> tuple[RunRecord, ...]:
         raise InputError(problems)
     labels = columns["run"]
     labels = labels if isinstance(labels, np.ndarray) else np.asarray(labels, dtype=object)
-    check_columns({"run": labels, **numeric})
-    return tuple(
-        run_record(label, {name: values[rows] for name, values in numeric.items()})
+    texts = {name: np.asarray(columns[name], dtype=object) for name in SAID if name in columns}
+    check_columns({"run": labels, **numeric, **texts})
+    return [
+        RunColumns(
+            label,
+            {name: values[rows] for name, values in numeric.items()},
+            {name: word for name, values in texts.items() if (word := values[rows[0]]) is not None},
+        )
         for label, rows in _groups(labels.tolist())
-    )
+    ]
+
+
+def run_records(
+    columns: Mapping[str, ArrayLike], R: float, kind: RigKind = TWO_CELLS
+) -> tuple[RunRecord, ...]:
+    """Records of the runs of a recording, without those of the idle pulley; see `runs_of`.
+
+    Parameters
+    ----------
+    columns : mapping of str to array_like
+        The columns of rig.csv.
+    R : float
+        Radius of the belt's centreline on the pulley [m].
+    kind : RigKind
+        What the rig measures.
+    """
+    runs = runs_of(columns, kind)
+    drag = drag_of([run.numbers for run in runs if run.is_idle])
+    return tuple(run_record(run, R, kind, drag) for run in runs if not run.is_idle)
 
 
 def check_columns(columns: Mapping[str, NDArray[Any]]) -> None:
@@ -96,20 +165,26 @@ def _label_text(label: object) -> str:
     return str(label)
 
 
-def run_record(label: str, columns: Mapping[str, Array]) -> RunRecord:
+def run_record(
+    run: RunColumns, R: float, kind: RigKind = TWO_CELLS, drag: Drag | None = None
+) -> RunRecord:
     """One run from its columns; nominal settings that change within it are a defect.
 
     Parameters
     ----------
-    label : str
-        Its label.
-    columns : mapping of str to ndarray
-        The numeric columns of rig.csv, shape (n,) each, n >= 1; those that may be missing may be
-        missing.
+    run : RunColumns
+        The columns.
+    R : float
+        Radius of the belt's centreline on the pulley [m].
+    kind : RigKind
+        What the rig measures.
+    drag : Drag, optional
+        What is taken off a torque.
     """
+    columns = run.numbers
     defects = []
     nominal = {}
-    for name in ("arc_deg", "initial_tension_N"):
+    for name in ("arc_deg", "initial_tension_N", "weight_N"):
         values = columns.get(name, np.array([NAN]))
         first = float(values[0])
         nominal[name] = first
@@ -119,14 +194,56 @@ def run_record(label: str, columns: Mapping[str, Array]) -> RunRecord:
             defects.append(f"{name} changes within the run from {first:g} to {other:g}")
     if not defects:
         defects = [arc_problem(nominal["arc_deg"])]
-    return RunRecord(
+    record = RunRecord(
         time_s=columns["time_s"],
-        tension_tight_N=columns["tension_tight_N"],
-        tension_slack_N=columns["tension_slack_N"],
+        tension_tight_N=columns.get("tension_tight_N", NONE),
+        tension_slack_N=columns.get("tension_slack_N", NONE),
         pulley_speed_rad_s=columns["pulley_speed_rad_s"],
         temperature_degC=columns.get("temperature_degC"),
-        run=label,
+        run=run.label,
         arc_deg=nominal["arc_deg"],
         nominal_tension_N=nominal["initial_tension_N"],
         defect="; ".join(defects),
+        conditions=conditions_of(run),
+    )
+    if not kind.is_derived:
+        return record
+    kind.check(columns)
+    columns = {**columns, **{name: _present(columns[name]) for name in CELLS if name in columns}}
+    tight, slack = kind.tensions(columns, record.arc_deg, R, drag)
+    if kind.weight is not None and np.isnan(record.nominal_tension_N):
+        record = replace(record, nominal_tension_N=nominal["weight_N"])
+    belt_speed = float(np.nanmedian(kind.belt_speed(columns))) if kind.running else 0.0
+    return replace(
+        record,
+        tension_tight_N=tight,
+        tension_slack_N=slack,
+        pulley_speed_rad_s=kind.relative_speed(columns, R),
+        kind=kind,
+        belt_speed_m_s=belt_speed,
+        note=drag.note if drag is not None and kind.has_torque else "",
+    )
+
+
+def _present(readings: Array) -> Array:
+    """Readings of a cell; an exact zero is a lost one."""
+    return np.where(readings == 0.0, np.nan, readings)
+
+
+def conditions_of(run: RunColumns) -> Conditions:
+    """What the columns of a run say of its conditions."""
+
+    def number(name: str) -> float:
+        return float(run.numbers[name][0]) if name in run.numbers else NAN
+
+    def word(name: str) -> str | None:
+        return run.said[name].lower() if name in run.said else None
+
+    return Conditions(
+        condition=word("condition"),
+        side=word("side"),
+        humidity_percent=number("humidity_percent"),
+        hours_run=number("hours_run"),
+        pulley_material=run.said.get("pulley_material"),
+        roughness_Ra_um=number("roughness_Ra_um"),
     )

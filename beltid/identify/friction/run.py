@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, fields
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
 from beltid.identify.friction.condense import Raw
+from beltid.identify.friction.kinds import TWO_CELLS, RigKind
 from beltid.identify.friction.load_cells import KnownCell, KnownCells
 
 Array = NDArray[np.float64]
@@ -69,6 +70,8 @@ class FrictionSettings:
     """The same of the other cell [deg]."""
     max_mu: float = 3.0
     """Largest credible friction coefficient [-]."""
+    speed_bins_rad_s: tuple[float, ...] = ()
+    """Edges of the bins that a run is cut into whose speed is not steady [rad/s]."""
     max_peak_error: float = 0.015
     """Largest standard error of mu_sticking, relative to it, with which a peak is resolved [-]."""
 
@@ -120,6 +123,29 @@ class FrictionSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class Conditions:
+    """Under which conditions a run was made; what nobody stated is missing."""
+
+    condition: str | None = None
+    """Surface: dry, wet or dusty."""
+    side: str | None = None
+    """Side of the belt on the pulley: rib or back."""
+    humidity_percent: float = NAN
+    hours_run: float = NAN
+    pulley_material: str | None = None
+    roughness_Ra_um: float = NAN
+
+    def completed(self, default: Conditions) -> Conditions:
+        """These, with those of a default where nothing is stated."""
+        values: dict[str, Any] = {}
+        for field in fields(self):
+            value = getattr(self, field.name)
+            stated = value is not None and value == value
+            values[field.name] = value if stated else getattr(default, field.name)
+        return Conditions(**values)
+
+
+@dataclass(frozen=True, slots=True)
 class RunRecord:
     """One recording of the friction rig, shape (n,) for each column, in their order of time."""
 
@@ -135,6 +161,13 @@ class RunRecord:
     """Why the record cannot be one run (its nominal settings change, ...); empty if it can."""
     raw: Raw | None = None
     """What the samples showed, if these are means over blocks of them."""
+    kind: RigKind = TWO_CELLS
+    """What the bench measured; the tensions follow from it."""
+    belt_speed_m_s: float = 0.0
+    """Speed of the belt; that of the pulley is the one relative to it [m/s]."""
+    conditions: Conditions = Conditions()
+    note: str = ""
+    """What was done to the channels before, for the user."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,6 +236,7 @@ class RunReduction:
     """The same of a drift of the cells that all runs share [-]."""
     shared_cells: float = NAN
     """The same of the zeros and gains of the cells [-]."""
+    conditions: Conditions = Conditions()
     swapped: bool = False
     """Whether the columns of the tight and the slack cell were swapped."""
     notes: tuple[str, ...] = ()
@@ -216,6 +250,6 @@ class RunReduction:
 
 def arc_problem(arc_deg: float) -> str:
     """Why a contact arc cannot be used; empty if it can."""
-    if math.isfinite(arc_deg) and 0.0 < arc_deg < 360.0:
+    if math.isfinite(arc_deg) and 0.0 < arc_deg <= 3600.0:
         return ""
-    return f"arc_deg = {arc_deg:g}, must be in (0, 360)"
+    return f"arc_deg = {arc_deg:g}, must be in (0, 3600]"

@@ -9,13 +9,20 @@ from numpy.typing import NDArray
 
 from beltid.identify.estimators.signal import difference_sigma, median, running_median
 from beltid.identify.friction.channels import Channels, check_cells
+from beltid.identify.friction.kinds import other
 from beltid.identify.friction.rest_phase import Rotation, RunRejected
 
 Array = NDArray[np.float64]
 
 
 def unswapped(channels: Channels, rotation: Rotation) -> tuple[Channels, bool]:
-    """Swap the cells if the slack one carries more throughout the sliding."""
+    """Swap the cells if the slack one carries more throughout the sliding.
+
+    Raises
+    ------
+    RunRejected
+        If that cannot be what happened.
+    """
     half = slice((rotation.full_speed + rotation.end) // 2, rotation.end)
     usable = channels.usable[half]
     difference = (channels.tight[half] - channels.slack[half])[usable]
@@ -26,7 +33,39 @@ def unswapped(channels: Channels, rotation: Rotation) -> tuple[Channels, bool]:
     below = np.count_nonzero(difference < 0.0) / difference.size
     if below < 0.9:
         return channels, False
+    kind = channels.kind
+    if kind.weight is not None:
+        raise RunRejected(
+            f"the cell shows the weight to hang on the {other(kind.weight)} span while the pulley "
+            f"turns, rig.weight_on: {kind.weight}"
+        )
+    if kind.has_torque:
+        raise RunRejected(
+            "the torque is negative while the pulley turns; if it counts the other way, turn its "
+            'sign by a minus before its name: columns: {rig: {torque_N_m: "-torque_N_m"}}'
+        )
     return replace(channels, tight=channels.slack, slack=channels.tight), True
+
+
+def as_if_held(channels: Channels, rotation: Rotation) -> Channels:
+    """Tensions of a belt on a dead weight as they would part if its ends were held.
+
+    At the same ratio of both tensions at any moment, their sum stays what it is while the belt
+    slides. So build-up and tail of the peak look like those of a bench with two cells.
+
+    Raises
+    ------
+    RunRejected
+        If there are hardly any usable samples of sliding.
+    """
+    half = slice((rotation.full_speed + rotation.end) // 2, rotation.end)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        total = (channels.tight + channels.slack)[half]
+        share = channels.tight / (channels.tight + channels.slack)
+    if np.count_nonzero(np.isfinite(total)) < 3:
+        raise RunRejected(f"too short: {np.count_nonzero(np.isfinite(total))} samples of sliding")
+    held = median(total[np.isfinite(total)])
+    return replace(channels, tight=held * share, slack=held * (1.0 - share))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,6 +11,7 @@ where only the level is left to tell.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,6 +86,8 @@ class SlidingRecord:
         Scatter of z over pieces as long as the rest, without ripple, over `sensitivity` [N].
     n_samples, n_outliers : int
         Samples that were averaged, and left out.
+    noisy : tuple of float
+        1 for a tension with errors, 0 for that of a dead weight.
     """
 
     first_s: Array
@@ -109,12 +112,12 @@ class SlidingRecord:
     unrest_N: float
     n_samples: int
     n_outliers: int
+    noisy: tuple[float, float] = (1.0, 1.0)
 
     @property
     def sensitivity(self) -> float:
         """Change of z by independent errors of 1 N in both cells [1/N]."""
-        tight, slack = self.tensions_N
-        return float(np.hypot(1.0 / tight, 1.0 / slack))
+        return _sensitivity(self.tensions_N, self.noisy)
 
     @property
     def speed_m_s(self) -> float:
@@ -139,6 +142,7 @@ def sliding_record(
     rest_count: int,
     built_m: float,
     steps: tuple[float, float],
+    noisy: tuple[float, float] = (1.0, 1.0),
 ) -> SlidingRecord:
     """Average the sliding phase of a run over blocks.
 
@@ -160,6 +164,8 @@ def sliding_record(
         Travel of the build-up [m].
     steps : tuple of float
         Steps of the converters of both cells [N]; zero if they are fine.
+    noisy : tuple of float
+        1 for a tension with errors, 0 for that of a dead weight.
     """
     smooth, lines, kept = _smooth_course(t, tensions, travel, steps)
     t, tensions, angle, travel, temperature, smooth = (
@@ -173,7 +179,7 @@ def sliding_record(
     wave = np.hstack(waves) if waves else np.zeros((n, 0))
     half = slice(n // 2, None)
     level = np.median(tensions[half], axis=0)
-    sensitivity = float(np.hypot(*(1.0 / level)))
+    sensitivity = _sensitivity(level, noisy)
     residual = ratio[:, 0] - ratio[:, 1]
     if waves:
         residual = residual - wave @ np.linalg.lstsq(wave, residual, rcond=None)[0]
@@ -214,7 +220,12 @@ def sliding_record(
         unrest_N=_scatter_of_pieces(t, residual, rest_s[1] - rest_s[0]) / sensitivity,
         n_samples=n,
         n_outliers=int(np.count_nonzero(~kept)),
+        noisy=noisy,
     )
+
+
+def _sensitivity(tensions_N: Sequence[float] | Array, noisy: tuple[float, float]) -> float:
+    return float(np.hypot(noisy[0] / tensions_N[0], noisy[1] / tensions_N[1]))
 
 
 def _scatter_of_pieces(t: Array, x: Array, length_s: float) -> float:

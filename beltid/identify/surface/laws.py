@@ -39,6 +39,7 @@ MOST_STARTS = 3  # the search starts from the best local minima of the scan, at 
 MOST_ROUNDS = 30  # rounds between the parameters and q
 SINGULAR = 1.0e-10  # singular values of unit columns below this share of the largest are zero
 TWO_ERRORS = 4.0  # rise of chi² at two standard errors
+NO_LAW = 0.1  # misfit beyond the points' errors from which on no law is recommended
 NOT_DETERMINED = "not determined by the data"
 NOT_ZERO = "not different from zero"
 
@@ -534,7 +535,15 @@ def chi_square_note(law: str, chi_square: float, dof: int, law_error: float) -> 
 
 
 def verdict_of(fits: Sequence[FrictionLawFit]) -> str:
-    """Which formula to take, in plain words."""
+    """Which formula to take, in plain words; none if all of them miss the points by far."""
+    closest = min(fits, key=lambda f: f.rms_misfit)
+    if all(f.law_error > NO_LAW for f in fits):
+        return (
+            f"None of the fitted formulas holds over the whole range: the closest, {closest.law}, "
+            f"misses by {100 * closest.rms_misfit:.2g} % RMS, "
+            f"{100 * abs(closest.worst_misfit):.2g} % at worst (at {closest.worst_at[0]:.3g} N/m); "
+            "take the surface itself, or a part of the range."
+        )
     known = [f for f in fits if not math.isnan(f.criterion)]
     if not known:
         return "Too few independent points to compare friction laws."

@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from beltid.identify.estimators.statistics import as_set
 from beltid.report.drawing import GROUPS, INK, figure, group, legend_below, logarithmic, style
 from beltid.report.figures.friction import FORCE as LINE_FORCE
 from beltid.report.figures.friction import MU
@@ -94,6 +95,93 @@ def _cut(
         f"{words}, with twice its uncertainty as a band.",
         fig,
     )
+
+
+def measured(belts: Sequence[BeltResults]) -> Picture:
+    """The measured runs of every belt at the speed that all have nearest (Fig. 12)."""
+    title = "Measured friction of every belt"
+    known = [(b.belt, s) for b in belts if (s := b.get("friction")) is not None]
+    if not known:
+        return absent("belts-measured", title, "No folder has a friction.parquet.", "Fig. 12")
+    speeds = [as_set(np.abs(s["slip_speed_m_s"])) for _, s in known]
+    common = _common([np.unique(v[np.isfinite(v)]) for v in speeds])
+    with style():
+        fig = figure()
+        axes = fig.subplots()
+        shown = []
+        for i, ((name, sheet), v) in enumerate(zip(known, speeds, strict=True)):
+            good = (sheet["status"] == "ok") & (v == _nearest(v, common))
+            f, mu = sheet["normal_force_N_m"][good], sheet["mu_sliding"][good]
+            u = np.nan_to_num(sheet["mu_sliding_u"][good])
+            look = {**group(i), "linestyle": "none"}
+            axes.errorbar(f, mu, 2.0 * u, label=f"{name}, {_told(v, common)}", **look)
+            shown.append(f)
+        logarithmic(axes, "x", np.concatenate(shown))
+        axes.set(xlabel=LINE_FORCE, ylabel=MU)
+        legend_below(fig, [axes], columns=2)
+    return Picture(
+        "belts-measured",
+        title,
+        "A point per run, all arcs, at the speed of each belt that is nearest to the middle of "
+        "what they share; with twice the combined standard uncertainty where it is known.",
+        fig,
+        "Fig. 12",
+    )
+
+
+def proof(belts: Sequence[BeltResults]) -> Picture:
+    """Means over the arcs, measured and simulated, of every belt at that speed (Fig. 17)."""
+    title = "Measured against simulated, every belt"
+    known = [
+        (b, s)
+        for b in belts
+        if (s := b.get("compare_refined") or b.get("compare")) and s.extra.get("averaged")
+    ]
+    if not known:
+        return absent("belts-proof", title, "No folder has a comparison.", "Fig. 17")
+    tables = [_averaged(b, s) for b, s in known]
+    common = _common([np.unique(as_set(table["v"])) for table in tables])
+    with style():
+        fig = figure()
+        axes = fig.subplots()
+        for i, ((belt, _), table) in enumerate(zip(known, tables, strict=True)):
+            v = as_set(table["v"])
+            rows = np.flatnonzero(v == _nearest(v, common))
+            rows = rows[np.argsort(table["normal_force_N_m"][rows], kind="stable")]
+            f, look = table["normal_force_N_m"][rows], group(i)
+            name = f"{belt.belt}, {_told(v, common)}"
+            axes.plot(f, table["mu_measured"][rows], **{**look, "linestyle": "none"}, label=name)
+            axes.plot(f, table["mu_simulated"][rows], **{**look, "marker": None})
+        logarithmic(axes, "x", np.concatenate([table["normal_force_N_m"] for table in tables]))
+        axes.set(xlabel=LINE_FORCE, ylabel=MU)
+        legend_below(fig, [axes], columns=2)
+    return Picture(
+        "belts-proof",
+        title,
+        "Means over the arcs at each tension. Points: measured; lines: simulated with the refined "
+        "surface of the belt (else the published one).",
+        fig,
+        "Fig. 17",
+    )
+
+
+def _averaged(belt: BeltResults, sheet: Sheet) -> dict[str, np.ndarray]:
+    """Columns of the means over arcs, with the sliding speed v, or the pulley's without radius."""
+    rows = sheet.extra["averaged"]
+    names = ("normal_force_N_m", "mu_measured", "mu_simulated", "pulley_speed_rad_s")
+    table = {name: np.array([row[name] for row in rows], dtype=float) for name in names}
+    friction = belt.get("friction")
+    radius = friction.settings.get("rig.pulley_radius_m") if friction else None
+    return {**table, "v": table["pulley_speed_rad_s"] * float(radius or 1.0)}
+
+
+def _nearest(values: np.ndarray, wanted: float) -> float:
+    known = values[np.isfinite(values)]
+    return float(known[np.argmin(np.abs(known - wanted))]) if known.size else float("nan")
+
+
+def _told(values: np.ndarray, wanted: float) -> str:
+    return f"v = {MILLI * _nearest(values, wanted):.3g} mm/s"
 
 
 def agreement(belts: Sequence[BeltResults]) -> Picture:

@@ -80,7 +80,7 @@ def _drawing(sheet: Sheet) -> list[Picture]:
                 tuple(span.mean(axis=0)),
                 ha="center",
                 va="center",
-                fontsize=8.5,
+                fontsize=9.5,
                 bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
             )
             force, angle = sheet["hub_force_N"][row], np.radians(sheet["hub_angle_deg"][row])
@@ -99,7 +99,7 @@ def _drawing(sheet: Sheet) -> list[Picture]:
                 tuple(beside),
                 ha="center",
                 va="center",
-                fontsize=8.5,
+                fontsize=9.5,
                 color=SIMULATED,
             )
         axes.set_aspect("equal")
@@ -142,7 +142,7 @@ def _along_arcs(sheet: Sheet) -> list[Picture]:
         speed.axhline(0.0, color=FAINT, linewidth=0.8)
         force.set_ylabel("normal force [N/m]")
         force.set_ylim(bottom=0.0)
-        speed.set(xlabel="angle from where the belt runs on [°]", ylabel="sliding speed [mm/s]")
+        speed.set(xlabel="angle from where the belt runs on [°]", ylabel="sliding speed v [mm/s]")
         legend_below(fig, [force])
     return [
         Picture(

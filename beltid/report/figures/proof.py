@@ -20,7 +20,7 @@ from beltid.report.drawing import (
     shades,
     style,
 )
-from beltid.report.figures.friction import FORCE, MU
+from beltid.report.figures.friction import FORCE, MILLI, MU
 from beltid.report.picture import Picture, absent
 from beltid.report.results import BeltResults, Sheet
 
@@ -82,7 +82,7 @@ def averaged(sheet: Sheet, results: BeltResults) -> Picture:
                 ls="none",
                 capsize=3,
                 ms=4,
-                label=f"ω = {speed:.3g} rad/s",
+                label=_speed(results, float(speed)),
             )
             axes.plot(force[at], simulated[at], "-o", color=colour, mfc="none", ms=8)
             band = _band(results, SURFACES[sheet.name], force[at], sheet, speed)
@@ -103,6 +103,13 @@ def averaged(sheet: Sheet, results: BeltResults) -> Picture:
         fig,
         "Fig. 17",
     )
+
+
+def _speed(results: BeltResults, omega: float) -> str:
+    """Sliding speed of a pulley speed, as everywhere in the report; ω without the radius."""
+    friction = results.get("friction")
+    radius = friction.settings.get("rig.pulley_radius_m") if friction else None
+    return f"v = {MILLI * radius * omega:.3g} mm/s" if radius else f"ω = {omega:.3g} rad/s"
 
 
 def _scatter(sheet: Sheet, tension: np.ndarray, omega: np.ndarray) -> np.ndarray:

@@ -131,13 +131,13 @@ def _bounded(axes: Axes, mu: np.ndarray, sliding: float) -> None:
 
 
 def _caption(friction: Sheet, row: int, good: bool) -> str:
-    def told(name: str, unit: str) -> str:
-        value = float(friction[name][row])
+    def told(name: str, unit: str, per_unit: float = 1.0) -> str:
+        value = per_unit * float(friction[name][row])
         return f"{value:.4g} {unit}" if np.isfinite(value) else "unknown"
 
     settings = (
         f"Run {friction['run'][row]}: arc {told('arc_deg', '°')}, T₀ = "
-        f"{told('nominal_tension_N', 'N')} nominal, ω = {told('pulley_speed_rad_s', 'rad/s')}."
+        f"{told('nominal_tension_N', 'N')} nominal, v = {told('slip_speed_m_s', 'mm/s', 1e3)}."
     )
     if not good:
         return f"{settings} Set aside: {friction['status'][row]}."

@@ -9,7 +9,18 @@ from typing import Final
 import numpy as np
 
 from beltid.report.drawing import figure, group, legend_below, style
-from beltid.report.figures import arc, budget, drive, friction, press, proof, runs, slip, surface
+from beltid.report.figures import (
+    arc,
+    budget,
+    drive,
+    friction,
+    press,
+    proof,
+    runs,
+    shear,
+    slip,
+    surface,
+)
 from beltid.report.figures.press import FORCE, MICRO, PENETRATION
 from beltid.report.picture import Picture
 from beltid.report.results import BeltResults, Sheet
@@ -49,7 +60,7 @@ def _surface(sheet: Sheet) -> list[Picture]:
         fig,
     )
     named = replace(sheet, name=_name(sheet))
-    return [cuts, surface.as_map(named, None), surface.in_space(named, None)]
+    return [cuts, surface.as_map(named, None), surface.in_space(named)]
 
 
 def _compare(sheet: Sheet) -> list[Picture]:
@@ -106,6 +117,7 @@ def _rig_curves(sheet: Sheet) -> list[Picture]:
 
 MAKERS: Final[dict[str, Callable[[Sheet], list[Picture]]]] = {
     "stiffness": lambda sheet: [press.pooled(sheet, None), press.deviation(sheet)],
+    "shear": lambda sheet: [shear.against_arc(sheet)],
     "slip": lambda sheet: [slip.against_torque(sheet)],
     "friction": lambda sheet: friction.measured(_alone(sheet)),
     "surface": _surface,

@@ -42,7 +42,7 @@ def against_torque(slip: Sheet) -> Picture:
                 2.0 * np.nan_to_num(slip["slip_speed_se_m_s"][rows]) * MILLI,
                 **group(i),
                 capsize=2,
-                label=f"{speed:.3g} rad/s, T₀ "
+                label=f"driver {speed:.3g} rad/s, T₀ "
                 + ("unknown" if tension == UNKNOWN else f"= {tension:.3g} N"),
             )
         radius = slip.settings.get("rig.pulley_radius_m")
@@ -52,7 +52,7 @@ def against_torque(slip: Sheet) -> Picture:
         for k, v in enumerate(v for v in lines if v <= 2.0 * top):
             label = "speeds of the friction rig" if k == 0 else None
             axes.axhline(v, color=FAINT, lw=0.9, ls=(0, (1, 2)), label=label)
-        axes.set(xlabel="torque of the driven pulley [N m]", ylabel="sliding speed [mm/s]")
+        axes.set(xlabel="torque of the driven pulley [N m]", ylabel="sliding speed v [mm/s]")
         legend_below(fig, [axes], columns=2)
     return Picture(
         "slip",

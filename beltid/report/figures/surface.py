@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from beltid.laws.friction_surface import FrictionSurface
 
-SPEED: Final = "sliding speed [mm/s]"
+SPEED: Final = "sliding speed v [mm/s]"
 MILLI: Final = 1e3
 WORDS: Final = {"surface": "published", "surface_refined": "refined"}
 LEVELS: Final = 12
@@ -69,7 +69,7 @@ def as_map(sheet: Sheet, friction: Sheet | None) -> Picture:
         levels = _levels(mu)
         filled = axes.contourf(f, v * MILLI, mu.T, levels=levels, cmap=ORDERED)
         lines = axes.contour(f, v * MILLI, mu.T, levels=levels[::2], colors="white", linewidths=0.7)
-        axes.clabel(lines, fontsize=8, fmt="%g")
+        axes.clabel(lines, fontsize=9.5, fmt="%g")
         shown_f, shown_v = [f], [v]
         if friction is not None:
             good = friction["status"] == "ok"
@@ -128,19 +128,23 @@ def _levels(mu: np.ndarray) -> np.ndarray:
     return np.asarray(MaxNLocator(LEVELS).tick_values(low, high))
 
 
-def in_space(sheet: Sheet, friction: Sheet | None) -> Picture:
-    """The surface in space with the measured points (Fig. 13a)."""
+def in_space(sheet: Sheet) -> Picture:
+    """The surface in space (Fig. 13a).
+
+    The runs are not in it: their coefficients stand at mean forces, at which no refined surface has
+    to hold, so that they would float beside it.
+    """
     return Picture(
         "surface-space",
         "The friction surface in space",
-        f"The {WORDS[sheet.name]} surface over its range of validity; dots: measured runs, at the "
-        "mean normal force of Eq. (8).",
-        _drawn(sheet, friction),
+        f"The {WORDS[sheet.name]} surface over its range of validity. The measured runs are not in "
+        "it: each stands at a mean force, Eq. (8), while the surface holds for that at a point.",
+        _drawn(sheet),
         "Fig. 13 (a)",
     )
 
 
-def _drawn(sheet: Sheet, friction: Sheet | None) -> Figure:
+def _drawn(sheet: Sheet) -> Figure:
     surface = sheet.surface
     f, v, mu = grid_of(surface, 25, 21)
     log_f, log_v = f[0] > 0.0, v[0] > 0.0
@@ -156,17 +160,6 @@ def _drawn(sheet: Sheet, friction: Sheet | None) -> Figure:
         axes.plot_surface(
             x, y, mu, cmap=ORDERED, lw=0.25, edgecolor="#00000055", rcount=25, ccount=21
         )
-        if friction is not None:
-            good = friction["status"] == "ok"
-            axes.plot(
-                along(friction["normal_force_N_m"][good], log_f),
-                along(np.abs(friction["slip_speed_m_s"][good]) * MILLI, log_v),
-                friction["mu_sliding"][good],
-                "o",
-                color=SIMULATED,
-                ms=3,
-                zorder=9,
-            )
         for axis, values, logs in ((axes.xaxis, f, log_f), (axes.yaxis, v * MILLI, log_v)):
             if logs:
                 shown = ticks(values)

@@ -1,9 +1,13 @@
 "use strict";
 // The picture stays where it is unless the surface can be drawn: no WebGL, no change.
 (function () {
+  addEventListener("beforeprint", function () { // what is folded is open on paper
+    for (const folded of document.querySelectorAll("details")) folded.open = true;
+  });
   const plot = document.getElementById("surface-plot");
   const canvas = document.createElement("canvas");
-  if (!plot || !(canvas.getContext("webgl2") || canvas.getContext("webgl"))) return;
+  if (!plot || !window.DecompressionStream) return;
+  if (!(canvas.getContext("webgl2") || canvas.getContext("webgl"))) return;
   const data = JSON.parse(document.getElementById("surface-data").textContent);
   const figure = plot.closest("figure");
   const drawing = figure.querySelector(".drawing");
@@ -13,7 +17,15 @@
     for (const axis of ["x", "y", "z"]) eye[axis] *= 1.35;
     for (const trace of data.data) trace.showscale = false;
   }
-  Plotly.newPlot(plot, data.data, data.layout, data.config).then(function () {
+  const packed = atob(document.getElementById("library").textContent);
+  const bytes = Uint8Array.from(packed, function (c) { return c.charCodeAt(0); });
+  const unpacked = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+  new Response(unpacked).text().then(function (text) {
+    const library = document.createElement("script");
+    library.textContent = text; // the policy of the page knows its hash
+    document.head.append(library);
+    return Plotly.newPlot(plot, data.data, data.layout, data.config);
+  }).then(function () {
     drawing.style.display = "none"; // print shows it again
     figure.querySelector(".only-live").hidden = false;
   }, function () {

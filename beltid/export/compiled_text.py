@@ -1,0 +1,196 @@
+"""The whole law as C and Fortran functions, and as user subroutines of multibody codes.
+
+The functions evaluate the very polynomials of the surface, so that they agree with it to rounding;
+they need nothing but the mathematics of their language. Wrappers for MBDyn, RecurDyn, Adams and
+MotionSolve hand them the normal force and the sliding velocity of a contact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from importlib.resources import files
+from string import Template
+from typing import Final
+
+from beltid.export.choices import Choices, Export
+from beltid.export.law import ContactLaw
+from beltid.export.preamble import commented, identifier, preamble
+
+LONGEST_NAME: Final = 40
+"""Letters of a prefix: names of Fortran may have 63."""
+PER_LINE: Final = 4
+EXACT: Final = "The functions are the law itself, to rounding; nothing is reduced."
+PARAMETERS: Final = (
+    "USER(length, metre, still): length of belt that a contact point stands for, in units of "
+    "length of the model; metres in such a unit (0.001 for mm); speed, in units of the model, "
+    "below which friction falls to 0 along a straight line, as a penalty method needs it."
+)
+
+
+def c(law: ContactLaw, choices: Choices) -> Export:
+    """Functions in C99: line force, friction coefficient, friction."""
+    return Export(_c_files(law))
+
+
+def fortran(law: ContactLaw, choices: Choices) -> Export:
+    """The same in Fortran 2003, with the names of C."""
+    return Export(_fortran_file(law))
+
+
+def mbdyn(law: ContactLaw) -> dict[str, bytes]:
+    """Module of MBDyn with drive callers of two drives, line force and sliding speed."""
+    name, prefix = identifier(law.belt.name), _prefix(law)
+    own = [
+        f'Holds: drive callers "{prefix}_mu" and "{prefix}_friction"; each takes two drives, the '
+        "line force [N/m] and the sliding speed [m/s]. Friction [N/m] is against the sliding; "
+        "multiply it by the length of belt of a contact point.",
+        f"Use: put this file and {name}_law.c, {name}_law.h into modules/module-{name} of the "
+        f'sources of MBDyn, build it as its other modules, and say module load: "libmodule-{name}" '
+        f"in the input; then {prefix}_friction, <drive of the force>, <drive of the speed>.",
+        EXACT,
+    ]
+    module = _written(law, "MBDyn", own, "mbdyn.cc", "//")
+    return {f"module-{name}.cc": module, **_c_files(law)}
+
+
+def recurdyn(law: ContactLaw, choices: Choices) -> Export:
+    """User subroutine CONTACT_FORCE of RecurDyn: normal force and friction of a contact."""
+    name = identifier(law.belt.name)
+    own = [
+        "Holds: contact_force, a user subroutine of the contact: normal force of the penetration, "
+        "friction of normal force and relative velocity.",
+        f"Use: compile it with {name}_law.c to a library and name it as CONTACT_FORCE of the "
+        "contact. " + PARAMETERS.replace("USER(", "Parameters (").replace("still):", "still, n):"),
+        "n is the axis of the contact frame along the normal force, 1 to 3, negative if the force "
+        "points against it: check it with a block at rest before you trust a model.",
+        EXACT,
+    ]
+    subroutine = _written(law, "RecurDyn", own, "recurdyn.c", "//")
+    return Export({f"{name}_recurdyn.c": subroutine, **_c_files(law)})
+
+
+def motionsolve(law: ContactLaw, choices: Choices) -> Export:
+    """User subroutine CFFSUB of MotionSolve in C: friction of velocity and normal force."""
+    name = identifier(law.belt.name)
+    own = [
+        "Holds: CFFSUB, friction of the sliding velocity (xdot, x and y) and the normal force; the "
+        f"normal force of a penetration is {_prefix(law)}_line_force.",
+        f"Use: compile it with {name}_law.c to a library and name it in Force_Contact: "
+        'cff_type="UserCFF", cff_fnc_name="CFFSUB". Its cff_param_string is ' + PARAMETERS,
+        EXACT,
+    ]
+    return Export(
+        {f"{name}_cffsub.c": _written(law, "MotionSolve", own, "cffsub.c", "//")} | _c_files(law)
+    )
+
+
+def cffsub(law: ContactLaw) -> dict[str, bytes]:
+    """User subroutine CFFSUB in Fortran, with the calling sequence of Adams and MotionSolve."""
+    name = identifier(law.belt.name)
+    own = [
+        "Holds: CFFSUB, friction of the sliding velocity (xdot, x and y) and the normal force.",
+        f"Use: compile {name}_law.f90, then this file, to a library of Adams Solver, and name it "
+        "as the friction function of CONTACT: FRICTION_FUNCTION = " + PARAMETERS,
+        EXACT,
+    ]
+    return {f"{name}_cffsub.f90": _written(law, "Adams", own, "cffsub.f90", "!")} | _fortran_file(
+        law
+    )
+
+
+def _c_files(law: ContactLaw) -> dict[str, bytes]:
+    name, prefix = identifier(law.belt.name), _prefix(law)
+    own = [
+        f"Holds: {prefix}_line_force, {prefix}_mu and {prefix}_friction, in SI units.",
+        f"Use: compile {name}_law.c (C99, no library but the mathematics), include {name}_law.h.",
+        EXACT,
+    ]
+    return {
+        f"{name}_law.{ending}": _written(law, "C", own, f"law.{ending}", "//")
+        for ending in ("c", "h")
+    }
+
+
+def _fortran_file(law: ContactLaw) -> dict[str, bytes]:
+    name, prefix = identifier(law.belt.name), _prefix(law)
+    own = [
+        f"Holds: module {prefix}_law with {prefix}_line_force, {prefix}_mu and {prefix}_friction, "
+        "in SI units; they have the names and arguments of the C functions.",
+        f"Use: compile {name}_law.f90 (Fortran 2003) and say: use {prefix}_law.",
+        EXACT,
+    ]
+    return {f"{name}_law.f90": _written(law, "Fortran", own, "law.f90", "!")}
+
+
+def _prefix(law: ContactLaw) -> str:
+    return identifier(law.belt.name)[:LONGEST_NAME]
+
+
+def _written(law: ContactLaw, target: str, own: Sequence[str], template: str, sign: str) -> bytes:
+    """A source file: the comment, and the template with the numbers of the law."""
+    folder = files("beltid.export") / "templates"
+    text = Template((folder / f"{template}.txt").read_text("utf-8"))
+    values = _fortran_values(law) if template.endswith("f90") else _c_values(law)
+    prefix = _prefix(law)
+    names = {"file": identifier(law.belt.name), "name": prefix, "guard": f"{prefix.upper()}_LAW_H"}
+    source = text.substitute(values, **names)
+    return (commented(sign, preamble(law, target, own)) + "\n" + source).encode("ascii")
+
+
+def _values(law: ContactLaw) -> dict[str, str]:
+    part, patches = law.friction, law.surface.tables().C
+    mu = [cell for row in part.mu for cell in row]
+    return {
+        "n_forces": str(len(part.x_nodes)),
+        "n_speeds": str(len(part.y_nodes)),
+        "force_cells": str(patches.shape[0]),
+        "speed_cells": str(patches.shape[1]),
+        "k_linear": repr(law.normal.k_linear_N_m2),
+        "k_quadratic": repr(law.normal.k_quadratic_N_m3),
+        "mu_min": repr(min(mu)),
+        "mu_max": repr(max(mu)),
+        # an axis of one node is never looked up
+        "f_ref": repr(part.f_ref_N_m or 1.0),
+        "v_ref": repr(part.v_ref_m_s or 1.0),
+    }
+
+
+def _c_values(law: ContactLaw) -> dict[str, str]:
+    part = law.friction
+    rows = []
+    for of_force in law.surface.tables().C.tolist():
+        cells = ("{" + ", ".join(_braced(row) for row in cell) + "}" for cell in of_force)
+        rows.append("    {" + ",\n     ".join(cells) + "},")
+    return {
+        **_values(law),
+        "x_nodes": ",\n    ".join(_lines(part.x_nodes, "")),
+        "y_nodes": ",\n    ".join(_lines(part.y_nodes, "")),
+        "patches": "\n".join(rows),
+    }
+
+
+def _braced(row: Iterable[float]) -> str:
+    return "{" + ", ".join(map(repr, row)) + "}"
+
+
+def _fortran_values(law: ContactLaw) -> dict[str, str]:
+    part = law.friction
+    statements = []
+    for i, of_force in enumerate(law.surface.tables().C.tolist(), start=1):
+        for j, cell in enumerate(of_force, start=1):
+            numbers = ", &\n    ".join(line for row in cell for line in _lines(row, "_dp"))
+            statements.append(f"  data patches(:, :, {j}, {i}) / &\n    {numbers}/")
+    return {
+        **_values(law),
+        "x_nodes": ", &\n    ".join(_lines(part.x_nodes, "_dp")),
+        "y_nodes": ", &\n    ".join(_lines(part.y_nodes, "_dp")),
+        "patches": "\n".join(statements),
+    }
+
+
+def _lines(values: Sequence[float], kind: str) -> list[str]:
+    """Numbers with the suffix of their kind, a few to a line."""
+    return [
+        ", ".join(f"{value!r}{kind}" for value in values[first : first + PER_LINE])
+        for first in range(0, len(values), PER_LINE)
+    ]

@@ -1,0 +1,96 @@
+"""Hold-out: which runs are left out together, and from which the surface is refined instead.
+
+A surface that was fitted to some runs agrees with them; what it is worth shows in runs that it has
+not seen. All runs of one contact arc, or of one speed, are left out together: a single run among
+its repetitions would be no test. Beyond the lowest and the highest speed the law takes the nearest
+measured value and claims nothing, so that only the speeds between them are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.errors import TooFewSettings
+from beltid.identify.agreement.compare import SAME_SETTING
+from beltid.identify.estimators.statistics import settings_of
+
+HoldOut = Literal["arc", "speed"]
+
+SETTING: Final[dict[HoldOut, tuple[str, str]]] = {
+    "arc": ("arc_deg", "°"),
+    "speed": ("pulley_speed_rad_s", " rad/s"),
+}
+"""Column of the setting, and its unit."""
+FEWEST: Final[dict[HoldOut, int]] = {"arc": 2, "speed": 3}
+FEWEST_RUNS: Final = 4
+"""Runs that a surface can be refined from, at least."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fold:
+    """One setting that is left out.
+
+    Attributes
+    ----------
+    name : str
+        The setting, such as "arc 40°".
+    left_out, rest : ndarray of int
+        Rows of the runs that are predicted, and of those that the surface is refined from.
+    """
+
+    name: str
+    left_out: NDArray[np.intp]
+    rest: NDArray[np.intp]
+
+
+def folds(
+    columns: Mapping[str, np.ndarray], usable: NDArray[np.intp], by: HoldOut
+) -> tuple[Fold, ...]:
+    """Every setting that can be left out, in ascending order.
+
+    Parameters
+    ----------
+    columns : mapping of str to ndarray (n,)
+        Columns of the reduced runs.
+    usable : ndarray of int
+        Rows of the runs that can be used.
+    by : {"arc", "speed"}
+        What is left out.
+
+    Raises
+    ------
+    TooFewSettings
+        If too few settings or runs would be left.
+    """
+    column, unit = SETTING[by]
+    values = np.abs(np.asarray(columns[column], dtype=float)[usable])
+    label = settings_of(values, SAME_SETTING[column])
+    count = int(label.max()) + 1 if label.size else 0
+    if count < FEWEST[by]:
+        raise TooFewSettings(
+            f"compare.hold_out = {by}: {count} {by}{'' if count == 1 else 's'} measured, must be "
+            f"at least {FEWEST[by]} to leave one out"
+        )
+    inner = range(count) if by == "arc" else range(1, count - 1)
+    found = tuple(
+        Fold(
+            f"{by} {np.median(values[label == k]):.4g}{unit}",
+            usable[label == k],
+            usable[label != k],
+        )
+        for k in inner
+    )
+    short = [
+        f"compare.hold_out = {by}: {fold.rest.size} runs are left without {fold.name}, must be at "
+        f"least {FEWEST_RUNS}"
+        for fold in found
+        if fold.rest.size < FEWEST_RUNS
+    ]
+    if short:
+        raise TooFewSettings(short)
+    return found

@@ -1,0 +1,170 @@
+"""Does the friction of a campaign drift? What is left of ln mu, over order, distance, temperature.
+
+A smooth surface is taken off ln mu of the runs first, and what differs between arcs: Eq. (8) gives
+a run the mean force of its arc, so that short and long arcs lie apart by some percent without any
+drift. What is left is regressed on one cause after the other, each by itself, since a campaign
+seldom tells them apart:
+
+    ln mu = surface(ln f, ln v) + arc(ln f) + b (cause) + noise.
+
+A campaign that is sorted by arcs can hide a drift in what differs between them: the standard error
+is large then, and says so.
+
+It is a check of the recording, not a correction: the inverse solution finds such changes together
+with the surface (:mod:`beltid.refine.effects`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.identify.estimators.statistics import mad_sigma, outlier_mask, settings_of
+
+Array = NDArray[np.float64]
+
+CLEAR = 3.0  # standard errors beyond which a slope is no chance
+ARC_SPREAD = 0.03  # of ln mu between arcs: bending lets them differ by several percent
+POWERS = ((1, 0), (2, 0), (3, 0), (4, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 1))  # of ln f, ln v
+SETTING_GAP = 0.03  # relative, within one setting
+RUNS_PER_SETTING = 6
+ITERATIONS = 10  # of scale and runs left out
+SMALLEST_SCALE = 1e-6  # of ln mu
+RUNS_PER_UNKNOWN = 3
+LEAST_RANGE = {"temperature": 1.0}  # K: less is the noise of a thermometer
+CAUSES = {
+    "order": ("order of the runs", 10.0, "10 runs"),
+    "distance": ("sliding distance", 10.0, "10 m"),
+    "temperature": ("temperature", 10.0, "10 K"),
+}
+"""Key -> words, step, and the step in words."""
+
+
+@dataclass(frozen=True, slots=True)
+class Drift:
+    """Change of the friction with one cause.
+
+    Attributes
+    ----------
+    cause : str
+        Key of :data:`CAUSES`.
+    change, standard_error : float
+        Change of ln mu by the step of the cause, and its standard error.
+    runs : int
+        Runs that it was found from.
+    """
+
+    cause: str
+    change: float
+    standard_error: float
+    runs: int
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether it is no chance."""
+        return abs(self.change) > CLEAR * self.standard_error
+
+
+def drift_check(columns: Mapping[str, np.ndarray]) -> tuple[Drift, ...]:
+    """Regress what a smooth surface leaves of ln mu on order, sliding distance and temperature.
+
+    Parameters
+    ----------
+    columns : mapping of str to ndarray
+        Columns of a friction table, the runs in the order in which they were made. The sliding
+        distance needs ``start_time_s`` and ``plateau_end_s``, the temperature
+        ``temperature_degC``; a cause that is not known, or is the same in all runs, is left out.
+
+    Returns
+    -------
+    tuple of Drift
+        In the order of :data:`CAUSES`; empty where there are too few runs.
+    """
+    causes = _causes(columns)
+    names = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
+    arc, f, v, mu = (np.asarray(columns[name], dtype=float) for name in names)
+    tension = np.asarray(columns.get("nominal_tension_N", f), dtype=float)
+    tension = np.where(tension > 0.0, tension, f)
+    good = (columns["status"] == "ok") & (f > 0.0) & (v > 0.0) & (mu > 0.0)
+    found = []
+    for cause, values in causes.items():
+        rows = good & np.isfinite(values)
+        if not rows.any() or np.ptp(values[rows]) <= LEAST_RANGE.get(cause, 0.0):
+            continue
+        surface = _surface(np.log(f[rows]), np.log(v[rows]), tension[rows])
+        between = _between_arcs(np.log(f[rows]), arc[rows])
+        slope = _slope(surface, between, values[rows], np.log(mu[rows]))
+        if slope is not None:
+            step = CAUSES[cause][1]
+            found.append(Drift(cause, step * slope[0], step * slope[1], int(rows.sum())))
+    return tuple(found)
+
+
+def _causes(columns: Mapping[str, np.ndarray]) -> dict[str, Array]:
+    """Values of each cause that the table knows (n,)."""
+    speed = np.asarray(columns["slip_speed_m_s"], dtype=float)
+    known = {"order": np.arange(speed.size, dtype=float)}
+    times = [columns.get(name) for name in ("start_time_s", "plateau_end_s")]
+    if all(time is not None for time in times):
+        start, end = (np.asarray(time, dtype=float) for time in times)
+        travel = speed * (end - start)
+        # a run that was set aside slid as well, by how much is not always known
+        travel = np.where(np.isfinite(travel), travel, 0.0)
+        known["distance"] = np.cumsum(travel) - 0.5 * travel
+    if "temperature_degC" in columns:
+        known["temperature"] = np.asarray(columns["temperature_degC"], dtype=float)
+    return known
+
+
+def _surface(log_f: Array, log_v: Array, tension: Array) -> Array:
+    """Terms (n, m) of a smooth surface that the settings of the runs can tell, of a mean of zero.
+
+    A polynomial in ln f and ln v; where the runs keep to a few speeds or tensions, each has a
+    level of its own. A campaign in the order of its settings then shows no drift, rather than
+    one that is made up of what the polynomial misses.
+    """
+    x, y = (a - a.mean() for a in (log_f, log_v))
+    terms = [x**p * y**q for p, q in POWERS]
+    for values in (log_v, np.log(tension)):
+        settings = settings_of(np.exp(values), SETTING_GAP)
+        if RUNS_PER_SETTING * np.unique(settings).size <= x.size:
+            terms += [np.asarray(settings == k, dtype=float) for k in np.unique(settings)]
+    whole = np.column_stack(terms)
+    whole = whole - whole.mean(axis=0)
+    # independent directions only: a campaign of one speed has none along the speed
+    scaled = whole / np.maximum(np.abs(whole).max(axis=0), 1e-12)
+    vectors, sizes, _ = np.linalg.svd(scaled, full_matrices=False)
+    return np.asarray(vectors[:, sizes > 1e-6 * max(sizes[0], 1e-6)])
+
+
+def _between_arcs(log_f: Array, arc: Array) -> Array:
+    """Terms (n, k) in which arcs may differ: level, slope and bend over ln f of each."""
+    x = (log_f - log_f.mean()) / max(float(np.std(log_f)), 1e-12)
+    of_arc = (arc[:, None] == np.unique(arc)).astype(float)
+    return np.hstack([of_arc, of_arc * x[:, None], of_arc * np.square(x)[:, None]])
+
+
+def _slope(
+    surface: Array, between: Array, cause: Array, log_mu: Array
+) -> tuple[float, float] | None:
+    """Slope of ln mu by a cause, and its standard error; None where the runs are too few."""
+    n, unit = log_mu.size, float(np.std(cause))
+    first = np.column_stack([np.ones(n), (cause - cause.mean()) / unit, surface])
+    if n < RUNS_PER_UNKNOWN * first.shape[1]:
+        return None
+    design = np.hstack([first, between])
+    prior = np.repeat([0.0, ARC_SPREAD**-2.0], [first.shape[1], between.shape[1]])
+    scale, kept = 1e-3, np.ones(n, dtype=bool)
+    for _ in range(ITERATIONS):
+        rows = design[kept]
+        covariance = np.linalg.inv(rows.T @ rows / scale**2 + np.diag(prior))
+        values = covariance @ (rows.T @ log_mu[kept]) / scale**2
+        left = log_mu - design @ values
+        # a run that is far off is no drift
+        kept = ~outlier_mask(left)
+        freedom = n - np.trace(covariance @ (rows.T @ rows)) / scale**2
+        scale = max(mad_sigma(left) * np.sqrt(n / max(freedom, 1.0)), SMALLEST_SCALE)
+    return float(values[1] / unit), float(np.sqrt(covariance[1, 1]) / unit)

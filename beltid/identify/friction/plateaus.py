@@ -1,0 +1,333 @@
+"""Plateaus without a record of rest and build-up: rows of a table, bins of a falling speed.
+
+Each is one friction coefficient by Eq. (6). There is no tail of a sticking peak to be taken off and
+no zero of a cell to be seen, so what a row cannot show it is not asked for. Of a single reading the
+resolution r of the force stands for the scatter: an even distribution of this width has the
+standard deviation ``r / sqrt(12)``.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.errors import InputError
+from beltid.identify.estimators.signal import median, running_median
+from beltid.identify.estimators.statistics import integrated_autocorrelation_time
+from beltid.identify.friction.kinds import TOUCH_DEG, TOUCHING, Drag, RigKind, drag_of
+from beltid.identify.friction.rig_table import RunColumns, conditions_of
+from beltid.identify.friction.run import (
+    NAN,
+    FrictionSettings,
+    RunRecord,
+    RunReduction,
+    arc_problem,
+)
+from beltid.laws.capstan import friction_coefficient, mean_normal_force, sliding_speed
+
+Array = NDArray[np.float64]
+Columns = Mapping[str, NDArray[Any]]
+
+FORCES = ("tension_tight_N", "tension_slack_N", "hub_force_N")
+"""Channels that the stated resolution of a force is that of."""
+BINNED = "friction at falling speed differs from that at rising and from that at steady speed"
+"""What a run that was cut into bins of the speed tells."""
+BY_BINS = "a run whose speed falls or rises throughout is cut into bins by rig.speed_bins_rad_s"
+"""What may help where such a run cannot be used."""
+FALLS, RISES = 0.8, 1.25
+"""Speed at the end of a run over that at its begin from which on it falls or rises."""
+
+
+def is_direct(columns: Columns) -> bool:
+    """Whether a table of plateaus states coefficient and normal force themselves."""
+    return all(name in columns and _known(columns, name) for name in ("mu", "normal_force_N_m"))
+
+
+def reduce_plateaus(
+    columns: Columns,
+    R: float,
+    settings: FrictionSettings,
+    kind: RigKind,
+    resolution_N: float = NAN,
+) -> tuple[RunReduction, ...]:
+    """Reduce a table with a row per plateau.
+
+    Parameters
+    ----------
+    columns : mapping of str to ndarray
+        Columns of the table of points, shape (n,) each, nan or None where a value is missing. They
+        hold mu and normal_force_N_m, or arc_deg and the channels of the kind; and
+        pulley_speed_rad_s or slip_speed_m_s. Rows of the idle pulley are taken off the torque.
+    R : float
+        Radius of the belt's centreline on the pulley [m].
+    settings : FrictionSettings
+        Largest credible mu.
+    kind : RigKind
+        What the rig measures.
+    resolution_N : float
+        Resolution of the forces [N]; nan if nobody stated it.
+
+    Returns
+    -------
+    tuple of RunReduction
+        One for every row, but for those of the idle pulley.
+
+    Raises
+    ------
+    InputError
+        With the columns that are missing.
+    """
+    n = len(next(iter(columns.values())))
+    if not (_known(columns, "pulley_speed_rad_s") or _known(columns, "slip_speed_m_s")):
+        raise InputError("column pulley_speed_rad_s or slip_speed_m_s is missing")
+    idle = [str(word).lower() == "true" for word in columns.get("idle", np.full(n, None))]
+    rows = np.flatnonzero(~np.array(idle))
+    used = {name: values[rows] for name, values in columns.items()}
+    dragged: tuple[str, ...] = ()
+    if is_direct(columns):
+        found = _stated(used, len(rows))
+    else:
+        if not _known(columns, "arc_deg"):
+            raise InputError("column arc_deg is missing")
+        kind.check(used)
+        drag = drag_of(
+            [{k: columns[k][[i]] for k in DRAG if k in columns} for i in np.flatnonzero(idle)]
+        )
+        dragged = (drag.note,) if drag is not None and kind.has_torque else ()
+        tight, slack = kind.tensions(used, used["arc_deg"], R, drag)
+        beta = np.radians(used["arc_deg"])
+        found = {
+            "tension_tight_N": tight,
+            "tension_slack_N": slack,
+            "mu_sliding": friction_coefficient(tight, slack, beta),
+            "normal_force_N_m": _force(tight, slack, R),
+            "mu_sliding_se": _by_resolution(used, kind, R, drag, resolution_N) / beta,
+        }
+    speed = _speeds(used, kind, R)
+    weight = used.get("weight_N", np.full(rows.size, NAN)) if kind.weight else NAN
+    stated = used.get("mu_se", np.full(rows.size, NAN))
+    found["mu_sliding_se"] = np.where(np.isfinite(stated), stated, found["mu_sliding_se"])
+    nominal = np.broadcast_to(used.get("initial_tension_N", np.full(rows.size, NAN)), rows.size)
+    found |= {
+        "arc_deg": used.get("arc_deg", np.full(rows.size, NAN)),
+        "nominal_tension_N": np.where(np.isfinite(nominal), nominal, weight),
+        "pulley_speed_rad_s": speed[0],
+        "slip_speed_m_s": speed[1],
+        "temperature_degC": used.get("temperature_degC", np.full(rows.size, NAN)),
+    }
+    found["initial_tension_N"] = found["nominal_tension_N"]
+    labels = _unique([str(label) for label in used["run"]])
+    runs = []
+    for k, label in enumerate(labels):
+        values: dict[str, Any] = {name: float(x[k]) for name, x in found.items()}
+        run = replace(_said_of(label, used, k), **values)
+        touching = (TOUCHING,) if run.arc_deg >= TOUCH_DEG else ()
+        run = replace(run, notes=(*dragged, *touching))
+        runs.append(replace(run, status=_problem(run, settings) or "ok"))
+    return tuple(runs)
+
+
+DRAG = ("pulley_speed_rad_s", "torque_N_m")
+
+
+def _known(columns: Columns, name: str) -> bool:
+    return name in columns and bool(np.isfinite(np.asarray(columns[name], dtype=float)).any())
+
+
+def _stated(columns: Columns, n: int) -> dict[str, Array]:
+    """Coefficient and force as the table states them."""
+    return {
+        "mu_sliding": np.asarray(columns["mu"], dtype=float),
+        "normal_force_N_m": np.asarray(columns["normal_force_N_m"], dtype=float),
+        "mu_sliding_se": np.full(n, NAN),
+    }
+
+
+def _force(tight: Array, slack: Array, R: float) -> Array:
+    good = (tight > 0.0) & (slack > 0.0)
+    force = np.full(tight.shape, NAN)
+    force[good] = mean_normal_force(tight[good], slack[good], R)
+    return force
+
+
+def _by_resolution(
+    columns: Columns, kind: RigKind, R: float, drag: Drag | None, resolution_N: float
+) -> Array:
+    """Standard error of ln(T_tight/T_slack) by the resolution of the forces (n,)."""
+    u = resolution_N / np.sqrt(12.0)
+    variance = np.zeros(len(columns["arc_deg"]))
+    if not np.isfinite(u):
+        return np.full(variance.size, NAN)
+    for name in FORCES:
+        if not _known(columns, name):
+            continue
+        z = []
+        for sign in (-1.0, 1.0):
+            shifted = {**columns, name: columns[name] + 0.5 * sign * u}
+            tight, slack = kind.tensions(shifted, columns["arc_deg"], R, drag)
+            z.append(friction_coefficient(tight, slack, 1.0))
+        variance += np.square(z[1] - z[0])
+    return np.asarray(np.sqrt(variance))
+
+
+def _speeds(columns: Columns, kind: RigKind, R: float) -> tuple[Array, Array]:
+    """Speed of the pulley [rad/s] and sliding speed [m/s], without their signs."""
+    n = len(columns["run"])
+    turned = np.abs(columns.get("pulley_speed_rad_s", np.full(n, NAN)))
+    slipped = np.abs(columns.get("slip_speed_m_s", np.full(n, NAN)))
+    if np.isfinite(turned).any():
+        relative = kind.relative_speed({**columns, "pulley_speed_rad_s": turned}, R)
+        of_pulley = np.abs(sliding_speed(relative, R))
+        slipped = np.where(np.isfinite(slipped), slipped, of_pulley)
+    if not kind.running:
+        turned = np.where(np.isfinite(turned), turned, slipped / R)
+    return turned, slipped
+
+
+def _unique(labels: list[str]) -> list[str]:
+    """Labels of rows; rows of one label are numbered."""
+    seen: dict[str, int] = {}
+    unique = []
+    for label in labels:
+        seen[label] = seen.get(label, 0) + 1
+        unique.append(f"{label}-{seen[label]}" if labels.count(label) > 1 else label)
+    return unique
+
+
+def _said_of(label: str, columns: Columns, k: int) -> RunReduction:
+    """A row with what its texts say."""
+    said = {name: columns[name][k] for name in SAID if name in columns and columns[name][k]}
+    numbers = {name: columns[name][[k]] for name in NUMBERS if name in columns}
+    conditions = conditions_of(RunColumns(label, numbers, said))
+    return RunReduction(run=label, n_samples=1, mu_sticking_reason="", conditions=conditions)
+
+
+SAID = ("condition", "side", "pulley_material")
+NUMBERS = ("humidity_percent", "hours_run", "roughness_Ra_um")
+
+
+def _problem(run: RunReduction, settings: FrictionSettings) -> str:
+    """Why a plateau cannot be used; empty if it can."""
+    tensions = (run.tension_tight_N, run.tension_slack_N)
+    if np.isfinite(tensions).any() or not np.isfinite(run.mu_sliding):
+        wrong = arc_problem(run.arc_deg)
+        if wrong:
+            return wrong
+        for name, tension in zip(("tight", "slack"), tensions, strict=True):
+            if not tension > 0.0:
+                return f"tension_{name}_N = {tension:g}, must be > 0"
+    if not 0.0 < run.mu_sliding <= settings.max_mu:
+        return f"mu_sliding = {run.mu_sliding:.4g}, must be in (0, {settings.max_mu:g}]"
+    if not run.normal_force_N_m > 0.0:
+        return f"normal_force_N_m = {run.normal_force_N_m:g}, must be > 0"
+    if not run.slip_speed_m_s > 0.0:
+        return f"slip_speed_m_s = {run.slip_speed_m_s:g}, must be > 0"
+    return ""
+
+
+def course(record: RunRecord) -> str:
+    """How the speed of a run goes: "falls", "rises", or "" where it is steady."""
+    speed = np.abs(record.pulley_speed_rad_s[np.isfinite(record.pulley_speed_rad_s)])
+    turning = speed[speed > 0.02 * float(np.max(speed, initial=0.0))]
+    if turning.size < 16:
+        return ""
+    quarter = turning.size // 4
+    change = median(turning[-quarter:]) / median(turning[:quarter])
+    return "falls" if change < FALLS else "rises" if change > RISES else ""
+
+
+def binned_plateaus(
+    record: RunRecord, R: float, settings: FrictionSettings
+) -> tuple[RunReduction, ...]:
+    """Plateaus of a run whose speed falls or rises: one for each bin of the speed.
+
+    The mean of each tension over a bin goes into Eq. (6); the standard error is that of the scatter
+    about a straight line over the speed, with its memory.
+
+    Parameters
+    ----------
+    record : RunRecord
+        The samples.
+    R : float
+        Radius of the belt's centreline on the pulley [m].
+    settings : FrictionSettings
+        With the edges of the bins.
+    """
+    goes = course(record)
+    speed = np.abs(record.pulley_speed_rad_s)
+    cells = settings.cells
+    tensions = [record.tension_tight_N, record.tension_slack_N]
+    if not record.kind.is_derived:
+        pairs = zip((cells.tight, cells.slack), tensions, strict=True)
+        tensions = [cell.tension(values) for cell, values in pairs]
+    usable = np.isfinite(speed) & (tensions[0] > 0.0) & (tensions[1] > 0.0)
+    smooth = running_median(np.where(usable, speed, 0.0), 5)
+    fastest = int(np.argmax(smooth))
+    usable[: fastest if goes == "falls" else 0] = False
+    usable[fastest + 1 if goes == "rises" else speed.size :] = False
+    edges = np.sort(np.array(settings.speed_bins_rad_s))
+    note = f"the speed {goes}: a plateau for each bin of the speed; {BINNED}"
+    found = []
+    for low, high in itertools.pairwise(edges):
+        here = usable & (speed >= low) & (speed < high)
+        run = RunReduction(
+            run=f"{record.run}:{low:g}-{high:g}",
+            arc_deg=record.arc_deg,
+            nominal_tension_N=record.nominal_tension_N,
+            initial_tension_N=record.nominal_tension_N if record.kind.weight else NAN,
+            conditions=record.conditions,
+            mu_sticking_reason="",
+            notes=(note, record.note) if record.note else (note,),
+        )
+        if record.defect:
+            found.append(replace(run, status=record.defect))
+        elif np.count_nonzero(here) < settings.min_plateau_samples:
+            reason = (
+                f"too short: {np.count_nonzero(here)} usable samples between {low:g} and "
+                f"{high:g} rad/s, must be >= {settings.min_plateau_samples}"
+            )
+            found.append(replace(run, status=reason))
+        else:
+            found.append(_of_bin(run, record, [x[here] for x in tensions], here, R, settings))
+    return tuple(found)
+
+
+def _of_bin(
+    run: RunReduction,
+    record: RunRecord,
+    tensions: Sequence[Array],
+    here: NDArray[np.bool_],
+    R: float,
+    settings: FrictionSettings,
+) -> RunReduction:
+    speed = np.abs(record.pulley_speed_rad_s[here])
+    tight, slack = (float(np.mean(x)) for x in tensions)
+    z = tensions[0] / tight - tensions[1] / slack
+    over_speed = np.column_stack([np.ones(speed.size), speed])
+    residual = z - over_speed @ np.linalg.lstsq(over_speed, z, rcond=None)[0]
+    memory = max(integrated_autocorrelation_time(residual), 1.0)
+    se = float(np.std(residual, ddof=2)) * np.sqrt(memory / residual.size)
+    beta, omega = float(np.radians(run.arc_deg)), float(np.mean(speed))
+    temperature = NAN
+    if record.temperature_degC is not None and np.isfinite(record.temperature_degC[here]).any():
+        temperature = float(np.nanmean(record.temperature_degC[here]))
+    run = replace(
+        run,
+        pulley_speed_rad_s=omega + record.belt_speed_m_s / R,
+        slip_speed_m_s=float(sliding_speed(omega, R)),
+        tension_tight_N=tight,
+        tension_slack_N=slack,
+        mu_sliding=float(friction_coefficient(tight, slack, beta)),
+        mu_sliding_se=se / beta,
+        normal_force_N_m=float(mean_normal_force(tight, slack, R)),
+        temperature_degC=temperature,
+        n_samples=int(residual.size),
+        plateau_start_s=float(record.time_s[here][0]),
+        plateau_end_s=float(record.time_s[here][-1]),
+    )
+    return replace(run, status=_problem(run, settings) or "ok")

@@ -1,0 +1,149 @@
+"""How fast the tensions part while the belt sticks to a pulley that begins to turn.
+
+The tension member can move by u against the foot of the ribs, which answers with k_s u per length.
+While everything sticks, a travel x of the pulley's surface parts the tensions by
+
+    d(T_tight - T_slack)/dx = 2 / [C + lambda coth(l / (2 lambda)) / EA*],   lambda² = EA*/k_s, (B1)
+
+with the compliance C of a span and its end of the contact, the length l in contact, and
+1/EA* = 1/EA + 1/(R² k_t): on the arc the belt gives way by its stretch and by lying deeper.
+At each end of the arc bending holds the belt off the pulley over
+
+    e = b - c - (b² - T/k)/(2 L),   b² = EI/T,   c² = 2 p + T/k,   p² = EI/k,                (B2)
+
+and a bent belt is straightened by more tension, which gives way by
+
+    B = [b³ - (T/k)(5 c² - 5 p - 2 p²/c²)/c - 2 (b⁴ - (T/k)²)/L] / (8 R² T),                 (B3)
+
+so that l = R beta - 2 e and C = L/EA + B + e/EA*, L being the effective length of a span. Where the
+line force rises from zero, over sqrt(T/k), the belt slips from the first moment on, (B4).
+
+Derived in docs/theory.md, "Build-up of the rig".
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.identify.shear.build_up import SHARE
+from beltid.laws.penalty import stiffness_under
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LaidBelt:
+    """A belt that lies on the pulley of the rig, its supports and ribs aside; arrays (n,).
+
+    Attributes
+    ----------
+    EA : float
+        Axial stiffness of the belt [N].
+    arc_EA : ndarray
+        EA* of (B1) [N].
+    lift_off : ndarray
+        Arc at each end over which bending holds the belt off the pulley, e of (B2) [m]; negative
+        where the belt touches before its tangent point, as a soft bed lets it.
+    end_compliance : ndarray
+        Compliance by the bending of an end, B of (B3) [m/N].
+    rise : ndarray
+        Length over which the line force would rise from zero to T/R [m].
+    """
+
+    EA: float
+    arc_EA: Array
+    lift_off: Array
+    end_compliance: Array
+    rise: Array
+
+
+def laid_belt(
+    EA: float, EI: float, T: Array, R: float, span: float, normal_law: tuple[float, float]
+) -> LaidBelt:
+    """Lay a belt on, without friction.
+
+    Parameters
+    ----------
+    EA : float
+        Axial stiffness [N].
+    EI : float
+        Bending stiffness [N m²].
+    T : ndarray
+        Tensions [N], shape (n,).
+    R : float
+        Radius of the belt's centreline on the pulley [m].
+    span : float
+        Length of a free span [m].
+    normal_law : pair of float
+        k_linear [N/m²] and k_quadratic [N/m³] of Eq. (3). At the ends of the contact the linear
+        part counts alone.
+    """
+    k, k_quadratic = normal_law
+    b = np.sqrt(EI / T)
+    p, soft = math.sqrt(EI / k), T / k
+    c = np.sqrt(2.0 * p + soft)
+    bent = b**3 - soft * (5.0 * c**2 - 5.0 * p - 2.0 * p**2 / c**2) / c
+    raised = 2.0 * (b**4 - soft**2) / span
+    arc_compliance = 1.0 / EA + 1.0 / (R**2 * stiffness_under(T / R, k, k_quadratic))
+    return LaidBelt(
+        EA=EA,
+        arc_EA=1.0 / arc_compliance,
+        lift_off=b - c - (b**2 - soft) / (2.0 * span),
+        end_compliance=(bent - raised) / (8.0 * R**2 * T),
+        rise=np.sqrt(soft),
+    )
+
+
+def build_up_slope(belt: LaidBelt, k_s: float, arc: Array, span: float) -> Array:
+    """Slope of T_tight - T_slack over the travel of the pulley while everything sticks, Eq. (B1).
+
+    Parameters
+    ----------
+    belt : LaidBelt
+        The belt at n tensions.
+    k_s : float
+        Shear stiffness of the ribs [N/m²].
+    arc : ndarray
+        Length of the arc between the tangent points, R beta [m], shape (n,).
+    span : float
+        Effective length of a free span [m]: half of both, and EA times the compliance of a support.
+
+    Returns
+    -------
+    ndarray
+        [N/m], shape (n,).
+    """
+    decay = np.sqrt(belt.arc_EA / k_s)
+    contact = arc - 2.0 * belt.lift_off
+    ribs = decay / np.tanh(contact / (2.0 * decay)) / belt.arc_EA
+    return np.asarray(2.0 / (_end(belt, span) + ribs))
+
+
+def micro_slip(belt: LaidBelt, k_s: float, arc: Array, span: float) -> Array:
+    """Share by which slip at the ends of the contact flattens the slope of a run, Eq. (B4).
+
+    Parameters
+    ----------
+    belt, k_s, arc, span
+        As for :func:`build_up_slope`.
+
+    Returns
+    -------
+    ndarray
+        [-], for a line through the build-up to `SHARE` of the plateau difference, shape (n,).
+    """
+    contact = arc - 2.0 * belt.lift_off
+    slips = SHARE * belt.rise * contact
+    decay = np.sqrt(belt.arc_EA / k_s + slips / 8.0)
+    bend = np.tanh(contact / (2.0 * decay))
+    free = _end(belt, span) * belt.arc_EA
+    return np.asarray(slips / (2.0 * decay * bend) ** 2 / (1.0 + free / decay * bend))
+
+
+def _end(belt: LaidBelt, span: float) -> Array:
+    """Compliance of a span and its end of the contact, C of (B1) [m/N]."""
+    return np.asarray(span / belt.EA + belt.end_compliance + belt.lift_off / belt.arc_EA)

@@ -1,0 +1,265 @@
+"""Friction laws through the forces of single plateaus, one of which is a dead weight.
+
+A table of readings shows no scatter of its own: what one reading misses is seen only in what a law
+leaves. So the law is fitted to what was read, the force of the cell, with one scatter for all
+readings, which is estimated. Readings of a small force then count for little in the coefficient.
+
+The coefficient belongs to the line force f = T/R of the place. With ``mu = mu0 (f/f0)^(-a)`` the
+belt's balance ``dT/dphi = mu(T/R) T`` has the solution
+
+    T_tight^a - T_slack^a = a mu0 (f0 R)^a beta,    a -> 0: ln(T_tight/T_slack) = mu0 beta,
+
+Eq. (6) with a coefficient that follows the load along the arc.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from beltid.errors import FitError, InputError
+from beltid.laws.capstan import friction_coefficient, mean_normal_force
+
+Array = NDArray[np.float64]
+
+CLEAR: Final = 3.0  # standard errors from which on a difference is no chance
+SMALLEST_EXPONENT: Final = 1e-6  # below, the law is a constant but for rounding
+
+
+@dataclass(frozen=True, slots=True)
+class PlateauLaw:
+    """A law through the forces of the plateaus.
+
+    Attributes
+    ----------
+    law : str
+        "constant", "power", "power and zero of the cell", or "power and factor of one arc".
+    values, errors : dict of str to float
+        Parameters and their standard errors: mu0 [-], a [-], zero_N [N], log_factor [-].
+    rms_N : float
+        Root mean square of read less calculated force [N].
+    scatter_N : float
+        Standard deviation of a reading by what is left, not below the resolution [N].
+    """
+
+    law: str
+    values: dict[str, float]
+    errors: dict[str, float]
+    rms_N: float
+    scatter_N: float
+
+    def clear(self, name: str) -> bool:
+        """Whether a parameter differs from zero by three of its standard errors."""
+        return abs(self.values[name]) > CLEAR * self.errors[name]
+
+
+@dataclass(frozen=True, slots=True)
+class ArcOfTable:
+    """The plateaus of one arc.
+
+    Attributes
+    ----------
+    arc_deg : float
+        Contact arc [deg].
+    mean_mu : float
+        Mean of the coefficients by Eq. (6), each plateau counting alike [-].
+    log_factor, log_factor_se : float
+        ln of its coefficient over the one that the other arcs give, and its standard error.
+    """
+
+    arc_deg: float
+    mean_mu: float
+    log_factor: float
+    log_factor_se: float
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the difference from the other arcs may be chance."""
+        return abs(self.log_factor) <= CLEAR * self.log_factor_se
+
+
+@dataclass(frozen=True, slots=True)
+class PlateauLaws:
+    """What the plateaus say of the friction.
+
+    Attributes
+    ----------
+    constant, power, with_zero : PlateauLaw
+        The laws: a constant, a power of the line force, the same with a zero of the cell.
+    arcs : tuple of ArcOfTable
+        The arcs, ascending; factors are known from two arcs on.
+    reference_force_N_m : float
+        f0 of the powers [N/m].
+    """
+
+    constant: PlateauLaw
+    power: PlateauLaw
+    with_zero: PlateauLaw
+    arcs: tuple[ArcOfTable, ...]
+    reference_force_N_m: float
+
+    @property
+    def verdict(self) -> str:
+        """The outcome in plain words."""
+        constant, power, f0 = self.constant, self.power, self.reference_force_N_m
+        a, a_se = power.values["a"], power.errors["a"]
+        if power.clear("a"):
+            falls = "falls" if a > 0.0 else "rises"
+            course = (
+                f"the coefficient {falls} with the load, by {abs(a) / a_se:.2g} standard errors"
+            )
+        else:
+            course = "no dependence on the load is proven"
+        return (
+            f"Through the forces of the plateaus: mu = {power.values['mu0']:.4g} (f / {f0:g} N/m)^"
+            f"(-{a:.2g}), exponent {a:.2g} ± {a_se:.2g}: {course}. Misfit {power.rms_N:.2g} N RMS; "
+            f"a constant {constant.values['mu0']:.4g} ± {constant.errors['mu0']:.2g} misses by "
+            f"{constant.rms_N:.2g} N."
+        )
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Arcs that do not agree with the others, the clearest first."""
+        odd = [arc for arc in self.arcs if not arc.agrees]
+        odd.sort(key=lambda arc: -abs(arc.log_factor) / arc.log_factor_se)
+        zero, a = self.with_zero.values["zero_N"], self.with_zero.values["a"]
+        errors = self.with_zero.errors
+        cause = (
+            "turns that touch, a pulley or an arc that differs, or a zero of the cell (with a free "
+            f"zero it is {zero:.2g} ± {errors['zero_N']:.2g} N and the exponent {a:.2g} ± "
+            f"{errors['a']:.2g})"
+        )
+        return tuple(
+            f"arc {arc.arc_deg:g}°: its coefficient is {100 * math.expm1(arc.log_factor):+.2g} % "
+            f"off what the other arcs say, {abs(arc.log_factor) / arc.log_factor_se:.2g} standard "
+            f"errors: {cause}"
+            for arc in odd
+        )
+
+
+def fit_plateau_laws(
+    arc_deg: ArrayLike,
+    tight_N: ArrayLike,
+    slack_N: ArrayLike,
+    R: float,
+    *,
+    weight_on: Literal["tight", "slack"] = "tight",
+    resolution_N: float = 0.0,
+    reference_force_N_m: float | None = None,
+) -> PlateauLaws:
+    """Fit friction laws to the force that the cell read on each plateau.
+
+    Parameters
+    ----------
+    arc_deg, tight_N, slack_N : array_like, shape (n,)
+        Contact arc [deg] and both forces [N] of each plateau, tight above slack.
+    R : float
+        Radius of the belt's centreline on the pulley [m].
+    weight_on : {"tight", "slack"}
+        The span with the weight, whose force is exact; the other one was read.
+    resolution_N : float
+        Least step of a reading [N]: a reading scatters by a root of twelfth of it at least.
+    reference_force_N_m : float, optional
+        f0 [N/m]; by default the geometric mean of the line forces, to two digits.
+
+    Raises
+    ------
+    InputError
+        If a plateau has no tight force above a slack one above zero, or there are fewer than five.
+    FitError
+        If a fit does not converge.
+    """
+    arc, tight, slack = (np.asarray(a, dtype=float).ravel() for a in (arc_deg, tight_N, slack_N))
+    if arc.size < 5:
+        raise InputError(f"{arc.size} plateaus to fit friction laws to, must be at least 5")
+    wrong = np.flatnonzero(~((tight > slack) & (slack > 0.0) & (arc > 0.0)))
+    if wrong.size:
+        raise InputError(
+            [
+                f"plateau {i + 1}: tight force {tight[i]:g} N, must be above the slack force "
+                f"{slack[i]:g} N, and that above zero"
+                for i in wrong
+            ]
+        )
+    f = mean_normal_force(tight, slack, R)
+    f0 = reference_force_N_m or float(f"{math.exp(np.mean(np.log(f))):.2g}")
+    of = _Plateaus(np.radians(arc), tight, slack, f0 * R, weight_on, resolution_N)
+    mu = friction_coefficient(tight, slack, of.beta)
+    start = [float(np.median(mu)), 0.05]
+    arcs = []
+    for value in np.unique(arc):
+        mine = arc == value
+        log_factor = log_factor_se = math.nan
+        if not mine.all():
+            names = ("mu0", "a", "log_factor")
+            law = of.fit("power and factor of one arc", names, [*start, 0.0], mine)
+            log_factor, log_factor_se = law.values["log_factor"], law.errors["log_factor"]
+        arcs.append(ArcOfTable(float(value), float(mu[mine].mean()), log_factor, log_factor_se))
+    return PlateauLaws(
+        constant=of.fit("constant", ("mu0",), start[:1]),
+        power=of.fit("power", ("mu0", "a"), start),
+        with_zero=of.fit("power and zero of the cell", ("mu0", "a", "zero_N"), [*start, 0.0]),
+        arcs=tuple(arcs),
+        reference_force_N_m=f0,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Plateaus:
+    """Plateaus: contact arc (n,) [rad], forces (n,) [N], tension at the reference force [N]."""
+
+    beta: Array
+    tight: Array
+    slack: Array
+    T_reference: float
+    weight_on: str
+    resolution: float
+
+    def fit(
+        self,
+        law: str,
+        names: tuple[str, ...],
+        start: list[float],
+        arc: NDArray[np.bool_] | None = None,
+    ) -> PlateauLaw:
+        """Least squares of the read force; the factor counts at the plateaus ``arc`` (n,)."""
+        from scipy.optimize import least_squares  # slow to import
+
+        read = self.slack if self.weight_on == "tight" else self.tight
+
+        def misfit(p: Array) -> Array:
+            values = dict(zip(names, p, strict=True))
+            mu0 = values["mu0"] * np.ones(read.size)
+            if arc is not None:
+                mu0[arc] *= math.exp(values["log_factor"])
+            calculated = self.other_force(mu0, values.get("a", 0.0))
+            return np.asarray(calculated + values.get("zero_N", 0.0) - read)
+
+        found = least_squares(misfit, start, jac="3-point", x_scale="jac", xtol=1e-12, ftol=1e-14)
+        if not found.success:
+            raise FitError(f"law through the forces ({law}): no convergence: {found.message}")
+        left = 2.0 * float(found.cost)
+        scatter = math.sqrt(left / (read.size - len(names)))
+        scatter = max(scatter, self.resolution / math.sqrt(12.0))
+        errors = scatter * np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)))
+        return PlateauLaw(
+            law=law,
+            values={name: float(x) for name, x in zip(names, found.x, strict=True)},
+            errors={name: float(x) for name, x in zip(names, errors, strict=True)},
+            rms_N=math.sqrt(left / read.size),
+            scatter_N=scatter,
+        )
+
+    def other_force(self, mu0: Array, a: float) -> Array:
+        """Force of the span without the weight (n,) [N] by the law, from the weight."""
+        slack_is_read = self.weight_on == "tight"
+        weight = self.tight if slack_is_read else self.slack
+        sign = -1.0 if slack_is_read else 1.0
+        if abs(a) < SMALLEST_EXPONENT:
+            return np.asarray(weight * np.exp(sign * mu0 * self.beta))
+        power = (weight / self.T_reference) ** a + sign * a * mu0 * self.beta
+        return np.asarray(self.T_reference * np.maximum(power, 1e-300) ** (1.0 / a))

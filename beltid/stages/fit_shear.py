@@ -1,0 +1,262 @@
+"""beltid fit-shear: build-up of the rig's runs -> shear stiffness of the ribs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.artifacts.metadata_models import ShearMetadata
+from beltid.bench.recording import Recording, columns_of, read_rig
+from beltid.config import Config, ConfigSource, load_config
+from beltid.errors import InputError
+from beltid.identify.friction.load_cells import against_stated
+from beltid.identify.friction.rig_table import RunColumns, run_record, run_records
+from beltid.identify.friction.run import RunRecord
+from beltid.identify.shear.build_up import build_up
+from beltid.identify.shear.stiffness import (
+    BenchValues,
+    ShearStiffness,
+    fit_shear_stiffness,
+    not_used,
+)
+from beltid.report.summary import Summary
+from beltid.stages.build_artifact import Build, Built
+from beltid.stages.outcome import Outcome, rows_of, span
+from beltid.stages.reduction import friction_settings
+from beltid.stages.reporter import Options
+from beltid.stages.uncertainties import SECTION, budget_details, standard_uncertainties
+from beltid.tables import schemas
+from beltid.tables.values import outside
+from beltid.uncertainty.reduced import shear_budget
+
+KIND: Final = "shear"
+FIGURES: Final = ("resolved", "shear_stiffness_low_N_m2", "budget")
+KEYS: Final = (
+    "friction",
+    "belt.axial_stiffness_N",
+    "belt.bending_stiffness_N_m2",
+    "rig.kind",
+    "rig.pulley_radius_m",
+    "rig.span_length_m",
+    "columns.rig",
+    "units.rig",
+    "runs.rig",
+    "dialect",
+    SECTION,
+)
+SCATTER_REPORTED: Final = 2.0
+"""Scatter of the slopes over their standard errors from which on a user is warned."""
+
+
+def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
+    """Read a recording of the friction rig (input ``rig``), find the stiffness, sum it up."""
+    build = Build(KIND, config, KEYS, inputs, out, options, figures=FIGURES)
+    built = build.up_to_date()
+    if built is None:
+        model = config.config
+        _check_kind(model)
+        rig, radius = read_rig(inputs["rig"], model), model.rig.pulley_radius_m
+        if isinstance(rig, Recording):
+            records: Iterable[RunRecord] = run_records(rig.columns, radius)
+        else:
+            runs = (RunColumns(run.label, run.columns, run.said) for run in rig)
+            records = (run_record(run, radius) for run in runs)
+        try:
+            outcome = _outcome(records, model)
+        except InputError as error:
+            raise InputError(error.at(str(rig.path))) from None
+        options.reporter.report(f"{rig.path}: {rig.n_samples} samples")
+        built = build.write(outcome)
+    return summarise(built)
+
+
+def fit_shear(
+    frame: Any, config: Config | Mapping[str, Any] | str | Path | None = None
+) -> Outcome[ShearStiffness]:
+    """Find the shear stiffness of the ribs from the build-up of runs of the friction rig.
+
+    Parameters
+    ----------
+    frame : DataFrame, pyarrow Table or mapping
+        The columns of rig.csv.
+    config : Config, dict, path or None
+        Axial and bending stiffness of the belt, radius of the pulley; None is the built-in 5PK rig.
+
+    Returns
+    -------
+    Outcome
+        ``.result`` has the stiffness, its uncertainty and interval; ``.to_frame()`` a row per run.
+
+    Raises
+    ------
+    InputError
+        If the recording cannot be used, or its usable runs have one contact arc only.
+    FitError
+        If the tensions do not build up as those of an elastic belt that sticks.
+    """
+    model = load_config(config)
+    _check_kind(model)
+    records = run_records(columns_of(frame, "rig", model), model.rig.pulley_radius_m)
+    return _outcome(records, model)
+
+
+def _check_kind(config: Config) -> None:
+    """The build-up is that of a belt between two held ends, with a cell at each."""
+    if config.rig.kind != "two_cells":
+        raise InputError(
+            f"rig.kind = {config.rig.kind}: the shear stiffness needs both span tensions of a belt "
+            "between held ends, must be two_cells"
+        )
+
+
+def _outcome(records: Iterable[RunRecord], config: Config) -> Outcome[ShearStiffness]:
+    settings, radius = friction_settings(config), config.rig.pulley_radius_m
+    runs = [build_up(record, radius, settings) for record in records]
+    if config.friction.check_initial_tension:
+        measured, stated = np.array([(r.initial_tension_N, r.nominal_tension_N) for r in runs]).T
+        problem = against_stated(measured, stated)
+        if problem:
+            raise InputError(problem)
+    uncertainty = standard_uncertainties(config)
+    known = (
+        "axial_stiffness",
+        "pulley_radius",
+        "pulley_speed",
+        "tension_gain",
+        "cell_gain",
+        "arc",
+        "arc_setting",
+    )
+    bench = BenchValues(
+        EA=config.belt.axial_stiffness_N,
+        EI=config.belt.bending_stiffness_N_m2,
+        R=radius,
+        span=config.rig.span_length_m,
+        **{name: getattr(uncertainty, name) for name in known},
+    )
+    found = fit_shear_stiffness(runs, bench)
+    columns = _columns(found)
+    good = columns["status"] == "ok"
+    return Outcome(
+        kind=KIND,
+        columns=columns,
+        result=found,
+        validity={name: span(columns[name][good]) for name in ("arc_deg", "initial_tension_N")},
+        set_aside=[{"run": run.run, "why": run.status} for run in found.runs if not run.ok],
+        extra={
+            "resolved": found.resolved,
+            "shear_stiffness_N_m2": found.shear_stiffness_N_m2,
+            "shear_stiffness_u_N_m2": found.shear_stiffness_u_N_m2,
+            "shear_stiffness_low_N_m2": found.low_N_m2,
+            "shear_stiffness_high_N_m2": found.high_N_m2,
+            "effective_span_m": found.effective_span_m,
+            "effective_span_u_m": found.effective_span_u_m,
+            "slope_scatter": found.scatter,
+            "budget": shear_budget(found.shares, uncertainty),
+        },
+        notes=tuple(not_used(found.runs)),
+        warnings=tuple(_warnings(found)),
+    )
+
+
+def _warnings(found: ShearStiffness) -> list[str]:
+    lines = []
+    if not found.resolved:
+        lines.append(
+            "the ribs are too stiff for this recording to see them shear: shear stiffness above "
+            f"{found.low_N_m2:.3g} N/m² (95 %), no upper bound; more runs, arcs further apart or "
+            "shorter ones would tell more"
+        )
+    if found.scatter > SCATTER_REPORTED:
+        lines.append(
+            f"the slopes are off their model by {found.scatter:.2g} times their standard errors; "
+            "the interval allows for it"
+        )
+    return lines
+
+
+def _columns(found: ShearStiffness) -> dict[str, np.ndarray]:
+    """Columns of the shear table."""
+    columns: dict[str, np.ndarray] = {}
+    for column in schemas.table(KIND).columns:
+        if column.name == "slope_fitted_N_m":
+            columns[column.name] = np.array(found.fitted_N_m)
+        else:
+            values = [getattr(run, column.name) for run in found.runs]
+            dtype = object if column.dtype == "string" else column.dtype
+            array = np.array(values, dtype=dtype)
+            if column.dtype == "float64":
+                array = np.where(outside(array, column), np.nan, array)
+            columns[column.name] = array
+    return columns
+
+
+def summarise(built: Built) -> Summary:
+    """Sum up a shear artifact."""
+    columns = built.artifact.columns
+    metadata: ShearMetadata = built.artifact.metadata
+    return Summary(
+        stage="fit-shear",
+        title="shear stiffness of the ribs, from the build-up of the tensions",
+        out=built.artifact.path,
+        facts={
+            "shear_stiffness_N_m2": metadata.shear_stiffness_N_m2,
+            "shear_stiffness_u_N_m2": metadata.shear_stiffness_u_N_m2,
+            "shear_stiffness_low_N_m2": metadata.shear_stiffness_low_N_m2,
+            "shear_stiffness_high_N_m2": metadata.shear_stiffness_high_N_m2,
+            "effective_span_m": metadata.effective_span_m,
+            "effective_span_u_m": metadata.effective_span_u_m,
+            "slope_scatter": metadata.slope_scatter,
+            "runs": len(columns["status"]),
+            "runs_used": int(np.count_nonzero(columns["status"] == "ok")),
+            "budget": metadata.budget,
+        },
+        table=rows_of(columns, *columns),
+        shown=(
+            "run",
+            "arc_deg",
+            "initial_tension_N",
+            "slope_N_m",
+            "slope_se_N_m",
+            "slope_fitted_N_m",
+            "n_samples",
+            "status",
+        ),
+        overview=_per_arc(columns),
+        details=budget_details(metadata.budget),
+        notes=built.notes,
+        warnings=built.warnings,
+        snippet=_snippet(metadata),
+        up_to_date=built.up_to_date,
+        origin=built.origin,
+    )
+
+
+def _snippet(metadata: ShearMetadata) -> str:
+    """The line of a config that takes the result to a drive; empty where there is none."""
+    k_s = metadata.shear_stiffness_N_m2
+    return "" if k_s is None else f"belt: {{shear_stiffness_N_m2: {k_s:.3e}}}"
+
+
+def _per_arc(columns: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
+    """A row per arc: slopes of its runs, measured and fitted."""
+    good = columns["status"] == "ok"
+    rows = []
+    for arc in np.unique(columns["arc_deg"]):
+        here = columns["arc_deg"] == arc
+        used = here & good
+        slopes = [columns[name][used] for name in ("slope_N_m", "slope_fitted_N_m")]
+        measured, fitted = (float(x.mean()) if x.size else None for x in slopes)
+        rows.append(
+            {
+                "arc_deg": float(arc),
+                "runs": int(here.sum()),
+                "runs_used": int(used.sum()),
+                "mean_slope_N_m": measured,
+                "mean_slope_fitted_N_m": fitted,
+            }
+        )
+    return rows

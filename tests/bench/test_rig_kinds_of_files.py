@@ -1,0 +1,141 @@
+"""The kind of a friction rig is told by the channels of its files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from beltid.bench.recording import columns_of, read_recording
+from beltid.cli.program import app
+from beltid.config import load_config
+from beltid.errors import InputError
+from beltid.tables import schemas
+
+N = 60
+CHANNELS = {
+    "two_cells": "Zugtrum [N],Leertrum [N]",
+    "dead_weight": "weight_N,Leertrum [N]",
+    "torque": "Drehmoment [N m],Zugtrum [N]",
+    "torque_hub": "Drehmoment [N m],Wellenbelastung [N]",
+}
+VALUES = {
+    "two_cells": (140.0, 70.0),
+    "dead_weight": (140.0, 70.0),
+    "torque": (3.5, 140.0),
+    "torque_hub": (3.5, 150.0),
+}
+
+
+def write(folder: Path, kind: str, *, more: str = "", value: str = "") -> Path:
+    """A run of a bench of a kind: at rest, then sliding."""
+    first, second = VALUES[kind]
+    lines = [f"run,time_s,{CHANNELS[kind]},pulley_speed_rad_s,arc_deg,initial_tension_N{more}"]
+    for k in range(N):
+        turns = k >= 20
+        a = first if turns or kind == "dead_weight" else 0.5 * first
+        b = second if turns else 0.5 * (second + 140.0)
+        speed = 0.2 if turns else 0.0
+        lines.append(f"R1,{0.05 * k},{a},{b},{speed},82,100{value}")
+    path = folder / "rig.csv"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def invoke(*call: str) -> tuple[int, str, str]:
+    result = CliRunner().invoke(app, list(call))
+    return result.exit_code, result.stdout, result.stderr
+
+
+@pytest.mark.parametrize("kind", CHANNELS)
+def test_inspect_finds_the_kind_and_its_section_makes_the_file_readable(tmp_path, kind):
+    path = write(tmp_path, kind)
+    status, out, _ = invoke("inspect", str(path))
+    assert status == 0
+    assert ("\nrig:\n" in out) == (kind != "two_cells")
+    section = out[out.index("data:") : out.index("understood")]
+    (tmp_path / "rig.yaml").write_text(section)
+    config = load_config(tmp_path / "rig.yaml")
+    assert config.rig.kind == kind
+    columns = read_recording(path, "rig", config).columns
+    needed = {c.name for c in schemas.rig_table(kind).columns if c.required}
+    assert needed <= set(columns)
+
+
+@pytest.mark.parametrize("kind", [kind for kind in CHANNELS if kind != "two_cells"])
+def test_init_states_the_kind_that_the_channels_show(tmp_path, monkeypatch, kind):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, kind)
+    status, _, err = invoke("init", "6pk", "--rig", "rig.csv", "--no-input")
+    assert status == 0
+    assert f"rig.kind: {kind}" in err
+    assert load_config(tmp_path / "6pk.yaml").rig.kind == kind
+
+
+@pytest.mark.parametrize("kind", [kind for kind in CHANNELS if kind != "two_cells"])
+def test_a_wrong_kind_is_refused_with_the_channel_and_the_kind_of_the_file(tmp_path, kind):
+    with pytest.raises(InputError) as error:
+        read_recording(write(tmp_path, kind), "rig")
+    assert any("column tension_" in line and "missing" in line for line in error.value.problems)
+    assert any(f"rig: {{kind: {kind}" in line for line in error.value.problems)
+
+
+def test_a_weight_may_hold_for_all_runs(tmp_path):
+    config = load_config(
+        {
+            "rig": {"kind": "dead_weight", "weight_on": "tight"},
+            "runs": {"rig": {"values": {"weight_N": 98.1}}},
+        }
+    )
+    frame = {
+        "run": ["1"] * 3,
+        "time_s": [0.0, 1.0, 2.0],
+        "tension_slack_N": [50.0] * 3,
+        "pulley_speed_rad_s": [0.0, 1.0, 1.0],
+        "arc_deg": [90.0] * 3,
+    }
+    path = tmp_path / "rig.csv"
+    rows = zip(*frame.values(), strict=True)
+    path.write_text("\n".join([",".join(frame), *(",".join(map(str, row)) for row in rows)]))
+    assert read_recording(path, "rig", config).columns["weight_N"].tolist() == [98.1] * 3
+    with pytest.raises(InputError, match=r"weight_N is missing; if it holds for every run"):
+        read_recording(path, "rig", load_config({"rig": {"kind": "dead_weight"}}))
+
+
+def test_conditions_of_a_recording_are_read_and_checked(tmp_path):
+    path = write(tmp_path, "two_cells", more=",condition,humidity_percent", value=",Wet,55")
+    columns = read_recording(path, "rig").columns
+    assert set(columns["condition"]) == {"wet"}
+    assert set(columns["humidity_percent"]) == {55.0}
+    path = write(tmp_path, "two_cells", more=",condition", value=",oily")
+    with pytest.raises(InputError, match=r"rig\.csv:2: condition = oily, must be dry, wet"):
+        read_recording(path, "rig")
+    plain = read_recording(write(tmp_path, "two_cells"), "rig").columns
+    assert not {"condition", "side", "humidity_percent"} & set(plain)
+
+
+def test_a_table_without_a_time_is_taken_for_plateaus(tmp_path):
+    path = tmp_path / "points.csv"
+    path.write_text("arc_deg,tension_tight_N,tension_slack_N,slip_speed_m_s\n90,100,50,0.01\n")
+    status, out, _ = invoke("inspect", str(path))
+    assert status == 0
+    assert "kind            points" in out
+    assert f"beltid fit-friction --table {path} can read it" in " ".join(out.split())
+
+
+def test_columns_of_a_kind_in_memory_are_those_of_its_table():
+    frame = {
+        "run": ["1"] * 4,
+        "time_s": [0.0, 1.0, 2.0, 3.0],
+        "torque_N_m": [0.0, 3.0, 3.0, 3.0],
+        "hub_force_N": [200.0] * 4,
+        "tension_tight_N": [100.0] * 4,
+        "pulley_speed_rad_s": [0.0, 1.0, 1.0, 1.0],
+        "arc_deg": [90.0] * 4,
+    }
+    config = load_config({"rig": {"kind": "torque_hub"}})
+    columns = columns_of(frame, "rig", config)
+    assert "tension_tight_N" not in columns  # the hub force tells it
+    assert np.isnan(columns["initial_tension_N"]).all()

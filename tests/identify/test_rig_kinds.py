@@ -1,0 +1,334 @@
+"""Benches of other kinds give what two cells give, where they tell the same.
+
+The recordings are synthetic: the 120 runs of the 5PK rig, rewritten as another bench would have
+recorded them. Torque, hub force and the tensions of a moving belt follow from both tensions sample
+by sample, so the friction coefficient must be the same to rounding. A dead weight has no noise on
+its side, so there the runs are compared without their noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from beltid.errors import InputError
+from beltid.identify.friction.kinds import Drag, RigKind, drag_of
+from beltid.identify.friction.load_cells import KnownCell, KnownCells
+from beltid.identify.friction.prepare import prepare_run
+from beltid.identify.friction.reduction import FrictionSettings, RunReduction, reduce_runs
+from beltid.identify.friction.rig_table import run_records
+
+R = 0.05
+RIG = Path(__file__).parents[2] / "rigdata/5pk/rig.csv"
+Columns = dict[str, Any]
+
+
+def recorded() -> Columns:
+    frame = pd.read_csv(RIG, dtype={"run": str})
+    return {name: frame[name].to_numpy() for name in frame.columns}
+
+
+def without(columns: Mapping[str, Any], *names: str) -> Columns:
+    return {name: values for name, values in columns.items() if name not in names}
+
+
+def by_torque(columns: Columns, span: str) -> Columns:
+    """The same bench with a torque sensor, and a cell in one span."""
+    torque = (columns["tension_tight_N"] - columns["tension_slack_N"]) * R
+    other = {"tight": "slack", "slack": "tight"}[span]
+    return {**without(columns, f"tension_{other}_N"), "torque_N_m": torque}
+
+
+def by_hub(columns: Columns) -> Columns:
+    """With a torque sensor and the force on the axis, as the length of the sum of both vectors."""
+    tight, slack = columns["tension_tight_N"], columns["tension_slack_N"]
+    beta = np.radians(columns["arc_deg"])
+    hub = np.hypot(tight * np.cos(beta) - slack, tight * np.sin(beta))
+    bare = without(columns, "tension_tight_N", "tension_slack_N")
+    return {**bare, "torque_N_m": (tight - slack) * R, "hub_force_N": hub}
+
+
+def running(columns: Columns, v_b: float, m: float) -> Columns:
+    """On a belt that moves at v_b: its momentum adds to both tensions, the speed to the pulley's.
+
+    Before it slides, the pulley's surface is as fast as the belt.
+    """
+    more = m * v_b**2
+    return {
+        **columns,
+        "tension_tight_N": columns["tension_tight_N"] + more,
+        "tension_slack_N": columns["tension_slack_N"] + more,
+        "pulley_speed_rad_s": columns["pulley_speed_rad_s"] + v_b / R,
+        "belt_speed_m_s": np.full(len(columns["time_s"]), v_b),
+    }
+
+
+def mu(runs: tuple[RunReduction, ...]) -> np.ndarray:
+    assert all(run.ok for run in runs), [run.status for run in runs if not run.ok][:3]
+    return np.array([run.mu_sliding for run in runs])
+
+
+def se(runs: tuple[RunReduction, ...]) -> np.ndarray:
+    return np.array([run.mu_sliding_se for run in runs])
+
+
+@pytest.fixture(scope="module")
+def rig() -> Columns:
+    return recorded()
+
+
+@pytest.fixture(scope="module")
+def two_cells(rig: Columns) -> tuple[RunReduction, ...]:
+    return reduce_runs(rig, R)
+
+
+MOVING = RigKind(running=True, mass_per_length_kg_m=0.1)
+
+
+def by_weight(columns: Columns, span: str) -> Columns:
+    """On a dead weight as heavy as the initial tension; the cell makes up the ratio."""
+    weight = columns["initial_tension_N"].astype(float)
+    ratio = columns["tension_tight_N"] / columns["tension_slack_N"]
+    other, tension = ("slack", weight / ratio) if span == "tight" else ("tight", weight * ratio)
+    bare = without(columns, "tension_tight_N", "tension_slack_N", "initial_tension_N")
+    return {**bare, "weight_N": weight, f"tension_{other}_N": tension}
+
+
+MOVING_HUB = RigKind("torque_hub", running=True, belt_speed_m_s=20.0)
+
+
+@pytest.mark.parametrize(
+    ("rewritten", "kind"),
+    [
+        (lambda c: by_torque(c, "tight"), RigKind("torque")),
+        (lambda c: by_torque(c, "slack"), RigKind("torque")),
+        (by_hub, RigKind("torque_hub")),
+        (lambda c: running(c, 20.0, 0.1), MOVING),
+        # the force on the axis has no part of the momentum of the belt
+        (
+            lambda c: {**by_hub(c), "pulley_speed_rad_s": c["pulley_speed_rad_s"] + 20.0 / R},
+            MOVING_HUB,
+        ),
+    ],
+    ids=["torque, tight cell", "torque, slack cell", "hub", "running", "running hub"],
+)
+def test_what_two_cells_tell_is_told_by_other_channels(rig, two_cells, rewritten, kind):
+    runs = reduce_runs(rewritten(rig), R, None, kind)
+    assert len(runs) == 120
+    assert np.abs(mu(runs) - mu(two_cells)).max() < 1e-6
+    # the variances of the bench are sought until nothing changes by more than 1e-4 of them
+    assert se(runs) == pytest.approx(se(two_cells), rel=1e-4)
+    for name in ("initial_tension_N", "slip_speed_m_s", "normal_force_N_m", "tension_slack_N"):
+        expected = [getattr(run, name) for run in two_cells]
+        assert [getattr(run, name) for run in runs] == pytest.approx(expected, rel=1e-6)
+
+
+def plateaus(runs: tuple[RunReduction, ...]) -> Columns:
+    """A level at rest and one that slides, without noise, at the settings of some runs."""
+    n, parts = 70, []
+    turns = np.arange(n) >= 10
+    for run in runs:
+        half = 0.5 * run.mu_sliding * np.radians(run.arc_deg) * turns
+        T = run.nominal_tension_N
+        parts.append(
+            {
+                "run": np.repeat(run.run, n),
+                "time_s": np.arange(n) * 5e-5 / run.slip_speed_m_s,
+                "tension_tight_N": T * np.exp(half),
+                "tension_slack_N": T * np.exp(-half),
+                "pulley_speed_rad_s": np.where(turns, run.pulley_speed_rad_s, 0.0),
+                "arc_deg": np.repeat(run.arc_deg, n),
+                "initial_tension_N": np.repeat(T, n),
+            }
+        )
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+@pytest.mark.parametrize("span", ["tight", "slack"])
+def test_a_dead_weight_gives_the_plateau_of_two_cells(two_cells, span):
+    cells, kind = plateaus(two_cells), RigKind("dead_weight", weight_on=span)
+    runs, expected = reduce_runs(by_weight(cells, span), R, None, kind), reduce_runs(cells, R)
+    assert np.abs(mu(runs) - mu(expected)).max() < 1e-6
+    for run in runs:
+        weighed = run.tension_tight_N if span == "tight" else run.tension_slack_N
+        assert weighed == run.initial_tension_N == run.nominal_tension_N  # the weight, exactly
+        assert run.tension_tight_N / run.tension_slack_N == pytest.approx(
+            np.exp(run.mu_sliding * np.radians(run.arc_deg)), rel=1e-12
+        )
+
+
+@pytest.mark.parametrize("span", ["tight", "slack"])
+def test_a_dead_weight_with_the_noise_of_both_cells_on_one_side(rig, two_cells, span):
+    runs = reduce_runs(by_weight(rig, span), R, None, RigKind("dead_weight", weight_on=span))
+    # each sample has the ratio that two cells showed, but its noise counts as that of one cell
+    assert np.all(np.abs(mu(runs) - mu(two_cells)) < se(two_cells))
+    assert np.sqrt(np.mean((mu(runs) / mu(two_cells) - 1.0) ** 2)) < 3e-4
+    assert np.median(se(runs) / se(two_cells)) == pytest.approx(1.0, abs=0.1)
+
+
+def white(weight_on: str | None, n: int = 24, seed: int = 3) -> Columns:
+    """Runs of one setting with white noise of 0.5 N in the cells; T_tight = 2 T_slack = 200 N."""
+    rng, samples = np.random.default_rng(seed), 300
+    turns = np.arange(samples) >= 50
+    parts = []
+    for k in range(n):
+        tight, slack = np.where(turns, 200.0, 141.4), np.where(turns, 100.0, 141.4)
+        if weight_on is not None:
+            tight, slack = (
+                (np.full(samples, 200.0), np.where(turns, 100.0, 200.0))
+                if weight_on == "tight"
+                else (np.where(turns, 200.0, 100.0), np.full(samples, 100.0))
+            )
+        noise = rng.normal(0.0, 0.5, (2, samples))
+        part = {
+            "run": np.full(samples, f"{k}"),
+            "time_s": np.arange(samples) * 0.02,
+            "tension_tight_N": tight + noise[0],
+            "tension_slack_N": slack + noise[1],
+            "pulley_speed_rad_s": np.where(turns, 0.21, 0.0),
+            "arc_deg": np.full(samples, 60.0),
+            "initial_tension_N": np.full(samples, 141.4),
+        }
+        if weight_on is not None:
+            part = without(part, f"tension_{weight_on}_N", "initial_tension_N")
+            part["weight_N"] = tight if weight_on == "tight" else slack
+        parts.append(part)
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def test_a_dead_weight_has_the_noise_of_one_cell_only():
+    # z = ln(T_tight/T_slack) of white noise s: s/200 of the tight cell, s/100 of the slack one
+    found = {
+        span: np.median(se(reduce_runs(white(span), R, None, RigKind("dead_weight", span))))
+        for span in ("tight", "slack")
+    }
+    cells = np.median(se(reduce_runs(white(None), R)))
+    assert found["tight"] / found["slack"] == pytest.approx(2.0, rel=0.25)
+    assert found["tight"] < cells * 1.1
+    assert found["slack"] < 0.6 * cells
+
+
+@pytest.mark.parametrize(("span", "cell_N"), [("tight", 100.0), ("slack", 200.0)])
+def test_only_the_cell_of_a_dead_weight_has_errors(span, cell_N):
+    kind = RigKind("dead_weight", weight_on=span)
+    record = run_records(white(span, 1), R, kind)[0]
+    sliding = prepare_run(record, R, FrictionSettings()).sliding
+    assert sliding is not None
+    assert sliding.sensitivity == pytest.approx(1.0 / cell_N, rel=2e-3)
+
+
+def one_of(columns: Columns, n: int = 8) -> Columns:
+    labels = list(dict.fromkeys(columns["run"]))[:n]
+    rows = np.isin(columns["run"], labels)
+    return {name: values[rows] for name, values in columns.items()}
+
+
+def idle_run(drag_N_m: float, zero_N_m: float, speed: float = 0.21) -> Columns:
+    turns = np.arange(100) >= 20
+    return {
+        "run": np.full(100, "idle"),
+        "time_s": np.arange(100) * 0.02,
+        "torque_N_m": np.where(turns, drag_N_m, 0.0) + zero_N_m,
+        "pulley_speed_rad_s": np.where(turns, speed, 0.0),
+        "arc_deg": np.full(100, 82.0),
+        "initial_tension_N": np.full(100, 100.0),
+        "idle": np.full(100, "true", dtype=object),
+    }
+
+
+def test_drag_and_zero_of_the_torque_are_taken_off_by_an_idle_run(rig, two_cells):
+    part = one_of(rig)
+    torque = by_torque(part, "tight")
+    turns = np.abs(torque["pulley_speed_rad_s"]) > 0.02
+    torque["torque_N_m"] = torque["torque_N_m"] + 0.12 * turns + 0.3
+    idle = idle_run(0.12, 0.3)
+    n = len(torque["time_s"])
+    whole = {
+        name: np.concatenate([torque.get(name, np.full(n, None)), idle[name]])
+        if name in idle
+        else np.concatenate([torque[name], np.full(100, 5.0)])
+        for name in {*torque, *idle} - {"temperature_degC"}
+    }
+    runs = reduce_runs(whole, R, None, RigKind("torque"))
+    assert [run.run for run in runs] == list(dict.fromkeys(part["run"]))
+    assert mu(runs) == pytest.approx(mu(reduce_runs(part, R)), abs=1e-6)
+
+
+def test_the_drag_is_that_of_the_nearest_idle_speed_and_none_at_rest():
+    drag = drag_of([idle_run(0.2, 0.0, 1.0), idle_run(0.1, 0.0, 0.5)])
+    assert drag is not None
+    found = drag.at(np.array([0.0, 0.25, 0.75, 2.0]))
+    assert found == pytest.approx([0.0, 0.1, 0.15, 0.2])
+    assert isinstance(drag, Drag)
+    assert drag_of([]) is None
+
+
+def test_a_torque_of_a_pulley_that_turns_backwards_counts_in_its_sense(rig):
+    part = one_of(rig)
+    forwards = by_torque(part, "slack")
+    backwards = {name: -forwards[name] for name in ("torque_N_m", "pulley_speed_rad_s")}
+    runs = [reduce_runs(c, R, None, RigKind("torque")) for c in (forwards, forwards | backwards)]
+    assert mu(runs[1]) == pytest.approx(mu(runs[0]), rel=1e-12)
+
+
+def statuses(columns: Columns, kind: RigKind) -> set[str]:
+    return {run.status for run in reduce_runs(columns, R, None, kind)}
+
+
+def test_a_weight_on_the_other_span_is_told(rig):
+    wrong = by_weight(one_of(rig), "tight")
+    wrong["tension_tight_N"] = wrong.pop("tension_slack_N")
+    (status,) = statuses(wrong, RigKind("dead_weight", weight_on="slack"))
+    assert "weight to hang on the tight span" in status
+
+
+def test_a_torque_of_the_other_sign_is_told(rig):
+    wrong = by_torque(one_of(rig), "tight")
+    wrong["torque_N_m"] = -wrong["torque_N_m"]
+    (status,) = statuses(wrong, RigKind("torque"))
+    assert 'columns: {rig: {torque_N_m: "-torque_N_m"}}' in status
+
+
+def test_a_whole_turn_tells_nothing_by_the_hub_force_and_is_warned_of(rig):
+    part = one_of(rig)
+    part["arc_deg"] = np.full(len(part["run"]), 360.0)
+    (status,) = statuses(by_hub(part), RigKind("torque_hub"))
+    assert "missing in 100 %" in status
+    for run in reduce_runs(part, R):
+        assert any("turns touch" in note for note in run.notes)
+
+
+@pytest.mark.parametrize(
+    ("kind", "missing"),
+    [
+        (RigKind("dead_weight", weight_on="tight"), "weight_N"),
+        (RigKind("torque"), "torque_N_m"),
+        (RigKind("torque_hub"), "hub_force_N"),
+        (RigKind(running=True), "belt_speed_m_s"),
+    ],
+)
+def test_a_wrong_kind_names_the_channel_that_is_missing(rig, kind, missing):
+    with pytest.raises(InputError, match=missing):
+        reduce_runs(one_of(rig), R, None, kind)
+
+
+def test_errors_of_a_cell_that_the_kind_has_not_are_refused():
+    tared = KnownCells(tight=KnownCell(tare_N=2.0))
+    with pytest.raises(InputError, match=r"no cell in the tight span"):
+        RigKind("dead_weight", weight_on="tight", cells=tared)
+    with pytest.raises(InputError, match=r"no cell in the tight span"):
+        RigKind("torque_hub", cells=tared)
+
+
+def test_a_known_error_of_the_cell_beside_a_torque_is_in_both_tensions(rig):
+    part = by_torque(one_of(rig), "slack")
+    off = {**part, "tension_slack_N": part["tension_slack_N"] / 1.02 + 3.0}
+    cells = KnownCells(slack=KnownCell(tare_N=3.0, gain=1.02))
+    found = reduce_runs(off, R, None, replace(RigKind("torque"), cells=cells))
+    assert mu(found) == pytest.approx(mu(reduce_runs(part, R, None, RigKind("torque"))), rel=1e-9)

@@ -1,0 +1,220 @@
+"""Shear stiffness of the ribs from the build-up of the rig: mechanics, round trip, honesty."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.linalg import spsolve
+from shear_rig import Curve, Setting, ShearRig, curves_of, recording
+
+from beltid.errors import FitError, InputError
+from beltid.identify.friction.rig_table import run_records
+from beltid.identify.friction.run import FrictionSettings
+from beltid.identify.shear.build_up import FEWEST, BuildUp, build_up
+from beltid.identify.shear.mechanics import build_up_slope, laid_belt, micro_slip
+from beltid.identify.shear.stiffness import BenchValues, ShearStiffness, fit_shear_stiffness
+
+EA, EI, R, SPAN = 1.0e5, 0.02, 0.05, 0.10
+LAW_5PK = (6.5e7, 3.0256e11)
+K_S, SUPPORT = 3.4e7, 1.0e-7
+BENCH = BenchValues(
+    EA=EA,
+    EI=EI,
+    R=R,
+    span=SPAN,
+    axial_stiffness=0.05,
+    pulley_radius=0.002,
+    pulley_speed=0.002,
+    tension_gain=0.002,
+    cell_gain=0.001,
+    arc=math.radians(0.1),
+    arc_setting=math.radians(0.2),
+)
+Columns = dict[str, NDArray]
+
+
+@pytest.fixture(scope="module")
+def curves() -> dict[Setting, Curve]:
+    """Three arcs at two tensions, supports that give way."""
+    return curves_of(ShearRig(K_S, support=SUPPORT), (40.0, 68.0, 82.0), (270.0, 411.0))
+
+
+def build_ups(columns: Columns, settings: FrictionSettings | None = None) -> list[BuildUp]:
+    return [build_up(run, R, settings or FrictionSettings()) for run in run_records(columns, R)]
+
+
+def fitted(columns: Columns) -> ShearStiffness:
+    return fit_shear_stiffness(build_ups(columns), BENCH)
+
+
+def laid_on(T: float, k: float, span: float, step: float) -> tuple[NDArray, NDArray]:
+    """Places and penetration of a beam under tension on a bed that only pushes, by differences.
+
+    With the penetration d over half the arc and the span: T (1/R + d'') - EI d'''' = k d where
+    d > 0, held at the support without a moment, symmetric in the middle of the arc (82 degrees).
+    """
+    arc = 0.5 * R * math.radians(82.0)
+    s = np.arange(-arc - span, arc + span + 0.5 * step, step)
+    n = s.size
+    d = -np.square(np.maximum(np.abs(s) - arc, 0.0)) / (2.0 * R)
+    inner = np.ones(n)
+    inner[[0, -1]] = 0.0
+    second = sp.diags_array([1.0, -2.0, 1.0], offsets=[-1, 0, 1], shape=(n, n)) / step**2
+    second = (sp.diags_array(inner) @ second).tocsr()
+    held = d.copy()
+    for _ in range(50):  # more steps than Newton needs: they take off the rounding of the matrix
+        curvature = inner / R + second @ d
+        residual = inner * (T * curvature - EI * (second @ curvature) - k * np.maximum(d, 0.0))
+        residual += (1.0 - inner) * (d - held)
+        tangent = T * second - EI * (second @ second) - sp.diags_array(k * (d > 0.0))
+        matrix = sp.diags_array(inner) @ tangent + sp.diags_array(1.0 - inner)
+        change = spsolve(matrix.tocsc(), -residual)
+        d = d + change
+        if np.max(np.abs(change)) < 1e-13:
+            return s, d
+    raise AssertionError("the belt does not lie")
+
+
+@pytest.mark.parametrize("T", [200.0, 270.0, 411.0])
+def test_the_ends_of_the_contact_are_those_of_a_beam_on_a_bed(T: float) -> None:
+    """Lift-off (B2), and the compliance of an end (B3) as that of the length of the laid belt.
+
+    A belt inside the circle by d is shorter by d/R and longer by d'²/2 per length; what this
+    changes with the tension, less d/(R T) on the arc, is the compliance of both ends.
+    """
+    k, span, step = 6.5e7, SPAN, 2.5e-4
+    arc = R * math.radians(82.0)
+
+    def shortened(tension: float) -> float:
+        s, d = laid_on(tension, k, span, step)
+        middle, slope = 0.5 * (d[1:] + d[:-1]), np.diff(d) / np.diff(s)
+        return float(np.sum(middle / R - 0.5 * slope**2) * step)
+
+    s, d = laid_on(T, k, span, step)
+    first, *_, last = np.flatnonzero(d > 0.0)
+    edges = [
+        s[i] + (s[j] - s[i]) * d[i] / (d[i] - d[j])
+        for i, j in ((first, first - 1), (last, last + 1))
+    ]
+    belt = laid_belt(EA, EI, np.array([T]), R, span, (k, 0.0))
+    assert 0.5 * (arc - edges[1] + edges[0]) == pytest.approx(float(belt.lift_off[0]), abs=2e-5)
+    whole = (shortened(T + 1.0) - shortened(T - 1.0)) / 2.0
+    end = 0.5 * (whole - arc / (R**2 * k))
+    assert end == pytest.approx(float(belt.end_compliance[0]), rel=0.05)
+
+
+@pytest.mark.parametrize("k_s", [1e7, K_S, 3e8])
+@pytest.mark.parametrize(("arc_deg", "T"), [(40.0, 270.0), (82.0, 411.0)])
+def test_the_slope_is_that_of_the_simulated_rig(k_s: float, arc_deg: float, T: float) -> None:
+    """At the very beginning (B1); of a line through 30 % of the build-up with (B4)."""
+    travel, difference = ShearRig(k_s).curve(arc_deg, T, steps=200)
+    belt = laid_belt(EA, EI, np.array([T]), R, SPAN, LAW_5PK)
+    arc = np.array([R * math.radians(arc_deg)])
+    slope = float(build_up_slope(belt, k_s, arc, SPAN)[0])
+    lost = float(micro_slip(belt, k_s, arc, SPAN)[0])
+    assert difference[2] / travel[2] == pytest.approx(slope, rel=0.02)
+    part = difference < 0.3 * difference[-1]
+    line = np.polyfit(travel[part], difference[part], 1)[0]
+    assert line / slope == pytest.approx(1.0 - lost, abs=2.0 * lost + 0.01)
+
+
+def test_the_stiffness_comes_back_within_what_is_stated(curves: dict[Setting, Curve]) -> None:
+    """Forty recordings with noise, each with other errors of EA, radius, speed and cells."""
+    rng = np.random.default_rng(11)
+    within, off = 0, []
+    for _ in range(40):
+        wrong = rng.standard_normal(4)
+        columns = recording(curves, rng)
+        columns["pulley_speed_rad_s"] = columns["pulley_speed_rad_s"] * (1 + 0.002 * wrong[0])
+        for name in ("tension_tight_N", "tension_slack_N"):
+            columns[name] = columns[name] * (1 + 0.002 * wrong[1])
+        bench = replace(BENCH, EA=EA * (1 + 0.05 * wrong[2]), R=R * (1 + 0.002 * wrong[3]))
+        runs = [build_up(run, bench.R, FrictionSettings()) for run in run_records(columns, R)]
+        found = fit_shear_stiffness(runs, bench)
+        within += found.low_N_m2 < K_S < found.high_N_m2
+        off.append(found.shear_stiffness_N_m2 / K_S - 1.0)
+        assert found.shear_stiffness_u_N_m2 < 0.1 * K_S
+        assert found.effective_span_m == pytest.approx(
+            SPAN + EA * SUPPORT, abs=3.0 * found.effective_span_u_m
+        )
+    assert within >= 36
+    assert abs(np.mean(off)) < 0.03
+    assert np.std(off) < 0.05
+
+
+def test_ribs_too_stiff_to_be_seen_have_a_bound_and_no_value() -> None:
+    """The simulated rig as it is: its patches stick or slide, the ribs do not shear."""
+    rig = ShearRig(math.inf)
+    stiff = {(arc, T): rig.rigid_curve(arc, T) for arc in (60.0, 82.0) for T in (270.0, 411.0)}
+    found = fitted(recording(stiff, np.random.default_rng(2)))
+    assert not found.resolved
+    assert math.isinf(found.high_N_m2)
+    assert math.isnan(found.shear_stiffness_N_m2)
+    assert found.low_N_m2 > 2e8
+
+
+def test_one_arc_cannot_tell_ribs_from_bench(curves: dict[Setting, Curve]) -> None:
+    lone = {setting: curve for setting, curve in curves.items() if setting[0] == 82.0}
+    with pytest.raises(InputError, match="contact arc 82 deg only"):
+        fitted(recording(lone, np.random.default_rng(3)))
+
+
+def test_too_few_samples_are_refused_with_the_rate_that_would_do(
+    curves: dict[Setting, Curve],
+) -> None:
+    rng = np.random.default_rng(4)
+    short = build_ups(recording(curves, rng, rate=120.0))
+    assert {run.ok for run in short} == {False}
+    assert all(run.n_samples < FEWEST for run in short)
+    with pytest.raises(InputError, match=r"sample at \d+ Hz for the slowest"):
+        fit_shear_stiffness(short, BENCH)
+    # noise and the start of the pulley between two samples move the count by one
+    needed = 1.15 * max(run.needed_rate_Hz for run in short)
+    assert needed < 600.0
+    assert all(run.ok for run in build_ups(recording(curves, rng, rate=needed)))
+
+
+def test_tensions_that_build_up_over_one_travel_whatever_they_are_are_refused() -> None:
+    """A take-up of the bench, as the virtual recordings have it: a slope that goes with T0."""
+    travel = np.array([0.0, 2e-4, 1e-3])
+    fake = {
+        (arc, T): (travel, 2.0 * T * np.sinh(0.4 * np.radians(arc)) * np.array([0.0, 1.0, 1.0]))
+        for arc in (40.0, 68.0, 82.0)
+        for T in (270.0, 340.0, 411.0)
+    }
+    with pytest.raises(FitError, match=r"shorter than the 0\.1 m of the rig"):
+        fitted(recording(fake, np.random.default_rng(5)))
+
+
+def test_bending_sets_runs_aside_whose_belt_hardly_touches() -> None:
+    run = BuildUp("R1", 40.0, 100.0, 100.0, 0.05, 6e5, 3e3, 20, 1000.0)
+    held = replace(run, run="R2", initial_tension_N=270.0)
+    other = replace(held, run="R3", arc_deg=82.0, slope_N_m=9e5)
+    found = fit_shear_stiffness([run, held, other], BENCH)
+    assert [r.ok for r in found.runs] == [False, True, True]
+    # b = sqrt(EI/T) must be below a quarter of the arc: T >= EI (4 / (R beta))²
+    least = EI * (4.0 / (R * math.radians(40.0))) ** 2
+    assert f"below {least:.3g} N" in found.runs[0].status
+    assert math.isnan(found.fitted_N_m[0])
+
+
+def test_known_errors_of_the_cells_are_taken_off(curves: dict[Setting, Curve]) -> None:
+    columns = recording(curves, np.random.default_rng(6))
+    spoilt = {
+        **columns,
+        "tension_tight_N": columns["tension_tight_N"] / 1.25 + 12.0,
+        "tension_slack_N": columns["tension_slack_N"] / 1.25 - 7.0,
+    }
+    known = FrictionSettings(
+        tension_tight_gain=1.25,
+        tension_slack_gain=1.25,
+        tension_tight_tare_N=12.0,
+        tension_slack_tare_N=-7.0,
+    )
+    for clean, mended in zip(build_ups(columns), build_ups(spoilt, known), strict=True):
+        assert mended.slope_N_m == pytest.approx(clean.slope_N_m, rel=1e-9)

@@ -1,0 +1,182 @@
+"""Friction that shifts over a campaign beside the surface, put into the synthetic benches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from truth_bench import SPEEDS, R, bench_and_runs, solved, true_mu
+
+from beltid.refine.effects import COURSE, ORDER, TEMPERATURE, campaign_effects
+from beltid.refine.inverse import RefinedSurface, refine_surface
+
+NOISE = 0.001
+N = 120
+PERMUTED = np.random.default_rng(1).permutation(N)
+
+
+def test_effects_that_the_runs_cannot_show_are_left_out():
+    arc, unknown = np.zeros(5, dtype=int), np.full(5, np.nan)
+    assert campaign_effects(arc, np.zeros(5), unknown, None) == ()
+    (warm,) = campaign_effects(arc, np.zeros(5), np.array([20, 20, 30, 30, np.nan]), None)
+    # a temperature that is not known is the mean; per 10 K
+    np.testing.assert_allclose(warm.columns[:, 0], [-0.5, -0.5, 0.5, 0.5, 0.0])
+    (at_20,) = campaign_effects(arc, np.zeros(5), np.array([20, 20, 30, 30, np.nan]), 20.0)
+    np.testing.assert_allclose(at_20.columns[:, 0], [0.0, 0.0, 1.0, 1.0, 0.5])
+
+
+def test_the_order_has_a_steady_change_of_one_and_bends_of_no_mean():
+    steady, bends = campaign_effects(
+        np.zeros(200, dtype=int), np.arange(200.0), np.full(200, np.nan), None
+    )
+    assert (steady.key, bends.key) == (ORDER, COURSE)
+    np.testing.assert_allclose(steady.columns[[0, -1], 0], [-0.5, 0.5])
+    np.testing.assert_allclose(bends.columns.mean(axis=0), 0.0, atol=0.003)
+    # orthogonal to it and to each other, but for the sum in place of the integral
+    products = bends.columns.T @ np.column_stack([steady.columns, bends.columns]) / 200
+    expected = np.column_stack([np.zeros(3), np.diag([1 / (2 * k + 1) / k**4 for k in (2, 3, 4)])])
+    np.testing.assert_allclose(products, expected, atol=0.004)
+
+
+@dataclass(frozen=True)
+class Shifted:
+    """A campaign whose friction shifts: change of ln mu, order and temperature of its runs."""
+
+    change: np.ndarray
+    order: np.ndarray
+    temperature: np.ndarray
+
+
+def run_in(order: np.ndarray) -> Shifted:
+    """5 % more from the first run to the last."""
+    return Shifted(0.05 * (order / (N - 1) - 0.5), order, np.full(N, np.nan))
+
+
+def quick_run_in(order: np.ndarray) -> Shifted:
+    """5 % within some 90 runs, its mean taken off."""
+    change = -0.05 * np.exp(-order / 30.0)
+    return Shifted(change - change.mean(), order, np.full(N, np.nan))
+
+
+def warm(order: np.ndarray, temperature: np.ndarray) -> Shifted:
+    """2 % less by 10 K."""
+    return Shifted(-0.002 * (temperature - temperature.mean()), order, temperature)
+
+
+def refined(shifted: Shifted, seed: int = 0, reference: float | None = None) -> RefinedSurface:
+    bench, runs, _ = bench_and_runs("5pk")
+    _, arc = np.unique([round(run.point.beta, 6) for run in runs], return_inverse=True)
+    noise = NOISE * np.random.default_rng(seed).normal(size=N)
+    factor = np.exp(solved("5pk").response * shifted.change + noise)
+    runs = [
+        replace(
+            run,
+            mu=run.mu * by,
+            mu_se=NOISE * run.mu * by,
+            arc=int(k),
+            order=int(place),
+            temperature_degC=float(T),
+        )
+        for run, by, k, place, T in zip(
+            runs, factor, arc, shifted.order, shifted.temperature, strict=True
+        )
+    ]
+    return refine_surface(bench, runs, SPEEDS, reference_degC=reference)
+
+
+def errors_of(found: RefinedSurface, factor: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of ln mu at the nodes within the forces of the runs, and their standard errors."""
+    _, runs, f = bench_and_runs("5pk")
+    surface, error, size = found.surface, [], []
+    for j, v in enumerate(SPEEDS):
+        mine = [i for i, run in enumerate(runs) if abs(run.point.omega * R / v - 1) < 0.02]
+        force = surface.normal_force_N_m
+        seen = (force >= f[mine].min()) & (force <= f[mine].max())
+        error.append(np.log(surface.mu_nodes[seen, j] / true_mu("5pk", force[seen], v)) - factor)
+        size.append(surface.mu_se_nodes[seen, j] / surface.mu_nodes[seen, j])
+    return np.concatenate(error), np.concatenate(size)
+
+
+def number(found: RefinedSurface, key: str) -> tuple[float, float]:
+    effect = found.effect(key)
+    return effect.values[0], np.sqrt(effect.covariance[0, 0])
+
+
+@pytest.mark.parametrize(
+    ("order", "steady"),
+    [(PERMUTED, 0.0005), (np.arange(N), 0.012)],
+    ids=["random", "sorted by arcs"],
+)
+@pytest.mark.parametrize("shift", [run_in, quick_run_in])
+def test_a_run_in_is_found_and_leaves_the_surface(shift, order, steady):
+    shifted = shift(order)
+    found = refined(shifted)
+    # the straight part of the course, least squares
+    expected = np.polyfit(order / (N - 1), shifted.change, 1)[0]
+    size, u = number(found, ORDER)
+    assert size == pytest.approx(expected, abs=3.0 * u)
+    assert u < steady
+    assert size > 3.0 * u
+    error, se = errors_of(found)
+    assert np.sqrt(np.mean(error**2)) < 0.0015
+    assert np.sqrt(np.mean(np.square(error / se))) < 1.5  # one draw, its nodes move together
+    assert found.noise_scale < 1.3
+
+
+def test_a_temperature_is_found_and_corrected_to_the_one_asked_for():
+    rng = np.random.default_rng(2)
+    shifted = warm(PERMUTED, 20.0 + 15.0 * rng.random(N))
+    found = refined(shifted, reference=22.0)
+    size, u = number(found, TEMPERATURE)
+    assert size == pytest.approx(-0.02, abs=3.0 * u)
+    assert u < 0.001
+    error, se = errors_of(found, -0.002 * (22.0 - shifted.temperature.mean()))
+    assert np.sqrt(np.mean(error**2)) < 0.0015
+    assert np.sqrt(np.mean(np.square(error / se))) < 1.5  # one draw, its nodes move together
+
+
+def test_a_temperature_that_rises_with_the_order_cannot_be_told_from_it_unless_asked_for():
+    shifted = warm(np.arange(N), np.linspace(20.0, 35.0, N))
+    found = refined(shifted)
+    for key, half in ((ORDER, -0.015), (TEMPERATURE, -0.010)):
+        size, u = number(found, key)
+        assert u > 0.5 * abs(half)  # either may be the other
+    error, _ = errors_of(found)
+    assert np.sqrt(np.mean(error**2)) < 0.0015
+    asked = refined(shifted, reference=22.0)
+    size, _ = number(asked, TEMPERATURE)
+    assert size == pytest.approx(-0.02, abs=0.004)
+    error, _ = errors_of(asked, -0.002 * (22.0 - 27.5))
+    assert np.sqrt(np.mean(error**2)) < 0.003
+
+
+def test_friction_that_scatters_from_run_to_run_is_no_noise_of_the_cells():
+    scatter = 0.01 * np.random.default_rng(4).normal(size=N)
+    found = refined(Shifted(scatter, PERMUTED, np.full(N, np.nan)))
+    assert found.smoothness.scatter == pytest.approx(np.std(scatter), rel=0.15)
+    # stated: 0.1 %
+    assert found.noise_scale == pytest.approx(np.std(scatter) / NOISE, rel=0.15)
+    error, se = errors_of(found)
+    assert np.sqrt(np.mean(error**2)) < 0.005
+    assert np.sqrt(np.mean(np.square(error / se))) < 1.5  # one draw, its nodes move together
+
+
+def test_a_campaign_in_which_nothing_shifts_shows_nothing():
+    found = refined(
+        Shifted(np.zeros(N), PERMUTED, 20.0 + 15.0 * np.random.default_rng(6).random(N))
+    )
+    for key in (ORDER, TEMPERATURE):
+        size, u = number(found, key)
+        assert abs(size) < 3.0 * u < 0.003
+    assert found.smoothness.scatter < 0.001
+
+
+@pytest.mark.long
+def test_intervals_hold_the_truth_over_many_draws():
+    inside = []
+    for seed in range(12):
+        order = np.random.default_rng(100 + seed).permutation(N)
+        error, se = errors_of(refined(run_in(order), seed))
+        inside.append(np.abs(error) < 1.96 * se)
+    assert 0.88 <= np.mean(inside) <= 0.995

@@ -1,0 +1,106 @@
+"""The inverse problem on benches with dead weights, torque and hub force."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_inverse import SPEEDS, R, bench_and_runs, errors, true_mu
+
+from beltid.identify.surface.surface import build_surface
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.params import Belt, Contact, GivenForce, OperatingPoint, Rig
+from beltid.refine.inverse import refine_surface
+from beltid.rigsim.model import Bench
+from beltid.rigsim.rig import SimulationSettings, simulate
+from beltid.uncertainty.campaign import Campaign
+from beltid.uncertainty.measured import measured_runs
+from beltid.uncertainty.press_law import PressLaw
+
+KINDS = ("tight", "slack", "hub")
+
+
+def campaign(bench: Bench, rows: np.ndarray) -> Campaign:
+    """Reduced runs of a bench: arc [deg], tension at rest, speed, both tensions, by Eqs. (6), (8).
+
+    The published procedure gives the surface to start from.
+    """
+    arc_deg, T_0, v, tight, slack = rows.T
+    log_ratio = np.log(tight / slack)
+    mu, f = log_ratio / np.radians(arc_deg), (tight - slack) / (R * log_ratio)
+    columns = {
+        "arc_deg": arc_deg,
+        "initial_tension_N": T_0,
+        "slip_speed_m_s": v,
+        "mu_sliding": mu,
+        "mu_sliding_se": 1e-4 * mu,
+        "normal_force_N_m": f,
+    }
+    given = bench.rig.given_force
+    measured = measured_runs(columns, np.arange(mu.size), R, given_force=given)
+    start = build_surface(arc_deg, f, v, mu, 1e-4 * mu).surface
+    press = PressLaw(bench.law, np.zeros((2, 2)), 1.2e-4, 0.04)
+    return Campaign(measured, replace(bench, surface=start), press)
+
+
+@pytest.mark.parametrize("given", KINDS)
+def test_sliding_states_of_another_model_give_its_surface(given: GivenForce) -> None:
+    """The truth of the synthetic bench, its tensions as if one, or their sum, had been given."""
+    bench, runs, f = bench_and_runs("5pk")
+    rows = []
+    for run, force in zip(runs, f, strict=True):
+        beta, log_ratio = run.point.beta, run.mu * run.point.beta
+        slack = force * R * log_ratio / math.expm1(log_ratio)
+        v = run.point.omega * R
+        # the tension at rest is not needed where a force is given
+        rows.append((math.degrees(beta), np.nan, v, slack * math.exp(log_ratio), slack))
+    bench = replace(bench, rig=replace(bench.rig, given_force=given))
+    of = campaign(bench, np.array(rows))
+    rms, worst = errors("5pk", refine_surface(of.bench, of.runs, SPEEDS).surface, runs, f)
+    assert rms < 0.002
+    assert worst < 0.005
+
+
+def simulated_runs(bench: Bench, T_rest: tuple[float, ...]) -> np.ndarray:
+    """Runs of a simulated bench on a mesh of its own, for :func:`campaign`."""
+    rows = []
+    for arc_deg in (40.0, 82.0):
+        for T in T_rest:
+            for omega in (0.1, 0.42):
+                point = OperatingPoint(math.radians(arc_deg), T, omega)
+                run = simulate(bench, point, SimulationSettings("steady", elements=120))
+                tensions = run.tension_tight_N, run.tension_slack_N
+                rows.append((arc_deg, T, omega * R, *tensions))
+    return np.array(rows)
+
+
+@pytest.mark.parametrize(
+    ("given", "wrong"), [("tight", 0.035), ("slack", 0.03), ("hub", 0.01), ("none", 0.0)]
+)
+def test_only_the_right_boundary_recovers_the_surface(given: GivenForce, wrong: float) -> None:
+    """Runs simulated with a weight or a hub force; then refined with it, and as if held."""
+    bench, _, _ = bench_and_runs("5pk")
+    grid_f, grid_v = np.geomspace(20.0, 6e4, 80), np.array([0.005, 0.021])
+    truth = np.array([true_mu("5pk", grid_f, v) for v in grid_v]).T
+    bench = replace(
+        bench,
+        belt=Belt(1.0e5, 0.02, 0.10),
+        rig=Rig(R, 0.10, given_force=given),
+        contact=Contact(),
+        surface=FrictionSurface(grid_f, grid_v, truth),
+    )
+    rows = simulated_runs(bench, (70.0, 130.0, 200.0, 300.0))
+
+    def error(with_force: GivenForce) -> float:
+        other = replace(bench, rig=replace(bench.rig, given_force=with_force))
+        of = campaign(other, rows)
+        surface = refine_surface(of.bench, of.runs, grid_v).surface
+        force = np.geomspace(of.measured.normal_force.min(), of.measured.normal_force.max(), 40)
+        off = [surface.mu(force, v) / true_mu("5pk", force, v) - 1 for v in grid_v]
+        return float(np.sqrt(np.mean(np.square(off))))
+
+    assert error(given) < 0.002
+    if given != "none":
+        assert error("none") > wrong

@@ -1,0 +1,160 @@
+"""Virtual benches of every kind, simulated with the forces that are given there, and back again."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import numpy as np
+import pytest
+
+import beltid
+from beltid.config import Config, load_config
+from beltid.errors import BeltidError
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
+from beltid.rigsim.rig import RunResult
+from beltid.stages.campaign import (
+    Picked,
+    planned_runs,
+    recording_columns,
+    simulated_results,
+    simulation_settings,
+)
+
+R = 0.05
+LAW = NormalLaw(6.5e7, 3.0256e11)
+KINDS: dict[str, dict[str, Any]] = {
+    "weight on the tight side": {"kind": "dead_weight", "weight_on": "tight"},
+    "weight on the slack side": {"kind": "dead_weight", "weight_on": "slack"},
+    "torque": {"kind": "torque"},
+    "torque and hub force": {"kind": "torque_hub"},
+}
+
+
+def true_mu(f: np.ndarray, v: np.ndarray | float) -> np.ndarray:
+    """A surface that is no power law."""
+    return (0.55 + 0.5 / (1.0 + (f / 2500.0) ** 0.7)) * (1.0 + 0.08 * np.log(v / 0.01))
+
+
+FORCE, SPEED = np.geomspace(5.0, 9e4, 90), np.geomspace(1e-4, 0.3, 30)
+TRUTH = FrictionSurface(FORCE, SPEED, true_mu(FORCE[:, None], SPEED[None, :]))
+
+
+@functools.cache
+def config_of(kind: str) -> Config:
+    settings = {
+        "arcs_deg": [40, 82],
+        "initial_tensions_N": [70, 130, 200, 300],
+        "pulley_speeds_rad_s": [0.1, 0.42],
+    }
+    return load_config({"rig": {**settings, **KINDS[kind]}})
+
+
+@functools.cache
+def simulated(kind: str) -> dict[str, np.ndarray]:
+    """The recording of a bench of that kind, in time, with the columns of rig.csv."""
+    config = config_of(kind)
+    runs = planned_runs(config, Picked())
+    settings = simulation_settings(config, "transient")
+    found: dict[int, RunResult | BeltidError]
+    found = dict(simulated_results(config, (TRUTH, LAW), runs, settings, jobs=1))
+    results = [found[k] for k in range(len(runs))]
+    assert all(isinstance(result, RunResult) for result in results)
+    return recording_columns(runs, results, config)  # type: ignore[arg-type]
+
+
+def as_measured(kind: str, noise_N: float) -> dict[str, np.ndarray]:
+    """What the channels of the bench show of it, each with white noise."""
+    columns = dict(simulated(kind))
+    tight, slack = columns.pop("tension_tight_N"), columns.pop("tension_slack_N")
+    rng = np.random.default_rng(7)
+
+    def noise() -> np.ndarray:
+        return noise_N * rng.standard_normal(tight.size)
+
+    half = 0.5 * np.radians(columns["arc_deg"])
+    if kind == "weight on the tight side":
+        columns |= {"weight_N": columns["initial_tension_N"], "tension_slack_N": slack + noise()}
+    elif kind == "weight on the slack side":
+        columns |= {"weight_N": columns["initial_tension_N"], "tension_tight_N": tight + noise()}
+    else:
+        columns["torque_N_m"] = R * (tight - slack + noise())
+        if kind == "torque":
+            columns["tension_slack_N"] = slack + noise()
+        else:  # the resultant of both spans
+            along, across = (tight + slack) * np.sin(half), (tight - slack) * np.cos(half)
+            columns["hub_force_N"] = np.hypot(along, across) + noise()
+    return columns
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_refined_surface_of_a_virtual_bench_is_the_true_one(kind: str) -> None:
+    friction = beltid.fit_friction(as_measured(kind, 0.2), config_of(kind))
+    refined = beltid.refine_surface(friction, LAW, config_of(kind)).result.surface
+    published = beltid.build_surface(friction, config_of(kind)).result.surface
+    frame = friction.to_frame()
+    f = np.geomspace(frame.normal_force_N_m.min(), frame.normal_force_N_m.max(), 40)
+    v = R * np.array([0.1, 0.42])
+    truth = true_mu(f[:, None], v)
+
+    def rms(surface: FrictionSurface) -> float:
+        return float(np.sqrt(np.mean(np.square(surface.mu(f[:, None], v) / truth - 1.0))))
+
+    assert rms(refined) < 0.005
+    assert rms(published) > 0.02  # what the bending does to Eqs. (6) and (8)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_simulated_bench_agrees_with_itself(kind: str) -> None:
+    """The simulated recording, which has no cell beside a weight, goes through the reduction."""
+    friction = beltid.fit_friction(as_measured(kind, 0.0), config_of(kind))
+    result = beltid.compare(friction, simulated(kind), config_of(kind)).result
+    assert result.share_compared == 1.0
+    assert np.max(np.abs(result.relative_difference)) < 1e-5
+
+
+def test_a_running_rig_agrees_with_itself_and_gives_its_surface_back() -> None:
+    """The recording holds whole tensions and the pulley's own speed; m v_b² = 2.5 N, v_b = 5 m/s.
+
+    The pulley goes slower than the belt, or faster.
+    """
+    v_b, momentum = 5.0, 2.5
+    settings = {
+        "kind": "running",
+        "belt_speed_m_s": v_b,
+        "arcs_deg": [40, 82],
+        "initial_tensions_N": [70, 130, 200, 300],
+        "pulley_speeds_rad_s": [98.0, 101.0],
+    }
+    config = load_config({"rig": settings})
+    runs = planned_runs(config, Picked())
+    found = dict(
+        simulated_results(config, (TRUTH, LAW), runs, simulation_settings(config, "steady"), 1)
+    )
+    results = [found[k] for k in range(len(runs))]
+    recording = recording_columns(runs, results, config)  # type: ignore[arg-type]
+    for run, result in zip(runs, results, strict=True):
+        assert isinstance(result, RunResult)
+        mine = recording["run"] == run.label
+        tight, slack, omega = (
+            recording[name][mine]
+            for name in ("tension_tight_N", "tension_slack_N", "pulley_speed_rad_s")
+        )
+        assert tight[0] == slack[0] == pytest.approx(run.initial_tension_N)
+        assert tight[-1] == pytest.approx(result.tension_tight_N + momentum)
+        # under a hub force the sum stays
+        assert tight[-1] + slack[-1] == pytest.approx(2.0 * run.initial_tension_N)
+        assert omega[0] == pytest.approx(v_b / R)  # with the belt
+        assert omega[-1] == pytest.approx(run.pulley_speed_rad_s)
+
+    friction = beltid.fit_friction(recording, config)
+    compared = beltid.compare(friction, recording, config).result
+    assert compared.share_compared == 1.0
+    assert np.max(np.abs(compared.relative_difference)) < 1e-9
+    surface = beltid.refine_surface(friction, LAW, config).result.surface
+    frame = friction.to_frame()
+    f = np.geomspace(frame.normal_force_N_m.min(), frame.normal_force_N_m.max(), 40)
+    v = np.array([0.05, 0.1])
+    error = surface.mu(f[:, None], v) / true_mu(f[:, None], v) - 1.0
+    assert np.sqrt(np.mean(error**2)) < 0.005

@@ -1,0 +1,303 @@
+"""fit-friction of a table with a row per plateau, of conditions, and of a speed that falls."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+import beltid
+from beltid.artifacts.artifact import read_artifact
+from beltid.cli.program import app
+from beltid.errors import InputError
+from beltid.stages.build_surface import build_surface
+from beltid.stages.fit_friction import fit_friction
+
+R = 0.05
+
+
+def mu_of(force: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    """A synthetic law."""
+    return np.asarray(0.6 * (force / 2000.0) ** -0.1 * (1.0 + 0.1 * np.log(speed / 0.02)))
+
+
+def plateaus(**columns: Any) -> pd.DataFrame:
+    """Plateaus of two arcs, four tensions and three speeds, by Eq. (5) of the law above."""
+    rows = []
+    for arc in (60.0, 120.0):
+        for tension in (60.0, 110.0, 200.0, 300.0):
+            for omega in (0.2, 0.4, 0.8):
+                beta, mu = np.radians(arc), 0.5
+                for _ in range(50):  # the force depends on mu
+                    force = tension * (np.exp(mu * beta) - 1.0) / (R * mu * beta)
+                    mu = float(mu_of(np.array(force), np.array(omega * R)))
+                rows.append(
+                    {
+                        "arc_deg": arc,
+                        "tension_slack_N": tension,
+                        "tension_tight_N": tension * np.exp(mu * beta),
+                        "pulley_speed_rad_s": omega,
+                        "mu": mu,
+                        "normal_force_N_m": force,
+                    }
+                )
+    return pd.DataFrame(rows).assign(**columns)
+
+
+TAKEN_OFF = "drag of the bearings taken off"
+DIRECT = ["mu", "normal_force_N_m"]
+TENSIONS = ["tension_tight_N", "tension_slack_N"]
+
+
+def by_kind(kind: str) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """The table as another bench would have it, and what the config says of that bench."""
+    table = plateaus()
+    tight, slack, beta = (
+        table["tension_tight_N"],
+        table["tension_slack_N"],
+        np.radians(table["arc_deg"]),
+    )
+    bare = table.drop(columns=[*TENSIONS, *DIRECT])
+    torque = (tight - slack) * R
+    if kind == "two_cells":
+        return bare.assign(tension_tight_N=tight, tension_slack_N=slack), {}
+    if kind == "dead_weight":
+        return bare.assign(weight_N=slack, tension_tight_N=tight), {"weight_on": "slack"}
+    if kind == "torque":
+        return bare.assign(torque_N_m=torque, tension_tight_N=tight), {}
+    hub = np.hypot(tight * np.cos(beta) - slack, tight * np.sin(beta))
+    return bare.assign(torque_N_m=torque, hub_force_N=hub), {}
+
+
+@pytest.mark.parametrize("kind", ["two_cells", "dead_weight", "torque", "torque_hub"])
+def test_a_table_of_plateaus_gives_the_coefficients_that_made_it(kind):
+    table, rig = by_kind(kind)
+    found = fit_friction(table, {"rig": {"kind": kind, **rig}}, table=True).to_frame()
+    truth = plateaus()
+    assert found["run"].tolist() == [str(k) for k in range(1, 25)]
+    assert found["mu_sliding"].to_numpy() == pytest.approx(truth["mu"].to_numpy(), rel=1e-9)
+    force = truth["normal_force_N_m"].to_numpy()
+    assert found["normal_force_N_m"].to_numpy() == pytest.approx(force, rel=1e-9)
+    assert found["mu_sliding_se"].isna().all()
+    surface = build_surface(found).result.surface
+    assert float(surface.mu(2000.0, 0.02)) == pytest.approx(0.6, rel=0.01)
+
+
+def test_a_table_may_state_coefficient_and_force_itself():
+    table = plateaus(slip_speed_m_s=lambda t: t["pulley_speed_rad_s"] * R, mu_se=0.006)
+    direct = table.drop(columns=[*TENSIONS, "pulley_speed_rad_s", "arc_deg"])
+    outcome = fit_friction(direct, table=True)
+    found = outcome.to_frame()
+    assert found["mu_sliding"].tolist() == table["mu"].tolist()
+    assert found["mu_sliding_se"].tolist() == [0.006] * 24
+    assert found["arc_deg"].isna().all()
+    built = build_surface(found)
+    assert float(built.result.surface.mu(2000.0, 0.02)) == pytest.approx(0.6, rel=0.01)
+    # no rig, so nothing of its calibration: the scatter alone
+    names = {row["source"] for row in built.extra["budget"]}
+    assert names == {"scatter of the runs", "combined"}
+
+
+def test_the_resolution_stands_for_the_scatter_of_single_readings():
+    table, rig = by_kind("dead_weight")
+    settings = {"kind": "dead_weight", **rig, "force_resolution_N": 0.5}
+    found = fit_friction(table, {"rig": settings}, table=True).to_frame()
+    # the weight is exact: d ln(T_tight) = r / sqrt(12) / T_tight
+    se = 0.5 / np.sqrt(12.0) / table["tension_tight_N"] / np.radians(table["arc_deg"])
+    assert found["mu_sliding_se"].to_numpy() == pytest.approx(se.to_numpy(), rel=1e-6)
+    torque, _ = by_kind("torque")
+    settings = {"kind": "torque", "force_resolution_N": 0.5}
+    found = fit_friction(torque, {"rig": settings}, table=True).to_frame()
+    truth = plateaus()
+    # an error of the cell is in both tensions: d z = e (1/T_tight - 1/T_slack)
+    both = 1.0 / truth["tension_slack_N"] - 1.0 / truth["tension_tight_N"]
+    se = 0.5 / np.sqrt(12.0) * both / np.radians(truth["arc_deg"])
+    assert found["mu_sliding_se"].to_numpy() == pytest.approx(se.to_numpy(), rel=1e-5)
+
+
+def test_a_reading_of_nothing_is_set_aside_and_the_rest_is_used():
+    table, _ = by_kind("two_cells")
+    table.loc[3, "tension_slack_N"] = 0.0
+    found = fit_friction(table, table=True).to_frame()
+    assert found["status"][3] == "tension_slack_N = 0, must be > 0"
+    assert (found["status"] == "ok").sum() == 23
+
+
+def test_what_is_missing_of_a_table_is_named():
+    table, _ = by_kind("two_cells")
+    with pytest.raises(InputError, match=r"rig\.kind: dead_weight needs the column weight_N"):
+        fit_friction(table, {"rig": {"kind": "dead_weight"}}, table=True)
+    with pytest.raises(InputError, match="pulley_speed_rad_s or slip_speed_m_s is missing"):
+        fit_friction(table.drop(columns="pulley_speed_rad_s"), table=True)
+    with pytest.raises(InputError, match="arc_deg is missing"):
+        fit_friction(table.drop(columns="arc_deg"), table=True)
+
+
+def test_idle_rows_are_taken_off_the_torque_and_their_absence_is_warned_of():
+    table, _ = by_kind("torque")
+    truth = plateaus()["mu"].to_numpy()
+    dragged = table.assign(torque_N_m=table["torque_N_m"] + 0.2, idle="false")
+    idle = pd.DataFrame({"torque_N_m": [0.2], "pulley_speed_rad_s": [0.4], "idle": ["true"]})
+    config = {"rig": {"kind": "torque"}}
+    with_idle = fit_friction(pd.concat([dragged, idle]), config, table=True)
+    assert with_idle.to_frame()["mu_sliding"].to_numpy() == pytest.approx(truth, rel=1e-9)
+    assert not any("drag" in line for line in with_idle.warnings)
+    assert any(
+        line == f"{TAKEN_OFF}: 0.2 N m, as the idle pulley showed" for line in with_idle.notes
+    )
+    without = fit_friction(dragged, config, table=True)
+    assert np.all(without.to_frame()["mu_sliding"].to_numpy() > truth)
+    assert any("drag of the bearings" in line for line in without.warnings)
+
+
+def test_the_command_reads_a_table_of_other_names_and_units(tmp_path: Path):
+    table, _ = by_kind("dead_weight")
+    renamed = table.rename(columns={"arc_deg": "Umschlingung", "weight_N": "G"})
+    renamed["G"] /= 1000.0
+    renamed.to_excel(tmp_path / "points.xlsx", index=False)
+    (tmp_path / "points.yaml").write_text(
+        "rig: {kind: dead_weight, weight_on: slack, force_resolution_N: 0.5}\n"
+        "columns: {points: {arc_deg: Umschlingung, weight_N: G}}\n"
+        "units: {points: {weight_N: kN}}\nconditions: {surface: wet, pulley: {material: steel}}\n"
+    )
+    call = ["fit-friction", "--table", str(tmp_path / "points.xlsx")]
+    result = CliRunner().invoke(app, call)
+    assert result.exit_code == 0, result.stderr
+    friction = read_artifact(tmp_path / "friction.parquet", "friction")
+    assert friction.columns["mu_sliding"] == pytest.approx(plateaus()["mu"].to_numpy(), rel=1e-9)
+    assert set(friction.columns["condition"]) == {"wet"}
+    assert set(friction.columns["pulley_material"]) == {"steel"}
+    result = CliRunner().invoke(app, ["build-surface", str(tmp_path / "friction.parquet")])
+    assert result.exit_code == 0, result.stderr
+
+
+def test_a_recording_and_a_table_are_not_taken_together(tmp_path: Path):
+    for call in (["fit-friction"], ["fit-friction", "rig.csv", "--table", "points.csv"]):
+        result = CliRunner().invoke(app, call)
+        assert result.exit_code == 2
+        assert "a recording, or a table by --table" in result.stderr
+
+
+def test_runs_of_another_surface_or_side_are_never_put_into_one_surface(tmp_path: Path):
+    table, _ = by_kind("two_cells")
+    wet = table.assign(tension_tight_N=table["tension_slack_N"] * 1.2, condition="Wet")
+    both = pd.concat([table.assign(condition="dry"), wet])
+    outcome = fit_friction(both, table=True)
+    found = outcome.to_frame()
+    assert found["condition"].tolist() == ["dry"] * 24 + ["wet"] * 24
+    with pytest.raises(InputError, match=r"dry \(24 runs\), wet \(24 runs\); choose one by --cond"):
+        build_surface(found)
+    built = build_surface(found, condition="dry")
+    assert built.extra["conditions"] == {"condition": "dry"}
+    dry = built.result.surface
+    assert float(dry.mu(2000.0, 0.02)) == pytest.approx(0.6, rel=0.01)
+    with pytest.raises(InputError, match="no run has the condition dusty; there are dry"):
+        build_surface(found, condition="dusty")
+    outcome = fit_friction(both.assign(side="back"), table=True)
+    assert any("back of the belt" in line for line in outcome.warnings)
+
+
+def test_conditions_of_the_config_hold_where_the_recording_states_none():
+    table, _ = by_kind("two_cells")
+    table = table.assign(condition=["wet", None] * 12, humidity_percent=[np.nan, 55.0] * 12)
+    config = {"conditions": {"surface": "dry", "humidity_percent": 40, "side": "rib"}}
+    found = fit_friction(table, config, table=True).to_frame()
+    assert found["condition"].tolist() == ["wet", "dry"] * 12
+    assert found["humidity_percent"].tolist() == [40.0, 55.0] * 12
+    assert set(found["side"]) == {"rib"}
+    plain = fit_friction(by_kind("two_cells")[0], table=True).to_frame()
+    assert not {"condition", "side", "humidity_percent"} & set(plain.columns)
+
+
+def test_a_word_that_is_no_condition_is_refused():
+    table, _ = by_kind("two_cells")
+    with pytest.raises(InputError, match=r"row 1: condition = oily, must be dry, wet or dusty"):
+        fit_friction(table.assign(condition="oily"), table=True)
+
+
+def coast_down(slope: float, seconds: float = 20.0) -> pd.DataFrame:
+    """A run whose pulley slows down evenly; mu falls with the speed by `slope` per rad/s."""
+    time = np.arange(0.0, seconds, 0.02)
+    omega = 0.9 - 0.8 * time / seconds
+    mu, beta = 0.5 + slope * omega, np.radians(90.0)
+    half = 0.5 * mu * beta
+    return pd.DataFrame(
+        {
+            "run": "C1",
+            "time_s": time,
+            "tension_tight_N": 200.0 * np.exp(half),
+            "tension_slack_N": 200.0 * np.exp(-half),
+            "pulley_speed_rad_s": omega,
+            "arc_deg": 90.0,
+            "initial_tension_N": 200.0,
+        }
+    )
+
+
+def test_a_coast_down_is_cut_into_bins_of_the_speed():
+    config = {"rig": {"speed_bins_rad_s": [0.1, 0.3, 0.5, 0.7, 0.9]}}
+    outcome = fit_friction(coast_down(0.2), config)
+    found = outcome.to_frame()
+    assert found["run"].tolist() == ["C1:0.1-0.3", "C1:0.3-0.5", "C1:0.5-0.7", "C1:0.7-0.9"]
+    assert (found["status"] == "ok").all()
+    centres = np.array([0.2, 0.4, 0.6, 0.8])
+    assert found["pulley_speed_rad_s"].to_numpy() == pytest.approx(centres, abs=1e-3)
+    assert found["mu_sliding"].to_numpy() == pytest.approx(0.5 + 0.2 * centres, abs=2e-4)
+    assert any("falling speed differs from that at rising" in line for line in outcome.warnings)
+    # without bins, a speed that is not steady is still set aside
+    with pytest.raises(InputError, match=r"cut into bins by rig\.speed_bins"):
+        fit_friction(coast_down(0.2))
+
+
+def test_the_error_of_a_bin_is_that_of_its_scatter():
+    rng = np.random.default_rng(1)
+    table = coast_down(0.0)
+    table["tension_tight_N"] += rng.normal(0.0, 2.0, len(table))
+    config = {"rig": {"speed_bins_rad_s": [0.1, 0.5, 0.9]}}
+    found = fit_friction(table, config).to_frame()
+    # 500 samples of 2 N of noise in a tension of 200 exp(mu beta / 2) N
+    tight = 200.0 * np.exp(0.25 * np.radians(90.0))
+    expected = 2.0 / tight / np.sqrt(500.0) / np.radians(90.0)
+    assert found["mu_sliding_se"].to_numpy() == pytest.approx(expected, rel=0.25)
+    assert np.all(np.abs(found["mu_sliding"] - 0.5) < 4.0 * expected)
+
+
+def test_the_python_function_takes_every_kind_of_recording():
+    rig = pd.read_csv(Path(__file__).parents[2] / "rigdata/5pk/rig.csv", dtype={"run": str})
+    part = rig[rig["run"].isin(["R041", "R042", "R043"])]
+    torque = part.assign(torque_N_m=(part["tension_tight_N"] - part["tension_slack_N"]) * R)
+    torque = torque.drop(columns="tension_slack_N")
+    cells = beltid.fit_friction(part).to_frame()
+    outcome = beltid.fit_friction(torque, {"rig": {"kind": "torque"}})
+    difference = outcome.to_frame()["mu_sliding"] - cells["mu_sliding"]
+    assert np.abs(difference).max() < 1e-6
+    assert any("drag of the bearings" in line for line in outcome.warnings)
+    with pytest.raises(InputError, match="column torque_N_m is missing"):
+        beltid.fit_friction(part, {"rig": {"kind": "torque"}})
+
+
+NO_OTHERS = {
+    "cell_gain_rel": 0,
+    "cell_offset_N": 0,
+    "arc_deg": 0,
+    "arc_setting_deg": 0,
+    "pulley_radius_rel": 0,
+    "pulley_speed_rel": 0,
+}
+
+
+@pytest.mark.parametrize(("kind", "share"), [("two_cells", 0.0), ("dead_weight", 1.0)])
+def test_a_gain_of_the_cells_counts_beside_a_dead_weight_only(kind, share):
+    table, rig = by_kind(kind)
+    config = {
+        "rig": {"kind": kind, **rig},
+        "uncertainty": {"tension_gain_rel": 0.01, **NO_OTHERS},
+    }
+    found = fit_friction(table.assign(mu_se=0.0), config, table=True).to_frame()
+    # both tensions of two cells grow alike; a weight stays, so that mu changes by ln(1.01) / beta
+    expected = share * np.log(1.01) / np.radians(table["arc_deg"])
+    assert found["mu_sliding_u"].to_numpy() == pytest.approx(expected.to_numpy(), abs=1e-12)
