@@ -27,6 +27,7 @@ Module                 Responsibility                                         Pa
 ``artifacts``          results: Parquet files that say what they are, written whole
 ``config``             YAML to a frozen model; errors with line and column
 ``tables``             column definitions: name, type, unit, range, meaning
+``plan``               which runs of the rig to make next, and when to stop
 ``uncertainty``        budgets, Monte Carlo check, differences in their units JCGM 100, 101
 ``refine``             inverse problem: the surface that gives the tensions   beyond section 7
 ``identify.press``     press recording to normal contact law                  Eqs. (1) to (4)

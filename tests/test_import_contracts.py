@@ -9,7 +9,17 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-SCIENCE = ("uncertainty", "refine", "drive", "identify", "rigsim", "laws", "params", "errors")
+SCIENCE = (
+    "plan",
+    "uncertainty",
+    "refine",
+    "drive",
+    "identify",
+    "rigsim",
+    "laws",
+    "params",
+    "errors",
+)
 NOT_FOR_SCIENCE = ("pandas", "pyarrow", "ruamel", "typer", "rich", "matplotlib", "pydantic")
 
 

@@ -45,6 +45,8 @@ From bench recordings to a friction law that is proven on a simulated copy of th
                    compare --------> compare.parquet
   surface_refined.parquet, stiffness.parquet, slip.parquet
                    simulate-drive -> drive.parquet, compare-drive
+  surface_refined.parquet, stiffness.parquet, or nothing yet
+                   plan -----------> plan.csv: the next runs of the rig
 
 `beltid run CONFIG.yaml` does all of it, the drive where its config has one. Results go to stdout,
 talk and progress to stderr. As the name of an input - is stdin, after --out it is stdout.
@@ -80,6 +82,7 @@ COMMANDS: Final = {
     "compare": ("proof", "friction, simulated -> compare.parquet: do they agree?"),
     "simulate-drive": ("drive", "surface, stiffness -> drive.parquet: a belt drive"),
     "compare-drive": ("drive", "slip, drive -> compare_drive.parquet: is it so?"),
+    "plan": ("plan", "surface, stiffness -> plan.csv: the next runs, or stop"),
     "run": ("run", "CONFIG.yaml -> runs/<belt>/: all of the above"),
     "report": ("report", "runs/<belt> -> report.html: figures, verdict"),
     "show": ("report", "any artifact: a table and a drawing, or a figure"),

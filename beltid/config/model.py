@@ -209,6 +209,18 @@ class PressSection(Section):
 MeasuredKind = Literal["two_cells", "dead_weight", "torque", "torque_hub"]
 RigKind = Literal[MeasuredKind, "running"]
 BinEdge = Annotated[float, Number(0, 1e4, "rad/s")]
+Arcs = Annotated[
+    tuple[Annotated[float, Number(0, 360, open_low=True, open_high=True)], ...],
+    ListOf("contact arcs", "[40, 68, 82]"),
+]
+Tensions = Annotated[
+    tuple[Annotated[float, Number(0, 1e5, "N", open_low=True)], ...],
+    ListOf("tensions", "[100, 270, 410]"),
+]
+Speeds = Annotated[
+    tuple[Annotated[float, Number(0, 1e4, "rad/s", open_low=True)], ...],
+    ListOf("speeds", "[0.05, 0.21, 0.84]"),
+]
 
 
 class RigSection(Section):
@@ -233,18 +245,9 @@ class RigSection(Section):
     pulley_radius_m: Annotated[float, Number(0.002, 5, "m")] = 0.05
     span_length_m: Annotated[float, Number(0.002, 10, "m")] = 0.10
     supports: Literal["pinned", "clamped"] = "pinned"
-    arcs_deg: Annotated[
-        tuple[Annotated[float, Number(0, 360, open_low=True, open_high=True)], ...],
-        ListOf("contact arcs", "[40, 68, 82]"),
-    ] = (40.0, 68.0, 82.0)
-    initial_tensions_N: Annotated[
-        tuple[Annotated[float, Number(0, 1e5, "N", open_low=True)], ...],
-        ListOf("tensions", "[100, 270, 410]"),
-    ] = (50.0, 100.0, 160.0, 220.0, 270.0, 310.0, 360.0, 411.0)
-    pulley_speeds_rad_s: Annotated[
-        tuple[Annotated[float, Number(0, 1e4, "rad/s", open_low=True)], ...],
-        ListOf("speeds", "[0.05, 0.21, 0.84]"),
-    ] = (0.05, 0.10, 0.21, 0.42, 0.84)
+    arcs_deg: Arcs = (40.0, 68.0, 82.0)
+    initial_tensions_N: Tensions = (50.0, 100.0, 160.0, 220.0, 270.0, 310.0, 360.0, 411.0)
+    pulley_speeds_rad_s: Speeds = (0.05, 0.10, 0.21, 0.42, 0.84)
 
     @property
     def measures(self) -> MeasuredKind:
@@ -402,6 +405,19 @@ class SimulationSection(Section):
     sticking_ratio: Annotated[float, Number(1, 5)] = 1.0
 
 
+Minutes = Annotated[float, Number(0, 1e4)]
+
+
+class PlanSection(Section):
+    """What the next runs may be set to, and the time they take; null: the settings of the rig."""
+
+    arcs_deg: Arcs | None = None
+    tension_N: Tensions | None = None
+    speed_rad_s: Speeds | None = None
+    minutes_per_run: Minutes = 5.0
+    minutes_per_arc_change: Minutes = 30.0
+
+
 class Config(Section):
     """A belt, its benches, and the settings of every stage.
 
@@ -422,6 +438,7 @@ class Config(Section):
     simulation: SimulationSection = SimulationSection()
     drive: DriveSection = DriveSection()
     compare_drive: CompareDriveSection = CompareDriveSection()
+    plan: PlanSection = PlanSection()
     uncertainty: UncertaintySection = UncertaintySection()
     columns: ColumnsSection = ColumnsSection()
     units: UnitsSection = UnitsSection()

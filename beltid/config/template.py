@@ -15,7 +15,7 @@ HEAD: Final = """\
 # Units are part of a key. A line such as "# ribs: 5" holds a default that nobody stated: take the
 # sign # away and put in your own value. `beltid config check FILE` checks this file, `beltid config
 # show -c FILE` shows all keys with their values, also those of the sections friction, surface,
-# slip, simulation and drive, and of columns, units and dialect for files written in other ways.
+# slip, simulation, drive and plan, and of columns, units and dialect for files written otherwise.
 """
 
 

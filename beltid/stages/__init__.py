@@ -11,6 +11,7 @@ Module                    Responsibility                                        
 ``refine_surface``        the surface without the bias of the mean force         beyond section 7
 ``simulate_rig``          the runs of the rig, simulated                         (9) to (12)
 ``compare``               measured against simulated                             section 7
+``plan``                  the next runs of the rig, or stop                      (P1) to (P6)
 ``inspect_file``          what is understood of a bench's files
 ``new_config``            a commented config for a new belt
 ``report_belt``           the results of a belt, or several, as a page

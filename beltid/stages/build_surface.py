@@ -22,7 +22,7 @@ from beltid.stages.alternatives import (
     friction_law_rows,
 )
 from beltid.stages.build_artifact import Build, Built
-from beltid.stages.conditions import rows_of_one
+from beltid.stages.conditions import rows_of_one, stated_of
 from beltid.stages.outcome import Outcome, rows_of, span
 from beltid.stages.reduction import weight_cell
 from beltid.stages.reporter import Options
@@ -161,6 +161,7 @@ def _outcome(
             "method": METHOD,
             "degree": surface.degree,
             "n_points": result.n_points,
+            **stated_of(columns, good),
             "rms_arc_spread": result.rms_arc_spread,
             "max_arc_spread": result.max_arc_spread,
             "measured": {"normal_force_N_m": span(f), "slip_speed_m_s": span(v)},

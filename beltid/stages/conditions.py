@@ -58,3 +58,10 @@ def rows_of_one(
     if problems:
         raise InputError(problems)
     return rows
+
+
+def stated_of(columns: Mapping[str, np.ndarray], rows: np.ndarray) -> dict[str, dict[str, str]]:
+    """Surface and side of rows that agree in them, as metadata; empty where nobody stated them."""
+    stated = {name: columns[name][rows[0]] for name in APART if name in columns}
+    stated = {name: str(word) for name, word in stated.items() if word is not None}
+    return {"conditions": stated} if stated else {}

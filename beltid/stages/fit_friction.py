@@ -8,11 +8,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench.recording import Recording, columns_of, read_recording, read_rig
+from beltid.bench.recording import columns_of, read_recording, read_rig
 from beltid.config import Config, ConfigSource, load_config
 from beltid.identify.estimators.statistics import as_set
 from beltid.identify.friction.drift_check import CAUSES, Drift, drift_check
-from beltid.identify.friction.kinds import TOUCH_DEG, TOUCHING, RigKind
+from beltid.identify.friction.kinds import DRAG_TAKEN_OFF, TOUCH_DEG, TOUCHING, RigKind
 from beltid.identify.friction.load_cells import TOLD
 from beltid.identify.friction.plateaus import BINNED
 from beltid.identify.friction.reduction import RunReduction
@@ -55,15 +55,14 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
     if built is None:
         if role == "points":
             points = read_recording(path, "points", model)
-            notes, n_samples, idle = points.notes, points.n_samples, _has_idle(points.columns)
+            notes, n_samples = points.notes, points.n_samples
             runs = reduce_points(points.columns, model)
         else:
             rig = read_rig(path, model)
-            idle = isinstance(rig, Recording) and _has_idle(rig.columns)
             runs = reduce_rig(rig, model, options.workers)
             notes, n_samples = rig.notes, rig.n_samples
         options.reporter.report(f"{path}: {n_samples} {'rows' if role == 'points' else 'samples'}")
-        built = build.write(_outcome(runs, model, str(path), notes, idle))
+        built = build.write(_outcome(runs, model, str(path), notes))
     return summarise(built)
 
 
@@ -106,11 +105,7 @@ def fit_friction(
     model = load_config(config)
     columns = columns_of(frame, "points" if table else "rig", model)
     runs = reduce_points(columns, model) if table else reduce_columns(columns, model)
-    return _outcome(runs, model, "frame", (), _has_idle(columns))
-
-
-def _has_idle(columns: Mapping[str, np.ndarray]) -> bool:
-    return any(str(word).lower() == "true" for word in columns.get("idle", ()))
+    return _outcome(runs, model, "frame", ())
 
 
 def _outcome(
@@ -118,7 +113,6 @@ def _outcome(
     config: Config,
     name: str,
     notes: tuple[str, ...],
-    idle: bool,
 ) -> Outcome[tuple[RunReduction, ...]]:
     runs = with_conditions(runs, config)
     direct = not any(np.isfinite(run.tension_tight_N) for run in runs if run.ok)
@@ -142,7 +136,7 @@ def _outcome(
         extra={"budget": table.budget, "drift": _drift_rows(drifts)},
         notes=(*notes, *_notes(table.runs)),
         warnings=(
-            *_traps(table.runs, rig_kind(config), idle),
+            *_traps(table.runs, rig_kind(config)),
             *(_drift_line(drift) for drift in drifts if drift.is_clear),
             *(f"run {run} set aside: {why}" for run, why in aside),
         ),
@@ -176,11 +170,12 @@ def _drift_line(drift: Drift) -> str:
     return f"the friction drifts with the {words}: {size} per {per} ({mended})"
 
 
-def _traps(runs: Sequence[RunReduction], kind: RigKind, idle: bool) -> Iterator[str]:
+def _traps(runs: Sequence[RunReduction], kind: RigKind) -> Iterator[str]:
     """What a bench of this kind easily does wrong, where it may have."""
     good = [run for run in runs if run.ok]
     derived = any(np.isfinite(run.tension_tight_N) for run in good)
-    if kind.has_torque and derived and not idle:
+    taken_off = any(note.startswith(DRAG_TAKEN_OFF) for run in good for note in run.notes)
+    if kind.has_torque and derived and not taken_off:
         yield (
             "the torque includes the drag of the bearings, which raises mu: record a run of the "
             "pulley without the belt and mark it by a column idle: true"
@@ -208,7 +203,8 @@ def _notes(reduced: Sequence[RunReduction]) -> tuple[str, ...]:
     missing = [r for r in reduced if r.n_missing]
     swapped = [r.run for r in reduced if r.swapped]
     unresolved = [r for r in reduced if r.ok and r.mu_sticking_reason]
-    lines = list(dict.fromkeys(n for r in reduced for n in r.notes if n.startswith(TOLD)))
+    begins = (TOLD, DRAG_TAKEN_OFF)
+    lines = list(dict.fromkeys(n for r in reduced for n in r.notes if n.startswith(begins)))
     if spikes:
         lines.append(f"{sum(r.n_spikes for r in spikes)} spikes left out, in {len(spikes)} runs")
     if missing:

@@ -12,6 +12,7 @@ import numpy as np
 
 from beltid.config import Config
 from beltid.errors import InputError
+from beltid.identify.estimators.statistics import settings_of
 from beltid.identify.surface.surface import SurfaceSettings
 from beltid.identify.surface.surface import build_surface as publish
 from beltid.rigsim.model import Bench
@@ -65,7 +66,8 @@ NEEDED: Final = (
     "mu_sliding_se",
 )
 PUBLISHED: Final = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
-SPEED_GAP: Final = 0.1  # a run further than this from every speed of the surface is left out
+SPEED_GAP: Final = 0.1  # in ln v: a run further than this from every speed has one of its own
+SETTING_GAP: Final = 0.03  # relative gap that parts two settings of the speed
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,12 +144,11 @@ def prepared_campaign(
     mu_se = None if own is None else own[good]
     settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
     start = publish(arc_deg, f, v, mu, mu_se, settings).surface
-    speeds = start.slip_speed_m_s
-    used = _at_speeds(columns, good, speeds, set_aside)
+    speeds = _speeds(start.slip_speed_m_s, np.abs(v))
     rig = config.rig_params()
-    measured = measured_runs(columns, used, rig.R, weight_cell(config), rig.given_force)
+    measured = measured_runs(columns, good, rig.R, weight_cell(config), rig.given_force)
     bench = Bench(config.belt_params(), rig, config.contact_params(), press.law, start)
-    return Campaign(measured, bench, press), speeds, used, set_aside
+    return Campaign(measured, bench, press), speeds, good, set_aside
 
 
 def usable_runs(columns: Mapping[str, np.ndarray]) -> tuple[np.ndarray, list[dict[str, Any]]]:
@@ -168,18 +169,17 @@ def usable_runs(columns: Mapping[str, np.ndarray]) -> tuple[np.ndarray, list[dic
     return np.array(good, dtype=int), set_aside
 
 
-def _at_speeds(
-    columns: Mapping[str, np.ndarray],
-    good: np.ndarray,
-    speeds: np.ndarray,
-    set_aside: list[dict[str, Any]],
-) -> np.ndarray:
-    """Rows at one of the speeds of the surface; the others are set aside."""
-    away = np.abs(np.log(columns["slip_speed_m_s"][good][:, None] / speeds)).min(axis=1)
-    for i in good[away > SPEED_GAP]:
-        why = "its speed is not one of those of the surface"
-        set_aside.append({"run": str(columns["run"][i]), "why": why})
-    return np.asarray(good[away <= SPEED_GAP])
+def _speeds(published: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Speeds of the refined surface [m/s]: of the published one, and settings that it left out.
+
+    A speed of few runs has no range of forces in common with the others, which the published
+    surface asks for; here it has its level by its runs and its shape by its neighbours.
+    """
+    far = v[np.abs(np.log(v[:, None] / published)).min(axis=1) > SPEED_GAP]
+    if far.size == 0:
+        return published
+    label = settings_of(far, SETTING_GAP)
+    return np.union1d(published, [far[label == k].mean() for k in np.unique(label)])
 
 
 def speed_labels(

@@ -11,6 +11,7 @@ without any new fit. The derivatives by x come from the rig simulated once more 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -90,10 +91,13 @@ def refined_campaign(
     refined = refine_surface(campaign.bench, campaign.runs, speeds, reference_degC=reference_degC)
     effects = [found.effect for found in refined.effects]
     measured = campaign.measured.with_effects(effects, refined.response)
+    shown = (
+        effect_sources(found.effect.key, found.size, found.values.size) for found in refined.effects
+    )
     return Refined(
         refined=refined,
         campaign=replace(campaign, measured=measured),
-        sources=(*sources, *effect_sources(refined.effects)),
+        sources=(*sources, *itertools.chain.from_iterable(shown)),
         slopes=refined_slopes(campaign, refined, speeds),
     )
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
-from beltid.refine.effects import ARC, COURSE, ORDER, TEMPERATURE, FoundEffect
+from beltid.refine.effects import ARC, COURSE, ORDER, TEMPERATURE
 
 Array = NDArray[np.float64]
 
@@ -286,13 +286,12 @@ def reduction_sources(columns: Mapping[str, Array]) -> tuple[Source, ...]:
     )
 
 
-def effect_sources(effects: Sequence[FoundEffect]) -> tuple[Source, ...]:
-    """Sources of what shifts the friction beside the surface, as large as the runs show it."""
+def effect_sources(key: str, size: float, count: int) -> tuple[Source, ...]:
+    """The numbers of an effect beside the surface, of a standard deviation that the runs show."""
     return tuple(
-        Source(EFFECT_SOURCES[found.effect.key], found.effect.key, k, found.size, *PERCENT, FITTED)
-        for found in effects
-        if found.effect.before is not None
-        for k in range(found.values.size)
+        Source(EFFECT_SOURCES[key], key, k, size, *PERCENT, FITTED)
+        for k in range(count)
+        if size > 0.0
     )
 
 

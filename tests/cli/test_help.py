@@ -25,6 +25,7 @@ COMMANDS = {
     "compare": ("FRICTION", "compare.parquet"),
     "simulate-drive": ("SURFACE", "drive.parquet"),
     "compare-drive": ("SLIP", "compare_drive.parquet"),
+    "plan": ("SURFACE", "plan.csv"),
     "run": ("CONFIG", "runs/<belt>/"),
     "export": ("TARGET", "export/ in the folder of the law"),
     "init": ("NAME", "<NAME>.yaml"),

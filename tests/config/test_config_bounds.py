@@ -25,6 +25,7 @@ from beltid.identify.surface.surface import SurfaceSettings
 from beltid.params import OperatingPoint
 from beltid.refine.effects import campaign_effects
 from beltid.rigsim.rig import DEFAULT_STEPS, SimulationSettings
+from beltid.stages.plan import rig_settings
 from beltid.stages.reduction import friction_settings, stiffness_settings
 from beltid.stages.uncertainties import standard_uncertainties
 
@@ -90,6 +91,10 @@ SCIENCE: dict[str, tuple[Callable[[Config], Any], ...]] = {
     "simulation": (with_simulation, lambda c: c.contact_params()),
     "drive": (with_drive,),
     "compare_drive": (lambda c: c.compare_drive,),  # both numbers are compared with as they are
+    "plan": (
+        lambda c: rig_settings(c).points(),
+        lambda c: (c.plan.minutes_per_run, c.plan.minutes_per_arc_change),
+    ),
     "uncertainty": (lambda c: replace(standard_uncertainties(c), stated=frozenset()),),
 }
 

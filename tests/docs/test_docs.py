@@ -20,7 +20,8 @@ from beltid.cli import app
 ROOT = Path(__file__).parents[2]
 SPHINX = (sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html")
 TUTORIAL = ROOT / "docs" / "tutorial.md"
-DRIVE = ROOT / "docs" / "drive.md"
+ONWARD = (TUTORIAL, ROOT / "docs" / "drive.md", ROOT / "docs" / "plan.md")
+"""The tutorial and the pages that go on from it, in their order."""
 OTHERS = ROOT / "docs" / "measured_by_others.md"
 README = ROOT / "README.md"
 
@@ -65,24 +66,26 @@ def test_commands_of_the_tutorial_run_one_after_the_other(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("BELTID", str(ROOT))
     monkeypatch.delenv("BELTID_CONFIG", raising=False)
-    assert len(commands(TUTORIAL, DRIVE)) > 10
-    for command in commands(TUTORIAL, DRIVE):
+    assert len(commands(*ONWARD)) > 10
+    for command in commands(*ONWARD):
         if command.startswith("beltid "):
             # in this process where it can be: starting others is most of the time
             alone = ["--jobs", "1"] if command.startswith("beltid run") else []
             done = CliRunner().invoke(app, [*shlex.split(command)[1:], *alone])
             assert done.exit_code == 0, f"{command}\n{done.output}\n{done.exception!r}"
         else:
-            subprocess.run(command, shell=True, check=True)
+            python = re.sub(r"^python ", f"{shlex.quote(sys.executable)} ", command)
+            subprocess.run(python, shell=True, check=True)
         if "rig.csv" in command and command.startswith("cp "):
             cut_recording_short(tmp_path / "rig.csv")
         if command.startswith("beltid init"):
             cut_config_short(tmp_path / "5pk.yaml")
     assert (tmp_path / "runs" / "5pk" / "report.html").is_file()
+    assert (tmp_path / "campaign" / "plan.png").is_file()
     law = beltid.load_law(tmp_path / "law" / "5pk.beltlaw.json")
     assert law.synthetic
     assert (law.belt.name, law.belt.ribs) == ("5pk", 5)
-    for block in blocks("python", TUTORIAL, DRIVE):
+    for block in blocks("python", *ONWARD):
         exec(block, {})
 
 

@@ -34,6 +34,7 @@ COMMANDS = (
     "compare friction.parquet simulated.parquet",
     "simulate-drive surface.parquet stiffness.parquet --from slip.parquet",
     "compare-drive slip.parquet drive.parquet",
+    "plan surface_refined.parquet stiffness.parquet --from friction.parquet --runs 4",
     "run beltid.yaml -j 2 --no-report",
     "report .",
     "show surface.parquet",

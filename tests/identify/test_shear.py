@@ -109,10 +109,10 @@ def test_the_ends_of_the_contact_are_those_of_a_beam_on_a_bed(T: float) -> None:
 
 
 @pytest.mark.parametrize("k_s", [1e7, K_S, 3e8])
-@pytest.mark.parametrize(("arc_deg", "T"), [(40.0, 270.0), (82.0, 270.0), (82.0, 411.0)])
+@pytest.mark.parametrize(("arc_deg", "T"), [(40.0, 270.0), (82.0, 411.0)])
 def test_the_slope_is_that_of_the_simulated_rig(k_s: float, arc_deg: float, T: float) -> None:
     """At the very beginning (B1); of a line through 30 % of the build-up with (B4)."""
-    travel, difference = ShearRig(k_s).curve(arc_deg, T, steps=300)
+    travel, difference = ShearRig(k_s).curve(arc_deg, T, steps=200)
     belt = laid_belt(EA, EI, np.array([T]), R, SPAN, LAW_5PK)
     arc = np.array([R * math.radians(arc_deg)])
     slope = float(build_up_slope(belt, k_s, arc, SPAN)[0])

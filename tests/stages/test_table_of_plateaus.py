@@ -48,6 +48,7 @@ def plateaus(**columns: Any) -> pd.DataFrame:
     return pd.DataFrame(rows).assign(**columns)
 
 
+TAKEN_OFF = "drag of the bearings taken off"
 DIRECT = ["mu", "normal_force_N_m"]
 TENSIONS = ["tension_tight_N", "tension_slack_N"]
 
@@ -145,6 +146,9 @@ def test_idle_rows_are_taken_off_the_torque_and_their_absence_is_warned_of():
     with_idle = fit_friction(pd.concat([dragged, idle]), config, table=True)
     assert with_idle.to_frame()["mu_sliding"].to_numpy() == pytest.approx(truth, rel=1e-9)
     assert not any("drag" in line for line in with_idle.warnings)
+    assert any(
+        line == f"{TAKEN_OFF}: 0.2 N m, as the idle pulley showed" for line in with_idle.notes
+    )
     without = fit_friction(dragged, config, table=True)
     assert np.all(without.to_frame()["mu_sliding"].to_numpy() > truth)
     assert any("drag of the bearings" in line for line in without.warnings)
@@ -187,7 +191,9 @@ def test_runs_of_another_surface_or_side_are_never_put_into_one_surface(tmp_path
     assert found["condition"].tolist() == ["dry"] * 24 + ["wet"] * 24
     with pytest.raises(InputError, match=r"dry \(24 runs\), wet \(24 runs\); choose one by --cond"):
         build_surface(found)
-    dry = build_surface(found, condition="dry").result.surface
+    built = build_surface(found, condition="dry")
+    assert built.extra["conditions"] == {"condition": "dry"}
+    dry = built.result.surface
     assert float(dry.mu(2000.0, 0.02)) == pytest.approx(0.6, rel=0.01)
     with pytest.raises(InputError, match="no run has the condition dusty; there are dry"):
         build_surface(found, condition="dusty")

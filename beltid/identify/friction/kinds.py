@@ -38,6 +38,8 @@ Span = Literal["tight", "slack"]
 Measures = Literal["two_cells", "dead_weight", "torque", "torque_hub"]
 
 SPANS: tuple[Span, Span] = ("tight", "slack")
+DRAG_TAKEN_OFF = "drag of the bearings taken off"
+"""How the note on it begins."""
 TURNS = 0.03
 """Share of the largest speed from which on the pulley turns."""
 TOUCH_DEG = 360.0
@@ -66,6 +68,13 @@ class Drag:
     torque_N_m: Array
     torque_se_N_m: Array
     at_rest_N_m: float
+
+    @property
+    def note(self) -> str:
+        """What is taken off, for the user."""
+        low, high = float(np.min(self.torque_N_m)), float(np.max(self.torque_N_m))
+        span = f"{low:.3g} N m" if self.torque_N_m.size == 1 else f"{low:.3g} to {high:.3g} N m"
+        return f"{DRAG_TAKEN_OFF}: {span}, as the idle pulley showed"
 
     def at(self, speed_rad_s: Array) -> Array:
         """Torque to be taken off at some speeds, that of the nearest idle run beyond all of them.

@@ -88,6 +88,7 @@ def reduce_plateaus(
     idle = [str(word).lower() == "true" for word in columns.get("idle", np.full(n, None))]
     rows = np.flatnonzero(~np.array(idle))
     used = {name: values[rows] for name, values in columns.items()}
+    dragged: tuple[str, ...] = ()
     if is_direct(columns):
         found = _stated(used, len(rows))
     else:
@@ -97,6 +98,7 @@ def reduce_plateaus(
         drag = drag_of(
             [{k: columns[k][[i]] for k in DRAG if k in columns} for i in np.flatnonzero(idle)]
         )
+        dragged = (drag.note,) if drag is not None and kind.has_torque else ()
         tight, slack = kind.tensions(used, used["arc_deg"], R, drag)
         beta = np.radians(used["arc_deg"])
         found = {
@@ -124,8 +126,8 @@ def reduce_plateaus(
     for k, label in enumerate(labels):
         values: dict[str, Any] = {name: float(x[k]) for name, x in found.items()}
         run = replace(_said_of(label, used, k), **values)
-        if run.arc_deg >= TOUCH_DEG:
-            run = replace(run, notes=(TOUCHING,))
+        touching = (TOUCHING,) if run.arc_deg >= TOUCH_DEG else ()
+        run = replace(run, notes=(*dragged, *touching))
         runs.append(replace(run, status=_problem(run, settings) or "ok"))
     return tuple(runs)
 
@@ -231,10 +233,10 @@ def _problem(run: RunReduction, settings: FrictionSettings) -> str:
 def course(record: RunRecord) -> str:
     """How the speed of a run goes: "falls", "rises", or "" where it is steady."""
     speed = np.abs(record.pulley_speed_rad_s[np.isfinite(record.pulley_speed_rad_s)])
-    if speed.size < 16:
+    turning = speed[speed > 0.02 * float(np.max(speed, initial=0.0))]
+    if turning.size < 16:
         return ""
-    turning = speed[speed > 0.02 * float(np.max(speed))]
-    quarter = max(turning.size // 4, 1)
+    quarter = turning.size // 4
     change = median(turning[-quarter:]) / median(turning[:quarter])
     return "falls" if change < FALLS else "rises" if change > RISES else ""
 
@@ -280,7 +282,7 @@ def binned_plateaus(
             initial_tension_N=record.nominal_tension_N if record.kind.weight else NAN,
             conditions=record.conditions,
             mu_sticking_reason="",
-            notes=(note,),
+            notes=(note, record.note) if record.note else (note,),
         )
         if record.defect:
             found.append(replace(run, status=record.defect))

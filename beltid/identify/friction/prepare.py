@@ -105,6 +105,8 @@ def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> Prep
             slip_speed_m_s=float(sliding_speed(rotation.speed_rad_s, R)),
             start_time_s=float(channels.time_s[rotation.first]),
         )
+        if record.note:
+            run = _noted(run, record.note)
         if record.arc_deg >= TOUCH_DEG:
             run = _noted(run, TOUCHING)
         run = _noted(run, *_rotation_notes(rotation, channels))

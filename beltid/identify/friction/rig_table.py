@@ -221,6 +221,7 @@ def run_record(
         pulley_speed_rad_s=kind.relative_speed(columns, R),
         kind=kind,
         belt_speed_m_s=belt_speed,
+        note=drag.note if drag is not None and kind.has_torque else "",
     )
 
 

@@ -166,6 +166,8 @@ class RunRecord:
     belt_speed_m_s: float = 0.0
     """Speed of the belt; that of the pulley is the one relative to it [m/s]."""
     conditions: Conditions = Conditions()
+    note: str = ""
+    """What was done to the channels before, for the user."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,255 @@
+"""Settings of the rig as candidates: simulated once with the present surface, and differentiated.
+
+The rows J, S of the linear model come from where the refined surface has its own: J from the
+sensitivities of the simulated rig, the change by a shared error as the change of measured less
+simulated ln mu (:mod:`beltid.uncertainty.refined`). The noise of a run is the law
+
+    v = s² [ s_r² + s_T² (1/T_tight² + 1/T_slack²) / (mu beta)² + s_m² ],                    (P6)
+
+scatter of the friction from run to run, scatter of the tensions in Eq. (6), and the error of the
+simulated coefficient that the fit of the surface allows for.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from beltid.errors import InputError
+from beltid.laws.capstan import friction_coefficient
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.params import OperatingPoint
+from beltid.plan.design import RunRows
+from beltid.plan.prior import knots_for, speeds_for, usual_surface
+from beltid.refine.curves import Curves
+from beltid.refine.effects import arc_effect
+from beltid.refine.inverse import KNOTS, MODEL_ERROR
+from beltid.refine.rig_runs import (
+    MeasuredRun,
+    RigRuns,
+    acting_forces,
+    mesh_of,
+    surfaces_of,
+    sweep_with_slopes,
+)
+from beltid.rigsim.model import Bench
+from beltid.uncertainty.campaign import Campaign
+from beltid.uncertainty.measured import Measured
+from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.refined import MESH, residual_change, simulated_slopes
+from beltid.uncertainty.sources import Errors, Source
+
+Array = NDArray[np.float64]
+
+SAME_ARC = 1.0e-3  # relative; nominal settings differ by rounding only
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseLaw:
+    """Noise of a run, (P6).
+
+    Attributes
+    ----------
+    friction : float
+        Standard deviation s_r of ln mu from run to run [-].
+    tension : float
+        Standard deviation s_T of the tensions of a run [N].
+    scale : float
+        Factor s that the fit of the surface found [-].
+    """
+
+    friction: float = 3.0e-3
+    tension: float = 0.1
+    scale: float = 1.0
+
+    def variance(self, measured: Measured) -> Array:
+        """Variance of ln mu of runs (n,)."""
+        by_tension = np.square(self.tension) * _tension_share(measured)
+        return np.asarray(self.scale**2 * (self.friction**2 + by_tension + MODEL_ERROR**2))
+
+
+def noise_law(measured: Measured, scale: float = 1.0) -> NoiseLaw:
+    """The law of reduced runs: (P6) through the squares of their standard errors.
+
+    The misfits count relative to the squares, so that the many quiet runs do not drown.
+
+    Raises
+    ------
+    InputError
+        If no run has a standard error.
+    """
+    squares = np.square(measured.mu_se / measured.mu)
+    known = squares > 0.0
+    if not known.any():
+        raise InputError("the runs have no standard errors: their noise is not known")
+    terms = np.column_stack([np.ones(squares.size), _tension_share(measured)])
+    found, _ = nnls(terms[known] / squares[known, None], np.ones(int(known.sum())))
+    return NoiseLaw(float(np.sqrt(found[0])), float(np.sqrt(found[1])), scale)
+
+
+def _tension_share(measured: Measured) -> Array:
+    """Variance of ln mu by a unit variance of both tensions [1/N²]."""
+    squares = 1.0 / np.square(measured.tight) + 1.0 / np.square(measured.slack)
+    return np.asarray(squares / np.square(measured.mu * measured.beta))
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What the rig can be set to.
+
+    Attributes
+    ----------
+    arcs_deg : tuple of float
+        Contact arcs [deg].
+    tensions : tuple of float
+        Initial tensions [N].
+    omegas : tuple of float
+        Speeds of the pulley [rad/s].
+    """
+
+    arcs_deg: tuple[float, ...]
+    tensions: tuple[float, ...]
+    omegas: tuple[float, ...]
+
+    def points(self) -> list[OperatingPoint]:
+        """Every combination, the speed running fastest."""
+        return [
+            OperatingPoint(math.radians(arc), T_0, omega)
+            for arc, T_0, omega in itertools.product(self.arcs_deg, self.tensions, self.omegas)
+        ]
+
+
+@dataclass(frozen=True, slots=True)
+class Candidates:
+    """Candidate runs as simulated with the present surface.
+
+    Attributes
+    ----------
+    campaign : Campaign
+        The runs, their tensions as simulated, and the bench.
+    curves : Curves
+        Knots and speeds of the surface.
+    J, response, speed_slope : ndarray, shape (n, size), (n,), (n,)
+        Derivatives of ln mu by the parameters, by ln of a factor on the surface, by ln v.
+    slopes : ndarray, shape (n, 8)
+        Derivatives by the inputs of the simulated rig.
+    """
+
+    campaign: Campaign
+    curves: Curves
+    J: Array
+    response: Array
+    speed_slope: Array
+    slopes: Array
+
+    @property
+    def measured(self) -> Measured:
+        """The runs."""
+        return self.campaign.measured
+
+    def rows(
+        self, sources: Sequence[Source], noise: NoiseLaw, columns: Mapping[str, float]
+    ) -> RunRows:
+        """The runs as rows of the linear model.
+
+        Parameters
+        ----------
+        sources : sequence of Source
+            The shared errors, in the order of the columns of S. One that new runs do not follow has
+            zeros.
+        noise : NoiseLaw
+            Noise of a run.
+        columns : mapping of str to float
+            Change of ln mu by the errors of the reduction: key of the source -> per unit.
+        """
+        n = self.J.shape[0]
+        shared = {key: np.full((n, 1), value) for key, value in columns.items()}
+        measured = replace(self.measured, columns=shared)
+        measured = measured.with_effects([arc_effect(measured.arc)], self.response)
+        campaign = replace(self.campaign, measured=measured)
+        changes = [
+            residual_change(campaign, Errors.single(source), self.slopes, self.speed_slope)
+            for source in sources
+        ]
+        S = np.column_stack(changes) if changes else np.zeros((n, 0))
+        return RunRows(self.J, S, noise.variance(measured), measured.arc)
+
+
+def simulate_candidates(
+    bench: Bench,
+    press: PressLaw,
+    settings: Settings,
+    known_arcs_deg: Sequence[float],
+    measured: FrictionSurface | None,
+) -> Candidates:
+    """Simulate every setting once with the present surface, and differentiate it.
+
+    Parameters
+    ----------
+    bench : Bench
+        Belt and rig; its surface is not used.
+    press : PressLaw
+        The contact law and its making.
+    settings : Settings
+        What the rig can be set to.
+    known_arcs_deg : sequence of float
+        Arc settings of the measured surface, as its sources count them [deg].
+    measured : FrictionSurface or None
+        The present surface; None before any run: then the middle of the prior.
+
+    Raises
+    ------
+    ConvergenceError
+        If a setting has no sliding state.
+    """
+    points = settings.points()
+    wanted = np.array([omega * bench.rig.R for omega in settings.omegas])
+    speeds = speeds_for(wanted, measured)
+    known = list(known_arcs_deg)
+    arcs = [_number(math.degrees(point.beta), known) for point in points]
+    runs = [MeasuredRun(point, 1.0, 0.0, k) for point, k in zip(points, arcs, strict=True)]
+    at = speeds[np.argmin(np.abs(np.log(wanted[:, None] / speeds)), axis=1)]
+    rig = RigRuns(bench, runs, np.unique(at), mesh_of(bench, runs, MESH))
+    force = np.array([point.T_0 for point in points]) / bench.rig.R
+    rough = np.log([0.2 * force.min(), 2.0 * force.max()])
+    start = usual_surface(rough, np.log(speeds)) if measured is None else measured
+    acting = acting_forces(rig, start)
+    log_force = knots_for(float(acting[:, 0].min()), float(acting[:, 1].max()), measured, KNOTS)
+    curves = Curves(log_force, np.log(speeds))
+    present = usual_surface(log_force, curves.log_speed) if measured is None else measured
+    log_mu = np.log(present.mu(np.exp(log_force), speeds[:, None])).ravel()
+    rig = RigRuns(bench, runs, speeds, mesh_of(bench, runs, MESH))
+    sweep = sweep_with_slopes(rig, curves, log_mu)
+    surfaces = surfaces_of(curves, log_mu)
+    tight, slack = np.array([(state.T_A, state.T_B) for _, state in rig.slide(surfaces)]).T
+    beta = np.array([point.beta for point in points])
+    mu = friction_coefficient(tight, slack, beta)
+    simulated = Measured(
+        R=bench.rig.R,
+        arc=np.array(arcs, dtype=np.intp),
+        beta=beta,
+        T_0=np.array([point.T_0 for point in points]),
+        omega=np.array([point.omega for point in points]),
+        tight=tight,
+        slack=slack,
+        mu=mu,
+        mu_se=np.zeros(mu.size),
+    )
+    campaign = Campaign(simulated, bench, press)
+    slopes = simulated_slopes(campaign, surfaces, speeds, sweep.speed_slope)
+    return Candidates(campaign, curves, sweep.J, sweep.response, sweep.speed_slope, slopes)
+
+
+def _number(arc_deg: float, known: list[float]) -> int:
+    """Number of an arc among those known; a new one is added to them."""
+    for k, other in enumerate(known):
+        if abs(arc_deg - other) <= SAME_ARC * other:
+            return k
+    known.append(arc_deg)
+    return len(known) - 1

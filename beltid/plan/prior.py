@@ -1,0 +1,164 @@
+"""The surface before any run, and what is not known of it between and beyond measured nodes.
+
+ln mu at the knots is Gaussian with the roughness of the refined surface (:mod:`beltid.refine`,
+bending over the force, difference between speeds). What that leaves free, a level at each speed and
+a common slope over the force, has a broad prior of its own:
+
+    P = a Q_bending + b Q_difference + N' K^-1 N,                                            (P5)
+
+N the mean of each speed's curve and the mean slope, K their covariance: a level that all speeds
+share, a slope over ln v, a bend over ln v (an integrated Wiener process), a slope over ln f.
+
+Where a surface was measured, new knots beside its nodes follow from them by the same prior: given
+the nodes they are Gaussian with the mean -P_nn^-1 P_no p_o and the covariance P_nn^-1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.plan.design import Knowledge
+from beltid.refine.curves import Curves
+from beltid.refine.effects import ARC, BEFORE
+from beltid.refine.evidence import Smoothness
+
+Array = NDArray[np.float64]
+
+USUAL = Smoothness(bending=float(np.exp(5.0)), difference=float(np.exp(7.0)), noise_scale=1.0)
+"""The smoothness of a surface of which nothing is known, as the refined surface begins with."""
+USUAL_ARCS = float(np.exp(BEFORE[ARC][0]))
+"""Standard deviation of ln mu between arcs, likewise."""
+LEVEL = 1.0
+"""mu of a dry ribbed belt at the middle of the knots [-]: 0.7 to 1.5 is typical."""
+LEVEL_WIDTH = 0.38
+"""Standard deviation of its logarithm: half of ln(1.5 / 0.7)."""
+FORCE_SLOPE, FORCE_SLOPE_WIDTH = -0.15, 0.15
+"""d ln mu / d ln f_N and its standard deviation."""
+SPEED_SLOPE, SPEED_SLOPE_WIDTH = 0.1, 0.15
+"""d ln mu / d ln v and its standard deviation."""
+SPEED_BEND = 0.1
+"""Standard deviation of the change of d ln mu / d ln v over one unit of ln v."""
+SAME_SPEED = 0.1
+"""Distance in ln v up to which a run belongs to a speed of the surface."""
+
+
+def usual_surface(log_force: Array, log_speed: Array) -> FrictionSurface:
+    """Middle of the prior: the surface that runs are simulated with where none was measured."""
+    x = log_force - log_force.mean()
+    z = log_speed - log_speed.mean()
+    log_mu = np.log(LEVEL) + FORCE_SLOPE * x[:, None] + SPEED_SLOPE * z
+    return FrictionSurface(np.exp(log_force), np.exp(log_speed), np.exp(log_mu))
+
+
+def prior_precision(curves: Curves) -> Array:
+    """Inverse covariance of the knot values before any run (size, size), (P5)."""
+    k, m = curves.log_force.size, curves.log_speed.size
+    rough = USUAL.bending * curves.bending()
+    if m > 1:
+        rough = rough + USUAL.difference * curves.difference()
+    z = curves.log_speed - curves.log_speed.mean()
+    early, late = np.minimum.outer(z, z) - z[0], np.maximum.outer(z, z) - z[0]
+    bend = np.square(early) * (3.0 * late - early) / 6.0
+    level = LEVEL_WIDTH**2 + SPEED_SLOPE_WIDTH**2 * np.outer(z, z) + SPEED_BEND**2 * bend
+    slope = np.zeros(k)
+    slope[[0, -1]] = np.array([-1.0, 1.0]) / np.ptp(curves.log_force)
+    means = np.kron(np.eye(m), np.full((1, k), 1.0 / k))
+    slopes = np.tile(slope, (1, m)) / m
+    levels = means.T @ np.linalg.solve(level, means)
+    return np.asarray(rough + levels + slopes.T @ slopes / FORCE_SLOPE_WIDTH**2)
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredSurface:
+    """A surface that was measured, with the covariance of its nodes.
+
+    Attributes
+    ----------
+    surface : FrictionSurface
+        The surface, nodes (nf,), speeds (nv,).
+    changes : ndarray, shape (nf, nv, K)
+        Change of ln mu at the nodes by one standard uncertainty of each shared error.
+    scatter : ndarray, shape (nf, nv, r)
+        Factor of the covariance by the scatter of the runs.
+    """
+
+    surface: FrictionSurface
+    changes: Array
+    scatter: Array
+
+
+def knots_for(low: float, high: float, measured: FrictionSurface | None, count: int) -> Array:
+    """Knots in ln f from a lowest to a highest force [N/m].
+
+    Those of a measured surface stay, with further ones beside them, as far apart as its last ones.
+    """
+    if measured is None:
+        return np.linspace(np.log(low), np.log(high), count)
+    nodes = np.log(measured.normal_force_N_m)
+    first, last = nodes[1] - nodes[0], nodes[-1] - nodes[-2]
+    below = max(round((nodes[0] - np.log(low)) / first), 0)
+    above = max(round((np.log(high) - nodes[-1]) / last), 0)
+    return np.concatenate(
+        [
+            nodes[0] - first * np.arange(below, 0, -1),
+            nodes,
+            nodes[-1] + last * np.arange(1, above + 1),
+        ]
+    )
+
+
+def speeds_for(wanted: Array, measured: FrictionSurface | None) -> Array:
+    """Speeds [m/s] of a plan: those of a measured surface and those wanted beside them."""
+    wanted = np.unique(wanted)
+    if measured is None:
+        return wanted
+    known = measured.slip_speed_m_s
+    away = np.abs(np.log(wanted[:, None] / known)).min(axis=1)
+    return np.union1d(known, wanted[away > SAME_SPEED])
+
+
+def knowledge_at(curves: Curves, measured: MeasuredSurface | None, n_errors: int) -> Knowledge:
+    """What is known of ln mu at the knots of a plan, before its runs.
+
+    Parameters
+    ----------
+    curves : Curves
+        Knots and speeds of the plan; the nodes of the measured surface are among them.
+    measured : MeasuredSurface or None
+        What was measured; None before any run.
+    n_errors : int
+        Shared errors, as many as the measured surface has changes.
+    """
+    precision = prior_precision(curves)
+    size = precision.shape[0]
+    if measured is None:
+        return Knowledge(np.asarray(np.linalg.inv(precision), float), np.zeros((size, n_errors)))
+    old = _places(curves, measured.surface)
+    new = np.setdiff1d(np.arange(size), old)
+    follows = np.zeros((size, old.size))
+    follows[old, np.arange(old.size)] = 1.0
+    unknown = np.zeros((size, size))
+    if new.size:
+        own = precision[np.ix_(new, new)]
+        follows[new] = -np.linalg.solve(own, precision[np.ix_(new, old)])
+        unknown[np.ix_(new, new)] = np.linalg.inv(own)
+    factor = follows @ _speed_by_speed(measured.scatter)
+    scatter = np.asarray(factor @ factor.T + unknown, dtype=float)
+    return Knowledge(scatter, follows @ _speed_by_speed(measured.changes))
+
+
+def _speed_by_speed(nodes: Array) -> Array:
+    """Values at nodes (nf, nv, r) in the order of the parameters (nv nf, r)."""
+    nf, nv, r = nodes.shape
+    return nodes.transpose(1, 0, 2).reshape(nv * nf, r)
+
+
+def _places(curves: Curves, surface: FrictionSurface) -> NDArray[np.intp]:
+    """Numbers of the parameters that are nodes of a surface, in its order speed by speed."""
+    of_force = np.searchsorted(curves.log_force, np.log(surface.normal_force_N_m) - 1.0e-9)
+    of_speed = np.searchsorted(curves.log_speed, np.log(surface.slip_speed_m_s) - 1.0e-9)
+    return np.add.outer(of_speed * curves.log_force.size, of_force).ravel()

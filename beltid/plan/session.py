@@ -1,0 +1,81 @@
+"""The order of the runs of a session: the arc is changed least, repetitions lie far apart.
+
+Runs of one arc follow each other. Within an arc the runs of a repeated setting are spread evenly
+from the first to the last place, so that they tell a drift. The others fill the places between: up
+through every other setting and down through those left out, so that a drift over time is no trend
+over the tension.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class ScheduledRun:
+    """A run in its place of the session.
+
+    Attributes
+    ----------
+    run : int
+        Number of the run, as it was chosen.
+    repeat, repeats : int
+        Which of how many runs at its setting, from 1.
+    start_minutes : float
+        Minutes from the start of the session.
+    """
+
+    run: int
+    repeat: int
+    repeats: int
+    start_minutes: float
+
+
+def schedule(
+    chosen: Sequence[int],
+    settings: Sequence[tuple[float, float, float]],
+    minutes_per_run: float,
+    minutes_per_arc_change: float,
+) -> list[ScheduledRun]:
+    """Put chosen runs in order.
+
+    Parameters
+    ----------
+    chosen : sequence of int
+        The runs, one as often as it is repeated.
+    settings : sequence of tuple of float
+        Arc, initial tension, speed of every run that may be chosen.
+    minutes_per_run, minutes_per_arc_change : float
+        What they take [min]; the arc of the first run counts as set.
+
+    Returns
+    -------
+    list of ScheduledRun
+        Arcs ascending.
+    """
+    ordered: list[ScheduledRun] = []
+    clock = 0.0
+    for arc in sorted({settings[i][0] for i in chosen}):
+        clock += minutes_per_arc_change if ordered else 0.0
+        here = sorted((i for i in set(chosen) if settings[i][0] == arc), key=settings.__getitem__)
+        seen: dict[int, int] = {}
+        for i in _spread({i: chosen.count(i) for i in here}):
+            seen[i] = seen.get(i, 0) + 1
+            ordered.append(ScheduledRun(i, seen[i], chosen.count(i), clock))
+            clock += minutes_per_run
+    return ordered
+
+
+def _spread(counts: dict[int, int]) -> list[int]:
+    """Runs of one arc in order, from how often each is made; the settings come ascending."""
+    places = list(range(sum(counts.values())))
+    last = places[-1]
+    at: dict[int, int] = {}
+    for i, count in sorted(counts.items(), key=lambda item: -item[1]):
+        for k in range(count if count > 1 else 0):
+            wanted = last * k / (count - 1)
+            at[places.pop(min(range(len(places)), key=lambda p: abs(places[p] - wanted)))] = i
+    single = [i for i, count in counts.items() if count == 1]
+    at.update(zip(places, single[::2] + single[1::2][::-1], strict=True))
+    return [at[place] for place in sorted(at)]

@@ -1,0 +1,127 @@
+"""Where the surface has to be known: points of (f_N, v) with weights, and regions of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.drive.profile import arc_profiles
+from beltid.drive.results import DriveResult
+from beltid.errors import InputError
+from beltid.plan.design import Knowledge
+from beltid.refine.curves import Curves
+
+Array = NDArray[np.float64]
+
+PLACES = 30  # of the force at each speed
+REGIONS = 3  # along each axis
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """Points at which ln mu is wanted, arrays (q,).
+
+    Attributes
+    ----------
+    normal_force, slip_speed : ndarray
+        The points [N/m], [m/s].
+    weight : ndarray
+        Their weights, of sum one.
+    rows : ndarray, shape (q, size)
+        ln mu there per parameter of the surface.
+    """
+
+    normal_force: Array
+    slip_speed: Array
+    weight: Array
+    rows: Array
+
+    @property
+    def W(self) -> Array:
+        """Weights of the parameters (size, size): ``p' W p`` is the mean square of ln mu."""
+        return np.asarray(self.rows.T @ (self.weight[:, None] * self.rows))
+
+    def variances(self, knowledge: Knowledge) -> Array:
+        """Variance of ln mu at the points (q,)."""
+        scatter = np.einsum("qp,pr,qr->q", self.rows, knowledge.scatter, self.rows)
+        return np.asarray(scatter + np.sum(np.square(self.rows @ knowledge.changes), axis=1))
+
+    def regions(self) -> Iterator[NDArray[np.bool_]]:
+        """Masks (q,) of the regions that have weight, by force and then by speed: thirds in ln."""
+        force, speed = (_thirds(np.log(x)) for x in (self.normal_force, self.slip_speed))
+        for i in range(REGIONS):
+            for j in range(REGIONS):
+                here = (force == i) & (speed == j)
+                if self.weight[here].sum() > 0.0:
+                    yield here
+
+
+def _thirds(x: Array) -> NDArray[np.intp]:
+    """Number of the third of its range in which each value lies."""
+    width = max(float(np.ptp(x)), 1.0e-12)
+    number = np.floor(REGIONS * (x - x.min()) / width * (1.0 - 1.0e-9))
+    return np.asarray(number, dtype=np.intp)
+
+
+def surface_target(
+    curves: Curves, force: tuple[float, float], speed: tuple[float, float]
+) -> Target:
+    """Uniform in ln f and ln v over a range of forces [N/m] and speeds [m/s].
+
+    The speeds are those of the curves within the range, each with the half of its gaps to the next.
+    """
+    v = np.exp(curves.log_speed)
+    inside = (v >= speed[0] * (1.0 - 1.0e-9)) & (v <= speed[1] * (1.0 + 1.0e-9))
+    v = v[inside]
+    f = np.geomspace(*force, PLACES)
+    gaps = np.diff(np.log(v))
+    share = 0.5 * (np.append(gaps, 0.0) + np.append(0.0, gaps)) if v.size > 1 else np.ones(1)
+    weight = np.repeat(share / share.sum() / PLACES, PLACES)
+    return _target(curves, np.tile(f, v.size), np.repeat(v, PLACES), weight)
+
+
+def drive_target(curves: Curves, results: Sequence[DriveResult]) -> Target:
+    """Where a drive rubs: every place of its sliding arcs, weighted by its friction force.
+
+    The weight of a place is mu f_N R dphi: its share of what the arc carries. The operating points
+    count alike. Forces and speeds outside the curves count at the nearest ones.
+
+    Raises
+    ------
+    InputError
+        If no pulley slides at any of the points.
+    """
+    parts = [part for result in results for part in _sliding_places(result)]
+    if not parts:
+        raise InputError("drive: no rib slides at its operating points, no friction acts")
+    f, v, weight = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    return _target(curves, f, v, weight / weight.sum())
+
+
+def _sliding_places(result: DriveResult) -> list[tuple[Array, Array, Array]]:
+    """Line force, sliding speed, share of the friction of all places of a point that slide."""
+    places = []
+    for pulley, profile in zip(result.drive.pulleys, arc_profiles(result), strict=True):
+        if profile is None or not pulley.ribs or profile.angle.size < 2:
+            continue
+        slides = (profile.slip_speed != 0.0) & (np.gradient(profile.angle) > 0.0)
+        f, v = profile.normal_force[slides], np.abs(profile.slip_speed[slides])
+        steps = np.gradient(profile.angle)[slides]
+        places.append((f, v, result.drive.surface.mu(f, v) * f * pulley.R * steps))
+    total = sum(float(friction.sum()) for *_, friction in places)
+    return [(f, v, friction / total) for f, v, friction in places if total > 0.0]
+
+
+def _target(curves: Curves, f: Array, v: Array, weight: Array) -> Target:
+    """A target with its rows: splines over ln f, straight lines over ln v between the speeds.
+
+    Beyond the knots and speeds the nearest one holds, as in the refined surface.
+    """
+    speeds = curves.log_speed
+    basis = curves.basis(np.log(f))
+    hats = np.stack([np.interp(np.log(v), speeds, unit) for unit in np.eye(speeds.size)], axis=1)
+    rows = (hats[:, :, None] * basis[:, None, :]).reshape(f.size, -1)
+    return Target(f, v, weight, rows)

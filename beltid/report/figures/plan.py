@@ -1,0 +1,80 @@
+"""The next runs of the friction rig: where they lie, and what they take off the uncertainty."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from beltid.report.drawing import GROUPS, INK, MARKERS, figure, legend_below, logarithmic, style
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from beltid.plan.advice import Plan
+    from beltid.plan.target import Target
+    from beltid.uncertainty.measured import Measured
+
+MILLI: Final = 1e3
+LEAST_AREA, LARGEST_AREA = 18.0, 150.0  # of a mark, points²
+
+
+def runs_and_uncertainty(
+    candidates: Measured, target: Target, plan: Plan, synthetic: bool
+) -> Figure:
+    """Uncertainty over force and speed before and after the runs, and the runs.
+
+    The area of a mark is the gain of its run, a number says how often it is repeated.
+    """
+    force, speed = candidates.normal_force, candidates.slip_speed * MILLI
+    chosen = Counter(plan.chosen)
+    gains = dict(zip(plan.chosen, plan.gains, strict=True))
+    most = max(plan.gains, default=1.0) or 1.0
+    with style():
+        fig = figure(height=4.4, width=9.6)
+        every = fig.subplots(1, 2, sharex=True, sharey=True)
+        parts = (("before", plan.before_at, plan.before), ("after", plan.after_at, plan.after))
+        for axes, (word, at, mean) in zip(every, parts, strict=True):
+            field = axes.scatter(
+                target.normal_force,
+                target.slip_speed * MILLI,
+                c=100.0 * at,
+                cmap="cividis_r",
+                marker="s",
+                s=30,
+                linewidths=0,
+                alpha=0.55,
+            )
+            fig.colorbar(field, ax=axes, label="standard uncertainty of µ [%]")
+            axes.plot(force, speed, ".", color=INK, ms=2, label="candidate settings")
+            axes.set(xlabel="mean normal force [N/m]", title=f"{word} the runs: {100 * mean:.2g} %")
+            logarithmic(axes, "x", np.append(force, target.normal_force))
+            logarithmic(axes, "y", np.append(speed, target.slip_speed * MILLI))
+        every[0].set_ylabel("sliding speed [mm/s]")
+        for k, arc in enumerate(np.unique(candidates.arc)):
+            mine = [i for i in sorted(chosen) if candidates.arc[i] == arc]
+            if not mine:
+                continue
+            every[1].scatter(
+                force[mine],
+                speed[mine],
+                s=[LEAST_AREA + (LARGEST_AREA - LEAST_AREA) * gains[i] / most for i in mine],
+                marker=MARKERS[k % len(MARKERS)],
+                facecolors="none",
+                edgecolors=GROUPS[k % len(GROUPS)],
+                linewidths=1.6,
+                label=f"runs at {np.degrees(candidates.beta[mine[0]]):.4g}°",
+            )
+            for i in mine:
+                if chosen[i] > 1:
+                    every[1].annotate(
+                        f"{chosen[i]}×",
+                        (force[i], speed[i]),
+                        xytext=(6, 6),
+                        textcoords="offset points",
+                        fontsize=9,
+                    )
+        fig.suptitle("The next runs" + (" (synthetic data)" if synthetic else ""), fontsize=10)
+        legend_below(fig, list(every), columns=5)
+    return fig

@@ -1,0 +1,335 @@
+"""24 planned runs against 24 random ones and the whole factorial, on synthetic benches.
+
+    python -m benchmarks.plan [REPETITIONS [DRAWS]]
+
+Each draw is a bench with errors of its own, shared by all its runs, an effect of each arc setting
+on friction, and noise of each run. The rig is the sliding limit of the simulator on its finer mesh,
+with a known surface. It is read at the 24 settings of `beltid plan` before any run, and at the
+whole factorial; each repetition reads it at 24 settings of the factorial chosen at random. Every
+reading is refined. Error: root mean square of ln mu over all draws, uniform in ln f and ln v
+between the lowest and highest line force (Eq. 8) and speed of the factorial.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from beltid.errors import ConvergenceError
+from beltid.identify.surface.surface import build_surface
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
+from beltid.laws.uncertain_surface import UncertainSurface
+from beltid.params import Belt, Contact, OperatingPoint, Rig
+from beltid.plan.candidates import NoiseLaw, Settings, simulate_candidates
+from beltid.plan.design import choose_runs
+from beltid.plan.prior import USUAL_ARCS, knowledge_at
+from beltid.plan.target import surface_target
+from beltid.refine.effects import ARC
+from beltid.rigsim.model import Bench
+from beltid.rigsim.rig import SimulationSettings, simulate
+from beltid.uncertainty.campaign import Campaign
+from beltid.uncertainty.measured import Measured
+from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.refined import changes_and_scatter, refined_campaign
+from beltid.uncertainty.sources import StandardUncertainties, all_sources, effect_sources
+
+Array = np.ndarray
+
+RUNS = 24
+FINER = 1.5
+PLACES = (30, 13)
+USUAL_CLASS = StandardUncertainties(
+    tension_gain=0.002,
+    cell_gain=0.001,
+    cell_offset=0.05,
+    arc=math.radians(0.1),
+    arc_setting=math.radians(0.2),
+    pulley_radius=0.002,
+    span_length=5.0e-4,
+    pulley_speed=0.002,
+    bending_stiffness=0.05,
+    axial_stiffness=0.05,
+    press_force=0.005,
+    press_displacement=0.002,
+    segment_length=0.005,
+)
+"""The standard uncertainties that a config has by default."""
+POOR_CLASS = replace(
+    USUAL_CLASS,
+    cell_gain=0.002,
+    cell_offset=0.1,
+    arc=math.radians(0.2),
+    arc_setting=math.radians(0.3),
+    pulley_radius=0.004,
+    bending_stiffness=0.08,
+    press_force=0.01,
+    segment_length=0.01,
+)
+
+
+def bent(f: Array, v: Array) -> Array:
+    """Falls with the force in a bent curve, rises with the speed."""
+    return (0.62 + 0.55 / (1.0 + (f / 2500.0) ** 0.8)) * (1.0 + 0.08 * np.log(v / 0.01))
+
+
+def stribeck(f: Array, v: Array) -> Array:
+    """A power of the force; rises with the speed, less and less."""
+    rise = np.log1p(v / 0.0015) / math.log1p(0.01 / 0.0015) - 1.0
+    return 0.95 * (f / 5400.0) ** -0.18 * (1.0 + 0.45 * rise)
+
+
+def falling(f: Array, v: Array) -> Array:
+    """Adhesion at low force; a highest value at some speed."""
+    hump = 0.25 * np.exp(-0.5 * np.square(np.log(v / 0.02) / 1.5))
+    return (0.75 + 220.0 / (f + 900.0)) * (0.9 + hump)
+
+
+@dataclass(frozen=True)
+class SyntheticBench:
+    """A rig with its true surface, its settings and how well it is known."""
+
+    mu: Callable[[Array, Array], Array]
+    given: StandardUncertainties
+    noise: NoiseLaw = field(default_factory=NoiseLaw)
+    arc_effect: float = USUAL_ARCS
+    belt: Belt = field(default_factory=lambda: Belt(1.0e5, 0.02, 0.10))
+    rig: Rig = field(default_factory=lambda: Rig(0.05, 0.10))
+    law: NormalLaw = field(default_factory=lambda: NormalLaw(6.5e7, 3.0256e11))
+    settings: Settings = field(
+        default_factory=lambda: Settings(
+            (40.0, 68.0, 82.0),
+            (50.0, 100.0, 160.0, 220.0, 270.0, 310.0, 360.0, 411.0),
+            (0.05, 0.10, 0.21, 0.42, 0.84),
+        )
+    )
+
+    @property
+    def press(self) -> PressLaw:
+        """The contact law as it is known."""
+        return PressLaw(self.law, np.zeros((2, 2)), 1.2e-4, 0.04)
+
+
+BENCHES = {
+    "5PK rig, usual class": SyntheticBench(stribeck, USUAL_CLASS),
+    "5PK rig, poor class, bent surface": SyntheticBench(bent, POOR_CLASS),
+    "wide arcs, small pulley, quiet runs": SyntheticBench(
+        falling,
+        USUAL_CLASS,
+        NoiseLaw(friction=0.002, tension=0.05),
+        belt=Belt(0.8e5, 0.012, 0.08),
+        rig=Rig(0.04, 0.12),
+        law=NormalLaw(5.6e7, 2.2e11),
+        settings=Settings(
+            (60.0, 90.0, 120.0, 150.0),
+            (60.0, 110.0, 170.0, 240.0, 320.0, 420.0),
+            (0.03, 0.08, 0.2, 0.5, 1.3),
+        ),
+    ),
+    "5PK rig, usual class, noise of 1.5 %": SyntheticBench(
+        bent, USUAL_CLASS, NoiseLaw(friction=0.015)
+    ),
+}
+
+
+def read(bench: SyntheticBench, rng: np.random.Generator) -> tuple[Measured, Array]:
+    """The whole factorial as the bench reads it without noise, and the noise of its runs."""
+    u = bench.given
+
+    def draw(size: float) -> float:
+        return size * float(rng.standard_normal())
+
+    gain, gains = draw(u.tension_gain), [draw(u.cell_gain) for _ in range(2)]
+    zeros, arc = [draw(u.cell_offset) for _ in range(2)], draw(u.arc)
+    of_setting = [draw(u.arc_setting) for _ in bench.settings.arcs_deg]
+    belt = replace(
+        bench.belt,
+        EI=bench.belt.EI * (1.0 + draw(u.bending_stiffness)),
+        EA=bench.belt.EA * (1.0 + draw(u.axial_stiffness)),
+    )
+    rig = Rig(bench.rig.R * (1.0 + draw(u.pulley_radius)), bench.rig.span + draw(u.span_length))
+    turning, travel = 1.0 + draw(u.pulley_speed), 1.0 + draw(u.press_displacement)
+    press = (1.0 + draw(u.press_force)) / (1.0 + draw(u.segment_length))
+    k = bench.law.k_linear_N_m2 * press / travel, bench.law.k_quadratic_N_m3 * press / travel**2
+    f, v = np.geomspace(40.0, 60000.0, 80), np.geomspace(5e-4, 0.2, 40)
+    level = bench.mu(f[:, None], v[None, :])
+    effects = [math.exp(draw(bench.arc_effect)) for _ in bench.settings.arcs_deg]
+    of_arc = [
+        Bench(belt, rig, Contact(), NormalLaw(*k), FrictionSurface(f, v, level * effect))
+        for effect in effects
+    ]
+    points = bench.settings.points()
+    arcs = np.array([math.degrees(point.beta) for point in points])
+    number = np.unique(np.round(arcs, 6), return_inverse=True)[1]
+    tensions = []
+    for point, k_arc in zip(points, number, strict=True):
+        T_0 = point.T_0 * (1.0 + gain + 0.5 * sum(gains)) + 0.5 * sum(zeros)
+        beta = point.beta + arc + of_setting[k_arc]
+        at = OperatingPoint(beta, T_0, point.omega * turning)
+        true = of_arc[k_arc]
+        elements = 2 * round(0.5 * FINER * (true.model(at).nodes.size - 1))
+        run = simulate(true, at, SimulationSettings("steady", elements=elements))
+        tensions.append(
+            [
+                (tension - zero) / (1.0 + gain + own)
+                for tension, zero, own in zip(
+                    (run.tension_tight_N, run.tension_slack_N), zeros, gains, strict=True
+                )
+            ]
+        )
+    tight, slack = np.array(tensions).T
+    beta = np.array([point.beta for point in points])
+    measured = Measured(
+        R=bench.rig.R,
+        arc=number.astype(np.intp),
+        beta=beta,
+        T_0=np.array([point.T_0 for point in points]),
+        omega=np.array([point.omega for point in points]),
+        tight=tight,
+        slack=slack,
+        mu=np.log(tight / slack) / beta,
+        mu_se=np.zeros(beta.size),
+    )
+    se = np.sqrt(bench.noise.variance(measured))
+    return replace(measured, mu_se=measured.mu * se), se
+
+
+def taken(measured: Measured, se: Array, chosen: Sequence[int], noise: Array) -> Measured:
+    """Some of the runs, each with noise of its own; arcs numbered anew."""
+    rows = np.array(chosen)
+    names = ("beta", "T_0", "omega", "tight", "slack", "mu", "mu_se")
+    some = replace(
+        measured,
+        arc=np.unique(measured.arc[rows], return_inverse=True)[1],
+        **{name: getattr(measured, name)[rows] for name in names},
+    )
+    return some.scattered(se[rows] * noise)
+
+
+def error_and_uncertainty(bench: SyntheticBench, measured: Measured) -> tuple[Array, Array]:
+    """Error of ln mu of the refined surface, and its standard uncertainty, over the target."""
+    speeds = np.unique(measured.slip_speed)
+    start = build_surface(
+        np.degrees(measured.beta),
+        measured.normal_force,
+        measured.slip_speed,
+        measured.mu,
+        measured.mu_se,
+    ).surface
+    campaign = Campaign(
+        measured, Bench(bench.belt, bench.rig, Contact(), bench.law, start), bench.press
+    )
+    sources = all_sources(bench.given, int(measured.arc.max()) + 1, False)
+    found = refined_campaign(campaign, speeds, sources)
+    surface = UncertainSurface(
+        found.refined.surface, np.concatenate(changes_and_scatter(found), axis=-1)
+    )
+    f, v = target_points(bench)
+    return (
+        np.log(surface.mu(f, v) / bench.mu(f, v)),
+        np.asarray(surface.mu_u(f, v) / surface.mu(f, v)),
+    )
+
+
+@functools.cache
+def target_points(bench: SyntheticBench) -> tuple[Array, Array]:
+    """Forces and speeds over which the error counts; the forces are those of the true surface."""
+    v = bench.rig.R * np.array(bench.settings.omegas)
+    exact = replace(bench, given=StandardUncertainties(), arc_effect=0.0)
+    measured, _ = read(exact, np.random.default_rng(0))
+    force = measured.normal_force
+    f = np.geomspace(force.min(), force.max(), PLACES[0])
+    return tuple(np.meshgrid(f, np.geomspace(v.min(), v.max(), PLACES[1]), indexing="ij"))
+
+
+def planned(bench: SyntheticBench) -> tuple[list[int], float]:
+    """The runs planned before any is made, and the seconds of processor time that takes."""
+    clock = time.process_time()
+    middle = Bench(bench.belt, bench.rig, Contact(), bench.law, FrictionSurface.constant(1.0))
+    candidates = simulate_candidates(middle, bench.press, bench.settings, (), None)
+    n_arcs = len(bench.settings.arcs_deg)
+    sources = (*all_sources(bench.given, n_arcs, False), *effect_sources(ARC, USUAL_ARCS, n_arcs))
+    rows = candidates.rows(sources, bench.noise, {})
+    before = knowledge_at(candidates.curves, None, len(sources))
+    f, v = candidates.measured.normal_force, candidates.measured.slip_speed
+    target = surface_target(candidates.curves, (f.min(), f.max()), (v.min(), v.max()))
+    chosen = choose_runs(before, rows, target.W, RUNS)
+    return chosen, time.process_time() - clock
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Mean square errors of ln mu per draw, and shares of the target whose interval holds it.
+
+    `random` has a row per repetition; the pairs are mean squares and shares, arrays (draws,).
+    """
+
+    planned: tuple[Array, Array]
+    everything: tuple[Array, Array]
+    random: tuple[Array, Array]
+
+
+def compare(bench: SyntheticBench, repetitions: int, draws: int) -> Comparison:
+    """Refine planned, random and all runs of each draw."""
+    chosen, _ = planned(bench)
+    n = len(bench.settings.points())
+    rng = np.random.default_rng(0)
+    at_random = [rng.choice(n, RUNS, replace=False) for _ in range(repetitions)]
+    rows = []
+    for seed in range(draws):
+        rng = np.random.default_rng(1000 + seed)
+        measured, se = read(bench, rng)
+        row = []
+        for runs in (chosen, range(n), *at_random):
+            noise = rng.standard_normal(len(runs))
+            try:
+                error, u = error_and_uncertainty(bench, taken(measured, se, runs, noise))
+            except ConvergenceError:
+                row.append([np.nan, np.nan])
+            else:
+                row.append([np.mean(np.square(error)), np.mean(np.abs(error) < 1.96 * u)])
+        rows.append(row)
+    squares, holds = np.array(rows).transpose(2, 1, 0)
+    return Comparison((squares[0], holds[0]), (squares[1], holds[1]), (squares[2:], holds[2:]))
+
+
+def main() -> None:
+    """Print the table."""
+    repetitions, draws = (
+        int(sys.argv[k]) if len(sys.argv) > k else n for k, n in ((1, 20), (2, 8))
+    )
+    print(
+        "| synthetic bench | plan | RMS error: 24 planned | 24 random | all | planned <= random, "
+        "all draws | draw by draw | planned / all | intervals hold: planned, random, all "
+        "| not refined |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|---|")
+    for name, bench in BENCHES.items():
+        planned(bench)  # compiles
+        _, seconds = planned(bench)
+        found = compare(bench, repetitions, draws)
+        parts = found.planned, found.random, found.everything
+        rms = [100.0 * float(np.sqrt(np.nanmean(squares))) for squares, _ in parts]
+        holds = ", ".join(f"{100.0 * np.nanmean(share):.0f}" for _, share in parts)
+        failed = ", ".join(str(int(np.isnan(squares).sum())) for squares, _ in parts)
+        squares, at_random = found.planned[0], found.random[0]
+        # by draws that were refined both ways
+        pairs = np.where(np.isnan(at_random), np.nan, squares)
+        wins = int(np.sum(np.nanmean(pairs, axis=1) <= np.nanmean(at_random, axis=1)))
+        single = 100.0 * np.mean((pairs <= at_random)[np.isfinite(pairs)])
+        print(
+            f"| {name} | {seconds:.1f} s | {rms[0]:.2f} % | {rms[1]:.2f} % | {rms[2]:.2f} % "
+            f"| {wins} of {repetitions} | {single:.0f} % | {rms[0] / rms[2]:.2f} | {holds} % "
+            f"| {failed} of {draws}, {repetitions * draws}, {draws} |",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,109 @@
+"""The command that plans the next runs."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+
+@pytest.fixture
+def results(ran: Path) -> tuple[Path, Path, str, Path]:
+    """What a plan goes on from, as the command takes it."""
+    runs = ran / "runs" / "5pk"
+    return (
+        runs / "surface_refined.parquet",
+        runs / "stiffness.parquet",
+        "--from",
+        runs / "friction.parquet",
+    )
+
+
+def test_a_plan_goes_on_from_results(ran: Path, results: Any, beltid: Any) -> None:
+    # slower than what was measured: there runs are needed
+    config = (ran / "beltid.yaml").read_text()
+    (ran / "slow.yaml").write_text(f"{config}\nplan: {{speed_rad_s: [0.01, 0.05, 0.42]}}\n")
+    options = ("--runs", "5", "--goal-u", "0", "-c", "slow.yaml", "-o", "plan.csv", "--json")
+    call = ("plan", *results, *options)
+    result = beltid(*call)
+    assert result.exit_code == 0, result.stderr
+    product = json.loads(result.stdout)
+    facts, rows = product["facts"], product["table"]
+    assert facts["candidates"] == 24
+    with (ran / "plan.csv").open() as file:
+        written = list(csv.DictReader(file))
+    assert [row["order"] for row in written] == [str(row["order"]) for row in rows]
+    assert len(rows) == 5
+    for row in written:
+        assert row["arc_deg"] in ("40", "82")
+        assert row["initial_tension_N"] in ("100", "220", "310", "411")
+    assert [row["pulley_speed_rad_s"] for row in written].count("0.01") >= 2
+    assert {row["arc_deg"] for row in written} == {"40", "82"}
+    assert max(int(row["repeats"]) for row in written) >= 2
+    assert facts["uncertainty_after_percent"] < facts["uncertainty_before_percent"] < 30.0
+    assert (ran / "plan.png").read_bytes().startswith(b"\x89PNG")
+    slow, *_, fast = product["details"]["standard uncertainty by region, in percent of mu"]
+    assert slow["after_percent"] < 0.5 * slow["before_percent"]
+    assert fast["before_percent"] < 1.5
+    # the same call the same bytes, and nothing is replaced unasked
+    first = (ran / "plan.csv").read_bytes(), (ran / "plan.png").read_bytes()
+    again = beltid(*call)
+    assert again.exit_code == 2
+    assert "use --force to overwrite" in again.stderr
+    assert beltid(*call, "--force").exit_code == 0
+    assert ((ran / "plan.csv").read_bytes(), (ran / "plan.png").read_bytes()) == first
+
+
+def test_without_data_it_plans_from_what_is_usual_and_says_so(bench: Path, beltid: Any) -> None:
+    result = beltid("plan", "-c", "beltid.yaml", "--goal-u", "0.03", "--json")
+    assert result.exit_code == 0, result.stderr
+    product = json.loads(result.stdout)
+    assert 4 <= product["facts"]["runs"] < 12
+    assert product["facts"]["uncertainty_before_percent"] > 30.0
+    assert product["facts"]["uncertainty_after_percent"] <= 3.0
+    assert any("no data" in note for note in product["notes"])
+    assert "goal 3 % reached" in product["verdict"]
+    assert (bench / "plan.csv").read_text().count("usual values") == product["facts"]["runs"]
+
+
+def test_stop_leaves_an_empty_table(ran: Path, results: Any, beltid: Any) -> None:
+    result = beltid("plan", *results, "--goal-u", "0.2", "-o", "plan.csv")
+    assert result.exit_code == 0, result.stderr
+    assert "stop: goal reached" in result.stdout
+    assert len((ran / "plan.csv").read_text().splitlines()) == 1
+
+
+def test_the_drive_as_target_asks_for_runs_where_it_rubs(bench: Path, beltid: Any) -> None:
+    config = (bench / "beltid.yaml").read_text()
+    drive = "drive: {initial_tension_N: [310], operating_points: {torque_N_m: {driven: [8, 14]}}}\n"
+    (bench / "beltid.yaml").write_text(config + drive)
+    call = ("plan", "-c", "beltid.yaml", "--goal-u", "0.0", "--runs", "6", "--json")
+    result = beltid(*call, "--target", "drive")
+    assert result.exit_code == 0, result.stderr
+    product = json.loads(result.stdout)
+    rows = product["table"]
+    assert max(row["pulley_speed_rad_s"] for row in rows) <= 0.21
+    # most of it rubs more slowly than any candidate
+    assert any("below the slowest candidate" in line for line in product["warnings"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("surface.parquet",), "SURFACE and STIFFNESS go together"),
+        (("--from", "friction.parquet"), "--from goes with them"),
+        (("--target", "belt"), "must be one of surface, drive"),
+        (("--goal-u", "2"), "must be in [0, 1)"),
+        (("stiffness.parquet", "surface.parquet"), "is a stiffness artifact"),
+    ],
+)
+def test_a_wrong_call_is_refused(
+    bench: Path, beltid: Any, arguments: tuple[str, ...], said: str
+) -> None:
+    result = beltid("plan", *arguments)
+    assert result.exit_code == 2
+    assert said in " ".join(result.stderr.replace("│", " ").split())
+    assert not (bench / "plan.csv").exists()

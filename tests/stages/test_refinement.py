@@ -1,0 +1,31 @@
+"""What a surface is refined from."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from beltid.config import load_config
+from beltid.laws.penalty import NormalLaw
+from beltid.stages.refinement import prepared_campaign
+from beltid.stages.uncertainties import press_law
+
+
+def test_a_speed_of_two_runs_that_share_no_force_is_kept() -> None:
+    config = load_config({})
+    v = np.array([*np.repeat([0.0025, 0.0105], 4), 0.005, 0.005])
+    f = np.array([*np.tile([1000.0, 2000.0, 4000.0, 8000.0], 2), 1100.0, 7000.0])
+    columns = {
+        "run": np.array([f"R{k}" for k in range(10)], dtype=object),
+        "arc_deg": np.array([*np.full(8, 82.0), 68.0, 82.0]),
+        "initial_tension_N": f * 0.05,
+        "pulley_speed_rad_s": v / 0.05,
+        "slip_speed_m_s": v,
+        "normal_force_N_m": f,
+        "mu_sliding": 0.9 * (f / 5000.0) ** -0.18,
+        "mu_sliding_se": np.full(10, 0.003),
+    }
+    press = press_law(NormalLaw(6.5e7, 3.0256e11), config)
+    campaign, speeds, used, set_aside = prepared_campaign(columns, press, config, "table")
+    np.testing.assert_allclose(speeds, [0.0025, 0.005, 0.0105])
+    assert used.size == campaign.measured.mu.size == 10
+    assert set_aside == []
