@@ -132,9 +132,6 @@ BENCHES = {
             (0.03, 0.08, 0.2, 0.5, 1.3),
         ),
     ),
-    "5PK rig, usual class, noise of 1.5 %": SyntheticBench(
-        bent, USUAL_CLASS, NoiseLaw(friction=0.015)
-    ),
 }
 
 

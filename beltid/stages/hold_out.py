@@ -112,7 +112,8 @@ def predict(
     names = [source.name for source in found.sources]
     surface = UncertainSurface(found.refined.surface, of_rest.factor, names)
 
-    measured = measured_runs(columns, fold.left_out, campaign.bench.rig.R, campaign.measured.weight)
+    rig, weight = campaign.bench.rig, campaign.measured.weight
+    measured = measured_runs(columns, fold.left_out, rig.R, weight, rig.given_force)
     arcs = _arc_numbers(columns["arc_deg"][fold.left_out], campaign.measured.arcs_deg)
     n_arcs = int(max(arcs.max(), campaign.measured.arc.max())) + 1
     # an arc not seen has an effect of its own, as large as those of the others

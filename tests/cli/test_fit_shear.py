@@ -60,6 +60,25 @@ def test_a_second_call_finds_it_up_to_date_and_shows_it(shear: Path, beltid: Any
     assert "travel per difference" in shown.stdout
 
 
+def test_a_recording_read_run_by_run_gives_the_same(
+    shear: Path, beltid: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    beltid("fit-shear", "shear.csv", "-o", "whole.parquet")
+    monkeypatch.setattr("beltid.bench.recording.BIG", 1000)
+    result = beltid("fit-shear", "shear.csv", "-o", "runs.parquet")
+    assert result.exit_code == 0, result.stderr
+    whole, runs = (read_artifact(shear / f"{n}.parquet", "shear") for n in ("whole", "runs"))
+    assert runs.metadata.shear_stiffness_N_m2 == whole.metadata.shear_stiffness_N_m2
+    assert runs.columns["slope_N_m"].tolist() == whole.columns["slope_N_m"].tolist()
+
+
+def test_a_rig_without_two_cells_is_refused(shear: Path, beltid: Any) -> None:
+    (shear / "weight.yaml").write_text("rig: {kind: dead_weight}\n")
+    result = beltid("fit-shear", "shear.csv", "-c", "weight.yaml", "-o", "weight.parquet")
+    assert result.exit_code == 2
+    assert "must be two_cells" in result.stderr
+
+
 def test_the_function_gives_what_the_command_writes(shear: Path, beltid: Any) -> None:
     beltid("fit-shear", "shear.csv")
     stored = read_artifact(shear / "shear.parquet", "shear")

@@ -79,14 +79,15 @@ def test_stop_leaves_an_empty_table(ran: Path, results: Any, beltid: Any) -> Non
 def test_the_drive_as_target_asks_for_runs_where_it_rubs(bench: Path, beltid: Any) -> None:
     config = (bench / "beltid.yaml").read_text()
     drive = "drive: {initial_tension_N: [310], operating_points: {torque_N_m: {driven: [8, 14]}}}\n"
-    (bench / "beltid.yaml").write_text(config + drive)
+    speeds = "plan: {speed_rad_s: [0.10, 0.21, 0.84]}\n"
+    (bench / "beltid.yaml").write_text(config + drive + speeds)
     call = ("plan", "-c", "beltid.yaml", "--goal-u", "0.0", "--runs", "6", "--json")
     result = beltid(*call, "--target", "drive")
     assert result.exit_code == 0, result.stderr
     product = json.loads(result.stdout)
     rows = product["table"]
-    assert max(row["pulley_speed_rad_s"] for row in rows) <= 0.21
-    # most of it rubs more slowly than any candidate
+    assert [row["pulley_speed_rad_s"] for row in rows].count(0.84) <= 1
+    # half of it rubs more slowly than any candidate
     assert any("below the slowest candidate" in line for line in product["warnings"])
 
 
