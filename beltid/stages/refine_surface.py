@@ -286,6 +286,7 @@ def refine_surface(
     model = load_config(config)
     columns = table_columns(friction, "friction", NEEDED)
     press = press_law(known, model, law if isinstance(law, Outcome) else None)
+    chosen = {"condition": condition, "side": side}
     return _outcome(
         columns, press, model, "friction table", Draws(bootstrap, seed), bending, chosen
     )
