@@ -440,6 +440,7 @@ class SurfaceMetadata(Metadata):
     """
 
     measured: dict[str, Span] = {}
+    conditions: dict[str, str] = {}
     degree: Listed[Count] | None = None
     n_points: Count | None = None
     rms_arc_spread: Number | None = None

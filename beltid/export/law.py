@@ -184,6 +184,9 @@ class ContactLaw(Part):
         default=None, description="where the data come from; null: not said"
     )
     belt: BeltFacts
+    conditions: dict[str, str] = Field(
+        default={}, description="under which the friction was measured, such as condition: wet"
+    )
     normal: NormalPart
     friction: FrictionPart
     validity: Validity

@@ -38,6 +38,7 @@ def preamble(law: ContactLaw, target: str, own: Sequence[str], units: UnitSystem
     paragraphs = [
         f"Contact law between the belt {_belt(law)} and a pulley, for {target}.",
         ORIGINS[law.origin],
+        *_conditions(law),
         f"Written by {law.provenance.software}. Friction surface: {law.friction.method}. "
         + _hashes(law),
         *_validity(law),
@@ -70,6 +71,12 @@ def _belt(law: ContactLaw) -> str:
     facts = [law.belt.type, f"{law.belt.ribs} ribs" if law.belt.ribs else None]
     inside = ", ".join(fact for fact in facts if fact)
     return f"{law.belt.name} ({inside})" if inside else law.belt.name
+
+
+def _conditions(law: ContactLaw) -> list[str]:
+    """Under which conditions the friction was measured, where somebody stated them."""
+    stated = ", ".join(f"{name} {word}" for name, word in law.conditions.items())
+    return [f"Friction measured with: {stated}. It holds for no other."] if stated else []
 
 
 def _hashes(law: ContactLaw) -> str:

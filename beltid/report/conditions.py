@@ -28,6 +28,7 @@ def conditions(results: BeltResults) -> list[tuple[str, str]]:
             ("Contact arcs", _settings(friction, "arc_deg", "°")),
             ("Initial tensions", _settings(friction, "nominal_tension_N", " N")),
             ("Sliding speeds v", _settings(friction, "slip_speed_m_s", " mm/s", 1e3)),
+            *_stated(friction),
             ("Rig temperature", _range(friction["temperature_degC"], " °C")),
         ]
     if stiffness is not None:
@@ -43,6 +44,16 @@ def conditions(results: BeltResults) -> list[tuple[str, str]]:
     }
     found.append(("Config", ", ".join(sorted(configs))))
     return [(name, value) for name, value in found if value]
+
+
+def _stated(friction: Sheet) -> list[tuple[str, str]]:
+    """Surface and side of the belt, where the runs state them."""
+    found = []
+    for column, words in (("condition", "Surface"), ("side", "Side of the belt")):
+        values = friction[column] if column in friction.columns else ()
+        stated = sorted({str(value) for value in values if value is not None})
+        found.append((words, ", ".join(stated)))
+    return found
 
 
 def _settings(friction: Sheet, column: str, unit: str, scale: float = 1.0) -> str:

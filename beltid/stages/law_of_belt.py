@@ -99,6 +99,7 @@ def _put_together(
         about=ABOUT,
         origin=combined_origin([stiffness.metadata.origin, surface.metadata.origin]),
         belt=BeltFacts(name=_name_of(folder)) if source is None else _belt(source.config),
+        conditions=surface.metadata.figures.get("conditions") or {},
         normal=NormalPart(
             k_linear_N_m2=normal.k_linear_N_m2,
             k_quadratic_N_m3=normal.k_quadratic_N_m3,

@@ -247,3 +247,22 @@ def test_names_within_a_figure_are_its_own() -> None:
     used = re.findall(r'(?:href="#|url\(#)([^")]+)', text)
     assert set(used) <= set(names)
     assert "<?xml" not in text
+
+
+def test_the_map_hatches_where_the_friction_falls_with_the_speed() -> None:
+    sheet = results().sheets["surface"]
+    flipped = {**sheet.columns, "slip_speed_m_s": np.copy(sheet.columns["slip_speed_m_s"])}
+    low, high = np.unique(flipped["slip_speed_m_s"])
+    flipped["slip_speed_m_s"] = np.where(flipped["slip_speed_m_s"] == low, high, low)
+    order = np.lexsort([flipped["slip_speed_m_s"], flipped["normal_force_N_m"]])
+    wet = type(sheet)("surface", "surface", {name: v[order] for name, v in flipped.items()})
+    rising, falling = (
+        surface_figures.falls_with_speed(
+            one.surface, *surface_figures.grid_of(one.surface, 5, 3)[:2]
+        )
+        for one in (sheet, wet)
+    )
+    assert not rising.any()
+    assert falling.all()
+    assert "falls with the speed" in surface_figures.as_map(wet, None).caption
+    assert "does not fall with the speed anywhere" in surface_figures.as_map(sheet, None).caption

@@ -23,7 +23,7 @@ from beltid.report.conditions import conditions
 from beltid.report.gallery import tiles
 from beltid.report.html import Page, rendered
 from beltid.report.interactive import as_json, surface_plot
-from beltid.report.tables import nodes, set_aside
+from beltid.report.tables import drift, effects, nodes, set_aside
 from beltid.report.verdict import verdict_of
 from beltid.stages import report_belt
 from beltid.stages.reporter import Options
@@ -366,3 +366,26 @@ def test_several_belts_are_compared_on_a_page_with_links(tmp_path: Path) -> None
         assert (tmp_path / name / "report.html").is_file()
     with pytest.raises(InputError, match="twice"):
         report_belt.run([folders[0], folders[0]], None, Options())
+
+
+def test_drift_and_effects_stand_in_tables() -> None:
+    row = {
+        "cause": "temperature",
+        "per": "10 K",
+        "change_percent": -2.0,
+        "standard_error_percent": 0.1,
+        "clear": True,
+    }
+    effect = {
+        "effect": "steady change over the campaign",
+        "size_percent": 5.0,
+        "standard_uncertainty_percent": 0.2,
+        "clear": True,
+    }
+    sheets = results().sheets
+    of_runs = replace(sheets["friction"], extra={"drift": [row]})
+    of_surface = replace(sheets["surface"], extra={"effects": [effect]})
+    assert drift(of_runs).rows == [["temperature", "10 K", "-2", "0.1", "yes"]]
+    assert effects(of_surface).rows[0][0] == "steady change over the campaign"
+    # a friction table of another time has neither
+    assert drift(replace(of_runs, extra={})) is None
