@@ -65,7 +65,6 @@ CHAIN: Final = (
         "compare_hold_out",
         _same("friction", "stiffness"),
         compare.run,
-        optional=True,
         spreads=True,
     ),
     Step(

@@ -80,7 +80,7 @@ class Chain:
     def failed(self, task: Task, error: BeltidError) -> None:
         """Note that a step failed; what needs it is not run."""
         name = task.step.name
-        if task.step.optional and isinstance(error, TooFewSettings):
+        if isinstance(error, TooFewSettings):
             self.run.states[name] = TOO_FEW_SETTINGS
             for line in error.problems:
                 self.reporter.warn(f"{name}: {line}")

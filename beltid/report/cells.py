@@ -24,7 +24,8 @@ UNITS: Final[tuple[tuple[str, str], ...]] = (
     ("_s", "s"),
     ("_m", "m"),
 )
-# the one ending that is not a force per length
+# names that end in no unit, and the one ending that is not a force per length
+WHOLE: Final = {"hours_run": "h"}
 TORQUE: Final = "torque_N_m"
 RANGES: Final = ("range", "valid", "measured")
 # what is left over of an equation: its order of magnitude matters
@@ -42,6 +43,8 @@ def name_and_unit(name: str) -> tuple[str, str]:
     >>> name_and_unit("mu_sliding")
     ('mu sliding', '')
     """
+    if name in WHOLE:
+        return name.replace("_", " "), WHOLE[name]
     if name.endswith(TORQUE):
         return name[: -len("_N_m")].replace("_", " "), "N m"
     for ending, unit in UNITS:

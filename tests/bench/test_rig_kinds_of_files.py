@@ -116,8 +116,9 @@ def test_conditions_of_a_recording_are_read_and_checked(tmp_path):
     assert not {"condition", "side", "humidity_percent"} & set(plain)
 
 
-def test_a_table_without_a_time_is_taken_for_plateaus(tmp_path):
-    path = tmp_path / "points.csv"
+def test_a_table_without_a_time_is_taken_for_plateaus(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # a long path is broken to the width of the terminal
+    path = Path("points.csv")
     path.write_text("arc_deg,tension_tight_N,tension_slack_N,slip_speed_m_s\n90,100,50,0.01\n")
     status, out, _ = invoke("inspect", str(path))
     assert status == 0

@@ -37,7 +37,7 @@ def test_names_become_words_and_units(name: str, words: str, unit: str) -> None:
 
 
 def test_units_shown_are_those_of_the_tables() -> None:
-    spelling = {"deg": "°", "degC": "°C", "1": ""}
+    spelling = {"deg": "°", "degC": "°C", "um": "µm", "1": ""}
     for table in schemas.TABLES.values():
         for column in table.columns:
             if column.dtype == "float64":

@@ -112,7 +112,7 @@ def test_verdict_names_the_best_law_its_equals_and_the_constant():
     def fit(law, criterion, rms, worst, determined=True):
         return SimpleNamespace(
             law=law, criterion=criterion, rms_misfit=rms, worst_misfit=worst,
-            determined=determined, formula=SimpleNamespace(text="TEXT"),
+            determined=determined, law_error=0.0, formula=SimpleNamespace(text="TEXT"),
         )  # fmt: skip
 
     fits = [
