@@ -42,8 +42,8 @@ from beltid.rigsim.model import Bench
 from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.refined import MESH, residual_change, simulated_slopes
-from beltid.uncertainty.sources import Errors, Source
+from beltid.uncertainty.refined import MESH, changes_of_residuals, simulated_slopes
+from beltid.uncertainty.sources import Source
 
 Array = NDArray[np.float64]
 
@@ -173,11 +173,7 @@ class Candidates:
         measured = replace(self.measured, columns=shared)
         measured = measured.with_effects([arc_effect(measured.arc)], self.response)
         campaign = replace(self.campaign, measured=measured)
-        changes = [
-            residual_change(campaign, Errors.single(source), self.slopes, self.speed_slope)
-            for source in sources
-        ]
-        S = np.column_stack(changes) if changes else np.zeros((n, 0))
+        S = changes_of_residuals(campaign, sources, self.slopes, self.speed_slope)
         return RunRows(self.J, S, noise.variance(measured), measured.arc)
 
 

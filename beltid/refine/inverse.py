@@ -5,8 +5,8 @@ bending: peaks of the force where the belt enters and leaves the pulley. Here th
 (its sliding limit, with sensitivities), and the surface is solved for by Gauss–Newton so that Eq.
 (6), applied to the simulated tensions, gives each measured coefficient. The shape of the surface is
 free; its smoothness is chosen by the data (:mod:`beltid.refine.evidence`), and so is what shifts
-the friction beside it (:mod:`beltid.refine.effects`). Errors that runs share are unknowns with
-their stated standard uncertainties.
+the friction beside it (:mod:`beltid.refine.effects`). Errors that runs share are unknowns too
+where they are given, with their stated standard uncertainties.
 """
 
 from __future__ import annotations

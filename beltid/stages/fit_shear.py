@@ -9,11 +9,11 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.artifacts.metadata_models import ShearMetadata
-from beltid.bench.recording import Recording, columns_of, read_rig
+from beltid.bench.recording import columns_of, read_rig
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError
 from beltid.identify.friction.load_cells import against_stated
-from beltid.identify.friction.rig_table import RunColumns, run_record, run_records
+from beltid.identify.friction.rig_table import run_records
 from beltid.identify.friction.run import RunRecord
 from beltid.identify.shear.build_up import build_up
 from beltid.identify.shear.stiffness import (
@@ -25,7 +25,7 @@ from beltid.identify.shear.stiffness import (
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.outcome import Outcome, rows_of, span
-from beltid.stages.reduction import friction_settings
+from beltid.stages.reduction import friction_settings, records_of
 from beltid.stages.reporter import Options
 from beltid.stages.uncertainties import SECTION, budget_details, standard_uncertainties
 from beltid.tables import schemas
@@ -58,14 +58,9 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
     if built is None:
         model = config.config
         _check_kind(model)
-        rig, radius = read_rig(inputs["rig"], model), model.rig.pulley_radius_m
-        if isinstance(rig, Recording):
-            records: Iterable[RunRecord] = run_records(rig.columns, radius)
-        else:
-            runs = (RunColumns(run.label, run.columns, run.said) for run in rig)
-            records = (run_record(run, radius) for run in runs)
+        rig = read_rig(inputs["rig"], model)
         try:
-            outcome = _outcome(records, model)
+            outcome = _outcome(records_of(rig, model), model)
         except InputError as error:
             raise InputError(error.at(str(rig.path))) from None
         options.reporter.report(f"{rig.path}: {rig.n_samples} samples")
