@@ -158,8 +158,8 @@ class LinearModel:
 
     def residual(self, solution: Solution) -> Array:
         """What the solution leaves of the data (n,), noise."""
-        effects = np.hstack([np.zeros((self.y.size, 0)), *self.effects])
-        return np.asarray(self.y - self.J @ solution.parameters - effects @ solution.effects)
+        of_surface, of_effects = self.J @ solution.parameters, self._Z @ solution.effects
+        return np.asarray(self.y - of_surface - of_effects)
 
     def effective_parameters(self, smoothness: Smoothness) -> float:
         """Number of parameters that the data determine: trace of the influence matrix."""
@@ -179,11 +179,12 @@ class LinearModel:
             d/d ln s_e = tr((A⁻¹)_uu) + u_e' u_e - K_e.
         """
         at, size = self._marginal(smoothness), self.J.shape[1]
-        values, vectors = np.linalg.eigh(self.roughness(smoothness))
+        roughness = self.roughness(smoothness)
+        values, vectors = np.linalg.eigh(roughness)
         seen = values > 1e-9 * values[-1]
         p, u = at.both[:size], at.both[size:]
         quadratic = at.residual @ (at.residual / at.variance) + u @ u
-        quadratic += p @ self.roughness(smoothness) @ p
+        quadratic += p @ roughness @ p
         log_normal = 2.0 * np.log(np.diag(at.factor[0])).sum()
         log_noise = np.log(at.variance).sum()
         value = 0.5 * (np.log(values[seen]).sum() - log_normal - quadratic - log_noise)
@@ -250,10 +251,13 @@ class LinearModel:
         counts = [columns.shape[1] for columns in self.effects]
         return np.repeat(smoothness.effects, counts) if counts else np.zeros(0)
 
+    @property
+    def _Z(self) -> Array:
+        """Sensitivities to the numbers of all effects, shape (n, K)."""
+        return np.hstack([np.zeros((self.y.size, 0)), *self.effects])
+
     def _columns(self, smoothness: Smoothness) -> Array:
-        if not self.effects:
-            return np.zeros((self.y.size, 0))
-        return np.hstack(self.effects) * self._sizes(smoothness)
+        return self._Z * self._sizes(smoothness)
 
     def _design(self, smoothness: Smoothness) -> Array:
         return np.hstack([self.J, self._columns(smoothness)])

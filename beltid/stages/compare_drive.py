@@ -23,7 +23,7 @@ from beltid.identify.estimators.statistics import as_set
 from beltid.identify.slip.points import GROSS_SLIP, OK
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import Build, Built
-from beltid.stages.outcome import Outcome, rows_of, span
+from beltid.stages.outcome import Outcome, finite_or_none, rows_of, span
 from beltid.stages.reporter import Options
 
 KIND: Final = "compare_drive"
@@ -118,8 +118,8 @@ def _outcome(slip: Artifact, drive: Artifact, config: Config) -> Outcome[LossAgr
         ],
         extra={
             "passed": result.passed,
-            "rms_relative_error": _finite(result.rms_relative),
-            "rms_over_uncertainty": _finite(result.rms_over_u),
+            "rms_relative_error": finite_or_none(result.rms_relative),
+            "rms_over_uncertainty": finite_or_none(result.rms_over_u),
             "max_rms_relative_error": section.max_rms_relative_error,
             "n_judged": int(result.judged.sum()),
             "n_asked": result.asked,
@@ -203,10 +203,6 @@ def _statements(result: LossAgreement) -> tuple[str, ...]:
         "this recording it would be calibrated, and the agreement no validation of it"
     )
     return tuple(lines)
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
 
 
 def summarise(built: Built) -> Summary:

@@ -162,3 +162,8 @@ def span(values: np.ndarray) -> tuple[float, float] | None:
     """Lowest and highest finite value; None if there is none."""
     finite = values[np.isfinite(values)]
     return (float(finite.min()), float(finite.max())) if finite.size else None
+
+
+def finite_or_none(value: float) -> float | None:
+    """A number, or None in the place of nan and infinity."""
+    return value if np.isfinite(value) else None

@@ -23,7 +23,7 @@ from beltid.stages.alternatives import friction_formulas, friction_law_rows
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.campaign import checked_law
 from beltid.stages.conditions import stated_of
-from beltid.stages.outcome import Outcome, span
+from beltid.stages.outcome import Outcome, finite_or_none, span
 from beltid.stages.refinement import (
     CHECKED,
     KEYS,
@@ -372,15 +372,11 @@ def _effect_rows(effects: Sequence[ShownEffect]) -> list[dict[str, Any]]:
         {
             "effect": EFFECT_WORDS[one.key],
             "size_percent": 100.0 * one.size,
-            "standard_uncertainty_percent": _finite(100.0 * one.uncertainty),
+            "standard_uncertainty_percent": finite_or_none(100.0 * one.uncertainty),
             "clear": one.is_clear,
         }
         for one in effects
     ]
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _bending_figures(fitted: FittedBending | None, config: Config) -> dict[str, float] | None:
