@@ -10,6 +10,7 @@ import numpy as np
 
 from beltid.bench.recording import columns_of, read_recording, read_rig
 from beltid.config import Config, ConfigSource, load_config
+from beltid.errors import InputError
 from beltid.identify.estimators.statistics import as_set
 from beltid.identify.friction.drift_check import CAUSES, Drift, drift_check
 from beltid.identify.friction.kinds import DRAG_TAKEN_OFF, TOUCH_DEG, TOUCHING, RigKind
@@ -56,7 +57,10 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
         if role == "points":
             points = read_recording(path, "points", model)
             notes, n_samples = points.notes, points.n_samples
-            runs = reduce_points(points.columns, model)
+            try:
+                runs = reduce_points(points.columns, model)
+            except InputError as error:
+                raise InputError(error.at(str(path))) from None
         else:
             rig = read_rig(path, model)
             runs = reduce_rig(rig, model, options.workers)

@@ -179,7 +179,12 @@ def _check(options: PlanOptions, out: Path, figure: Path) -> None:
         problems.append(f"--target = {options.target}, must be one of {', '.join(TARGETS)}")
     if not 0.0 <= options.goal_u < 1.0:
         problems.append(f"--goal-u = {options.goal_u:g}, must be in [0, 1)")
-    if not options.force:
+    if out.exists() and not _is_plan(out):
+        text = (
+            f"{out}: is a file that `beltid plan` did not write, never replaced; name another --out"
+        )
+        problems.append(Problem(text, "not-replaced"))
+    elif not options.force:
         problems += [already_exists(path) for path in (out, figure) if path.exists()]
     if problems:
         raise InputError(problems)
@@ -349,14 +354,24 @@ def _rows(
 COLUMNS: Final = (*SHOWN, "slip_speed_m_s", "normal_force_N_m", "based_on")
 
 
+HEADER: Final = (",".join(COLUMNS) + "\n").encode()
+
+
+def _is_plan(path: Path) -> bool:
+    """Whether a file is a table of runs that this command wrote."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(len(HEADER)) == HEADER
+
+
 def _csv(rows: Sequence[Mapping[str, Any]]) -> bytes:
     """The table for the operator of the bench."""
     text = io.StringIO()
-    text.write(",".join(COLUMNS) + "\n")
     for row in rows:
         cells = [f"{v:.6g}" if isinstance(v := row[name], float) else str(v) for name in COLUMNS]
         text.write(",".join(cells) + "\n")
-    return text.getvalue().encode()
+    return HEADER + text.getvalue().encode()
 
 
 def _region_rows(plan: Plan) -> list[dict[str, Any]]:

@@ -20,8 +20,11 @@ CALLS = {
     "fit-stiffness": ("press.csv",),
     "fit-slip": ("speedloss.csv",),
     "fit-friction": ("rig.csv",),
+    "fit-friction --table": ("points.csv",),
+    "fit-shear": ("rig.csv",),
     "build-surface": ("friction.parquet",),
     "refine-surface": ("friction.parquet", "stiffness.parquet"),
+    "plan": ("surface.parquet", "stiffness.parquet"),
     f"simulate-rig {FEW}": ("surface.parquet", "stiffness.parquet"),
     "compare": ("friction.parquet", "simulated.parquet"),
     "show": ("surface.parquet",),
@@ -51,7 +54,14 @@ WRONG = (
 )
 ANY_ARTIFACT = ("show", "info")
 # one command for each way to read an input meets all wrong files, the others a few
-THOROUGH = {("fit-friction", 0), ("refine-surface", 1), ("export json", 0), ("show", 0), ("run", 0)}
+THOROUGH = {
+    ("fit-friction", 0),
+    ("fit-friction --table", 0),
+    ("refine-surface", 1),
+    ("export json", 0),
+    ("show", 0),
+    ("run", 0),
+}
 FEW_WRONG = ("missing", "words.txt", "foreign.parquet")
 INPUTS = [
     (command, place, wrong)
@@ -70,6 +80,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copy(CORPUS / "artifact" / f"{kind}.parquet", folder)
     for kind, corpus in (("press", "press"), ("speedloss", "speedloss"), ("rig", "csv")):
         shutil.copy(CORPUS / corpus / "tidy.csv", folder / f"{kind}.csv")
+    points = "arc_deg,tension_tight_N,tension_slack_N,slip_speed_m_s\n90,100,50,0.01\n"
+    (folder / "points.csv").write_text(points)
     (folder / "beltid.yaml").write_text("belt: {name: a}\ndata: {press: press.csv, rig: rig.csv}\n")
     (folder / "results").mkdir()
     for kind in ("stiffness", "surface"):

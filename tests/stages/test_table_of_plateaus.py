@@ -175,6 +175,16 @@ def test_the_command_reads_a_table_of_other_names_and_units(tmp_path: Path):
     assert result.exit_code == 0, result.stderr
 
 
+@pytest.mark.parametrize("write", ["to_csv", "to_excel", "to_parquet"])
+def test_a_file_without_any_of_the_columns_is_refused_with_its_name(tmp_path: Path, write: str):
+    path = tmp_path / f"other{ {'to_csv': '.csv', 'to_excel': '.xlsx'}.get(write, '.parquet') }"
+    getattr(pd.DataFrame({"a": [1.0, 2.0], "b": [3.0, 4.0]}), write)(path, index=False)
+    done = CliRunner().invoke(app, ["fit-friction", "--table", str(path)])
+    assert done.exit_code == 2
+    assert f"error: {path}" in done.stderr
+    assert "column" in done.stderr
+
+
 def test_a_recording_and_a_table_are_not_taken_together(tmp_path: Path):
     for call in (["fit-friction"], ["fit-friction", "rig.csv", "--table", "points.csv"]):
         result = CliRunner().invoke(app, call)

@@ -120,8 +120,8 @@ class _Reader:
         if problems.count == wrong:
             in_file = {c.name: options.names.get(c.name, c.name) for c in table.columns}
             told = told_elsewhere(options.runs, names, fields, table)
-            told |= set(mappings) | ({"time_s"} if clocked or len(groups) > 1 else set())
-            check_header(tuple(channels), in_file, table, place, problems, told)
+            told |= {"time_s"} if clocked or len(groups) > 1 else set()
+            check_header(tuple(channels), in_file, table, place, problems, mappings, told)
         if problems.count > wrong:
             return None
         columns, notes = _columns(groups, mappings, context)

@@ -120,7 +120,7 @@ def wanted_columns(
     if problems.count == wrong:
         in_file = {c.name: options.names.get(c.name, c.name) for c in table.columns}
         in_file |= {role: mapping.candidate.name for role, mapping in mappings.items()}
-        check_header(found.header, in_file, table, place, problems, {*told, *mappings})
+        check_header(found.header, in_file, table, place, problems, mappings, told)
     wanted = {
         role: Wanted(r.candidate.key, table.column(role).dtype == "string", r.shown)
         for role, r in mappings.items()
@@ -152,9 +152,12 @@ def check_header(
     table: schemas.Table,
     place: str,
     problems: Problems,
+    found: Collection[str],
     told: Collection[str] = (),
 ) -> None:
     """Note columns that are missing, with what they may be called instead.
+
+    A table of which no column must be there has at least one.
 
     Parameters
     ----------
@@ -168,14 +171,16 @@ def check_header(
         Place of the header.
     problems : Problems
         Collects what is missing.
+    found : collection of str
+        Columns that were found.
     told : collection of str
-        Columns that were found, or need not be since they are told elsewhere.
+        Columns that need not be found, since they are told elsewhere.
     """
     shown = ", ".join(header[:20]) + (", ..." if len(header) > 20 else "")
     missing = []
     told_so: list[str] = []
     for ours, theirs in in_file.items():
-        if ours in told or not (table.column(ours).required or theirs != ours):
+        if ours in found or ours in told or not (table.column(ours).required or theirs != ours):
             continue
         free = [column for column in header if column not in in_file.values()]
         close = difflib.get_close_matches(theirs, free, n=1, cutoff=0.6)
@@ -202,6 +207,14 @@ def check_header(
         problems.add(
             f"{place}: the columns found are {shown}; other names are told by the config, "
             f'columns: {{{table.kind}: {{{ours}: "{example}"}}}}'
+        )
+    elif not found and not any(column.required for column in table.columns):
+        example = next(column.name for column in table.columns if column.dtype == "float64")
+        problems.add(
+            f"{place}: holds no column of {table.command}; the columns found are {shown}; other "
+            f"names are told by the config, columns: {{{table.kind}: {{{example}: "
+            '"its name in the file"}}',
+            code="columns",
         )
 
 
