@@ -12,9 +12,9 @@ from beltid.bench.recording import columns_of, read_recording, read_rig
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError
 from beltid.identify.estimators.statistics import as_set
+from beltid.identify.friction.cells import TAKEN_OFF
 from beltid.identify.friction.drift_check import CAUSES, Drift, drift_check
 from beltid.identify.friction.kinds import DRAG_TAKEN_OFF, TOUCH_DEG, TOUCHING, RigKind
-from beltid.identify.friction.load_cells import TOLD
 from beltid.identify.friction.plateaus import BINNED
 from beltid.identify.friction.reduction import RunReduction
 from beltid.report.summary import Summary
@@ -207,7 +207,7 @@ def _notes(reduced: Sequence[RunReduction]) -> tuple[str, ...]:
     missing = [r for r in reduced if r.n_missing]
     swapped = [r.run for r in reduced if r.swapped]
     unresolved = [r for r in reduced if r.ok and r.mu_sticking_reason]
-    begins = (TOLD, DRAG_TAKEN_OFF)
+    begins = (TAKEN_OFF, DRAG_TAKEN_OFF)
     lines = list(dict.fromkeys(n for r in reduced for n in r.notes if n.startswith(begins)))
     if spikes:
         lines.append(f"{sum(r.n_spikes for r in spikes)} spikes left out, in {len(spikes)} runs")

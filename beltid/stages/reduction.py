@@ -20,8 +20,8 @@ from beltid.bench.runs.run_stream import RunColumns as StreamedRun
 from beltid.config import Config
 from beltid.config.model import PressSection
 from beltid.errors import InputError
+from beltid.identify.friction.cells import KnownCells
 from beltid.identify.friction.kinds import SPANS, RigKind, drag_of
-from beltid.identify.friction.load_cells import KnownCells
 from beltid.identify.friction.plateaus import reduce_plateaus
 from beltid.identify.friction.reduction import (
     FrictionSettings,
@@ -29,8 +29,7 @@ from beltid.identify.friction.reduction import (
     reduce_runs,
     reduce_stream,
 )
-from beltid.identify.friction.rig_table import RunColumns, run_record, run_records
-from beltid.identify.friction.run import Conditions, RunRecord
+from beltid.identify.friction.run import Conditions, RunColumns, RunRecord, run_record, run_records
 from beltid.identify.press.recording import StiffnessSettings
 from beltid.stages.workers import Workers
 from beltid.tables import schemas

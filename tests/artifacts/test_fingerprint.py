@@ -28,7 +28,7 @@ def test_it_is_that_of_this_installation(package: Path) -> None:
     "file",
     [
         "laws/capstan.py",
-        "identify/friction/peak.py",
+        "identify/friction/campaign.py",
         "rigsim/steady.py",
         "bench/recording.py",
         "params.py",

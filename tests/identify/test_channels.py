@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltid.identify.friction.channels import check_cells, read_channels
-from beltid.identify.friction.condense import missing_rows
-from beltid.identify.friction.rest_phase import Rotation, RunRejected
+from beltid.identify.friction.channels import check_cells, missing_rows, read_channels
+from beltid.identify.friction.phases import Rotation, RunRejected, sliding_phase, unswapped
 from beltid.identify.friction.run import FrictionSettings, RunRecord
-from beltid.identify.friction.sliding_phase import sliding_phase, unswapped
 
 SETTINGS = FrictionSettings()
 N, FIRST = 200, 50

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltid.identify.friction.condense import BLOCKS, condensed
+from beltid.identify.friction.channels import BLOCKS, condensed
 from beltid.identify.friction.reduction import FrictionSettings, reduce_run
 from beltid.identify.friction.run import RunRecord, RunReduction
 

@@ -7,7 +7,7 @@ import pytest
 from virtual_rig import Recipe, bench
 
 from beltid.errors import InputError
-from beltid.identify.friction.load_cells import KnownCell, against_stated
+from beltid.identify.friction.cells import KnownCell, against_stated
 from beltid.identify.friction.reduction import FrictionSettings, RunReduction, reduce_runs
 
 KNOWN = {

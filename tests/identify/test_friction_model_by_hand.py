@@ -10,15 +10,15 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal
 
-from beltid.identify.friction import campaign, shared, spectra, zeros
-from beltid.identify.friction.noise import block_covariance, wander_since_rest
-from beltid.identify.friction.rest_phase import Rest
-from beltid.identify.friction.sliding_record import block_starts, sliding_record
-from beltid.identify.friction.spectra import spectra_of, summed
-from beltid.identify.friction.tail_shapes import (
+from beltid.identify.friction import campaign, cells, shared
+from beltid.identify.friction.campaign import block_covariance, wander_since_rest
+from beltid.identify.friction.prepare import block_starts, sliding_record
+from beltid.identify.friction.shared import (
     RANK,
+    spectra_of,
     stretched,
     stretching,
+    summed,
     tail_basis,
     tail_coefficients,
 )
@@ -188,11 +188,11 @@ def test_the_posterior_of_a_tail_is_that_of_brute_force(noise):
     M, b = design.T @ design, design.T @ z
     longest = 3.0 * 0.05
     found = summed(M, b, spectra_of(M, b, (1e-3, longest)))
-    middle, (_, _, width) = math.log(5e-3), spectra.CENTRE
+    middle, (_, _, width) = math.log(5e-3), shared.CENTRE
     log_centre = np.linspace(math.log(1e-3), math.log(longest), 120)
     slow, fast = (np.arange(n) * step + 0.5 * step for n, step in ((40, 0.06), (30, 0.07)))
     heights = np.linspace(0.0, 0.12, 301)
-    prior_of_height = -0.5 * (heights / spectra.HEIGHT) ** 2
+    prior_of_height = -0.5 * (heights / shared.HEIGHT) ** 2
     total, of_height, first, second = 0.0, 0.0, np.zeros(RANK), np.zeros((RANK, RANK))
     top = 0.5 * float(np.linalg.lstsq(design, z)[0] @ b)
     for c in log_centre:
@@ -201,7 +201,7 @@ def test_the_posterior_of_a_tail_is_that_of_brute_force(noise):
         squares = np.sum((tails @ M) * tails, axis=1)
         log_p = (tails @ b)[:, None] * heights - 0.5 * squares[:, None] * heights**2
         log_p += prior_of_height - 0.5 * ((c - middle) / width) ** 2
-        log_p -= ((s + f) / spectra.WIDTH)[:, None]
+        log_p -= ((s + f) / shared.WIDTH)[:, None]
         p = np.exp(log_p - top)
         total += p.sum()
         of_height += float(np.sum(p @ heights))
@@ -245,22 +245,14 @@ def test_the_slope_of_the_evidence_is_its_difference_quotient():
 # --- the cells ---
 
 
-def at_rest(difference, tension, se=0.05):
-    return Rest(
-        n_samples=50, first_s=0.0, last_s=1.0, tension_N=tension, end_N=tension, end_se_N=0.1,
-        imbalance_N=difference,
-        imbalance_se_N=se, slopes_N_s=(0.0, 0.0), slope_ses_N_s=(1.0, 1.0), noise_N=0.5,
-    )  # fmt: skip
-
-
 @pytest.mark.parametrize("D", [[0.6, 1.5, 2.4, 3.9], [0.1, -0.3, 2.0, -4.0]])
 def test_errors_of_the_cells_are_averaged_over_all_explanations(D):
     """Of equal tensions, so that zeros that err together do not matter."""
     D, T, se = np.array(D), np.array([60.0, 150.0, 240.0, 400.0]), 0.05
-    found = zeros.cell_errors([at_rest(d, t, se) for d, t in zip(D, T, strict=True)], T, T, "auto")
+    found = cells.cell_errors(D, np.full(4, se), T, T, T, "auto")
     unit, n = 195.0, 4
     log_p, means, variances = [], [], []
-    for s_w, s_f, s_z, s_g in itertools.product(zeros.SIZES, repeat=4):
+    for s_w, s_f, s_z, s_g in itertools.product(cells.SIZES, repeat=4):
         # unknowns: zeta [N], gamma [-], w [N] and f [-] of every run
         prior = np.diag([(s_z * unit) ** 2, s_g**2, *[(s_w * unit) ** 2] * n, *[s_f**2] * n])
         see = np.column_stack([np.ones(n), T, np.eye(n), np.diag(T)])
@@ -280,15 +272,15 @@ def test_errors_of_the_cells_are_averaged_over_all_explanations(D):
 
 
 def test_a_difference_of_the_cells_of_each_run_by_itself():
-    rests = [at_rest(3.0, 270.0, 0.1)]
+    rest = (np.array([3.0]), np.array([0.1]), np.array([270.0]))
     tight, slack = np.array([400.0]), np.array([150.0])
     half_sum, half_difference = 0.5 * (1 / 150 + 1 / 400), 0.5 * (1 / 150 - 1 / 400)
     clear = 9.0 - 0.01
-    taken = zeros.cell_errors(rests, tight, slack, True)
+    taken = cells.cell_errors(*rest, tight, slack, True)
     assert taken.mean[0] == pytest.approx(3.0 * half_sum, rel=1e-12)
     common = half_difference**2 * clear
     assert taken.variance[0] == pytest.approx(half_sum**2 * 0.01 + common, rel=1e-12)
-    left = zeros.cell_errors(rests, tight, slack, False)
+    left = cells.cell_errors(*rest, tight, slack, False)
     assert left.mean[0] == 0.0
     assert left.variance[0] == pytest.approx(half_sum**2 * clear + common, rel=1e-12)
     assert "taken off" in taken.notes[0]

@@ -17,7 +17,7 @@ from beltid.identify.friction.reduction import (
     reduce_runs,
     reduce_stream,
 )
-from beltid.identify.friction.rig_table import run_records
+from beltid.identify.friction.run import run_records
 
 RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"
 RADIUS_M = 0.05

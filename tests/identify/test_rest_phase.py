@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from beltid.identify.friction.rest_phase import RunRejected, find_rotation, rest_state
+from beltid.identify.friction.phases import find_rotation, rest_state
+from beltid.identify.friction.run import RunRejected
 
 
 def speed_record(top=0.2, rest=100, ramp=20, full=200, after=30):

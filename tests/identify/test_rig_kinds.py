@@ -18,11 +18,11 @@ import pandas as pd
 import pytest
 
 from beltid.errors import InputError
+from beltid.identify.friction.cells import KnownCell, KnownCells
 from beltid.identify.friction.kinds import Drag, RigKind, drag_of
-from beltid.identify.friction.load_cells import KnownCell, KnownCells
 from beltid.identify.friction.prepare import prepare_run
 from beltid.identify.friction.reduction import FrictionSettings, RunReduction, reduce_runs
-from beltid.identify.friction.rig_table import run_records
+from beltid.identify.friction.run import run_records
 
 R = 0.05
 RIG = Path(__file__).parents[2] / "rigdata/5pk/rig.csv"

@@ -13,8 +13,7 @@ from scipy.sparse.linalg import spsolve
 from shear_rig import Curve, Setting, ShearRig, curves_of, recording
 
 from beltid.errors import FitError, InputError
-from beltid.identify.friction.rig_table import run_records
-from beltid.identify.friction.run import FrictionSettings
+from beltid.identify.friction.run import FrictionSettings, run_records
 from beltid.identify.shear.build_up import FEWEST, BuildUp, build_up
 from beltid.identify.shear.mechanics import build_up_slope, laid_belt, micro_slip
 from beltid.identify.shear.stiffness import BenchValues, ShearStiffness, fit_shear_stiffness

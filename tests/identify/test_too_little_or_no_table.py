@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from beltid.errors import InputError
-from beltid.identify.friction.rig_table import run_records
+from beltid.identify.friction.run import run_records
 from beltid.identify.press.dissipation import estimate_dissipation
 from beltid.identify.press.stiffness import StiffnessSettings, fit_stiffness
 from beltid.identify.slip.slip import fit_slip

@@ -1,15 +1,19 @@
-"""What the runs of a bench share: the noise of the cells and the tail of the sticking peak.
+"""Second pass over the runs: variances of a bench, and the level of each run.
 
-One Gaussian model holds for the block means z of every run (:mod:`sliding_record`):
+One Gaussian model holds for the block means z of every run (:mod:`prepare`):
 
     z = y [1 + a g(x)] + y a (height g + length dg/d ln l) + ripple + turn
         + c (white noise + zeros that wander) + common drift of the zeros,                   (S3)
 
 with the level y = mu beta that is sought (flat prior) and c the sensitivity of z to an error of a
-cell. The tail a g(x) (:mod:`tail_shapes`) belongs to the bench, its deviations in height and length
+cell. The tail a g(x) (:mod:`shared`) belongs to the bench, its deviations in height and length
 to the run. Their variances, and those of the noise, are found by the marginal likelihood of all
 runs, with weak log-normal priors. What a run does not know it borrows from its bench. What the
 bench does not know of its tail and its drift has one sign in all runs, and is kept apart.
+
+Noise is white, and zeros that wander with a memory: an Ornstein-Uhlenbeck process of unit variance
+and memory tau has the covariance exp(-|t-t'|/tau). Its means over blocks of evenly spaced samples
+have a covariance in closed form (geometric sums).
 """
 
 from __future__ import annotations
@@ -22,11 +26,12 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import logsumexp
 
-from beltid.identify.friction.noise import block_covariance, early_misfit, wander_since_rest
+from beltid.identify.friction.prepare import SlidingRecord
 from beltid.identify.friction.shared import (
     BEFORE,
     DRIFTS,
     POWERS,
+    RANK,
     SETTINGS,
     SHARED,
     Given,
@@ -34,11 +39,71 @@ from beltid.identify.friction.shared import (
     Rough,
     Shared,
     posterior,
+    stretched,
+    stretching,
+    tail_basis,
 )
-from beltid.identify.friction.sliding_record import SlidingRecord
-from beltid.identify.friction.tail_shapes import RANK, stretched, stretching, tail_basis
 
 Array = NDArray[np.float64]
+
+
+def block_covariance(first: Array, last: Array, count: Array, tau: float) -> Array:
+    """Covariance of means over blocks of an Ornstein-Uhlenbeck process of unit variance.
+
+    Parameters
+    ----------
+    first, last : ndarray
+        Times of the first and last sample of each block [s], in their order, shape (m,).
+    count : ndarray
+        Evenly spaced samples of each block, shape (m,).
+    tau : float
+        Memory of the process [s].
+
+    Returns
+    -------
+    ndarray, shape (m, m)
+    """
+    span = last - first
+    step = np.where(count > 1.0, span / np.maximum(count - 1.0, 1.0), 1.0)
+    rho = np.exp(-step / tau)
+    left = -np.expm1(-step / tau)  # 1 - rho, without cancellation
+    total = -np.expm1(-count * step / tau) / left  # sum of rho^k over the block
+    share = total / count
+    gap = np.maximum(first[None, :] - last[:, None], 0.0)
+    across = share[:, None] * share[None, :] * np.exp(-gap / tau)
+    upper = np.triu(across, 1)
+    within = (count * (1.0 + rho) / left - 2.0 * rho * total / left) / count**2
+    return upper + upper.T + np.diag(np.where(count > 1.0, within, 1.0))
+
+
+def wander_since_rest(
+    first: Array, last: Array, count: Array, rest: tuple[float, float], rest_count: int, tau: float
+) -> Array:
+    """The same for what the process has moved since its mean at rest, shape (m, m)."""
+    whole = block_covariance(
+        np.append(rest[0], first),
+        np.append(rest[1], last),
+        np.append(max(rest_count, 1), count),
+        tau,
+    )
+    at_rest = whole[0, 1:]
+    return whole[1:, 1:] - at_rest[:, None] - at_rest[None, :] + whole[0, 0]
+
+
+def early_misfit(travel: Array) -> Array:
+    """Covariance of what a model may leave unexplained where the sliding begins, shape (m, m).
+
+    It fades over a fifth of the record and is smooth over a tenth.
+
+    Parameters
+    ----------
+    travel : ndarray
+        Travel of the blocks [m], increasing, shape (m,).
+    """
+    x = (travel - travel[0]) / max(float(np.ptp(travel)), 1e-12)
+    size = np.exp(-x / 0.2)
+    return size[:, None] * size[None, :] * np.exp(-np.abs(x[:, None] - x[None, :]) / 0.1)
+
 
 MEMORIES_S = (0.04, 0.16, 0.64, 20.0)
 """Memories of the wandering zeros [s]; the last one is a walk over the time of a run, and counts

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from beltid.errors import InputError
 from beltid.identify.estimators.signal import median
 from beltid.identify.estimators.statistics import integrated_autocorrelation_time
-from beltid.identify.friction.load_cells import KnownCell, KnownCells
+from beltid.identify.friction.cells import KnownCell, KnownCells
 from beltid.laws.capstan import (
     pressing_tension,
     running_sliding_speed,

@@ -20,13 +20,14 @@ from beltid.errors import InputError
 from beltid.identify.estimators.signal import median, running_median
 from beltid.identify.estimators.statistics import integrated_autocorrelation_time
 from beltid.identify.friction.kinds import TOUCH_DEG, TOUCHING, Drag, RigKind, drag_of
-from beltid.identify.friction.rig_table import RunColumns, conditions_of
 from beltid.identify.friction.run import (
     NAN,
     FrictionSettings,
+    RunColumns,
     RunRecord,
     RunReduction,
     arc_problem,
+    conditions_of,
 )
 from beltid.laws.capstan import friction_coefficient, mean_normal_force, sliding_speed
 

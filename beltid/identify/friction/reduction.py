@@ -4,12 +4,16 @@ Two passes: every run is prepared by itself (:mod:`prepare`), then all are reduc
 (:mod:`campaign`), each once. The same functions serve the bench and the simulated rig; nothing in
 them depends on which one wrote the recording. A run that cannot be reduced is set aside with its
 reason, never dropped.
+
+The sticking peak is no largest sample: of many noisy samples near a flat maximum that is the
+noisiest. The model of the sliding is followed back to the moment at which the record leaves the
+build-up and joins it; that moment is known to one sample.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -18,23 +22,98 @@ from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import InputError
 from beltid.identify.friction.campaign import Bench, RunLevel, reduce_bench
+from beltid.identify.friction.cells import against_stated, cell_errors
 from beltid.identify.friction.kinds import TWO_CELLS, RigKind
-from beltid.identify.friction.load_cells import against_stated
-from beltid.identify.friction.peak import sticking_peak
-from beltid.identify.friction.prepare import PreparedRun, prepare_run
-from beltid.identify.friction.rest_phase import Rest
-from beltid.identify.friction.rig_table import check_columns, run_records
+from beltid.identify.friction.phases import Rest
+from beltid.identify.friction.prepare import Onset, PreparedRun, SlidingRecord, prepare_run
 from beltid.identify.friction.run import (
     NAN,
     FrictionSettings,
     RunRecord,
     RunReduction,
     arc_problem,
+    check_columns,
+    run_records,
 )
-from beltid.identify.friction.shared import rest_slopes
-from beltid.identify.friction.sliding_record import SlidingRecord
-from beltid.identify.friction.zeros import cell_errors
+from beltid.identify.friction.shared import Shared, rest_slopes, tail_basis
 from beltid.laws.capstan import friction_coefficient, mean_normal_force
+
+Array = NDArray[np.float64]
+
+
+JOINED = 3.0
+"""Distance from the model, in standard deviations of the noise, within which a sample is on it."""
+STANDS_OUT = 3.0
+"""Least height of a peak above the plateau, in standard errors of the peak."""
+
+
+@dataclass(frozen=True, slots=True)
+class StickingPeak:
+    """Peak of ln(T_tight/T_slack), or why the record does not tell it."""
+
+    z: float
+    """ln(T_tight/T_slack) at the peak [-]; nan where the record does not resolve it."""
+    z_se: float
+    time_s: float
+    """Moment of the sticking peak [s]; nan where it is not found."""
+    reason: str
+    """Why there is no value; empty if there is one."""
+
+
+def _unresolved(reason: str, time_s: float = float("nan")) -> StickingPeak:
+    return StickingPeak(float("nan"), float("nan"), time_s, reason)
+
+
+def sticking_peak(
+    onset: Onset, record: SlidingRecord, level: RunLevel, shared: Shared, max_error: float
+) -> StickingPeak:
+    """Find the sticking peak from the model of the sliding.
+
+    Parameters
+    ----------
+    onset : Onset
+        The record before the sliding.
+    record, level : SlidingRecord, RunLevel
+        The sliding and its model.
+    shared : Shared
+        What the bench knows of the tail.
+    max_error : float
+        Largest standard error of the peak, relative to it, that still resolves it.
+    """
+    t = np.append(onset.time_s, record.first_s[0])
+    travel = np.append(onset.travel, record.travel[0])
+    z = np.append(onset.z, record.z[0])
+    # the tail is followed back to the end of the build-up, not beyond
+    model = level.y + tail_basis(np.maximum(travel, 0.0)) @ level.tail
+    ripple = record.ripple_N / record.tensions_N[0]
+    limit = JOINED * record.noise_N * record.sensitivity + ripple
+    off = np.flatnonzero(~(np.abs(z[:-1] - model[:-1]) <= limit))
+    join = int(off[-1]) + 1 if off.size else 0
+    if join > 0 and z[join - 1] > model[join - 1]:
+        return _unresolved("the tensions decay faster than the tail of the peak")
+    before = max(join - 1, 0)
+    moment = 0.5 * float(t[before] + t[join])
+    where = [max(float(travel[k]), 0.0) for k in (before, join)]
+    peak, error = level.at(0.5 * (where[0] + where[1]), shared, record.level)
+    # noise may hide the end of the build-up in the tail: the moment is uncertain by so much more
+    climbed = max(peak - float(np.nanmin(z)), limit)
+    margin = float(travel[join] - travel[0]) * limit / climbed
+    step = max(where[1] - where[0], 0.0)
+    ahead = level.at(where[1] + 0.1 * max(step, margin), shared, record.level)[0]
+    behind = level.at(where[1], shared, record.level)[0]
+    rate = abs(behind - ahead) / max(0.1 * max(step, margin), 1e-12)
+    timing = rate * float(np.hypot(step, margin)) / np.sqrt(12.0)
+    se = float(np.linalg.norm([error, timing, record.rounding]))
+    if peak - level.y < STANDS_OUT * se:
+        return _unresolved("no peak stands out of the plateau", moment)
+    if se > max_error * peak:
+        return _unresolved(
+            f"the samples leave the peak uncertain by {100 * se / peak:.2g} %, "
+            f"allowed is {100 * max_error:g} %",
+            moment,
+        )
+    return StickingPeak(peak, se, moment, "")
+
 
 __all__ = [
     "FrictionSettings",
@@ -45,7 +124,6 @@ __all__ = [
     "reduce_stream",
 ]
 
-Array = NDArray[np.float64]
 Mapper = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
 """Applies a function to items, in their order, maybe in other processes."""
 
@@ -213,7 +291,8 @@ def _reduce_together(
     at_rest = rest_slopes(slopes[0], errors[0], slopes[1], errors[1], initial)
     bench, levels = reduce_bench(records, at_rest, float(np.median(initial)))
     tight, slack = np.array([record.tensions_N for record in records]).T
-    cells = cell_errors(rests, tight, slack, settings.correct_imbalance)
+    D, D_se = np.array([(rest.imbalance_N, rest.imbalance_se_N) for rest in rests]).T
+    cells = cell_errors(D, D_se, initial, tight, slack, settings.correct_imbalance)
     relaxed = 1.0 + _relaxation(rests)
     reduced = []
     for k, (run, level) in enumerate(zip(runs, levels, strict=True)):

@@ -16,9 +16,14 @@ from numpy.typing import NDArray
 
 from beltid.identify.estimators.signal import median
 from beltid.identify.friction.channels import Channels, read_channels
-from beltid.identify.friction.rest_phase import Rest, RunRejected, find_rotation, rest_state
-from beltid.identify.friction.run import NAN, FrictionSettings, RunRecord
-from beltid.identify.friction.sliding_phase import sliding_phase, unswapped
+from beltid.identify.friction.phases import (
+    Rest,
+    find_rotation,
+    rest_state,
+    sliding_phase,
+    unswapped,
+)
+from beltid.identify.friction.run import NAN, FrictionSettings, RunRecord, RunRejected
 
 Array = NDArray[np.float64]
 
