@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltid.identify.friction.channels import BLOCKS, condensed
-from beltid.identify.friction.reduction import FrictionSettings, reduce_run
-from beltid.identify.friction.run import RunRecord, RunReduction
+from beltid.identify.friction.channels import BLOCKS, Channels, condensed, read_channels
+from beltid.identify.friction.reduction import reduce_runs
+from beltid.identify.friction.run import FrictionSettings, RunRecord, RunReduction
 
 ARC_DEG, RADIUS_M, MU, TENSION_N, NOISE_N = 82.0, 0.05, 0.47, 270.0, 0.5
 N = 60_000
@@ -30,28 +30,30 @@ def long_run(seed: int = 0, n: int = N) -> dict[str, np.ndarray]:
 
 
 def reduced(columns: dict[str, np.ndarray]) -> RunReduction:
-    return reduce_run(**columns, arc_deg=ARC_DEG, pulley_radius_m=RADIUS_M)
+    n = columns["time_s"].size
+    settings = {"run": np.zeros(n), "arc_deg": np.full(n, ARC_DEG)}
+    return reduce_runs({**columns, **settings}, RADIUS_M)[0]
 
 
-def as_record(columns: dict[str, np.ndarray]) -> RunRecord:
-    return RunRecord(**columns, arc_deg=ARC_DEG)
+def channels_of(columns: dict[str, np.ndarray]) -> Channels:
+    return read_channels(RunRecord(**columns, arc_deg=ARC_DEG), SETTINGS)
 
 
 def test_a_short_run_stays_as_it_is() -> None:
-    record = as_record(long_run(n=2 * BLOCKS - 1))
-    assert condensed(record, 6.0) is record
+    channels = channels_of(long_run(n=2 * BLOCKS - 1))
+    assert condensed(channels) is channels
 
 
 @pytest.mark.parametrize("n", [2 * BLOCKS, 20_011, N, 300_000])
 def test_blocks_keep_means_and_the_length(n: int) -> None:
-    record = as_record(long_run(n=n))
-    short = condensed(record, 6.0)
+    whole = channels_of(long_run(n=n))
+    short = condensed(whole)
     assert BLOCKS <= short.time_s.size <= 2 * BLOCKS
     counts = np.full(short.time_s.size, n // BLOCKS)
     counts[-1] = n - counts[:-1].sum()
-    for name in ("time_s", "tension_tight_N", "tension_slack_N"):
+    for name in ("time_s", "tight", "slack"):
         weighted = np.sum(counts * getattr(short, name)) / n
-        assert weighted == pytest.approx(np.mean(getattr(record, name)), rel=1e-12)
+        assert weighted == pytest.approx(np.mean(getattr(whole, name)), rel=1e-12)
 
 
 def test_mu_and_its_error_are_those_of_white_noise() -> None:
@@ -85,15 +87,13 @@ def test_spikes_in_long_blocks_of_correlated_noise_are_taken_out() -> None:
     for name in ("tension_tight_N", "tension_slack_N"):
         smooth = 0.5 * (columns[name] + np.roll(columns[name], 1))
         columns[name] = np.where(columns["time_s"] > 0.0, smooth, columns[name])
-    before = condensed(as_record(columns), 6.0).raw
+    before = channels_of(columns).n_spikes
     places = np.random.default_rng(5).choice(np.arange(200_000, 599_000, 50), 40, replace=False)
     columns["tension_tight_N"][places[:20]] += 30.0
     columns["tension_slack_N"][places[20:]] -= 30.0
-    after = condensed(as_record(columns), 6.0).raw
-    assert before is not None
-    assert after is not None
-    assert before.n_spikes < 10  # of 1.2 million samples
-    assert after.n_spikes - before.n_spikes == 40
+    after = channels_of(columns).n_spikes
+    assert before < 10  # of 1.2 million samples
+    assert after - before == 40
 
 
 def test_spikes_at_the_ends_of_the_record_and_of_its_blocks_are_taken_out() -> None:
@@ -103,8 +103,8 @@ def test_spikes_at_the_ends_of_the_record_and_of_its_blocks_are_taken_out() -> N
     at = [0, 40, 10 * size - 1, 12 * size, n - 40, n - 1]
     columns = long_run(n=n)
     columns["tension_tight_N"][at] += 40.0
-    assert condensed(as_record(long_run(n=n)), 6.0).raw.n_spikes == 0  # type: ignore[union-attr]
-    assert condensed(as_record(columns), 6.0).raw.n_spikes == len(at)  # type: ignore[union-attr]
+    assert channels_of(long_run(n=n)).n_spikes == 0
+    assert channels_of(columns).n_spikes == len(at)
 
 
 def test_many_spikes_are_taken_out_as_well() -> None:

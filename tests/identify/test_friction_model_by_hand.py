@@ -12,7 +12,8 @@ from scipy.stats import multivariate_normal
 
 from beltid.identify.friction import campaign, cells, shared
 from beltid.identify.friction.campaign import block_covariance, wander_since_rest
-from beltid.identify.friction.prepare import block_starts, sliding_record
+from beltid.identify.friction.phases import rest_state
+from beltid.identify.friction.prepare import Onset, block_starts, sliding_record
 from beltid.identify.friction.shared import (
     RANK,
     spectra_of,
@@ -51,7 +52,8 @@ def test_wander_is_what_the_process_moved_since_its_mean_at_rest(tau):
     times, rest = sample_times(), -1.0 + 0.02 * np.arange(40)
     first, last = np.array([(t[0], t[-1]) for t in times]).T
     count = np.array([float(n) for _, n in BLOCKS])
-    found = wander_since_rest(first, last, count, (rest[0], rest[-1]), 40, tau)
+    at_rest = rest_state(rest, *np.full((2, 40), 100.0), first=40, min_samples=3)
+    found = wander_since_rest(first, last, count, at_rest, tau)
     whole = np.array([[mean_product(s, t, tau) for t in [rest, *times]] for s in [rest, *times]])
     moved = np.hstack([-np.ones((5, 1)), np.eye(5)])
     np.testing.assert_allclose(found, moved @ whole @ moved.T, rtol=1e-7, atol=1e-12)
@@ -121,6 +123,10 @@ def test_blocks_hold_every_sample_once_and_grow(n):
     assert np.all(count[1:-1] <= np.maximum(count[0], 0.1 * starts[1:-1]))
 
 
+AT_REST = rest_state(np.linspace(0.0, 1.0, 50), *np.full((2, 50), 260.0), first=50, min_samples=3)
+ONSET = Onset(*np.zeros((3, 1)))
+
+
 def recorded(seed=0, n=400, steps=(0.0, 0.0), ripple=0.0):
     """Sliding at 400 and 150 N with noise of 0.5 N, 10 mm/s, one spike; after a second at rest."""
     rng = np.random.default_rng(seed)
@@ -130,13 +136,13 @@ def recorded(seed=0, n=400, steps=(0.0, 0.0), ripple=0.0):
     tensions[200] += 30.0
     travel = 0.01 * (t - t[0])
     return sliding_record(
-        t, tensions, travel / 0.05, travel, np.full(n, 22.0), (0.0, 1.0), 50, 2e-3, steps
+        t, tensions, travel / 0.05, travel, np.full(n, 22.0), AT_REST, ONSET, 2e-3, steps
     ), np.delete(tensions, 200, axis=0)
 
 
 def test_block_means_keep_the_mean_of_the_logarithm_to_first_order():
     record, tensions = recorded()
-    assert (record.n_outliers, record.n_samples) == (1, 399)
+    assert (record.n_outliers, record.count.sum()) == (1, 399)
     tight, slack = tensions.mean(axis=0)
     found = np.average(record.z, weights=record.count)
     # of second order in the noise, (0.5/150)²/2: the plain mean of logarithms is off by it
@@ -162,7 +168,7 @@ def test_the_level_of_one_run_is_that_of_generalised_least_squares():
     *short, walk = campaign.MEMORIES_S
     for s, tau in zip(sd, short, strict=False):
         V += (c * s) ** 2 * block_covariance(*blocks, tau)
-    V += (c * sd[3]) ** 2 * wander_since_rest(*blocks, record.rest_s, record.rest_count, walk)
+    V += (c * sd[3]) ** 2 * wander_since_rest(*blocks, record.rest, walk)
     # a misfit that fades over a fifth of the record and is smooth over a tenth
     x = (record.travel - record.travel[0]) / np.ptp(record.travel)
     fading = np.exp(-5.0 * np.add.outer(x, x) - 10.0 * np.abs(np.subtract.outer(x, x)))
@@ -222,7 +228,7 @@ def test_the_slope_of_the_evidence_is_its_difference_quotient():
     """A search with a wrong slope stops anywhere."""
     records = [recorded(seed)[0] for seed in (0, 1)]
     stack = campaign.Stack(records, np.mean(campaign.log_settings(records), axis=0))
-    rest = shared.rest_slopes(*[np.array([0.01, -0.02])] * 2, *[np.array([0.02, 0.03])] * 2, 200.0)
+    rest = shared.rest_slopes([record.rest for record in records])
     given = shared.Given(rest, 200.0, (1e-3, 0.2))
     sd = np.array([0.05, 0.1, 0.2, 0.3, 0.4, 2e-4, 0.15, 0.1])
     rough = shared.Rough(0.05, np.zeros(shared.SETTINGS), shared.BEFORE)
@@ -249,7 +255,7 @@ def test_the_slope_of_the_evidence_is_its_difference_quotient():
 def test_errors_of_the_cells_are_averaged_over_all_explanations(D):
     """Of equal tensions, so that zeros that err together do not matter."""
     D, T, se = np.array(D), np.array([60.0, 150.0, 240.0, 400.0]), 0.05
-    found = cells.cell_errors(D, np.full(4, se), T, T, T, "auto")
+    found = cells.cell_errors(D, np.full(4, se), T, np.column_stack([T, T]), "auto")
     unit, n = 195.0, 4
     log_p, means, variances = [], [], []
     for s_w, s_f, s_z, s_g in itertools.product(cells.SIZES, repeat=4):
@@ -273,14 +279,14 @@ def test_errors_of_the_cells_are_averaged_over_all_explanations(D):
 
 def test_a_difference_of_the_cells_of_each_run_by_itself():
     rest = (np.array([3.0]), np.array([0.1]), np.array([270.0]))
-    tight, slack = np.array([400.0]), np.array([150.0])
+    sliding = np.array([[400.0, 150.0]])
     half_sum, half_difference = 0.5 * (1 / 150 + 1 / 400), 0.5 * (1 / 150 - 1 / 400)
     clear = 9.0 - 0.01
-    taken = cells.cell_errors(*rest, tight, slack, True)
+    taken = cells.cell_errors(*rest, sliding, True)
     assert taken.mean[0] == pytest.approx(3.0 * half_sum, rel=1e-12)
     common = half_difference**2 * clear
     assert taken.variance[0] == pytest.approx(half_sum**2 * 0.01 + common, rel=1e-12)
-    left = cells.cell_errors(*rest, tight, slack, False)
+    left = cells.cell_errors(*rest, sliding, False)
     assert left.mean[0] == 0.0
     assert left.variance[0] == pytest.approx(half_sum**2 * clear + common, rel=1e-12)
     assert "taken off" in taken.notes[0]

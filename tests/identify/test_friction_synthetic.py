@@ -16,7 +16,6 @@ from beltid.errors import InputError
 from beltid.identify.friction.reduction import (
     FrictionSettings,
     RunReduction,
-    reduce_run,
     reduce_runs,
 )
 
@@ -26,7 +25,9 @@ Columns = dict[str, np.ndarray]
 def reduce_columns(
     columns: Columns, arc_deg: float = 82.0, chosen: FrictionSettings | None = None
 ) -> RunReduction:
-    return reduce_run(**columns, arc_deg=arc_deg, pulley_radius_m=0.05, settings=chosen)
+    n = len(columns["time_s"])
+    table = {**columns, "run": np.zeros(n), "arc_deg": np.full(n, arc_deg)}
+    return reduce_runs(table, 0.05, chosen)[0]
 
 
 def reduce_recipe(recipe: Recipe) -> RunReduction:
@@ -551,13 +552,12 @@ def test_a_build_up_with_most_of_the_samples_is_no_lack_of_sliding() -> None:
     ratio = 0.9 * (1.0 - np.exp(-turned / 1.5))
     half = 300.0 * np.tanh(0.5 * ratio)
     assert np.mean(ratio[10:] < 0.8) > 0.7
-    run = reduce_run(
-        time,
-        300.0 + half,
-        300.0 - half,
-        np.where(turned > 0.0, 0.2, 0.0),
-        arc_deg=60.0,
-        pulley_radius_m=0.05,
-    )
+    columns = {
+        "time_s": time,
+        "tension_tight_N": 300.0 + half,
+        "tension_slack_N": 300.0 - half,
+        "pulley_speed_rad_s": np.where(turned > 0.0, 0.2, 0.0),
+    }
+    run = reduce_columns(columns, 60.0)
     assert run.status == "ok"
     assert run.mu_sliding == pytest.approx(0.9 / np.radians(60.0), rel=1e-3)

@@ -222,7 +222,7 @@ def bench(recipe: Recipe, n_runs: int) -> dict[str, Array]:
 
 
 def record(recipe: Recipe) -> dict[str, Array]:
-    """Columns of one run, keyed like the arguments of reduce_run."""
+    """Channels of one run."""
     columns = bench(recipe, 1)
     return {name: columns[name] for name in COLUMNS}
 

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import logsumexp
 
+from beltid.identify.friction.phases import Rest
 from beltid.identify.friction.prepare import SlidingRecord
 from beltid.identify.friction.shared import (
     BEFORE,
@@ -76,14 +77,12 @@ def block_covariance(first: Array, last: Array, count: Array, tau: float) -> Arr
     return upper + upper.T + np.diag(np.where(count > 1.0, within, 1.0))
 
 
-def wander_since_rest(
-    first: Array, last: Array, count: Array, rest: tuple[float, float], rest_count: int, tau: float
-) -> Array:
+def wander_since_rest(first: Array, last: Array, count: Array, rest: Rest, tau: float) -> Array:
     """The same for what the process has moved since its mean at rest, shape (m, m)."""
     whole = block_covariance(
-        np.append(rest[0], first),
-        np.append(rest[1], last),
-        np.append(max(rest_count, 1), count),
+        np.append(rest.first_s, first),
+        np.append(rest.last_s, last),
+        np.append(rest.n_samples, count),
         tau,
     )
     at_rest = whole[0, 1:]
@@ -163,13 +162,12 @@ class Stack:
         self.parts = np.zeros((len(MEMORIES_S) + 2, n, m, m))
         for k, r in enumerate(records):
             b, c = r.z.size, r.sensitivity
-            since = 0.5 * (r.first_s + r.last_s) - 0.5 * sum(r.rest_s)
+            since = 0.5 * (r.first_s + r.last_s) - 0.5 * (r.rest.first_s + r.rest.last_s)
             self.count[k, :b] = r.count
             self.z[k, :b] = r.z / c
             self.one[k, :b] = 1.0 / c
             self.basis[k, :b] = r.basis * (r.level / c)
-            self.shared[k, :b, RANK] = r.noisy[0] * since / (r.tensions_N[0] * c)
-            self.shared[k, :b, RANK + 1] = -r.noisy[1] * since / (r.tensions_N[1] * c)
+            self.shared[k, :b, RANK : RANK + 2] = np.outer(since, r.zero_shifts / c)
             # mu_sliding of a run in which friction drifts is that of the middle of its second half
             elapsed = (0.5 * (r.first_s + r.last_s) - r.first_s[0]) / (r.last_s[-1] - r.first_s[0])
             self.shared[k, :b, RANK + 2] = (r.level / c) * (elapsed - 0.75)
@@ -178,7 +176,7 @@ class Stack:
             for j, tau in enumerate(MEMORIES_S[:-1]):
                 self.parts[j, k, :b, :b] = block_covariance(r.first_s, r.last_s, r.count, tau)
             self.parts[-3, k, :b, :b] = wander_since_rest(
-                r.first_s, r.last_s, r.count, r.rest_s, r.rest_count, MEMORIES_S[-1]
+                r.first_s, r.last_s, r.count, r.rest, MEMORIES_S[-1]
             )
             self.parts[-2, k, :b, :b] = early_misfit(r.travel)
             self.parts[-1, k, :b, :b] = (r.level / c) ** 2 * (r.turn @ r.turn.T)

@@ -202,23 +202,25 @@ class CellErrors:
 
 
 def cell_errors(
-    D: Array, se: Array, T: Array, tight: Array, slack: Array, mode: Mode
+    difference: Array, se: Array, tension: Array, sliding: Array, mode: Mode
 ) -> CellErrors:
     """Errors of the cells of every run.
 
     Parameters
     ----------
-    D, se : ndarray
+    difference, se : ndarray
         Difference of the cells at rest (tight less slack) and its standard error [N], shape (R,).
-    T : ndarray
+    tension : ndarray
         Tension at rest [N], shape (R,).
-    tight, slack : ndarray
-        Tensions while sliding [N], shape (R,).
+    sliding : ndarray
+        Tight and slack tension while sliding [N], shape (R, 2).
     mode : "auto", True or False
         All runs together; the whole difference a zero point of each run, half of it each cell's;
         or nothing corrected, the variance allows for it.
     """
-    q, apart = 0.5 * (1.0 / tight + 1.0 / slack), 0.5 * (1.0 / slack - 1.0 / tight)
+    D, T = difference, tension
+    one, other = 1.0 / sliding.T
+    q, apart = 0.5 * (one + other), 0.5 * (other - one)
     if mode != "auto":
         clear = np.maximum(D**2 - se**2, 0.0)
         own = q**2 * (se**2 if mode else clear)

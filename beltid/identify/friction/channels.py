@@ -21,7 +21,7 @@ from beltid.identify.estimators.signal import (
 )
 from beltid.identify.estimators.statistics import mad_sigma
 from beltid.identify.friction.kinds import TWO_CELLS, RigKind
-from beltid.identify.friction.run import FrictionSettings, Raw, RunRecord, RunRejected
+from beltid.identify.friction.run import FrictionSettings, RunRecord, RunRejected
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -35,6 +35,18 @@ LARGEST_N = 1e12
 """Readings beyond this are none [N]: no cell has them, and their squares are no numbers."""
 LEAST_ANSWER = 0.02
 """Least change of a cell over the change of the other one."""
+BLOCKS = 4096
+"""Blocks that a long run is averaged over."""
+MANY = 2 * BLOCKS
+"""Samples from which on a run is long."""
+SEARCHED = 16
+"""Samples of a part of a long run that is searched for spikes or not."""
+AROUND = 32
+"""Samples on either side of a suspicious part that tell whether it holds a spike."""
+MOST_SUSPICIOUS = 0.05
+"""Share of suspicious parts above which the whole channel is searched for spikes."""
+STUCK = 0.02
+"""Share of blocks that reach the extreme value above which a cell may be saturated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,13 +106,11 @@ def read_channels(record: RunRecord, settings: FrictionSettings) -> Channels:
             ("slack", record.tension_slack_N[timed]),
         )
     )
-    present = [
-        values[timed & np.isfinite(values) & (values != 0.0)]
-        for values in (record.tension_tight_N, record.tension_slack_N)
+    last = [
+        values[np.isfinite(values) & (values != 0.0)][-MANY:]
+        for values in (record.tension_tight_N[timed], record.tension_slack_N[timed])
     ]
     lost = ~(np.isfinite(tight) | spikes_tight) | ~(np.isfinite(slack) | spikes_slack)
-    n_spikes = int(np.count_nonzero(spikes_tight | spikes_slack))
-    raw = record.raw
     temperature = record.temperature_degC
     return Channels(
         time_s=_untied(t),
@@ -108,11 +118,9 @@ def read_channels(record: RunRecord, settings: FrictionSettings) -> Channels:
         slack=slack,
         speed=_speed(t, record.pulley_speed_rad_s[timed]),
         temperature=None if temperature is None else temperature[timed],
-        n_spikes=n_spikes + (raw.n_spikes if raw else 0),
-        n_missing=(
-            raw.n_missing if raw else int(np.count_nonzero(lost)) + n - t.size + missing_rows(t)
-        ),
-        steps=raw.steps if raw else converter_steps(present[0], present[1]),
+        n_spikes=int(np.count_nonzero(spikes_tight | spikes_slack)),
+        n_missing=int(np.count_nonzero(lost)) + n - t.size + missing_rows(t),
+        steps=converter_steps(*last),
         kind=record.kind,
     )
 
@@ -154,7 +162,7 @@ def _tension(
     present &= clean != 0.0
     clean[~present] = np.nan
     spikes = np.zeros(n, dtype=bool)
-    spikes[present] = spike_mask(clean[present], settings.spike_threshold)
+    spikes[present] = _spikes(clean[present], settings.spike_threshold)
     clean[spikes] = np.nan
     return clean, spikes
 
@@ -214,166 +222,16 @@ def _clipped(rest: Array, slide: Array) -> str:
     return ""
 
 
-BLOCKS = 4096
-"""Blocks that a long run is averaged over; shorter runs than twice as many samples stay as they
-are."""
-PART = 4096
-"""Samples from which the noise and the steps of a channel are told."""
-SEARCHED = 16
-"""Samples of a part that is searched for spikes or not, at most: noise alone spreads the more, the
-more samples there are."""
-AROUND = 32
-"""Samples on either side of a suspicious part that tell whether it holds a spike."""
-STUCK = 0.02
-"""Share of the samples at one and the same extreme value above which a cell may be saturated."""
-MOST_SUSPICIOUS = 0.05
-"""Share of suspicious parts above which the whole channel is searched for spikes."""
-
-
-def condensed(record: RunRecord, threshold: float) -> RunRecord:
-    """Record of a long run averaged over about `BLOCKS` blocks; a shorter one as it is.
-
-    A record whose time is not in order, or largely missing, stays as it is as well: the checks
-    of the samples tell what is wrong with it.
-
-    Parameters
-    ----------
-    record : RunRecord
-        The samples.
-    threshold : float
-        Distance from the neighbours above which a sample is a spike, in standard deviations.
-    """
-    n = record.time_s.size
-    if n < 2 * BLOCKS or record.raw is not None or record.defect:
-        return record
-    timed = np.isfinite(record.time_s)
-    if not timed.all():
-        if np.count_nonzero(timed) < max(0.5 * n, 2 * BLOCKS):
-            return record
-        record = _rows(record, timed)
-    if np.any(np.diff(record.time_s) < 0.0):
-        return record
-    starts = np.arange(0, record.time_s.size, record.time_s.size // BLOCKS)
-    cells = [_Blocks.of(x, starts) for x in (record.tension_tight_N, record.tension_slack_N)]
-    (tight, spikes_tight, lost_tight), (slack, spikes_slack, lost_slack) = (
-        _clean(cell, threshold) for cell in cells
-    )
-    lost = np.count_nonzero(lost_tight | lost_slack)
-    steps = _steps(record.tension_tight_N, record.tension_slack_N)
-    raw = Raw(
-        n_samples=n,
-        n_spikes=int(np.count_nonzero(spikes_tight | spikes_slack)),
-        n_missing=int(lost) + n - record.time_s.size + missing_rows(record.time_s),
-        steps=steps,
-    )
-    return replace(
-        record,
-        time_s=_means(record.time_s, starts),
-        tension_tight_N=_tension_means(cells[0], tight, steps[0]),
-        tension_slack_N=_tension_means(cells[1], slack, steps[1]),
-        pulley_speed_rad_s=_means(record.pulley_speed_rad_s, starts),
-        temperature_degC=(
-            None if record.temperature_degC is None else _means(record.temperature_degC, starts)
-        ),
-        raw=raw,
-    )
-
-
-def _rows(record: RunRecord, rows: Mask) -> RunRecord:
-    temperature = record.temperature_degC
-    return replace(
-        record,
-        time_s=record.time_s[rows],
-        tension_tight_N=record.tension_tight_N[rows],
-        tension_slack_N=record.tension_slack_N[rows],
-        pulley_speed_rad_s=record.pulley_speed_rad_s[rows],
-        temperature_degC=None if temperature is None else temperature[rows],
-    )
-
-
-def _means(x: Array, starts: NDArray[np.intp]) -> Array:
-    """Mean of every block over its finite samples; nan where there are none."""
-    total = np.add.reduceat(x, starts)
-    counts = np.diff(np.append(starts, x.size)).astype(float)
-    if np.isfinite(total).all():
-        return total / counts
-    finite = np.isfinite(x)
-    total = np.add.reduceat(np.where(finite, x, 0.0), starts)
-    counts = np.add.reduceat(finite.astype(float), starts)
-    # a block that has lost most of its samples is lost
-    enough = counts > 0.5 * np.diff(np.append(starts, x.size))
-    return np.where(enough, total / np.maximum(counts, 1.0), np.nan)
-
-
-@dataclass(frozen=True, slots=True)
-class _Blocks:
-    """A channel in blocks: where they start, and their extremes (nan where a sample is missing)."""
-
-    x: Array
-    starts: NDArray[np.intp]
-    low: Array
-    high: Array
-
-    @classmethod
-    def of(cls, x: Array, starts: NDArray[np.intp]) -> _Blocks:
-        return cls(x, starts, np.minimum.reduceat(x, starts), np.maximum.reduceat(x, starts))
-
-    @property
-    def is_complete(self) -> bool:
-        """Whether no sample is missing: neither nan nor infinite nor an exact zero."""
-        touches_zero = (self.low <= 0.0) & (self.high >= 0.0)
-        return bool(np.isfinite(self.low + self.high).all()) and not touches_zero.any()
-
-
-def _tension_means(blocks: _Blocks, clean: Array, step: float) -> Array:
-    """Means of a tension; where a cell mostly stands at its extreme value, that value itself.
-
-    So a saturated cell, which repeats one value, still shows as one. A coarse converter
-    (``step > 0``) repeats its values anyway.
-    """
-    starts = blocks.starts
-    means = _means(clean, starts)
-    if step > 0.0:
-        return means
-    counts = np.diff(np.append(starts, clean.size))
-    for reached in (blocks.high, blocks.low):
-        extreme = np.nanmax(reached) if reached is blocks.high else np.nanmin(reached)
-        if np.count_nonzero(reached == extreme) > STUCK * starts.size:
-            held = (blocks.x == extreme).astype(float)
-            means[np.add.reduceat(held, starts) > 0.5 * counts] = extreme
-    return means
-
-
-def _clean(blocks: _Blocks, threshold: float) -> tuple[Array, Mask, Mask]:
-    """A tension without its spikes and lost readings (nan), and where they were."""
-    x = blocks.x
-    none = np.zeros(x.size, dtype=bool)
-    if blocks.is_complete:
-        spikes = _spikes(blocks, threshold)
-        return (np.where(spikes, np.nan, x) if spikes.any() else x), spikes, none
-    lost = ~np.isfinite(x) | (x == 0.0)
-    kept = np.flatnonzero(~lost)
-    if kept.size < PART:
-        return np.where(lost, np.nan, x), none, lost
-    values = x[kept]
-    starts = np.arange(0, values.size, values.size // BLOCKS)
-    spikes = none.copy()
-    spikes[kept] = _spikes(_Blocks.of(values, starts), threshold)
-    return np.where(lost | spikes, np.nan, x), spikes, lost
-
-
-def _spikes(blocks: _Blocks, threshold: float) -> Mask:
-    """Spikes as `spike_mask` finds them, searched only where the range of a part asks for it."""
-    x, starts = blocks.x, blocks.starts
-    if starts[1] > SEARCHED:
-        starts = np.arange(0, x.size, SEARCHED)
-        blocks = _Blocks.of(x, starts)
-    low, high = blocks.low, blocks.high
+def _spikes(x: Array, threshold: float) -> Mask:
+    """Spikes as `spike_mask` finds them, in a long signal only where its range asks for a look."""
+    if x.size < MANY:
+        return spike_mask(x, threshold)
+    starts = np.arange(0, x.size, SEARCHED)
+    low, high = np.minimum.reduceat(x, starts), np.maximum.reduceat(x, starts)
     middle = np.append(0.5 * (low + high), 0.5 * (low[-1] + high[-1]))
     change = np.abs(np.diff(middle))
     change = np.maximum(change, np.append(change[0], change[:-1]))
-    part = x[-PART:]  # where the belt slides, if it slides at all
-    noise = spike_sigma(part)
+    noise = spike_sigma(x[-BLOCKS:])  # where the belt slides, if it slides at all
     # both sides of the noise reach about a quarter beyond a spike that just counts
     suspicious = np.flatnonzero(high - low > 1.25 * threshold * noise + change)
     if suspicious.size > MOST_SUSPICIOUS * starts.size:
@@ -381,24 +239,57 @@ def _spikes(blocks: _Blocks, threshold: float) -> Mask:
     found = np.zeros(x.size, dtype=bool)
     # all of them at once, each with its surroundings as a signal of its own
     first = starts[suspicious][:, None]
-    width = int(starts[1]) + 2 * AROUND
+    width = SEARCHED + 2 * AROUND
     samples = np.clip(first - AROUND, 0, x.size - width) + np.arange(width)
-    own = (samples >= first) & (samples < first + starts[1])
+    own = (samples >= first) & (samples < first + SEARCHED)
     found[samples[own]] = spike_mask(x[samples], threshold)[own]
     return found
 
 
-def _steps(tight: Array, slack: Array) -> tuple[float, float]:
-    """Steps of the converters, as far as the noise does not carry the means across them."""
-    parts = [part[np.isfinite(part) & (part != 0.0)] for part in (tight[-PART:], slack[-PART:])]
-    if min(part.size for part in parts) < 16:
-        return 0.0, 0.0
-    steps = converter_steps(parts[0], parts[1])
-    coarse = [
-        step if float(np.std(part - median(part))) <= 0.5 * step else 0.0
-        for part, step in zip(parts, steps, strict=True)
-    ]
-    return coarse[0], coarse[1]
+def condensed(channels: Channels) -> Channels:
+    """Channels of a long run averaged over about `BLOCKS` blocks; those of a shorter one as is.
+
+    Where a cell mostly stands at its extreme value, that value itself is kept, so that a saturated
+    cell still shows as one. A converter is coarse only where the noise does not carry the means
+    across its steps.
+    """
+    n = channels.time_s.size
+    if n < MANY:
+        return channels
+    starts = np.arange(0, n, n // BLOCKS)
+    tensions, steps = [], []
+    for values, step in zip((channels.tight, channels.slack), channels.steps, strict=True):
+        last = values[-BLOCKS:]
+        last = last[np.isfinite(last)]
+        coarse = step > 0.0 and last.size >= 16 and float(np.std(last)) <= 0.5 * step
+        steps.append(step if coarse else 0.0)
+        means = _means(values, starts)
+        for extreme in () if coarse else (np.nanmax(values), np.nanmin(values)):
+            held = _means((values == extreme).astype(float), starts)
+            if np.count_nonzero(held) > STUCK * starts.size:
+                means[held > 0.5] = extreme
+        tensions.append(means)
+    temperature = channels.temperature
+    return replace(
+        channels,
+        time_s=_means(channels.time_s, starts),
+        tight=tensions[0],
+        slack=tensions[1],
+        speed=_means(channels.speed, starts),
+        temperature=None if temperature is None else _means(temperature, starts),
+        steps=(steps[0], steps[1]),
+    )
+
+
+def _means(x: Array, starts: NDArray[np.intp]) -> Array:
+    """Mean of every block over its finite samples; nan where most of them are missing."""
+    size = np.diff(np.append(starts, x.size)).astype(float)
+    finite = np.isfinite(x)
+    if finite.all():
+        return np.asarray(np.add.reduceat(x, starts) / size)
+    total = np.add.reduceat(np.where(finite, x, 0.0), starts)
+    count = np.add.reduceat(finite.astype(float), starts)
+    return np.where(count > 0.5 * size, total / np.maximum(count, 1.0), np.nan)
 
 
 def missing_rows(t: Array) -> int:

@@ -153,11 +153,6 @@ class RigKind:
         return self.weight_on if self.measures == "dead_weight" else None
 
     @property
-    def noisy(self) -> tuple[float, float]:
-        """1 for a tension with errors, 0 for that of a dead weight."""
-        return float(self.weight != "tight"), float(self.weight != "slack")
-
-    @property
     def needed(self) -> tuple[str, ...]:
         """Columns that this kind needs; of a torque, one of both tensions beside them."""
         if self.measures == "dead_weight":

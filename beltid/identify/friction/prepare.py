@@ -74,11 +74,7 @@ class PreparedRun:
     """A run as its campaign needs it; without `sliding` it is set aside for the reason found."""
 
     found: RunReduction
-    rest: Rest | None = None
     sliding: SlidingRecord | None = None
-    onset: Onset | None = None
-    weight: Span | None = None
-    """Span that hangs on a dead weight."""
     plateaus: tuple[RunReduction, ...] = ()
     """Those of a run whose speed is not steady, in place of the one found."""
 
@@ -104,14 +100,13 @@ def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> Prep
             arc_deg=record.arc_deg,
             nominal_tension_N=record.nominal_tension_N,
             conditions=record.conditions,
-        ),
-        weight=record.kind.weight,
+        )
     )
     try:
         if record.defect:
             raise RunRejected(record.defect)
         # one quantity after the other, so that a run set aside keeps what came before
-        channels = read_channels(condensed(record, settings.spike_threshold), settings)
+        channels = condensed(read_channels(record, settings))
         if not record.kind.is_derived:  # else they were taken off before
             channels = settings.cells.applied(channels)
         run = _with(run, n_spikes=channels.n_spikes, n_missing=channels.n_missing)
@@ -146,12 +141,15 @@ def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> Prep
             imbalance_N=rest.imbalance_N,
             imbalance_se_N=rest.imbalance_se_N,
         )
-        _check_balance(rest, settings)
-        run = replace(run, rest=rest)
+        if abs(rest.imbalance_N) > settings.max_imbalance * rest.tension_N:
+            raise RunRejected(
+                f"the cells differ by {rest.imbalance_N:+.4g} N at rest at a mean of "
+                f"{rest.tension_N:.4g} N, allowed is {100 * settings.max_imbalance:g} %"
+            )
         return _slide(run, rest, channels, rotation, R, settings)
     except RunRejected as reason:
         hint = f"; {BY_BINS}" if course(record) else ""
-        return _with(replace(run, sliding=None), status=f"{reason}{hint}")
+        return _with(run, status=f"{reason}{hint}")
 
 
 def _pulley_speed(rotation: Rotation, record: RunRecord, R: float) -> float:
@@ -202,14 +200,6 @@ def _rotation_notes(rotation: Rotation, channels: Channels) -> list[str]:
     return notes
 
 
-def _check_balance(rest: Rest, settings: FrictionSettings) -> None:
-    if abs(rest.imbalance_N) > settings.max_imbalance * rest.tension_N:
-        raise RunRejected(
-            f"the cells differ by {rest.imbalance_N:+.4g} N at rest at a mean of "
-            f"{rest.tension_N:.4g} N, allowed is {100 * settings.max_imbalance:g} %"
-        )
-
-
 def _slide(
     run: PreparedRun,
     rest: Rest,
@@ -225,7 +215,6 @@ def _slide(
         run = _with(_noted(run, words), swapped=True)
         slopes = (-rest.slopes_N_s[0], rest.slopes_N_s[1])
         rest = replace(rest, imbalance_N=-rest.imbalance_N, slopes_N_s=slopes)
-        run = replace(run, rest=rest)
     recorded = channels
     if channels.kind.weight is not None:
         channels = as_if_held(channels, rotation)
@@ -253,20 +242,14 @@ def _slide(
         angle[slide:],
         np.maximum(travel[slide:], 0.0),
         temperature[slide:],
-        (rest.first_s, rest.last_s),
-        rest.n_samples,
+        rest,
+        _onset(t[first:slide], travel[first:slide], tensions[first:slide]),
         float(R * angle[phase.built]),
         steps,
-        channels.kind.noisy,
+        channels.kind.weight,
     )
     if sliding.rounding > ROUNDING_NOTED:
         run = _noted(run, f"the converters of the cells resolve only {max(steps):.3g} N")
-    positive = np.all(tensions[first:slide] > 0.0, axis=1)
-    ratio = np.where(positive[:, None], tensions[first:slide], np.nan)
-    with np.errstate(invalid="ignore"):
-        z = np.log(ratio[:, 0] / ratio[:, 1])
-    columns = np.column_stack([t[first:slide], travel[first:slide], z])[-20 * ONSET :]
-    onset = Onset(*block_means(columns, ONSET).T)
     run = _with(
         run,
         ripple_amplitude_N=sliding.ripple_N,
@@ -274,12 +257,27 @@ def _slide(
         plateau_end_s=float(sliding.last_s[-1]),
         n_spikes=run.found.n_spikes + sliding.n_outliers,
     )
+    noise_N = rest.noise_N
     if channels.kind.is_derived:
         # noise of a weight's cell may be that of the cell, or of the ratio of the tensions
-        noise = max(_noise_at_rest(rest, seen, sliding) for seen in (recorded, channels))
-        rest = replace(rest, noise_N=noise)
-    _check_noise(rest, sliding, max(steps), settings)
-    return replace(run, sliding=sliding, onset=onset)
+        noise_N = max(_noise_at_rest(rest, seen, sliding) for seen in (recorded, channels))
+    # a restlessness of less than 0.1 % in T_tight/T_slack, or of the rounding of a converter
+    floor = max(1e-3 / sliding.sensitivity, max(steps) / np.sqrt(12.0))
+    ratio = sliding.unrest_N / max(noise_N, floor)
+    if ratio > settings.max_noise_ratio and rest.n_samples >= 8:
+        raise RunRejected(
+            f"sticks and slips: the noise while sliding is {ratio:.2g} times that at rest, "
+            f"allowed is {settings.max_noise_ratio:g} times"
+        )
+    return replace(run, sliding=sliding)
+
+
+def _onset(t: Array, travel: Array, tensions: Array) -> Onset:
+    """The record before the sliding, at a resolution that tells the sticking peak."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        z = np.log(tensions[:, 0] / tensions[:, 1])
+    z[~np.all(tensions > 0.0, axis=1)] = np.nan
+    return Onset(*block_means(np.column_stack([t, travel, z])[-20 * ONSET :], ONSET).T)
 
 
 def _noise_at_rest(rest: Rest, channels: Channels, sliding: SlidingRecord) -> float:
@@ -292,20 +290,6 @@ def _noise_at_rest(rest: Rest, channels: Channels, sliding: SlidingRecord) -> fl
         return rest.noise_N
     line = np.polynomial.Polynomial.fit(time, z, 1)
     return float(np.std(z - line(time), ddof=2)) / sliding.sensitivity
-
-
-def _check_noise(
-    rest: Rest, sliding: SlidingRecord, step_N: float, settings: FrictionSettings
-) -> None:
-    """Refuse a run that sticks and slips: its tensions are restless only while it slides."""
-    # a restlessness of less than 0.1 % in T_tight/T_slack, or of the rounding of a converter
-    floor = max(1e-3 / sliding.sensitivity, step_N / np.sqrt(12.0))
-    ratio = sliding.unrest_N / max(rest.noise_N, floor)
-    if ratio > settings.max_noise_ratio and rest.n_samples >= 8:
-        raise RunRejected(
-            f"sticks and slips: the noise while sliding is {ratio:.2g} times that at rest, "
-            f"allowed is {settings.max_noise_ratio:g} times"
-        )
 
 
 GROWTH = 0.1
@@ -345,10 +329,10 @@ class SlidingRecord:
         Cosine and sine of the angle of the pulley.
     temperature : ndarray
         Temperature [°C], nan where it is not known.
-    rest_s : tuple of float
-        First and last time at rest, when the zeros of the cells showed [s].
-    rest_count : int
-        Samples at rest.
+    rest : Rest
+        What the cells showed before.
+    onset : Onset
+        The record between rest and sliding.
     tensions_N : tuple of float
         Tight and slack tension in the second half of the sliding [N].
     noise_N : float
@@ -361,10 +345,10 @@ class SlidingRecord:
         Amplitude of the strongest ripple in the tight tension [N], and its period [s].
     unrest_N : float
         Scatter of z over pieces as long as the rest, without ripple, over `sensitivity` [N].
-    n_samples, n_outliers : int
-        Samples that were averaged, and left out.
-    noisy : tuple of float
-        1 for a tension with errors, 0 for that of a dead weight.
+    n_outliers : int
+        Samples that were left out.
+    weight : {"tight", "slack"}, optional
+        Span that hangs on a dead weight, whose tension has no errors.
     """
 
     first_s: Array
@@ -378,8 +362,8 @@ class SlidingRecord:
     take_up: Array
     turn: Array
     temperature: Array
-    rest_s: tuple[float, float]
-    rest_count: int
+    rest: Rest
+    onset: Onset
     tensions_N: tuple[float, float]
     noise_N: float
     rounding: float
@@ -387,14 +371,18 @@ class SlidingRecord:
     ripple_N: float
     ripple_s: float
     unrest_N: float
-    n_samples: int
     n_outliers: int
-    noisy: tuple[float, float] = (1.0, 1.0)
+    weight: Span | None
+
+    @property
+    def zero_shifts(self) -> Array:
+        """Change of z by an error of 1 N in the tight and the slack tension [1/N], shape (2,)."""
+        return _zero_shifts(self.tensions_N, self.weight)
 
     @property
     def sensitivity(self) -> float:
         """Change of z by independent errors of 1 N in both cells [1/N]."""
-        return _sensitivity(self.tensions_N, self.noisy)
+        return float(np.hypot(*self.zero_shifts))
 
     @property
     def speed_m_s(self) -> float:
@@ -415,11 +403,11 @@ def sliding_record(
     angle: Array,
     travel: Array,
     temperature: Array,
-    rest_s: tuple[float, float],
-    rest_count: int,
+    rest: Rest,
+    onset: Onset,
     built_m: float,
     steps: tuple[float, float],
-    noisy: tuple[float, float] = (1.0, 1.0),
+    weight: Span | None = None,
 ) -> SlidingRecord:
     """Average the sliding phase of a run over blocks.
 
@@ -435,14 +423,14 @@ def sliding_record(
         Travel of its surface since the end of the build-up [m], shape (n,).
     temperature : ndarray
         Temperature [°C], nan where it is not known, shape (n,).
-    rest_s, rest_count : tuple of float, int
-        First and last time at rest [s], samples at rest.
+    rest, onset : Rest, Onset
+        What came before.
     built_m : float
         Travel of the build-up [m].
     steps : tuple of float
         Steps of the converters of both cells [N]; zero if they are fine.
-    noisy : tuple of float
-        1 for a tension with errors, 0 for that of a dead weight.
+    weight : {"tight", "slack"}, optional
+        Span that hangs on a dead weight.
     """
     smooth, lines, kept = _smooth_course(t, tensions, travel, steps)
     t, tensions, angle, travel, temperature, smooth = (
@@ -456,7 +444,7 @@ def sliding_record(
     wave = np.hstack(waves) if waves else np.zeros((n, 0))
     half = slice(n // 2, None)
     level = np.median(tensions[half], axis=0)
-    sensitivity = _sensitivity(level, noisy)
+    sensitivity = float(np.hypot(*_zero_shifts(level, weight)))
     residual = ratio[:, 0] - ratio[:, 1]
     if waves:
         residual = residual - wave @ np.linalg.lstsq(wave, residual, rcond=None)[0]
@@ -486,23 +474,22 @@ def sliding_record(
         take_up=means(np.exp(-(travel - travel[0])[:, None] / np.maximum(TAKE_UP * built_m, 1e-9))),
         turn=means(np.column_stack([np.cos(angle), np.sin(angle)])),
         temperature=means(temperature),
-        rest_s=rest_s,
-        rest_count=rest_count,
+        rest=rest,
+        onset=onset,
         tensions_N=(float(level[0]), float(level[1])),
         noise_N=noise,
         rounding=float(np.linalg.norm(rounding / level)),
         step_m=float(travel[-1] - travel[0]) / max(n - 1, 1),
         ripple_N=ripple_N,
         ripple_s=1.0 / lines[0] if lines else float("nan"),
-        unrest_N=_scatter_of_pieces(t, residual, rest_s[1] - rest_s[0]) / sensitivity,
-        n_samples=n,
+        unrest_N=_scatter_of_pieces(t, residual, rest.last_s - rest.first_s) / sensitivity,
         n_outliers=int(np.count_nonzero(~kept)),
-        noisy=noisy,
+        weight=weight,
     )
 
 
-def _sensitivity(tensions_N: Sequence[float] | Array, noisy: tuple[float, float]) -> float:
-    return float(np.hypot(noisy[0] / tensions_N[0], noisy[1] / tensions_N[1]))
+def _zero_shifts(tensions_N: Sequence[float] | Array, weight: Span | None) -> Array:
+    return np.array([weight != "tight", -1.0 * (weight != "slack")]) / np.asarray(tensions_N)
 
 
 def _scatter_of_pieces(t: Array, x: Array, length_s: float) -> float:

@@ -13,7 +13,7 @@ build-up and joins it; that moment is known to one sample.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -21,18 +21,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import InputError
-from beltid.identify.friction.campaign import Bench, RunLevel, reduce_bench
+from beltid.identify.friction.campaign import RunLevel, reduce_bench
 from beltid.identify.friction.cells import against_stated, cell_errors
 from beltid.identify.friction.kinds import TWO_CELLS, RigKind
 from beltid.identify.friction.phases import Rest
-from beltid.identify.friction.prepare import Onset, PreparedRun, SlidingRecord, prepare_run
+from beltid.identify.friction.prepare import PreparedRun, SlidingRecord, prepare_run
 from beltid.identify.friction.run import (
     NAN,
     FrictionSettings,
     RunRecord,
     RunReduction,
-    arc_problem,
-    check_columns,
     run_records,
 )
 from beltid.identify.friction.shared import Shared, rest_slopes, tail_basis
@@ -43,83 +41,16 @@ Array = NDArray[np.float64]
 
 JOINED = 3.0
 """Distance from the model, in standard deviations of the noise, within which a sample is on it."""
+TAIL_NOTED = 1e-3
+"""Tail left at the end of a record, and standard error, over mu, from which on a run tells it."""
 STANDS_OUT = 3.0
 """Least height of a peak above the plateau, in standard errors of the peak."""
-
-
-@dataclass(frozen=True, slots=True)
-class StickingPeak:
-    """Peak of ln(T_tight/T_slack), or why the record does not tell it."""
-
-    z: float
-    """ln(T_tight/T_slack) at the peak [-]; nan where the record does not resolve it."""
-    z_se: float
-    time_s: float
-    """Moment of the sticking peak [s]; nan where it is not found."""
-    reason: str
-    """Why there is no value; empty if there is one."""
-
-
-def _unresolved(reason: str, time_s: float = float("nan")) -> StickingPeak:
-    return StickingPeak(float("nan"), float("nan"), time_s, reason)
-
-
-def sticking_peak(
-    onset: Onset, record: SlidingRecord, level: RunLevel, shared: Shared, max_error: float
-) -> StickingPeak:
-    """Find the sticking peak from the model of the sliding.
-
-    Parameters
-    ----------
-    onset : Onset
-        The record before the sliding.
-    record, level : SlidingRecord, RunLevel
-        The sliding and its model.
-    shared : Shared
-        What the bench knows of the tail.
-    max_error : float
-        Largest standard error of the peak, relative to it, that still resolves it.
-    """
-    t = np.append(onset.time_s, record.first_s[0])
-    travel = np.append(onset.travel, record.travel[0])
-    z = np.append(onset.z, record.z[0])
-    # the tail is followed back to the end of the build-up, not beyond
-    model = level.y + tail_basis(np.maximum(travel, 0.0)) @ level.tail
-    ripple = record.ripple_N / record.tensions_N[0]
-    limit = JOINED * record.noise_N * record.sensitivity + ripple
-    off = np.flatnonzero(~(np.abs(z[:-1] - model[:-1]) <= limit))
-    join = int(off[-1]) + 1 if off.size else 0
-    if join > 0 and z[join - 1] > model[join - 1]:
-        return _unresolved("the tensions decay faster than the tail of the peak")
-    before = max(join - 1, 0)
-    moment = 0.5 * float(t[before] + t[join])
-    where = [max(float(travel[k]), 0.0) for k in (before, join)]
-    peak, error = level.at(0.5 * (where[0] + where[1]), shared, record.level)
-    # noise may hide the end of the build-up in the tail: the moment is uncertain by so much more
-    climbed = max(peak - float(np.nanmin(z)), limit)
-    margin = float(travel[join] - travel[0]) * limit / climbed
-    step = max(where[1] - where[0], 0.0)
-    ahead = level.at(where[1] + 0.1 * max(step, margin), shared, record.level)[0]
-    behind = level.at(where[1], shared, record.level)[0]
-    rate = abs(behind - ahead) / max(0.1 * max(step, margin), 1e-12)
-    timing = rate * float(np.hypot(step, margin)) / np.sqrt(12.0)
-    se = float(np.linalg.norm([error, timing, record.rounding]))
-    if peak - level.y < STANDS_OUT * se:
-        return _unresolved("no peak stands out of the plateau", moment)
-    if se > max_error * peak:
-        return _unresolved(
-            f"the samples leave the peak uncertain by {100 * se / peak:.2g} %, "
-            f"allowed is {100 * max_error:g} %",
-            moment,
-        )
-    return StickingPeak(peak, se, moment, "")
 
 
 __all__ = [
     "FrictionSettings",
     "RunRecord",
     "RunReduction",
-    "reduce_run",
     "reduce_runs",
     "reduce_stream",
 ]
@@ -129,62 +60,6 @@ Mapper = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
 
 FEWEST_FOR_MISFIT = 5
 """Runs of a bench from which on one of them can be unlike the others."""
-
-
-def reduce_run(
-    time_s: ArrayLike,
-    tension_tight_N: ArrayLike,
-    tension_slack_N: ArrayLike,
-    pulley_speed_rad_s: ArrayLike,
-    *,
-    arc_deg: float,
-    pulley_radius_m: float,
-    settings: FrictionSettings | None = None,
-) -> RunReduction:
-    """Reduce one recording of the friction rig.
-
-    Parameters
-    ----------
-    time_s : array_like
-        Times [s], shape (n,).
-    tension_tight_N, tension_slack_N : array_like
-        Tensions of the two spans [N], > 0; nan where a sample is missing, shape (n,).
-    pulley_speed_rad_s : array_like
-        Speed of the pulley [rad/s], of either sign, zero at the beginning, shape (n,).
-    arc_deg : float
-        Contact arc [deg].
-    pulley_radius_m : float
-        Radius of the belt's centreline on the pulley [m].
-    settings : FrictionSettings, optional
-        Settings of the reduction.
-
-    Returns
-    -------
-    RunReduction
-        With ``status == "ok"``, or with the reason why the run was set aside.
-
-    Raises
-    ------
-    InputError
-        If the columns differ in length, or the radius is not positive.
-    """
-    columns = {
-        "time_s": time_s,
-        "tension_tight_N": tension_tight_N,
-        "tension_slack_N": tension_slack_N,
-        "pulley_speed_rad_s": pulley_speed_rad_s,
-    }
-    arrays = {name: np.asarray(values, dtype=float) for name, values in columns.items()}
-    check_columns(arrays)
-    record = RunRecord(
-        time_s=arrays["time_s"],
-        tension_tight_N=arrays["tension_tight_N"],
-        tension_slack_N=arrays["tension_slack_N"],
-        pulley_speed_rad_s=arrays["pulley_speed_rad_s"],
-        arc_deg=float(arc_deg),
-        defect=arc_problem(float(arc_deg)),
-    )
-    return reduce_stream([record], pulley_radius_m, settings or FrictionSettings())[0]
 
 
 def reduce_runs(
@@ -281,58 +156,45 @@ def _reduce_together(
     runs: Sequence[PreparedRun], R: float, settings: FrictionSettings
 ) -> list[RunReduction]:
     """The runs of a bench that slide."""
-    rests = [run.rest for run in runs if run.rest is not None]
     records = [run.sliding for run in runs if run.sliding is not None]
+    rests = [record.rest for record in records]
     initial = np.array([rest.tension_N for rest in rests])
-    slopes, errors = (
-        np.array([getattr(rest, name) for rest in rests]).T
-        for name in ("slopes_N_s", "slope_ses_N_s")
+    bench, levels = reduce_bench(records, rest_slopes(rests), float(np.median(initial)))
+    cells = cell_errors(
+        difference=np.array([rest.imbalance_N for rest in rests]),
+        se=np.array([rest.imbalance_se_N for rest in rests]),
+        tension=initial,
+        sliding=np.array([record.tensions_N for record in records]),
+        mode=settings.correct_imbalance,
     )
-    at_rest = rest_slopes(slopes[0], errors[0], slopes[1], errors[1], initial)
-    bench, levels = reduce_bench(records, at_rest, float(np.median(initial)))
-    tight, slack = np.array([record.tensions_N for record in records]).T
-    D, D_se = np.array([(rest.imbalance_N, rest.imbalance_se_N) for rest in rests]).T
-    cells = cell_errors(D, D_se, initial, tight, slack, settings.correct_imbalance)
     relaxed = 1.0 + _relaxation(rests)
     reduced = []
-    for k, (run, level) in enumerate(zip(runs, levels, strict=True)):
+    for k, (run, record, level) in enumerate(zip(runs, records, levels, strict=True)):
         y = level.y - float(cells.mean[k])
         shared = np.array([level.shared_tail, level.shared_drift, float(cells.shared[k])])
-        rounding = run.sliding.rounding if run.sliding is not None else 0.0
-        own = level.variance + float(cells.variance[k]) + rounding**2
+        own = level.variance + float(cells.variance[k]) + record.rounding**2
+        tail, drift, zeros = shared / y
         found = replace(
             run.found,
             initial_tension_N=float(initial[k]) * relaxed,
             notes=(*run.found.notes, *filter(None, (cells.notes[k],))),
             drift=level.drift / y,
-            **dict(zip(("shared_tail", "shared_drift", "shared_cells"), shared / y, strict=True)),
+            shared_tail=tail,
+            shared_drift=drift,
+            shared_cells=zeros,
         )
-        se = float(np.sqrt(own + shared @ shared))
         mu = y / float(np.radians(found.arc_deg))
         if not 0.0 < mu <= settings.max_mu:
             reason = f"mu_sliding = {mu:.4g}, must be in (0, {settings.max_mu:g}]"
             reduced.append(replace(found, status=reason))
             continue
-        found = _with_plateau(found, run, level, y, se, R, settings)
-        found = replace(found, notes=(*found.notes, *_longer_rest(found, rests[k])))
-        reason = _unusable(found, run, level, len(runs), settings)
+        y_se = float(np.sqrt(own + shared @ shared))
+        found = _with_plateau(found, record, level, y, y_se, R, settings)
+        reason = _unusable(found, record, level, len(runs), settings)
         if not reason:
-            found = replace(_with_peak(found, run, level, y, bench, settings), status="ok")
+            found = _with_peak(found, record, level, y, bench.shared, settings.max_peak_error)
         reduced.append(replace(found, status=reason or "ok"))
     return reduced
-
-
-def _longer_rest(found: RunReduction, rest: Rest) -> list[str]:
-    """What a longer rest would buy, where a drift of the cells is most of the error."""
-    error = found.mu_sliding_se / found.mu_sliding
-    if abs(found.shared_drift) < 0.7 * error or error < 1e-3:
-        return []
-    rest_s = rest.last_s - rest.first_s
-    # the slope of a cell at rest is known to its noise over the length of the rest ** 1.5
-    return [
-        f"{100 * abs(found.shared_drift):.2g} % of error are a drift of the cells that the rest "
-        f"leaves open: {3.0 * rest_s:.2g} s at rest in place of {rest_s:.2g} s would leave a fifth"
-    ]
 
 
 def _relaxation(rests: Sequence[Rest]) -> float:
@@ -352,26 +214,24 @@ def _relaxation(rests: Sequence[Rest]) -> float:
 
 def _with_plateau(
     found: RunReduction,
-    run: PreparedRun,
+    record: SlidingRecord,
     level: RunLevel,
     y: float,
-    se: float,
+    y_se: float,
     R: float,
     settings: FrictionSettings,
 ) -> RunReduction:
     """Tensions of the plateau, Eq. (6) of them and Eq. (8)."""
-    record = run.sliding
-    assert record is not None
     beta = float(np.radians(found.arc_deg))
     tail = record.basis @ level.tail
     settled = np.abs(tail - tail[-1]) <= settings.steady_tolerance * abs(y)
     start = int(np.flatnonzero(~settled)[-1]) + 1 if not settled.all() else 0
     start = min(start, record.z.size - 1)
     count = record.count[start:]
-    if run.weight is None:
+    if record.weight is None:
         mean = _mean_level(record, tail, start, y)
         tight, slack = np.exp(mean + 0.5 * y), np.exp(mean - 0.5 * y)
-    elif run.weight == "tight":
+    elif record.weight == "tight":
         tight, slack = found.initial_tension_N, found.initial_tension_N * np.exp(-y)
     else:
         tight, slack = found.initial_tension_N * np.exp(y), found.initial_tension_N
@@ -379,28 +239,43 @@ def _with_plateau(
     temperature = NAN
     if warm.any():
         temperature = float(np.average(record.temperature[start:][warm], weights=count[warm]))
-    notes = list(found.notes)
-    left = float(tail[-1]) / y
-    if abs(left) > 1e-3:
-        notes.append(
-            f"mu is still {100 * left:+.2g} % off its plateau at the end of the record: the tail "
-            "of the sticking peak is taken off"
-        )
-    if abs(found.drift) > settings.steady_tolerance:
-        notes.append(f"mu drifts by {100 * found.drift:+.2g} % over the sliding phase")
     return replace(
         found,
         tension_tight_N=float(tight),
         tension_slack_N=float(slack),
         mu_sliding=float(friction_coefficient(tight, slack, beta)),
-        mu_sliding_se=se / beta,
+        mu_sliding_se=y_se / beta,
         normal_force_N_m=float(mean_normal_force(tight, slack, R)),
         temperature_degC=temperature,
         n_samples=int(count.sum()),
         plateau_start_s=float(record.first_s[start]),
         tail_time_s=_decay_time(record.travel, tail, record.first_s),
-        notes=tuple(notes),
+        notes=(*found.notes, *_notes(found, record.rest, float(tail[-1]) / y, y_se / y, settings)),
     )
+
+
+def _notes(
+    found: RunReduction, rest: Rest, left: float, error: float, settings: FrictionSettings
+) -> Iterator[str]:
+    """What a user should know of a run: the rest of its tail, a drift, what its rest leaves open.
+
+    `left` and `error` are what is left of the tail at the end and the standard error, over mu.
+    """
+    if abs(left) > TAIL_NOTED:
+        yield (
+            f"mu is still {100 * left:+.2g} % off its plateau at the end of the record: the tail "
+            "of the sticking peak is taken off"
+        )
+    if abs(found.drift) > settings.steady_tolerance:
+        yield f"mu drifts by {100 * found.drift:+.2g} % over the sliding phase"
+    if error > TAIL_NOTED and abs(found.shared_drift) > 0.7 * error:
+        # the slope of a cell at rest is known to its noise over the length of the rest ** 1.5
+        rest_s = rest.last_s - rest.first_s
+        yield (
+            f"{100 * abs(found.shared_drift):.2g} % of error are a drift of the cells that the "
+            f"rest leaves open: {3.0 * rest_s:.2g} s at rest in place of {rest_s:.2g} s would "
+            "leave a fifth"
+        )
 
 
 def _mean_level(record: SlidingRecord, tail: Array, start: int, y: float) -> float:
@@ -432,11 +307,14 @@ def _decay_time(travel: Array, tail: Array, time_s: Array) -> float:
 
 
 def _unusable(
-    found: RunReduction, run: PreparedRun, level: RunLevel, n_runs: int, settings: FrictionSettings
+    found: RunReduction,
+    record: SlidingRecord,
+    level: RunLevel,
+    n_runs: int,
+    settings: FrictionSettings,
 ) -> str:
     """Why a reduced run is set aside; empty if it is not."""
-    assert run.sliding is not None
-    off = level.misfit * run.sliding.noise_N * run.sliding.sensitivity / level.y
+    off = level.misfit * record.noise_N * record.sensitivity / level.y
     # in a record without noise a misfit of many times its noise is nothing
     odd = level.misfit > settings.max_misfit and off > settings.steady_tolerance
     if n_runs >= FEWEST_FOR_MISFIT and odd:
@@ -462,21 +340,53 @@ def _unusable(
 
 def _with_peak(
     found: RunReduction,
-    run: PreparedRun,
+    record: SlidingRecord,
     level: RunLevel,
     y: float,
-    bench: Bench,
-    settings: FrictionSettings,
+    shared: Shared,
+    max_error: float,
 ) -> RunReduction:
-    """The sticking peak, with the errors of the cells taken off."""
-    assert run.sliding is not None
-    assert run.onset is not None
-    peak = sticking_peak(run.onset, run.sliding, level, bench.shared, settings.max_peak_error)
+    """The sticking peak from the model of the sliding, with the errors of the cells taken off.
+
+    `max_error` is the largest standard error of the peak, relative to it, that resolves it.
+    """
+    t = np.append(record.onset.time_s, record.first_s[0])
+    travel = np.append(record.onset.travel, record.travel[0])
+    z = np.append(record.onset.z, record.z[0])
+    # the tail is followed back to the end of the build-up, not beyond
+    model = level.y + tail_basis(np.maximum(travel, 0.0)) @ level.tail
+    ripple = record.ripple_N / record.tensions_N[0]
+    limit = JOINED * record.noise_N * record.sensitivity + ripple
+    off = np.flatnonzero(~(np.abs(z[:-1] - model[:-1]) <= limit))
+    join = int(off[-1]) + 1 if off.size else 0
+    if join > 0 and z[join - 1] > model[join - 1]:
+        reason = "the tensions decay faster than the tail of the peak"
+        return replace(found, mu_sticking_reason=reason)
+    before = max(join - 1, 0)
+    found = replace(found, peak_time_s=0.5 * float(t[before] + t[join]))
+    last_up, first_on = (max(float(travel[k]), 0.0) for k in (before, join))
+    peak, error = level.at(0.5 * (last_up + first_on), shared, record.level)
+    # noise may hide the end of the build-up in the tail: the moment is uncertain by so much more
+    climbed = max(peak - float(np.nanmin(z)), limit)
+    margin = float(travel[join] - travel[0]) * limit / climbed
+    step = first_on - last_up
+    ahead = 0.1 * max(step, margin)
+    behind = tail_basis(np.array([first_on, first_on + ahead])) @ level.tail
+    rate = abs(behind[0] - behind[1]) / max(ahead, 1e-12)
+    timing = rate * float(np.hypot(step, margin)) / np.sqrt(12.0)
+    se = float(np.linalg.norm([error, timing, record.rounding]))
+    if peak - level.y < STANDS_OUT * se:
+        return replace(found, mu_sticking_reason="no peak stands out of the plateau")
+    if se > max_error * peak:
+        return replace(
+            found,
+            mu_sticking_reason=f"the samples leave the peak uncertain by {100 * se / peak:.2g} %, "
+            f"allowed is {100 * max_error:g} %",
+        )
     beta = float(np.radians(found.arc_deg))
     return replace(
         found,
-        mu_sticking=(peak.z + y - level.y) / beta,
-        mu_sticking_se=peak.z_se / beta,
-        mu_sticking_reason=peak.reason,
-        peak_time_s=peak.time_s,
+        mu_sticking=(peak + y - level.y) / beta,
+        mu_sticking_se=se / beta,
+        mu_sticking_reason="",
     )

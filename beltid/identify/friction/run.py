@@ -31,25 +31,6 @@ class RunRejected(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Raw:
-    """What the samples of a run showed before they were averaged.
-
-    Attributes
-    ----------
-    n_samples, n_spikes, n_missing : int
-        Samples; spikes taken out; samples that are missing.
-    steps : pair of float
-        Steps of the converters of the tight and the slack cell [N], zero where the noise carries
-        the means across them.
-    """
-
-    n_samples: int
-    n_spikes: int
-    n_missing: int
-    steps: tuple[float, float]
-
-
-@dataclass(frozen=True, slots=True)
 class FrictionSettings:
     """Settings of the reduction. The defaults suit bench and simulated recordings alike.
 
@@ -189,8 +170,6 @@ class RunRecord:
     nominal_tension_N: float = NAN
     defect: str = ""
     """Why the record cannot be one run (its nominal settings change, ...); empty if it can."""
-    raw: Raw | None = None
-    """What the samples showed, if these are means over blocks of them."""
     kind: RigKind = TWO_CELLS
     """What the bench measured; the tensions follow from it."""
     belt_speed_m_s: float = 0.0

@@ -19,6 +19,7 @@ prior only.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -27,6 +28,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
 from scipy.special import log_ndtr, logsumexp, ndtri
+
+from beltid.identify.friction.phases import Rest
 
 Array = NDArray[np.float64]
 
@@ -312,27 +315,19 @@ class RestSlopes:
     products: Array
 
 
-def rest_slopes(
-    difference: Array, difference_se: Array, total: Array, total_se: Array, tension_N: Array
-) -> RestSlopes:
-    """What the slopes of the cells at rest say about a drift of all runs.
-
-    Parameters
-    ----------
-    difference, total : ndarray
-        Slopes of the difference (tight less slack) and of the sum of both cells [N/s], shape (R,).
-    difference_se, total_se : ndarray
-        Their standard errors.
-    tension_N : ndarray
-        Initial tensions [N].
-    """
-    n = difference.size
+def rest_slopes(rests: Sequence[Rest]) -> RestSlopes:
+    """What the slopes of the cells at rest say about a drift of all runs."""
+    still = STILL * np.array([rest.tension_N for rest in rests])
+    found, errors = (
+        np.array([getattr(rest, name) for rest in rests])
+        for name in ("slopes_N_s", "slope_ses_N_s")
+    )
     squares, products = np.zeros((2, 2)), np.zeros(2)
-    for slope, se, sign in ((difference, difference_se, -1.0), (total, total_se, 1.0)):
-        weight = 1.0 / np.maximum(se, STILL * tension_N) ** 2
+    for k, sign in enumerate((-1.0, 1.0)):
+        slope, weight = found[:, k], 1.0 / np.maximum(errors[:, k], still) ** 2
         mean = float(np.sum(weight * slope) / np.sum(weight))
         # slopes that differ by more than their noise are worth less
-        excess = float(np.sum(weight * (slope - mean) ** 2)) / max(n - 1, 1)
+        excess = float(np.sum(weight * (slope - mean) ** 2)) / max(len(rests) - 1, 1)
         variance = max(excess, 1.0) / float(np.sum(weight))
         if sign > 0.0:
             variance += mean**2  # a slope of the sum may be all relaxation of the belt
