@@ -193,7 +193,7 @@ def test_the_posterior_of_a_tail_is_that_of_brute_force(noise):
     z += rng.normal(size=80)
     M, b = design.T @ design, design.T @ z
     longest = 3.0 * 0.05
-    found = summed(M, b, spectra_of(M, b, (1e-3, longest)))
+    found, covered, _, height = summed(M, b, spectra_of(M, b, (1e-3, longest)))
     middle, (_, _, width) = math.log(5e-3), shared.CENTRE
     log_centre = np.linspace(math.log(1e-3), math.log(longest), 120)
     slow, fast = (np.arange(n) * step + 0.5 * step for n, step in ((40, 0.06), (30, 0.07)))
@@ -214,34 +214,31 @@ def test_the_posterior_of_a_tail_is_that_of_brute_force(noise):
         first += (p @ heights) @ tails
         second += (tails * (p @ heights**2)[:, None]).T @ tails
     basis = tail_basis(np.array([0.0, 2e-3, 1e-2, 4e-2]))
-    mean, by_hand = (basis @ v for v in (found.mean, first / total))
+    mean, by_hand = (basis @ v for v in (found, first / total))
     covariance = second / total - np.outer(first, first) / total**2
-    spread, spread_by_hand = (
-        np.sqrt(np.diag(basis @ C @ basis.T)) for C in (found.covariance, covariance)
-    )
+    spread, spread_by_hand = (np.sqrt(np.diag(basis @ C @ basis.T)) for C in (covered, covariance))
     np.testing.assert_allclose(mean, by_hand, rtol=0, atol=0.15 * np.max(spread_by_hand))
     np.testing.assert_allclose(spread, spread_by_hand, rtol=0.1)
-    assert found.height == pytest.approx(of_height / total, rel=0.02)
+    assert height == pytest.approx(of_height / total, rel=0.02)
 
 
 def test_the_slope_of_the_evidence_is_its_difference_quotient():
     """A search with a wrong slope stops anywhere."""
     records = [recorded(seed)[0] for seed in (0, 1)]
     stack = campaign.Stack(records, np.mean(campaign.log_settings(records), axis=0))
-    rest = shared.rest_slopes([record.rest for record in records])
-    given = shared.Given(rest, 200.0, (1e-3, 0.2))
+    given = shared.Given.by([record.rest for record in records], (1e-3, 0.2))
     sd = np.array([0.05, 0.1, 0.2, 0.3, 0.4, 2e-4, 0.15, 0.1])
-    rough = shared.Rough(0.05, np.zeros(shared.SETTINGS), shared.BEFORE)
-    stack.stretch(rough.powers)
+    before = shared.Shared.before(np.zeros(shared.SETTINGS))
+    stack.stretch(before.powers)
     w = campaign.whiten(stack, campaign.covariance(stack, sd, None)[0])
     scale = np.array([0.9, 1.1])
-    known = campaign.fit_shared(w, scale, given, rough, every_drift=True)
+    known = campaign.fit_shared(w, scale, given, before, every_drift=True)
     stack.stretch(known.powers, known)
 
     def log_evidence(log_sd):
-        return campaign.evidence(stack, np.exp(log_sd), known, scale, given, known.rough)[0]
+        return campaign.evidence(stack, np.exp(log_sd), known, scale, given, known)[0]
 
-    slope = campaign.evidence(stack, sd, known, scale, given, known.rough)[1]
+    slope = campaign.evidence(stack, sd, known, scale, given, known)[1]
     step = 1e-4 * np.eye(sd.size)
     quotient = [(log_evidence(np.log(sd) + e) - log_evidence(np.log(sd) - e)) / 2e-4 for e in step]
     # rounding of the logarithms leaves some 1e-5 of the quotient

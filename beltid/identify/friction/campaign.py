@@ -29,15 +29,12 @@ from scipy.special import logsumexp
 from beltid.identify.friction.phases import Rest
 from beltid.identify.friction.prepare import SlidingRecord
 from beltid.identify.friction.shared import (
-    BEFORE,
     DRIFTS,
     POWERS,
     RANK,
     SETTINGS,
     SHARED,
     Given,
-    RestSlopes,
-    Rough,
     Shared,
     posterior,
     stretched,
@@ -283,11 +280,11 @@ def noise_scale(stack: Stack, w: Whitened, mean: Array) -> Array:
 
 
 def fit_shared(
-    w: Whitened, scale: Array, given: Given, rough: Rough, every_drift: bool = False
+    w: Whitened, scale: Array, given: Given, before: Shared, every_drift: bool = False
 ) -> Shared:
     """Posterior of the tail and the common drift from some runs."""
     share = 1.0 / scale
-    return posterior(np.einsum("r,rkl->kl", share, w.M), w.b.T @ share, given, rough, every_drift)
+    return posterior(np.einsum("r,rkl->kl", share, w.M), w.b.T @ share, given, before, every_drift)
 
 
 CLOCKS = (np.zeros(SETTINGS), np.eye(SETTINGS)[0])
@@ -298,15 +295,8 @@ HIDDEN_STEPS = (-2.4, -1.8, -1.2, -0.6, 0.0, 0.6, 1.2, 1.8)
 of their priors."""
 
 
-def _first_look(stack: Stack, sd: Array, given: Given, rough: Rough) -> Shared:
-    """What the runs share, before anything else is known of the bench."""
-    stack.stretch(rough.powers)
-    w = whiten(stack, covariance(stack, sd, None)[0])
-    return fit_shared(w, np.ones(stack.n_runs), given, rough)
-
-
 def evidence(
-    stack: Stack, sd: Array, shared: Shared | None, scale: Array, given: Given, rough: Rough
+    stack: Stack, sd: Array, shared: Shared | None, scale: Array, given: Given, before: Shared
 ) -> tuple[float, Array]:
     """Marginal likelihood of all runs under given variances.
 
@@ -320,7 +310,7 @@ def evidence(
         Tail from which the runs deviate.
     scale : ndarray, shape (R,)
         Noise of each run over that of the bench, variances.
-    given, rough : Given, Rough
+    given, before : Given, Shared
         What is known beside the runs, and roughly.
 
     Returns
@@ -333,7 +323,7 @@ def evidence(
     """
     V, parts = covariance(stack, sd, shared)
     w = whiten(stack, V)
-    found = fit_shared(w, scale, given, rough)
+    found = fit_shared(w, scale, given, before)
     log_z = found.log_evidence - 0.5 * float(np.sum(w.squares / scale + w.log_det))
     residual = stack.z - stack.shared @ found.mean
     columns = np.concatenate([residual[:, :, None], stack.shared @ found.factor], axis=2)
@@ -367,25 +357,27 @@ def fit_bench(stack: Stack, given: Given) -> Bench:
     scale = np.ones(stack.n_runs)
 
     def cost(x: Array) -> tuple[float, Array]:
-        log_z, slope = evidence(stack, np.exp(centre + width * x), shared, scale, given, rough)
+        log_z, slope = evidence(stack, np.exp(centre + width * x), shared, scale, given, before)
         away = precision @ x
         return 0.5 * float(x @ away) - log_z, away - slope * width
 
     # from above: a variance that is too small has no gradient
     x = np.where(np.arange(n + 4) <= n + 1, 1.5, 0.0)
     sd = np.exp(centre + width * x)
-    starts = [Rough(0.05, powers, BEFORE) for powers in CLOCKS]
-    looks = [_first_look(stack, sd, given, start) for start in starts]
+    looks = []
+    for powers in CLOCKS:
+        stack.stretch(powers)
+        w = whiten(stack, covariance(stack, sd, None)[0])
+        looks.append(fit_shared(w, scale, given, Shared.before(powers)))
     likely = int(np.argmax([look.log_evidence for look in looks]))
-    rough = starts[likely]
+    before = Shared.before(CLOCKS[likely])
     # a rough tail, of which the change with the powers can be told
-    stack.stretch(rough.powers, looks[likely])
+    stack.stretch(before.powers, looks[likely])
     for _ in range(SWEEPS):
         w = whiten(stack, covariance(stack, np.exp(centre + width * x), shared)[0])
-        shared = fit_shared(w, scale, given, rough, every_drift=True)
+        shared = before = fit_shared(w, scale, given, before, every_drift=True)
         scale = noise_scale(stack, w, shared.mean)
-        rough = shared.rough
-        stack.stretch(rough.powers, shared)
+        stack.stretch(shared.powers, shared)
         x = minimize(
             cost,
             x,
@@ -403,7 +395,7 @@ def fit_bench(stack: Stack, given: Given) -> Bench:
         along = x[k] + np.array(HIDDEN_STEPS)
         sizes = np.append(np.exp(centre[k] + width[k] * along), 0.0)
         trials = [np.where(np.arange(x.size) == k, size, mode) for size in sizes]
-        log_p = np.array([evidence(stack, sd, shared, scale, given, rough)[0] for sd in trials])
+        log_p = np.array([evidence(stack, sd, shared, scale, given, before)[0] for sd in trials])
         # density of the prior given the other variances, over a step
         away = along - x[k] + precision[k] @ x / precision[k, k]
         log_p[:-1] -= 0.5 * precision[k, k] * away**2 - 0.5 * np.log(
@@ -465,25 +457,13 @@ BATCH = 128
 """Runs that are whitened at a time: a bench of any size takes the same memory."""
 
 
-def reduce_bench(
-    records: Sequence[SlidingRecord], rest: RestSlopes, unit_N: float
-) -> tuple[Bench, list[RunLevel]]:
-    """What the runs of a bench share, and the level of every one of them.
-
-    Parameters
-    ----------
-    records : sequence of SlidingRecord
-        The runs, at least one.
-    rest : RestSlopes
-        What their rest phases say about a common drift.
-    unit_N : float
-        Median initial tension [N].
-    """
+def reduce_bench(records: Sequence[SlidingRecord]) -> tuple[Bench, list[RunLevel]]:
+    """What the runs of a bench share, and the level of every one of them, at least one."""
     centre = np.mean(log_settings(records), axis=0)
     every = np.linspace(0, len(records) - 1, min(len(records), RUNS_FOR_VARIANCES)).astype(int)
     shortest = 2.0 * min(r.step_m for r in records)
     longest = 3.0 * max(float(r.travel[-1]) for r in records)
-    given = Given(rest, unit_N, (shortest, longest))
+    given = Given.by([r.rest for r in records], (shortest, longest))
     bench = fit_bench(Stack([records[k] for k in every], centre), given)
     parts = [records[k : k + BATCH] for k in range(0, len(records), BATCH)]
     # a small bench is stacked once, of a large one only a part at a time is held
@@ -494,7 +474,7 @@ def reduce_bench(
         w = whiten(stack, covariance(stack, bench.sd, bench.shared)[0])
         share = 1.0 / noise_scale(stack, w, bench.shared.stretched_mean)
         M, b = M + np.einsum("r,rkl->kl", share, w.M), b + w.b.T @ share
-    bench = Bench(bench.sd, posterior(M, b, given, bench.shared.rough))
+    bench = Bench(bench.sd, posterior(M, b, given, bench.shared))
     if len(parts) > 1:
         stacks = (Stack(p, centre) for p in parts)
     levels = [level for stack in stacks for level in _levels(stack, bench)]

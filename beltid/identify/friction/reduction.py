@@ -33,7 +33,7 @@ from beltid.identify.friction.run import (
     RunReduction,
     run_records,
 )
-from beltid.identify.friction.shared import Shared, rest_slopes, tail_basis
+from beltid.identify.friction.shared import Shared, tail_basis
 from beltid.laws.capstan import friction_coefficient, mean_normal_force
 
 Array = NDArray[np.float64]
@@ -159,7 +159,7 @@ def _reduce_together(
     records = [run.sliding for run in runs if run.sliding is not None]
     rests = [record.rest for record in records]
     initial = np.array([rest.tension_N for rest in rests])
-    bench, levels = reduce_bench(records, rest_slopes(rests), float(np.median(initial)))
+    bench, levels = reduce_bench(records)
     cells = cell_errors(
         difference=np.array([rest.imbalance_N for rest in rests]),
         se=np.array([rest.imbalance_se_N for rest in rests]),

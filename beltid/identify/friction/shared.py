@@ -20,7 +20,7 @@ prior only.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -204,18 +204,16 @@ def spectra_of(M: Array, b: Array, range_m: tuple[float, float]) -> Spectra:
     return spectra
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TailPosterior:
-    """Moments of a tail in the basis, shapes (RANK,) and (RANK, RANK)."""
+def summed(M: Array, b: Array, spectra: Spectra) -> tuple[Array, Array, float, float]:
+    """Posterior of a tail from its squares (RANK, RANK) and products (RANK,).
 
-    mean: Array
-    covariance: Array
-    log_evidence: float
-    height: float
-
-
-def summed(M: Array, b: Array, spectra: Spectra) -> TailPosterior:
-    """Posterior of a tail from its squares (RANK, RANK) and products (RANK,)."""
+    Returns
+    -------
+    mean, covariance : ndarray, shape (RANK,), (RANK, RANK)
+        Of the tail in the basis.
+    log_evidence, height : float
+        Logarithm of the integral over all tails, and the mean of their heights.
+    """
     C = spectra.tails
     log_p, best, root = spectra.posterior(M, b)
     total = float(logsumexp(log_p))
@@ -227,12 +225,7 @@ def summed(M: Array, b: Array, spectra: Spectra) -> TailPosterior:
     square = height**2 + np.maximum(1.0 - ratio * (u + ratio), 1e-12) / root**2
     mean = (weight * height) @ C
     second = (C * (weight * square)[:, None]).T @ C
-    return TailPosterior(
-        mean=mean,
-        covariance=second - np.outer(mean, mean),
-        log_evidence=total,
-        height=float(weight @ height),
-    )
+    return mean, second - np.outer(mean, mean), total, float(weight @ height)
 
 
 UNLIKE = 0.01
@@ -279,7 +272,7 @@ class Shared:
         Powers of the settings with which its length goes.
     weights : ndarray, shape (5,)
         Probabilities of no drift, one of the tight, the slack, both cells, and of mu.
-    spectra : Spectra
+    spectra : Spectra, optional
         Tails over which it was summed.
     """
 
@@ -289,12 +282,13 @@ class Shared:
     height: float
     powers: Array
     weights: Array
-    spectra: Spectra
+    spectra: Spectra | None = None
 
-    @property
-    def rough(self) -> Rough:
-        """What the next posterior starts from."""
-        return Rough(max(self.height, 1e-3), self.powers, self.weights, self.spectra)
+    @classmethod
+    def before(cls, powers: Array) -> Shared:
+        """What is known before any run is seen, if the length of the tail goes with such powers."""
+        unknown = np.zeros(SHARED), np.zeros((SHARED, 0)), -np.inf
+        return cls(*unknown, height=0.05, powers=powers, weights=BEFORE)
 
     @property
     def stretched_mean(self) -> Array:
@@ -308,77 +302,46 @@ class Shared:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RestSlopes:
-    """Information on common drifts in the rest phases, as squares (2, 2) and products (2,)."""
-
-    squares: Array
-    products: Array
-
-
-def rest_slopes(rests: Sequence[Rest]) -> RestSlopes:
-    """What the slopes of the cells at rest say about a drift of all runs."""
-    still = STILL * np.array([rest.tension_N for rest in rests])
-    found, errors = (
-        np.array([getattr(rest, name) for rest in rests])
-        for name in ("slopes_N_s", "slope_ses_N_s")
-    )
-    squares, products = np.zeros((2, 2)), np.zeros(2)
-    for k, sign in enumerate((-1.0, 1.0)):
-        slope, weight = found[:, k], 1.0 / np.maximum(errors[:, k], still) ** 2
-        mean = float(np.sum(weight * slope) / np.sum(weight))
-        # slopes that differ by more than their noise are worth less
-        excess = float(np.sum(weight * (slope - mean) ** 2)) / max(len(rests) - 1, 1)
-        variance = max(excess, 1.0) / float(np.sum(weight))
-        if sign > 0.0:
-            variance += mean**2  # a slope of the sum may be all relaxation of the belt
-        h = np.array([1.0, sign])
-        squares += np.outer(h, h) / variance
-        products += h * mean / variance
-    return RestSlopes(squares, products)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Rough:
-    """What is known roughly of the tail and the drift before they are sought.
-
-    Attributes
-    ----------
-    height : float
-        Height of the tail, relative to the level.
-    powers : ndarray, shape (SETTINGS,)
-        Powers of the settings that the tails were stretched by.
-    weights : ndarray, shape (5,)
-        Probabilities of the drifts.
-    spectra : Spectra, optional
-        Tails that stand for the posterior.
-    """
-
-    height: float
-    powers: Array
-    weights: Array
-    spectra: Spectra | None = None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Given:
     """What is known of a bench beside its sliding phases.
 
     Attributes
     ----------
-    rest : RestSlopes
-        What the rest phases say about a common drift.
+    squares, products : ndarray, shape (2, 2), (2,)
+        Information of the rest phases on drifts of the tight and the slack cell.
     unit_N : float
         Median initial tension [N].
     range_m : tuple of float
         Shortest and longest length of a tail that is looked for [m].
     """
 
-    rest: RestSlopes
+    squares: Array
+    products: Array
     unit_N: float
     range_m: tuple[float, float]
 
+    @classmethod
+    def by(cls, rests: Sequence[Rest], range_m: tuple[float, float]) -> Given:
+        """What the rest phases say; slopes of the cells at rest are drifts of all runs."""
+        tension = np.array([rest.tension_N for rest in rests])
+        found = np.array([rest.slopes_N_s for rest in rests])
+        errors = np.array([rest.slope_ses_N_s for rest in rests])
+        squares, products = np.zeros((2, 2)), np.zeros(2)
+        for k, sign in enumerate((-1.0, 1.0)):  # of the difference, and of the sum
+            slope, weight = found[:, k], np.maximum(errors[:, k], STILL * tension) ** -2.0
+            mean = float(np.sum(weight * slope) / np.sum(weight))
+            # slopes that differ by more than their noise are worth less
+            excess = float(np.sum(weight * (slope - mean) ** 2)) / max(len(rests) - 1, 1)
+            variance = max(excess, 1.0) / float(np.sum(weight))
+            if sign > 0.0:
+                variance += mean**2  # a slope of the sum may be all relaxation of the belt
+            h = np.array([1.0, sign])
+            squares += np.outer(h, h) / variance
+            products += h * mean / variance
+        return cls(squares, products, float(np.median(tension)), range_m)
 
-def posterior(M: Array, b: Array, given: Given, rough: Rough, every_drift: bool = True) -> Shared:
+
+def posterior(M: Array, b: Array, given: Given, before: Shared, every_drift: bool = True) -> Shared:
     """Posterior of the tail and the common drift.
 
     The squares and products of the shared columns, summed over the runs, are all that the runs say
@@ -390,32 +353,33 @@ def posterior(M: Array, b: Array, given: Given, rough: Rough, every_drift: bool 
         Squares and products.
     given : Given
         What is known beside them.
-    rough : Rough
-        Tail and drift, roughly.
+    before : Shared
+        Tail and drift as far as they were known before, roughly.
     every_drift : bool
         Each drift, and each slow part of the tail, is a hypothesis of its own; else one Gaussian
         has the moments of all drifts.
     """
     M, b = M.copy(), b.copy()
     cells = slice(RANK, RANK + 2)
-    M[cells, cells] += given.rest.squares
-    b[cells] += given.rest.products
+    M[cells, cells] += given.squares
+    b[cells] += given.products
     # the columns hold the change of the powers from what the tails were stretched by
     expected = np.zeros(SHARED)
-    expected[POWERS] = -rough.powers
+    expected[POWERS] = -before.powers
+    height = max(before.height, 1e-3)
     D = np.zeros_like(M)
     D[POWERS, POWERS] = TREND**2 * np.eye(SETTINGS)
     shortest, longest = given.range_m
     low, high = np.log(max(shortest, 2e-4)), np.log(max(longest / 9.0, 1e-3))
     lengths = np.linspace(low, max(high, low + 1.0), 8)
     unlike = tail_coefficients(lengths, np.zeros(8), np.zeros(8))
-    D[:RANK, :RANK] = (UNLIKE * rough.height) ** 2 * (unlike.T @ unlike)
+    D[:RANK, :RANK] = (UNLIKE * height) ** 2 * (unlike.T @ unlike)
     zero = DRIFT_OF_ZERO * given.unit_N
     drifts = np.array([[0, 0, 0], [zero, 0, 0], [0, zero, 0], [zero, zero, 0], [0, 0, DRIFT_OF_MU]])
     # one Gaussian with the moments of all drifts, to find where the tails are
-    moments = np.einsum("h,hk,hl->kl", rough.weights, drifts, drifts)
+    moments = np.einsum("h,hk,hl->kl", before.weights, drifts, drifts)
     mixed = D + _blocks(np.zeros(RANK), moments)
-    spectra = rough.spectra
+    spectra = before.spectra
     if every_drift or spectra is None:
         left = _free(M, mixed)[0]
         spectra = spectra_of(
@@ -426,7 +390,7 @@ def posterior(M: Array, b: Array, given: Given, rough: Rough, every_drift: bool 
     else:
         slow, part, scatter = SLOW_PART
         reach = np.log(np.clip(longest / 3.0 * np.array([1.0, 4.0]), 2e-4, 1.0))
-        tails = rough.height * tail_coefficients(reach, np.zeros(2), np.zeros(2))
+        tails = height * tail_coefficients(reach, np.zeros(2), np.zeros(2))
         extras = [(1.0 - slow, np.zeros(RANK)), *((slow / 2.0, tail) for tail in tails)]
         candidates = []
         for weight, drift in zip(BEFORE, drifts, strict=True):
@@ -435,24 +399,22 @@ def posterior(M: Array, b: Array, given: Given, rough: Rough, every_drift: bool 
                 more[:RANK] = part * tail
                 prior = D + _blocks(scatter * tail, np.outer(drift, drift))
                 candidates.append((np.log(weight * q), _given(M, b, more, prior, spectra)))
-    log_p = np.array([prior + f[0].log_evidence for prior, f in candidates])
-    found = [f for _, f in candidates]
+    log_p = np.array([prior + log_evidence for prior, (*_, log_evidence, _) in candidates])
     log_evidence = float(logsumexp(log_p))
     p = np.exp(log_p - log_evidence)
-    means = np.array([mean for _, mean, _ in found])
+    means = np.array([mean for _, (mean, *_) in candidates])
     mean = p @ means
     away = means - mean
-    second = np.tensordot(p, [C for *_, C in found], axes=1) + (away * p[:, None]).T @ away
-    values, vectors = np.linalg.eigh(second)
+    second = np.tensordot(p, [C for _, (_, C, *_) in candidates], axes=1)
+    values, vectors = np.linalg.eigh(second + (away * p[:, None]).T @ away)
     factor = (vectors * np.sqrt(np.maximum(values, 0.0)))[:, ::-1]
-    best = found[int(np.argmax(p))][0]
     return Shared(
         mean=mean,
         factor=factor,
         log_evidence=log_evidence,
-        height=best.height,
-        powers=np.clip(rough.powers + mean[POWERS], -1.5, 1.5),
-        weights=p.reshape(len(BEFORE), -1).sum(axis=1) if every_drift else rough.weights,
+        height=candidates[int(np.argmax(p))][1][-1],
+        powers=np.clip(before.powers + mean[POWERS], -1.5, 1.5),
+        weights=p.reshape(len(BEFORE), -1).sum(axis=1) if every_drift else before.weights,
         spectra=spectra,
     )
 
@@ -484,13 +446,14 @@ def _free(M: Array, D: Array) -> tuple[Array, Array, float]:
 
 def _given(
     M: Array, b: Array, more: Array, D: Array, spectra: Spectra
-) -> tuple[TailPosterior, Array, Array]:
-    """Posterior with a part v - [tail, 0] ~ N(more, D) integrated out: tail, mean, covariance."""
+) -> tuple[Array, Array, float, float]:
+    """As `summed`, with a part v - [tail, 0] ~ N(more, D) integrated out."""
     left, G, log_det = _free(M, D)
     c = b - M @ more
-    tail = summed((left @ M)[:RANK, :RANK], (left @ c)[:RANK], spectra)
-    constant = 0.5 * float(c @ G @ c) + float(b @ more) - 0.5 * float(more @ M @ more)
-    log_evidence = tail.log_evidence + constant - 0.5 * log_det
-    mean = more + left.T[:, :RANK] @ tail.mean + G @ c
-    covariance = left.T[:, :RANK] @ tail.covariance @ left[:RANK] + G
-    return replace(tail, log_evidence=log_evidence), mean, covariance
+    tail, spread, log_evidence, height = summed(
+        (left @ M)[:RANK, :RANK], (left @ c)[:RANK], spectra
+    )
+    log_evidence += 0.5 * float(c @ G @ c) + float(b @ more) - 0.5 * float(more @ M @ more)
+    mean = more + left.T[:, :RANK] @ tail + G @ c
+    covariance = left.T[:, :RANK] @ spread @ left[:RANK] + G
+    return mean, covariance, log_evidence - 0.5 * log_det, height
