@@ -12,9 +12,8 @@ from beltid.bench.recording import columns_of, read_recording, read_rig
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError
 from beltid.identify.estimators.statistics import as_set
-from beltid.identify.friction.cells import TAKEN_OFF
 from beltid.identify.friction.drift_check import CAUSES, Drift, drift_check
-from beltid.identify.friction.kinds import DRAG_TAKEN_OFF, TOUCH_DEG, TOUCHING, RigKind
+from beltid.identify.friction.kinds import DRAG_TAKEN_OFF, TAKEN_OFF, TOUCH_DEG, TOUCHING, RigKind
 from beltid.identify.friction.plateaus import BINNED
 from beltid.identify.friction.reduction import RunReduction
 from beltid.report.summary import Summary

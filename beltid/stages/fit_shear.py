@@ -12,7 +12,7 @@ from beltid.artifacts.metadata_models import ShearMetadata
 from beltid.bench.recording import columns_of, read_rig
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError
-from beltid.identify.friction.cells import against_stated
+from beltid.identify.friction.rest import against_stated
 from beltid.identify.friction.run import RunRecord, run_records
 from beltid.identify.shear.build_up import build_up
 from beltid.identify.shear.stiffness import (

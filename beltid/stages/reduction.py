@@ -20,8 +20,7 @@ from beltid.bench.runs.run_stream import RunColumns as StreamedRun
 from beltid.config import Config
 from beltid.config.model import PressSection
 from beltid.errors import InputError
-from beltid.identify.friction.cells import KnownCells
-from beltid.identify.friction.kinds import SPANS, RigKind, drag_of
+from beltid.identify.friction.kinds import SPANS, KnownCells, RigKind, drag_of
 from beltid.identify.friction.plateaus import reduce_plateaus
 from beltid.identify.friction.reduction import (
     FrictionSettings,

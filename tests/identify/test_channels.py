@@ -5,9 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltid.identify.friction.channels import check_cells, missing_rows, read_channels
-from beltid.identify.friction.phases import Rotation, RunRejected, sliding_phase, unswapped
-from beltid.identify.friction.run import FrictionSettings, RunRecord
+from beltid.identify.friction.channels import (
+    Rotation,
+    check_cells,
+    missing_rows,
+    read_channels,
+    sliding_phase,
+    unswapped,
+)
+from beltid.identify.friction.run import FrictionSettings, RunRecord, RunRejected
 
 SETTINGS = FrictionSettings()
 N, FIRST = 200, 50

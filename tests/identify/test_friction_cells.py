@@ -7,8 +7,9 @@ import pytest
 from virtual_rig import Recipe, bench
 
 from beltid.errors import InputError
-from beltid.identify.friction.cells import KnownCell, against_stated
+from beltid.identify.friction.kinds import KnownCell
 from beltid.identify.friction.reduction import FrictionSettings, RunReduction, reduce_runs
+from beltid.identify.friction.rest import against_stated
 
 KNOWN = {
     "tension_tight_tare_N": 4.0,

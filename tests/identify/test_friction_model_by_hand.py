@@ -10,10 +10,10 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal
 
-from beltid.identify.friction import campaign, cells, shared
+from beltid.identify.friction import campaign, rest, shared
 from beltid.identify.friction.campaign import block_covariance, wander_since_rest
-from beltid.identify.friction.phases import rest_state
 from beltid.identify.friction.prepare import Onset, block_starts, sliding_record
+from beltid.identify.friction.rest import rest_state
 from beltid.identify.friction.shared import (
     RANK,
     spectra_of,
@@ -252,10 +252,10 @@ def test_the_slope_of_the_evidence_is_its_difference_quotient():
 def test_errors_of_the_cells_are_averaged_over_all_explanations(D):
     """Of equal tensions, so that zeros that err together do not matter."""
     D, T, se = np.array(D), np.array([60.0, 150.0, 240.0, 400.0]), 0.05
-    found = cells.cell_errors(D, np.full(4, se), T, np.column_stack([T, T]), "auto")
+    found = rest.cell_errors(D, np.full(4, se), T, np.column_stack([T, T]), "auto")
     unit, n = 195.0, 4
     log_p, means, variances = [], [], []
-    for s_w, s_f, s_z, s_g in itertools.product(cells.SIZES, repeat=4):
+    for s_w, s_f, s_z, s_g in itertools.product(rest.SIZES, repeat=4):
         # unknowns: zeta [N], gamma [-], w [N] and f [-] of every run
         prior = np.diag([(s_z * unit) ** 2, s_g**2, *[(s_w * unit) ** 2] * n, *[s_f**2] * n])
         see = np.column_stack([np.ones(n), T, np.eye(n), np.diag(T)])
@@ -279,11 +279,11 @@ def test_a_difference_of_the_cells_of_each_run_by_itself():
     sliding = np.array([[400.0, 150.0]])
     half_sum, half_difference = 0.5 * (1 / 150 + 1 / 400), 0.5 * (1 / 150 - 1 / 400)
     clear = 9.0 - 0.01
-    taken = cells.cell_errors(*rest, sliding, True)
+    taken = rest.cell_errors(*rest, sliding, True)
     assert taken.mean[0] == pytest.approx(3.0 * half_sum, rel=1e-12)
     common = half_difference**2 * clear
     assert taken.variance[0] == pytest.approx(half_sum**2 * 0.01 + common, rel=1e-12)
-    left = cells.cell_errors(*rest, sliding, False)
+    left = rest.cell_errors(*rest, sliding, False)
     assert left.mean[0] == 0.0
     assert left.variance[0] == pytest.approx(half_sum**2 * clear + common, rel=1e-12)
     assert "taken off" in taken.notes[0]

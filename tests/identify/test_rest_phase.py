@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from beltid.identify.friction.phases import find_rotation, rest_state
+from beltid.identify.friction.channels import find_rotation
+from beltid.identify.friction.rest import rest_state
 from beltid.identify.friction.run import RunRejected
 
 

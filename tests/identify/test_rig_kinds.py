@@ -18,8 +18,7 @@ import pandas as pd
 import pytest
 
 from beltid.errors import InputError
-from beltid.identify.friction.cells import KnownCell, KnownCells
-from beltid.identify.friction.kinds import Drag, RigKind, drag_of
+from beltid.identify.friction.kinds import Drag, KnownCell, KnownCells, RigKind, drag_of
 from beltid.identify.friction.prepare import prepare_run
 from beltid.identify.friction.reduction import FrictionSettings, RunReduction, reduce_runs
 from beltid.identify.friction.run import run_records

@@ -8,7 +8,7 @@ import re
 import pytest
 
 from beltid.errors import InputError
-from beltid.identify.friction.cells import KnownCell
+from beltid.identify.friction.kinds import KnownCell
 from beltid.identify.friction.run import FrictionSettings
 from beltid.identify.press.laws import LawCandidate, verdict_of
 from beltid.identify.press.recording import StiffnessSettings

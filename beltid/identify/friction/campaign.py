@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import logsumexp
 
-from beltid.identify.friction.phases import Rest
 from beltid.identify.friction.prepare import SlidingRecord
+from beltid.identify.friction.rest import Rest
 from beltid.identify.friction.shared import (
     DRIFTS,
     POWERS,

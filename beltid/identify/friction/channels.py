@@ -1,9 +1,12 @@
-"""Make the channels of one run usable: gaps, spikes, dead and saturated cells, long records.
+"""Make the channels of one run usable, and find its phases: rotation of the pulley, sliding belt.
 
-Everything is kept at its place in time; what is not usable becomes nan, and is counted. A run
-sampled at 10 kHz holds a hundred times the samples that its plateau and its peak need: it is
-averaged over blocks, which keep what the mean and its noise tell at a resolution of some thousandth
-of the run.
+Gaps, spikes, dead and saturated cells: everything is kept at its place in time; what is not usable
+becomes nan, and is counted. A run sampled at 10 kHz holds a hundred times the samples that its
+plateau and its peak need: it is averaged over blocks, which keep what the mean and its noise tell
+at a resolution of some thousandth of the run.
+
+All thresholds of the rotation are relative to the speed that the pulley reaches, so that neither
+the unit nor the sign of the speed channel decides where it starts.
 """
 
 from __future__ import annotations
@@ -15,18 +18,20 @@ from numpy.typing import NDArray
 
 from beltid.identify.estimators.signal import (
     converter_steps,
+    difference_sigma,
     median,
+    running_median,
     spike_mask,
     spike_sigma,
 )
-from beltid.identify.estimators.statistics import mad_sigma
-from beltid.identify.friction.kinds import TWO_CELLS, RigKind
+from beltid.identify.estimators.statistics import (
+    mad_sigma,
+)
+from beltid.identify.friction.kinds import TWO_CELLS, KnownCells, RigKind, other
 from beltid.identify.friction.run import FrictionSettings, RunRecord, RunRejected
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
-
 CLIPPED_FRACTION = 0.04
 """Part of the sliding samples at one and the same extreme value that betrays a saturated cell."""
 FEWEST_CLIPPED = 4
@@ -66,6 +71,15 @@ class Channels:
     """Steps of the converters of the tight and the slack cell [N]; zero where they do not show."""
     kind: RigKind = TWO_CELLS
     """What the bench measured."""
+
+    def corrected(self, cells: KnownCells) -> Channels:
+        """These with tensions in place of readings."""
+        return replace(
+            self,
+            tight=cells.tight.tension(self.tight),
+            slack=cells.slack.tension(self.slack),
+            steps=(cells.tight.scale * self.steps[0], cells.slack.scale * self.steps[1]),
+        )
 
     @property
     def usable(self) -> NDArray[np.bool_]:
@@ -196,12 +210,12 @@ def check_cells(channels: Channels, first: int, sliding: slice, tension_N: float
         reason = "" if name == weight else _clipped(rest, slide)
         if reason:
             raise RunRejected(f"tension_{name}_N is saturated: {reason}")
-    for name, other in (("tight", "slack"), ("slack", "tight")) if weight is None else ():
-        answered = change[name] >= LEAST_ANSWER * change[other]
-        if not answered and change[other] > 0.2 * tension_N:
+    for name, across in (("tight", "slack"), ("slack", "tight")) if weight is None else ():
+        answered = change[name] >= LEAST_ANSWER * change[across]
+        if not answered and change[across] > 0.2 * tension_N:
             raise RunRejected(
                 f"tension_{name}_N is dead: it changes by {change[name]:.3g} N while "
-                f"the other cell changes by {change[other]:.3g} N"
+                f"the other cell changes by {change[across]:.3g} N"
             )
 
 
@@ -301,3 +315,198 @@ def missing_rows(t: Array) -> int:
     if typical <= 0.0 or np.count_nonzero(np.abs(step - typical) < 0.1 * typical) < 0.9 * step.size:
         return 0
     return int(np.sum(np.maximum(np.rint(step / typical) - 1.0, 0.0)))
+
+
+@dataclass(frozen=True, slots=True)
+class Rotation:
+    """The part of a record in which the pulley turns."""
+
+    first: int
+    """Index of the first sample at which the pulley turns."""
+    full_speed: int
+    """Index of the first sample at which it has reached its speed."""
+    end: int
+    """Index after the last sample at which it turns."""
+    speed_rad_s: float
+    """Magnitude of the speed reached, median over the second half of the rotation [rad/s]."""
+    reversed: bool
+    """Whether the speed channel is negative."""
+    unsteadiness: float
+    """Relative change of the speed between the two halves of the time at full speed [-]."""
+
+
+def find_rotation(speed: Array) -> Rotation:
+    """Locate the rotation of the pulley in the speed channel.
+
+    Parameters
+    ----------
+    speed : ndarray
+        Pulley speed [rad/s], finite, shape (n,).
+
+    Raises
+    ------
+    RunRejected
+        If the pulley never turns.
+    """
+    smooth = running_median(speed, 5)
+    magnitude = np.abs(smooth)
+    noise = difference_sigma(speed)
+    reached = float(np.quantile(magnitude, 0.95))
+    first, end = _first_rotation(magnitude, reached)
+    top = median(magnitude[(first + end) // 2 : end]) if end > first else 0.0
+    quiet = np.abs(speed[magnitude <= 0.5 * top])
+    # speed noise grows with the speed on most encoders: compare with what the rest phase shows
+    background = 4.0 * median(quiet) if quiet.size >= 3 else 0.0
+    if not top > max(5.0 * noise, 2.0 * background):
+        fastest = float(np.max(magnitude))
+        if fastest > max(10.0 * top, 10.0 * noise):
+            raise RunRejected("too short: the pulley turns in less than 5 % of the samples")
+        raise RunRejected(
+            f"the pulley never turns: pulley_speed_rad_s stays within {fastest:.3g} rad/s"
+        )
+    threshold = max(0.03 * top, min(2.0 * background, 0.3 * top))
+    while first > 0 and abs(speed[first - 1]) > threshold and speed[first - 1] * smooth[first] > 0:
+        first -= 1
+    full = magnitude[first:end] >= 0.97 * top - 3.0 * noise
+    full_speed = first + int(np.argmax(full))
+    middle = (full_speed + end) // 2
+    halves = [magnitude[full_speed:middle], magnitude[middle:end]]
+    change = 0.0
+    if min(part.size for part in halves) >= 3:
+        change = (median(halves[1]) - median(halves[0])) / top
+    backwards = bool(median(smooth[first:end]) < 0.0)
+    return Rotation(first, full_speed, end, top, backwards, change)
+
+
+def _first_rotation(magnitude: Array, reached: float) -> tuple[int, int]:
+    """First and end index of the first start of the pulley; a later start at any speed is ignored.
+
+    Glitches of the speed channel are no starts: the stretch lasts at least a fifth as long as the
+    longest one.
+    """
+    edges = np.diff(np.concatenate([[0], (magnitude > 0.1 * reached).astype(np.int8), [0]]))
+    starts, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
+    if starts.size == 0 or reached <= 0.0:
+        return 0, 0
+    long = ends - starts >= max(0.2 * float(np.max(ends - starts)), 4.0)
+    k = int(np.argmax(long)) if long.any() else int(np.argmax(ends - starts))
+    level = 0.5 * median(magnitude[starts[k] : ends[k]])
+    inside = np.flatnonzero(magnitude[starts[k] : ends[k]] > level)
+    return int(starts[k] + inside[0]), int(starts[k] + inside[-1] + 1)
+
+
+def unswapped(channels: Channels, rotation: Rotation) -> tuple[Channels, bool]:
+    """Swap the cells if the slack one carries more throughout the sliding.
+
+    Raises
+    ------
+    RunRejected
+        If that cannot be what happened.
+    """
+    half = slice((rotation.full_speed + rotation.end) // 2, rotation.end)
+    usable = channels.usable[half]
+    difference = (channels.tight[half] - channels.slack[half])[usable]
+    if difference.size < 3:
+        raise RunRejected(f"too short: {difference.size} usable samples of sliding")
+    if median(difference) >= 0.0:
+        return channels, False
+    below = np.count_nonzero(difference < 0.0) / difference.size
+    if below < 0.9:
+        return channels, False
+    kind = channels.kind
+    if kind.weight is not None:
+        raise RunRejected(
+            f"the cell shows the weight to hang on the {other(kind.weight)} span while the pulley "
+            f"turns, rig.weight_on: {kind.weight}"
+        )
+    if kind.has_torque:
+        raise RunRejected(
+            "the torque is negative while the pulley turns; if it counts the other way, turn its "
+            'sign by a minus before its name: columns: {rig: {torque_N_m: "-torque_N_m"}}'
+        )
+    return replace(channels, tight=channels.slack, slack=channels.tight), True
+
+
+def as_if_held(channels: Channels, rotation: Rotation) -> Channels:
+    """Tensions of a belt on a dead weight as they would part if its ends were held.
+
+    At the same ratio of both tensions at any moment, their sum stays what it is while the belt
+    slides. So build-up and tail of the peak look like those of a bench with two cells.
+
+    Raises
+    ------
+    RunRejected
+        If there are hardly any usable samples of sliding.
+    """
+    half = slice((rotation.full_speed + rotation.end) // 2, rotation.end)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        total = (channels.tight + channels.slack)[half]
+        share = channels.tight / (channels.tight + channels.slack)
+    if np.count_nonzero(np.isfinite(total)) < 3:
+        raise RunRejected(f"too short: {np.count_nonzero(np.isfinite(total))} samples of sliding")
+    held = median(total[np.isfinite(total)])
+    return replace(channels, tight=held * share, slack=held * (1.0 - share))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SlidingPhase:
+    """Usable samples of a run until the pulley stops, and where the belt begins to slide.
+
+    Attributes
+    ----------
+    time_s : ndarray
+        Times [s], shape (n,).
+    tensions : ndarray
+        Tight and slack tension [N], shape (n, 2).
+    first : int
+        First sample of the rotation.
+    built : int
+        First sample at which nine tenths of the build-up are reached.
+    slide : int
+        First sample that surely lies behind the build-up.
+    """
+
+    time_s: Array
+    tensions: Array
+    first: int
+    built: int
+    slide: int
+
+
+def sliding_phase(channels: Channels, rotation: Rotation) -> SlidingPhase:
+    """Find where the belt begins to slide as a whole.
+
+    Raises
+    ------
+    RunRejected
+        If it never does, or a cell does not answer.
+    """
+    keep = np.flatnonzero(channels.usable[: rotation.end])
+    t = channels.time_s[keep]
+    tensions = np.column_stack([channels.tight[keep], channels.slack[keep]])
+    first = int(np.searchsorted(keep, rotation.first))
+    difference = tensions[:, 0] - tensions[:, 1]
+    n = t.size
+    if n - first < 8:
+        raise RunRejected(f"too short: {n - first} usable samples while the pulley turns")
+    sliding = slice((rotation.full_speed + rotation.first + rotation.end) // 3, rotation.end)
+    check_cells(channels, rotation.first, sliding, median(tensions[:first, 1]))
+    # by time: a simulated recording has most of its samples in the build-up
+    middle = 0.5 * float(t[first] + t[-1])
+    settled = median(difference[min(int(np.searchsorted(t, middle)), n - 1) :])
+    at_rest = median(difference[:first])
+    least = 6.0 * difference_sigma(difference) / np.sqrt(0.5 * (n - first))
+    if settled - at_rest <= max(least, 0.01 * median(tensions[:first, 1])):
+        raise RunRejected(
+            f"never slides: the tensions part by {settled - at_rest:.3g} N while the pulley turns"
+        )
+    reached = running_median(difference[first:], 5) - at_rest >= 0.9 * (settled - at_rest)
+    build_up = int(np.argmax(reached))
+    if t[first + build_up] > middle:
+        raise RunRejected("never slides: the tensions still part at the end of the record")
+    behind = t[first] + 1.5 * (t[first + build_up] - t[first])
+    slide = max(int(np.searchsorted(t, behind, side="right")), first + build_up + 1)
+    slide = max(slide, int(np.searchsorted(keep, rotation.full_speed)))
+    # noise reaches the level too early as often as it falls below it too late
+    built = int(np.count_nonzero(~reached[: 2 * build_up + 3]))
+    return SlidingPhase(t, tensions, first, first + min(built, n - first - 1), slide)

@@ -11,6 +11,9 @@ dead_weight one tension; the other is W    W has none
 torque      torque and one tension         torque: of the other tension; cell: of both
 torque_hub  torque and hub force           half of the torque's each; of the hub force's sum
 =========== ============================== ==================================================
+
+What is known to be wrong with the cells is taken off before anything else, so that the difference
+of the cells at rest is only what is left of it.
 """
 
 from __future__ import annotations
@@ -20,12 +23,11 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import InputError
 from beltid.identify.estimators.signal import median
 from beltid.identify.estimators.statistics import integrated_autocorrelation_time
-from beltid.identify.friction.cells import KnownCell, KnownCells
 from beltid.laws.capstan import (
     pressing_tension,
     running_sliding_speed,
@@ -36,7 +38,8 @@ from beltid.laws.capstan import (
 Array = NDArray[np.float64]
 Span = Literal["tight", "slack"]
 Measures = Literal["two_cells", "dead_weight", "torque", "torque_hub"]
-
+TAKEN_OFF = "known errors of the load cells taken off"
+"""How the note begins."""
 SPANS: tuple[Span, Span] = ("tight", "slack")
 DRAG_TAKEN_OFF = "drag of the bearings taken off"
 """How the note on it begins."""
@@ -44,12 +47,74 @@ TURNS = 0.03
 """Share of the largest speed from which on the pulley turns."""
 TOUCH_DEG = 360.0
 """Arc from which on the turns of the belt may touch each other [deg]."""
-
 TOUCHING = (
     "the belt is wrapped by a whole turn or more: where its turns touch each other, the friction "
     "is not that of the pulley alone"
 )
 """What a run of such an arc tells."""
+
+
+@dataclass(frozen=True, slots=True)
+class KnownCell:
+    """Known errors of one load cell; the defaults are those of a perfect one."""
+
+    tare_N: float = 0.0
+    """Reading without a load [N]."""
+    gain: float = 1.0
+    """True force over reading, less tare [-]."""
+    tilt_deg: float = 0.0
+    """Angle between the free span of the belt and the axis of the cell [deg]."""
+
+    @property
+    def scale(self) -> float:
+        """Tension over reading, less tare [-]."""
+        return self.gain / float(np.cos(np.radians(self.tilt_deg)))
+
+    @property
+    def is_perfect(self) -> bool:
+        """Whether there is nothing to take off."""
+        return self.tare_N == 0.0 and self.scale == 1.0
+
+    def tension(self, reading_N: ArrayLike) -> Array:
+        """Tension of the span from the reading of its cell.
+
+        The cell feels the part of the tension along its axis,
+        ``T = gain (reading - tare) / cos(tilt)``.
+
+        Parameters
+        ----------
+        reading_N : array_like
+            Readings [N].
+        """
+        return self.scale * (np.asarray(reading_N, dtype=float) - self.tare_N)
+
+    def described(self, name: str) -> str:
+        """What is taken off, in words; empty for a perfect cell."""
+        parts = [
+            text
+            for text, is_there in (
+                (f"tare {self.tare_N:g} N", self.tare_N != 0.0),
+                (f"gain {self.gain:g}", self.gain != 1.0),
+                (f"tilt {self.tilt_deg:g} deg", self.tilt_deg != 0.0),
+            )
+            if is_there
+        ]
+        return f"{name} {', '.join(parts)}" if parts else ""
+
+
+@dataclass(frozen=True, slots=True)
+class KnownCells:
+    """Known errors of both load cells of the rig, each that of its own column."""
+
+    tight: KnownCell = KnownCell()
+    slack: KnownCell = KnownCell()
+
+    @property
+    def note(self) -> str:
+        """What is taken off, for the user; empty if there is nothing."""
+        cells = (self.tight.described("tight cell"), self.slack.described("slack cell"))
+        said = "; ".join(filter(None, cells))
+        return f"{TAKEN_OFF}: {said}" if said else ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

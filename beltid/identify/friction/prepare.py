@@ -29,18 +29,19 @@ from beltid.identify.estimators.signal import (
     strongest_line,
 )
 from beltid.identify.estimators.statistics import mad_sigma
-from beltid.identify.friction.channels import Channels, condensed, read_channels
-from beltid.identify.friction.kinds import TOUCH_DEG, TOUCHING, Span
-from beltid.identify.friction.phases import (
-    Rest,
+from beltid.identify.friction.channels import (
+    Channels,
     Rotation,
     as_if_held,
+    condensed,
     find_rotation,
-    rest_state,
+    read_channels,
     sliding_phase,
     unswapped,
 )
+from beltid.identify.friction.kinds import TOUCH_DEG, TOUCHING, Span
 from beltid.identify.friction.plateaus import BY_BINS, binned_plateaus, course
+from beltid.identify.friction.rest import Rest, rest_state
 from beltid.identify.friction.run import FrictionSettings, RunRecord, RunReduction, RunRejected
 from beltid.identify.friction.shared import tail_basis
 from beltid.laws.capstan import sliding_speed
@@ -108,7 +109,7 @@ def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> Prep
         # one quantity after the other, so that a run set aside keeps what came before
         channels = condensed(read_channels(record, settings))
         if not record.kind.is_derived:  # else they were taken off before
-            channels = settings.cells.applied(channels)
+            channels = channels.corrected(settings.cells)
         run = _with(run, n_spikes=channels.n_spikes, n_missing=channels.n_missing)
         if settings.cells.note:
             run = _noted(run, settings.cells.note)

@@ -22,10 +22,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import InputError
 from beltid.identify.friction.campaign import RunLevel, reduce_bench
-from beltid.identify.friction.cells import against_stated, cell_errors
 from beltid.identify.friction.kinds import TWO_CELLS, RigKind
-from beltid.identify.friction.phases import Rest
 from beltid.identify.friction.prepare import PreparedRun, SlidingRecord, prepare_run
+from beltid.identify.friction.rest import Rest, against_stated, cell_errors
 from beltid.identify.friction.run import (
     NAN,
     FrictionSettings,

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import InputError
-from beltid.identify.friction.cells import KnownCell, KnownCells
-from beltid.identify.friction.kinds import TWO_CELLS, Drag, RigKind, drag_of
+from beltid.identify.friction.kinds import TWO_CELLS, Drag, KnownCell, KnownCells, RigKind, drag_of
 
 Array = NDArray[np.float64]
 

@@ -29,7 +29,7 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
 from scipy.special import log_ndtr, logsumexp, ndtri
 
-from beltid.identify.friction.phases import Rest
+from beltid.identify.friction.rest import Rest
 
 Array = NDArray[np.float64]
 

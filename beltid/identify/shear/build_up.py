@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.identify.estimators.signal import median
-from beltid.identify.friction.channels import Channels, read_channels
-from beltid.identify.friction.phases import (
-    Rest,
+from beltid.identify.friction.channels import (
+    Channels,
     find_rotation,
-    rest_state,
+    read_channels,
     sliding_phase,
     unswapped,
 )
+from beltid.identify.friction.rest import Rest, rest_state
 from beltid.identify.friction.run import NAN, FrictionSettings, RunRecord, RunRejected
 
 Array = NDArray[np.float64]
@@ -79,7 +79,7 @@ def build_up(record: RunRecord, R: float, settings: FrictionSettings) -> BuildUp
     try:
         if record.defect:
             raise RunRejected(record.defect)
-        channels = settings.cells.applied(read_channels(record, settings))
+        channels = read_channels(record, settings).corrected(settings.cells)
         rotation = find_rotation(channels.speed)
         rest = rest_state(
             channels.time_s,

@@ -1,8 +1,6 @@
-"""Errors of the two load cells: what a calibration knows, and what the rest shows.
+"""What the cells show at rest: tension, slopes, and errors of the cells.
 
-What is known is taken off the readings before anything else, so that the difference of the cells at
-rest is only what is left of it. At rest both spans carry the same tension; the difference of the
-cells (tight less slack) is
+At rest both spans carry the same tension. The difference of the cells (tight less slack) is
 
     D_r = zeta + gamma T_r + w_r + f_r T_r + noise,                                          (S4)
 
@@ -19,100 +17,150 @@ half their difference.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from beltid.identify.friction.channels import Channels
+from beltid.identify.estimators.signal import (
+    converter_rounding,
+    difference_sigma,
+    median,
+    noise_before_rounding,
+)
+from beltid.identify.estimators.statistics import MAD_TO_SIGMA, integrated_autocorrelation_time
+from beltid.identify.friction.run import RunRejected
 
 Array = NDArray[np.float64]
-
-
 CLEAR, LARGE = 5.0, 0.1
 """Standard errors, and share of the lowest stated tension or of the factor 1, from which readings
 do not fit what is stated."""
 ROUGH = "If the stated tensions are no more than rough: friction.check_initial_tension: false"
-TAKEN_OFF = "known errors of the load cells taken off"
-"""How the note begins."""
+Mode = Literal["auto"] | bool
+SIZES = (0.0, 3e-4, 1e-3, 3e-3, 1e-2)
+"""Standard deviations that zeta, gamma, w and f may have, in units of the median initial tension;
+half the probability is at zero."""
+NOTED = 0.003
+"""Correction over the initial tension from which on a run tells of it."""
 
 
 @dataclass(frozen=True, slots=True)
-class KnownCell:
-    """Known errors of one load cell; the defaults are those of a perfect one."""
+class Rest:
+    """What the load cells show before the pulley turns."""
 
-    tare_N: float = 0.0
-    """Reading without a load [N]."""
-    gain: float = 1.0
-    """True force over reading, less tare [-]."""
-    tilt_deg: float = 0.0
-    """Angle between the free span of the belt and the axis of the cell [deg]."""
-
-    @property
-    def scale(self) -> float:
-        """Tension over reading, less tare [-]."""
-        return self.gain / float(np.cos(np.radians(self.tilt_deg)))
-
-    @property
-    def is_perfect(self) -> bool:
-        """Whether there is nothing to take off."""
-        return self.tare_N == 0.0 and self.scale == 1.0
-
-    def tension(self, reading_N: ArrayLike) -> Array:
-        """Tension of the span from the reading of its cell.
-
-        The cell feels the part of the tension along its axis,
-        ``T = gain (reading - tare) / cos(tilt)``.
-
-        Parameters
-        ----------
-        reading_N : array_like
-            Readings [N].
-        """
-        return self.scale * (np.asarray(reading_N, dtype=float) - self.tare_N)
-
-    def described(self, name: str) -> str:
-        """What is taken off, in words; empty for a perfect cell."""
-        parts = [
-            text
-            for text, is_there in (
-                (f"tare {self.tare_N:g} N", self.tare_N != 0.0),
-                (f"gain {self.gain:g}", self.gain != 1.0),
-                (f"tilt {self.tilt_deg:g} deg", self.tilt_deg != 0.0),
-            )
-            if is_there
-        ]
-        return f"{name} {', '.join(parts)}" if parts else ""
+    n_samples: int
+    first_s: float
+    last_s: float
+    """Times of the first and the last sample [s]."""
+    tension_N: float
+    """Mean of both cells [N]."""
+    end_N: float
+    """The same over the last samples [N]."""
+    end_se_N: float
+    imbalance_N: float
+    """Tight minus slack cell [N]."""
+    imbalance_se_N: float
+    slopes_N_s: tuple[float, float]
+    """Slopes over time of the difference (tight minus slack) and of the sum of both cells [N/s]."""
+    slope_ses_N_s: tuple[float, float]
+    noise_N: float
+    """Standard deviation of the difference about its slope, over sqrt(2): of a cell [N]."""
 
 
-@dataclass(frozen=True, slots=True)
-class KnownCells:
-    """Known errors of both load cells of the rig, each that of its own column."""
+def rest_state(
+    t: Array,
+    tight: Array,
+    slack: Array,
+    first: int,
+    min_samples: int,
+    steps: tuple[float, float] = (0.0, 0.0),
+) -> Rest:
+    """Initial tension and imbalance of the cells from the samples before the rotation.
 
-    tight: KnownCell = KnownCell()
-    slack: KnownCell = KnownCell()
+    Samples just before the rotation whose tensions already part (a speed channel that lags) are
+    left out.
 
-    @property
-    def note(self) -> str:
-        """What is taken off, for the user; empty if there is nothing."""
-        cells = (self.tight.described("tight cell"), self.slack.described("slack cell"))
-        said = "; ".join(filter(None, cells))
-        return f"{TAKEN_OFF}: {said}" if said else ""
+    Parameters
+    ----------
+    t : ndarray
+        Times [s], shape (n,).
+    tight, slack : ndarray
+        Tensions [N], spikes and gaps as nan, shape (n,).
+    first : int
+        Index of the first sample at which the pulley turns.
+    min_samples : int
+        Fewest samples that make a rest phase.
+    steps : pair of float
+        Steps of the converters of both cells [N], zero if they are fine.
 
-    def applied(self, channels: Channels) -> Channels:
-        """Channels with tensions in place of readings."""
-        if self.tight.is_perfect and self.slack.is_perfect:
-            return channels
-        step_tight, step_slack = channels.steps
-        return replace(
-            channels,
-            tight=self.tight.tension(channels.tight),
-            slack=self.slack.tension(channels.slack),
-            steps=(self.tight.scale * step_tight, self.slack.scale * step_slack),
+    Raises
+    ------
+    RunRejected
+        If there are fewer samples at rest.
+    """
+    both = np.flatnonzero(np.isfinite(tight[:first]) & np.isfinite(slack[:first]))
+    if both.size < min_samples:
+        raise RunRejected(
+            f"no rest phase: {both.size} usable samples before the pulley turns, "
+            f"must be >= {min_samples}"
         )
+    difference = tight[both] - slack[both]
+    half = difference[: max(min_samples, both.size // 2)]
+    limit = 6.0 * max(difference_sigma(half), 1e-4 * median(tight[both]))
+    parted = np.abs(difference - median(half)) > limit
+    quiet = np.flatnonzero(~parted)
+    last = max(int(quiet[-1]) + 1 if quiet.size else 0, min_samples)
+    kept = both[:last]
+    mean, difference = 0.5 * (tight[kept] + slack[kept]), tight[kept] - slack[kept]
+    near = _near_median(mean) & _near_median(difference)
+    mean, difference, time = mean[near], difference[near], t[kept][near]
+    n = difference.size
+    slope, slope_se, noise = _slope(time, difference)
+    sum_slope, sum_se, _ = _slope(time, 2.0 * mean)
+    spread = float(np.std(difference)) * np.sqrt(n / max(n - 1.0, 1.0))
+    se = spread * np.sqrt(integrated_autocorrelation_time(difference) / n)
+    recorded = [np.std(tight[kept]), np.std(slack[kept])]
+    rounding = converter_rounding(noise_before_rounding(recorded, steps), steps)
+    se = float(np.linalg.norm([se, *rounding]))
+    # a converter that stays on one step hides a slope: either half may be off by its rounding
+    jump = np.sqrt(8.0) * float(np.linalg.norm(rounding)) / max(float(np.ptp(time)), 1e-12)
+    last = max(n // 8, min(n, 3))
+    return Rest(
+        n_samples=n,
+        first_s=float(time[0]),
+        last_s=float(time[-1]),
+        tension_N=float(np.mean(mean)),
+        end_N=float(np.mean(mean[-last:])),
+        end_se_N=float(np.std(np.diff(mean))) / np.sqrt(2.0 * last) if n > 2 else float("inf"),
+        imbalance_N=float(np.mean(difference)),
+        imbalance_se_N=se,
+        slopes_N_s=(slope, sum_slope),
+        slope_ses_N_s=(float(np.hypot(slope_se, jump)), float(np.hypot(sum_se, jump))),
+        noise_N=noise / np.sqrt(2.0),
+    )
+
+
+def _slope(t: Array, x: Array) -> tuple[float, float, float]:
+    """Slope of x over t, its standard error (infinite if unknown), and the scatter about it."""
+    away = t - t.mean()
+    squares = float(away @ away)
+    if t.size < 4 or squares <= 0.0:
+        return 0.0, float("inf"), 0.0
+    slope = float(away @ x) / squares
+    residual = x - x.mean() - slope * away
+    scatter = float(np.sqrt(residual @ residual / (t.size - 2)))
+    # noise with a memory moves a slope more than white noise does
+    memory = integrated_autocorrelation_time(residual)
+    return slope, scatter * float(np.sqrt(max(memory, 1.0) / squares)), scatter
+
+
+def _near_median(x: Array) -> NDArray[np.bool_]:
+    """Samples that are no outliers of a steady signal."""
+    distance = np.abs(x - median(x))
+    spread = MAD_TO_SIGMA * median(distance)
+    return distance <= max(6.0 * spread, 1e-4 * abs(median(x)), 3.0 * float(np.mean(distance)))
 
 
 def against_stated(measured_N: Array, stated_N: Array) -> str:
@@ -168,15 +216,6 @@ def against_stated(measured_N: Array, stated_N: Array) -> str:
             f"friction.tension_slack_gain. {ROUGH}"
         )
     return ""
-
-
-Mode = Literal["auto"] | bool
-
-SIZES = (0.0, 3e-4, 1e-3, 3e-3, 1e-2)
-"""Standard deviations that zeta, gamma, w and f may have, in units of the median initial tension;
-half the probability is at zero."""
-NOTED = 0.003
-"""Correction over the initial tension from which on a run tells of it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
