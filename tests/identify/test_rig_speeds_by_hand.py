@@ -21,7 +21,7 @@ def test_range_and_proposal_follow_from_the_sliding_speeds():
     assert (found.min_slip_speed_m_s, found.max_slip_speed_m_s) == (0.004, 0.016)
     assert found.proposed_rad_s == pytest.approx((0.08, 0.16, 0.32), rel=1e-12)
     assert (found.min_speed_rad_s, found.max_speed_rad_s) == pytest.approx((0.08, 0.32))
-    assert (found.covered, found.covers_largest, found.configured) == (None, None, ())
+    assert found.covered is None
     assert found.statement == "sliding in service needs pulley speeds from 0.08 to 0.32 rad/s"
     assert len(required_pulley_speeds(slip(0.004, 0.016), 0.05).proposed_rad_s) == 5
     assert required_pulley_speeds(slip(0.01), 0.05).proposed_rad_s == pytest.approx((0.2,))
@@ -39,21 +39,20 @@ def test_tiny_and_doubtful_speeds_and_runs_set_aside_do_not_count():
 
 
 @pytest.mark.parametrize(
-    ("speeds", "places", "covered", "largest", "said"),
+    ("speeds", "said"),
     [
-        ((0.0785, 0.2, 0.326), "within within within", True, True, "covered"),
-        ((0.0783, 0.327), "below above", True, True, "covered"),
-        ((0.0815, 0.3137), "within within", True, True, "covered"),
-        ((0.0817, 0.32), "within within", False, True, "0.08 to 0.0817 rad/s not covered"),
-        ((0.08, 0.3135), "within within", False, False, "0.314 to 0.32 rad/s not covered"),
-        ((0.5,), "above", False, True, "0.08 to 0.32 rad/s not covered"),
-        ((0.01,), "below", False, False, "0.08 to 0.32 rad/s not covered"),
+        ((0.0785, 0.2, 0.326), "covered"),
+        ((0.0783, 0.327), "covered"),
+        ((0.0815, 0.3137), "covered"),
+        ((0.0817, 0.32), "0.08 to 0.0817 rad/s not covered"),
+        ((0.08, 0.3135), "0.314 to 0.32 rad/s not covered"),
+        ((0.5,), "0.08 to 0.32 rad/s not covered"),
+        ((0.01,), "0.08 to 0.32 rad/s not covered"),
     ],
 )
-def test_an_end_is_missed_by_more_than_a_fiftieth(speeds, places, covered, largest, said):
+def test_an_end_is_missed_by_more_than_a_fiftieth(speeds, said):
     found = required_pulley_speeds(slip(0.004, 0.016), 0.05, configured=speeds)
-    assert " ".join(place for _, place in found.configured) == places
-    assert (found.covered, found.covers_largest) == (covered, largest)
+    assert found.covered == (said == "covered")
     rig = ", ".join(f"{w:g}" for w in speeds)
     assert found.statement.endswith(f"; the rig runs at {rig} rad/s: {said}")
 
