@@ -15,7 +15,6 @@ from beltid.artifacts.artifact import Artifact, read_artifact
 from beltid.artifacts.metadata_models import Metadata
 from beltid.config import Config, ConfigSource, find_config, load_config
 from beltid.errors import ArtifactError, ConfigError, InputError
-from beltid.export.belt_width import ribbed_width
 from beltid.export.law import (
     BeltFacts,
     ContactLaw,
@@ -24,6 +23,7 @@ from beltid.export.law import (
     Provenance,
     Validity,
     friction_part,
+    ribbed_width,
 )
 from beltid.export.law_file import SUFFIX, told
 from beltid.stages.build_artifact import combined_origin

@@ -39,28 +39,15 @@ about a percent."""
 
 @dataclass(frozen=True, slots=True)
 class AgreementSettings:
-    """Tolerances of the comparison; None is not judged.
+    """Tolerances of the comparison, as shares; None is not judged."""
 
-    Parameters
-    ----------
-    max_rms_relative_error : float or None
-        Largest admissible root mean square of the relative differences [-].
-    max_mean_relative_error : float or None
-        Largest admissible mean of their magnitudes [-]: differences do not cancel.
-    max_relative_error : float or None
-        Largest admissible magnitude of a single one [-].
-    min_share_compared : float or None
-        Smallest admissible share of the usable measured runs that were compared [-].
-    max_rms_error_over_uncertainty : float or None
-        Largest admissible root mean square of the differences over their standard uncertainties;
-        nan, which is never admitted, where these are not known.
-    """
-
-    max_rms_relative_error: float | None = None
-    max_mean_relative_error: float | None = None
-    max_relative_error: float | None = None
-    min_share_compared: float | None = None
+    max_rms_relative_error: float | None = None  # root mean square of the relative differences
+    max_mean_relative_error: float | None = None  # mean of their magnitudes: they do not cancel
+    max_relative_error: float | None = None  # magnitude of a single one
+    min_share_compared: float | None = None  # of the usable measured runs
     max_rms_error_over_uncertainty: float | None = None
+    """Root mean square of the differences over their standard uncertainties; nan, which is never
+    admitted, where these are not known."""
 
     def __post_init__(self) -> None:
         problems = [

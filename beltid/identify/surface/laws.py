@@ -540,10 +540,11 @@ def verdict_of(fits: Sequence[FrictionLawFit]) -> str:
     """Which formula to take, in plain words; none if all of them miss the points by far."""
     closest = min(fits, key=lambda f: f.rms_misfit)
     if all(f.law_error > NO_LAW for f in fits):
+        force = closest.worst_at["normal_force_N_m"]
         return (
             f"None of the fitted formulas holds over the whole range: the closest, {closest.law}, "
             f"misses by {100 * closest.rms_misfit:.2g} % RMS, "
-            f"{100 * abs(closest.worst_misfit):.2g} % at worst (at {closest.worst_at['normal_force_N_m']:.3g} N/m); "
+            f"{100 * abs(closest.worst_misfit):.2g} % at worst (at {force:.3g} N/m); "
             "take the surface itself, or a part of the range."
         )
     known = [f for f in fits if not math.isnan(f.criterion)]
