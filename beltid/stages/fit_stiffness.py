@@ -75,7 +75,7 @@ def _outcome(
 ) -> Outcome[StiffnessResult]:
     settings = stiffness_settings(config.press)
     result = identify(columns, settings)
-    beside = normal_laws(result)
+    alternatives = normal_laws(result)
     laws = (*result.laws, result.pooled)
     uncertainty, budget = stiffness_uncertainty(
         laws, standard_uncertainties(config), settings.segment_length_m
@@ -95,9 +95,9 @@ def _outcome(
             "budget": budget,
             "n_missing": result.n_missing,
             "n_spikes": result.n_spikes,
-            **beside.extra,
+            **alternatives.extra,
         },
-        notes=(*notes, *result.notes, *beside.notes),
+        notes=(*notes, *result.notes, *alternatives.notes),
         warnings=(
             *(f"test {test} set aside: {why}" for test, why in result.set_aside),
             *result.pooled.warnings,

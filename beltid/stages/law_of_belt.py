@@ -25,7 +25,7 @@ from beltid.export.law import (
     friction_part,
     ribbed_width,
 )
-from beltid.export.law_file import SUFFIX, told
+from beltid.export.law_file import SUFFIX, validation_problems
 from beltid.stages.build_artifact import combined_origin
 from beltid.stages.reporter import Reporter
 from beltid.stages.tables import law_of, surface_of
@@ -83,7 +83,7 @@ def law_of_folder(
     try:
         return _put_together(folder, stiffness, surface, friction, source)
     except ValidationError as error:
-        raise ArtifactError(told(error, str(folder))) from None
+        raise ArtifactError(validation_problems(error, str(folder))) from None
 
 
 def _put_together(

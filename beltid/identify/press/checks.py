@@ -127,11 +127,11 @@ def _coefficient_at_zero(case: Case) -> list[Finding]:
     square only, while k_linear² = -4 c k_quadratic.
     """
     law, data = case.law, case.data
-    if not np.any(law.held):
+    if not np.any(law.active_bound):
         return []
     n = data.x.size
     k1, k2 = case.units
-    if law.held[1]:
+    if law.active_bound[1]:
         column, form, name, unit, size = case.y**2, "linear", "k_quadratic", "N/m³", k2
     else:
         column, form, name, unit = np.ones(n), "purely quadratic", "k_linear²", "N²/m⁴"
@@ -157,7 +157,7 @@ def _coefficient_at_zero(case: Case) -> list[Finding]:
             "k_linear delta + k_quadratic delta² that stiffens from a contact point"
         )
     text = (
-        f"{came}, negative beyond doubt: it is held at zero, and the {form} law is off by up to "
+        f"{came}, clearly negative: it is held at zero, and the {form} law is off by up to "
         f"{100 * off:.2g} % of the largest force"
     )
     return [Finding(text, alarming=True)]

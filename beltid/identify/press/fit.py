@@ -130,8 +130,8 @@ class FittedLaw:
         return np.append(self.K, self.exponents) if self.name == "power" else self.K
 
     @property
-    def held(self) -> Mask:
-        """Coefficients at their active bound, which would be negative."""
+    def active_bound(self) -> Mask:
+        """Coefficients held at zero, which would be negative."""
         return self.K <= 0.0
 
     @property

@@ -133,7 +133,7 @@ def choose_normal_law(
             continue
         law, wrong = fits[name], errors.get(name, nan)
         apart = np.max(np.abs(law.residuals - fits["quadratic"].residuals)) / np.max(data.f)
-        zero = ", ".join(n for n, held in zip(NAMES, law.held, strict=False) if held)
+        zero = ", ".join(n for n, held in zip(NAMES, law.active_bound, strict=False) if held)
         laws.append(
             LawCandidate(
                 law=name,
