@@ -64,30 +64,19 @@ class Case:
 
     curves: Sequence[PressCurve]
     law: FittedLaw
-    data: Nodes
     scatter: Scatter
     cycles: CycleChoice
 
     @property
     def k(self) -> Array:
         """(k_linear, k_quadratic) in SI."""
-        return self.law.K * self.units
-
-    @property
-    def units(self) -> Array:
-        """Units of the scaled coefficients in SI."""
-        return self.data.units(self.law.exponents)
-
-    @property
-    def y(self) -> Array:
-        """Scaled penetration of every node."""
-        return self.data.x - self.law.contact[self.data.owner]
+        return self.law.K * self.law.units
 
     @property
     def contact_m(self) -> Array:
         """Position of the contact point of every curve [m]."""
         tests = dict.fromkeys(c.test for c in self.curves)
-        of_test = dict(zip(tests, (self.law.contact * self.data.span_m).tolist(), strict=True))
+        of_test = dict(zip(tests, (self.law.contact * self.law.data.span_m).tolist(), strict=True))
         return np.array([of_test[c.test] for c in self.curves])
 
 
@@ -100,11 +89,6 @@ class Finding:
     """Changes of (k_linear, k_quadratic) by one standard deviation each, SI."""
     unseen: float = 0.0  # standard uncertainty of the force that no such recording shows [-]
     alarming: bool = False  # a warning, not a note
-
-
-def check_law(case: Case) -> list[Finding]:
-    """Everything that the checks find; :class:`FitError` if the curves are no law of Eq. (3)."""
-    return [finding for check in CHECKS for finding in check(case)]
 
 
 def _of_scale(case: Case, share: float, text: str) -> Finding:
@@ -124,15 +108,16 @@ def _coefficient_at_zero(case: Case) -> list[Finding]:
 
     To first order that is the coefficient of one more column beside those of the fit: y² for
     k_quadratic; for k_linear a constant c, since a linear term shifts the contact point of a pure
-    square only, while k_linear² = -4 c k_quadratic.
+    square only, while k_linear² = -4 c k_quadratic. :class:`FitError` if the curves are no law of
+    Eq. (3) with that coefficient at zero.
     """
-    law, data = case.law, case.data
+    law, data = case.law, case.law.data
     if not np.any(law.active_bound):
         return []
     n = data.x.size
-    k1, k2 = case.units
+    k1, k2 = law.units
     if law.active_bound[1]:
-        column, form, name, unit, size = case.y**2, "linear", "k_quadratic", "N/m³", k2
+        column, form, name, unit, size = law.y**2, "linear", "k_quadratic", "N/m³", k2
     else:
         column, form, name, unit = np.ones(n), "purely quadratic", "k_linear²", "N²/m⁴"
         size = -4.0 * float(law.K[1]) * k1**2
@@ -171,7 +156,7 @@ def _lack_of_fit(case: Case) -> list[Finding]:
     quadratic law of the upper half of the force, which seating does not reach, count by their
     probabilities.
     """
-    law, data, y = case.law, case.data, case.y
+    law, data, y = case.law, case.law.data, case.law.y
     n = data.x.size
     changes: list[Array] = []
     middle, half = 0.5 * (y.max() + y.min()), 0.5 * np.ptp(y)
@@ -205,7 +190,7 @@ def _probability(squares: float, others: float, more: int, n: int, m: float) -> 
 
 def _other_laws(case: Case, weight: float) -> tuple[list[Array], float]:
     """Changes of k to the other laws by the root of their probability; the largest of these."""
-    law, data = case.law, case.data
+    law, data = case.law, case.law.data
     n, upper = data.x.size, data.f >= 0.5 * float(np.max(data.f))
     trials: tuple[tuple[LawName, Nodes], ...]
     trials = ("power", data), ("cubic", data), ("quadratic", data.only(upper))
@@ -226,24 +211,24 @@ def _other_laws(case: Case, weight: float) -> tuple[list[Array], float]:
 
 def _change_to(case: Case, other: Callable[[Array], Array]) -> Array:
     """Change of k that takes the law nearest to another force over the penetration, relatively."""
-    y = np.linspace(0.0, 1.0, 201)[1:] * float(np.max(case.y))
+    y = np.linspace(0.0, 1.0, 201)[1:] * float(np.max(case.law.y))
     force = case.law.force(y)
     y, force = y[force >= LEAST_FORCE * force[-1]], force[force >= LEAST_FORCE * force[-1]]
     terms = y[:, None] ** case.law.exponents / force[:, None]
     found = np.linalg.lstsq(terms, other(y) / force - 1.0, rcond=None)[0]
-    return np.asarray(found * case.units)
+    return np.asarray(found * case.law.units)
 
 
 def _loading_only(case: Case) -> list[Finding]:
     """The middle of the branches lies below the loading one by half a loop that is not known."""
     if case.curves[0].unloads:
         return []
-    y = case.y
-    s, top = np.clip(y / float(np.max(y)), 0.0, 1.0), float(np.max(case.data.f))
-    shapes = case.law.force(y), top * s * (1.0 - s), top * s * (1.0 - s) ** 3
-    by_force = case.law.sensitivity[:, : y.size]
+    law, y = case.law, case.law.y
+    s, top = np.clip(y / float(np.max(y)), 0.0, 1.0), float(np.max(law.data.f))
+    shapes = law.force(y), top * s * (1.0 - s), top * s * (1.0 - s) ** 3
+    by_force = law.sensitivity[:, : y.size]
     loops = tuple(
-        by_force @ (z * shape) * case.units for z, shape in zip(LOOPS, shapes, strict=True)
+        by_force @ (z * shape) * law.units for z, shape in zip(LOOPS, shapes, strict=True)
     )
     text = (
         "never unloaded: the law is that of the loading branch alone, which lies above the "
@@ -254,7 +239,7 @@ def _loading_only(case: Case) -> list[Finding]:
 
 def _seating(case: Case) -> list[Finding]:
     """The belt carries force before the law's contact point, or touches beyond the recording."""
-    law, data = case.law, case.data
+    law = case.law
     before = case.contact_m - [c.touch_m for c in case.curves]
     found = []
     for curve, offset, way in zip(case.curves, case.contact_m, before, strict=True):
@@ -271,7 +256,7 @@ def _seating(case: Case) -> list[Finding]:
                     "it is in the standard errors"
                 )
             )
-    shift = float(np.mean(np.maximum(before / data.span_m, 0.0)))
+    shift = float(np.mean(np.maximum(before / law.data.span_m, 0.0)))
     if shift > 0.0:  # that way may or may not count as penetration
         found.append(Finding("", (_change_to(case, lambda y: law.force(y - shift)),)))
     return found
@@ -318,7 +303,8 @@ def _hold(case: Case) -> list[Finding]:
         )
         return [_not_seen(SLOW, text)]
     top, force = np.array([(c.top_position_m, c.hold_force_N_m) for c in case.curves])[held].T
-    law = case.law.force((top - case.contact_m[held]) / case.data.span_m) * case.data.F_N_m
+    data = case.law.data
+    law = case.law.force((top - case.contact_m[held]) / data.span_m) * data.F_N_m
     text = (
         "loss by rate: in a hold the force falls below the law, the belt at rest is softer by "
         "{:.2g} % (what the hold shows and as much again)"
@@ -350,8 +336,8 @@ def _per_speed(case: Case, log_speed: Array) -> float:
     """Relative change of the force per unit of the logarithm of the speed."""
     scale = []
     for curve in range(log_speed.size):  # factor of each, its contact point free as well
-        mine = case.data.part == curve
-        y = case.y[mine]
+        mine = case.law.data.part == curve
+        y = case.law.y[mine]
         force = case.law.force(y)
         columns = np.column_stack([force, np.gradient(force, y)])
         scale.append(np.linalg.lstsq(columns, case.law.residuals[mine], rcond=None)[0][0])

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import FitError, InputError, NumericsError
-from beltid.identify.press.checks import Case, check_law
+from beltid.identify.press.checks import CHECKS, Case
 from beltid.identify.press.curves import PressCurve, read_recording
 from beltid.identify.press.fit import fit_quadratic
 from beltid.identify.press.laws import choose_normal_law
@@ -195,10 +195,10 @@ def _estimate(
 ) -> LawEstimate:
     """Law of some curves."""
     scatter = scatter_of([curves])
-    law, data = fit_quadratic(curves, scatter.noise)
-    case = Case(curves, law, data, scatter, settings.cycles)
-    findings = check_law(case)
-    by_force = law.sensitivity * (case.units / data.F_N_m)[:, None]
+    law = fit_quadratic(curves, scatter.noise)
+    case = Case(curves, law, scatter, settings.cycles)
+    findings = [finding for check in CHECKS for finding in check(case)]
+    by_force = law.sensitivity * (law.units / law.data.F_N_m)[:, None]
     covariance = by_force @ by_force.T * scatter.noise * scatter.inflation
     covariance += sum(np.outer(change, change) for f in findings for change in f.changes)
     elastic = NormalLaw(*case.k.tolist())
@@ -223,7 +223,7 @@ def _estimate(
         max_penetration_m=float(np.max([c.top_position_m for c in curves] - contact)),
         max_force_N_m=max(c.top_force_N_m for c in curves),
         n_samples=sum(c.n_samples for c in curves),
-        n_effective=data.x.size / law.tau,
+        n_effective=law.data.x.size / law.tau,
         n_cycles=len(curves),
         contact_m=dict(zip((c.test for c in curves), contact.tolist(), strict=True)),
         unseen_share=math.hypot(*(f.unseen for f in findings)),

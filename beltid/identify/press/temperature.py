@@ -65,9 +65,10 @@ def _squares(curves: Sequence[PressCurve], noise: float = 0.0) -> tuple[float, f
 
     A common shift of the zeros cannot be told from k_linear where no zero is known.
     """
-    law, data = fit_quadratic(curves, noise)
-    unknown = 2 + data.unchecked.size - (data.unchecked.size == data.n_tests)
-    return law.sum_of_squares * data.F_N_m**2, law.tau, unknown
+    law = fit_quadratic(curves, noise)
+    unchecked = law.data.unchecked.size
+    unknown = 2 + unchecked - (unchecked == law.data.n_tests)
+    return law.sum_of_squares * law.data.F_N_m**2, law.tau, unknown
 
 
 def scatter_of(groups: Sequence[Sequence[PressCurve]]) -> Scatter:
