@@ -9,7 +9,7 @@ Module            Responsibility
 ``law``           the contact law as one value: the model of the JSON file
 ``law_file``      JSON text <-> law; the JSON Schema
 ``reduction``     simpler laws, and how far they are from the law
-``units``         SI, or millimetre and newton
+``choices``       units (SI, or millimetre and newton), reference point; the files
 ``preamble``      the comment that every file begins with
 ``targets``       what can be written, by name
 ``python_text``   Exudyn and Project Chrono modules

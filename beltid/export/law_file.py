@@ -79,7 +79,7 @@ def law_from_text(text: str, name: str) -> ContactLaw:
         surface = law.surface
         law.normal_law  # noqa: B018  (raises if there is no stiffness)
     except ValidationError as error:
-        raise ArtifactError(told(error, name)) from None
+        raise ArtifactError(validation_problems(error, name)) from None
     except InputError as error:
         raise ArtifactError(error.at(name)) from None
     _check_patches(law, surface.tables().C, name)
@@ -138,7 +138,7 @@ def _check_patches(law: ContactLaw, expected: np.ndarray, name: str) -> None:
         )
 
 
-def told(error: ValidationError, name: str) -> list[str]:
+def validation_problems(error: ValidationError, name: str) -> list[str]:
     """What does not fit into a law, a line per problem."""
     problems = [
         f"{name}: {problem(detail, tuple(detail['loc']))}"

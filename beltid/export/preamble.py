@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 
 from beltid.errors import percent
+from beltid.export.choices import SI, UnitSystem
 from beltid.export.law import ContactLaw
 from beltid.export.reduction import press_end
-from beltid.export.units import SI, UnitSystem
 
 WIDTH: Final = 92
 ORIGINS: Final = {

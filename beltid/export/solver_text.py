@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from beltid.errors import InputError
 from beltid.export import compiled_text
-from beltid.export.belt_width import ribbed_width
 from beltid.export.choices import Choices, Export
-from beltid.export.law import ContactLaw
+from beltid.export.law import ContactLaw, ribbed_width
 from beltid.export.preamble import commented, identifier, preamble
 from beltid.export.reduction import (
     between_nodes,

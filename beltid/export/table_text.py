@@ -177,8 +177,8 @@ def _nodes_csv(law: ContactLaw) -> str:
     low, high = law.validity.measured_force_N_m or (0.0, np.inf)
     for i, force in enumerate(part.normal_force_N_m):
         for j, speed in enumerate(part.slip_speed_m_s):
-            doubts = (None if of is None else of[i][j] for of in (part.mu_u, part.mu_se))
-            cells = (force, speed, part.mu[i][j], *doubts)
+            uncertainties = (None if of is None else of[i][j] for of in (part.mu_u, part.mu_se))
+            cells = (force, speed, part.mu[i][j], *uncertainties)
             known = "measured" if low <= force <= high else "inferred"
             rows.append(",".join([*("" if cell is None else repr(cell) for cell in cells), known]))
     return "\n".join(rows) + "\n"

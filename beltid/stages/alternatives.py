@@ -45,13 +45,7 @@ def normal_laws(result: StiffnessResult) -> Alternatives:
     notes: list[str] = []
     try:
         choice = choose_normal_law(result.curves, result.pooled.tests)
-        extra["law_choice"] = {
-            "verdict": choice.verdict,
-            "quadratic_supported": choice.quadratic_supported,
-            "validation": choice.validation,
-            "n_effective": choice.n_effective,
-            "laws": [asdict(law) for law in choice.laws],
-        }
+        extra["law_choice"] = asdict(choice)
         notes.append(choice.verdict)
     except BeltidError as error:
         notes.append(f"No comparison of normal laws: {error}")
@@ -146,35 +140,11 @@ def forces_of_plateaus(measured: Measured, config: Config) -> Alternatives:
 
 def _record(laws: FrictionLaws) -> dict[str, Any]:
     """The fits as plain values."""
-    return {
-        "best": laws.best,
-        "verdict": laws.verdict,
-        "n_effective": laws.n_effective,
-        "valid_force_N_m": laws.valid_force_N_m,
-        "valid_speed_m_s": laws.valid_speed_m_s,
-        "refused": [{"law": law, "why": why} for law, why in laws.refused],
-        "laws": [
-            {
-                "law": fit.law,
-                "formula": fit.formula.text,
-                "reference_force_N_m": fit.reference_force_N_m,
-                "parameters": [asdict(p) for p in fit.parameters],
-                "covariance": fit.covariance.tolist(),
-                "rms_misfit": fit.rms_misfit,
-                "worst_misfit": fit.worst_misfit,
-                "worst_at": {
-                    "normal_force_N_m": fit.worst_at[0],
-                    "slip_speed_m_s": fit.worst_at[1],
-                },
-                "chi_square": fit.chi_square,
-                "law_error": fit.law_error,
-                "degrees_of_freedom": fit.degrees_of_freedom,
-                "criterion": fit.criterion,
-                "notes": list(fit.notes),
-            }
-            for fit in laws.fits
-        ],
-    }
+    record = asdict(laws)
+    record["refused"] = [{"law": law, "why": why} for law, why in laws.refused]
+    fits = zip(record.pop("fits"), laws.fits, strict=True)
+    record["laws"] = [{**values, "formula": fit.formula.text} for values, fit in fits]
+    return record
 
 
 def friction_law_rows(extra: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -148,7 +148,7 @@ def _outcome(
     given = StandardUncertainties() if direct else standard_uncertainties(config)
     uncertainty = _uncertainty(measured, result, config, given)
     forces = Alternatives() if direct else forces_of_plateaus(measured, config)
-    beside = friction_formulas(surface, uncertainty.factor)
+    formulas = friction_formulas(surface, uncertainty.factor)
     f, v = columns["normal_force_N_m"][used], np.abs(columns["slip_speed_m_s"][used])
     aside = [{"point": line} for line in result.set_aside]
     return Outcome(
@@ -166,9 +166,9 @@ def _outcome(
             "max_arc_spread": result.max_arc_spread,
             "measured": {"normal_force_N_m": span(f), "slip_speed_m_s": span(v)},
             **uncertainty.extra((float(f.min()), float(f.max()))),
-            **beside.extra,
+            **formulas.extra,
         },
-        notes=(*result.notes, *beside.notes, *forces.notes),
+        notes=(*result.notes, *formulas.notes, *forces.notes),
         warnings=(*(f"set aside: {line}" for line in result.set_aside), *forces.warnings),
     )
 

@@ -383,9 +383,9 @@ def _outcome(
         set_aside=[{"run": run, "why": why} for run, why in result.not_compared_runs],
         extra={
             "passed": result.passed,
-            "statistics": result.statistics_table(),
-            "judged": [dict(row) for row in result.verdict_table()],
-            "averaged": result.averaged_table(),
+            "statistics": [group.as_row() for group in result.groups],
+            "judged": result.verdict_table(),
+            "averaged": rows_of(result.averaged, *result.averaged),
             "n_measured": result.n_measured,
             "n_simulated": result.n_simulated,
             "hold_out": "none",

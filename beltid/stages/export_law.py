@@ -10,12 +10,11 @@ from typing import Any, Final
 
 from beltid.artifacts.file_bytes import write_bytes
 from beltid.errors import InputError
-from beltid.export.choices import Choices, Export
+from beltid.export.choices import SI, SYSTEMS, Choices, Export
 from beltid.export.law import ContactLaw
 from beltid.export.law_file import schema
 from beltid.export.reduction import reference_point
 from beltid.export.targets import TARGETS, Target
-from beltid.export.units import SI, SYSTEMS
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import already_exists
 from beltid.stages.law_of_belt import law_of_folder

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
@@ -74,8 +75,7 @@ def _outcome(
 ) -> Outcome[StiffnessResult]:
     settings = stiffness_settings(config.press)
     result = identify(columns, settings)
-    beside = normal_laws(result)
-    effect = result.temperature
+    alternatives = normal_laws(result)
     laws = (*result.laws, result.pooled)
     uncertainty, budget = stiffness_uncertainty(
         laws, standard_uncertainties(config), settings.segment_length_m
@@ -90,21 +90,14 @@ def _outcome(
         },
         set_aside=[{"test": test, "why": why} for test, why in result.set_aside],
         extra={
-            "temperature": {
-                "f_statistic": effect.f_statistic,
-                "f_dof_between": effect.f_dof_between,
-                "f_dof_within": effect.f_dof_within,
-                "f_p_value": effect.f_p_value,
-                "matters": effect.matters,
-                "statement": effect.statement,
-            },
+            "temperature": asdict(result.temperature),
             "n_effective": result.pooled.n_effective,
             "budget": budget,
             "n_missing": result.n_missing,
             "n_spikes": result.n_spikes,
-            **beside.extra,
+            **alternatives.extra,
         },
-        notes=(*notes, *result.notes, *beside.notes),
+        notes=(*notes, *result.notes, *alternatives.notes),
         warnings=(
             *(f"test {test} set aside: {why}" for test, why in result.set_aside),
             *result.pooled.warnings,
@@ -141,7 +134,6 @@ def _columns(laws: tuple[LawEstimate, ...]) -> dict[str, np.ndarray]:
 def summarise(built: Built) -> Summary:
     """Sum up a stiffness artifact."""
     artifact = built.artifact
-    effect = artifact.metadata.temperature
     rows = rows_of(
         artifact.columns,
         "temperature_degC",
@@ -186,8 +178,7 @@ def summarise(built: Built) -> Summary:
                     "k_quadratic_u_N_m3",
                 )
             },
-            # with a single temperature there is nothing to compare
-            "temperature_matters": effect.get("matters") if effect.get("f_dof_between") else None,
+            "temperature_matters": metadata.temperature.get("matters"),
             "quadratic_law_supported": choice and choice.get("quadratic_supported"),
             "damping_at_press_speed_N_s_m": loss and loss.get("C_P_N_s_m"),
             "budget": metadata.budget,

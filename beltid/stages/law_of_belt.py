@@ -15,7 +15,6 @@ from beltid.artifacts.artifact import Artifact, read_artifact
 from beltid.artifacts.metadata_models import Metadata
 from beltid.config import Config, ConfigSource, find_config, load_config
 from beltid.errors import ArtifactError, ConfigError, InputError
-from beltid.export.belt_width import ribbed_width
 from beltid.export.law import (
     BeltFacts,
     ContactLaw,
@@ -24,8 +23,9 @@ from beltid.export.law import (
     Provenance,
     Validity,
     friction_part,
+    ribbed_width,
 )
-from beltid.export.law_file import SUFFIX, told
+from beltid.export.law_file import SUFFIX, validation_problems
 from beltid.stages.build_artifact import combined_origin
 from beltid.stages.reporter import Reporter
 from beltid.stages.tables import law_of, surface_of
@@ -83,7 +83,7 @@ def law_of_folder(
     try:
         return _put_together(folder, stiffness, surface, friction, source)
     except ValidationError as error:
-        raise ArtifactError(told(error, str(folder))) from None
+        raise ArtifactError(validation_problems(error, str(folder))) from None
 
 
 def _put_together(

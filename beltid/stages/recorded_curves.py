@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -18,8 +18,7 @@ from beltid.bench.recording import Recording, read_recording, read_rig
 from beltid.config import Config, ConfigSource
 from beltid.errors import InputError
 from beltid.identify.estimators.statistics import as_set
-from beltid.identify.press.curves import Branch
-from beltid.identify.press.stiffness import fit_stiffness
+from beltid.identify.press.stiffness import StiffnessResult, fit_stiffness
 from beltid.laws.capstan import friction_coefficient
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.outcome import Outcome
@@ -47,6 +46,7 @@ RIG_KEYS: Final = (
     *CELL_KEYS,
 )
 """The load cells, too: what is known of them is taken off here as in the reduction."""
+MOST_BRANCH_POINTS: Final = 120
 MOST_SET_ASIDE: Final = 12
 """Runs set aside that are kept to be looked at."""
 MOST_NAMED: Final = 5
@@ -63,10 +63,8 @@ def press_curves(source: ConfigSource, press: Path, out: Path, options: Options)
     built = build.up_to_date()
     if built is None:
         recording = read_recording(press, "press", source.config)
-        branches = fit_stiffness(
-            recording.columns, stiffness_settings(source.config.press)
-        ).branches
-        built = build.write(Outcome(PRESS, _branch_columns(branches), branches))
+        result = fit_stiffness(recording.columns, stiffness_settings(source.config.press))
+        built = build.write(Outcome(PRESS, branch_columns(result), result))
     return built
 
 
@@ -171,20 +169,29 @@ def typical_runs(friction: Mapping[str, np.ndarray]) -> tuple[int, ...]:
     return tuple(chosen)
 
 
-def _branch_columns(branches: tuple[Branch, ...]) -> dict[str, np.ndarray]:
-    sizes = [b.penetration_m.size for b in branches]
-
-    def repeated(values: list[Any], dtype: Any) -> np.ndarray:
-        return np.repeat(np.array(values, dtype=dtype), sizes)
-
-    return {
-        "test": repeated([b.test for b in branches], object),
-        "temperature_degC": repeated([b.temperature_degC for b in branches], float),
-        "cycle": repeated([b.cycle for b in branches], np.int64),
-        "branch": repeated([b.branch for b in branches], object),
-        "penetration_m": np.concatenate([b.penetration_m for b in branches]),
-        "line_force_N_m": np.concatenate([b.line_force_N_m for b in branches]),
-    }
+def branch_columns(result: StiffnessResult) -> dict[str, np.ndarray]:
+    """Branches over the penetration, each thinned to means of neighbours, some hundred points."""
+    parts: list[dict[str, np.ndarray]] = []
+    for curve in result.curves:
+        for branch in curve.branches:
+            n = branch.position_m.size
+            starts = np.linspace(0, n, min(MOST_BRANCH_POINTS, n) + 1).astype(int)[:-1]
+            sizes = np.diff(np.append(starts, n))
+            position, force = (
+                np.add.reduceat(v, starts) / sizes for v in (branch.position_m, branch.force_N_m)
+            )
+            labels = {
+                "test": np.array(curve.test, dtype=object),
+                "temperature_degC": np.array(curve.temperature_degC),
+                "cycle": np.array(curve.cycle, dtype=np.int64),
+                "branch": np.array(branch.name, dtype=object),
+            }
+            parts.append(
+                {name: np.full(starts.size, label) for name, label in labels.items()}
+                | {"penetration_m": position - result.contact_m[curve.test]}
+                | {"line_force_N_m": force}
+            )
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def thinned(rows: np.ndarray, values: np.ndarray, most: int = MOST_SAMPLES) -> np.ndarray:

@@ -15,11 +15,10 @@ from scipy.io import loadmat
 
 import beltid
 from beltid.errors import InputError
-from beltid.export.choices import Choices
+from beltid.export.choices import MM, SI, Choices
 from beltid.export.law import BeltFacts, ContactLaw, friction_part
 from beltid.export.reduction import ReferencePoint
 from beltid.export.targets import TARGETS
-from beltid.export.units import MM, SI
 
 POINT = ReferencePoint(3000.0, 0.01)
 FORCES = np.array([400.0, 700.0, 3000.0, 6500.0, 12000.0])

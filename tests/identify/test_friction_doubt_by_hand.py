@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from beltid.errors import InputError
 from beltid.identify.surface.laws import (
     NOT_DETERMINED,
     NOT_ZERO,
@@ -45,6 +46,7 @@ def test_a_constant_has_the_error_of_a_weighted_mean():
     m = np.sum(1 / mu) / np.sum(1 / mu**2)
     s = math.sqrt(np.sum((1 - m / mu) ** 2) / 3)
     assert free.law_error == pytest.approx(s, rel=1e-9)
+    assert math.isnan(free.chi_square)
     assert free.parameters[0].se == pytest.approx(s / math.sqrt(np.sum(1 / mu**2)), rel=1e-6)
 
 
@@ -101,6 +103,19 @@ def test_points_are_ordered_and_their_errors_completed():
     found = fit_friction_laws(f, v, [0.9, 1.1, 1.0, 0.8], [0.09, np.nan, 0.0, 0.04])
     assert found.notes == ("2 points without a standard error: 7.5 % taken",)
     assert dict(found.refused)["power_log"].startswith("2 sliding speeds, 3 are needed")
+    free = fit_friction_laws([*f, np.nan], [*v, 0.1], [0.9, 1.1, 1.0, 0.8, 0.9])
+    assert [n.split(":")[0] for n in free.notes] == [
+        "1 of 5 points left out",
+        "no standard errors of mu",
+    ]
+    for points, words in (
+        (([1e3, 2e3], [0.1, 0.1], [1.0, 0.9], [0.1]), "mu_se: 1 values, must be 2"),
+        (([1e3], [0.1], [1.0]), "1 usable points of 1, must be at least 2"),
+    ):
+        with pytest.raises(InputError, match=words):
+            fit_friction_laws(*points)
+    with pytest.raises(InputError, match="reference_force_N_m"):
+        fit_friction_laws(f, v, [0.9, 1.1, 1.0, 0.8], reference_force_N_m=-1.0)
     other = fit_friction_laws(f, [0.1, 0.2, 0.1, 0.1062], [0.9, 1.1, 1.0, 0.8])
     assert not any("sliding speeds" in why for law, why in other.refused if law == "power_log")
     for force, refused in ((1049.0, True), (1051.0, False)):

@@ -3,23 +3,15 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.optimize import curve_fit
 
-from beltid.errors import InputError
 from beltid.identify.surface.laws import fit_friction_laws
 from beltid.laws.friction_formulas import FRICTION_LAWS, FrictionFormula
 
-TRUTH = Path(__file__).parents[1] / "truth"
 LAWS = tuple(FRICTION_LAWS)
-RIG_TRUTH = {  # mu0, a, c, v0 of the virtual benches
-    "4pk": (1.05, 0.20, 0.50, 0.0020),
-    "5pk": (0.95, 0.18, 0.45, 0.0015),
-    "6pk": (0.88, 0.14, 0.38, 0.0012),
-}
 VALUES = {
     "coulomb": {"mu0": 0.8},
     "power": {"mu0": 0.9, "a": 0.22},
@@ -97,56 +89,6 @@ def test_reference_force_is_a_matter_of_taste():
     assert abs(correlation) < 0.3
 
 
-def test_speed_scale_below_the_measured_speeds_is_not_determined():
-    f, v = grid()
-    rng = np.random.default_rng(5)
-    clean = 0.5 * (f / 3000.0) ** -0.2 * (1.0 + 0.1 * np.log1p(v / 1e-7))
-    mu = clean * (1.0 + 0.005 * rng.normal(size=f.size))
-    fit = fit_friction_laws(f, v, mu, 0.005 * clean).fit("power_log")
-    status = {p.name: p.status for p in fit.parameters}
-    assert status["v0"] == "not determined by the data"
-    assert status["a"] == ""
-    assert not fit.determined
-    # what is measured is still met
-    assert fit.rms_misfit < 0.006
-    assert any("v0 is not determined" in n for n in fit.notes)
-
-
-def test_unknown_errors_are_told_and_no_chi_square_made_up():
-    f, v, mu, _ = noisy("power_log", np.random.default_rng(9))
-    none = fit_friction_laws(f, v, mu)
-    assert np.isnan(none.fit("power_log").chi_square)
-    assert "no standard errors" in none.notes[0]
-
-
-def test_points_that_cannot_be_used():
-    f, v, mu, se = noisy("power", np.random.default_rng(10))
-    worse = fit_friction_laws(
-        np.append(f, [np.nan, 3000.0]), np.append(v, [0.01, 0.0]), np.append(mu, [1.0, 1.0])
-    )
-    assert worse.n_points == f.size
-    assert worse.notes[0].startswith("2 of 50 points left out")
-    with pytest.raises(InputError, match="mu_se: 3 values, must be 48"):
-        fit_friction_laws(f, v, mu, se[:3])
-    with pytest.raises(InputError, match="must be at least 2"):
-        fit_friction_laws([1.0], [1.0], [1.0])
-    with pytest.raises(InputError, match="reference_force_N_m"):
-        fit_friction_laws(f, v, mu, reference_force_N_m=-1.0)
-
-
-@pytest.mark.parametrize("belt", RIG_TRUTH)
-def test_law_of_the_virtual_bench_is_recovered_exactly_from_its_truth(belt):
-    t = np.genfromtxt(
-        TRUTH / belt / "truth.csv", delimiter=",", names=True, dtype=None, encoding="utf-8"
-    )
-    found = fit_friction_laws(t["f_ref"], t["v"], t["mu_true_at_f_ref"], reference_force_N_m=5400.0)
-    mu0, a, c, v0 = RIG_TRUTH[belt]
-    unit = np.log1p(0.01 / v0)
-    expected = {"mu0": mu0 * (1.0 - c), "a": a, "b": c / unit / (1.0 - c), "v0": v0}
-    assert found.best == "power_log"
-    assert found.fit("power_log").values == pytest.approx(expected, rel=1e-7)
-
-
 def test_parameters_far_from_the_measured_speeds_are_open_or_within_their_errors():
     """Several speed scales fit as well: linear errors at one of them would be far too small."""
     rng = np.random.default_rng(13)
@@ -161,6 +103,8 @@ def test_parameters_far_from_the_measured_speeds_are_open_or_within_their_errors
             for p in fit.parameters:
                 open_ones += not p.determined
                 assert not p.determined or abs(p.value - values[p.name]) < 5.0 * p.se, (v_s, p)
+                assert p.determined or any(f"{p.name} is not determined" in n for n in fit.notes)
+            assert fit.rms_misfit < 0.0015  # what is measured is still met
     assert open_ones >= 6
 
 

@@ -111,37 +111,35 @@ def cycle(number, complete=True):
     return PressCycle(number, part, part, 1.0, complete)
 
 
-def test_choice_of_cycles():
-    one, two, three, four = cycle(1, False), cycle(2), cycle(3), cycle(4, False)
-    every = (one, two, three, four)
-    assert choose_cycles(every, "all") == (
-        (two, three),
-        ("2 cycles not unloaded left out", "4 cycles found, used: 2, 3"),
-    )
-    assert choose_cycles(every, "first") == (
-        (two,),
+PARTLY = (cycle(1, False), cycle(2), cycle(3), cycle(4, False))
+WHOLE = (cycle(2), cycle(3), cycle(5))
+OPEN = (cycle(1, False), cycle(4, False), cycle(6, False))
+
+
+@pytest.mark.parametrize(
+    ("cycles", "choice", "chosen", "said"),
+    [
+        (PARTLY, "all", (2, 3), ("2 cycles not unloaded left out", "4 cycles found, used: 2, 3")),
         (
-            "cycle 1 is not unloaded, cycle 2 used in its place",
-            "4 cycles found, used: 2",
+            *(PARTLY, "first", (2,)),
+            ("cycle 1 is not unloaded, cycle 2 used in its place", "4 cycles found, used: 2"),
         ),
-    )
-    assert choose_cycles(every, "last") == (
-        (three,),
         (
-            "cycle 4 is not unloaded, cycle 3 used in its place",
-            "4 cycles found, used: 3",
+            *(PARTLY, "last", (3,)),
+            ("cycle 4 is not unloaded, cycle 3 used in its place", "4 cycles found, used: 3"),
         ),
-    )
-    whole = (two, three, cycle(5))
-    for choice, chosen in (("all", whole), ("first", whole[:1]), ("last", whole[2:])):
-        numbers = ", ".join(str(c.number) for c in chosen)
-        said = (f"3 cycles found, used: {numbers}",)
-        assert choose_cycles(whole, choice) == (chosen, said)
-    open_ = (one, four, cycle(6, False))
-    for choice, chosen in (("all", open_), ("first", open_[:1]), ("last", open_[2:])):
-        kept, (note,) = choose_cycles(open_, choice)
-        assert kept == chosen
-        assert note.startswith("never unloaded")
+        (WHOLE, "all", (2, 3, 5), ("3 cycles found, used: 2, 3, 5",)),
+        (WHOLE, "first", (2,), ("3 cycles found, used: 2",)),
+        (WHOLE, "last", (5,), ("3 cycles found, used: 5",)),
+        (OPEN, "all", (1, 4, 6), ("never unloaded",)),
+        (OPEN, "first", (1,), ("never unloaded",)),
+        (OPEN, "last", (6,), ("never unloaded",)),
+    ],
+)
+def test_choice_of_cycles(cycles, choice, chosen, said):
+    kept, notes = choose_cycles(cycles, choice)
+    assert tuple(c.number for c in kept) == chosen
+    assert notes == said
 
 
 # --- curves of the branches ---

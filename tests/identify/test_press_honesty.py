@@ -106,12 +106,15 @@ def test_tests_that_begin_in_contact_have_an_unknown_zero_and_no_temperature_eff
     assert any("begin in contact" in warning for warning in result.pooled.warnings)
 
 
-def test_a_coefficient_at_its_bound_has_an_error():
+def test_a_coefficient_at_its_bound_has_an_error_and_a_linear_law_is_legitimate():
     bench = Bench(k_linear=1e8, k_quadratic=3e8, temperatures=(22.0,), dt=0.5)
     laws = [fit_stiffness(bench.record(seed), SETTINGS).pooled for seed in range(12)]
     held = [law for law in laws if law.k_quadratic_N_m3 == 0.0]
     assert len(held) >= 2
-    assert all(law.k_quadratic_se_N_m3 > bench.k_quadratic / 1.96 for law in held)
+    for law in held:
+        assert law.k_quadratic_se_N_m3 > bench.k_quadratic / 1.96
+        assert law.k_linear_N_m2 == pytest.approx(1e8, rel=1e-3)
+        assert any("not different from zero: a linear law was fitted" in n for n in law.notes)
 
 
 def test_a_test_with_free_travel_tells_the_zero_of_the_others():

@@ -1,13 +1,18 @@
-"""Sliding speeds from the speed-loss bench, and the pulley speeds they ask for."""
+"""Sliding speeds from the speed-loss bench, their errors, and the pulley speeds they ask for."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from beltid.errors import InputError
+from beltid.identify.slip.points import OK, SIGNIFICANT, required_pulley_speeds
+from beltid.identify.slip.pooled_means import pooled_means, speed_series
 from beltid.identify.slip.slip import fit_slip
 
 ROOT = Path(__file__).parents[2]
@@ -30,20 +35,30 @@ def truth(belt: str) -> dict[str, float]:
 
 
 def drive(
-    torque=TORQUES, creep=0.01, speed=62.8, ratio=1.0, seed=0, n=20, noise=2e-3
-) -> dict[str, np.ndarray]:
-    """Synthetic drive: loss of `creep` [rad/s per N m], driven pulley `ratio` times larger."""
+    torque=TORQUES, creep=0.01, *, speeds=(62.8,), ratio=1.0, seed=0, n=20, noise=2e-3,
+    driver_noise=5e-4, shaking=1.0,
+) -> dict[str, np.ndarray]:  # fmt: skip
+    """Synthetic drive: loss of `creep` [rad/s per N m], driven pulley `ratio` times larger.
+
+    `n` samples a run; the one of 9 N m is `shaking` times as loud.
+    """
     rng = np.random.default_rng(seed)
     torque = np.asarray(torque, dtype=float)
-    loss = np.broadcast_to(creep * torque, torque.shape)
-    size = torque.size * n
-    return {
-        "run": np.repeat([f"S{i:02d}" for i in range(torque.size)], n),
-        "initial_tension_N": np.full(size, 310.0),
-        "torque_N_m": np.repeat(torque, n) + 0.02 * rng.normal(size=size),
-        "driver_speed_rad_s": speed + 5e-4 * rng.normal(size=size),
-        "driven_speed_rad_s": (speed - np.repeat(loss, n)) / ratio + noise * rng.normal(size=size),
-    }
+    loss = np.repeat(np.broadcast_to(creep * torque, torque.shape), n)
+    loud = np.repeat(np.where(torque == 9.0, shaking, 1.0), n)
+    size, parts = loss.size, []
+    for speed in speeds:
+        series = "S" if len(speeds) == 1 else f"{speed:g}-"
+        parts.append(
+            {
+                "run": np.repeat([f"{series}{i:02d}" for i in range(torque.size)], n),
+                "initial_tension_N": np.full(size, 310.0),
+                "torque_N_m": np.repeat(torque, n) + 0.02 * rng.normal(size=size),
+                "driver_speed_rad_s": speed + driver_noise * loud * rng.normal(size=size),
+                "driven_speed_rad_s": (speed - loss) / ratio + noise * loud * rng.normal(size=size),
+            }
+        )
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 @pytest.mark.parametrize("belt", BELTS)
@@ -146,3 +161,160 @@ def test_wrong_inputs_name_every_problem():
     useless = {k: v[:2] for k, v in drive().items()}
     with pytest.raises(InputError, match="run S00: fewer than 3"):
         fit_slip(useless, 0.05)
+
+
+# --- errors of short runs, drives that turn backwards ---
+
+
+LOUD = {"speeds": (22.0, 62.8), "noise": 3e-3, "driver_noise": 3e-3}
+TRUE = np.tile(0.01 * TORQUES * 0.05, 2)
+
+
+@pytest.mark.parametrize("n", [3, 5, 10])
+def test_standard_errors_of_short_runs_are_honest(n):
+    z = []
+    for seed in range(8):
+        points = fit_slip(drive(n=n, seed=seed, **LOUD), 0.05).points
+        assert {p.status for p in points} == {"ok"}
+        z.append(
+            [
+                (p.slip_speed_m_s - v) / p.slip_speed_se_m_s
+                for p, v in zip(points, TRUE, strict=True)
+            ]
+        )
+    assert 0.85 < np.sqrt(np.mean(np.square(z))) < 1.2
+    # 272 values: three binomial standard deviations
+    assert np.mean(np.abs(z) < 1.0) == pytest.approx(0.683, abs=0.085)
+    assert np.mean(np.abs(z) < 2.0) == pytest.approx(0.954, abs=0.038)
+
+
+@pytest.mark.parametrize(("n", "share"), [(4, 0.6), (10, 1.0)])
+def test_a_run_that_shakes_keeps_a_wider_error(n, share):
+    ratios = []
+    for seed in range(6):
+        points = fit_slip(drive(n=n, seed=seed, shaking=5.0, **LOUD), 0.05).points
+        se = np.array([p.slip_speed_se_m_s for p in points])
+        ratios += (se[[9, 26]] / np.median(np.delete(se, [9, 26]))).tolist()
+    # five times as loud, told from its series at a probability of 1e-4: chi² of n - 1 over 21.1/25
+    # for four samples (84 % of the runs), 33.7/25 for ten (99.8 %)
+    assert np.median(ratios) > 3.0
+    assert np.mean(np.array(ratios) > 2.0) >= share
+
+
+def test_a_lone_short_run_is_widened_by_students_factor():
+    x = np.array([0.0, 1.0, 2.0])
+    mean, se, n_eff = pooled_means({"a": x}, [["a"]])["a"]
+    # s = 1; the 68.27 % interval of t with 2 degrees of freedom: p = 0.8413, t = 1.3213
+    assert (mean, n_eff) == (1.0, 3.0)
+    assert se == pytest.approx(1.3213 / np.sqrt(3.0), rel=1e-3)
+
+
+@pytest.mark.parametrize("signed_torque", [False, True])
+def test_a_drive_that_turns_backwards_is_the_mirrored_one(signed_torque):
+    columns = drive(n=10, seed=4, **LOUD)
+    forward = fit_slip(columns, 0.05)
+    turned = ["driver_speed_rad_s", "driven_speed_rad_s"] + ["torque_N_m"] * signed_torque
+    backward = fit_slip(columns | {name: -columns[name] for name in turned}, 0.05)
+    sign = -1.0 if signed_torque else 1.0
+    assert backward.points == tuple(
+        replace(p, driver_speed_rad_s=-p.driver_speed_rad_s, torque_N_m=sign * p.torque_N_m)
+        for p in forward.points
+    )
+    assert backward.max_slip_speed_m_s == forward.max_slip_speed_m_s
+    assert [p.slip_speed_m_s for p in backward.points] == pytest.approx(TRUE, abs=4e-4)
+    assert backward.notes[0].startswith("the drive turns backwards in all runs: sign of the speeds")
+    assert ("torque" in backward.notes[0]) == signed_torque
+    assert not any("backwards" in note for note in forward.notes)
+
+
+def test_pulleys_that_turn_against_each_other_are_no_gross_slip():
+    columns = drive(n=10, seed=7, **LOUD)
+    columns["driven_speed_rad_s"][columns["run"] == "22-10"] *= -1.0
+    points = {p.run: p for p in fit_slip(columns, 0.05).points}
+    assert "opposite" in points["22-10"].status
+    assert {p.status for p in points.values() if p is not points["22-10"]} == {"ok"}
+
+
+def test_runs_without_samples_and_with_one():
+    series = {"a": np.array([np.nan, np.nan]), "b": np.array([2.0]), "c": np.arange(8.0) % 2}
+    found = pooled_means(series, [["a", "b", "c"]])
+    assert math.isnan(found["a"].mean)
+    assert math.isnan(found["a"].se)
+    assert found["b"].mean == 2.0
+    # the variance of c is that of all: s² = 2/7; 68.27 % interval of t with 7 degrees: t = 1.0767
+    assert found["b"].se == pytest.approx(1.0767 * math.sqrt(2.0 / 7.0), rel=1e-4)
+    assert found["c"].mean == 0.5
+
+
+def test_runs_within_two_percent_are_one_series():
+    speeds = {f"{k}": v for k, v in enumerate([10.0, 10.1, 10.15, 10.4, 10.5, 10.55])}
+    assert speed_series(speeds) == (("0", "1", "2"), ("3", "4", "5"))
+    assert speed_series({}) == ((),)
+    unknown = speeds | {"x": math.nan}  # a series of its own, and too short for one
+    assert speed_series(unknown) == (tuple(unknown),)
+
+
+def test_the_noise_of_a_series_is_one_variance():
+    """se² = t² sum of squares / (all degrees of freedom) / n, for white noise and equal runs."""
+    runs = {"a": np.array([1.0, 2.0, 0.0]), "b": np.array([5.0, 3.0, 4.0]), "c": np.arange(3.0)}
+    found = pooled_means(runs, [list(runs)])
+    # 6 squares over 6 degrees of freedom: s = 1; 68.27 % interval of t with 6 of them: t = 1.0906
+    for label, mean in (("a", 1.0), ("b", 4.0), ("c", 1.0)):
+        assert found[label].mean == mean
+        assert found[label].se == pytest.approx(1.0906 / math.sqrt(3.0), rel=1e-4)
+
+
+# --- pulley speeds that a belt needs ---
+
+
+def service(*speeds, se=1e-6):
+    return SimpleNamespace(
+        points=[SimpleNamespace(slip_speed_m_s=v, slip_speed_se_m_s=se, status=OK) for v in speeds]
+    )
+
+
+def test_range_and_proposal_follow_from_the_sliding_speeds():
+    found = required_pulley_speeds(service(0.004, -0.016, 0.008), 0.05, 3)
+    assert (found.min_slip_speed_m_s, found.max_slip_speed_m_s) == (0.004, 0.016)
+    assert found.proposed_rad_s == pytest.approx((0.08, 0.16, 0.32), rel=1e-12)
+    assert (found.min_speed_rad_s, found.max_speed_rad_s) == pytest.approx((0.08, 0.32))
+    assert found.covered is None
+    assert found.statement == "sliding in service needs pulley speeds from 0.08 to 0.32 rad/s"
+    assert len(required_pulley_speeds(service(0.004, 0.016), 0.05).proposed_rad_s) == 5
+    assert required_pulley_speeds(service(0.01), 0.05).proposed_rad_s == pytest.approx((0.2,))
+
+
+def test_tiny_and_doubtful_speeds_and_runs_set_aside_do_not_count():
+    found = required_pulley_speeds(service(0.016, 0.00001), 0.05)
+    assert found.min_slip_speed_m_s == pytest.approx(0.00016)  # a hundredth of the largest
+    for share, lowest in ((0.99, 0.016), (1.01, SIGNIFICANT * 1.01e-3)):
+        doubtful = service(0.016, SIGNIFICANT * share * 1e-3, se=1e-3)
+        assert required_pulley_speeds(doubtful, 0.05).min_slip_speed_m_s == pytest.approx(lowest)
+    aside = service(0.016, 0.9)
+    aside.points[1].status = "gross slip"
+    assert required_pulley_speeds(aside, 0.05).max_slip_speed_m_s == 0.016
+
+
+@pytest.mark.parametrize(
+    ("speeds", "said"),
+    [
+        ((0.0785, 0.2, 0.326), "covered"),
+        ((0.0783, 0.327), "covered"),
+        ((0.0815, 0.3137), "covered"),
+        ((0.0817, 0.32), "0.08 to 0.0817 rad/s not covered"),
+        ((0.08, 0.3135), "0.314 to 0.32 rad/s not covered"),
+        ((0.5,), "0.08 to 0.32 rad/s not covered"),
+        ((0.01,), "0.08 to 0.32 rad/s not covered"),
+    ],
+)
+def test_an_end_is_missed_by_more_than_a_fiftieth(speeds, said):
+    found = required_pulley_speeds(service(0.004, 0.016), 0.05, configured=speeds)
+    assert found.covered == (said == "covered")
+    rig = ", ".join(f"{w:g}" for w in speeds)
+    assert found.statement.endswith(f"; the rig runs at {rig} rad/s: {said}")
+
+
+def test_what_is_wrong_is_told_at_once():
+    with pytest.raises(InputError) as error:
+        required_pulley_speeds(service(), 0.0, 1)
+    assert len(error.value.problems) == 3

@@ -10,6 +10,7 @@ from press_bench import HYSTERESIS, TRUTH, Bench, load
 
 from beltid.errors import FitError, InputError
 from beltid.identify.press.stiffness import StiffnessSettings, fit_stiffness
+from beltid.stages.recorded_curves import branch_columns
 
 
 def settings(bench: Bench, **changes: object) -> StiffnessSettings:
@@ -94,15 +95,6 @@ def test_exact_recordings_give_the_exact_law_and_contact_point():
     assert pooled.contact_offset_mm == pytest.approx(contact, abs=1.8e-4)
 
 
-def test_hysteresis_ratio_is_the_area_of_the_loop():
-    bench = Bench(dt=0.02, temperatures=(22.0,))
-    pooled = fit_stiffness(bench.record(4), settings(bench)).pooled
-    s = np.linspace(0.0, 1.0, 100001)
-    gap = HYSTERESIS["parabola"](s, s, bench.top_force)
-    work = np.trapezoid(bench.force(s * bench.top) + gap, s)
-    assert pooled.hysteresis_ratio == pytest.approx(np.trapezoid(2 * gap, s) / work, rel=3e-3)
-
-
 def test_a_temperature_effect_is_seen_and_the_pooled_law_is_that_of_the_reference():
     bench = Bench(temperature_slope=-0.002)
     result = fit_stiffness(bench.record(6), settings(bench, reference_temperature_degC=38.0))
@@ -126,28 +118,7 @@ def test_scatter_between_tests_is_the_yardstick_for_temperatures():
     assert "scatter of tests" in result.temperature.statement
     assert abs(result.pooled.k_linear_N_m2 / bench.k_linear - 1.0) < 0.02
     assert result.pooled.k_linear_se_N_m2 > 0.002 * bench.k_linear
-
-
-def test_gaps_spikes_and_signs_are_handled_and_counted():
-    bench = Bench(temperatures=(22.0,))
-    clean = bench.record(9)
-    dirty = {name: values.copy() for name, values in clean.items()}
-    n = dirty["force_N"].size
-    for i in (n // 3, n // 2, 2 * n // 3):
-        dirty["force_N"][i] += 80.0
-    dirty["displacement_mm"][n // 4] += 0.03
-    dirty["force_N"][n // 5 : n // 5 + 7] = np.nan
-    dirty["force_N"] *= -1.0
-    dirty["displacement_mm"] *= -1.0
-    expected = fit_stiffness(clean, settings(bench))
-    result = fit_stiffness(dirty, settings(bench))
-    assert (result.n_missing, result.n_spikes) == (7, 4)
-    assert worst_force_error(result.pooled, bench.k_linear, bench.k_quadratic) < 1e-3
-    assert result.pooled.contact_offset_mm == pytest.approx(
-        -expected.pooled.contact_offset_mm, abs=5e-5
-    )
-    assert any("negative force" in note for note in result.notes)
-    assert any("negative travel" in note for note in result.notes)
+    assert any("the tests differ by" in note for note in result.pooled.notes)
 
 
 def test_without_temperatures_there_is_one_pooled_law():
@@ -161,22 +132,11 @@ def test_without_temperatures_there_is_one_pooled_law():
     assert np.isnan(result.temperature.f_p_value)
 
 
-def test_a_linear_law_is_legitimate_and_said_to_be_so():
-    bench = Bench(k_linear=1.0e8, k_quadratic=0.0)
-    for seed in range(6):
-        result = fit_stiffness(bench.record(seed), settings(bench))
-        if result.pooled.k_quadratic_N_m3 == 0.0:
-            assert any("a linear law was fitted" in note for note in result.notes)
-            assert result.pooled.k_linear_N_m2 == pytest.approx(1.0e8, rel=5e-4)
-            return
-    pytest.fail("k_quadratic never came out negative in six recordings of a linear law")
-
-
 def test_a_curve_that_softens_a_little_gives_a_linear_law_and_how_far_off_it_is():
     bench = Bench(k_linear=1.6e8, k_quadratic=-4.0e11, temperatures=(22.0,), top_force=1.2e4)
     pooled = fit_stiffness(bench.record(13), settings(bench)).pooled
     assert pooled.k_quadratic_N_m3 == 0.0
-    note = next(n for n in pooled.warnings if "negative beyond doubt" in n)
+    note = next(n for n in pooled.warnings if "clearly negative" in n)
     # best straight line, contact point free, through a parabola over the range of the nodes
     delta = np.linspace(0.0, bench.top, 400)
     line = np.polyval(np.polyfit(delta, bench.force(delta), 1), delta)
@@ -239,34 +199,18 @@ def test_recordings_that_cannot_be_used_are_refused_all_at_once():
     assert len(error.value.problems) == 2
 
 
-def test_dead_channels_are_named():
-    bench = Bench(temperatures=(22.0,))
-    for channel, message in (("force_N", "no contact"), ("displacement_mm", "crosshead moves")):
-        columns = bench.record(17)
-        columns[channel][:] = 0.0
-        with pytest.raises(InputError, match=message):
-            fit_stiffness(columns, settings(bench))
-
-
-def test_missing_columns_and_wrong_settings_name_every_problem():
+def test_every_missing_column_is_named():
     with pytest.raises(InputError) as error:
         fit_stiffness({"test": np.array(["a"])}, StiffnessSettings(0.04))
     assert len(error.value.problems) == 3
-    with pytest.raises(InputError) as error:
-        StiffnessSettings(0.0, 22.0, -1.0, cycles="middle")  # type: ignore[arg-type]
-    assert [p.split(" = ")[0] for p in error.value.problems] == [
-        "press.segment_length_m",
-        "press.machine_compliance_m_N",
-        "press.cycles",
-    ]
 
 
 def test_branches_for_figures_start_at_the_contact_point():
     bench = Bench(temperatures=(22.0,))
-    result = fit_stiffness(bench.record(16), settings(bench))
-    assert [b.branch for b in result.branches] == ["loading", "unloading"]
-    for branch in result.branches:
-        assert branch.penetration_m.size <= 130
-        gap = branch.penetration_m < -1e-6
-        assert np.max(np.abs(branch.line_force_N_m[gap])) < 5.0
-        assert branch.penetration_m.max() == pytest.approx(bench.top, rel=0.01)
+    columns = branch_columns(fit_stiffness(bench.record(16), settings(bench)))
+    for name in ("loading", "unloading"):
+        here = columns["branch"] == name
+        penetration, force = columns["penetration_m"][here], columns["line_force_N_m"][here]
+        assert 60 < penetration.size <= 130
+        assert np.max(np.abs(force[penetration < -1e-6])) < 5.0
+        assert penetration.max() == pytest.approx(bench.top, rel=0.01)

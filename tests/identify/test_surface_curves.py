@@ -44,15 +44,21 @@ def test_curve_stays_between_neighbouring_points(seed: int, n: int) -> None:
         assert np.all(values <= high * (1 + 1e-13))
 
 
-def test_precise_repetitions_count_more_than_rough_ones() -> None:
+def test_precise_repetitions_count_more_than_rough_ones_and_what_is_missing_is_named() -> None:
     points = Points(
-        arc_deg=np.full(3, 40.0),
-        f=np.array([1000.0, 1000.0, 2000.0]),
-        v=np.full(3, 0.01),
-        mu=np.array([1.0, 1.3, 0.9]),
-        se=np.array([0.01, 0.02, 0.01]),
+        arc_deg=np.array([40.0, 40.0, 40.0, 80.0]),
+        f=np.array([1000.0, 1000.0, 2000.0, 1500.0]),
+        v=np.array([0.01, 0.01, 0.01, 0.02]),
+        mu=np.array([1.0, 1.3, 0.9, 1.0]),
+        se=np.array([0.01, 0.02, 0.01, 0.01]),
     )
-    (only,) = build_curves(points).curves
-    assert only.f == pytest.approx([1000.0, 2000.0])
-    assert only.mu == pytest.approx([1.06, 0.9])  # weights 4 : 1
-    assert only.se == pytest.approx([0.02 / np.sqrt(5), 0.01])
+    curves = build_curves(points)
+    one, _ = curves.curves
+    assert one.f == pytest.approx([1000.0, 2000.0])
+    assert one.mu == pytest.approx([1.06, 0.9])  # weights 4 : 1
+    assert one.se == pytest.approx([0.02 / np.sqrt(5), 0.01])
+    assert curves.notes == (
+        "arc 40°: no run at 0.02 m/s",
+        "arc 40°: 1 runs repeat the force and speed of another and were averaged with it",
+        "arc 80°: no run at 0.01 m/s",
+    )

@@ -116,5 +116,5 @@ def test_one_temperature_says_nothing():
     found = temperature_effect([[curve("a", 1.0, 1)]], [22.0], 0.0)
     assert found.statement == "All tests are at 22 °C: no statement on temperature."
     assert math.isnan(found.f_statistic)
-    assert not found.matters
+    assert found.matters is None
     assert "an unknown temperature" in temperature_effect([], [], 0.0).statement

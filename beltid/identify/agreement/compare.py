@@ -39,28 +39,15 @@ about a percent."""
 
 @dataclass(frozen=True, slots=True)
 class AgreementSettings:
-    """Tolerances of the comparison; None is not judged.
+    """Tolerances of the comparison, as shares; None is not judged."""
 
-    Parameters
-    ----------
-    max_rms_relative_error : float or None
-        Largest admissible root mean square of the relative differences [-].
-    max_mean_relative_error : float or None
-        Largest admissible mean of their magnitudes [-]: differences do not cancel.
-    max_relative_error : float or None
-        Largest admissible magnitude of a single one [-].
-    min_share_compared : float or None
-        Smallest admissible share of the usable measured runs that were compared [-].
-    max_rms_error_over_uncertainty : float or None
-        Largest admissible root mean square of the differences over their standard uncertainties;
-        nan, which is never admitted, where these are not known.
-    """
-
-    max_rms_relative_error: float | None = None
-    max_mean_relative_error: float | None = None
-    max_relative_error: float | None = None
-    min_share_compared: float | None = None
+    max_rms_relative_error: float | None = None  # root mean square of the relative differences
+    max_mean_relative_error: float | None = None  # mean of their magnitudes: they do not cancel
+    max_relative_error: float | None = None  # magnitude of a single one
+    min_share_compared: float | None = None  # of the usable measured runs
     max_rms_error_over_uncertainty: float | None = None
+    """Root mean square of the differences over their standard uncertainties; nan, which is never
+    admitted, where these are not known."""
 
     def __post_init__(self) -> None:
         problems = [
@@ -122,10 +109,8 @@ class AgreementResult:
     mu_simulated: Array
     force_band: NDArray[np.object_]  # third of the points by force: low, middle or high
     averaged: Columns  # means over the arcs at equal tension and speed, with ``n_arcs``
-    overall: Statistics
-    over_arc_averages: Statistics  # Fig. 17
-    per_arc: tuple[Statistics, ...]  # Fig. 16
-    thirds: tuple[Statistics, ...]  # by `force_band`
+    groups: tuple[Statistics, ...]
+    """All points, each arc (Fig. 16), the means over arcs (Fig. 17), thirds by `force_band`."""
     settings: AgreementSettings
     n_measured: int  # runs on either side
     n_simulated: int
@@ -136,6 +121,11 @@ class AgreementResult:
     """Rows of the matched runs in the measured and in the simulated table."""
     u_validation: Array | None = None
     """Standard uncertainty of the relative differences [-]; nan where it is not known."""
+
+    @property
+    def overall(self) -> Statistics:
+        """Statistics of all points."""
+        return self.groups[0]
 
     @property
     def not_compared(self) -> dict[str, int]:
@@ -185,11 +175,6 @@ class AgreementResult:
         """Columns of the comparison table, a row per matched point."""
         return {name: getattr(self, name) for name in COLUMNS}
 
-    def statistics_table(self) -> list[dict[str, object]]:
-        """Rows for printing: all points, each arc, the means over arcs, thirds of the force."""
-        groups = (self.overall, *self.per_arc, self.over_arc_averages, *self.thirds)
-        return [group.as_row() for group in groups]
-
     def verdict_table(self) -> list[dict[str, object]]:
         """Rows for printing: a judged tolerance each; a figure that is nan never holds."""
         found = {
@@ -205,11 +190,6 @@ class AgreementResult:
             holds = bool(x >= allowed if name.startswith("min") else x <= allowed)
             rows.append({"tolerance": name, "found": x, "allowed": allowed, "holds": holds})
         return rows
-
-    def averaged_table(self) -> list[dict[str, object]]:
-        """Rows for printing: the means over arcs at each tension and speed (Fig. 17)."""
-        rows = zip(*(column.tolist() for column in self.averaged.values()), strict=True)
-        return [dict(zip(self.averaged, row, strict=True)) for row in rows]
 
 
 def compare_points(
@@ -254,7 +234,7 @@ def compare_points(
         bands[part] = word
     arcs = settings_of(arc_deg, SAME_SETTING["arc_deg"])
     averaged = _averages_over_arcs(real, virtual, arcs)
-    groups = [(f"arc {arc_deg[arcs == a].mean():g}°", arcs == a) for a in range(arcs.max() + 1)]
+    masks = [(f"arc {arc_deg[arcs == a].mean():g}°", arcs == a) for a in range(arcs.max() + 1)]
     thirds = [(f"{word} third of the force", bands == word) for word in FORCE_BANDS]
     return AgreementResult(
         **{name: real[name] for name in ("run", *NUMBERS[:-1])},
@@ -262,12 +242,14 @@ def compare_points(
         mu_simulated=virtual,
         force_band=bands,
         averaged=averaged,
-        overall=Statistics.of("all points", relative, force),
-        over_arc_averages=Statistics.of(
-            "means over arcs", averaged["relative_difference"], averaged["normal_force_N_m"]
+        groups=(
+            Statistics.of("all points", relative, force),
+            *(Statistics.of(name, relative[g], force[g]) for name, g in masks),
+            Statistics.of(
+                "means over arcs", averaged["relative_difference"], averaged["normal_force_N_m"]
+            ),
+            *(Statistics.of(name, relative[g], force[g]) for name, g in thirds),
         ),
-        per_arc=tuple(Statistics.of(name, relative[g], force[g]) for name, g in groups),
-        thirds=tuple(Statistics.of(name, relative[g], force[g]) for name, g in thirds),
         settings=settings,
         n_measured=n_measured,
         n_simulated=n_simulated,

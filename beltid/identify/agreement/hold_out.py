@@ -33,19 +33,11 @@ FEWEST_RUNS: Final = 4
 
 @dataclass(frozen=True, slots=True)
 class Fold:
-    """One setting that is left out.
+    """One setting that is left out."""
 
-    Attributes
-    ----------
-    name : str
-        The setting, such as "arc 40°".
-    left_out, rest : ndarray of int
-        Rows of the runs that are predicted, and of those that the surface is refined from.
-    """
-
-    name: str
-    left_out: NDArray[np.intp]
-    rest: NDArray[np.intp]
+    name: str  # such as "arc 40°"
+    left_out: NDArray[np.intp]  # rows of the runs that are predicted
+    rest: NDArray[np.intp]  # rows of those that the surface is refined from
 
 
 def folds(

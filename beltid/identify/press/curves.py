@@ -36,18 +36,6 @@ MIN_BRANCH_SAMPLES = 8  # fewest of a branch within the range of the fit
 
 
 @dataclass(frozen=True, slots=True)
-class Branch:
-    """One branch for a figure, thinned by means of neighbouring samples."""
-
-    test: str
-    temperature_degC: float  # nan if unknown
-    cycle: int
-    branch: str  # "loading" or "unloading"
-    penetration_m: Array  # from the contact point of the law, negative before contact, shape (m,)
-    line_force_N_m: Array
-
-
-@dataclass(frozen=True, slots=True)
 class BranchSamples:
     """Samples of one branch: "loading" or "unloading", positions [m], line forces [N/m], (n,)."""
 
@@ -288,16 +276,3 @@ def _loop_energies(branches: tuple[BranchSamples, ...]) -> tuple[float, float]:
         abs(float(np.trapezoid(b.force_N_m, np.clip(b.position_m, low, high)))) for b in branches
     )
     return up - down, up
-
-
-def thinned_branches(curve: PressCurve, offset_m: float) -> tuple[Branch, ...]:
-    """Branches over the penetration from `offset_m` [m], at most some hundred points each."""
-    thinned = []
-    for b in curve.branches:
-        n = b.position_m.size
-        starts = np.linspace(0, n, min(120, n) + 1).astype(int)[:-1]
-        sizes = np.diff(np.append(starts, n))
-        x, f = (np.add.reduceat(v, starts) / sizes for v in (b.position_m, b.force_N_m))
-        about = (curve.test, curve.temperature_degC, curve.cycle, b.name)
-        thinned.append(Branch(*about, x - offset_m, f))
-    return tuple(thinned)

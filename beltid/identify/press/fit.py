@@ -82,10 +82,6 @@ class Nodes:
         """Number of tests."""
         return int(self.owner.max()) + 1
 
-    def units(self, exponents: Array) -> Array:
-        """Units of the coefficients of terms ``y^n`` in SI, [N/m^(1+n)]."""
-        return np.asarray(self.F_N_m / self.span_m**exponents)
-
     def only(self, kept: Mask) -> Nodes:
         """Some of the nodes; tests are numbered anew."""
         tests, owner = np.unique(self.owner[kept], return_inverse=True)
@@ -113,6 +109,7 @@ class FittedLaw:
     """A law through n nodes, in scaled units."""
 
     name: LawName
+    data: Nodes  # that it was fitted to
     K: Array  # coefficients of its terms, shape (terms,)
     exponents: Array  # powers of the terms, shape (terms,)
     contact: Array  # position of the contact point of each test, shape (tests,)
@@ -125,13 +122,23 @@ class FittedLaw:
     tau: float  # integrated autocorrelation time of the residuals [nodes]
 
     @property
+    def units(self) -> Array:
+        """Units of the coefficients in SI, [N/m^(1+n)]."""
+        return np.asarray(self.data.F_N_m / self.data.span_m**self.exponents)
+
+    @property
+    def y(self) -> Array:
+        """Scaled penetration of every node, negative before contact."""
+        return self.data.x - self.contact[self.data.owner]
+
+    @property
     def values(self) -> Array:
         """Parameters: K, and the exponent of the power law."""
         return np.append(self.K, self.exponents) if self.name == "power" else self.K
 
     @property
-    def held(self) -> Mask:
-        """Coefficients at their active bound, which would be negative."""
+    def active_bound(self) -> Mask:
+        """Coefficients held at zero, which would be negative."""
         return self.K <= 0.0
 
     @property
@@ -249,6 +256,7 @@ def fit_law(name: LawName, data: Nodes) -> FittedLaw:
     residuals = at.residuals[: data.x.size]
     return FittedLaw(
         name=name,
+        data=data,
         K=at.K,
         exponents=at.exponents,
         contact=at.p,
@@ -280,16 +288,15 @@ def _by_vertex(at: _Projection, dof: int) -> Array:
     return rows
 
 
-def fit_quadratic(curves: Sequence[PressCurve], noise: float = 0.0) -> tuple[FittedLaw, Nodes]:
+def fit_quadratic(curves: Sequence[PressCurve], noise: float = 0.0) -> FittedLaw:
     """The quadratic law of some curves; unchecked zeros are weighed against `noise` [N²/m²]."""
     unchecked = any(not c.free_travel for c in curves)
     return _fit_quadratic(tuple(curves), math.sqrt(noise) if unchecked else 0.0)
 
 
 @lru_cache(maxsize=64)  # tests, groups and the whole are asked again
-def _fit_quadratic(curves: tuple[PressCurve, ...], noise_N_m: float) -> tuple[FittedLaw, Nodes]:
-    data = Nodes.of(curves, noise_N_m)
-    return fit_law("quadratic", data), data
+def _fit_quadratic(curves: tuple[PressCurve, ...], noise_N_m: float) -> FittedLaw:
+    return fit_law("quadratic", Nodes.of(curves, noise_N_m))
 
 
 def correlation_time(residuals: Array, data: Nodes) -> float:
@@ -300,13 +307,13 @@ def correlation_time(residuals: Array, data: Nodes) -> float:
     return sum(r.size * integrated_autocorrelation_time(r) for r in parts) / residuals.size
 
 
-def predicted(law: FittedLaw, fitted: Nodes, data: Nodes) -> Array:
+def predicted(law: FittedLaw, data: Nodes) -> Array:
     """Forces of a law at the nodes of tests it was not fitted to, their contact points free, (n,).
 
-    The search begins at the distance from the contact point that the tests `fitted` have.
+    The search begins at the distance from the contact point that the tests of the law have.
     """
     forces = np.empty(data.x.size)
-    starts = data.reference_positions() - np.mean(fitted.reference_positions() - law.contact)
+    starts = data.reference_positions() - np.mean(law.data.reference_positions() - law.contact)
     for j in range(data.n_tests):
         mine = data.owner == j
         x, f = data.x[mine], data.f[mine]

@@ -133,11 +133,11 @@ def choose_normal_law(
             continue
         law, wrong = fits[name], errors.get(name, nan)
         apart = np.max(np.abs(law.residuals - fits["quadratic"].residuals)) / np.max(data.f)
-        zero = ", ".join(n for n, held in zip(NAMES, law.held, strict=False) if held)
+        zero = ", ".join(n for n, held in zip(NAMES, law.active_bound, strict=False) if held)
         laws.append(
             LawCandidate(
                 law=name,
-                parameters=_parameters(law, data),
+                parameters=_parameters(law),
                 rms_residual_N_m=data.F_N_m * math.sqrt(law.sum_of_squares / data.x.size),
                 criterion=criteria[name] - criteria["quadratic"],
                 cv_error_N_m=data.F_N_m * wrong,
@@ -160,21 +160,20 @@ def _aicc(sum_of_squares: float, data: Nodes, unknowns: int, m: float) -> float:
     return m * math.log(max(sum_of_squares / data.x.size, floor)) + 2.0 * k * m / (m - k - 1.0)
 
 
-def _parameters(law: FittedLaw, data: Nodes) -> tuple[LawParameter, ...]:
+def _parameters(law: FittedLaw) -> tuple[LawParameter, ...]:
     """Coefficients over the penetration in SI, with errors from the scatter of the nodes."""
     names, units = NAMES, UNITS
-    dof = max(data.x.size / law.tau - law.n_unknowns, 1.0)
+    dof = max(law.data.x.size / law.tau - law.n_unknowns, 1.0)
     covariance = law.sensitivity @ law.sensitivity.T * law.sum_of_squares / dof
     if law.name == "power":
         k, n = law.values
-        scale = data.F_N_m / data.span_m**n
+        (scale,) = law.units
         # k = K F / span^n: the exponent is in the unit of k, too
-        by = np.array([[scale, -k * scale * math.log(data.span_m)], [0.0, 1.0]])
+        by = np.array([[scale, -k * scale * math.log(law.data.span_m)], [0.0, 1.0]])
         values = np.array([k * scale, n])
         names, units = ("k", "n"), ("N/m^(1+n)", "-")
     else:
-        scales = data.units(law.exponents)
-        by, values = np.diag(scales), law.K * scales
+        by, values = np.diag(law.units), law.K * law.units
     se = np.sqrt(np.diag(by @ covariance @ by.T))
     rows = zip(names, units, values.tolist(), se.tolist(), strict=False)
     return tuple(LawParameter(*row) for row in rows)
@@ -203,7 +202,7 @@ def _cross_validation(
                 law = fit_law(name, others)
                 force = law.force(target.x - law.contact[0])
                 if several:
-                    force = predicted(law, others, target)
+                    force = predicted(law, target)
                 total += float(np.sum((target.f - force) ** 2))
         except NumericsError:
             continue

@@ -3,9 +3,9 @@
 A segment of belt is pressed into a grooved plate and released again. The law is the curve half-way
 between the loading and the unloading branch at equal penetration; its coefficients and the contact
 point of every test are found together. The standard errors hold the noise, its correlation, the
-uncertainty of the contact points, the scatter from test to test, and the systematic errors that the
-recording shows. The hysteresis is no error of the law; it is reported by ``hysteresis_ratio`` and
-``rms_residual_N_m``.
+uncertainty of the contact points, the scatter from test to test, and what the checks of the
+recording find (:mod:`beltid.identify.press.checks`). The hysteresis is no error of the law; it is
+reported by ``hysteresis_ratio`` and ``rms_residual_N_m``.
 """
 
 from __future__ import annotations
@@ -16,25 +16,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from beltid.errors import FitError, InputError, NumericsError
-from beltid.identify.press.curves import Branch, PressCurve, read_recording, thinned_branches
-from beltid.identify.press.fit import FittedLaw, Nodes, correlation_time, fit_quadratic
+from beltid.identify.press.checks import CHECKS, Case
+from beltid.identify.press.curves import PressCurve, read_recording
+from beltid.identify.press.fit import fit_quadratic
 from beltid.identify.press.laws import choose_normal_law
 from beltid.identify.press.recording import StiffnessSettings
-from beltid.identify.press.systematic import systematic_errors
 from beltid.identify.press.temperature import TemperatureEffect, scatter_of, temperature_effect
 from beltid.laws.penalty import NormalLaw
 
-__all__ = ["LawEstimate", "StiffnessResult", "StiffnessSettings", "fit_stiffness"]
-
 SAME_TEMPERATURE_K = 3.0  # tests whose temperatures differ by less are at one nominal temperature
 REFERENCE_REACH_K = 5.0  # farther from the reference temperature a note says so
-SEATING_SHARE = 0.02
-"""Travel that is carried before the law's contact point and worth a note, of the penetration."""
-LARGEST_MISFIT = 0.1
-"""A law with a coefficient held at zero may be off by this share of the largest force."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,12 +48,17 @@ class LawEstimate:
     n_samples: int  # within the range of the fit
     n_effective: float  # independent nodes that the standard errors rest on
     n_cycles: int
-    tests: tuple[str, ...]
+    contact_m: dict[str, float]  # position of the contact point of every test
     unseen_share: float = 0.0
     """Standard uncertainty of the force from what no such recording can show [-]: virgin rubber,
     loss by rate. It is not in the standard errors."""
     notes: tuple[str, ...] = ()  # what there is to say about this law
     warnings: tuple[str, ...] = ()
+
+    @property
+    def tests(self) -> tuple[str, ...]:
+        """Labels of the tests."""
+        return tuple(self.contact_m)
 
     @property
     def law(self) -> NormalLaw:
@@ -79,7 +77,7 @@ class StiffnessResult:
     the tests nearest to the reference."""
     temperature: TemperatureEffect
     curves: tuple[PressCurve, ...]  # that all this comes from
-    branches: tuple[Branch, ...]  # over the penetration, thinned for figures
+    contact_m: dict[str, float]  # position of the contact point of every test
     set_aside: tuple[tuple[str, str], ...]  # tests that were not used, with the reason
     n_missing: int  # samples left out of the tests used
     n_spikes: int
@@ -106,14 +104,13 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
     recording = read_recording(press, settings)
     curves = recording.curves
     groups = _group_by_temperature(curves)
-    offsets = {c.test: c.touch_m for c in curves}
     laws: list[LawEstimate] = []
     problems: list[str] = []
     for t, group in groups.items():
         try:
-            laws.append(_estimate(group, t, f"press at {t:g} °C", settings, offsets))
+            laws.append(_estimate(group, t, settings))
         except FitError as error:
-            problems.extend(error.problems)
+            problems += [f"press at {t:g} °C: {problem}" for problem in error.problems]
     if problems:
         raise _refused(problems, curves)
     effect = temperature_effect(list(groups.values()), list(groups), _largest_difference(laws))
@@ -121,16 +118,20 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
         pooled, notes = _at_reference(laws, curves, settings.reference_temperature_degC)
     else:
         try:
-            pooled = _estimate(curves, None, "press, all tests", settings, offsets)
+            pooled = _estimate(curves, None, settings)
         except FitError as error:
-            raise _refused(error.problems, curves) from error
+            problems = [f"press, all tests: {problem}" for problem in error.problems]
+            raise _refused(problems, curves) from error
         notes = ["The pooled law is that of all tests."]
+    contact_m = {c.test: c.touch_m for c in curves}
+    for law in (*laws, pooled):
+        contact_m |= law.contact_m
     return StiffnessResult(
         laws=tuple(laws),
         pooled=pooled,
         temperature=effect,
         curves=curves,
-        branches=tuple(b for c in curves for b in thinned_branches(c, offsets[c.test])),
+        contact_m=contact_m,
         set_aside=recording.set_aside,
         n_missing=recording.n_missing,
         n_spikes=recording.n_spikes,
@@ -190,32 +191,18 @@ def _largest_difference(laws: Sequence[LawEstimate]) -> float:
 
 
 def _estimate(
-    curves: Sequence[PressCurve],
-    temperature_degC: float | None,
-    place: str,
-    settings: StiffnessSettings,
-    offsets: dict[str, float],
+    curves: Sequence[PressCurve], temperature_degC: float | None, settings: StiffnessSettings
 ) -> LawEstimate:
-    """Law of some curves; their contact points are entered into `offsets`."""
+    """Law of some curves."""
     scatter = scatter_of([curves])
-    try:
-        law, data = fit_quadratic(curves, scatter.noise)
-    except FitError as error:
-        raise FitError([f"{place}: {problem}" for problem in error.problems]) from error
-    tests = tuple(dict.fromkeys(c.test for c in curves))
-    offsets.update(zip(tests, (law.contact * data.span_m).tolist(), strict=True))
-    contact = np.array([offsets[c.test] for c in curves])
-    scales = data.units(law.exponents)
-    k = law.K * scales
-    by_force = law.sensitivity * (scales / data.F_N_m)[:, None]
-    errors = systematic_errors(curves, law, data, settings.cycles)
-    covariance = by_force @ by_force.T * scatter.noise * scatter.inflation + errors.covariance
-    notes, warnings = _held(law, data, place)
-    notes += [*_contact_notes(curves, contact), *errors.notes]
-    if scatter.curves_differ:
-        differ = f"the tests differ by {math.sqrt(scatter.inflation):.2g} times their noise"
-        notes.append(f"{place}: {differ}; the standard errors are widened accordingly")
-    elastic = NormalLaw(*k.tolist())
+    law = fit_quadratic(curves, scatter.noise)
+    case = Case(curves, law, scatter, settings.cycles)
+    findings = [finding for check in CHECKS for finding in check(case)]
+    by_force = law.sensitivity * (law.units / law.data.F_N_m)[:, None]
+    covariance = by_force @ by_force.T * scatter.noise * scatter.inflation
+    covariance += sum(np.outer(change, change) for f in findings for change in f.changes)
+    elastic = NormalLaw(*case.k.tolist())
+    contact = case.contact_m
     squares = [
         np.mean((b.force_N_m - elastic.force(b.position_m - p))[c.inside(b.position_m)] ** 2)
         for c, p in zip(curves, contact, strict=True)
@@ -225,8 +212,8 @@ def _estimate(
     se = np.sqrt(np.diag(covariance))
     return LawEstimate(
         temperature_degC=temperature_degC,
-        k_linear_N_m2=float(k[0]),
-        k_quadratic_N_m3=float(k[1]),
+        k_linear_N_m2=elastic.k_linear_N_m2,
+        k_quadratic_N_m3=elastic.k_quadratic_N_m3,
         k_linear_se_N_m2=float(se[0]),
         k_quadratic_se_N_m3=float(se[1]),
         covariance=(*covariance[0].tolist(), *covariance[1].tolist()),
@@ -236,73 +223,10 @@ def _estimate(
         max_penetration_m=float(np.max([c.top_position_m for c in curves] - contact)),
         max_force_N_m=max(c.top_force_N_m for c in curves),
         n_samples=sum(c.n_samples for c in curves),
-        n_effective=data.x.size / law.tau,
+        n_effective=law.data.x.size / law.tau,
         n_cycles=len(curves),
-        tests=tests,
-        unseen_share=errors.unseen,
-        notes=tuple(notes),
-        warnings=(*warnings, *errors.warnings),
+        contact_m=dict(zip((c.test for c in curves), contact.tolist(), strict=True)),
+        unseen_share=math.hypot(*(f.unseen for f in findings)),
+        notes=tuple(f.text for f in findings if f.text and not f.alarming),
+        warnings=tuple(f.text for f in findings if f.text and f.alarming),
     )
-
-
-def _held(law: FittedLaw, data: Nodes, place: str) -> tuple[list[str], list[str]]:
-    """What there is to say (notes, warnings) about a coefficient at its bound of zero.
-
-    What it would be, to first order, is the coefficient of one more column beside those of the fit:
-    y² for k_quadratic; for k_linear a constant c, since a linear term shifts the contact point of a
-    pure square only, while k_linear² = -4 c k_quadratic. :class:`FitError` if the law is off by
-    more than :data:`LARGEST_MISFIT`.
-    """
-    if not np.any(law.held):
-        return [], []
-    n = data.x.size
-    y = data.x - law.contact[data.owner]
-    k1, k2 = data.units(law.exponents)
-    if law.held[1]:
-        column, form, name, unit, size = y**2, "linear", "k_quadratic", "N/m³", k2
-    else:
-        column, form, name, unit = np.ones(n), "purely quadratic", "k_linear²", "N²/m⁴"
-        size = -4.0 * float(law.K[1]) * k1**2
-    tangent = law.tangent[:n]
-    own = column - tangent @ np.linalg.lstsq(tangent, column, rcond=1e-12)[0]
-    value = float(own @ law.residuals) / float(own @ own)
-    left = law.residuals - value * own
-    dof = max(n / correlation_time(left, data) - tangent.shape[1] - 1, 1.0)
-    se = math.sqrt(float(left @ left) / dof / float(own @ own))
-    top = float(np.max(data.f))
-    share = abs(value) * float(np.max(np.abs(column))) / top
-    off = float(np.max(np.abs(law.residuals))) / top
-    came = f"{place}: {name} came out as {value * size:.3g} ± {se * abs(size):.2g} {unit}"
-    # more than three standard errors, and a change of the force that is not negligible
-    if abs(value) <= stdtrit(dof, 0.99865) * se or share <= 2e-3:
-        return [f"{came}, not different from zero: a {form} law was fitted"], []
-    if off > LARGEST_MISFIT:
-        raise FitError(
-            f"{came} (changes the force by {100 * share:.2g} % of its largest value), must "
-            f"be >= 0, and with zero the law is off by up to {100 * off:.2g} % of the largest "
-            f"force, allowed is {100 * LARGEST_MISFIT:g} %: the curve is not a law "
-            "k_linear delta + k_quadratic delta² that stiffens from a contact point"
-        )
-    return [], [
-        f"{came}, negative beyond doubt: it is held at zero, and the {form} law is off by up to "
-        f"{100 * off:.2g} % of the largest force"
-    ]
-
-
-def _contact_notes(curves: Sequence[PressCurve], contact: NDArray[np.float64]) -> list[str]:
-    """Say where the contact point of the law is not where the belt touches."""
-    notes = []
-    for curve, offset in zip(curves, contact, strict=True):
-        noted = SEATING_SHARE * (curve.top_position_m - offset)
-        beyond = min(float(np.min(b.position_m)) for b in curve.branches) - offset
-        before = offset - curve.touch_m
-        if beyond > noted:
-            text = f"extrapolated by {beyond * 1e6:.2g} µm beyond the recorded travel"
-            notes.append(f"test {curve.test}: contact point {text}")
-        elif before > noted:
-            text = f"{before * 1e6:.2g} µm before the contact point of the law"
-            notes.append(
-                f"test {curve.test}: force is carried from {text}: the belt seats gradually; "
-                "it is in the standard errors"
-            )
-    return notes

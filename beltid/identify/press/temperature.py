@@ -55,7 +55,8 @@ class TemperatureEffect:
     f_dof_between: float  # degrees of freedom of numerator and denominator
     f_dof_within: float  # in effective samples
     f_p_value: float  # probability of such a statistic if temperature had no influence
-    matters: bool  # significant (1 % error) and large enough to matter
+    matters: bool | None
+    """Significant (1 % error) and large enough to matter; None with fewer than two temperatures."""
     statement: str  # the outcome in plain words
 
 
@@ -64,9 +65,10 @@ def _squares(curves: Sequence[PressCurve], noise: float = 0.0) -> tuple[float, f
 
     A common shift of the zeros cannot be told from k_linear where no zero is known.
     """
-    law, data = fit_quadratic(curves, noise)
-    unknown = 2 + data.unchecked.size - (data.unchecked.size == data.n_tests)
-    return law.sum_of_squares * data.F_N_m**2, law.tau, unknown
+    law = fit_quadratic(curves, noise)
+    unchecked = law.data.unchecked.size
+    unknown = 2 + unchecked - (unchecked == law.data.n_tests)
+    return law.sum_of_squares * law.data.F_N_m**2, law.tau, unknown
 
 
 def scatter_of(groups: Sequence[Sequence[PressCurve]]) -> Scatter:
@@ -103,7 +105,7 @@ def temperature_effect(
     if len(groups) < 2:
         where = f"{temperatures_degC[0]:g} °C" if groups else "an unknown temperature"
         statement = f"All tests are at {where}: no statement on temperature."
-        return TemperatureEffect(math.nan, 0.0, math.nan, math.nan, False, statement)
+        return TemperatureEffect(math.nan, 0.0, math.nan, math.nan, None, statement)
     scatter = scatter_of(groups)
     everything = [c for group in groups for c in group]
     one, _, unknown_one = _squares(everything, scatter.noise)

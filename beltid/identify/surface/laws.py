@@ -70,7 +70,7 @@ class FrictionLawFit:
     reference_force_N_m: float  # f0
     rms_misfit: float  # root mean square of the relative misfits ``law/mu - 1`` [-]
     worst_misfit: float  # the largest of them, with its sign
-    worst_at: tuple[float, float]  # force [N/m] and speed [m/s] of it
+    worst_at: dict[str, float]  # its normal_force_N_m and slip_speed_m_s
     chi_square: float  # ``r' C^-1 r``, nan if the errors of the points are not known
     law_error: float  # sqrt(q), what the law misses the points by beyond their errors [-]
     degrees_of_freedom: int  # points less parameters
@@ -330,7 +330,7 @@ def _starts(law: Coulomb, points: _Points, W: Array) -> list[Array]:
             x[mine], y[mine] = x[mine] - x[mine].mean(), y[mine] - y[mine].mean()
         a = float(x @ y) / float(x @ x) if x @ x > 0.0 else 0.0
     grid = _scales(law, points)[1:-1] if law.scale else np.ones(1)
-    found = [_at_scale(law, points, W, a, float(s), free_a=False) for s in grid]
+    found = [_at_scale(law, points, W, a, float(s)) for s in grid]
     padded = [math.inf, *(misfit for _, misfit, _ in found), math.inf]
     lowest = [k for k in range(len(found)) if padded[k + 1] <= min(padded[k], padded[k + 2])]
     lowest = sorted(lowest, key=lambda k: padded[k + 1])[:MOST_STARTS]
@@ -338,23 +338,22 @@ def _starts(law: Coulomb, points: _Points, W: Array) -> list[Array]:
 
 
 def _at_scale(
-    law: Coulomb, points: _Points, W: Array, a: float, scale: float, *, free_a: bool
+    law: Coulomb, points: _Points, W: Array, a: float, scale: float
 ) -> tuple[Array, float, bool]:
-    """Linear least squares for given speed scale; a free exponent is linearised at `a`.
+    """Linear least squares for a given speed scale; an exponent is linearised at `a`.
 
-    Parameters, chi², and whether all with a free exponent are determined.
+    Parameters, chi², and whether all of them are determined.
     """
     columns = (points.f**-a / points.mu)[:, None] * law.terms(points.v, scale)
-    if free_a:
+    amplitudes = columns.shape[1]
+    if "a" in law.parameters:
         columns = np.column_stack([columns, -np.log(points.f)])
     design, y = W @ columns, W @ np.ones(points.f.size)
     c: Array = np.asarray(np.linalg.lstsq(design, y, rcond=1e-12)[0], dtype=np.float64)
     misfit = float(np.sum((y - design @ c) ** 2))
-    if free_a:
-        a, c = a + float(c[-1]), c[:-1]
     with np.errstate(all="ignore"):
-        p = law.from_amplitudes(c, a, scale)
-    return p, misfit, free_a and bool(_inverse(design)[1].all())
+        p = law.from_amplitudes(c[:amplitudes], a + float(c[amplitudes:].sum()), scale)
+    return p, misfit, bool(_inverse(design)[1].all())
 
 
 def _minimum(law: Coulomb, points: _Points, W: Array, start: Array) -> Array:
@@ -428,7 +427,10 @@ def _as_fit(solution: _Solution, points: _Points, criterion: float) -> FrictionL
         reference_force_N_m=points.f0,
         rms_misfit=float(np.sqrt(np.mean(r**2))),
         worst_misfit=float(r[worst]),
-        worst_at=(float(points.f[worst] * points.f0), float(points.v[worst])),
+        worst_at={
+            "normal_force_N_m": float(points.f[worst] * points.f0),
+            "slip_speed_m_s": float(points.v[worst]),
+        },
         chi_square=chi_square,
         law_error=math.sqrt(solution.q),
         degrees_of_freedom=dof,
@@ -473,8 +475,8 @@ def _moved_by_scale(solution: _Solution, points: _Points, W: Array) -> tuple[Arr
     law, p = solution.law, solution.p
     at, a = law.parameters.index(law.scale), float(p[law.parameters.index("a")])
     grid = _scales(law, points)
-    best = _at_scale(law, points, W, a, float(p[at]), free_a=True)[1]
-    others = [_at_scale(law, points, W, a, float(s), free_a=True) for s in grid]
+    best = _at_scale(law, points, W, a, float(p[at]))[1]
+    others = [_at_scale(law, points, W, a, float(s)) for s in grid]
     limit = best + TWO_ERRORS * solution.tau
     kept = [k for k, (_, misfit, _) in enumerate(others) if misfit < limit]
     moved = np.zeros(p.size)
@@ -538,10 +540,11 @@ def verdict_of(fits: Sequence[FrictionLawFit]) -> str:
     """Which formula to take, in plain words; none if all of them miss the points by far."""
     closest = min(fits, key=lambda f: f.rms_misfit)
     if all(f.law_error > NO_LAW for f in fits):
+        force = closest.worst_at["normal_force_N_m"]
         return (
             f"None of the fitted formulas holds over the whole range: the closest, {closest.law}, "
             f"misses by {100 * closest.rms_misfit:.2g} % RMS, "
-            f"{100 * abs(closest.worst_misfit):.2g} % at worst (at {closest.worst_at[0]:.3g} N/m); "
+            f"{100 * abs(closest.worst_misfit):.2g} % at worst (at {force:.3g} N/m); "
             "take the surface itself, or a part of the range."
         )
     known = [f for f in fits if not math.isnan(f.criterion)]

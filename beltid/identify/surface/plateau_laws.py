@@ -32,25 +32,13 @@ SMALLEST_EXPONENT: Final = 1e-6  # below, the law is a constant but for rounding
 
 @dataclass(frozen=True, slots=True)
 class PlateauLaw:
-    """A law through the forces of the plateaus.
+    """A law through the forces of the plateaus."""
 
-    Attributes
-    ----------
-    law : str
-        "constant", "power", "power and zero of the cell", or "power and factor of one arc".
-    values, errors : dict of str to float
-        Parameters and their standard errors: mu0 [-], a [-], zero_N [N], log_factor [-].
-    rms_N : float
-        Root mean square of read less calculated force [N].
-    scatter_N : float
-        Standard deviation of a reading by what is left, not below the resolution [N].
-    """
-
-    law: str
-    values: dict[str, float]
-    errors: dict[str, float]
-    rms_N: float
-    scatter_N: float
+    law: str  # "constant", "power", "power and zero of the cell", "power and factor of one arc"
+    values: dict[str, float]  # parameters mu0 [-], a [-], zero_N [N], log_factor [-]
+    errors: dict[str, float]  # their standard errors
+    rms_N: float  # root mean square of read less calculated force
+    scatter_N: float  # standard deviation of a reading by what is left, not below the resolution
 
     def clear(self, name: str) -> bool:
         """Whether a parameter differs from zero by three of its standard errors."""
@@ -59,21 +47,11 @@ class PlateauLaw:
 
 @dataclass(frozen=True, slots=True)
 class ArcOfTable:
-    """The plateaus of one arc.
-
-    Attributes
-    ----------
-    arc_deg : float
-        Contact arc [deg].
-    mean_mu : float
-        Mean of the coefficients by Eq. (6), each plateau counting alike [-].
-    log_factor, log_factor_se : float
-        ln of its coefficient over the one that the other arcs give, and its standard error.
-    """
+    """The plateaus of one arc."""
 
     arc_deg: float
-    mean_mu: float
-    log_factor: float
+    mean_mu: float  # mean of the coefficients by Eq. (6), each plateau counting alike
+    log_factor: float  # ln of its coefficient over the one that the other arcs give
     log_factor_se: float
 
     @property
@@ -84,23 +62,13 @@ class ArcOfTable:
 
 @dataclass(frozen=True, slots=True)
 class PlateauLaws:
-    """What the plateaus say of the friction.
-
-    Attributes
-    ----------
-    constant, power, with_zero : PlateauLaw
-        The laws: a constant, a power of the line force, the same with a zero of the cell.
-    arcs : tuple of ArcOfTable
-        The arcs, ascending; factors are known from two arcs on.
-    reference_force_N_m : float
-        f0 of the powers [N/m].
-    """
+    """What the plateaus say of the friction."""
 
     constant: PlateauLaw
-    power: PlateauLaw
-    with_zero: PlateauLaw
-    arcs: tuple[ArcOfTable, ...]
-    reference_force_N_m: float
+    power: PlateauLaw  # of the line force
+    with_zero: PlateauLaw  # the same with a zero of the cell
+    arcs: tuple[ArcOfTable, ...]  # ascending; factors are known from two arcs on
+    reference_force_N_m: float  # f0 of the powers
 
     @property
     def verdict(self) -> str:
