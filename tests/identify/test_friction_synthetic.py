@@ -533,7 +533,7 @@ def test_no_record_whatever_raises(seed: int, n: int, scale: float, holes: float
     assert not run.ok or 0.0 < run.mu_sliding <= 3.0
 
 
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=3, deadline=None)
 @given(factor=st.floats(0.05, 20.0), shift=st.floats(-1e3, 1e3), seed=st.integers(0, 100))
 @example(factor=2.0, shift=0.0, seed=78)
 def test_mu_depends_neither_on_the_unit_of_force_nor_on_the_origin_of_time(

@@ -124,7 +124,9 @@ def test_single_test_is_judged_by_blocks_of_force():
         choose_normal_law(curves_of(POWER.record(8)), tests=["nobody"])
 
 
-@pytest.mark.parametrize("belt", TRUTH)
+@pytest.mark.parametrize(
+    "belt", [b if b == "5pk" else pytest.param(b, marks=pytest.mark.long) for b in TRUTH]
+)
 def test_virtual_benches_support_the_quadratic_law(belt):
     *truth, compliance = TRUTH[belt]
     choice = choose_normal_law(
