@@ -78,7 +78,10 @@ def test_the_first_failure_ends_it_if_that_is_asked_for(bench: Path) -> None:
     assert {chain["compare refined"] for chain in chains} == {"not run"}
 
 
-def test_runs_left_out_are_predicted_and_a_single_arc_is_told(bench: Path) -> None:
+def test_runs_left_out_are_predicted_and_a_single_arc_is_told(bench: Path, by_one: Path) -> None:
+    for name in ("two", "off"):  # all but the prediction
+        shutil.copytree(by_one / "two", bench / "runs" / name)
+        (bench / "runs" / name / "compare_hold_out.parquet").unlink()
     config = (bench / "two.yaml").read_text()
     one_arc = config.replace("name: two", "name: one_arc").replace("[40, 82]", "[82]")
     (bench / "one_arc.yaml").write_text(one_arc)

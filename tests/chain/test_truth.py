@@ -1,8 +1,8 @@
 """Round trip: the virtual benches of three belts give back what they were made from.
 
-The recordings are synthetic; their truth is in tests/truth and rigdata/README.md. The commands are
-judged on the 5PK belt, those of the other two and the simulated rigs by ``make verify``; the friction
-of every run of all belts is in tests/identify/test_friction_rigdata.py.
+The recordings are synthetic; their truth is in tests/truth and rigdata/README.md. Here the commands
+are judged on the 5PK belt; the other two belts and the simulated rigs, by ``make verify``.
+The friction of every run of all belts is in tests/identify/test_friction_rigdata.py.
 """
 
 from __future__ import annotations
@@ -32,9 +32,7 @@ def truth(belt: str, name: str) -> dict[str, dict[str, str]]:
 
 @pytest.fixture(
     scope="module",
-    params=[
-        belt if belt == "5pk" else pytest.param(belt, marks=pytest.mark.long) for belt in LAWS
-    ],
+    params=[belt if belt == "5pk" else pytest.param(belt, marks=pytest.mark.long) for belt in LAWS],
 )
 def identified(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
@@ -82,7 +80,7 @@ def test_sliding_speeds(identified: tuple[str, Path]) -> None:
 
 
 def test_friction_falls_with_the_force_at_every_speed(identified: tuple[str, Path]) -> None:
-    belt, folder = identified
+    _, folder = identified
     columns = read_artifact(folder / "surface.parquet", "surface").columns
     averaged = np.isnan(columns["arc_deg"])
     assert averaged.any()
@@ -93,7 +91,7 @@ def test_friction_falls_with_the_force_at_every_speed(identified: tuple[str, Pat
 
 
 def test_the_surface_stays_within_the_measured_band(identified: tuple[str, Path]) -> None:
-    belt, folder = identified
+    _, folder = identified
     measured = read_artifact(folder / "friction.parquet", "friction").columns
     surface = load_surface(folder / "surface.parquet")
     for k, speed in enumerate(surface.slip_speed_m_s):

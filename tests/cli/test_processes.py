@@ -175,9 +175,7 @@ needs_full_device = pytest.mark.skipif(not Path("/dev/full").exists(), reason="n
 
 
 @needs_full_device
-@pytest.mark.parametrize(
-    "call", [("fit-slip", "speedloss.csv", "--json"), ("--help",)]
-)
+@pytest.mark.parametrize("call", [("fit-slip", "speedloss.csv", "--json"), ("--help",)])
 def test_a_full_disk_behind_stdout_is_status_2_and_said(
     beside: Path, call: tuple[str, ...]
 ) -> None:
