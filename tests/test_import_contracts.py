@@ -1,12 +1,10 @@
-"""Imports go down only, and the science rooms stay free of files, frames and terminals."""
+"""The science rooms stay free of files, frames and terminals, whatever the way of an import."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
 from pathlib import Path
-
-import pytest
 
 ROOT = Path(__file__).parents[1]
 SCIENCE = (
@@ -21,16 +19,6 @@ SCIENCE = (
     "errors",
 )
 NOT_FOR_SCIENCE = ("pandas", "pyarrow", "ruamel", "typer", "rich", "matplotlib", "pydantic")
-
-
-def test_import_contracts_hold() -> None:
-    pytest.importorskip("importlinter")
-    code = "import sys; from importlinter.cli import lint_imports; sys.exit(lint_imports())"
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stdout
-    assert "0 broken" in done.stdout
 
 
 def test_science_loads_nothing_that_it_must_not_know() -> None:
@@ -50,9 +38,11 @@ def test_science_loads_nothing_that_it_must_not_know() -> None:
     assert done.stdout.strip() == "[]"
 
 
-@pytest.mark.parametrize("stage", ["fit_stiffness", "fit_slip", "fit_friction"])
-def test_a_recording_is_reduced_without_loading_a_compiler(stage: str) -> None:
-    code = f"import sys, beltid.stages.{stage}; print('numba' in sys.modules)"
+def test_a_recording_is_reduced_without_loading_a_compiler() -> None:
+    code = (
+        "import sys; from beltid.stages import fit_friction, fit_slip, fit_stiffness; "
+        "print('numba' in sys.modules)"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
 

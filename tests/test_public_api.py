@@ -229,10 +229,10 @@ def test_functions_take_what_the_others_return() -> None:
         beltid.simulate_rig(None, stiffness, law, **POINT)
 
 
-def test_files_of_the_commands_load(tmp_path: Path) -> None:
+def test_files_of_the_commands_load(rig: pd.DataFrame, friction: Any, tmp_path: Path) -> None:
     runner = CliRunner()
-    for name in ("press.csv", "rig.csv"):
-        (tmp_path / name).write_bytes((DATA / name).read_bytes())
+    (tmp_path / "press.csv").write_bytes((DATA / "press.csv").read_bytes())
+    rig.to_csv(tmp_path / "rig.csv", index=False)
     for call in (["fit-stiffness", "press.csv"], ["fit-friction", "rig.csv"]):
         assert runner.invoke(app, [call[0], str(tmp_path / call[1])]).exit_code == 0
     assert runner.invoke(app, ["build-surface", str(tmp_path / "friction.parquet")]).exit_code == 0
@@ -245,8 +245,7 @@ def test_files_of_the_commands_load(tmp_path: Path) -> None:
     with pytest.raises(beltid.InputError, match="temperatures with a law"):
         beltid.load_stiffness(tmp_path / "stiffness.parquet", temperature_degC=120)
     surface = beltid.load_surface(tmp_path / "surface.parquet")
-    built = beltid.build_surface(beltid.fit_friction(pd.read_csv(DATA / "rig.csv")))
-    assert surface == built.result.surface
+    assert surface == beltid.build_surface(friction).result.surface
     with pytest.raises(beltid.ArtifactError, match="is a stiffness artifact"):
         beltid.load_surface(tmp_path / "stiffness.parquet")
 

@@ -35,7 +35,7 @@ def test_from_bench_files_to_the_comparison(tmp_path):
     config = tmp_path / "belt.yaml"
     config.write_text(CONFIG)
     runs = tmp_path / "runs"
-    call = ["run", str(config), "-o", str(runs), "-j", "1", "-q"]
+    call = ["run", str(config), "-o", str(runs), "-j", "1", "-q", "--no-report"]
     result = CliRunner().invoke(app, call)
     assert result.exit_code == 0, result.stderr
     friction = read_artifact(runs / "bench" / "friction.parquet")

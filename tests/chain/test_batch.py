@@ -32,6 +32,13 @@ def test_results_do_not_depend_on_the_number_of_workers(bench: Path, by_one: Pat
     assert contents(bench / "runs") == contents(by_one)
 
 
+@pytest.mark.parametrize("belt", ["one", "two"])
+def test_every_belt_has_a_folder_with_all_its_results(by_one: Path, belt: str) -> None:
+    found = {path.stem for path in (by_one / belt).glob("*.parquet")}
+    assert {"stiffness", "friction", "surface", "simulated", "compare"} < found
+    assert {"surface_refined", "simulated_refined", "compare_refined"} < found
+
+
 def test_shards_make_what_one_run_makes_and_a_last_run_finds_it(bench: Path, by_one: Path) -> None:
     for number, belt in ((1, "one"), (2, "two")):
         done = beltid(bench, *BOTH, "-j", "1", "--shard", f"{number}/2", "--json")
@@ -71,7 +78,10 @@ def test_the_first_failure_ends_it_if_that_is_asked_for(bench: Path) -> None:
     assert {chain["compare refined"] for chain in chains} == {"not run"}
 
 
-def test_runs_left_out_are_predicted_and_a_single_arc_is_told(bench: Path) -> None:
+def test_runs_left_out_are_predicted_and_a_single_arc_is_told(bench: Path, by_one: Path) -> None:
+    for name in ("two", "off"):  # all but the prediction
+        shutil.copytree(by_one / "two", bench / "runs" / name)
+        (bench / "runs" / name / "compare_hold_out.parquet").unlink()
     config = (bench / "two.yaml").read_text()
     one_arc = config.replace("name: two", "name: one_arc").replace("[40, 82]", "[82]")
     (bench / "one_arc.yaml").write_text(one_arc)
@@ -339,8 +349,8 @@ workers.call(time.sleep, 30.0)
     ("send", "number", "delay_s"),
     [
         (os.kill, signal.SIGINT, 0.3),
-        (os.kill, signal.SIGTERM, 1.0),
-        (os.killpg, signal.SIGINT, 0.05),
+        pytest.param(os.kill, signal.SIGTERM, 1.0, marks=pytest.mark.long),
+        pytest.param(os.killpg, signal.SIGINT, 0.05, marks=pytest.mark.long),
         (os.killpg, signal.SIGHUP, 1.5),
     ],
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -55,16 +56,25 @@ def test_a_line_of_the_table_makes_a_file_a_command(
     assert "--config" in CliRunner().invoke(app, ["weigh-belt", "--help"]).stdout
 
 
+@cache
+def texts_of_the_package() -> list[tuple[str, str]]:
+    """File and value of every text in the code of the package."""
+    return [
+        (path.relative_to(PACKAGE).as_posix(), node.value)
+        for path in PACKAGE.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    ]
+
+
 def mentions(name: str) -> set[str]:
     """Files of the package in whose code a text begins with the name of a command."""
-    found = set()
-    for path in PACKAGE.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                text = node.value.removeprefix("beltid ")
-                if text == name or text.startswith((f"{name} --", f"{name} refined")):
-                    found.add(path.relative_to(PACKAGE).as_posix())
-    return found
+    begin = (f"{name} --", f"{name} refined")
+    return {
+        file
+        for file, value in texts_of_the_package()
+        if (text := value.removeprefix("beltid ")) == name or text.startswith(begin)
+    }
 
 
 @pytest.mark.parametrize("name", [name for name in COMMANDS if "-" in name])

@@ -61,7 +61,7 @@ def test_result_stands_beside_the_input(bench: Path, beltid: Any, command: str) 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_stdout_with_json_is_one_json_object(bench: Path, beltid: Any, command: str) -> None:
     inputs, kind = COMMANDS[command]
-    result = beltid(command, *inputs, "--json", "--force")
+    result = beltid(command, *inputs, "--json")
     assert result.exit_code == 0
     product = json.loads(result.stdout)
     assert product["command"] == command
@@ -155,18 +155,18 @@ def test_config_discovery_order(
     bench: Path, beltid: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     def used(*arguments: str) -> str:
-        return beltid("fit-friction", "rig.csv", *arguments).stderr.splitlines()[0]
+        return beltid("fit-slip", "speedloss.csv", *arguments).stderr.splitlines()[0]
 
     assert "beltid.yaml" in used()
-    (bench / "rig.yaml").write_text("friction: {max_mu: 2.5}\n")
-    assert "rig.yaml" in used()
+    (bench / "speedloss.yaml").write_text("friction: {max_mu: 2.5}\n")
+    assert "speedloss.yaml" in used()
     (tmp_path / "env.yaml").write_text("friction: {max_mu: 2.6}\n")
     monkeypatch.setenv("BELTID_CONFIG", str(tmp_path / "env.yaml"))
     assert "env.yaml" in used()
     (tmp_path / "told.yaml").write_text("friction: {max_mu: 2.7}\n")
     assert "told.yaml" in used("--config", str(tmp_path / "told.yaml"))
     monkeypatch.delenv("BELTID_CONFIG")
-    (bench / "rig.yaml").unlink()
+    (bench / "speedloss.yaml").unlink()
     (bench / "beltid.yaml").unlink()
     assert "built-in 5PK" in used()
 
@@ -271,18 +271,17 @@ def test_nothing_is_said_about_an_origin_that_nobody_stated(bench: Path, beltid:
     assert "synthetic" not in beltid("fit-slip", "speedloss.csv").stdout
 
 
-def test_the_chain_tells_belts_of_synthetic_data_apart(bench: Path, beltid: Any) -> None:
-    text = (bench / "beltid.yaml").read_text()
+def test_the_chain_tells_belts_of_synthetic_data_apart(ran: Path, beltid: Any) -> None:
+    text = (ran / "beltid.yaml").read_text()
     virtual = text.replace("data: {", "data: {origin: synthetic, ")
-    (bench / "beltid.yaml").write_text(virtual)
-    whole = beltid("run", "--no-report", "beltid.yaml")
+    (ran / "virtual.yaml").write_text(virtual.replace("name: 5pk", "name: virtual"))
+    whole = beltid("run", "--no-report", "virtual.yaml")
     assert whole.stdout.startswith("run (synthetic data): ")
     assert "synthetic data" in whole.stderr.splitlines()[0]
-    (bench / "real.yaml").write_text(text.replace("name: 5pk", "name: real"))
-    mixed = beltid("run", "--no-report", "beltid.yaml", "real.yaml")
+    mixed = beltid("run", "--no-report", "virtual.yaml", "beltid.yaml")
     assert mixed.stdout.startswith("run: ")
     assert sum("synthetic" in line for line in mixed.stdout.splitlines()) == 1
-    result = beltid("run", "--no-report", "beltid.yaml", "real.yaml", "--json")
+    result = beltid("run", "--no-report", "virtual.yaml", "beltid.yaml", "--json")
     rows = json.loads(result.stdout)["table"]
     assert [row["origin"] for row in rows] == ["synthetic", None]
 

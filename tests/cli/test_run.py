@@ -65,18 +65,6 @@ def test_the_refined_surface_is_proven_beside_the_published_one(ran: Path, belti
     )
 
 
-def test_several_belts_have_their_folders_and_a_line_each(
-    ran: Path, beltid: Any, second: Path
-) -> None:
-    result = beltid("run", "--no-report", "beltid.yaml", "second.yaml", "--json")
-    assert result.exit_code == 0
-    product = json.loads(result.stdout)
-    assert [row["belt"] for row in product["table"]] == ["5pk", "second"]
-    for belt in ("5pk", "second"):
-        for kind in (*ARTIFACTS, *REFINED):
-            assert (ran / "runs" / belt / f"{kind}.parquet").is_file()
-
-
 def test_a_failing_belt_does_not_stop_the_others(ran: Path, beltid: Any, second: Path) -> None:
     (ran / "runs" / "5pk" / "compare_refined.parquet").unlink()
     (ran / "bad.csv").write_text((ran / "rig.csv").read_text().replace("R006,", ",", 1))

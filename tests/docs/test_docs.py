@@ -24,6 +24,7 @@ ONWARD = (TUTORIAL, ROOT / "docs" / "drive.md", ROOT / "docs" / "plan.md")
 """The tutorial and the pages that go on from it, in their order."""
 OTHERS = ROOT / "docs" / "measured_by_others.md"
 README = ROOT / "README.md"
+REDUCTIONS = ("fit-stiffness", "fit-slip", "fit-friction", "build-surface")
 
 
 def blocks(language: str, *pages: Path) -> list[str]:
@@ -156,9 +157,8 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_commands_of_the_readme_print_what_it_shows(project: Path) -> None:
-    shown = shown_in_readme()
-    assert len(shown) > 8
+def differs_from_readme(shown: list[tuple[str, list[str]]], project: Path) -> list[str]:
+    """Run commands of the README; those parts of what it shows that they do not print."""
     wrong = []
     for command, lines in shown:
         done = CliRunner().invoke(app, shlex.split(command)[1:])
@@ -167,6 +167,21 @@ def test_commands_of_the_readme_print_what_it_shows(project: Path) -> None:
         wrong += [f"$ {command}\n{part}" for part in parts(lines) if part not in printed]
         if command.startswith("beltid run"):  # the same results: the steps find them up to date
             shutil.copytree(project / "runs" / "5pk", project / "tour")
+    return wrong
+
+
+def test_the_recordings_are_reduced_to_what_the_readme_shows(project: Path) -> None:
+    quick = [(c, lines) for c, lines in shown_in_readme() if c.split()[1] in REDUCTIONS]
+    assert len(quick) == len(REDUCTIONS)
+    wrong = differs_from_readme(quick, project)
+    assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.long
+def test_commands_of_the_readme_print_what_it_shows(project: Path) -> None:
+    shown = shown_in_readme()
+    assert len(shown) > 8
+    wrong = differs_from_readme(shown, project)
     assert not wrong, "\n".join(wrong)
     for block in re.findall(r"^```python\n(.*?)^```$", README.read_text(), re.M | re.S):
         exec(block, {})

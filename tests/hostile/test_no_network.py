@@ -63,10 +63,8 @@ def test_the_guard_sees_who_asks(guarded, asks):
 def test_no_command_asks_for_the_network(guarded, tmp_path):
     assert {command.split()[0] for command in every_command.COMMANDS} == set(COMMANDS)
     environment, log = guarded
-    folder = tmp_path / "work"
-    folder.mkdir()
     done = subprocess.run(
-        [sys.executable, every_command.__file__, str(folder)],
+        [sys.executable, every_command.__file__, str(tmp_path)],
         env=environment,
         capture_output=True,
         text=True,

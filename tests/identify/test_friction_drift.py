@@ -53,9 +53,13 @@ def second_ripple(period_s: float) -> Callable[[Columns], None]:
     ("tight", "slack"),
     [
         (1, 0),
-        (0, -1),
-        pytest.param(1, 1, marks=pytest.mark.xfail(reason="a rest of 1 s does not tell it")),
-        (-1, -1),
+        pytest.param(0, -1, marks=pytest.mark.long),
+        pytest.param(
+            1,
+            1,
+            marks=[pytest.mark.xfail(reason="a rest of 1 s does not tell it"), pytest.mark.long],
+        ),
+        pytest.param(-1, -1, marks=pytest.mark.long),
         (1, -1),
     ],
 )
@@ -64,19 +68,23 @@ def test_a_cell_that_drifts_by_one_newton_is_allowed_for(tight: float, slack: fl
     assert np.mean(np.abs(z) < 1.96) > 0.9
 
 
-@pytest.mark.parametrize("tight", [1, -1])
+@pytest.mark.parametrize("tight", [1, pytest.param(-1, marks=pytest.mark.long)])
 def test_so_it_is_where_there_is_no_peak(tight: float) -> None:
     z, _ = scores(BASE.but(peak=0.0), tare(0.0, tight))
     assert np.mean(np.abs(z) < 1.96) > 0.9
 
 
-@pytest.mark.parametrize("period_s", [0.31, 0.8, 2.1, 4.5, 7.0])
+@pytest.mark.parametrize(
+    "period_s", [0.8, *(pytest.param(s, marks=pytest.mark.long) for s in (0.31, 2.1, 4.5, 7.0))]
+)
 def test_two_ripples_are_told_apart_or_allowed_for(period_s: float) -> None:
     z, _ = scores(BASE, second_ripple(period_s))
     assert np.mean(np.abs(z) < 1.96) > 0.85  # 16 runs: 0.95 less two standard deviations
 
 
-@pytest.mark.parametrize("period_s", [5.0, 8.0, 12.0])
+@pytest.mark.parametrize(
+    "period_s", [8.0, *(pytest.param(s, marks=pytest.mark.long) for s in (5.0, 12.0))]
+)
 def test_a_ripple_longer_than_the_sliding_phase_is_allowed_for(period_s: float) -> None:
     z, _ = scores(BASE.but(ripple_period=period_s), lambda columns: None)
     assert np.mean(np.abs(z) < 1.96) > 0.9

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ Fault = Callable[[np.ndarray, np.ndarray, np.ndarray, np.random.Generator, float
 """Spoils time, tight and slack cell of a run in place; knows the initial tension."""
 
 
+@cache
 def campaign(fault: Fault, mode: object = "auto") -> tuple[RunReduction, ...]:
     rng = np.random.default_rng(11)
     parts = []

@@ -45,7 +45,10 @@ def test_exact_points_give_the_exact_parameters_without_a_guess(law):
     assert found.fit(law).rms_misfit < 1e-9
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(
+    "law",
+    [law if law == "power_log" else pytest.param(law, marks=pytest.mark.long) for law in LAWS],
+)
 def test_noisy_points_give_the_parameters_within_their_errors_and_the_law(law):
     rng = np.random.default_rng(17)
     pulls, best = [], []

@@ -133,10 +133,17 @@ def test_coarse_in_time_and_fine_in_the_build_up_like_a_simulated_record() -> No
     assert run.start_time_s == pytest.approx(0.0201)
 
 
-@pytest.mark.parametrize("step", [4.88, 3.0])
-def test_rounding_of_a_coarse_converter_is_in_the_standard_error(step: float) -> None:
+@pytest.mark.parametrize(
+    ("step", "draws"),
+    [
+        (3.0, 8),
+        pytest.param(4.88, 24, marks=pytest.mark.long),
+        pytest.param(3.0, 24, marks=pytest.mark.long),
+    ],
+)
+def test_rounding_of_a_coarse_converter_is_in_the_standard_error(step: float, draws: int) -> None:
     z = []
-    for seed in range(24):
+    for seed in range(draws):
         recipe = BASE.but(initial=60.0 + 3.3 * seed, noise=0.4, seed=seed)
         columns = record(recipe)
         for name in ("tension_tight_N", "tension_slack_N"):
@@ -144,7 +151,7 @@ def test_rounding_of_a_coarse_converter_is_in_the_standard_error(step: float) ->
         run = reduce_columns(columns)
         if run.ok:
             z.append((run.mu_sliding - 0.8) / run.mu_sliding_se)
-    assert len(z) > 20
+    assert len(z) > 0.8 * draws
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.4
 
 
@@ -527,7 +534,7 @@ def test_no_record_whatever_raises(seed: int, n: int, scale: float, holes: float
     assert not run.ok or 0.0 < run.mu_sliding <= 3.0
 
 
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=3, deadline=None)
 @given(factor=st.floats(0.05, 20.0), shift=st.floats(-1e3, 1e3), seed=st.integers(0, 100))
 @example(factor=2.0, shift=0.0, seed=78)
 def test_mu_depends_neither_on_the_unit_of_force_nor_on_the_origin_of_time(

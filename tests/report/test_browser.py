@@ -77,6 +77,7 @@ def test_nothing_is_asked_from_elsewhere_and_nothing_goes_wrong(opened: Any, add
     assert {r for r in requests if not r.startswith(("data:", "blob:"))} == {address}
 
 
+@pytest.mark.long  # without a graphics card a turn takes up to minutes
 def test_surface_is_turned_with_the_mouse(opened: Any) -> None:
     page, complaints, _ = opened
     plot = page.locator("#surface-plot")

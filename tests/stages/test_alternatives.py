@@ -68,6 +68,7 @@ def test_surface_carries_formulas_that_are_what_they_say(friction):
     assert len(friction_law_rows(outcome.extra)) == 5
 
 
+@pytest.mark.long
 def test_refined_surface_gives_the_law_of_the_bench_within_its_errors(friction, stiffness):
     surface = beltid.refine_surface(friction, stiffness.result.pooled.law, CONFIG).result.surface
     f, v = np.meshgrid(surface.normal_force_N_m, surface.slip_speed_m_s, indexing="ij")

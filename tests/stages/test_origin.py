@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -70,35 +72,50 @@ def chain(rig: Path, folder: Path, stated: str | None) -> dict[str, Summary]:
     }
 
 
+Chained = Callable[[str | None], tuple[Path, dict[str, Summary]]]
+
+
+@pytest.fixture(scope="module")
+def chained(rig: Path, tmp_path_factory: pytest.TempPathFactory) -> Chained:
+    """Folder and summaries of the chain with an origin stated, each made once."""
+
+    @cache
+    def made(stated: str | None) -> tuple[Path, dict[str, Summary]]:
+        folder = tmp_path_factory.mktemp("chain")
+        return folder, chain(rig, folder, stated)
+
+    return made
+
+
 @pytest.mark.parametrize("origin", ["synthetic", "measured", None])
 def test_the_origin_of_the_recordings_goes_through_the_chain(
-    rig: Path, tmp_path: Path, origin: str | None
+    chained: Chained, origin: str | None
 ) -> None:
-    for kind, summary in chain(rig, tmp_path, origin).items():
-        assert read_artifact(tmp_path / f"{kind}.parquet").metadata.origin == origin, kind
+    folder, summaries = chained(origin)
+    for kind, summary in summaries.items():
+        assert read_artifact(folder / f"{kind}.parquet").metadata.origin == origin, kind
         assert summary.origin == origin
         assert summary.as_json()["origin"] == origin
 
 
-def test_one_synthetic_input_makes_the_result_synthetic(rig: Path, tmp_path: Path) -> None:
-    chain(rig, tmp_path, "measured")
-    fit_stiffness.run(
-        source("synthetic"), {"press": DATA / "press.csv"}, tmp_path / "other.parquet", Options()
-    )
-    inputs = {"surface": tmp_path / "surface.parquet", "stiffness": tmp_path / "other.parquet"}
+def test_one_synthetic_input_makes_the_result_synthetic(chained: Chained, tmp_path: Path) -> None:
+    measured, synthetic = chained("measured")[0], chained("synthetic")[0]
+    inputs = {
+        "surface": measured / "surface.parquet",
+        "stiffness": synthetic / "stiffness.parquet",
+    }
     summary = simulate_rig.run(
         source(None), inputs, tmp_path / "mixed.parquet", SimulateOptions(jobs=1)
     )
     assert summary.origin == "synthetic"
 
 
-def test_a_simulated_recording_is_never_taken_for_a_measured_one(rig: Path, tmp_path: Path) -> None:
-    chain(rig, tmp_path, "measured")
+def test_a_simulated_recording_is_never_taken_for_a_measured_one(
+    chained: Chained, tmp_path: Path
+) -> None:
+    simulated = chained("measured")[0] / "simulated.parquet"
     again = fit_friction.run(
-        source("measured"),
-        {"rig": tmp_path / "simulated.parquet"},
-        tmp_path / "again.parquet",
-        Options(),
+        source("measured"), {"rig": simulated}, tmp_path / "again.parquet", Options()
     )
     assert again.origin == "synthetic"
 

@@ -137,6 +137,7 @@ def test_a_surface_follows_a_common_error_exactly_whatever_the_noise():
         np.testing.assert_allclose(changes[..., 0], 0.005, rtol=0.02)
 
 
+@pytest.mark.long
 def test_a_common_error_is_covered_and_its_scatter_alone_does_not():
     design = replace(SMALL, given=NO_ERRORS, noise=0.001, shared=0.01)
     found = [repetition(design, 200 + seed) for seed in range(12)]
