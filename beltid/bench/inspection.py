@@ -30,7 +30,6 @@ from beltid.bench.formats.dialect import (
     ReadOptions,
     cells_or_line,
     is_number,
-    unit_in_name,
 )
 from beltid.bench.formats.rows import Rows, Texts
 from beltid.bench.recording import (
@@ -485,8 +484,3 @@ def _settings(part: dict[str, np.ndarray], kind: str) -> dict[str, float]:
     if kind == "press":
         settings["force_N"] = float(np.nanmax(np.abs(part["force_N"])))
     return settings
-
-
-def unit_of(candidate: Candidate) -> str:
-    """Unit of a channel as the file writes it, in a cell of its own or in the name."""
-    return candidate.unit or unit_in_name(candidate.name)

@@ -11,8 +11,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench.channels.channel_mapping import ChannelMapping
-from beltid.bench.inspection import FileView, RunView, inspect_recording, unit_of
+from beltid.bench.channels.channel_mapping import ChannelMapping, unit_of
+from beltid.bench.inspection import FileView, RunView, inspect_recording
 from beltid.config import ConfigSource
 from beltid.config.name_pattern import name_pattern
 from beltid.errors import EXIT_DONE, EXIT_INPUT

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import PurePath
 
@@ -20,6 +20,7 @@ from beltid.bench.channels.channel_mapping import (
 )
 from beltid.bench.channels.text_tables import check_header, convert
 from beltid.bench.formats.bench_file import BenchFile, Channel, Group
+from beltid.bench.formats.clock import Clock, written_as
 from beltid.bench.formats.dialect import ReadOptions, is_number
 from beltid.bench.formats.rows import Texts, word_of
 from beltid.errors import Problems
@@ -30,7 +31,13 @@ from beltid.tables.schemas import SETTINGS
 def candidates_of(groups: Sequence[Group], *, named: bool) -> list[Candidate]:
     """The channels of groups, as candidates for our columns."""
     return [
-        Candidate(channel.name, channel.unit, (g, c), group.name if named else "")
+        Candidate(
+            channel.name,
+            channel.unit,
+            (g, c),
+            group.name if named else "",
+            written_as(channel.first_texts()),
+        )
         for g, group in enumerate(groups)
         for c, channel in enumerate(group.channels)
     ]
@@ -124,13 +131,13 @@ class _Reader:
             check_header(tuple(channels), in_file, table, place, problems, mappings, told)
         if problems.count > wrong:
             return None
-        columns, notes = _columns(groups, mappings, context)
+        columns, notes, of_clock = _columns(groups, mappings, context)
         if problems.count > wrong:
             return None
         convert(columns, {r: mapping for r, mapping in mappings.items() if r != "time_s"})
-        used = {mapping.candidate.name for mapping in mappings.values()}
+        used = {c.name for m in mappings.values() for c in (m.candidate, m.date) if c is not None}
         left_out = [channel for channel in channels if channel not in used]
-        said = [*notes_of(mappings, table), *notes]
+        said = [*notes_of(mappings, table), *notes, *of_clock]
         if left_out:
             said.append("channels left out: " + ", ".join(dict.fromkeys(left_out[:12])))
         length = len(next(iter(columns.values())))
@@ -162,19 +169,21 @@ def _mappings(groups: Sequence[Group], context: MappingContext) -> dict[str, Cha
 
 def _columns(
     groups: Sequence[Group], mappings: dict[str, ChannelMapping], context: MappingContext
-) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Values of our columns on one time."""
-    taken = {r: _channel(groups, mapping) for r, mapping in mappings.items()}
+) -> tuple[dict[str, np.ndarray], list[str], list[str]]:
+    """Values of our columns on one time; notes of what was interpolated, and of clock times."""
+    taken = {r: _channel(groups, mapping.candidate) for r, mapping in mappings.items()}
     values = {
         r: _typed(channel, mappings[r], _first_row(groups, mappings[r]), context)
         for r, channel in taken.items()
+        if mappings[r].clock is None
     }
     problems, wrong = context.problems, context.problems.count
     if "time_s" not in context.table.names:
         if len({len(column) for column in values.values()}) > 1:
             context.complain("the columns have different lengths")
-        return values, []
+        return values, [], []
     clocks = _Clocks(groups, mappings, values, context)
+    label = context.table.label
     timed: dict[str, Timed] = {}
     for role, channel in taken.items():
         if role == "time_s":
@@ -189,13 +198,16 @@ def _columns(
         else:
             timed[role] = Timed(channel.name, values[role], clock)
     if problems.count > wrong or not timed:
-        return {}, []
+        return {}, [], []
     columns, time, notes = aligned(timed, context.kind, context.place, problems)
-    return {**columns, "time_s": time}, notes
+    if clocks.clock.first and problems.count == wrong:
+        runs = Texts.of(columns[label]).codes if label in columns else None
+        time = clocks.clock.elapsed(time, clocks.place(0), problems, runs)
+    return {**columns, "time_s": time}, notes, clocks.clock.notes()
 
 
-def _channel(groups: Sequence[Group], mapping: ChannelMapping) -> Channel:
-    g, c = mapping.candidate.key
+def _channel(groups: Sequence[Group], candidate: Candidate) -> Channel:
+    g, c = candidate.key
     channel: Channel = groups[g].channels[c]
     return channel
 
@@ -215,11 +227,15 @@ class _Clocks:
         context: MappingContext,
     ) -> None:
         self.groups = groups
+        self.mappings, self.values = mappings, values
         self.shared = mappings.get("time_s")
-        self.raw = values.get("time_s")
+        self.problems = context.problems
+        self.clock = Clock("")
+        """Reads all clock times of the file, so that they count from one midnight."""
         # the file's own words alone: what the config names for the time was looked for before
         self.context = replace(context, options=ReadOptions())
         self.known: dict[int, np.ndarray | None] = {}
+        self.label = context.table.label
 
     def of(self, g: int, c: int) -> np.ndarray | None:
         """Time of a channel of a group."""
@@ -232,19 +248,53 @@ class _Clocks:
             self.known[g] = self._in_group(g)
         return self.known[g]
 
+    def place(self, g: int) -> Callable[[int], tuple[str, int]]:
+        """How messages call the samples of a group."""
+        first, name = self.groups[g].first_row, self.context.place
+        if first:
+            return lambda i: (f"{name}:{first + i}", first + i)
+        return lambda i: (f"{name}, sample {i + 1}", i + 1)
+
     def _shared(self) -> np.ndarray | None:
-        if self.raw is None or self.shared is None:
+        if self.shared is None:
             return None
-        by = self.shared.conversion
-        return (self.raw + by.shift) * by.factor
+        g = self.shared.candidate.key[0]
+        if self.shared.clock is None:
+            by = self.shared.conversion
+            return (self.values["time_s"] + by.shift) * by.factor
+        if g not in self.known:
+            self.known[g] = self._clock_times(self.shared)
+        return self.known[g]
+
+    def _clock_times(self, mapping: ChannelMapping) -> np.ndarray:
+        """Seconds of clock times, counted from the midnight before the first of the file."""
+        import pyarrow as pa
+
+        g, c = mapping.candidate.key
+        self.clock.name = mapping.candidate.name
+        times = self.groups[g].channels[c].values
+        dates = None if mapping.date is None else _channel(self.groups, mapping.date).values
+        seconds, wrong = self.clock.read(
+            pa.array(times, pa.string()), None if dates is None else pa.array(dates, pa.string())
+        )
+        self.clock.report_wrong(wrong, times, self.place(g), self.problems)
+        label = self.mappings.get(self.label)
+        own_label = label is not None and label.candidate.key[0] == g
+        runs = Texts.of(self.values[self.label]).codes if own_label else None
+        return self.clock.elapsed(seconds, self.place(g), self.problems, runs, from_first=False)
 
     def _in_group(self, g: int) -> np.ndarray | None:
         candidates = candidates_of([self.groups[g]], named=False)
         found = map_channels(candidates, self.context, ["time_s"])
         if "time_s" not in found:
             return self._shared()
-        channel = self.groups[g].channels[found["time_s"].candidate.key[1]]
-        return None if channel.is_text else channel.values * found["time_s"].conversion.factor
+        mapping = found["time_s"]
+        channel = self.groups[g].channels[mapping.candidate.key[1]]
+        if mapping.clock is not None:
+            inside = replace(mapping.candidate, key=(g, mapping.candidate.key[1]))
+            date = mapping.date and replace(mapping.date, key=(g, mapping.date.key[1]))
+            return self._clock_times(replace(mapping, candidate=inside, date=date))
+        return None if channel.is_text else channel.values * mapping.conversion.factor
 
 
 def _typed(

@@ -7,13 +7,14 @@ A channel is found by the name that the config states, by our own name, or by th
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal
 
 import numpy as np
 
-from beltid.bench.channels.vocabulary import roles_meant, simplified
+from beltid.bench.channels.vocabulary import means_date, roles_meant, simplified
 from beltid.bench.formats.bench_file import Field
+from beltid.bench.formats.clock import Clock
 from beltid.bench.formats.dialect import ReadOptions, unit_in_name, without_unit
 from beltid.config.name_pattern import name_pattern
 from beltid.errors import Problem, Problems
@@ -46,12 +47,15 @@ class Candidate:
         Where the reader finds it.
     group : str
         Group it stands in, "" where the file has no groups.
+    written : {"", "clock", "date"}
+        Whether its cells are clock times or dates rather than numbers or other texts.
     """
 
     name: str
     unit: str
     key: Any
     group: str = ""
+    written: str = ""
 
     @property
     def shown(self) -> str:
@@ -84,6 +88,8 @@ class ChannelMapping:
         Whether file or config tells the unit.
     negated : bool
         Whether the sign is turned.
+    date : Candidate or None
+        The channel that holds the dates of the clock times of this one.
     """
 
     role: str
@@ -92,6 +98,13 @@ class ChannelMapping:
     conversion: Conversion = field(default_factory=lambda: Conversion(1.0))
     unit_stated: bool = False
     negated: bool = False
+    date: Candidate | None = None
+
+    @property
+    def clock(self) -> Clock | None:
+        """A reader of its clock times; None where it holds numbers or other texts."""
+        is_time = self.role == "time_s" and self.candidate.written == "clock"
+        return Clock(self.candidate.name) if is_time else None
 
     @property
     def shown(self) -> str:
@@ -164,15 +177,41 @@ def map_channels(
             continue
         meant = [c for c in free if column.name in roles_meant(c.name, context.kind)]
         fitting = [c for c in meant if _fits(c, column, options)] or meant
+        if column.name == "time_s":  # a stop watch comes before a clock on the wall
+            fitting = [c for c in fitting if unit_of(c)] or fitting
         if len(fitting) == 1:
             found[column.name] = (fitting[0], "recognised", False)
         elif fitting:
             context.complain(_ambiguous(column, fitting, context.kind))
-    return {
+    mappings = {
         column.name: _mapping(column, *found[column.name], context)
         for column in columns
         if column.name in found
     }
+    time = mappings.get("time_s")
+    if time is not None and time.clock:
+        mappings["time_s"] = replace(time, date=_date_of(time.candidate, free, context))
+    return mappings
+
+
+def unit_of(candidate: Candidate) -> str:
+    """Unit of a channel as the file writes it, in a cell of its own or in the name."""
+    return candidate.unit or unit_in_name(candidate.name)
+
+
+def _date_of(
+    time: Candidate, candidates: Sequence[Candidate], context: MappingContext
+) -> Candidate | None:
+    """The channel of dates that stands beside a channel of clock times."""
+    dates = [
+        c
+        for c in candidates
+        if c.written == "date" and c.group == time.group and means_date(c.name)
+    ]
+    if len(dates) > 1:
+        shown = ", ".join(c.name for c in dates)
+        context.complain(f"{shown} can be the date of {time.name}: leave one of them")
+    return dates[0] if dates else None
 
 
 def notes_of(mappings: Mapping[str, ChannelMapping], table: Table) -> list[str]:
@@ -214,7 +253,7 @@ def _called(name: str, candidates: Sequence[Candidate], *, loosely: bool) -> lis
 
 def _fits(candidate: Candidate, column: Column, options: ReadOptions) -> bool:
     """Whether the unit of a channel, where it is told, can be that of a column."""
-    unit = candidate.unit or unit_in_name(candidate.name)
+    unit = unit_of(candidate)
     known = canonical_unit(unit)
     if not unit or column.dtype == "string" or column.name in options.units:
         return True
@@ -234,9 +273,12 @@ def _ambiguous(column: Column, meant: Sequence[Candidate], kind: str) -> str:
 def _mapping(
     column: Column, candidate: Candidate, how: How, negated: bool, context: MappingContext
 ) -> ChannelMapping:
+    mapping = ChannelMapping(column.name, candidate, how)
     if column.dtype == "string":
-        return ChannelMapping(column.name, candidate, how)
-    unit = candidate.unit or unit_in_name(candidate.name)
+        return mapping
+    if mapping.clock:
+        return replace(mapping, unit_stated=True)
+    unit = unit_of(candidate)
     converted = unit_conversion(column, candidate.name, unit, context, how == "recognised")
     if isinstance(converted, str):
         context.complain(converted)

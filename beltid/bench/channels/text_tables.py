@@ -20,6 +20,7 @@ from beltid.bench.channels.channel_mapping import (
 )
 from beltid.bench.channels.vocabulary import roles_meant
 from beltid.bench.files.sniff import Decoded
+from beltid.bench.formats.clock import written_as
 from beltid.bench.formats.csv_table import Wanted, read_rows
 from beltid.bench.formats.dialect import Layout, ReadOptions, is_number, layout
 from beltid.errors import Problem, Problems
@@ -39,7 +40,12 @@ def text_layout(decoded: Decoded, name: str, options: ReadOptions, table: Table)
 def candidates_of(found: Layout) -> list[Candidate]:
     """The columns of a text file, as candidates for ours."""
     units = (*found.unit_cells, *[""] * len(found.header))
-    return [Candidate(name, units[i], i) for i, name in enumerate(found.header) if name]
+    cells = found.first_cells()
+    return [
+        Candidate(name, units[i], i, written=written_as(cells[i]))
+        for i, name in enumerate(found.header)
+        if name
+    ]
 
 
 def read_text(
@@ -72,8 +78,18 @@ def read_text(
     if problems.count > wrong:
         hint_units_row(found, wanted, name, problems)
     columns = rows.columns()
+    clock = wanted["time_s"].clock if "time_s" in wanted else None
+    if clock is not None:
+        runs = rows.texts.get(table.label)
+        columns["time_s"] = clock.elapsed(
+            columns["time_s"],
+            lambda i: (f"{name}:{rows.line_of(i)}", rows.line_of(i)),
+            problems,
+            None if runs is None else runs.codes,
+        )
     convert(columns, mappings)
-    notes = (*decoded.notes, *found.notes, *text_notes(found, mappings, table))
+    of_clock = [] if clock is None else clock.notes()
+    notes = (*decoded.notes, *found.notes, *text_notes(found, mappings, table), *of_clock)
     return RawTable(
         name,
         names,
@@ -122,7 +138,13 @@ def wanted_columns(
         in_file |= {role: mapping.candidate.name for role, mapping in mappings.items()}
         check_header(found.header, in_file, table, place, problems, mappings, told)
     wanted = {
-        role: Wanted(r.candidate.key, table.column(role).dtype == "string", r.shown)
+        role: Wanted(
+            r.candidate.key,
+            table.column(role).dtype == "string",
+            r.shown,
+            r.clock,
+            None if r.date is None else r.date.key,
+        )
         for role, r in mappings.items()
     }
     return mappings, wanted
@@ -131,7 +153,7 @@ def wanted_columns(
 def text_notes(found: Layout, mappings: Mapping[str, ChannelMapping], table: Table) -> list[str]:
     """What was recognised, converted and left out of a text file."""
     notes = notes_of(mappings, table)
-    used = {mapping.candidate.name for mapping in mappings.values()}
+    used = {c.name for m in mappings.values() for c in (m.candidate, m.date) if c is not None}
     left_out = [n for n in found.header if n and n not in used]
     if left_out:
         notes.append("columns left out: " + ", ".join(left_out[:12]))

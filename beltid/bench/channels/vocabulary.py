@@ -53,9 +53,12 @@ def _words(keys: str, fillers: str = "") -> Words:
     return Words(tuple(sorted(known, key=len, reverse=True)), frozenset(fillers.split()))
 
 
+_DATE: Final = _words("datum,messdatum,pruefdatum,date,jour", "de du of the essai test")
 _TIME: Final = _words(
-    "zeit,pruefzeit,versuchszeit,messzeit,laufzeit,time,times,test time,elapsed time,running time,"
-    "total time,relative time,temps,temps ecoule,timestamp,time stamp,zeitstempel,t,x value",
+    "uhrzeit,zeitpunkt,datum zeit,datum uhrzeit,date time,datetime,clock time,time of day,"
+    "heure,date heure,horodatage,zeit,pruefzeit,versuchszeit,messzeit,laufzeit,time,times,"
+    "test time,elapsed time,running time,total time,relative time,temps,temps ecoule,timestamp,"
+    "time stamp,zeitstempel,t,x value",
     "s sec von de du the rel",
 )
 _TEMPERATURE: Final = _words(
@@ -201,6 +204,11 @@ def simplified(name: str) -> str:
     low = bare.lower().translate(_UMLAUTS)
     plain = unicodedata.normalize("NFKD", low).encode("ascii", "ignore").decode()
     return " ".join(re.findall(r"[a-z0-9]+", plain))
+
+
+def means_date(name: str) -> bool:
+    """Whether a channel's name says that it holds dates."""
+    return _DATE.mean(simplified(name))
 
 
 def roles_meant(name: str, kind: str) -> tuple[str, ...]:

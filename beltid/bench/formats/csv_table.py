@@ -10,12 +10,13 @@ import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from beltid.artifacts.file_bytes import opened
 from beltid.bench.files.sniff import CUT_OFF
+from beltid.bench.formats.clock import Clock
 from beltid.bench.formats.dialect import MISSING_WORDS, NUMBER, Layout
 from beltid.bench.formats.rows import Rows, Texts
 from beltid.errors import InputError, Problems
@@ -41,11 +42,17 @@ class Wanted:
         Whether it holds labels rather than numbers.
     shown : str
         How messages call it.
+    clock : Clock or None
+        Reader of its clock times; None for numbers and labels.
+    date : int or None
+        Position of the dates of its clock times.
     """
 
     index: int
     is_text: bool
     shown: str
+    clock: Clock | None = None
+    date: int | None = None
 
 
 def read_rows(layout: Layout, wanted: Mapping[str, Wanted], name: str) -> Rows:
@@ -176,7 +183,10 @@ def _read_clean(layout: Layout, wanted: Mapping[str, Wanted]) -> Rows | None:
     if b'"' in body and any(line.count(b'"') % 2 for line in body.split(b"\n")):
         return None  # a cell over several lines: line numbers need the exact reader
     names = [f"c{i}" for i in range(len(layout.header))]
-    types = {names[w.index]: pa.string() if w.is_text else pa.float64() for w in wanted.values()}
+    types = {
+        names[w.index]: pa.string() if w.is_text or w.clock else pa.float64()
+        for w in wanted.values()
+    } | {names[w.date]: pa.string() for w in wanted.values() if w.date is not None}
     try:
         table = pa_csv.read_csv(
             pa.BufferReader(body),
@@ -198,11 +208,19 @@ def _read_clean(layout: Layout, wanted: Mapping[str, Wanted]) -> Rows | None:
         if len(lines) != table.num_rows:
             return None
     read = {key: table.column(names[w.index]) for key, w in wanted.items()}
-    return Rows(
-        {key: _writable(read[key].to_numpy()) for key, w in wanted.items() if not w.is_text},
-        {key: Texts.of_arrow(read[key], MISSING_WORDS) for key, w in wanted.items() if w.is_text},
-        lines,
-    )
+    numbers: dict[str, np.ndarray] = {}
+    for key, w in wanted.items():
+        if w.clock is not None:
+            dates = None if w.date is None else table.column(names[w.date])
+            numbers[key], wrong = w.clock.read(read[key], dates)
+            if wrong:
+                return None
+        elif not w.is_text:
+            numbers[key] = _writable(read[key].to_numpy())
+    texts = {
+        key: Texts.of_arrow(read[key], MISSING_WORDS) for key, w in wanted.items() if w.is_text
+    }
+    return Rows(numbers, texts, lines)
 
 
 def _writable(values: np.ndarray) -> np.ndarray:
@@ -222,6 +240,7 @@ def _read_row_by_row(layout: Layout, wanted: Mapping[str, Wanted], name: str) ->
     """Read every row by itself, noting the line of everything that is wrong."""
     width, problems = len(layout.header), Problems()
     cells: dict[str, list[float | str | None]] = {key: [] for key in wanted}
+    dates: list[str | None] = []
     lines: list[int] = []
     comma = layout.decimal == ","
     text = io.StringIO(layout.body.decode(), newline="")
@@ -236,8 +255,10 @@ def _read_row_by_row(layout: Layout, wanted: Mapping[str, Wanted], name: str) ->
                 continue
             lines.append(line)
             for key, w in wanted.items():
-                value, good = _cell(row[w.index].strip(), w.is_text, comma)
+                value, good = _cell(row[w.index].strip(), w.is_text or w.clock is not None, comma)
                 cells[key].append(value)
+                if w.date is not None:
+                    dates.append(row[w.date].strip() or None)
                 if not good:
                     text_there = row[w.index].strip()
                     shown = text_there if len(text_there) <= 40 else text_there[:37] + "..."
@@ -246,12 +267,35 @@ def _read_row_by_row(layout: Layout, wanted: Mapping[str, Wanted], name: str) ->
     except csv.Error as error:
         line = layout.first_line + reader.line_num - 1
         problems.add(f"{name}:{line}: not a row of a CSV file: {error}", line)
+    numbers = {
+        key: _clock_times(w.clock, cells[key], dates, lines, name, problems)
+        if w.clock is not None
+        else np.array(cells[key], dtype=float)
+        for key, w in wanted.items()
+        if not w.is_text
+    }
     return Rows(
-        {key: np.array(cells[key], dtype=float) for key, w in wanted.items() if not w.is_text},
+        numbers,
         {key: Texts.of(cells[key]) for key, w in wanted.items() if w.is_text},  # type: ignore[arg-type]
         np.array(lines, dtype=np.int64),
         problems,
     )
+
+
+def _clock_times(
+    clock: Clock,
+    cells: list[Any],
+    dates: list[str | None],
+    lines: list[int],
+    name: str,
+    problems: Problems,
+) -> np.ndarray:
+    import pyarrow as pa
+
+    days = pa.array(dates, pa.string()) if dates else None
+    seconds, wrong = clock.read(pa.array(cells, pa.string()), days)
+    clock.report_wrong(wrong, cells, lambda i: (f"{name}:{lines[i]}", lines[i]), problems)
+    return seconds
 
 
 def _cell(text: str, is_text: bool, comma: bool) -> tuple[float | str | None, bool]:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from beltid.bench.formats.bench_file import Field
+from beltid.bench.formats.clock import is_clock, is_date
 from beltid.errors import InputError
 from beltid.tables import schemas
 from beltid.tables.columns import Table
@@ -24,6 +25,9 @@ MAX_BLANK: Final = 100_000
 """Lines without a cell before the header, or before the row of units."""
 _COMMA_NUMBER: Final = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 _NAMES: Final = {",": "','", ";": "';'", "\t": "tab", "|": "'|'"}
+FIRST_BYTES: Final = 20_000
+FIRST_ROWS: Final = 200
+"""Rows that show how a table writes its numbers and times."""
 SEARCHED: Final = 400
 """Rows in which the header is looked for."""
 BLOCK: Final = 5
@@ -135,6 +139,16 @@ class Layout:
     notes: tuple[str, ...]
     header_line: int
     fields: tuple[Field, ...] = ()
+
+    def first_cells(self) -> list[list[str]]:
+        """Filled cells of the first rows, column by column."""
+        first = self.body[:FIRST_BYTES].decode(errors="replace").split("\n")[:FIRST_ROWS]
+        columns: list[list[str]] = [[] for _ in self.header]
+        for line in first:
+            for column, cell in zip(columns, cells_or_line(line, self.separator), strict=False):
+                if cell.strip() not in MISSING_WORDS:
+                    column.append(cell.strip())
+        return columns
 
 
 def layout(text: str, name: str, options: ReadOptions, wanted: Iterable[str]) -> Layout:
@@ -363,7 +377,7 @@ def find_head(rows: Sequence[Sequence[str]]) -> TableHead | None:
     filled = [i for i, row in enumerate(rows) if any(cell.strip() for cell in row)]
     for at, index in enumerate(filled):
         block = [rows[i] for i in filled[at : at + BLOCK]]
-        if at == 0 or not _is_numbers(block):
+        if at == 0 or not _is_numbers(block) or is_units_row(block[0]):
             continue
         above = [i for i in filled[:at] if not _is_ruler(rows[i])]
         if not above:
@@ -385,11 +399,15 @@ def _is_numbers(block: Sequence[Sequence[str]]) -> bool:
     width = max(len(row) for row in block)
     columns = [[row[i].strip() if i < len(row) else "" for row in block] for i in range(width)]
     numeric = [
-        all(is_number(c) or c in MISSING_WORDS for c in column) and any(map(is_number, column))
+        all(_is_value(c) or c in MISSING_WORDS for c in column) and any(map(_is_value, column))
         for column in columns
     ]
     used = sum(1 for column in columns if any(column))
     return sum(numeric) >= 2 and 2 * sum(numeric) >= used
+
+
+def _is_value(cell: str) -> bool:
+    return is_number(cell) or is_clock(cell) or is_date(cell)
 
 
 def _is_ruler(row: Sequence[str]) -> bool:
