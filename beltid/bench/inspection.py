@@ -25,12 +25,10 @@ from beltid.bench.files.sources import Source, are_parquet, is_many, sources_of
 from beltid.bench.formats.bench_file import Field
 from beltid.bench.formats.csv_table import Wanted, csv_blocks, read_rows
 from beltid.bench.formats.dialect import (
-    MISSING_WORDS,
     Layout,
     ReadOptions,
-    cells_or_line,
-    is_number,
 )
+from beltid.bench.formats.numbers import NumberSigns, is_number, numbers_or_problems
 from beltid.bench.formats.rows import Rows, Texts
 from beltid.bench.recording import (
     Opened,
@@ -49,8 +47,6 @@ from beltid.tables.columns import Table
 TORQUE_SENSORS: Final = sensors_of(schemas.rig_table("torque"))
 ANY_TABLE: Final = schemas.table("press")
 """Any of our names makes the header of a tidy file plain to see."""
-FIRST_BYTES: Final = 20_000
-"""Bytes of a table that show whether a column holds numbers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -282,7 +278,10 @@ def _view(opened: Opened, options: ReadOptions) -> FileView:
         if channel.time_s is not None and channel.time_s.size > 1:
             step = float(np.median(np.diff(channel.time_s)))
             rate = 1.0 / step if step > 0 else np.nan
-        numbers = _numbers(channel.values) if channel.is_text else channel.values
+        numbers = channel.values
+        if channel.is_text:
+            signs = NumberSigns.of(channel.first_texts(), options.decimal, options.thousands)
+            numbers = numbers_or_problems(numbers, signs, "", lambda i: ("", i), Problems())
         views.append(ChannelView(candidate, rate_Hz=rate).with_numbers(numbers))
     fields = (*file.fields, *(f for group in file.groups for f in group.fields))
     return FileView(opened.name, file.format, "", tuple(views), fields, file.notes)
@@ -309,22 +308,12 @@ def _text_view(name: str, decoded: Decoded, layout: Layout, blocks: Iterable[Row
 
 def _looked_at(layout: Layout) -> dict[str, Wanted]:
     """All columns of a text file: as numbers where the first rows hold mostly numbers."""
-    first = layout.body[:FIRST_BYTES].decode(errors="replace").split("\n")[:-1]
-    rows = [cells_or_line(line, layout.separator) for line in first]
-    wanted = {}
+    cells, wanted = layout.first_cells(), {}
     for candidate in text_candidates(layout):
-        cells = [row[candidate.key].strip() for row in rows if candidate.key < len(row)]
-        filled = [cell for cell in cells if cell not in MISSING_WORDS]
+        filled = cells[candidate.key]
         is_text = 2 * sum(map(is_number, filled)) < len(filled)
         wanted[str(candidate.key)] = Wanted(candidate.key, is_text, candidate.name)
     return wanted
-
-
-def _numbers(texts: np.ndarray) -> np.ndarray:
-    """Numbers of text cells; nan for what is none."""
-    return np.array(
-        [float(t.replace(",", ".")) if t and is_number(t.strip()) else np.nan for t in texts]
-    )
 
 
 def _parquet_views(sources: Sequence[Source]) -> list[FileView]:

@@ -21,7 +21,8 @@ from beltid.bench.channels.channel_mapping import (
 from beltid.bench.channels.text_tables import check_header, convert
 from beltid.bench.formats.bench_file import BenchFile, Channel, Group
 from beltid.bench.formats.clock import Clock, written_as
-from beltid.bench.formats.dialect import ReadOptions, is_number
+from beltid.bench.formats.dialect import ReadOptions
+from beltid.bench.formats.numbers import NumberSigns, numbers_or_problems
 from beltid.bench.formats.rows import Texts, word_of
 from beltid.errors import Problems
 from beltid.tables.columns import Table
@@ -250,10 +251,7 @@ class _Clocks:
 
     def place(self, g: int) -> Callable[[int], tuple[str, int]]:
         """How messages call the samples of a group."""
-        first, name = self.groups[g].first_row, self.context.place
-        if first:
-            return lambda i: (f"{name}:{first + i}", first + i)
-        return lambda i: (f"{name}, sample {i + 1}", i + 1)
+        return places(self.context.place, self.groups[g].first_row)
 
     def _shared(self) -> np.ndarray | None:
         if self.shared is None:
@@ -305,17 +303,15 @@ def _typed(
         return Texts.of(map(word_of, channel.values)).objects()
     if not channel.is_text:
         return np.asarray(channel.values, dtype=float)
-    numbers = np.full(len(channel.values), np.nan)
-    for i, text in enumerate(channel.values):
-        if text is None:
-            continue
-        if is_number(str(text).strip()):
-            numbers[i] = float(str(text).strip().replace(",", "."))
-        else:
-            where = f"{context.place}:{first + i}" if first else f"{context.place}, sample {i + 1}"
-            context.problems.add(
-                f'{where}: {mapping.shown} = "{str(text)[:40]}", must be a number',
-                i + 1,
-                "numbers",
-            )
-    return numbers
+    signs = NumberSigns.of(
+        channel.first_texts(), context.options.decimal, context.options.thousands
+    )
+    place = places(context.place, first)
+    return numbers_or_problems(channel.values, signs, mapping.shown, place, context.problems)
+
+
+def places(name: str, first_row: int) -> Callable[[int], tuple[str, int]]:
+    """How messages call the samples of a group that begins in a row of a file, or in none."""
+    if first_row:
+        return lambda i: (f"{name}:{first_row + i}", first_row + i)
+    return lambda i: (f"{name}, sample {i + 1}", i + 1)

@@ -22,7 +22,8 @@ from beltid.bench.channels.vocabulary import roles_meant
 from beltid.bench.files.sniff import Decoded
 from beltid.bench.formats.clock import written_as
 from beltid.bench.formats.csv_table import Wanted, read_rows
-from beltid.bench.formats.dialect import Layout, ReadOptions, is_number, layout
+from beltid.bench.formats.dialect import Layout, ReadOptions, layout
+from beltid.bench.formats.numbers import is_number
 from beltid.errors import Problem, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table

@@ -284,12 +284,9 @@ class Clock:
         """Note what `read` found wrong: the first row of each kind, and how many are like it."""
         for why, rows in wrong.items():
             where, line = place(int(rows[0]))
+            text = f'{where}: {self.name} = "{str(cells[int(rows[0])])[:40]}", {why}'
             more = f" ({rows.size - 1} more like it)" if rows.size > 1 else ""
-            problems.add(
-                f'{where}: {self.name} = "{str(cells[int(rows[0])])[:40]}", {why}{more}',
-                line,
-                "numbers",
-            )
+            problems.add(text + more, line, "numbers")
 
     def notes(self) -> list[str]:
         """How the time came about, in words."""

@@ -5,11 +5,12 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 from beltid.bench.formats.bench_file import Field
 from beltid.bench.formats.clock import is_clock, is_date
+from beltid.bench.formats.numbers import MISSING_WORDS, NumberSigns, contradiction, is_number
 from beltid.errors import InputError
 from beltid.tables import schemas
 from beltid.tables.columns import Table
@@ -23,7 +24,6 @@ LONGEST_LINE: Final = 1 << 24
 """Characters of a line, at most: cells take far more memory than their text."""
 MAX_BLANK: Final = 100_000
 """Lines without a cell before the header, or before the row of units."""
-_COMMA_NUMBER: Final = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 _NAMES: Final = {",": "','", ";": "';'", "\t": "tab", "|": "'|'"}
 FIRST_BYTES: Final = 20_000
 FIRST_ROWS: Final = 200
@@ -35,10 +35,6 @@ BLOCK: Final = 5
 _OTHER: Final = "1 - -- % # V mV mV/V A mA Hz Pa kPa MPa bar W kW J g kg mm/s mm/min m/s m/s^2 m/s²"
 OTHER_UNITS: Final = frozenset((*_OTHER.split(), "N/mm", "N/mm²", "l/min"))
 """Units that no column of ours has, but that stand in a row of units."""
-NUMBER: Final = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
-MISSING_WORDS: Final = frozenset(
-    ("", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL", "None", "-")
-)
 LONGEST_NAME: Final = 300
 """Longer names of channels are not searched for a unit."""
 _IN_NAME: Final = re.compile(r"[\[(<{]([^\[\](){}<>]*)[\])>}]\s*$")
@@ -56,7 +52,7 @@ class ReadOptions:
         Our column -> its name in the file.
     units : mapping
         Our column -> its unit in the file, or the calibration of its sensor.
-    separator, decimal, encoding : str or None
+    separator, decimal, thousands, encoding : str or None
         None means: found out from the file.
     skip_lines : int
         Lines before the header.
@@ -72,6 +68,7 @@ class ReadOptions:
     units: Mapping[str, str | Calibration] = field(default_factory=dict)
     separator: str | None = None
     decimal: str | None = None
+    thousands: str | None = None
     encoding: str | None = None
     skip_lines: int = 0
     units_row: bool = False
@@ -89,6 +86,7 @@ class ReadOptions:
             units=config.units.of(kind),
             separator=dialect.separator,
             decimal=dialect.decimal,
+            thousands=dialect.thousands,
             encoding=dialect.encoding,
             skip_lines=dialect.skip_lines,
             units_row=dialect.units_row,
@@ -116,8 +114,10 @@ class Layout:
         Names of the columns in the file.
     unit_cells : tuple of str
         Cells of the row of units, empty without one.
-    separator, decimal : str
-        How cells and decimals are marked.
+    separator : str
+        Sign between cells.
+    signs : NumberSigns
+        How numbers are written.
     body : bytes
         The rows as UTF-8, with single line feeds.
     first_line : int
@@ -133,7 +133,7 @@ class Layout:
     header: tuple[str, ...]
     unit_cells: tuple[str, ...]
     separator: str
-    decimal: str
+    signs: NumberSigns
     body: bytes
     first_line: int
     notes: tuple[str, ...]
@@ -199,18 +199,19 @@ def layout(text: str, name: str, options: ReadOptions, wanted: Iterable[str]) ->
     body = text[start:]
     if not body.strip():
         raise InputError(f"{name}: holds no samples, only a header in line {header_line}")
-    decimal = options.decimal or _decimal(body, separator, notes)
-    return Layout(
+    laid_out = Layout(
         header,
         unit_cells,
         separator,
-        decimal,
+        NumberSigns(),
         body.encode(),
         line,
-        tuple(notes),
+        (),
         header_line,
         fields,
     )
+    signs = _number_signs(laid_out, options, notes, f"{name}:{header_line}")
+    return replace(laid_out, signs=signs, notes=tuple(notes))
 
 
 def _refuse_monstrous(text: str, name: str) -> None:
@@ -316,26 +317,24 @@ def best_separator(head: str, wanted: set[str]) -> str:
     return max(SEPARATORS, key=score)
 
 
-def _decimal(body: str, separator: str, notes: list[str]) -> str:
-    """A decimal comma where the first rows leave no other reading."""
-    if separator == ",":
-        rows = csv.reader(body[:20_000].split("\n")[:200]) if '",' in body[:20_000] else ()
-        quoted = {cell for row in rows for cell in row if _COMMA_NUMBER.fullmatch(cell)}
-        if not quoted:
-            return "."
-        notes.append("decimal comma found in quoted numbers")
-        return ","
-    cells = [
-        cell.strip().strip('"')
-        for row in body[:20_000].split("\n")[:200]
-        for cell in row.split(separator)
-    ]
-    commas = any(_COMMA_NUMBER.fullmatch(cell) for cell in cells)
-    points = any(re.fullmatch(r"[-+]?\d*\.\d+([eE][-+]?\d+)?", cell) for cell in cells)
-    if commas and not points:
+def _number_signs(found: Layout, options: ReadOptions, notes: list[str], place: str) -> NumberSigns:
+    """How the numbers of the first rows are written; InputError if they contradict each other."""
+    columns = found.first_cells()
+    cells = (cell for column in columns for cell in column)
+    signs = NumberSigns.of(cells, options.decimal, options.thousands)
+    if options.decimal is None and signs.decimal == ",":
         notes.append("decimal comma found in the numbers")
-        return ","
-    return "."
+    if options.thousands is None and signs.thousands:
+        notes.append(f'thousands separator "{signs.thousands}" found in the numbers')
+    if options.decimal is None and options.thousands is None:
+        for name, column in zip(found.header, columns, strict=True):
+            if two := contradiction(column, signs):
+                raise InputError(
+                    f'{place}: column {name} holds "{two[0]}" and "{two[1]}": if the point marks '
+                    'thousands, set dialect: {thousands: "."}, else {decimal: "."}',
+                    code="numbers",
+                )
+    return signs
 
 
 @dataclass(frozen=True, slots=True)
@@ -359,11 +358,6 @@ class TableHead:
     header_row: int
     first_row: int
     fields: tuple[Field, ...]
-
-
-def is_number(text: str) -> bool:
-    """Whether a cell reads as a number, with a decimal point or a decimal comma."""
-    return bool(NUMBER.fullmatch(text.replace(",", ".")))
 
 
 def find_head(rows: Sequence[Sequence[str]]) -> TableHead | None:

@@ -10,8 +10,8 @@ import numpy as np
 from beltid.artifacts.parquet_table import damaged, is_number, open_parquet, refused_columns
 from beltid.bench.files.sources import Source
 from beltid.bench.formats.clock import Clock, holds_clock
-from beltid.bench.formats.dialect import NUMBER
 from beltid.bench.formats.frames import missing_column
+from beltid.bench.formats.numbers import NUMBER
 from beltid.bench.formats.rows import Rows, Texts
 from beltid.errors import InputError, Problems
 from beltid.tables.schemas import SAID_OF_RUNS, Column, Table
