@@ -32,6 +32,7 @@ from beltid.bench.files.sniff import (
     LVM,
     PARQUET,
     TEXT,
+    UFF,
     ZIP,
     Decoded,
     decode,
@@ -449,6 +450,11 @@ def _opened(source: Source, options: ReadOptions, spare: Path) -> Opened | tuple
 
         decoded = decode(plain, source.name, options.encoding)
         found = lvm.read(decoded.text, source.name)
+        return Opened(source.name, found.format, channels=found)
+    if format_name == UFF:
+        from beltid.bench.formats import uff
+
+        found = uff.read(plain, source.name)
         return Opened(source.name, found.format, channels=found)
     what = {
         PARQUET: "a Parquet file among others, name it alone",

@@ -13,6 +13,7 @@ Module         Responsibility
 ``csv_table``  CSV -> rows, at once or in blocks, exact about places
 ``parquet``    Parquet -> rows in blocks
 ``lvm``        LabVIEW measurement files
+``uff``        universal files: time records in datasets 58 and 58b
 ``frames``     DataFrames, Arrow tables and dicts -> columns
 ``isolated``   formats whose libraries read in a child process
 ============== ================================================================
