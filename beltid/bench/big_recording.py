@@ -19,7 +19,12 @@ from beltid.bench.channels.channel_mapping import (
     missing_setting,
     stated_conversions,
 )
-from beltid.bench.channels.text_tables import text_layout, text_notes, wanted_columns
+from beltid.bench.channels.text_tables import (
+    candidates_of,
+    text_layout,
+    text_notes,
+    wanted_columns,
+)
 from beltid.bench.files.ahead import ahead
 from beltid.bench.files.sniff import Decoded, decode
 from beltid.bench.files.sources import (
@@ -144,7 +149,8 @@ def _csv(path: Path, options: ReadOptions) -> BigRecording:
     name, table, problems = str(path), options.table("rig"), Problems()
     head = read_head(path, options, table)
     layout = head.layout
-    mappings, wanted = wanted_columns(layout, name, table, options, problems)
+    candidates = candidates_of(layout)
+    mappings, wanted = wanted_columns(layout, candidates, name, table, options, problems)
     wrong = problems.count  # then the settings have been asked for as well
     for setting in NOMINAL:
         needed = setting in table.names and table.column(setting).required
@@ -156,7 +162,7 @@ def _csv(path: Path, options: ReadOptions) -> BigRecording:
     conversions = {role: m.conversion for role, m in mappings.items() if m.unit_stated or m.negated}
     clock = wanted["time_s"].clock
     runs = RunStream(ahead(blocks, 1), table, name, conversions, problems, clock)
-    told = (*layout.notes, *text_notes(layout, mappings, table))
+    told = (*layout.notes, *text_notes(layout.header, mappings, table))
     return BigRecording(path, runs, lambda: (*head.decoded.notes, *ends, *told, *runs.notes()))
 
 

@@ -11,15 +11,18 @@ import numpy as np
 
 from beltid.bench.big_recording import BigRecording, read_head
 from beltid.bench.channels.channel_groups import candidates_of as channel_candidates
-from beltid.bench.channels.channel_groups import sensors_of
 from beltid.bench.channels.channel_mapping import (
     Candidate,
     ChannelMapping,
     MappingContext,
+    can_be,
     map_channels,
+    sensors_of,
+    unit_of,
 )
 from beltid.bench.channels.text_tables import candidates_of as text_candidates
 from beltid.bench.channels.text_tables import text_layout
+from beltid.bench.channels.vocabulary import roles_hinted
 from beltid.bench.files.sniff import Decoded
 from beltid.bench.files.sources import Source, are_parquet, is_many, sources_of
 from beltid.bench.formats.bench_file import Field
@@ -165,6 +168,8 @@ class Inspection:
         What is still to be told; none where the recording can be read.
     rig : dict of str to str
         Keys of the section `rig` that the channels ask for and the config does not state.
+    can_be : dict of str to tuple of str
+        Channels of the first file that are not read -> our columns that they can be.
     """
 
     kind: str
@@ -174,6 +179,7 @@ class Inspection:
     notes: tuple[str, ...] = ()
     problems: tuple[str, ...] = ()
     rig: dict[str, str] = field(default_factory=dict)
+    can_be: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
 
 def inspect_recording(path: Path, config: Any, kind: str | None = None) -> Inspection:
@@ -186,15 +192,21 @@ def inspect_recording(path: Path, config: Any, kind: str | None = None) -> Inspe
     config : Config
         What is known about the files already.
     kind : str, optional
-        Kind of recording; None: found out from the channels.
+        Kind of recording; None: found out from the channels. It is "" in the result where it
+        cannot be found out.
 
     Raises
     ------
     InputError
-        If a file cannot be read at all, or its kind cannot be found out.
+        If a file cannot be read at all.
     """
     files, opened = _looked_into(path, config)
-    kind = kind or _kind_meant(files[0], config, path)
+    try:
+        kind = kind or _kind_meant(files[0], config, path)
+    except InputError as error:
+        can_be = _can_be(files[0], schemas.RECORDINGS, {}, config)
+        problems = error.problems
+        return Inspection("", tuple(files), {}, (), files[0].notes, problems, {}, can_be)
     rig = _rig_meant(files[0], config) if kind in ("rig", "points") else {}
     if rig:
         config = config.model_copy(update={"rig": config.rig.model_copy(update=rig)})
@@ -213,7 +225,10 @@ def inspect_recording(path: Path, config: Any, kind: str | None = None) -> Inspe
             notes = recording.notes
     except InputError as error:
         mappings = _mappings(files[0], kind, config)
-        return Inspection(kind, tuple(files), mappings, (), files[0].notes, error.problems, rig)
+        can_be = _can_be(files[0], [kind], mappings, config)
+        return Inspection(
+            kind, tuple(files), mappings, (), files[0].notes, error.problems, rig, can_be
+        )
     known = recording.mappings if isinstance(recording, Recording) else {}
     mappings = known or _mappings(files[0], kind, config)
     if rig:
@@ -420,6 +435,31 @@ def _mappings(view: FileView, kind: str, config: Any) -> dict[str, ChannelMappin
     found: dict[str, ChannelMapping] = {}
     for group in _groups(view.candidates):
         found = {**map_channels(group, MappingContext(table, options)), **found}
+    return found
+
+
+def _can_be(
+    view: FileView, kinds: Sequence[str], mappings: dict[str, ChannelMapping], config: Any
+) -> dict[str, tuple[str, ...]]:
+    """What channels that are not read can be: by their unit, or by a known word in their name."""
+    read = {m.candidate.qualified for m in mappings.values()}
+    found: dict[str, tuple[str, ...]] = {}
+    for candidate in view.candidates:
+        roles: list[str] = []
+        for kind in kinds if candidate.qualified not in read else ():
+            options = ReadOptions.of(config, kind)
+            open_columns = [
+                c
+                for c in options.table(kind).columns
+                if c.dtype == "float64" and c.required and c.name not in mappings
+            ]
+            possible = [c.name for c in open_columns if can_be(candidate, c)]
+            hinted = [name for name in possible if name in roles_hinted(candidate.name, kind)]
+            told = bool(unit_of(candidate) or candidate.written)
+            sensors = [name for name in possible if name not in schemas.SETTINGS]
+            roles += hinted or (sensors if told else [])
+        if roles:
+            found[candidate.qualified] = tuple(dict.fromkeys(roles))
     return found
 
 

@@ -420,8 +420,7 @@ def read_opened(
         problems.add(wrong)
     try:
         if opened.text is not None:
-            raw = read_text(opened.text, opened.name, table, options, problems)
-            return [] if raw is None else [raw]
+            return read_text(opened.text, opened.name, table, options, problems)
         if opened.channels is not None:
             from beltid.bench.channels.channel_groups import read_groups
 

@@ -84,7 +84,7 @@ def both(layout: tuple[int, int, str]) -> bytes:
     )
 
 
-@pytest.mark.parametrize("layout", product((2, 4), (0, 1), ("", "<", ">")))
+@pytest.mark.parametrize("layout", list(product((2, 4), (0, 1), ("", "<", ">"))))
 def test_every_layout_of_real_numbers(tmp_path, layout):
     (tmp_path / "P1.txt").write_bytes(both(layout))
     recording = read_recording(tmp_path / "P1.txt", "press")

@@ -14,6 +14,7 @@ from beltid.bench.channels.channel_mapping import (
     ChannelMapping,
     MappingContext,
     RawTable,
+    is_whole,
     map_channels,
     notes_of,
     told_elsewhere,
@@ -21,12 +22,12 @@ from beltid.bench.channels.channel_mapping import (
 from beltid.bench.channels.text_tables import check_header, convert
 from beltid.bench.formats.bench_file import BenchFile, Channel, Group
 from beltid.bench.formats.clock import Clock, written_as
-from beltid.bench.formats.dialect import ReadOptions
+from beltid.bench.formats.dialect import ReadOptions, side_by_side, without_position
 from beltid.bench.formats.numbers import NumberSigns, numbers_or_problems
 from beltid.bench.formats.rows import Texts, word_of
 from beltid.errors import Problems
 from beltid.tables.columns import Table
-from beltid.tables.schemas import SETTINGS
+from beltid.tables.values import absent
 
 
 def candidates_of(groups: Sequence[Group], *, named: bool) -> list[Candidate]:
@@ -66,6 +67,7 @@ def read_groups(
         Collects what is wrong.
     """
     context = MappingContext(table, options, name, problems)
+    file = replace(file, groups=tuple(p for group in file.groups for p in _parts(group, context)))
     reader = _Reader(file, context)
     whole = [i for i, group in enumerate(file.groups) if _is_whole(group, context)]
     notes = list(file.notes)
@@ -87,20 +89,23 @@ def read_groups(
     return raw_tables
 
 
-def sensors_of(table: Table) -> list[str]:
-    """Our columns that sensors record, and that a run must have."""
-    return [
-        c.name
-        for c in table.columns
-        if c.required and c.dtype != "string" and c.name not in (*SETTINGS, "time_s")
-    ]
-
-
 def _is_whole(group: Group, context: MappingContext) -> bool:
-    """Whether a group holds all the sensors that a run needs."""
-    silent = MappingContext(context.table, context.options, group.name)
-    found = map_channels(candidates_of([group], named=True), silent)
-    return all(role in found for role in sensors_of(context.table))
+    return is_whole(candidates_of([group], named=True), context)
+
+
+def _parts(group: Group, context: MappingContext) -> list[Group]:
+    """A group; where recordings stand side by side in it, a group for each."""
+    parts = []
+    for number, indices in enumerate(side_by_side([c.name for c in group.channels]), start=1):
+        channels = [group.channels[i] for i in indices]
+        filled = np.flatnonzero(np.any([~absent(c.values) for c in channels], axis=0))
+        last = int(filled[-1]) + 1 if filled.size else 0
+        shorter = tuple(
+            Channel(without_position(c.name), c.unit, c.values[:last]) for c in channels
+        )
+        name = f"{group.name or PurePath(context.place).stem}-{number}"
+        parts.append(Group(name, shorter, group.fields, group.first_row))
+    return parts if parts and all(_is_whole(part, context) for part in parts) else [group]
 
 
 class _Reader:

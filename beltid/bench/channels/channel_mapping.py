@@ -15,7 +15,12 @@ import numpy as np
 from beltid.bench.channels.vocabulary import means_date, roles_meant, simplified
 from beltid.bench.formats.bench_file import Field
 from beltid.bench.formats.clock import Clock
-from beltid.bench.formats.dialect import ReadOptions, unit_in_name, without_unit
+from beltid.bench.formats.dialect import (
+    ReadOptions,
+    unit_in_name,
+    without_position,
+    without_unit,
+)
 from beltid.config.name_pattern import name_pattern
 from beltid.errors import Problem, Problems
 from beltid.tables.columns import Column, Table
@@ -63,6 +68,11 @@ class Candidate:
         return (
             f"{self.name} [{self.unit}]" if self.unit and not unit_in_name(self.name) else self.name
         )
+
+    @property
+    def base(self) -> str:
+        """The name without the position among channels of the same name."""
+        return without_position(self.name)
 
     @property
     def qualified(self) -> str:
@@ -194,6 +204,22 @@ def map_channels(
     return mappings
 
 
+def sensors_of(table: Table) -> list[str]:
+    """Our columns that sensors record, and that a run must have."""
+    return [
+        c.name
+        for c in table.columns
+        if c.required and c.dtype != "string" and c.name not in (*SETTINGS, "time_s")
+    ]
+
+
+def is_whole(candidates: Sequence[Candidate], context: MappingContext) -> bool:
+    """Whether channels hold all the sensors that a run needs."""
+    silent = MappingContext(context.table, context.options)
+    found = map_channels(candidates, silent)
+    return all(role in found for role in sensors_of(context.table))
+
+
 def unit_of(candidate: Candidate) -> str:
     """Unit of a channel as the file writes it, in a cell of its own or in the name."""
     return candidate.unit or unit_in_name(candidate.name)
@@ -246,18 +272,23 @@ def _named(
 
 def _called(name: str, candidates: Sequence[Candidate], *, loosely: bool) -> list[Candidate]:
     exact = [c for c in candidates if name in (c.name, c.qualified)]
+    exact = exact or [c for c in candidates if c.base == name]
     if exact or not loosely:
         return exact
-    return [c for c in candidates if without_unit(c.name) == name]
+    return [c for c in candidates if name in (without_unit(c.name), without_unit(c.base))]
 
 
 def _fits(candidate: Candidate, column: Column, options: ReadOptions) -> bool:
-    """Whether the unit of a channel, where it is told, can be that of a column."""
+    return column.dtype == "string" or column.name in options.units or can_be(candidate, column)
+
+
+def can_be(candidate: Candidate, column: Column) -> bool:
+    """Whether a channel can be a column of numbers, by its unit where one is told."""
+    if candidate.written:
+        return candidate.written == "clock" and column.name == "time_s"
     unit = unit_of(candidate)
-    known = canonical_unit(unit)
-    if not unit or column.dtype == "string" or column.name in options.units:
-        return True
-    return known in RAW or conversion(unit, column.unit) is not None
+    is_raw = canonical_unit(unit) in RAW and column.name not in (*SETTINGS, "time_s")
+    return not unit or is_raw or conversion(unit, column.unit) is not None
 
 
 def _ambiguous(column: Column, meant: Sequence[Candidate], kind: str) -> str:

@@ -38,6 +38,8 @@ OTHER_UNITS: Final = frozenset((*_OTHER.split(), "N/mm", "N/mm²", "l/min"))
 LONGEST_NAME: Final = 300
 """Longer names of channels are not searched for a unit."""
 _IN_NAME: Final = re.compile(r"[\[(<{]([^\[\](){}<>]*)[\])>}]\s*$")
+POSITION: Final = re.compile(r" #\d{1,4}(?=\s|$)")
+"""What tells channels of one name apart."""
 # "Zeit / s", "Zeit/s", "Zeit in s"; not the slash within a unit, as in "v rad/s"
 _AFTER_NAME: Final = re.compile(r"(?:(?<!\s)\s+/\s*|(?<=\w{4})/|(?<!\s)\s+in\s+)(\S+)\s*$")
 
@@ -194,6 +196,7 @@ def layout(text: str, name: str, options: ReadOptions, wanted: Iterable[str]) ->
         notes.append(f"separator {_NAMES.get(separator, repr(separator))} found in the header")
     if len(header) > MAX_COLUMNS:
         raise InputError(f"{name}:{line}: {len(header)} columns, at most {MAX_COLUMNS} are read")
+    header = told_apart(header)
     header_line = line
     unit_cells, start, line = _units_row(text, start, line, separator, options, name)
     body = text[start:]
@@ -438,6 +441,50 @@ def without_unit(name: str) -> str:
         return name.strip()
     where = _IN_NAME if _IN_NAME.search(name) else _AFTER_NAME
     return where.sub("", name).strip()
+
+
+def told_apart(names: Sequence[str]) -> tuple[str, ...]:
+    """Names of channels; those that stand several times get their position: ``Kraft #2 [N]``."""
+    positions: dict[str, int] = {}
+    apart = []
+    for name in names:
+        positions[name] = positions.get(name, 0) + 1
+        if name and names.count(name) > 1:
+            bare = without_unit(name)
+            name = f"{bare} #{positions[name]}{name[len(bare) :]}"
+        apart.append(name)
+    return tuple(apart)
+
+
+def without_position(name: str) -> str:
+    """The name of a channel without its position among those of its name."""
+    return POSITION.sub("", name)
+
+
+def side_by_side(names: Sequence[str]) -> list[list[int]]:
+    """Columns of recordings that stand side by side in one table; none where it holds one.
+
+    Each has the same names, one after the other; a name that stands once is that of all.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the columns, told apart.
+
+    Returns
+    -------
+    list of list of int
+        Indices of the columns of each recording.
+    """
+    found: dict[str, list[int]] = {}
+    for i, name in enumerate(names):
+        if POSITION.search(name):
+            found.setdefault(without_position(name), []).append(i)
+    counts = {len(indices) for indices in found.values()}
+    if len(found) < 2 or len(counts) != 1 or counts == {1}:
+        return []
+    alone = [i for i, name in enumerate(names) if name and not POSITION.search(name)]
+    return [sorted([*alone, *part]) for part in zip(*found.values(), strict=True)]
 
 
 def fields_of(rows: Sequence[Sequence[str]]) -> tuple[Field, ...]:
