@@ -15,6 +15,8 @@ LONGEST_LINE: Final = 4000
 """Characters of a message that are shown; hostile files have names of megabytes."""
 SHOWN: Final = 20
 """Problems of one file that are shown."""
+ALIKE: Final = 3
+"""Problems of one kind that are shown one by one."""
 EXIT_DONE = 0
 EXIT_BUG = 1
 EXIT_INPUT = 2
@@ -192,14 +194,26 @@ class Problems:
         if len(self.found) < 20 * SHOWN:
             self.found.append((line, Problem(text, code)))
 
+    def add_alike(self, alike: Sequence[tuple[int, str]], code: str = "") -> None:
+        """Note problems of one kind: beyond a few the first, with the number of the others.
+
+        Parameters
+        ----------
+        alike : sequence of (int, str)
+            Line and wording of each.
+        code : str
+            Code of the page that explains them.
+        """
+        if len(alike) > ALIKE:
+            line, text = alike[0]
+            alike = [(line, f"{text} ({len(alike) - 1} more like it)")]
+        for line, text in alike:
+            self.add(text, line, code)
+
     def take(self, others: Problems) -> None:
         """Note the problems of a part of the file."""
         self.count += others.count
         self.found += others.found[: 20 * SHOWN - len(self.found)]
-
-    def add_uncounted(self, more: int) -> None:
-        """Count problems that are like one already noted."""
-        self.count += max(0, more)
 
     def told_once(self, places: Sequence[str]) -> None:
         """Make one of problems that are the same in several files.

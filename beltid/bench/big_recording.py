@@ -19,7 +19,12 @@ from beltid.bench.channels.channel_mapping import (
     missing_setting,
     stated_conversions,
 )
-from beltid.bench.channels.text_tables import text_layout, text_notes, wanted_columns
+from beltid.bench.channels.text_tables import (
+    candidates_of,
+    text_layout,
+    text_notes,
+    wanted_columns,
+)
 from beltid.bench.files.ahead import ahead
 from beltid.bench.files.sniff import Decoded, decode
 from beltid.bench.files.sources import (
@@ -144,7 +149,8 @@ def _csv(path: Path, options: ReadOptions) -> BigRecording:
     name, table, problems = str(path), options.table("rig"), Problems()
     head = read_head(path, options, table)
     layout = head.layout
-    mappings, wanted = wanted_columns(layout, name, table, options, problems)
+    candidates = candidates_of(layout)
+    mappings, wanted = wanted_columns(layout, candidates, name, table, options, problems)
     wrong = problems.count  # then the settings have been asked for as well
     for setting in NOMINAL:
         needed = setting in table.names and table.column(setting).required
@@ -154,8 +160,9 @@ def _csv(path: Path, options: ReadOptions) -> BigRecording:
     ends: list[str] = []
     blocks = csv_blocks(head.chunks, layout, wanted, head.decoded.encoding, name, ends)
     conversions = {role: m.conversion for role, m in mappings.items() if m.unit_stated or m.negated}
-    runs = RunStream(ahead(blocks, 1), table, name, conversions, problems)
-    told = (*layout.notes, *text_notes(layout, mappings, table))
+    clock = wanted["time_s"].clock
+    runs = RunStream(ahead(blocks, 1), table, name, conversions, problems, clock)
+    told = (*layout.notes, *text_notes(layout.header, mappings, table))
     return BigRecording(path, runs, lambda: (*head.decoded.notes, *ends, *told, *runs.notes()))
 
 
@@ -170,11 +177,14 @@ def _after_lines(data: bytes, lines: int) -> bytes:
 
 
 def _parquet(sources: Sequence[Source], path: Path, options: ReadOptions) -> BigRecording:
-    from beltid.bench.formats.parquet import parquet_blocks
+    from beltid.bench.formats.parquet import parquet_blocks, parquet_clock
 
     table = options.table("rig")
-    blocks = parquet_blocks(sources, table, options.names)
+    clock = parquet_clock(sources[0], options.names)
+    blocks = parquet_blocks(sources, table, options.names, clock)
     conversions = stated_conversions(MappingContext(table, options))
-    runs = RunStream(blocks, table, str(path), conversions, Problems())
+    if clock is not None:
+        conversions.pop("time_s", None)
+    runs = RunStream(blocks, table, str(path), conversions, Problems(), clock)
     runs.row_word = ", row "
     return BigRecording(path, runs, lambda: tuple(runs.notes()))

@@ -11,27 +11,27 @@ import numpy as np
 
 from beltid.bench.big_recording import BigRecording, read_head
 from beltid.bench.channels.channel_groups import candidates_of as channel_candidates
-from beltid.bench.channels.channel_groups import sensors_of
 from beltid.bench.channels.channel_mapping import (
     Candidate,
     ChannelMapping,
     MappingContext,
+    can_be,
     map_channels,
+    sensors_of,
+    unit_of,
 )
 from beltid.bench.channels.text_tables import candidates_of as text_candidates
 from beltid.bench.channels.text_tables import text_layout
+from beltid.bench.channels.vocabulary import roles_hinted
 from beltid.bench.files.sniff import Decoded
 from beltid.bench.files.sources import Source, are_parquet, is_many, sources_of
 from beltid.bench.formats.bench_file import Field
 from beltid.bench.formats.csv_table import Wanted, csv_blocks, read_rows
 from beltid.bench.formats.dialect import (
-    MISSING_WORDS,
     Layout,
     ReadOptions,
-    cells_or_line,
-    is_number,
-    unit_in_name,
 )
+from beltid.bench.formats.numbers import NumberSigns, is_number, numbers_or_problems
 from beltid.bench.formats.rows import Rows, Texts
 from beltid.bench.recording import (
     Opened,
@@ -50,8 +50,6 @@ from beltid.tables.columns import Table
 TORQUE_SENSORS: Final = sensors_of(schemas.rig_table("torque"))
 ANY_TABLE: Final = schemas.table("press")
 """Any of our names makes the header of a tidy file plain to see."""
-FIRST_BYTES: Final = 20_000
-"""Bytes of a table that show whether a column holds numbers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,6 +168,8 @@ class Inspection:
         What is still to be told; none where the recording can be read.
     rig : dict of str to str
         Keys of the section `rig` that the channels ask for and the config does not state.
+    can_be : dict of str to tuple of str
+        Channels of the first file that are not read -> our columns that they can be.
     """
 
     kind: str
@@ -179,6 +179,7 @@ class Inspection:
     notes: tuple[str, ...] = ()
     problems: tuple[str, ...] = ()
     rig: dict[str, str] = field(default_factory=dict)
+    can_be: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
 
 def inspect_recording(path: Path, config: Any, kind: str | None = None) -> Inspection:
@@ -191,15 +192,21 @@ def inspect_recording(path: Path, config: Any, kind: str | None = None) -> Inspe
     config : Config
         What is known about the files already.
     kind : str, optional
-        Kind of recording; None: found out from the channels.
+        Kind of recording; None: found out from the channels. It is "" in the result where it
+        cannot be found out.
 
     Raises
     ------
     InputError
-        If a file cannot be read at all, or its kind cannot be found out.
+        If a file cannot be read at all.
     """
     files, opened = _looked_into(path, config)
-    kind = kind or _kind_meant(files[0], config, path)
+    try:
+        kind = kind or _kind_meant(files[0], config, path)
+    except InputError as error:
+        can_be = _can_be(files[0], schemas.RECORDINGS, {}, config)
+        problems = error.problems
+        return Inspection("", tuple(files), {}, (), files[0].notes, problems, {}, can_be)
     rig = _rig_meant(files[0], config) if kind in ("rig", "points") else {}
     if rig:
         config = config.model_copy(update={"rig": config.rig.model_copy(update=rig)})
@@ -218,7 +225,10 @@ def inspect_recording(path: Path, config: Any, kind: str | None = None) -> Inspe
             notes = recording.notes
     except InputError as error:
         mappings = _mappings(files[0], kind, config)
-        return Inspection(kind, tuple(files), mappings, (), files[0].notes, error.problems, rig)
+        can_be = _can_be(files[0], [kind], mappings, config)
+        return Inspection(
+            kind, tuple(files), mappings, (), files[0].notes, error.problems, rig, can_be
+        )
     known = recording.mappings if isinstance(recording, Recording) else {}
     mappings = known or _mappings(files[0], kind, config)
     if rig:
@@ -283,7 +293,10 @@ def _view(opened: Opened, options: ReadOptions) -> FileView:
         if channel.time_s is not None and channel.time_s.size > 1:
             step = float(np.median(np.diff(channel.time_s)))
             rate = 1.0 / step if step > 0 else np.nan
-        numbers = _numbers(channel.values) if channel.is_text else channel.values
+        numbers = channel.values
+        if channel.is_text:
+            signs = NumberSigns.of(channel.first_texts(), options.decimal, options.thousands)
+            numbers = numbers_or_problems(numbers, signs, "", lambda i: ("", i), Problems())
         views.append(ChannelView(candidate, rate_Hz=rate).with_numbers(numbers))
     fields = (*file.fields, *(f for group in file.groups for f in group.fields))
     return FileView(opened.name, file.format, "", tuple(views), fields, file.notes)
@@ -310,22 +323,12 @@ def _text_view(name: str, decoded: Decoded, layout: Layout, blocks: Iterable[Row
 
 def _looked_at(layout: Layout) -> dict[str, Wanted]:
     """All columns of a text file: as numbers where the first rows hold mostly numbers."""
-    first = layout.body[:FIRST_BYTES].decode(errors="replace").split("\n")[:-1]
-    rows = [cells_or_line(line, layout.separator) for line in first]
-    wanted = {}
+    cells, wanted = layout.first_cells(), {}
     for candidate in text_candidates(layout):
-        cells = [row[candidate.key].strip() for row in rows if candidate.key < len(row)]
-        filled = [cell for cell in cells if cell not in MISSING_WORDS]
+        filled = cells[candidate.key]
         is_text = 2 * sum(map(is_number, filled)) < len(filled)
         wanted[str(candidate.key)] = Wanted(candidate.key, is_text, candidate.name)
     return wanted
-
-
-def _numbers(texts: np.ndarray) -> np.ndarray:
-    """Numbers of text cells; nan for what is none."""
-    return np.array(
-        [float(t.replace(",", ".")) if t and is_number(t.strip()) else np.nan for t in texts]
-    )
 
 
 def _parquet_views(sources: Sequence[Source]) -> list[FileView]:
@@ -435,6 +438,31 @@ def _mappings(view: FileView, kind: str, config: Any) -> dict[str, ChannelMappin
     return found
 
 
+def _can_be(
+    view: FileView, kinds: Sequence[str], mappings: dict[str, ChannelMapping], config: Any
+) -> dict[str, tuple[str, ...]]:
+    """What channels that are not read can be: by their unit, or by a known word in their name."""
+    read = {m.candidate.qualified for m in mappings.values()}
+    found: dict[str, tuple[str, ...]] = {}
+    for candidate in view.candidates:
+        roles: list[str] = []
+        for kind in kinds if candidate.qualified not in read else ():
+            options = ReadOptions.of(config, kind)
+            open_columns = [
+                c
+                for c in options.table(kind).columns
+                if c.dtype == "float64" and c.required and c.name not in mappings
+            ]
+            possible = [c.name for c in open_columns if can_be(candidate, c)]
+            hinted = [name for name in possible if name in roles_hinted(candidate.name, kind)]
+            told = bool(unit_of(candidate) or candidate.written)
+            sensors = [name for name in possible if name not in schemas.SETTINGS]
+            roles += hinted or (sensors if told else [])
+        if roles:
+            found[candidate.qualified] = tuple(dict.fromkeys(roles))
+    return found
+
+
 def _groups(candidates: Sequence[Candidate]) -> list[list[Candidate]]:
     groups: dict[str, list[Candidate]] = {}
     for candidate in candidates:
@@ -485,8 +513,3 @@ def _settings(part: dict[str, np.ndarray], kind: str) -> dict[str, float]:
     if kind == "press":
         settings["force_N"] = float(np.nanmax(np.abs(part["force_N"])))
     return settings
-
-
-def unit_of(candidate: Candidate) -> str:
-    """Unit of a channel as the file writes it, in a cell of its own or in the name."""
-    return candidate.unit or unit_in_name(candidate.name)

@@ -32,6 +32,7 @@ from beltid.bench.files.sniff import (
     LVM,
     PARQUET,
     TEXT,
+    UFF,
     ZIP,
     Decoded,
     decode,
@@ -48,8 +49,10 @@ from beltid.bench.files.sources import (
     sources_of,
 )
 from beltid.bench.formats.bench_file import BenchFile, FormatError
+from beltid.bench.formats.clock import Clock
 from beltid.bench.formats.dialect import ReadOptions
 from beltid.bench.formats.frames import columns_of_frame
+from beltid.bench.formats.rows import Texts
 from beltid.bench.runs.checks import Checker
 from beltid.bench.runs.run_settings import completed, joined
 from beltid.bench.runs.run_split import row_labels
@@ -288,9 +291,10 @@ def columns_of(frame: Any, kind: str, config: Any = None) -> dict[str, np.ndarra
         frame = frame.columns
     options, problems = ReadOptions.of(config, kind), Problems()
     table = options.table(kind)
-    columns = columns_of_frame(frame, table, "frame", options.names, problems)
+    clock = Clock(options.names.get("time_s", "time_s"))
+    columns = columns_of_frame(frame, table, "frame", options.names, problems, clock)
     problems.raise_if_any()
-    return _checked(columns, table, "frame", options)[0]
+    return _checked(columns, table, "frame", options, clock=clock if clock.first else None)[0]
 
 
 def _from_parquet(
@@ -298,7 +302,7 @@ def _from_parquet(
 ) -> Recording:
     """Recording in Parquet files: an artifact of ours (simulated), or files of the same columns."""
     from beltid.artifacts.artifact import SEAL_KEY, artifact_from_bytes
-    from beltid.bench.formats.parquet import open_source, parquet_blocks
+    from beltid.bench.formats.parquet import open_source, parquet_blocks, parquet_clock
 
     table, sources = options.table(kind), [source.loaded() for source in sources]
     about = open_source(sources[0], ()).schema_arrow.metadata or {}
@@ -313,12 +317,16 @@ def _from_parquet(
         problems.raise_if_any()
         columns, notes = _checked(columns, table, str(path), ReadOptions(), table.names)
         return Recording(kind, columns, path, notes, is_artifact=True)
-    blocks = list(parquet_blocks(sources, table, options.names))
+    clock, problems = parquet_clock(sources[0], options.names), Problems()
+    blocks = list(parquet_blocks(sources, table, options.names, clock))
     if not any(map(len, blocks)):
         raise InputError(f"{path}: holds no samples")
+    for block in blocks:
+        problems.take(block.problems)
+    problems.raise_if_any()
     parts = [block.columns() for block in blocks]
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    columns, notes = _checked(columns, table, str(path), options)
+    columns, notes = _checked(columns, table, str(path), options, clock=clock)
     return Recording(kind, columns, path, notes)
 
 
@@ -328,20 +336,26 @@ def _checked(
     name: str,
     options: ReadOptions,
     units_stated: Collection[str] = (),
+    clock: Clock | None = None,
 ) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
     """Columns that hold our names, converted as the config states and checked; and notes."""
     problems, length = Problems(), len(next(iter(columns.values()), ()))
-    if "time_s" not in table.names:
-        columns = {**columns, table.label: row_labels(length, columns.get(table.label))}
-    columns = completed(columns, table, length)
-    conversions = stated_conversions(MappingContext(table, options, name))
-    for column, by in conversions.items():
-        columns[column] = (columns[column] + by.shift) * by.factor
 
     def place(index: int) -> tuple[str, int]:
         return f"{name}, row {index + 1}", index + 1
 
-    notes = Checker(name, columns, table, place, problems).run({*units_stated, *conversions})
+    if "time_s" not in table.names:
+        columns = {**columns, table.label: row_labels(length, columns.get(table.label))}
+    columns = completed(columns, table, length)
+    conversions = stated_conversions(MappingContext(table, options, name))
+    if clock is not None:
+        conversions.pop("time_s", None)
+        runs = Texts.of(columns[table.label]).codes
+        columns["time_s"] = clock.elapsed(columns["time_s"], place, problems, runs)
+    for column, by in conversions.items():
+        columns[column] = (columns[column] + by.shift) * by.factor
+    notes = [] if clock is None else clock.notes()
+    notes += Checker(name, columns, table, place, problems).run({*units_stated, *conversions})
     problems.raise_if_any()
     return columns, tuple(notes)
 
@@ -406,8 +420,7 @@ def read_opened(
         problems.add(wrong)
     try:
         if opened.text is not None:
-            raw = read_text(opened.text, opened.name, table, options, problems)
-            return [] if raw is None else [raw]
+            return read_text(opened.text, opened.name, table, options, problems)
         if opened.channels is not None:
             from beltid.bench.channels.channel_groups import read_groups
 
@@ -436,6 +449,11 @@ def _opened(source: Source, options: ReadOptions, spare: Path) -> Opened | tuple
 
         decoded = decode(plain, source.name, options.encoding)
         found = lvm.read(decoded.text, source.name)
+        return Opened(source.name, found.format, channels=found)
+    if format_name == UFF:
+        from beltid.bench.formats import uff
+
+        found = uff.read(plain, source.name)
         return Opened(source.name, found.format, channels=found)
     what = {
         PARQUET: "a Parquet file among others, name it alone",

@@ -176,6 +176,7 @@ class DialectSection(Section):
 
     separator: Annotated[str, BeforeValidator(separating_character)] | None = None
     decimal: Literal[".", ","] | None = None
+    thousands: Literal[".", ",", "'", " "] | None = None
     encoding: Annotated[str, BeforeValidator(text_encoding)] | None = None
     skip_lines: Annotated[int, Count(0, 10_000)] = 0
     units_row: Annotated[bool, Strict()] = False

@@ -47,6 +47,8 @@ class Summary:
         Lines to be copied into a file, such as a section of a config.
     drawing : Figure or None
         A figure, shown in the terminal as well as it can be.
+    parts : tuple of Summary
+        What is told of each of several inputs, one after the other.
     """
 
     stage: str
@@ -66,6 +68,7 @@ class Summary:
     origin: str | None = None
     snippet: str = ""
     drawing: Any = None
+    parts: tuple[Summary, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """One JSON object; a missing number is null."""
@@ -82,6 +85,7 @@ class Summary:
             "notes": list(self.notes),
             "warnings": list(self.warnings),
             **({"snippet": self.snippet} if self.snippet else {}),
+            **({"parts": [part.as_json() for part in self.parts]} if self.parts else {}),
         }
 
 

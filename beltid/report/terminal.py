@@ -18,7 +18,7 @@ Rows = Sequence[dict[str, Any]]
 GAP = 3  # between two columns
 LAST_COLUMN = 24
 SYNTHETIC = "synthetic"
-_WORDS_LEFT = ("status", "run", "runs", "belt", "file", "why", "arc", "group", "verdict")
+_WORDS_LEFT = ("status", "run", "runs", "belt", "file", "why", "arc", "group", "verdict", "can_be")
 
 
 def show(summary: Summary, console: Console, *, complete: bool = False) -> None:
@@ -52,6 +52,9 @@ def renderables(
     of_what = " (synthetic data)" if summary.origin == SYNTHETIC else ""
     if summary.title:
         yield Text(f"{summary.stage}{of_what}: {summary.title}", style="bold")
+    for part in summary.parts:
+        yield from renderables(part, console, complete=complete)
+        yield Text("")
     if summary.facts:
         yield _facts(summary.facts)
     rows = summary.overview

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench.channels.channel_mapping import ChannelMapping
-from beltid.bench.inspection import FileView, RunView, inspect_recording, unit_of
-from beltid.config import ConfigSource
+from beltid.bench.channels.channel_mapping import ChannelMapping, sensors_of, unit_of
+from beltid.bench.inspection import FileView, Inspection, RunView, inspect_recording
+from beltid.config import Config, ConfigSource
 from beltid.config.name_pattern import name_pattern
-from beltid.errors import EXIT_DONE, EXIT_INPUT
+from beltid.errors import EXIT_DONE, EXIT_INPUT, InputError
 from beltid.report.summary import Summary
 from beltid.stages.reporter import Options
 from beltid.tables import schemas
@@ -28,6 +28,7 @@ COMMANDS: Final = {
     "points": "fit-friction --table",
 }
 SHOWN_RUNS: Final = 8
+UNIT_OF_WRITTEN: Final = {"clock": "clock time", "date": "date"}
 _NUMBER: Final = r"[-+]?\d+(?:[.,p]\d+)?"
 
 
@@ -44,43 +45,74 @@ class InspectOptions(Options):
     kind: str | None = None
 
 
-def run(source: ConfigSource, path: Path, options: InspectOptions) -> Summary:
-    """Say what is understood of a file, folder, pattern or zip file.
+def run(source: ConfigSource, paths: Sequence[Path], options: InspectOptions) -> Summary:
+    """Say what is understood of files, folders, patterns or zip files.
 
     Parameters
     ----------
     source : ConfigSource
         What is known about the files already.
-    path : Path
-        The file or files.
+    paths : sequence of Path
+        The recordings, each by itself.
     options : InspectOptions
         The kind of recording, if it is stated.
 
     Raises
     ------
     InputError
-        If a file cannot be read at all, or its kind cannot be found out.
+        If the only file cannot be read at all.
     """
-    config = source.config
+    if len(paths) == 1:
+        return _summary(source.config, paths[0], options)
+    parts = []
+    for path in paths:
+        try:
+            parts.append(_summary(source.config, path, options))
+        except InputError as error:
+            parts.append(_unreadable(path, error))
+    understood = sum(part.exit_status == EXIT_DONE for part in parts)
+    return Summary(
+        stage="inspect",
+        title=f"{len(parts)} recordings",
+        parts=tuple(parts),
+        notes=tuple(f"{path}: {n}" for path, p in zip(paths, parts, strict=True) for n in p.notes),
+        warnings=tuple(w for part in parts for w in part.warnings),
+        verdict=f"{understood} of {len(parts)} understood",
+        exit_status=EXIT_DONE if understood == len(parts) else EXIT_INPUT,
+    )
+
+
+def _unreadable(path: Path, error: InputError) -> Summary:
+    return Summary(
+        stage="inspect",
+        title=str(path),
+        warnings=error.problems,
+        verdict=f"cannot be read: {error.problems[0]}",
+        exit_status=EXIT_INPUT,
+    )
+
+
+def _summary(config: Config, path: Path, options: InspectOptions) -> Summary:
+    """What is understood of one recording."""
     found = inspect_recording(path, config, options.kind)
-    kind, views, mappings = found.kind, found.files, found.mappings
-    runs, problems, understood = found.runs, found.problems, not found.problems
-    if understood:
+    kind, runs, problems = found.kind, found.runs, found.problems
+    if not problems:
         verdict = f"understood: beltid {COMMANDS[kind]} {path} can read it"
     else:
         verdict = "not yet understood: see what is still to be told"
+    of_what = f"recording of the {_bench(kind)}" if kind else "recording of a bench not told"
     return Summary(
         stage="inspect",
-        title=f"{path}, recording of the {_bench(kind)}{'' if options.kind else ' (guessed)'}",
-        facts=_facts(views, kind, runs),
-        table=_channel_rows(views[0], mappings, kind),
+        title=f"{path}, {of_what}{'' if options.kind or not kind else ' (guessed)'}",
+        facts=_facts(found.files, kind, runs),
+        table=_channel_rows(found),
         beside={"runs": _run_rows(runs[:SHOWN_RUNS])} if runs else {},
         details={"all runs": _run_rows(runs)} if len(runs) > SHOWN_RUNS else {},
         notes=found.notes,
         warnings=problems,
         verdict=verdict,
-        exit_status=EXIT_DONE if understood else EXIT_INPUT,
-        snippet=_snippet(path, kind, config, mappings, problems, views, found.rig),
+        exit_status=EXIT_INPUT if problems else EXIT_DONE,
+        snippet=_snippet(path, config, found),
     )
 
 
@@ -92,7 +124,7 @@ def _facts(views: Sequence[FileView], kind: str, runs: Sequence[RunView]) -> dic
     facts: dict[str, Any] = {"format": ", ".join(dict.fromkeys(view.format for view in views))}
     if views[0].encoding:
         facts["encoding"] = ", ".join(dict.fromkeys(view.encoding for view in views))
-    facts |= {"kind": kind, "files": len(views)}
+    facts |= {"kind": kind or None, "files": len(views)}
     if not runs:
         return facts
     facts |= {"runs": len(runs), "samples": sum(run.n_samples for run in runs)}
@@ -104,36 +136,37 @@ def _facts(views: Sequence[FileView], kind: str, runs: Sequence[RunView]) -> dic
     return facts
 
 
-def _channel_rows(
-    view: FileView, mappings: dict[str, ChannelMapping], kind: str
-) -> list[dict[str, Any]]:
+def _channel_rows(found: Inspection) -> list[dict[str, Any]]:
     """A row per channel of the first file; groups of equal channels once."""
-    roles = {(r.candidate.name, r.candidate.group): role for role, r in mappings.items()}
-    by_name = {r.candidate.name: role for role, r in mappings.items()}
-    names = [channel.candidate.name for channel in view.channels]
-    repeated = len(set(names)) < len(names)
+    channels, mappings = found.files[0].channels, found.mappings.values()
+    roles = {m.candidate.qualified: m.role for m in mappings}
+    roles |= {m.date.qualified: "date of time_s" for m in mappings if m.date is not None}
+    by_name = {qualified.partition("/")[2]: role for qualified, role in roles.items()}
     rows = []
     seen: set[str] = set()
-    for channel in view.channels:
-        name = channel.candidate.name
-        if repeated and name in seen:
+    for channel in channels:
+        candidate = channel.candidate
+        if candidate.name in seen:
             continue
-        seen.add(name)
+        seen.add(candidate.name)
+        named = (candidate.qualified, candidate.name, candidate.base)
         rows.append(
             {
-                "channel": name,
-                "unit": unit_of(channel.candidate) or None,
-                "read_as": roles.get((name, channel.candidate.group)) or by_name.get(name),
+                "channel": candidate.name,
+                "unit": UNIT_OF_WRITTEN.get(candidate.written) or unit_of(candidate) or None,
+                "read_as": roles.get(named[0]) or by_name.get(named[1]) or by_name.get(named[2]),
                 "samples": channel.n_samples,
                 "rate_Hz": _plain(channel.rate_Hz),
                 "min": _plain(channel.low),
                 "max": _plain(channel.high),
                 "first": _plain(channel.first),
+                "can_be": ", ".join(found.can_be.get(candidate.qualified, ())) or None,
             }
         )
-    if all(row["rate_Hz"] is None for row in rows):
-        for row in rows:
-            del row["rate_Hz"]
+    for name in ("rate_Hz", "can_be", "read_as"):
+        if all(row[name] is None for row in rows):
+            for row in rows:
+                del row[name]
     return rows
 
 
@@ -155,21 +188,13 @@ def _run_rows(runs: Sequence[RunView]) -> list[dict[str, Any]]:
     ]
 
 
-def _snippet(
-    path: Path,
-    kind: str,
-    config: Any,
-    mappings: dict[str, ChannelMapping],
-    problems: Sequence[str],
-    views: Sequence[FileView],
-    rig: Mapping[str, str],
-) -> str:
+def _snippet(path: Path, config: Config, found: Inspection) -> str:
     """A section of a config that says what was understood, with what is still to be told."""
-    lines = []
-    if kind != "points":  # a table is named to the command
+    kind, mappings, lines = found.kind, found.mappings, []
+    if kind and kind != "points":  # a table is named to the command
         lines += ["data:", f"  {kind}: {_quoted(str(path.absolute()))}"]
-    if rig:
-        lines += ["rig:", *(f"  {name}: {word}" for name, word in rig.items())]
+    if found.rig:
+        lines += ["rig:", *(f"  {name}: {word}" for name, word in found.rig.items())]
     own = {role: r for role, r in mappings.items() if r.how != "own name"}
     if own:
         lines += ["columns:", f"  {kind}:"]
@@ -177,17 +202,48 @@ def _snippet(
             f"    {role}: {_quoted(('-' if r.negated else '') + r.candidate.name)}"
             for role, r in own.items()
         ]
-    units = _units(kind, config, mappings)
-    if units:
-        lines += ["units:", f"  {kind}:", *(f"    {role}: {unit}" for role, unit in units.items())]
-    untold = {c.name for c in schemas.table(kind).columns if c.required} - set(mappings)
-    lines += _runs_lines(kind, config, views, bool(problems) and bool(untold & {*schemas.SETTINGS}))
-    for problem in dict.fromkeys(problems):
+    lines += _open_columns(found, inside=bool(own))
+    if kind:
+        units = _units(kind, config, mappings)
+        if units:
+            lines += ["units:", f"  {kind}:"]
+            lines += [f"    {role}: {unit}" for role, unit in units.items()]
+        untold = {c.name for c in schemas.table(kind).columns if c.required} - set(mappings)
+        settings_lack = bool(found.problems) and bool(untold & {*schemas.SETTINGS})
+        lines += _runs_lines(kind, config, found.files, settings_lack)
+    for problem in dict.fromkeys(found.problems):
         lines += [f"# still to be told: {problem}"]
     return "\n".join(lines) + "\n"
 
 
-def _units(kind: str, config: Any, mappings: dict[str, ChannelMapping]) -> dict[str, str]:
+def _open_columns(found: Inspection, *, inside: bool) -> list[str]:
+    """Columns that no channel is read as yet, with those that can be: lines to be uncommented."""
+    names = {c.qualified: c.name for c in found.files[0].candidates}
+    of_column: dict[str, list[str]] = {}
+    for qualified, roles in found.can_be.items():
+        for role in roles:
+            of_column.setdefault(role, []).append(names[qualified])
+    lines: list[str] = []
+    taken: set[str] = set()
+    for kind in [found.kind] if found.kind else schemas.RECORDINGS:
+        taken.clear()
+        sensors = set(sensors_of(schemas.table(kind)))
+        if not found.kind and not (sensors and sensors <= set(of_column)):
+            continue
+        known = [c.name for c in schemas.table(kind).columns if c.name in of_column]
+        if known and not inside:
+            lines += ["# columns:", f"#   {kind}:"]
+        for role in known:
+            channels = list(dict.fromkeys(of_column[role]))
+            first = next((name for name in channels if name not in taken), channels[0])
+            taken.add(first)
+            others = [name for name in channels if name != first]
+            more = f"  # or {', '.join(map(_quoted, others[:5]))}" if others else ""
+            lines.append(f"#     {role}: {_quoted(first)}{more}")
+    return lines
+
+
+def _units(kind: str, config: Config, mappings: dict[str, ChannelMapping]) -> dict[str, str]:
     """Units as stated by the config, else as the file writes them."""
     stated = config.units.of(kind)
     units: dict[str, str] = {}
@@ -202,7 +258,7 @@ def _units(kind: str, config: Any, mappings: dict[str, ChannelMapping]) -> dict[
     return units
 
 
-def _runs_lines(kind: str, config: Any, views: Sequence[FileView], untold: bool) -> list[str]:
+def _runs_lines(kind: str, config: Config, views: Sequence[FileView], untold: bool) -> list[str]:
     """What the config says about the runs; a pattern for settings untold, as a comment."""
     runs = config.runs.of(kind)
     said = []

@@ -104,6 +104,125 @@ def test_a_pattern_that_the_names_follow_is_proposed_and_works(tmp_path):
     assert read_artifact(out).columns["run"].tolist() == ["R001", "R002", "R003"]
 
 
+def text(folder: Path, name: str, header: str, *rows: str) -> Path:
+    path = folder / name
+    path.write_text("\n".join([header, *rows]) + "\n", encoding="utf-8")
+    return path
+
+
+def test_channels_are_shown_with_what_they_can_be_also_where_the_kind_is_not_known(tmp_path):
+    rows = [f"{0.1 * i:.1f};{i}.5;{i};{2 * i}" for i in range(20)]
+    path = text(tmp_path, "a.csv", "A [s];B [N];C [mm];Dehnung", *rows)
+    status, found = inspect(path)
+    assert (status, found["facts"]["kind"]) == (2, None)
+    can_be = {row["channel"]: row["can_be"] for row in found["table"]}
+    assert can_be["C [mm]"] == "displacement_mm"
+    assert can_be["B [N]"] == "force_N, tension_tight_N, tension_slack_N"
+    assert can_be["Dehnung"] is None
+    assert "say --kind press, rig, speedloss or points" in found["warnings"][0]
+    status, found = inspect(path, "--kind", "press")
+    assert status == 2
+    kept = [line for line in found["snippet"].splitlines() if "still to be told" not in line]
+    config = tmp_path / "pasted.yaml"
+    config.write_text("\n".join(line.removeprefix("# ") for line in kept) + "\n")
+    assert inspect(path, "-c", config)[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("header", "kind", "read_as"),
+    [
+        ("Zeit [s];Ch 1 Kraft [N];Kanal 2 Weg [mm]", "press", ["time_s", "force_N"]),
+        ("Time [s];C_1_Force[kN];C_2_Stroke[mm]", "press", ["time_s", "force_N"]),
+        ("Zeit [s];Zugtrum [N];Leertrum [N];n_Scheibe [1/min]", "rig", ["pulley_speed_rad_s"]),
+    ],
+)
+def test_known_words_behind_the_number_of_a_channel(tmp_path, header, kind, read_as):
+    n = header.count(";")
+    path = text(tmp_path, "a.csv", header, *(";".join(["1"] * (n + 1)) for i in range(9)))
+    found = inspect(path)[1]
+    assert found["facts"]["kind"] == kind
+    assert set(read_as) <= {row["read_as"] for row in found["table"]}
+
+
+def test_a_known_word_in_a_longer_name_is_a_candidate_not_a_reading(tmp_path):
+    rows = [f"{i};{i};{i};{i}" for i in range(20)]
+    path = text(tmp_path, "a.csv", "Zeit [s];Weg [mm];Kraft vorn [N];Kraft hinten [N]", *rows)
+    status, found = inspect(path, "--kind", "press")
+    assert status == 2
+    shown = {row["channel"]: (row["read_as"], row["can_be"]) for row in found["table"]}
+    assert shown["Kraft vorn [N]"] == shown["Kraft hinten [N]"] == (None, "force_N")
+    assert '#     force_N: "Kraft vorn [N]"  # or "Kraft hinten [N]"' in found["snippet"]
+
+
+@pytest.mark.parametrize("ending", ["csv", "xlsx"])
+def test_six_specimens_side_by_side(tmp_path, ending):
+    from openpyxl import Workbook
+
+    columns = [
+        [0.1 * i for i in range(20)],
+        *([0.01 * (s + i) for i in range(20)] for s in range(6)),
+    ]
+    forces = [[10.0 * (s + 1) * i for i in range(20 - s)] for s in range(6)]  # each of its length
+    header = ["Zeit [s]", *(name for _ in range(6) for name in ("Weg [mm]", "Kraft [N]"))]
+    table = []
+    for i in range(20):
+        cells = [columns[0][i]]
+        for s in range(6):
+            there = i < len(forces[s])
+            cells += [columns[s + 1][i], forces[s][i]] if there else [None, None]
+        table.append(cells)
+    path = tmp_path / f"belt.{ending}"
+    if ending == "csv":
+        rows = [";".join("" if c is None else repr(c) for c in row) for row in table]
+        text(tmp_path, path.name, ";".join(header), *rows)
+        stem = "belt"
+    else:
+        book = Workbook()
+        book.active.title = stem = "P"
+        for row in [header, *table]:
+            book.active.append(row)
+        book.save(path)
+    recording = read_recording(path, "press")
+    for s in range(6):
+        mine = recording.columns["test"] == f"{stem}-{s + 1}"
+        force = recording.columns["force_N"][mine]
+        assert force[np.isfinite(force)].tolist() == forces[s]
+    status, found = inspect(path)
+    assert (status, found["facts"]["runs"]) == (0, 6)
+    rows = {row["channel"]: row["read_as"] for row in found["table"]}
+    assert rows["Kraft #1 [N]"] == rows["Kraft #6 [N]"] == "force_N"
+    config = tmp_path / "pasted.yaml"
+    config.write_text(str(found["snippet"]), encoding="utf-8")
+    assert inspect(path, "-c", config)[1]["facts"]["runs"] == 6
+    config.write_text('columns: {press: {force_N: "Kraft #2 [N]", displacement_mm: "Weg #2 [mm]"}}')
+    one = read_recording(path, "press", load_config(config))
+    force = one.columns["force_N"]
+    assert force[np.isfinite(force)].tolist() == forces[1]
+    assert len(set(one.columns["test"])) == 1
+
+
+def test_equal_names_are_told_apart_by_position(tmp_path):
+    rows = [f"{i};{i};{i};{i}" for i in range(20)]
+    path = text(tmp_path, "a.csv", "Zeit [s];Weg [mm];Kraft [N];Kraft [N]", *rows)
+    status, found = inspect(path)
+    assert status == 2
+    assert [row["channel"] for row in found["table"]][2:] == ["Kraft #1 [N]", "Kraft #2 [N]"]
+    assert 'say which: columns: {press: {force_N: "Kraft #1 [N]"}}' in found["warnings"][0]
+
+
+def test_several_recordings_in_one_call(tmp_path):
+    bad = tmp_path / "bad.csv"
+    bad.write_text("")
+    status, found = inspect(RIG, RIG.parent / "press.csv", bad)
+    assert (status, found["verdict"]) == (2, "2 of 3 understood")
+    kinds = [part["facts"].get("kind") for part in found["parts"]]
+    assert kinds == ["rig", "press", None]
+    assert found["parts"][2]["warnings"] == [f"{bad}: the file is empty"]
+    assert inspect(RIG, RIG.parent / "press.csv")[0] == 0
+    shown = CliRunner().invoke(app, ["inspect", str(RIG), str(RIG.parent / "press.csv"), "-q"])
+    assert shown.stdout.index("recording of the friction rig") < shown.stdout.index("compression")
+
+
 def test_channels_of_no_bench_of_ours_ask_for_the_kind():
     result = CliRunner().invoke(app, ["inspect", str(DATA / "labview-two-channels.lvm")])
     assert result.exit_code == 2

@@ -325,6 +325,6 @@ MUTATORS: dict[str, Mutator] = {
     **dict.fromkeys(
         ("yaml", "csv", "csv_stream", "press", "speedloss", "lvm", "zwick"), text_changed
     ),
-    **dict.fromkeys(("tdms", "mdf", "mat", "hdf5"), bytes_changed),
+    **dict.fromkeys(("tdms", "mdf", "mat", "hdf5", "uff"), bytes_changed),
 }
 """Reader -> how its files are changed."""

@@ -103,6 +103,7 @@ READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "csv_stream": ("x.csv", _stream),
     "zwick": ("x.txt", _recording("press")),
     "lvm": ("x.lvm", lambda path: read_recording(path, "rig", SETTINGS)),
+    "uff": ("x.unv", _recording("press")),
     "gzip": ("x.csv.gz", _recording("rig")),
     "zip": ("x.zip", _recording("rig")),
     "artifact": ("x.parquet", _artifact),

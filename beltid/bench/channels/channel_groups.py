@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import PurePath
 
@@ -14,23 +14,32 @@ from beltid.bench.channels.channel_mapping import (
     ChannelMapping,
     MappingContext,
     RawTable,
+    is_whole,
     map_channels,
     notes_of,
     told_elsewhere,
 )
 from beltid.bench.channels.text_tables import check_header, convert
 from beltid.bench.formats.bench_file import BenchFile, Channel, Group
-from beltid.bench.formats.dialect import ReadOptions, is_number
+from beltid.bench.formats.clock import Clock, written_as
+from beltid.bench.formats.dialect import ReadOptions, side_by_side, without_position
+from beltid.bench.formats.numbers import NumberSigns, numbers_or_problems
 from beltid.bench.formats.rows import Texts, word_of
 from beltid.errors import Problems
 from beltid.tables.columns import Table
-from beltid.tables.schemas import SETTINGS
+from beltid.tables.values import absent
 
 
 def candidates_of(groups: Sequence[Group], *, named: bool) -> list[Candidate]:
     """The channels of groups, as candidates for our columns."""
     return [
-        Candidate(channel.name, channel.unit, (g, c), group.name if named else "")
+        Candidate(
+            channel.name,
+            channel.unit,
+            (g, c),
+            group.name if named else "",
+            written_as(channel.first_texts()),
+        )
         for g, group in enumerate(groups)
         for c, channel in enumerate(group.channels)
     ]
@@ -58,6 +67,7 @@ def read_groups(
         Collects what is wrong.
     """
     context = MappingContext(table, options, name, problems)
+    file = replace(file, groups=tuple(p for group in file.groups for p in _parts(group, context)))
     reader = _Reader(file, context)
     whole = [i for i, group in enumerate(file.groups) if _is_whole(group, context)]
     notes = list(file.notes)
@@ -79,20 +89,23 @@ def read_groups(
     return raw_tables
 
 
-def sensors_of(table: Table) -> list[str]:
-    """Our columns that sensors record, and that a run must have."""
-    return [
-        c.name
-        for c in table.columns
-        if c.required and c.dtype != "string" and c.name not in (*SETTINGS, "time_s")
-    ]
-
-
 def _is_whole(group: Group, context: MappingContext) -> bool:
-    """Whether a group holds all the sensors that a run needs."""
-    silent = MappingContext(context.table, context.options, group.name)
-    found = map_channels(candidates_of([group], named=True), silent)
-    return all(role in found for role in sensors_of(context.table))
+    return is_whole(candidates_of([group], named=True), context)
+
+
+def _parts(group: Group, context: MappingContext) -> list[Group]:
+    """A group; where recordings stand side by side in it, a group for each."""
+    parts = []
+    for number, indices in enumerate(side_by_side([c.name for c in group.channels]), start=1):
+        channels = [group.channels[i] for i in indices]
+        filled = np.flatnonzero(np.any([~absent(c.values) for c in channels], axis=0))
+        last = int(filled[-1]) + 1 if filled.size else 0
+        shorter = tuple(
+            Channel(without_position(c.name), c.unit, c.values[:last]) for c in channels
+        )
+        name = f"{group.name or PurePath(context.place).stem}-{number}"
+        parts.append(Group(name, shorter, group.fields, group.first_row))
+    return parts if parts and all(_is_whole(part, context) for part in parts) else [group]
 
 
 class _Reader:
@@ -124,13 +137,13 @@ class _Reader:
             check_header(tuple(channels), in_file, table, place, problems, mappings, told)
         if problems.count > wrong:
             return None
-        columns, notes = _columns(groups, mappings, context)
+        columns, notes, of_clock = _columns(groups, mappings, context)
         if problems.count > wrong:
             return None
         convert(columns, {r: mapping for r, mapping in mappings.items() if r != "time_s"})
-        used = {mapping.candidate.name for mapping in mappings.values()}
+        used = {c.name for m in mappings.values() for c in (m.candidate, m.date) if c is not None}
         left_out = [channel for channel in channels if channel not in used]
-        said = [*notes_of(mappings, table), *notes]
+        said = [*notes_of(mappings, table), *notes, *of_clock]
         if left_out:
             said.append("channels left out: " + ", ".join(dict.fromkeys(left_out[:12])))
         length = len(next(iter(columns.values())))
@@ -162,19 +175,21 @@ def _mappings(groups: Sequence[Group], context: MappingContext) -> dict[str, Cha
 
 def _columns(
     groups: Sequence[Group], mappings: dict[str, ChannelMapping], context: MappingContext
-) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Values of our columns on one time."""
-    taken = {r: _channel(groups, mapping) for r, mapping in mappings.items()}
+) -> tuple[dict[str, np.ndarray], list[str], list[str]]:
+    """Values of our columns on one time; notes of what was interpolated, and of clock times."""
+    taken = {r: _channel(groups, mapping.candidate) for r, mapping in mappings.items()}
     values = {
         r: _typed(channel, mappings[r], _first_row(groups, mappings[r]), context)
         for r, channel in taken.items()
+        if mappings[r].clock is None
     }
     problems, wrong = context.problems, context.problems.count
     if "time_s" not in context.table.names:
         if len({len(column) for column in values.values()}) > 1:
             context.complain("the columns have different lengths")
-        return values, []
+        return values, [], []
     clocks = _Clocks(groups, mappings, values, context)
+    label = context.table.label
     timed: dict[str, Timed] = {}
     for role, channel in taken.items():
         if role == "time_s":
@@ -189,13 +204,16 @@ def _columns(
         else:
             timed[role] = Timed(channel.name, values[role], clock)
     if problems.count > wrong or not timed:
-        return {}, []
+        return {}, [], []
     columns, time, notes = aligned(timed, context.kind, context.place, problems)
-    return {**columns, "time_s": time}, notes
+    if clocks.clock.first and problems.count == wrong:
+        runs = Texts.of(columns[label]).codes if label in columns else None
+        time = clocks.clock.elapsed(time, clocks.place(0), problems, runs)
+    return {**columns, "time_s": time}, notes, clocks.clock.notes()
 
 
-def _channel(groups: Sequence[Group], mapping: ChannelMapping) -> Channel:
-    g, c = mapping.candidate.key
+def _channel(groups: Sequence[Group], candidate: Candidate) -> Channel:
+    g, c = candidate.key
     channel: Channel = groups[g].channels[c]
     return channel
 
@@ -215,11 +233,15 @@ class _Clocks:
         context: MappingContext,
     ) -> None:
         self.groups = groups
+        self.mappings, self.values = mappings, values
         self.shared = mappings.get("time_s")
-        self.raw = values.get("time_s")
+        self.problems = context.problems
+        self.clock = Clock("")
+        """Reads all clock times of the file, so that they count from one midnight."""
         # the file's own words alone: what the config names for the time was looked for before
         self.context = replace(context, options=ReadOptions())
         self.known: dict[int, np.ndarray | None] = {}
+        self.label = context.table.label
 
     def of(self, g: int, c: int) -> np.ndarray | None:
         """Time of a channel of a group."""
@@ -232,19 +254,50 @@ class _Clocks:
             self.known[g] = self._in_group(g)
         return self.known[g]
 
+    def place(self, g: int) -> Callable[[int], tuple[str, int]]:
+        """How messages call the samples of a group."""
+        return places(self.context.place, self.groups[g].first_row)
+
     def _shared(self) -> np.ndarray | None:
-        if self.raw is None or self.shared is None:
+        if self.shared is None:
             return None
-        by = self.shared.conversion
-        return (self.raw + by.shift) * by.factor
+        g = self.shared.candidate.key[0]
+        if self.shared.clock is None:
+            by = self.shared.conversion
+            return (self.values["time_s"] + by.shift) * by.factor
+        if g not in self.known:
+            self.known[g] = self._clock_times(self.shared)
+        return self.known[g]
+
+    def _clock_times(self, mapping: ChannelMapping) -> np.ndarray:
+        """Seconds of clock times, counted from the midnight before the first of the file."""
+        import pyarrow as pa
+
+        g, c = mapping.candidate.key
+        self.clock.name = mapping.candidate.name
+        times = self.groups[g].channels[c].values
+        dates = None if mapping.date is None else _channel(self.groups, mapping.date).values
+        seconds, wrong = self.clock.read(
+            pa.array(times, pa.string()), None if dates is None else pa.array(dates, pa.string())
+        )
+        self.clock.report_wrong(wrong, times, self.place(g), self.problems)
+        label = self.mappings.get(self.label)
+        own_label = label is not None and label.candidate.key[0] == g
+        runs = Texts.of(self.values[self.label]).codes if own_label else None
+        return self.clock.elapsed(seconds, self.place(g), self.problems, runs, from_first=False)
 
     def _in_group(self, g: int) -> np.ndarray | None:
         candidates = candidates_of([self.groups[g]], named=False)
         found = map_channels(candidates, self.context, ["time_s"])
         if "time_s" not in found:
             return self._shared()
-        channel = self.groups[g].channels[found["time_s"].candidate.key[1]]
-        return None if channel.is_text else channel.values * found["time_s"].conversion.factor
+        mapping = found["time_s"]
+        channel = self.groups[g].channels[mapping.candidate.key[1]]
+        if mapping.clock is not None:
+            inside = replace(mapping.candidate, key=(g, mapping.candidate.key[1]))
+            date = mapping.date and replace(mapping.date, key=(g, mapping.date.key[1]))
+            return self._clock_times(replace(mapping, candidate=inside, date=date))
+        return None if channel.is_text else channel.values * mapping.conversion.factor
 
 
 def _typed(
@@ -255,17 +308,15 @@ def _typed(
         return Texts.of(map(word_of, channel.values)).objects()
     if not channel.is_text:
         return np.asarray(channel.values, dtype=float)
-    numbers = np.full(len(channel.values), np.nan)
-    for i, text in enumerate(channel.values):
-        if text is None:
-            continue
-        if is_number(str(text).strip()):
-            numbers[i] = float(str(text).strip().replace(",", "."))
-        else:
-            where = f"{context.place}:{first + i}" if first else f"{context.place}, sample {i + 1}"
-            context.problems.add(
-                f'{where}: {mapping.shown} = "{str(text)[:40]}", must be a number',
-                i + 1,
-                "numbers",
-            )
-    return numbers
+    signs = NumberSigns.of(
+        channel.first_texts(), context.options.decimal, context.options.thousands
+    )
+    place = places(context.place, first)
+    return numbers_or_problems(channel.values, signs, mapping.shown, place, context.problems)
+
+
+def places(name: str, first_row: int) -> Callable[[int], tuple[str, int]]:
+    """How messages call the samples of a group that begins in a row of a file, or in none."""
+    if first_row:
+        return lambda i: (f"{name}:{first_row + i}", first_row + i)
+    return lambda i: (f"{name}, sample {i + 1}", i + 1)

@@ -7,14 +7,20 @@ A channel is found by the name that the config states, by our own name, or by th
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal
 
 import numpy as np
 
-from beltid.bench.channels.vocabulary import roles_meant, simplified
+from beltid.bench.channels.vocabulary import means_date, roles_meant, simplified
 from beltid.bench.formats.bench_file import Field
-from beltid.bench.formats.dialect import ReadOptions, unit_in_name, without_unit
+from beltid.bench.formats.clock import Clock
+from beltid.bench.formats.dialect import (
+    ReadOptions,
+    unit_in_name,
+    without_position,
+    without_unit,
+)
 from beltid.config.name_pattern import name_pattern
 from beltid.errors import Problem, Problems
 from beltid.tables.columns import Column, Table
@@ -46,12 +52,15 @@ class Candidate:
         Where the reader finds it.
     group : str
         Group it stands in, "" where the file has no groups.
+    written : {"", "clock", "date"}
+        Whether its cells are clock times or dates rather than numbers or other texts.
     """
 
     name: str
     unit: str
     key: Any
     group: str = ""
+    written: str = ""
 
     @property
     def shown(self) -> str:
@@ -59,6 +68,11 @@ class Candidate:
         return (
             f"{self.name} [{self.unit}]" if self.unit and not unit_in_name(self.name) else self.name
         )
+
+    @property
+    def base(self) -> str:
+        """The name without the position among channels of the same name."""
+        return without_position(self.name)
 
     @property
     def qualified(self) -> str:
@@ -84,6 +98,8 @@ class ChannelMapping:
         Whether file or config tells the unit.
     negated : bool
         Whether the sign is turned.
+    date : Candidate or None
+        The channel that holds the dates of the clock times of this one.
     """
 
     role: str
@@ -92,6 +108,13 @@ class ChannelMapping:
     conversion: Conversion = field(default_factory=lambda: Conversion(1.0))
     unit_stated: bool = False
     negated: bool = False
+    date: Candidate | None = None
+
+    @property
+    def clock(self) -> Clock | None:
+        """A reader of its clock times; None where it holds numbers or other texts."""
+        is_time = self.role == "time_s" and self.candidate.written == "clock"
+        return Clock(self.candidate.name) if is_time else None
 
     @property
     def shown(self) -> str:
@@ -164,15 +187,57 @@ def map_channels(
             continue
         meant = [c for c in free if column.name in roles_meant(c.name, context.kind)]
         fitting = [c for c in meant if _fits(c, column, options)] or meant
+        if column.name == "time_s":  # a stop watch comes before a clock on the wall
+            fitting = [c for c in fitting if unit_of(c)] or fitting
         if len(fitting) == 1:
             found[column.name] = (fitting[0], "recognised", False)
         elif fitting:
             context.complain(_ambiguous(column, fitting, context.kind))
-    return {
+    mappings = {
         column.name: _mapping(column, *found[column.name], context)
         for column in columns
         if column.name in found
     }
+    time = mappings.get("time_s")
+    if time is not None and time.clock:
+        mappings["time_s"] = replace(time, date=_date_of(time.candidate, free, context))
+    return mappings
+
+
+def sensors_of(table: Table) -> list[str]:
+    """Our columns that sensors record, and that a run must have."""
+    return [
+        c.name
+        for c in table.columns
+        if c.required and c.dtype != "string" and c.name not in (*SETTINGS, "time_s")
+    ]
+
+
+def is_whole(candidates: Sequence[Candidate], context: MappingContext) -> bool:
+    """Whether channels hold all the sensors that a run needs."""
+    silent = MappingContext(context.table, context.options)
+    found = map_channels(candidates, silent)
+    return all(role in found for role in sensors_of(context.table))
+
+
+def unit_of(candidate: Candidate) -> str:
+    """Unit of a channel as the file writes it, in a cell of its own or in the name."""
+    return candidate.unit or unit_in_name(candidate.name)
+
+
+def _date_of(
+    time: Candidate, candidates: Sequence[Candidate], context: MappingContext
+) -> Candidate | None:
+    """The channel of dates that stands beside a channel of clock times."""
+    dates = [
+        c
+        for c in candidates
+        if c.written == "date" and c.group == time.group and means_date(c.name)
+    ]
+    if len(dates) > 1:
+        shown = ", ".join(c.name for c in dates)
+        context.complain(f"{shown} can be the date of {time.name}: leave one of them")
+    return dates[0] if dates else None
 
 
 def notes_of(mappings: Mapping[str, ChannelMapping], table: Table) -> list[str]:
@@ -207,18 +272,23 @@ def _named(
 
 def _called(name: str, candidates: Sequence[Candidate], *, loosely: bool) -> list[Candidate]:
     exact = [c for c in candidates if name in (c.name, c.qualified)]
+    exact = exact or [c for c in candidates if c.base == name]
     if exact or not loosely:
         return exact
-    return [c for c in candidates if without_unit(c.name) == name]
+    return [c for c in candidates if name in (without_unit(c.name), without_unit(c.base))]
 
 
 def _fits(candidate: Candidate, column: Column, options: ReadOptions) -> bool:
-    """Whether the unit of a channel, where it is told, can be that of a column."""
-    unit = candidate.unit or unit_in_name(candidate.name)
-    known = canonical_unit(unit)
-    if not unit or column.dtype == "string" or column.name in options.units:
-        return True
-    return known in RAW or conversion(unit, column.unit) is not None
+    return column.dtype == "string" or column.name in options.units or can_be(candidate, column)
+
+
+def can_be(candidate: Candidate, column: Column) -> bool:
+    """Whether a channel can be a column of numbers, by its unit where one is told."""
+    if candidate.written:
+        return candidate.written == "clock" and column.name == "time_s"
+    unit = unit_of(candidate)
+    is_raw = canonical_unit(unit) in RAW and column.name not in (*SETTINGS, "time_s")
+    return not unit or is_raw or conversion(unit, column.unit) is not None
 
 
 def _ambiguous(column: Column, meant: Sequence[Candidate], kind: str) -> str:
@@ -234,9 +304,12 @@ def _ambiguous(column: Column, meant: Sequence[Candidate], kind: str) -> str:
 def _mapping(
     column: Column, candidate: Candidate, how: How, negated: bool, context: MappingContext
 ) -> ChannelMapping:
+    mapping = ChannelMapping(column.name, candidate, how)
     if column.dtype == "string":
-        return ChannelMapping(column.name, candidate, how)
-    unit = candidate.unit or unit_in_name(candidate.name)
+        return mapping
+    if mapping.clock:
+        return replace(mapping, unit_stated=True)
+    unit = unit_of(candidate)
     converted = unit_conversion(column, candidate.name, unit, context, how == "recognised")
     if isinstance(converted, str):
         context.complain(converted)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from pathlib import PurePath
 
 import numpy as np
@@ -14,14 +15,17 @@ from beltid.bench.channels.channel_mapping import (
     MappingContext,
     RawTable,
     how_to_tell,
+    is_whole,
     map_channels,
     notes_of,
     told_elsewhere,
 )
 from beltid.bench.channels.vocabulary import roles_meant
 from beltid.bench.files.sniff import Decoded
+from beltid.bench.formats.clock import written_as
 from beltid.bench.formats.csv_table import Wanted, read_rows
-from beltid.bench.formats.dialect import Layout, ReadOptions, is_number, layout
+from beltid.bench.formats.dialect import Layout, ReadOptions, layout, side_by_side
+from beltid.bench.formats.numbers import is_number
 from beltid.errors import Problem, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table
@@ -39,13 +43,18 @@ def text_layout(decoded: Decoded, name: str, options: ReadOptions, table: Table)
 def candidates_of(found: Layout) -> list[Candidate]:
     """The columns of a text file, as candidates for ours."""
     units = (*found.unit_cells, *[""] * len(found.header))
-    return [Candidate(name, units[i], i) for i, name in enumerate(found.header) if name]
+    cells = found.first_cells()
+    return [
+        Candidate(name, units[i], i, written=written_as(cells[i]))
+        for i, name in enumerate(found.header)
+        if name
+    ]
 
 
 def read_text(
     decoded: Decoded, name: str, table: Table, options: ReadOptions, problems: Problems
-) -> RawTable | None:
-    """Read the columns of a table in a text file.
+) -> list[RawTable]:
+    """Read the columns of a table in a text file; of several, where they stand side by side.
 
     Parameters
     ----------
@@ -58,13 +67,41 @@ def read_text(
     options : ReadOptions
         What the config states.
     problems : Problems
-        Collects what is wrong; None is returned if the header is.
+        Collects what is wrong; nothing is returned if the header is.
     """
     found = text_layout(decoded, name, options, table)
-    names = (PurePath(name).name, PurePath(name).stem)
+    candidates, stem = candidates_of(found), PurePath(name).stem
+    by_column = {c.key: replace(c, name=c.base) for c in candidates}
+    parts = [[by_column[i] for i in part] for part in side_by_side(found.header)]
+    context = MappingContext(table, options)
+    if not parts or not all(is_whole(part, context) for part in parts):
+        raw = _read_part(found, name, stem, candidates, context, problems)
+        read = [] if raw is None else [raw]
+    else:
+        labels = [f"{stem}-{number}" for number in range(1, len(parts) + 1)]
+        read = [
+            raw
+            for label, part in zip(labels, parts, strict=True)
+            if (raw := _read_part(found, name, label, part, context, problems)) is not None
+        ]
+    return [replace(raw, notes=(*decoded.notes, *found.notes, *raw.notes)) for raw in read]
+
+
+def _read_part(
+    found: Layout,
+    name: str,
+    label: str,
+    candidates: Sequence[Candidate],
+    context: MappingContext,
+    problems: Problems,
+) -> RawTable | None:
+    """The recording that some columns of a text file hold; None if the header is wrong."""
+    table, options = context.table, context.options
+    path = PurePath(name)
+    names = (*([label] if label != path.stem else []), path.name, path.stem)
     told = told_elsewhere(options.runs, names, found.fields, table)
     wrong = problems.count
-    mappings, wanted = wanted_columns(found, name, table, options, problems, told)
+    mappings, wanted = wanted_columns(found, candidates, name, table, options, problems, told)
     if problems.count > wrong:
         return None
     rows = read_rows(found, wanted, name)
@@ -72,23 +109,27 @@ def read_text(
     if problems.count > wrong:
         hint_units_row(found, wanted, name, problems)
     columns = rows.columns()
+    clock = wanted["time_s"].clock if "time_s" in wanted else None
+    if clock is not None:
+        runs = rows.texts.get(table.label)
+        columns["time_s"] = clock.elapsed(
+            columns["time_s"],
+            lambda i: (f"{name}:{rows.line_of(i)}", rows.line_of(i)),
+            problems,
+            None if runs is None else runs.codes,
+        )
     convert(columns, mappings)
-    notes = (*decoded.notes, *found.notes, *text_notes(found, mappings, table))
+    of_clock = [] if clock is None else clock.notes()
+    notes = (*text_notes([c.name for c in candidates], mappings, table), *of_clock)
+    place = f"{name}:{found.header_line}"
     return RawTable(
-        name,
-        names,
-        names[1],
-        columns,
-        mappings,
-        found.fields,
-        rows.all_lines(),
-        notes,
-        f"{name}:{found.header_line}",
+        name, names, label, columns, mappings, found.fields, rows.all_lines(), notes, place
     )
 
 
 def wanted_columns(
     found: Layout,
+    candidates: Sequence[Candidate],
     name: str,
     table: Table,
     options: ReadOptions,
@@ -101,6 +142,8 @@ def wanted_columns(
     ----------
     found : Layout
         Header and units of the file.
+    candidates : sequence of Candidate
+        Its columns.
     name : str
         Name of the file, for messages.
     table : Table
@@ -116,23 +159,33 @@ def wanted_columns(
     wrong = problems.count
     at_units = f"{name}:{found.first_line - 1}" if found.unit_cells else place
     context = MappingContext(table, options, at_units, problems)
-    mappings = map_channels(candidates_of(found), context)
+    mappings = map_channels(candidates, context)
     if problems.count == wrong:
         in_file = {c.name: options.names.get(c.name, c.name) for c in table.columns}
         in_file |= {role: mapping.candidate.name for role, mapping in mappings.items()}
-        check_header(found.header, in_file, table, place, problems, mappings, told)
+        check_header(
+            tuple(c.name for c in candidates), in_file, table, place, problems, mappings, told
+        )
     wanted = {
-        role: Wanted(r.candidate.key, table.column(role).dtype == "string", r.shown)
+        role: Wanted(
+            r.candidate.key,
+            table.column(role).dtype == "string",
+            r.shown,
+            r.clock,
+            None if r.date is None else r.date.key,
+        )
         for role, r in mappings.items()
     }
     return mappings, wanted
 
 
-def text_notes(found: Layout, mappings: Mapping[str, ChannelMapping], table: Table) -> list[str]:
+def text_notes(
+    header: Sequence[str], mappings: Mapping[str, ChannelMapping], table: Table
+) -> list[str]:
     """What was recognised, converted and left out of a text file."""
     notes = notes_of(mappings, table)
-    used = {mapping.candidate.name for mapping in mappings.values()}
-    left_out = [n for n in found.header if n and n not in used]
+    used = {c.name for m in mappings.values() for c in (m.candidate, m.date) if c is not None}
+    left_out = [n for n in header if n and n not in used]
     if left_out:
         notes.append("columns left out: " + ", ".join(left_out[:12]))
     return notes

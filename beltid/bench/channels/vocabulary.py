@@ -8,9 +8,13 @@ import unicodedata
 from dataclasses import dataclass
 from typing import Final
 
-from beltid.bench.formats.dialect import without_unit
+from beltid.bench.formats.dialect import POSITION, without_unit
 from beltid.tables import schemas
 
+_CHANNEL: Final = re.compile(r"^(?:channel|kanal|voie|ch|ai|c) ?\d+ (?=.)")
+"""What a recorder puts before the name that somebody gave to its channel."""
+_LEAST_HINT: Final = 4
+"""Letters of a word that tells something wherever it stands in a name."""
 _UMLAUTS: Final = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
 
 
@@ -53,9 +57,12 @@ def _words(keys: str, fillers: str = "") -> Words:
     return Words(tuple(sorted(known, key=len, reverse=True)), frozenset(fillers.split()))
 
 
+_DATE: Final = _words("datum,messdatum,pruefdatum,date,jour", "de du of the essai test")
 _TIME: Final = _words(
-    "zeit,pruefzeit,versuchszeit,messzeit,laufzeit,time,times,test time,elapsed time,running time,"
-    "total time,relative time,temps,temps ecoule,timestamp,time stamp,zeitstempel,t,x value",
+    "uhrzeit,zeitpunkt,datum zeit,datum uhrzeit,date time,datetime,clock time,time of day,"
+    "heure,date heure,horodatage,zeit,pruefzeit,versuchszeit,messzeit,laufzeit,time,times,"
+    "test time,elapsed time,running time,total time,relative time,temps,temps ecoule,timestamp,"
+    "time stamp,zeitstempel,t,x value",
     "s sec von de du the rel",
 )
 _TEMPERATURE: Final = _words(
@@ -89,7 +96,8 @@ _ARC: Final = _words(
     "deg soll nominal set the of scheibe pulley",
 )
 _SPEED: Final = _words(
-    "drehzahl,winkelgeschwindigkeit,scheibendrehzahl,umfangsgeschwindigkeit,speed,rpm,omega,"
+    "n scheibe,n riemenscheibe,n pulley,n poulie,drehzahl,winkelgeschwindigkeit,"
+    "scheibendrehzahl,umfangsgeschwindigkeit,speed,rpm,omega,"
     "angular speed,angular velocity,rotational speed,rotation speed,rotary speed,velocity,"
     "vitesse,vitesse de rotation,vitesse angulaire",
     "pulley scheibe riemenscheibe motor poulie de la du the of ist actual act drive encoder",
@@ -102,7 +110,7 @@ _DRIVER: Final = _words(
     "antriebsdrehzahl,eingangsdrehzahl,drehzahl antrieb,drehzahl an,antrieb,treibend,treibende,"
     "driver,driving,input,menante,motrice,entree",
     "drehzahl speed angular velocity rotational pulley scheibe der des vitesse de rotation "
-    "angulaire poulie la shaft omega winkelgeschwindigkeit rpm ist",
+    "angulaire poulie la shaft omega winkelgeschwindigkeit rpm ist n",
 )
 _DRIVEN: Final = _words(
     "abtriebsdrehzahl,ausgangsdrehzahl,drehzahl abtrieb,abtrieb,getrieben,getriebene,driven,output,"
@@ -200,7 +208,23 @@ def simplified(name: str) -> str:
     bare = re.sub(r"(?<=[a-zäöüéè])(?=[A-Z])", " ", without_unit(name))
     low = bare.lower().translate(_UMLAUTS)
     plain = unicodedata.normalize("NFKD", low).encode("ascii", "ignore").decode()
-    return " ".join(re.findall(r"[a-z0-9]+", plain))
+    words = " ".join(re.findall(r"[a-z0-9]+", POSITION.sub("", plain)))
+    return _CHANNEL.sub("", words)
+
+
+def roles_hinted(name: str, kind: str) -> tuple[str, ...]:
+    """Our columns of which a known word stands in a longer name of a channel."""
+    plain = simplified(name)
+    return tuple(
+        role
+        for role, words in VOCABULARY[kind].items()
+        if any(len(key) >= _LEAST_HINT and _as_words(key).search(plain) for key in words.keys)
+    )
+
+
+def means_date(name: str) -> bool:
+    """Whether a channel's name says that it holds dates."""
+    return _DATE.mean(simplified(name))
 
 
 def roles_meant(name: str, kind: str) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import io
+import re
 import zipfile
 from dataclasses import dataclass
 from typing import Final
@@ -15,6 +16,7 @@ PARQUET: Final = "parquet"
 GZIP: Final = "gzip"
 ZIP: Final = "zip"
 LVM: Final = "lvm"
+UFF: Final = "uff"
 ISOLATED: Final = ("tdms", "mdf", "mat", "hdf5", "xlsx")
 """Formats whose libraries can crash or hang on damaged input: read in a child process."""
 UNREAD: Final = {
@@ -38,6 +40,8 @@ _SIGNATURES: Final = (
     (b"LabVIEW Measurement", LVM),
     (b"\xef\xbb\xbfLabVIEW Measurement", LVM),
 )
+_UFF: Final = re.compile(rb"\s*-1[ \t]*\r?\n[ \t]{0,6}\d{1,5}[bB]?[ \t\r\n]")
+"""A line of -1, then the number of a dataset."""
 _HDF5_BEHIND_HEADER: Final = slice(512, 520)
 CUT_OFF: Final = "the last line does not end: if the file was cut off, its last number is wrong"
 
@@ -55,7 +59,7 @@ def sniff(data: bytes | memoryview, name: str = "") -> str:
     Returns
     -------
     str
-        "text", "parquet", "gzip", "zip", "lvm", or one of `ISOLATED`.
+        "text", "parquet", "gzip", "zip", "lvm", "uff", or one of `ISOLATED`.
     """
     head = bytes(data[:1024])
     for signature, format_name in _SIGNATURES:
@@ -69,6 +73,8 @@ def sniff(data: bytes | memoryview, name: str = "") -> str:
         return "mat"  # with a header text of its own
     if name.lower().endswith(".mat"):
         return "mat"
+    if _UFF.match(head):
+        return UFF
     return TEXT
 
 

@@ -6,11 +6,14 @@ Nothing here knows what a channel is good for; `beltid.bench.channels` decides w
 Module         Responsibility
 ============== ================================================================
 ``bench_file`` what is found in a file: groups of channels, header fields
+``numbers``    decimal signs and thousands separators: cells -> numbers
+``clock``      clock times and time stamps -> seconds from the first sample
 ``rows``       rows of a table: numbers, texts, where they stand in the file
 ``dialect``    how a table is written: title lines, header, row of units, separators
 ``csv_table``  CSV -> rows, at once or in blocks, exact about places
 ``parquet``    Parquet -> rows in blocks
 ``lvm``        LabVIEW measurement files
+``uff``        universal files: time records in datasets 58 and 58b
 ``frames``     DataFrames, Arrow tables and dicts -> columns
 ``isolated``   formats whose libraries read in a child process
 ============== ================================================================

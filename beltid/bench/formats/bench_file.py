@@ -72,6 +72,10 @@ class Channel:
         """Whether it holds texts rather than numbers."""
         return bool(self.values.dtype.kind == "O")
 
+    def first_texts(self) -> list[str]:
+        """The first of its texts; none where it holds numbers."""
+        return [text for text in self.values[:200] if text] if self.is_text else []
+
 
 @dataclass(frozen=True, slots=True)
 class Group:

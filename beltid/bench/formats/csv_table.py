@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import gzip
 import io
-import re
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -16,7 +15,9 @@ import numpy as np
 
 from beltid.artifacts.file_bytes import opened
 from beltid.bench.files.sniff import CUT_OFF
-from beltid.bench.formats.dialect import MISSING_WORDS, NUMBER, Layout
+from beltid.bench.formats.clock import Clock
+from beltid.bench.formats.dialect import Layout
+from beltid.bench.formats.numbers import MISSING_WORDS, numbers_or_problems
 from beltid.bench.formats.rows import Rows, Texts
 from beltid.errors import InputError, Problems
 
@@ -25,8 +26,6 @@ CHUNK: Final = 16 << 20
 ARROW_BLOCK: Final = 1 << 20
 """Bytes that a thread of Arrow reads at a time."""
 LONGEST_ROW: Final = 64 << 20
-_COMMA_TO_POINT: Final = str.maketrans(",.", ".?")
-_INFINITE: Final = re.compile(r"[-+]?(inf|infinity)", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,11 +40,17 @@ class Wanted:
         Whether it holds labels rather than numbers.
     shown : str
         How messages call it.
+    clock : Clock or None
+        Reader of its clock times; None for numbers and labels.
+    date : int or None
+        Position of the dates of its clock times.
     """
 
     index: int
     is_text: bool
     shown: str
+    clock: Clock | None = None
+    date: int | None = None
 
 
 def read_rows(layout: Layout, wanted: Mapping[str, Wanted], name: str) -> Rows:
@@ -176,7 +181,12 @@ def _read_clean(layout: Layout, wanted: Mapping[str, Wanted]) -> Rows | None:
     if b'"' in body and any(line.count(b'"') % 2 for line in body.split(b"\n")):
         return None  # a cell over several lines: line numbers need the exact reader
     names = [f"c{i}" for i in range(len(layout.header))]
-    types = {names[w.index]: pa.string() if w.is_text else pa.float64() for w in wanted.values()}
+    types = {
+        names[w.index]: pa.string()
+        if w.is_text or w.clock or layout.signs.thousands
+        else pa.float64()
+        for w in wanted.values()
+    } | {names[w.date]: pa.string() for w in wanted.values() if w.date is not None}
     try:
         table = pa_csv.read_csv(
             pa.BufferReader(body),
@@ -187,7 +197,7 @@ def _read_clean(layout: Layout, wanted: Mapping[str, Wanted]) -> Rows | None:
                 include_columns=list(types),
                 null_values=sorted(MISSING_WORDS),
                 strings_can_be_null=True,
-                decimal_point=layout.decimal,
+                decimal_point=layout.signs.decimal,
             ),
         )
     except (pa.ArrowException, ValueError, KeyError):
@@ -198,11 +208,24 @@ def _read_clean(layout: Layout, wanted: Mapping[str, Wanted]) -> Rows | None:
         if len(lines) != table.num_rows:
             return None
     read = {key: table.column(names[w.index]) for key, w in wanted.items()}
-    return Rows(
-        {key: _writable(read[key].to_numpy()) for key, w in wanted.items() if not w.is_text},
-        {key: Texts.of_arrow(read[key], MISSING_WORDS) for key, w in wanted.items() if w.is_text},
-        lines,
-    )
+    numbers: dict[str, np.ndarray] = {}
+    for key, w in wanted.items():
+        if w.clock is not None:
+            dates = None if w.date is None else table.column(names[w.date])
+            numbers[key], wrong = w.clock.read(read[key], dates)
+            if wrong:
+                return None
+        elif not w.is_text and layout.signs.thousands:
+            ungrouped = layout.signs.of_arrow(read[key])
+            if ungrouped is None:
+                return None
+            numbers[key] = _writable(ungrouped)
+        elif not w.is_text:
+            numbers[key] = _writable(read[key].to_numpy())
+    texts = {
+        key: Texts.of_arrow(read[key], MISSING_WORDS) for key, w in wanted.items() if w.is_text
+    }
+    return Rows(numbers, texts, lines)
 
 
 def _writable(values: np.ndarray) -> np.ndarray:
@@ -220,10 +243,14 @@ def _filled_lines(body: bytes, first_line: int) -> np.ndarray:
 
 def _read_row_by_row(layout: Layout, wanted: Mapping[str, Wanted], name: str) -> Rows:
     """Read every row by itself, noting the line of everything that is wrong."""
+    import pyarrow as pa
+
     width, problems = len(layout.header), Problems()
-    cells: dict[str, list[float | str | None]] = {key: [] for key in wanted}
+    columns = {
+        i: list[str | None]() for w in wanted.values() for i in (w.index, w.date) if i is not None
+    }
     lines: list[int] = []
-    comma = layout.decimal == ","
+    misfits: dict[int, list[tuple[int, str]]] = {}
     text = io.StringIO(layout.body.decode(), newline="")
     reader = csv.reader(text, delimiter=layout.separator)
     try:
@@ -232,36 +259,32 @@ def _read_row_by_row(layout: Layout, wanted: Mapping[str, Wanted], name: str) ->
             if not any(cell.strip() for cell in row):
                 continue
             if len(row) < width or any(cell.strip() for cell in row[width:]):
-                problems.add(f"{name}:{line}: {len(row)} cells, must be {width}", line)
+                text_of = f"{name}:{line}: {len(row)} cells, must be {width}"
+                misfits.setdefault(len(row), []).append((line, text_of))
                 continue
             lines.append(line)
-            for key, w in wanted.items():
-                value, good = _cell(row[w.index].strip(), w.is_text, comma)
-                cells[key].append(value)
-                if not good:
-                    text_there = row[w.index].strip()
-                    shown = text_there if len(text_there) <= 40 else text_there[:37] + "..."
-                    told = f'{name}:{line}: {w.shown} = "{shown}", must be a number'
-                    problems.add(told, line, "numbers")
+            for index, column in columns.items():
+                cell = row[index].strip()
+                column.append(None if cell in MISSING_WORDS else cell)
     except csv.Error as error:
         line = layout.first_line + reader.line_num - 1
         problems.add(f"{name}:{line}: not a row of a CSV file: {error}", line)
-    return Rows(
-        {key: np.array(cells[key], dtype=float) for key, w in wanted.items() if not w.is_text},
-        {key: Texts.of(cells[key]) for key, w in wanted.items() if w.is_text},  # type: ignore[arg-type]
-        np.array(lines, dtype=np.int64),
-        problems,
-    )
-
-
-def _cell(text: str, is_text: bool, comma: bool) -> tuple[float | str | None, bool]:
-    """Value of a cell, and whether it could be read."""
-    if text in MISSING_WORDS:
-        return (None if is_text else np.nan), True
-    if is_text:
-        return text, True
-    # under a decimal comma a point would be a thousands separator: 1.234 is not read as 1.234
-    number = text.translate(_COMMA_TO_POINT) if comma else text
-    if NUMBER.fullmatch(number) or _INFINITE.fullmatch(number):
-        return float(number), True
-    return np.nan, False
+    for alike in misfits.values():
+        problems.add_alike(alike)
+    numbers: dict[str, np.ndarray] = {}
+    for key, w in wanted.items():
+        if w.clock is not None:
+            cells = columns[w.index]
+            dates = None if w.date is None else pa.array(columns[w.date], pa.string())
+            numbers[key], wrong = w.clock.read(pa.array(cells, pa.string()), dates)
+            w.clock.report_wrong(wrong, cells, lambda i: (f"{name}:{lines[i]}", lines[i]), problems)
+        elif not w.is_text:
+            numbers[key] = numbers_or_problems(
+                columns[w.index],
+                layout.signs,
+                w.shown,
+                lambda i: (f"{name}:{lines[i]}", lines[i]),
+                problems,
+            )
+    texts = {key: Texts.of(columns[w.index]) for key, w in wanted.items() if w.is_text}
+    return Rows(numbers, texts, np.array(lines, dtype=np.int64), problems)

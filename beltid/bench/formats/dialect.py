@@ -5,10 +5,12 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 from beltid.bench.formats.bench_file import Field
+from beltid.bench.formats.clock import is_clock, is_date
+from beltid.bench.formats.numbers import MISSING_WORDS, NumberSigns, contradiction, is_number
 from beltid.errors import InputError
 from beltid.tables import schemas
 from beltid.tables.columns import Table
@@ -22,8 +24,10 @@ LONGEST_LINE: Final = 1 << 24
 """Characters of a line, at most: cells take far more memory than their text."""
 MAX_BLANK: Final = 100_000
 """Lines without a cell before the header, or before the row of units."""
-_COMMA_NUMBER: Final = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 _NAMES: Final = {",": "','", ";": "';'", "\t": "tab", "|": "'|'"}
+FIRST_BYTES: Final = 20_000
+FIRST_ROWS: Final = 200
+"""Rows that show how a table writes its numbers and times."""
 SEARCHED: Final = 400
 """Rows in which the header is looked for."""
 BLOCK: Final = 5
@@ -31,13 +35,11 @@ BLOCK: Final = 5
 _OTHER: Final = "1 - -- % # V mV mV/V A mA Hz Pa kPa MPa bar W kW J g kg mm/s mm/min m/s m/s^2 m/s²"
 OTHER_UNITS: Final = frozenset((*_OTHER.split(), "N/mm", "N/mm²", "l/min"))
 """Units that no column of ours has, but that stand in a row of units."""
-NUMBER: Final = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
-MISSING_WORDS: Final = frozenset(
-    ("", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL", "None", "-")
-)
 LONGEST_NAME: Final = 300
 """Longer names of channels are not searched for a unit."""
 _IN_NAME: Final = re.compile(r"[\[(<{]([^\[\](){}<>]*)[\])>}]\s*$")
+POSITION: Final = re.compile(r" #\d{1,4}(?=\s|$)")
+"""What tells channels of one name apart."""
 # "Zeit / s", "Zeit/s", "Zeit in s"; not the slash within a unit, as in "v rad/s"
 _AFTER_NAME: Final = re.compile(r"(?:(?<!\s)\s+/\s*|(?<=\w{4})/|(?<!\s)\s+in\s+)(\S+)\s*$")
 
@@ -52,7 +54,7 @@ class ReadOptions:
         Our column -> its name in the file.
     units : mapping
         Our column -> its unit in the file, or the calibration of its sensor.
-    separator, decimal, encoding : str or None
+    separator, decimal, thousands, encoding : str or None
         None means: found out from the file.
     skip_lines : int
         Lines before the header.
@@ -68,6 +70,7 @@ class ReadOptions:
     units: Mapping[str, str | Calibration] = field(default_factory=dict)
     separator: str | None = None
     decimal: str | None = None
+    thousands: str | None = None
     encoding: str | None = None
     skip_lines: int = 0
     units_row: bool = False
@@ -85,6 +88,7 @@ class ReadOptions:
             units=config.units.of(kind),
             separator=dialect.separator,
             decimal=dialect.decimal,
+            thousands=dialect.thousands,
             encoding=dialect.encoding,
             skip_lines=dialect.skip_lines,
             units_row=dialect.units_row,
@@ -112,8 +116,10 @@ class Layout:
         Names of the columns in the file.
     unit_cells : tuple of str
         Cells of the row of units, empty without one.
-    separator, decimal : str
-        How cells and decimals are marked.
+    separator : str
+        Sign between cells.
+    signs : NumberSigns
+        How numbers are written.
     body : bytes
         The rows as UTF-8, with single line feeds.
     first_line : int
@@ -129,12 +135,22 @@ class Layout:
     header: tuple[str, ...]
     unit_cells: tuple[str, ...]
     separator: str
-    decimal: str
+    signs: NumberSigns
     body: bytes
     first_line: int
     notes: tuple[str, ...]
     header_line: int
     fields: tuple[Field, ...] = ()
+
+    def first_cells(self) -> list[list[str]]:
+        """Filled cells of the first rows, column by column."""
+        first = self.body[:FIRST_BYTES].decode(errors="replace").split("\n")[:FIRST_ROWS]
+        columns: list[list[str]] = [[] for _ in self.header]
+        for line in first:
+            for column, cell in zip(columns, cells_or_line(line, self.separator), strict=False):
+                if cell.strip() not in MISSING_WORDS:
+                    column.append(cell.strip())
+        return columns
 
 
 def layout(text: str, name: str, options: ReadOptions, wanted: Iterable[str]) -> Layout:
@@ -180,23 +196,25 @@ def layout(text: str, name: str, options: ReadOptions, wanted: Iterable[str]) ->
         notes.append(f"separator {_NAMES.get(separator, repr(separator))} found in the header")
     if len(header) > MAX_COLUMNS:
         raise InputError(f"{name}:{line}: {len(header)} columns, at most {MAX_COLUMNS} are read")
+    header = told_apart(header)
     header_line = line
     unit_cells, start, line = _units_row(text, start, line, separator, options, name)
     body = text[start:]
     if not body.strip():
         raise InputError(f"{name}: holds no samples, only a header in line {header_line}")
-    decimal = options.decimal or _decimal(body, separator, notes)
-    return Layout(
+    laid_out = Layout(
         header,
         unit_cells,
         separator,
-        decimal,
+        NumberSigns(),
         body.encode(),
         line,
-        tuple(notes),
+        (),
         header_line,
         fields,
     )
+    signs = _number_signs(laid_out, options, notes, f"{name}:{header_line}")
+    return replace(laid_out, signs=signs, notes=tuple(notes))
 
 
 def _refuse_monstrous(text: str, name: str) -> None:
@@ -302,26 +320,24 @@ def best_separator(head: str, wanted: set[str]) -> str:
     return max(SEPARATORS, key=score)
 
 
-def _decimal(body: str, separator: str, notes: list[str]) -> str:
-    """A decimal comma where the first rows leave no other reading."""
-    if separator == ",":
-        rows = csv.reader(body[:20_000].split("\n")[:200]) if '",' in body[:20_000] else ()
-        quoted = {cell for row in rows for cell in row if _COMMA_NUMBER.fullmatch(cell)}
-        if not quoted:
-            return "."
-        notes.append("decimal comma found in quoted numbers")
-        return ","
-    cells = [
-        cell.strip().strip('"')
-        for row in body[:20_000].split("\n")[:200]
-        for cell in row.split(separator)
-    ]
-    commas = any(_COMMA_NUMBER.fullmatch(cell) for cell in cells)
-    points = any(re.fullmatch(r"[-+]?\d*\.\d+([eE][-+]?\d+)?", cell) for cell in cells)
-    if commas and not points:
+def _number_signs(found: Layout, options: ReadOptions, notes: list[str], place: str) -> NumberSigns:
+    """How the numbers of the first rows are written; InputError if they contradict each other."""
+    columns = found.first_cells()
+    cells = (cell for column in columns for cell in column)
+    signs = NumberSigns.of(cells, options.decimal, options.thousands)
+    if options.decimal is None and signs.decimal == ",":
         notes.append("decimal comma found in the numbers")
-        return ","
-    return "."
+    if options.thousands is None and signs.thousands:
+        notes.append(f'thousands separator "{signs.thousands}" found in the numbers')
+    if options.decimal is None and options.thousands is None:
+        for name, column in zip(found.header, columns, strict=True):
+            if two := contradiction(column, signs):
+                raise InputError(
+                    f'{place}: column {name} holds "{two[0]}" and "{two[1]}": if the point marks '
+                    'thousands, set dialect: {thousands: "."}, else {decimal: "."}',
+                    code="numbers",
+                )
+    return signs
 
 
 @dataclass(frozen=True, slots=True)
@@ -347,11 +363,6 @@ class TableHead:
     fields: tuple[Field, ...]
 
 
-def is_number(text: str) -> bool:
-    """Whether a cell reads as a number, with a decimal point or a decimal comma."""
-    return bool(NUMBER.fullmatch(text.replace(",", ".")))
-
-
 def find_head(rows: Sequence[Sequence[str]]) -> TableHead | None:
     """Find the header above the first block of numbers; None if there is none.
 
@@ -363,7 +374,7 @@ def find_head(rows: Sequence[Sequence[str]]) -> TableHead | None:
     filled = [i for i, row in enumerate(rows) if any(cell.strip() for cell in row)]
     for at, index in enumerate(filled):
         block = [rows[i] for i in filled[at : at + BLOCK]]
-        if at == 0 or not _is_numbers(block):
+        if at == 0 or not _is_numbers(block) or is_units_row(block[0]):
             continue
         above = [i for i in filled[:at] if not _is_ruler(rows[i])]
         if not above:
@@ -385,11 +396,15 @@ def _is_numbers(block: Sequence[Sequence[str]]) -> bool:
     width = max(len(row) for row in block)
     columns = [[row[i].strip() if i < len(row) else "" for row in block] for i in range(width)]
     numeric = [
-        all(is_number(c) or c in MISSING_WORDS for c in column) and any(map(is_number, column))
+        all(_is_value(c) or c in MISSING_WORDS for c in column) and any(map(_is_value, column))
         for column in columns
     ]
     used = sum(1 for column in columns if any(column))
     return sum(numeric) >= 2 and 2 * sum(numeric) >= used
+
+
+def _is_value(cell: str) -> bool:
+    return is_number(cell) or is_clock(cell) or is_date(cell)
 
 
 def _is_ruler(row: Sequence[str]) -> bool:
@@ -426,6 +441,50 @@ def without_unit(name: str) -> str:
         return name.strip()
     where = _IN_NAME if _IN_NAME.search(name) else _AFTER_NAME
     return where.sub("", name).strip()
+
+
+def told_apart(names: Sequence[str]) -> tuple[str, ...]:
+    """Names of channels; those that stand several times get their position: ``Kraft #2 [N]``."""
+    positions: dict[str, int] = {}
+    apart = []
+    for name in names:
+        positions[name] = positions.get(name, 0) + 1
+        if name and names.count(name) > 1:
+            bare = without_unit(name)
+            name = f"{bare} #{positions[name]}{name[len(bare) :]}"
+        apart.append(name)
+    return tuple(apart)
+
+
+def without_position(name: str) -> str:
+    """The name of a channel without its position among those of its name."""
+    return POSITION.sub("", name)
+
+
+def side_by_side(names: Sequence[str]) -> list[list[int]]:
+    """Columns of recordings that stand side by side in one table; none where it holds one.
+
+    Each has the same names, one after the other; a name that stands once is that of all.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the columns, told apart.
+
+    Returns
+    -------
+    list of list of int
+        Indices of the columns of each recording.
+    """
+    found: dict[str, list[int]] = {}
+    for i, name in enumerate(names):
+        if POSITION.search(name):
+            found.setdefault(without_position(name), []).append(i)
+    counts = {len(indices) for indices in found.values()}
+    if len(found) < 2 or len(counts) != 1 or counts == {1}:
+        return []
+    alone = [i for i, name in enumerate(names) if name and not POSITION.search(name)]
+    return [sorted([*alone, *part]) for part in zip(*found.values(), strict=True)]
 
 
 def fields_of(rows: Sequence[Sequence[str]]) -> tuple[Field, ...]:

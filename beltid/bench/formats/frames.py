@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from beltid.bench.formats.clock import Clock, holds_clock, is_clock
 from beltid.bench.formats.rows import Texts, word_of
 from beltid.errors import InputError, Problem, Problems
 from beltid.tables.schemas import Column, Table
@@ -15,7 +16,12 @@ from beltid.tables.values import floats
 
 
 def columns_of_frame(
-    frame: Any, table: Table, name: str, names: Mapping[str, str], problems: Problems
+    frame: Any,
+    table: Table,
+    name: str,
+    names: Mapping[str, str],
+    problems: Problems,
+    clock: Clock | None = None,
 ) -> dict[str, np.ndarray]:
     """Columns of a table in memory, with the types of the schema.
 
@@ -31,6 +37,8 @@ def columns_of_frame(
         Our column -> its name in the frame.
     problems : Problems
         Collects what is missing or of the wrong type.
+    clock : Clock, optional
+        Reads the time where it is that of a clock.
 
     Raises
     ------
@@ -42,7 +50,13 @@ def columns_of_frame(
     for column in table.columns:
         theirs = names.get(column.name, column.name)
         if theirs in have:
-            columns[column.name] = _values(_column(frame, theirs), column, name, problems)
+            values = _column(frame, theirs)
+            times = _clock_times(values) if clock and column.name == "time_s" else None
+            if clock is None or times is None:
+                columns[column.name] = _values(values, column, name, problems)
+                continue
+            columns[column.name], wrong = clock.read(times)
+            clock.report_wrong(wrong, times, lambda i: (f"{name}, row {i + 1}", i + 1), problems)
         elif column.required:
             problems.add(missing_column(theirs, have, name))
     lengths = {len(values) for values in columns.values()}
@@ -86,6 +100,22 @@ def _column(frame: Any, theirs: str) -> Any:
         except (ValueError, TypeError):
             return column.to_pylist()
     return column
+
+
+def _clock_times(values: Any) -> Any:
+    """Clock times as an Arrow array; None where the values are something else."""
+    import pyarrow as pa
+
+    try:
+        times = pa.array(values)
+    except (pa.ArrowException, ValueError, TypeError):
+        return None
+    if isinstance(times, pa.ChunkedArray):
+        times = times.combine_chunks()
+    is_text = pa.types.is_string(times.type) or pa.types.is_large_string(times.type)
+    if is_text and not is_clock(next((t.as_py() for t in times if t.is_valid), "")):
+        return None
+    return times if holds_clock(times.type) else None
 
 
 def _values(values: Any, column: Column, name: str, problems: Problems) -> np.ndarray:

@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from beltid.bench.formats.bench_file import BenchFile, Channel, Field, Group, even_times
+from beltid.bench.formats.numbers import NumberSigns
 from beltid.errors import InputError
 
 END: Final = "***End_of_Header***"
@@ -120,7 +121,7 @@ class _Reader:
         self.separator = separator
         self.header = header
         self.name = name
-        self.comma = header.one("Decimal_Separator", ".") == ","
+        self.signs = NumberSigns("," if header.one("Decimal_Separator", ".") == "," else ".")
         self.x_columns = header.one("X_Columns", "One").lower()
         self.problems: list[str] = []
 
@@ -172,16 +173,11 @@ class _Reader:
     def _number(self, cell: str, at: int) -> float:
         if not cell:
             return np.nan
-        text = cell
-        if self.comma:
-            text = cell.replace(".", "?").replace(",", ".")
-        try:
-            if "_" not in text:
-                return float(text)
-        except ValueError:
-            pass
+        value = self.signs.number(cell)
+        if not isinstance(value, str):
+            return value
         if len(self.problems) <= _PROBLEMS_TOLD:
-            self.problems.append(f'{self.name}:{at + 1}: "{cell[:40]}", must be a number')
+            self.problems.append(f'{self.name}:{at + 1}: "{cell[:40]}", {value}')
         return np.nan
 
     def _channels(

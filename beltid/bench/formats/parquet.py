@@ -9,10 +9,11 @@ import numpy as np
 
 from beltid.artifacts.parquet_table import damaged, is_number, open_parquet, refused_columns
 from beltid.bench.files.sources import Source
-from beltid.bench.formats.dialect import NUMBER
+from beltid.bench.formats.clock import Clock, holds_clock
 from beltid.bench.formats.frames import missing_column
+from beltid.bench.formats.numbers import NUMBER
 from beltid.bench.formats.rows import Rows, Texts
-from beltid.errors import InputError
+from beltid.errors import InputError, Problems
 from beltid.tables.schemas import SAID_OF_RUNS, Column, Table
 
 if TYPE_CHECKING:
@@ -25,8 +26,19 @@ LABELS: Final = 1 << 14
 """Rows whose labels are read at a time to see how long they are."""
 
 
+def parquet_clock(source: Source, names: Mapping[str, str]) -> Clock | None:
+    """Reader of the time of a file, where it is that of a clock."""
+    there = open_source(source, ()).schema_arrow
+    theirs = names.get("time_s", "time_s")
+    is_clock = there.names.count(theirs) == 1 and holds_clock(there.field(theirs).type)
+    return Clock(theirs) if is_clock else None
+
+
 def parquet_blocks(
-    sources: Iterable[Source], table: Table, names: Mapping[str, str]
+    sources: Iterable[Source],
+    table: Table,
+    names: Mapping[str, str],
+    clock: Clock | None = None,
 ) -> Iterator[Rows]:
     """Blocks of rows of a Parquet recording, with all columns of its table.
 
@@ -38,6 +50,8 @@ def parquet_blocks(
         Schema of the recording.
     names : mapping
         Our column -> its name in the file, where it differs.
+    clock : Clock, optional
+        Reader of the time, where it is that of a clock.
 
     Raises
     ------
@@ -47,12 +61,14 @@ def parquet_blocks(
     row = 1
     for source in sources:
         from_folders = columns_of_folders(source)
-        file = open_source(source, [names.get(table.label, table.label)])
-        wanted = _wanted(file.schema_arrow, source.name, table, names, from_folders)
-        _refuse_long_labels(file, wanted.get(table.label), source.name)
+        texts = [names.get(table.label, table.label), *([clock.name] if clock else [])]
+        file = open_source(source, texts)
+        wanted = _wanted(file.schema_arrow, source.name, table, names, from_folders, clock)
+        for text in filter(None, texts):
+            _refuse_long_labels(file, text if text in wanted.values() else None, source.name)
         for batch in batches_of(file, list(wanted.values()), source.name):
             try:
-                rows = _rows(batch, table, wanted, from_folders, names, row)
+                rows = _rows(batch, table, wanted, from_folders, names, row, clock, source.name)
             except Exception as error:  # a number that no float64 holds
                 raise InputError(f"{source.name}: {damaged(error)}", code="damaged") from None
             yield rows
@@ -108,10 +124,16 @@ def _wanted(
     table: Table,
     names: Mapping[str, str],
     from_folders: Mapping[str, str],
+    clock: Clock | None,
 ) -> dict[str, str]:
     """Our columns that the file holds -> their names in it."""
     in_file = {column.name: names.get(column.name, column.name) for column in table.columns}
-    problems = refused_columns(there, list(in_file.values()), in_file[table.label], name)
+    checked = [theirs for ours, theirs in in_file.items() if clock is None or ours != "time_s"]
+    problems = refused_columns(there, checked, in_file[table.label], name)
+    if clock is not None and not (
+        clock.name in there.names and holds_clock(there.field(clock.name).type)
+    ):
+        problems.append(f"{name}: column {clock.name} holds no clock times, as the first file does")
     wanted = {}
     for column in table.columns:
         theirs = in_file[column.name]
@@ -172,9 +194,12 @@ def _rows(
     from_folders: Mapping[str, str],
     names: Mapping[str, str],
     row: int,
+    clock: Clock | None,
+    name: str,
 ) -> Rows:
     numbers: dict[str, np.ndarray] = {}
     texts: dict[str, Texts] = {}
+    problems = Problems()
     for column in table.columns:
         told = from_folders.get(names.get(column.name, column.name))
         if column.dtype == "string":
@@ -182,9 +207,15 @@ def _rows(
                 texts[column.name] = Texts.of_arrow(batch.column(wanted[column.name]))
             elif told is not None:
                 texts[column.name] = Texts.of([told] * batch.num_rows)
+        elif column.name == "time_s" and clock is not None:
+            times = batch.column(clock.name)
+            numbers[column.name], wrong = clock.read(times)
+            clock.report_wrong(
+                wrong, times, lambda i: (f"{name}, row {row + i}", row + i), problems
+            )
         elif column.name in wanted:
             numbers[column.name] = numbers_of(batch.column(wanted[column.name]))
         elif told is not None or column.name not in SAID_OF_RUNS:
             value = np.nan if told is None else float(told)
             numbers[column.name] = np.full(batch.num_rows, value)
-    return Rows(numbers, texts, row)
+    return Rows(numbers, texts, row, problems)

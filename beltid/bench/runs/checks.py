@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection
 
 import numpy as np
 
-from beltid.errors import SHOWN, Problem, Problems
+from beltid.errors import ALIKE, Problem, Problems
 from beltid.tables.schemas import NOMINAL, Column, Table
 from beltid.tables.values import absent, outside
 
@@ -80,10 +80,10 @@ class Checker:
         return notes
 
     def _report(self, rows: np.ndarray, text: Callable[[int], str]) -> None:
-        for row in rows[: 5 * SHOWN]:
+        more = f" ({len(rows) - 1} more like it)" if len(rows) > ALIKE else ""
+        for row in rows[:1] if more else rows:
             where, line = self.place(int(row))
-            self.problems.add(f"{where}: {text(int(row))}", line, "numbers")
-        self.problems.add_uncounted(len(rows) - 5 * SHOWN)
+            self.problems.add(f"{where}: {text(int(row))}{more}", line, "numbers")
 
     def _units(self, units_stated: Collection[str]) -> None:
         """Doubt columns whose numbers are about a thousand times too small or large."""

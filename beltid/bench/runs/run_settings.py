@@ -21,6 +21,7 @@ from beltid.bench.channels.channel_mapping import (
 from beltid.bench.channels.vocabulary import roles_meant
 from beltid.bench.formats.bench_file import Field
 from beltid.bench.formats.dialect import ReadOptions, read_field
+from beltid.bench.formats.numbers import NumberSigns
 from beltid.bench.runs.run_split import row_labels, run_labels
 from beltid.bench.runs.run_table import RunTable, read_run_table
 from beltid.config.name_pattern import name_pattern, number
@@ -91,7 +92,7 @@ class RunSettings:
             meant = [f for f in raw.fields if role in roles_meant(f.name, self.table.kind)]
             values = {}
             for found in meant:
-                value = self._field_value(role, found, recognised=True)
+                value = self._field_value(role, found, raw.fields, recognised=True)
                 if not isinstance(value, str):
                     values[found.name] = value
                 elif self.table.column(role).required and not self._stated(role):
@@ -121,14 +122,20 @@ class RunSettings:
             or runs.table is not None
         )
 
-    def _field_value(self, role: str, found: Field, *, recognised: bool) -> float | str:
+    def _field_value(
+        self, role: str, found: Field, fields: Sequence[Field], *, recognised: bool
+    ) -> float | str:
         """Value of a header field in our unit, or what is wrong with it."""
         column = self.table.column(role)
         plain = read_field(found.name, found.text, found.unit)
-        try:
-            value = float(plain.text.strip().replace(",", "."))
-        except ValueError:
-            return f'header field {found.name} = "{found.text}", must be a number'
+        text = plain.text.strip()
+        stated = (self.options.decimal, self.options.thousands)
+        value = NumberSigns.of([text], *stated).number(text)
+        if isinstance(value, str):  # the other fields may show what its signs mean
+            texts = [read_field(f.name, f.text, f.unit).text.strip() for f in fields]
+            value = NumberSigns.of(texts, *stated).number(text)
+        if isinstance(value, str):
+            return f'header field {found.name} = "{found.text}", {value}'
         by = unit_conversion(
             column,
             found.name,
@@ -159,7 +166,7 @@ class RunSettings:
             if self._is_text(role):
                 told[role] = found[0].text
                 continue
-            value = self._field_value(role, found[0], recognised=False)
+            value = self._field_value(role, found[0], raw.fields, recognised=False)
             if isinstance(value, str):
                 problems.add(f"{raw.place}: {value}")
             else:

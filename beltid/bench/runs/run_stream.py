@@ -6,12 +6,13 @@ the rows of a run must stand together, and no run may be longer than `MOST_SAMPL
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
 
+from beltid.bench.formats.clock import Clock
 from beltid.bench.formats.rows import Rows
 from beltid.bench.runs.checks import Checker, no_number
 from beltid.errors import SHOWN, InputError, Problems
@@ -89,6 +90,8 @@ class RunStream:
         How columns come to their units.
     problems : Problems
         Collects what is wrong.
+    clock : Clock, optional
+        Reader of the time, where it is that of a clock.
 
     Attributes
     ----------
@@ -105,9 +108,10 @@ class RunStream:
         name: str,
         conversions: Mapping[str, Conversion],
         problems: Problems,
+        clock: Clock | None = None,
     ) -> None:
         self.blocks, self.table, self.name = blocks, table, name
-        self.conversions, self.problems = conversions, problems
+        self.conversions, self.problems, self.clock = conversions, problems, clock
         self.row_word = ":"
         self.n_samples = self.n_runs = 0
         self.missing: dict[str, int] = {}
@@ -152,9 +156,12 @@ class RunStream:
     def notes(self) -> list[str]:
         """What is allowed but worth knowing."""
         return [
-            f"{count} of {self.n_samples} samples of {column} are missing"
-            for column, count in self.missing.items()
-            if 0 < count < self.n_samples
+            *([] if self.clock is None else self.clock.notes()),
+            *(
+                f"{count} of {self.n_samples} samples of {column} are missing"
+                for column, count in self.missing.items()
+                if 0 < count < self.n_samples
+            ),
         ]
 
     def _place(self, line: int) -> str:
@@ -176,6 +183,13 @@ class RunStream:
     def _finished(self, run: _RunRows) -> Iterator[RunColumns]:
         columns = run.columns()
         n = len(run)
+
+        def place(index: int) -> tuple[str, int]:
+            line = run.line_of(index)
+            return self._place(line), line
+
+        if self.clock is not None:
+            columns["time_s"] = self.clock.elapsed(columns["time_s"], place, self.problems)
         for name, by in self.conversions.items():
             if by != Conversion(1.0):
                 columns[name] = (columns[name] + by.shift) * by.factor
@@ -190,7 +204,7 @@ class RunStream:
             if word.lower() not in (self.table.column(name).choices or (word.lower(),))
         ]
         if shown or unknown or run.label is None or self._is_suspect(columns):
-            self._check(columns, run)
+            self._check(columns, run, place)
         self._judged |= shown
         for column in self.table.columns:
             if column.nullable and column.name in columns:
@@ -219,14 +233,14 @@ class RunStream:
             return True
         return bool(np.any(np.diff(columns["time_s"]) < 0.0))
 
-    def _check(self, columns: dict[str, np.ndarray], run: _RunRows) -> None:
+    def _check(
+        self,
+        columns: dict[str, np.ndarray],
+        run: _RunRows,
+        place: Callable[[int], tuple[str, int]],
+    ) -> None:
         label = np.full(len(run), run.label, dtype=object)
         whole: dict[str, Any] = {self.table.label: label, **columns}
-
-        def place(index: int) -> tuple[str, int]:
-            line = run.line_of(index)
-            return self._place(line), line
-
         said = {
             name: np.array([word], dtype=object)
             for name, word in run.said(self.table.label).items()

@@ -21,8 +21,9 @@ if TYPE_CHECKING:
 @command("inspect")
 @with_common_options
 def inspect(
-    file: Annotated[
-        Path, typer.Argument(metavar="FILE", help=f"Recording of any bench ({FILES}).")
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="FILE...", help=f"Recordings of any bench ({FILES})."),
     ],
     kind: Annotated[
         str | None,
@@ -36,9 +37,9 @@ def inspect(
 ) -> None:
     """Say what is understood of a file: format, channels, units, rates, runs, gaps.
 
-    Prints every channel with the column it is read as, the runs, and a section for the config that
-    states the reading, ready to be pasted. What cannot be decided is said with the lines that
-    settle it, and the status is 2. Nothing is written.
+    Prints every channel with the column it is read as or can be, the runs, and a section for the
+    config that states the reading, ready to be pasted. What cannot be decided is said with the
+    lines that settle it, and the status is 2. Nothing is written.
 
     Example: beltid inspect export.txt
     """
@@ -48,8 +49,8 @@ def inspect(
     def work(reporter: TerminalReporter) -> Summary:
         if kind is not None and kind not in RECORDINGS:
             raise InputError(f"--kind {kind}, must be " + ", ".join(RECORDINGS))
-        source = find_config(file, common.config)
+        source = find_config(files[0], common.config)
         reporter.report(f"config: {source.origin}")
-        return stage.run(source, file, stage.InspectOptions(reporter=reporter, kind=kind))
+        return stage.run(source, files, stage.InspectOptions(reporter=reporter, kind=kind))
 
     finish(work, common, kept="nothing was changed")

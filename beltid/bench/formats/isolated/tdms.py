@@ -73,8 +73,7 @@ def _channel(
         (str(channel.properties[p]) for p in UNIT_PROPERTIES if p in channel.properties), ""
     )
     if getattr(values, "dtype", None) is not None and values.dtype.kind == "M":
-        seconds = (values - values[0]) / np.timedelta64(1, "ns") * 1e-9
-        return Channel(channel.name, "s", np.asarray(seconds, dtype=float))
+        values, unit = np.datetime_as_string(values, unit="us"), ""
     if values.dtype.kind in "OUS":
         texts = np.empty(len(values), dtype=object)
         texts[:] = [str(v) for v in values]

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.bench.formats.bench_file import BenchFile, Channel, DamagedFile, FormatError, Group
-from beltid.bench.formats.dialect import SEARCHED, TableHead, find_head, unit_in_name
+from beltid.bench.formats.dialect import SEARCHED, TableHead, find_head, told_apart, unit_in_name
 
 MAX_UNPACKED: Final = 2 << 30
 MAX_COLUMNS: Final = 2000
@@ -69,19 +69,21 @@ def _group(title: str, rows: list[list[Any]]) -> Group | None:
 def _columns(head: TableHead) -> list[tuple[str, str]]:
     """Name and unit of every column; a unit in brackets stays in the name, too."""
     units = [*head.units, *[""] * len(head.names)]
-    return [(n, u or unit_in_name(n)) for n, u in zip(head.names, units, strict=False)]
+    return [(n, u or unit_in_name(n)) for n, u in zip(told_apart(head.names), units, strict=False)]
 
 
 def _shown(cell: Any) -> str:
     if cell is None:
         return ""
+    if isinstance(cell, datetime.datetime) and cell.year <= 1900:  # a time of day past midnight
+        cell = cell.time()
     return repr(cell) if isinstance(cell, float) else str(cell).strip()
 
 
 def _channel(name: str, unit: str, cells: list[Any]) -> Channel:
     filled = [cell for cell in cells if cell is not None and cell != ""]
-    if filled and all(isinstance(cell, datetime.datetime) for cell in filled):
-        seconds = [np.nan if c is None else (c - filled[0]).total_seconds() for c in cells]
+    if filled and all(isinstance(cell, datetime.timedelta) for cell in filled):  # [h]:mm:ss
+        seconds = [c.total_seconds() if c is not None and c != "" else np.nan for c in cells]
         return Channel(name, "s", np.array(seconds, dtype=float))
     if filled and all(isinstance(c, (int, float)) and not isinstance(c, bool) for c in filled):
         numbers = [np.nan if c is None or c == "" else float(c) for c in cells]

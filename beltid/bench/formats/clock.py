@@ -1,0 +1,380 @@
+"""Clock times and time stamps as the time of a recording: seconds from its first sample.
+
+Times of day (``13:45:02,125``, ``1:45:02 PM``), alone or with a date in front or in a column
+beside, with or without a zone; and the times and time stamps of Arrow.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.errors import Problems
+
+DAY_S: Final = 86400.0
+MIDNIGHT_S: Final = 0.5 * DAY_S
+"""A time of day that falls by more has passed midnight: a 12-hour clock cannot fall by as much."""
+LONGEST: Final = 80
+MOST_SHAPES: Final = 50
+"""Ways in which times of one length are written, at most: am and pm, signs of zones."""
+_DATE: Final = r"(?P<a>\d{4}|\d{1,2})(?P<mark>[-./])(?P<b>\d{1,2})(?P=mark)(?P<c>\d{4}|\d{1,2})"
+_TIME: Final = r"(?P<h>\d{1,2}):(?P<m>\d\d):(?P<s>\d\d)(?:[.,](?P<f>\d{1,30}))?"
+_HALF: Final = r"(?:\s*(?P<half>[AaPp])\.?[Mm]\.?)?"
+_ZONE: Final = (
+    r"(?:\s*(?P<zone>Z|UTC|GMT|CEST|CET|MESZ|MEZ|(?P<sign>[-+])(?P<zh>\d\d):?(?P<zm>\d\d)?))?"
+)
+_CLOCK: Final = re.compile(rf"\s*(?:{_DATE}(?:T|,?\s+))?{_TIME}{_HALF}{_ZONE}\s*", re.ASCII)
+_DATE_ALONE: Final = re.compile(rf"\s*{_DATE}(?:[T ]00:00(?::00(?:[.,]0+)?)?)?\s*", re.ASCII)
+_ZONES_MIN: Final = {"Z": 0, "UTC": 0, "GMT": 0, "CET": 60, "MEZ": 60, "CEST": 120, "MESZ": 120}
+
+NOT_READ: Final = "must be a clock time such as 13:45:02.125 or 2026-11-20T13:45:02+01:00"
+UNLIKE: Final = "has a date or a zone where the first time has none, or has none where it has"
+DAY_OR_MONTH: Final = "may be day/month or month/day: write dates as 2026-11-20"
+
+
+def is_date(cell: str) -> bool:
+    """Whether a cell is a date alone; spreadsheets write midnight behind it."""
+    return len(cell) <= LONGEST and bool(_DATE_ALONE.fullmatch(cell))
+
+
+def is_clock(cell: str) -> bool:
+    """Whether a cell is a time of day, with or without a date and a zone."""
+    return len(cell) <= LONGEST and bool(_CLOCK.fullmatch(cell))
+
+
+def written_as(cells: Sequence[str]) -> str:
+    """What the first filled cells of a column are: "date", "clock", or "" for anything else."""
+    if cells and all(map(is_date, cells)):
+        return "date"
+    return "clock" if cells and is_clock(cells[0]) else ""
+
+
+def holds_clock(kind: Any) -> bool:
+    """Whether an Arrow type holds times of day, time stamps, or texts that may be such."""
+    import pyarrow as pa
+
+    of = pa.types
+    kind = kind.value_type if of.is_dictionary(kind) else kind
+    return bool(
+        of.is_timestamp(kind) or of.is_time(kind) or of.is_string(kind) or of.is_large_string(kind)
+    )
+
+
+@dataclass(slots=True)
+class Clock:
+    """The clock times of one channel, read block by block; the first of them tells how.
+
+    Attributes
+    ----------
+    name : str
+        Name of the channel, for messages.
+    first : str
+        The first time, as it is written.
+    dated, zoned : bool
+        Whether the first time has a date, and a zone.
+    day_first : bool or None
+        Whether the day stands before the month in dates such as 20/11/2026; None: not told.
+    first_day : int
+        Day of the first time, counted from 1970-01-01; seconds are counted from its midnight.
+    midnights : int
+        How often a time of day has passed midnight.
+    """
+
+    name: str
+    first: str = ""
+    dated: bool = False
+    zoned: bool = False
+    day_first: bool | None = None
+    first_day: int = 0
+    midnights: int = 0
+    _first_date: tuple[int, int] | None = field(default=None, repr=False)
+
+    def read(self, times: Any, dates: Any = None) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Seconds of clock times.
+
+        Parameters
+        ----------
+        times : pyarrow Array or ChunkedArray
+            Texts, times of day or time stamps, shape (n,).
+        dates : pyarrow Array or ChunkedArray, optional
+            Texts of the dates of times of day, shape (n,).
+
+        Returns
+        -------
+        seconds : ndarray
+            Seconds from midnight before the first time, shape (n,); a time of day without a date
+            from its own midnight; nan where there is none.
+        wrong : dict of str to ndarray
+            What is wrong -> the rows in which it is.
+        """
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        times = _plain(times)
+        if not (pa.types.is_string(times.type) or pa.types.is_large_string(times.type)):
+            return self._of_arrow(times), {}
+        if dates is not None:
+            dates = _plain(dates)
+            alone = pc.replace_substring_regex(dates, r"[T ]00:00.*", "")
+            times = pc.binary_join_element_wise(alone, times, " ")
+        return self._of_texts(times)
+
+    def _of_arrow(self, times: Any) -> np.ndarray:
+        """Seconds of Arrow's own times of day and time stamps; these are UTC where zones are."""
+        import pyarrow as pa
+
+        self.dated = pa.types.is_timestamp(times.type)
+        self.zoned = self.dated and times.type.tz is not None
+        per_second = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}[times.type.unit]
+        counts = times.cast(pa.int32() if times.type.bit_width == 32 else pa.int64())
+        there = np.flatnonzero(~np.asarray(times.is_null()))
+        if not self.first and there.size:
+            self.first = str(times[int(there[0])])
+            if self.dated:
+                self.first_day = counts[int(there[0])].as_py() // (86400 * per_second)
+        # whole numbers until midnight of the first day is taken off: nanoseconds are 19 digits
+        whole = (
+            np.asarray(counts.cast(pa.int64()).fill_null(0)) - self.first_day * 86400 * per_second
+        )
+        seconds = whole / per_second
+        seconds[np.asarray(times.is_null())] = np.nan
+        return seconds
+
+    def _of_texts(self, times: Any) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        seconds = np.full(len(times), np.nan)
+        wrong: dict[str, list[np.ndarray]] = {}
+        shapes = list(_shapes(times))
+        for rows, digits, shape in sorted(shapes, key=lambda found: int(found[0][0])):
+            found = _CLOCK.fullmatch(shape)
+            if found is None:
+                wrong.setdefault(NOT_READ, []).append(rows)
+                continue
+            if not self.first:
+                self._learn(times[int(rows[0])].as_py().strip(), found, digits)
+            if (found["a"] is not None, found["zone"] is not None) != (self.dated, self.zoned):
+                wrong.setdefault(UNLIKE, []).append(rows)
+                continue
+            values, bad = _time_of_day(found, digits)
+            wrong.setdefault(NOT_READ, []).append(rows[bad])
+            if self.dated:
+                days, bad, unclear = self._days(found, digits)
+                wrong.setdefault(NOT_READ, []).append(rows[bad])
+                wrong.setdefault(DAY_OR_MONTH, []).append(rows[unclear])
+                values += (days - self.first_day) * DAY_S
+            seconds[rows] = values
+        return seconds, {why: rows for why, parts in wrong.items() if (rows := _joined(parts)).size}
+
+    def _learn(self, text: str, found: re.Match[str], digits: np.ndarray) -> None:
+        """What the first time tells of the others."""
+        self.first, self.dated, self.zoned = text, found["a"] is not None, found["zone"] is not None
+        if self.dated:
+            one, two = (int(_number(digits[:1], found.span(part))[0]) for part in "ab")
+            self.day_first = found["mark"] == "." or one > 12 or (None if two <= 12 else False)
+            self._first_date = (one, two)
+            self.first_day = int(self._days(found, digits[:1])[0][0])
+
+    def _days(
+        self, found: re.Match[str], digits: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Days from 1970-01-01; which dates are none; which may be two."""
+        one, two, three = (_number(digits, found.span(part)) for part in "abc")
+        unclear = np.zeros(len(digits), dtype=bool)
+        if len(found["a"]) == 4:
+            year, month, day = one, two, three
+        else:
+            if self.day_first is None:  # of one and the same day the order does not matter
+                known = self._first_date or (0, 0)
+                unclear |= (one != known[0]) | (two != known[1])
+            year = three + (2000 if len(found["c"]) < 4 else 0)
+            day, month = (two, one) if self.day_first is False else (one, two)
+        months = ((year - 1970) * 12 + month - 1).astype("datetime64[M]")
+        days = months.astype("datetime64[D]") + (day - 1)
+        bad = (month < 1) | (month > 12) | (days.astype("datetime64[M]") != months)
+        return days.astype(np.int64), bad & ~unclear, unclear
+
+    def elapsed(
+        self,
+        seconds: np.ndarray,
+        place: Callable[[int], tuple[str, int]],
+        problems: Problems,
+        runs: np.ndarray | None = None,
+        *,
+        from_first: bool = True,
+    ) -> np.ndarray:
+        """Time of samples [s]: midnight passed is counted on, any other step back is wrong.
+
+        Parameters
+        ----------
+        seconds : ndarray
+            As `read` returns them, shape (n,).
+        place : callable
+            Index of a sample -> its place in words, and its line.
+        problems : Problems
+            Collects times that go back, and such as are told too coarsely for their samples.
+        runs : ndarray of int, optional
+            Number of the run of every sample, shape (n,); each has a time of its own.
+        from_first : bool
+            Whether to count from the first sample of the run.
+
+        Returns
+        -------
+        ndarray
+            Times [s], shape (n,).
+        """
+        time = seconds.copy()
+        numbers = np.zeros(len(time), dtype=np.int64) if runs is None else runs
+        order = np.argsort(numbers, kind="stable")
+        order = order[np.isfinite(time[order])]
+        starts = np.flatnonzero(np.diff(numbers[order])) + 1
+        for rows in np.split(order, starts):
+            if not rows.size:
+                continue
+            steps = np.diff(time[rows])
+            nights = np.zeros(0) if self.dated else np.cumsum(steps < -MIDNIGHT_S)
+            back = np.flatnonzero((steps < 0) & (self.dated | (steps >= -MIDNIGHT_S)))
+            if back.size:
+                self._report_back(back, rows, time, place, problems)
+                time[rows] = np.maximum.accumulate(time[rows])  # told once what is wrong
+            elif 2 * np.count_nonzero(steps == 0) > max(steps.size, 9):
+                where, line = place(int(rows[0]))
+                problems.add(
+                    f"{where}: {self.name} stays the same from sample to sample more often than "
+                    "it changes: it is written too coarsely to be the time of the samples",
+                    line,
+                    "numbers",
+                )
+            if nights.size:
+                time[rows[1:]] += nights * DAY_S
+                self.midnights += int(nights[-1])
+            if from_first:
+                time[rows] -= time[rows[0]]
+        return np.round(time, 9)  # what no clock writes is rounding
+
+    def _report_back(
+        self,
+        back: np.ndarray,
+        rows: np.ndarray,
+        time: np.ndarray,
+        place: Callable[[int], tuple[str, int]],
+        problems: Problems,
+    ) -> None:
+        before, after = time[rows[back[0]]], time[rows[back[0] + 1]]
+        fall = before - after
+        cause = "must not go backwards"
+        if not self.dated and fall >= 11 * 3600:
+            cause = "is it of 12 hours, without am and pm?"
+        elif 3000 <= fall <= 3600 and not self.zoned:
+            cause = "the end of summer time? Then the times need their zone, such as +02:00"
+        where, line = place(int(rows[back[0] + 1]))
+        more = f"; {back.size - 1} more times it goes back" if back.size > 1 else ""
+        text = f"{where}: {self.name} goes back from {_shown(before)} to {_shown(after)}, not by "
+        problems.add(f"{text}midnight: {cause}{more}", line, "numbers")
+
+    def report_wrong(
+        self,
+        wrong: dict[str, np.ndarray],
+        cells: Any,
+        place: Callable[[int], tuple[str, int]],
+        problems: Problems,
+    ) -> None:
+        """Note what `read` found wrong: the first row of each kind, and how many are like it."""
+        for why, rows in wrong.items():
+            where, line = place(int(rows[0]))
+            text = f'{where}: {self.name} = "{str(cells[int(rows[0])])[:40]}", {why}'
+            more = f" ({rows.size - 1} more like it)" if rows.size > 1 else ""
+            problems.add(text + more, line, "numbers")
+
+    def notes(self) -> list[str]:
+        """How the time came about, in words."""
+        if not self.first:
+            return []
+        what = "time stamps" if self.dated else "times of day"
+        found = [f"{self.name} holds {what}: seconds are counted from the first, {self.first}"]
+        if self.midnights:
+            times = "once" if self.midnights == 1 else f"{self.midnights} times"
+            found.append(f"{self.name} passes midnight {times}: the seconds go on")
+        return found
+
+
+def _plain(values: Any) -> Any:
+    """An Arrow array in one piece, dictionaries decoded."""
+    import pyarrow as pa
+
+    if isinstance(values, pa.ChunkedArray):
+        values = values.combine_chunks()
+        if isinstance(values, pa.ChunkedArray):
+            values = values.chunk(0) if values.num_chunks else pa.array([], values.type)
+    return values.dictionary_decode() if pa.types.is_dictionary(values.type) else values
+
+
+def _shapes(texts: Any) -> Iterator[tuple[np.ndarray, np.ndarray, str]]:
+    """Rows written alike but for their digits: the rows, their bytes, and how they are written.
+
+    Texts written in more ways than times can be come with an empty one.
+    """
+    import pyarrow as pa
+
+    texts = texts.cast(pa.large_string())
+    offsets = np.frombuffer(texts.buffers()[1], np.int64)[
+        texts.offset : texts.offset + len(texts) + 1
+    ]
+    data = np.frombuffer(texts.buffers()[2] or b"", np.uint8)
+    lengths = np.where(np.asarray(texts.is_null()), 0, np.diff(offsets))
+    if (long := np.flatnonzero(lengths > LONGEST)).size:
+        yield long, data[:0], ""
+    for length in np.unique(lengths[(lengths > 0) & (lengths <= LONGEST)]).tolist():
+        rows = np.flatnonzero(lengths == length)
+        signs = data[offsets[rows, None] + np.arange(length)]
+        masked = np.where((signs >= ord("0")) & (signs <= ord("9")), ord("0"), signs)
+        for _ in range(MOST_SHAPES):
+            alike = (masked == masked[0]).all(axis=1)
+            yield rows[alike], signs[alike], masked[0].tobytes().decode(errors="replace")
+            rows, signs, masked = rows[~alike], signs[~alike], masked[~alike]
+            if not rows.size:
+                break
+        else:
+            yield rows, signs, ""
+
+
+def _number(signs: np.ndarray, span: tuple[int, int], most: int = 9) -> np.ndarray:
+    """Whole numbers that stand at one place of all texts."""
+    start, end = span[0], min(span[1], span[0] + most)
+    powers = 10 ** np.arange(end - start - 1, -1, -1, dtype=np.int64)
+    found: np.ndarray = (signs[:, start:end].astype(np.int64) - ord("0")) @ powers
+    return found
+
+
+def _time_of_day(found: re.Match[str], signs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Seconds from midnight, at the zone of Greenwich where a zone is told; and which are none."""
+    hour, minute, second = (_number(signs, found.span(part)) for part in "hms")
+    bad = (hour > 23) | (minute > 59) | (second > 59)
+    if found["half"]:
+        bad |= (hour < 1) | (hour > 12)
+        hour = hour % 12 + (12 if found["half"] in "pP" else 0)
+    values = (hour * 3600 + minute * 60 + second).astype(float)
+    if found["f"]:
+        length = min(len(found["f"]), 9)
+        values += _number(signs, found.span("f")) / 10**length
+    if found["zh"]:
+        ahead = _number(signs, found.span("zh")) * 3600
+        if found["zm"]:
+            ahead += _number(signs, found.span("zm")) * 60
+        values -= ahead if found["sign"] == "+" else -ahead
+    elif found["zone"]:
+        values -= _ZONES_MIN[found["zone"]] * 60
+    return values, bad
+
+
+def _joined(parts: Sequence[np.ndarray]) -> np.ndarray:
+    return np.sort(np.concatenate(parts))
+
+
+def _shown(seconds: float) -> str:
+    """Seconds from a midnight as a time of day."""
+    whole, milliseconds = divmod(round(seconds % DAY_S * 1000), 1000)
+    text = f"{whole // 3600:02d}:{whole // 60 % 60:02d}:{whole % 60:02d}"
+    return f"{text}.{milliseconds:03d}" if milliseconds else text

@@ -1,0 +1,176 @@
+"""How numbers are written: decimal signs and thousands separators, told or plain to see.
+
+A number is read only where no other reading is left. ``1,000.12`` and ``1.000,85`` have both
+signs, ``1,234,567`` has two groups, and an apostrophe or a blank is never a decimal sign.
+``1,250`` alone may be 1.25 or 1250: the decimal sign of the file decides that it is a decimal,
+nothing but the config or another number of the file that it is not.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.errors import Problems
+
+NUMBER: Final = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+MISSING_WORDS: Final = frozenset(
+    ("", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL", "None", "-")
+)
+NO_NUMBER: Final = "must be a number"
+_INFINITE: Final = re.compile(r"[-+]?(inf|infinity)", re.IGNORECASE)
+_DECIMAL: Final = re.compile(r"[-+]?\d*(?P<point>[.,])\d+([eE][-+]?\d+)?", re.ASCII)
+_GROUPED: Final = re.compile(
+    r"[-+]?[1-9]\d{0,2}(?P<sign>[.,' ])\d{3}(?P<more>(?:(?P=sign)\d{3})*)"
+    r"(?:(?!(?P=sign))(?P<point>[.,])\d*)?(?:[eE][-+]?\d+)?",
+    re.ASCII,
+)
+_COMMA_TO_POINT: Final = str.maketrans(",.", ".?")
+_PLAIN_SIGNS: Final = {"’": "'", "\u00a0": " ", "\u2009": " ", "\u202f": " "}
+_TO_PLAIN: Final = str.maketrans(_PLAIN_SIGNS)
+_OTHER: Final = {",": ".", ".": ","}
+
+
+def is_number(text: str) -> bool:
+    """Whether a cell reads as a number, with either decimal sign, in groups of three or not."""
+    grouped = _GROUPED.fullmatch(text.translate(_TO_PLAIN))
+    return bool(grouped or NUMBER.fullmatch(text.replace(",", ".")))
+
+
+@dataclass(frozen=True, slots=True)
+class NumberSigns:
+    """The signs with which a file writes its numbers.
+
+    Attributes
+    ----------
+    decimal : {".", ","}
+        Decimal sign.
+    thousands : {"", ".", ",", "'", " "}
+        Sign between groups of three digits; "" where none is known. A blank stands for all
+        blanks, also those that do not break.
+    """
+
+    decimal: str = "."
+    thousands: str = ""
+
+    @classmethod
+    def of(
+        cls, cells: Iterable[str], decimal: str | None = None, thousands: str | None = None
+    ) -> NumberSigns:
+        """The signs that some cells show, after those that are stated."""
+        decimals, groups = set(), set()
+        for cell in cells:
+            found = _GROUPED.fullmatch(cell.translate(_TO_PLAIN))
+            if found is None:
+                point = _DECIMAL.fullmatch(cell)
+                decimals |= {point["point"]} if point else set()
+            elif found["point"] or found["more"] or found["sign"] in "' ":
+                groups.add(found["sign"])
+                decimals |= {found["point"] or _OTHER.get(found["sign"], "")} - {""}
+        if decimal is None:
+            told = _OTHER.get(thousands or "")
+            decimal = told or ("," if decimals == {","} else ".")
+        if thousands is None:
+            thousands = next((sign for sign in sorted(groups) if sign != decimal), "")
+        return cls(decimal, thousands)
+
+    def number(self, text: str) -> float | str:
+        """A cell as a number, or why it is none."""
+        plain = text.translate(_COMMA_TO_POINT) if self.decimal == "," else text
+        if NUMBER.fullmatch(plain) or _INFINITE.fullmatch(plain):
+            return float(plain)
+        found = _GROUPED.fullmatch(text.translate(_TO_PLAIN))
+        if found is None:
+            return NO_NUMBER
+        sign, point = found["sign"], found["point"]
+        if point not in (None, self.decimal) or sign == self.decimal:
+            theirs = point or _OTHER[sign]
+            return f'{NO_NUMBER} (with "{theirs}" as its sign: dialect: {{decimal: "{theirs}"}})'
+        if sign == self.thousands or point or found["more"] or sign in "' ":
+            digits = text.translate(_TO_PLAIN).replace(sign, "")
+            return float(digits.replace(",", "."))
+        one, other = text.replace(sign, "."), text.replace(sign, "")
+        return (
+            f'may be {one} or {other}: set dialect: {{decimal: "{sign}"}} or '
+            f'{{thousands: "{sign}"}}'
+        )
+
+    def of_arrow(self, cells: Any) -> np.ndarray | None:
+        """Texts of Arrow with the known thousands separator as numbers; None if any is unclear."""
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        signs = [
+            self.thousands,
+            *(s for s, plain in _PLAIN_SIGNS.items() if plain == self.thousands),
+        ]
+        one, point = f"({'|'.join(map(re.escape, signs))})", re.escape(self.decimal)
+        whole = rf"([1-9][0-9]{{0,2}}({one}[0-9]{{3}})+|[0-9]+)"
+        pattern = rf"[-+]?({whole}({point}[0-9]*)?|{point}[0-9]+)([eE][-+]?[0-9]+)?"
+        cells = pc.utf8_trim_whitespace(cells)
+        if not pc.all(pc.match_substring_regex(cells, f"^{pattern}$"), min_count=0).as_py():
+            return None
+        for sign in signs:
+            cells = pc.replace_substring(cells, sign, "")
+        numbers: np.ndarray = (
+            pc.replace_substring(cells, self.decimal, ".").cast(pa.float64()).to_numpy()
+        )
+        return numbers
+
+
+def numbers_or_problems(
+    cells: Sequence[str | None] | np.ndarray,
+    signs: NumberSigns,
+    shown: str,
+    place: Callable[[int], tuple[str, int]],
+    problems: Problems,
+) -> np.ndarray:
+    """Cells of a column as numbers; nan where one is missing, or is none, which is noted.
+
+    Parameters
+    ----------
+    cells : sequence of str or None, ndarray
+        The cells, shape (n,).
+    signs : NumberSigns
+        How the numbers are written.
+    shown : str
+        How messages call the column.
+    place : callable
+        Index of a cell -> its place in words, and its line.
+    problems : Problems
+        Collects what is no number, or may be two: what is alike is told once.
+    """
+    numbers = np.full(len(cells), np.nan)
+    wrong: dict[str, list[tuple[int, str]]] = {}
+    for i, cell in enumerate(cells):
+        value = np.nan if cell is None else signs.number(cell.strip())
+        if not isinstance(value, str):
+            numbers[i] = value
+            continue
+        where, line = place(i)
+        text = str(cell).strip()
+        text = text if len(text) <= 40 else text[:37] + "..."
+        kind = value if value.startswith(NO_NUMBER) else ""
+        wrong.setdefault(kind, []).append((line, f'{where}: {shown} = "{text}", {value}'))
+    for alike in wrong.values():
+        problems.add_alike(alike, "numbers")
+    return numbers
+
+
+def contradiction(cells: Sequence[str], signs: NumberSigns) -> tuple[str, str] | None:
+    """Two numbers of a column of which one shows that the point of the other is no decimal sign.
+
+    Whoever writes 950 without decimals leaves out zeros, and then writes 1.25 and not 1.250.
+    """
+    if signs.decimal != "." or signs.thousands:
+        return None
+    pointed = [cell for cell in cells if "." in cell]
+    whole = next((c for c in cells if re.fullmatch(r"[-+]?[1-9]\d\d", c, re.ASCII)), None)
+    round_ones = [cell for cell in pointed if cell.endswith("0")]
+    if whole is None or not round_ones or not all(map(_GROUPED.fullmatch, pointed)):
+        return None
+    return whole, round_ones[0]

@@ -1,0 +1,229 @@
+"""Clock times and time stamps as the time axis: seconds from the first sample, or refused."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+import writers
+
+from beltid.bench.big_recording import open_big
+from beltid.bench.recording import Recording, columns_of, read_recording
+from beltid.config import load_config
+from beltid.errors import InputError
+
+STEP = 0.02
+N = 30
+T = np.arange(N) * STEP
+START = datetime.datetime(2026, 11, 20, 13, 45, 2, 125000)
+
+
+def stamps(start: datetime.datetime = START, n: int = N) -> list[datetime.datetime]:
+    """Every 20 ms, by the calendar of Python."""
+    return [start + datetime.timedelta(milliseconds=20 * i) for i in range(n)]
+
+
+def press(folder: Path, times: Sequence[str], head: str = "Uhrzeit", name: str = "P1.csv") -> Path:
+    path = folder / name
+    rows = [f"{t};{0.01 * i:.2f};{10 * i}" for i, t in enumerate(times)]
+    path.write_text("\n".join([f"{head};Weg [mm];Kraft [N]", *rows]) + "\n", encoding="utf-8")
+    return path
+
+
+def read(path: Path, config: dict[str, object] | None = None) -> Recording:
+    return read_recording(path, "press", load_config(config))
+
+
+def problems(path: Path, kind: str = "press") -> list[str]:
+    with pytest.raises(InputError) as caught:
+        read_recording(path, kind)
+    return [p.replace(str(path), path.name) for p in caught.value.problems]
+
+
+WRITTEN = {
+    "13:45:02,125": "%H:%M:%S,%f",
+    "13:45:02.125": "%H:%M:%S.%f",
+    "1:45:02.125 PM": "%I:%M:%S.%f %p",
+    "2026-11-20T13:45:02.125": "%Y-%m-%dT%H:%M:%S.%f",
+    "2026-11-20 13:45:02.125Z": "%Y-%m-%d %H:%M:%S.%fZ",
+    "2026-11-20T13:45:02.125+01:00": "%Y-%m-%dT%H:%M:%S.%f+01:00",
+    "20.11.2026 13:45:02,125": "%d.%m.%Y %H:%M:%S,%f",
+    "11/20/2026 1:45:02.125 PM": "%m/%d/%Y %I:%M:%S.%f %p",
+    "20.11.26 13:45:02,125 MEZ": "%d.%m.%y %H:%M:%S,%f MEZ",
+}
+
+
+@pytest.mark.parametrize("form", WRITTEN.values(), ids=WRITTEN)
+def test_every_way_of_writing_them(tmp_path, form):
+    recording = read(press(tmp_path, [t.strftime(form) for t in stamps()]))
+    np.testing.assert_allclose(recording.columns["time_s"], T, atol=1e-9)
+    first = START.strftime(form)
+    assert any(f"seconds are counted from the first, {first}" in n for n in recording.notes)
+
+
+def test_a_date_in_a_column_beside(tmp_path):
+    late = datetime.datetime(2026, 11, 20, 23, 59, 59, 900000)
+    for date, form in (("%d.%m.%Y", "%H:%M:%S,%f"), ("%Y-%m-%d 00:00:00", "%I:%M:%S.%f %p")):
+        times = [t.strftime(f"{date};{form}") for t in stamps(late)]
+        recording = read(press(tmp_path, times, "Datum;Uhrzeit"))
+        np.testing.assert_allclose(recording.columns["time_s"], T, atol=1e-9)
+        assert not [n for n in recording.notes if "left out" in n or "midnight" in n]
+
+
+def test_midnight_is_passed_and_told(tmp_path):
+    late = datetime.datetime(2026, 11, 20, 23, 59, 59, 900000)
+    recording = read(press(tmp_path, [t.strftime("%H:%M:%S.%f") for t in stamps(late)]))
+    np.testing.assert_allclose(recording.columns["time_s"], T, atol=1e-9)
+    assert "Uhrzeit passes midnight once: the seconds go on" in recording.notes
+
+
+def test_the_end_of_summer_time(tmp_path):
+    zones = [
+        "2026-10-25T02:59:59.98+02:00",
+        "2026-10-25T02:00:00+01:00",
+        "2026-10-25T02:00:00.02+01:00",
+    ]
+    recording = read(press(tmp_path, zones))
+    np.testing.assert_allclose(recording.columns["time_s"], [0.0, 0.02, 0.04], atol=1e-9)
+    named = [z.replace("+02:00", " MESZ").replace("+01:00", " MEZ") for z in zones]
+    np.testing.assert_allclose(read(press(tmp_path, named)).columns["time_s"], [0, 0.02, 0.04])
+    assert problems(press(tmp_path, [z[:-6] for z in zones])) == [
+        "P1.csv:3: Uhrzeit goes back from 02:59:59.980 to 02:00:00, not by midnight: the end of "
+        "summer time? Then the times need their zone, such as +02:00"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("line", "times", "words"),
+    [
+        (3, ["12:59:59.5", "01:00:00.0", "01:00:00.5"], "is it of 12 hours, without am and pm?"),
+        (4, ["13:45:02", "13:45:03", "13:44:00"], "must not go backwards"),
+        (3, ["03/04/2026 10:00:00", "04/04/2026 10:00:00"], "may be day/month or month/day"),
+        (3, ["10:00:00", "25:00:00"], '"25:00:00", must be a clock time such as'),
+        (3, ["10:00:00", "noon", "midday"], '"noon", must be a clock time such as'),
+        (3, ["2026-02-28T10:00:00", "2026-02-29T10:00:00"], "must be a clock time such as"),
+        (3, ["10:00:00", "2026-02-28T10:00:01"], "has a date or a zone where the first time has"),
+        (3, ["2026-02-28T10:00:00Z", "2026-02-28T10:00:01"], "has a date or a zone where the"),
+        (2, ["10:00:00"] * 20 + ["10:00:01"] * 20, "it is written too coarsely"),
+    ],
+)
+def test_what_is_ambiguous_or_wrong_has_its_line(tmp_path, line, times, words):
+    found = problems(press(tmp_path, times))
+    assert words in found[0]
+    assert found[0].startswith(f"P1.csv:{line}: ")
+
+
+def test_a_stop_watch_comes_before_a_clock(tmp_path):
+    times = [f"{t.strftime('%H:%M:%S.%f')};{s:.2f}" for t, s in zip(stamps(), 5 + T, strict=True)]
+    recording = read(press(tmp_path, times, "Uhrzeit;Zeit [s]"))
+    np.testing.assert_array_equal(recording.columns["time_s"], np.round(5 + T, 2))
+
+
+def rig_with_clock(form: str) -> tuple[pd.DataFrame, np.ndarray]:
+    """Two runs of rigdata with stamps; the second was recorded before the first."""
+    runs = list(writers.rig_runs(2).values())
+    starts = (START, START - datetime.timedelta(hours=3))
+    parts = []
+    for run, start in zip(runs, starts, strict=True):
+        at = [start + datetime.timedelta(seconds=float(t)) for t in run["time_s"]]
+        parts.append(run.assign(time_s=[t.strftime(form) for t in at]))
+    wanted = np.concatenate([r["time_s"] - r["time_s"].iloc[0] for r in runs])
+    return pd.concat(parts), wanted
+
+
+@pytest.mark.parametrize("form", ["%H:%M:%S.%f", "%Y-%m-%dT%H:%M:%S.%f"])
+def test_run_by_run_as_at_once(tmp_path, form):
+    frame, wanted = rig_with_clock(form)
+    frame.to_csv(tmp_path / "rig.csv", index=False)
+    whole = read_recording(tmp_path / "rig.csv", "rig")
+    np.testing.assert_allclose(whole.columns["time_s"], wanted, atol=1e-6)
+    stream = open_big(tmp_path / "rig.csv")
+    parts = [run.columns["time_s"] for run in stream]
+    np.testing.assert_array_equal(np.concatenate(parts), whole.columns["time_s"])
+    assert [n for n in stream.notes if "first" in n] == [n for n in whole.notes if "first" in n]
+    lines = (tmp_path / "rig.csv").read_text().split("\n")
+    lines[9] = lines[9].replace(lines[9].split(",")[1], lines[2].split(",")[1])
+    (tmp_path / "rig.csv").write_text("\n".join(lines))
+    with pytest.raises(
+        InputError, match=r"rig.csv:10: time_s goes back from 13:45:0.* not by midn"
+    ):
+        list(open_big(tmp_path / "rig.csv"))
+
+
+ARROW = {
+    "timestamp": lambda at: pa.array(at, pa.timestamp("ns")),
+    "zone": lambda at: pa.array(at, pa.timestamp("us", tz="Europe/Berlin")),
+    "time": lambda at: pa.array([t.time() for t in at], pa.time64("us")),
+    "text": lambda at: pa.array([t.isoformat() for t in at]),
+}
+
+
+@pytest.mark.parametrize("kind", ARROW)
+def test_parquet_arrow_and_frames(tmp_path, kind):
+    late = datetime.datetime(2026, 11, 20, 23, 59, 59, 900000)
+    table = pa.table(
+        {
+            "test": ["a"] * N,
+            "temperature_degC": [22.0] * N,
+            "time_s": ARROW[kind](stamps(late)),
+            "displacement_mm": T,
+            "force_N": 1000 * T,
+        }
+    )
+    pq.write_table(table, tmp_path / "press.parquet")
+    recording = read(tmp_path / "press.parquet")
+    np.testing.assert_allclose(recording.columns["time_s"], T, atol=1e-9)
+    assert any("seconds are counted from the first" in note for note in recording.notes)
+    for frame in (table, table.to_pandas(), table.to_pydict()):
+        np.testing.assert_allclose(columns_of(frame, "press")["time_s"], T, atol=1e-9)
+
+
+def test_parquet_stamps_are_exact_to_the_nanosecond_and_told_where_they_go_back(tmp_path):
+    count = 1_763_646_302_125_000_001 + np.array([0, 1, 2_000_000_000])
+    columns = {
+        "test": ["a"] * 3,
+        "temperature_degC": [22.0] * 3,
+        "displacement_mm": [0.1, 0.2, 0.3],
+        "force_N": [10.0, 20.0, 30.0],
+    }
+    for counts in (count, count[[0, 2, 1]]):
+        times = pa.array(counts, pa.timestamp("ns"))
+        pq.write_table(pa.table({**columns, "time_s": times}), tmp_path / "press.parquet")
+        if counts is count:
+            found = read(tmp_path / "press.parquet").columns["time_s"]
+            np.testing.assert_allclose(found, [0, 1e-9, 2], rtol=0, atol=1e-12)
+        else:
+            assert problems(tmp_path / "press.parquet")[0].startswith(
+                "press.parquet, row 3: time_s goes back from"
+            )
+
+
+@pytest.mark.parametrize("kind", ["time of day", "stamp", "date beside", "midnight"])
+def test_excel(tmp_path, kind):
+    from openpyxl import Workbook
+
+    midnight = datetime.datetime(2026, 11, 20, 23, 59, 59, 900000)
+    at = stamps(midnight if kind == "midnight" else START)
+    book = Workbook()
+    sheet = book.active
+    dated = kind == "date beside"
+    sheet.append([*(["Datum"] if dated else []), "Zeit", "Weg", "Kraft"])
+    sheet.append([*([None] if dated else []), None, "mm", "N"])
+    for i, t in enumerate(at):
+        time: object = t if kind == "stamp" else t.time()
+        if kind == "midnight":  # what Excel holds: days, and the fraction of the day
+            time = (t - datetime.datetime(2026, 11, 20)).total_seconds() / 86400
+        sheet.append([*([t.date()] if dated else []), time, 0.01 * i, 10 * i])
+        if kind == "midnight":
+            sheet.cell(sheet.max_row, 1).number_format = "hh:mm:ss.000"
+    book.save(tmp_path / "P1.xlsx")
+    recording = read(tmp_path / "P1.xlsx")
+    np.testing.assert_allclose(recording.columns["time_s"], T, atol=1e-9)
+    assert any("seconds are counted from the first" in note for note in recording.notes)
+    assert any("passes midnight once" in n for n in recording.notes) == (kind == "midnight")

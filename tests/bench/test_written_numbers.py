@@ -1,0 +1,148 @@
+"""Thousands separators: read where no other reading is left, else refused; told once."""
+
+from __future__ import annotations
+
+from itertools import product
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from beltid.bench.formats import csv_table
+from beltid.bench.formats.numbers import NumberSigns
+from beltid.bench.recording import read_recording
+from beltid.config import load_config
+from beltid.errors import InputError
+
+FORCES = [950.5, 1000.12, 1250.0, 12345.67]
+
+
+def press(folder: Path, forces: list[str], separator: str = ";") -> Path:
+    """Forces as they are written, beside numbers without a decimal sign."""
+    rows = [separator.join((str(i), str(i), f'"{f}"')) for i, f in enumerate(forces)]
+    path = folder / "P1.csv"
+    head = separator.join(("Zeit [s]", "Weg [mm]", "Kraft [N]"))
+    path.write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+    return path
+
+
+def forces(path: Path, **dialect: str) -> list[float]:
+    recording = read_recording(path, "press", load_config({"dialect": dialect}))
+    return recording.columns["force_N"].tolist()
+
+
+def problems(path: Path, **dialect: str) -> list[str]:
+    with pytest.raises(InputError) as caught:
+        forces(path, **dialect)
+    return [p.replace(str(path), path.name) for p in caught.value.problems]
+
+
+def written(value: float, thousands: str, decimal: str) -> str:
+    text = f"{value:,.2f}"
+    return text.translate(str.maketrans({",": thousands, ".": decimal}))
+
+
+GROUPS = [(",", "."), (".", ","), *product("'’ \u00a0\u2009\u202f", ".,")]
+
+
+@pytest.mark.parametrize(("thousands", "decimal"), GROUPS)
+@pytest.mark.parametrize("separator", [";", "\t", ","])
+def test_both_signs_leave_one_reading(tmp_path, thousands, decimal, separator):
+    path = press(tmp_path, [written(f, thousands, decimal) for f in FORCES], separator)
+    assert forces(path) == FORCES
+
+
+def test_two_groups_leave_one_reading(tmp_path):
+    assert forces(press(tmp_path, ["950", "1,250", "1,234,567"])) == [950, 1250, 1234567]
+    assert forces(press(tmp_path, ["950", "1.250", "1.234.567"])) == [950, 1250, 1234567]
+
+
+def test_one_group_alone_is_refused_with_the_lines_that_settle_it(tmp_path):
+    path = press(tmp_path, ["950", "1,250", "2,100"])
+    assert problems(path)[0] == (
+        'P1.csv:3: force_N (column "Kraft [N]") = "1,250", may be 1.250 or 1250: set dialect: '
+        '{decimal: ","} or {thousands: ","}'
+    )
+    assert forces(path, thousands=",") == [950, 1250, 2100]
+    assert forces(path, decimal=",") == [950, 1.25, 2.1]
+
+
+def test_a_point_that_cannot_be_a_decimal_sign_is_asked_for(tmp_path):
+    path = press(tmp_path, ["950", "1.250", "2.100"])
+    assert problems(path) == [
+        'P1.csv:1: column Kraft [N] holds "950" and "1.250": if the point marks thousands, set '
+        'dialect: {thousands: "."}, else {decimal: "."}'
+    ]
+    assert forces(path, thousands=".") == [950, 1250, 2100]
+    assert forces(path, decimal=".") == [950, 1.25, 2.1]
+    assert forces(press(tmp_path, ["950", "1.25", "2.125"])) == [950, 1.25, 2.125]
+
+
+def test_three_decimals_stay_decimals(tmp_path):
+    assert forces(press(tmp_path, ["1.250", "12.375", "999.000"])) == [1.25, 12.375, 999.0]
+    assert forces(press(tmp_path, ["0,125", "1,250", "999,000"])) == [0.125, 1.25, 999.0]
+
+
+def test_the_other_decimal_sign_further_down_is_refused(tmp_path):
+    early = ["0.5"] * 300
+    (found,) = problems(press(tmp_path, [*early, "1.000,85"]))
+    assert found == (
+        'P1.csv:302: force_N (column "Kraft [N]") = "1.000,85", must be a number (with "," as its '
+        'sign: dialect: {decimal: ","})'
+    )
+    assert forces(press(tmp_path, [*early, "1,000.85"]))[-1] == 1000.85  # no other reading
+
+
+@given(
+    value=st.integers(-(10**9), 10**9),
+    places=st.integers(0, 6),
+    decimal=st.sampled_from(".,"),
+    thousands=st.sampled_from(["", ",", ".", "'", " ", "\u202f"]),
+    stated=st.sampled_from([None, ".", ","]),
+)
+def test_no_number_is_ever_another_one(value, places, decimal, thousands, stated):
+    """Written with any signs and read under any config that is not wrong: itself, or refused."""
+    if thousands == decimal or (stated or decimal) != decimal:
+        return
+    whole, part = divmod(abs(value), 10**places)
+    text = f"{whole:,}".replace(",", thousands) + f"{decimal}{part:0{places}d}" * bool(places)
+    text = "-" * (value < 0) + text
+    found = NumberSigns.of([text], stated).number(text)
+    # a lone point before three digits is a decimal sign: the columns of a file tell otherwise
+    lone = thousands == "." and not places and 1000 <= whole < 10**6 and stated is None
+    assert isinstance(found, str) or found == value / 10**places or lone
+
+
+def test_alike_errors_are_one_with_a_count(tmp_path):
+    found = problems(press(tmp_path, ["0.5", *(f"1,{i:03d}" for i in range(250, 450))]))
+    assert len(found) == 1
+    assert found[0].startswith('P1.csv:3: force_N (column "Kraft [N]") = "1,250", may be 1.250 or')
+    assert found[0].endswith(" (199 more like it)")
+    (found,) = [problems(press(tmp_path, ["0.5", *["x"] * 20]))]
+    assert found == [
+        'P1.csv:3: force_N (column "Kraft [N]") = "x", must be a number (19 more like it)'
+    ]
+
+
+def test_known_groups_are_read_by_arrow(tmp_path, monkeypatch):
+    monkeypatch.setattr(csv_table, "_read_row_by_row", None)
+    rows = [written(f, "\u2009", ",") for f in FORCES * 100]
+    assert forces(press(tmp_path, rows)) == FORCES * 100
+    assert forces(press(tmp_path, ["", *rows[:3], " 12 "]))[1:] == [*FORCES[:3], 12.0]
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("1.234,5", 1234.5), ("1,234.5", 1234.5), ("1'234", 1234.0), ("82,5", 82.5), ("1,250", None)],
+)
+def test_header_fields(tmp_path, text, value):
+    path = tmp_path / "R1.csv"
+    head = "Zeit [s];Zugtrum [N];Leertrum [N];Drehzahl [1/min];Umschlingungswinkel [°]"
+    rows = [f"{i};310.5;150.5;{60 * (i > 9)};82" for i in range(20)]
+    path.write_text("\n".join(["Riemen;5PK", f"Vorspannkraft;{text};N", "", head, *rows]) + "\n")
+    if value is not None:
+        assert set(read_recording(path, "rig").columns["initial_tension_N"]) == {value}
+        return
+    with pytest.raises(InputError, match=r'header field Vorspannkraft = "1,250", may be 1.250 or'):
+        read_recording(path, "rig")
