@@ -16,14 +16,13 @@ from beltid.rigsim.path import swinging_share
 from beltid.rigsim.rig import SimulationSettings
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.campaign import (
-    Picked,
-    planned_runs,
     recording_columns,
     simulation_settings,
     sliding_samples,
     solver_record,
 )
 from beltid.stages.outcome import Outcome
+from beltid.stages.planned_runs import Picked, planned_runs
 from beltid.stages.reporter import Options
 from beltid.stages.simulated_runs import (
     PROFILES,

@@ -17,17 +17,13 @@ from beltid.laws.penalty import NormalLaw
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import RunResult, SimulationSettings
 from beltid.stages.campaign import (
-    Picked,
-    PlannedRun,
-    as_resting,
-    checked_run,
-    planned_runs,
     recording_columns,
     result_row,
     simulated_results,
     simulation_settings,
 )
 from beltid.stages.outcome import Outcome
+from beltid.stages.planned_runs import Picked, PlannedRun, as_resting, checked_run, planned_runs
 from beltid.stages.reporter import Reporter
 from beltid.stages.uncertainties import standard_uncertainties
 from beltid.stages.workers import Workers

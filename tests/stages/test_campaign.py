@@ -16,15 +16,8 @@ from beltid.identify.friction.reduction import reduce_runs
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt
-from beltid.stages.campaign import (
-    Picked,
-    PlannedRun,
-    as_resting,
-    planned_runs,
-    recording_columns,
-    result_row,
-    simulation_settings,
-)
+from beltid.stages.campaign import recording_columns, result_row, simulation_settings
+from beltid.stages.planned_runs import Picked, PlannedRun, as_resting, planned_runs
 from beltid.stages.simulated_runs import simulate_rig
 from beltid.tables import schemas
 
