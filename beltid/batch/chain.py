@@ -44,13 +44,17 @@ CHAIN: Final = (
     Step("build-surface", "surface", _same("friction"), build_surface.run),
     Step("refine-surface", "surface_refined", _same("friction", "stiffness"), refine_surface.run),
     Step(
-        "simulate-rig", "simulated", _same("surface", "stiffness"), simulate_rig.run, spreads=True
+        "simulate-rig",
+        "simulated",
+        _same("surface", "stiffness", "friction"),
+        simulate_rig.run,
+        spreads=True,
     ),
     Step("compare", "compare", _same("friction", "simulated"), compare.run),
     Step(
         "simulate-rig refined",
         "simulated_refined",
-        {"surface": "surface_refined", "stiffness": "stiffness"},
+        {"surface": "surface_refined", "stiffness": "stiffness", "friction": "friction"},
         simulate_rig.run,
         spreads=True,
     ),
