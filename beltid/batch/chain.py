@@ -39,7 +39,7 @@ def _same(*roles: str) -> dict[str, str]:
 
 CHAIN: Final = (
     Step("fit-stiffness", "stiffness", _same("press"), fit_stiffness.run),
-    Step("fit-slip", "slip", _same("speedloss"), fit_slip.run, optional=True),
+    Step("fit-slip", "slip", _same("speedloss"), fit_slip.run),
     Step("fit-friction", "friction", _same("rig"), fit_friction.run),
     Step("build-surface", "surface", _same("friction"), build_surface.run),
     Step("refine-surface", "surface_refined", _same("friction", "stiffness"), refine_surface.run),
@@ -76,7 +76,6 @@ CHAIN: Final = (
         "drive",
         {"surface": "surface_refined", "stiffness": "stiffness", "slip": "slip"},
         simulate_drive.run,
-        optional=True,
         section="drive",
     ),
     Step(
@@ -84,7 +83,6 @@ CHAIN: Final = (
         "compare_drive",
         _same("slip", "drive"),
         compare_drive.run,
-        optional=True,
         section="drive",
     ),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -141,16 +142,56 @@ def test_config_show_tells_the_line_of_every_value(beltid: Any) -> None:
 
 
 def test_config_check_tells_what_is_wrong_in_all_of_them(beltid: Any) -> None:
-    Path("good.yaml").write_text("belt: {name: good}\ndata: {press: none.csv}\n")
+    Path("press.csv").write_text("time_s\n")
+    Path("good.yaml").write_text("belt: {name: good}\ndata: {press: press.csv}\n")
     Path("bad.yaml").write_text("belt: {ribs: 0}\n")
     Path("worse.yaml").write_text("rig: {radius: 1}\n")
     good = beltid("config", "check", "good.yaml")
     assert good.exit_code == 0
-    assert "data.press: there is no none.csv" in good.stderr
+    assert "warning: good.yaml: no recording of the friction rig (data.rig)" in good.stderr
     bad = beltid("config", "check", "bad.yaml", "good.yaml", "worse.yaml")
     assert bad.exit_code == 2
     assert "bad.yaml:1:14: belt.ribs = 0" in bad.stderr
     assert "worse.yaml:1:7: rig.radius is not a known key" in bad.stderr
+
+
+@pytest.mark.parametrize(
+    ("named", "told"),
+    [
+        ("gone.csv", "data.rig = gone.csv, there is no such file"),
+        ("'gone*.csv'", "data.rig = gone*.csv, there is no such file"),
+        ("empty", "data.rig = empty: holds no recording"),
+        ("mixed", "data.rig = mixed: holds files of several kinds"),
+        ("empty.zip", "data.rig = empty.zip: the zip file is empty"),
+        ("cut.zip", "data.rig = cut.zip: the zip file is damaged or cut off"),
+        ("runs", ""),
+        ("'runs/R*.csv'", ""),
+        ("runs.zip", ""),
+    ],
+)
+def test_config_check_and_run_judge_recordings_alike(beltid: Any, named: str, told: str) -> None:
+    for name in ("runs/R1.csv", "runs/R2.csv", "mixed/a.csv", "mixed/b.lvm"):
+        Path(name).parent.mkdir(exist_ok=True)
+        Path(name).write_text("no recording yet\n")
+    Path("empty").mkdir()
+    for name, members in (("empty.zip", ()), ("runs.zip", ("R1.csv", "R2.csv"))):
+        with zipfile.ZipFile(name, "w") as archive:
+            for member in members:
+                archive.write(f"runs/{member}", member)
+    Path("cut.zip").write_bytes(Path("runs.zip").read_bytes()[:-40])
+    Path("c.yaml").write_text(f"belt: {{name: c}}\ndata:\n  rig: {named}\n")
+    checked, planned = beltid("config", "check", "c.yaml"), beltid("run", "c.yaml", "--dry-run")
+    for result in (checked, planned):
+        assert bool(result.exit_code) == bool(told), result.stderr
+        assert f"c.yaml:3:8: {told}" in result.stderr if told else True
+
+
+def test_a_config_without_recordings_can_neither_be_run_nor_checked(beltid: Any) -> None:
+    Path("c.yaml").write_text("belt: {name: c}\n")
+    for call in (("config", "check"), ("run",)):
+        result = beltid(*call, "c.yaml")
+        assert result.exit_code == 2
+        assert "data names no recording, must be at least one of press, rig" in result.stderr
 
 
 def test_info_without_a_file_tells_what_runs_here(beltid: Any) -> None:
