@@ -141,11 +141,11 @@ def measured_settings(friction: Mapping[str, np.ndarray]) -> np.ndarray:
     if "status" in friction:
         usable &= friction["status"] == OK
     rows = rows[usable]
-    snapped = [_snapped(rows[:, k], SAME_SETTING[name]) for k, name in enumerate(KEYS)]
+    snapped = [snap_to_settings(rows[:, k], SAME_SETTING[name]) for k, name in enumerate(KEYS)]
     return np.unique(np.column_stack(snapped), axis=0)
 
 
-def _snapped(values: np.ndarray, gap: float) -> np.ndarray:
+def snap_to_settings(values: np.ndarray, gap: float) -> np.ndarray:
     """Values brought to the settings that they repeat; as they are where they repeat none."""
     settings = as_set(values, gap)
     repeated = 2 * np.unique(settings).size <= values.size

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import zipfile
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -120,6 +121,54 @@ def test_init_asks_on_a_terminal(beltid: Any, monkeypatch: pytest.MonkeyPatch) -
     assert config.data.origin == "measured"
     assert not any("EI" in question for question in asked)  # a flag said it
     assert beltid("init", "nine", "--no-input").exit_code == 0
+
+
+def test_init_checks_each_answer_at_once_and_shows_the_defaults(
+    beltid: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answers = iter(["a/b", "6pk", "", "0", "-1", "", "", "", "", "", ""])
+    files = iter(["gone.csv", "gone.csv", "", "", ""])
+    asked: list[str] = []
+
+    def prompt(question: str, **options: Any) -> str:
+        asked.append(question)
+        return next(files if question.startswith(("Recording", "Where")) else answers)
+
+    monkeypatch.setattr("typer.prompt", prompt)
+    monkeypatch.setattr("beltid.cli.commands.init.on_terminal", lambda: True)
+    made = beltid("init")
+    assert made.exit_code == 0, made.stderr
+    assert asked[:6] == [
+        "Name of the belt (folder of the results) [5pk]",
+        "Name of the belt (folder of the results) [5pk]",
+        "Type, such as 5PK [6PK]",
+        *["Number of ribs [6]"] * 3,
+    ]
+    assert "Axial stiffness EA [N] [100000]" in asked
+    for wrong in ("belt.name", "belt.ribs = 0, must be", "belt.ribs = -1", "there is no such file"):
+        assert wrong in made.stderr
+    assert sum("press" in question and "file" in question for question in asked) == 2
+    config = load_config("6pk.yaml")
+    assert (config.belt.ribs, str(config.data.press)) == (6, "gone.csv")
+    assert config.belt.model_fields_set == {"name", "type", "ribs"}
+
+
+def test_init_reads_the_settings_of_the_rig_from_its_recording(beltid: Any) -> None:
+    lines = ["run,time_s,tension_tight_N,tension_slack_N,pulley_speed_rad_s,arc_deg,set_tension_N"]
+    for run, (arc, tension, speed) in enumerate(product((35, 90.5), (120, 240), (0.0995, 0.4))):
+        for k in range(20):
+            turning = speed * (1.001 if run % 2 else 0.999) * (k > 4)
+            lines.append(f"R{run},{0.1 * k:.1f},{tension},{tension},{turning:.5f},{arc},{tension}")
+    Path("rig.csv").write_text("\n".join(lines).replace("set_tension", "initial_tension") + "\n")
+    made = beltid("init", "new", "--rig", "rig.csv", "--tensions", "120,240,300", "--json")
+    assert made.exit_code == 0, made.stderr
+    rig = load_config("new.yaml").rig
+    assert rig.arcs_deg == (35.0, 90.5)
+    assert rig.initial_tensions_N == (120.0, 240.0, 300.0)  # what a flag says holds
+    assert rig.pulley_speeds_rad_s == pytest.approx((0.0995, 0.4), rel=2e-3)
+    rows = {row["key"]: row["origin"] for row in json.loads(made.stdout)["table"]}
+    assert rows["rig.arcs_deg"] == rows["rig.pulley_speeds_rad_s"] == "recording"
+    assert rows["rig.initial_tensions_N"] == "stated"
 
 
 def test_config_show_prints_yaml_that_is_the_same_config(beltid: Any) -> None:
