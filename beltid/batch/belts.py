@@ -47,6 +47,8 @@ class BeltRun:
         Swept values of the case by ``section.key``.
     states : dict
         Name of a stage -> what became of it, in the order of the chain.
+    lacking : tuple of str
+        Kinds of recordings that the chain is made for and that the config does not name.
     summaries : dict
         Name of a stage -> its summary, if it got that far.
     troubles : dict
@@ -57,6 +59,7 @@ class BeltRun:
     case: str
     swept: Mapping[str, Any]
     states: dict[str, str]
+    lacking: tuple[str, ...] = ()
     summaries: dict[str, Summary] = field(default_factory=dict)
     troubles: dict[str, tuple[int, tuple[str, ...]]] = field(default_factory=dict)
 
@@ -252,5 +255,6 @@ def _ended(belt: BeltRun) -> str:
         if state in (FAILED, OUT_OF_TOLERANCE)
     ]
     if belt.exit_status == EXIT_DONE:
-        unsettled.insert(0, DONE)
+        missing = " or ".join(belt.lacking)
+        unsettled.insert(0, f"{DONE}, without {missing}" if missing else DONE)
     return ", ".join(unsettled)

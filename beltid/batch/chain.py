@@ -39,18 +39,22 @@ def _same(*roles: str) -> dict[str, str]:
 
 CHAIN: Final = (
     Step("fit-stiffness", "stiffness", _same("press"), fit_stiffness.run),
-    Step("fit-slip", "slip", _same("speedloss"), fit_slip.run, optional=True),
+    Step("fit-slip", "slip", _same("speedloss"), fit_slip.run),
     Step("fit-friction", "friction", _same("rig"), fit_friction.run),
     Step("build-surface", "surface", _same("friction"), build_surface.run),
     Step("refine-surface", "surface_refined", _same("friction", "stiffness"), refine_surface.run),
     Step(
-        "simulate-rig", "simulated", _same("surface", "stiffness"), simulate_rig.run, spreads=True
+        "simulate-rig",
+        "simulated",
+        _same("surface", "stiffness", "friction"),
+        simulate_rig.run,
+        spreads=True,
     ),
     Step("compare", "compare", _same("friction", "simulated"), compare.run),
     Step(
         "simulate-rig refined",
         "simulated_refined",
-        {"surface": "surface_refined", "stiffness": "stiffness"},
+        {"surface": "surface_refined", "stiffness": "stiffness", "friction": "friction"},
         simulate_rig.run,
         spreads=True,
     ),
@@ -72,7 +76,6 @@ CHAIN: Final = (
         "drive",
         {"surface": "surface_refined", "stiffness": "stiffness", "slip": "slip"},
         simulate_drive.run,
-        optional=True,
         section="drive",
     ),
     Step(
@@ -80,7 +83,6 @@ CHAIN: Final = (
         "compare_drive",
         _same("slip", "drive"),
         compare_drive.run,
-        optional=True,
         section="drive",
     ),
 )

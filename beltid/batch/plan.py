@@ -9,7 +9,7 @@ from typing import Any, Final
 from beltid.batch.belts import NOT_RUN, SKIPPED, UP_TO_DATE
 from beltid.batch.chain import BatchOptions, chain_of
 from beltid.batch.containment import refuse_links_out
-from beltid.batch.steps import Step
+from beltid.batch.steps import Step, within_reach
 from beltid.config import ConfigSource
 from beltid.errors import EXIT_DONE, BeltidError
 from beltid.report.summary import Summary
@@ -59,11 +59,13 @@ def _planned(
     """Each step of a belt: its row, and what is wrong with it."""
     files = source.config.data.files
     stale: set[str] = set()
-    for step in chain_of(source, options):
+    steps = chain_of(source, options)
+    possible = within_reach(steps, files)
+    for step in steps:
         out = folder / f"{step.makes}.parquet"
         state, error = NOT_RUN, None
         if not all(name in files for name in step.needs.values()):
-            state = SKIPPED if step.optional else NOT_RUN
+            state = NOT_RUN if step.name in possible else SKIPPED
         elif options.force or stale & set(step.needs.values()):
             state = TO_BE_MADE
         else:

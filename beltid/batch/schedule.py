@@ -18,10 +18,11 @@ from beltid.batch.belts import (
     UP_TO_DATE,
     BeltRun,
 )
-from beltid.batch.steps import Step, Task, run_task
+from beltid.batch.steps import Step, Task, run_task, within_reach
 from beltid.config import ConfigSource
 from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, BeltidError, TooFewSettings
 from beltid.report.summary import Summary
+from beltid.stages.named_recordings import WITHOUT, lacking
 from beltid.stages.reporter import NamedReporter, Reporter
 from beltid.stages.workers import LOOK_UP_S, Workers
 
@@ -51,11 +52,13 @@ class Chain:
         self.reporter = NamedReporter(source.name, reporter)
         self.files = source.config.data.files
         self.waiting = list(steps)
+        possible = within_reach(steps, self.files)
         self.run = BeltRun(
             source.config.belt.name,
             source.case,
             source.swept,
-            {step.name: SKIPPED if step.optional else NOT_RUN for step in steps},
+            {step.name: NOT_RUN if step.name in possible else SKIPPED for step in steps},
+            tuple(lacking(source.config)),
         )
         self._announced = False
 
@@ -76,6 +79,8 @@ class Chain:
             kind_of_data = ", synthetic data" if synthetic else ""
             origin = self.source.origin
             self.reporter.report(f"config {origin}{kind_of_data}, results in {self.folder}")
+            for kind in self.run.lacking:
+                self.reporter.warn(WITHOUT[kind])
 
     def failed(self, task: Task, error: BeltidError) -> None:
         """Note that a step failed; what needs it is not run."""

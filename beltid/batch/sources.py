@@ -6,16 +6,11 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
-from beltid.bench.files.sources import exists
 from beltid.config import ConfigSource, load_cases
 from beltid.config.loading import ENVIRONMENT_VARIABLE, named_by_environment
-from beltid.config.yaml_source import parse, read_text
-from beltid.errors import BeltidError, ConfigError, InputError, Problem
-
-RECORDINGS: Final = {"press": True, "rig": True, "speedloss": False}
-"""Recordings of a chain, and whether it needs them."""
+from beltid.errors import BeltidError, ConfigError, InputError
+from beltid.stages.named_recordings import wrong_recordings
 
 
 def config_sources(paths: Sequence[Path], explicit: Path | None = None) -> list[ConfigSource]:
@@ -50,7 +45,7 @@ def config_sources(paths: Sequence[Path], explicit: Path | None = None) -> list[
         except BeltidError as error:
             problems += error.problems
     for cases_of_belt in belts:
-        problems += _missing_recordings(cases_of_belt[0])
+        problems += wrong_recordings(cases_of_belt[0])
     problems += _same_names([cases_of_belt[0] for cases_of_belt in belts])
     if problems:
         raise ConfigError(problems)
@@ -88,23 +83,6 @@ class Shard:
     def of(self, sources: Sequence[ConfigSource]) -> list[ConfigSource]:
         """The belts and cases of this part: every n-th."""
         return list(sources[self.number - 1 :: self.count])
-
-
-def _missing_recordings(source: ConfigSource) -> list[str]:
-    """Recordings that the config does not name or that are not there, with their place."""
-    path = source.path
-    assert path is not None
-    places = parse(read_text(path), str(path))
-    problems = []
-    for kind, needed in RECORDINGS.items():
-        file = getattr(source.config.data, kind)
-        at = places.prefix(("data", kind))
-        if file is None and needed:
-            problems.append(f"{at}data.{kind} is missing, the chain needs this recording")
-        elif file is not None and not exists(file):
-            text = f"{at}data.{kind} = {file}, there is no such file"
-            problems.append(Problem(text, "missing-file"))
-    return problems
 
 
 def _same_names(sources: Sequence[ConfigSource]) -> list[str]:

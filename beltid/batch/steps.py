@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,8 +33,6 @@ class Step:
         Recordings and artifacts it is made from, by their role in the stage.
     run : callable
         The stage.
-    optional : bool
-        Whether a belt may do without it if its recording is not there.
     spreads : bool
         Whether the stage gives its heavy calls to the workers itself; else one of them gets it
         whole.
@@ -46,9 +44,18 @@ class Step:
     makes: str
     needs: Mapping[str, str]
     run: StageRun
-    optional: bool = False
     spreads: bool = False
     section: str = ""
+
+
+def within_reach(steps: Sequence[Step], recordings: Collection[str]) -> set[str]:
+    """Names of the steps that can be carried out with some kinds of recordings."""
+    there, found = set(recordings), set()
+    for step in steps:
+        if there.issuperset(step.needs.values()):
+            there.add(step.makes)
+            found.add(step.name)
+    return found
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@ Module            Responsibility
 ``runs``          samples -> runs with label and settings, checked
 ``big_recording`` a recording of any size, read run by run
 ``recording``     any recording: files opened, channels read, joined, checked; which are big
+``recorded_date`` the day on which a recording was made, as its files tell
 ``inspection``    what was found in files: formats, channels, runs, gaps
 ================= ======================================================================
 """

@@ -303,13 +303,15 @@ class DataSection(Section):
     """Where the recordings are, and whether they are of a real bench.
 
     A relative path counts from the folder of the config. Whatever is made from recordings of
-    synthetic origin says so; an origin that is not stated stays unknown.
+    synthetic origin says so; an origin that is not stated stays unknown. `date` is when the
+    recordings were made, of those that do not tell it themselves.
     """
 
     origin: Literal["measured", "synthetic"] | None = None
     press: Recorded = None
     rig: Recorded = None
     speedloss: Recorded = None
+    date: Annotated[str, Text(40)] | None = None
 
     @property
     def files(self) -> dict[str, Path]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 
@@ -13,11 +14,14 @@ SAME = 0.03
 MOST = 12
 """Settings that are listed; of more the range is told."""
 
+UNKNOWN: Final = "unknown"
+
 
 def conditions(results: BeltResults) -> list[tuple[str, str]]:
-    """Belt, rig, settings, temperatures and config, each with its value; without what is unknown.
+    """Belt, rig, settings, temperatures, dates and config, each with its value.
 
-    The settings are those that the runs were measured at, not those that a config planned.
+    What is unknown is left out, but for the dates of the tests. The settings are those that the
+    runs were measured at, not those that a config planned.
     """
     friction, stiffness = results.get("friction"), results.get("stiffness")
     found = [("Belt", ", ".join([results.belt, *results.belt_facts]))]
@@ -30,6 +34,7 @@ def conditions(results: BeltResults) -> list[tuple[str, str]]:
             ("Sliding speeds v", _settings(friction, "slip_speed_m_s", " mm/s", 1e3)),
             *_stated(friction),
             ("Rig temperature", _range(friction["temperature_degC"], " °C")),
+            ("Rig test date", results.dates.get("rig", UNKNOWN)),
         ]
     if stiffness is not None:
         press = stiffness.settings.get("press") or {}
@@ -38,6 +43,7 @@ def conditions(results: BeltResults) -> list[tuple[str, str]]:
         found += [
             ("Press segment", f"{float(length):.4g} cm" if length else ""),
             ("Press temperatures", _listed(np.unique(at[np.isfinite(at)]), " °C")),
+            ("Press test date", results.dates.get("press", UNKNOWN)),
         ]
     configs = {
         str(sheet.extra["config"]) for sheet in results.sheets.values() if sheet.extra.get("config")
@@ -64,6 +70,8 @@ def _settings(friction: Sheet, column: str, unit: str, scale: float = 1.0) -> st
         return ""
     starts = np.r_[True, np.diff(values) > SAME * values[1:]]
     groups = np.split(values, np.flatnonzero(starts)[1:])
+    if any(group[-1] - group[0] > 2.0 * SAME * group[0] for group in groups):
+        groups = list(values)  # no settings: every run has its own
     return _listed([float(np.median(group)) for group in groups], unit)
 
 

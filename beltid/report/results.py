@@ -151,6 +151,8 @@ class BeltResults:
         What is missing or damaged, a line each.
     belt_facts : tuple of str
         Type and ribs of the belt, as far as its config was found.
+    dates : mapping of str to str
+        Kind of recording -> the day on which it was made, where that is known.
     """
 
     belt: str
@@ -158,6 +160,7 @@ class BeltResults:
     profiles: tuple[ArcProfile, ...] = ()
     problems: tuple[str, ...] = ()
     belt_facts: tuple[str, ...] = ()
+    dates: Mapping[str, str] = field(default_factory=dict)
 
     def get(self, name: str) -> Sheet | None:
         """An artifact by its name; None if it is not there."""

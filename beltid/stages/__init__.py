@@ -25,6 +25,8 @@ Module                    Responsibility                                        
 ``workers``               who carries out heavy calls
 ``tables``                tables and laws from files, or from memory
 ``reduction``             settings; the runs of a rig reduced; their table       (5) to (8)
+``named_recordings``      are the recordings of a config there, what if one is not
+``planned_runs``          which runs are simulated
 ``campaign``              the runs of a simulated campaign, and their recording
 ``simulated_runs``        a campaign simulated, its uncertainty, profiles; functions
 ``refinement``            the runs a surface is refined from; its Monte Carlo draws

@@ -18,6 +18,7 @@ from beltid.config.effective import DEFAULT, effective_values
 from beltid.config.loading import ENVIRONMENT_VARIABLE
 from beltid.errors import ConfigError
 from beltid.report.summary import Summary, json_value
+from beltid.stages.named_recordings import WITHOUT, lacking, wrong_recordings
 from beltid.stages.tables import load_law
 
 LIBRARIES: Final = ("numpy", "scipy", "numba", "pandas", "pyarrow", "pydantic", "matplotlib")
@@ -159,7 +160,7 @@ def config_origins(source: ConfigSource) -> Summary:
 
 
 def check_configs(paths: Sequence[Path]) -> Summary:
-    """Check configs, and whether the recordings they name are there.
+    """Check configs, and whether the recordings they name are there, as `beltid run` does.
 
     Raises
     ------
@@ -176,22 +177,21 @@ def check_configs(paths: Sequence[Path]) -> Summary:
             problems += error.problems
             continue
         config = cases[0][2]
-        missing = {kind: file for kind, file in config.data.files.items() if not file.is_file()}
-        warnings += [f"{path}: data.{kind}: there is no {file}" for kind, file in missing.items()]
+        problems += wrong_recordings(ConfigSource(config, str(path), path))
+        warnings += [f"{path}: {WITHOUT[kind]}" for kind in lacking(config)]
         rows.append(
             {
                 "config": str(path),
                 "belt": config.belt.name,
                 "cases": len(cases),
-                "recordings": len(config.data.files) - len(missing),
-                "missing": len(missing),
+                "recordings": ", ".join(config.data.files),
             }
         )
     if problems:
         raise ConfigError(problems)
     return Summary(
         stage="config check",
-        title="every key known, every value allowed",
+        title="every key known, every value allowed, every recording there",
         table=rows,
         warnings=tuple(warnings),
     )

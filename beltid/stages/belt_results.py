@@ -10,7 +10,8 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.artifacts.artifact import Artifact, read_artifact
-from beltid.config import load_config
+from beltid.bench.recorded_date import recorded_on
+from beltid.config import Config, load_config
 from beltid.errors import ArtifactError, BeltidError, InputError
 from beltid.params import OperatingPoint
 from beltid.report.results import ArcProfile, BeltResults, Sheet
@@ -111,11 +112,14 @@ def gather(folder: Path, *, with_profiles: bool = True) -> BeltResults:
     problems += _drop_strangers(sheets)
     belt = folder.resolve().name
     profiles, more = arc_profiles(sheets) if with_profiles else ((), [])
-    return BeltResults(belt, sheets, profiles, (*problems, *more), belt_facts(folder))
+    config = config_of(folder)
+    dates = test_dates(config) if with_profiles and config is not None else {}
+    every = (*problems, *more)
+    return BeltResults(belt, sheets, profiles, every, belt_facts(config), dates)
 
 
-def belt_facts(folder: Path) -> tuple[str, ...]:
-    """Type and ribs of the belt, where the config that the results were made with is found."""
+def config_of(folder: Path) -> Config | None:
+    """The config that the results in a folder were made with, where it is found."""
     for name in ("friction", "stiffness"):
         try:
             metadata = read_artifact(folder / f"{name}.parquet", name).metadata
@@ -123,9 +127,25 @@ def belt_facts(folder: Path) -> tuple[str, ...]:
             continue
         source = config_of_results(folder, metadata)
         if source is not None:
-            belt = source.config.belt
-            return tuple(fact for fact in (belt.type, f"{belt.ribs} ribs") if fact)
-    return ()
+            return source.config
+    return None
+
+
+def belt_facts(config: Config | None) -> tuple[str, ...]:
+    """Type and ribs of the belt."""
+    if config is None:
+        return ()
+    belt = config.belt
+    return tuple(fact for fact in (belt.type, f"{belt.ribs} ribs") if fact)
+
+
+def test_dates(config: Config) -> dict[str, str]:
+    """When the recordings of a config were made, as they tell or as it states."""
+    days = {
+        kind: recorded_on(file, config, kind) or config.data.date
+        for kind, file in config.data.files.items()
+    }
+    return {kind: day for kind, day in days.items() if day is not None}
 
 
 def _drop_strangers(sheets: dict[str, Sheet]) -> list[str]:

@@ -108,10 +108,10 @@ def _outcome(
 
 def _required(result: SlipResult, config: Config) -> tuple[RequiredSpeeds | None, list[str]]:
     rig = config.rig
+    stated = "pulley_speeds_rad_s" in rig.model_fields_set
+    speeds = rig.pulley_speeds_rad_s if stated else None  # the built-in ones are not of this rig
     try:
-        required = required_pulley_speeds(
-            result, rig.pulley_radius_m, config.slip.n_speeds, rig.pulley_speeds_rad_s
-        )
+        required = required_pulley_speeds(result, rig.pulley_radius_m, config.slip.n_speeds, speeds)
     except InputError as error:  # the sliding speeds themselves are found and worth keeping
         return None, [f"no pulley speeds proposed: {line}" for line in error.problems]
     return required, []

@@ -28,7 +28,7 @@ from beltid.export.law import (
 from beltid.export.law_file import SUFFIX, validation_problems
 from beltid.stages.build_artifact import combined_origin
 from beltid.stages.reporter import Reporter
-from beltid.stages.tables import law_of, surface_of
+from beltid.stages.tables import friction_of, law_of, surface_of
 
 STIFFNESS: Final = "stiffness.parquet"
 SURFACES: Final = {"refined": "surface_refined.parquet", "published": "surface.parquet"}
@@ -69,7 +69,7 @@ def law_of_folder(
         )
     stiffness = read_artifact(folder / STIFFNESS, "stiffness")
     surface = _surface_artifact(folder, wanted, reporter)
-    friction = _friction(folder, surface)
+    friction = friction_of(surface, folder)
     source = find_config(None, named) if named else config_of_results(folder, surface.metadata)
     if source is None:
         reporter.warn(
@@ -182,15 +182,6 @@ def _budget(surface: Artifact) -> tuple[Contribution, ...]:
         for row in surface.metadata.budget
         if row["contribution_percent"] is not None
     )
-
-
-def _friction(folder: Path, surface: Artifact) -> Artifact | None:
-    """The friction artifact that the surface was made from, if it still stands in the folder."""
-    try:
-        friction = read_artifact(folder / "friction.parquet", "friction")
-    except ArtifactError:
-        return None
-    return friction if friction.sha256 == surface.metadata.inputs.get("friction") else None
 
 
 def _sticking(friction: Artifact | None) -> tuple[float, float] | None:

@@ -5,22 +5,38 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
+
+import numpy as np
 
 from beltid.artifacts.file_bytes import write_text
 from beltid.bench.files.sources import exists
-from beltid.bench.inspection import rig_of_file
+from beltid.bench.inspection import inspect_recording
 from beltid.config import Config, load_config
 from beltid.config.effective import DEFAULT, effective_values
 from beltid.config.loading import ConfigSource
 from beltid.config.template import SECTIONS, template_text
-from beltid.errors import InputError
+from beltid.errors import ConfigError, InputError
+from beltid.identify.agreement.compare import SAME_SETTING
 from beltid.report.summary import Summary, json_value
 from beltid.stages.build_artifact import already_exists
+from beltid.stages.planned_runs import snap_to_settings
 from beltid.stages.reporter import Options
 from beltid.tables.schemas import RECORDINGS
+
+RECORDED: Final = tuple(f"data.{kind}" for kind in RECORDINGS)
+SETTINGS: Final = {
+    "rig.arcs_deg": (("arc_deg",), SAME_SETTING["arc_deg"]),
+    "rig.initial_tensions_N": (
+        ("initial_tension_N", "weight_N"),
+        SAME_SETTING["nominal_tension_N"],
+    ),
+    "rig.pulley_speeds_rad_s": (("pulley_speed_rad_s",), SAME_SETTING["pulley_speed_rad_s"]),
+}
+"""Lists of the config -> the columns of a recording that tell them, and what is one setting."""
+MOST_SETTINGS: Final = 30
+"""Values of a list beyond which every run has its own."""
 
 
 def run(stated: Mapping[str, Any], out: Path | None, options: Options) -> Summary:
@@ -43,7 +59,8 @@ def run(stated: Mapping[str, Any], out: Path | None, options: Options) -> Summar
     values = _with_type_of_name(dict(stated))
     path = out or Path(f"{values.get('belt.name', Config().belt.name)}.yaml")
     config = load_config(_sections(_relative(values, path.parent)))
-    found = {} if "rig.kind" in values else _rig_found(stated.get("data.rig"), config, options)
+    found = _rig_found(stated.get("data.rig"), config, options)
+    found = {key: value for key, value in found.items() if key not in values}
     if found:
         values |= found
         config = load_config(_sections(values))
@@ -53,25 +70,53 @@ def run(stated: Mapping[str, Any], out: Path | None, options: Options) -> Summar
         raise InputError(f"{path}: a config is a YAML file, name it {path.stem}.yaml")
     write_text(path, template_text(config, frozenset(values)))
     for kind, file in load_config(path).data.files.items():  # what was written is what is read
-        if not file.exists():
+        if not exists(file):
             options.reporter.warn(f"data.{kind}: there is no {file} yet")
-    summary = _summary(path, config, frozenset(values))
-    if not found:
-        return summary
-    words = ", ".join(f"{key}: {word}" for key, word in found.items())
-    return replace(summary, notes=(f"the channels of the recording of the rig say {words}",))
+    return _summary(path, config, frozenset(values), frozenset(found))
 
 
-def _rig_found(recording: Path | None, config: Config, options: Options) -> dict[str, str]:
-    """What the channels of a recording say of the rig, by its keys."""
+def default_of(key: str, answers: Mapping[str, Any]) -> Any:
+    """What a key is if nothing more is said; None for a file and where nothing is built in."""
+    section, _, name = key.partition(".")
+    given = _with_type_of_name(dict(answers)).get(key)
+    return getattr(getattr(Config(), section), name) if given is None else given
+
+
+def problems_of_answer(key: str, value: Any) -> tuple[str, ...]:
+    """What is wrong with a value by itself: not allowed, or no file of that name is there."""
+    try:
+        load_config(_sections({key: value}))
+    except ConfigError as error:
+        return error.problems
+    if key in RECORDED and not exists(Path(value)):
+        return (f"{key} = {value}: there is no such file; the same answer again keeps it",)
+    return ()
+
+
+def _rig_found(recording: Path | None, config: Config, options: Options) -> dict[str, Any]:
+    """What a recording of the rig tells, by the keys of the config: its kind and its settings."""
     if recording is None or not exists(Path(recording)):
         return {}
     try:
-        found = rig_of_file(Path(recording), config)
+        seen = inspect_recording(Path(recording), config, "rig")
     except InputError as error:  # a config can be written before its recording can be read
         options.reporter.warn(f"data.rig: {error.problems[0]}")
         return {}
-    return {f"rig.{name}": word for name, word in found.items()}
+    for line in seen.problems[:1]:
+        options.reporter.warn(f"data.rig: arcs, tensions and speeds are not read from it: {line}")
+    found: dict[str, Any] = {f"rig.{name}": word for name, word in seen.rig.items()}
+    for key, (columns, gap) in SETTINGS.items():
+        told = [run.settings[c] for run in seen.runs for c in columns if c in run.settings]
+        snapped = snap_to_settings(np.array(told), gap)
+        settings = sorted({float(f"{value:.4g}") for value in snapped})
+        if len(settings) > MOST_SETTINGS:
+            options.reporter.report(
+                f"{key} is left open: the recording has {len(settings)} values, which hold as long "
+                "as the config states none"
+            )
+        elif settings:
+            found[key] = settings
+    return found
 
 
 def _with_type_of_name(values: dict[str, Any]) -> dict[str, Any]:
@@ -102,13 +147,16 @@ def _sections(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     return sections
 
 
-def _summary(path: Path, config: Config, stated: frozenset[str]) -> Summary:
+def _summary(
+    path: Path, config: Config, stated: frozenset[str], recorded: frozenset[str]
+) -> Summary:
+    """Every key with its value and where that is from; a person sees those that are no defaults."""
+
+    def origin(key: str) -> str:
+        return "recording" if key in recorded else "stated" if key in stated else DEFAULT
+
     rows = [
-        {
-            "key": entry.key,
-            "value": json_value(entry.value),
-            "origin": "stated" if entry.key in stated else DEFAULT,
-        }
+        {"key": entry.key, "value": json_value(entry.value), "origin": origin(entry.key)}
         for entry in effective_values(ConfigSource(config, ""))
         if entry.key.partition(".")[0] in SECTIONS
     ]

@@ -15,7 +15,7 @@ from beltid.report.html import Page
 from beltid.report.results import BeltResults
 from beltid.report.summary import Summary
 from beltid.report.verdict import verdict_of, whole
-from beltid.stages.belt_results import ARTIFACTS, belt_facts, check_folder, gather
+from beltid.stages.belt_results import ARTIFACTS, belt_facts, check_folder, config_of, gather
 from beltid.stages.build_artifact import Stale
 from beltid.stages.pages import hash_of, is_ours, up_to_date, write
 from beltid.stages.recorded_curves import PRESS, RIG, press_curves, rig_curves
@@ -118,7 +118,9 @@ def of_chain(
 
 def of_belt(folder: Path, out: Path, options: Options) -> Summary:
     """Write the report of one belt, unless it is up to date."""
-    made_from = hash_of(_files(folder), folder.resolve().name, *belt_facts(folder))
+    config = config_of(folder)
+    told = (*belt_facts(config), (config and config.data.date) or "")
+    made_from = hash_of(_files(folder), folder.resolve().name, *told)
     standing = up_to_date(out, made_from, options)
     results = gather(folder, with_profiles=not standing)
     if standing:

@@ -36,7 +36,7 @@ class Reporter:
 
 
 class NamedReporter(Reporter):
-    """Reporter of one of several: every line begins with its name.
+    """Reporter of one of several: every line begins with its name, a warning is passed on once.
 
     Parameters
     ----------
@@ -49,6 +49,7 @@ class NamedReporter(Reporter):
     def __init__(self, name: str, reporter: Reporter) -> None:
         self.name = name
         self.reporter = reporter
+        self._warned: set[str] = set()
 
     def report(self, text: str) -> None:
         """Pass on what is going on."""
@@ -60,7 +61,9 @@ class NamedReporter(Reporter):
 
     def warn(self, text: str) -> None:
         """Pass on what the user should look into."""
-        self.reporter.warn(f"{self.name}: {text}")
+        if text not in self._warned:
+            self._warned.add(text)
+            self.reporter.warn(f"{self.name}: {text}")
 
     def error(self, text: str) -> None:
         """Pass on what went wrong."""

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from beltid.artifacts.artifact import read_artifact
 from beltid.artifacts.metadata_models import SimulatedMetadata
 from beltid.config import Config, ConfigSource
@@ -16,14 +18,18 @@ from beltid.rigsim.path import swinging_share
 from beltid.rigsim.rig import SimulationSettings
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.campaign import (
-    Picked,
-    planned_runs,
     recording_columns,
     simulation_settings,
     sliding_samples,
     solver_record,
 )
 from beltid.stages.outcome import Outcome
+from beltid.stages.planned_runs import (
+    Picked,
+    differing_settings,
+    measured_settings,
+    planned_runs,
+)
 from beltid.stages.reporter import Options
 from beltid.stages.simulated_runs import (
     PROFILES,
@@ -34,7 +40,7 @@ from beltid.stages.simulated_runs import (
     runs_uncertainty,
     simulate,
 )
-from beltid.stages.tables import law_of, surface_of
+from beltid.stages.tables import friction_of, law_of, surface_of
 from beltid.stages.uncertainties import SECTION, press_law
 from beltid.stages.workers import Workers
 from beltid.uncertainty.simulated import RunsUncertainty
@@ -115,11 +121,17 @@ def run(
 ) -> Summary:
     """Simulate the runs with ``surface`` and ``stiffness``, write the recording, sum it up.
 
+    The runs are those of ``friction``, where it is given or stands beside the surface that was made
+    from it; otherwise those of the config.
+
     Profiles of the contact go beside the recording if times for them are given.
     """
     model, times = config.config, tuple(sorted(set(options.profile_times_s)))
     settings = simulation_settings(model, options.method, options.elements, times)
-    runs = planned_runs(model, Picked(options.arcs_deg, options.tensions_N, options.speeds_rad_s))
+    measured = _measured(inputs)
+    runs = planned_runs(
+        model, Picked(options.arcs_deg, options.tensions_N, options.speeds_rad_s), measured
+    )
     choices: dict[str, Any] = {
         "method": settings.method,
         "elements": settings.elements,
@@ -141,7 +153,11 @@ def run(
     built = build.up_to_date()
     if built is None or (times and contacts is None):
         given = _inputs(inputs, model)
-        options.reporter.report(f"{len(runs)} runs, {settings.method}")
+        for line in differing_settings(model, measured):
+            options.reporter.warn(line)
+        whose = "as the config states" if measured is None else "at the settings measured"
+        count = "1 run" if len(runs) == 1 else f"{len(runs)} runs"
+        options.reporter.report(f"{count}, {settings.method}, {whose}")
         how = options.reporter, options.workers or options.jobs
         campaign = simulate(model, (given.surface, given.press.law), runs, settings, how)
         _refuse_nothing(campaign)
@@ -154,6 +170,15 @@ def run(
         if times and contacts is None:
             contacts = of_profiles.write(profiles_outcome(campaign, times))
     return summarise(built, contacts)
+
+
+def _measured(inputs: Mapping[str, Path]) -> np.ndarray | None:
+    """Settings of the measured runs: ``friction``, or what the surface beside it was made from."""
+    if "friction" in inputs:
+        return measured_settings(read_artifact(inputs["friction"], "friction").columns)
+    path = inputs["surface"]
+    friction = friction_of(read_artifact(path, "surface"), path.parent)
+    return None if friction is None else measured_settings(friction.columns)
 
 
 def _inputs(inputs: Mapping[str, Path], config: Config) -> Inputs:

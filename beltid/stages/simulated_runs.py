@@ -17,18 +17,23 @@ from beltid.laws.penalty import NormalLaw
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import RunResult, SimulationSettings
 from beltid.stages.campaign import (
-    Picked,
-    PlannedRun,
-    as_resting,
-    checked_run,
-    planned_runs,
     recording_columns,
     result_row,
     simulated_results,
     simulation_settings,
 )
 from beltid.stages.outcome import Outcome
+from beltid.stages.planned_runs import (
+    KEYS,
+    Picked,
+    PlannedRun,
+    as_resting,
+    checked_run,
+    measured_settings,
+    planned_runs,
+)
 from beltid.stages.reporter import Reporter
+from beltid.stages.tables import table_columns
 from beltid.stages.uncertainties import standard_uncertainties
 from beltid.stages.workers import Workers
 from beltid.tables import schemas
@@ -208,8 +213,9 @@ def simulate_campaign(
     method: str | None = None,
     jobs: int | None = 1,
     elements: int | None = None,
+    friction: Any = None,
 ) -> pd.DataFrame:
-    """Simulate every run of a config.
+    """Simulate every run of a campaign.
 
     Parameters
     ----------
@@ -217,6 +223,9 @@ def simulate_campaign(
         As of `simulate_rig`.
     jobs : int or None
         Runs at the same time; None is one per core. The result does not depend on it.
+    friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping, optional
+        The reduced runs of the bench, to be simulated where the config does not state the settings
+        of the rig; without them all combinations of the config are.
 
     Returns
     -------
@@ -227,7 +236,10 @@ def simulate_campaign(
     import pandas as pd
 
     model = load_config(config)
-    runs = planned_runs(model, Picked())
+    measured = None
+    if friction is not None:
+        measured = measured_settings(table_columns(friction, "friction", tuple(KEYS)))
+    runs = planned_runs(model, Picked(), measured)
     settings = simulation_settings(model, method, elements)
     done = simulate(model, (surface, law), runs, settings, (Reporter(), jobs))
     return pd.DataFrame(done.rows()).astype(

@@ -94,6 +94,15 @@ def surface_of(artifact: Artifact) -> UncertainSurface:
     )
 
 
+def friction_of(surface: Artifact, folder: Path) -> Artifact | None:
+    """The friction artifact that the surface was made from, if it still stands in the folder."""
+    try:
+        friction = read_artifact(folder / "friction.parquet", "friction")
+    except ArtifactError:
+        return None
+    return friction if friction.sha256 == surface.metadata.inputs.get("friction") else None
+
+
 def load_stiffness(path: str | Path, temperature_degC: float | None = None) -> NormalLaw:
     """Load the normal contact law of a stiffness artifact.
 

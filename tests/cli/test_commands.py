@@ -243,7 +243,7 @@ def test_a_setting_that_the_config_does_not_have_is_refused_with_those_it_has(
 ) -> None:
     result = beltid("simulate-rig", "surface.parquet", "stiffness.parquet", "--arc", "70")
     assert result.exit_code == 2
-    assert "--arc = 70, must be one of those of the config: 40, 82" in result.stderr
+    assert "--arc = 70, must be one of those of the campaign: 40, 82" in result.stderr
 
 
 def test_the_number_of_jobs_changes_nothing(bench: Path, beltid: Any) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import zipfile
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -121,6 +123,54 @@ def test_init_asks_on_a_terminal(beltid: Any, monkeypatch: pytest.MonkeyPatch) -
     assert beltid("init", "nine", "--no-input").exit_code == 0
 
 
+def test_init_checks_each_answer_at_once_and_shows_the_defaults(
+    beltid: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answers = iter(["a/b", "6pk", "", "0", "-1", "", "", "", "", "", ""])
+    files = iter(["gone.csv", "gone.csv", "", "", ""])
+    asked: list[str] = []
+
+    def prompt(question: str, **options: Any) -> str:
+        asked.append(question)
+        return next(files if question.startswith(("Recording", "Where")) else answers)
+
+    monkeypatch.setattr("typer.prompt", prompt)
+    monkeypatch.setattr("beltid.cli.commands.init.on_terminal", lambda: True)
+    made = beltid("init")
+    assert made.exit_code == 0, made.stderr
+    assert asked[:6] == [
+        "Name of the belt (folder of the results) [5pk]",
+        "Name of the belt (folder of the results) [5pk]",
+        "Type, such as 5PK [6PK]",
+        *["Number of ribs [6]"] * 3,
+    ]
+    assert "Axial stiffness EA [N] [100000]" in asked
+    for wrong in ("belt.name", "belt.ribs = 0, must be", "belt.ribs = -1", "there is no such file"):
+        assert wrong in made.stderr
+    assert sum("press" in question and "file" in question for question in asked) == 2
+    config = load_config("6pk.yaml")
+    assert (config.belt.ribs, str(config.data.press)) == (6, "gone.csv")
+    assert config.belt.model_fields_set == {"name", "type", "ribs"}
+
+
+def test_init_reads_the_settings_of_the_rig_from_its_recording(beltid: Any) -> None:
+    lines = ["run,time_s,tension_tight_N,tension_slack_N,pulley_speed_rad_s,arc_deg,set_tension_N"]
+    for run, (arc, tension, speed) in enumerate(product((35, 90.5), (120, 240), (0.0995, 0.4))):
+        for k in range(20):
+            turning = speed * (1.001 if run % 2 else 0.999) * (k > 4)
+            lines.append(f"R{run},{0.1 * k:.1f},{tension},{tension},{turning:.5f},{arc},{tension}")
+    Path("rig.csv").write_text("\n".join(lines).replace("set_tension", "initial_tension") + "\n")
+    made = beltid("init", "new", "--rig", "rig.csv", "--tensions", "120,240,300", "--json")
+    assert made.exit_code == 0, made.stderr
+    rig = load_config("new.yaml").rig
+    assert rig.arcs_deg == (35.0, 90.5)
+    assert rig.initial_tensions_N == (120.0, 240.0, 300.0)  # what a flag says holds
+    assert rig.pulley_speeds_rad_s == pytest.approx((0.0995, 0.4), rel=2e-3)
+    rows = {row["key"]: row["origin"] for row in json.loads(made.stdout)["table"]}
+    assert rows["rig.arcs_deg"] == rows["rig.pulley_speeds_rad_s"] == "recording"
+    assert rows["rig.initial_tensions_N"] == "stated"
+
+
 def test_config_show_prints_yaml_that_is_the_same_config(beltid: Any) -> None:
     Path("beltid.yaml").write_text("belt: {name: mine, ribs: 6}\nrig:\n  arcs_deg: [30]\n")
     shown = beltid("config", "show", "rig.csv")
@@ -141,16 +191,56 @@ def test_config_show_tells_the_line_of_every_value(beltid: Any) -> None:
 
 
 def test_config_check_tells_what_is_wrong_in_all_of_them(beltid: Any) -> None:
-    Path("good.yaml").write_text("belt: {name: good}\ndata: {press: none.csv}\n")
+    Path("press.csv").write_text("time_s\n")
+    Path("good.yaml").write_text("belt: {name: good}\ndata: {press: press.csv}\n")
     Path("bad.yaml").write_text("belt: {ribs: 0}\n")
     Path("worse.yaml").write_text("rig: {radius: 1}\n")
     good = beltid("config", "check", "good.yaml")
     assert good.exit_code == 0
-    assert "data.press: there is no none.csv" in good.stderr
+    assert "warning: good.yaml: no recording of the friction rig (data.rig)" in good.stderr
     bad = beltid("config", "check", "bad.yaml", "good.yaml", "worse.yaml")
     assert bad.exit_code == 2
     assert "bad.yaml:1:14: belt.ribs = 0" in bad.stderr
     assert "worse.yaml:1:7: rig.radius is not a known key" in bad.stderr
+
+
+@pytest.mark.parametrize(
+    ("named", "told"),
+    [
+        ("gone.csv", "data.rig = gone.csv, there is no such file"),
+        ("'gone*.csv'", "data.rig = gone*.csv, there is no such file"),
+        ("empty", "data.rig = empty: holds no recording"),
+        ("mixed", "data.rig = mixed: holds files of several kinds"),
+        ("empty.zip", "data.rig = empty.zip: the zip file is empty"),
+        ("cut.zip", "data.rig = cut.zip: the zip file is damaged or cut off"),
+        ("runs", ""),
+        ("'runs/R*.csv'", ""),
+        ("runs.zip", ""),
+    ],
+)
+def test_config_check_and_run_judge_recordings_alike(beltid: Any, named: str, told: str) -> None:
+    for name in ("runs/R1.csv", "runs/R2.csv", "mixed/a.csv", "mixed/b.lvm"):
+        Path(name).parent.mkdir(exist_ok=True)
+        Path(name).write_text("no recording yet\n")
+    Path("empty").mkdir()
+    for name, members in (("empty.zip", ()), ("runs.zip", ("R1.csv", "R2.csv"))):
+        with zipfile.ZipFile(name, "w") as archive:
+            for member in members:
+                archive.write(f"runs/{member}", member)
+    Path("cut.zip").write_bytes(Path("runs.zip").read_bytes()[:-40])
+    Path("c.yaml").write_text(f"belt: {{name: c}}\ndata:\n  rig: {named}\n")
+    checked, planned = beltid("config", "check", "c.yaml"), beltid("run", "c.yaml", "--dry-run")
+    for result in (checked, planned):
+        assert bool(result.exit_code) == bool(told), result.stderr
+        assert f"c.yaml:3:8: {told}" in result.stderr if told else True
+
+
+def test_a_config_without_recordings_can_neither_be_run_nor_checked(beltid: Any) -> None:
+    Path("c.yaml").write_text("belt: {name: c}\n")
+    for call in (("config", "check"), ("run",)):
+        result = beltid(*call, "c.yaml")
+        assert result.exit_code == 2
+        assert "data names no recording, must be at least one of press, rig" in result.stderr
 
 
 def test_info_without_a_file_tells_what_runs_here(beltid: Any) -> None:

@@ -129,6 +129,32 @@ def test_a_belt_without_speed_loss_recording_does_without_it(ran: Path, beltid: 
     assert "everything is up to date" in beltid("run", "--no-report", "beltid.yaml").stdout
 
 
+@pytest.mark.parametrize(
+    ("named", "done", "told"),
+    [
+        (
+            "rig: rig.csv",
+            {"fit-friction", "build-surface"},
+            "no recording of the press (data.press): no contact law",
+        ),
+        ("press: press.csv", {"fit-stiffness"}, "no recording of the friction rig (data.rig)"),
+    ],
+)
+def test_what_can_be_done_without_a_recording_is_done(
+    bench: Path, beltid: Any, named: str, done: set[str], told: str
+) -> None:
+    (bench / "part.yaml").write_text(f"belt: {{name: part}}\ndata: {{{named}, date: 2024-05-17}}\n")
+    result = beltid("run", "part.yaml", "--json", "-j", "1")
+    assert result.exit_code == 0, result.stderr
+    assert f"warning: part: {told}" in result.stderr
+    row = json.loads(result.stdout)["table"][0]
+    assert {stage for stage, state in row["stages"].items() if state == "done"} == done | {"report"}
+    others = {state for stage, state in row["stages"].items() if stage not in done | {"report"}}
+    assert others == {"no recording"}
+    assert row["status"].startswith("done, without ")
+    assert "2024-05-17" in (bench / "runs/part/report.html").read_text()
+
+
 def test_everything_wrong_with_the_configs_is_said_before_anything_runs(
     bench: Path, beltid: Any, second: Path
 ) -> None:
@@ -138,7 +164,6 @@ def test_everything_wrong_with_the_configs_is_said_before_anything_runs(
     assert result.exit_code == 2
     assert result.stdout == ""
     assert "beltid.yaml:3:8: data.rig = gone.csv, there is no such file" in result.stderr
-    assert "data.press is missing" in result.stderr
     assert "second.yaml: belt.name = 5PK" in result.stderr
     assert "none.yaml" in result.stderr
     assert not (bench / "runs").exists()

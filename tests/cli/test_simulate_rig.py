@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -177,3 +178,43 @@ def test_a_dead_weight_keeps_its_force_and_its_recording_is_reduced(
     # Eq. (6) from the tensions that slide
     ratio = recorded["tension_tight_N"][-1] / 220.0
     assert mu == pytest.approx(math.log(ratio) / math.radians(82), rel=1e-3)
+
+
+def _runs(path: Path) -> set[tuple[float, float, float]]:
+    """Settings of the runs of a simulated recording; of the speeds the nearest hundredth."""
+    runs = read_artifact(path, "simulated").metadata.runs
+    return {
+        (row["arc_deg"], row["initial_tension_N"], round(row["pulley_speed_rad_s"], 2))
+        for row in runs
+    }
+
+
+def test_the_runs_are_those_measured_where_the_config_states_no_settings(
+    bench: Path, beltid: Any
+) -> None:
+    (bench / "open.yaml").write_text("simulation: {method: steady}\n")
+    result = beltid(*CALL, "-c", "open.yaml", "-o", "open.parquet")
+    assert result.exit_code == 0, result.stderr
+    assert "32 runs, steady, at the settings measured" in result.stderr
+    tensions, speeds = (100.0, 220.0, 310.0, 411.0), (0.05, 0.10, 0.21, 0.42)
+    assert _runs(bench / "open.parquet") == set(product((40.0, 82.0), tensions, speeds))
+    compared = beltid("compare", "friction.parquet", "open.parquet", "-c", "open.yaml", "--json")
+    assert json.loads(compared.stdout)["facts"]["runs_compared"] == 32
+    # elsewhere nothing tells what was measured, unless it is named
+    (bench / "away").mkdir()
+    (bench / "surface.parquet").rename(bench / "away/surface.parquet")
+    away = ("simulate-rig", "away/surface.parquet", "stiffness.parquet", "-c", "open.yaml")
+    assert "120 runs, steady, as the config states" in beltid(*away).stderr
+    assert "32 runs" in beltid(*away, "--from", "friction.parquet", "--force").stderr
+
+
+def test_stated_settings_that_differ_are_shown_before_anything_is_simulated(
+    bench: Path, beltid: Any
+) -> None:
+    (bench / "other.yaml").write_text("rig: {arcs_deg: [40, 70]}\nsimulation: {method: steady}\n")
+    lines = beltid(*CALL, "-c", "other.yaml", "-o", "other.parquet").stderr.splitlines()
+    told = [k for k, line in enumerate(lines) if "states 40, 70 °, measured are 40, 82 °" in line]
+    begun = [k for k, line in enumerate(lines) if "32 runs, steady" in line]
+    assert len(told) == 1
+    assert told < begun
+    assert {run[0] for run in _runs(bench / "other.parquet")} == {40.0, 70.0}

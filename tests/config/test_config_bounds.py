@@ -52,7 +52,7 @@ def with_slip(config: Config) -> RequiredSpeeds:
 
 
 def with_points(config: Config) -> tuple[OperatingPoint, ...]:
-    from beltid.stages.campaign import Picked, planned_runs
+    from beltid.stages.planned_runs import Picked, planned_runs
 
     return tuple(run.point for run in planned_runs(config, Picked()))
 

@@ -64,6 +64,14 @@ def test_influence_of_temperature_is_the_difference_of_the_laws() -> None:
     assert line(axes, "60 °C")[-1, 1] == pytest.approx(100.0 * (force[1] / force[2] - 1.0))
 
 
+def test_one_temperature_shows_no_influence_of_it() -> None:
+    sheet = results().sheets["stiffness"]
+    warm = {name: values[[0, -1]] for name, values in sheet.columns.items()}
+    picture = press.deviation(replace(sheet, columns=warm))
+    assert picture.figure is None
+    assert "is not known" in picture.caption
+
+
 def test_error_of_the_law_comes_from_its_covariance() -> None:
     depth = np.array([5e-5])
     got = press.force_se(results().sheets["stiffness"], 2, depth)

@@ -16,15 +16,8 @@ from beltid.identify.friction.reduction import reduce_runs
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt
-from beltid.stages.campaign import (
-    Picked,
-    PlannedRun,
-    as_resting,
-    planned_runs,
-    recording_columns,
-    result_row,
-    simulation_settings,
-)
+from beltid.stages.campaign import recording_columns, result_row, simulation_settings
+from beltid.stages.planned_runs import Picked, PlannedRun, as_resting, planned_runs
 from beltid.stages.simulated_runs import simulate_rig
 from beltid.tables import schemas
 
@@ -48,31 +41,6 @@ class Limit:
     mu: float = 0.0
     normal_force_N_m: float = 0.0
     recording: dict[str, Any] | None = None
-
-
-def test_runs_are_all_settings_in_the_order_of_the_config() -> None:
-    runs = planned_runs(CONFIG, Picked())
-    assert [run.label for run in runs] == [f"S00{k}" for k in range(1, 9)]
-    assert runs[0] == PlannedRun("S001", 82, 100, 0.1)
-    assert runs[1].pulley_speed_rad_s == 0.2
-    assert runs[2].initial_tension_N == 270.5
-    assert runs[4].arc_deg == 40
-    assert runs[0].point.beta == pytest.approx(math.radians(82))
-
-
-def test_picked_runs_keep_their_labels() -> None:
-    runs = planned_runs(CONFIG, Picked(arcs_deg=(40.0,), tensions_N=(270.5,)))
-    assert [run.label for run in runs] == ["S007", "S008"]
-
-
-def test_all_wrong_picks_are_said_at_once() -> None:
-    with pytest.raises(InputError) as caught:
-        planned_runs(CONFIG, Picked((41.0,), (270.0,), (0.1, 0.3)))
-    assert caught.value.problems == (
-        "--arc = 41, must be one of those of the config: 82, 40",
-        "--tension = 270, must be one of those of the config: 100, 270.5",
-        "--speed = 0.3, must be one of those of the config: 0.1, 0.2",
-    )
 
 
 @pytest.mark.parametrize("minimum", [8, 20, 500])

@@ -77,3 +77,13 @@ def test_the_frame_has_the_same_rows(tmp_path: Path) -> None:
 
     frame = pd.read_csv(recording(tmp_path))
     assert len(beltid.fit_slip(frame).to_frame()) == 16
+
+
+def test_speeds_of_the_rig_are_told_only_if_they_are_stated(tmp_path: Path) -> None:
+    path = recording(tmp_path)
+    told = []
+    for rig in ({}, {"pulley_speeds_rad_s": [0.3]}):
+        found = beltid.fit_slip(beltid.read_speedloss(path), {"rig": rig})
+        told.append("the rig runs at 0.3 rad/s" in " ".join(found.notes))
+        assert rig or "the rig runs at" not in " ".join(found.notes)
+    assert told == [False, True]

@@ -102,7 +102,7 @@ def check(
     *,
     common: Common,
 ) -> None:
-    """Check configs: unknown keys, values that are not allowed, recordings that are not there.
+    """Check configs as run does: keys, values, recordings that are not there or hold nothing.
 
     All problems are told at once, with file, line and column. Exit status 2 if there are any.
 

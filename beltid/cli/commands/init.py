@@ -29,7 +29,7 @@ QUESTIONS: Final = (
     ("data.speedloss", "Recording of the speed-loss bench (file, empty: none)"),
     ("data.origin", "Where they come from: measured or synthetic (empty: not said)"),
 )
-"""What is asked on a terminal, in this order; an empty answer keeps the default."""
+"""What is asked on a terminal, in this order; an empty answer keeps the default, which is shown."""
 
 
 def _numbers(text: str | None) -> list[Any] | None:
@@ -91,8 +91,9 @@ def init(
 ) -> None:
     """Write the config of a new belt, with the meaning, unit and range of every key.
 
-    On a terminal, what no flag says is asked; elsewhere it keeps its default and is marked so in
-    the file. A file that stands there is replaced with --force only.
+    On a terminal, what no flag says is asked, with its default; elsewhere it keeps its default and
+    is marked so in the file. Contact arcs, tensions and speeds are read from the recording of the
+    rig, if one is named. A file that stands there is replaced with --force only.
 
     Example: beltid init 6pk --press press.csv --rig rig.csv --pulley-radius 0.06
     """
@@ -122,23 +123,48 @@ def init(
     ask = on_terminal() and not (no_input or common.quiet or common.json)
 
     def work(reporter: TerminalReporter) -> Summary:
-        answers = _asked(stated) if ask else stated
+        answers = _asked(stated, reporter) if ask else stated
         return stage.run(answers, common.out, Options(force=common.force, reporter=reporter))
 
     finish(work, common, kept="no config was written")
 
 
-def _asked(stated: dict[str, Any]) -> dict[str, Any]:
-    """The answers to what no flag said."""
-    from beltid.config.yaml_source import scalar
+def _asked(stated: dict[str, Any], reporter: TerminalReporter) -> dict[str, Any]:
+    """The answers to what no flag said, each checked before the next question."""
+    from beltid.stages import new_config as stage
 
     answers = dict(stated)
     for key, question in QUESTIONS:
-        if key not in stated:
-            text = typer.prompt(question, default="", show_default=False, err=True).strip()
-            if text:
-                answers[key] = text if key.startswith("data.") or key in _WORDS else scalar(text)
+        if key in stated:
+            continue
+        default = stage.default_of(key, answers)
+        word = f"{default:g}" if isinstance(default, float) else default
+        shown = question if default is None else f"{question} [{word}]"
+        before = None
+        while text := _prompted(shown):
+            value = _value_of(key, text)
+            problems = stage.problems_of_answer(key, value)
+            for line in problems:
+                reporter.error(line)
+            # a recording may be named before there is one
+            if not problems or (value == before and key in _FILES):
+                answers[key] = value
+                break
+            before = value
     return answers
 
 
+def _prompted(question: str) -> str:
+    answer: str = typer.prompt(question, default="", show_default=False, err=True)
+    return answer.strip()
+
+
+def _value_of(key: str, text: str) -> Any:
+    """An answer as the config would read it."""
+    from beltid.config.yaml_source import scalar
+
+    return text if key in _FILES or key in _WORDS else scalar(text)
+
+
 _WORDS: Final = ("belt.name", "belt.type")
+_FILES: Final = ("data.press", "data.rig", "data.speedloss")

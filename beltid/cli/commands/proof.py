@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -16,6 +17,15 @@ from beltid.cli.program import Common, command, with_common_options
 def simulate_rig(
     surface: Surface,
     stiffness: Stiffness,
+    friction: Annotated[
+        Path | None,
+        typer.Option(
+            "--from",
+            metavar="FRICTION",
+            help="friction.parquet whose runs are repeated. Default: the one beside SURFACE that "
+            "it was made from, else all combinations of the settings under rig: of the config.",
+        ),
+    ] = None,
     method: Annotated[
         str | None,
         typer.Option(
@@ -28,24 +38,21 @@ def simulate_rig(
         list[float] | None,
         typer.Option(
             metavar="DEG",
-            help="Only runs with this contact arc, one of rig.arcs_deg of the config; "
-            "may be repeated.",
+            help="Only runs with this contact arc, one of those measured; may be repeated.",
         ),
     ] = None,
     tension: Annotated[
         list[float] | None,
         typer.Option(
             metavar="N",
-            help="Only runs with this initial tension, one of rig.initial_tensions_N of the "
-            "config; may be repeated.",
+            help="Only runs with this initial tension, one of those measured; may be repeated.",
         ),
     ] = None,
     speed: Annotated[
         list[float] | None,
         typer.Option(
             metavar="RAD/S",
-            help="Only runs with this pulley speed, one of rig.pulley_speeds_rad_s of the config; "
-            "may be repeated.",
+            help="Only runs with this pulley speed, one of those measured; may be repeated.",
         ),
     ] = None,
     elements: Annotated[
@@ -74,7 +81,8 @@ def simulate_rig(
     """Repeat the runs of the friction rig on the computer, with the identified contact.
 
     A flexible belt (ANCF beam elements) is laid on the pulley, tightened, and the pulley turned:
-    stick, slip and full sliding. All arcs, tensions and speeds of the config, or those picked.
+    stick, slip and full sliding. All runs that were measured, each setting once, or those picked;
+    lists under rig: of the config hold above what was measured.
     Writes simulated.parquet with the columns of a bench recording; runs picked by --arc, --tension
     or --speed go to simulated_part.parquet, so that a part never replaces the whole campaign.
 
@@ -93,6 +101,8 @@ def simulate_rig(
     )
     name = "simulated_part.parquet" if arc or tension or speed else "simulated.parquet"
     inputs = {"surface": surface, "stiffness": stiffness}
+    if friction is not None:
+        inputs["friction"] = friction
     execute(stage.run, inputs, name, common, options)
 
 

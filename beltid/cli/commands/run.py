@@ -28,9 +28,9 @@ def run(
         list[Path] | None,
         typer.Argument(
             metavar="CONFIG",
-            help="Configs, one per belt. Each names its recordings under data: press and rig are "
-            "needed, speedloss may be left out. Default: the config of --config, else the one "
-            "that the environment variable BELTID_CONFIG names.",
+            help="Configs, one per belt. Each names its recordings under data: press, rig and "
+            "speedloss; without press or rig what can be done is done. Default: the config of "
+            "--config, else the one that the environment variable BELTID_CONFIG names.",
         ),
     ] = None,
     bootstrap: Bootstrap = 0,

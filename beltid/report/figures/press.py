@@ -137,6 +137,10 @@ def force_se(stiffness: Sheet, row: int, depth: np.ndarray) -> np.ndarray:
 def deviation(stiffness: Sheet) -> Picture:
     """How far the law of each temperature is from the pooled one."""
     row, at = stiffness.pooled_row, stiffness["temperature_degC"]
+    title = "Influence of temperature"
+    if np.count_nonzero(np.isfinite(at)) < 2:
+        why = "All tests are at one temperature: whether it has an influence is not known."
+        return absent("press-deviation", title, why)
     deepest = stiffness["max_penetration_m"][row]
     with style():
         fig = figure()
@@ -158,7 +162,7 @@ def deviation(stiffness: Sheet) -> Picture:
         legend_below(fig, [axes])
     return Picture(
         "press-deviation",
-        "Influence of temperature",
+        title,
         "Force of the law at each temperature less that of the pooled law, relative; the band is "
         "twice the standard error of the pooled law.",
         fig,

@@ -1,0 +1,74 @@
+"""The recordings that a config names: are they there, and what cannot be had without one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from beltid.artifacts.file_bytes import opened, read_bytes
+from beltid.bench.files.archives import members
+from beltid.bench.files.sniff import ZIP, sniff
+from beltid.bench.files.sources import exists, is_many, sources_of
+from beltid.config import Config, ConfigSource
+from beltid.config.yaml_source import KeyPath, format_path, parse, read_text
+from beltid.errors import InputError, Problem
+
+WITHOUT: Final = {
+    "press": "no recording of the press (data.press): no contact law; the friction surface is that "
+    "of the published procedure, not refined, and nothing is simulated, compared or predicted",
+    "rig": "no recording of the friction rig (data.rig): no friction; the contact law of the press "
+    "and the sliding speeds in service are all that is found",
+}
+"""Kind of recording that the chain is made for -> what a belt lacks without one."""
+
+
+def lacking(config: Config) -> list[str]:
+    """Kinds of recordings that the chain is made for and that a config does not name."""
+    return [kind for kind in WITHOUT if kind not in config.data.files]
+
+
+def wrong_recordings(source: ConfigSource) -> list[str]:
+    """What is wrong with the recordings that a config names, each with its place in the file.
+
+    Folders, patterns and zip files are looked into as the stage does that reads them.
+    """
+    path = source.path
+    assert path is not None
+    places = parse(read_text(path), str(path))
+    data, tables = source.config.data.files, source.config.runs.tables
+    problems: list[str] = []
+    if not data:
+        problems.append(
+            f"{places.prefix(('data',))}data names no recording, must be at least one of press, "
+            "rig and speedloss"
+        )
+    named: dict[KeyPath, Path] = {("data", kind): file for kind, file in data.items()}
+    named |= {("runs", kind, "table"): file for kind, file in tables.items()}
+    for keys, file in named.items():
+        at = f"{places.prefix(keys)}{format_path(keys)}"
+        for what in _wrong(file, list(tables.values())):
+            problems.append(Problem(f"{at} = {what}", "missing-file"))
+    return problems
+
+
+def _wrong(file: Path, besides: list[Path]) -> Iterator[str]:
+    """What is wrong with the files that a path stands for, after its name."""
+    if not exists(file):
+        yield f"{file}, there is no such file"
+        return
+    try:
+        if is_many(file):
+            sources_of(file, besides)
+        else:
+            _look_into(file)
+    except InputError as error:
+        yield from error.problems
+
+
+def _look_into(file: Path) -> None:
+    """Refuse a file that may not be read, and a zip file without a recording in it."""
+    with opened(file) as stream:
+        head = stream.read(4)
+    if head[:2] == b"PK" and sniff(data := read_bytes(file)) == ZIP:
+        list(members(data, file))

@@ -1,0 +1,326 @@
+"""Which runs the simulated rig makes, and what they are for a belt that runs.
+
+Simulated are the runs that were measured, each combination of settings once: where every run has
+a tension and a speed of its own, that is every run. What the config states of the settings holds
+above that: measured runs at other settings are left out, and a stated setting that nobody measured
+is combined with all the others. Without measured runs all combinations of the config are simulated.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from beltid.errors import InputError
+from beltid.identify.agreement.compare import OK, SAME_SETTING
+from beltid.identify.estimators.statistics import as_set
+from beltid.params import OperatingPoint
+
+if TYPE_CHECKING:
+    from beltid.config import Config
+
+KEYS: Final = {
+    "arc_deg": ("arcs_deg", "°"),
+    "nominal_tension_N": ("initial_tensions_N", "N"),
+    "pulley_speed_rad_s": ("pulley_speeds_rad_s", "rad/s"),
+}
+"""Column of a setting in the friction table -> its list in the section `rig`, and its unit."""
+MOST_COMBINED: Final = 10_000
+"""Combinations of stated with measured settings beyond which a key was meant otherwise."""
+SHOWN_VALUES: Final = 12
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedRun:
+    """One run of the simulated rig.
+
+    Attributes
+    ----------
+    label : str
+        Its label, that of its place in the whole campaign: the same however runs are picked.
+    arc_deg, initial_tension_N, pulley_speed_rad_s : float
+        Settings.
+    """
+
+    label: str
+    arc_deg: float
+    initial_tension_N: float
+    pulley_speed_rad_s: float
+
+    @property
+    def point(self) -> OperatingPoint:
+        """The settings for the science."""
+        return OperatingPoint(
+            beta=math.radians(self.arc_deg),
+            T_0=self.initial_tension_N,
+            omega=self.pulley_speed_rad_s,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Picked:
+    """Runs that the user picked; an empty tuple leaves a setting open."""
+
+    arcs_deg: tuple[float, ...] = ()
+    tensions_N: tuple[float, ...] = ()
+    speeds_rad_s: tuple[float, ...] = ()
+
+
+def planned_runs(
+    config: Config, picked: Picked, measured: np.ndarray | None = None
+) -> tuple[PlannedRun, ...]:
+    """Runs to simulate, those that were picked, in the order of the lists of the settings.
+
+    Parameters
+    ----------
+    config : Config
+        Its section `rig` states settings, or leaves them open.
+    picked : Picked
+        What the user picked.
+    measured : ndarray (n, 3), optional
+        Settings of the measured runs, as `measured_settings` returns them.
+
+    Raises
+    ------
+    InputError
+        If a value was picked that no run has, with the allowed ones; or if stated and measured
+        settings make too many combinations.
+    """
+    lists = _lists(config, measured)
+    if measured is None:
+        settings = list(product(*lists))
+    else:
+        settings = [*_as_stated(config, measured), *_not_measured(config, lists, measured)]
+        places = [{value: i for i, value in enumerate(values)} for values in lists]
+        settings.sort(key=lambda run: [of[value] for of, value in zip(places, run, strict=True)])
+    problems: list[str] = []
+    wanted = [
+        _chosen(values, allowed, option, problems)
+        for values, allowed, option in zip(
+            (picked.arcs_deg, picked.tensions_N, picked.speeds_rad_s),
+            lists,
+            ("--arc", "--tension", "--speed"),
+            strict=True,
+        )
+    ]
+    if problems:
+        raise InputError(problems)
+    runs = (PlannedRun(f"S{k:03d}", *setting) for k, setting in enumerate(settings, start=1))
+    return tuple(
+        run
+        for run in runs
+        if run.arc_deg in wanted[0]
+        and run.initial_tension_N in wanted[1]
+        and run.pulley_speed_rad_s in wanted[2]
+    )
+
+
+def measured_settings(friction: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Settings of the runs of a bench that can be compared, each combination once.
+
+    Repeated settings are told from the errors of motors and weights by their medians; where most
+    values of a campaign are their own, each run keeps what it was measured at.
+
+    Parameters
+    ----------
+    friction : mapping of str to ndarray (n,)
+        The reduced runs: arc_deg, nominal_tension_N, pulley_speed_rad_s, and status if there.
+
+    Returns
+    -------
+    ndarray (m, 3)
+        Contact arc [°], nominal initial tension [N], pulley speed without its sign [rad/s].
+    """
+    rows = np.column_stack([np.abs(np.asarray(friction[name], dtype=float)) for name in KEYS])
+    usable = np.all((rows > 0.0) & np.isfinite(rows), axis=1)
+    if "status" in friction:
+        usable &= friction["status"] == OK
+    rows = rows[usable]
+    snapped = [snap_to_settings(rows[:, k], SAME_SETTING[name]) for k, name in enumerate(KEYS)]
+    return np.unique(np.column_stack(snapped), axis=0)
+
+
+def snap_to_settings(values: np.ndarray, gap: float) -> np.ndarray:
+    """Values brought to the settings that they repeat; as they are where they repeat none."""
+    settings = as_set(values, gap)
+    repeated = 2 * np.unique(settings).size <= values.size
+    near = np.all(np.abs(values - settings) <= gap * values)
+    return settings if repeated and near else values
+
+
+def differing_settings(config: Config, measured: np.ndarray | None) -> list[str]:
+    """Settings that the config states and that are not those measured, with both lists."""
+    if measured is None or measured.size == 0:
+        return []
+    lines = []
+    for k, (name, (key, unit)) in enumerate(KEYS.items()):
+        if key not in config.rig.model_fields_set:
+            continue
+        stated, there = getattr(config.rig, key), np.unique(measured[:, k])
+        gap = SAME_SETTING[name]
+        if _near(there, stated, gap).all() and _near(np.array(stated), there, gap).all():
+            continue
+        lines.append(
+            f"rig.{key}: the config states {_listed(stated)} {unit}, measured are "
+            f"{_listed(there)} {unit}; simulated are those stated (without the key, those measured)"
+        )
+    return lines
+
+
+def _listed(values: Sequence[float] | np.ndarray) -> str:
+    text = ", ".join(f"{value:.4g}" for value in values[:SHOWN_VALUES])
+    more = len(values) - SHOWN_VALUES
+    return f"{text} and {more} more" if more > 0 else text
+
+
+def _near(values: np.ndarray, others: Sequence[float] | np.ndarray, gap: float) -> np.ndarray:
+    """Whether each value is the same setting as one of the others."""
+    known = np.asarray(others)
+    return np.any(np.abs(values[:, None] - known) <= gap * values[:, None], axis=1)
+
+
+def _lists(config: Config, measured: np.ndarray | None) -> list[list[float]]:
+    """Arcs, tensions and speeds: those stated, else those measured, else those built in."""
+    lists = []
+    for k, (key, _) in enumerate(KEYS.values()):
+        if measured is None or key in config.rig.model_fields_set:
+            lists.append(list(getattr(config.rig, key)))
+        else:
+            lists.append(np.unique(measured[:, k]).tolist())
+    return lists
+
+
+def _as_stated(config: Config, measured: np.ndarray) -> list[tuple[float, ...]]:
+    """The measured runs at stated settings, with the values as the config states them."""
+    rows, kept = measured.copy(), np.ones(len(measured), dtype=bool)
+    for k, (name, (key, _)) in enumerate(KEYS.items()):
+        if key in config.rig.model_fields_set:
+            stated = np.array(getattr(config.rig, key))
+            rows[:, k] = stated[np.argmin(np.abs(stated - measured[:, k, None]), axis=1)]
+            kept &= np.abs(rows[:, k] - measured[:, k]) <= SAME_SETTING[name] * measured[:, k]
+    return list(dict.fromkeys(map(tuple, rows[kept].tolist())))
+
+
+def _not_measured(
+    config: Config, lists: Sequence[Sequence[float]], measured: np.ndarray
+) -> list[tuple[float, ...]]:
+    """Combinations with a setting that is stated and that nobody measured."""
+    fresh = [
+        {value for value in values if not _near(np.array([value]), measured[:, k], gap).all()}
+        if key in config.rig.model_fields_set
+        else set()
+        for k, (values, gap, (key, _)) in enumerate(
+            zip(lists, SAME_SETTING.values(), KEYS.values(), strict=True)
+        )
+    ]
+    if not any(fresh):
+        return []
+    count = math.prod(len(values) for values in lists)
+    if count > MOST_COMBINED:
+        raise InputError(
+            [
+                *differing_settings(config, measured),
+                f"stated and measured settings make {count:,} combinations, must be at most "
+                f"{MOST_COMBINED:,}: leave the keys of rig out that are not those measured",
+            ]
+        )
+    return [
+        run
+        for run in product(*lists)
+        if any(value in new for value, new in zip(run, fresh, strict=True))
+    ]
+
+
+def as_resting(config: Config, runs: Sequence[PlannedRun]) -> tuple[PlannedRun, ...]:
+    """The runs of a running rig as those of a belt at rest; of another rig the runs themselves.
+
+    A belt of the mass m per length that runs with v_b through its shape needs the force m v_b² of
+    its tensions to be turned: what presses, rubs and bends is left to the effective tensions
+    T - m v_b², and friction acts at the sliding speed abs(omega R - v_b). With these the balance of
+    the running belt is that of the belt at rest, but for its strain: it runs faster where it is
+    longer, so that the sliding speed differs by v_b (T_tight - T_slack)/EA between the ends of the
+    arc. The coefficient is taken at one speed (docs/theory.md gives the size of the error).
+
+    Raises
+    ------
+    InputError
+        If the belt speed is not known, or a run has no tension or no sliding left.
+    """
+    rig = config.rig
+    if rig.kind != "running":
+        return tuple(runs)
+    v_b, momentum = belt_speed(config), momentum_N(config)
+    problems, resting = [], []
+    for run in runs:
+        T_0 = run.initial_tension_N - momentum
+        omega = abs(run.pulley_speed_rad_s - v_b / rig.pulley_radius_m)
+        if T_0 <= 0.0:
+            problems.append(
+                f"run {run.label}: initial tension {run.initial_tension_N:g} N, must be above "
+                f"{momentum:.4g} N, which turn the running belt"
+            )
+        if omega == 0.0:
+            problems.append(
+                f"run {run.label}: pulley speed {run.pulley_speed_rad_s:g} rad/s, must differ from "
+                "that of the belt"
+            )
+        resting.append(replace(run, initial_tension_N=T_0, pulley_speed_rad_s=omega))
+    if problems:
+        raise InputError(problems)
+    return tuple(resting)
+
+
+def belt_speed(config: Config) -> float:
+    """Speed of the belt of a running rig [m/s]."""
+    if config.rig.belt_speed_m_s is None:
+        text = "rig.belt_speed_m_s is not set, must be the speed of the belt to simulate"
+        raise InputError(f"{text} a running rig [m/s]")
+    return config.rig.belt_speed_m_s
+
+
+def momentum_N(config: Config) -> float:
+    """Part of the tensions of a running belt that turns it [N]."""
+    return config.belt.mass_per_length_kg_m * belt_speed(config) ** 2
+
+
+def _chosen(
+    picked: Sequence[float], allowed: Sequence[float], option: str, problems: list[str]
+) -> set[float]:
+    if not picked:
+        return set(allowed)
+    found = set()
+    for value in picked:
+        near = [a for a in allowed if math.isclose(a, value, rel_tol=1e-6)]
+        if not near:
+            known = _listed(allowed)
+            problems.append(f"{option} = {value:g}, must be one of those of the campaign: {known}")
+        found.update(near)
+    return found
+
+
+def checked_run(arc_deg: Any, initial_tension_N: Any, pulley_speed_rad_s: Any) -> PlannedRun:
+    """A run with the settings of a call, or an error with all that is wrong with them."""
+    settings = (
+        ("arc_deg", arc_deg, 360.0, "> 0 and < 360 °"),
+        ("initial_tension_N", initial_tension_N, math.inf, "> 0 N and finite"),
+        ("pulley_speed_rad_s", pulley_speed_rad_s, math.inf, "> 0 rad/s and finite"),
+    )
+    problems = []
+    for name, value, limit, allowed in settings:
+        if not is_number(value):
+            problems.append(f"{name} = {value!r}, must be a number {allowed}")
+        elif not 0.0 < value < limit:
+            problems.append(f"{name} = {float(value):g}, must be {allowed}")
+    if problems:
+        raise InputError(problems)
+    return PlannedRun("S001", *(float(value) for _, value, _, _ in settings))
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value is a single real number; true and false are none."""
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
