@@ -372,6 +372,7 @@ class _Flow:
                 (points.patches.status, start.points.patches.status),
                 (points.patches.sign, start.points.patches.sign),
                 (points.patches.la_T, start.points.patches.la_T),
+                (points.patches.turning, start.points.patches.turning),
                 (points.last.limit, start.points.last.limit),
             ):
                 to[:] = of
@@ -426,10 +427,11 @@ class _Flow:
                 elif hard:
                     sticking = patches.status == STICK
                     patches.la_T[sticking] = patches.force[sticking]
+                self._follow_turns()
                 kept = self._copy()
                 most = max(most >> int(rounds > FREE_ROUNDS and rounds % PATIENCE == 0), 1)
                 changes = self._change_sides(augmentation, hard, most)
-                if changes == 0 and (not hard or self._holds()):
+                if changes == 0 and (not hard or (self._holds() and not self._find_turns())):
                     break
 
     def _newton(self, target: Target, augmentation: float, friction: float = 1.0) -> bool:
@@ -462,6 +464,7 @@ class _Flow:
         open_ = patches.limit == 0.0
         edge = np.any(self.points.F_max == 0.0, axis=1) | np.roll(open_, 1) | np.roll(open_, -1)
         changes = np.where(edge, sticking | (backward & (self.turns < MOST_TURNS)), changes)
+        changes &= ~patches.turning
         holding = np.where(edge, patches.slip, holding)
         changed = np.flatnonzero(changes & (patches.limit > 0.0))[:most]
         now = holding[changed]
@@ -475,6 +478,34 @@ class _Flow:
         if hard:
             patches.la_T[changed] = patches.force[changed]
         return changed.size
+
+    def _follow_turns(self) -> None:
+        """A patch within which the sliding no longer turns is an ordinary one again."""
+        patches = self.points.patches
+        backward = patches.turning & (patches.sign * patches.slip < 0.0)
+        patches.status[backward] = STICK
+        patches.la_T[backward] = patches.force[backward]
+        patches.turning[:] &= ~backward & (patches.sign * patches.slip_out < 0.0)
+
+    def _find_turns(self) -> bool:
+        """Mark the patches within which the sliding changes its direction; whether there are more.
+
+        A patch that sticks alone between two that slide in opposite directions is one if it would
+        take more than friction to hold the belt where it is entered, (R6).
+        """
+        patches, flow = self.points.patches, self.v0 / self.system.belt.EA
+        slides = (patches.status == SLIDE) & (patches.limit > 0.0)
+        turns = slides & (patches.sign * patches.slip_out < 0.0)
+        sign, behind = np.roll(patches.sign, 1), np.roll(patches.sign, -1)
+        alone = (patches.status == STICK) & np.roll(slides, 1) & np.roll(slides, -1)
+        at_entry = sign * patches.force - sign * patches.slip_out / flow
+        alone &= (sign * behind < 0.0) & (at_entry > patches.limit)
+        edge = np.any(self.points.F_max == 0.0, axis=1)
+        new = (turns | alone) & ~edge & ~patches.turning
+        patches.sign[alone & new] = sign[alone & new]
+        patches.turning[new] = True
+        patches.status[new] = SLIDE
+        return bool(new.any())
 
     def _holds(self) -> bool:
         """Whether what sticks does not slip."""
@@ -503,6 +534,7 @@ class _Flow:
             patches.slip,
             patches.force,
             patches.limit,
+            patches.turning,
         )
 
     def _whole_slip(self) -> float:

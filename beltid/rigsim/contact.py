@@ -147,6 +147,10 @@ class Patches(NamedTuple):
     pull, carry : ndarray, shape (n_e, 8)
         Direction W_T in the coordinates of the element, and by how much the slip falls with them.
         They are the same in a step.
+    turning : ndarray of bool
+        Sliding patches of a running belt within which the slip may change its direction.
+    slip_out : ndarray
+        Slip at the downstream end of a patch of a running belt (output).
     """
 
     status: NDArray[np.int64]
@@ -158,6 +162,8 @@ class Patches(NamedTuple):
     limit: Array
     pull: Array
     carry: Array
+    turning: NDArray[np.bool_]
+    slip_out: Array
 
 
 class LastStep(NamedTuple):
@@ -230,6 +236,8 @@ def new_points(belt: BeltArrays, status: int) -> Points:
             limit=np.zeros(n_e),
             pull=np.zeros((n_e, 8)),
             carry=np.zeros((n_e, 8)),
+            turning=np.zeros(n_e, dtype=np.bool_),
+            slip_out=np.zeros(n_e),
         ),
         last=LastStep(
             theta=np.zeros((n_e, n_c)),

@@ -157,6 +157,79 @@ def add_contact(
     return outside
 
 
+class Turn(NamedTuple):
+    """Direction of the friction on a patch within which the sliding may change it.
+
+    ``sign`` is its mean over the patch [-], ``by_in`` and ``by_out`` the derivatives in the slips
+    at both ends [s/m]; these are 0 where the direction does not change.
+    """
+
+    sign: float
+    by_in: float
+    by_out: float
+
+
+@leaf
+def mean_direction(slip_in: float, slip_out: float, sign: float, fall: float) -> Turn:
+    """Mean direction of the sliding over a patch that is entered with ``sign``, (R6).
+
+    Friction in the direction of the slip slows its fall, friction against it speeds it up. So the
+    slip is linear on either side of its zero, with slopes that differ by twice ``fall`` over the
+    length of the patch.
+
+    Parameters
+    ----------
+    slip_in, slip_out : float
+        Slip at the upstream and the downstream end [m/s].
+    sign : float
+        Direction at the upstream end.
+    fall : float
+        Change of the slip along the patch by all of its friction [m/s].
+    """
+    a, b = sign * slip_in / fall, max(-sign * slip_out / fall, 0.0)
+    ahead = max(a, 0.0)
+    y = ahead + b
+    root = math.sqrt(y * y + 4.0 * (1.0 + ahead - b))
+    mean = 0.5 * (root - y)
+    by_in, by_out = 0.5 * ((y + 2.0) / root - 1.0), 0.5 * (1.0 - (y - 2.0) / root)
+    if a < 0.0:  # on the way to a solution only
+        mean, by_in = max(mean + a, -1.0), 1.0
+    if b == 0.0:
+        by_out = 0.0
+    return Turn(sign * mean, by_in / fall, by_out / fall)
+
+
+@leaf
+def end_slips(points: Points, e: int, counts: Array) -> None:
+    """Slip at both ends of a patch of a running belt, linear through the two points nearest.
+
+    Parameters
+    ----------
+    points : Points
+        Contact points; the slips are written into their patches.
+    e : int
+        The patch, which touches.
+    counts : ndarray, shape (2, n_c)
+        Derivatives of both by the slips of the points (output).
+    """
+    patches, n_c = points.patches, counts.shape[1]
+    first, last = 0, n_c - 1
+    while points.F_max[e, first] == 0.0:
+        first += 1
+    while points.F_max[e, last] == 0.0:
+        last -= 1
+    counts[:] = 0.0
+    if last == first:
+        counts[0, first] = counts[1, first] = 1.0
+    else:
+        counts[0, first], counts[0, first + 1] = 1.5, -0.5
+        counts[1, last], counts[1, last - 1] = 1.5, -0.5
+    patches.slip[e] = patches.slip_out[e] = 0.0
+    for c in range(first, last + 1):
+        patches.slip[e] += counts[0, c] * points.slip[e, c]
+        patches.slip_out[e] += counts[1, c] * points.slip[e, c]
+
+
 @leaf
 def spread_friction(
     belt: BeltArrays,
@@ -174,6 +247,7 @@ def spread_friction(
     n_c = belt.w_c.shape[1]
     flows, surface_speed = motion.flow > 0.0, motion.omega * pulley.R
     patches, last = points.patches, points.last
+    counts = np.zeros((2, n_c))
     for e in range(belt.h.size):
         limit = limit_last = 0.0
         for c in range(n_c):
@@ -186,38 +260,40 @@ def spread_friction(
         # the spread is that of the last step: as a constant it makes the tangent exact
         spread = last.limit if limit_last > 0.0 else points.F_max
         share = 1.0 / (limit_last if limit_last > 0.0 else limit)
-        slip, first = 0.0, 0
-        while points.F_max[e, first] == 0.0:
-            first += 1
-        # a running belt: the slip at the upstream end, linear through the first two points
-        two = first + 1 < n_c and points.F_max[e, first + 1] > 0.0
+        sign, sticks = patches.sign[e], patches.status[e] == STICK
+        slip, turn = 0.0, Turn(sign, 0.0, 0.0)
+        turns = flows and not sticks and patches.turning[e]
+        if flows:
+            end_slips(points, e, counts)
+            slip = patches.slip[e]
+        if turns:
+            fall = limit * motion.flow / belt.EA
+            turn = mean_direction(slip, patches.slip_out[e], sign, fall)
+            for c in range(n_c):
+                counts[0, c] = turn.by_in * counts[0, c] + turn.by_out * counts[1, c]
         for j in range(8):
             patches.pull[e, j] = patches.carry[e, j] = 0.0
         for c in range(n_c):
             if points.F_max[e, c] == 0.0:
                 continue
             weight, frame = share * spread[e, c], frames[e, c]
-            counts = weight
-            if flows:
-                counts = 0.0
-                if c == first:
-                    counts = 1.5 if two else 1.0
-                elif c == first + 1:
-                    counts = -0.5
-            slip += counts * points.slip[e, c]
+            if not flows:
+                counts[0, c] = weight
+                slip += weight * points.slip[e, c]
             for j in range(4):
                 N, D = belt.N_c[e, c, j], belt.D_c[e, c, j]
                 along = weight * N
                 patches.pull[e, 2 * j] += along * frame.n_y
                 patches.pull[e, 2 * j + 1] -= along * frame.n_x
-                falls = counts * (N * frame.slip_t + D * frame.slip_s)
-                across = counts * N * frame.slip_n
+                falls = counts[0, c] * (N * frame.slip_t + D * frame.slip_s)
+                across = counts[0, c] * N * frame.slip_n
                 patches.carry[e, 2 * j] += falls * frame.n_y + across * frame.n_x
                 patches.carry[e, 2 * j + 1] += across * frame.n_y - falls * frame.n_x
         patches.slip[e] = slip
-        sign, sticks = patches.sign[e], patches.status[e] == STICK
+        sign = turn.sign
         force = patches.la_T[e] + motion.augmentation * slip if sticks else sign * limit
         patches.force[e] = force
+        stiffness = limit if turns else motion.augmentation
         for c in range(n_c):
             points.F_T[e, c] = sign * points.F_max[e, c]
             if sticks and points.F_max[e, c] > 0.0:
@@ -235,10 +311,19 @@ def spread_friction(
                         by_slip = share * spread[e, c] * motion.augmentation
                     slip_c, beyond = slip, points.F_T[e, c]
                 frame.T_omega = by_slip * pulley.R
-                frame.T_stretch = (by_slip * (surface_speed - slip_c) - beyond) / stretch
-        if sticks:
+                by_fall = by_slip * (surface_speed - slip_c)
+                if turns:
+                    by_in, by_out = (
+                        turn.by_in * points.F_max[e, c],
+                        turn.by_out * points.F_max[e, c],
+                    )
+                    frame.T_omega += (by_in + by_out) * pulley.R
+                    by_fall += by_in * (surface_speed - slip)
+                    by_fall += by_out * (surface_speed - patches.slip_out[e])
+                frame.T_stretch = (by_fall - beyond) / stretch
+        if sticks or turns:
             for j in range(8):
-                stiff = motion.augmentation * patches.pull[e, j]
+                stiff = stiffness * patches.pull[e, j]
                 for k in range(8):
                     A[4 * e + j, HALF + k - j] += stiff * patches.carry[e, k]
 
