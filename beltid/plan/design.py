@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 TIE = 1.0e-9  # relative difference of two variances that is rounding: the first candidate is taken
-ARCS = 2  # that a plan has at least, where it has as many runs
+ARCS = 3  # that a plan has at least, where the rig has as many and the plan at least twice as many
 FEWEST_WITH_REPEAT = 3  # runs of a plan from which on one is repeated
 
 
@@ -160,7 +160,7 @@ def _lacking(runs: RunRows, chosen: list[int], count: int) -> NDArray[np.intp]:
     """Runs (n,) that a choice with each candidate added still needs, for arcs and repetition."""
     mine = np.unique(runs.arc[chosen])
     arcs = mine.size + ~np.isin(runs.arc, mine)
-    wanted = min(ARCS, count, np.unique(runs.arc).size)
+    wanted = min(max(2, min(ARCS, count // 2)), count, np.unique(runs.arc).size)
     repeated = np.isin(np.arange(runs.arc.size), chosen)
     if count < FEWEST_WITH_REPEAT or len(set(chosen)) < len(chosen):
         repeated[:] = True

@@ -156,6 +156,16 @@ class LinearModel:
             effects_gain=sizes[:, None] * gain[size:],
         )
 
+    def without_stated(self, smoothness: Smoothness) -> tuple[LinearModel, Smoothness]:
+        """The model, and its hyperparameters, in which effects of a stated size are no unknowns."""
+        free = [k for k, before in enumerate(self.before) if before is not None]
+        model = replace(
+            self,
+            effects=[self.effects[k] for k in free],
+            before=[self.before[k] for k in free],
+        )
+        return model, replace(smoothness, effects=tuple(smoothness.effects[k] for k in free))
+
     def residual(self, solution: Solution) -> Array:
         """What the solution leaves of the data (n,), noise."""
         of_surface, of_effects = self.J @ solution.parameters, self._Z @ solution.effects

@@ -5,8 +5,13 @@ bending: peaks of the force where the belt enters and leaves the pulley. Here th
 (its sliding limit, with sensitivities), and the surface is solved for by Gauss–Newton so that Eq.
 (6), applied to the simulated tensions, gives each measured coefficient. The shape of the surface is
 free; its smoothness is chosen by the data (:mod:`beltid.refine.evidence`), and so is what shifts
-the friction beside it (:mod:`beltid.refine.effects`). Errors that runs share are unknowns too
-where they are given, with their stated standard uncertainties.
+the friction beside it (:mod:`beltid.refine.effects`).
+
+Errors that runs share have stated standard uncertainties. The data say how large the effects are
+that those errors do not explain: what an arc set wrongly does to the runs at that arc is counted
+once, as the stated error. The surface itself does not follow what the runs say of the errors: a
+bench without them would lose accuracy, as the traces of such an error and of a model error are
+alike. It follows the effects alone; what the errors do to it is :mod:`beltid.uncertainty.refined`'s.
 """
 
 from __future__ import annotations
@@ -93,12 +98,14 @@ class RefinedSurface:
     roughness : ndarray, shape (size, size)
         Quadratic form that was added to the misfit.
     effects : tuple of FoundEffect
-        What shifts the friction beside the surface, and the stated errors as the runs show them.
-        What a whole effect has in common with the surface is not seen; it is in the covariance of
-        both.
+        What shifts the friction beside the surface. What a whole effect has in common with the
+        surface is not seen; it is in the covariance of both.
     effects_covariance, effects_gain : ndarray, shape (K, K), (K, n)
         Covariance of the numbers of all effects, in their order, and their derivatives by ln mu of
         the runs.
+    stated : FoundEffect or None
+        The errors that runs share as the runs show them, in units of their stated standard
+        uncertainties; the surface does not follow these values. None where no error was stated.
     """
 
     surface: FrictionSurface
@@ -121,6 +128,7 @@ class RefinedSurface:
     effects: tuple[FoundEffect, ...]
     effects_covariance: Array
     effects_gain: Array
+    stated: FoundEffect | None
 
     def effect(self, key: str) -> FoundEffect | None:
         """One of the effects; None if the runs cannot show it."""
@@ -160,7 +168,7 @@ def refine_surface(
         Force nodes of the surface that comes out.
     stated : ndarray, shape (n, K), optional
         Change of measured less simulated ln mu of each run by one standard uncertainty of each
-        error that runs share.
+        error that runs share. The effects are what they do not explain.
     reference_degC : float, optional
         Temperature to which the surface is corrected [°C]; by default it is that of the runs.
 
@@ -190,8 +198,8 @@ def refine_surface(
         np.array([run.temperature_degC for run in runs]),
         reference_degC,
     )
-    shared = () if stated is None else (Effect(STATED, stated),)
-    problem = _Problem(rig, curves, measured, errors, (*effects, *shared))
+    shared = Effect(STATED, np.zeros((len(runs), 0)) if stated is None else stated)
+    problem = _Problem(rig, curves, measured, errors, effects, shared)
     fit = _gauss_newton(problem, start)
     last = sweep_with_slopes(rig, curves, fit.parameters)
     variance = fit.model.variance(fit.smoothness)
@@ -217,6 +225,7 @@ def refine_surface(
         effects=_found(problem.effects, fit.smoothness, solution),
         effects_covariance=solution.effects_covariance,
         effects_gain=solution.effects_gain * (np.sqrt(fit.weight) / errors),
+        stated=None if stated is None else fit.stated_errors(problem),
     )
 
 
@@ -242,11 +251,12 @@ class _Problem:
     log_mu: Array
     errors: Array
     effects: tuple[Effect, ...]
+    stated: Effect
 
     def linearised(
         self, sweep: Sweep, parameters: Array, weight: Array, response: Array
     ) -> LinearModel:
-        """The data over their standard errors, linear about simulated runs.
+        """The data over their standard errors, linear about simulated runs, with the stated errors.
 
         `response` (n,) is what effects and scatter act by; it rests with the hyperparameters.
         """
@@ -258,23 +268,34 @@ class _Problem:
             difference=self.curves.difference(),
             response=response / self.errors,
             effects=[
-                effect.columns * (scale * (1.0 if effect.before is None else response))[:, None]
-                for effect in self.effects
+                *(effect.columns * (scale * response)[:, None] for effect in self.effects),
+                self.stated.columns * scale[:, None],
             ],
-            before=[effect.before for effect in self.effects],
+            before=[effect.before for effect in (*self.effects, self.stated)],
         )
 
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """Where the iteration ended: the last step is in, model and weights are those behind it."""
+    """Where the iteration ended: the last step is in, models and weights are those behind it.
+
+    `whole` has the stated errors among its unknowns, `model` has not: the surface is the solution
+    of the latter.
+    """
 
     parameters: Array
+    whole: LinearModel
+    chosen: Smoothness
     model: LinearModel
     smoothness: Smoothness
     weight: Array
     log_mu_before: Array
     iterations: int
+
+    def stated_errors(self, problem: _Problem) -> FoundEffect:
+        """The stated errors as the runs show them, with the surface and all effects unknown."""
+        solution = self.whole.solve(self.chosen)
+        return _found((*problem.effects, problem.stated), self.chosen, solution)[-1]
 
 
 def _gauss_newton(problem: _Problem, start: Array) -> _Fit:
@@ -284,7 +305,7 @@ def _gauss_newton(problem: _Problem, start: Array) -> _Fit:
     that the iteration cannot go in circles. They are chosen anew only where the linear model that
     they are chosen by has just held for a whole step, or at the end of the way down.
     """
-    smoothness = Smoothness(bending=10.0, difference=10.0, noise_scale=1.0)
+    chosen = Smoothness(bending=10.0, difference=10.0, noise_scale=1.0)
     parameters, weight, left = start, np.ones(problem.log_mu.size), np.zeros(problem.log_mu.size)
     share, change, choices, iteration = 1.0, np.inf, 0, 0
     try:
@@ -294,12 +315,13 @@ def _gauss_newton(problem: _Problem, start: Array) -> _Fit:
             fresh = choices < CHOICES and share in (0.0, 1.0)
             if fresh:
                 weight, response, choices = _weights(left), sweep.response, choices + 1
-            model = problem.linearised(sweep, parameters, weight, response)
+            whole = problem.linearised(sweep, parameters, weight, response)
             if fresh:
-                smoothness = choose_smoothness(model, smoothness)
+                chosen = choose_smoothness(whole, chosen)
+            model, smoothness = whole.without_stated(chosen)
             solution = model.solve(smoothness)
             scale = np.sqrt(weight) / problem.errors
-            left = model.residual(solution) / np.sqrt(weight * model.variance(smoothness))
+            left = whole.residual(whole.solve(chosen)) / np.sqrt(weight * whole.variance(chosen))
             step = solution.parameters - parameters
             # what the data see of the step: knots that carry no load may drift
             change = float(np.max(np.abs(sweep.J @ step)))
@@ -310,7 +332,9 @@ def _gauss_newton(problem: _Problem, start: Array) -> _Fit:
                 parameters = parameters + share * step
                 ended = share == 0.0 and merit.along(step) <= NOTHING
             if ended and (fresh or choices == CHOICES):
-                return _Fit(parameters, model, smoothness, weight, log_mu_before, iteration)
+                return _Fit(
+                    parameters, whole, chosen, model, smoothness, weight, log_mu_before, iteration
+                )
             if share == 0.0 and choices == CHOICES:
                 break
     except BeltidError as error:

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from beltid.errors import ConvergenceError
 from beltid.laws.friction_surface import FrictionSurface
-from beltid.refine.effects import STATED
 from beltid.refine.inverse import refine_surface
 from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.measured import Measured
@@ -93,7 +92,7 @@ def fit_bending(
             stated=-changes_of_residuals(campaign, unknown, slopes, along),
             reference_degC=reference_degC,
         )
-        errors = refined.effect(STATED)
+        errors = refined.stated
         assert errors is not None
         step, relative = WIDE * errors.values[-1], WIDE * float(np.sqrt(errors.covariance[-1, -1]))
         if abs(step) <= NOTHING * relative:

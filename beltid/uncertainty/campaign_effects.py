@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass
 from typing import Self
 
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.refine.effects import ARC, COURSE, ORDER, TEMPERATURE
-from beltid.refine.inverse import RefinedSurface
+from beltid.refine.inverse import MODEL_ERROR, RefinedSurface
 from beltid.uncertainty.refined import Refined, changes_of_residuals
 from beltid.uncertainty.sources import EFFECT_SOURCES
 
@@ -47,8 +48,11 @@ class ShownEffect:
 
     @property
     def is_clear(self) -> bool:
-        """Whether it is far more than its uncertainty."""
-        return abs(self.size) > CLEAR * self.uncertainty
+        """Whether it is far more than its uncertainty, and than the error of the simulated rig.
+
+        That error is alike in runs that are alike: it looks like an effect.
+        """
+        return abs(self.size) > CLEAR * math.hypot(self.uncertainty, MODEL_ERROR)
 
 
 def shown_effects(found: Refined) -> tuple[ShownEffect, ...]:

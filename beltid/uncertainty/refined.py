@@ -88,7 +88,14 @@ def refined_campaign(
     InputError, ConvergenceError
         As :func:`beltid.refine.inverse.refine_surface`.
     """
-    refined = refine_surface(campaign.bench, campaign.runs, speeds, reference_degC=reference_degC)
+    runs = campaign.runs
+    first = refine_surface(campaign.bench, runs, speeds, reference_degC=reference_degC)
+    slopes = refined_slopes(campaign, first, speeds)
+    # again from there, with the errors that the effects must not explain once more
+    near = replace(campaign.bench, surface=first.surface)
+    changes = changes_of_residuals(campaign, sources, slopes, first.speed_slope)
+    refined = refine_surface(near, runs, speeds, stated=-changes, reference_degC=reference_degC)
+    refined = replace(refined, misfit_before=first.misfit_before)
     effects = [found.effect for found in refined.effects]
     measured = campaign.measured.with_effects(effects, refined.response)
     shown = (
@@ -98,7 +105,7 @@ def refined_campaign(
         refined=refined,
         campaign=replace(campaign, measured=measured),
         sources=(*sources, *itertools.chain.from_iterable(shown)),
-        slopes=refined_slopes(campaign, refined, speeds),
+        slopes=slopes,
     )
 
 

@@ -189,3 +189,36 @@ def test_differences_of_arcs_are_found_and_their_mean_stays_unknown(spread):
     assert 0.88 <= np.mean(inside) <= 0.99
     # three degrees of freedom: the mean of s_a² is up to 3 / (3 - 2) times what the arcs show
     assert 0.8 * spread < np.median(size) < 1.8 * spread
+
+
+def _arcs_set_wrongly(seed: int, sigma: float) -> tuple[LinearModel, np.ndarray]:
+    """A level of 0.2 seen at four arcs, each with an error of a stated size and no effect else."""
+    rng = np.random.default_rng(seed)
+    curves = Curves(np.linspace(6.0, 9.0, 6), np.array([0.0]))
+    arc = np.eye(4)[np.arange(80) % 4]
+    J = curves.basis(rng.uniform(6.2, 8.8, 80))
+    y = J @ np.full(6, 0.2) + sigma * arc @ rng.normal(size=4) + 0.003 * rng.normal(size=80)
+    effects, before = (arc / 0.003, sigma * arc / 0.003), (BEFORE[ARC], None)
+    roughness = curves.bending(), curves.difference()
+    return LinearModel(J / 0.003, y / 0.003, *roughness, np.zeros(80), effects, before), J
+
+
+def test_a_stated_error_of_the_arcs_is_not_counted_once_more_as_their_effect():
+    # the mean of the four errors is never seen: the level has the standard deviation sigma / 2
+    sigma, z, sizes, alone = 0.01, [], [], []
+    for seed in range(60):
+        whole, J = _arcs_set_wrongly(seed, sigma)
+        chosen = choose_smoothness(whole, Smoothness(1.0, 0.0, 1.0))
+        model, smoothness = whole.without_stated(chosen)
+        found = model.solve(smoothness)
+        stated = found.gain @ whole.effects[1]
+        level = np.full(6, 1 / 6)
+        u = np.sqrt(level @ (found.covariance + stated @ stated.T) @ level)
+        assert u > 0.9 * sigma / 2.0
+        z.append((level @ found.parameters - 0.2) / u)
+        sizes.append(chosen.effects[0])
+        blind = replace(whole, effects=whole.effects[:1], before=whole.before[:1])
+        alone.append(choose_smoothness(blind, Smoothness(1.0, 0.0, 1.0)).effects[0])
+    assert np.median(sizes) < 0.5 * sigma
+    assert np.median(alone) > sigma  # what was counted twice where nothing is known of the errors
+    assert 0.90 <= np.mean(np.abs(z) < 1.96) <= 0.99

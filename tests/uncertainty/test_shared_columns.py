@@ -118,9 +118,13 @@ def test_an_error_equal_in_all_runs_is_as_large_in_both_surfaces(refined):
 
 
 def test_the_fit_weighs_runs_by_their_own_scatter(refined, plain):
-    for name in ("mu", "mu_se"):
-        # what rounding leaves of the own errors moves hyperparameters and step within their limits
-        np.testing.assert_allclose(refined.columns[name], plain.columns[name], rtol=2e-3)
+    # what rounding leaves of the own errors moves hyperparameters and step within their limits
+    np.testing.assert_allclose(refined.columns["mu"], plain.columns["mu"], rtol=2e-3)
+    shares = [
+        found.result.refined.errors / found.result.refined.errors.mean()
+        for found in (refined, plain)
+    ]
+    np.testing.assert_allclose(*shares, rtol=2e-3)
     assert np.all(refined.columns["mu_u"] > 1.5 * plain.columns["mu_u"])
 
 
@@ -228,7 +232,9 @@ def test_arcs_that_differ_are_told_with_their_size_and_are_in_the_uncertainty(us
     budget = lines(found.extra["budget"])
     # the three effects have a standard deviation of 3.5 %; their mean, 1 %, is not seen
     assert 1.0 < budget["differences between arcs"] < 5.0
-    assert lines(usual.extra["budget"])["differences between arcs"] < 0.1
+    # arcs that agree: an effect could hide in what an arc is stated to be set to, not beyond it
+    agreeing = lines(usual.extra["budget"])
+    assert agreeing["differences between arcs"] < agreeing["contact arc, each setting"]
 
 
 def test_runs_that_scatter_far_more_than_they_say_are_told(usual):
