@@ -1,9 +1,9 @@
 """What a press recording shows beside its scatter, and what it cannot show: one table of checks.
 
-Every check looks at a fitted law and says, if there is anything to say: what it found, in words
-with its number; the changes of (k_linear, k_quadratic) by one standard deviation that go with it,
-which enter the standard errors; and the share of the force that no recording of this kind can
-show, which enters the combined uncertainty only.
+Every check looks at a fitted law and gives its findings: what was found, in words; its number; and
+what it adds to the uncertainty. That is either changes of (k_linear, k_quadratic) by one standard
+deviation, which enter the standard errors, or, where no recording of this kind can show more, the
+number itself, which enters the combined uncertainty only.
 
 ====================  ================================================  ==========================
 Check                 What it looks for                                 Size of the error
@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -34,7 +34,15 @@ from scipy.special import stdtrit
 from beltid.errors import FitError, NumericsError
 from beltid.identify.press.curves import PressCurve
 from beltid.identify.press.dissipation import RATE_SPAN, approach
-from beltid.identify.press.fit import ROUNDING, FittedLaw, LawName, Nodes, correlation_time, fit_law
+from beltid.identify.press.fit import (
+    ROUNDING,
+    ZERO_SHARE,
+    FittedLaw,
+    LawName,
+    Nodes,
+    correlation_time,
+    fit_law,
+)
 from beltid.identify.press.recording import CycleChoice
 from beltid.identify.press.temperature import Scatter
 
@@ -84,23 +92,26 @@ class Case:
 class Finding:
     """What a check found."""
 
-    text: str  # with its number; empty if it is too small to be spoken of
+    check: str  # as in the table of this module
+    size: float  # share: of the force; of the penetration (seating); of the noise (scatter)
+    text: str = ""  # for the user; empty if it is too small to be spoken of
     changes: tuple[Array, ...] = ()
     """Changes of (k_linear, k_quadratic) by one standard deviation each, SI."""
-    unseen: float = 0.0  # standard uncertainty of the force that no such recording shows [-]
+    unseen: bool = False  # its size is a standard uncertainty that no such recording shows
     alarming: bool = False  # a warning, not a note
 
 
-def _of_scale(case: Case, share: float, text: str) -> Finding:
+def _of_scale(case: Case, check: str, share: float, text: str) -> Finding:
     """An error of the whole force, with its percentage in the text."""
     said = f"{text.format(100.0 * share)}; it is in the standard errors"
-    return Finding(said if share >= WORTH_SAYING else "", (share * case.k,), alarming=True)
+    said = said if share >= WORTH_SAYING else ""
+    return Finding(check, share, said, (share * case.k,), alarming=True)
 
 
-def _not_seen(share: float, text: str) -> Finding:
+def _not_seen(check: str, share: float, text: str) -> Finding:
     """What the recording cannot show."""
     said = f"{text} (in the combined uncertainty, not in the standard errors)"
-    return Finding(said if share >= WORTH_SAYING else "", unseen=share)
+    return Finding(check, share, said if share >= WORTH_SAYING else "", unseen=True)
 
 
 def _coefficient_at_zero(case: Case) -> list[Finding]:
@@ -133,7 +144,8 @@ def _coefficient_at_zero(case: Case) -> list[Finding]:
     came = f"{name} came out as {value * size:.3g} ± {se * abs(size):.2g} {unit}"
     # more than three standard errors, and a change of the force that is not negligible
     if abs(value) <= stdtrit(dof, 0.99865) * se or share <= 2e-3:
-        return [Finding(f"{came}, not different from zero: a {form} law was fitted")]
+        text = f"{came}, not different from zero: a {form} law was fitted"
+        return [Finding("coefficient at zero", share, text)]
     if off > LARGEST_MISFIT:
         raise FitError(
             f"{came} (changes the force by {100 * share:.2g} % of its largest value), must "
@@ -145,7 +157,7 @@ def _coefficient_at_zero(case: Case) -> list[Finding]:
         f"{came}, clearly negative: it is held at zero, and the {form} law is off by up to "
         f"{100 * off:.2g} % of the largest force"
     )
-    return [Finding(text, alarming=True)]
+    return [Finding("coefficient at zero", off, text, alarming=True)]
 
 
 def _lack_of_fit(case: Case) -> list[Finding]:
@@ -177,7 +189,8 @@ def _lack_of_fit(case: Case) -> list[Finding]:
     if weight > 1e-4:  # less would change no digit
         changes, weight = _other_laws(case, weight)
     text = "lack of fit: the law is off by {:.2g} % of the force"
-    return [_of_scale(case, math.sqrt(weight) * largest, text), Finding("", tuple(changes))]
+    found = _of_scale(case, "lack of fit", math.sqrt(weight) * largest, text)
+    return [replace(found, changes=(*found.changes, *changes))]
 
 
 def _probability(squares: float, others: float, more: int, n: int, m: float) -> float:
@@ -234,7 +247,7 @@ def _loading_only(case: Case) -> list[Finding]:
         "never unloaded: the law is that of the loading branch alone, which lies above the "
         "middle of the branches by 5 to 30 % of the force; it is in the standard errors"
     )
-    return [Finding(text, loops, alarming=True)]
+    return [Finding("loading only", LOOPS[0], text, loops, alarming=True)]
 
 
 def _seating(case: Case) -> list[Finding]:
@@ -247,19 +260,19 @@ def _seating(case: Case) -> list[Finding]:
         beyond = min(float(np.min(b.position_m)) for b in curve.branches) - offset
         if beyond > noted:
             text = f"extrapolated by {beyond * 1e6:.2g} µm beyond the recorded travel"
-            found.append(Finding(f"test {curve.test}: contact point {text}"))
+            found.append(f"test {curve.test}: contact point {text}")
         elif way > noted:
             text = f"{way * 1e6:.2g} µm before the contact point of the law"
             found.append(
-                Finding(
-                    f"test {curve.test}: force is carried from {text}: the belt seats gradually; "
-                    "it is in the standard errors"
-                )
+                f"test {curve.test}: force is carried from {text}: the belt seats gradually; "
+                "it is in the standard errors"
             )
+    findings = [Finding("seating", SEATING_SHARE, text) for text in found]
     shift = float(np.mean(np.maximum(before / law.data.span_m, 0.0)))
     if shift > 0.0:  # that way may or may not count as penetration
-        found.append(Finding("", (_change_to(case, lambda y: law.force(y - shift)),)))
-    return found
+        changes = (_change_to(case, lambda y: law.force(y - shift)),)
+        findings.append(Finding("seating", shift / float(np.max(law.y)), changes=changes))
+    return findings
 
 
 def _starts_in_contact(case: Case) -> list[Finding]:
@@ -271,7 +284,7 @@ def _starts_in_contact(case: Case) -> list[Finding]:
         f"begin in contact: {', '.join(unchecked)}: the zero of the load cell could not be "
         "checked and is an unknown of the fit; it is in the standard errors"
     )
-    return [Finding(text, alarming=True)]
+    return [Finding("starts in contact", ZERO_SHARE, text, alarming=True)]
 
 
 def _sole_virgin_cycle(case: Case) -> list[Finding]:
@@ -285,12 +298,13 @@ def _sole_virgin_cycle(case: Case) -> list[Finding]:
             "a single cycle: whether the belt was conditioned before cannot be seen, virgin rubber "
             "is some 10 % stiffer; press three cycles"
         )
-        return [_not_seen(share * VIRGIN, text)]
+        return [_not_seen("sole virgin cycle", share * VIRGIN, text)]
     text = (
         "tests of a single cycle beside tests whose first cycle is stiffer than the one used: "
         "the single ones may be virgin, by {:.2g} % of the pooled force"
     )
-    return [_of_scale(case, share * abs(float(np.mean(known))), text)]
+    stiffer = abs(float(np.mean(known)))
+    return [_of_scale(case, "sole virgin cycle", share * stiffer, text)]
 
 
 def _hold(case: Case) -> list[Finding]:
@@ -301,7 +315,7 @@ def _hold(case: Case) -> list[Finding]:
             f"no hold: a relaxation slower than the test leaves no trace, {100 * SLOW:.2g} % of "
             "the force are allowed for; hold the crosshead at the top"
         )
-        return [_not_seen(SLOW, text)]
+        return [_not_seen("hold", SLOW, text)]
     top, force = np.array([(c.top_position_m, c.hold_force_N_m) for c in case.curves])[held].T
     data = case.law.data
     law = case.law.force((top - case.contact_m[held]) / data.span_m) * data.F_N_m
@@ -309,7 +323,8 @@ def _hold(case: Case) -> list[Finding]:
         "loss by rate: in a hold the force falls below the law, the belt at rest is softer by "
         "{:.2g} % (what the hold shows and as much again)"
     )
-    return [_of_scale(case, 2.0 * max(float(np.mean(1.0 - force / law)), 0.0), text)]
+    softer = 2.0 * max(float(np.mean(1.0 - force / law)), 0.0)
+    return [_of_scale(case, "hold", softer, text)]
 
 
 def _speeds(case: Case) -> list[Finding]:
@@ -317,7 +332,8 @@ def _speeds(case: Case) -> list[Finding]:
     speeds = np.array([approach(c)[0] for c in case.curves])
     if np.all(speeds > 0.0) and speeds.max() >= RATE_SPAN * speeds.min():
         text = "loss by rate: the force changes by {:.2g} % with a tenfold speed of the press"
-        return [_of_scale(case, abs(_per_speed(case, np.log(speeds))) * math.log(10.0), text)]
+        decade = abs(_per_speed(case, np.log(speeds))) * math.log(10.0)
+        return [_of_scale(case, "speeds", decade, text)]
     unloaded = [c for c in case.curves if c.unloads]
     if not unloaded:
         return []
@@ -329,7 +345,7 @@ def _speeds(case: Case) -> list[Finding]:
         "one speed: whether the loss is by rate cannot be seen; if half of it is, the force "
         f"falls by some {100 * share:.2g} % for a press ten times slower; press at two speeds"
     )
-    return [_not_seen(share, text)]
+    return [_not_seen("speeds", share, text)]
 
 
 def _per_speed(case: Case, log_speed: Array) -> float:
@@ -348,8 +364,9 @@ def _scatter_of_the_tests(case: Case) -> list[Finding]:
     """Tests that differ by more than their noise widen the covariance of the fit."""
     if not case.scatter.curves_differ:
         return []
-    differ = f"the tests differ by {math.sqrt(case.scatter.inflation):.2g} times their noise"
-    return [Finding(f"{differ}; the standard errors are widened accordingly")]
+    times = math.sqrt(case.scatter.inflation)
+    text = f"the tests differ by {times:.2g} times their noise; the standard errors are widened"
+    return [Finding("scatter of the tests", times, f"{text} accordingly")]
 
 
 CHECKS: Final[tuple[Callable[[Case], list[Finding]], ...]] = (

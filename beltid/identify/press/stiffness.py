@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import FitError, InputError, NumericsError
-from beltid.identify.press.checks import CHECKS, Case
+from beltid.identify.press.checks import CHECKS, Case, Finding
 from beltid.identify.press.curves import PressCurve, read_recording
 from beltid.identify.press.fit import fit_quadratic
 from beltid.identify.press.laws import choose_normal_law
@@ -37,8 +37,6 @@ class LawEstimate:
     temperature_degC: float | None  # mean of the tests, None for the pooled law
     k_linear_N_m2: float  # coefficients of Eq. (3)
     k_quadratic_N_m3: float
-    k_linear_se_N_m2: float  # their standard errors
-    k_quadratic_se_N_m3: float
     covariance: tuple[float, float, float, float]  # of the two, row by row, in their units
     contact_offset_mm: float  # crosshead travel at the contact point, mean over the tests
     rms_residual_N_m: float  # measured force less law, both branches alike; mostly hysteresis
@@ -49,11 +47,35 @@ class LawEstimate:
     n_effective: float  # independent nodes that the standard errors rest on
     n_cycles: int
     contact_m: dict[str, float]  # position of the contact point of every test
-    unseen_share: float = 0.0
-    """Standard uncertainty of the force from what no such recording can show [-]: virgin rubber,
-    loss by rate. It is not in the standard errors."""
-    notes: tuple[str, ...] = ()  # what there is to say about this law
-    warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...]  # of the checks
+
+    @property
+    def k_linear_se_N_m2(self) -> float:
+        """Standard error of k_linear [N/m²]."""
+        return math.sqrt(self.covariance[0])
+
+    @property
+    def k_quadratic_se_N_m3(self) -> float:
+        """Standard error of k_quadratic [N/m³]."""
+        return math.sqrt(self.covariance[3])
+
+    @property
+    def unseen_share(self) -> float:
+        """Standard uncertainty of the force from what no such recording can show [-].
+
+        Virgin rubber and loss by rate; it is not in the standard errors.
+        """
+        return math.hypot(*(f.size for f in self.findings if f.unseen))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What there is to say about this law."""
+        return tuple(f.text for f in self.findings if f.text and not f.alarming)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is wrong with it."""
+        return tuple(f.text for f in self.findings if f.text and f.alarming)
 
     @property
     def tests(self) -> tuple[str, ...]:
@@ -197,7 +219,7 @@ def _estimate(
     scatter = scatter_of([curves])
     law = fit_quadratic(curves, scatter.noise)
     case = Case(curves, law, scatter, settings.cycles)
-    findings = [finding for check in CHECKS for finding in check(case)]
+    findings = tuple(finding for check in CHECKS for finding in check(case))
     by_force = law.sensitivity * (law.units / law.data.F_N_m)[:, None]
     covariance = by_force @ by_force.T * scatter.noise * scatter.inflation
     covariance += sum(np.outer(change, change) for f in findings for change in f.changes)
@@ -209,13 +231,10 @@ def _estimate(
         for b in c.branches
     ]
     work = np.array([(c.dissipated_J_m, c.stored_J_m) for c in curves if c.unloads])
-    se = np.sqrt(np.diag(covariance))
     return LawEstimate(
         temperature_degC=temperature_degC,
         k_linear_N_m2=elastic.k_linear_N_m2,
         k_quadratic_N_m3=elastic.k_quadratic_N_m3,
-        k_linear_se_N_m2=float(se[0]),
-        k_quadratic_se_N_m3=float(se[1]),
         covariance=(*covariance[0].tolist(), *covariance[1].tolist()),
         contact_offset_mm=float(np.mean([c.travel_sign for c in curves] * contact)) * 1e3,
         rms_residual_N_m=float(np.sqrt(np.mean(squares))),
@@ -226,7 +245,5 @@ def _estimate(
         n_effective=law.data.x.size / law.tau,
         n_cycles=len(curves),
         contact_m=dict(zip((c.test for c in curves), contact.tolist(), strict=True)),
-        unseen_share=math.hypot(*(f.unseen for f in findings)),
-        notes=tuple(f.text for f in findings if f.text and not f.alarming),
-        warnings=tuple(f.text for f in findings if f.text and f.alarming),
+        findings=findings,
     )

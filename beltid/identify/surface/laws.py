@@ -321,16 +321,9 @@ def _scales(law: Coulomb, points: _Points) -> Array:
 
 
 def _starts(law: Coulomb, points: _Points, W: Array) -> list[Array]:
-    """First values: the exponent by regression within the speeds, the best scales of a scan."""
-    a = 0.0
-    if "a" in law.parameters:
-        x, y = np.log(points.f), -np.log(points.mu)
-        for k in range(int(points.setting.max()) + 1):
-            mine = points.setting == k
-            x[mine], y[mine] = x[mine] - x[mine].mean(), y[mine] - y[mine].mean()
-        a = float(x @ y) / float(x @ x) if x @ x > 0.0 else 0.0
+    """First values: the best scales of a scan, each with the exponent linearised about zero."""
     grid = _scales(law, points)[1:-1] if law.scale else np.ones(1)
-    found = [_at_scale(law, points, W, a, float(s)) for s in grid]
+    found = [_at_scale(law, points, W, 0.0, float(s)) for s in grid]
     padded = [math.inf, *(misfit for _, misfit, _ in found), math.inf]
     lowest = [k for k in range(len(found)) if padded[k + 1] <= min(padded[k], padded[k + 2])]
     lowest = sorted(lowest, key=lambda k: padded[k + 1])[:MOST_STARTS]
