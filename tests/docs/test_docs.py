@@ -67,6 +67,9 @@ def test_commands_of_the_tutorial_run_one_after_the_other(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("BELTID", str(ROOT))
     monkeypatch.delenv("BELTID_CONFIG", raising=False)
+    # the limits of a drive, most of its work, at one tension and roughly
+    monkeypatch.setattr("beltid.stages.simulate_drive.TENSIONS", (1.0,))
+    monkeypatch.setattr("beltid.drive.limits.BISECTIONS", 4)
     assert len(commands(*ONWARD)) > 10
     for command in commands(*ONWARD):
         if command.startswith("beltid "):
