@@ -56,6 +56,10 @@ def finished(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
     folder = tmp_path_factory.mktemp("finished")
     shutil.copytree(recordings, folder, dirs_exist_ok=True)
     runner = CliRunner()
+    patch = pytest.MonkeyPatch()
+    # the limits of a drive, most of its work, at one tension and roughly
+    patch.setattr("beltid.stages.simulate_drive.TENSIONS", (1.0,))
+    patch.setattr("beltid.drive.limits.BISECTIONS", 4)
     for call in (
         ["fit-stiffness", "press.csv"],
         ["fit-slip", "speedloss.csv"],
@@ -70,6 +74,7 @@ def finished(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
         arguments = [call[0], *rest]
         result = runner.invoke(app, arguments)
         assert result.exit_code == 0, result.stderr
+    patch.undo()
     return folder
 
 

@@ -49,6 +49,22 @@ def cut_recording_short(path: Path) -> None:
     path.write_text(header + "".join(kept))
 
 
+def cut_slip_short(path: Path) -> None:
+    """Keep every sixth of the 51 points."""
+    header, *lines = path.read_text().splitlines(keepends=True)
+    labels = list(dict.fromkeys(line.split(",")[0] for line in lines))[::6]
+    path.write_text(header + "".join(line for line in lines if line.split(",")[0] in labels))
+
+
+def cut_drive_short(path: Path) -> None:
+    """Keep the slowest of the operating points."""
+    text, count = re.subn(
+        r"(driver_speed_rad_s: \[|A_C: \[)([^,\]]+),.*?\]", r"\1\2]", path.read_text()
+    )
+    assert count == 2
+    path.write_text(text)
+
+
 def cut_config_short(path: Path) -> None:
     text = path.read_text()
     for key, values in (
@@ -67,6 +83,9 @@ def test_commands_of_the_tutorial_run_one_after_the_other(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("BELTID", str(ROOT))
     monkeypatch.delenv("BELTID_CONFIG", raising=False)
+    # the limits of a drive, most of its work, at one tension and roughly
+    monkeypatch.setattr("beltid.stages.simulate_drive.TENSIONS", (1.0,))
+    monkeypatch.setattr("beltid.drive.limits.BISECTIONS", 4)
     assert len(commands(*ONWARD)) > 10
     for command in commands(*ONWARD):
         if command.startswith("beltid "):
@@ -79,6 +98,10 @@ def test_commands_of_the_tutorial_run_one_after_the_other(
             subprocess.run(python, shell=True, check=True)
         if "rig.csv" in command and command.startswith("cp "):
             cut_recording_short(tmp_path / "rig.csv")
+        if "speedloss.csv" in command and command.startswith("cp "):
+            cut_slip_short(tmp_path / "speedloss.csv")
+        if "drive_accessory.yaml" in command and command.startswith("cp "):
+            cut_drive_short(tmp_path / "drive_accessory.yaml")
         if command.startswith("beltid init"):
             cut_config_short(tmp_path / "5pk.yaml")
     assert (tmp_path / "runs" / "5pk" / "report.html").is_file()

@@ -31,6 +31,12 @@ BELTS = {
 """True laws of the synthetic belts: mu0, a, c, v0 and the contact (rigdata/README.md)."""
 
 
+@pytest.fixture(autouse=True)
+def two_tensions(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The limits over the tension, most of the work of a call, at two tensions only."""
+    monkeypatch.setattr("beltid.stages.simulate_drive.TENSIONS", (0.8, 1.25))
+
+
 def true_surface(belt: str = "5pk") -> beltid.FrictionSurface:
     """True friction of a synthetic belt at the forces and speeds of its friction rig."""
     mu0, a, c, v0, _ = BELTS[belt]
