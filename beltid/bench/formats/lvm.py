@@ -12,7 +12,7 @@ import numpy as np
 
 from beltid.bench.formats.bench_file import BenchFile, Channel, Field, Group, even_times
 from beltid.bench.formats.numbers import NumberSigns
-from beltid.errors import InputError, Problems
+from beltid.errors import Alike, InputError, Problems
 
 END: Final = "***End_of_Header***"
 _SEPARATORS: Final = {"tab": "\t", "comma": ",", "space": " "}
@@ -123,7 +123,7 @@ class _Reader:
         self.signs = NumberSigns("," if header.one("Decimal_Separator", ".") == "," else ".")
         self.x_columns = header.one("X_Columns", "One").lower()
         self.problems = Problems()
-        self.unread: list[tuple[int, str]] = []
+        self.unread = Alike()
 
     def next_filled(self, at: int) -> int:
         """First line from `at` that is not blank."""
@@ -176,7 +176,7 @@ class _Reader:
         value = self.signs.number(cell)
         if not isinstance(value, str):
             return value
-        self.unread.append((at + 1, f'{self.name}:{at + 1}: "{cell[:40]}", {value}'))
+        self.unread.add(at + 1, f'{self.name}:{at + 1}: "{cell[:40]}", {value}')
         return np.nan
 
     def _channels(
