@@ -174,6 +174,28 @@ class FitError(NumericsError):
 
 
 @dataclass(slots=True)
+class Alike:
+    """Problems of one kind: how many there are, and the first ones.
+
+    Attributes
+    ----------
+    first : list of (int, str)
+        Line and wording of the first ones.
+    count : int
+        How many there are.
+    """
+
+    first: list[tuple[int, str]] = field(default_factory=list)
+    count: int = 0
+
+    def add(self, line: int, text: str) -> None:
+        """Count one more; the first few are kept."""
+        self.count += 1
+        if len(self.first) < ALIKE:
+            self.first.append((line, text))
+
+
+@dataclass(slots=True)
 class Problems:
     """Problems of one file, told together in the order of its lines.
 
@@ -194,20 +216,13 @@ class Problems:
         if len(self.found) < 20 * SHOWN:
             self.found.append((line, Problem(text, code)))
 
-    def add_alike(self, alike: Sequence[tuple[int, str]], code: str = "") -> None:
-        """Note problems of one kind: beyond a few the first, with the number of the others.
-
-        Parameters
-        ----------
-        alike : sequence of (int, str)
-            Line and wording of each.
-        code : str
-            Code of the page that explains them.
-        """
-        if len(alike) > ALIKE:
-            line, text = alike[0]
-            alike = [(line, f"{text} ({len(alike) - 1} more like it)")]
-        for line, text in alike:
+    def add_alike(self, alike: Alike, code: str = "") -> None:
+        """Note problems of one kind: beyond a few the first, with the number of the others."""
+        if alike.count > ALIKE:
+            line, text = alike.first[0]
+            self.add(f"{text} ({alike.count - 1} more like it)", line, code)
+            return
+        for line, text in alike.first:
             self.add(text, line, code)
 
     def take(self, others: Problems) -> None:

@@ -149,8 +149,8 @@ def _csv(path: Path, options: ReadOptions) -> BigRecording:
     name, table, problems = str(path), options.table("rig"), Problems()
     head = read_head(path, options, table)
     layout = head.layout
-    candidates = candidates_of(layout)
-    mappings, wanted = wanted_columns(layout, candidates, name, table, options, problems)
+    context = MappingContext(table, options, name, problems)
+    mappings, wanted = wanted_columns(layout, candidates_of(layout), context)
     wrong = problems.count  # then the settings have been asked for as well
     for setting in NOMINAL:
         needed = setting in table.names and table.column(setting).required

@@ -253,7 +253,7 @@ def recording_of(
         With everything that is wrong, each with its line.
     """
     table, problems = options.table(kind), Problems()
-    read = [read_opened(one, table, options, problems) for one in opened]
+    read = [read_opened(one, MappingContext(table, options, one.name, problems)) for one in opened]
     if not all(read):  # what cannot be read at all; wrong rows are told with what the checks find
         problems.told_once([one.name for one in opened])
         problems.raise_if_any()
@@ -412,22 +412,20 @@ def open_sources(sources: Sequence[Source], options: ReadOptions) -> list[Opened
     return opened
 
 
-def read_opened(
-    opened: Opened, table: Table, options: ReadOptions, problems: Problems
-) -> list[RawTable]:
-    """Columns of an opened file."""
+def read_opened(opened: Opened, context: MappingContext) -> list[RawTable]:
+    """Columns of an opened file; `context` takes what is wrong."""
     for wrong in opened.wrong:
-        problems.add(wrong)
+        context.problems.add(wrong)
     try:
         if opened.text is not None:
-            return read_text(opened.text, opened.name, table, options, problems)
+            return read_text(opened.text, context)
         if opened.channels is not None:
             from beltid.bench.channels.channel_groups import read_groups
 
-            return read_groups(opened.channels, opened.name, table, options, problems)
+            return read_groups(opened.channels, context)
     except InputError as error:
         for wrong in error.problems:
-            problems.add(wrong)
+            context.problems.add(wrong)
     return []
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from beltid.bench.channels.alignment import Timed, aligned
 from beltid.bench.channels.channel_groups import read_groups
+from beltid.bench.channels.channel_mapping import MappingContext
 from beltid.bench.channels.vocabulary import VOCABULARY, roles_meant
 from beltid.bench.formats.bench_file import BenchFile, Channel, Group
 from beltid.bench.formats.dialect import ReadOptions
@@ -253,7 +254,8 @@ def test_rasters_with_times_of_their_own_in_one_file():
     noted = Problems()
     config = load_config({"runs": {"rig": {"values": {"arc_deg": 82, "initial_tension_N": 230}}}})
     options = ReadOptions.of(config, "rig")
-    (piece,) = read_groups(BenchFile("x", groups), "r.x", schemas.table("rig"), options, noted)
+    context = MappingContext(schemas.table("rig"), options, "r.x", noted)
+    (piece,) = read_groups(BenchFile("x", groups), context)
     np.testing.assert_allclose(piece.columns["time_s"], fast[:-1], atol=1e-12)
     np.testing.assert_allclose(piece.columns["tension_slack_N"], 150 + fast[:-1], rtol=1e-12)
 
@@ -263,9 +265,8 @@ def test_a_channel_without_any_time_is_refused():
         Group("", (Channel("Weg", "mm", np.arange(9.0)), Channel("Kraft", "N", np.arange(9.0)))),
     )
     noted = Problems()
-    assert not read_groups(
-        BenchFile("x", groups), "r.x", schemas.table("press"), ReadOptions(), noted
-    )
+    context = MappingContext(schemas.table("press"), ReadOptions(), "r.x", noted)
+    assert not read_groups(BenchFile("x", groups), context)
     assert noted.found[0][1] == "r.x: column time_s is missing"
 
 

@@ -25,8 +25,6 @@ from beltid.bench.formats.clock import Clock, written_as
 from beltid.bench.formats.dialect import ReadOptions, side_by_side, without_position
 from beltid.bench.formats.numbers import NumberSigns, numbers_or_problems
 from beltid.bench.formats.rows import Texts, word_of
-from beltid.errors import Problems
-from beltid.tables.columns import Table
 from beltid.tables.values import absent
 
 
@@ -45,9 +43,7 @@ def candidates_of(groups: Sequence[Group], *, named: bool) -> list[Candidate]:
     ]
 
 
-def read_groups(
-    file: BenchFile, name: str, table: Table, options: ReadOptions, problems: Problems
-) -> list[RawTable]:
+def read_groups(file: BenchFile, context: MappingContext) -> list[RawTable]:
     """Read the columns of a table from the groups of a file.
 
     Groups that each hold all the sensors are a run each; groups that complete each other are the
@@ -57,16 +53,9 @@ def read_groups(
     ----------
     file : BenchFile
         What was found in the file.
-    name : str
-        Its name, for messages.
-    table : Table
-        What is needed.
-    options : ReadOptions
-        What the config states.
-    problems : Problems
-        Collects what is wrong.
+    context : MappingContext
+        What is needed of it.
     """
-    context = MappingContext(table, options, name, problems)
     file = replace(file, groups=tuple(p for group in file.groups for p in _parts(group, context)))
     reader = _Reader(file, context)
     whole = [i for i, group in enumerate(file.groups) if _is_whole(group, context)]
@@ -118,10 +107,9 @@ class _Reader:
     def raw(self, groups: Sequence[Group], run_name: str | None) -> RawTable | None:
         """Columns of groups that are one run, or of all of them; None if something is wrong."""
         name, table, problems = self.context.place, self.context.table, self.context.problems
-        options = self.context.options
         place = f"{name}, {run_name}" if run_name else name
         wrong = problems.count
-        context = MappingContext(table, options, place, problems)
+        context = replace(self.context, place=place)
         mappings = _mappings(groups, context)
         fields = (*self.file.fields, *(f for group in groups for f in group.fields))
         path = PurePath(name)
@@ -131,10 +119,9 @@ class _Reader:
         channels = [channel.name for group in groups for channel in group.channels]
         clocked = any(c.time_s is not None for group in groups for c in group.channels)
         if problems.count == wrong:
-            in_file = {c.name: options.names.get(c.name, c.name) for c in table.columns}
-            told = told_elsewhere(options.runs, names, fields, table)
+            told = told_elsewhere(context.options.runs, fields, table)
             told |= {"time_s"} if clocked or len(groups) > 1 else set()
-            check_header(tuple(channels), in_file, table, place, problems, mappings, told)
+            check_header(channels, context, mappings, told)
         if problems.count > wrong:
             return None
         columns, notes, of_clock = _columns(groups, mappings, context)

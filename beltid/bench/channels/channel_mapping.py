@@ -326,9 +326,7 @@ def _mapping(
     )
 
 
-def told_elsewhere(
-    runs: Any, names: Sequence[str], fields: Sequence[Field], table: Table
-) -> set[str]:
+def told_elsewhere(runs: Any, fields: Sequence[Field], table: Table) -> set[str]:
     """Columns that need not stand in the file: label and settings that are told elsewhere."""
     roles = {table.label}
     if runs is None:

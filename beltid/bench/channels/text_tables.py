@@ -51,57 +51,41 @@ def candidates_of(found: Layout) -> list[Candidate]:
     ]
 
 
-def read_text(
-    decoded: Decoded, name: str, table: Table, options: ReadOptions, problems: Problems
-) -> list[RawTable]:
+def read_text(decoded: Decoded, context: MappingContext) -> list[RawTable]:
     """Read the columns of a table in a text file; of several, where they stand side by side.
 
     Parameters
     ----------
     decoded : Decoded
         The text.
-    name : str
-        Name of the file, for messages.
-    table : Table
-        What is needed.
-    options : ReadOptions
-        What the config states.
-    problems : Problems
-        Collects what is wrong; nothing is returned if the header is.
+    context : MappingContext
+        What is needed of the file; nothing is returned if its header is wrong.
     """
-    found = text_layout(decoded, name, options, table)
-    candidates, stem = candidates_of(found), PurePath(name).stem
+    found = text_layout(decoded, context.place, context.options, context.table)
+    candidates, stem = candidates_of(found), PurePath(context.place).stem
     by_column = {c.key: replace(c, name=c.base) for c in candidates}
     parts = [[by_column[i] for i in part] for part in side_by_side(found.header)]
-    context = MappingContext(table, options)
+    labels = [f"{stem}-{number}" for number in range(1, len(parts) + 1)]
     if not parts or not all(is_whole(part, context) for part in parts):
-        raw = _read_part(found, name, stem, candidates, context, problems)
-        read = [] if raw is None else [raw]
-    else:
-        labels = [f"{stem}-{number}" for number in range(1, len(parts) + 1)]
-        read = [
-            raw
-            for label, part in zip(labels, parts, strict=True)
-            if (raw := _read_part(found, name, label, part, context, problems)) is not None
-        ]
+        parts, labels = [candidates], [stem]
+    read = [
+        raw
+        for label, part in zip(labels, parts, strict=True)
+        if (raw := _read_part(found, label, part, context)) is not None
+    ]
     return [replace(raw, notes=(*decoded.notes, *found.notes, *raw.notes)) for raw in read]
 
 
 def _read_part(
-    found: Layout,
-    name: str,
-    label: str,
-    candidates: Sequence[Candidate],
-    context: MappingContext,
-    problems: Problems,
+    found: Layout, label: str, candidates: Sequence[Candidate], context: MappingContext
 ) -> RawTable | None:
     """The recording that some columns of a text file hold; None if the header is wrong."""
-    table, options = context.table, context.options
+    table, name, problems = context.table, context.place, context.problems
     path = PurePath(name)
     names = (*([label] if label != path.stem else []), path.name, path.stem)
-    told = told_elsewhere(options.runs, names, found.fields, table)
+    told = told_elsewhere(context.options.runs, found.fields, table)
     wrong = problems.count
-    mappings, wanted = wanted_columns(found, candidates, name, table, options, problems, told)
+    mappings, wanted = wanted_columns(found, candidates, context, told)
     if problems.count > wrong:
         return None
     rows = read_rows(found, wanted, name)
@@ -130,10 +114,7 @@ def _read_part(
 def wanted_columns(
     found: Layout,
     candidates: Sequence[Candidate],
-    name: str,
-    table: Table,
-    options: ReadOptions,
-    problems: Problems,
+    context: MappingContext,
     told: Collection[str] = (),
 ) -> tuple[dict[str, ChannelMapping], dict[str, Wanted]]:
     """Where our columns stand in a text file, and how they are read.
@@ -144,28 +125,17 @@ def wanted_columns(
         Header and units of the file.
     candidates : sequence of Candidate
         Its columns.
-    name : str
-        Name of the file, for messages.
-    table : Table
-        What is needed.
-    options : ReadOptions
-        What the config states.
-    problems : Problems
-        Collects columns that are missing or cannot be decided.
+    context : MappingContext
+        What is needed of the file.
     told : collection of str
         Columns that need not stand in the file.
     """
-    place = f"{name}:{found.header_line}"
-    wrong = problems.count
-    at_units = f"{name}:{found.first_line - 1}" if found.unit_cells else place
-    context = MappingContext(table, options, at_units, problems)
-    mappings = map_channels(candidates, context)
-    if problems.count == wrong:
-        in_file = {c.name: options.names.get(c.name, c.name) for c in table.columns}
-        in_file |= {role: mapping.candidate.name for role, mapping in mappings.items()}
-        check_header(
-            tuple(c.name for c in candidates), in_file, table, place, problems, mappings, told
-        )
+    table, at_header = context.table, replace(context, place=f"{context.place}:{found.header_line}")
+    at_units = replace(context, place=f"{context.place}:{found.first_line - 1}")
+    wrong = context.problems.count
+    mappings = map_channels(candidates, at_units if found.unit_cells else at_header)
+    if context.problems.count == wrong:
+        check_header([c.name for c in candidates], at_header, mappings, told)
     wanted = {
         role: Wanted(
             r.candidate.key,
@@ -200,12 +170,9 @@ def convert(columns: dict[str, np.ndarray], mappings: Mapping[str, ChannelMappin
 
 
 def check_header(
-    header: tuple[str, ...],
-    in_file: Mapping[str, str],
-    table: schemas.Table,
-    place: str,
-    problems: Problems,
-    found: Collection[str],
+    header: Sequence[str],
+    context: MappingContext,
+    found: Mapping[str, ChannelMapping],
     told: Collection[str] = (),
 ) -> None:
     """Note columns that are missing, with what they may be called instead.
@@ -214,21 +181,18 @@ def check_header(
 
     Parameters
     ----------
-    header : tuple of str
+    header : sequence of str
         Names of the columns found.
-    in_file : mapping
-        Our columns -> their names in the file.
-    table : Table
-        What is needed.
-    place : str
-        Place of the header.
-    problems : Problems
-        Collects what is missing.
-    found : collection of str
-        Columns that were found.
+    context : MappingContext
+        What is needed, and where the header stands.
+    found : mapping of str to ChannelMapping
+        Our columns that were found.
     told : collection of str
         Columns that need not be found, since they are told elsewhere.
     """
+    table, place, problems = context.table, context.place, context.problems
+    in_file = {c.name: context.options.names.get(c.name, c.name) for c in table.columns}
+    in_file |= {role: mapping.candidate.name for role, mapping in found.items()}
     shown = ", ".join(header[:20]) + (", ..." if len(header) > 20 else "")
     missing = []
     told_so: list[str] = []
@@ -271,7 +235,7 @@ def check_header(
         )
 
 
-def _kind_of(header: tuple[str, ...], kind: str) -> str:
+def _kind_of(header: Sequence[str], kind: str) -> str:
     """Another kind of recording that has all its columns in the header, or ""."""
     for other in schemas.RECORDINGS:
         names = {c.name for c in schemas.table(other).columns if c.required}
@@ -280,7 +244,7 @@ def _kind_of(header: tuple[str, ...], kind: str) -> str:
     return ""
 
 
-def _rig_kind_of(header: tuple[str, ...], table: Table) -> str:
+def _rig_kind_of(header: Sequence[str], table: Table) -> str:
     """Another kind of friction rig whose channels a header has, as the config states it; or ""."""
     if table.kind != "rig":
         return ""

@@ -28,6 +28,8 @@ _ZONE: Final = (
     r"(?:\s*(?P<zone>Z|UTC|GMT|CEST|CET|MESZ|MEZ|(?P<sign>[-+])(?P<zh>\d\d):?(?P<zm>\d\d)?))?"
 )
 _CLOCK: Final = re.compile(rf"\s*(?:{_DATE}(?:T|,?\s+))?{_TIME}{_HALF}{_ZONE}\s*", re.ASCII)
+_CLOCK_CUT: Final = re.compile(r"\s*\d{1,3}:\d\d(?:[.,]\d+)?\s*", re.ASCII)
+"""What spreadsheets leave of a clock time: minutes and seconds, or hours and minutes."""
 _DATE_ALONE: Final = re.compile(rf"\s*{_DATE}(?:[T ]00:00(?::00(?:[.,]0+)?)?)?\s*", re.ASCII)
 _ZONES_MIN: Final = {"Z": 0, "UTC": 0, "GMT": 0, "CET": 60, "MEZ": 60, "CEST": 120, "MESZ": 120}
 
@@ -47,10 +49,13 @@ def is_clock(cell: str) -> bool:
 
 
 def written_as(cells: Sequence[str]) -> str:
-    """What the first filled cells of a column are: "date", "clock", or "" for anything else."""
+    """What the first filled cells of a column are: "date", "clock", or "" for anything else.
+
+    A clock time of which only a part is written is one, too: its reader refuses it.
+    """
     if cells and all(map(is_date, cells)):
         return "date"
-    return "clock" if cells and is_clock(cells[0]) else ""
+    return "clock" if cells and (is_clock(cells[0]) or _CLOCK_CUT.fullmatch(cells[0])) else ""
 
 
 def holds_clock(kind: Any) -> bool:

@@ -19,7 +19,7 @@ from beltid.bench.formats.clock import Clock
 from beltid.bench.formats.dialect import Layout
 from beltid.bench.formats.numbers import MISSING_WORDS, numbers_or_problems
 from beltid.bench.formats.rows import Rows, Texts
-from beltid.errors import InputError, Problems
+from beltid.errors import Alike, InputError, Problems
 
 CHUNK: Final = 16 << 20
 """Bytes that are read at a time."""
@@ -250,7 +250,7 @@ def _read_row_by_row(layout: Layout, wanted: Mapping[str, Wanted], name: str) ->
         i: list[str | None]() for w in wanted.values() for i in (w.index, w.date) if i is not None
     }
     lines: list[int] = []
-    misfits: dict[int, list[tuple[int, str]]] = {}
+    misfits: dict[int, Alike] = {}
     text = io.StringIO(layout.body.decode(), newline="")
     reader = csv.reader(text, delimiter=layout.separator)
     try:
@@ -260,7 +260,7 @@ def _read_row_by_row(layout: Layout, wanted: Mapping[str, Wanted], name: str) ->
                 continue
             if len(row) < width or any(cell.strip() for cell in row[width:]):
                 text_of = f"{name}:{line}: {len(row)} cells, must be {width}"
-                misfits.setdefault(len(row), []).append((line, text_of))
+                misfits.setdefault(len(row), Alike()).add(line, text_of)
                 continue
             lines.append(line)
             for index, column in columns.items():

@@ -83,6 +83,12 @@ class ReadOptions:
         if config is None:
             return cls()
         dialect = config.dialect
+        if dialect.decimal is not None and dialect.decimal == dialect.thousands:
+            sign = dialect.decimal
+            raise InputError(
+                f'config: dialect.decimal and dialect.thousands are both "{sign}", must differ',
+                code="config-value",
+            )
         return cls(
             names=config.columns.of(kind),
             units=config.units.of(kind),

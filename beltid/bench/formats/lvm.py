@@ -12,7 +12,7 @@ import numpy as np
 
 from beltid.bench.formats.bench_file import BenchFile, Channel, Field, Group, even_times
 from beltid.bench.formats.numbers import NumberSigns
-from beltid.errors import InputError
+from beltid.errors import Alike, InputError, Problems
 
 END: Final = "***End_of_Header***"
 _SEPARATORS: Final = {"tab": "\t", "comma": ",", "space": " "}
@@ -28,7 +28,6 @@ _TECHNICAL: Final = frozenset(
         "LabVIEW Measurement",
     }
 )
-_PROBLEMS_TOLD: Final = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,8 +66,8 @@ def read(text: str, name: str) -> BenchFile:
         segment, at = reader.segment(at)
         if segment is not None:
             segments.append(segment)
-    if reader.problems:
-        raise InputError(reader.problems[:_PROBLEMS_TOLD])
+    reader.problems.add_alike(reader.unread)
+    reader.problems.raise_if_any()
     if not segments:
         raise InputError(f"{name}: holds no samples, only a header")
     fields = tuple(
@@ -123,7 +122,8 @@ class _Reader:
         self.name = name
         self.signs = NumberSigns("," if header.one("Decimal_Separator", ".") == "," else ".")
         self.x_columns = header.one("X_Columns", "One").lower()
-        self.problems: list[str] = []
+        self.problems = Problems()
+        self.unread = Alike()
 
     def next_filled(self, at: int) -> int:
         """First line from `at` that is not blank."""
@@ -149,7 +149,7 @@ class _Reader:
         first = at + 1
         rows, last = self._rows(first, len(names))
         if not rows:
-            self.problems.append(f"{self.name}:{first}: no samples below the names of the channels")
+            self.problems.add(f"{self.name}:{first}: no samples below the names of the channels")
             return None, last
         table = np.array(rows, dtype=float)
         channels = self._channels(names, header, table, first)
@@ -165,7 +165,7 @@ class _Reader:
             if len(cells) < width:
                 cells += [""] * (width - len(cells))
                 if at >= len(self.lines) - 2 and not cells[width - 1]:
-                    self.problems.append(f"{self.name}:{at + 1}: the last row is cut off")
+                    self.problems.add(f"{self.name}:{at + 1}: the last row is cut off")
             rows.append([self._number(cell, at) for cell in cells[:width]])
             at += 1
         return rows, at
@@ -176,8 +176,7 @@ class _Reader:
         value = self.signs.number(cell)
         if not isinstance(value, str):
             return value
-        if len(self.problems) <= _PROBLEMS_TOLD:
-            self.problems.append(f'{self.name}:{at + 1}: "{cell[:40]}", {value}')
+        self.unread.add(at + 1, f'{self.name}:{at + 1}: "{cell[:40]}", {value}')
         return np.nan
 
     def _channels(
@@ -195,7 +194,7 @@ class _Reader:
             length = int(np.flatnonzero(used)[-1]) + 1 if used.any() else 0
             stated = header.cell("Samples", k)
             if stated.isdecimal() and float(stated) > max(length, len(table)):
-                self.problems.append(
+                self.problems.add(
                     f"{self.name}:{first + len(table)}: {names[y]} has {len(table)} samples, its "
                     f"header tells {stated}: the file is cut off"
                 )

@@ -15,7 +15,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.errors import Problems
+from beltid.errors import Alike, Problems
 
 NUMBER: Final = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 MISSING_WORDS: Final = frozenset(
@@ -145,7 +145,7 @@ def numbers_or_problems(
         Collects what is no number, or may be two: what is alike is told once.
     """
     numbers = np.full(len(cells), np.nan)
-    wrong: dict[str, list[tuple[int, str]]] = {}
+    wrong: dict[str, Alike] = {}
     for i, cell in enumerate(cells):
         value = np.nan if cell is None else signs.number(cell.strip())
         if not isinstance(value, str):
@@ -155,7 +155,7 @@ def numbers_or_problems(
         text = str(cell).strip()
         text = text if len(text) <= 40 else text[:37] + "..."
         kind = value if value.startswith(NO_NUMBER) else ""
-        wrong.setdefault(kind, []).append((line, f'{where}: {shown} = "{text}", {value}'))
+        wrong.setdefault(kind, Alike()).add(line, f'{where}: {shown} = "{text}", {value}')
     for alike in wrong.values():
         problems.add_alike(alike, "numbers")
     return numbers

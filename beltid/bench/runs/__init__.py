@@ -3,7 +3,6 @@
 ================ ==================================================================
 Module           Responsibility
 ================ ==================================================================
-``run_table``    a table of runs: a row per file
 ``run_settings`` label and settings of runs from names, headers and tables; tables joined
 ``run_split``    runs that no column labels, told apart
 ``checks``       whether the columns can be what they claim to be
