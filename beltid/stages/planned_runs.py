@@ -18,7 +18,7 @@ import numpy as np
 
 from beltid.errors import InputError
 from beltid.identify.agreement.compare import OK, SAME_SETTING
-from beltid.identify.estimators.statistics import as_set
+from beltid.identify.estimators.statistics import settings_of
 from beltid.params import OperatingPoint
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ class PlannedRun:
 
 @dataclass(frozen=True, slots=True)
 class Picked:
-    """Runs that the user picked; an empty tuple leaves a setting open."""
+    """Runs that the user picked, by their settings; an empty tuple leaves one open."""
 
     arcs_deg: tuple[float, ...] = ()
     tensions_N: tuple[float, ...] = ()
@@ -100,10 +100,11 @@ def planned_runs(
         settings.sort(key=lambda run: [of[value] for of, value in zip(places, run, strict=True)])
     problems: list[str] = []
     wanted = [
-        _chosen(values, allowed, option, problems)
-        for values, allowed, option in zip(
+        _chosen(values, allowed, gap, option, problems)
+        for values, allowed, gap, option in zip(
             (picked.arcs_deg, picked.tensions_N, picked.speeds_rad_s),
             lists,
+            SAME_SETTING.values(),
             ("--arc", "--tension", "--speed"),
             strict=True,
         )
@@ -146,11 +147,30 @@ def measured_settings(friction: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def snap_to_settings(values: np.ndarray, gap: float) -> np.ndarray:
-    """Values brought to the settings that they repeat; as they are where they repeat none."""
-    settings = as_set(values, gap)
+    """Values brought to the settings that they repeat; as they are where they repeat none.
+
+    Parameters
+    ----------
+    values : ndarray (n,)
+        What was measured, > 0.
+    gap : float
+        Relative distance within which two values are one setting [-].
+    """
+    settings = np.empty(values.size)
+    labels = settings_of(values, gap)
+    for label in np.unique(labels):
+        settings[labels == label] = _setting(values[labels == label])
     repeated = 2 * np.unique(settings).size <= values.size
     near = np.all(np.abs(values - settings) <= gap * values)
     return settings if repeated and near else values
+
+
+def _setting(values: np.ndarray) -> float:
+    """What some values were set to: their median, as round as their scatter allows."""
+    middle = float(np.median(values))
+    error = 2.0 * float(np.std(values)) / math.sqrt(values.size)
+    rounded = (float(f"{middle:.{digits}g}") for digits in range(1, 17))
+    return next(value for value in rounded if abs(value - middle) <= max(error, 1e-9 * middle))
 
 
 def differing_settings(config: Config, measured: np.ndarray | None) -> list[str]:
@@ -289,13 +309,18 @@ def momentum_N(config: Config) -> float:
 
 
 def _chosen(
-    picked: Sequence[float], allowed: Sequence[float], option: str, problems: list[str]
+    picked: Sequence[float],
+    allowed: Sequence[float],
+    gap: float,
+    option: str,
+    problems: list[str],
 ) -> set[float]:
+    """The allowed values that are picked, each by a value that is the same setting."""
     if not picked:
         return set(allowed)
     found = set()
     for value in picked:
-        near = [a for a in allowed if math.isclose(a, value, rel_tol=1e-6)]
+        near = [a for a in allowed if abs(a - value) <= gap * a]
         if not near:
             known = _listed(allowed)
             problems.append(f"{option} = {value:g}, must be one of those of the campaign: {known}")
