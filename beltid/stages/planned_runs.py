@@ -33,6 +33,9 @@ KEYS: Final = {
 MOST_COMBINED: Final = 10_000
 """Combinations of stated with measured settings beyond which a key was meant otherwise."""
 SHOWN_VALUES: Final = 12
+ROUNDING: Final = 1e-9  # relative
+NEGLIGIBLE: Final = 1e-3
+"""Relative error of a speed that changes a friction coefficient by a few parts in ten thousand."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,11 +169,13 @@ def snap_to_settings(values: np.ndarray, gap: float) -> np.ndarray:
 
 
 def _setting(values: np.ndarray) -> float:
-    """What some values were set to: their median, as round as their scatter allows."""
-    middle = float(np.median(values))
-    error = 2.0 * float(np.std(values)) / math.sqrt(values.size)
+    """What some values were set to: their median, as round as it can be if they scatter."""
+    middle, scatter = float(np.median(values)), float(np.std(values))
+    if scatter <= ROUNDING * middle:  # stated, not measured
+        return middle
+    error = max(2.0 * scatter / math.sqrt(values.size), NEGLIGIBLE * middle)
     rounded = (float(f"{middle:.{digits}g}") for digits in range(1, 17))
-    return next(value for value in rounded if abs(value - middle) <= max(error, 1e-9 * middle))
+    return next(value for value in rounded if abs(value - middle) <= error)
 
 
 def differing_settings(config: Config, measured: np.ndarray | None) -> list[str]:
