@@ -98,7 +98,7 @@ def planned_runs(
     if measured is None:
         settings = list(product(*lists))
     else:
-        settings = [*_as_stated(config, measured), *_not_measured(config, lists, measured)]
+        settings = [*_as_stated(lists, measured), *_not_measured(config, lists, measured)]
         places = [{value: i for i, value in enumerate(values)} for values in lists]
         settings.sort(key=lambda run: [of[value] for of, value in zip(places, run, strict=True)])
     problems: list[str] = []
@@ -210,39 +210,36 @@ def _near(values: np.ndarray, others: Sequence[float] | np.ndarray, gap: float) 
 
 
 def _lists(config: Config, measured: np.ndarray | None) -> list[list[float]]:
-    """Arcs, tensions and speeds: those stated, else those measured, else those built in."""
+    """Arcs, tensions and speeds: those stated, else those measured, else those built in.
+
+    In the place of a stated setting stands what was measured at it.
+    """
+    if measured is None:
+        return [list(getattr(config.rig, key)) for key, _ in KEYS.values()]
     lists = []
-    for k, (key, _) in enumerate(KEYS.values()):
-        if measured is None or key in config.rig.model_fields_set:
-            lists.append(list(getattr(config.rig, key)))
-        else:
-            lists.append(np.unique(measured[:, k]).tolist())
+    for k, (name, (key, _)) in enumerate(KEYS.items()):
+        there = np.unique(measured[:, k])
+        found = there.tolist()
+        if key in config.rig.model_fields_set:
+            found = []
+            for value in getattr(config.rig, key):
+                near = there[np.abs(there - value) <= SAME_SETTING[name] * there]
+                found += near.tolist() or [value]
+        lists.append(list(dict.fromkeys(found)))
     return lists
 
 
-def _as_stated(config: Config, measured: np.ndarray) -> list[tuple[float, ...]]:
-    """The measured runs at stated settings, with the values as the config states them."""
-    rows, kept = measured.copy(), np.ones(len(measured), dtype=bool)
-    for k, (name, (key, _)) in enumerate(KEYS.items()):
-        if key in config.rig.model_fields_set:
-            stated = np.array(getattr(config.rig, key))
-            rows[:, k] = stated[np.argmin(np.abs(stated - measured[:, k, None]), axis=1)]
-            kept &= np.abs(rows[:, k] - measured[:, k]) <= SAME_SETTING[name] * measured[:, k]
-    return list(dict.fromkeys(map(tuple, rows[kept].tolist())))
+def _as_stated(lists: Sequence[Sequence[float]], measured: np.ndarray) -> list[tuple[float, ...]]:
+    """The measured runs at settings of the lists."""
+    kept = np.all([np.isin(measured[:, k], values) for k, values in enumerate(lists)], axis=0)
+    return list(map(tuple, measured[kept].tolist()))
 
 
 def _not_measured(
     config: Config, lists: Sequence[Sequence[float]], measured: np.ndarray
 ) -> list[tuple[float, ...]]:
     """Combinations with a setting that is stated and that nobody measured."""
-    fresh = [
-        {value for value in values if not _near(np.array([value]), measured[:, k], gap).all()}
-        if key in config.rig.model_fields_set
-        else set()
-        for k, (values, gap, (key, _)) in enumerate(
-            zip(lists, SAME_SETTING.values(), KEYS.values(), strict=True)
-        )
-    ]
+    fresh = [set(values) - set(measured[:, k].tolist()) for k, values in enumerate(lists)]
     if not any(fresh):
         return []
     count = math.prod(len(values) for values in lists)

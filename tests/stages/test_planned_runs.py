@@ -118,9 +118,9 @@ def test_a_stated_list_holds_above_what_was_measured() -> None:
     rows = list(product((40.0, 68.0), (100.0, 200.0), (0.1, 0.2)))
     # a part of what was measured
     assert settings({"arcs_deg": [68]}, friction(rows)) == [row for row in rows if row[0] == 68.0]
-    # the value as it is stated, where a motor missed it
-    stated = settings({"pulley_speeds_rad_s": [0.101, 0.2]}, friction(rows))
-    assert {run[2] for run in stated} == {0.101, 0.2}
+    # in the order in which they are stated, at what was measured where the motor missed it
+    stated = settings({"pulley_speeds_rad_s": [0.2, 0.101]}, friction(rows))
+    assert [run[2] for run in stated] == [0.2, 0.1] * 4
     # an arc that nobody measured, with all the others
     more = settings({"arcs_deg": [120, 40]}, friction(rows))
     assert more == list(product((120.0, 40.0), (100.0, 200.0), (0.1, 0.2)))
