@@ -18,7 +18,7 @@ import numpy as np
 
 from beltid.errors import InputError
 from beltid.identify.agreement.compare import OK, SAME_SETTING
-from beltid.identify.estimators.statistics import as_set
+from beltid.identify.estimators.statistics import settings_of
 from beltid.params import OperatingPoint
 
 if TYPE_CHECKING:
@@ -33,6 +33,9 @@ KEYS: Final = {
 MOST_COMBINED: Final = 10_000
 """Combinations of stated with measured settings beyond which a key was meant otherwise."""
 SHOWN_VALUES: Final = 12
+ROUNDING: Final = 1e-9  # relative
+NEGLIGIBLE: Final = 1e-3
+"""Relative error of a speed that changes a friction coefficient by a few parts in ten thousand."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +67,7 @@ class PlannedRun:
 
 @dataclass(frozen=True, slots=True)
 class Picked:
-    """Runs that the user picked; an empty tuple leaves a setting open."""
+    """Runs that the user picked, by their settings; an empty tuple leaves one open."""
 
     arcs_deg: tuple[float, ...] = ()
     tensions_N: tuple[float, ...] = ()
@@ -95,15 +98,16 @@ def planned_runs(
     if measured is None:
         settings = list(product(*lists))
     else:
-        settings = [*_as_stated(config, measured), *_not_measured(config, lists, measured)]
+        settings = [*_as_stated(lists, measured), *_not_measured(config, lists, measured)]
         places = [{value: i for i, value in enumerate(values)} for values in lists]
         settings.sort(key=lambda run: [of[value] for of, value in zip(places, run, strict=True)])
     problems: list[str] = []
     wanted = [
-        _chosen(values, allowed, option, problems)
-        for values, allowed, option in zip(
+        _chosen(values, allowed, gap, option, problems)
+        for values, allowed, gap, option in zip(
             (picked.arcs_deg, picked.tensions_N, picked.speeds_rad_s),
             lists,
+            SAME_SETTING.values(),
             ("--arc", "--tension", "--speed"),
             strict=True,
         )
@@ -146,11 +150,32 @@ def measured_settings(friction: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def snap_to_settings(values: np.ndarray, gap: float) -> np.ndarray:
-    """Values brought to the settings that they repeat; as they are where they repeat none."""
-    settings = as_set(values, gap)
+    """Values brought to the settings that they repeat; as they are where they repeat none.
+
+    Parameters
+    ----------
+    values : ndarray (n,)
+        What was measured, > 0.
+    gap : float
+        Relative distance within which two values are one setting [-].
+    """
+    settings = np.empty(values.size)
+    labels = settings_of(values, gap)
+    for label in np.unique(labels):
+        settings[labels == label] = _setting(values[labels == label])
     repeated = 2 * np.unique(settings).size <= values.size
     near = np.all(np.abs(values - settings) <= gap * values)
     return settings if repeated and near else values
+
+
+def _setting(values: np.ndarray) -> float:
+    """What some values were set to: their median, as round as it can be if they scatter."""
+    middle, scatter = float(np.median(values)), float(np.std(values))
+    if scatter <= ROUNDING * middle:  # stated, not measured
+        return middle
+    error = max(2.0 * scatter / math.sqrt(values.size), NEGLIGIBLE * middle)
+    rounded = (float(f"{middle:.{digits}g}") for digits in range(1, 17))
+    return next(value for value in rounded if abs(value - middle) <= error)
 
 
 def differing_settings(config: Config, measured: np.ndarray | None) -> list[str]:
@@ -185,39 +210,36 @@ def _near(values: np.ndarray, others: Sequence[float] | np.ndarray, gap: float) 
 
 
 def _lists(config: Config, measured: np.ndarray | None) -> list[list[float]]:
-    """Arcs, tensions and speeds: those stated, else those measured, else those built in."""
+    """Arcs, tensions and speeds: those stated, else those measured, else those built in.
+
+    In the place of a stated setting stands what was measured at it.
+    """
+    if measured is None:
+        return [list(getattr(config.rig, key)) for key, _ in KEYS.values()]
     lists = []
-    for k, (key, _) in enumerate(KEYS.values()):
-        if measured is None or key in config.rig.model_fields_set:
-            lists.append(list(getattr(config.rig, key)))
-        else:
-            lists.append(np.unique(measured[:, k]).tolist())
+    for k, (name, (key, _)) in enumerate(KEYS.items()):
+        there = np.unique(measured[:, k])
+        found = there.tolist()
+        if key in config.rig.model_fields_set:
+            found = []
+            for value in getattr(config.rig, key):
+                near = there[np.abs(there - value) <= SAME_SETTING[name] * there]
+                found += near.tolist() or [value]
+        lists.append(list(dict.fromkeys(found)))
     return lists
 
 
-def _as_stated(config: Config, measured: np.ndarray) -> list[tuple[float, ...]]:
-    """The measured runs at stated settings, with the values as the config states them."""
-    rows, kept = measured.copy(), np.ones(len(measured), dtype=bool)
-    for k, (name, (key, _)) in enumerate(KEYS.items()):
-        if key in config.rig.model_fields_set:
-            stated = np.array(getattr(config.rig, key))
-            rows[:, k] = stated[np.argmin(np.abs(stated - measured[:, k, None]), axis=1)]
-            kept &= np.abs(rows[:, k] - measured[:, k]) <= SAME_SETTING[name] * measured[:, k]
-    return list(dict.fromkeys(map(tuple, rows[kept].tolist())))
+def _as_stated(lists: Sequence[Sequence[float]], measured: np.ndarray) -> list[tuple[float, ...]]:
+    """The measured runs at settings of the lists."""
+    kept = np.all([np.isin(measured[:, k], values) for k, values in enumerate(lists)], axis=0)
+    return list(map(tuple, measured[kept].tolist()))
 
 
 def _not_measured(
     config: Config, lists: Sequence[Sequence[float]], measured: np.ndarray
 ) -> list[tuple[float, ...]]:
     """Combinations with a setting that is stated and that nobody measured."""
-    fresh = [
-        {value for value in values if not _near(np.array([value]), measured[:, k], gap).all()}
-        if key in config.rig.model_fields_set
-        else set()
-        for k, (values, gap, (key, _)) in enumerate(
-            zip(lists, SAME_SETTING.values(), KEYS.values(), strict=True)
-        )
-    ]
+    fresh = [set(values) - set(measured[:, k].tolist()) for k, values in enumerate(lists)]
     if not any(fresh):
         return []
     count = math.prod(len(values) for values in lists)
@@ -289,13 +311,18 @@ def momentum_N(config: Config) -> float:
 
 
 def _chosen(
-    picked: Sequence[float], allowed: Sequence[float], option: str, problems: list[str]
+    picked: Sequence[float],
+    allowed: Sequence[float],
+    gap: float,
+    option: str,
+    problems: list[str],
 ) -> set[float]:
+    """The allowed values that are picked, each by a value that is the same setting."""
     if not picked:
         return set(allowed)
     found = set()
     for value in picked:
-        near = [a for a in allowed if math.isclose(a, value, rel_tol=1e-6)]
+        near = [a for a in allowed if abs(a - value) <= gap * a]
         if not near:
             known = _listed(allowed)
             problems.append(f"{option} = {value:g}, must be one of those of the campaign: {known}")

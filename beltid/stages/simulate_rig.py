@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-
 from beltid.artifacts.artifact import read_artifact
 from beltid.artifacts.metadata_models import SimulatedMetadata
 from beltid.config import Config, ConfigSource
@@ -128,7 +126,10 @@ def run(
     """
     model, times = config.config, tuple(sorted(set(options.profile_times_s)))
     settings = simulation_settings(model, options.method, options.elements, times)
-    measured = _measured(inputs)
+    inputs = _with_friction(inputs)
+    measured = None
+    if "friction" in inputs:
+        measured = measured_settings(read_artifact(inputs["friction"], "friction").columns)
     runs = planned_runs(
         model, Picked(options.arcs_deg, options.tensions_N, options.speeds_rad_s), measured
     )
@@ -172,13 +173,13 @@ def run(
     return summarise(built, contacts)
 
 
-def _measured(inputs: Mapping[str, Path]) -> np.ndarray | None:
-    """Settings of the measured runs: ``friction``, or what the surface beside it was made from."""
+def _with_friction(inputs: Mapping[str, Path]) -> Mapping[str, Path]:
+    """The inputs, with the reduced runs beside the surface that was made from them."""
     if "friction" in inputs:
-        return measured_settings(read_artifact(inputs["friction"], "friction").columns)
+        return inputs
     path = inputs["surface"]
     friction = friction_of(read_artifact(path, "surface"), path.parent)
-    return None if friction is None else measured_settings(friction.columns)
+    return inputs if friction is None else {**inputs, "friction": friction.path}
 
 
 def _inputs(inputs: Mapping[str, Path], config: Config) -> Inputs:

@@ -66,15 +66,8 @@ def cut_drive_short(path: Path) -> None:
 
 
 def cut_config_short(path: Path) -> None:
-    text = path.read_text()
-    for key, values in (
-        ("arcs_deg", "[40, 82]"),
-        ("initial_tensions_N", "[100, 270, 411]"),
-        ("pulley_speeds_rad_s", "[0.05, 0.10, 0.21]"),
-    ):
-        text, count = re.subn(rf"^  # {key}: .*$", f"  {key}: {values}", text, flags=re.M)
-        assert count == 1
-    path.write_text(f"{text}\nsimulation: {{method: steady}}\n")
+    """Simulate the limit only."""
+    path.write_text(f"{path.read_text()}\nsimulation: {{method: steady}}\n")
 
 
 def test_commands_of_the_tutorial_run_one_after_the_other(
