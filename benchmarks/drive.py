@@ -11,11 +11,10 @@ from dataclasses import replace
 import numpy as np
 
 from beltid.drive.model import Drive, DrivePoint, Pulley
-from beltid.drive.results import simulate
+from beltid.drive.results import Simulator, simulate
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt
-from beltid.uncertainty.drive import speed_losses
 
 SERIES = ((22.0, 310.0, 16.0), (62.8, 310.0, 16.0), (76.8, 411.0, 16.0), (62.8, 155.0, 15.0))
 POINTS_OF_SERIES = 13
@@ -39,9 +38,9 @@ def main() -> None:
         for omega, tension, largest in SERIES
         for torque in np.linspace(0.0, largest, POINTS_OF_SERIES)
     ]
-    speed_losses(drive, points)  # compiles
+    simulate(drive, points)  # compiles
     start = time.process_time()
-    speed_losses(drive, points)
+    best = simulate(drive, points)
     spent = time.process_time() - start
     print(f"{1e3 * spent / len(points):.2f} ms of processor time a point (aim: 1 ms)")
     simulate(drive, points[:2], "rod")  # compiles
@@ -55,7 +54,9 @@ def main() -> None:
     )
     start = time.process_time()
     for level in np.linspace(0.98, 1.02, MEMBERS):
-        speed_losses(replace(drive, surface=surface(level)), points)
+        member = Simulator(replace(drive, surface=surface(level)))
+        for point, near in zip(points, best, strict=True):
+            member.solve(point, near)
     spent = time.process_time() - start
     print(f"{spent:.1f} s for {MEMBERS} surfaces of {len(points)} points (aim: 10 s)")
 

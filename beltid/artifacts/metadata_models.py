@@ -548,10 +548,15 @@ class DriveArcRow(TypedDict):
 
 
 class DriveMetadata(Metadata):
-    """Of a predicted drive; the loaded pulley is that of the recording it follows, if any."""
+    """Of a predicted drive; the loaded pulley is that of the recording it follows, if any.
+
+    `uncertainty_by_string` are the points with rods that slip whose uncertainty is, for an error
+    with which a rod has no steady state, that of the string.
+    """
 
     n_failed: Count | None = None
     loaded_pulley: str | None = None
+    uncertainty_by_string: Listed[str] = ()
     slip_limits: Listed[SlipLimitRow] = ()
     limits_over_tension: Listed[TensionLimitRow] = ()
     laid: Listed[LaidPulleyRow] = ()

@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from beltid.drive.model import DrivePoint
-from beltid.drive.results import ADHESION, FULL_SLIP, Simulator
+from beltid.drive.results import SLACK, DriveResult, Simulator
 from beltid.errors import ConvergenceError
 
-BISECTIONS = 18  # to 4e-6 of the limit
-LARGEST_FACTOR = 2.0**20
+Array = NDArray[np.float64]
+
+TOLERANCE: Final = 2e-5
+"""Of a limit, relative."""
+LARGEST_FACTOR: Final = 2.0**20
+MOST_RESERVE: Final = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +40,7 @@ class SlipLimit:
 
 
 def slip_limit(simulator: Simulator, point: DrivePoint) -> SlipLimit:
-    """Find by bisection how far the torques of a point may grow.
+    """Find how far the torques of a point may grow.
 
     Parameters
     ----------
@@ -45,26 +55,32 @@ def slip_limit(simulator: Simulator, point: DrivePoint) -> SlipLimit:
     sliding speed grows without bound over the torque.
     """
     return SlipLimit(
-        _largest(simulator, point, (ADHESION,)),
-        _largest(simulator, point, (ADHESION, FULL_SLIP)),
+        _largest(simulator, point, lambda result: result.reserve),
+        _largest(simulator, point, lambda result: result.largest_reserve),
     )
 
 
-def _largest(simulator: Simulator, point: DrivePoint, carried: tuple[str, ...]) -> float:
-    """Largest factor on the torques with which every pulley is in one of the states."""
+def _largest(
+    simulator: Simulator, point: DrivePoint, reserve: Callable[[DriveResult], Array]
+) -> float:
+    """Largest factor on the torques with which every pulley keeps a reserve of 1."""
+    near: DriveResult | None = None
 
-    def carries(factor: float) -> bool:
+    def margin(factor: float) -> float:
+        nonlocal near
         try:
-            return set(simulator.solve(point.scaled(factor)).status) <= set(carried)
+            result = simulator.solve(point.scaled(factor), near)
         except ConvergenceError:
-            return False
+            return -1.0
+        near = result
+        if SLACK in result.status:
+            return -1.0
+        # an idling pulley has an infinite reserve, and it could not be interpolated
+        return min(float(reserve(result).min()), MOST_RESERVE) - 1.0
 
     low, high = 0.0, 1.0
-    while carries(high):
+    while margin(high) > 0.0:
         low, high = high, 2.0 * high
         if high > LARGEST_FACTOR:
             return math.inf
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if carries(middle) else (low, middle)
-    return low
+    return float(brentq(margin, low, high, xtol=TOLERANCE * high, rtol=TOLERANCE))

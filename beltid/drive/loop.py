@@ -29,6 +29,8 @@ TOLERANCE: Final = 1e-11
 AS_GOOD_AS_ROUNDING: Final = 1e-7
 """Residual that may stay where no step makes it smaller: the strain of a stiff belt is rounded."""
 MOST_HALVINGS: Final = 12
+WAYS: Final = 3
+"""Slopes that are tried from one state: those that are known, and of both sides anew."""
 DIFFERENCE: Final = 1e-7
 SLACK: Final = 1e-5
 """A span with less than this share of the largest span force is slack."""
@@ -86,6 +88,8 @@ class LoopState:
         Newton steps.
     rods : tuple of RodState or None
         Rod on each pulley; empty at string level, None where the string stays.
+    slopes : ndarray or None
+        Last Jacobian of the iteration, in its scaled unknowns.
     """
 
     P: Array
@@ -96,6 +100,7 @@ class LoopState:
     slack: bool = False
     iterations: int = 0
     rods: tuple[RodState | None, ...] = ()
+    slopes: Array | None = None
 
     @property
     def P_in(self) -> Array:
@@ -226,8 +231,14 @@ class _Loop:
             columns.append((self.residual(self.state(moved)) - r) / difference)
         return np.stack(columns, axis=1)
 
-    def first_guess(self) -> Array:
-        """Forces of a belt that neither stretches nor seats: steps of M/R about the mean T_0."""
+    def first_guess(self, near: LoopState | None) -> Array:
+        """Unknowns of a state nearby, or of a belt that neither stretches nor seats.
+
+        The forces of the latter rise by steps of M/R about the mean T_0.
+        """
+        if near is not None:
+            arm = () if near.arm_angle is None else (near.arm_angle,)
+            return np.array([*(near.P / self.rest.T_0), near.v0 / self.flow, *arm])
         drive = self.drive
         steps = (self.torque + self.power * self.R / self.flow) / self.R
         steps[drive.driver] = 0.0
@@ -239,7 +250,13 @@ class _Loop:
         return np.array([*np.maximum(P, 0.05), 1.0 / stretch, *arm])
 
 
-def solve_loop(drive: Drive, point: DrivePoint, level: Level, rest: RestState) -> LoopState:
+def solve_loop(
+    drive: Drive,
+    point: DrivePoint,
+    level: Level,
+    rest: RestState,
+    near: LoopState | None = None,
+) -> LoopState:
     """Find the steady state of an operating point.
 
     Newton's method with a Jacobian by differences, kept as long as it serves. A span force may fall
@@ -255,6 +272,8 @@ def solve_loop(drive: Drive, point: DrivePoint, level: Level, rest: RestState) -
         Belt on a pulley.
     rest : RestState
         The belt at rest.
+    near : LoopState, optional
+        State of a drive that differs little, from which the iteration is begun.
 
     Raises
     ------
@@ -262,13 +281,16 @@ def solve_loop(drive: Drive, point: DrivePoint, level: Level, rest: RestState) -
         If no steady state was found.
     """
     loop, n = _Loop(drive, point, level, rest), len(drive.pulleys)
-    u = loop.first_guess()
+    if near is not None and near.slack:
+        near = None
+    u = loop.first_guess(near)
     state = loop.state(u)
     r = loop.residual(state)
-    size, J, difference = float(np.abs(r).max()), None, DIFFERENCE
+    size, difference = float(np.abs(r).max()), DIFFERENCE
+    J, stuck = None if near is None else near.slopes, 0
     for iteration in range(MOST_ITERATIONS):
         if size <= TOLERANCE:
-            return replace(state, iterations=iteration)
+            return replace(state, iterations=iteration, slopes=J)
         if np.min(u[:n]) < SLACK * np.max(u[:n]):
             return replace(state, iterations=iteration, slack=True)
         fresh = J is None
@@ -287,16 +309,20 @@ def solve_loop(drive: Drive, point: DrivePoint, level: Level, rest: RestState) -
             share *= 0.5
         else:
             if size <= AS_GOOD_AS_ROUNDING:
-                return replace(state, iterations=iteration)
+                return replace(state, iterations=iteration, slopes=J)
+            stuck += 1
+            if stuck > WAYS:
+                break
             # where a pulley begins to slip as a whole, the slopes of both sides differ
             J, difference = None, -difference if fresh else difference
             continue
+        stuck = 0
         if trial_size > 0.1 * size:
             J = None
         u, state, r, size = u + share * step, trial, r_trial, trial_size
     raise ConvergenceError(
-        f"drive at {point.omega:g} rad/s: no steady state found in {MOST_ITERATIONS} iterations; "
+        f"drive at {point.omega:g} rad/s: no steady state found in {iteration + 1} iterations; "
         f"largest residual {size:.3g} of the scaled equations, must be below {TOLERANCE:g}",
-        iterations=MOST_ITERATIONS,
+        iterations=iteration + 1,
         residual=size,
     )

@@ -143,6 +143,17 @@ class DriveResult:
         return np.where(self.state.slack, np.nan, reserve)
 
     @property
+    def largest_reserve(self) -> Array:
+        """Reserve with the sliding speed, of all that were measured, at which friction does most.
+
+        Below 1 no steady sliding is known that would carry the forces.
+        """
+        state = self.state
+        least = StringLevel(self.drive).least_arcs(state.P_in, state.P, state.v0)
+        free = np.full(least.size, np.inf)
+        return np.divide(state.laid.wraps, least, out=free, where=least > 0.0)
+
+    @property
     def arc_used(self) -> Array:
         """Arc that slides on each pulley [rad]."""
         used = np.minimum(self.state.arcs.needed, self.state.laid.wraps)
@@ -228,11 +239,18 @@ class Simulator:
         self._rest: dict[float | None, RestState] = {}
         self._idle: dict[tuple[float, float | None], LoopState] = {}
 
-    def solve(self, point: DrivePoint) -> DriveResult:
+    def solve(self, point: DrivePoint, near: DriveResult | None = None) -> DriveResult:
         """Find the steady state of a point, and of the drive that idles at its speed.
 
         Where the speed of the driver is negative the belt runs against the order of the pulleys:
         such a result holds the reversed drive and the reversed point.
+
+        Parameters
+        ----------
+        point : DrivePoint
+            The operating point.
+        near : DriveResult, optional
+            The same point of a drive that differs little, from which the search is begun.
 
         Raises
         ------
@@ -242,28 +260,29 @@ class Simulator:
             If no steady state was found.
         """
         if point.omega < 0.0:
-            return self._reversed._forwards(point.reversed())
-        return self._forwards(point)
+            return self._reversed._forwards(point.reversed(), near)
+        return self._forwards(point, near)
 
     @cached_property
     def _reversed(self) -> Simulator:
         return Simulator(self.drive.reversed(), self.method)
 
-    def _forwards(self, point: DrivePoint) -> DriveResult:
+    def _forwards(self, point: DrivePoint, near: DriveResult | None) -> DriveResult:
         """Solve a point with the belt running in the order of the pulleys."""
         T_0 = None if math.isnan(point.T_0) else point.T_0
         if T_0 not in self._rest:
             self._rest[T_0] = rest_state(self.drive, self.level, point.T_0)
         rest = self._rest[T_0]
         if (point.omega, T_0) not in self._idle:
-            self._idle[point.omega, T_0] = self._loop(point.scaled(0.0), rest)
-        state = self._loop(point, rest)
+            idle = None if near is None else near.idle
+            self._idle[point.omega, T_0] = self._loop(point.scaled(0.0), rest, idle)
+        state = self._loop(point, rest, None if near is None else near.state)
         return DriveResult(point, self.drive, rest, state, self._idle[point.omega, T_0])
 
-    def _loop(self, point: DrivePoint, rest: RestState) -> LoopState:
+    def _loop(self, point: DrivePoint, rest: RestState, near: LoopState | None) -> LoopState:
         if self._rods is None:
-            return solve_loop(self.drive, point, self.level, rest)
-        return self._rods.solve(point, rest)
+            return solve_loop(self.drive, point, self.level, rest, near)
+        return self._rods.solve(point, rest, near)
 
 
 def simulate(

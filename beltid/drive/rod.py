@@ -31,7 +31,6 @@ from beltid.rigsim.model import Bench, RigModel, System, Workspace
 from beltid.rigsim.path import bed_length, bending_length
 from beltid.rigsim.profile import ContactState
 from beltid.rigsim.steady import (
-    StaticState,
     force_tolerance,
     largest_force,
     lay_on,
@@ -196,7 +195,6 @@ class RodPulley:
     elements: int | None = None
     model: RigModel = field(init=False, repr=False, compare=False)
     behind_entry: int = field(init=False, repr=False, compare=False)
-    laid: StaticState = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         rig = Rig(self.R, self.span)
@@ -219,7 +217,6 @@ class RodPulley:
         first = int(np.searchsorted(model.nodes, self.span + ENTRY[1] * bed))
         object.__setattr__(self, "behind_entry", first)
         object.__setattr__(self, "model", model)
-        object.__setattr__(self, "laid", lay_on(model))
 
     def _divided(self, nodes: Array, bed: float) -> Array:
         """The nodes of the rig with those in between on the arc, and more at the entry."""
@@ -378,12 +375,12 @@ class _Flow:
                 to[:] = of
             state = start.contact.q.copy(), start.contact.stretch, start.W * v0
         else:
-            T, EA = pulley.tension, pulley.belt.EA
+            T, EA, laid = pulley.tension, pulley.belt.EA, lay_on(model)
             longer = 1.0 + (T + momentum) / (EA - momentum)
-            stretch = pulley.laid.stretch * (1.0 + T / EA) / longer
+            stretch = laid.stretch * (1.0 + T / EA) / longer
             turn = longer / (pulley.R - float(pulley.law.penetration(T / pulley.R)))
-            state = pulley.laid.q.copy(), stretch, turn * v0
-            opened = ~np.any(pulley.laid.points.F_N > 0.0, axis=1)
+            state = laid.q, stretch, turn * v0
+            opened = ~np.any(laid.points.F_N > 0.0, axis=1)
             ends = opened | np.roll(opened, 1) | np.roll(opened, -1)
             points.patches.status[ends] = SLIDE
         turns = np.zeros(points.patches.status.size, dtype=np.int64)

@@ -68,6 +68,10 @@ class _Known:
     pulley: RodPulley
     states: deque[RodState] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
 
+    def fits(self, state: RodState | None) -> bool:
+        """Whether a state has as many nodes."""
+        return state is not None and state.contact.q.size == 4 * self.pulley.model.nodes.size
+
     def nearest(self, v0: float, P_in: float, P_out: float) -> RodState | None:
         """The state with the nearest forces and flow."""
 
@@ -111,7 +115,7 @@ class RodLevel:
         fastest = drive.surface.validity["slip_speed_m_s"][1]
         self.fastest = float(fastest)
 
-    def solve(self, point: DrivePoint, rest: RestState) -> LoopState:
+    def solve(self, point: DrivePoint, rest: RestState, near: LoopState | None = None) -> LoopState:
         """Find the steady state of an operating point.
 
         Parameters
@@ -120,6 +124,8 @@ class RodLevel:
             The operating point.
         rest : RestState
             The belt at rest.
+        near : LoopState, optional
+            State of a drive that differs little, from which the search is begun.
 
         Raises
         ------
@@ -128,16 +134,16 @@ class RodLevel:
         ConvergenceError
             If the loop or a rod has no steady state, or both do not come together.
         """
-        state = solve_loop(self.drive, point, self.level, rest)
+        state = solve_loop(self.drive, point, self.level, rest, near)
         for _ in range(MOST_ROUNDS):
             if state.slack or np.isnan(state.arcs.slip).any():
                 return state
-            rods, slip = self._rods(state, rest)
+            rods, slip = self._rods(state, rest, near)
             if np.isnan(slip).any():
                 return replace(state, arcs=state.arcs._replace(slip=slip))
             of_string = self.level.arcs(state.P_in, state.P, state.v0, state.laid.wraps)
             corrected = _difference(self.level, of_string, rods)
-            last, state = state, solve_loop(self.drive, point, corrected, rest)
+            last, state = state, solve_loop(self.drive, point, corrected, rest, state)
             moved = float(np.abs(state.P - last.P).max()) / rest.T_0
             if moved <= FORCE_TOLERANCE:
                 return replace(state, arcs=self._arcs(state, slip), rods=rods)
@@ -155,7 +161,9 @@ class RodLevel:
         needed = np.where(slip > 0.0, np.maximum(arcs.needed, state.laid.wraps), arcs.needed)
         return arcs._replace(rate=arcs.W - ahead, slip=slip, needed=needed)
 
-    def _rods(self, state: LoopState, rest: RestState) -> tuple[tuple[RodState | None, ...], Array]:
+    def _rods(
+        self, state: LoopState, rest: RestState, near: LoopState | None
+    ) -> tuple[tuple[RodState | None, ...], Array]:
         """Rods with the forces of a loop, and the sliding speed of each pulley as a whole [m/s]."""
         rods: list[RodState | None] = []
         slip = np.zeros(len(self.drive.pulleys))
@@ -167,6 +175,8 @@ class RodLevel:
             known = self._rod(i, state, rest)
             P_in, P_out = float(state.P_in[i]), float(state.P[i])
             start = known.nearest(state.v0, P_in, P_out)
+            if near is not None and near.rods and known.fits(near.rods[i]):
+                start = near.rods[i]
             try:
                 rod = pulley_map(known.pulley, state.v0, P_in, P_out=P_out, start=start)
             except ConvergenceError:

@@ -463,6 +463,29 @@ def sheared_speed(
 
 
 @kernel
+def least_arc(P_in: float, P_out: float, v0: float, s: Section, friction: Friction) -> float:
+    """Least arc (D4), or (D13), with which a sliding within the measured speeds holds the forces.
+
+    Returns
+    -------
+    float
+        [rad].
+    """
+    if P_in == P_out:
+        return 0.0
+    fastest = friction.v_high if math.isfinite(friction.v_high) else v0
+    if math.isfinite(s.k_shear):
+        return sheared_arc(P_in, P_out, v0, fastest, s, friction)[0]
+    least = sliding_arc(P_in, P_out, v0, 0.0, s, friction)[0]
+    if friction.tables.y_nodes.size == 1:
+        return least
+    for k in range(0 if friction.falls else SLIP_GRID - 1, SLIP_GRID):
+        x = _slip_of_grid(k, friction)
+        least = min(least, sliding_arc(P_in, P_out, v0, x, s, friction)[0])
+    return least
+
+
+@kernel
 def steady_states(
     P_in: float, P_out: float, v0: float, wrap: float, s: Section, friction: Friction
 ) -> int:
@@ -523,6 +546,23 @@ def arcs_of_pulleys(
         ahead = x / (s.R * v0)
         W[i] = rate[i] + (ahead if P_in[i] > P_out[i] else -ahead)
     return Arcs(torque, W, rate, length, needed, slip)
+
+
+@kernel
+def least_arcs_of_pulleys(
+    P_in: Array,
+    P_out: Array,
+    v0: float,
+    pulleys: Pulleys,
+    of_ribs: Friction,
+    of_back: Friction,
+) -> Array:
+    """Least arc of every pulley [rad], shape (n,); see :func:`least_arc`."""
+    least = np.empty(pulleys.R.size)
+    for i in range(least.size):
+        friction = of_ribs if pulleys.ribs[i] else of_back
+        least[i] = least_arc(P_in[i], P_out[i], v0, _section(pulleys, i), friction)
+    return least
 
 
 @leaf
@@ -636,6 +676,16 @@ class StringLevel:
             P_in, P_out, v0, wraps, self._pulleys, self._of_ribs, self._of_back
         )
         return arcs
+
+    def least_arcs(self, P_in: Array, P_out: Array, v0: float) -> Array:
+        """Arcs [rad] that sliding at the best of the measured speeds needs, shape (n,).
+
+        Parameters are those of :meth:`arcs`.
+        """
+        least: Array = least_arcs_of_pulleys(
+            P_in, P_out, v0, self._pulleys, self._of_ribs, self._of_back
+        )
+        return least
 
     def along_arc(self, i: int, P: Array, v0: float) -> tuple[Array, Array]:
         """Line force [N/m] and speed of creep [m/s] on pulley i where the belt has P (n,) [N].

@@ -42,7 +42,7 @@ from beltid.stages.uncertainties import (
     standard_uncertainties,
 )
 from beltid.uncertainty.budget import Scatter, budget
-from beltid.uncertainty.drive import DriveUncertainty, drive_uncertainty
+from beltid.uncertainty.drive import drive_uncertainty
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.sources import Source, drive_sources
 
@@ -173,7 +173,11 @@ def _outcome(
     )
     ensemble = surface.ensemble() if known and isinstance(surface, UncertainSurface) else ()
     sources = drive_sources(standard_uncertainties(config), len(drive.pulleys), press.has_scatter)
-    open_ = _uncertainty(drive, good, press, sources, ensemble)
+    results = [result for _, result in good]
+    open_ = drive_uncertainty(
+        drive, [asked.point for asked, _ in good], results, press, sources, ensemble
+    )
+    by_string = [asked.run for (asked, _), yes in zip(good, open_.by_string, strict=True) if yes]
     columns = _columns(drive, good)
     columns["speed_loss_u_rad_s"] = open_.combined.ravel()
     return Outcome(
@@ -186,13 +190,14 @@ def _outcome(
             "method": config.drive.method,
             "n_failed": len(failed),
             "loaded_pulley": loaded,
+            "uncertainty_by_string": by_string,
             "slip_limits": _limits(drive, good),
             "limits_over_tension": _limits_over_tension(drive, good),
             "laid": _laid(drive, good),
             "arcs": _arcs(good),
             "budget": _budget(columns, sources, open_.shared, open_.surface),
         },
-        notes=_notes(columns, known, config.drive.method),
+        notes=_notes(columns, known, config.drive.method, by_string),
         warnings=(
             *alike,
             *(f"point {asked.run}: {error}" for asked, error in failed),
@@ -213,27 +218,6 @@ def _solved(
             result = error
         solved.append(SolvedPoint(asked, result))
     return tuple(solved)
-
-
-def _uncertainty(
-    drive: Drive,
-    good: Sequence[tuple[LabelledPoint, DriveResult]],
-    press: PressLaw,
-    sources: Sequence[Source],
-    ensemble: Sequence[FrictionSurface],
-) -> DriveUncertainty:
-    """Uncertainty of the losses: by the string, and by rods for points whose rods slip."""
-    points = [asked.point for asked, _ in good]
-    found = drive_uncertainty(drive, points, press, sources, ensemble)
-    slips = [bool(result.state.rods) and FULL_SLIP in result.status for _, result in good]
-    if any(slips):
-        mine = [point for point, slip in zip(points, slips, strict=True) if slip]
-        with_rods = drive_uncertainty(drive, mine, press, sources, ensemble, "rod")
-        # where an error of an input leaves a rod without a steady state, the string has to do
-        known = np.isfinite(with_rods.shared)
-        found.shared[slips] = np.where(known, with_rods.shared, found.shared[slips])
-        found.surface[slips] = with_rods.surface
-    return found
 
 
 def _limits(
@@ -400,7 +384,10 @@ def _budget(
 
 
 def _notes(
-    columns: Mapping[str, np.ndarray], surface_known: bool, method: Method
+    columns: Mapping[str, np.ndarray],
+    surface_known: bool,
+    method: Method,
+    by_string: Sequence[str],
 ) -> tuple[str, ...]:
     notes = [
         "the friction power is that of the contact alone: the hysteresis of the belt in bending "
@@ -410,6 +397,11 @@ def _notes(
         notes.append(
             "speeds and torques are those of the rod; slip limits, arcs used, shares and, short of "
             "full slip, uncertainties those of the string, which carries about 2 % more torque"
+        )
+    if by_string:
+        notes.append(
+            "with an error of the inputs a rod has no steady state; what it changes is that of the "
+            f"string: {', '.join(by_string)}"
         )
     if not surface_known:
         notes.append("the friction surface has no covariance: it is taken as known")

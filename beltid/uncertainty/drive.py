@@ -8,7 +8,6 @@ in full slip: how they slip the rod alone knows.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -17,13 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.drive.model import Drive, DrivePoint
-from beltid.drive.results import Method, Simulator
+from beltid.drive.results import FULL_SLIP, DriveResult, Method, Simulator
 from beltid.errors import ConvergenceError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.sources import Errors, Source
 
 Array = NDArray[np.float64]
+Results = Sequence[DriveResult | None]
 
 MEMBERS_WITH_RODS: Final = 16
 """Members of an ensemble that are solved with rods: their scatter is known to a fifth."""
@@ -39,10 +39,14 @@ class DriveUncertainty:
         By each of the K sources, with their signs.
     surface : ndarray (n_points, n_pulleys)
         Standard deviation over the ensemble of the friction surface; 0 without one.
+    by_string : ndarray of bool (n_points,)
+        Points whose rods slip, but have no steady state with one of the errors or surfaces: for
+        these the string says what it changes.
     """
 
     shared: Array
     surface: Array
+    by_string: NDArray[np.bool_]
 
     @property
     def combined(self) -> Array:
@@ -53,10 +57,10 @@ class DriveUncertainty:
 def drive_uncertainty(
     drive: Drive,
     points: Sequence[DrivePoint],
+    results: Sequence[DriveResult],
     press: PressLaw,
     sources: Sequence[Source],
     ensemble: Sequence[FrictionSurface] = (),
-    method: Method = "string",
 ) -> DriveUncertainty:
     """Move the inputs of a drive one by one.
 
@@ -66,47 +70,82 @@ def drive_uncertainty(
         The drive with the best values of its inputs.
     points : sequence of DrivePoint
         Operating points.
+    results : sequence of DriveResult
+        Their results, by string or rod.
     press : PressLaw
         The contact law of the drive and its making.
     sources : sequence of Source
         Errors of :func:`beltid.uncertainty.sources.drive_sources`.
     ensemble : sequence of FrictionSurface
         Surfaces that might be the true one; none if that is not known.
-    method : {"string", "rod"}
-        How the drive is solved; with rods a part of the ensemble has to do.
 
     Returns
     -------
     DriveUncertainty
         nan where a point has no steady state.
     """
-    best = speed_losses(drive, points, method)
-    shared = np.zeros((*best.shape, len(sources)))
-    for k, source in enumerate(sources):
-        errors = Errors.single(source)
-        shared[..., k] = speed_losses(*with_errors(drive, points, press, errors), method) - best
-    if not ensemble:
-        return DriveUncertainty(shared, np.zeros(best.shape))
-    if method == "rod":
-        ensemble = ensemble[:: max(len(ensemble) // MEMBERS_WITH_RODS, 1)]
-    members = [
-        speed_losses(replace(drive, surface=surface), points, method) for surface in ensemble
-    ]
-    with warnings.catch_warnings():  # a point without a steady state in any member stays nan
-        warnings.simplefilter("ignore", RuntimeWarning)
-        return DriveUncertainty(shared, np.nanstd(members, axis=0, ddof=1))
+    slips = np.array([bool(r.state.rods) and FULL_SLIP in r.status for r in results], dtype=bool)
+    by_string = np.zeros(len(points), dtype=bool)
+    of_string = _solved(drive, points, "string", [None] * len(points))
+    losses = _losses(drive, of_string)
+    inputs = [with_errors(drive, points, press, Errors.single(source)) for source in sources]
+    shared = np.zeros((*losses.shape, len(sources)))
+    for k, moved in enumerate(inputs):
+        shared[..., k] = _losses(drive, _solved(*moved, "string", of_string)) - losses
+    surfaces = [replace(drive, surface=surface) for surface in ensemble]
+    surface = np.zeros(losses.shape)
+    if surfaces:
+        surface = _scatter([_losses(d, _solved(d, points, "string", of_string)) for d in surfaces])
+    at = np.flatnonzero(slips).tolist()
+    if not at:
+        return DriveUncertainty(shared, surface, by_string)
+    best = [results[i] for i in at]
+    losses = _losses(drive, best)
+    for k, (other, moved_points) in enumerate(inputs):
+        mine = [moved_points[i] for i in at]
+        change = _losses(other, _solved(other, mine, "rod", best)) - losses
+        known = np.isfinite(change)
+        by_string[at] |= ~known.all(axis=1)
+        shared[at, :, k] = np.where(known, change, shared[at, :, k])
+    some = surfaces[:: max(len(surfaces) // MEMBERS_WITH_RODS, 1)]
+    if some:
+        mine = [points[i] for i in at]
+        members = np.array([_losses(d, _solved(d, mine, "rod", best)) for d in some])
+        known = np.isfinite(members).all(axis=0)
+        by_string[at] |= ~known.all(axis=1)
+        # the belt lets go on a surface of little friction: without it the others scatter too little
+        of_rods = _scatter(members)
+        surface[at] = np.where(known, of_rods, np.fmax(of_rods, surface[at]))
+    return DriveUncertainty(shared, surface, by_string)
 
 
-def speed_losses(drive: Drive, points: Sequence[DrivePoint], method: Method = "string") -> Array:
-    """Speed losses of all pulleys [rad/s], (n_points, n_pulleys); nan without a steady state."""
-    simulator, rows = Simulator(drive, method), []
-    for point in points:
+def _scatter(members: Sequence[Array] | Array) -> Array:
+    """Standard deviation over members; nan where fewer than two have a steady state."""
+    losses = np.array(members)
+    counts = np.isfinite(losses).sum(axis=0)
+    away = losses - np.nansum(losses, axis=0) / np.maximum(counts, 1)
+    squares = np.nansum(away**2, axis=0)
+    return np.where(counts > 1, np.sqrt(squares / np.maximum(counts - 1, 1)), np.nan)
+
+
+def _solved(
+    drive: Drive, points: Sequence[DrivePoint], method: Method, near: Results
+) -> list[DriveResult | None]:
+    """Results of points, each begun from one nearby; None without a steady state."""
+    simulator = Simulator(drive, method)
+    found: list[DriveResult | None] = []
+    for point, start in zip(points, near, strict=True):
         try:
-            result = simulator.solve(point)
-            rows.append(result.in_order(result.loss.total))
+            found.append(simulator.solve(point, start))
         except ConvergenceError:
-            rows.append(np.full(len(drive.pulleys), np.nan))
-    return np.array(rows)
+            found.append(None)
+    return found
+
+
+def _losses(drive: Drive, results: Results) -> Array:
+    """Speed losses of all pulleys [rad/s], (n_points, n_pulleys); nan without a steady state."""
+    unknown = np.full(len(drive.pulleys), np.nan)
+    return np.array([unknown if r is None else r.in_order(r.loss.total) for r in results])
 
 
 def with_errors(

@@ -1,0 +1,63 @@
+"""What the inputs leave open of a predicted loss, where the string and where rods say it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from beltid.drive.model import Drive, DrivePoint, Pulley
+from beltid.drive.results import simulate
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
+from beltid.params import Belt
+from beltid.uncertainty.drive import drive_uncertainty
+from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.sources import Source
+
+LAW = NormalLaw(6.5e7, 3.0256e11)
+PRESS = PressLaw(LAW, np.zeros((2, 2)), 1.0e-4, 0.1)
+SLIPS, STICKS = DrivePoint(62.8, 155.0, (0.0, 16.0)), DrivePoint(62.8, 310.0, (0.0, 8.0))
+
+
+def rising(level: float) -> FrictionSurface:
+    """A coefficient that rises by a tenth of itself with every factor e of the speed."""
+    v = np.geomspace(5e-4, 0.05, 30)
+    return FrictionSurface([10.0, 30000.0], v, [level * (1.0 + 0.1 * np.log(v / 5e-3))] * 2)
+
+
+def drive_on(surface: FrictionSurface) -> Drive:
+    pulleys = (Pulley("driver", 0.0, 0.0, 0.05), Pulley("driven", 0.25, 0.0, 0.05))
+    return Drive(Belt(1.0e5, 0.02, 0.10), LAW, surface, pulleys)
+
+
+def test_a_surface_on_which_the_belt_lets_go_leaves_the_point_to_the_string() -> None:
+    drive, points = drive_on(rising(0.8)), [SLIPS, STICKS]
+    results = simulate(drive, points, "rod")
+    assert ["full slip" in result.status for result in results] == [True, False]
+    holds = [rising(0.8), rising(0.81)]
+    known = drive_uncertainty(drive, points, results, PRESS, (), holds)
+    assert not known.by_string.any()
+    assert known.surface[0, 1] > 10.0 * known.surface[1, 1]  # short of full slip friction is silent
+    open_ = drive_uncertainty(drive, points, results, PRESS, (), [*holds, rising(0.6)])
+    assert open_.by_string.tolist() == [True, False]
+    assert np.isfinite(open_.surface).all()
+    assert open_.surface[0, 1] >= known.surface[0, 1]
+
+
+def test_a_torque_that_the_rod_no_longer_holds_leaves_the_point_to_the_string() -> None:
+    drive = drive_on(rising(0.8))
+    results = simulate(drive, [SLIPS], "rod")
+    small, large = (
+        Source("torque", "torque", 0, size, "%", 0.01, "stated") for size in (1e-3, 0.25)
+    )
+    for source, by_string in ((small, False), (large, True)):
+        found = drive_uncertainty(drive, [SLIPS], results, PRESS, (source,))
+        assert found.by_string.tolist() == [by_string]
+    # by hand: the drive solved again from scratch with the torque off
+    found = drive_uncertainty(drive, [SLIPS], results, PRESS, (small,))
+    (moved,) = simulate(drive, [SLIPS.scaled(1.001)], "rod")
+    change = moved.loss.total[1] - results[0].loss.total[1]
+    assert found.shared[0, 1, 0] == pytest.approx(change, rel=1e-3)
+    assert math.isclose(found.combined[0, 1], abs(change), rel_tol=1e-3)
