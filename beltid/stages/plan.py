@@ -36,7 +36,7 @@ from beltid.report.summary import Summary
 from beltid.rigsim.model import Bench
 from beltid.stages.build_artifact import already_exists, combined_origin
 from beltid.stages.drive_of_config import drive_of, points_of_config
-from beltid.stages.reduction import weight_cell
+from beltid.stages.reduction import rig_kind
 from beltid.stages.reporter import Options
 from beltid.stages.tables import law_of, surface_of
 from beltid.stages.uncertainties import press_law, standard_uncertainties
@@ -235,7 +235,7 @@ def _present(artifacts: Mapping[str, Artifact], config: Config) -> Present:
         table = artifacts["friction"].columns
         ok = valid_rows(table, np.flatnonzero(table["status"] == "ok"))
         rig = config.rig_params()
-        runs = measured_runs(table, ok, rig.R, weight_cell(config), rig.given_force)
+        runs = measured_runs(table, ok, rig.R, rig_kind(config), rig.given_force)
         noise = noise_law(runs, scale)
         columns = {key: float(np.mean(change)) for key, change in runs.columns.items()}
     else:
