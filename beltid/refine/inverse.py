@@ -256,7 +256,7 @@ class _Problem:
     def linearised(
         self, sweep: Sweep, parameters: Array, weight: Array, response: Array
     ) -> LinearModel:
-        """The data over their standard errors, linear about simulated runs, with the stated errors.
+        """The data over their standard errors, linear about simulated runs, all errors unknown.
 
         `response` (n,) is what effects and scatter act by; it rests with the hyperparameters.
         """
