@@ -157,7 +157,7 @@ BENCHES = {
         rig=Rig(0.06, 0.15, given_force="slack"),
         law=NormalLaw(4.0e7, 1.5e11),
         kind=RigKind("dead_weight", weight_on="slack"),
-        settings=Settings((60.0, 100.0, 140.0), (40.0, 80.0, 150.0, 260.0), (0.05, 0.2, 0.6, 1.5)),
+        settings=Settings((60.0, 100.0, 140.0), (40.0, 90.0, 200.0), (0.05, 0.11, 0.26, 0.6, 1.4)),
         runs=12,
     ),
     "torque and one cell, poor class, 12 runs": SyntheticBench(
