@@ -74,6 +74,7 @@ if TYPE_CHECKING:
     from beltid.stages.fit_shear import fit_shear
     from beltid.stages.fit_slip import fit_slip
     from beltid.stages.fit_stiffness import fit_stiffness
+    from beltid.stages.plan import PlannedRuns, plan_runs
     from beltid.stages.recordings import read_press, read_rig, read_speedloss
     from beltid.stages.refine_surface import refine_surface
     from beltid.stages.simulate_drive import simulate_drive
@@ -94,6 +95,7 @@ __all__ = [
     "InputError",
     "NormalLaw",
     "NumericsError",
+    "PlannedRuns",
     "TooFewSettings",
     "UncertainSurface",
     "__version__",
@@ -107,6 +109,7 @@ __all__ = [
     "load_law",
     "load_stiffness",
     "load_surface",
+    "plan_runs",
     "predict_held_out",
     "read_press",
     "read_rig",
@@ -149,6 +152,7 @@ _HOMES = {
     "fit_slip": "stages.fit_slip",
     "fit_stiffness": "stages.fit_stiffness",
     "predict_held_out": "stages.compare",
+    **dict.fromkeys(("PlannedRuns", "plan_runs"), "stages.plan"),
     **dict.fromkeys(("read_press", "read_rig", "read_speedloss"), "stages.recordings"),
     "load_law": "stages.tables",
     "load_stiffness": "stages.tables",

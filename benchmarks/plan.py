@@ -1,13 +1,17 @@
-"""24 planned runs against 24 random ones and the whole factorial, on synthetic benches.
+"""Planned runs against as many random ones and the whole factorial, on synthetic benches.
 
-    python -m benchmarks.plan [REPETITIONS [DRAWS]]
+    python -m benchmarks.plan [REPETITIONS [DRAWS [PART OF A NAME]]]
 
 Each draw is a bench with errors of its own, shared by all its runs, an effect of each arc setting
 on friction, and noise of each run. The rig is the sliding limit of the simulator on its finer mesh,
-with a known surface. It is read at the 24 settings of `beltid plan` before any run, and at the
-whole factorial; each repetition reads it at 24 settings of the factorial chosen at random. Every
-reading is refined. Error: root mean square of ln mu over all draws, uniform in ln f and ln v
+with a known surface. It is read at the 24 (or 12) settings of `beltid plan` before any run, and at
+the whole factorial; each repetition reads it at as many settings of the factorial chosen at random.
+Every reading is refined. Error: root mean square of ln mu over all draws, uniform in ln f and ln v
 between the lowest and highest line force (Eq. 8) and speed of the factorial.
+
+A repetition is won where the mean square error over all draws, those of the plan against those of
+its random choice, is not larger. `z` is the root mean square over all draws and places of error
+over stated standard uncertainty: 1 if that is right. The places of one draw move together.
 """
 
 from __future__ import annotations
@@ -22,6 +26,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from beltid.errors import ConvergenceError
+from beltid.identify.friction.kinds import TWO_CELLS, RigKind
 from beltid.identify.surface.surface import build_surface
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
@@ -102,6 +107,8 @@ class SyntheticBench:
     belt: Belt = field(default_factory=lambda: Belt(1.0e5, 0.02, 0.10))
     rig: Rig = field(default_factory=lambda: Rig(0.05, 0.10))
     law: NormalLaw = field(default_factory=lambda: NormalLaw(6.5e7, 3.0256e11))
+    kind: RigKind = TWO_CELLS
+    runs: int = RUNS
     settings: Settings = field(
         default_factory=lambda: Settings(
             (40.0, 68.0, 82.0),
@@ -116,6 +123,7 @@ class SyntheticBench:
         return PressLaw(self.law, np.zeros((2, 2)), 1.2e-4, 0.04)
 
 
+SMALL_FACTORIAL = Settings((40.0, 68.0, 82.0), (60.0, 130.0, 240.0, 400.0), (0.05, 0.15, 0.4, 0.84))
 BENCHES = {
     "5PK rig, usual class": SyntheticBench(stribeck, USUAL_CLASS),
     "5PK rig, poor class, bent surface": SyntheticBench(bent, POOR_CLASS),
@@ -131,6 +139,34 @@ BENCHES = {
             (60.0, 110.0, 170.0, 240.0, 320.0, 420.0),
             (0.03, 0.08, 0.2, 0.5, 1.3),
         ),
+    ),
+    "6PK rig, 12 runs, noisy friction": SyntheticBench(
+        bent,
+        USUAL_CLASS,
+        NoiseLaw(friction=0.008, tension=0.1),
+        belt=Belt(1.2e5, 0.024, 0.12),
+        law=NormalLaw(7.1e7, 3.9e11),
+        settings=SMALL_FACTORIAL,
+        runs=12,
+    ),
+    "weight on the slack span, limp belt, 12 runs": SyntheticBench(
+        falling,
+        USUAL_CLASS,
+        NoiseLaw(friction=0.003, tension=0.2),
+        belt=Belt(0.6e5, 0.005, 0.06),
+        rig=Rig(0.06, 0.15, given_force="slack"),
+        law=NormalLaw(4.0e7, 1.5e11),
+        kind=RigKind("dead_weight", weight_on="slack"),
+        settings=Settings((60.0, 100.0, 140.0), (40.0, 90.0, 200.0), (0.05, 0.11, 0.26, 0.6, 1.4)),
+        runs=12,
+    ),
+    "torque and one cell, poor class, 12 runs": SyntheticBench(
+        stribeck,
+        replace(POOR_CLASS, torque_gain=0.005, bearing_drag=0.01),
+        NoiseLaw(friction=0.003, tension=0.3),
+        kind=RigKind("torque"),
+        settings=SMALL_FACTORIAL,
+        runs=12,
     ),
 }
 
@@ -150,13 +186,18 @@ def read(bench: SyntheticBench, rng: np.random.Generator) -> tuple[Measured, Arr
         EI=bench.belt.EI * (1.0 + draw(u.bending_stiffness)),
         EA=bench.belt.EA * (1.0 + draw(u.axial_stiffness)),
     )
-    rig = Rig(bench.rig.R * (1.0 + draw(u.pulley_radius)), bench.rig.span + draw(u.span_length))
+    rig = replace(
+        bench.rig,
+        R=bench.rig.R * (1.0 + draw(u.pulley_radius)),
+        span=bench.rig.span + draw(u.span_length),
+    )
     turning, travel = 1.0 + draw(u.pulley_speed), 1.0 + draw(u.press_displacement)
     press = (1.0 + draw(u.press_force)) / (1.0 + draw(u.segment_length))
     k = bench.law.k_linear_N_m2 * press / travel, bench.law.k_quadratic_N_m3 * press / travel**2
     f, v = np.geomspace(40.0, 60000.0, 80), np.geomspace(5e-4, 0.2, 40)
     level = bench.mu(f[:, None], v[None, :])
     effects = [math.exp(draw(bench.arc_effect)) for _ in bench.settings.arcs_deg]
+    of_torque, drag = draw(u.torque_gain), draw(u.bearing_drag)
     of_arc = [
         Bench(belt, rig, Contact(), NormalLaw(*k), FrictionSurface(f, v, level * effect))
         for effect in effects
@@ -166,20 +207,28 @@ def read(bench: SyntheticBench, rng: np.random.Generator) -> tuple[Measured, Arr
     number = np.unique(np.round(arcs, 6), return_inverse=True)[1]
     tensions = []
     for point, k_arc in zip(points, number, strict=True):
-        T_0 = point.T_0 * (1.0 + gain + 0.5 * sum(gains)) + 0.5 * sum(zeros)
+        T_0 = point.T_0
+        if bench.kind.measures == "two_cells":
+            T_0 = T_0 * (1.0 + gain + 0.5 * sum(gains)) + 0.5 * sum(zeros)
+        elif bench.kind.measures == "torque":  # the cell of the slack span
+            T_0 = T_0 * (1.0 + gain + gains[1]) + zeros[1]
         beta = point.beta + arc + of_setting[k_arc]
         at = OperatingPoint(beta, T_0, point.omega * turning)
         true = of_arc[k_arc]
         elements = 2 * round(0.5 * FINER * (true.model(at).nodes.size - 1))
         run = simulate(true, at, SimulationSettings("steady", elements=elements))
-        tensions.append(
-            [
-                (tension - zero) / (1.0 + gain + own)
-                for tension, zero, own in zip(
-                    (run.tension_tight_N, run.tension_slack_N), zeros, gains, strict=True
-                )
-            ]
-        )
+        shown = [
+            (tension - zero) / (1.0 + gain + own)
+            for tension, zero, own in zip(
+                (run.tension_tight_N, run.tension_slack_N), zeros, gains, strict=True
+            )
+        ]
+        if bench.kind.measures == "torque":
+            torque = (run.tension_tight_N - run.tension_slack_N) * rig.R + drag
+            shown[0] = shown[1] + torque / (1.0 + of_torque) / bench.rig.R
+        elif bench.kind.weight == "slack":
+            shown[1] = run.tension_slack_N
+        tensions.append(shown)
     tight, slack = np.array(tensions).T
     beta = np.array([point.beta for point in points])
     measured = Measured(
@@ -192,6 +241,8 @@ def read(bench: SyntheticBench, rng: np.random.Generator) -> tuple[Measured, Arr
         slack=slack,
         mu=np.log(tight / slack) / beta,
         mu_se=np.zeros(beta.size),
+        kind=bench.kind,
+        given_force=bench.rig.given_force,
     )
     se = np.sqrt(bench.noise.variance(measured))
     return replace(measured, mu_se=measured.mu * se), se
@@ -249,27 +300,28 @@ def planned(bench: SyntheticBench) -> tuple[list[int], float]:
     """The runs planned before any is made, and the seconds of processor time that takes."""
     clock = time.process_time()
     middle = Bench(bench.belt, bench.rig, Contact(), bench.law, FrictionSurface.constant(1.0))
-    candidates = simulate_candidates(middle, bench.press, bench.settings, (), None)
+    candidates = simulate_candidates(middle, bench.press, bench.settings, (), None, bench.kind)
     n_arcs = len(bench.settings.arcs_deg)
     sources = (*all_sources(bench.given, n_arcs, False), *effect_sources(ARC, USUAL_ARCS, n_arcs))
     rows = candidates.rows(sources, bench.noise, {})
     before = knowledge_at(candidates.curves, None, len(sources))
     f, v = candidates.measured.normal_force, candidates.measured.slip_speed
     target = surface_target(candidates.curves, (f.min(), f.max()), (v.min(), v.max()))
-    chosen = choose_runs(before, rows, target.W, RUNS)
+    chosen = choose_runs(before, rows, target.W, bench.runs)
     return chosen, time.process_time() - clock
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Mean square errors of ln mu per draw, and shares of the target whose interval holds it.
+    """Of each draw: mean square error of ln mu, share of the target whose interval holds it, and
+    mean square of the error over its standard uncertainty.
 
-    `random` has a row per repetition; the pairs are mean squares and shares, arrays (draws,).
+    Arrays (3, draws); `random` has a row per repetition, (3, repetitions, draws).
     """
 
-    planned: tuple[Array, Array]
-    everything: tuple[Array, Array]
-    random: tuple[Array, Array]
+    planned: Array
+    everything: Array
+    random: Array
 
 
 def compare(bench: SyntheticBench, repetitions: int, draws: int) -> Comparison:
@@ -277,7 +329,7 @@ def compare(bench: SyntheticBench, repetitions: int, draws: int) -> Comparison:
     chosen, _ = planned(bench)
     n = len(bench.settings.points())
     rng = np.random.default_rng(0)
-    at_random = [rng.choice(n, RUNS, replace=False) for _ in range(repetitions)]
+    at_random = [rng.choice(n, bench.runs, replace=False) for _ in range(repetitions)]
     rows = []
     for seed in range(draws):
         rng = np.random.default_rng(1000 + seed)
@@ -288,12 +340,13 @@ def compare(bench: SyntheticBench, repetitions: int, draws: int) -> Comparison:
             try:
                 error, u = error_and_uncertainty(bench, taken(measured, se, runs, noise))
             except ConvergenceError:
-                row.append([np.nan, np.nan])
+                row.append([np.nan] * 3)
             else:
-                row.append([np.mean(np.square(error)), np.mean(np.abs(error) < 1.96 * u)])
+                held = np.mean(np.abs(error) < 1.96 * u)
+                row.append([np.mean(np.square(error)), held, np.mean(np.square(error / u))])
         rows.append(row)
-    squares, holds = np.array(rows).transpose(2, 1, 0)
-    return Comparison((squares[0], holds[0]), (squares[1], holds[1]), (squares[2:], holds[2:]))
+    figures = np.array(rows).transpose(2, 1, 0)
+    return Comparison(figures[:, 0], figures[:, 1], figures[:, 2:])
 
 
 def main() -> None:
@@ -302,19 +355,23 @@ def main() -> None:
         int(sys.argv[k]) if len(sys.argv) > k else n for k, n in ((1, 20), (2, 8))
     )
     print(
-        "| synthetic bench | plan | RMS error: 24 planned | 24 random | all | planned <= random, "
-        "all draws | draw by draw | planned / all | intervals hold: planned, random, all "
+        "| synthetic bench | plan | RMS error: planned | random | all | planned <= random, "
+        "all draws | draw by draw | planned / all | intervals hold: planned, random, all | z "
         "| not refined |"
     )
-    print("|---|---|---|---|---|---|---|---|---|---|")
+    print("|---|---|---|---|---|---|---|---|---|---|---|")
+    wanted = sys.argv[3] if len(sys.argv) > 3 else ""
     for name, bench in BENCHES.items():
+        if wanted not in name:
+            continue
         planned(bench)  # compiles
         _, seconds = planned(bench)
         found = compare(bench, repetitions, draws)
         parts = found.planned, found.random, found.everything
-        rms = [100.0 * float(np.sqrt(np.nanmean(squares))) for squares, _ in parts]
-        holds = ", ".join(f"{100.0 * np.nanmean(share):.0f}" for _, share in parts)
-        failed = ", ".join(str(int(np.isnan(squares).sum())) for squares, _ in parts)
+        rms = [100.0 * float(np.sqrt(np.nanmean(part[0]))) for part in parts]
+        holds = ", ".join(f"{100.0 * np.nanmean(part[1]):.0f}" for part in parts)
+        z = ", ".join(f"{np.sqrt(np.nanmean(part[2])):.2f}" for part in parts)
+        failed = ", ".join(str(int(np.isnan(part[0]).sum())) for part in parts)
         squares, at_random = found.planned[0], found.random[0]
         # by draws that were refined both ways
         pairs = np.where(np.isnan(at_random), np.nan, squares)
@@ -322,7 +379,7 @@ def main() -> None:
         single = 100.0 * np.mean((pairs <= at_random)[np.isfinite(pairs)])
         print(
             f"| {name} | {seconds:.1f} s | {rms[0]:.2f} % | {rms[1]:.2f} % | {rms[2]:.2f} % "
-            f"| {wins} of {repetitions} | {single:.0f} % | {rms[0] / rms[2]:.2f} | {holds} % "
+            f"| {wins} of {repetitions} | {single:.0f} % | {rms[0] / rms[2]:.2f} | {holds} % | {z} "
             f"| {failed} of {draws}, {repetitions * draws}, {draws} |",
             flush=True,
         )

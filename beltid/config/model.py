@@ -227,13 +227,15 @@ Speeds = Annotated[
 class RigSection(Section):
     """The friction rig: what it measures, geometry, supports, and the settings of its runs.
 
-    `weight_on` counts where one span hangs on a dead weight. On a `running` rig the belt moves at
-    `belt_speed_m_s` (null: a column of the recording), and `running_measures` says which of the
-    other kinds its channels are those of.
+    `weight_on` counts where one span hangs on a dead weight, `torque_with` where the tension of one
+    span is measured beside a torque: which one it is decides how its errors act. On a `running` rig
+    the belt moves at `belt_speed_m_s` (null: a column of the recording), and `running_measures`
+    says which of the other kinds its channels are those of.
     """
 
     kind: RigKind = "two_cells"
     weight_on: Literal["tight", "slack"] = "tight"
+    torque_with: Literal["tight", "slack"] = "slack"
     running_measures: MeasuredKind = "two_cells"
     belt_speed_m_s: Annotated[float, Number(0, 1e3, "m/s")] | None = None
     speed_bins_rad_s: (
@@ -347,6 +349,8 @@ class UncertaintySection(Section):
     cell_gain_rel: Share = 0.001
     cell_linearity_rel: Share = 0.0
     cell_offset_N: Annotated[float, Number(0, 1e3, "N")] = 0.05
+    torque_gain_rel: Share = 0.005
+    bearing_drag_N_m: Annotated[float, Number(0, 1e3, "N m")] = 0.01
     arc_deg: Annotated[float, Number(0, 20, "°")] = 0.1
     arc_setting_deg: Annotated[float, Number(0, 20, "°")] = 0.2
     pulley_radius_rel: Share = 0.002

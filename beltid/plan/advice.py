@@ -98,7 +98,7 @@ class Plan:
         return next(stated, None)
 
 
-def plan_runs(
+def choose_plan(
     before: Knowledge,
     runs: RunRows,
     target: Target,

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from beltid.errors import InputError
+from beltid.identify.friction.kinds import TWO_CELLS, RigKind
 from beltid.laws.capstan import friction_coefficient
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import OperatingPoint
@@ -183,6 +184,7 @@ def simulate_candidates(
     settings: Settings,
     known_arcs_deg: Sequence[float],
     measured: FrictionSurface | None,
+    kind: RigKind = TWO_CELLS,
 ) -> Candidates:
     """Simulate every setting once with the present surface, and differentiate it.
 
@@ -198,6 +200,8 @@ def simulate_candidates(
         Arc settings of the measured surface, as its sources count them [deg].
     measured : FrictionSurface or None
         The present surface; None before any run: then the middle of the prior.
+    kind : RigKind
+        What the rig measures: which errors its tensions can have.
 
     Raises
     ------
@@ -236,6 +240,8 @@ def simulate_candidates(
         slack=slack,
         mu=mu,
         mu_se=np.zeros(mu.size),
+        kind=kind,
+        given_force=bench.rig.given_force,
     )
     campaign = Campaign(simulated, bench, press)
     slopes = simulated_slopes(campaign, surfaces, speeds, sweep.speed_slope)

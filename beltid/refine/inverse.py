@@ -11,7 +11,7 @@ Errors that runs share have stated standard uncertainties. The data say how larg
 that those errors do not explain: what an arc set wrongly does to the runs at that arc is counted
 once, as the stated error. The surface itself does not follow what the runs say of the errors: a
 bench without them would lose accuracy, as the traces of such an error and of a model error are
-alike. It follows the effects alone; what the errors do to it is :mod:`beltid.uncertainty.refined`'s.
+alike. It follows the effects alone; :mod:`beltid.uncertainty.refined` has what errors do.
 """
 
 from __future__ import annotations
@@ -256,7 +256,7 @@ class _Problem:
     def linearised(
         self, sweep: Sweep, parameters: Array, weight: Array, response: Array
     ) -> LinearModel:
-        """The data over their standard errors, linear about simulated runs, with the stated errors.
+        """The data over their standard errors, linear about simulated runs, all errors unknown.
 
         `response` (n,) is what effects and scatter act by; it rests with the hyperparameters.
         """

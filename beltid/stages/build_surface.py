@@ -24,7 +24,7 @@ from beltid.stages.alternatives import (
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.conditions import rows_of_one, stated_of
 from beltid.stages.outcome import Outcome, rows_of, span
-from beltid.stages.reduction import weight_cell
+from beltid.stages.reduction import rig_kind
 from beltid.stages.reporter import Options
 from beltid.stages.tables import surface_of, table_columns
 from beltid.stages.uncertainties import (
@@ -144,7 +144,7 @@ def _outcome(
     table = result.to_columns()
     used = valid_rows(columns, good)
     rig = config.rig_params()
-    measured = measured_runs(columns, used, rig.R, weight_cell(config), rig.given_force)
+    measured = measured_runs(columns, used, rig.R, rig_kind(config), rig.given_force)
     given = StandardUncertainties() if direct else standard_uncertainties(config)
     uncertainty = _uncertainty(measured, result, config, given)
     forces = Alternatives() if direct else forces_of_plateaus(measured, config)

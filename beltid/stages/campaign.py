@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
 
-from beltid.errors import ArgumentTypeError, BeltidError, InputError
+from beltid.errors import ArgumentTypeError, BeltidError, InputError, percent
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import OperatingPoint
 from beltid.rigsim.model import Bench
+from beltid.rigsim.path import swinging_share
 from beltid.rigsim.rig import DEFAULT_STEPS, Method, RunResult, SimulationSettings
 from beltid.rigsim.rig import campaign as rig_campaign
 from beltid.stages.outcome import Outcome
@@ -94,6 +95,18 @@ def surface_from(surface: Any) -> FrictionSurface:
     if not 0.0 < surface < math.inf:
         raise InputError(f"surface = {float(surface):g}, must be > 0 and finite (constant mu)")
     return FrictionSurface.constant(float(surface))
+
+
+def guided_weight(config: Config, points: Sequence[OperatingPoint]) -> list[str]:
+    """What the simulated rig assumes of a dead weight, with what it is worth; empty without one."""
+    if config.rig.kind != "dead_weight":
+        return []
+    belt, rig = config.belt_params(), config.rig_params()
+    share = max(swinging_share(belt, rig, point) for point in points)
+    return [
+        "the dead weight is guided in the line of its span; one that swings freely makes mu lower, "
+        f"by up to {percent(100 * share)} in these runs"
+    ]
 
 
 def checked_law(law: Any) -> NormalLaw:

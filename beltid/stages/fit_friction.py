@@ -25,7 +25,6 @@ from beltid.stages.reduction import (
     reduce_points,
     reduce_rig,
     rig_kind,
-    weight_cell,
     with_conditions,
 )
 from beltid.stages.reporter import Options
@@ -122,7 +121,7 @@ def _outcome(
     # nothing of the calibration of a rig is in coefficients that a table states by itself
     uncertainty = StandardUncertainties() if direct else standard_uncertainties(config)
     radius_m = config.rig.pulley_radius_m
-    table = FrictionTable.of(runs, uncertainty, radius_m, name, weight_cell(config))
+    table = FrictionTable.of(runs, uncertainty, radius_m, name, rig_kind(config))
     good = table.columns["status"] == "ok"
     aside = [(r.run, r.status) for r in table.runs if not r.ok]
     drifts = drift_check(table.columns)

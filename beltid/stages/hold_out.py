@@ -112,8 +112,8 @@ def predict(
     names = [source.name for source in found.sources]
     surface = UncertainSurface(found.refined.surface, of_rest.factor, names)
 
-    rig, weight = campaign.bench.rig, campaign.measured.weight
-    measured = measured_runs(columns, fold.left_out, rig.R, weight, rig.given_force)
+    rig, kind = campaign.bench.rig, campaign.measured.kind
+    measured = measured_runs(columns, fold.left_out, rig.R, kind, rig.given_force)
     arcs = _arc_numbers(columns["arc_deg"][fold.left_out], campaign.measured.arcs_deg)
     n_arcs = int(max(arcs.max(), campaign.measured.arc.max())) + 1
     # an arc not seen has an effect of its own, as large as those of the others
@@ -126,7 +126,9 @@ def predict(
     points = [run.point for run in replace(campaign, measured=measured).runs]
     bench = replace(campaign.bench, surface=surface)
     largest = float(max(measured.tight.max(), campaign.measured.tight.max()))
-    part = simulated_uncertainty(bench, press, points, arcs, sources, largest_tension=largest)
+    part = simulated_uncertainty(
+        bench, press, points, arcs, sources, largest_tension=largest, kind=kind
+    )
     force = campaign.measured.normal_force
     return Predicted(fold, part, sources, (float(force.min()), float(force.max())))
 

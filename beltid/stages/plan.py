@@ -6,19 +6,20 @@ import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from beltid.artifacts.artifact import Artifact, read_artifact
 from beltid.artifacts.file_bytes import write_bytes
 from beltid.artifacts.metadata_models import SurfaceMetadata
-from beltid.config import Config, ConfigSource
+from beltid.config import Config, ConfigSource, load_config
 from beltid.drive.results import Simulator
-from beltid.errors import InputError, Problem
+from beltid.errors import ArgumentTypeError, InputError, Problem
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
-from beltid.plan.advice import Plan, plan_runs
+from beltid.laws.uncertain_surface import UncertainSurface
+from beltid.plan.advice import Plan, choose_plan
 from beltid.plan.candidates import (
     Candidates,
     NoiseLaw,
@@ -35,14 +36,21 @@ from beltid.report.figures.plan import runs_and_uncertainty
 from beltid.report.summary import Summary
 from beltid.rigsim.model import Bench
 from beltid.stages.build_artifact import already_exists, combined_origin
+from beltid.stages.campaign import checked_law, shown, surface_from
 from beltid.stages.drive_of_config import drive_of, points_of_config
-from beltid.stages.reduction import weight_cell
+from beltid.stages.outcome import Outcome
+from beltid.stages.reduction import rig_kind
+from beltid.stages.refinement import NEEDED
 from beltid.stages.reporter import Options
-from beltid.stages.tables import law_of, surface_of
+from beltid.stages.tables import law_of, surface_of, table_columns
 from beltid.stages.uncertainties import press_law, standard_uncertainties
 from beltid.uncertainty.measured import measured_runs, valid_rows
 from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.simulated import sources_of
 from beltid.uncertainty.sources import FITTED, Source, all_sources, effect_sources
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 TARGETS: Final = ("surface", "drive")
 USUAL_LAW: Final = NormalLaw(6.5e7, 3.0256e11)
@@ -101,6 +109,38 @@ class Present:
     notes: tuple[str, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class PlannedRuns:
+    """The next runs of a rig, in the order of the session.
+
+    Attributes
+    ----------
+    plan : Plan
+        What the runs bring, what remains after them, and whether to stop.
+    target : Target
+        Where the surface is to be known.
+    candidates : Candidates
+        The settings that the runs were chosen from.
+    rows : list of dict
+        A row per run: settings, repetition, minutes, gain.
+    notes, warnings : tuple of str
+        What was assumed, and what the user should look into.
+    """
+
+    plan: Plan
+    target: Target
+    candidates: Candidates
+    rows: list[dict[str, Any]]
+    notes: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+    def to_frame(self) -> pd.DataFrame:
+        """The runs as a table, a row per run, with the columns of plan.csv."""
+        import pandas as pd
+
+        return pd.DataFrame(self.rows, columns=list(COLUMNS))
+
+
 def run(
     config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: PlanOptions
 ) -> Summary:
@@ -110,44 +150,33 @@ def run(
     the noise of those runs; without any it starts from what is usual for such a belt.
     """
     figure = out.with_suffix(".png")
-    _check(options, out, figure)
+    _check_files(options, out, figure)
     artifacts = {role: read_artifact(path, role) for role, path in inputs.items()}
     origin = combined_origin([artifact.metadata.origin for artifact in artifacts.values()])
-    present = _present(artifacts, config.config)
-    settings = rig_settings(config.config)
-    count = len(settings.points())
-    options.reporter.report(f"{count} candidates, simulated with the present surface")
-    measured = None if present.surface is None else present.surface.surface
-    candidates = simulate_candidates(
-        _bench(config.config, present.press.law),
-        present.press,
-        settings,
-        present.arcs_deg,
-        measured,
-    )
-    target, warnings = _target(config.config, candidates, present, options.target)
-    plan = _plan(candidates, present, config.config, target, options)
-    section = config.config.plan
-    points = settings.points()
-    session = schedule(
-        plan.chosen,
-        [(point.beta, point.T_0, point.omega) for point in points],
-        section.minutes_per_run,
-        section.minutes_per_arc_change,
-    )
-    rows = _rows(session, plan, candidates, origin if artifacts else "usual values")
+    press = known = friction = None
+    if "stiffness" in artifacts:
+        stiffness = artifacts["stiffness"]
+        press = press_law(law_of(stiffness), config.config, stiffness)
+    if "surface" in artifacts:
+        known = _known_surface(artifacts["surface"])
+    if "friction" in artifacts:
+        friction = artifacts["friction"].columns
+    based_on = origin if artifacts else "usual values"
+    found = _planned(known, press, friction, config.config, options, based_on or "unknown")
+    plan, rows = found.plan, found.rows
     write_bytes(out, _csv(rows))
-    picture = runs_and_uncertainty(candidates.measured, target, plan, origin == "synthetic")
+    measured = found.candidates.measured
+    picture = runs_and_uncertainty(measured, found.target, plan, origin == "synthetic")
     write_bytes(figure, saved(picture, "png"))
-    minutes = session[-1].start_minutes + section.minutes_per_run if session else 0.0
+    minutes = rows[-1]["start_minutes"] + config.config.plan.minutes_per_run if rows else 0.0
     return Summary(
         stage="plan",
         title="the next runs of the friction rig",
         out=out,
         facts={
-            "candidates": count,
+            "candidates": measured.mu.size,
             "target": options.target,
-            "runs": len(session),
+            "runs": len(rows),
             "arc_changes": max(len({row["arc_deg"] for row in rows}) - 1, 0),
             "session_minutes": minutes,
             "uncertainty_before_percent": 100.0 * plan.before,
@@ -163,15 +192,150 @@ def run(
             "standard uncertainty by region, in percent of mu": _region_rows(plan),
             "if it were known twice as well": _statement_rows(plan),
         },
-        notes=present.notes,
-        warnings=warnings,
+        notes=found.notes,
+        warnings=found.warnings,
         verdict=_verdict(plan, options),
         origin=origin,
     )
 
 
-def _check(options: PlanOptions, out: Path, figure: Path) -> None:
-    """Refuse options out of range, and files that would be replaced unasked."""
+def plan_runs(
+    surface: Outcome[Any] | None = None,
+    law: NormalLaw | Outcome[Any] | None = None,
+    config: Config | Mapping[str, Any] | str | Path | None = None,
+    *,
+    friction: Any = None,
+    runs: int = 12,
+    target: str = "surface",
+    goal_u: float = 0.01,
+) -> PlannedRuns:
+    """Plan the next runs of the friction rig.
+
+    Parameters
+    ----------
+    surface : Outcome of refine_surface or build_surface, optional
+        What is known; without it the plan starts from what is usual for such a belt.
+    law : NormalLaw or Outcome of fit_stiffness, optional
+        Normal contact law; without it that of the paper's 5PK belt.
+    config : Config, dict, path or None
+        Belt, rig, and under ``plan:`` what the rig can be set to.
+    friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping, optional
+        Reduced runs: new ones have their noise.
+    runs : int
+        Runs to plan at most; fewer where they reach the goal, none where they do not help.
+    target : {"surface", "drive"}
+        Where the surface has to be known.
+    goal_u : float
+        Standard uncertainty of mu that is good enough, as a share [-].
+
+    Returns
+    -------
+    PlannedRuns
+        ``.to_frame()`` has a row per run in the order of the session; ``.plan`` says what they
+        bring and whether to stop.
+
+    Raises
+    ------
+    InputError
+        If an argument is out of range, or the surface has no covariance.
+    """
+    options = PlanOptions(runs=runs, target=target, goal_u=goal_u)
+    if problems := _problems(options):
+        raise InputError(problems)
+    model = load_config(config)
+    known = press = columns = None
+    if surface is not None:
+        known = _known_result(surface)
+    if law is not None:
+        press = press_law(checked_law(law), model, law if isinstance(law, Outcome) else None)
+    if friction is not None:
+        columns = table_columns(friction, "friction", NEEDED)
+    based_on = "unknown" if surface is not None else "usual values"
+    return _planned(known, press, columns, model, options, based_on)
+
+
+@dataclass(frozen=True, slots=True)
+class KnownSurface:
+    """A surface that runs have shown, with what is stored of its uncertainty."""
+
+    surface: UncertainSurface
+    factor: np.ndarray
+    arcs_deg: tuple[float, ...]
+    sources: tuple[Source, ...]
+    noise_scale: float
+
+
+def _known_surface(artifact: Artifact) -> KnownSurface:
+    """The surface of an artifact."""
+    metadata: SurfaceMetadata = artifact.metadata
+    surface = surface_of(artifact)
+    if metadata.uncertainty is None:
+        raise InputError(f"{artifact.path}: has no covariance; build it again")
+    return _known(surface, metadata.uncertainty, metadata.noise_scale, str(artifact.path))
+
+
+def _known_result(surface: Any) -> KnownSurface:
+    """The surface of a result."""
+    if not isinstance(surface, Outcome) or surface.kind != "surface":
+        raise ArgumentTypeError(
+            f"surface = {shown(surface)}, must be the result of refine_surface or build_surface: "
+            "the plan needs its covariance by its causes"
+        )
+    extra = surface.extra
+    return _known(surface_from(surface), extra["uncertainty"], extra.get("noise_scale"), "surface")
+
+
+def _known(
+    surface: FrictionSurface, stored: Mapping[str, Any], noise_scale: float | None, name: str
+) -> KnownSurface:
+    if not isinstance(surface, UncertainSurface) or surface.factor is None:
+        raise InputError(f"{name}: has no covariance; build it again")
+    return KnownSurface(
+        surface=surface,
+        factor=surface.factor,
+        arcs_deg=tuple(float(arc) for arc in stored["arcs_deg"]),
+        sources=sources_of(stored["sources"]),
+        noise_scale=noise_scale or 1.0,
+    )
+
+
+def _planned(
+    known: KnownSurface | None,
+    press: PressLaw | None,
+    friction: Mapping[str, np.ndarray] | None,
+    config: Config,
+    options: PlanOptions,
+    based_on: str,
+) -> PlannedRuns:
+    """The plan from what is known, and what is assumed in place of the rest."""
+    present = _present(known, press, friction, config)
+    settings = rig_settings(config)
+    points = settings.points()
+    options.reporter.report(f"{len(points)} candidates, simulated with the present surface")
+    candidates = simulate_candidates(
+        _bench(config, present.press.law),
+        present.press,
+        settings,
+        present.arcs_deg,
+        None if present.surface is None else present.surface.surface,
+        rig_kind(config),
+    )
+    target, warnings = _target(config, candidates, present, options.target)
+    lines = candidates.rows(present.sources, present.noise, present.columns)
+    before = knowledge_at(candidates.curves, present.surface, len(present.sources))
+    plan = choose_plan(before, lines, target, present.sources, options.runs, options.goal_u)
+    session = schedule(
+        plan.chosen,
+        [(point.beta, point.T_0, point.omega) for point in points],
+        config.plan.minutes_per_run,
+        config.plan.minutes_per_arc_change,
+    )
+    rows = _rows(session, plan, candidates, based_on)
+    return PlannedRuns(plan, target, candidates, rows, present.notes, warnings)
+
+
+def _problems(options: PlanOptions) -> list[str | Problem]:
+    """Options out of range."""
     problems: list[str | Problem] = []
     if options.runs < 1:
         problems.append(f"--runs = {options.runs}, must be >= 1")
@@ -179,6 +343,12 @@ def _check(options: PlanOptions, out: Path, figure: Path) -> None:
         problems.append(f"--target = {options.target}, must be one of {', '.join(TARGETS)}")
     if not 0.0 <= options.goal_u < 1.0:
         problems.append(f"--goal-u = {options.goal_u:g}, must be in [0, 1)")
+    return problems
+
+
+def _check_files(options: PlanOptions, out: Path, figure: Path) -> None:
+    """Refuse options out of range, and files that would be replaced unasked."""
+    problems = _problems(options)
     if out.exists() and not _is_plan(out):
         text = (
             f"{out}: is a file that `beltid plan` did not write, never replaced; name another --out"
@@ -190,38 +360,29 @@ def _check(options: PlanOptions, out: Path, figure: Path) -> None:
         raise InputError(problems)
 
 
-def _present(artifacts: Mapping[str, Artifact], config: Config) -> Present:
-    """What the artifacts say, and what is assumed in their place."""
+def _present(
+    known: KnownSurface | None,
+    press: PressLaw | None,
+    friction: Mapping[str, np.ndarray] | None,
+    config: Config,
+) -> Present:
+    """What is known, and what is assumed in its place."""
     notes: list[str] = []
     surface: MeasuredSurface | None = None
-    arcs: tuple[float, ...] = ()
-    stored: tuple[Source, ...] = ()
-    scale = 1.0
-    if "stiffness" in artifacts:
-        stiffness = artifacts["stiffness"]
-        press = press_law(law_of(stiffness), config, stiffness)
-    else:
+    arcs = () if known is None else known.arcs_deg
+    stored = () if known is None else known.sources
+    scale = 1.0 if known is None else known.noise_scale
+    if press is None:
         press = press_law(USUAL_LAW, config)
         notes.append("no data: contact law of the paper's 5PK belt")
-    if "surface" not in artifacts:
+    sources = _joined(stored, config, arcs, press.has_scatter)
+    if known is None:
         notes.append("no data: mu from 0.7 to 1.5 with usual slopes over force and speed")
     else:
-        artifact = artifacts["surface"]
-        metadata: SurfaceMetadata = artifact.metadata
-        known = surface_of(artifact)
-        if metadata.uncertainty is None or known.factor is None:
-            raise InputError(f"{artifact.path}: has no covariance; build it again")
-        arcs = tuple(metadata.uncertainty["arcs_deg"])
-        stored = tuple(Source(**source) for source in metadata.uncertainty["sources"])
-        k = len(stored)
-        surface = MeasuredSurface(known, known.factor[..., :k], known.factor[..., k:])
-        scale = metadata.noise_scale or 1.0
-    sources = _joined(stored, config, arcs, press.has_scatter)
-    if len(sources) > len(stored) and surface is not None:
-        new = np.zeros((*surface.changes.shape[:2], len(sources) - len(stored)))
-        surface = MeasuredSurface(
-            surface.surface, np.concatenate([surface.changes, new], axis=-1), surface.scatter
-        )
+        k, factor = len(stored), known.factor
+        new = np.zeros((*factor.shape[:2], len(sources) - k))
+        changes = np.concatenate([factor[..., :k], new], axis=-1)
+        surface = MeasuredSurface(known.surface, changes, factor[..., k:])
     now = all_sources(standard_uncertainties(config), len(arcs), press.has_scatter)
     sizes = {(source.error, source.place): source.size for source in now}
     other = [one.name for one in stored if sizes.get((one.error, one.place), one.size) != one.size]
@@ -231,11 +392,11 @@ def _present(artifacts: Mapping[str, Artifact], config: Config) -> Present:
             "was stated then is taken"
         )
     noise, columns = NoiseLaw(scale=scale), {}
-    if "friction" in artifacts:
-        table = artifacts["friction"].columns
-        ok = valid_rows(table, np.flatnonzero(table["status"] == "ok"))
+    if friction is not None:
+        status = friction.get("status", np.full(len(friction["mu_sliding"]), "ok", dtype=object))
+        ok = valid_rows(friction, np.flatnonzero(status == "ok"))
         rig = config.rig_params()
-        runs = measured_runs(table, ok, rig.R, weight_cell(config), rig.given_force)
+        runs = measured_runs(friction, ok, rig.R, rig_kind(config), rig.given_force)
         noise = noise_law(runs, scale)
         columns = {key: float(np.mean(change)) for key, change in runs.columns.items()}
     else:
@@ -303,18 +464,6 @@ def _target(
     )
 
 
-def _plan(
-    candidates: Candidates,
-    present: Present,
-    config: Config,
-    target: Target,
-    options: PlanOptions,
-) -> Plan:
-    rows = candidates.rows(present.sources, present.noise, present.columns)
-    before = knowledge_at(candidates.curves, present.surface, len(present.sources))
-    return plan_runs(before, rows, target, present.sources, options.runs, options.goal_u)
-
-
 SHOWN: Final = (
     "order",
     "arc_deg",
@@ -328,7 +477,7 @@ SHOWN: Final = (
 
 
 def _rows(
-    session: Sequence[ScheduledRun], plan: Plan, candidates: Candidates, based_on: str | None
+    session: Sequence[ScheduledRun], plan: Plan, candidates: Candidates, based_on: str
 ) -> list[dict[str, Any]]:
     """A row per run in the order of the session."""
     runs = candidates.measured
@@ -345,7 +494,7 @@ def _rows(
             "slip_speed_m_s": float(runs.slip_speed[one.run]),
             "normal_force_N_m": float(runs.normal_force[one.run]),
             "gain_percent": 100.0 * gains[one.run],
-            "based_on": based_on or "unknown",
+            "based_on": based_on,
         }
         for place, one in enumerate(session, start=1)
     ]

@@ -20,7 +20,7 @@ from beltid.bench.runs.run_stream import RunColumns as StreamedRun
 from beltid.config import Config
 from beltid.config.model import PressSection
 from beltid.errors import InputError
-from beltid.identify.friction.kinds import SPANS, KnownCells, RigKind, drag_of
+from beltid.identify.friction.kinds import TWO_CELLS, KnownCells, RigKind, drag_of
 from beltid.identify.friction.plateaus import reduce_plateaus
 from beltid.identify.friction.reduction import (
     FrictionSettings,
@@ -78,17 +78,12 @@ def rig_kind(config: Config) -> RigKind:
     return RigKind(
         measures=rig.measures,
         weight_on=rig.weight_on,
+        torque_with=rig.torque_with,
         running=rig.kind == "running",
         belt_speed_m_s=_or_nan(rig.belt_speed_m_s),
         mass_per_length_kg_m=config.belt.mass_per_length_kg_m,
         cells=friction_settings(config).cells,
     )
-
-
-def weight_cell(config: Config) -> int | None:
-    """0 or 1 if the tight or the slack tension is a dead weight, which no cell measures."""
-    span = rig_kind(config).weight
-    return None if span is None else SPANS.index(span)
 
 
 def cell_settings(config: Config) -> dict[str, Any]:
@@ -288,7 +283,7 @@ class FrictionTable:
         uncertainty: StandardUncertainties,
         radius_m: float,
         name: str,
-        weight: int | None = None,
+        kind: RigKind = TWO_CELLS,
     ) -> FrictionTable:
         """Table of reduced runs.
 
@@ -302,8 +297,8 @@ class FrictionTable:
             Radius of the belt's centreline on the pulley [m].
         name : str
             Name of the recording, for messages.
-        weight : int, optional
-            0 or 1 if the tight or the slack tension is a dead weight.
+        kind : RigKind
+            What the rig measures.
 
         Raises
         ------
@@ -314,7 +309,7 @@ class FrictionTable:
             lines = [f"{name}: run {run.run} cannot be used: {run.status}" for run in runs]
             raise InputError(lines, code="no-run")
         columns = reduction_columns(runs)
-        combined, budget = friction_uncertainty(columns, uncertainty, radius_m, weight)
+        combined, budget = friction_uncertainty(columns, uncertainty, radius_m, kind)
         return cls(runs, {**columns, **combined}, budget)
 
 

@@ -21,7 +21,7 @@ from beltid.refine.inverse import RefinedSurface
 from beltid.report.summary import Summary
 from beltid.stages.alternatives import friction_formulas, friction_law_rows
 from beltid.stages.build_artifact import Build, Built
-from beltid.stages.campaign import checked_law
+from beltid.stages.campaign import checked_law, guided_weight
 from beltid.stages.conditions import stated_of
 from beltid.stages.outcome import Outcome, finite_or_none, span
 from beltid.stages.refinement import (
@@ -355,6 +355,7 @@ def _outcome(
             "beyond the measured mean forces of the runs the surface is inferred: its range is "
             "that of the forces that acted within their contact, peaks included",
             *([check.note()] if check else []),
+            *guided_weight(config, [run.point for run in campaign.runs]),
             *beside.notes,
         ),
         warnings=(

@@ -17,7 +17,7 @@ from beltid.identify.surface.surface import SurfaceSettings
 from beltid.identify.surface.surface import build_surface as publish
 from beltid.rigsim.model import Bench
 from beltid.stages.conditions import rows_of_one
-from beltid.stages.reduction import weight_cell
+from beltid.stages.reduction import rig_kind
 from beltid.stages.reporter import Reporter
 from beltid.stages.uncertainties import SECTION, standard_uncertainties
 from beltid.stages.workers import Workers
@@ -155,7 +155,7 @@ def prepared_campaign(
     start = publish(arc_deg, f, v, mu, mu_se, settings).surface
     speeds = _speeds(start.slip_speed_m_s, np.abs(v))
     rig = config.rig_params()
-    measured = measured_runs(columns, good, rig.R, weight_cell(config), rig.given_force)
+    measured = measured_runs(columns, good, rig.R, rig_kind(config), rig.given_force)
     bench = Bench(config.belt_params(), rig, config.contact_params(), press.law, start)
     return Campaign(measured, bench, press), speeds, good, set_aside
 

@@ -12,10 +12,10 @@ from beltid.artifacts.metadata_models import SimulatedMetadata
 from beltid.config import Config, ConfigSource
 from beltid.errors import EXIT_DONE, EXIT_NUMERICS, NumericsError, percent
 from beltid.report.summary import Summary
-from beltid.rigsim.path import swinging_share
 from beltid.rigsim.rig import SimulationSettings
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.campaign import (
+    guided_weight,
     recording_columns,
     simulation_settings,
     sliding_samples,
@@ -224,13 +224,7 @@ def _outcome(
             f"{percent(100 * outside / points)} of the sliding contact points lie outside the "
             "measured range of the surface: the nearest measured value was taken"
         )
-    if config.rig.kind == "dead_weight":
-        belt, rig = config.belt_params(), config.rig_params()
-        share = max(swinging_share(belt, rig, run.point) for run in runs)
-        notes.append(
-            "the dead weight is guided in the line of its span; one that swings freely makes mu "
-            f"lower, by up to {percent(100 * share)} in these runs"
-        )
+    notes += guided_weight(config, [run.point for run in runs])
     if config.rig.kind == "running":
         notes.append(
             "a running belt is simulated at rest: the tensions of the table are those that press "

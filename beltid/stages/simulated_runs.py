@@ -32,6 +32,7 @@ from beltid.stages.planned_runs import (
     measured_settings,
     planned_runs,
 )
+from beltid.stages.reduction import rig_kind
 from beltid.stages.reporter import Reporter
 from beltid.stages.tables import table_columns
 from beltid.stages.uncertainties import standard_uncertainties
@@ -352,8 +353,9 @@ def runs_uncertainty(
     numbers = np.array([_number(arcs, run.arc_deg) for run, _ in finished], dtype=np.intp)
     pieces = [slice(i, i + PER_CALL) for i in range(0, len(points), PER_CALL)]
     largest = max(float(result.tension_tight_N) for _, result in finished)
+    kind = rig_kind(config)
     calls = [
-        (bench, inputs.press, points[piece], numbers[piece], sources, elements, largest)
+        (bench, inputs.press, points[piece], numbers[piece], sources, elements, largest, kind)
         for piece in pieces
     ]
     try:

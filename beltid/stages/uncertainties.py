@@ -15,12 +15,15 @@ from beltid.stages.outcome import Outcome
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.sources import StandardUncertainties
 
+TORQUE_KINDS: Final = ("torque", "torque_hub")
 SECTION: Final = "uncertainty"
 KEYS: Final[dict[str, tuple[str, float]]] = {
     "tension_gain_rel": ("tension_gain", 1.0),
     "cell_gain_rel": ("cell_gain", 1.0),
     "cell_linearity_rel": ("cell_linearity", 1.0),
     "cell_offset_N": ("cell_offset", 1.0),
+    "torque_gain_rel": ("torque_gain", 1.0),
+    "bearing_drag_N_m": ("bearing_drag", 1.0),
     "arc_deg": ("arc", math.pi / 180.0),
     "arc_setting_deg": ("arc_setting", math.pi / 180.0),
     "pulley_radius_rel": ("pulley_radius", 1.0),
@@ -41,9 +44,14 @@ KEYS: Final[dict[str, tuple[str, float]]] = {
 
 
 def standard_uncertainties(config: Config) -> StandardUncertainties:
-    """Standard uncertainties of a config in SI, with those that were stated named."""
+    """Standard uncertainties of a config in SI, with those that were stated named.
+
+    Those of a torque are zero on a rig that measures none.
+    """
     section = config.uncertainty
     values = {name: getattr(section, key) * unit for key, (name, unit) in KEYS.items()}
+    if config.rig.measures not in TORQUE_KINDS:
+        values |= dict.fromkeys(("torque_gain", "bearing_drag"), 0.0)
     stated = frozenset(KEYS[key][0] for key in section.model_fields_set)
     return StandardUncertainties(**values, stated=stated)
 

@@ -10,7 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
-from beltid.laws.capstan import mean_normal_force, sliding_speed
+from beltid.identify.friction.kinds import SPANS, TWO_CELLS, RigKind
+from beltid.laws.capstan import (
+    mean_normal_force,
+    sliding_speed,
+    tensions_by_hub_force,
+    tensions_by_torque,
+)
 from beltid.params import GivenForce
 from beltid.refine.effects import Effect
 from beltid.uncertainty.sources import REDUCTION_SOURCES, Errors
@@ -50,8 +56,8 @@ class Measured:
         Temperature of each run while sliding [°C], nan where it is not known, as by default.
     largest_tension : float, optional
         Largest tension of the campaign [N]; by default that of these runs.
-    weight : int, optional
-        0 or 1 if the tight or the slack tension is a dead weight, which no cell measures.
+    kind : RigKind
+        What the rig measures: which errors the tensions can have.
     given_force : {"none", "tight", "slack", "hub"}
         Force that stays while the pulley turns, see :class:`beltid.params.Rig`.
     """
@@ -69,7 +75,7 @@ class Measured:
     order: NDArray[np.intp] | None = None
     temperature_degC: Array | None = None
     largest_tension: float | None = None
-    weight: int | None = None
+    kind: RigKind = TWO_CELLS
     given_force: GivenForce = "none"
 
     @property
@@ -108,14 +114,9 @@ class Measured:
         InputError
             If an error is as large as what it is an error of.
         """
-        zeros = [0.0 if k == self.weight else errors.at("cell_offset", k) for k in (0, 1)]
-        tight = self.tight * (1.0 + self._gain(errors, 0, self.tight)) + zeros[0]
-        slack = self.slack * (1.0 + self._gain(errors, 1, self.slack)) + zeros[1]
         setting = np.array([errors.at("arc_setting", int(k)) for k in self.arc])
         beta = self.beta + errors.at("arc") + setting
-        gain = 0.5 * sum(self._gain(errors, k, self.T_0) for k in (0, 1))
-        T_0 = self.T_0 * (1.0 + gain) + 0.5 * sum(zeros) if self.weight is None else self.T_0
-        T_0 = tension_given(self.given_force, tight, slack, T_0)
+        tight, slack, T_0 = self._corrected_tensions(errors, beta)
         lowest = min(float(np.min(a)) for a in (tight, slack, beta, T_0))
         if not lowest > 0.0:
             raise InputError(
@@ -146,10 +147,45 @@ class Measured:
             slack=self.slack * np.exp(-half),
         )
 
+    def _corrected_tensions(self, errors: Errors, beta: Array) -> tuple[Array, Array, Array]:
+        """Tight, slack and initial tension [N] with errors of what is measured put right.
+
+        Each kind by its own formula, as in :mod:`beltid.identify.friction.kinds`; `beta` (n,) is
+        the arc put right. The only cell beside a torque is that of its span; the force on the axis
+        has the errors of the first cell. A weight has none.
+        """
+        kind, R = self.kind, self.R * (1.0 + errors.at("pulley_radius"))
+        M = (self.tight - self.slack) * self.R * (1.0 + errors.at("torque_gain"))
+        M = M - errors.at("bearing_drag")
+        if kind.measures == "torque_hub":
+            half = 0.5 * self.beta
+            along = (self.tight + self.slack) * np.sin(half)
+            across = (self.tight - self.slack) * np.cos(half)
+            hub = self._cell(errors, 0, np.hypot(along, across))
+            tight, slack = tensions_by_hub_force(M, hub, beta, R)
+            T_0 = self._cell(errors, 0, self.T_0)
+        elif kind.measures == "torque":
+            tensions, cell = (self.tight, self.slack), SPANS.index(kind.torque_with)
+            known = {f"T_{kind.torque_with}": self._cell(errors, cell, tensions[cell])}
+            tight, slack = tensions_by_torque(M, R, **known)
+            T_0 = self._cell(errors, cell, self.T_0)
+        else:
+            tight, slack = self._cell(errors, 0, self.tight), self._cell(errors, 1, self.slack)
+            T_0 = 0.5 * (self._cell(errors, 0, self.T_0) + self._cell(errors, 1, self.T_0))
+            if kind.weight is not None:
+                T_0 = self.T_0
+                tight, slack = (
+                    (self.tight, slack) if kind.weight == "tight" else (tight, self.slack)
+                )
+        return tight, slack, tension_given(self.given_force, tight, slack, T_0)
+
+    def _cell(self, errors: Errors, cell: int, tension: Array) -> Array:
+        """Readings of a cell put right [N]; cell 0 is the tight one."""
+        zero = errors.at("cell_offset", cell)
+        return np.asarray(tension * (1.0 + self._gain(errors, cell, tension)) + zero)
+
     def _gain(self, errors: Errors, cell: int, tension: Array) -> Array:
-        """Error of the gain of a cell at some tensions, as a share; cell 0 is the tight one."""
-        if cell == self.weight:
-            return np.zeros(tension.shape)
+        """Error of the gain of a cell at some tensions, as a share."""
         largest = self.largest_tension or float(np.max(self.tight))
         gain = errors.at("tension_gain") + errors.at("cell_gain", cell)
         return np.asarray(gain + errors.at("cell_linearity", cell) * tension / largest)
@@ -172,7 +208,7 @@ def measured_runs(
     columns: Mapping[str, np.ndarray],
     rows: np.ndarray,
     R: float,
-    weight: int | None = None,
+    kind: RigKind = TWO_CELLS,
     given_force: GivenForce = "none",
 ) -> Measured:
     """Rows of a friction table; the tensions follow from force and coefficient, Eqs. (5) and (8).
@@ -185,8 +221,8 @@ def measured_runs(
         The rows to take, valid ones.
     R : float
         Radius of the belt's centreline on the pulley [m].
-    weight : int, optional
-        0 or 1 if the tight or the slack tension is a dead weight.
+    kind : RigKind
+        What the rig measures.
     given_force : {"none", "tight", "slack", "hub"}
         Force that stays while the pulley turns.
 
@@ -221,7 +257,7 @@ def measured_runs(
         columns={key: values[rows][:, None] for key, values in shared_columns(columns).items()},
         order=np.asarray(rows, dtype=np.intp),
         temperature_degC=None if warm is None else np.asarray(warm, dtype=float)[rows],
-        weight=weight,
+        kind=kind,
         given_force=given_force,
     )
 

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from beltid.identify.friction.kinds import TWO_CELLS, RigKind
 from beltid.identify.press.stiffness import LawEstimate
 from beltid.identify.shear.stiffness import (
     BENDING_SPREAD,
@@ -43,7 +44,7 @@ def friction_uncertainty(
     columns: Mapping[str, np.ndarray],
     given: StandardUncertainties,
     R: float,
-    weight: int | None = None,
+    kind: RigKind = TWO_CELLS,
 ) -> Found:
     """Combined uncertainties of the runs of a friction rig, and their budget.
 
@@ -55,8 +56,8 @@ def friction_uncertainty(
         Standard uncertainties of the bench.
     R : float
         Radius of the belt's centreline on the pulley [m].
-    weight : int, optional
-        0 or 1 if the tight or the slack tension is a dead weight.
+    kind : RigKind
+        What the rig measures.
 
     Returns
     -------
@@ -68,7 +69,7 @@ def friction_uncertainty(
     if not rows.size:  # coefficients without an arc, as a table may state them
         none = np.full(len(columns["status"]), np.nan)
         return {"mu_sliding_u": none, "normal_force_u_N_m": none}, []
-    measured = measured_runs(columns, rows, R, weight)
+    measured = measured_runs(columns, rows, R, kind)
     of_rig = rig_sources(given, int(measured.arc.max()) + 1)
     sources = (*of_rig, *reduction_sources(measured.columns))
     of_mu, of_force = np.zeros((2, rows.size, len(sources)))

@@ -16,6 +16,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from beltid.identify.friction.kinds import TWO_CELLS, RigKind
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.params import OperatingPoint, Rig
@@ -170,6 +171,7 @@ def simulated_uncertainty(
     sources: Sequence[Source],
     elements: int | None = None,
     largest_tension: float | None = None,
+    kind: RigKind = TWO_CELLS,
 ) -> SimulatedUncertainty:
     """Uncertainty of simulated runs (sliding limit).
 
@@ -189,6 +191,8 @@ def simulated_uncertainty(
         Belt elements; by default those of the simulation.
     largest_tension : float, optional
         Of the whole campaign [N], if these are some of its runs.
+    kind : RigKind
+        What the bench measures that the runs stand for.
 
     Raises
     ------
@@ -213,7 +217,7 @@ def simulated_uncertainty(
         log_mu[i], tensions[i], response[i] = np.log(mu), (state.T_A, state.T_B), weight.sum()
     finer = RigRuns(bench, runs, speeds, [2 * round(0.5 * FINER_MESH * m) for m in mesh])
     change = finer.log_mu([surface] * speeds.size, speed_slope) - log_mu
-    measured = _as_measured(points, tensions, np.exp(log_mu), bench.rig)
+    measured = _as_measured(points, tensions, np.exp(log_mu), bench.rig, kind)
     measured = replace(measured, arc=arc, largest_tension=largest_tension)
     campaign = Campaign(measured.with_effects([arc_effect(arc)], response), bench, press)
     slopes = simulated_slopes(campaign, [surface] * speeds.size, speeds, speed_slope)
@@ -247,12 +251,12 @@ def _of_surface(
 
 
 def _as_measured(
-    points: Sequence[OperatingPoint], tensions: Array, mu: Array, rig: Rig
+    points: Sequence[OperatingPoint], tensions: Array, mu: Array, rig: Rig, kind: RigKind
 ) -> Measured:
     """The simulated runs in the place of measured ones."""
     return Measured(
         R=rig.R,
-        weight={"tight": 0, "slack": 1}.get(rig.given_force),
+        kind=kind,
         given_force=rig.given_force,
         arc=np.zeros(mu.size, dtype=np.intp),
         beta=np.array([point.beta for point in points]),

@@ -45,6 +45,10 @@ class StandardUncertainties:
         campaign: the error of a reading grows with its square.
     cell_offset : float
         Zero point of each load cell [N].
+    torque_gain : float
+        Gain of the torque of the friction rig, as a share.
+    bearing_drag : float
+        Drag of its bearings, and zero of its sensor, that are left in that torque [N m].
     arc : float
         Contact arc, common to all settings [rad].
     arc_setting : float
@@ -79,6 +83,8 @@ class StandardUncertainties:
     cell_gain: float = 0.0
     cell_linearity: float = 0.0
     cell_offset: float = 0.0
+    torque_gain: float = 0.0
+    bearing_drag: float = 0.0
     arc: float = 0.0
     arc_setting: float = 0.0
     pulley_radius: float = 0.0
@@ -183,6 +189,8 @@ RIG_SOURCES: tuple[tuple[str, str, tuple[str, float], int], ...] = (
     ("cell_gain", "gain of each load cell", PERCENT, 2),
     ("cell_linearity", "nonlinearity of each load cell", PERCENT, 2),
     ("cell_offset", "zero point of each load cell", ("N", 1.0), 2),
+    ("torque_gain", "gain of the torque", PERCENT, 1),
+    ("bearing_drag", "drag of the bearings in the torque", ("N m", 1.0), 1),
     ("arc", "contact arc, all settings together", DEGREE, 1),
     ("arc_setting", "contact arc, each setting", DEGREE, 0),
     ("pulley_radius", "radius of the belt's centreline", PERCENT, 1),
@@ -222,9 +230,10 @@ EFFECT_SOURCES = {
     TEMPERATURE: "temperature of the runs",
 }
 """Key and words of what shifts the friction beside the surface."""
+NOT_OF_SHEAR = ("cell_linearity", "cell_offset", "torque_gain", "bearing_drag")
 SHEAR_SOURCES = (
     ("axial_stiffness", "axial stiffness of the belt", PERCENT, 1),
-    *((*row[:3], 1) for row in RIG_SOURCES if row[0] not in ("cell_linearity", "cell_offset")),
+    *((*row[:3], 1) for row in RIG_SOURCES if row[0] not in NOT_OF_SHEAR),
 )
 """Those of the shear stiffness, each of them one figure whatever it acts on."""
 

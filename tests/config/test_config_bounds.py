@@ -79,6 +79,10 @@ def with_temperature(config: Config) -> Any:
     return campaign_effects(*runs, config.friction.reference_temperature_degC)
 
 
+def with_torque(c: Config) -> Config:
+    return c.model_copy(update={"rig": c.rig.model_copy(update={"kind": "torque"})})
+
+
 SCIENCE: dict[str, tuple[Callable[[Config], Any], ...]] = {
     "belt": (lambda c: c.belt_params(), lambda c: with_drive(c)[0].shear_stiffness),
     "press": (lambda c: stiffness_settings(c.press),),
@@ -95,7 +99,8 @@ SCIENCE: dict[str, tuple[Callable[[Config], Any], ...]] = {
         lambda c: rig_settings(c).points(),
         lambda c: (c.plan.minutes_per_run, c.plan.minutes_per_arc_change),
     ),
-    "uncertainty": (lambda c: replace(standard_uncertainties(c), stated=frozenset()),),
+    # of a rig that measures a torque: others have no errors of one
+    "uncertainty": (lambda c: replace(standard_uncertainties(with_torque(c)), stated=frozenset()),),
 }
 
 

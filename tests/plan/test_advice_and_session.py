@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from beltid.plan.advice import plan_runs
+from beltid.plan.advice import choose_plan
 from beltid.plan.design import Knowledge, RunRows
 from beltid.plan.session import schedule
 from beltid.plan.target import Target, surface_target
@@ -40,7 +40,7 @@ def known_by(runs: RunRows, count: int) -> Knowledge:
 def test_as_few_runs_as_reach_the_goal():
     # of unit noise, after n runs the variance is 1/n: 0.25² asks for 16, four are there
     runs = level_runs(1.0, (0.0, 0.0, 0.0))
-    plan = plan_runs(known_by(runs, 4), runs, TARGET, SOURCES, 20, goal=0.25)
+    plan = choose_plan(known_by(runs, 4), runs, TARGET, SOURCES, 20, goal=0.25)
     assert plan.stop is None
     assert len(plan.chosen) == 12
     assert plan.before == pytest.approx(0.5, rel=1e-5)
@@ -53,13 +53,13 @@ def test_as_few_runs_as_reach_the_goal():
 
 def test_stop_where_the_goal_is_reached():
     runs = level_runs(1.0, (0.0, 0.0, 0.0))
-    plan = plan_runs(known_by(runs, 20), runs, TARGET, SOURCES, 12, goal=0.25)
+    plan = choose_plan(known_by(runs, 20), runs, TARGET, SOURCES, 12, goal=0.25)
     assert (plan.stop, plan.chosen, plan.after) == ("goal reached", (), plan.before)
 
 
 def test_stop_where_shared_errors_remain_with_the_statement_that_helps_most():
     runs = level_runs(0.01, (0.03, 0.04, 0.05))
-    plan = plan_runs(known_by(runs, 20), runs, TARGET, SOURCES, 12, goal=0.01)
+    plan = choose_plan(known_by(runs, 20), runs, TARGET, SOURCES, 12, goal=0.01)
     scatter, shared = 0.01**2 / 20, 0.03**2 + 0.04**2 + 0.05**2
     assert plan.stop == "shared errors remain"
     assert plan.chosen == ()
@@ -76,7 +76,7 @@ def test_stop_where_shared_errors_remain_with_the_statement_that_helps_most():
 def test_stop_where_runs_are_too_noisy_to_help():
     quiet = level_runs(0.1, (0.0, 0.0, 0.0))
     noisy = level_runs(30.0, (0.0, 0.0, 0.0))
-    plan = plan_runs(known_by(quiet, 20), noisy, TARGET, SOURCES, 12, goal=0.001)
+    plan = choose_plan(known_by(quiet, 20), noisy, TARGET, SOURCES, 12, goal=0.001)
     assert plan.stop == "runs do not help"
 
 

@@ -10,6 +10,7 @@ import pytest
 from virtual_bench import GIVEN, LAW
 
 from beltid.errors import InputError
+from beltid.identify.friction.kinds import SPANS, RigKind
 from beltid.laws.penalty import NormalLaw
 from beltid.params import GivenForce
 from beltid.uncertainty.budget import Scatter, budget, combined, coverage_factor
@@ -63,7 +64,8 @@ def test_a_difference_of_gains_and_a_zero_point_change_mu_by_eq_6():
 
 @pytest.mark.parametrize(("given", "weight"), [("tight", 0), ("slack", 1)])
 def test_a_dead_weight_has_no_error_of_a_cell(given: GivenForce, weight: int) -> None:
-    before = replace(runs(), weight=weight, given_force=given)
+    kind = RigKind("dead_weight", weight_on=SPANS[weight])
+    before = replace(runs(), kind=kind, given_force=given)
     gains, zeros = [0.004, -0.002], [0.3, 0.7]
     after = before.corrected(
         errors(tension_gain=[0.01], cell_gain=gains, cell_linearity=[0.02, 0.03], cell_offset=zeros)

@@ -164,6 +164,8 @@ class RigKind:
         Its channels.
     weight_on : {"tight", "slack"}
         Span that hangs on the dead weight.
+    torque_with : {"tight", "slack"}
+        Span whose tension is measured beside a torque.
     running : bool
         Whether the belt moves.
     belt_speed_m_s : float
@@ -181,6 +183,7 @@ class RigKind:
 
     measures: Measures = "two_cells"
     weight_on: Span = "tight"
+    torque_with: Span = "slack"
     running: bool = False
     belt_speed_m_s: float = float("nan")
     mass_per_length_kg_m: float = 0.0
@@ -236,7 +239,7 @@ class RigKind:
         InputError
             If there is none.
         """
-        for span in SPANS:
+        for span in (self.torque_with, other(self.torque_with)):
             if np.isfinite(columns.get(f"tension_{span}_N", np.empty(0))).any():
                 return span
         raise InputError(

@@ -1,0 +1,82 @@
+"""The plan as a Python function: from nothing, and from results."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import beltid
+
+TRUTH = Path(__file__).parents[1] / "truth" / "5pk" / "truth.csv"
+LAW = beltid.NormalLaw(k_linear_N_m2=6.5e7, k_quadratic_N_m3=3.0256e11)
+CONFIG = {
+    "rig": {
+        "arcs_deg": [40, 82],
+        "initial_tensions_N": [50, 411],
+        "pulley_speeds_rad_s": [0.1, 0.42],
+    }
+}
+
+
+def test_from_nothing_it_plans_what_the_prior_asks_for():
+    planned = beltid.plan_runs(config=CONFIG, runs=5, goal_u=0.0)
+    frame = planned.to_frame()
+    assert list(frame["order"]) == [1, 2, 3, 4, 5]
+    assert set(frame["arc_deg"]) == {40.0, 82.0}
+    assert frame["repeats"].max() >= 2
+    assert set(frame["based_on"]) == {"usual values"}
+    assert any("contact law of the paper's 5PK belt" in note for note in planned.notes)
+    # before any run: the level within 0.38, the slopes beside it
+    assert 0.38 < planned.plan.before < 0.6
+    assert planned.plan.after < 0.05
+
+
+def measured(noise: float = 0.003) -> pd.DataFrame:
+    """Every third run of the 5PK bench of the truth, two of its speeds."""
+    with TRUTH.open() as file:
+        rows = [row for row in csv.DictReader(file) if row["omega"] in ("0.1", "0.42")][::3]
+    number = {
+        name: np.array([float(row[name]) for row in rows]) for name in rows[0] if name != "run"
+    }
+    return pd.DataFrame(
+        {
+            "run": [f"R{k}" for k in range(len(rows))],
+            "arc_deg": number["arc_deg"],
+            "initial_tension_N": number["T0"],
+            "pulley_speed_rad_s": number["omega"],
+            "slip_speed_m_s": 0.05 * number["omega"],
+            "normal_force_N_m": number["f_ref"],
+            "mu_sliding": number["mu_app"],
+            "mu_sliding_se": noise * number["mu_app"],
+            "status": "ok",
+        }
+    )
+
+
+def test_from_results_it_goes_on_from_their_uncertainty():
+    runs = measured()
+    known = beltid.refine_surface(runs, LAW, CONFIG)
+    planned = beltid.plan_runs(known, LAW, CONFIG, friction=runs, runs=4, goal_u=0.0)
+    # what the surface states, over forces and speeds of the candidates
+    target, surface = planned.target, known.result.surface
+    u = surface.mu_u(target.normal_force, target.slip_speed)
+    mu = surface.mu(target.normal_force, target.slip_speed)
+    stated = math.sqrt(float(target.weight @ np.square(u / mu)))
+    assert planned.plan.before == pytest.approx(stated, rel=0.05)
+    # 16 runs of one bench: what they share is more than half of the variance, it is told to stop
+    assert planned.plan.stop == "shared errors remain"
+    assert planned.to_frame().empty
+    assert not planned.notes
+
+
+def test_what_a_plan_cannot_go_on_from_is_refused():
+    grid = beltid.FrictionSurface([1000.0, 2000.0], [0.01], [[1.0], [0.9]])
+    with pytest.raises(beltid.ArgumentTypeError, match="must be the result of refine_surface"):
+        beltid.plan_runs(grid, LAW, CONFIG)
+    with pytest.raises(beltid.InputError, match="goal-u = 2, must be in"):
+        beltid.plan_runs(config=CONFIG, goal_u=2.0)

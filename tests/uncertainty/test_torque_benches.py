@@ -1,0 +1,113 @@
+"""Uncertainty of benches that measure a torque, against draws of what their channels show."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from beltid.config import load_config
+from beltid.identify.friction.kinds import RigKind
+from beltid.stages.uncertainties import standard_uncertainties
+from beltid.uncertainty.reduced import friction_uncertainty
+from beltid.uncertainty.sources import StandardUncertainties
+
+R = 0.05
+ARC_DEG = np.array([40.0, 82.0, 180.0, 40.0, 82.0, 180.0])
+BETA = np.radians(ARC_DEG)
+SLACK = np.array([60.0, 60.0, 60.0, 250.0, 250.0, 250.0])
+MU = np.array([0.9, 0.9, 0.6, 0.7, 0.7, 0.5])
+TIGHT = SLACK * np.exp(MU * BETA)
+GIVEN = StandardUncertainties(
+    tension_gain=0.002,
+    cell_gain=0.001,
+    cell_offset=0.2,
+    torque_gain=0.004,
+    bearing_drag=0.015,
+    arc=0.002,
+    pulley_radius=0.003,
+)
+DRAWS = 20_000
+
+
+def table() -> dict[str, np.ndarray]:
+    """Reduced runs as the friction table has them, without scatter."""
+    return {
+        "status": np.full(BETA.size, "ok", dtype=object),
+        "arc_deg": ARC_DEG,
+        "normal_force_N_m": (TIGHT - SLACK) / (R * MU * BETA),
+        "slip_speed_m_s": np.full(BETA.size, 0.01),
+        "initial_tension_N": np.sqrt(TIGHT * SLACK),
+        "mu_sliding": MU,
+        "mu_sliding_se": np.zeros(BETA.size),
+    }
+
+
+def drawn(measures: str, span: str, given: StandardUncertainties) -> np.ndarray:
+    """Standard deviation of ln mu (n,) where the channels show drawn errors: by their formulas."""
+    rng = np.random.default_rng(3)
+
+    def draw(size: float) -> np.ndarray:
+        return size * rng.standard_normal((DRAWS, 1))
+
+    M = (TIGHT - SLACK) * R * (1.0 + draw(given.torque_gain)) + draw(given.bearing_drag)
+    difference = M / (R * (1.0 + draw(given.pulley_radius)))
+    beta = BETA + draw(given.arc)
+    gain = 1.0 + draw(given.tension_gain) + draw(given.cell_gain)
+    zero = draw(given.cell_offset)
+    if measures == "torque_hub":
+        hub = np.sqrt(TIGHT**2 + SLACK**2 - 2.0 * TIGHT * SLACK * np.cos(BETA)) * gain + zero
+        # H² = T² + (T + d)² - 2 T (T + d) cos(beta) for the slack tension T
+        c = 1.0 - np.cos(beta)
+        square = (2.0 * difference * c) ** 2 - 8.0 * c * (difference**2 - hub**2)
+        slack = (-2.0 * difference * c + np.sqrt(square)) / (4.0 * c)
+        ratio = (slack + difference) / slack
+    elif span == "slack":
+        slack = SLACK * gain + zero
+        ratio = (slack + difference) / slack
+    else:
+        tight = TIGHT * gain + zero
+        ratio = tight / (tight - difference)
+    return np.asarray(np.std(np.log(np.log(ratio) / beta), axis=0))
+
+
+@pytest.mark.parametrize(
+    ("measures", "span"), [("torque", "slack"), ("torque", "tight"), ("torque_hub", "slack")]
+)
+def test_the_uncertainty_of_a_torque_bench_is_that_of_drawn_errors(measures, span):
+    kind = RigKind(measures, torque_with=span)
+    # alone and all together; 20,000 draws know a standard deviation to 0.5 %
+    names = [field.name for field in dataclasses.fields(GIVEN) if getattr(GIVEN, field.name)]
+    alone = [StandardUncertainties(**{name: getattr(GIVEN, name)}) for name in names]
+    for given in (*alone, GIVEN):
+        columns, rows = friction_uncertainty(table(), given, R, kind)
+        expected = drawn(measures, span, given)
+        np.testing.assert_allclose(columns["mu_sliding_u"] / MU, expected, rtol=0.03)
+    named = {row["source"] for row in rows if row["quantity"] == "mu_sliding"}
+    assert {"gain of the torque", "drag of the bearings in the torque"} <= named
+
+
+def test_a_torque_and_a_cell_that_are_wrong_alike_change_no_coefficient():
+    # (T_s + M/R) / T_s: a factor on both cancels
+    given = StandardUncertainties(tension_gain=0.01, torque_gain=0.01)
+    columns, rows = friction_uncertainty(table(), given, R, RigKind("torque"))
+    parts = {
+        row["source"]: row["contribution_percent"]
+        for row in rows
+        if row["quantity"] == "mu_sliding"
+    }
+    assert parts["gain of the torque"] == pytest.approx(
+        parts["gain common to both load cells"], rel=0.02
+    )
+    expected = 0.01 * math.sqrt(2.0) * (1.0 - SLACK / TIGHT) / (MU * BETA)
+    np.testing.assert_allclose(columns["mu_sliding_u"] / MU, expected, rtol=0.01)
+
+
+def test_a_bench_without_a_torque_has_no_error_of_one():
+    for kind, has in (("two_cells", False), ("torque", True), ("torque_hub", True)):
+        given = standard_uncertainties(load_config({"rig": {"kind": kind}}))
+        assert (given.torque_gain > 0.0) == (given.bearing_drag > 0.0) == has
+    running = {"rig": {"kind": "running", "running_measures": "torque"}}
+    assert standard_uncertainties(load_config(running)).torque_gain > 0.0
