@@ -223,11 +223,20 @@ ONE = Bench(temperatures=(22.0,), tests_per_temperature=3, dt=0.2)
 @pytest.mark.parametrize(
     "press",
     [
-        replace(ONE, hysteresis="skew", force_noise=1.5, travel_noise=2e-7),
-        replace(ONE, zero=3.0, toe=6e-5, hysteresis="relative"),
-        replace(ONE, k_linear=2e7, k_quadratic=6e11, compliance=1.5e-8),
+        pytest.param(
+            replace(ONE, hysteresis="skew", force_noise=1.5, travel_noise=2e-7), id="loud"
+        ),
+        pytest.param(
+            replace(ONE, zero=3.0, toe=6e-5, hysteresis="relative"),
+            id="zero and way to contact",
+            marks=pytest.mark.long,
+        ),
+        pytest.param(
+            replace(ONE, k_linear=2e7, k_quadratic=6e11, compliance=1.5e-8),
+            id="softer, compliant machine",
+            marks=pytest.mark.long,
+        ),
     ],
-    ids=["loud", "zero and way to contact", "softer, compliant machine"],
 )
 def test_intervals_hold_for_noise_hysteresis_contact_and_zero(press: Bench) -> None:
     settings = StiffnessSettings(press.length, 22.0, press.compliance)
