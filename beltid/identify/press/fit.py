@@ -312,18 +312,14 @@ def predicted(law: FittedLaw, data: Nodes) -> Array:
 
     The search begins at the distance from the contact point that the tests of the law have.
     """
-    forces = np.empty(data.x.size)
+    own = data.owner[:, None] == np.arange(data.n_tests)
     starts = data.reference_positions() - np.mean(law.data.reference_positions() - law.contact)
-    for j in range(data.n_tests):
-        mine = data.owner == j
-        x, f = data.x[mine], data.f[mine]
 
-        def residuals(p: Array, x: Array = x, f: Array = f) -> Array:
-            return f - law.force(x - p[0])
+    def residuals(p: Array) -> Array:
+        return data.f - law.force(data.x - p[data.owner])
 
-        def jacobian(p: Array, x: Array = x) -> Array:
-            return (_slopes(x - p[0], law.exponents) @ law.K)[:, None]
+    def jacobian(p: Array) -> Array:
+        slope = _slopes(data.x - p[data.owner], law.exponents) @ law.K
+        return np.where(own, slope[:, None], 0.0)
 
-        p = solve_nonlinear(residuals, jacobian, starts[j : j + 1]).parameters
-        forces[mine] = law.force(x - p[0])
-    return forces
+    return data.f - solve_nonlinear(residuals, jacobian, starts).residuals
