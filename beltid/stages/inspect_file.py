@@ -107,7 +107,9 @@ def _summary(config: Config, path: Path, options: InspectOptions) -> Summary:
         title=f"{path}, {of_what}{'' if options.kind or not kind else ' (guessed)'}",
         facts=_facts(found.files, kind, runs),
         table=rows,
-        shown=tuple(name for name in rows[0] if name != "first"),  # a terminal has 80 columns
+        shown=tuple(
+            name for name in next(iter(rows), {}) if name != "first"
+        ),  # a terminal has 80 columns
         beside={"runs": _run_rows(runs[:SHOWN_RUNS])} if runs else {},
         details={"all runs": _run_rows(runs)} if len(runs) > SHOWN_RUNS else {},
         notes=found.notes,
