@@ -78,7 +78,7 @@ def test_a_date_in_a_column_beside(tmp_path):
 
 @pytest.mark.parametrize("extra", range(9))
 def test_a_date_that_the_look_at_the_first_bytes_cuts(tmp_path, monkeypatch, extra):
-    monkeypatch.setattr("beltid.bench.formats.dialect.FIRST_BYTES", 300 + extra)
+    monkeypatch.setattr("beltid.bench.formats.dialect.FIRST_BYTES", 8 * 34 + extra)
     times = [t.strftime("%d.%m.%Y;%H:%M:%S,%f") for t in stamps()]
     recording = read(press(tmp_path, times, "Datum;Uhrzeit"))
     assert any("holds time stamps" in note for note in recording.notes)
