@@ -18,7 +18,19 @@ Rows = Sequence[dict[str, Any]]
 GAP = 3  # between two columns
 LAST_COLUMN = 24
 SYNTHETIC = "synthetic"
-_WORDS_LEFT = ("status", "run", "runs", "belt", "file", "why", "arc", "group", "verdict", "can_be")
+_WORDS_LEFT = (
+    "status",
+    "run",
+    "runs",
+    "belt",
+    "file",
+    "why",
+    "arc",
+    "group",
+    "verdict",
+    "channel",
+    "can_be",
+)
 
 
 def show(summary: Summary, console: Console, *, complete: bool = False) -> None:

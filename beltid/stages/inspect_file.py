@@ -28,7 +28,7 @@ COMMANDS: Final = {
     "points": "fit-friction --table",
 }
 SHOWN_RUNS: Final = 8
-UNIT_OF_WRITTEN: Final = {"clock": "clock time", "date": "date"}
+
 _NUMBER: Final = r"[-+]?\d+(?:[.,p]\d+)?"
 
 
@@ -100,12 +100,16 @@ def _summary(config: Config, path: Path, options: InspectOptions) -> Summary:
         verdict = f"understood: beltid {COMMANDS[kind]} {path} can read it"
     else:
         verdict = "not yet understood: see what is still to be told"
+    rows = _channel_rows(found)
     of_what = f"recording of the {_bench(kind)}" if kind else "recording of a bench not told"
     return Summary(
         stage="inspect",
         title=f"{path}, {of_what}{'' if options.kind or not kind else ' (guessed)'}",
         facts=_facts(found.files, kind, runs),
-        table=_channel_rows(found),
+        table=rows,
+        shown=tuple(
+            name for name in next(iter(rows), {}) if name != "first"
+        ),  # a terminal has 80 columns
         beside={"runs": _run_rows(runs[:SHOWN_RUNS])} if runs else {},
         details={"all runs": _run_rows(runs)} if len(runs) > SHOWN_RUNS else {},
         notes=found.notes,
@@ -153,7 +157,7 @@ def _channel_rows(found: Inspection) -> list[dict[str, Any]]:
         rows.append(
             {
                 "channel": candidate.name,
-                "unit": UNIT_OF_WRITTEN.get(candidate.written) or unit_of(candidate) or None,
+                "unit": candidate.written or unit_of(candidate) or None,
                 "read_as": roles.get(named[0]) or by_name.get(named[1]) or by_name.get(named[2]),
                 "samples": channel.n_samples,
                 "rate_Hz": _plain(channel.rate_Hz),

@@ -76,6 +76,14 @@ def test_a_date_in_a_column_beside(tmp_path):
         assert not [n for n in recording.notes if "left out" in n or "midnight" in n]
 
 
+@pytest.mark.parametrize("extra", range(9))
+def test_a_date_that_the_look_at_the_first_bytes_cuts(tmp_path, monkeypatch, extra):
+    monkeypatch.setattr("beltid.bench.formats.dialect.FIRST_BYTES", 8 * 34 + extra)
+    times = [t.strftime("%d.%m.%Y;%H:%M:%S,%f") for t in stamps()]
+    recording = read(press(tmp_path, times, "Datum;Uhrzeit"))
+    assert any("holds time stamps" in note for note in recording.notes)
+
+
 def test_midnight_is_passed_and_told(tmp_path):
     late = datetime.datetime(2026, 11, 20, 23, 59, 59, 900000)
     recording = read(press(tmp_path, [t.strftime("%H:%M:%S.%f") for t in stamps(late)]))

@@ -210,6 +210,17 @@ def test_equal_names_are_told_apart_by_position(tmp_path):
     assert 'say which: columns: {press: {force_N: "Kraft #1 [N]"}}' in found["warnings"][0]
 
 
+def test_the_table_of_channels_fits_80_columns(tmp_path, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    other = text(tmp_path, "a.csv", "A [s];B [N];D [mm]", *(f"{i};{i};{i}" for i in range(9)))
+    for path in (RIG, RIG.parent / "press.csv", RIG.parent / "speedloss.csv", other):
+        shown = CliRunner().invoke(app, ["inspect", str(path), "-q"]).stdout
+        (heading,) = [line for line in shown.splitlines() if line.strip().startswith("channel ")]
+        assert heading.split()[-1] in ("max", "be")
+        table = shown[shown.index(heading) :].partition("\n\n")[0]
+        assert max(map(len, table.splitlines())) <= 80
+
+
 def test_several_recordings_in_one_call(tmp_path):
     bad = tmp_path / "bad.csv"
     bad.write_text("")

@@ -150,9 +150,11 @@ class Layout:
 
     def first_cells(self) -> list[list[str]]:
         """Filled cells of the first rows, column by column."""
-        first = self.body[:FIRST_BYTES].decode(errors="replace").split("\n")[:FIRST_ROWS]
+        first = self.body[:FIRST_BYTES]
+        if len(self.body) > FIRST_BYTES:  # not the row that is cut
+            first = first[: first.rfind(b"\n") + 1] or first
         columns: list[list[str]] = [[] for _ in self.header]
-        for line in first:
+        for line in first.decode(errors="replace").split("\n")[:FIRST_ROWS]:
             for column, cell in zip(columns, cells_or_line(line, self.separator), strict=False):
                 if cell.strip() not in MISSING_WORDS:
                     column.append(cell.strip())
