@@ -159,10 +159,14 @@ def prediction(belt: BeltRun) -> str:
 
 
 def _shown(belts: Sequence[BeltRun], mixed: bool) -> tuple[str, ...]:
-    """Columns that a person gets to see; those of the sweeps after the belt, its status last."""
+    """Columns that a person gets to see; those of the sweeps after the belt, its status last.
+
+    What no belt has is left to programs.
+    """
     rows = [_short_row(belt) for belt in belts]
     swept = dict.fromkeys(key for belt in belts for key in belt.swept)
     first, *rest = dict.fromkeys(name for row in rows for name in row) if rows else ("belt",)
+    rest = [name for name in rest if any(row[name] is not None for row in rows)]
     if swept:  # what does not differ between the cases is left to programs
         rest = [
             name for name in rest if name == "status" or len({row.get(name) for row in rows}) > 1

@@ -48,6 +48,7 @@ def plan_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOpti
         title="what would be done; nothing was",
         facts={"belts": len(sources), "steps": len(rows), "steps_to_be_made": count},
         table=rows,
+        shown=("belt", "step", "state"),
         warnings=tuple(warnings),
         exit_status=status,
     )

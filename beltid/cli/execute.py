@@ -157,7 +157,9 @@ def _statuses(reporter: TerminalReporter, kept: str) -> Iterator[None]:
             reporter.error(problem)
         pages = [f"`beltid explain {code}`" for code in error.codes[:MOST_PAGES]]
         if pages:
-            reporter.report(f"note: {', '.join(pages)} tells more")
+            reporter.report(
+                f"note: {', '.join(pages)} {'tells' if len(pages) == 1 else 'tell'} more"
+            )
         raise typer.Exit(error.exit_status) from None
     except OSError as error:
         if error.filename is None:  # nothing that the user named

@@ -214,7 +214,7 @@ def _friction(results: BeltResults) -> Card | None:
         f"µ = {m0:.3g} to {m1:.3g}",
         (
             *([] if of_runs is None else [f"measured {_newton_range(of_runs)} N/m"]),
-            f"{'inferred ' if of == 'refined' else ''}{_newton_range((f0, f1))} N/m",
+            f"{'inferred' if of == 'refined' else 'on the grid'} {_newton_range((f0, f1))} N/m",
             f"{MILLI * v0:.3g} to {MILLI * v1:.3g} mm/s",
         ),
     )

@@ -40,7 +40,8 @@ def pictures(results: BeltResults) -> list[Picture]:
     """Figures of the normal contact."""
     stiffness = results.get("stiffness")
     if stiffness is None:
-        return [absent("press", "Normal contact", "There is no stiffness.parquet.", "Figs. 4, 5")]
+        why = "There is no stiffness.parquet: it comes from a recording of the press."
+        return [absent("press", "Normal contact", why, "Figs. 4, 5")]
     curves = results.get("press_curves")
     return [by_temperature(stiffness, curves), pooled(stiffness, curves), deviation(stiffness)]
 
