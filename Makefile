@@ -66,7 +66,7 @@ mutants: $(DEVELOPMENT)  ## small faults in the science, which its tests must se
 
 coverage: $(DEVELOPMENT)  ## branches of the science that its tests reach; kernels run uncompiled
 	$(PIP_INSTALL) --editable ".[care]"
-	$(BIN)/python -m coverage run --branch --source=beltid.laws,beltid.identify,beltid.refine,beltid.uncertainty -m pytest -q tests/laws tests/identify tests/refine tests/uncertainty $(ARGS)
+	$(BIN)/python -m coverage run --branch --source=beltid.laws,beltid.identify,beltid.refine,beltid.uncertainty -m pytest -q -m "" tests/laws tests/identify tests/refine tests/uncertainty $(ARGS)
 	$(BIN)/python -m coverage run --branch --append --source=beltid.laws,beltid.rigsim -m pytest -q -p benchmarks.plain_kernels $(PLAIN)
 	$(BIN)/python -m coverage run --branch --append --source=beltid.rigsim -m pytest -q $(COMPILED)
 	$(BIN)/python -m coverage report

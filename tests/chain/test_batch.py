@@ -39,6 +39,7 @@ def test_every_belt_has_a_folder_with_all_its_results(by_one: Path, belt: str) -
     assert {"surface_refined", "simulated_refined", "compare_refined"} < found
 
 
+@pytest.mark.long
 def test_shards_make_what_one_run_makes_and_a_last_run_finds_it(bench: Path, by_one: Path) -> None:
     for number, belt in ((1, "one"), (2, "two")):
         done = beltid(bench, *BOTH, "-j", "1", "--shard", f"{number}/2", "--json")
@@ -301,7 +302,10 @@ def at_its_simulation(bench: Path, by_one: Path) -> str:
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
 @pytest.mark.parametrize(
     ("number", "status", "word"),
-    [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")],
+    [
+        (signal.SIGINT, 130, "interrupted"),
+        pytest.param(signal.SIGTERM, 143, "terminated", marks=pytest.mark.long),
+    ],
 )
 def test_an_interrupt_ends_all_and_keeps_what_is_finished(
     bench: Path, by_one: Path, number: int, status: int, word: str

@@ -75,6 +75,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
         made.stop()
 
 
+@pytest.mark.long
 def test_a_worker_killed_in_the_middle_changes_no_byte(
     bench: Path, by_one: Path, cluster: Cluster
 ) -> None:

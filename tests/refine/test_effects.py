@@ -104,11 +104,16 @@ def number(found: RefinedSurface, key: str) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize(
-    ("order", "steady"),
-    [(PERMUTED, 0.0005), (np.arange(N), 0.012)],
-    ids=["random", "sorted by arcs"],
+    ("shift", "order", "steady"),
+    [
+        pytest.param(run_in, PERMUTED, 0.0005, id="steady, random"),
+        pytest.param(quick_run_in, np.arange(N), 0.012, id="quick, sorted by arcs"),
+        pytest.param(
+            run_in, np.arange(N), 0.012, id="steady, sorted by arcs", marks=pytest.mark.long
+        ),
+        pytest.param(quick_run_in, PERMUTED, 0.0005, id="quick, random", marks=pytest.mark.long),
+    ],
 )
-@pytest.mark.parametrize("shift", [run_in, quick_run_in])
 def test_a_run_in_is_found_and_leaves_the_surface(shift, order, steady):
     shifted = shift(order)
     found = refined(shifted)

@@ -98,7 +98,7 @@ def worn_arcs(arc: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(
     ("factor", "arcs_known"),
     [
-        (run_in, False),
+        pytest.param(run_in, False, marks=pytest.mark.long),
         pytest.param(run_in, True, marks=pytest.mark.long),
         (worn_arcs, False),
     ],
