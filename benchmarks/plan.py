@@ -1,6 +1,7 @@
 """Planned runs against as many random ones and the whole factorial, on synthetic benches.
 
     python -m benchmarks.plan [REPETITIONS [DRAWS [PART OF A NAME]]]
+    python -m benchmarks.plan expected
 
 Each draw is a bench with errors of its own, shared by all its runs, an effect of each arc setting
 on friction, and noise of each run. The rig is the sliding limit of the simulator on its finer mesh,
@@ -12,6 +13,9 @@ between the lowest and highest line force (Eq. 8) and speed of the factorial.
 A repetition is won where the mean square error over all draws, those of the plan against those of
 its random choice, is not larger. `z` is the root mean square over all draws and places of error
 over stated standard uncertainty: 1 if that is right. The places of one draw move together.
+
+`expected` draws nothing: with the usual smoothness the linear model about the true surface gives
+the mean square error over all that may be drawn, of the plan and of 100 random choices.
 """
 
 from __future__ import annotations
@@ -32,11 +36,12 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.params import Belt, Contact, OperatingPoint, Rig
-from beltid.plan.candidates import NoiseLaw, Settings, simulate_candidates
-from beltid.plan.design import choose_runs
-from beltid.plan.prior import USUAL_ARCS, knowledge_at
+from beltid.plan.candidates import Candidates, NoiseLaw, Settings, simulate_candidates
+from beltid.plan.design import RunRows, choose_runs
+from beltid.plan.prior import USUAL, USUAL_ARCS, knowledge_at
 from beltid.plan.target import surface_target
-from beltid.refine.effects import ARC
+from beltid.refine.effects import ARC, BEFORE
+from beltid.refine.evidence import LinearModel
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import SimulationSettings, simulate
 from beltid.uncertainty.campaign import Campaign
@@ -349,8 +354,79 @@ def compare(bench: SyntheticBench, repetitions: int, draws: int) -> Comparison:
     return Comparison(figures[:, 0], figures[:, 1], figures[:, 2:])
 
 
+@dataclass(frozen=True)
+class TrueModel:
+    """A bench in the linear model about its true surface, all candidates."""
+
+    bench: SyntheticBench
+    candidates: Candidates
+    rows: RunRows
+    truth: Array
+    W: Array
+
+    @classmethod
+    def of(cls, bench: SyntheticBench) -> TrueModel:
+        """The candidates simulated with the true surface."""
+        f, v = np.geomspace(100.0, 30000.0, 40), bench.rig.R * np.array(bench.settings.omegas)
+        surface = FrictionSurface(f, v, bench.mu(f[:, None], v[None, :]))
+        middle = Bench(bench.belt, bench.rig, Contact(), bench.law, surface)
+        candidates = simulate_candidates(
+            middle, bench.press, bench.settings, (), surface, bench.kind
+        )
+        sources = all_sources(bench.given, len(bench.settings.arcs_deg), False)
+        curves, runs = candidates.curves, candidates.measured
+        knots = np.exp(curves.log_force), np.exp(curves.log_speed)
+        force, speed = runs.normal_force, runs.slip_speed
+        target = surface_target(curves, (force.min(), force.max()), (speed.min(), speed.max()))
+        return cls(
+            bench,
+            candidates,
+            candidates.rows(sources, bench.noise, {}),
+            np.log(bench.mu(knots[0][None, :], knots[1][:, None])).ravel(),
+            target.W,
+        )
+
+    def expected_error(self, chosen: Sequence[int]) -> float:
+        """Root of the expected mean square error of ln mu of the surface from some runs."""
+        mine, rows = list(chosen), self.rows
+        se, curves = np.sqrt(rows.variance[mine]), self.candidates.curves
+        response = self.candidates.response[mine] / se
+        arcs = np.eye(int(rows.arc.max()) + 1)[rows.arc[mine]] * response[:, None]
+        J, S = rows.J[mine] / se[:, None], rows.S[mine] / se[:, None]
+        roughness = curves.bending(), curves.difference()
+        model = LinearModel(J, 0.0 * se, *roughness, response, (arcs,), (BEFORE[ARC],))
+        gain = model.solve(replace(USUAL, effects=(USUAL_ARCS,))).gain
+        parts = gain, gain @ S, self.bench.arc_effect * gain @ arcs
+        bias = gain @ (J @ self.truth) - self.truth
+        square = bias @ self.W @ bias + sum(np.trace(self.W @ part @ part.T) for part in parts)
+        return float(np.sqrt(square))
+
+
+def expected() -> None:
+    """Print what is to be expected of plan, random choices and the whole factorial."""
+    print("| synthetic bench | planned | random: mean | best of 100 | all | plan is better than |")
+    print("|---|---|---|---|---|---|")
+    for name, bench in BENCHES.items():
+        model, n = TrueModel.of(bench), len(bench.settings.points())
+        mine = model.expected_error(planned(bench)[0])
+        choices = [
+            np.random.default_rng(i).choice(n, bench.runs, replace=False) for i in range(100)
+        ]
+        random = np.array([model.expected_error(choice) for choice in choices])
+        everything = model.expected_error(range(n))
+        print(
+            f"| {name} | {100 * mine:.2f} % | {100 * random.mean():.2f} % "
+            f"| {100 * random.min():.2f} % | {100 * everything:.2f} % "
+            f"| {np.count_nonzero(mine <= random)} of 100 |",
+            flush=True,
+        )
+
+
 def main() -> None:
     """Print the table."""
+    if sys.argv[1:] == ["expected"]:
+        expected()
+        return
     repetitions, draws = (
         int(sys.argv[k]) if len(sys.argv) > k else n for k, n in ((1, 20), (2, 8))
     )

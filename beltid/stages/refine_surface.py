@@ -46,8 +46,7 @@ from beltid.stages.uncertainties import (
 from beltid.stages.workers import Workers
 from beltid.uncertainty.bending import FittedBending, fit_bending
 from beltid.uncertainty.campaign_effects import CLEAR, SCATTER, TOGETHER, ShownEffect, shown_effects
-from beltid.uncertainty.linear_check import MonteCarlo, check_of
-from beltid.uncertainty.monte_carlo import prepare
+from beltid.uncertainty.monte_carlo import MonteCarlo, check_of, prepare
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import (
     refined_campaign,

@@ -14,6 +14,7 @@ from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.params import Contact, OperatingPoint
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import SimulationSettings, simulate
+from beltid.uncertainty.agreement import Validation
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.simulated import (
     SimulatedUncertainty,
@@ -21,7 +22,6 @@ from beltid.uncertainty.simulated import (
     with_rig_sources,
 )
 from beltid.uncertainty.sources import StandardUncertainties, rig_sources
-from beltid.uncertainty.validation import Validation
 
 POINTS = [
     OperatingPoint(math.radians(arc), T_0, omega)

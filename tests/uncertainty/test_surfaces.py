@@ -11,8 +11,13 @@ from virtual_bench import GIVEN, SMALL, read_campaign
 
 from beltid.errors import ConvergenceError
 from beltid.identify.surface.surface import SurfaceSettings
-from beltid.uncertainty.linear_check import linear_check
-from beltid.uncertainty.monte_carlo import gathered, prepare, refined_again, replicates
+from beltid.uncertainty.monte_carlo import (
+    gathered,
+    linear_check,
+    prepare,
+    refined_again,
+    replicates,
+)
 from beltid.uncertainty.published import (
     changes_at_nodes,
     published_changes,
