@@ -54,6 +54,7 @@ LAID = (0.25, 0.5, 0.75, 1.0)  # shares of the friction by way of which all of t
 MOST_ROUNDS = 80
 FREE_ROUNDS = 12  # in which all patches may change sides at once
 MOST_TURNS = 4  # of a patch at an end of the contact
+MOST_SOFT_TURNS = 8  # of a patch that is still soft; one that goes to and fro is left to the hard
 PATIENCE = 3  # rounds after which only half as many may
 
 
@@ -456,6 +457,7 @@ class _Flow:
             slides = np.abs(holding) > patches.limit
             turned = slides & (np.sign(holding) != patches.sign)
             changes = np.where(sticking, slides, ~slides | turned)
+            changes &= self.turns < MOST_SOFT_TURNS
         # a patch at an end of the contact bears nothing: were it to stick, it would open and close.
         # Where the sliding changes its direction within such a patch, it keeps the last one
         open_ = patches.limit == 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -42,9 +43,9 @@ from beltid.stages.uncertainties import (
     standard_uncertainties,
 )
 from beltid.uncertainty.budget import Scatter, budget
-from beltid.uncertainty.drive import drive_uncertainty
+from beltid.uncertainty.drive import SHEAR_WITHOUT_BENDING, drive_uncertainty
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.sources import Source, drive_sources
+from beltid.uncertainty.sources import Source, drive_sources, shear_source
 
 KIND: Final = "drive"
 FIGURES: Final = ("method", "budget", "n_failed", "slip_limits")
@@ -177,8 +178,12 @@ def _outcome(
     open_ = drive_uncertainty(
         drive, [asked.point for asked, _ in good], results, press, sources, ensemble
     )
-    by_string = [asked.run for (asked, _), yes in zip(good, open_.by_string, strict=True) if yes]
     columns = _columns(drive, good)
+    if math.isfinite(drive.shear_stiffness):
+        sources = (*sources, shear_source(SHEAR_WITHOUT_BENDING))
+        losses = columns["speed_loss_rad_s"].reshape(len(good), -1)
+        open_ = open_.with_shear_alone(losses)
+    by_string = [asked.run for (asked, _), yes in zip(good, open_.by_string, strict=True) if yes]
     columns["speed_loss_u_rad_s"] = open_.combined.ravel()
     return Outcome(
         kind=KIND,

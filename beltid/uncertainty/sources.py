@@ -280,6 +280,12 @@ def drive_sources(
     return (*_sources(u, DRIVE_SOURCES, 1), *geometry, *law)
 
 
+def shear_source(size: float) -> Source:
+    """What bending does to a belt whose ribs shear, as a share of the speed loss."""
+    words = "ribs that shear, without the bending stiffness of the belt"
+    return Source(words, "shear_without_bending", 0, size, *PERCENT, ASSUMED)
+
+
 def law_scatter_sources(known: bool) -> tuple[Source, ...]:
     """Scatter of the press in both coefficients of the contact law, if its covariance is known."""
     words = "contact law, scatter of the press"

@@ -222,3 +222,14 @@ def test_the_recorded_bench_is_predicted_within_a_tenth(belt: str) -> None:
     # the flowing rod with bending stiffness that made the recording
     error = loss[judged] / true["speed_loss_rad_s"][judged] - 1.0
     assert np.sqrt(np.mean(error**2)) < 0.10
+
+
+def test_ribs_that_shear_leave_the_bending_of_the_belt_open() -> None:
+    sizes = dict.fromkeys(load_config(None).uncertainty.model_dump(), 0.0)
+    soft = config() | {"uncertainty": sizes, "belt": {"shear_stiffness_N_m2": 3.4e7}}
+    outcome = beltid.simulate_drive(soft, true_surface(), LAW)
+    frame = outcome.to_frame()
+    driven = frame[frame["pulley"] == "driven"]
+    share = driven["speed_loss_u_rad_s"] / driven["speed_loss_rad_s"]
+    assert share.to_numpy() == pytest.approx(0.06, rel=1e-9)
+    assert "ribs that shear" in outcome.extra["budget"][0]["source"]
