@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -72,7 +73,11 @@ def run(stated: Mapping[str, Any], out: Path | None, options: Options) -> Summar
     for kind, file in load_config(path).data.files.items():  # what was written is what is read
         if not exists(file):
             options.reporter.warn(f"data.{kind}: there is no {file} yet")
-    return _summary(path, config, frozenset(values), frozenset(found))
+    summary = _summary(path, config, frozenset(values), frozenset(found))
+    if not found:
+        return summary
+    words = "; ".join(f"{key}: {json_value(value)}" for key, value in found.items())
+    return replace(summary, notes=(f"the recording of the rig says {words}",))
 
 
 def default_of(key: str, answers: Mapping[str, Any]) -> Any:
