@@ -39,7 +39,7 @@ run-all: $(RUNTIME)  ## the same for the belts 4PK, 5PK and 6PK
 	$(BIN)/beltid run configs/4pk.yaml configs/5pk.yaml configs/6pk.yaml $(ARGS)
 
 test: $(DEVELOPMENT)  ## the tests, in two processes (one: make test ARGS="-n 0")
-	OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadgroup --no-loadscope-reorder $(ARGS)
+	OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(ARGS)
 
 check: $(DEVELOPMENT)  ## formatting, lint, types, import contracts
 	$(BIN)/ruff format --check .
