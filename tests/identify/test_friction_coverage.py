@@ -139,6 +139,14 @@ def test_the_truth_is_recovered(name: str, most: float) -> None:
     assert rms(found.error) <= most
 
 
+def test_a_tail_beyond_the_slow_runs_is_told_by_all_of_them_together() -> None:
+    """The slow part of the tail is another hypothesis, the fast part beside it another tail."""
+    found = reduced("second tail twenty times longer (30 %)", 120, 1)
+    assert np.mean(found.kept) >= MOST_KEPT
+    assert rms(found.error) <= 0.0015
+    assert 0.4 <= rms(found.error / found.se) <= 1.25
+
+
 @pytest.mark.xfail(reason="a limit that is reached early only is missed in some runs")
 def test_a_clipped_cell_is_told_or_its_run_set_aside() -> None:
     for run in three_benches("tight cell clipped in 20 % of the sliding samples").runs:

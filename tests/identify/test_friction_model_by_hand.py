@@ -275,15 +275,15 @@ def test_errors_of_the_cells_are_averaged_over_all_explanations(D):
 
 
 def test_a_difference_of_the_cells_of_each_run_by_itself():
-    rest = (np.array([3.0]), np.array([0.1]), np.array([270.0]))
+    at_rest = (np.array([3.0]), np.array([0.1]), np.array([270.0]))
     sliding = np.array([[400.0, 150.0]])
     half_sum, half_difference = 0.5 * (1 / 150 + 1 / 400), 0.5 * (1 / 150 - 1 / 400)
     clear = 9.0 - 0.01
-    taken = rest.cell_errors(*rest, sliding, True)
+    taken = rest.cell_errors(*at_rest, sliding, True)
     assert taken.mean[0] == pytest.approx(3.0 * half_sum, rel=1e-12)
     common = half_difference**2 * clear
     assert taken.variance[0] == pytest.approx(half_sum**2 * 0.01 + common, rel=1e-12)
-    left = rest.cell_errors(*rest, sliding, False)
+    left = rest.cell_errors(*at_rest, sliding, False)
     assert left.mean[0] == 0.0
     assert left.variance[0] == pytest.approx(half_sum**2 * clear + common, rel=1e-12)
     assert "taken off" in taken.notes[0]

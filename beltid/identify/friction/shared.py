@@ -232,11 +232,14 @@ UNLIKE = 0.01
 """Deviations of a tail from its family: standard deviation of each of some exponentials with
 lengths within the record, relative to the height."""
 DRIFTING = 0.04
-"""Probability that something drifts in all runs alike: the zero of either cell or of both, or the
-friction itself."""
-DRIFT_OF_ZERO, DRIFT_OF_MU = 4e-4, 0.03
-"""Standard deviations of the drifts, in 1/s of the median initial tension, and over the sliding of
-a run relative to mu."""
+"""Probability that something drifts in all runs alike: the zeros of the cells, or the friction."""
+DRIFTS_OF = np.array(
+    [np.diag(np.square(sd)) for sd in ([0, 0, 0], [2e-4, 2e-4, 0], [6e-4, 6e-4, 0], [0, 0, 0.03])]
+)
+"""Covariances of the drifts: none, small and large ones of the zeros of both cells, in 1/s of the
+median initial tension, and one of the friction itself, over the sliding of a run relative to mu."""
+BEFORE = np.append(1.0 - DRIFTING, DRIFTING * np.array([0.45, 0.45, 0.1]))
+"""Probabilities of them."""
 SLOW_PART = (0.07, 0.25, 0.15)
 """Probability that a part of the tail decays over a length beyond the longest record, its size
 relative to the height and the standard deviation of that."""
@@ -250,8 +253,6 @@ SHARED = RANK + 3 + SETTINGS
 """Columns that all runs share: the basis of the tails, drifts of both cells and of mu, powers."""
 DRIFTS, POWERS = slice(RANK, RANK + 3), slice(RANK + 3, SHARED)
 """Where the drifts and the powers are in them."""
-BEFORE = np.array([1.0 - DRIFTING, *[DRIFTING / 4.0] * 4])
-"""Probabilities of no drift, one of the tight, the slack, both cells, and of mu."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -270,8 +271,8 @@ class Shared:
         Posterior mean of the height of the tail, relative to the level.
     powers : ndarray, shape (SETTINGS,)
         Powers of the settings with which its length goes.
-    weights : ndarray, shape (5,)
-        Probabilities of no drift, one of the tight, the slack, both cells, and of mu.
+    weights : ndarray
+        Probabilities of :data:`DRIFTS_OF`.
     spectra : Spectra, optional
         Tails over which it was summed.
     """
@@ -374,47 +375,51 @@ def posterior(M: Array, b: Array, given: Given, before: Shared, every_drift: boo
     lengths = np.linspace(low, max(high, low + 1.0), 8)
     unlike = tail_coefficients(lengths, np.zeros(8), np.zeros(8))
     D[:RANK, :RANK] = (UNLIKE * height) ** 2 * (unlike.T @ unlike)
-    zero = DRIFT_OF_ZERO * given.unit_N
-    drifts = np.array([[0, 0, 0], [zero, 0, 0], [0, zero, 0], [zero, zero, 0], [0, 0, DRIFT_OF_MU]])
+    unit = np.array([given.unit_N, given.unit_N, 1.0])
+    drifts = DRIFTS_OF * np.outer(unit, unit)
     # one Gaussian with the moments of all drifts, to find where the tails are
-    moments = np.einsum("h,hk,hl->kl", before.weights, drifts, drifts)
-    mixed = D + _blocks(np.zeros(RANK), moments)
+    moments = np.tensordot(before.weights, drifts, axes=1)
+
+    def spectra_given(slow: Array, spread: Array) -> Spectra:
+        left = _free(M, D + _blocks(spread, moments))[0]
+        return spectra_of((left @ M)[:RANK, :RANK], (left @ (b - M @ slow))[:RANK], given.range_m)
+
+    none = np.zeros(RANK)
     spectra = before.spectra
     if every_drift or spectra is None:
-        left = _free(M, mixed)[0]
-        spectra = spectra_of(
-            (left @ M)[:RANK, :RANK], (left @ (b - M @ expected))[:RANK], given.range_m
-        )
+        spectra = spectra_given(expected, none)
     if not every_drift:
-        candidates = [(0.0, _given(M, b, expected, mixed, spectra))]
+        found = [_given(M, b, expected, D + _blocks(none, moments), spectra)]
+        prior = np.ones(1)
     else:
-        slow, part, scatter = SLOW_PART
+        probability, part, scatter = SLOW_PART
         reach = np.log(np.clip(longest / 3.0 * np.array([1.0, 4.0]), 2e-4, 1.0))
         tails = height * tail_coefficients(reach, np.zeros(2), np.zeros(2))
-        extras = [(1.0 - slow, np.zeros(RANK)), *((slow / 2.0, tail) for tail in tails)]
-        candidates = []
-        for weight, drift in zip(BEFORE, drifts, strict=True):
-            for q, tail in extras:
-                more = expected.copy()
-                more[:RANK] = part * tail
-                prior = D + _blocks(scatter * tail, np.outer(drift, drift))
-                candidates.append((np.log(weight * q), _given(M, b, more, prior, spectra)))
-    log_p = np.array([prior + log_evidence for prior, (*_, log_evidence, _) in candidates])
+        found = []
+        for tail in (none, *tails):
+            slow = expected.copy()
+            slow[:RANK] = part * tail
+            # beside a slow part the rest of the tail is another one
+            own = spectra_given(slow, scatter * tail) if tail.any() else spectra
+            for drift in drifts:
+                found.append(_given(M, b, slow, D + _blocks(scatter * tail, drift), own))
+        of_tail = np.array([1.0 - probability, probability / 2.0, probability / 2.0])
+        prior = np.outer(of_tail, BEFORE).ravel()
+    log_p = np.log(prior) + np.array([log_evidence for _, _, log_evidence, _ in found])
     log_evidence = float(logsumexp(log_p))
     p = np.exp(log_p - log_evidence)
-    means = np.array([mean for _, (mean, *_) in candidates])
+    means = np.array([mean for mean, *_ in found])
     mean = p @ means
     away = means - mean
-    second = np.tensordot(p, [C for _, (_, C, *_) in candidates], axes=1)
-    values, vectors = np.linalg.eigh(second + (away * p[:, None]).T @ away)
-    factor = (vectors * np.sqrt(np.maximum(values, 0.0)))[:, ::-1]
+    second = np.tensordot(p, [C for _, C, *_ in found], axes=1) + (away * p[:, None]).T @ away
+    values, vectors = np.linalg.eigh(second)
     return Shared(
         mean=mean,
-        factor=factor,
+        factor=(vectors * np.sqrt(np.maximum(values, 0.0)))[:, ::-1],
         log_evidence=log_evidence,
-        height=candidates[int(np.argmax(p))][1][-1],
+        height=found[int(np.argmax(p))][-1],
         powers=np.clip(before.powers + mean[POWERS], -1.5, 1.5),
-        weights=p.reshape(len(BEFORE), -1).sum(axis=1) if every_drift else before.weights,
+        weights=p.reshape(-1, len(drifts)).sum(axis=0) if every_drift else before.weights,
         spectra=spectra,
     )
 
