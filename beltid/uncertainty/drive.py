@@ -155,15 +155,21 @@ def change_by_slower_friction(
     other = _continued(drive.surface)
     if other is None:
         return change
-    for i, (point, result) in enumerate(zip(points, results, strict=True)):
-        if not (result.state.rods or FULL_SLIP in result.status):
+    moved = replace(drive, surface=other)
+    with_rods = np.array([bool(result.state.rods) for result in results], dtype=bool)
+    slips = np.array([FULL_SLIP in result.status for result in results], dtype=bool)
+    for method in METHODS:
+        unknown = ~np.isfinite(change).all(axis=1)
+        which = with_rods if method == METHODS[0] else (slips & ~with_rods) | unknown
+        at = np.flatnonzero(which).tolist()
+        if not at:
             continue
-        for method in METHODS if result.state.rods else METHODS[1:]:
-            near = [result] if method == METHODS[0] else _solved(drive, [point], method, [None])
-            moved = _solved(replace(drive, surface=other), [point], method, near)
-            change[i] = (_losses(drive, moved) - _losses(drive, near))[0] / math.sqrt(3.0)
-            if np.isfinite(change[i]).all():
-                break
+        mine = [points[i] for i in at]
+        near: Results = [results[i] for i in at]
+        if method == METHODS[1]:
+            near = _solved(drive, mine, method, [None] * len(at))
+        off = _losses(drive, _solved(moved, mine, method, near)) - _losses(drive, near)
+        change[at] = off / math.sqrt(3.0)
     return change
 
 
