@@ -43,9 +43,13 @@ from beltid.stages.uncertainties import (
     standard_uncertainties,
 )
 from beltid.uncertainty.budget import Scatter, budget
-from beltid.uncertainty.drive import SHEAR_WITHOUT_BENDING, drive_uncertainty
+from beltid.uncertainty.drive import (
+    SHEAR_WITHOUT_BENDING,
+    change_by_slower_friction,
+    drive_uncertainty,
+)
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.sources import Source, drive_sources, shear_source
+from beltid.uncertainty.sources import Source, drive_sources, shear_source, slower_source
 
 KIND: Final = "drive"
 FIGURES: Final = ("method", "budget", "n_failed", "slip_limits")
@@ -182,7 +186,11 @@ def _outcome(
     if math.isfinite(drive.shear_stiffness):
         sources = (*sources, shear_source(SHEAR_WITHOUT_BENDING))
         losses = columns["speed_loss_rad_s"].reshape(len(good), -1)
-        open_ = open_.with_shear_alone(losses)
+        open_ = open_.with_source(SHEAR_WITHOUT_BENDING * np.abs(losses))
+    slower = change_by_slower_friction(drive, [asked.point for asked, _ in good], results)
+    if slower.any():
+        sources = (*sources, slower_source())
+        open_ = open_.with_source(slower)
     by_string = [asked.run for (asked, _), yes in zip(good, open_.by_string, strict=True) if yes]
     columns["speed_loss_u_rad_s"] = open_.combined.ravel()
     return Outcome(

@@ -8,6 +8,7 @@ in full slip: how they slip the rod alone knows.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -28,6 +29,11 @@ Results = Sequence[DriveResult | None]
 SHEAR_WITHOUT_BENDING: Final = 0.06
 """Standard uncertainty of a loss, relative, of ribs that shear: they are known to the string only,
 which is 3 % below to 11 % above rods with such ribs (27.5 and 50 mm, 3.4e7 to 3e8 N/m²)."""
+SLOWER: Final = np.array([0.1, 0.2, 0.35, 0.6])
+"""Speeds over the slowest measured one to which friction is continued."""
+LEAST_SHARE: Final = 0.3
+"""Of the coefficient at the slowest measured speed that is left there."""
+METHODS: Final[tuple[Method, ...]] = ("rod", "string")
 MEMBERS_WITH_RODS: Final = 16
 """Members of an ensemble that are solved with rods: their scatter is known to a fifth."""
 
@@ -51,10 +57,9 @@ class DriveUncertainty:
     surface: Array
     by_string: NDArray[np.bool_]
 
-    def with_shear_alone(self, losses: Array) -> DriveUncertainty:
-        """With one more source at the end: the bending that a belt on sheared ribs has, too."""
-        more = SHEAR_WITHOUT_BENDING * np.abs(losses)[..., None]
-        return replace(self, shared=np.concatenate([self.shared, more], axis=-1))
+    def with_source(self, change: Array) -> DriveUncertainty:
+        """With the change (n_points, n_pulleys) by one more source at the end."""
+        return replace(self, shared=np.concatenate([self.shared, change[..., None]], axis=-1))
 
     @property
     def combined(self) -> Array:
@@ -125,6 +130,61 @@ def drive_uncertainty(
         of_rods = _scatter(members)
         surface[at] = np.where(known, of_rods, np.fmax(of_rods, surface[at]))
     return DriveUncertainty(shared, surface, by_string)
+
+
+def change_by_slower_friction(
+    drive: Drive, points: Sequence[DrivePoint], results: Sequence[DriveResult]
+) -> Array:
+    """Standard uncertainty of the losses by friction slower than was measured [rad/s].
+
+    The nearest measured value is one way to continue the friction below the slowest speed, the
+    slope over ln v that it has there another one. Losses between both are taken as equally likely
+    up to the second one on either side of the first. Short of full slip the string has none of it.
+
+    Parameters
+    ----------
+    drive, points, results
+        As in :func:`drive_uncertainty`.
+
+    Returns
+    -------
+    ndarray, shape (n_points, n_pulleys)
+        nan where neither rod nor string has a steady state with the friction continued.
+    """
+    change = np.zeros((len(points), len(drive.pulleys)))
+    other = _continued(drive.surface)
+    if other is None:
+        return change
+    moved = replace(drive, surface=other)
+    with_rods = np.array([bool(result.state.rods) for result in results], dtype=bool)
+    slips = np.array([FULL_SLIP in result.status for result in results], dtype=bool)
+    for method in METHODS:
+        unknown = ~np.isfinite(change).all(axis=1)
+        which = with_rods if method == METHODS[0] else (slips & ~with_rods) | unknown
+        at = np.flatnonzero(which).tolist()
+        if not at:
+            continue
+        mine = [points[i] for i in at]
+        near: Results = [results[i] for i in at]
+        if method == METHODS[1]:
+            near = _solved(drive, mine, method, [None] * len(at))
+        off = _losses(drive, _solved(moved, mine, method, near)) - _losses(drive, near)
+        change[at] = off / math.sqrt(3.0)
+    return change
+
+
+def _continued(surface: FrictionSurface) -> FrictionSurface | None:
+    """The surface, continued below its slowest speed with its slope there; None of one speed."""
+    f, v = surface.normal_force_N_m, surface.slip_speed_m_s
+    if v.size == 1:
+        return None
+    known = np.asarray(surface.mu(f[:, None], v))
+    step = 0.25 * math.log(v[1] / v[0])
+    slope = (np.asarray(surface.mu(f, v[0] * math.exp(step))) - known[:, 0]) / step
+    slower = v[0] * SLOWER
+    mu = known[:, :1] + slope[:, None] * np.log(SLOWER)
+    mu = np.maximum(mu, LEAST_SHARE * known[:, :1])
+    return FrictionSurface(f, np.concatenate([slower, v]), np.hstack([mu, known]))
 
 
 def _scatter(members: Sequence[Array] | Array) -> Array:

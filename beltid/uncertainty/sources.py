@@ -286,6 +286,12 @@ def shear_source(size: float) -> Source:
     return Source(words, "shear_without_bending", 0, size, *PERCENT, ASSUMED)
 
 
+def slower_source() -> Source:
+    """Friction at sliding speeds below those measured, of unit size."""
+    words = "friction slower than the slowest measured sliding"
+    return Source(words, "slower_friction", 0, 1.0, "1", 1.0, ASSUMED)
+
+
 def law_scatter_sources(known: bool) -> tuple[Source, ...]:
     """Scatter of the press in both coefficients of the contact law, if its covariance is known."""
     words = "contact law, scatter of the press"

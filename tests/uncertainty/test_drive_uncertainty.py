@@ -12,7 +12,7 @@ from beltid.drive.results import simulate
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt
-from beltid.uncertainty.drive import drive_uncertainty
+from beltid.uncertainty.drive import change_by_slower_friction, drive_uncertainty
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.sources import Source
 
@@ -61,3 +61,16 @@ def test_a_torque_that_the_rod_no_longer_holds_leaves_the_point_to_the_string() 
     change = moved.loss.total[1] - results[0].loss.total[1]
     assert found.shared[0, 1, 0] == pytest.approx(change, rel=1e-3)
     assert math.isclose(found.combined[0, 1], abs(change), rel_tol=1e-3)
+
+
+def test_friction_slower_than_measured_is_covered() -> None:
+    """A rig that measured from 2.5 mm/s on, a drive whose friction falls on to 0.5 mm/s."""
+    v = np.geomspace(2.5e-3, 0.05, 30)
+    mu = [0.8 * (1.0 + 0.1 * np.log(v / 5e-3))] * 2
+    drive = drive_on(FrictionSurface([10.0, 30000.0], v, mu))
+    rods, strings = (simulate(drive, [STICKS], method) for method in ("rod", "string"))
+    u = change_by_slower_friction(drive, [STICKS], rods)[0, 1]
+    (true,) = simulate(drive_on(rising(0.8)), [STICKS], "rod")
+    off = abs(true.loss.total[1] - rods[0].loss.total[1])
+    assert 0.5 * abs(u) < off < 2.0 * abs(u)
+    assert not change_by_slower_friction(drive, [STICKS], strings).any()
