@@ -236,30 +236,6 @@ def inspect_recording(path: Path, config: Any, kind: str | None = None) -> Inspe
     return Inspection(kind, tuple(files), mappings, tuple(runs), notes, (), rig)
 
 
-def rig_of_file(path: Path, config: Any) -> dict[str, str]:
-    """Keys of the section `rig` that the channels of a recording ask for.
-
-    Parameters
-    ----------
-    path : Path
-        File, folder, pattern or zip file.
-    config : Config
-        What is known about the files already.
-
-    Returns
-    -------
-    dict
-        ``kind``, and ``weight_on`` of a dead weight; empty where the channels are those of the
-        config, or tell nothing.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read at all.
-    """
-    return _rig_meant(_looked_into(path, config)[0][0], config)
-
-
 def _looked_into(path: Path, config: Any) -> tuple[list[FileView], list[Opened]]:
     """Files as they were understood, and those that are read at once as they were opened."""
     options = ReadOptions.of(config, "rig")

@@ -37,6 +37,7 @@ DRIFT: Final = "drift of the friction over the campaign, in percent of mu"
 RIG_KEYS: Final = (
     "kind",
     "weight_on",
+    "torque_with",
     "running_measures",
     "belt_speed_m_s",
     "speed_bins_rad_s",

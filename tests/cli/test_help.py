@@ -142,7 +142,7 @@ def test_usage_has_plain_names(command: str) -> None:
         ("simulate-drive", "split into creep, seating and slip"),
         ("compare-drive", "RMS 10 %"),
         ("compare-drive", "less than a fifth of the largest torque"),
-        ("run", "speedloss may be left out"),
+        ("run", "without press or rig what can be done is done"),
         ("run", "environment variable BELTID_CONFIG"),
     ],
 )

@@ -80,7 +80,10 @@ def test_the_registries_by_kind_hold_the_same_kinds() -> None:
         "units": type(config.units).model_fields,
         "runs": type(config.runs).model_fields,
         # a table of plateaus is named to the command, the chain begins with recordings
-        "data": [*(k for k in type(config.data).model_fields if k != "origin"), "points"],
+        "data": [
+            *(k for k in type(config.data).model_fields if k not in ("origin", "date")),
+            "points",
+        ],
     }
     assert {name: tuple(kinds) for name, kinds in by_recording.items()} == dict.fromkeys(
         by_recording, schemas.RECORDINGS
