@@ -151,7 +151,7 @@ def test_rounding_of_a_coarse_converter_is_in_the_standard_error(step: float, dr
         run = reduce_columns(columns)
         if run.ok:
             z.append((run.mu_sliding - 0.8) / run.mu_sliding_se)
-    assert len(z) > 0.8 * draws
+    assert len(z) >= 0.875 * draws  # 21 of 24
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.4
 
 
