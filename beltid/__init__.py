@@ -68,17 +68,17 @@ if TYPE_CHECKING:
     from beltid.laws.friction_surface import FrictionSurface
     from beltid.laws.penalty import NormalLaw
     from beltid.laws.uncertain_surface import UncertainSurface
-    from beltid.stages.build_surface import build_surface
-    from beltid.stages.compare import compare, predict_held_out
-    from beltid.stages.fit_friction import fit_friction
-    from beltid.stages.fit_shear import fit_shear
-    from beltid.stages.fit_slip import fit_slip
-    from beltid.stages.fit_stiffness import fit_stiffness
-    from beltid.stages.plan import PlannedRuns, plan_runs
-    from beltid.stages.recordings import read_press, read_rig, read_speedloss
-    from beltid.stages.refine_surface import refine_surface
-    from beltid.stages.simulate_drive import simulate_drive
-    from beltid.stages.simulated_runs import simulate_campaign, simulate_rig
+    from beltid.stages.drive.simulate_drive import simulate_drive
+    from beltid.stages.identification.build_surface import build_surface
+    from beltid.stages.identification.fit_friction import fit_friction
+    from beltid.stages.identification.fit_shear import fit_shear
+    from beltid.stages.identification.fit_slip import fit_slip
+    from beltid.stages.identification.fit_stiffness import fit_stiffness
+    from beltid.stages.identification.recordings import read_press, read_rig, read_speedloss
+    from beltid.stages.simulation.compare import compare, predict_held_out
+    from beltid.stages.simulation.plan import PlannedRuns, plan_runs
+    from beltid.stages.simulation.refine_surface import refine_surface
+    from beltid.stages.simulation.simulated_runs import simulate_campaign, simulate_rig
     from beltid.stages.tables import load_law, load_stiffness, load_surface
 
 __all__ = [
@@ -144,22 +144,24 @@ _HOMES = {
     "FrictionSurface": "laws.friction_surface",
     "NormalLaw": "laws.penalty",
     "UncertainSurface": "laws.uncertain_surface",
-    "build_surface": "stages.build_surface",
-    "refine_surface": "stages.refine_surface",
-    "compare": "stages.compare",
-    "fit_friction": "stages.fit_friction",
-    "fit_shear": "stages.fit_shear",
-    "fit_slip": "stages.fit_slip",
-    "fit_stiffness": "stages.fit_stiffness",
-    "predict_held_out": "stages.compare",
-    **dict.fromkeys(("PlannedRuns", "plan_runs"), "stages.plan"),
-    **dict.fromkeys(("read_press", "read_rig", "read_speedloss"), "stages.recordings"),
+    "build_surface": "stages.identification.build_surface",
+    "refine_surface": "stages.simulation.refine_surface",
+    "compare": "stages.simulation.compare",
+    "fit_friction": "stages.identification.fit_friction",
+    "fit_shear": "stages.identification.fit_shear",
+    "fit_slip": "stages.identification.fit_slip",
+    "fit_stiffness": "stages.identification.fit_stiffness",
+    "predict_held_out": "stages.simulation.compare",
+    **dict.fromkeys(("PlannedRuns", "plan_runs"), "stages.simulation.plan"),
+    **dict.fromkeys(
+        ("read_press", "read_rig", "read_speedloss"), "stages.identification.recordings"
+    ),
     "load_law": "stages.tables",
     "load_stiffness": "stages.tables",
     "load_surface": "stages.tables",
-    "simulate_campaign": "stages.simulated_runs",
-    "simulate_drive": "stages.simulate_drive",
-    "simulate_rig": "stages.simulated_runs",
+    "simulate_campaign": "stages.simulation.simulated_runs",
+    "simulate_drive": "stages.drive.simulate_drive",
+    "simulate_rig": "stages.simulation.simulated_runs",
 }
 
 

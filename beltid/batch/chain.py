@@ -18,18 +18,10 @@ from beltid.batch.schedule import Chain, run_chains
 from beltid.batch.steps import Step
 from beltid.config import ConfigSource
 from beltid.report.summary import Summary
-from beltid.stages import (
-    build_surface,
-    compare,
-    compare_drive,
-    fit_friction,
-    fit_slip,
-    fit_stiffness,
-    refine_surface,
-    simulate_drive,
-    simulate_rig,
-)
+from beltid.stages.drive import compare_drive, simulate_drive
+from beltid.stages.identification import build_surface, fit_friction, fit_slip, fit_stiffness
 from beltid.stages.reporter import Options
+from beltid.stages.simulation import compare, refine_surface, simulate_rig
 
 
 def _same(*roles: str) -> dict[str, str]:

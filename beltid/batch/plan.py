@@ -14,7 +14,7 @@ from beltid.config import ConfigSource
 from beltid.errors import EXIT_DONE, BeltidError
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import Stale
-from beltid.stages.simulate_rig import SimulateOptions
+from beltid.stages.simulation.simulate_rig import SimulateOptions
 
 TO_BE_MADE: Final = "to be made"
 WRONG: Final = "cannot be made"

@@ -35,7 +35,7 @@ def write_reports(
     workers : Workers
         Who draws the pages of several belts.
     """
-    from beltid.stages import report_belt
+    from beltid.stages.results import report_belt
 
     wanted = [chain for chain in chains if chain.run.summaries and not chain.run.case]
     for chain, made, heard in _made(wanted, workers, force=options.force):
@@ -94,7 +94,7 @@ def _made(
 def _page(
     source: ConfigSource, folder: Path, force: bool, peek: bool = False
 ) -> tuple[Summary | BeltidError, Heard]:
-    from beltid.stages import report_belt
+    from beltid.stages.results import report_belt
 
     try:
         page = folder / report_belt.NAME

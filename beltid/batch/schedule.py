@@ -22,8 +22,8 @@ from beltid.batch.steps import Step, Task, run_task, within_reach
 from beltid.config import ConfigSource
 from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, BeltidError, TooFewSettings
 from beltid.report.summary import Summary
-from beltid.stages.named_recordings import WITHOUT, lacking
 from beltid.stages.reporter import NamedReporter, Reporter
+from beltid.stages.setup.named_recordings import WITHOUT, lacking
 from beltid.stages.workers import LOOK_UP_S, Workers
 
 STEPS_AHEAD = 2  # steps under way for each worker: while some read and write, others compute

@@ -12,7 +12,7 @@ from beltid.errors import BeltidWarning
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import Stale
 from beltid.stages.reporter import Reporter
-from beltid.stages.simulate_rig import SimulateOptions
+from beltid.stages.simulation.simulate_rig import SimulateOptions
 from beltid.stages.workers import Workers
 
 StageRun = Callable[[ConfigSource, Mapping[str, Path], Path, SimulateOptions], Summary]

@@ -13,8 +13,8 @@ from beltid.bench.inspection import inspect_recording
 from beltid.bench.recording import read_recording
 from beltid.config import load_config
 from beltid.errors import InputError
-from beltid.stages.fit_friction import fit_friction
-from beltid.stages.fit_stiffness import fit_stiffness
+from beltid.stages.identification.fit_friction import fit_friction
+from beltid.stages.identification.fit_stiffness import fit_stiffness
 
 EXACT = {"tdms", "mat5", "mat73", "xlsx", "zip", "gzip"}
 """Formats that keep the numbers as they are; the others convert units, to the last digits."""

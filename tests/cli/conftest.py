@@ -58,7 +58,7 @@ def finished(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
     runner = CliRunner()
     patch = pytest.MonkeyPatch()
     # the limits of a drive, most of its work, at one tension and roughly
-    patch.setattr("beltid.stages.simulate_drive.TENSIONS", (1.0,))
+    patch.setattr("beltid.stages.drive.simulate_drive.TENSIONS", (1.0,))
     patch.setattr("beltid.drive.limits.TOLERANCE", 0.05)
     for call in (
         ["fit-stiffness", "press.csv"],

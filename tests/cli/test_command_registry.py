@@ -21,7 +21,9 @@ REGISTRIES = {
     "batch/chain.py": "the steps of `beltid run`",
 }
 COLUMNS_OF_A_BATCH = "batch/belts.py"  # figures of two steps stand in its table
-KINDS_OF_RECORDINGS = "stages/inspect_file.py"  # the command that reads each of the three kinds
+KINDS_OF_RECORDINGS = (
+    "stages/setup/inspect_file.py"  # the command that reads each of the three kinds
+)
 NEW_COMMAND = """
 from beltid.cli.program import Common, with_common_options
 from beltid.cli.execute import finish
@@ -80,7 +82,8 @@ def mentions(name: str) -> set[str]:
 @pytest.mark.parametrize("name", [name for name in COMMANDS if "-" in name])
 def test_a_command_is_named_in_its_stage_its_file_and_the_registries_only(name: str) -> None:
     module = COMMANDS[name][0]
-    own = {f"cli/commands/{module}.py", f"stages/{name.replace('-', '_')}.py"}
+    (stage,) = PACKAGE.glob(f"stages/*/{name.replace('-', '_')}.py")
+    own = {f"cli/commands/{module}.py", stage.relative_to(PACKAGE).as_posix()}
     found = mentions(name)
     assert own <= found
     assert "cli/program.py" in found

@@ -292,7 +292,7 @@ def test_all_runs_failed_is_status_3_and_nothing_is_written(
 def test_a_bug_is_not_dressed_up_as_an_error_of_the_user(
     bench: Path, beltid: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from beltid.stages import fit_friction
+    from beltid.stages.identification import fit_friction
 
     def broken(*_: Any) -> Any:
         raise ZeroDivisionError

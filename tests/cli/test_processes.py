@@ -121,7 +121,8 @@ def test_a_reader_that_has_seen_enough_is_no_error(recordings: Path, tmp_path: P
 def test_a_bug_ends_with_a_traceback_and_status_1(recordings: Path, tmp_path: Path) -> None:
     shutil.copy(recordings / "rig.csv", tmp_path)
     code = (
-        "import beltid.stages.fit_friction as stage; stage.reduce_rig = lambda *a: 1 / 0; "
+        "import beltid.stages.identification.fit_friction as stage; "
+        "stage.reduce_rig = lambda *a: 1 / 0; "
         "from beltid.cli import main; main()"
     )
     done = subprocess.run(

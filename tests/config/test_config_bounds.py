@@ -25,8 +25,8 @@ from beltid.identify.surface.surface import SurfaceSettings
 from beltid.params import OperatingPoint
 from beltid.refine.effects import campaign_effects
 from beltid.rigsim.rig import DEFAULT_STEPS, SimulationSettings
-from beltid.stages.plan import rig_settings
-from beltid.stages.reduction import friction_settings, stiffness_settings
+from beltid.stages.identification.reduction import friction_settings, stiffness_settings
+from beltid.stages.simulation.plan import rig_settings
 from beltid.stages.uncertainties import standard_uncertainties
 
 SLIP = SlipResult(
@@ -52,7 +52,7 @@ def with_slip(config: Config) -> RequiredSpeeds:
 
 
 def with_points(config: Config) -> tuple[OperatingPoint, ...]:
-    from beltid.stages.planned_runs import Picked, planned_runs
+    from beltid.stages.simulation.planned_runs import Picked, planned_runs
 
     return tuple(run.point for run in planned_runs(config, Picked()))
 
@@ -67,7 +67,7 @@ def with_simulation(config: Config) -> SimulationSettings:
 def with_drive(config: Config) -> tuple[Any, ...]:
     from beltid.laws.friction_surface import FrictionSurface
     from beltid.laws.penalty import NormalLaw
-    from beltid.stages.drive_of_config import drive_of, points_of_config
+    from beltid.stages.drive.drive_of_config import drive_of, points_of_config
 
     drive = drive_of(config, FrictionSurface.constant(1.0), NormalLaw(1.0e8))
     stated = config.drive.initial_tension_N is not None

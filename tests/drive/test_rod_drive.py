@@ -14,7 +14,7 @@ from beltid.drive.model import DrivePoint, Pulley
 from beltid.drive.results import Simulator, simulate
 from beltid.errors import InputError
 from beltid.laws.friction_surface import FrictionSurface
-from beltid.stages.drive_of_config import drive_of, points_of_slip
+from beltid.stages.drive.drive_of_config import drive_of, points_of_slip
 
 ROOT = Path(__file__).resolve().parents[2]
 

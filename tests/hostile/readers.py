@@ -22,8 +22,8 @@ from beltid.export.law_file import law_from_text
 from beltid.report import tables
 from beltid.report.results import BeltResults
 from beltid.report.verdict import verdict_of
-from beltid.stages.about import file_info
-from beltid.stages.belt_results import sheet_of
+from beltid.stages.results.belt_results import sheet_of
+from beltid.stages.setup.about import file_info
 from beltid.stages.tables import law_of, surface_of
 from beltid.stages.uncertainties import press_law
 from beltid.uncertainty.simulated import runs_uncertainty_of

@@ -10,7 +10,7 @@ from press_bench import HYSTERESIS, TRUTH, Bench, load
 
 from beltid.errors import FitError, InputError
 from beltid.identify.press.stiffness import StiffnessSettings, fit_stiffness
-from beltid.stages.recorded_curves import branch_columns
+from beltid.stages.results.recorded_curves import branch_columns
 
 
 def settings(bench: Bench, **changes: object) -> StiffnessSettings:

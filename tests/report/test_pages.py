@@ -25,8 +25,8 @@ from beltid.report.html import Page, rendered
 from beltid.report.interactive import as_json, surface_plot
 from beltid.report.tables import drift, effects, nodes, set_aside
 from beltid.report.verdict import verdict_of
-from beltid.stages import report_belt
 from beltid.stages.reporter import Options
+from beltid.stages.results import report_belt
 
 VOID = {"meta", "link", "br", "hr", "img", "input", "wbr"}
 

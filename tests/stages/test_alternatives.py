@@ -12,7 +12,11 @@ from beltid.bench.recording import read_recording
 from beltid.identify.surface.laws import fit_friction_laws
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.uncertain_surface import UncertainSurface
-from beltid.stages.alternatives import friction_formulas, friction_law_rows, normal_law_rows
+from beltid.stages.identification.alternatives import (
+    friction_formulas,
+    friction_law_rows,
+    normal_law_rows,
+)
 
 RIGDATA = Path(__file__).parents[2] / "rigdata"
 CONFIG = Path(__file__).parents[2] / "configs" / "5pk.yaml"

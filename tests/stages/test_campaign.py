@@ -16,9 +16,9 @@ from beltid.identify.friction.reduction import reduce_runs
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt
-from beltid.stages.campaign import recording_columns, result_row, simulation_settings
-from beltid.stages.planned_runs import Picked, PlannedRun, as_resting, planned_runs
-from beltid.stages.simulated_runs import simulate_rig
+from beltid.stages.simulation.campaign import recording_columns, result_row, simulation_settings
+from beltid.stages.simulation.planned_runs import Picked, PlannedRun, as_resting, planned_runs
+from beltid.stages.simulation.simulated_runs import simulate_rig
 from beltid.tables import schemas
 
 CONFIG = load_config(
@@ -51,7 +51,7 @@ def test_the_sliding_limit_survives_the_reduction_exactly(minimum: int) -> None:
     config = load_config({"friction": {"min_plateau_samples": minimum}})
     columns = recording_columns(runs, limits, config)  # type: ignore[arg-type]
     assert tuple(columns) == schemas.table("simulated").names
-    from beltid.stages.reduction import friction_settings
+    from beltid.stages.identification.reduction import friction_settings
 
     reduced = reduce_runs(columns, config.rig.pulley_radius_m, friction_settings(config))
     assert [r.run for r in reduced] == [run.label for run in runs]

@@ -13,7 +13,7 @@ import beltid
 from beltid.config import load_config
 from beltid.drive.results import simulate
 from beltid.errors import InputError
-from beltid.stages.drive_of_config import drive_of, points_of_slip
+from beltid.stages.drive.drive_of_config import drive_of, points_of_slip
 
 ROOT = Path(__file__).parents[2]
 LAW = beltid.NormalLaw(6.5e7, 3.0256e11)
@@ -34,7 +34,7 @@ BELTS = {
 @pytest.fixture(autouse=True)
 def two_tensions(monkeypatch: pytest.MonkeyPatch) -> None:
     """The limits over the tension, most of the work of a call, at two tensions only."""
-    monkeypatch.setattr("beltid.stages.simulate_drive.TENSIONS", (0.8, 1.25))
+    monkeypatch.setattr("beltid.stages.drive.simulate_drive.TENSIONS", (0.8, 1.25))
 
 
 def true_surface(belt: str = "5pk") -> beltid.FrictionSurface:

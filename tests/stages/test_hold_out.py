@@ -12,8 +12,8 @@ from beltid.config import load_config
 from beltid.errors import InputError, TooFewSettings
 from beltid.identify.agreement.hold_out import folds
 from beltid.laws.penalty import NormalLaw
-from beltid.stages.compare import predict_held_out
-from beltid.stages.hold_out import predictions
+from beltid.stages.simulation.compare import predict_held_out
+from beltid.stages.simulation.hold_out import predictions
 from beltid.stages.uncertainties import press_law
 from beltid.stages.workers import Workers
 

@@ -12,9 +12,10 @@ import pytest
 from beltid.artifacts.artifact import read_artifact, write_artifact
 from beltid.config import ConfigSource, find_config, load_config
 from beltid.report.summary import Summary
-from beltid.stages import build_surface, compare, fit_friction, fit_stiffness, simulate_rig
+from beltid.stages.identification import build_surface, fit_friction, fit_stiffness
 from beltid.stages.reporter import Options
-from beltid.stages.simulate_rig import SimulateOptions
+from beltid.stages.simulation import compare, simulate_rig
+from beltid.stages.simulation.simulate_rig import SimulateOptions
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "rigdata" / "5pk"

@@ -10,7 +10,7 @@ import pytest
 
 from beltid.config import load_config
 from beltid.errors import InputError
-from beltid.stages.planned_runs import (
+from beltid.stages.simulation.planned_runs import (
     Picked,
     PlannedRun,
     differing_settings,

@@ -9,9 +9,9 @@ import pytest
 
 from beltid.artifacts.artifact import read_artifact
 from beltid.config import find_config
-from beltid.stages import fit_friction
-from beltid.stages.recorded_curves import SMALL_SAMPLES, rig_curves
+from beltid.stages.identification import fit_friction
 from beltid.stages.reporter import Options
+from beltid.stages.results.recorded_curves import SMALL_SAMPLES, rig_curves
 
 RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from beltid.config import load_config
 from beltid.laws.penalty import NormalLaw
-from beltid.stages.refinement import prepared_campaign
+from beltid.stages.simulation.refinement import prepared_campaign
 from beltid.stages.uncertainties import press_law
 
 

@@ -11,7 +11,7 @@ import pytest
 import beltid
 from beltid.artifacts.artifact import read_artifact
 from beltid.config import ConfigSource, load_config
-from beltid.stages import fit_slip
+from beltid.stages.identification import fit_slip
 from beltid.stages.reporter import Options
 
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from beltid.config import find_config
-from beltid.stages import compare, fit_friction
+from beltid.stages.identification import fit_friction
 from beltid.stages.reporter import Options
+from beltid.stages.simulation import compare
 
 RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"
 CELLS = """\

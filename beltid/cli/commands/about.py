@@ -48,7 +48,7 @@ def info(
 
     Example: beltid info runs/5pk/friction.parquet
     """
-    from beltid.stages import about as stage
+    from beltid.stages.setup import about as stage
 
     finish(
         lambda reporter: stage.program() if file is None else stage.file_info(file), common, kept=""
@@ -78,7 +78,7 @@ def show(
     Example: beltid config show rig.csv --origin
     """
     from beltid.config import find_config
-    from beltid.stages import about as stage
+    from beltid.stages.setup import about as stage
 
     if origin or common.json:
 
@@ -108,7 +108,7 @@ def check(
 
     Example: beltid config check configs/5pk.yaml
     """
-    from beltid.stages import about as stage
+    from beltid.stages.setup import about as stage
 
     finish(lambda reporter: stage.check_configs(configs), common, kept="")
 

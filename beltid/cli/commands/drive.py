@@ -38,7 +38,7 @@ def simulate_drive(
 
     Example: beltid simulate-drive surface_refined.parquet stiffness.parquet --from slip.parquet
     """
-    from beltid.stages import simulate_drive as stage
+    from beltid.stages.drive import simulate_drive as stage
 
     inputs = {"surface": surface, "stiffness": stiffness}
     if slip is not None:
@@ -58,7 +58,7 @@ def compare_drive(slip: Slip, drive: DriveTable, *, common: Common) -> None:
 
     Example: beltid compare-drive slip.parquet drive.parquet
     """
-    from beltid.stages import compare_drive as stage
+    from beltid.stages.drive import compare_drive as stage
 
     inputs = {"slip": slip, "drive": drive}
     execute(stage.run, inputs, "compare_drive.parquet", common)

@@ -54,7 +54,7 @@ def _complete(incomplete: str) -> list[str]:
 
 def _list(wanted: bool) -> None:
     if wanted:
-        from beltid.stages.export_law import target_rows
+        from beltid.stages.results.export_law import target_rows
 
         rows = target_rows()
         widths = {key: max(len(row[key]) for row in rows) for key in rows[0]}
@@ -129,8 +129,8 @@ def export(
              beltid export --list
     """  # noqa: D301
     from beltid.errors import InputError
-    from beltid.stages.export_law import SCHEMA, ExportOptions, schema_text
-    from beltid.stages.export_law import run as stage
+    from beltid.stages.results.export_law import SCHEMA, ExportOptions, schema_text
+    from beltid.stages.results.export_law import run as stage
 
     if target == SCHEMA:
         print_text(lambda reporter: schema_text(), common)

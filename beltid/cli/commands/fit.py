@@ -29,7 +29,7 @@ def fit_stiffness(press: Press, *, common: Common) -> None:
 
     Example: beltid fit-stiffness press.csv
     """
-    from beltid.stages import fit_stiffness as stage
+    from beltid.stages.identification import fit_stiffness as stage
 
     execute(stage.run, {"press": press}, "stiffness.parquet", common)
 
@@ -47,7 +47,7 @@ def fit_slip(speedloss: SpeedLoss, *, common: Common) -> None:
 
     Example: beltid fit-slip speedloss.csv
     """
-    from beltid.stages import fit_slip as stage
+    from beltid.stages.identification import fit_slip as stage
 
     execute(stage.run, {"speedloss": speedloss}, "slip.parquet", common)
 
@@ -72,7 +72,7 @@ def fit_shear(rig: Rig, *, common: Common) -> None:
 
     Example: beltid fit-shear rig.csv
     """
-    from beltid.stages import fit_shear as stage
+    from beltid.stages.identification import fit_shear as stage
 
     execute(stage.run, {"rig": rig}, "shear.parquet", common)
 
@@ -106,7 +106,7 @@ def fit_friction(rig: OptionalRig = None, *, table: Points = None, common: Commo
     Example: beltid fit-friction rig.csv
     """
     if table is not None and rig is None:
-        from beltid.stages import fit_friction as stage
+        from beltid.stages.identification import fit_friction as stage
 
         execute(stage.run, {"points": table}, "friction.parquet", common)
         return
@@ -119,9 +119,13 @@ def fit_friction(rig: OptionalRig = None, *, table: Points = None, common: Commo
         if is_big(rig):
             from beltid.batch.local import local_workers
 
-            workers = stack.enter_context(local_workers(None, ("beltid.stages.reduction",)))
+            workers = stack.enter_context(
+                local_workers(None, ("beltid.stages.identification.reduction",))
+            )
             workers.prepare()
-        from beltid.stages import fit_friction as stage  # while the workers import, too
+        from beltid.stages.identification import (
+            fit_friction as stage,  # while the workers import, too
+        )
         from beltid.stages.reporter import Options
 
         execute(stage.run, {"rig": rig}, "friction.parquet", common, Options(workers=workers))

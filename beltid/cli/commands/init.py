@@ -97,8 +97,8 @@ def init(
 
     Example: beltid init 6pk --press press.csv --rig rig.csv --pulley-radius 0.06
     """
-    from beltid.stages import new_config as stage
     from beltid.stages.reporter import Options
+    from beltid.stages.setup import new_config as stage
 
     flags = {
         "belt.name": name,
@@ -131,7 +131,7 @@ def init(
 
 def _asked(stated: dict[str, Any], reporter: TerminalReporter) -> dict[str, Any]:
     """The answers to what no flag said, each checked before the next question."""
-    from beltid.stages import new_config as stage
+    from beltid.stages.setup import new_config as stage
 
     answers = dict(stated)
     for key, question in QUESTIONS:

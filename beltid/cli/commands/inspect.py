@@ -44,7 +44,7 @@ def inspect(
     Example: beltid inspect export.txt
     """
     from beltid.config import find_config
-    from beltid.stages import inspect_file as stage
+    from beltid.stages.setup import inspect_file as stage
 
     def work(reporter: TerminalReporter) -> Summary:
         if kind is not None and kind not in RECORDINGS:

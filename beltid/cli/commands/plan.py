@@ -73,7 +73,7 @@ def plan(
     Example: beltid plan surface_refined.parquet stiffness.parquet --from friction.parquet
     """
     from beltid.config import find_config
-    from beltid.stages import plan as stage
+    from beltid.stages.simulation import plan as stage
 
     if (surface is None) != (stiffness is None) or (surface is None and friction is not None):
         raise typer.BadParameter("SURFACE and STIFFNESS go together, --from goes with them")

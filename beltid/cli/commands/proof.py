@@ -88,7 +88,7 @@ def simulate_rig(
 
     Example: beltid simulate-rig surface.parquet stiffness.parquet --arc 82
     """
-    from beltid.stages import simulate_rig as stage
+    from beltid.stages.simulation import simulate_rig as stage
 
     options = stage.SimulateOptions(
         method=method,
@@ -137,7 +137,7 @@ def compare(
 
     Example: beltid compare friction.parquet stiffness.parquet --hold-out arc
     """
-    from beltid.stages import compare as stage
+    from beltid.stages.simulation import compare as stage
 
     second = "stiffness" if hold_out else "simulated"
     name = "compare_hold_out.parquet" if hold_out else "compare.parquet"

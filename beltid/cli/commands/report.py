@@ -44,8 +44,8 @@ def report(
     Example: beltid report runs/4pk runs/5pk
     """
     from beltid.config import find_config
-    from beltid.stages import report_belt as stage
     from beltid.stages.reporter import Options
+    from beltid.stages.results import report_belt as stage
 
     def work(reporter: TerminalReporter) -> Summary:
         source = find_config(None, common.config) if common.config else None
@@ -78,8 +78,8 @@ def show(
 
     Example: beltid show runs/5pk/surface_refined.parquet -o map.pdf --figure map-surface_refined
     """
-    from beltid.stages import show_artifact as stage
     from beltid.stages.reporter import Options
+    from beltid.stages.results import show_artifact as stage
 
     def work(reporter: TerminalReporter) -> Summary:
         return stage.run(

@@ -44,7 +44,7 @@ def build_surface(
 
     Example: beltid build-surface friction.parquet
     """
-    from beltid.stages import build_surface as stage
+    from beltid.stages.identification import build_surface as stage
 
     run = partial(stage.run, condition=condition, side=side)
     execute(run, {"friction": friction}, "surface.parquet", common)
@@ -76,8 +76,8 @@ def refine_surface(
 
     Example: beltid refine-surface friction.parquet stiffness.parquet
     """
-    from beltid.stages import refine_surface as stage
     from beltid.stages.reporter import Options
+    from beltid.stages.simulation import refine_surface as stage
 
     with ExitStack() as stack:
         workers = None

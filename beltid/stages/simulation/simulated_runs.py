@@ -16,14 +16,16 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import RunResult, SimulationSettings
-from beltid.stages.campaign import (
+from beltid.stages.identification.reduction import rig_kind
+from beltid.stages.outcome import Outcome
+from beltid.stages.reporter import Reporter
+from beltid.stages.simulation.campaign import (
     recording_columns,
     result_row,
     simulated_results,
     simulation_settings,
 )
-from beltid.stages.outcome import Outcome
-from beltid.stages.planned_runs import (
+from beltid.stages.simulation.planned_runs import (
     KEYS,
     Picked,
     PlannedRun,
@@ -32,8 +34,6 @@ from beltid.stages.planned_runs import (
     measured_settings,
     planned_runs,
 )
-from beltid.stages.reduction import rig_kind
-from beltid.stages.reporter import Reporter
 from beltid.stages.tables import table_columns
 from beltid.stages.uncertainties import standard_uncertainties
 from beltid.stages.workers import Workers

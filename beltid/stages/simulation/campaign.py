@@ -18,7 +18,13 @@ from beltid.rigsim.path import swinging_share
 from beltid.rigsim.rig import DEFAULT_STEPS, Method, RunResult, SimulationSettings
 from beltid.rigsim.rig import campaign as rig_campaign
 from beltid.stages.outcome import Outcome
-from beltid.stages.planned_runs import PlannedRun, as_resting, belt_speed, is_number, momentum_N
+from beltid.stages.simulation.planned_runs import (
+    PlannedRun,
+    as_resting,
+    belt_speed,
+    is_number,
+    momentum_N,
+)
 from beltid.stages.workers import Workers, available_cores
 from beltid.tables import schemas
 

@@ -15,16 +15,16 @@ from beltid.errors import InputError
 from beltid.identify.surface.surface import SurfaceResult, SurfaceSettings
 from beltid.identify.surface.surface import build_surface as identify
 from beltid.report.summary import Summary
-from beltid.stages.alternatives import (
+from beltid.stages.build_artifact import Build, Built
+from beltid.stages.identification.alternatives import (
     Alternatives,
     forces_of_plateaus,
     friction_formulas,
     friction_law_rows,
 )
-from beltid.stages.build_artifact import Build, Built
-from beltid.stages.conditions import rows_of_one, stated_of
+from beltid.stages.identification.conditions import rows_of_one, stated_of
+from beltid.stages.identification.reduction import rig_kind
 from beltid.stages.outcome import Outcome, rows_of, span
-from beltid.stages.reduction import rig_kind
 from beltid.stages.reporter import Options
 from beltid.stages.tables import surface_of, table_columns
 from beltid.stages.uncertainties import (

@@ -15,10 +15,10 @@ from beltid.config import Config, ConfigSource, load_config
 from beltid.identify.press.stiffness import LawEstimate, StiffnessResult
 from beltid.identify.press.stiffness import fit_stiffness as identify
 from beltid.report.summary import Summary
-from beltid.stages.alternatives import normal_law_rows, normal_laws
 from beltid.stages.build_artifact import Build, Built
+from beltid.stages.identification.alternatives import normal_law_rows, normal_laws
+from beltid.stages.identification.reduction import stiffness_settings
 from beltid.stages.outcome import Outcome, rows_of
-from beltid.stages.reduction import stiffness_settings
 from beltid.stages.reporter import Options
 from beltid.stages.uncertainties import SECTION, budget_details, standard_uncertainties
 from beltid.uncertainty.reduced import stiffness_uncertainty

@@ -18,8 +18,7 @@ from beltid.identify.friction.plateaus import BINNED
 from beltid.identify.friction.reduction import RunReduction
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import Build, Built
-from beltid.stages.outcome import Outcome, rows_of, span
-from beltid.stages.reduction import (
+from beltid.stages.identification.reduction import (
     FrictionTable,
     reduce_columns,
     reduce_points,
@@ -27,6 +26,7 @@ from beltid.stages.reduction import (
     rig_kind,
     with_conditions,
 )
+from beltid.stages.outcome import Outcome, rows_of, span
 from beltid.stages.reporter import Options
 from beltid.stages.uncertainties import SECTION, budget_details, standard_uncertainties
 from beltid.uncertainty.sources import StandardUncertainties

@@ -25,7 +25,7 @@ from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import Build, Built
-from beltid.stages.drive_of_config import (
+from beltid.stages.drive.drive_of_config import (
     LabelledPoint,
     drive_of,
     drive_warnings,

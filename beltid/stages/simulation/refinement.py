@@ -16,8 +16,8 @@ from beltid.identify.estimators.statistics import settings_of
 from beltid.identify.surface.surface import SurfaceSettings
 from beltid.identify.surface.surface import build_surface as publish
 from beltid.rigsim.model import Bench
-from beltid.stages.conditions import rows_of_one
-from beltid.stages.reduction import rig_kind
+from beltid.stages.identification.conditions import rows_of_one
+from beltid.stages.identification.reduction import rig_kind
 from beltid.stages.reporter import Reporter
 from beltid.stages.uncertainties import SECTION, standard_uncertainties
 from beltid.stages.workers import Workers

@@ -14,22 +14,22 @@ from beltid.errors import EXIT_DONE, EXIT_NUMERICS, NumericsError, percent
 from beltid.report.summary import Summary
 from beltid.rigsim.rig import SimulationSettings
 from beltid.stages.build_artifact import Build, Built
-from beltid.stages.campaign import (
+from beltid.stages.outcome import Outcome
+from beltid.stages.reporter import Options
+from beltid.stages.simulation.campaign import (
     guided_weight,
     recording_columns,
     simulation_settings,
     sliding_samples,
     solver_record,
 )
-from beltid.stages.outcome import Outcome
-from beltid.stages.planned_runs import (
+from beltid.stages.simulation.planned_runs import (
     Picked,
     differing_settings,
     measured_settings,
     planned_runs,
 )
-from beltid.stages.reporter import Options
-from beltid.stages.simulated_runs import (
+from beltid.stages.simulation.simulated_runs import (
     PROFILES,
     Campaign,
     Inputs,

@@ -23,8 +23,8 @@ from beltid.identify.shear.stiffness import (
 )
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import Build, Built
+from beltid.stages.identification.reduction import friction_settings, records_of
 from beltid.stages.outcome import Outcome, rows_of, span
-from beltid.stages.reduction import friction_settings, records_of
 from beltid.stages.reporter import Options
 from beltid.stages.uncertainties import SECTION, budget_details, standard_uncertainties
 from beltid.tables import schemas

@@ -16,7 +16,7 @@ from beltid.config import Config
 from beltid.identify.agreement.hold_out import Fold, HoldOut, folds
 from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.refine.effects import ARC
-from beltid.stages.refinement import (
+from beltid.stages.simulation.refinement import (
     NEEDED,
     prepared_campaign,
     reference_temperature,

@@ -18,7 +18,7 @@ from beltid.config.effective import DEFAULT, effective_values
 from beltid.config.loading import ENVIRONMENT_VARIABLE
 from beltid.errors import ConfigError
 from beltid.report.summary import Summary, json_value
-from beltid.stages.named_recordings import WITHOUT, lacking, wrong_recordings
+from beltid.stages.setup.named_recordings import WITHOUT, lacking, wrong_recordings
 from beltid.stages.tables import load_law
 
 LIBRARIES: Final = ("numpy", "scipy", "numba", "pandas", "pyarrow", "pydantic", "matplotlib")
@@ -34,7 +34,7 @@ def program() -> Summary:
         facts={
             "version": __version__,
             "sources_sha256": source_sha256(),
-            "folder": str(Path(__file__).parents[1]),
+            "folder": str(Path(__file__).parents[2]),
             "python": f"{platform.python_version()} ({sys.executable})",
             "platform": platform.platform(),
             "processors": os.cpu_count(),

@@ -17,8 +17,8 @@ from beltid.params import OperatingPoint
 from beltid.report.results import ArcProfile, BeltResults, Sheet
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import SimulationSettings, simulate
-from beltid.stages.law_of_belt import config_of_results
-from beltid.stages.recorded_curves import PRESS, RIG, typical_runs
+from beltid.stages.results.law_of_belt import config_of_results
+from beltid.stages.results.recorded_curves import PRESS, RIG, typical_runs
 
 ARTIFACTS: Final = {
     "stiffness": "stiffness",

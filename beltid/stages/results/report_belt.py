@@ -15,11 +15,17 @@ from beltid.report.html import Page
 from beltid.report.results import BeltResults
 from beltid.report.summary import Summary
 from beltid.report.verdict import verdict_of, whole
-from beltid.stages.belt_results import ARTIFACTS, belt_facts, check_folder, config_of, gather
 from beltid.stages.build_artifact import Stale
-from beltid.stages.pages import hash_of, is_ours, up_to_date, write
-from beltid.stages.recorded_curves import PRESS, RIG, press_curves, rig_curves
 from beltid.stages.reporter import Options
+from beltid.stages.results.belt_results import (
+    ARTIFACTS,
+    belt_facts,
+    check_folder,
+    config_of,
+    gather,
+)
+from beltid.stages.results.pages import hash_of, is_ours, up_to_date, write
+from beltid.stages.results.recorded_curves import PRESS, RIG, press_curves, rig_curves
 
 NAME: Final = "report.html"
 STAGE: Final = "report"

@@ -5,7 +5,7 @@ settings that the friction artifact says it was reduced with. Only the load cell
 of the simulated rig are perfect, those of a second bench are as the config states them.
 
 With runs held out there is no recording: the surface is refined from the other runs, and those left
-out are predicted (:mod:`beltid.stages.hold_out`).
+out are predicted (:mod:`beltid.stages.simulation.hold_out`).
 """
 
 from __future__ import annotations
@@ -33,16 +33,7 @@ from beltid.identify.friction.reduction import FrictionSettings, reduce_runs
 from beltid.laws.penalty import NormalLaw
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import SUFFIX, Build, Built
-from beltid.stages.campaign import checked_law
-from beltid.stages.hold_out import (
-    HELD_OUT,
-    as_simulated,
-    beyond_range,
-    knows_arcs,
-    predictions,
-)
-from beltid.stages.outcome import Outcome, rows_of
-from beltid.stages.reduction import (
+from beltid.stages.identification.reduction import (
     CELL_KEYS,
     cell_settings,
     friction_settings,
@@ -50,8 +41,17 @@ from beltid.stages.reduction import (
     reduction_columns,
     rig_kind,
 )
-from beltid.stages.refinement import KEYS as REFINED_BY
+from beltid.stages.outcome import Outcome, rows_of
 from beltid.stages.reporter import Options
+from beltid.stages.simulation.campaign import checked_law
+from beltid.stages.simulation.hold_out import (
+    HELD_OUT,
+    as_simulated,
+    beyond_range,
+    knows_arcs,
+    predictions,
+)
+from beltid.stages.simulation.refinement import KEYS as REFINED_BY
 from beltid.stages.tables import law_of, table_columns
 from beltid.stages.uncertainties import budget_details, press_law
 from beltid.stages.workers import Workers

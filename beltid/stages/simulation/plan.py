@@ -36,12 +36,12 @@ from beltid.report.figures.plan import runs_and_uncertainty
 from beltid.report.summary import Summary
 from beltid.rigsim.model import Bench
 from beltid.stages.build_artifact import already_exists, combined_origin
-from beltid.stages.campaign import checked_law, shown, surface_from
-from beltid.stages.drive_of_config import drive_of, points_of_config
+from beltid.stages.drive.drive_of_config import drive_of, points_of_config
+from beltid.stages.identification.reduction import rig_kind
 from beltid.stages.outcome import Outcome
-from beltid.stages.reduction import rig_kind
-from beltid.stages.refinement import NEEDED
 from beltid.stages.reporter import Options
+from beltid.stages.simulation.campaign import checked_law, shown, surface_from
+from beltid.stages.simulation.refinement import NEEDED
 from beltid.stages.tables import law_of, surface_of, table_columns
 from beltid.stages.uncertainties import press_law, standard_uncertainties
 from beltid.uncertainty.measured import measured_runs, valid_rows

@@ -22,8 +22,8 @@ from beltid.errors import ConfigError, InputError
 from beltid.identify.agreement.compare import SAME_SETTING
 from beltid.report.summary import Summary, json_value
 from beltid.stages.build_artifact import already_exists
-from beltid.stages.planned_runs import snap_to_settings
 from beltid.stages.reporter import Options
+from beltid.stages.simulation.planned_runs import snap_to_settings
 from beltid.tables.schemas import RECORDINGS
 
 RECORDED: Final = tuple(f"data.{kind}" for kind in RECORDINGS)

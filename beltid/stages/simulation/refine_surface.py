@@ -19,12 +19,13 @@ from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.refine.effects import ARC, COURSE, ORDER, TEMPERATURE
 from beltid.refine.inverse import RefinedSurface
 from beltid.report.summary import Summary
-from beltid.stages.alternatives import friction_formulas, friction_law_rows
 from beltid.stages.build_artifact import Build, Built
-from beltid.stages.campaign import checked_law, guided_weight
-from beltid.stages.conditions import stated_of
+from beltid.stages.identification.alternatives import friction_formulas, friction_law_rows
+from beltid.stages.identification.conditions import stated_of
 from beltid.stages.outcome import Outcome, finite_or_none, span
-from beltid.stages.refinement import (
+from beltid.stages.reporter import Options
+from beltid.stages.simulation.campaign import checked_law, guided_weight
+from beltid.stages.simulation.refinement import (
     CHECKED,
     KEYS,
     NEEDED,
@@ -37,7 +38,6 @@ from beltid.stages.refinement import (
     shared_sources,
     speed_labels,
 )
-from beltid.stages.reporter import Options
 from beltid.stages.tables import law_of, surface_of, table_columns
 from beltid.stages.uncertainties import (
     budget_table,

@@ -17,8 +17,8 @@ from beltid.export.reduction import reference_point
 from beltid.export.targets import TARGETS, Target
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import already_exists
-from beltid.stages.law_of_belt import law_of_folder
 from beltid.stages.reporter import Options
+from beltid.stages.results.law_of_belt import law_of_folder
 from beltid.stages.tables import load_law
 
 ALL: Final = "all"

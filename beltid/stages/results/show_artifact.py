@@ -12,10 +12,10 @@ from beltid.report.drawing import NO_DATES, saved
 from beltid.report.figures.single import pictures
 from beltid.report.picture import Picture
 from beltid.report.summary import Summary
-from beltid.stages.belt_results import sheet_of
 from beltid.stages.build_artifact import already_exists
 from beltid.stages.outcome import rows_of
 from beltid.stages.reporter import Options
+from beltid.stages.results.belt_results import sheet_of
 
 STAGE: Final = "show"
 FEW_ROWS: Final = 12

@@ -1,0 +1,10 @@
+"""The belt drive that the parameters were identified for.
+
+==================== =========================================================== ===============
+Module               Responsibility                                              Equation
+==================== =========================================================== ===============
+``simulate_drive``   speed loss, forces and slip limit of a drive                section 2.1
+``compare_drive``    predicted against measured speed losses
+``drive_of_config``  the drive of a config, and its operating points
+==================== =========================================================== ===============
+"""

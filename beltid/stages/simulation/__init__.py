@@ -1,0 +1,16 @@
+"""The rig on the computer: the parameters proven, refined, and the next runs planned.
+
+==================== =========================================================== ===============
+Module               Responsibility                                              Equation
+==================== =========================================================== ===============
+``simulate_rig``     the runs of the rig, simulated                              (9) to (12)
+``compare``          measured against simulated                                  section 7
+``refine_surface``   the surface without the bias of the mean force              beyond section 7
+``plan``             the next runs of the rig, or stop                           (P1) to (P6)
+``planned_runs``     which runs are simulated
+``campaign``         the runs of a simulated campaign, and their recording
+``simulated_runs``   a campaign simulated, its uncertainty, profiles; functions
+``refinement``       the runs a surface is refined from; its Monte Carlo draws
+``hold_out``         the runs of an arc, or speed, predicted from the others
+==================== =========================================================== ===============
+"""
