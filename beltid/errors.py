@@ -55,6 +55,17 @@ def percent(value: float) -> str:
     return f"{float(f'{value:.2g}'):g} %"
 
 
+def counted(number: int, what: str) -> str:
+    """A number of things, one of them without an s.
+
+    Examples
+    --------
+    >>> counted(1, "run"), counted(120, "run")
+    ('1 run', '120 runs')
+    """
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+
+
 def _shortened(text: str) -> str:
     if len(text) <= LONGEST_LINE:
         return text

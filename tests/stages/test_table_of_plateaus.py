@@ -154,6 +154,15 @@ def test_idle_rows_are_taken_off_the_torque_and_their_absence_is_warned_of():
     assert any("drag of the bearings" in line for line in without.warnings)
 
 
+def test_a_tension_of_the_other_span_beside_a_torque_is_warned_of():
+    table, _ = by_kind("torque")
+    told = "state rig.torque_with: tight"
+    assumed = fit_friction(table, {"rig": {"kind": "torque"}}, table=True)
+    assert any(told in line for line in assumed.warnings)
+    stated = {"rig": {"kind": "torque", "torque_with": "tight"}}
+    assert not any(told in line for line in fit_friction(table, stated, table=True).warnings)
+
+
 def test_the_command_reads_a_table_of_other_names_and_units(tmp_path: Path):
     table, _ = by_kind("dead_weight")
     renamed = table.rename(columns={"arc_deg": "Umschlingung", "weight_N": "G"})

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from beltid.errors import InputError
+from beltid.errors import InputError, counted
 from beltid.identify.estimators.statistics import settings_of
 
 Array = NDArray[np.float64]
@@ -222,7 +222,7 @@ def compare_points(
             [
                 "compare: no measured run has a simulated partner, must be at least one "
                 f"({n_measured} measured and {n_simulated} simulated runs)",
-                *(f"{count} runs: {reason}" for reason, count in counts),
+                *(f"{counted(count, 'run')}: {reason}" for reason, count in counts),
             ]
         )
     real = {name: column[of_measured] for name, column in tables[0].items()}

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -154,6 +154,9 @@ class Drag:
         return np.where(turns, of_speed, self.at_rest_N_m)
 
 
+OTHER_SPAN: Final = "the tension beside the torque is that of the"
+
+
 @dataclass(frozen=True, slots=True)
 class RigKind:
     """What a friction rig measures.
@@ -247,6 +250,12 @@ class RigKind:
             "tension_slack_N is missing; with the force on the axis (hub_force_N) it is rig.kind: "
             "torque_hub"
         )
+
+    def span_note(self, columns: Mapping[str, Array]) -> str:
+        """Note that the tension beside a torque is not that of the span it should be."""
+        if self.measures != "torque" or self.measured_span(columns) == self.torque_with:
+            return ""
+        return f"{OTHER_SPAN} {other(self.torque_with)} span"
 
     def check(self, columns: Mapping[str, Array]) -> None:
         """Refuse columns that are not those of this kind.

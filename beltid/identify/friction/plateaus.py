@@ -100,6 +100,7 @@ def reduce_plateaus(
             [{k: columns[k][[i]] for k in DRAG if k in columns} for i in np.flatnonzero(idle)]
         )
         dragged = (drag.note,) if drag is not None and kind.has_torque else ()
+        dragged = (*dragged, *filter(None, (kind.span_note(used),)))
         tight, slack = kind.tensions(used, used["arc_deg"], R, drag)
         beta = np.radians(used["arc_deg"])
         found = {

@@ -11,7 +11,7 @@ import numpy as np
 from beltid.artifacts.artifact import read_artifact
 from beltid.artifacts.metadata_models import SurfaceMetadata
 from beltid.config import Config, ConfigSource, load_config
-from beltid.errors import InputError
+from beltid.errors import InputError, counted
 from beltid.identify.surface.surface import SurfaceResult, SurfaceSettings
 from beltid.identify.surface.surface import build_surface as identify
 from beltid.report.summary import Summary
@@ -71,7 +71,7 @@ def run(
     built = build.up_to_date()
     if built is None:
         friction = read_artifact(inputs["friction"], "friction")
-        options.reporter.report(f"{friction.path}: {len(friction.columns['run'])} runs")
+        options.reporter.report(f"{friction.path}: {counted(len(friction.columns['run']), 'run')}")
         name = str(friction.path)
         built = build.write(_outcome(friction.columns, config.config, name, chosen))
     return summarise(built)

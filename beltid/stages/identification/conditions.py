@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from beltid.errors import InputError
+from beltid.errors import InputError, counted
 
 APART: Final = ("condition", "side")
 """Columns that must say the same in all runs of a friction surface."""
@@ -46,7 +46,9 @@ def rows_of_one(
         wanted = chosen.get(column)
         if wanted is not None:
             rows = rows[words == wanted]
-        found = ", ".join(f"{word} ({count} runs)" for word, count in sorted(there.items()))
+        found = ", ".join(
+            f"{word} ({counted(count, 'run')})" for word, count in sorted(there.items())
+        )
         if wanted is not None and not rows.size:
             problems.append(f"{name}: no run has the {column} {wanted}; there are {found}")
             break

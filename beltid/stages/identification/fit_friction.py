@@ -10,10 +10,18 @@ import numpy as np
 
 from beltid.bench.recording import columns_of, read_recording, read_rig
 from beltid.config import Config, ConfigSource, load_config
-from beltid.errors import InputError
+from beltid.errors import InputError, counted
 from beltid.identify.estimators.statistics import as_set
 from beltid.identify.friction.drift_check import CAUSES, Drift, drift_check
-from beltid.identify.friction.kinds import DRAG_TAKEN_OFF, TAKEN_OFF, TOUCH_DEG, TOUCHING, RigKind
+from beltid.identify.friction.kinds import (
+    DRAG_TAKEN_OFF,
+    OTHER_SPAN,
+    TAKEN_OFF,
+    TOUCH_DEG,
+    TOUCHING,
+    RigKind,
+    other,
+)
 from beltid.identify.friction.plateaus import BINNED
 from beltid.identify.friction.reduction import RunReduction
 from beltid.report.summary import Summary
@@ -183,6 +191,12 @@ def _traps(runs: Sequence[RunReduction], kind: RigKind) -> Iterator[str]:
             "the torque includes the drag of the bearings, which raises mu: record a run of the "
             "pulley without the belt and mark it by a column idle: true"
         )
+    if any(OTHER_SPAN in note for run in good for note in run.notes):
+        span = other(kind.torque_with)
+        yield (
+            f"{OTHER_SPAN} {span} span: state rig.torque_with: {span}, else the errors of its cell "
+            "are taken for those of the other span"
+        )
     touching = [run.run for run in good if run.arc_deg >= TOUCH_DEG]
     if touching:
         yield f"{TOUCHING} ({_listed(touching)})"
@@ -209,14 +223,19 @@ def _notes(reduced: Sequence[RunReduction]) -> tuple[str, ...]:
     begins = (TAKEN_OFF, DRAG_TAKEN_OFF)
     lines = list(dict.fromkeys(n for r in reduced for n in r.notes if n.startswith(begins)))
     if spikes:
-        lines.append(f"{sum(r.n_spikes for r in spikes)} spikes left out, in {len(spikes)} runs")
+        lines.append(
+            f"{sum(r.n_spikes for r in spikes)} spikes left out, in {counted(len(spikes), 'run')}"
+        )
     if missing:
-        lines.append(f"{sum(r.n_missing for r in missing)} samples missing in {len(missing)} runs")
+        lines.append(
+            f"{sum(r.n_missing for r in missing)} samples missing in {counted(len(missing), 'run')}"
+        )
     if swapped:
         lines.append(f"tight and slack cell were swapped in {_listed(swapped)}; corrected")
     if unresolved:
         lines.append(
-            f"no mu_sticking for {len(unresolved)} runs whose records do not resolve the peak"
+            f"no mu_sticking for {counted(len(unresolved), 'run')}: the records do not resolve the "
+            "peak"
         )
     return tuple(lines)
 

@@ -21,7 +21,14 @@ from beltid.artifacts.artifact import Artifact, read_artifact
 from beltid.artifacts.metadata_models import CompareMetadata
 from beltid.bench.recording import columns_of, read_recording
 from beltid.config import Config, ConfigSource, load_config
-from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, ArtifactError, ConfigError, InputError
+from beltid.errors import (
+    EXIT_DONE,
+    EXIT_OUT_OF_TOLERANCE,
+    ArtifactError,
+    ConfigError,
+    InputError,
+    counted,
+)
 from beltid.identify.agreement.compare import (
     AgreementResult,
     AgreementSettings,
@@ -369,7 +376,9 @@ def _outcome(
         if result.share_compared < ENOUGH
         else []
     )
-    left_out = [f"{count} runs not compared: {why}" for why, count in result.not_compared.items()]
+    left_out = [
+        f"{counted(count, 'run')} not compared: {why}" for why, count in result.not_compared.items()
+    ]
     return Outcome(
         kind=KIND,
         columns=columns,

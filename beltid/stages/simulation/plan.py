@@ -15,7 +15,7 @@ from beltid.artifacts.file_bytes import write_bytes
 from beltid.artifacts.metadata_models import SurfaceMetadata
 from beltid.config import Config, ConfigSource, load_config
 from beltid.drive.results import Simulator
-from beltid.errors import ArgumentTypeError, InputError, Problem
+from beltid.errors import ArgumentTypeError, InputError, Problem, counted
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
@@ -560,7 +560,7 @@ def _verdict(plan: Plan, options: PlanOptions) -> str:
     goal = 100.0 * options.goal_u
     if plan.stop is None:
         reached = "reached" if after <= goal else "not reached"
-        count = "1 run" if len(plan.chosen) == 1 else f"{len(plan.chosen)} runs"
+        count = counted(len(plan.chosen), "run")
         return (
             f"{count}: uncertainty of mu {before:.3g} % -> {after:.2g} %, goal {goal:g} % {reached}"
         )

@@ -13,6 +13,7 @@ import numpy as np
 from beltid.artifacts.artifact import read_artifact
 from beltid.artifacts.metadata_models import BendingFigures, SurfaceMetadata
 from beltid.config import Config, ConfigSource, load_config
+from beltid.errors import counted
 from beltid.identify.surface.surface import SurfaceSettings
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
@@ -229,7 +230,7 @@ def run(
         stiffness = read_artifact(inputs["stiffness"], "stiffness")
         law = press_law(law_of(stiffness), config.config, stiffness)
         options.reporter.report(
-            f"{friction.path}: {len(friction.columns['run'])} runs, inverse solution"
+            f"{friction.path}: {counted(len(friction.columns['run']), 'run')}, inverse solution"
         )
         name = str(friction.path)
         outcome = _outcome(friction.columns, law, config.config, name, draws, bending, chosen)

@@ -10,7 +10,7 @@ from typing import Any, Final
 from beltid.artifacts.artifact import read_artifact
 from beltid.artifacts.metadata_models import SimulatedMetadata
 from beltid.config import Config, ConfigSource
-from beltid.errors import EXIT_DONE, EXIT_NUMERICS, NumericsError, percent
+from beltid.errors import EXIT_DONE, EXIT_NUMERICS, NumericsError, counted, percent
 from beltid.report.summary import Summary
 from beltid.rigsim.rig import SimulationSettings
 from beltid.stages.build_artifact import Build, Built
@@ -157,7 +157,7 @@ def run(
         for line in differing_settings(model, measured):
             options.reporter.warn(line)
         whose = "as the config states" if measured is None else "at the settings measured"
-        count = "1 run" if len(runs) == 1 else f"{len(runs)} runs"
+        count = counted(len(runs), "run")
         options.reporter.report(f"{count}, {settings.method}, {whose}")
         how = options.reporter, options.workers or options.jobs
         campaign = simulate(model, (given.surface, given.press.law), runs, settings, how)
