@@ -29,8 +29,9 @@ def runs_and_uncertainty(
     """
     force, speed = candidates.normal_force, candidates.slip_speed * MILLI
     chosen = Counter(plan.chosen)
-    gains = dict(zip(plan.chosen, plan.gains, strict=True))
-    most = max(plan.gains, default=1.0) or 1.0
+    # what the plan is told to have, a repeat or one more arc, may cost something
+    gains = {run: max(gain, 0.0) for run, gain in zip(plan.chosen, plan.gains, strict=True)}
+    most = max(gains.values(), default=1.0) or 1.0
     with style():
         fig = figure(height=4.4, width=9.6)
         every = fig.subplots(1, 2, sharex=True, sharey=True)
