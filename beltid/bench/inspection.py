@@ -357,14 +357,26 @@ def _kind_meant(view: FileView, config: Any, path: Path) -> str:
     shares["rig"] = max(_share_of(view, table, options) for table in tables)
     if _is_table_of_plateaus(view, config):
         return "points"
-    best = max(shares, key=lambda kind: shares[kind])
-    if shares[best] == 0 or list(shares.values()).count(shares[best]) > 1:
+    # sensors that share a unit are no sensor of their kind yet: then the channels explained decide
+    whole = max(shares.values()) == 1.0
+    marks = {
+        kind: (share, 0 if whole or share == 0.0 else _explained(view, kind, config))
+        for kind, share in shares.items()
+    }
+    best = max(marks, key=lambda kind: marks[kind][::-1])
+    if shares[best] == 0 or list(marks.values()).count(marks[best]) > 1:
         found = ", ".join(c.name for c in view.candidates[:20]) or "none"
         raise InputError(
             f"{path}: the channels do not tell what it is a recording of, say --kind press, rig, "
             f"speedloss or points; found: {found}"
         )
     return best
+
+
+def _explained(view: FileView, kind: str, config: Any) -> int:
+    """How many channels a kind of recording reads, or has a column for."""
+    mappings = _mappings(view, kind, config)
+    return len(mappings) + len(_can_be(view, [kind], mappings, config))
 
 
 def _is_table_of_plateaus(view: FileView, config: Any) -> bool:

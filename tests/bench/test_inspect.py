@@ -144,6 +144,16 @@ def test_known_words_behind_the_number_of_a_channel(tmp_path, header, kind, read
     assert set(read_as) <= {row["read_as"] for row in found["table"]}
 
 
+def test_two_forces_with_a_pulley_are_a_rig_not_a_press(tmp_path):
+    header = "Zeit;Ch 1 Kraft [N];C_2_Force[kN];n_Scheibe [1/min];Umschlingung [deg]"
+    rows = [f"13:45:0{k},125;1000,85;0,2{k};12,5;82" for k in range(10)]
+    found = inspect(text(tmp_path, "r.csv", header, *rows))[1]
+    assert found["facts"]["kind"] == "rig"
+    read_as = {row["channel"]: row["read_as"] for row in found["table"]}
+    assert read_as["n_Scheibe [1/min]"] == "pulley_speed_rad_s"
+    assert read_as["Umschlingung [deg]"] == "arc_deg"
+
+
 def test_a_known_word_in_a_longer_name_is_a_candidate_not_a_reading(tmp_path):
     rows = [f"{i};{i};{i};{i}" for i in range(20)]
     path = text(tmp_path, "a.csv", "Zeit [s];Weg [mm];Kraft vorn [N];Kraft hinten [N]", *rows)
