@@ -251,11 +251,12 @@ class RigKind:
             "torque_hub"
         )
 
-    def span_note(self, columns: Mapping[str, Array]) -> str:
-        """Note that the tension beside a torque is not that of the span it should be."""
+    def notes(self, columns: Mapping[str, Array], drag: Drag | None) -> tuple[str, ...]:
+        """What is taken off a torque, and a tension beside it that is not of the span stated."""
+        taken_off = (drag.note,) if drag is not None and self.has_torque else ()
         if self.measures != "torque" or self.measured_span(columns) == self.torque_with:
-            return ""
-        return f"{OTHER_SPAN} {other(self.torque_with)} span"
+            return taken_off
+        return (*taken_off, f"{OTHER_SPAN} {other(self.torque_with)} span")
 
     def check(self, columns: Mapping[str, Array]) -> None:
         """Refuse columns that are not those of this kind.

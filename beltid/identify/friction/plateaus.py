@@ -89,7 +89,7 @@ def reduce_plateaus(
     idle = [str(word).lower() == "true" for word in columns.get("idle", np.full(n, None))]
     rows = np.flatnonzero(~np.array(idle))
     used = {name: values[rows] for name, values in columns.items()}
-    dragged: tuple[str, ...] = ()
+    told: tuple[str, ...] = ()
     if is_direct(columns):
         found = _stated(used, len(rows))
     else:
@@ -99,8 +99,7 @@ def reduce_plateaus(
         drag = drag_of(
             [{k: columns[k][[i]] for k in DRAG if k in columns} for i in np.flatnonzero(idle)]
         )
-        dragged = (drag.note,) if drag is not None and kind.has_torque else ()
-        dragged = (*dragged, *filter(None, (kind.span_note(used),)))
+        told = kind.notes(used, drag)
         tight, slack = kind.tensions(used, used["arc_deg"], R, drag)
         beta = np.radians(used["arc_deg"])
         found = {
@@ -129,7 +128,7 @@ def reduce_plateaus(
         values: dict[str, Any] = {name: float(x[k]) for name, x in found.items()}
         run = replace(_said_of(label, used, k), **values)
         touching = (TOUCHING,) if run.arc_deg >= TOUCH_DEG else ()
-        run = replace(run, notes=(*dragged, *touching))
+        run = replace(run, notes=(*told, *touching))
         runs.append(replace(run, status=_problem(run, settings) or "ok"))
     return tuple(runs)
 

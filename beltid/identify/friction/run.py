@@ -463,7 +463,6 @@ def run_record(
     if kind.weight is not None and np.isnan(record.nominal_tension_N):
         record = replace(record, nominal_tension_N=nominal["weight_N"])
     belt_speed = float(np.nanmedian(kind.belt_speed(columns))) if kind.running else 0.0
-    dragged = drag.note if drag is not None and kind.has_torque else ""
     return replace(
         record,
         tension_tight_N=tight,
@@ -471,7 +470,7 @@ def run_record(
         pulley_speed_rad_s=kind.relative_speed(columns, R),
         kind=kind,
         belt_speed_m_s=belt_speed,
-        note="; ".join(filter(None, (dragged, kind.span_note(columns)))),
+        note="; ".join(kind.notes(columns, drag)),
     )
 
 
