@@ -12,8 +12,7 @@ import pytest
 
 from beltid.errors import InputError
 from beltid.identify.slip.points import OK, SIGNIFICANT, required_pulley_speeds
-from beltid.identify.slip.pooled_means import pooled_means, speed_series
-from beltid.identify.slip.slip import fit_slip
+from beltid.identify.slip.slip import fit_slip, pooled_means, speed_series
 
 ROOT = Path(__file__).parents[2]
 BELTS = ("4pk", "5pk", "6pk")

@@ -7,9 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from beltid.identify.surface.average import average
+from beltid.identify.surface.average import average, common_range
 from beltid.identify.surface.curves import Curve, CurveSet
-from beltid.identify.surface.range import common_range
 
 SPEEDS = np.array([0.01, 0.02, 0.04])
 

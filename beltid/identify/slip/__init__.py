@@ -4,7 +4,6 @@
 Module            Responsibility                                                       Equation
 ================  ===================================================================  ===========
 ``slip``          recording -> sliding speed of every operating point                  (7)
-``pooled_means``  means of short runs, noise pooled over a series
 ``points``        operating points: creep, gross slip, pulley speeds the rig must run  v = omega R
 ================  ===================================================================  ===========
 """

@@ -5,8 +5,6 @@ Module            Responsibility                                             Equ
 ================  =========================================================  =====================
 ``surface``       runs -> surface of each arc and their average; the table   Figs. 12 and 13
 ``curves``        runs -> curves over the force per arc and speed            ln mu over ln f_N
-``kriging``       smooth surface through runs that have no settings          plane + thin plate
-``range``         range of forces that the curves have in common
 ``average``       mean over the arcs on a common grid, standard errors       random effects
 ``laws``          parametric friction laws through the surface               generalised l. sq.
 ``plateau_laws``  the same through the forces read beside a dead weight      capstan, local mu

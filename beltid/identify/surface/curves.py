@@ -5,9 +5,8 @@ campaign are scattered in f_N. What was set is the arc, the tension and the spee
 one arc and one speed lie on a curve over f_N.
 
 A campaign may also give every run a tension and a speed of its own. Then no curve is measured; per
-arc the surface of ln mu over (ln f, ln v) is estimated from all of its runs
-(:mod:`beltid.identify.surface.kriging`) and tabulated at common speeds, and what follows is the
-same.
+arc the surface of ln mu over (ln f, ln v) is estimated from all of its runs by kriging and
+tabulated at common speeds, and what follows is the same.
 """
 
 from __future__ import annotations
@@ -18,10 +17,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from scipy.linalg import solve
 
 from beltid.errors import InputError
 from beltid.identify.estimators.statistics import settings_of
-from beltid.identify.surface.kriging import kriging
 from beltid.laws.bicubic import bounded_cubic
 
 Array = NDArray[np.float64]
@@ -38,6 +37,7 @@ SPEED_STEP = 0.18
 FEWEST_RUNS = 6
 """Runs of an arc without settings: three for a plane, as many for the scatter about it."""
 MOST_CELLS = 400  # of very many runs of an arc, neighbours are averaged first
+LOG_STIFFNESS = np.linspace(-7.0, 16.0, 93)  # ln of spline over noise variance, tried
 EDGE = 1e-9  # a node made from the end of a curve lies on the curve, relative
 
 
@@ -283,3 +283,55 @@ def _thinned(points: Points) -> Points:
         for g in (points.take(cell.ravel() == k) for k in range(int(cell.max()) + 1))
     ]  # fmt: skip
     return Points(*np.array(rows).T)
+
+
+def kriging(x: Array, y: Array, se: Array, at: Array) -> tuple[Array, Array]:
+    """Smooth surface through scattered points with its standard errors (universal kriging).
+
+    A plane plus a thin-plate spline, whose stiffness is the one of the highest restricted
+    likelihood (Wahba 1990, Spline models for observational data, chapters 2 and 4).
+
+    Parameters
+    ----------
+    x, at : ndarray, shape (n, 2), (m, 2)
+        Places of the points, and places to estimate.
+    y, se : ndarray, shape (n,)
+        Values and standard errors, whose common scale is estimated; all zero if unknown.
+
+    Returns
+    -------
+    value, error : ndarray, shape (m,)
+        The error holds the noise of the runs and what the spline may do between them.
+    """
+    noise = np.where(se > 0.0, se, np.median(se[se > 0.0]) if np.any(se > 0.0) else 1.0)
+    centre = x.mean(axis=0)
+    P = np.column_stack([np.ones(len(x)), x - centre])
+    K = _thin_plate(x, x)
+    weighted = P / noise[:, None]
+    null = np.linalg.qr(weighted, mode="complete")[0][:, P.shape[1] :]
+    values, axes = np.linalg.eigh(null.T @ (K / np.outer(noise, noise)) @ null)
+    values = np.maximum(values, 0.0)
+    z2 = np.square(axes.T @ (null.T @ (y / noise)))
+    unit = max(float(values.mean()), 1e-300)
+    ratios = np.exp(LOG_STIFFNESS) / unit
+    spread = 1.0 + ratios[:, None] * values
+    scatter = np.maximum(np.mean(z2 / spread, axis=1), 1e-30)
+    ratio = ratios[np.argmin(np.sum(np.log(spread), axis=1) + z2.size * np.log(scatter))]
+    variance = float(np.mean(z2 / (1.0 + ratio * values)))
+
+    n, p = P.shape
+    system = np.zeros((n + p, n + p))
+    system[:n, :n] = ratio * K + np.diag(noise**2)
+    scale = float(np.abs(system).max())  # of the constraints, for the condition of the system
+    system[:n, n:], system[n:, :n] = scale * P, scale * P.T
+    plane = np.vstack([np.ones(len(at)), (at - centre).T])
+    right = np.vstack([ratio * _thin_plate(x, at), scale * plane])
+    weights = solve(system, right, assume_a="sym")
+    error = np.maximum(-np.sum(weights * right, axis=0), 0.0)
+    return weights[:n].T @ y, np.sqrt(variance * error)
+
+
+def _thin_plate(a: Array, b: Array) -> Array:
+    """``r² ln r`` between places, shape (len(a), len(b))."""
+    r2 = np.sum(np.square(a[:, None, :] - b[None, :, :]), axis=-1)
+    return 0.5 * r2 * np.log(np.where(r2 > 0.0, r2, 1.0))
