@@ -129,6 +129,8 @@ def converter_rounding(noise: ArrayLike, step: ArrayLike) -> Array:
         Standard deviation of the noise before rounding, and step of the converter, in one unit.
     """
     sigma, width = np.broadcast_arrays(np.asarray(noise, float), np.asarray(step, float))
+    if not np.any(width > 0.0):
+        return np.zeros(sigma.shape)
     ratio = np.divide(sigma, width, out=np.full(sigma.shape, np.inf), where=width > 0.0)
     k = np.arange(1.0, 301.0)
     fading = np.exp(-np.square(2.0 * np.pi * k * np.minimum(ratio, 2.0)[..., None]))
@@ -246,8 +248,8 @@ def _refined(t: Array, residuals: Array, basis: Array, centre: float, half_width
     def left(frequency: float) -> float:
         columns = line_columns(t - t[0], frequency)
         columns -= basis @ (basis.T @ columns)
-        explained = np.linalg.qr(columns)[0].T @ residuals
-        return -float(np.sum(explained**2))
+        products = columns.T @ residuals
+        return -float(np.sum(products * np.linalg.solve(columns.T @ columns, products)))
 
     bounds = (centre - half_width, centre + half_width)
     found = minimize_scalar(left, bounds=bounds, options={"xatol": 1e-3 * half_width})

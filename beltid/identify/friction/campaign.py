@@ -45,7 +45,7 @@ from beltid.identify.friction.shared import (
 Array = NDArray[np.float64]
 
 
-def block_covariance(first: Array, last: Array, count: Array, tau: float) -> Array:
+def block_covariance(first: Array, last: Array, count: Array, tau: float | Array) -> Array:
     """Covariance of means over blocks of an Ornstein-Uhlenbeck process of unit variance.
 
     Parameters
@@ -54,24 +54,28 @@ def block_covariance(first: Array, last: Array, count: Array, tau: float) -> Arr
         Times of the first and last sample of each block [s], in their order, shape (m,).
     count : ndarray
         Evenly spaced samples of each block, shape (m,).
-    tau : float
-        Memory of the process [s].
+    tau : float or ndarray
+        Memory of the process, or of several processes [s], shape (...).
 
     Returns
     -------
-    ndarray, shape (m, m)
+    ndarray, shape (..., m, m)
     """
-    span = last - first
-    step = np.where(count > 1.0, span / np.maximum(count - 1.0, 1.0), 1.0)
-    rho = np.exp(-step / tau)
-    left = -np.expm1(-step / tau)  # 1 - rho, without cancellation
-    total = -np.expm1(-count * step / tau) / left  # sum of rho^k over the block
+    steps = np.where(count > 1.0, (last - first) / np.maximum(count - 1.0, 1.0), 1.0)
+    memory = np.asarray(tau, dtype=float)[..., None]
+    step = steps / memory
+    rho = np.exp(-step)
+    left = -np.expm1(-step)  # 1 - rho, without cancellation
+    total = -np.expm1(-count * step) / left  # sum of rho^k over the block
     share = total / count
     gap = np.maximum(first[None, :] - last[:, None], 0.0)
-    across = share[:, None] * share[None, :] * np.exp(-gap / tau)
+    across = share[..., :, None] * share[..., None, :] * np.exp(-gap / memory[..., None])
     upper = np.triu(across, 1)
+    whole = upper + np.swapaxes(upper, -1, -2)
     within = (count * (1.0 + rho) / left - 2.0 * rho * total / left) / count**2
-    return upper + upper.T + np.diag(np.where(count > 1.0, within, 1.0))
+    diagonal = np.arange(count.size)
+    whole[..., diagonal, diagonal] = np.where(count > 1.0, within, 1.0)
+    return np.asarray(whole)
 
 
 def wander_since_rest(first: Array, last: Array, count: Array, rest: Rest, tau: float) -> Array:
@@ -104,6 +108,8 @@ def early_misfit(travel: Array) -> Array:
 MEMORIES_S = (0.04, 0.16, 0.64, 20.0)
 """Memories of the wandering zeros [s]; the last one is a walk over the time of a run, and counts
 from the rest, where the zeros show."""
+WALK_PART, TURN_PART = len(MEMORIES_S) - 1, len(MEMORIES_S) + 1
+"""Where the walk and the ripple once per turn are among the variances."""
 RUNS_FOR_VARIANCES = 32
 """Runs, evenly chosen, that the variances are found from; more would tell nothing new."""
 SCALE_FREEDOM = 20.0
@@ -156,7 +162,9 @@ class Stack:
         """Basis of the tails, drifts of 1 N/s of the tight and of the slack cell and of all of mu,
         and the changes of the tail with the powers."""
         self.fixed = np.zeros((n, m, m))
-        self.parts = np.zeros((len(MEMORIES_S) + 2, n, m, m))
+        """Covariance of what is known of a run beside its variances (n, m, m)."""
+        self.parts = np.zeros((len(MEMORIES_S) + 4, n, m, m))
+        """What each variance adds to it, as in :class:`Bench`."""
         for k, r in enumerate(records):
             b, c = r.z.size, r.sensitivity
             since = 0.5 * (r.first_s + r.last_s) - 0.5 * (r.rest.first_s + r.rest.last_s)
@@ -170,13 +178,12 @@ class Stack:
             self.shared[k, :b, RANK + 2] = (r.level / c) * (elapsed - 0.75)
             free = np.column_stack([r.waves, r.take_up])
             self.fixed[k, :b, :b] = (FREE / c) ** 2 * (free @ free.T)
-            for j, tau in enumerate(MEMORIES_S[:-1]):
-                self.parts[j, k, :b, :b] = block_covariance(r.first_s, r.last_s, r.count, tau)
-            self.parts[-3, k, :b, :b] = wander_since_rest(
-                r.first_s, r.last_s, r.count, r.rest, MEMORIES_S[-1]
-            )
-            self.parts[-2, k, :b, :b] = early_misfit(r.travel)
-            self.parts[-1, k, :b, :b] = (r.level / c) ** 2 * (r.turn @ r.turn.T)
+            short, walk = np.array(MEMORIES_S[:-1]), MEMORIES_S[-1]
+            blocks = (r.first_s, r.last_s, r.count)
+            self.parts[: short.size, k, :b, :b] = block_covariance(*blocks, short)
+            self.parts[WALK_PART, k, :b, :b] = wander_since_rest(*blocks, r.rest, walk)
+            self.parts[WALK_PART + 1, k, :b, :b] = early_misfit(r.travel)
+            self.parts[TURN_PART, k, :b, :b] = (r.level / c) ** 2 * (r.turn @ r.turn.T)
         diagonal = np.arange(m)
         self.fixed[:, diagonal, diagonal] += self.noise_N[:, None] ** 2 / np.maximum(
             self.count, 1e-9
@@ -189,6 +196,11 @@ class Stack:
         if shared is not None:
             change = self.shared[:, :, :RANK] @ stretched(shared.mean[:RANK])
             self.shared[:, :, POWERS] = change[:, :, None] * self.settings[:, None, :]
+
+    def deviate(self, shared: Shared) -> None:
+        """Let every run have a tail higher and longer than that of its bench, stretched before."""
+        own = np.moveaxis(self.shared[:, :, :RANK] @ shared.deviations, -1, 0)
+        self.parts[-2:] = own[..., :, None] * own[..., None, :]
 
     @property
     def typical_error_N(self) -> float:
@@ -203,8 +215,8 @@ class Bench:
     Attributes
     ----------
     sd : ndarray
-        Standard deviations: zeros that wander, by :data:`MEMORIES_S` [N], ripple once per turn,
-        height and length of the tail of a run [-].
+        Standard deviations: zeros that wander, by :data:`MEMORIES_S`, and early misfit [N]; ripple
+        once per turn, height and length of the tail of a run [-].
     shared : Shared
         Tail and drift.
     """
@@ -239,18 +251,9 @@ class Whitened:
     log_det: Array
 
 
-def covariance(stack: Stack, sd: Array, shared: Shared | None) -> tuple[Array, Array]:
-    """Covariance of the block means (R, m, m), and its parts of unit variance (K, R, m, m)."""
-    parts = stack.parts
-    if shared is not None:
-        own = stack.shared[:, :, :RANK] @ shared.deviations
-        own = own.transpose(2, 0, 1)
-        parts = np.concatenate([parts, own[:, :, :, None] * own[:, :, None, :]])
-    return stack.fixed + np.tensordot(np.square(sd[: len(parts)]), parts, axes=1), parts
-
-
-def whiten(stack: Stack, V: Array) -> Whitened:
-    """Generalised least squares of all runs, whatever is shared."""
+def whiten(stack: Stack, sd: Array) -> Whitened:
+    """Generalised least squares of all runs under given variances, whatever is shared."""
+    V = stack.fixed + np.tensordot(np.square(sd), stack.parts, axes=1)
     inverse = np.linalg.inv(V)
     log_det = np.linalg.slogdet(V)[1]
     of_one = np.einsum("rij,rj->ri", inverse, stack.one)
@@ -296,7 +299,7 @@ of their priors."""
 
 
 def evidence(
-    stack: Stack, sd: Array, shared: Shared | None, scale: Array, given: Given, before: Shared
+    stack: Stack, sd: Array, scale: Array, given: Given, before: Shared
 ) -> tuple[float, Array]:
     """Marginal likelihood of all runs under given variances.
 
@@ -306,8 +309,6 @@ def evidence(
         The runs.
     sd : ndarray
         Standard deviations, as in :class:`Bench`.
-    shared : Shared, optional
-        Tail from which the runs deviate.
     scale : ndarray, shape (R,)
         Noise of each run over that of the bench, variances.
     given, before : Given, Shared
@@ -321,17 +322,14 @@ def evidence(
         Derivative by the logarithms of `sd`: that of the likelihood, averaged over the posterior
         (Fisher's identity).
     """
-    V, parts = covariance(stack, sd, shared)
-    w = whiten(stack, V)
+    w = whiten(stack, sd)
     found = fit_shared(w, scale, given, before)
     log_z = found.log_evidence - 0.5 * float(np.sum(w.squares / scale + w.log_det))
     residual = stack.z - stack.shared @ found.mean
     columns = np.concatenate([residual[:, :, None], stack.shared @ found.factor], axis=2)
     Pe = w.P @ columns
     outer = (Pe / scale[:, None, None]) @ Pe.transpose(0, 2, 1) - w.P
-    slope = np.zeros(sd.size)
-    slope[: len(parts)] = np.tensordot(parts, outer, axes=3)
-    return log_z, slope * sd**2
+    return log_z, np.tensordot(stack.parts, outer, axes=3) * sd**2
 
 
 def fit_bench(stack: Stack, given: Given) -> Bench:
@@ -353,11 +351,10 @@ def fit_bench(stack: Stack, given: Given) -> Bench:
     apart = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
     precision = np.eye(n + 4)
     precision[:n, :n] = np.linalg.inv(NEIGHBOURS**apart)
-    shared: Shared | None = None
     scale = np.ones(stack.n_runs)
 
     def cost(x: Array) -> tuple[float, Array]:
-        log_z, slope = evidence(stack, np.exp(centre + width * x), shared, scale, given, before)
+        log_z, slope = evidence(stack, np.exp(centre + width * x), scale, given, before)
         away = precision @ x
         return 0.5 * float(x @ away) - log_z, away - slope * width
 
@@ -367,17 +364,18 @@ def fit_bench(stack: Stack, given: Given) -> Bench:
     looks = []
     for powers in CLOCKS:
         stack.stretch(powers)
-        w = whiten(stack, covariance(stack, sd, None)[0])
+        w = whiten(stack, sd)
         looks.append(fit_shared(w, scale, given, Shared.before(powers)))
     likely = int(np.argmax([look.log_evidence for look in looks]))
     before = Shared.before(CLOCKS[likely])
     # a rough tail, of which the change with the powers can be told
     stack.stretch(before.powers, looks[likely])
     for _ in range(SWEEPS):
-        w = whiten(stack, covariance(stack, np.exp(centre + width * x), shared)[0])
-        shared = before = fit_shared(w, scale, given, before, every_drift=True)
-        scale = noise_scale(stack, w, shared.mean)
-        stack.stretch(shared.powers, shared)
+        w = whiten(stack, np.exp(centre + width * x))
+        before = fit_shared(w, scale, given, before, every_drift=True)
+        scale = noise_scale(stack, w, before.mean)
+        stack.stretch(before.powers, before)
+        stack.deviate(before)
         x = minimize(
             cost,
             x,
@@ -386,16 +384,15 @@ def fit_bench(stack: Stack, given: Given) -> Bench:
             bounds=[(-4.0, 6.0)] * x.size,
             options={"maxiter": 30, "ftol": 1e-7},
         ).x
-    assert shared is not None
     # walk and ripple once per turn move the level most and show least: the mean of their variances
     # in place of the mode, with an even chance that there is none
     mode = np.exp(centre + width * x)
     mean = mode.copy()
-    for k in (n - 1, n + 1):
+    for k in (WALK_PART, TURN_PART):
         along = x[k] + np.array(HIDDEN_STEPS)
         sizes = np.append(np.exp(centre[k] + width[k] * along), 0.0)
         trials = [np.where(np.arange(x.size) == k, size, mode) for size in sizes]
-        log_p = np.array([evidence(stack, sd, shared, scale, given, before)[0] for sd in trials])
+        log_p = np.array([evidence(stack, sd, scale, given, before)[0] for sd in trials])
         # density of the prior given the other variances, over a step
         away = along - x[k] + precision[k] @ x / precision[k, k]
         log_p[:-1] -= 0.5 * precision[k, k] * away**2 - 0.5 * np.log(
@@ -403,7 +400,7 @@ def fit_bench(stack: Stack, given: Given) -> Bench:
         )
         log_p[:-1] += np.log(HIDDEN_STEPS[1] - HIDDEN_STEPS[0])
         mean[k] = np.sqrt(np.exp(log_p - logsumexp(log_p)) @ sizes**2)
-    return Bench(mean, shared)
+    return Bench(mean, before)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -471,7 +468,8 @@ def reduce_bench(records: Sequence[SlidingRecord]) -> tuple[Bench, list[RunLevel
     M, b = np.zeros((SHARED, SHARED)), np.zeros(SHARED)
     for stack in stacks:
         stack.stretch(bench.shared.powers, bench.shared)
-        w = whiten(stack, covariance(stack, bench.sd, bench.shared)[0])
+        stack.deviate(bench.shared)
+        w = whiten(stack, bench.sd)
         share = 1.0 / noise_scale(stack, w, bench.shared.stretched_mean)
         M, b = M + np.einsum("r,rkl->kl", share, w.M), b + w.b.T @ share
     bench = Bench(bench.sd, posterior(M, b, given, bench.shared))
@@ -485,8 +483,8 @@ def _levels(stack: Stack, bench: Bench) -> list[RunLevel]:
     """Levels of some runs of a bench."""
     shared = bench.shared
     stack.stretch(shared.powers, shared)
-    V, parts = covariance(stack, bench.sd, shared)
-    w = whiten(stack, V)
+    stack.deviate(shared)
+    w = whiten(stack, bench.sd)
     mean = shared.stretched_mean
     scale = noise_scale(stack, w, mean)
     tail, drift = (-(w.shift[:, part] @ shared.factor[part]) for part in (_TAIL, DRIFTS))
@@ -496,8 +494,8 @@ def _levels(stack: Stack, bench: Bench) -> list[RunLevel]:
     share = np.clip(np.sum(drift * both, axis=1) / np.maximum(size**2, 1e-300), 0.0, 1.0)
     residual = stack.z - stack.shared @ mean
     Pe = np.einsum("rij,rj->ri", w.P, residual)
-    wander = np.einsum("rij,rj->ri", parts[len(MEMORIES_S) - 1], Pe)
-    wander *= (bench.sd[len(MEMORIES_S) - 1] ** 2 * stack.sensitivity)[:, None]
+    wander = np.einsum("rij,rj->ri", stack.parts[WALK_PART], Pe)
+    wander *= (bench.sd[WALK_PART] ** 2 * stack.sensitivity)[:, None]
     own = shared.deviations * bench.sd[-2:]
     H = stack.shared[:, :, :RANK] @ own
     known = H.transpose(0, 2, 1) @ (w.P @ H)

@@ -25,8 +25,8 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
+from scipy.sparse import csr_array
 from scipy.special import log_ndtr, logsumexp, ndtri
 
 from beltid.identify.friction.rest import Rest
@@ -42,19 +42,23 @@ HALF = np.arange(0.1, 3.0, 0.2)
 """Midpoints of either half of a spectrum, in units of its width."""
 
 
+TABLE = np.linspace(np.log(SHORTEST), np.log(LONGEST), 1024)
+"""Logarithms of the lengths at which the coefficients of exponentials are tabulated."""
+
+
 @lru_cache(maxsize=1)
-def _basis() -> tuple[Array, Array, CubicSpline, Array]:
+def _basis() -> tuple[Array, Array, Array, Array]:
     """Lengths of exponentials and their mix to basis functions, and two tables in that basis.
 
-    Shapes (k,), (k, RANK); exponentials over ln l; -x d/dx of every function (RANK, RANK).
+    Shapes (k,), (k, RANK); exponentials at :data:`TABLE` (., RANK); -x d/dx of every function
+    (RANK, RANK).
     """
     lengths = np.geomspace(SHORTEST, LONGEST, 45)
     x = np.concatenate([[0.0], np.geomspace(0.25 * SHORTEST, 2.0 * LONGEST, 120)])
     _, size, across = np.linalg.svd(np.exp(-x[:, None] / lengths), full_matrices=False)
     mix = across[:RANK].T / size[:RANK]
     basis = np.exp(-x[:, None] / lengths) @ mix
-    log_length = np.linspace(np.log(SHORTEST), np.log(LONGEST), 160)
-    exponentials = CubicSpline(log_length, np.exp(-x / np.exp(log_length)[:, None]) @ basis)
+    exponentials = np.exp(-x / np.exp(TABLE)[:, None]) @ basis
     slope = (x[:, None] / lengths * np.exp(-x[:, None] / lengths)) @ mix
     return lengths, mix, exponentials, slope.T @ basis
 
@@ -82,8 +86,16 @@ def tail_coefficients(log_centre: Array, slow: Array, fast: Array) -> Array:
     weight = np.exp(-0.5 * np.concatenate([HALF, HALF]) ** 2)
     weight = weight * np.repeat(np.stack([slow, fast], axis=1), HALF.size, axis=1)
     weight /= weight.sum(axis=1, keepdims=True)
-    nodes = np.clip(log_centre[:, None] + away, np.log(SHORTEST), np.log(LONGEST))
-    return np.asarray(np.einsum("nj,njk->nk", weight, exponentials(nodes)))
+    place = (log_centre[:, None] + away - TABLE[0]) / (TABLE[1] - TABLE[0])
+    place = np.clip(place, 0.0, TABLE.size - 1.0)
+    below = np.minimum(place.astype(np.intp), TABLE.size - 2)
+    part = place - below
+    # linear in the table: a row of weights of its two neighbours for every node
+    shares = np.concatenate([weight * (1.0 - part), weight * part], axis=1)
+    columns = np.concatenate([below, below + 1], axis=1)
+    ends = np.arange(0, columns.size + 1, columns.shape[1])
+    mixing = csr_array((shares.ravel(), columns.ravel(), ends), (len(columns), TABLE.size))
+    return np.asarray(mixing @ exponentials)
 
 
 def stretched(coefficients: Array) -> Array:
