@@ -25,7 +25,7 @@ from beltid.identify.surface.surface import SurfaceSettings
 from beltid.params import OperatingPoint
 from beltid.refine.effects import campaign_effects
 from beltid.rigsim.rig import DEFAULT_STEPS, SimulationSettings
-from beltid.stages.identification.reduction import friction_settings, stiffness_settings
+from beltid.stages.identification.reduction import friction_settings, rig_kind, stiffness_settings
 from beltid.stages.simulation.plan import rig_settings
 from beltid.stages.uncertainties import standard_uncertainties
 
@@ -89,7 +89,7 @@ SCIENCE: dict[str, tuple[Callable[[Config], Any], ...]] = {
     "rig": (lambda c: c.rig_params(), with_points, with_slip, with_measured),
     "contact": (lambda c: c.contact_params(),),
     "compare": (lambda c: AgreementSettings(**c.compare.model_dump(exclude={"hold_out"})),),
-    "friction": (friction_settings, with_temperature),
+    "friction": (friction_settings, rig_kind, with_temperature),
     "surface": (lambda c: SurfaceSettings(**c.surface.model_dump()),),
     "slip": (with_slip,),
     "simulation": (with_simulation, lambda c: c.contact_params()),

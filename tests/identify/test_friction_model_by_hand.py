@@ -12,7 +12,8 @@ from scipy.stats import multivariate_normal
 
 from beltid.identify.friction import campaign, rest, shared
 from beltid.identify.friction.campaign import block_covariance, wander_since_rest
-from beltid.identify.friction.prepare import Onset, block_starts, sliding_record
+from beltid.identify.friction.channels import SlidingPhase
+from beltid.identify.friction.prepare import block_starts, sliding_record
 from beltid.identify.friction.rest import rest_state
 from beltid.identify.friction.shared import (
     RANK,
@@ -124,20 +125,19 @@ def test_blocks_hold_every_sample_once_and_grow(n):
 
 
 AT_REST = rest_state(np.linspace(0.0, 1.0, 50), *np.full((2, 50), 260.0), first=50, min_samples=3)
-ONSET = Onset(*np.zeros((3, 1)))
 
 
 def recorded(seed=0, n=400, steps=(0.0, 0.0), ripple=0.0):
     """Sliding at 400 and 150 N with noise of 0.5 N, 10 mm/s, one spike; after a second at rest."""
     rng = np.random.default_rng(seed)
-    t = 1.2 + 0.02 * np.arange(n)
-    tensions = np.array([400.0, 150.0]) + 0.5 * rng.normal(size=(n, 2))
+    t = 1.0 + 0.02 * np.arange(n + 11)
+    tensions = np.array([400.0, 150.0]) + 0.5 * rng.normal(size=(n + 11, 2))
     tensions[:, 0] += ripple * np.sin(2.0 * np.pi * t / 0.31)
-    tensions[200] += 30.0
-    travel = 0.01 * (t - t[0])
-    return sliding_record(
-        t, tensions, travel / 0.05, travel, np.full(n, 22.0), AT_REST, ONSET, 2e-3, steps
-    ), np.delete(tensions, 200, axis=0)
+    tensions[211] += 30.0
+    angle = 0.2 * (t - t[0])
+    phase = SlidingPhase(t, tensions, angle, np.full(n + 11, 22.0), first=0, built=9, slide=11)
+    record = sliding_record(phase, AT_REST, steps, None, 0.05)
+    return record, np.delete(tensions, 211, axis=0)[11:]
 
 
 def test_block_means_keep_the_mean_of_the_logarithm_to_first_order():
@@ -161,7 +161,7 @@ def test_the_level_of_one_run_is_that_of_generalised_least_squares():
     stack = campaign.Stack([record], campaign.log_settings([record])[0])
     stack.stretch(np.zeros(campaign.SETTINGS))
     sd = np.array([0.05, 0.1, 0.2, 0.3, 0.4, 2e-4, 0.15, 0.1])
-    w = campaign.whiten(stack, campaign.covariance(stack, sd, None)[0])
+    w = campaign.whiten(stack, sd)
     c = record.sensitivity
     V = c**2 * np.diag(record.noise_N**2 / record.count)
     blocks = (record.first_s, record.last_s, record.count)
@@ -230,15 +230,16 @@ def test_the_slope_of_the_evidence_is_its_difference_quotient():
     sd = np.array([0.05, 0.1, 0.2, 0.3, 0.4, 2e-4, 0.15, 0.1])
     before = shared.Shared.before(np.zeros(shared.SETTINGS))
     stack.stretch(before.powers)
-    w = campaign.whiten(stack, campaign.covariance(stack, sd, None)[0])
+    w = campaign.whiten(stack, sd)
     scale = np.array([0.9, 1.1])
     known = campaign.fit_shared(w, scale, given, before, every_drift=True)
     stack.stretch(known.powers, known)
+    stack.deviate(known)
 
     def log_evidence(log_sd):
-        return campaign.evidence(stack, np.exp(log_sd), known, scale, given, known)[0]
+        return campaign.evidence(stack, np.exp(log_sd), scale, given, known)[0]
 
-    slope = campaign.evidence(stack, sd, known, scale, given, known)[1]
+    slope = campaign.evidence(stack, sd, scale, given, known)[1]
     step = 1e-4 * np.eye(sd.size)
     quotient = [(log_evidence(np.log(sd) + e) - log_evidence(np.log(sd) - e)) / 2e-4 for e in step]
     # rounding of the logarithms leaves some 1e-5 of the quotient

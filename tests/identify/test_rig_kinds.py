@@ -22,6 +22,7 @@ from beltid.identify.friction.kinds import Drag, KnownCell, KnownCells, RigKind,
 from beltid.identify.friction.prepare import prepare_run
 from beltid.identify.friction.reduction import FrictionSettings, RunReduction, reduce_runs
 from beltid.identify.friction.run import run_records
+from beltid.stages.identification.reduction import reduction_columns
 
 R = 0.05
 RIG = Path(__file__).parents[2] / "rigdata/5pk/rig.csv"
@@ -299,8 +300,8 @@ def test_a_whole_turn_tells_nothing_by_the_hub_force_and_is_warned_of(rig):
     part["arc_deg"] = np.full(len(part["run"]), 360.0)
     (status,) = statuses(by_hub(part), RigKind("torque_hub"))
     assert "missing in 100 %" in status
-    for run in reduce_runs(part, R):
-        assert any("turns touch" in note for note in run.notes)
+    notes = reduction_columns(reduce_runs(part, R))["notes"]
+    assert all("turns touch" in note for note in notes)
 
 
 @pytest.mark.parametrize(

@@ -8,31 +8,16 @@ import re
 import pytest
 
 from beltid.errors import InputError
-from beltid.identify.friction.kinds import KnownCell
+from beltid.identify.friction.kinds import KnownCell, KnownCells, RigKind
 from beltid.identify.friction.run import FrictionSettings
 from beltid.identify.press.laws import LawCandidate, verdict_of
 from beltid.identify.press.recording import StiffnessSettings
 from beltid.identify.surface.surface import SurfaceSettings
 
 CLOSED = [
-    (FrictionSettings, "steady_tolerance", 1e-6, 0.2),
-    (FrictionSettings, "max_error", 1e-4, 1.0),
-    (FrictionSettings, "max_drift", 0.0, 1.0),
-    (FrictionSettings, "max_noise_ratio", 1.0, 1e6),
-    (FrictionSettings, "max_misfit", 1.0, 1e6),
     (FrictionSettings, "min_plateau_samples", 8, 1_000_000),
-    (FrictionSettings, "min_rest_samples", 1, 1_000_000),
     (FrictionSettings, "spike_threshold", 3.0, 100.0),
-    (FrictionSettings, "max_missing_fraction", 0.0, 0.95),
-    (FrictionSettings, "max_imbalance", 0.0, 2.0),
-    (FrictionSettings, "tension_tight_tare_N", -1e4, 1e4),
-    (FrictionSettings, "tension_slack_tare_N", -1e4, 1e4),
-    (FrictionSettings, "tension_tight_gain", 0.1, 10.0),
-    (FrictionSettings, "tension_slack_gain", 0.1, 10.0),
-    (FrictionSettings, "tension_tight_tilt_deg", -60.0, 60.0),
-    (FrictionSettings, "tension_slack_tilt_deg", -60.0, 60.0),
     (FrictionSettings, "max_mu", 0.01, 100.0),
-    (FrictionSettings, "max_peak_error", 0.0, 1.0),
     (StiffnessSettings, "segment_length_m", 1e-3, 1.0),
     (StiffnessSettings, "machine_compliance_m_N", 0.0, 1e-5),
     (StiffnessSettings, "force_gain", 0.1, 10.0),
@@ -71,24 +56,9 @@ def test_other_settings():
 
 def test_defaults_are_those_that_are_documented():
     assert FrictionSettings() == FrictionSettings(
-        steady_tolerance=0.005,
-        max_error=0.05,
-        max_drift=0.1,
-        max_noise_ratio=2.5,
-        max_misfit=4.0,
         min_plateau_samples=12,
-        min_rest_samples=3,
         spike_threshold=6.0,
-        max_missing_fraction=0.3,
-        max_imbalance=0.2,
-        tension_tight_tare_N=0.0,
-        tension_slack_tare_N=0.0,
-        tension_tight_gain=1.0,
-        tension_slack_gain=1.0,
-        tension_tight_tilt_deg=0.0,
-        tension_slack_tilt_deg=0.0,
         max_mu=3.0,
-        max_peak_error=0.015,
     )
     assert SurfaceSettings() == SurfaceSettings(force_nodes=None)
     assert StiffnessSettings(0.04) == StiffnessSettings(
@@ -132,6 +102,20 @@ def test_the_quadratic_law_is_judged_by_criterion_prediction_and_difference(rows
     found, text = verdict_of(laws, 1.7, 7.0)
     assert found == supported
     assert re.search(said, text), text
+
+
+@pytest.mark.parametrize(
+    ("name", "low", "high"), [("tare_N", -1e4, 1e4), ("gain", 0.1, 10.0), ("tilt_deg", -60.0, 60.0)]
+)
+@pytest.mark.parametrize("span", ["tight", "slack"])
+def test_known_errors_of_a_cell_have_ranges(span, name, low, high):
+    def kind(value):
+        return RigKind(cells=KnownCells(**{span: KnownCell(**{name: value})}))
+
+    assert [getattr(kind(x).cell(span), name) for x in (low, high)] == [low, high]
+    for beyond in (1.001 * low - 0.01, 1.001 * high, math.nan):
+        with pytest.raises(InputError, match=f"friction.tension_{span}_{name} = "):
+            kind(beyond)
 
 
 def test_a_cell_of_which_nothing_is_known_is_perfect():

@@ -13,6 +13,7 @@ from scipy.sparse.linalg import spsolve
 from shear_rig import Curve, Setting, ShearRig, curves_of, recording
 
 from beltid.errors import FitError, InputError
+from beltid.identify.friction.kinds import TWO_CELLS, KnownCell, KnownCells, RigKind
 from beltid.identify.friction.run import FrictionSettings, run_records
 from beltid.identify.shear.build_up import FEWEST, BuildUp, build_up
 from beltid.identify.shear.mechanics import build_up_slope, laid_belt, micro_slip
@@ -43,8 +44,8 @@ def curves() -> dict[Setting, Curve]:
     return curves_of(ShearRig(K_S, support=SUPPORT), (40.0, 68.0, 82.0), (270.0, 411.0))
 
 
-def build_ups(columns: Columns, settings: FrictionSettings | None = None) -> list[BuildUp]:
-    return [build_up(run, R, settings or FrictionSettings()) for run in run_records(columns, R)]
+def build_ups(columns: Columns, kind: RigKind = TWO_CELLS) -> list[BuildUp]:
+    return [build_up(run, R, FrictionSettings()) for run in run_records(columns, R, kind)]
 
 
 def fitted(columns: Columns) -> ShearStiffness:
@@ -209,11 +210,6 @@ def test_known_errors_of_the_cells_are_taken_off(curves: dict[Setting, Curve]) -
         "tension_tight_N": columns["tension_tight_N"] / 1.25 + 12.0,
         "tension_slack_N": columns["tension_slack_N"] / 1.25 - 7.0,
     }
-    known = FrictionSettings(
-        tension_tight_gain=1.25,
-        tension_slack_gain=1.25,
-        tension_tight_tare_N=12.0,
-        tension_slack_tare_N=-7.0,
-    )
+    known = RigKind(cells=KnownCells(KnownCell(12.0, 1.25), KnownCell(-7.0, 1.25)))
     for clean, mended in zip(build_ups(columns), build_ups(spoilt, known), strict=True):
         assert mended.slope_N_m == pytest.approx(clean.slope_N_m, rel=1e-9)

@@ -32,6 +32,8 @@ from beltid.identify.friction.run import FrictionSettings, RunRecord, RunRejecte
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+MAX_MISSING = 0.3
+"""Largest part of the samples that may be missing or not positive."""
 CLIPPED_FRACTION = 0.04
 """Part of the sliding samples at one and the same extreme value that betrays a saturated cell."""
 FEWEST_CLIPPED = 4
@@ -155,21 +157,21 @@ def _tension(
     """Tension with gaps and spikes as nan, and the mask of the spikes."""
     clean = np.where(np.abs(values) < LARGEST_N, values, np.nan)
     present = np.isfinite(clean)
-    n, limit = values.size, settings.max_missing_fraction
-    if np.count_nonzero(present) < (1.0 - limit) * n:
+    n = values.size
+    if np.count_nonzero(present) < (1.0 - MAX_MISSING) * n:
         missing = n - np.count_nonzero(present)
         raise RunRejected(
             f"{name} is missing in {100 * missing / n:.3g} % of the samples, "
-            f"allowed is {100 * limit:g} %"
+            f"allowed is {100 * MAX_MISSING:g} %"
         )
     low, high = float(np.min(clean[present])), float(np.max(clean[present]))
     if low == high:
         raise RunRejected(f"{name} is dead: {low:g} N throughout")
     positive = np.count_nonzero(clean[present] > 0.0)
-    if positive < (1.0 - limit) * n:
+    if positive < (1.0 - MAX_MISSING) * n:
         raise RunRejected(
             f"{name} is not positive in {100 * (n - positive) / n:.3g} % of the samples, "
-            f"allowed is {100 * limit:g} %"
+            f"allowed is {100 * MAX_MISSING:g} %"
         )
     # an exact zero is a lost reading; a negative one may be the noise of a nearly slack span, and
     # leaving those out would bias the mean
@@ -424,7 +426,8 @@ def unswapped(channels: Channels, rotation: Rotation) -> tuple[Channels, bool]:
             "the torque is negative while the pulley turns; if it counts the other way, turn its "
             'sign by a minus before its name: columns: {rig: {torque_N_m: "-torque_N_m"}}'
         )
-    return replace(channels, tight=channels.slack, slack=channels.tight), True
+    steps = channels.steps[::-1]
+    return replace(channels, tight=channels.slack, slack=channels.tight, steps=steps), True
 
 
 def as_if_held(channels: Channels, rotation: Rotation) -> Channels:
@@ -458,6 +461,10 @@ class SlidingPhase:
         Times [s], shape (n,).
     tensions : ndarray
         Tight and slack tension [N], shape (n, 2).
+    angle : ndarray
+        Angle of the pulley since the first sample of the rotation [rad], shape (n,).
+    temperature : ndarray
+        Temperature [°C], nan where it is not known, shape (n,).
     first : int
         First sample of the rotation.
     built : int
@@ -468,6 +475,8 @@ class SlidingPhase:
 
     time_s: Array
     tensions: Array
+    angle: Array
+    temperature: Array
     first: int
     built: int
     slide: int
@@ -508,5 +517,11 @@ def sliding_phase(channels: Channels, rotation: Rotation) -> SlidingPhase:
     slide = max(int(np.searchsorted(t, behind, side="right")), first + build_up + 1)
     slide = max(slide, int(np.searchsorted(keep, rotation.full_speed)))
     # noise reaches the level too early as often as it falls below it too late
-    built = int(np.count_nonzero(~reached[: 2 * build_up + 3]))
-    return SlidingPhase(t, tensions, first, first + min(built, n - first - 1), slide)
+    built = first + min(int(np.count_nonzero(~reached[: 2 * build_up + 3])), n - first - 1)
+    speed = np.abs(channels.speed)
+    turned = np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(channels.time_s))
+    angle = np.interp(t, channels.time_s, np.concatenate([[0.0], turned]))
+    temperature = np.full(n, np.nan)
+    if channels.temperature is not None:
+        temperature = np.interp(t, channels.time_s, channels.temperature)
+    return SlidingPhase(t, tensions, angle - angle[first], temperature, first, built, slide)

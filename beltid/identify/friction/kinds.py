@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,20 +38,14 @@ from beltid.laws.capstan import (
 Array = NDArray[np.float64]
 Span = Literal["tight", "slack"]
 Measures = Literal["two_cells", "dead_weight", "torque", "torque_hub"]
-TAKEN_OFF = "known errors of the load cells taken off"
-"""How the note begins."""
+Course = Literal["", "falls", "rises"]
 SPANS: tuple[Span, Span] = ("tight", "slack")
-DRAG_TAKEN_OFF = "drag of the bearings taken off"
-"""How the note on it begins."""
+CELL_RANGES = {"tare_N": (-1e4, 1e4), "gain": (0.1, 10.0), "tilt_deg": (-60.0, 60.0)}
+"""What may be stated of a cell."""
 TURNS = 0.03
 """Share of the largest speed from which on the pulley turns."""
 TOUCH_DEG = 360.0
 """Arc from which on the turns of the belt may touch each other [deg]."""
-TOUCHING = (
-    "the belt is wrapped by a whole turn or more: where its turns touch each other, the friction "
-    "is not that of the pulley alone"
-)
-"""What a run of such an arc tells."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +108,7 @@ class KnownCells:
         """What is taken off, for the user; empty if there is nothing."""
         cells = (self.tight.described("tight cell"), self.slack.described("slack cell"))
         said = "; ".join(filter(None, cells))
-        return f"{TAKEN_OFF}: {said}" if said else ""
+        return f"known errors of the load cells taken off: {said}" if said else ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,13 +128,6 @@ class Drag:
     torque_se_N_m: Array
     at_rest_N_m: float
 
-    @property
-    def note(self) -> str:
-        """What is taken off, for the user."""
-        low, high = float(np.min(self.torque_N_m)), float(np.max(self.torque_N_m))
-        span = f"{low:.3g} N m" if self.torque_N_m.size == 1 else f"{low:.3g} to {high:.3g} N m"
-        return f"{DRAG_TAKEN_OFF}: {span}, as the idle pulley showed"
-
     def at(self, speed_rad_s: Array) -> Array:
         """Torque to be taken off at some speeds, that of the nearest idle run beyond all of them.
 
@@ -154,7 +141,29 @@ class Drag:
         return np.where(turns, of_speed, self.at_rest_N_m)
 
 
-OTHER_SPAN: Final = "the tension beside the torque is that of the"
+@dataclass(frozen=True, slots=True)
+class Treatment:
+    """What was done to the channels of a run before its reduction.
+
+    Attributes
+    ----------
+    cells : KnownCells
+        Known errors of the cells that were taken off.
+    drag_N_m : tuple of float, optional
+        Lowest and highest drag of the bearings that was taken off the torque [N m].
+    other_span : bool
+        Whether the tension beside the torque is not that of the span stated.
+    course : {"", "falls", "rises"}
+        How the speed went of which the run is a bin; empty for a run at a steady speed.
+    """
+
+    cells: KnownCells = KnownCells()
+    drag_N_m: tuple[float, float] | None = None
+    other_span: bool = False
+    course: Course = ""
+
+
+UNTREATED = Treatment()
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +190,8 @@ class RigKind:
     Raises
     ------
     InputError
-        If errors of a cell are stated that the kind does not have.
+        If errors of a cell are out of their range, or are stated of a cell that the kind does not
+        have.
     """
 
     measures: Measures = "two_cells"
@@ -195,6 +205,12 @@ class RigKind:
     def __post_init__(self) -> None:
         without = {"dead_weight": [self.weight_on], "torque_hub": list(SPANS)}
         problems = [
+            f"friction.tension_{span}_{name} = {value!r}, must be in [{low:g}, {high:g}]"
+            for span in SPANS
+            for name, (low, high) in CELL_RANGES.items()
+            if not low <= (value := getattr(self.cell(span), name)) <= high
+        ]
+        problems += [
             f"friction.tension_{span}_tare_N, _gain, _tilt_deg: rig.kind: {self.measures} has no "
             f"cell in the {span} span; errors of another channel are a calibration: "
             "units: {rig: {...: {factor: 1.0, offset: 0.0}}}"
@@ -251,12 +267,13 @@ class RigKind:
             "torque_hub"
         )
 
-    def notes(self, columns: Mapping[str, Array], drag: Drag | None) -> tuple[str, ...]:
-        """What is taken off a torque, and a tension beside it that is not of the span stated."""
-        taken_off = (drag.note,) if drag is not None and self.has_torque else ()
-        if self.measures != "torque" or self.measured_span(columns) == self.torque_with:
-            return taken_off
-        return (*taken_off, f"{OTHER_SPAN} {other(self.torque_with)} span")
+    def treatment(self, columns: Mapping[str, Array], drag: Drag | None) -> Treatment:
+        """What `tensions` does to such channels."""
+        drag_N_m = None
+        if drag is not None and self.has_torque:
+            drag_N_m = float(np.min(drag.torque_N_m)), float(np.max(drag.torque_N_m))
+        as_stated = self.measures != "torque" or self.measured_span(columns) == self.torque_with
+        return Treatment(self.cells, drag_N_m, other_span=not as_stated)
 
     def check(self, columns: Mapping[str, Array]) -> None:
         """Refuse columns that are not those of this kind.

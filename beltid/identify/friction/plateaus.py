@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from beltid.errors import InputError
 from beltid.identify.estimators.signal import median, running_median
 from beltid.identify.estimators.statistics import integrated_autocorrelation_time
-from beltid.identify.friction.kinds import TOUCH_DEG, TOUCHING, Drag, RigKind, drag_of
+from beltid.identify.friction.kinds import UNTREATED, Course, Drag, RigKind, drag_of
 from beltid.identify.friction.run import (
     NAN,
     FrictionSettings,
@@ -36,8 +36,6 @@ Columns = Mapping[str, NDArray[Any]]
 
 FORCES = ("tension_tight_N", "tension_slack_N", "hub_force_N")
 """Channels that the stated resolution of a force is that of."""
-BINNED = "friction at falling speed differs from that at rising and from that at steady speed"
-"""What a run that was cut into bins of the speed tells."""
 BY_BINS = "a run whose speed falls or rises throughout is cut into bins by rig.speed_bins_rad_s"
 """What may help where such a run cannot be used."""
 FALLS, RISES = 0.8, 1.25
@@ -89,7 +87,7 @@ def reduce_plateaus(
     idle = [str(word).lower() == "true" for word in columns.get("idle", np.full(n, None))]
     rows = np.flatnonzero(~np.array(idle))
     used = {name: values[rows] for name, values in columns.items()}
-    told: tuple[str, ...] = ()
+    treatment = UNTREATED
     if is_direct(columns):
         found = _stated(used, len(rows))
     else:
@@ -99,7 +97,7 @@ def reduce_plateaus(
         drag = drag_of(
             [{k: columns[k][[i]] for k in DRAG if k in columns} for i in np.flatnonzero(idle)]
         )
-        told = kind.notes(used, drag)
+        treatment = kind.treatment(used, drag)
         tight, slack = kind.tensions(used, used["arc_deg"], R, drag)
         beta = np.radians(used["arc_deg"])
         found = {
@@ -126,9 +124,7 @@ def reduce_plateaus(
     runs = []
     for k, label in enumerate(labels):
         values: dict[str, Any] = {name: float(x[k]) for name, x in found.items()}
-        run = replace(_said_of(label, used, k), **values)
-        touching = (TOUCHING,) if run.arc_deg >= TOUCH_DEG else ()
-        run = replace(run, notes=(*told, *touching))
+        run = replace(_said_of(label, used, k), **values, treatment=treatment)
         runs.append(replace(run, status=_problem(run, settings) or "ok"))
     return tuple(runs)
 
@@ -231,7 +227,7 @@ def _problem(run: RunReduction, settings: FrictionSettings) -> str:
     return ""
 
 
-def course(record: RunRecord) -> str:
+def course(record: RunRecord) -> Course:
     """How the speed of a run goes: "falls", "rises", or "" where it is steady."""
     speed = np.abs(record.pulley_speed_rad_s[np.isfinite(record.pulley_speed_rad_s)])
     turning = speed[speed > 0.02 * float(np.max(speed, initial=0.0))]
@@ -261,7 +257,7 @@ def binned_plateaus(
     """
     goes = course(record)
     speed = np.abs(record.pulley_speed_rad_s)
-    cells = settings.cells
+    cells = record.kind.cells
     tensions = [record.tension_tight_N, record.tension_slack_N]
     if not record.kind.is_derived:
         pairs = zip((cells.tight, cells.slack), tensions, strict=True)
@@ -272,7 +268,7 @@ def binned_plateaus(
     usable[: fastest if goes == "falls" else 0] = False
     usable[fastest + 1 if goes == "rises" else speed.size :] = False
     edges = np.sort(np.array(settings.speed_bins_rad_s))
-    note = f"the speed {goes}: a plateau for each bin of the speed; {BINNED}"
+    treatment = replace(record.treatment, course=goes)
     found = []
     for low, high in itertools.pairwise(edges):
         here = usable & (speed >= low) & (speed < high)
@@ -283,7 +279,7 @@ def binned_plateaus(
             initial_tension_N=record.nominal_tension_N if record.kind.weight else NAN,
             conditions=record.conditions,
             mu_sticking_reason="",
-            notes=(note, record.note) if record.note else (note,),
+            treatment=treatment,
         )
         if record.defect:
             found.append(replace(run, status=record.defect))

@@ -32,6 +32,7 @@ from beltid.identify.estimators.statistics import mad_sigma
 from beltid.identify.friction.channels import (
     Channels,
     Rotation,
+    SlidingPhase,
     as_if_held,
     condensed,
     find_rotation,
@@ -39,9 +40,9 @@ from beltid.identify.friction.channels import (
     sliding_phase,
     unswapped,
 )
-from beltid.identify.friction.kinds import TOUCH_DEG, TOUCHING, Span
+from beltid.identify.friction.kinds import Span
 from beltid.identify.friction.plateaus import BY_BINS, binned_plateaus, course
-from beltid.identify.friction.rest import Rest, rest_state
+from beltid.identify.friction.rest import MIN_SAMPLES, Rest, rest_state
 from beltid.identify.friction.run import FrictionSettings, RunRecord, RunReduction, RunRejected
 from beltid.identify.friction.shared import tail_basis
 from beltid.laws.capstan import sliding_speed
@@ -55,6 +56,10 @@ SPEED_CHANGE_ALLOWED = 0.2
 """Relative change of the pulley's speed between the halves of the rotation."""
 ROUNDING_NOTED = 1e-4
 """Rounding error of ln(T_tight/T_slack) from which on a run tells of its converters [-]."""
+MAX_IMBALANCE = 0.2
+"""Largest difference of the two cells at rest over their mean [-]."""
+MAX_NOISE_RATIO = 2.5
+"""Largest noise while sliding over that at rest; beyond it the belt sticks and slips [-]."""
 ONSET = 200
 """Most samples of the build-up that are kept for the sticking peak."""
 
@@ -95,93 +100,95 @@ def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> Prep
     if settings.speed_bins_rad_s and course(record):
         plateaus = binned_plateaus(record, R, settings)
         return PreparedRun(RunReduction(run=record.run), plateaus=plateaus)
-    run = PreparedRun(
-        RunReduction(
-            run=record.run,
-            arc_deg=record.arc_deg,
-            nominal_tension_N=record.nominal_tension_N,
-            conditions=record.conditions,
-        )
+    kind = record.kind
+    found = RunReduction(
+        run=record.run,
+        arc_deg=record.arc_deg,
+        nominal_tension_N=record.nominal_tension_N,
+        conditions=record.conditions,
+        treatment=record.treatment,
     )
     try:
         if record.defect:
             raise RunRejected(record.defect)
         # one quantity after the other, so that a run set aside keeps what came before
         channels = condensed(read_channels(record, settings))
-        if not record.kind.is_derived:  # else they were taken off before
-            channels = channels.corrected(settings.cells)
-        run = _with(run, n_spikes=channels.n_spikes, n_missing=channels.n_missing)
-        if settings.cells.note:
-            run = _noted(run, settings.cells.note)
+        if not kind.is_derived:  # else they were taken off before
+            channels = channels.corrected(kind.cells)
+        found = replace(found, n_spikes=channels.n_spikes, n_missing=channels.n_missing)
         rotation = find_rotation(channels.speed)
-        run = _with(
-            run,
-            pulley_speed_rad_s=_pulley_speed(rotation, record, R),
+        sense = -1.0 if rotation.reversed else 1.0
+        moving = record.belt_speed_m_s
+        found = replace(
+            found,
+            # also where the belt moves
+            pulley_speed_rad_s=abs(moving / R + sense * rotation.speed_rad_s),
             slip_speed_m_s=float(sliding_speed(rotation.speed_rad_s, R)),
             start_time_s=float(channels.time_s[rotation.first]),
         )
-        if record.note:
-            run = _noted(run, record.note)
-        if record.arc_deg >= TOUCH_DEG:
-            run = _noted(run, TOUCHING)
-        run = _noted(run, *_rotation_notes(rotation, channels))
+        found = replace(found, notes=_rotation_notes(rotation, channels))
         rest = rest_state(
             channels.time_s,
             channels.tight,
             channels.slack,
             rotation.first,
-            settings.min_rest_samples,
+            MIN_SAMPLES,
             channels.steps,
         )
-        if record.kind.weight is not None:
-            on_tight = record.kind.weight == "tight"
-            rest = _of_weight(rest, float((channels.tight if on_tight else channels.slack)[0]))
-        run = _with(
-            run,
+        if kind.weight is not None:
+            # W is the tension of the belt, and friction holds the difference
+            W = float((channels.tight if kind.weight == "tight" else channels.slack)[0])
+            rest = replace(
+                rest, tension_N=W, end_N=W, end_se_N=0.0, imbalance_N=0.0, imbalance_se_N=0.0
+            )
+        found = replace(
+            found,
             initial_tension_N=rest.tension_N,
             imbalance_N=rest.imbalance_N,
             imbalance_se_N=rest.imbalance_se_N,
         )
-        if abs(rest.imbalance_N) > settings.max_imbalance * rest.tension_N:
+        if abs(rest.imbalance_N) > MAX_IMBALANCE * rest.tension_N:
             raise RunRejected(
                 f"the cells differ by {rest.imbalance_N:+.4g} N at rest at a mean of "
-                f"{rest.tension_N:.4g} N, allowed is {100 * settings.max_imbalance:g} %"
+                f"{rest.tension_N:.4g} N, allowed is {100 * MAX_IMBALANCE:g} %"
             )
-        return _slide(run, rest, channels, rotation, R, settings)
+        channels, swapped = unswapped(channels, rotation)
+        if swapped:
+            words = "the tight and the slack cell were swapped: T_tight < T_slack while sliding"
+            found = replace(found, swapped=True, notes=(*found.notes, words))
+            slopes = (-rest.slopes_N_s[0], rest.slopes_N_s[1])
+            rest = replace(rest, imbalance_N=-rest.imbalance_N, slopes_N_s=slopes)
+        held = channels if kind.weight is None else as_if_held(channels, rotation)
+        phase = sliding_phase(held, rotation)
+        usable = phase.time_s.size - phase.slide
+        if usable < settings.min_plateau_samples:
+            raise RunRejected(
+                f"too short: {usable} usable samples of sliding, "
+                f"must be >= {settings.min_plateau_samples}"
+            )
+        sliding = sliding_record(phase, rest, channels.steps, kind.weight, R)
+        if sliding.rounding > ROUNDING_NOTED:
+            words = f"the converters of the cells resolve only {max(channels.steps):.3g} N"
+            found = replace(found, notes=(*found.notes, words))
+        found = replace(
+            found,
+            ripple_amplitude_N=sliding.ripple_N,
+            ripple_period_s=sliding.ripple_s,
+            plateau_end_s=float(sliding.last_s[-1]),
+            n_spikes=found.n_spikes + sliding.n_outliers,
+        )
+        noise_N = rest.noise_N
+        if kind.is_derived:
+            # noise of a weight's cell may be that of the cell, or of the ratio of the tensions
+            noise_N = max(_noise_at_rest(rest, seen, sliding) for seen in (channels, held))
+        _check_stick_slip(sliding, noise_N, max(channels.steps))
     except RunRejected as reason:
         hint = f"; {BY_BINS}" if course(record) else ""
-        return _with(run, status=f"{reason}{hint}")
+        return PreparedRun(replace(found, status=f"{reason}{hint}"))
+    return PreparedRun(found, sliding)
 
 
-def _pulley_speed(rotation: Rotation, record: RunRecord, R: float) -> float:
-    """Speed of the pulley, also where the belt moves [rad/s]."""
-    if not record.belt_speed_m_s:
-        return rotation.speed_rad_s
-    relative = -rotation.speed_rad_s if rotation.reversed else rotation.speed_rad_s
-    return record.belt_speed_m_s / R + relative
-
-
-def _of_weight(rest: Rest, weight_N: float) -> Rest:
-    """The rest of a belt on a dead weight: W is its tension, and friction holds the difference."""
-    return replace(
-        rest,
-        tension_N=weight_N,
-        end_N=weight_N,
-        end_se_N=0.0,
-        imbalance_N=0.0,
-        imbalance_se_N=0.0,
-    )
-
-
-def _with(run: PreparedRun, **found: object) -> PreparedRun:
-    return replace(run, found=replace(run.found, **found))  # type: ignore[arg-type]
-
-
-def _noted(run: PreparedRun, *notes: str) -> PreparedRun:
-    return _with(run, notes=(*run.found.notes, *notes))
-
-
-def _rotation_notes(rotation: Rotation, channels: Channels) -> list[str]:
+def _rotation_notes(rotation: Rotation, channels: Channels) -> tuple[str, ...]:
     notes = []
     if rotation.reversed and not channels.kind.running:
         notes.append("the pulley speed is negative: its magnitude is used")
@@ -198,87 +205,19 @@ def _rotation_notes(rotation: Rotation, channels: Channels) -> list[str]:
         after = np.abs(channels.speed[rotation.end :]) > 0.1 * rotation.speed_rad_s
         if np.count_nonzero(after) > 8:
             notes.append("the pulley starts again: only the first start is used")
-    return notes
+    return tuple(notes)
 
 
-def _slide(
-    run: PreparedRun,
-    rest: Rest,
-    channels: Channels,
-    rotation: Rotation,
-    R: float,
-    settings: FrictionSettings,
-) -> PreparedRun:
-    """The sliding phase, condensed."""
-    channels, swapped = unswapped(channels, rotation)
-    if swapped:
-        words = "the tight and the slack cell were swapped: T_tight < T_slack while sliding"
-        run = _with(_noted(run, words), swapped=True)
-        slopes = (-rest.slopes_N_s[0], rest.slopes_N_s[1])
-        rest = replace(rest, imbalance_N=-rest.imbalance_N, slopes_N_s=slopes)
-    recorded = channels
-    if channels.kind.weight is not None:
-        channels = as_if_held(channels, rotation)
-    phase = sliding_phase(channels, rotation)
-    first, slide = phase.first, phase.slide
-    t, tensions = phase.time_s, phase.tensions
-    if t.size - slide < settings.min_plateau_samples:
-        raise RunRejected(
-            f"too short: {t.size - slide} usable samples of sliding, "
-            f"must be >= {settings.min_plateau_samples}"
-        )
-    speed = np.abs(channels.speed)
-    turned = np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(channels.time_s))
-    angle = np.interp(t, channels.time_s, np.concatenate([[0.0], turned]))
-    angle = angle - angle[first]
-    # nine tenths of the build-up were reached at `built`: its end lies a ninth further
-    travel = R * (angle - angle[phase.built] / 0.9)
-    temperature = np.full(t.size, np.nan)
-    if channels.temperature is not None:
-        temperature = np.interp(t, channels.time_s, channels.temperature)
-    steps = channels.steps[::-1] if swapped else channels.steps
-    sliding = sliding_record(
-        t[slide:],
-        tensions[slide:],
-        angle[slide:],
-        np.maximum(travel[slide:], 0.0),
-        temperature[slide:],
-        rest,
-        _onset(t[first:slide], travel[first:slide], tensions[first:slide]),
-        float(R * angle[phase.built]),
-        steps,
-        channels.kind.weight,
-    )
-    if sliding.rounding > ROUNDING_NOTED:
-        run = _noted(run, f"the converters of the cells resolve only {max(steps):.3g} N")
-    run = _with(
-        run,
-        ripple_amplitude_N=sliding.ripple_N,
-        ripple_period_s=sliding.ripple_s,
-        plateau_end_s=float(sliding.last_s[-1]),
-        n_spikes=run.found.n_spikes + sliding.n_outliers,
-    )
-    noise_N = rest.noise_N
-    if channels.kind.is_derived:
-        # noise of a weight's cell may be that of the cell, or of the ratio of the tensions
-        noise_N = max(_noise_at_rest(rest, seen, sliding) for seen in (recorded, channels))
+def _check_stick_slip(sliding: SlidingRecord, noise_N: float, step_N: float) -> None:
+    """Refuse a record that is more restless while sliding than at rest."""
     # a restlessness of less than 0.1 % in T_tight/T_slack, or of the rounding of a converter
-    floor = max(1e-3 / sliding.sensitivity, max(steps) / np.sqrt(12.0))
+    floor = max(1e-3 / sliding.sensitivity, step_N / np.sqrt(12.0))
     ratio = sliding.unrest_N / max(noise_N, floor)
-    if ratio > settings.max_noise_ratio and rest.n_samples >= 8:
+    if ratio > MAX_NOISE_RATIO and sliding.rest.n_samples >= 8:
         raise RunRejected(
             f"sticks and slips: the noise while sliding is {ratio:.2g} times that at rest, "
-            f"allowed is {settings.max_noise_ratio:g} times"
+            f"allowed is {MAX_NOISE_RATIO:g} times"
         )
-    return replace(run, sliding=sliding)
-
-
-def _onset(t: Array, travel: Array, tensions: Array) -> Onset:
-    """The record before the sliding, at a resolution that tells the sticking peak."""
-    with np.errstate(invalid="ignore", divide="ignore"):
-        z = np.log(tensions[:, 0] / tensions[:, 1])
-    z[~np.all(tensions > 0.0, axis=1)] = np.nan
-    return Onset(*block_means(np.column_stack([t, travel, z])[-20 * ONSET :], ONSET).T)
 
 
 def _noise_at_rest(rest: Rest, channels: Channels, sliding: SlidingRecord) -> float:
@@ -399,44 +338,32 @@ class SlidingRecord:
 
 
 def sliding_record(
-    t: Array,
-    tensions: Array,
-    angle: Array,
-    travel: Array,
-    temperature: Array,
-    rest: Rest,
-    onset: Onset,
-    built_m: float,
-    steps: tuple[float, float],
-    weight: Span | None = None,
+    phase: SlidingPhase, rest: Rest, steps: tuple[float, float], weight: Span | None, R: float
 ) -> SlidingRecord:
     """Average the sliding phase of a run over blocks.
 
     Parameters
     ----------
-    t : ndarray
-        Times [s], non-decreasing, shape (n,).
-    tensions : ndarray
-        Tight and slack tension [N], finite, shape (n, 2).
-    angle : ndarray
-        Angle of the pulley since it began to turn [rad], shape (n,).
-    travel : ndarray
-        Travel of its surface since the end of the build-up [m], shape (n,).
-    temperature : ndarray
-        Temperature [°C], nan where it is not known, shape (n,).
-    rest, onset : Rest, Onset
-        What came before.
-    built_m : float
-        Travel of the build-up [m].
+    phase : SlidingPhase
+        The samples.
+    rest : Rest
+        What the cells showed before.
     steps : tuple of float
         Steps of the converters of both cells [N]; zero if they are fine.
-    weight : {"tight", "slack"}, optional
+    weight : {"tight", "slack"} or None
         Span that hangs on a dead weight.
+    R : float
+        Radius of the belt's centreline on the pulley [m].
     """
+    # nine tenths of the build-up were reached at `built`: its end lies a ninth further
+    built_m = R * float(phase.angle[phase.built])
+    before, after = slice(phase.first, phase.slide), slice(phase.slide, None)
+    whole = R * phase.angle - built_m / 0.9
+    onset = _onset(phase.time_s[before], whole[before], phase.tensions[before])
+    t, tensions, travel = phase.time_s[after], phase.tensions[after], np.maximum(whole[after], 0.0)
     smooth, lines, kept = _smooth_course(t, tensions, travel, steps)
-    t, tensions, angle, travel, temperature, smooth = (
-        a[kept] for a in (t, tensions, angle, travel, temperature, smooth)
-    )
+    t, tensions, travel, smooth = (a[kept] for a in (t, tensions, travel, smooth))
+    angle, temperature = phase.angle[after][kept], phase.temperature[after][kept]
     n = t.size
     ratio = tensions / smooth - 1.0
     z = np.log(smooth[:, 0] / smooth[:, 1]) + ratio[:, 0] - ratio[:, 1]
@@ -487,6 +414,14 @@ def sliding_record(
         n_outliers=int(np.count_nonzero(~kept)),
         weight=weight,
     )
+
+
+def _onset(t: Array, travel: Array, tensions: Array) -> Onset:
+    """The record before the sliding, at a resolution that tells the sticking peak."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        z = np.log(tensions[:, 0] / tensions[:, 1])
+    z[~np.all(tensions > 0.0, axis=1)] = np.nan
+    return Onset(*block_means(np.column_stack([t, travel, z])[-20 * ONSET :], ONSET).T)
 
 
 def _zero_shifts(tensions_N: Sequence[float] | Array, weight: Span | None) -> Array:

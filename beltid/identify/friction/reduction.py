@@ -38,6 +38,16 @@ from beltid.laws.capstan import friction_coefficient, mean_normal_force
 Array = NDArray[np.float64]
 
 
+STEADY = 0.005
+"""Change of the tail, relative to mu, with which the plateau has begun."""
+MAX_ERROR = 0.05
+"""Largest standard error of mu_sliding, relative to it, that a run may have."""
+MAX_DRIFT = 0.1
+"""Largest drift of mu over the sliding phase, relative to it."""
+MAX_MISFIT = 4.0
+"""Largest noise about the model of the bench over that of the other runs."""
+MAX_PEAK_ERROR = 0.015
+"""Largest standard error of mu_sticking, relative to it, with which a peak is resolved."""
 JOINED = 3.0
 """Distance from the model, in standard deviations of the noise, within which a sample is on it."""
 TAIL_NOTED = 1e-3
@@ -188,10 +198,10 @@ def _reduce_together(
             reduced.append(replace(found, status=reason))
             continue
         y_se = float(np.sqrt(own + shared @ shared))
-        found = _with_plateau(found, record, level, y, y_se, R, settings)
-        reason = _unusable(found, record, level, len(runs), settings)
+        found = _with_plateau(found, record, level, y, y_se, R)
+        reason = _unusable(found, record, level, len(runs))
         if not reason:
-            found = _with_peak(found, record, level, y, bench.shared, settings.max_peak_error)
+            found = _with_peak(found, record, level, y, bench.shared)
         reduced.append(replace(found, status=reason or "ok"))
     return reduced
 
@@ -218,12 +228,11 @@ def _with_plateau(
     y: float,
     y_se: float,
     R: float,
-    settings: FrictionSettings,
 ) -> RunReduction:
     """Tensions of the plateau, Eq. (6) of them and Eq. (8)."""
     beta = float(np.radians(found.arc_deg))
     tail = record.basis @ level.tail
-    settled = np.abs(tail - tail[-1]) <= settings.steady_tolerance * abs(y)
+    settled = np.abs(tail - tail[-1]) <= STEADY * abs(y)
     start = int(np.flatnonzero(~settled)[-1]) + 1 if not settled.all() else 0
     start = min(start, record.z.size - 1)
     count = record.count[start:]
@@ -249,13 +258,11 @@ def _with_plateau(
         n_samples=int(count.sum()),
         plateau_start_s=float(record.first_s[start]),
         tail_time_s=_decay_time(record.travel, tail, record.first_s),
-        notes=(*found.notes, *_notes(found, record.rest, float(tail[-1]) / y, y_se / y, settings)),
+        notes=(*found.notes, *_notes(found, record.rest, float(tail[-1]) / y, y_se / y)),
     )
 
 
-def _notes(
-    found: RunReduction, rest: Rest, left: float, error: float, settings: FrictionSettings
-) -> Iterator[str]:
+def _notes(found: RunReduction, rest: Rest, left: float, error: float) -> Iterator[str]:
     """What a user should know of a run: the rest of its tail, a drift, what its rest leaves open.
 
     `left` and `error` are what is left of the tail at the end and the standard error, over mu.
@@ -265,7 +272,7 @@ def _notes(
             f"mu is still {100 * left:+.2g} % off its plateau at the end of the record: the tail "
             "of the sticking peak is taken off"
         )
-    if abs(found.drift) > settings.steady_tolerance:
+    if abs(found.drift) > STEADY:
         yield f"mu drifts by {100 * found.drift:+.2g} % over the sliding phase"
     if error > TAIL_NOTED and abs(found.shared_drift) > 0.7 * error:
         # the slope of a cell at rest is known to its noise over the length of the rest ** 1.5
@@ -310,29 +317,28 @@ def _unusable(
     record: SlidingRecord,
     level: RunLevel,
     n_runs: int,
-    settings: FrictionSettings,
 ) -> str:
     """Why a reduced run is set aside; empty if it is not."""
     off = level.misfit * record.noise_N * record.sensitivity / level.y
     # in a record without noise a misfit of many times its noise is nothing
-    odd = level.misfit > settings.max_misfit and off > settings.steady_tolerance
+    odd = level.misfit > MAX_MISFIT and off > STEADY
     if n_runs >= FEWEST_FOR_MISFIT and odd:
         return (
             f"does not fit the bench: its record is off the common model by {level.misfit:.2g} "
-            f"times the noise of the other runs, allowed is {settings.max_misfit:g} times"
+            f"times the noise of the other runs, allowed is {MAX_MISFIT:g} times"
         )
-    if abs(found.drift) > settings.max_drift:
+    if abs(found.drift) > MAX_DRIFT:
         return (
             f"drifts: mu changes by {100 * found.drift:+.2g} % over the sliding phase, "
-            f"allowed is {100 * settings.max_drift:g} %"
+            f"allowed is {100 * MAX_DRIFT:g} %"
         )
     # what the cells leave open is no matter of settling
     parts = [np.sqrt(level.variance), level.shared_tail, level.shared_drift]
     error = float(np.linalg.norm(parts)) / level.y
-    if error > settings.max_error:
+    if error > MAX_ERROR:
         return (
             f"never settles: its level is known to {100 * error:.2g} % only, "
-            f"allowed is {100 * settings.max_error:g} %"
+            f"allowed is {100 * MAX_ERROR:g} %"
         )
     return ""
 
@@ -343,12 +349,8 @@ def _with_peak(
     level: RunLevel,
     y: float,
     shared: Shared,
-    max_error: float,
 ) -> RunReduction:
-    """The sticking peak from the model of the sliding, with the errors of the cells taken off.
-
-    `max_error` is the largest standard error of the peak, relative to it, that resolves it.
-    """
+    """The sticking peak from the model of the sliding, with the errors of the cells taken off."""
     t = np.append(record.onset.time_s, record.first_s[0])
     travel = np.append(record.onset.travel, record.travel[0])
     z = np.append(record.onset.z, record.z[0])
@@ -376,11 +378,11 @@ def _with_peak(
     se = float(np.linalg.norm([error, timing, record.rounding]))
     if peak - level.y < STANDS_OUT * se:
         return replace(found, mu_sticking_reason="no peak stands out of the plateau")
-    if se > max_error * peak:
+    if se > MAX_PEAK_ERROR * peak:
         return replace(
             found,
             mu_sticking_reason=f"the samples leave the peak uncertain by {100 * se / peak:.2g} %, "
-            f"allowed is {100 * max_error:g} %",
+            f"allowed is {100 * MAX_PEAK_ERROR:g} %",
         )
     beta = float(np.radians(found.arc_deg))
     return replace(

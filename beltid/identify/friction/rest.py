@@ -34,6 +34,8 @@ from beltid.identify.estimators.statistics import MAD_TO_SIGMA, integrated_autoc
 from beltid.identify.friction.run import RunRejected
 
 Array = NDArray[np.float64]
+MIN_SAMPLES = 3
+"""Fewest samples before the pulley turns."""
 CLEAR, LARGE = 5.0, 0.1
 """Standard errors, and share of the lowest stated tension or of the factor 1, from which readings
 do not fit what is stated."""

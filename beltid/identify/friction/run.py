@@ -14,7 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import InputError
-from beltid.identify.friction.kinds import TWO_CELLS, Drag, KnownCell, KnownCells, RigKind, drag_of
+from beltid.identify.friction.kinds import (
+    TWO_CELLS,
+    UNTREATED,
+    Drag,
+    RigKind,
+    Treatment,
+    drag_of,
+)
 
 Array = NDArray[np.float64]
 
@@ -39,26 +46,10 @@ class FrictionSettings:
         If a value is outside its range; all of them at once.
     """
 
-    steady_tolerance: float = 0.005
-    """Change of the tail, relative to mu, with which the plateau has begun [-]."""
-    max_error: float = 0.05
-    """Largest standard error of mu_sliding, relative to it, that a run may have [-]."""
-    max_drift: float = 0.1
-    """Largest drift of mu over the sliding phase, relative to it [-]."""
-    max_noise_ratio: float = 2.5
-    """Largest noise while sliding over that at rest; beyond it the belt sticks and slips [-]."""
-    max_misfit: float = 4.0
-    """Largest noise about the model of the bench over that of the other runs [-]."""
     min_plateau_samples: int = 12
     """Fewest usable samples of sliding."""
-    min_rest_samples: int = 3
-    """Fewest samples before the pulley turns."""
     spike_threshold: float = 6.0
     """Distance from the neighbours above which a sample is a spike, in standard deviations."""
-    max_missing_fraction: float = 0.3
-    """Largest part of the samples that may be missing or not positive [-]."""
-    max_imbalance: float = 0.2
-    """Largest difference of the two cells at rest over their mean [-]."""
     correct_imbalance: Literal["auto"] | bool = "auto"
     """Whether the difference of the cells at rest is taken off. ``True``: in every run, half from
     each cell, with the noise of the rest phase. ``False``: never; the standard error allows for a
@@ -66,70 +57,26 @@ class FrictionSettings:
     to be: a difference of the zero points, or of the gains; otherwise as with ``False``."""
     check_initial_tension: bool = True
     """Whether tensions at rest that do not fit the stated ones are an error."""
-    tension_tight_tare_N: float = 0.0
-    """Reading of the cell of the column tension_tight_N without a load [N]."""
-    tension_slack_tare_N: float = 0.0
-    """The same of the other cell [N]."""
-    tension_tight_gain: float = 1.0
-    """True force over reading, less tare, of the cell of the column tension_tight_N [-]."""
-    tension_slack_gain: float = 1.0
-    """The same of the other cell [-]."""
-    tension_tight_tilt_deg: float = 0.0
-    """Angle between the span at that cell and its axis [deg]."""
-    tension_slack_tilt_deg: float = 0.0
-    """The same of the other cell [deg]."""
     max_mu: float = 3.0
     """Largest credible friction coefficient [-]."""
     speed_bins_rad_s: tuple[float, ...] = ()
     """Edges of the bins that a run is cut into whose speed is not steady [rad/s]."""
-    max_peak_error: float = 0.015
-    """Largest standard error of mu_sticking, relative to it, with which a peak is resolved [-]."""
 
     def __post_init__(self) -> None:
-        ranges: dict[str, tuple[float, float]] = {
-            "steady_tolerance": (1e-6, 0.2),
-            "max_error": (1e-4, 1.0),
-            "max_drift": (0.0, 1.0),
-            "max_noise_ratio": (1.0, 1e6),
-            "max_misfit": (1.0, 1e6),
-            "min_plateau_samples": (8, 1_000_000),
-            "min_rest_samples": (1, 1_000_000),
-            "spike_threshold": (3.0, 100.0),
-            "max_missing_fraction": (0.0, 0.95),
-            "max_imbalance": (0.0, 2.0),
-            "tension_tight_tare_N": (-1.0e4, 1.0e4),
-            "tension_slack_tare_N": (-1.0e4, 1.0e4),
-            "tension_tight_gain": (0.1, 10.0),
-            "tension_slack_gain": (0.1, 10.0),
-            "tension_tight_tilt_deg": (-60.0, 60.0),
-            "tension_slack_tilt_deg": (-60.0, 60.0),
-            "max_mu": (0.01, 100.0),
-            "max_peak_error": (0.0, 1.0),
-        }
         problems = [
-            f"friction.{name} = {getattr(self, name)!r}, must be in [{low:g}, {high:g}]"
-            for name, (low, high) in ranges.items()
-            if not low <= getattr(self, name) <= high
+            f"friction.{name} = {value!r}, must be in [{low:g}, {high:g}]"
+            for name, low, high in (
+                ("min_plateau_samples", 8, 1_000_000),
+                ("spike_threshold", 3.0, 100.0),
+                ("max_mu", 0.01, 100.0),
+            )
+            if not low <= (value := getattr(self, name)) <= high
         ]
         if self.correct_imbalance not in ("auto", True, False):
-            problems.append(
-                f"friction.correct_imbalance = {self.correct_imbalance!r}, "
-                "must be auto, true or false"
-            )
+            found = f"friction.correct_imbalance = {self.correct_imbalance!r}"
+            problems.append(f"{found}, must be auto, true or false")
         if problems:
             raise InputError(problems)
-
-    @property
-    def cells(self) -> KnownCells:
-        """What is known to be wrong with the load cells."""
-        return KnownCells(
-            tight=KnownCell(
-                self.tension_tight_tare_N, self.tension_tight_gain, self.tension_tight_tilt_deg
-            ),
-            slack=KnownCell(
-                self.tension_slack_tare_N, self.tension_slack_gain, self.tension_slack_tilt_deg
-            ),
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,8 +121,7 @@ class RunRecord:
     belt_speed_m_s: float = 0.0
     """Speed of the belt; that of the pulley is the one relative to it [m/s]."""
     conditions: Conditions = Conditions()
-    note: str = ""
-    """What was done to the channels before, for the user."""
+    treatment: Treatment = UNTREATED
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,8 +193,9 @@ class RunReduction:
     conditions: Conditions = Conditions()
     swapped: bool = False
     """Whether the columns of the tight and the slack cell were swapped."""
+    treatment: Treatment = UNTREATED
     notes: tuple[str, ...] = ()
-    """What a user should know about the run."""
+    """What else a user should know about the run."""
 
     @property
     def ok(self) -> bool:
@@ -431,6 +378,8 @@ def run_record(
         What is taken off a torque.
     """
     columns = run.numbers
+    if kind.is_derived:
+        kind.check(columns)
     defects = []
     nominal = {}
     for name in ("arc_deg", "initial_tension_N", "weight_N"):
@@ -453,11 +402,12 @@ def run_record(
         arc_deg=nominal["arc_deg"],
         nominal_tension_N=nominal["initial_tension_N"],
         defect="; ".join(defects),
+        kind=kind,
+        treatment=kind.treatment(columns, drag),
         conditions=conditions_of(run),
     )
     if not kind.is_derived:
         return record
-    kind.check(columns)
     columns = {**columns, **{name: _present(columns[name]) for name in CELLS if name in columns}}
     tight, slack = kind.tensions(columns, record.arc_deg, R, drag)
     if kind.weight is not None and np.isnan(record.nominal_tension_N):
@@ -468,9 +418,7 @@ def run_record(
         tension_tight_N=tight,
         tension_slack_N=slack,
         pulley_speed_rad_s=kind.relative_speed(columns, R),
-        kind=kind,
         belt_speed_m_s=belt_speed,
-        note="; ".join(kind.notes(columns, drag)),
     )
 
 

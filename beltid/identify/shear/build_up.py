@@ -22,7 +22,7 @@ from beltid.identify.friction.channels import (
     sliding_phase,
     unswapped,
 )
-from beltid.identify.friction.rest import Rest, rest_state
+from beltid.identify.friction.rest import MIN_SAMPLES, Rest, rest_state
 from beltid.identify.friction.run import NAN, FrictionSettings, RunRecord, RunRejected
 
 Array = NDArray[np.float64]
@@ -79,14 +79,14 @@ def build_up(record: RunRecord, R: float, settings: FrictionSettings) -> BuildUp
     try:
         if record.defect:
             raise RunRejected(record.defect)
-        channels = read_channels(record, settings).corrected(settings.cells)
+        channels = read_channels(record, settings).corrected(record.kind.cells)
         rotation = find_rotation(channels.speed)
         rest = rest_state(
             channels.time_s,
             channels.tight,
             channels.slack,
             rotation.first,
-            settings.min_rest_samples,
+            MIN_SAMPLES,
             channels.steps,
         )
         channels, swapped = unswapped(channels, rotation)

@@ -14,24 +14,22 @@ from beltid.errors import InputError, counted
 from beltid.identify.estimators.statistics import as_set
 from beltid.identify.friction.drift_check import CAUSES, Drift, drift_check
 from beltid.identify.friction.kinds import (
-    DRAG_TAKEN_OFF,
-    OTHER_SPAN,
-    TAKEN_OFF,
     TOUCH_DEG,
-    TOUCHING,
     RigKind,
     other,
 )
-from beltid.identify.friction.plateaus import BINNED
 from beltid.identify.friction.reduction import RunReduction
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.identification.reduction import (
+    BINNED,
+    TOUCHING,
     FrictionTable,
     reduce_columns,
     reduce_points,
     reduce_rig,
     rig_kind,
+    taken_off,
     with_conditions,
 )
 from beltid.stages.outcome import Outcome, rows_of, span
@@ -185,17 +183,16 @@ def _traps(runs: Sequence[RunReduction], kind: RigKind) -> Iterator[str]:
     """What a bench of this kind easily does wrong, where it may have."""
     good = [run for run in runs if run.ok]
     derived = any(np.isfinite(run.tension_tight_N) for run in good)
-    taken_off = any(note.startswith(DRAG_TAKEN_OFF) for run in good for note in run.notes)
-    if kind.has_torque and derived and not taken_off:
+    if kind.has_torque and derived and not any(run.treatment.drag_N_m for run in good):
         yield (
             "the torque includes the drag of the bearings, which raises mu: record a run of the "
             "pulley without the belt and mark it by a column idle: true"
         )
-    if any(OTHER_SPAN in note for run in good for note in run.notes):
+    if any(run.treatment.other_span for run in good):
         span = other(kind.torque_with)
         yield (
-            f"{OTHER_SPAN} {span} span: state rig.torque_with: {span}, else the errors of its cell "
-            "are taken for those of the other span"
+            f"the tension beside the torque is that of the {span} span: state rig.torque_with: "
+            f"{span}, else the errors of its cell are taken for those of the other span"
         )
     touching = [run.run for run in good if run.arc_deg >= TOUCH_DEG]
     if touching:
@@ -210,7 +207,7 @@ def _traps(runs: Sequence[RunReduction], kind: RigKind) -> Iterator[str]:
             "no standard error is known: state mu_se in the table, or the resolution of the forces "
             "as rig.force_resolution_N"
         )
-    if any(BINNED in note for run in good for note in run.notes):
+    if any(run.treatment.course for run in good):
         yield f"runs whose speed is not steady were cut into bins of the speed: {BINNED}"
 
 
@@ -220,8 +217,7 @@ def _notes(reduced: Sequence[RunReduction]) -> tuple[str, ...]:
     missing = [r for r in reduced if r.n_missing]
     swapped = [r.run for r in reduced if r.swapped]
     unresolved = [r for r in reduced if r.ok and r.mu_sticking_reason]
-    begins = (TAKEN_OFF, DRAG_TAKEN_OFF)
-    lines = list(dict.fromkeys(n for r in reduced for n in r.notes if n.startswith(begins)))
+    lines = list(dict.fromkeys(line for r in reduced for line in taken_off(r.treatment)))
     if spikes:
         lines.append(
             f"{sum(r.n_spikes for r in spikes)} spikes left out, in {counted(len(spikes), 'run')}"

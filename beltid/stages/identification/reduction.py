@@ -20,7 +20,18 @@ from beltid.bench.runs.run_stream import RunColumns as StreamedRun
 from beltid.config import Config
 from beltid.config.model import PressSection
 from beltid.errors import InputError
-from beltid.identify.friction.kinds import TWO_CELLS, KnownCells, RigKind, drag_of
+from beltid.identify.friction.kinds import (
+    CELL_RANGES,
+    SPANS,
+    TOUCH_DEG,
+    TWO_CELLS,
+    KnownCell,
+    KnownCells,
+    RigKind,
+    Span,
+    Treatment,
+    drag_of,
+)
 from beltid.identify.friction.plateaus import reduce_plateaus
 from beltid.identify.friction.reduction import (
     FrictionSettings,
@@ -39,33 +50,24 @@ from beltid.uncertainty.sources import StandardUncertainties
 NOT_REDUCED = ("mu_sliding_u", "normal_force_u_N_m")
 """Columns that hold what the reduction does not know: the calibration of the bench."""
 
-CELL_SETTINGS: Final = tuple(
-    f"tension_{span}_{error}"
-    for span in ("tight", "slack")
-    for error in ("tare_N", "gain", "tilt_deg")
+CELL_KEYS: Final = tuple(f"friction.tension_{s}_{e}" for s in SPANS for e in CELL_RANGES)
+"""Keys of a config that tell what is known of the load cells."""
+BINNED: Final = (
+    "friction at falling speed differs from that at rising and from that at steady speed"
 )
-"""Settings that tell what is known of the load cells."""
-CELL_KEYS: Final = tuple(f"friction.{name}" for name in CELL_SETTINGS)
-"""Their keys in a config."""
+TOUCHING: Final = (
+    "the belt is wrapped by a whole turn or more: where its turns touch each other, the friction "
+    "is not that of the pulley alone"
+)
 BATCH: Final = 8
 """Runs per worker that are handed over at a time."""
 MOST_UNDER_WAY: Final = 8
 """Batches that wait for their workers, at most."""
 
 
-def friction_settings(config: Config, *, with_cells: bool = True) -> FrictionSettings:
-    """Settings of the reduction that a config states.
-
-    Parameters
-    ----------
-    config : Config
-        The config.
-    with_cells : bool
-        Whether to take what is known of the load cells; else they are perfect.
-    """
+def friction_settings(config: Config) -> FrictionSettings:
+    """Settings of the reduction that a config states."""
     known = {field.name for field in fields(FrictionSettings)}
-    if not with_cells:
-        known -= set(CELL_SETTINGS)
     section = config.friction.model_dump()
     bins = config.rig.speed_bins_rad_s or ()
     chosen = {name: value for name, value in section.items() if name in known}
@@ -82,13 +84,12 @@ def rig_kind(config: Config) -> RigKind:
         running=rig.kind == "running",
         belt_speed_m_s=_or_nan(rig.belt_speed_m_s),
         mass_per_length_kg_m=config.belt.mass_per_length_kg_m,
-        cells=friction_settings(config).cells,
+        cells=KnownCells(*(_known_cell(config, span) for span in SPANS)),
     )
 
 
-def cell_settings(config: Config) -> dict[str, Any]:
-    """What a config states of the load cells, by the names of `FrictionSettings`."""
-    return {name: getattr(config.friction, name) for name in CELL_SETTINGS}
+def _known_cell(config: Config, span: Span) -> KnownCell:
+    return KnownCell(*(getattr(config.friction, f"tension_{span}_{e}") for e in CELL_RANGES))
 
 
 def stiffness_settings(press: PressSection) -> StiffnessSettings:
@@ -342,8 +343,27 @@ def reduction_columns(reduced: Sequence[RunReduction]) -> dict[str, np.ndarray]:
     return columns
 
 
+def taken_off(treatment: Treatment) -> tuple[str, ...]:
+    """What was taken off the readings of a run, in words."""
+    lines = [treatment.cells.note]
+    if treatment.drag_N_m is not None:
+        low, high = treatment.drag_N_m
+        size = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
+        lines.append(f"drag of the bearings taken off: {size} N m, as the idle pulley showed")
+    return tuple(filter(None, lines))
+
+
 def _notes(run: RunReduction) -> str | None:
-    notes = list(run.notes)
+    """What a user should know about a run, in words."""
+    notes = list(taken_off(run.treatment))
+    if run.treatment.other_span:
+        notes.append("the tension beside the torque is not that of the span that is stated")
+    if run.treatment.course:
+        goes = f"the speed {run.treatment.course}: a plateau for each bin of the speed"
+        notes.append(f"{goes}; {BINNED}")
+    if run.arc_deg >= TOUCH_DEG:
+        notes.append(TOUCHING)
+    notes += run.notes
     if run.mu_sticking_reason:
         notes.append(f"no mu_sticking: {run.mu_sticking_reason}")
     return "; ".join(notes) or None

@@ -23,7 +23,6 @@ from beltid.laws.capstan import friction_coefficient
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.identification.reduction import (
     CELL_KEYS,
-    friction_settings,
     records_of,
     rig_kind,
     stiffness_settings,
@@ -123,7 +122,7 @@ def _thinned_runs(
 
     Of a big recording one run at a time is held.
     """
-    kind, cells = rig_kind(config), friction_settings(config).cells
+    kind = rig_kind(config)
     sizes = {_whole(run): most for run, most in reversed(list(samples.items()))} | dict(samples)
     found = {}
     for record in records_of(recording, config):
@@ -131,7 +130,7 @@ def _thinned_runs(
             continue
         tight, slack = record.tension_tight_N, record.tension_slack_N
         if not kind.is_derived:  # else they were taken off before
-            tight, slack = cells.tight.tension(tight), cells.slack.tension(slack)
+            tight, slack = kind.cells.tight.tension(tight), kind.cells.slack.tension(slack)
         kept = thinned(np.arange(tight.size), tight, sizes[record.run])
         found[record.run] = {
             "run": np.full(kept.size, record.run, dtype=object),

@@ -42,7 +42,6 @@ from beltid.report.summary import Summary
 from beltid.stages.build_artifact import SUFFIX, Build, Built
 from beltid.stages.identification.reduction import (
     CELL_KEYS,
-    cell_settings,
     friction_settings,
     reduce_simulated,
     reduction_columns,
@@ -146,11 +145,11 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
         if recording.is_artifact:
             reduced = reduce_simulated(recording.columns, radius, settings, config.config)
         else:  # a second bench, whose kind and cells the config knows
-            settings = replace(settings, **cell_settings(config.config))
             kind = rig_kind(config.config)
             reduced = reduce_runs(recording.columns, radius, settings, kind)
         simulated = reduction_columns(reduced)
-        known, uncertainty = settings.cells.note, _uncertainty_of(inputs["simulated"])
+        known = "" if recording.is_artifact else kind.cells.note
+        uncertainty = _uncertainty_of(inputs["simulated"])
         notes = (f"{recording.path}: {known} ({config.origin})",) if known else ()
         built = build.write(
             _outcome(friction.columns, simulated, config.config, uncertainty, notes)
@@ -308,7 +307,7 @@ def _simulated_columns(simulated: Any, config: Config) -> dict[str, np.ndarray]:
     frame = simulated.columns if isinstance(simulated, Outcome) else simulated
     names = {str(name) for name in getattr(frame, "column_names", getattr(frame, "columns", frame))}
     if "time_s" in names:
-        settings = friction_settings(config, with_cells=False)
+        settings = friction_settings(config)
         recorded = columns_of(frame, "rig")
         reduced = reduce_simulated(recorded, config.rig.pulley_radius_m, settings, config)
         return reduction_columns(reduced)
@@ -332,7 +331,7 @@ def _reduced_with(friction: Artifact, config: Config) -> tuple[float, FrictionSe
     except ConfigError as error:
         lines = [f"{friction.path}: its settings: {line}" for line in error.problems]
         raise ArtifactError(lines) from None
-    return float(radius), friction_settings(found, with_cells=False)
+    return float(radius), friction_settings(found)
 
 
 def _uncertainty_of(path: Path) -> RunsUncertainty | None:
