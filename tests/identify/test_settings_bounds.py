@@ -54,22 +54,6 @@ def test_other_settings():
         FrictionSettings(correct_imbalance="maybe")  # type: ignore[arg-type]
 
 
-def test_defaults_are_those_that_are_documented():
-    assert FrictionSettings() == FrictionSettings(
-        min_plateau_samples=12,
-        spike_threshold=6.0,
-        max_mu=3.0,
-    )
-    assert SurfaceSettings() == SurfaceSettings(force_nodes=None)
-    assert StiffnessSettings(0.04) == StiffnessSettings(
-        segment_length_m=0.04,
-        reference_temperature_degC=22.0,
-        machine_compliance_m_N=0.0,
-        force_gain=1.0,
-        displacement_gain=1.0,
-    )
-
-
 QUADRATIC = ("quadratic", 0.0, 1.0, 0.0)
 
 

@@ -14,12 +14,12 @@ from beltid.identify.estimators.signal import (
     converter_rounding,
     converter_steps,
     difference_sigma,
-    median,
     noise_before_rounding,
     running_median,
     spike_mask,
     strongest_line,
 )
+from beltid.identify.estimators.statistics import median
 
 NORMAL_QUARTILE = 0.6744897501960817  # of a standard normal variable: half of them lie within it
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import median_filter
 
-from beltid.identify.estimators.statistics import MAD_TO_SIGMA
+from beltid.identify.estimators.statistics import MAD_TO_SIGMA, median
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -23,15 +23,6 @@ NOISE_FLOOR = 2.0e-5
 """Deviations below this fraction of a signal are never taken for anything but rounding."""
 THINNED_SAMPLES = 3000
 """Records longer than this are averaged over blocks before a model is fitted to them."""
-
-
-def median(x: Array) -> float:
-    """Median of finite samples, n >= 1; an order faster on short arrays than numpy's own."""
-    half = x.size // 2
-    if x.size % 2:
-        return float(np.partition(x, half)[half])
-    low, high = np.partition(x, (half - 1, half))[half - 1 : half + 1]
-    return 0.5 * float(low + high)
 
 
 def running_median(x: Array, window: int) -> Array:

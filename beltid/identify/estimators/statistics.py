@@ -34,6 +34,15 @@ class MeanWithError(NamedTuple):
     """Number of independent samples with the same standard error."""
 
 
+def median(x: Array) -> float:
+    """Median of finite samples, n >= 1; an order faster on short arrays than numpy's own."""
+    half = x.size // 2
+    if x.size % 2:
+        return float(np.partition(x, half)[half])
+    low, high = np.partition(x, (half - 1, half))[half - 1 : half + 1]
+    return 0.5 * float(low + high)
+
+
 def mad_sigma(x: ArrayLike) -> float:
     """Spread of a sample from its median absolute deviation, scaled to a standard deviation.
 
@@ -53,8 +62,8 @@ def mad_sigma(x: ArrayLike) -> float:
     values = values[np.isfinite(values)]
     if values.size == 0:
         return float("nan")
-    deviation = np.abs(values - np.median(values))
-    sigma = MAD_TO_SIGMA * float(np.median(deviation))
+    deviation = np.abs(values - median(values))
+    sigma = MAD_TO_SIGMA * median(deviation)
     return sigma if sigma > 0.0 else MEAN_DEVIATION_TO_SIGMA * float(np.mean(deviation))
 
 
@@ -82,7 +91,7 @@ def outlier_mask(x: ArrayLike, least_spread: float = 0.0) -> Mask:
     # a spread below the rounding of the samples themselves would make every last bit an outlier
     rounding = 8.0 * np.finfo(float).eps * float(np.max(np.abs(good)))
     limit = OUTLIER * max(mad_sigma(good), least_spread, rounding)
-    mask[~mask] = np.abs(good - np.median(good)) > limit
+    mask[~mask] = np.abs(good - median(good)) > limit
     return mask
 
 

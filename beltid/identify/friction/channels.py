@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from beltid.identify.estimators.signal import (
     converter_steps,
     difference_sigma,
-    median,
     running_median,
     spike_mask,
     spike_sigma,
 )
 from beltid.identify.estimators.statistics import (
     mad_sigma,
+    median,
 )
 from beltid.identify.friction.kinds import TWO_CELLS, KnownCells, RigKind, other
 from beltid.identify.friction.run import FrictionSettings, RunRecord, RunRejected
@@ -74,15 +74,6 @@ class Channels:
     kind: RigKind = TWO_CELLS
     """What the bench measured."""
 
-    def corrected(self, cells: KnownCells) -> Channels:
-        """These with tensions in place of readings."""
-        return replace(
-            self,
-            tight=cells.tight.tension(self.tight),
-            slack=cells.slack.tension(self.slack),
-            steps=(cells.tight.scale * self.steps[0], cells.slack.scale * self.steps[1]),
-        )
-
     @property
     def usable(self) -> NDArray[np.bool_]:
         """Samples with both tensions."""
@@ -90,7 +81,7 @@ class Channels:
 
 
 def read_channels(record: RunRecord, settings: FrictionSettings) -> Channels:
-    """Check the channels of a run, take out its spikes and count its gaps.
+    """Check the channels of a run, take out its spikes, count its gaps, correct its cells.
 
     Raises
     ------
@@ -128,15 +119,18 @@ def read_channels(record: RunRecord, settings: FrictionSettings) -> Channels:
     ]
     lost = ~(np.isfinite(tight) | spikes_tight) | ~(np.isfinite(slack) | spikes_slack)
     temperature = record.temperature_degC
+    # of a derived tension what is known of the cells was taken off before
+    cells = KnownCells() if record.kind.is_derived else record.kind.cells
+    steps = converter_steps(*last)
     return Channels(
         time_s=_untied(t),
-        tight=tight,
-        slack=slack,
+        tight=cells.tight.tension(tight),
+        slack=cells.slack.tension(slack),
         speed=_speed(t, record.pulley_speed_rad_s[timed]),
         temperature=None if temperature is None else temperature[timed],
         n_spikes=int(np.count_nonzero(spikes_tight | spikes_slack)),
         n_missing=int(np.count_nonzero(lost)) + n - t.size + missing_rows(t),
-        steps=converter_steps(*last),
+        steps=(cells.tight.scale * steps[0], cells.slack.scale * steps[1]),
         kind=record.kind,
     )
 

@@ -26,8 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import InputError
-from beltid.identify.estimators.signal import median
-from beltid.identify.estimators.statistics import integrated_autocorrelation_time
+from beltid.identify.estimators.statistics import integrated_autocorrelation_time, median
 from beltid.laws.capstan import (
     pressing_tension,
     running_sliding_speed,

@@ -17,11 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
-from beltid.identify.estimators.signal import median, running_median
-from beltid.identify.estimators.statistics import integrated_autocorrelation_time
+from beltid.identify.estimators.signal import running_median
+from beltid.identify.estimators.statistics import integrated_autocorrelation_time, median
 from beltid.identify.friction.kinds import UNTREATED, Course, Drag, RigKind, drag_of
 from beltid.identify.friction.run import (
+    CELLS,
     NAN,
+    SAID,
     FrictionSettings,
     RunColumns,
     RunRecord,
@@ -34,8 +36,6 @@ from beltid.laws.capstan import friction_coefficient, mean_normal_force, sliding
 Array = NDArray[np.float64]
 Columns = Mapping[str, NDArray[Any]]
 
-FORCES = ("tension_tight_N", "tension_slack_N", "hub_force_N")
-"""Channels that the stated resolution of a force is that of."""
 BY_BINS = "a run whose speed falls or rises throughout is cut into bins by rig.speed_bins_rad_s"
 """What may help where such a run cannot be used."""
 FALLS, RISES = 0.8, 1.25
@@ -124,7 +124,16 @@ def reduce_plateaus(
     runs = []
     for k, label in enumerate(labels):
         values: dict[str, Any] = {name: float(x[k]) for name, x in found.items()}
-        run = replace(_said_of(label, used, k), **values, treatment=treatment)
+        said = {name: used[name][k] for name in SAID if name in used and used[name][k]}
+        row = RunColumns(label, {name: x[[k]] for name, x in used.items()}, said)
+        run = RunReduction(
+            run=label,
+            n_samples=1,
+            mu_sticking_reason="",
+            conditions=conditions_of(row),
+            treatment=treatment,
+            **values,
+        )
         runs.append(replace(run, status=_problem(run, settings) or "ok"))
     return tuple(runs)
 
@@ -160,7 +169,7 @@ def _by_resolution(
     variance = np.zeros(len(columns["arc_deg"]))
     if not np.isfinite(u):
         return np.full(variance.size, NAN)
-    for name in FORCES:
+    for name in CELLS:  # the stated resolution is that of a force
         if not _known(columns, name):
             continue
         z = []
@@ -194,18 +203,6 @@ def _unique(labels: list[str]) -> list[str]:
         seen[label] = seen.get(label, 0) + 1
         unique.append(f"{label}-{seen[label]}" if labels.count(label) > 1 else label)
     return unique
-
-
-def _said_of(label: str, columns: Columns, k: int) -> RunReduction:
-    """A row with what its texts say."""
-    said = {name: columns[name][k] for name in SAID if name in columns and columns[name][k]}
-    numbers = {name: columns[name][[k]] for name in NUMBERS if name in columns}
-    conditions = conditions_of(RunColumns(label, numbers, said))
-    return RunReduction(run=label, n_samples=1, mu_sticking_reason="", conditions=conditions)
-
-
-SAID = ("condition", "side", "pulley_material")
-NUMBERS = ("humidity_percent", "hours_run", "roughness_Ra_um")
 
 
 def _problem(run: RunReduction, settings: FrictionSettings) -> str:

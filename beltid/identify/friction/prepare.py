@@ -113,8 +113,6 @@ def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> Prep
             raise RunRejected(record.defect)
         # one quantity after the other, so that a run set aside keeps what came before
         channels = condensed(read_channels(record, settings))
-        if not kind.is_derived:  # else they were taken off before
-            channels = channels.corrected(kind.cells)
         found = replace(found, n_spikes=channels.n_spikes, n_missing=channels.n_missing)
         rotation = find_rotation(channels.speed)
         sense = -1.0 if rotation.reversed else 1.0

@@ -27,10 +27,13 @@ from numpy.typing import NDArray
 from beltid.identify.estimators.signal import (
     converter_rounding,
     difference_sigma,
-    median,
     noise_before_rounding,
 )
-from beltid.identify.estimators.statistics import MAD_TO_SIGMA, integrated_autocorrelation_time
+from beltid.identify.estimators.statistics import (
+    MAD_TO_SIGMA,
+    integrated_autocorrelation_time,
+    median,
+)
 from beltid.identify.friction.run import RunRejected
 
 Array = NDArray[np.float64]

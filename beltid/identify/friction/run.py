@@ -6,7 +6,7 @@ A recording is a table; `run_records` takes it apart into its runs.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal
 
@@ -294,7 +294,7 @@ def runs_of(columns: Mapping[str, ArrayLike], kind: RigKind) -> list[RunColumns]
             {name: values[rows] for name, values in numeric.items()},
             {name: word for name, values in texts.items() if (word := values[rows[0]]) is not None},
         )
-        for label, rows in _groups(labels.tolist())
+        for label, rows in _groups(labels)
     ]
 
 
@@ -340,13 +340,14 @@ def check_columns(columns: Mapping[str, NDArray[Any]]) -> None:
         raise InputError(problems)
 
 
-def _groups(labels: Sequence[object]) -> list[tuple[str, NDArray[np.intp]]]:
+def _groups(labels: NDArray[Any]) -> list[tuple[str, NDArray[np.intp]]]:
     """Rows of every run, in the order of first appearance."""
     codes: dict[object, int] = {}
-    code = np.fromiter(
-        (codes.setdefault(None if label != label else label, len(codes)) for label in labels),
-        dtype=np.intp,
-        count=len(labels),
+    starts = np.flatnonzero(np.append(True, labels[1:] != labels[:-1]))
+    firsts = (None if label != label else label for label in labels[starts].tolist())
+    code = np.repeat(
+        [codes.setdefault(label, len(codes)) for label in firsts],
+        np.diff(np.append(starts, labels.size)),
     )
     order = np.argsort(code, kind="stable")
     bounds = np.searchsorted(code[order], np.arange(len(codes) + 1))

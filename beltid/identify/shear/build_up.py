@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.identify.estimators.signal import median
+from beltid.identify.estimators.statistics import median
 from beltid.identify.friction.channels import (
     Channels,
     find_rotation,
@@ -79,7 +79,7 @@ def build_up(record: RunRecord, R: float, settings: FrictionSettings) -> BuildUp
     try:
         if record.defect:
             raise RunRejected(record.defect)
-        channels = read_channels(record, settings).corrected(record.kind.cells)
+        channels = read_channels(record, settings)
         rotation = find_rotation(channels.speed)
         rest = rest_state(
             channels.time_s,
