@@ -33,7 +33,7 @@ numba_config: Any = _numba_config  # its settings are made at run time, unknown 
 
 _ROOMS = ("rigsim", "laws", "drive")
 _SEAL = hashlib.sha256().digest_size
-_OPTIONS: Any = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+_OPTIONS: Any = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, "_nrt": False}
 
 
 class DamagedCacheError(Exception):
