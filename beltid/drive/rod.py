@@ -24,7 +24,7 @@ from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.rigsim.banded import factorize, solve
 from beltid.rigsim.belt import belt_arrays
-from beltid.rigsim.compiled import kernel
+from beltid.rigsim.compiled import allocating_kernel
 from beltid.rigsim.contact import SLIDE, STICK, Motion, Patches, Points, new_points
 from beltid.rigsim.friction import CONE_TOLERANCE, Certificate, violations
 from beltid.rigsim.model import Bench, RigModel, System, Workspace
@@ -82,7 +82,7 @@ class FlowOutcome(NamedTuple):
     outside: int
 
 
-@kernel
+@allocating_kernel
 def run_through(
     system: System,
     motion: Motion,

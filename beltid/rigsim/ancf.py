@@ -14,6 +14,7 @@ Kelvin–Voigt material, Eq. (9), N = EA (eps + c/E eps_dot) and M = EI (kappa +
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import NamedTuple
 
@@ -25,6 +26,26 @@ from beltid.rigsim.compiled import leaf
 Array = NDArray[np.float64]
 
 GAUSS_POINTS = 3
+
+
+@functools.cache
+def _unit_shapes(xi: tuple[float, ...]) -> tuple[Array, Array, Array]:
+    """Shape functions of an element of length 1 and their derivatives, each (m, 4)."""
+    x = np.array(xi)
+    x2 = x * x * (3.0 - 2.0 * x)
+    N = np.stack([1.0 - x2, x * (1.0 - x) ** 2, x2, x * x * (x - 1.0)], axis=-1)
+    x2_s = 6.0 * x * (1.0 - x)
+    N_s = np.stack([-x2_s, 1.0 + x * (3.0 * x - 4.0), x2_s, x * (3.0 * x - 2.0)], axis=-1)
+    x2_ss = 6.0 * (1.0 - 2.0 * x)
+    N_ss = np.stack([-x2_ss, 6.0 * x - 4.0, x2_ss, 6.0 * x - 2.0], axis=-1)
+    return N, N_s, N_ss
+
+
+def _lengths(h: Array) -> Array:
+    """Lengths that the shape functions carry: 1 those of r, that of the element those of r'."""
+    lengths = np.ones((h.size, 4))
+    lengths[:, 1] = lengths[:, 3] = h
+    return lengths
 
 
 def hermite(xi: Array, h: Array) -> tuple[Array, Array, Array]:
@@ -43,22 +64,9 @@ def hermite(xi: Array, h: Array) -> tuple[Array, Array, Array]:
         Values, first [1/m] and second [1/m²] derivatives for (r_i, r'_i, r_j, r'_j); the functions
         of r' carry a length, so their units are [m], [-] and [1/m].
     """
-    shape = (h.size, xi.size, 4)
-    N, N_s, N_ss = np.empty(shape), np.empty(shape), np.empty(shape)
-    x, L = xi, h[:, None]
-    N[..., 2] = x * x * (3.0 - 2.0 * x)
-    N[..., 0] = 1.0 - N[..., 2]
-    N[..., 1] = L * x * (1.0 - x) * (1.0 - x)
-    N[..., 3] = L * x * x * (x - 1.0)
-    N_s[..., 2] = 6.0 * x * (1.0 - x) / L
-    N_s[..., 0] = -N_s[..., 2]
-    N_s[..., 1] = 1.0 + x * (3.0 * x - 4.0)
-    N_s[..., 3] = x * (3.0 * x - 2.0)
-    N_ss[..., 2] = 6.0 * (1.0 - 2.0 * x) / (L * L)
-    N_ss[..., 0] = -N_ss[..., 2]
-    N_ss[..., 1] = (6.0 * x - 4.0) / L
-    N_ss[..., 3] = (6.0 * x - 2.0) / L
-    return N, N_s, N_ss
+    N, N_s, N_ss = _unit_shapes(tuple(xi.tolist()))
+    lengths, h = _lengths(h)[:, None], h[:, None, None]
+    return N * lengths, N_s * (lengths / h), N_ss * (lengths / (h * h))
 
 
 _UNIT_MASS = np.array(
@@ -69,13 +77,13 @@ _UNIT_MASS = np.array(
         [-13.0, -3.0, -22.0, 4.0],
     ]
 )
-_POWERS = np.add.outer([0, 1, 0, 1], [0, 1, 0, 1])  # of the length, less one
 
 
 def mass_matrix(h: Array, rhoA: float) -> Array:
     """Consistent mass matrices of the shape functions, shape (n_e, 4, 4); constant, Eq. (10)."""
-    powers = np.stack([h, h * h, h * (h * h)], axis=-1)
-    return rhoA * powers[:, _POWERS] / 420.0 * _UNIT_MASS
+    lengths = _lengths(h)
+    masses = rhoA * h / 420.0
+    return (masses[:, None] * lengths)[:, :, None] * lengths[:, None] * _UNIT_MASS
 
 
 @leaf

@@ -65,7 +65,7 @@ class BeltArrays(NamedTuple):
 
 def belt_arrays(belt: Belt, nodes: Array, points_per_element: int) -> BeltArrays:
     """Tabulate shape functions, weights and masses of a belt on given nodes (n_e + 1,) [m]."""
-    h = np.diff(nodes)
+    h = nodes[1:] - nodes[:-1]
     middles = (np.arange(points_per_element) + 0.5) / points_per_element
     _, B_s, B_ss = hermite(_GAUSS_POINTS, h)
     N_c, D_c, _ = hermite(middles, h)
@@ -76,7 +76,7 @@ def belt_arrays(belt: Belt, nodes: Array, points_per_element: int) -> BeltArrays
         w_g=h[:, None] * _GAUSS_WEIGHTS,
         N_c=N_c,
         D_c=D_c,
-        w_c=np.repeat(h[:, None] / points_per_element, points_per_element, axis=1),
+        w_c=h[:, None] * np.full(points_per_element, 1.0 / points_per_element),
         M=mass_matrix(h, belt.rhoA),
         EA=float(belt.EA),
         EI=float(belt.EI),

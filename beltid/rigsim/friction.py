@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.rigsim.belt import BeltArrays
-from beltid.rigsim.compiled import kernel, leaf
+from beltid.rigsim.compiled import leaf
 from beltid.rigsim.contact import SLIDE, STICK, Motion, Patches, Points
 
 Array = NDArray[np.float64]
@@ -47,7 +47,7 @@ class Certificate(NamedTuple):
     touching: float
 
 
-@kernel
+@leaf
 def violations(belt: BeltArrays, points: Points) -> Certificate:
     """Certificate of the contact state of :func:`beltid.rigsim.contact.add_contact`."""
     patches = points.patches
@@ -70,7 +70,7 @@ def violations(belt: BeltArrays, points: Points) -> Certificate:
     return Certificate(slip, cone / limit if limit > 0.0 else 0.0, sticking, touching)
 
 
-@kernel
+@leaf
 def revise(motion: Motion, patches: Patches, step: Array, most_changes: int) -> int:
     """Update multipliers and statuses with the solution ``step`` (n,) of the linearised system.
 
@@ -105,10 +105,12 @@ def revise(motion: Motion, patches: Patches, step: Array, most_changes: int) -> 
             if found < most_changes and abs(la_T) > edge:
                 patches.broken[e] = BEYOND
                 found += 1
-        elif found < most_changes:
-            if patches.sign[e] * (patches.slip[e] - moved) < -0.1 * SLIP_TOLERANCE:
-                patches.broken[e] = BACKWARD
-                found += 1
+        elif (
+            found < most_changes
+            and patches.sign[e] * (patches.slip[e] - moved) < -0.1 * SLIP_TOLERANCE
+        ):
+            patches.broken[e] = BACKWARD
+            found += 1
     free = most_changes == n_e
     changes = end = 0
     for begin in range(n_e):
