@@ -83,8 +83,8 @@ def cache_folder() -> pathlib.Path:
     package = pathlib.Path(__file__).resolve().parent.parent
     digest = hashlib.sha256(f"{numba.__version__} {sys.version}".encode())
     for room in _ROOMS:
-        for source in sorted((package / room).glob("*.py")):
-            digest.update(source.name.encode())
+        for source in sorted((package / room).rglob("*.py")):
+            digest.update(str(source.relative_to(package)).encode())
             digest.update(source.read_bytes())
     base = os.environ.get("BELTID_CACHE_DIR") or (
         pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache") / "beltid"

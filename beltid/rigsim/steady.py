@@ -19,12 +19,8 @@ from numpy.typing import NDArray
 from beltid.errors import ConvergenceError, NumericsError
 from beltid.params import OperatingPoint
 from beltid.rigsim.banded import WIDTH, factorize, solve
-from beltid.rigsim.belt import add_inertia, add_internal
-from beltid.rigsim.compiled import kernel, shared_leaf
-from beltid.rigsim.contact import SLIDE, Motion, Points, new_points
-from beltid.rigsim.contact_forces import add_contact
-from beltid.rigsim.model import RigModel, System, Workspace
-from beltid.rigsim.supports import (
+from beltid.rigsim.beam.belt import add_inertia, add_internal
+from beltid.rigsim.beam.supports import (
     force_change,
     give_way,
     hold,
@@ -32,6 +28,10 @@ from beltid.rigsim.supports import (
     release,
     unit_movement,
 )
+from beltid.rigsim.compiled import kernel, shared_leaf
+from beltid.rigsim.contact.forces import add_contact
+from beltid.rigsim.contact.points import SLIDE, Motion, Points, new_points
+from beltid.rigsim.model import RigModel, System, Workspace
 
 Array = NDArray[np.float64]
 

@@ -20,19 +20,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.rigsim.banded import factorize, solve
-from beltid.rigsim.belt import store_strains
+from beltid.rigsim.beam.belt import store_strains
+from beltid.rigsim.beam.supports import give_way, missing_force, release, restrain, unit_movement
 from beltid.rigsim.compiled import kernel, part
-from beltid.rigsim.contact import STICK, Motion, Patches, Points, at_radius, remember
-from beltid.rigsim.friction import (
+from beltid.rigsim.contact.friction import (
     CONE_TOLERANCE,
     SLIP_TOLERANCE,
     Certificate,
     revise,
     violations,
 )
+from beltid.rigsim.contact.points import STICK, Motion, Patches, Points, at_radius, remember
 from beltid.rigsim.model import System, Workspace
 from beltid.rigsim.steady import force_tolerance, largest_force, linearize, move
-from beltid.rigsim.supports import give_way, missing_force, release, restrain, unit_movement
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]

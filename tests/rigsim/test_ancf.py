@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from rig_bench import dense
 
 from beltid.params import Belt
-from beltid.rigsim.ancf import hermite, mass_matrix, section, strains
 from beltid.rigsim.banded import WIDTH
-from beltid.rigsim.belt import BeltArrays, add_internal, belt_arrays, store_strains
+from beltid.rigsim.beam.ancf import hermite, mass_matrix, section, strains
+from beltid.rigsim.beam.belt import BeltArrays, add_internal, belt_arrays, store_strains
 
 Array = NDArray[np.float64]
 

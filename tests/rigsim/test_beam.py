@@ -12,9 +12,9 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 from beltid.params import Belt
-from beltid.rigsim import belt as belt_forces
 from beltid.rigsim.banded import WIDTH
-from beltid.rigsim.belt import BeltArrays, belt_arrays, store_strains
+from beltid.rigsim.beam import belt as belt_forces
+from beltid.rigsim.beam.belt import BeltArrays, belt_arrays, store_strains
 from beltid.rigsim.compiled import kernel
 
 Array = NDArray[np.float64]

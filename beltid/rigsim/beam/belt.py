@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.params import Belt
-from beltid.rigsim.ancf import GAUSS_POINTS, hermite, mass_matrix, section, strains
 from beltid.rigsim.banded import HALF
+from beltid.rigsim.beam.ancf import GAUSS_POINTS, hermite, mass_matrix, section, strains
 from beltid.rigsim.compiled import kernel, leaf
 from beltid.rigsim.compiled_laws import section_force
 

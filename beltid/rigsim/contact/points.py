@@ -31,7 +31,7 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.surface_tables import SurfaceTables
 from beltid.params import Contact
-from beltid.rigsim.belt import BeltArrays
+from beltid.rigsim.beam.belt import BeltArrays
 from beltid.rigsim.compiled import kernel, leaf
 from beltid.rigsim.compiled_laws import (
     dissipative_force,

@@ -17,9 +17,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.rigsim.belt import BeltArrays
+from beltid.rigsim.beam.belt import BeltArrays
 from beltid.rigsim.compiled import leaf
-from beltid.rigsim.contact import SLIDE, STICK, Motion, Patches, Points
+from beltid.rigsim.contact.points import SLIDE, STICK, Motion, Patches, Points
 
 Array = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ class Certificate(NamedTuple):
 
 @leaf
 def violations(belt: BeltArrays, points: Points) -> Certificate:
-    """Certificate of the contact state of :func:`beltid.rigsim.contact.add_contact`."""
+    """Certificate of the contact state of :func:`beltid.rigsim.contact.points.add_contact`."""
     patches = points.patches
     slip = cone = limit = sticking = touching = 0.0
     for e in range(patches.status.size):

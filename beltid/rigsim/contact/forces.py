@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.rigsim.banded import HALF
-from beltid.rigsim.belt import BeltArrays
+from beltid.rigsim.beam.belt import BeltArrays
 from beltid.rigsim.compiled import leaf
 from beltid.rigsim.compiled_laws import (
     elastic_force,
@@ -24,7 +24,7 @@ from beltid.rigsim.compiled_laws import (
     locate,
     sliding_speed,
 )
-from beltid.rigsim.contact import (
+from beltid.rigsim.contact.points import (
     STICK,
     ContactArrays,
     Motion,
