@@ -23,12 +23,13 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.rigsim.banded import factorize, solve
-from beltid.rigsim.belt import belt_arrays
-from beltid.rigsim.compiled import kernel
-from beltid.rigsim.contact import SLIDE, STICK, Motion, Patches, Points, new_points
-from beltid.rigsim.friction import CONE_TOLERANCE, Certificate, violations
+from beltid.rigsim.beam.belt import belt_arrays
+from beltid.rigsim.beam.path import bed_length, bending_length
+from beltid.rigsim.beam.supports import force_change, release
+from beltid.rigsim.compiled import allocating_kernel
+from beltid.rigsim.contact.friction import CONE_TOLERANCE, Certificate, violations
+from beltid.rigsim.contact.points import SLIDE, STICK, Motion, Patches, Points, new_points
 from beltid.rigsim.model import Bench, RigModel, System, Workspace
-from beltid.rigsim.path import bed_length, bending_length
 from beltid.rigsim.profile import ContactState
 from beltid.rigsim.steady import (
     force_tolerance,
@@ -37,7 +38,6 @@ from beltid.rigsim.steady import (
     linearize,
     move,
 )
-from beltid.rigsim.supports import force_change, release
 
 Array = NDArray[np.float64]
 
@@ -82,7 +82,7 @@ class FlowOutcome(NamedTuple):
     outside: int
 
 
-@kernel
+@allocating_kernel
 def run_through(
     system: System,
     motion: Motion,

@@ -22,7 +22,7 @@ from beltid.drive.model import Drive, DrivePoint
 from beltid.drive.rod import SHORTEST_SPAN, RodPulley, RodState, pulley_map
 from beltid.drive.string import Arcs, StringLevel
 from beltid.errors import ConvergenceError, InputError
-from beltid.rigsim.path import bending_length
+from beltid.rigsim.beam.path import bending_length
 
 Array = NDArray[np.float64]
 

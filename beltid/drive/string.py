@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from beltid.drive.model import Drive
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.surface_tables import SurfaceTables
-from beltid.rigsim.compiled import kernel, leaf
+from beltid.rigsim.compiled import allocating_kernel, kernel, leaf
 from beltid.rigsim.compiled_laws import (
     elastic_energy,
     elastic_force,
@@ -235,19 +235,21 @@ def crossing(
 @leaf
 def _breaks(
     P_in: float, P_out: float, v0: float, x: float, s: Section, friction: Friction
-) -> Array:
+) -> tuple[float, float, float, float, float, float]:
     """Ends of the panels on which mu is smooth, as shares of the way in ln P, in order."""
-    ends = np.empty(6)
-    ends[0], ends[5] = 0.0, 1.0
-    ends[1] = crossing(friction.f_low, P_in, P_out, v0, s, 0)
-    ends[2] = crossing(friction.f_high, P_in, P_out, v0, s, 0)
-    ends[3] = crossing(friction.v_low - x, P_in, P_out, v0, s, 1)
-    ends[4] = crossing(friction.v_high - x, P_in, P_out, v0, s, 1)
-    for i in range(2, 5):  # four numbers: insertion sort
-        for j in range(i, 1, -1):
-            if ends[j] < ends[j - 1]:
-                ends[j - 1], ends[j] = ends[j], ends[j - 1]
-    return ends
+    f_low = crossing(friction.f_low, P_in, P_out, v0, s, 0)
+    f_high = crossing(friction.f_high, P_in, P_out, v0, s, 0)
+    v_low = crossing(friction.v_low - x, P_in, P_out, v0, s, 1)
+    v_high = crossing(friction.v_high - x, P_in, P_out, v0, s, 1)
+    # the pairs in order, then the two of each in the middle
+    f_1, f_2, v_1, v_2 = (
+        min(f_low, f_high),
+        max(f_low, f_high),
+        min(v_low, v_high),
+        max(v_low, v_high),
+    )
+    second, third = max(f_1, v_1), min(f_2, v_2)
+    return 0.0, min(f_1, v_1), min(second, third), max(second, third), max(f_2, v_2), 1.0
 
 
 @kernel
@@ -503,7 +505,7 @@ def steady_states(
     return found
 
 
-@kernel
+@allocating_kernel
 def arcs_of_pulleys(
     P_in: Array,
     P_out: Array,
@@ -548,7 +550,7 @@ def arcs_of_pulleys(
     return Arcs(torque, W, rate, length, needed, slip)
 
 
-@kernel
+@allocating_kernel
 def least_arcs_of_pulleys(
     P_in: Array,
     P_out: Array,
@@ -589,7 +591,7 @@ def _shares(
     return below, outside
 
 
-@kernel
+@allocating_kernel
 def shares_of_pulleys(
     P_in: Array,
     P_out: Array,
@@ -617,7 +619,7 @@ def shares_of_pulleys(
     return SlidingShares(fastest, f_min, f_max, below, outside, states)
 
 
-@kernel
+@allocating_kernel
 def forces_and_speeds(P: Array, v0: float, pulleys: Pulleys, i: int) -> tuple[Array, Array]:
     """Line forces [N/m] and speeds of creep [m/s] on pulley i where P (n,) falls from P[0] on."""
     s = _section(pulleys, i)

@@ -19,5 +19,5 @@ Module                 Responsibility                                           
 Nothing here knows a compiler: :mod:`beltid.rigsim.compiled_laws` compiles what the simulated rig
 calls. Where the equations meet data: (3) ``identify.press``, (6) ``identify.friction``, (7)
 ``identify.slip``, (8) ``identify.friction`` and ``rigsim.profile``; where they meet the simulated
-belt: (1) to (4) ``rigsim.contact``, (9) ``rigsim.belt``.
+belt: (1) to (4) ``rigsim.contact``, (9) ``rigsim.beam``.
 """

@@ -17,8 +17,8 @@ from beltid.laws.capstan import friction_coefficient
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import OperatingPoint
 from beltid.refine.curves import Curves
+from beltid.rigsim.beam.path import element_count
 from beltid.rigsim.model import Bench, RigModel
-from beltid.rigsim.path import element_count
 from beltid.rigsim.sensitivity import tension_sensitivity
 from beltid.rigsim.steady import StaticState, lay_on, slide
 

@@ -26,6 +26,7 @@ from typing import Any, TypeVar
 import numba
 from numba.core import config as _numba_config
 from numba.core.caching import IndexDataCacheFile
+from numba.extending import register_jitable
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -33,7 +34,7 @@ numba_config: Any = _numba_config  # its settings are made at run time, unknown 
 
 _ROOMS = ("rigsim", "laws", "drive")
 _SEAL = hashlib.sha256().digest_size
-_OPTIONS: Any = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+_OPTIONS: Any = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, "_nrt": False}
 
 
 class DamagedCacheError(Exception):
@@ -82,8 +83,8 @@ def cache_folder() -> pathlib.Path:
     package = pathlib.Path(__file__).resolve().parent.parent
     digest = hashlib.sha256(f"{numba.__version__} {sys.version}".encode())
     for room in _ROOMS:
-        for source in sorted((package / room).glob("*.py")):
-            digest.update(source.name.encode())
+        for source in sorted((package / room).rglob("*.py")):
+            digest.update(str(source.relative_to(package)).encode())
             digest.update(source.read_bytes())
     base = os.environ.get("BELTID_CACHE_DIR") or (
         pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache") / "beltid"
@@ -160,17 +161,33 @@ def _heal(cache: Any) -> None:
 
 
 def kernel(function: F) -> F:
-    """Compile a function with numba: cached, without the interpreter lock, strict arithmetic."""
-    return _compiled(function, forceinline=False)
+    """Compile a function that Python calls: cached, without the interpreter lock, strict.
+
+    It gets all the memory that it needs from its caller: without reference counts there is much
+    less to compile.
+    """
+    return _compiled(function, _OPTIONS)
+
+
+def allocating_kernel(function: F) -> F:
+    """Like :func:`kernel`, for functions that make arrays."""
+    return _compiled(function, {**_OPTIONS, "_nrt": True})
 
 
 def leaf(function: F) -> F:
-    """Like :func:`kernel`, for small functions of inner loops: put into their callers.
+    """Let kernels call a function; called from Python, it runs as Python.
 
-    Calls with many arrays cost more than what such a function does; put in, it is also compiled
-    once instead of once more for every level above it.
+    So nothing is compiled for calls from Python, which for many arrays is dearer than the function.
+    Its code is put into the kernel.
     """
-    return _compiled(function, forceinline=True)
+    compilable: F = register_jitable(**_OPTIONS, forceinline=True)(function)
+    return compilable
+
+
+def shared_leaf(function: F) -> F:
+    """Like :func:`leaf`, for larger functions with several callers, who share the code."""
+    compilable: F = register_jitable(**_OPTIONS)(function)
+    return compilable
 
 
 def part(function: F) -> F:
@@ -183,10 +200,9 @@ def part(function: F) -> F:
     return piece
 
 
-def _compiled(function: F, *, forceinline: bool) -> F:
+def _compiled(function: F, options: Any) -> F:
     saved = numba_config.CACHE_DIR
     numba_config.CACHE_DIR = str(cache_folder())
-    options: Any = {**_OPTIONS, "forceinline": forceinline}
     try:
         # else numba would fall back to a folder beside the sources, which misses edits
         cache_folder().mkdir(parents=True, exist_ok=True)

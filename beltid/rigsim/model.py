@@ -13,10 +13,10 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.rigsim.banded import WIDTH
-from beltid.rigsim.belt import BeltArrays, belt_arrays
-from beltid.rigsim.contact import ContactArrays, contact_arrays, with_surface
-from beltid.rigsim.path import Path, graded_nodes, path_coordinates
-from beltid.rigsim.supports import Reactions, SupportArrays, new_reactions, support_arrays
+from beltid.rigsim.beam.belt import BeltArrays, belt_arrays
+from beltid.rigsim.beam.path import Path, graded_nodes, path_coordinates
+from beltid.rigsim.beam.supports import Reactions, SupportArrays, new_reactions, support_arrays
+from beltid.rigsim.contact.points import ContactArrays, contact_arrays, with_surface
 
 Array = NDArray[np.float64]
 

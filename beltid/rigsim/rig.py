@@ -17,7 +17,7 @@ from beltid.laws.capstan import friction_coefficient, mean_normal_force
 from beltid.params import OperatingPoint
 from beltid.rigsim.model import Bench, RigModel
 from beltid.rigsim.profile import ContactState, steady_contact
-from beltid.rigsim.reference_step import march_by_lemke
+from beltid.rigsim.reference.step import march_by_lemke
 from beltid.rigsim.sensitivity import TensionSensitivity, tension_sensitivity
 from beltid.rigsim.steady import StaticState, lay_on, slide
 from beltid.rigsim.transient import march

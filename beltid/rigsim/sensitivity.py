@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 
 from beltid.errors import ConvergenceError
 from beltid.rigsim.banded import HALF, factorize, solve_transposed
-from beltid.rigsim.contact import Motion, Points
+from beltid.rigsim.beam.supports import held_row, release, tension_change, unit_movement
+from beltid.rigsim.contact.points import Motion, Points
 from beltid.rigsim.model import RigModel
 from beltid.rigsim.steady import StaticState, linearize
-from beltid.rigsim.supports import held_row, release, tension_change, unit_movement
 
 Array = NDArray[np.float64]
 

@@ -19,12 +19,8 @@ from numpy.typing import NDArray
 from beltid.errors import ConvergenceError, NumericsError
 from beltid.params import OperatingPoint
 from beltid.rigsim.banded import WIDTH, factorize, solve
-from beltid.rigsim.belt import add_inertia, add_internal
-from beltid.rigsim.compiled import kernel
-from beltid.rigsim.contact import SLIDE, Motion, Points, new_points
-from beltid.rigsim.contact_forces import add_contact
-from beltid.rigsim.model import RigModel, System, Workspace
-from beltid.rigsim.supports import (
+from beltid.rigsim.beam.belt import add_inertia, add_internal
+from beltid.rigsim.beam.supports import (
     force_change,
     give_way,
     hold,
@@ -32,6 +28,10 @@ from beltid.rigsim.supports import (
     release,
     unit_movement,
 )
+from beltid.rigsim.compiled import kernel, shared_leaf
+from beltid.rigsim.contact.forces import add_contact
+from beltid.rigsim.contact.points import SLIDE, Motion, Points, new_points
+from beltid.rigsim.model import RigModel, System, Workspace
 
 Array = NDArray[np.float64]
 
@@ -57,7 +57,7 @@ class Outcome(NamedTuple):
     outside: int
 
 
-@kernel
+@shared_leaf
 def largest_force(system: System, residual: Array) -> float:
     """Largest residual force [N]; generalised forces on r' count per length of the element."""
     largest = 0.0
@@ -74,7 +74,7 @@ def largest_force(system: System, residual: Array) -> float:
     return largest
 
 
-@kernel
+@shared_leaf
 def force_tolerance(system: System, motion: Motion, T_0: float) -> float:
     """Residual force that counts as zero [N]: a share of T_0, but not below the rounding."""
     h, damped = system.belt.h[0], 1.0 + system.belt.damping_time * motion.rate
@@ -116,7 +116,7 @@ def linearize(
     return outside
 
 
-@kernel
+@shared_leaf
 def move(q: Array, step: Array) -> float:
     """Add a step to the coordinates, shortened if a node would jump or turn; returns the factor."""
     largest = turn = 0.0

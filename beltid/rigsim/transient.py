@@ -20,19 +20,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.rigsim.banded import factorize, solve
-from beltid.rigsim.belt import store_strains
+from beltid.rigsim.beam.belt import store_strains
+from beltid.rigsim.beam.supports import give_way, missing_force, release, restrain, unit_movement
 from beltid.rigsim.compiled import kernel, part
-from beltid.rigsim.contact import STICK, Motion, Patches, Points, at_radius, remember
-from beltid.rigsim.friction import (
+from beltid.rigsim.contact.friction import (
     CONE_TOLERANCE,
     SLIP_TOLERANCE,
     Certificate,
     revise,
     violations,
 )
+from beltid.rigsim.contact.points import STICK, Motion, Patches, Points, at_radius, remember
 from beltid.rigsim.model import System, Workspace
 from beltid.rigsim.steady import force_tolerance, largest_force, linearize, move
-from beltid.rigsim.supports import give_way, missing_force, release, restrain, unit_movement
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -292,10 +292,7 @@ def march(
     end: int,
 ) -> int:
     """Take the steps ``begin`` to ``end``; returns the first one not taken: less if one failed."""
-    patches = points.patches
-    kept_status = patches.status.copy()
-    kept_sign = patches.sign.copy()
-    kept_la = patches.la_T.copy()
+    patches, last = points.patches, points.last
     for k in range(begin, end):
         parts, done, halvings = 1, 0, 0
         while done < parts:
@@ -303,10 +300,10 @@ def march(
             # a stick has to be stiff against the belt, its damping included
             hold_by = drive.augmentation * (1.0 + system.belt.damping_time * rate)
             motion = Motion(schedule.omega[k], rate, 1.0, hold_by, 0.0)
-            for e in range(kept_la.size):
-                kept_status[e] = patches.status[e]
-                kept_sign[e] = patches.sign[e]
-                kept_la[e] = patches.la_T[e]
+            for e in range(patches.status.size):
+                last.status[e] = patches.status[e]
+                last.sign[e] = patches.sign[e]
+                last.la_T[e] = patches.la_T[e]
             out = step(system, motion, points, state, drive.stretch, drive.T_0, work)
             note_attempt(record, k, out)
             if out.converged:
@@ -314,10 +311,10 @@ def march(
                 store_strains(system.belt, state.q, drive.stretch, work.strain_old)
                 done += 1
             else:
-                for e in range(kept_la.size):
-                    patches.status[e] = kept_status[e]
-                    patches.sign[e] = kept_sign[e]
-                    patches.la_T[e] = kept_la[e]
+                for e in range(patches.status.size):
+                    patches.status[e] = last.status[e]
+                    patches.sign[e] = last.sign[e]
+                    patches.la_T[e] = last.la_T[e]
                 record.halvings[k] = halvings
                 halvings += 1
                 if halvings > MOST_HALVINGS:

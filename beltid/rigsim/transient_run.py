@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from beltid.errors import ConvergenceError, NumericsError
 from beltid.laws.penalty import stiffness_under
-from beltid.rigsim.belt import store_strains
-from beltid.rigsim.contact import STICK, Points, new_points, remember
+from beltid.rigsim.beam.belt import store_strains
+from beltid.rigsim.contact.points import STICK, Points, new_points, remember
 from beltid.rigsim.model import RigModel, System, Workspace
 from beltid.rigsim.profile import ContactState
 from beltid.rigsim.steady import StaticState, describe
@@ -164,7 +164,7 @@ def run_transient(
     plan : Plan
         Resolution of the run.
     marcher : callable
-        :func:`march`, or the reference :func:`beltid.rigsim.reference_step.march_by_lemke`.
+        :func:`march`, or the reference :func:`beltid.rigsim.reference.step.march_by_lemke`.
 
     Raises
     ------

@@ -14,7 +14,7 @@ from beltid.errors import ConvergenceError, InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
-from beltid.rigsim.contact import STICK
+from beltid.rigsim.contact.points import STICK
 from beltid.rigsim.model import Bench
 from beltid.rigsim.steady import lay_on, slide
 

@@ -19,12 +19,12 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, Rig
 from beltid.rigsim.banded import factorize, solve
-from beltid.rigsim.belt import store_strains
-from beltid.rigsim.contact import SLIDE, STICK, Motion, new_points, remember
+from beltid.rigsim.beam.belt import store_strains
+from beltid.rigsim.beam.supports import release
+from beltid.rigsim.contact.points import SLIDE, STICK, Motion, new_points, remember
 from beltid.rigsim.model import Bench, OperatingPoint
 from beltid.rigsim.rig import simulate
 from beltid.rigsim.steady import force_tolerance, largest_force, lay_on, move
-from beltid.rigsim.supports import release
 from beltid.rigsim.transient import Kinematics, accept, assemble
 
 Array = NDArray[np.float64]

@@ -12,8 +12,8 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.rigsim.banded import HALF
-from beltid.rigsim.belt import store_strains
-from beltid.rigsim.contact import STICK, Points, new_points, remember
+from beltid.rigsim.beam.belt import store_strains
+from beltid.rigsim.contact.points import STICK, Points, new_points, remember
 from beltid.rigsim.model import Bench, RigModel
 from beltid.rigsim.profile import ContactState
 from beltid.rigsim.steady import StaticState, lay_on

@@ -13,9 +13,14 @@ from scipy.optimize import brentq
 
 from beltid.params import Belt
 from beltid.rigsim.banded import WIDTH
-from beltid.rigsim.belt import BeltArrays, add_inertia, add_internal, belt_arrays, store_strains
+from beltid.rigsim.beam import belt as belt_forces
+from beltid.rigsim.beam.belt import BeltArrays, belt_arrays, store_strains
+from beltid.rigsim.compiled import kernel
 
 Array = NDArray[np.float64]
+
+# called thousands of times here: compiled for Python, too
+add_internal, add_inertia = kernel(belt_forces.add_internal), kernel(belt_forces.add_inertia)
 
 
 def fitted_rate(sizes: Array, errors: Array) -> float:

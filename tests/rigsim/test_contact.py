@@ -16,7 +16,8 @@ from scipy.integrate import quad
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Contact
 from beltid.rigsim.banded import WIDTH
-from beltid.rigsim.contact import (
+from beltid.rigsim.contact.forces import add_contact
+from beltid.rigsim.contact.points import (
     SLIDE,
     STICK,
     Motion,
@@ -26,7 +27,6 @@ from beltid.rigsim.contact import (
     part_energy,
     touching_share,
 )
-from beltid.rigsim.contact_forces import add_contact
 from beltid.rigsim.model import RigModel
 from beltid.rigsim.steady import lay_on
 

@@ -14,8 +14,8 @@ from beltid.errors import InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import GivenForce, OperatingPoint, Rig
+from beltid.rigsim.beam.path import swinging_share
 from beltid.rigsim.model import Bench
-from beltid.rigsim.path import swinging_share
 from beltid.rigsim.rig import SimulationSettings, simulate
 from beltid.rigsim.steady import StaticState, lay_on, slide
 

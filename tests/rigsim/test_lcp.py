@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from beltid.errors import ConvergenceError
-from beltid.rigsim.lcp import LcpError, friction_lcp, lemke
+from beltid.rigsim.reference.lcp import LcpError, friction_lcp, lemke
 
 Array = NDArray[np.float64]
 FIXED = settings(max_examples=60, deadline=None, derandomize=True)

@@ -14,10 +14,8 @@ from scipy.integrate import quad
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, OperatingPoint, Rig
 from beltid.rigsim.banded import HALF, WIDTH
-from beltid.rigsim.path import Path, bed_length, bending_length, graded_nodes, touchdown
-from beltid.rigsim.rig import SimulationSettings, simulate
-from beltid.rigsim.steady import lay_on, slide
-from beltid.rigsim.supports import (
+from beltid.rigsim.beam.path import Path, bed_length, bending_length, graded_nodes, touchdown
+from beltid.rigsim.beam.supports import (
     force_change,
     held_row,
     hold,
@@ -25,6 +23,8 @@ from beltid.rigsim.supports import (
     release,
     support_arrays,
 )
+from beltid.rigsim.rig import SimulationSettings, simulate
+from beltid.rigsim.steady import lay_on, slide
 
 FIXED = settings(max_examples=50, deadline=None, derandomize=True)
 radius, span, arc = st.floats(0.02, 0.2), st.floats(0.03, 0.5), st.floats(5, 340)

@@ -15,8 +15,8 @@ from scipy.optimize import brentq
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Contact, OperatingPoint
-from beltid.rigsim.belt import belt_arrays
-from beltid.rigsim.contact import Motion
+from beltid.rigsim.beam.belt import belt_arrays
+from beltid.rigsim.contact.points import Motion
 from beltid.rigsim.model import Bench, RigModel
 from beltid.rigsim.rig import SimulationSettings, simulate
 from beltid.rigsim.steady import StaticState, lay_on, linearize, slide

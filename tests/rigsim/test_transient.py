@@ -16,8 +16,8 @@ from beltid.errors import ConvergenceError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Contact, OperatingPoint
-from beltid.rigsim.contact import SLIDE, STICK, Patches
-from beltid.rigsim.friction import catch, let_go
+from beltid.rigsim.contact.friction import catch, let_go
+from beltid.rigsim.contact.points import SLIDE, STICK, Patches
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import SimulationSettings, simulate
 

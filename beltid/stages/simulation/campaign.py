@@ -13,8 +13,8 @@ from beltid.errors import ArgumentTypeError, BeltidError, InputError, percent
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import OperatingPoint
+from beltid.rigsim.beam.path import swinging_share
 from beltid.rigsim.model import Bench
-from beltid.rigsim.path import swinging_share
 from beltid.rigsim.rig import DEFAULT_STEPS, Method, RunResult, SimulationSettings
 from beltid.rigsim.rig import campaign as rig_campaign
 from beltid.stages.outcome import Outcome

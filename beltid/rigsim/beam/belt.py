@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.params import Belt
-from beltid.rigsim.ancf import GAUSS_POINTS, hermite, mass_matrix, section, strains
 from beltid.rigsim.banded import HALF
+from beltid.rigsim.beam.ancf import GAUSS_POINTS, hermite, mass_matrix, section, strains
 from beltid.rigsim.compiled import kernel, leaf
 from beltid.rigsim.compiled_laws import section_force
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 _x, _w = np.polynomial.legendre.leggauss(GAUSS_POINTS)
-_GAUSS_RULE = (0.5 * (_x + 1.0), 0.5 * _w)  # points and weights on [0, 1]
+_GAUSS_POINTS, _GAUSS_WEIGHTS = 0.5 * (_x + 1.0), 0.5 * _w  # on [0, 1]
 
 
 class BeltArrays(NamedTuple):
@@ -63,33 +63,26 @@ class BeltArrays(NamedTuple):
     momentum: float
 
 
-Tables = tuple[Array, Array, Array, Array, Array, Array, Array, Array]
-
-
 def belt_arrays(belt: Belt, nodes: Array, points_per_element: int) -> BeltArrays:
     """Tabulate shape functions, weights and masses of a belt on given nodes (n_e + 1,) [m]."""
-    tables: Tables = _tables(nodes, points_per_element, float(belt.rhoA), *_GAUSS_RULE)
-    return BeltArrays(*tables, float(belt.EA), float(belt.EI), float(belt.damping_time), 0.0)
-
-
-@kernel
-def _tables(nodes: Array, n_c: int, rhoA: float, abscissae: Array, weights: Array) -> Tables:
-    """Arrays of :class:`BeltArrays`."""
-    h = np.empty(nodes.size - 1)
-    w_g = np.empty((h.size, GAUSS_POINTS))
-    w_c = np.empty((h.size, n_c))
-    for e in range(h.size):
-        h[e] = nodes[e + 1] - nodes[e]
-        for i in range(GAUSS_POINTS):
-            w_g[e, i] = h[e] * weights[i]
-        for c in range(n_c):
-            w_c[e, c] = h[e] / n_c
-    middles = np.empty(n_c)
-    for c in range(n_c):
-        middles[c] = (c + 0.5) / n_c
-    _, B_s, B_ss = hermite(abscissae, h)
+    h = nodes[1:] - nodes[:-1]
+    middles = (np.arange(points_per_element) + 0.5) / points_per_element
+    _, B_s, B_ss = hermite(_GAUSS_POINTS, h)
     N_c, D_c, _ = hermite(middles, h)
-    return h, B_s, B_ss, w_g, N_c, D_c, w_c, mass_matrix(h, rhoA)
+    return BeltArrays(
+        h=h,
+        B_s=B_s,
+        B_ss=B_ss,
+        w_g=h[:, None] * _GAUSS_WEIGHTS,
+        N_c=N_c,
+        D_c=D_c,
+        w_c=h[:, None] * np.full(points_per_element, 1.0 / points_per_element),
+        M=mass_matrix(h, belt.rhoA),
+        EA=float(belt.EA),
+        EI=float(belt.EI),
+        damping_time=float(belt.damping_time),
+        momentum=0.0,
+    )
 
 
 @leaf
@@ -126,9 +119,6 @@ def add_internal(
     # in a step strain and strain rate grow together: the tangent is the law of a unit of both
     EA = section_force(belt.EA, 1.0, 1.0, tau) - belt.momentum
     EI = section_force(belt.EI, 1.0, 1.0, tau)
-    g = np.empty(4)
-    g_stretch = np.empty(4)
-    H = np.empty((4, 4))
     for e in range(belt.h.size):
         d = 4 * e
         for i in range(belt.w_g.shape[1]):
@@ -144,25 +134,25 @@ def add_internal(
             N = section_force(belt.EA, eps, eps - strain_old[e, i, 0], tau)
             N -= belt.momentum * (1.0 + eps)
             M = section_force(belt.EI, kappa, kappa - strain_old[e, i, 1], tau)
-            section(ax, ay, bx, by, (N, M), (EA, EI, stretch), g, H, g_stretch)
+            U = section(ax, ay, bx, by, (N, M), (EA, EI, stretch))
             w = belt.w_g[e, i]
             for j in range(4):
                 r = d + 2 * j
                 p, s = w * N_s[j], w * N_ss[j]
-                residual[r] += p * g[0] + s * g[2]
-                residual[r + 1] += p * g[1] + s * g[3]
-                residual_stretch[r] += p * g_stretch[0] + s * g_stretch[2]
-                residual_stretch[r + 1] += p * g_stretch[1] + s * g_stretch[3]
-                a00, a01 = p * H[0, 0] + s * H[2, 0], p * H[0, 1] + s * H[2, 1]
-                a02, a03 = p * H[0, 2] + s * H[2, 2], p * H[0, 3] + s * H[2, 3]
-                a10, a11 = p * H[1, 0] + s * H[3, 0], p * H[1, 1] + s * H[3, 1]
-                a12, a13 = p * H[1, 2] + s * H[3, 2], p * H[1, 3] + s * H[3, 3]
+                residual[r] += p * U.a_x + s * U.b_x
+                residual[r + 1] += p * U.a_y + s * U.b_y
+                residual_stretch[r] += p * U.stretch_a_x + s * U.stretch_b_x
+                residual_stretch[r + 1] += p * U.stretch_a_y + s * U.stretch_b_y
+                x_ax, x_ay = p * U.aa_xx + s * U.ab_xx, p * U.aa_xy + s * U.ab_yx
+                x_bx, x_by = p * U.ab_xx + s * U.bb_xx, p * U.ab_xy + s * U.bb_xy
+                y_ax, y_ay = p * U.aa_xy + s * U.ab_xy, p * U.aa_yy + s * U.ab_yy
+                y_bx, y_by = p * U.ab_yx + s * U.bb_xy, p * U.ab_yy + s * U.bb_yy
                 for k in range(4):
                     c = HALF + 2 * (k - j)
-                    A[r, c] += a00 * N_s[k] + a02 * N_ss[k]
-                    A[r, c + 1] += a01 * N_s[k] + a03 * N_ss[k]
-                    A[r + 1, c - 1] += a10 * N_s[k] + a12 * N_ss[k]
-                    A[r + 1, c] += a11 * N_s[k] + a13 * N_ss[k]
+                    A[r, c] += x_ax * N_s[k] + x_bx * N_ss[k]
+                    A[r, c + 1] += x_ay * N_s[k] + x_by * N_ss[k]
+                    A[r + 1, c - 1] += y_ax * N_s[k] + y_bx * N_ss[k]
+                    A[r + 1, c] += y_ay * N_s[k] + y_by * N_ss[k]
 
 
 @leaf

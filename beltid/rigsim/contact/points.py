@@ -31,7 +31,7 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.surface_tables import SurfaceTables
 from beltid.params import Contact
-from beltid.rigsim.belt import BeltArrays
+from beltid.rigsim.beam.belt import BeltArrays
 from beltid.rigsim.compiled import kernel, leaf
 from beltid.rigsim.compiled_laws import (
     dissipative_force,
@@ -151,6 +151,8 @@ class Patches(NamedTuple):
         Sliding patches of a running belt within which the slip may change its direction.
     slip_out : ndarray
         Slip at the downstream end of a patch of a running belt (output).
+    broken : ndarray of int
+        How a patch breaks the law of friction, while the statuses are revised.
     """
 
     status: NDArray[np.int64]
@@ -164,13 +166,16 @@ class Patches(NamedTuple):
     carry: Array
     turning: NDArray[np.bool_]
     slip_out: Array
+    broken: NDArray[np.int64]
 
 
 class LastStep(NamedTuple):
-    """What the contact points remember of the last time step; arrays of shape (n_e, n_c).
+    """What the contact remembers of the last time step; arrays of shape (n_e, n_c) unless given.
 
     Attributes
     ----------
+    status, sign, la_T : ndarray, shape (n_e,)
+        Of the patches.
     theta, rho : ndarray
         Polar coordinates, angle from the top [rad] and radius [m].
     limit : ndarray
@@ -181,6 +186,9 @@ class LastStep(NamedTuple):
         Slip over which friction follows a change of speed [m]; 0 for at once.
     """
 
+    status: NDArray[np.int64]
+    sign: Array
+    la_T: Array
     theta: Array
     rho: Array
     limit: Array
@@ -207,6 +215,10 @@ class Points(NamedTuple):
         Slip of the step [m].
     f_look, F_look : ndarray, shape (n_e, n_c, 2)
         Line forces at which mu is looked up [N/m], and the normal forces they stand for [N].
+    frames : ndarray of FRAME
+        What describes a point that touches while it is assembled.
+    counts : ndarray, shape (2, n_c)
+        Room for the derivatives of a patch's slips by those of its points [-].
     """
 
     patches: Patches
@@ -220,6 +232,8 @@ class Points(NamedTuple):
     slip: Array
     f_look: Array
     F_look: Array
+    frames: Frames
+    counts: Array
 
 
 def new_points(belt: BeltArrays, status: int) -> Points:
@@ -238,8 +252,12 @@ def new_points(belt: BeltArrays, status: int) -> Points:
             carry=np.zeros((n_e, 8)),
             turning=np.zeros(n_e, dtype=np.bool_),
             slip_out=np.zeros(n_e),
+            broken=np.zeros(n_e, dtype=np.int64),
         ),
         last=LastStep(
+            status=np.full(n_e, status),
+            sign=np.ones(n_e),
+            la_T=np.zeros(n_e),
             theta=np.zeros((n_e, n_c)),
             rho=np.zeros((n_e, n_c)),
             limit=np.zeros((n_e, n_c)),
@@ -255,6 +273,8 @@ def new_points(belt: BeltArrays, status: int) -> Points:
         slip=np.zeros((n_e, n_c)),
         f_look=np.zeros((n_e, n_c, 2)),
         F_look=np.zeros((n_e, n_c, 2)),
+        frames=np.zeros((n_e, n_c), dtype=FRAME),
+        counts=np.zeros((2, n_c)),
     )
 
 
@@ -401,13 +421,12 @@ def press(
     pulley: ContactArrays,
     motion: Motion,
     points: Points,
-    frames: Frames,
     q: Array,
     stretch: float,
 ) -> None:
     """Normal forces of all points, Eq. (1), and the frames of those that touch.
 
-    The fields of ``frames`` that belong to friction are left to :func:`sliding_friction`.
+    The fields of a frame that belong to friction are zero until :func:`sliding_friction`.
     """
     R, rho_last = pulley.R, points.last.rho
     n_c = belt.w_c.shape[1]
@@ -437,11 +456,15 @@ def press(
                 continue
             points.theta[e, c] = math.atan2(x, y)
             w = belt.w_c[e, c] * stretch
-            frame = frames[e, c]
+            frame = points.frames[e, c]
             frame.n_x, frame.n_y = nx, ny
             frame.kappa, frame.sigma = (ny * sx - nx * sy) * inverse, sigma
             frame.length, frame.couple = w, w * energy.couple
             frame.K_dd, frame.K_ds, frame.K_ss = w * energy.K_dd, w * energy.K_ds, w * energy.K_ss
+            frame.damp_d = frame.damp_s = 0.0
+            frame.T_d = frame.T_s = frame.T_slip = 0.0
+            frame.slip_n = frame.slip_t = frame.slip_s = 0.0
+            frame.T_stretch = frame.T_omega = 0.0
             F_N = w * energy.force
             g_N_dot = (rho - rho_last[e, c]) * motion.rate
             if g_N_dot < 0.0:

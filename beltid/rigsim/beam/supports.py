@@ -84,7 +84,7 @@ def new_reactions() -> Reactions:
     return Reactions(np.zeros(4), np.zeros((4, WIDTH)), np.zeros(4))
 
 
-@kernel
+@leaf
 def held_row(i: int, n: int) -> int:
     """Coordinate that reaction ``i`` of 0..3 belongs to, for ``n`` coordinates."""
     return i if i < 2 else n - 6 + i
@@ -108,7 +108,7 @@ def _turn(A: Array, vectors: Array, first: int, cosine: float, sine: float) -> N
         vectors[i, a], vectors[i, b] = cosine * x + sine * y, -sine * x + cosine * y
 
 
-@kernel
+@leaf
 def _fix(A: Array, vectors: Array, row: int) -> None:
     """Replace one equation by "this coordinate does not move"."""
     for j in range(max(0, row - HALF), min(A.shape[0], row + HALF + 1)):
@@ -179,7 +179,7 @@ def release(supports: SupportArrays, step: Array) -> None:
             step[a], step[a + 1] = cosine * u - sine * w, sine * u + cosine * w
 
 
-@kernel
+@leaf
 def force_change(reactions: Reactions, i: int, step: Array) -> float:
     """Change of reaction ``i`` with the held system's solution ``step`` (n,) [N]."""
     n = step.size
@@ -190,7 +190,7 @@ def force_change(reactions: Reactions, i: int, step: Array) -> float:
     return total
 
 
-@kernel
+@leaf
 def tension_change(reactions: Reactions, end: int, step: Array) -> float:
     """Change of the tension at an end, 0 (A) or 1 (B), with the held system's ``step`` (n,) [N]."""
     x, y = reactions.force[2 * end], reactions.force[2 * end + 1]
@@ -198,7 +198,7 @@ def tension_change(reactions: Reactions, end: int, step: Array) -> float:
     return (x * by_x + y * by_y) / math.hypot(x, y)
 
 
-@kernel
+@leaf
 def missing_force(supports: SupportArrays, reactions: Reactions, T_0: float) -> float:
     """Given force, that of the tension ``T_0`` in both spans, less the present one [N]."""
     missing = 0.0

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, OperatingPoint, Rig
-from beltid.rigsim.compiled import kernel
 
 Array = NDArray[np.float64]
 
@@ -77,21 +76,14 @@ class Path:
         return self.coordinates(s)[:, 2:]
 
 
-@kernel
 def path_coordinates(R: float, span: float, beta: float, nodes: Array) -> Array:
     """Positions and tangents of the path at nodes (n,) [m], as coordinates of the belt (4 n,)."""
-    q = np.empty(4 * nodes.size)
     half = 0.5 * beta
-    for i in range(nodes.size):
-        s = nodes[i]
-        theta = min(max((s - span) / R - half, -half), half)
-        beyond = min(s - span, 0.0) + max(s - span - R * beta, 0.0)
-        sine, cosine = math.sin(theta), math.cos(theta)
-        q[4 * i] = R * sine + beyond * cosine
-        q[4 * i + 1] = R * cosine - beyond * sine
-        q[4 * i + 2] = cosine
-        q[4 * i + 3] = -sine
-    return q
+    theta = np.minimum(np.maximum((nodes - span) / R - half, -half), half)
+    beyond = np.minimum(nodes - span, 0.0) + np.maximum(nodes - span - R * beta, 0.0)
+    sine, cosine = np.sin(theta), np.cos(theta)
+    x, y = R * sine + beyond * cosine, R * cosine - beyond * sine
+    return np.stack([x, y, cosine, -sine], axis=-1).ravel()
 
 
 def bending_length(EI: float, T: float) -> float:
@@ -169,7 +161,7 @@ def touchdown(belt: Belt, rig: Rig, law: NormalLaw, T_0: float) -> Touchdown:
 def element_count(belt: Belt, rig: Rig, law: NormalLaw, beta: float, T_0: float) -> int:
     """Default number of elements: that of the wanted lengths over ``ELEMENT``; even."""
     half = 0.5 * Path(rig.R, rig.span, beta).length
-    return _count(float(_elements_before(*wanted_lengths(belt, rig, law, half, T_0))[-1]))
+    return _count(_elements_before(*wanted_lengths(belt, rig, law, half, T_0))[-1])
 
 
 def _count(of_half: float) -> int:
@@ -201,14 +193,14 @@ def graded_nodes(
     half = 0.5 * Path(rig.R, rig.span, point.beta).length
     at, lengths = wanted_lengths(belt, rig, law, half, point.T_0)
     before = _elements_before(at, lengths)
-    default = _count(float(before[-1]))
+    default = _count(before[-1])
     count = n or default
     return _place(at, lengths, before, count), count / default
 
 
 def wanted_lengths(
     belt: Belt, rig: Rig, law: NormalLaw, half: float, T_0: float
-) -> tuple[Array, Array]:
+) -> tuple[list[float], list[float]]:
     """Lengths of the elements in proportion, linear between points of half the path.
 
     Where the contact ends, the fourth derivative of the deflection, on which the error of cubic
@@ -228,7 +220,7 @@ def wanted_lengths(
 
     Returns
     -------
-    at, lengths : ndarray, shape (m,)
+    at, lengths : list of float
         Path coordinates from the support to the middle, and the lengths there [m].
     """
     end = touchdown(belt, rig, law, T_0)
@@ -246,37 +238,34 @@ def wanted_lengths(
     if full < half:
         points.append((full, LONGEST * layer))
     points.append((half, min(layer + GROWTH_ON_ARC * (half - start), LONGEST * layer)))
-    table = np.array(points).T
-    return table[0], table[1]
+    at, lengths = zip(*points, strict=True)
+    return list(at), list(lengths)
 
 
-@kernel
-def _elements_before(at: Array, lengths: Array) -> Array:
-    """Number of elements from the support up to each point (m,), not yet a whole one."""
-    count = np.zeros(at.size)
-    for i in range(1, at.size):
+def _elements_before(at: list[float], lengths: list[float]) -> list[float]:
+    """Number of elements from the support up to each point, not yet a whole one."""
+    count = [0.0]
+    for i in range(1, len(at)):
         ratio = lengths[i] / lengths[i - 1]
         mean = lengths[i]
         if abs(ratio - 1.0) > 1e-9:
             mean = (lengths[i] - lengths[i - 1]) / math.log(ratio)
-        count[i] = count[i - 1] + (at[i] - at[i - 1]) / mean
+        count.append(count[-1] + (at[i] - at[i - 1]) / mean)
     return count
 
 
-@kernel
-def _place(at: Array, lengths: Array, before: Array, n: int) -> Array:
+def _place(at: list[float], lengths: list[float], before: list[float], n: int) -> Array:
     """Nodes (n + 1,) of n elements in proportion to the lengths, and their mirror image."""
-    nodes = np.empty(n + 1)
+    half = [0.0]
     piece = 0
-    for k in range(n // 2 + 1):
+    for k in range(1, n // 2):
         count = before[-1] * k / (n // 2)
-        while piece < at.size - 2 and count > before[piece + 1]:
+        while piece < len(at) - 2 and count > before[piece + 1]:
             piece += 1
         slope = (lengths[piece + 1] - lengths[piece]) / (at[piece + 1] - at[piece])
         more = count - before[piece]
         if abs(slope) > 1e-9:
             more = math.expm1(slope * more) / slope
-        nodes[k] = at[piece] + lengths[piece] * more
-        nodes[n - k] = 2.0 * at[-1] - nodes[k]
-    nodes[n // 2] = at[-1]
-    return nodes
+        half.append(at[piece] + lengths[piece] * more)
+    mirrored = [2.0 * at[-1] - node for node in reversed(half)]
+    return np.array([*half, at[-1], *mirrored])

@@ -1,7 +1,8 @@
 """The reference for the friction of a step: Lemke's method on the Delassus matrix.
 
-Slower than the active set of :mod:`beltid.rigsim.friction` (a dense matrix for every iteration) but
-independent of any guess of who sticks. Both end with the same certificate, and they agree.
+Slower than the active set of :mod:`beltid.rigsim.contact.friction` (a dense matrix for every
+iteration) but independent of any guess of who sticks. Both end with the same certificate, and they
+agree.
 """
 
 from __future__ import annotations
@@ -10,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.rigsim.banded import factorize, solve
-from beltid.rigsim.belt import store_strains
-from beltid.rigsim.contact import SLIDE, STICK, Motion, Points
-from beltid.rigsim.friction import CONE_TOLERANCE, SLIP_TOLERANCE, Certificate, violations
-from beltid.rigsim.lcp import friction_lcp
+from beltid.rigsim.beam.belt import store_strains
+from beltid.rigsim.beam.supports import give_way, missing_force, release, restrain, unit_movement
+from beltid.rigsim.contact.friction import CONE_TOLERANCE, SLIP_TOLERANCE, Certificate, violations
+from beltid.rigsim.contact.points import SLIDE, STICK, Motion, Points
 from beltid.rigsim.model import System, Workspace
+from beltid.rigsim.reference.lcp import friction_lcp
 from beltid.rigsim.steady import force_tolerance, largest_force, move
-from beltid.rigsim.supports import give_way, missing_force, release, restrain, unit_movement
 from beltid.rigsim.transient import (
     MOST_HALVINGS,
     Drive,

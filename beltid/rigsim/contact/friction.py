@@ -17,14 +17,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.rigsim.belt import BeltArrays
-from beltid.rigsim.compiled import kernel, leaf
-from beltid.rigsim.contact import SLIDE, STICK, Motion, Patches, Points
+from beltid.rigsim.beam.belt import BeltArrays
+from beltid.rigsim.compiled import leaf
+from beltid.rigsim.contact.points import SLIDE, STICK, Motion, Patches, Points
 
 Array = NDArray[np.float64]
 
 SLIP_TOLERANCE = 1.0e-13  # of a sticking patch in one step [m]
 CONE_TOLERANCE = 1.0e-9  # force beyond the cone over the largest limit of the arc [-]
+BEYOND, BACKWARD = 1, 2  # how a patch breaks the law: force beyond its limit, slip backwards
 
 
 class Certificate(NamedTuple):
@@ -46,9 +47,9 @@ class Certificate(NamedTuple):
     touching: float
 
 
-@kernel
+@leaf
 def violations(belt: BeltArrays, points: Points) -> Certificate:
-    """Certificate of the contact state of :func:`beltid.rigsim.contact.add_contact`."""
+    """Certificate of the contact state of :func:`beltid.rigsim.contact.points.add_contact`."""
     patches = points.patches
     slip = cone = limit = sticking = touching = 0.0
     for e in range(patches.status.size):
@@ -69,7 +70,7 @@ def violations(belt: BeltArrays, points: Points) -> Certificate:
     return Certificate(slip, cone / limit if limit > 0.0 else 0.0, sticking, touching)
 
 
-@kernel
+@leaf
 def revise(motion: Motion, patches: Patches, step: Array, most_changes: int) -> int:
     """Update multipliers and statuses with the solution ``step`` (n,) of the linearised system.
 
@@ -84,10 +85,9 @@ def revise(motion: Motion, patches: Patches, step: Array, most_changes: int) -> 
         Patches that changed between stick and slide.
     """
     n_e = patches.status.size
-    backward = np.zeros(n_e, dtype=np.bool_)
-    beyond = np.zeros(n_e, dtype=np.bool_)
-    broken = 0
+    found = 0
     for e in range(n_e):
+        patches.broken[e] = 0
         if patches.limit[e] <= 0.0:
             # a patch that closes is dragged by the pulley until it is seen to stick: held at once
             # with a slip that is not yet small, it would be torn off again
@@ -101,25 +101,30 @@ def revise(motion: Motion, patches: Patches, step: Array, most_changes: int) -> 
         if patches.status[e] == STICK:
             la_T = patches.force[e] - motion.augmentation * moved
             edge = patches.limit[e] * (1.0 + 0.1 * CONE_TOLERANCE)
-            beyond[e] = broken < most_changes and abs(la_T) > edge
             patches.la_T[e] = la_T
-            broken += beyond[e]
-        elif broken < most_changes:
-            backward[e] = patches.sign[e] * (patches.slip[e] - moved) < -0.1 * SLIP_TOLERANCE
-            broken += backward[e]
+            if found < most_changes and abs(la_T) > edge:
+                patches.broken[e] = BEYOND
+                found += 1
+        elif (
+            found < most_changes
+            and patches.sign[e] * (patches.slip[e] - moved) < -0.1 * SLIP_TOLERANCE
+        ):
+            patches.broken[e] = BACKWARD
+            found += 1
     free = most_changes == n_e
     changes = end = 0
     for begin in range(n_e):
         if begin < end:
             continue
         end = begin + 1
-        if beyond[begin]:
-            while end < n_e and beyond[end]:
-                end += 1
+        how = patches.broken[begin]
+        if how == 0:
+            continue
+        while end < n_e and patches.broken[end] == how:
+            end += 1
+        if how == BEYOND:
             changes += let_go(patches, begin, end, free)
-        elif backward[begin]:
-            while end < n_e and backward[end]:
-                end += 1
+        else:
             changes += catch(patches, begin, end, free)
     return changes
 

@@ -14,19 +14,40 @@ Kelvin–Voigt material, Eq. (9), N = EA (eps + c/E eps_dot) and M = EI (kappa +
 
 from __future__ import annotations
 
+import functools
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.rigsim.compiled import kernel, leaf
+from beltid.rigsim.compiled import leaf
 
 Array = NDArray[np.float64]
 
 GAUSS_POINTS = 3
 
 
-@kernel
+@functools.cache
+def _unit_shapes(xi: tuple[float, ...]) -> tuple[Array, Array, Array]:
+    """Shape functions of an element of length 1 and their derivatives, each (m, 4)."""
+    x = np.array(xi)
+    x2 = x * x * (3.0 - 2.0 * x)
+    N = np.stack([1.0 - x2, x * (1.0 - x) ** 2, x2, x * x * (x - 1.0)], axis=-1)
+    x2_s = 6.0 * x * (1.0 - x)
+    N_s = np.stack([-x2_s, 1.0 + x * (3.0 * x - 4.0), x2_s, x * (3.0 * x - 2.0)], axis=-1)
+    x2_ss = 6.0 * (1.0 - 2.0 * x)
+    N_ss = np.stack([-x2_ss, 6.0 * x - 4.0, x2_ss, 6.0 * x - 2.0], axis=-1)
+    return N, N_s, N_ss
+
+
+def _lengths(h: Array) -> Array:
+    """Lengths that the shape functions carry: 1 those of r, that of the element those of r'."""
+    lengths = np.ones((h.size, 4))
+    lengths[:, 1] = lengths[:, 3] = h
+    return lengths
+
+
 def hermite(xi: Array, h: Array) -> tuple[Array, Array, Array]:
     """Shape functions of elements of length ``h`` and their first two derivatives in s.
 
@@ -43,25 +64,9 @@ def hermite(xi: Array, h: Array) -> tuple[Array, Array, Array]:
         Values, first [1/m] and second [1/m²] derivatives for (r_i, r'_i, r_j, r'_j); the functions
         of r' carry a length, so their units are [m], [-] and [1/m].
     """
-    shape = (h.size, xi.size, 4)
-    N, N_s, N_ss = np.empty(shape), np.empty(shape), np.empty(shape)
-    for e in range(h.size):
-        L = h[e]
-        for i in range(xi.size):
-            x = xi[i]
-            N[e, i, 2] = x * x * (3.0 - 2.0 * x)
-            N[e, i, 0] = 1.0 - N[e, i, 2]
-            N[e, i, 1] = L * x * (1.0 - x) * (1.0 - x)
-            N[e, i, 3] = L * x * x * (x - 1.0)
-            N_s[e, i, 2] = 6.0 * x * (1.0 - x) / L
-            N_s[e, i, 0] = -N_s[e, i, 2]
-            N_s[e, i, 1] = 1.0 + x * (3.0 * x - 4.0)
-            N_s[e, i, 3] = x * (3.0 * x - 2.0)
-            N_ss[e, i, 2] = 6.0 * (1.0 - 2.0 * x) / (L * L)
-            N_ss[e, i, 0] = -N_ss[e, i, 2]
-            N_ss[e, i, 1] = (6.0 * x - 4.0) / L
-            N_ss[e, i, 3] = (6.0 * x - 2.0) / L
-    return N, N_s, N_ss
+    N, N_s, N_ss = _unit_shapes(tuple(xi.tolist()))
+    lengths, h = _lengths(h)[:, None], h[:, None, None]
+    return N * lengths, N_s * (lengths / h), N_ss * (lengths / (h * h))
 
 
 _UNIT_MASS = np.array(
@@ -74,16 +79,11 @@ _UNIT_MASS = np.array(
 )
 
 
-@kernel
 def mass_matrix(h: Array, rhoA: float) -> Array:
     """Consistent mass matrices of the shape functions, shape (n_e, 4, 4); constant, Eq. (10)."""
-    M = np.empty((h.size, 4, 4))
-    for e in range(h.size):
-        for j in range(4):
-            for k in range(4):
-                length = h[e] ** (1 + j % 2 + k % 2)
-                M[e, j, k] = rhoA * length / 420.0 * _UNIT_MASS[j, k]
-    return M
+    lengths = _lengths(h)
+    masses = rhoA * h / 420.0
+    return (masses[:, None] * lengths)[:, :, None] * lengths[:, None] * _UNIT_MASS
 
 
 @leaf
@@ -91,6 +91,34 @@ def strains(ax: float, ay: float, bx: float, by: float, stretch: float) -> tuple
     """Axial strain [-] and material curvature [1/m] of gradient ``a = r'`` and ``b = r''``."""
     p2 = ax * ax + ay * ay
     return math.sqrt(p2) / stretch - 1.0, (ax * by - ay * bx) / (p2 * stretch)
+
+
+class SectionEnergy(NamedTuple):
+    """Derivatives of the strain energy of a section, per reference length.
+
+    ``a`` stands for ``r'`` and ``b`` for ``r''``: ``a_x`` is the first derivative in the component
+    x of ``r'``, ``stretch_a_x`` its derivative in the stretch, ``ab_xy`` the second derivative in
+    the component x of ``r'`` and y of ``r''``. The blocks of equal letters are symmetric.
+    """
+
+    a_x: float
+    a_y: float
+    b_x: float
+    b_y: float
+    stretch_a_x: float
+    stretch_a_y: float
+    stretch_b_x: float
+    stretch_b_y: float
+    aa_xx: float
+    aa_xy: float
+    aa_yy: float
+    ab_xx: float
+    ab_xy: float
+    ab_yx: float
+    ab_yy: float
+    bb_xx: float
+    bb_xy: float
+    bb_yy: float
 
 
 @leaf
@@ -101,11 +129,8 @@ def section(
     by: float,
     forces: tuple[float, float],
     moduli: tuple[float, float, float],
-    g: Array,
-    H: Array,
-    g_stretch: Array,
-) -> None:
-    """Gradient and tangent of the section's strain energy with respect to (r', r'').
+) -> SectionEnergy:
+    """Derivatives of the section's strain energy with respect to (r', r'') and the stretch.
 
     Parameters
     ----------
@@ -115,10 +140,6 @@ def section(
         Axial force N [N] and bending moment M [N m] at this state.
     moduli : tuple
         dN/d(eps) [N], dM/d(kappa) [N m²] and the stretch [-].
-    g, H : ndarray, shape (4,), (4, 4)
-        Gradient and tangent per reference length (output).
-    g_stretch : ndarray, shape (4,)
-        Derivative of ``g`` with respect to the stretch (output).
     """
     N, M = forces
     EA, EI, stretch = moduli
@@ -133,36 +154,35 @@ def section(
     kay = (-bx - 2.0 * k * ay) * i2
     kbx = -ay * i2
     kby = ax * i2
-    g[0] = N * ex + M * kax
-    g[1] = N * ey + M * kay
-    g[2] = M * kbx
-    g[3] = M * kby
     # stretch: d(eps)/d(stretch) = -p/stretch^2, d(kappa)/d(stretch) = -k/stretch^2
     dN = -EA * p / (stretch * stretch)
     dM = -EI * k / (stretch * stretch)
-    g_stretch[0] = dN * ex + dM * kax
-    g_stretch[1] = dN * ey + dM * kay
-    g_stretch[2] = dM * kbx
-    g_stretch[3] = dM * kby
     # material part: rank one in eps and kappa; geometric part: N grad^2|r'| + M grad^2 k
     A = EA / stretch
     B = EI / stretch
     Np = N / p
     m4 = -2.0 * M * i2 * i2
     cax, cay = by, -bx
-    H[0, 0] = A * ex * ex + B * kax * kax + Np * ey * ey
-    H[0, 0] += m4 * (2.0 * cax * ax + c - 4.0 * c * ax * ax * i2)
-    H[1, 1] = A * ey * ey + B * kay * kay + Np * ex * ex
-    H[1, 1] += m4 * (2.0 * cay * ay + c - 4.0 * c * ay * ay * i2)
-    H[0, 1] = A * ex * ey + B * kax * kay - Np * ex * ey
-    H[0, 1] += m4 * (cax * ay + cay * ax - 4.0 * c * ax * ay * i2)
-    H[0, 2] = B * kax * kbx - m4 * ax * ay
-    H[0, 3] = B * kax * kby + m4 * ax * ax + M * i2
-    H[1, 2] = B * kay * kbx - m4 * ay * ay - M * i2
-    H[1, 3] = B * kay * kby + m4 * ax * ay
-    H[2, 2] = B * kbx * kbx
-    H[2, 3] = B * kbx * kby
-    H[3, 3] = B * kby * kby
-    H[1, 0] = H[0, 1]
-    H[2, 0], H[2, 1] = H[0, 2], H[1, 2]
-    H[3, 0], H[3, 1], H[3, 2] = H[0, 3], H[1, 3], H[2, 3]
+    aa_xx = A * ex * ex + B * kax * kax + Np * ey * ey
+    aa_yy = A * ey * ey + B * kay * kay + Np * ex * ex
+    aa_xy = A * ex * ey + B * kax * kay - Np * ex * ey
+    return SectionEnergy(
+        a_x=N * ex + M * kax,
+        a_y=N * ey + M * kay,
+        b_x=M * kbx,
+        b_y=M * kby,
+        stretch_a_x=dN * ex + dM * kax,
+        stretch_a_y=dN * ey + dM * kay,
+        stretch_b_x=dM * kbx,
+        stretch_b_y=dM * kby,
+        aa_xx=aa_xx + m4 * (2.0 * cax * ax + c - 4.0 * c * ax * ax * i2),
+        aa_xy=aa_xy + m4 * (cax * ay + cay * ax - 4.0 * c * ax * ay * i2),
+        aa_yy=aa_yy + m4 * (2.0 * cay * ay + c - 4.0 * c * ay * ay * i2),
+        ab_xx=B * kax * kbx - m4 * ax * ay,
+        ab_xy=B * kax * kby + m4 * ax * ax + M * i2,
+        ab_yx=B * kay * kbx - m4 * ay * ay - M * i2,
+        ab_yy=B * kay * kby + m4 * ax * ay,
+        bb_xx=B * kbx * kbx,
+        bb_xy=B * kbx * kby,
+        bb_yy=B * kby * kby,
+    )

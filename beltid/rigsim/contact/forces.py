@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.rigsim.banded import HALF
-from beltid.rigsim.belt import BeltArrays
+from beltid.rigsim.beam.belt import BeltArrays
 from beltid.rigsim.compiled import leaf
 from beltid.rigsim.compiled_laws import (
     elastic_force,
@@ -24,11 +24,9 @@ from beltid.rigsim.compiled_laws import (
     locate,
     sliding_speed,
 )
-from beltid.rigsim.contact import (
-    FRAME,
+from beltid.rigsim.contact.points import (
     STICK,
     ContactArrays,
-    Frames,
     Motion,
     Points,
     at_radius,
@@ -48,7 +46,6 @@ def sliding_friction(
     pulley: ContactArrays,
     motion: Motion,
     points: Points,
-    frames: Frames,
     stretch: float,
 ) -> int:
     """Friction limits of all points: mu(f_N, v) f_N integrated over what touches of each part.
@@ -56,7 +53,7 @@ def sliding_friction(
     The line force varies over a part, strongly where the contact ends, and mu with it: two Gauss
     points. Reads the normal forces and their derivatives; writes ``F_max``, ``slip`` and the
     look-ups, and the derivatives of the limit in delta [N/m], sigma [N] and slip [N/m] into
-    ``frames``. Friction with a memory takes the speed that it has followed so far. Returns the
+    the frames. Friction with a memory takes the speed that it has followed so far. Returns the
     number of points with a look-up outside the measured range.
     """
     R, k1, k2, rate = pulley.R, pulley.k_linear, pulley.k_quadratic, motion.rate
@@ -70,7 +67,7 @@ def sliding_friction(
         for c in range(belt.w_c.shape[1]):
             if points.f_N[e, c] == 0.0:
                 continue
-            rho, frame, by_slip = points.rho[e, c], frames[e, c], 0.0
+            rho, frame, by_slip = points.rho[e, c], points.frames[e, c], 0.0
             if rate > 0.0:
                 slip = rho * (motion.omega / rate - points.theta[e, c] + last.theta[e, c])
                 v = last.v[e, c] if follows else at_radius(abs(slip), rho, R) * rate
@@ -145,15 +142,14 @@ def add_contact(
     multiplier plus ``augmentation * slip``, which vanishes as the iteration converges.
     """
     outside = 0
-    frames = np.zeros(belt.w_c.shape, dtype=FRAME)
     points.patches.limit[:] = 0.0
     points.patches.force[:] = 0.0
     points.patches.slip[:] = 0.0
-    press(belt, pulley, motion, points, frames, q, stretch)
+    press(belt, pulley, motion, points, q, stretch)
     if motion.friction > 0.0:
-        outside = sliding_friction(belt, pulley, motion, points, frames, stretch)
-        spread_friction(belt, pulley, motion, points, frames, stretch, A)
-    add_points(belt, motion, points, frames, stretch, A, vectors)
+        outside = sliding_friction(belt, pulley, motion, points, stretch)
+        spread_friction(belt, pulley, motion, points, stretch, A)
+    add_points(belt, motion, points, stretch, A, vectors)
     return outside
 
 
@@ -200,19 +196,19 @@ def mean_direction(slip_in: float, slip_out: float, sign: float, fall: float) ->
 
 
 @leaf
-def end_slips(points: Points, e: int, counts: Array) -> None:
+def end_slips(points: Points, e: int) -> None:
     """Slip at both ends of a patch of a running belt, linear through the two points nearest.
 
     Parameters
     ----------
     points : Points
-        Contact points; the slips are written into their patches.
+        Contact points; the slips are written into their patches, the derivatives of both by the
+        slips of the points into ``counts``.
     e : int
         The patch, which touches.
-    counts : ndarray, shape (2, n_c)
-        Derivatives of both by the slips of the points (output).
     """
-    patches, n_c = points.patches, counts.shape[1]
+    patches, counts = points.patches, points.counts
+    n_c = counts.shape[1]
     first, last = 0, n_c - 1
     while points.F_max[e, first] == 0.0:
         first += 1
@@ -236,18 +232,16 @@ def spread_friction(
     pulley: ContactArrays,
     motion: Motion,
     points: Points,
-    frames: Frames,
     stretch: float,
     A: Array,
 ) -> None:
     """Tangential forces of all patches by status; adds the tangent that couples their points.
 
-    In ``frames`` the friction derivatives of the points become those of the forces.
+    The friction derivatives in the frames of the points become those of the forces.
     """
-    n_c = belt.w_c.shape[1]
+    n_c, counts = belt.w_c.shape[1], points.counts
     flows, surface_speed = motion.flow > 0.0, motion.omega * pulley.R
     patches, last = points.patches, points.last
-    counts = np.zeros((2, n_c))
     for e in range(belt.h.size):
         limit = limit_last = 0.0
         for c in range(n_c):
@@ -264,7 +258,7 @@ def spread_friction(
         slip, turn = 0.0, Turn(sign, 0.0, 0.0)
         turns = flows and not sticks and patches.turning[e]
         if flows:
-            end_slips(points, e, counts)
+            end_slips(points, e)
             slip = patches.slip[e]
         if turns:
             fall = limit * motion.flow / belt.EA
@@ -276,7 +270,7 @@ def spread_friction(
         for c in range(n_c):
             if points.F_max[e, c] == 0.0:
                 continue
-            weight, frame = share * spread[e, c], frames[e, c]
+            weight, frame = share * spread[e, c], points.frames[e, c]
             if not flows:
                 counts[0, c] = weight
                 slip += weight * points.slip[e, c]
@@ -298,7 +292,7 @@ def spread_friction(
             points.F_T[e, c] = sign * points.F_max[e, c]
             if sticks and points.F_max[e, c] > 0.0:
                 points.F_T[e, c] = share * spread[e, c] * force
-            frame, factor = frames[e, c], 0.0 if sticks else sign
+            frame, factor = points.frames[e, c], 0.0 if sticks else sign
             frame.T_d *= factor
             frame.T_s *= factor
             frame.T_slip *= factor
@@ -333,7 +327,6 @@ def add_points(
     belt: BeltArrays,
     motion: Motion,
     points: Points,
-    frames: Frames,
     stretch: float,
     A: Array,
     vectors: Array,
@@ -347,7 +340,7 @@ def add_points(
         for c in range(belt.w_c.shape[1]):
             if points.f_N[e, c] == 0.0:
                 continue
-            frame, F_N, F_T = frames[e, c], points.F_N[e, c], points.F_T[e, c]
+            frame, F_N, F_T = points.frames[e, c], points.F_N[e, c], points.F_T[e, c]
             nx, ny, P = frame.n_x, frame.n_y, frame.couple
             g_t = P * frame.kappa + F_T
             g_x, g_y = F_N * nx + g_t * ny, F_N * ny - g_t * nx
