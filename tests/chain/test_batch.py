@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 from small_bench import BELTID, beltid, contents, environment, numbers
 
-from beltid.batch.local import MOST_LOSSES, ProcessWorkers
+from beltid.batch.local import MOST_LOSSES, ProcessWorkers, local_workers
 from beltid.batch.sources import Shard
 from beltid.errors import BeltidError, InputError
 from beltid.stages.workers import Cancelled, Workers
@@ -173,6 +173,13 @@ def test_every_call_has_its_result(kind: Any) -> None:
         assert workers.call(square, 3) == 9
     finally:
         workers.close()
+
+
+def test_without_a_number_there_is_a_worker_for_each_core(monkeypatch: pytest.MonkeyPatch) -> None:
+    for cores, kind in ((1, Workers), (3, ProcessWorkers)):
+        monkeypatch.setattr("beltid.batch.local.available_cores", lambda n=cores: n)
+        with local_workers(None) as workers:
+            assert (type(workers), workers.jobs) == (kind, cores)
 
 
 def test_a_worker_that_is_killed_is_replaced_and_its_call_made_again(tmp_path: Path) -> None:

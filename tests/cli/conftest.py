@@ -107,7 +107,11 @@ Call = Callable[..., object]
 
 @pytest.fixture
 def beltid(monkeypatch: pytest.MonkeyPatch) -> Call:
-    """The command line in this process: exit_code, stdout, stderr."""
+    """The command line in this process: exit_code, stdout, stderr.
+
+    Without workers: to start them takes longer than most of these tests; tests/chain has them.
+    """
     monkeypatch.delenv("BELTID_CONFIG", raising=False)
+    monkeypatch.setattr("beltid.batch.local.available_cores", lambda: 1)
     runner = CliRunner()
     return lambda *arguments: runner.invoke(app, [str(a) for a in arguments])
