@@ -1,10 +1,15 @@
-"""What all tests share: linear algebra in one thread, as in every command, before numpy starts.
+"""What all tests share: linear algebra in one thread, the order of the files, small inputs.
 
-And the order in which several processes take the files: the longest folders come first, so that
-all processes end together.
+Linear algebra runs in one thread, as in every command; that is set before numpy starts. Where
+several processes share the tests, the longest folders come first, so that all end together, and
+what takes long to make is made by one of them for all.
 """
 
 from __future__ import annotations
+
+import fcntl
+from collections.abc import Callable, Collection
+from pathlib import Path
 
 import pytest
 
@@ -12,8 +17,25 @@ from beltid.cli.process import one_thread_each
 
 one_thread_each()
 
-FIRST = ("chain", "report", "cli", "docs", "stages", "uncertainty", "refine", "identify")
-"""Folders in the order of their length. The first compiles the kernels, the second needs none."""
+ROOT = Path(__file__).parents[1]
+FIRST = (
+    "chain/test_batch.py",  # it compiles the kernels, those that follow need none of them at once
+    "report",
+    "docs",
+    "chain",
+    "cli",
+    "stages",
+    "identify",
+    "hostile",
+    "uncertainty",
+    "refine",
+)
+"""Files and folders that come first, in this order."""
+SPEEDS = (0.05, 0.10, 0.21, 0.42, 0.84)
+"""Pulley speeds of rigdata, in the order in which each tension is run at them [rad/s]."""
+
+MakeOnce = Callable[[str, Callable[[Path], object]], Path]
+PartOfRig = Callable[..., str]
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -23,5 +45,51 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def _place(item: pytest.Item) -> int:
-    folder = item.path.parent.name
-    return FIRST.index(folder) if folder in FIRST else len(FIRST)
+    path = item.path.relative_to(ROOT / "tests").as_posix()
+    places = (place for place, name in enumerate(FIRST) if path.startswith(name))
+    return next(places, len(FIRST))
+
+
+@pytest.fixture(scope="session")
+def made_once(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> MakeOnce:
+    """Function that gives the folder of a name, filled by the first process that asks for it.
+
+    Nobody changes what is in the folder: the other processes read it, too.
+    """
+    base = tmp_path_factory.getbasetemp()
+    shared = base.parent if hasattr(request.config, "workerinput") else base
+
+    def made(name: str, fill: Callable[[Path], object]) -> Path:
+        folder, filled = shared / name, shared / f"{name}.filled"
+        with (shared / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not filled.exists():
+                folder.mkdir()
+                fill(folder)
+                filled.touch()
+        return folder
+
+    return made
+
+
+@pytest.fixture(scope="session")
+def part_of_rig() -> PartOfRig:
+    """Function that gives the text of some runs of rigdata/5pk/rig.csv (synthetic data)."""
+    header, *lines = (ROOT / "rigdata/5pk/rig.csv").read_text().splitlines(keepends=True)
+    rows = [(line, line.split(",")) for line in lines]
+    labels = dict.fromkeys(cells[0] for _, cells in rows)
+    speed = {label: SPEEDS[k % len(SPEEDS)] for k, label in enumerate(labels)}
+
+    def part(
+        arcs_deg: Collection[float], tensions_N: Collection[float], speeds_rad_s: Collection[float]
+    ) -> str:
+        kept = (
+            line
+            for line, cells in rows
+            if float(cells[6]) in arcs_deg
+            and float(cells[7]) in tensions_N
+            and speed[cells[0]] in speeds_rad_s
+        )
+        return header + "".join(kept)
+
+    return part

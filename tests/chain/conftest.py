@@ -4,23 +4,27 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
-from small_bench import beltid, small_bench
+from small_bench import PartOfRig, beltid, small_bench
 
 
 @pytest.fixture(scope="session")
-def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recordings(made_once: Any, part_of_rig: PartOfRig) -> Path:
     """Folder with recordings and configs, made once."""
-    return small_bench(tmp_path_factory.mktemp("batch") / "bench")
+    return made_once("batch", lambda folder: small_bench(folder, part_of_rig))
 
 
 @pytest.fixture(scope="session")
-def by_one(recordings: Path) -> Path:
+def by_one(made_once: Any, recordings: Path) -> Path:
     """Results of both belts, made by one process."""
-    done = beltid(recordings, "run", "one.yaml", "two.yaml", "-j", "1", "-o", "by-one")
-    assert done.exit_code == 0, done.stderr
-    return recordings / "by-one"
+
+    def fill(folder: Path) -> None:
+        done = beltid(recordings, "run", "one.yaml", "two.yaml", "-j", "1", "-o", str(folder))
+        assert done.exit_code == 0, done.stderr
+
+    return made_once("batch-by-one", fill)
 
 
 @pytest.fixture

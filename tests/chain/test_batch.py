@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 from small_bench import BELTID, beltid, contents, environment, numbers
 
-from beltid.batch.local import MOST_LOSSES, ProcessWorkers
+from beltid.batch.local import MOST_LOSSES, ProcessWorkers, local_workers
 from beltid.batch.sources import Shard
 from beltid.errors import BeltidError, InputError
 from beltid.stages.workers import Cancelled, Workers
@@ -90,9 +90,7 @@ def test_runs_left_out_are_predicted_and_a_single_arc_is_told(bench: Path, by_on
     rows = [line for line in lines if line.split(",")[6] == "82"]
     (bench / "one_arc.csv").write_text("".join([header, *rows]))
     (bench / "one_arc.yaml").write_text(one_arc.replace("rig: rig.csv", "rig: one_arc.csv"))
-    off = config.replace("name: two", "name: off").replace(
-        "compare: {", "compare: {hold_out: none, "
-    )
+    off = config.replace("name: two", "name: off").replace("hold_out: arc", "hold_out: none")
     (bench / "off.yaml").write_text(off)
     done = beltid(bench, "run", "two.yaml", "one_arc.yaml", "off.yaml", "-j", "1", "--json")
     assert done.exit_code == 0, done.stderr
@@ -112,7 +110,7 @@ def test_runs_left_out_are_predicted_and_a_single_arc_is_told(bench: Path, by_on
 
 def test_a_sweep_makes_a_folder_per_case_and_one_table(bench: Path) -> None:
     config = bench / "two.yaml"
-    text = config.read_text()
+    text = config.read_text().replace("hold_out: arc", "hold_out: none")
     config.write_text(text + "sweep: {belt.bending_stiffness_N_m2: [0.005, 0.02]}\n")
     done = beltid(bench, "run", "two.yaml", "-j", "2", "--json")
     assert done.exit_code == 0, done.stderr
@@ -175,6 +173,13 @@ def test_every_call_has_its_result(kind: Any) -> None:
         assert workers.call(square, 3) == 9
     finally:
         workers.close()
+
+
+def test_without_a_number_there_is_a_worker_for_each_core(monkeypatch: pytest.MonkeyPatch) -> None:
+    for cores, kind in ((1, Workers), (3, ProcessWorkers)):
+        monkeypatch.setattr("beltid.batch.local.available_cores", lambda n=cores: n)
+        with local_workers(None) as workers:
+            assert (type(workers), workers.jobs) == (kind, cores)
 
 
 def test_a_worker_that_is_killed_is_replaced_and_its_call_made_again(tmp_path: Path) -> None:

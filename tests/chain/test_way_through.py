@@ -55,10 +55,10 @@ finally:
 
 
 @pytest.fixture(scope="module")
-def counts(tmp_path_factory):
+def counts(tmp_path_factory, part_of_rig):
     folder = tmp_path_factory.mktemp("way")
     rig, counts = folder / "rig.csv", folder / "counts.json"
-    shutil.copy(RIGDATA / "5pk" / "rig.csv", rig)
+    rig.write_text(part_of_rig((40, 82), (100, 220, 411), (0.05, 0.10)))
     shutil.copy(RIGDATA / "beltid.yaml", folder)  # found for the recording
     called = [sys.executable, "-c", COUNTER, "fit-friction", str(rig), str(counts)]
     ended = subprocess.run(

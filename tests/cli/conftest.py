@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
@@ -19,74 +20,64 @@ belt: {name: 5pk}
 rig:
   arcs_deg: [40, 82]
   initial_tensions_N: [100, 220, 310, 411]
-  pulley_speeds_rad_s: [0.05, 0.10, 0.21, 0.42]
+  pulley_speeds_rad_s: [0.05, 0.21]
 simulation: {method: steady}
 data: {press: press.csv, rig: rig.csv, speedloss: speedloss.csv}
 """
 
 
-def short_rig_rows(lines: list[str]) -> list[str]:
-    """Header and the runs of the short config: 32 of 120."""
-    kept = [lines[0]]
-    for line in lines[1:]:
-        cells = line.split(",")
-        if cells[6] in ("40", "82") and cells[7].strip() in ("100", "220", "310", "411"):
-            kept.append(line)
-    # every fifth run is that of the fastest speed
-    labels = list(dict.fromkeys(line.split(",")[0] for line in kept[1:]))
-    fastest = set(labels[4::5])
-    return [kept[0], *(line for line in kept[1:] if line.split(",")[0] not in fastest)]
-
-
 @pytest.fixture(scope="session")
-def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder with the recordings, made once."""
+def recordings(tmp_path_factory: pytest.TempPathFactory, part_of_rig: Any) -> Path:
+    """Folder with the recordings, of the friction rig 16 of 120 runs."""
     folder = tmp_path_factory.mktemp("recordings")
     for name in ("press.csv", "speedloss.csv"):
         shutil.copy(DATA / name, folder / name)
-    lines = (DATA / "rig.csv").read_text().splitlines(keepends=True)
-    (folder / "rig.csv").write_text("".join(short_rig_rows(lines)))
+    runs = part_of_rig((40, 82), (100, 220, 310, 411), (0.05, 0.21))
+    (folder / "rig.csv").write_text(runs)
     (folder / "beltid.yaml").write_text(SHORT_CONFIG)
     return folder
 
 
 @pytest.fixture(scope="session")
-def finished(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def finished(made_once: Any, recordings: Path) -> Path:
     """Folder with the recordings and every artifact of the chain, made once by the commands."""
-    folder = tmp_path_factory.mktemp("finished")
+    return made_once("finished", lambda folder: finish(recordings, folder))
+
+
+def finish(recordings: Path, folder: Path) -> None:
+    """Call the commands one after the other."""
     shutil.copytree(recordings, folder, dirs_exist_ok=True)
     runner = CliRunner()
-    patch = pytest.MonkeyPatch()
-    # the limits of a drive, most of its work, at one tension and roughly
-    patch.setattr("beltid.stages.drive.simulate_drive.TENSIONS", (1.0,))
-    patch.setattr("beltid.drive.limits.TOLERANCE", 0.05)
-    for call in (
-        ["fit-stiffness", "press.csv"],
-        ["fit-slip", "speedloss.csv"],
-        ["fit-friction", "rig.csv"],
-        ["build-surface", "friction.parquet"],
-        ["simulate-rig", "surface.parquet", "stiffness.parquet"],
-        ["compare", "friction.parquet", "simulated.parquet"],
-        ["simulate-drive", "surface.parquet", "stiffness.parquet", "--from", "slip.parquet"],
-        ["compare-drive", "slip.parquet", "drive.parquet"],
-    ):
-        rest = (str(folder / name) if "." in name else name for name in call[1:])
-        arguments = [call[0], *rest]
-        result = runner.invoke(app, arguments)
-        assert result.exit_code == 0, result.stderr
-    patch.undo()
-    return folder
+    with pytest.MonkeyPatch.context() as patch:
+        # the limits of a drive, most of its work, at one tension and roughly
+        patch.setattr("beltid.stages.drive.simulate_drive.TENSIONS", (1.0,))
+        patch.setattr("beltid.drive.limits.TOLERANCE", 0.05)
+        for call in (
+            ["fit-stiffness", "press.csv"],
+            ["fit-slip", "speedloss.csv"],
+            ["fit-friction", "rig.csv"],
+            ["build-surface", "friction.parquet"],
+            ["simulate-rig", "surface.parquet", "stiffness.parquet"],
+            ["compare", "friction.parquet", "simulated.parquet"],
+            ["simulate-drive", "surface.parquet", "stiffness.parquet", "--from", "slip.parquet"],
+            ["compare-drive", "slip.parquet", "drive.parquet"],
+        ):
+            rest = (str(folder / name) if "." in name else name for name in call[1:])
+            result = runner.invoke(app, [call[0], *rest])
+            assert result.exit_code == 0, result.stderr
 
 
 @pytest.fixture(scope="session")
-def chained(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def chained(made_once: Any, finished: Path) -> Path:
     """The finished folder with the results of the whole chain in runs/, made once."""
-    folder = tmp_path_factory.mktemp("chained") / "bench"
-    shutil.copytree(finished, folder)
-    call = ["run", "--no-report", str(folder / "beltid.yaml"), "-o", str(folder / "runs")]
-    result = CliRunner().invoke(app, call)
-    assert result.exit_code == 0, result.stderr
-    return folder
+
+    def fill(folder: Path) -> None:
+        shutil.copytree(finished, folder, dirs_exist_ok=True)
+        call = ["run", "--no-report", str(folder / "beltid.yaml"), "-o", str(folder / "runs")]
+        result = CliRunner().invoke(app, call)
+        assert result.exit_code == 0, result.stderr
+
+    return made_once("chained", fill)
 
 
 def working_copy(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
@@ -116,7 +107,11 @@ Call = Callable[..., object]
 
 @pytest.fixture
 def beltid(monkeypatch: pytest.MonkeyPatch) -> Call:
-    """The command line in this process: exit_code, stdout, stderr."""
+    """The command line in this process: exit_code, stdout, stderr.
+
+    Without workers: to start them takes longer than most of these tests; tests/chain has them.
+    """
     monkeypatch.delenv("BELTID_CONFIG", raising=False)
+    monkeypatch.setattr("beltid.batch.local.available_cores", lambda: 1)
     runner = CliRunner()
     return lambda *arguments: runner.invoke(app, [str(a) for a in arguments])

@@ -263,7 +263,7 @@ def test_info_in_full_shows_every_artifact_whatever_it_has_none_of(
 def test_info_tells_what_an_artifact_is(bench: Path, beltid: Any) -> None:
     product = json.loads(beltid("info", bench / "friction.parquet", "--json").stdout)
     assert product["facts"]["kind"] == "friction"
-    assert product["facts"]["rows"] == 32
+    assert product["facts"]["rows"] == 16
     units = {row["column"]: row["unit"] for row in product["table"]}
     assert units["normal_force_N_m"] == "N/m"
     (made_from,) = product["details"]["made from"]

@@ -25,7 +25,7 @@ def results(ran: Path) -> tuple[Path, Path, str, Path]:
 def test_a_plan_goes_on_from_results(ran: Path, results: Any, beltid: Any) -> None:
     # slower than what was measured: there runs are needed
     config = (ran / "beltid.yaml").read_text()
-    (ran / "slow.yaml").write_text(f"{config}\nplan: {{speed_rad_s: [0.01, 0.05, 0.42]}}\n")
+    (ran / "slow.yaml").write_text(f"{config}\nplan: {{speed_rad_s: [0.01, 0.05, 0.21]}}\n")
     options = ("--runs", "5", "--goal-u", "0", "-c", "slow.yaml", "-o", "plan.csv", "--json")
     call = ("plan", *results, *options)
     result = beltid(*call)

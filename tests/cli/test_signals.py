@@ -42,10 +42,13 @@ PLACES = {
 
 
 @pytest.mark.parametrize(
-    ("number", "word", "status"),
-    [("SIGINT", "interrupted", 130), ("SIGTERM", "terminated", 143), ("SIGHUP", "hung up", 129)],
+    ("place", "number", "word", "status"),
+    [
+        *((place, "SIGINT", "interrupted", 130) for place in PLACES),
+        ("plain code", "SIGTERM", "terminated", 143),
+        ("code that takes every exception", "SIGHUP", "hung up", 129),
+    ],
 )
-@pytest.mark.parametrize("place", PLACES)
 def test_a_signal_ends_the_program_wherever_it_comes(
     place: str, number: str, word: str, status: int
 ) -> None:

@@ -18,7 +18,7 @@ CALL = ("simulate-rig", "surface.parquet", "stiffness.parquet")
 ONE = ("--arc", "82", "--tension", "220", "--speed", "0.21")
 
 
-@pytest.mark.parametrize("pick", [("--arc", "82"), ("--tension", "220"), ("--speed", "0.1")])
+@pytest.mark.parametrize("pick", [("--arc", "82"), ("--tension", "220"), ("--speed", "0.05")])
 def test_a_part_of_a_campaign_does_not_take_the_place_of_the_whole(
     bench: Path, beltid: Any, pick: tuple[str, str]
 ) -> None:
@@ -27,7 +27,7 @@ def test_a_part_of_a_campaign_does_not_take_the_place_of_the_whole(
     assert result.exit_code == 0, result.stderr
     assert (bench / "simulated.parquet").read_bytes() == whole
     part = read_artifact(bench / "simulated_part.parquet", "simulated")
-    assert 0 < len(set(part.columns["run"])) < 32
+    assert 0 < len(set(part.columns["run"])) < 16
     assert "simulated_part.parquet" in result.stdout
 
 
@@ -57,7 +57,7 @@ def test_profiles_stand_beside_the_recording(bench: Path, beltid: Any) -> None:
     columns = profiles.columns
     assert tuple(columns) == schemas.table("profiles").names
     assert profiles.metadata.origin == read_artifact(bench / "surface.parquet").metadata.origin
-    assert set(columns["run"]) == {"S023"}
+    assert set(columns["run"]) == {"S012"}
     times = np.unique(columns["time_s"])
     assert times.size == 2
     assert set(times) <= set(recording["time_s"])
@@ -140,10 +140,10 @@ def test_what_the_solver_did_is_told_to_the_curious(bench: Path, beltid: Any) ->
     for word in ("iterations", "changes", "residual", "clamped"):
         assert word in verbose.stdout.split("solver")[1]
     # a table that fits the terminal, the run first
-    assert verbose.stdout.count("S023") == 2
+    assert verbose.stdout.count("S012") == 2
     assert "- run:" not in verbose.stdout
     (row,) = json.loads(beltid(*call, "--json").stdout)["details"]["solver"]
-    assert row["run"] == "S023"
+    assert row["run"] == "S012"
     assert row["steps"] >= 52
     assert row["newton_iterations"] >= row["steps"]
     assert 0 <= row["residual"] < 1e-3
@@ -153,7 +153,7 @@ def test_what_the_solver_did_is_told_to_the_curious(bench: Path, beltid: Any) ->
 def test_a_comparison_of_few_runs_says_so(bench: Path, beltid: Any) -> None:
     assert beltid(*CALL, "--arc", "82", "--speed", "0.21").exit_code == 0
     result = beltid("compare", "friction.parquet", "simulated_part.parquet", "-o", "c.parquet")
-    assert "warning: only 4 of 32 measured runs were compared" in result.stderr
+    assert "warning: only 4 of 16 measured runs were compared" in result.stderr
     whole = beltid("compare", "friction.parquet", "simulated.parquet", "--force")
     assert "were compared" not in whole.stderr
 
@@ -195,17 +195,17 @@ def test_the_runs_are_those_measured_where_the_config_states_no_settings(
     (bench / "open.yaml").write_text("simulation: {method: steady}\n")
     result = beltid(*CALL, "-c", "open.yaml", "-o", "open.parquet")
     assert result.exit_code == 0, result.stderr
-    assert "32 runs, steady, at the settings measured" in result.stderr
-    tensions, speeds = (100.0, 220.0, 310.0, 411.0), (0.05, 0.10, 0.21, 0.42)
+    assert "16 runs, steady, at the settings measured" in result.stderr
+    tensions, speeds = (100.0, 220.0, 310.0, 411.0), (0.05, 0.21)
     assert _runs(bench / "open.parquet") == set(product((40.0, 82.0), tensions, speeds))
     compared = beltid("compare", "friction.parquet", "open.parquet", "-c", "open.yaml", "--json")
-    assert json.loads(compared.stdout)["facts"]["runs_compared"] == 32
+    assert json.loads(compared.stdout)["facts"]["runs_compared"] == 16
     # elsewhere nothing tells what was measured, unless it is named
     (bench / "away").mkdir()
     (bench / "surface.parquet").rename(bench / "away/surface.parquet")
     away = ("simulate-rig", "away/surface.parquet", "stiffness.parquet", "-c", "open.yaml")
     assert "120 runs, steady, as the config states" in beltid(*away).stderr
-    assert "32 runs" in beltid(*away, "--from", "friction.parquet", "--force").stderr
+    assert "16 runs" in beltid(*away, "--from", "friction.parquet", "--force").stderr
 
 
 def test_stated_settings_that_differ_are_shown_before_anything_is_simulated(
@@ -214,7 +214,7 @@ def test_stated_settings_that_differ_are_shown_before_anything_is_simulated(
     (bench / "other.yaml").write_text("rig: {arcs_deg: [40, 70]}\nsimulation: {method: steady}\n")
     lines = beltid(*CALL, "-c", "other.yaml", "-o", "other.parquet").stderr.splitlines()
     told = [k for k, line in enumerate(lines) if "states 40, 70 °, measured are 40, 82 °" in line]
-    begun = [k for k, line in enumerate(lines) if "32 runs, steady" in line]
+    begun = [k for k, line in enumerate(lines) if "16 runs, steady" in line]
     assert len(told) == 1
     assert told < begun
     assert {run[0] for run in _runs(bench / "other.parquet")} == {40.0, 70.0}

@@ -78,7 +78,11 @@ def main(folder: Path) -> dict[str, list[object]]:
     from typer.testing import CliRunner
 
     from beltid.cli import app
+    from beltid.drive import limits
+    from beltid.stages.drive import simulate_drive
 
+    # the limits of a drive, most of its work, at one tension and roughly
+    simulate_drive.TENSIONS, limits.TOLERANCE = (1.0,), 0.05
     work = folder / "work"
     work.mkdir()
     bench(work)

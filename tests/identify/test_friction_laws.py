@@ -57,17 +57,17 @@ def test_exact_points_give_the_exact_parameters_without_a_guess(law):
 
 
 @pytest.mark.parametrize(
-    "law",
-    [law if law == "power_log" else pytest.param(law, marks=pytest.mark.long) for law in LAWS],
+    ("law", "draws"),
+    [("power_log", 10), *(pytest.param(x, 25, marks=pytest.mark.long) for x in LAWS)],
 )
-def test_noisy_points_give_the_parameters_within_their_errors_and_the_law(law):
+def test_noisy_points_give_the_parameters_within_their_errors_and_the_law(law, draws):
     rng = np.random.default_rng(17)
     pulls, best = [], []
-    for _ in range(25):
+    for _ in range(draws):
         found = fit_friction_laws(*noisy(law, rng), reference_force_N_m=3000.0)
         best.append(found.best)
         pulls.append([(p.value - VALUES[law][p.name]) / p.se for p in found.fit(law).parameters])
-    # 25 repetitions determine a standard deviation to 14 %; the errors are never too small
+    # 25 draws determine a standard deviation to 14 %, 10 to 22 %; the errors are never too small
     assert np.all(np.std(pulls, axis=0) < 1.45)
     assert np.all(np.std(pulls, axis=0) > 0.4)
     assert np.all(np.abs(np.mean(pulls, axis=0)) < 0.7)

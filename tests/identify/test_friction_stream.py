@@ -27,7 +27,7 @@ RADIUS_M = 0.05
 def recording() -> dict[str, np.ndarray]:
     columns = read_recording(RIG, "rig").columns
     labels = dict.fromkeys(columns["run"])
-    chosen = np.isin(columns["run"], list(labels)[::7])
+    chosen = np.isin(columns["run"], list(labels)[::12])
     return {name: values[chosen] for name, values in columns.items()}
 
 

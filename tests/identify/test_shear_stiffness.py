@@ -123,11 +123,14 @@ def test_the_slope_is_that_of_the_simulated_rig(k_s: float, arc_deg: float, T: f
     assert line / slope == pytest.approx(1.0 - lost, abs=2.0 * lost + 0.01)
 
 
-def test_the_stiffness_comes_back_within_what_is_stated(curves: dict[Setting, Curve]) -> None:
-    """Forty recordings with noise, each with other errors of EA, radius, speed and cells."""
+@pytest.mark.parametrize(("draws", "most"), [(10, 9), pytest.param(40, 36, marks=pytest.mark.long)])
+def test_the_stiffness_comes_back_within_what_is_stated(
+    curves: dict[Setting, Curve], draws: int, most: int
+) -> None:
+    """Recordings with noise, each with other errors of EA, radius, speed and cells."""
     rng = np.random.default_rng(11)
     within, off = 0, []
-    for _ in range(40):
+    for _ in range(draws):
         wrong = rng.standard_normal(4)
         columns = recording(curves, rng)
         columns["pulley_speed_rad_s"] = columns["pulley_speed_rad_s"] * (1 + 0.002 * wrong[0])
@@ -142,7 +145,7 @@ def test_the_stiffness_comes_back_within_what_is_stated(curves: dict[Setting, Cu
         assert found.effective_span_m == pytest.approx(
             SPAN + EA * SUPPORT, abs=3.0 * found.effective_span_u_m
         )
-    assert within >= 36
+    assert within >= most
     assert abs(np.mean(off)) < 0.03
     assert np.std(off) < 0.05
 

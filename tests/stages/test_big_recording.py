@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,16 +16,11 @@ from beltid.stages.reporter import Options
 from beltid.stages.results.recorded_curves import rig_curves
 from beltid.stages.workers import Workers
 
-RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"
-
 
 @pytest.fixture(scope="module")
-def some_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    header, *rows = RIG.read_text().splitlines()
-    labels = list(dict.fromkeys(row.split(",")[0] for row in rows))[::8]
+def some_runs(tmp_path_factory: pytest.TempPathFactory, part_of_rig: Callable[..., str]) -> Path:
     path = tmp_path_factory.mktemp("bench") / "rig.csv"
-    kept = [row for row in rows if row.split(",")[0] in labels]
-    path.write_text("\n".join([header, *kept]) + "\n")
+    path.write_text(part_of_rig((40, 82), (100, 411), (0.05, 0.42)))
     return path
 
 

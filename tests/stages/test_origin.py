@@ -30,16 +30,9 @@ def source(origin: str | None) -> ConfigSource:
 
 
 @pytest.fixture(scope="module")
-def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    lines = (DATA / "rig.csv").read_text().splitlines(keepends=True)
-    cells = [line.split(",") for line in lines]
-    kept = [
-        line
-        for line, c in zip(lines, cells, strict=True)
-        if c[6] == "82" and c[7].strip() in ("100", "411")
-    ]
+def rig(tmp_path_factory: pytest.TempPathFactory, part_of_rig: Callable[..., str]) -> Path:
     path = tmp_path_factory.mktemp("rig") / "rig.csv"
-    path.write_text("".join([lines[0], *kept]))
+    path.write_text(part_of_rig((82,), (100, 411), (0.21, 0.42)))
     return path
 
 

@@ -29,6 +29,7 @@ KINDS: dict[str, dict[str, Any]] = {
     "torque": {"kind": "torque"},
     "torque and hub force": {"kind": "torque_hub"},
 }
+QUICK = ("weight on the slack side", "torque and hub force")
 
 
 def true_mu(f: np.ndarray, v: np.ndarray | float) -> np.ndarray:
@@ -87,7 +88,10 @@ def as_measured(kind: str, noise_N: float) -> dict[str, np.ndarray]:
     return columns
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "kind",
+    [kind if kind in QUICK else pytest.param(kind, marks=pytest.mark.long) for kind in KINDS],
+)
 def test_the_refined_surface_of_a_virtual_bench_is_the_true_one(kind: str) -> None:
     friction = beltid.fit_friction(as_measured(kind, 0.2), config_of(kind))
     outcome = beltid.refine_surface(friction, LAW, config_of(kind))
