@@ -161,6 +161,12 @@ def legend_below(fig: Figure, every: Sequence[Axes], columns: int = 3) -> None:
         )
 
 
+def mark_synthetic(fig: Figure) -> None:
+    """Say on top of a figure that leaves the program that its data are synthetic."""
+    title = fig.get_suptitle()
+    fig.suptitle(f"{title} (synthetic data)" if title else "synthetic data", fontsize=10)
+
+
 def saved(fig: Figure, kind: str, *, letters: bool = False) -> bytes:
     """Bytes of a figure as "svg", "png" or "pdf"; the same for the same figure.
 
