@@ -12,7 +12,8 @@ from typing import Any, Final
 from beltid.artifacts.file_bytes import read_bytes, write_bytes
 from beltid.errors import EXIT_BATCH_FAILED, EXIT_DONE, ArtifactError, percent
 from beltid.report.summary import Summary
-from beltid.stages.build_artifact import FOREIGN, combined_origin
+from beltid.stages.build_artifact import FOREIGN
+from beltid.stages.outcome import combined_origin
 from beltid.stages.reporter import Reporter
 
 DONE: Final = "done"

@@ -62,17 +62,44 @@ def _stated(friction: Sheet) -> list[tuple[str, str]]:
     return found
 
 
+def settings_of(values: np.ndarray) -> list[np.ndarray]:
+    """Rows of the runs at each setting, in ascending order; every run by itself if it has its own.
+
+    Runs without a value are left out.
+    """
+    order = np.argsort(values, kind="stable")
+    order = order[np.isfinite(values[order])]
+    jumps = np.diff(values[order]) > SAME * values[order][1:]
+    groups = np.split(order, np.flatnonzero(jumps) + 1) if order.size else []
+    if all(is_setting(values[rows]) for rows in groups):
+        return groups
+    return list(order[:, None])
+
+
+def is_setting(values: np.ndarray) -> bool:
+    """Whether values are close enough to be those of one setting."""
+    return bool(np.ptp(values) <= 2.0 * SAME * values.min())
+
+
+def classes_of(values: np.ndarray, most: int) -> list[np.ndarray]:
+    """Rows of the runs at each setting, or in classes of as many runs where settings are many."""
+    settings = settings_of(values)
+    if len(settings) <= most:
+        return settings
+    return np.array_split(np.concatenate(settings), most)
+
+
+def class_name(values: np.ndarray, unit: str = "") -> str:
+    """The setting of some runs, or the range of their class."""
+    if is_setting(values):
+        return f"{float(np.median(values)):.3g}{unit}"
+    return f"{float(values.min()):.3g} to {float(values.max()):.3g}{unit}"
+
+
 def _settings(friction: Sheet, column: str, unit: str, scale: float = 1.0) -> str:
     """The settings of a column that the runs were measured at."""
-    values = np.sort(np.abs(np.asarray(friction[column], dtype=float)))
-    values = scale * values[np.isfinite(values)]
-    if not values.size:
-        return ""
-    starts = np.r_[True, np.diff(values) > SAME * values[1:]]
-    groups = np.split(values, np.flatnonzero(starts)[1:])
-    if any(group[-1] - group[0] > 2.0 * SAME * group[0] for group in groups):
-        groups = list(values)  # no settings: every run has its own
-    return _listed([float(np.median(group)) for group in groups], unit)
+    values = scale * np.abs(np.asarray(friction[column], dtype=float))
+    return _listed([float(np.median(values[rows])) for rows in settings_of(values)], unit)
 
 
 def _listed(values: Sequence[float] | np.ndarray, unit: str) -> str:

@@ -67,6 +67,8 @@ NO_DATES: Final[dict[str, dict[str, Any]]] = {
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
     "png": {"Software": None},
 }
+MOST_NAMED: Final = 12
+"""Lines that a legend names."""
 RESOLUTION: Final = 150  # of a PNG, dots per inch
 
 
@@ -147,10 +149,16 @@ def legend(axes: Axes, **more: Any) -> None:
 
 
 def legend_below(fig: Figure, every: Sequence[Axes], columns: int = 3) -> None:
-    """A legend below the axes, where it covers no data."""
+    """A legend below the axes, where it covers no data; of many lines it names the first ones."""
+    from matplotlib.lines import Line2D
+
     found: dict[str, Any] = {}
     for one in every:
         found.update(zip(*reversed(one.get_legend_handles_labels()), strict=True))
+    if len(found) > MOST_NAMED:
+        more = len(found) - MOST_NAMED + 1
+        found = dict(list(found.items())[: MOST_NAMED - 1])
+        found[f"and {more} more"] = Line2D([], [], linestyle="none")
     if found:
         fig.legend(
             list(found.values()),
@@ -159,6 +167,12 @@ def legend_below(fig: Figure, every: Sequence[Axes], columns: int = 3) -> None:
             ncols=columns,
             frameon=False,
         )
+
+
+def mark_synthetic(fig: Figure) -> None:
+    """Say on top of a figure that leaves the program that its data are synthetic."""
+    title = fig.get_suptitle()
+    fig.suptitle(f"{title} (synthetic data)" if title else "synthetic data", fontsize=10)
 
 
 def saved(fig: Figure, kind: str, *, letters: bool = False) -> bytes:

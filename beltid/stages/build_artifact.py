@@ -20,11 +20,11 @@ from __future__ import annotations
 import contextlib
 import os
 import threading
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final
 
 from beltid._version import __version__
 from beltid.artifacts.artifact import (
@@ -39,11 +39,11 @@ from beltid.artifacts.file_bytes import source_sha256, write_bytes
 from beltid.artifacts.metadata_models import METADATA, Metadata, plain
 from beltid.bench.files.sources import Content, Signature, content_of, signature_of
 from beltid.errors import ArtifactError, InputError, Problem
+from beltid.stages.outcome import Origin, Outcome, combined_origin
 from beltid.tables.schemas import ARTIFACTS, RECORDINGS
 
 if TYPE_CHECKING:
     from beltid.config import ConfigSource
-    from beltid.stages.outcome import Outcome
     from beltid.stages.reporter import Options
 
 BUILT_IN: Final = "built-in 5PK rig"
@@ -55,9 +55,6 @@ RECORDED: Final = "simulated"
 LARGE: Final = 64 << 20
 """Bytes of inputs whose hashes take longer than the start of a thread."""
 FOREIGN: Final = "a file that beltid did not write"
-
-
-Origin = Literal["measured", "synthetic"]
 
 
 class Stale(Exception):
@@ -323,16 +320,6 @@ class Build:
             if _same_file(path, out):
                 text = f"{out}: is the {kind} recording of the config, name another --out"
                 raise InputError(text, code="not-replaced")
-
-
-def combined_origin(origins: Collection[str | None]) -> Origin | None:
-    """Origin of what is made from data of some origins; None if nobody said, or of no data.
-
-    One synthetic input makes the result synthetic.
-    """
-    if "synthetic" in origins:
-        return "synthetic"
-    return "measured" if set(origins) == {"measured"} else None
 
 
 def already_exists(path: Path) -> Problem:

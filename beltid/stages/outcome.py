@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Collection
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
@@ -12,6 +13,9 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
+    from beltid.config import Config
+
+Origin = Literal["measured", "synthetic"]
 Result = TypeVar("Result")
 
 
@@ -35,6 +39,8 @@ class Outcome(Generic[Result]):
         Single figures, such as those of a statistical test.
     notes, warnings : tuple of str
         What the user should know, and look into.
+    origin : {"measured", "synthetic"} or None
+        Where the data come from; None where nobody said.
     """
 
     kind: str
@@ -45,6 +51,14 @@ class Outcome(Generic[Result]):
     extra: dict[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    origin: Origin | None = None
+
+    def with_origin(self, config: Config, *inputs: Any) -> Outcome[Result]:
+        """The same, from what the config states of the data and the other results hand on."""
+        origins = [one.origin for one in inputs if isinstance(one, Outcome)]
+        if config.data.origin or not origins:
+            origins.append(config.data.origin)
+        return replace(self, origin=combined_origin(origins))
 
     def to_frame(self) -> pd.DataFrame:
         """The table as a pandas DataFrame."""
@@ -60,6 +74,8 @@ class Outcome(Generic[Result]):
     def plot(self, figure: str | None = None) -> Figure:
         """The table as a figure of matplotlib, like that of ``beltid show``.
 
+        It says so if the data are synthetic.
+
         Parameters
         ----------
         figure : str, optional
@@ -74,10 +90,9 @@ class Outcome(Generic[Result]):
         from beltid.report.figures.single import pictures
         from beltid.report.results import Sheet
 
+        sheet = Sheet(self.kind, self.kind, self.columns, {**self.extra, "origin": self.origin})
         found = {
-            picture.key: picture.figure
-            for picture in pictures(Sheet(self.kind, self.kind, self.columns, self.extra))
-            if picture.figure is not None
+            picture.key: picture.figure for picture in pictures(sheet) if picture.figure is not None
         }
         name = figure or next(iter(found), "")
         if name not in found:
@@ -88,7 +103,7 @@ class Outcome(Generic[Result]):
         self,
         path: str | Path,
         *,
-        origin: Literal["measured", "synthetic"] | None = None,
+        origin: Origin | None = None,
         force: bool = False,
     ) -> Path:
         """Write the table: to an artifact (.parquet) that every command takes, or as .csv.
@@ -98,7 +113,7 @@ class Outcome(Generic[Result]):
         path : path
             The file.
         origin : {"measured", "synthetic"}, optional
-            Where the data come from; the artifact states it.
+            Where the data come from; the artifact states it. By default what the result knows.
         force : bool
             Whether to replace a file that stands there.
 
@@ -125,7 +140,7 @@ class Outcome(Generic[Result]):
                 **self.extra,
                 "validity": self.validity,
                 "set_aside": self.set_aside,
-                "origin": origin,
+                "origin": origin or self.origin,
                 "notes": self.notes,
                 "warnings": self.warnings,
             }
@@ -144,7 +159,18 @@ class Outcome(Generic[Result]):
         table = frame.to_html(
             max_rows=12, na_rep="", border=0, float_format="{:.5g}".format, escape=True
         )
-        return f"<p>{escape(self.kind)}: {len(frame)} rows</p><ul>{said}</ul>{table}"
+        of_what = " (synthetic data)" if self.origin == "synthetic" else ""
+        return f"<p>{escape(self.kind)}{of_what}: {len(frame)} rows</p><ul>{said}</ul>{table}"
+
+
+def combined_origin(origins: Collection[str | None]) -> Origin | None:
+    """Origin of what is made from data of some origins; None if nobody said, or of no data.
+
+    One synthetic input makes the result synthetic.
+    """
+    if "synthetic" in origins:
+        return "synthetic"
+    return "measured" if set(origins) == {"measured"} else None
 
 
 def rows_of(columns: dict[str, np.ndarray], *names: str) -> list[dict[str, Any]]:

@@ -313,12 +313,23 @@ def test_a_missing_column_is_named_with_what_was_found(tmp_path):
 
 
 def test_a_recording_of_another_bench_is_recognised():
-    found = problems(RIGDATA / "5pk" / "rig.csv", "press")
-    assert found == [
-        "rig.csv:1: column displacement_mm is missing",
-        "rig.csv:1: column force_N is missing",
-        "rig.csv:1: these are the columns of a rig recording, not of a press",
+    assert problems(RIGDATA / "5pk" / "rig.csv", "press") == [
+        "rig.csv:1: these are the columns of a recording of the friction rig, not of the "
+        "compression press; a config names it as data.rig",
     ]
+    assert problems(RIGDATA / "5pk" / "press.csv") == [
+        "press.csv:1: these are the columns of a recording of the compression press, not of the "
+        "friction rig; a config names it as data.press",
+    ]
+
+
+def test_a_recording_of_another_bench_is_recognised_by_the_words_of_its_laboratory(tmp_path):
+    lines = ["Versuch;Zeit [s];Kraft [N];Weg [mm]", "1;0;0;0", "1;1;5;0.1"]
+    (found,) = problems(write(tmp_path, lines))
+    assert "these are the columns of a recording of the compression press" in found
+    lines = ["run,time_s,tension_slack_N,pulley_speed_rad_s,arc_deg,weight_N", "1,0,5,0,180,5"]
+    (found,) = problems(write(tmp_path, lines), "press")
+    assert "these are the columns of a recording of the friction rig" in found
 
 
 def test_a_column_named_by_the_config_must_be_there(tmp_path):

@@ -85,7 +85,7 @@ CASES: dict[str, tuple[Callable[[Path], Any], list[str], list[str]]] = {
     "folder as recording": (
         lambda f: None,
         ["fit-friction", "."],
-        [r"speedloss\.csv:1: these are the columns of a speedloss recording, not of a rig"],
+        [r"speedloss\.csv:1: these are the columns of a recording of the speed-loss bench"],
     ),
     "wrong kind of artifact": (
         lambda f: None,

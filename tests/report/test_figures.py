@@ -10,7 +10,7 @@ import pytest
 from report_belt_data import ARCS, SPEEDS, friction, results, stiffness, surface, without
 
 from beltid.report.belt_page import belt_page
-from beltid.report.drawing import inline_svg, saved
+from beltid.report.drawing import figure, inline_svg, legend_below, saved
 from beltid.report.figures import arc, belts, budget, press, proof, runs, slip
 from beltid.report.figures import friction as friction_figures
 from beltid.report.figures import surface as surface_figures
@@ -158,6 +158,36 @@ def test_measured_coefficients_are_the_runs_that_can_be_used() -> None:
     for points in (found, expected):
         points[:] = points[np.lexsort(points.T.round(6))]
     np.testing.assert_allclose(found, expected)
+
+
+@pytest.mark.parametrize("runs_at", ["each its own", "close together"])
+def test_a_random_design_is_drawn_in_a_few_classes(runs_at: str) -> None:
+    rng = np.random.default_rng(5)
+    n = 120
+    high = 130.0 if runs_at == "each its own" else 40.0  # neighbours that chain into one another
+    arc, speed = rng.uniform(35.0, high, n), np.exp(rng.uniform(np.log(2e-3), np.log(5e-2), n))
+    force, mu = rng.uniform(500.0, 8000.0, n), rng.uniform(0.5, 1.5, n)
+    fig = friction_figures.over_force(arc, speed, force, mu, None)
+    (axes,) = fig.axes
+    drawn = np.concatenate([np.column_stack(c.lines[0].get_data()) for c in axes.containers])
+    assert sorted(drawn[:, 0]) == pytest.approx(sorted(force))  # every run, once
+    by_speed, by_arc = ([t.get_text() for t in one.get_texts()] for one in fig.legends)
+    assert len(by_speed) == 8
+    assert by_speed[-1].startswith(f"{1e3 * speed.min():.3g} to ")
+    assert by_speed[0].endswith(f" to {1e3 * speed.max():.3g}")
+    assert 1 <= len(by_arc) <= 7
+    assert float(by_arc[-1].split()[-1].rstrip("°")) == pytest.approx(arc.max(), rel=0.03)
+    assert {line.get_linestyle() for line in axes.get_lines()} <= {"None"}  # nothing to join
+
+
+def test_a_legend_of_many_lines_names_the_first_ones() -> None:
+    fig = figure()
+    axes = fig.subplots()
+    for k in range(30):
+        axes.plot([0.0, 1.0], [k, k], label=f"run {k}")
+    legend_below(fig, [axes])
+    named = [text.get_text() for text in fig.legends[0].get_texts()]
+    assert named == [*(f"run {k}" for k in range(11)), "and 19 more"]
 
 
 def test_map_holds_the_surface_the_points_and_the_range() -> None:

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from matplotlib.text import Text
 from report_belt_data import sheets, write
 from typer.testing import CliRunner
 
+import beltid
+from beltid.artifacts.artifact import read_artifact
 from beltid.cli import app
 from beltid.report.braille import drawn
 from beltid.report.drawing import figure
+from beltid.report.figures.single import pictures
+from beltid.stages.outcome import Outcome
 
 
 @pytest.fixture(scope="module")
@@ -34,6 +41,48 @@ def test_every_artifact_is_shown(folder: Path, name: str, monkeypatch: pytest.Mo
     assert re.search("[\u2801-\u28ff]", text), "no drawing"
     drawing = text[text.rindex("[") :]
     assert max(len(line) for line in drawing.splitlines()) <= 60
+
+
+def words(fig: Figure) -> str:
+    return "\n".join(text.get_text() for text in fig.findobj(Text))
+
+
+@pytest.mark.parametrize("origin", ["synthetic", "measured"])
+@pytest.mark.parametrize("name", sorted(sheets()))
+def test_every_figure_of_synthetic_data_says_so(name: str, origin: str) -> None:
+    sheet = sheets()[name]
+    found = pictures(replace(sheet, extra={**sheet.extra, "origin": origin}))
+    assert found
+    for picture in found:
+        assert picture.figure is not None
+        assert ("synthetic data" in words(picture.figure)) == (origin == "synthetic"), picture.key
+
+
+def test_a_figure_in_a_file_says_that_its_data_are_synthetic(folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "figure.svg"
+    assert shown(folder / "surface_refined.parquet", "-o", out)[0] == 0
+    assert "synthetic data" in out.read_text()  # the outlines of a text stand below its words
+
+
+def test_results_in_python_hand_on_that_their_data_are_synthetic(tmp_path: Path) -> None:
+    config = {"data": {"origin": "synthetic"}}
+    depth = np.linspace(0.0, 1e-4, 200)
+    up_and_down = np.concatenate([depth, depth[::-1]])
+    press = {
+        "test": ["P1"] * up_and_down.size,
+        "time_s": 0.1 * np.arange(up_and_down.size),
+        "displacement_mm": 1e3 * up_and_down,
+        "force_N": 0.04 * (5e7 * up_and_down + 2e11 * up_and_down**2),
+    }
+    law = beltid.fit_stiffness(press, config)
+    assert "synthetic data" in words(law.plot())
+    assert "synthetic data" in law._repr_html_()
+    assert read_artifact(law.save(tmp_path / "law.parquet")).metadata.origin == "synthetic"
+    friction = Outcome("friction", sheets()["friction"].columns, ())
+    published = beltid.build_surface(replace(friction, origin="synthetic"))
+    assert "synthetic data" in words(published.plot())
+    stated = beltid.build_surface(friction, {"data": {"origin": "measured"}})
+    assert "synthetic data" not in words(stated.plot())
 
 
 def test_braille_draws_where_the_data_are() -> None:

@@ -18,6 +18,7 @@ from beltid.bench.channels.channel_mapping import (
     is_whole,
     map_channels,
     notes_of,
+    sensors_of,
     told_elsewhere,
 )
 from beltid.bench.channels.vocabulary import roles_meant
@@ -208,15 +209,17 @@ def check_header(
             missing.append((ours, close))
         advice = how_to_tell(ours, table.kind) if setting else guess
         told_so.append(f"{place}: column {called} is missing{advice}")
-    for text in told_so if missing else ():  # settings alone: who gives them their values says it
-        problems.add(text, code="columns")
-    other = _kind_of(header, table.kind)
-    if missing and other:
+    other = kind_of_columns(header) if missing else ""
+    if other not in ("", table.kind):
         problems.add(
-            f"{place}: these are the columns of a {other} recording, not of a {table.kind}",
+            f"{place}: these are the columns of a recording of {schemas.table(other).command}, "
+            f"not of {table.command}; a config names it as data.{other}",
             code="columns",
         )
-    elif missing and (kind := _rig_kind_of(header, table)):
+        return
+    for text in told_so if missing else ():  # settings alone: who gives them their values says it
+        problems.add(text, code="columns")
+    if missing and (kind := _rig_kind_of(header, table)):
         problems.add(f"{place}: these are the channels of {kind}", code="columns")
     elif missing:
         ours, close = missing[0]
@@ -235,13 +238,16 @@ def check_header(
         )
 
 
-def _kind_of(header: Sequence[str], kind: str) -> str:
-    """Another kind of recording that has all its columns in the header, or ""."""
-    for other in schemas.RECORDINGS:
-        names = {c.name for c in schemas.table(other).columns if c.required}
-        if other != kind and names and names <= set(header):
-            return other
-    return ""
+def kind_of_columns(header: Sequence[str]) -> str:
+    """The kind of recording whose sensors a header names, by our names or known words; else ""."""
+    rigs = [schemas.rig_table(measures, weight_on) for measures, weight_on in schemas.RIG_KINDS]
+    tables = (schemas.table("press"), schemas.table("speedloss"), *rigs)
+    meant = {
+        kind: {role for name in header for role in (name, *roles_meant(name, kind))}
+        for kind in ("press", "speedloss", "rig")
+    }
+    found = {table.kind for table in tables if set(sensors_of(table)) <= meant[table.kind]}
+    return found.pop() if len(found) == 1 else ""
 
 
 def _rig_kind_of(header: Sequence[str], table: Table) -> str:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from beltid.identify.estimators.statistics import as_set
+from beltid.report.conditions import class_name, classes_of, is_setting
 from beltid.report.drawing import (
     FAINT,
     LINES,
@@ -27,6 +27,8 @@ MU: Final = "friction coefficient µ [-]"
 MEASURED_TITLE: Final = "Measured friction coefficient of every run"
 SIMULATED_TITLE: Final = "Simulated friction coefficient of every run"
 MILLI: Final = 1e3
+MOST_SPEEDS: Final = 8
+"""Speeds that are told apart; of more, classes of as many runs."""
 
 
 def measured(results: BeltResults) -> list[Picture]:
@@ -47,9 +49,9 @@ def measured(results: BeltResults) -> list[Picture]:
         Picture(
             "friction",
             MEASURED_TITLE,
-            f"One point per run with two {doubts}, at the mean normal force of Eq. (8); a "
-            "line joins the runs of one arc and speed. Shade: sliding speed; marker and line: "
-            "contact arc.",
+            f"One point per run with two {doubts}, at the mean normal force of Eq. (8). Shade: "
+            "sliding speed; marker: contact arc. Where these repeat, a line joins the runs of one "
+            "arc and speed; where they are many, they are drawn in classes.",
             fig,
             "Fig. 12",
         )
@@ -104,14 +106,16 @@ def over_force(
     mu_se: np.ndarray | None,
 ) -> Figure:
     """Coefficients over the normal force; shade for the speed, marker and line for the arc."""
-    arcs, speeds = as_set(arc_deg), as_set(np.abs(slip_speed_m_s))
-    arc_values, speed_values = np.unique(arcs), np.unique(speeds[np.isfinite(speeds)])
+    speed, arc = MILLI * np.abs(slip_speed_m_s), np.nan_to_num(arc_deg)
+    by_speed, by_arc = classes_of(speed, MOST_SPEEDS), classes_of(arc, len(MARKERS))
+    named = all(is_setting(speed[rows]) for rows in by_speed)
+    named &= all(is_setting(arc[rows]) for rows in by_arc)
     with style():
         fig = figure(height=4.6)
         axes = fig.subplots()
-        for colour, speed in zip(shades(speed_values.size), speed_values, strict=True):
-            for i, arc in enumerate(arc_values):
-                rows = np.flatnonzero((arcs == arc) & (speeds == speed))
+        for colour, at_speed in zip(shades(len(by_speed)), by_speed, strict=True):
+            for i, at_arc in enumerate(by_arc):
+                rows = np.intersect1d(at_speed, at_arc)
                 rows = rows[np.argsort(force_N_m[rows], kind="stable")]
                 if rows.size == 0:
                     continue
@@ -120,42 +124,38 @@ def over_force(
                     mu[rows],
                     None if mu_se is None else 2.0 * np.nan_to_num(mu_se[rows]),
                     color=colour,
-                    marker=MARKERS[i % len(MARKERS)],
-                    linestyle=LINES[i % len(LINES)],
+                    marker=MARKERS[i],
+                    linestyle=LINES[i % len(LINES)] if named else "none",
                     lw=0.9,
                     elinewidth=1.0,
                 )
         logarithmic(axes, "x", force_N_m)
         axes.set(xlabel=FORCE, ylabel=MU)
-        _two_legends(fig, arc_values, speed_values)
+        speeds = [class_name(speed[rows]) for rows in by_speed]
+        arcs = [class_name(arc[rows], "°") for rows in by_arc] if arc.any() else []
+        _two_legends(fig, speeds, arcs, joined=named)
     return fig
 
 
-def _two_legends(fig: Figure, arcs: np.ndarray, speeds: np.ndarray) -> None:
+def _two_legends(fig: Figure, speeds: list[str], arcs: list[str], *, joined: bool) -> None:
     from matplotlib.lines import Line2D
 
     by_speed: list[Any] = [
-        Line2D([], [], color=colour, lw=4, label=f"{MILLI * speed:.3g}")
-        for colour, speed in zip(shades(speeds.size), speeds, strict=True)
+        Line2D([], [], color=colour, lw=4, label=speed)
+        for colour, speed in zip(shades(len(speeds)), speeds, strict=True)
     ]
     by_arc: list[Any] = [
         Line2D(
             [],
             [],
             color=FAINT,
-            marker=MARKERS[i % len(MARKERS)],
-            ls=LINES[i % len(LINES)],
-            label=f"{arc:.3g}°",
+            marker=MARKERS[i],
+            ls=LINES[i % len(LINES)] if joined else "none",
+            label=arc,
         )
         for i, arc in enumerate(arcs)
     ]
     fig.legend(handles=by_speed[::-1], title="v [mm/s]", loc="outside right upper", frameon=False)
-    if arcs.size == 1 and arcs[0] == 0.0:  # of no arc
-        return
-    fig.legend(
-        handles=by_arc,
-        title=None,
-        loc="outside lower center",
-        ncols=max(len(by_arc), 1),
-        frameon=False,
-    )
+    if by_arc:
+        columns = 4 if len(by_arc) > 4 else len(by_arc)
+        fig.legend(handles=by_arc, loc="outside lower center", ncols=columns, frameon=False)

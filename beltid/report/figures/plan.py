@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from beltid.report.drawing import GROUPS, INK, MARKERS, figure, legend_below, logarithmic, style
+from beltid.report.drawing import (
+    GROUPS,
+    INK,
+    MARKERS,
+    figure,
+    legend_below,
+    logarithmic,
+    mark_synthetic,
+    style,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -76,6 +85,8 @@ def runs_and_uncertainty(
                         textcoords="offset points",
                         fontsize=9,
                     )
-        fig.suptitle("The next runs" + (" (synthetic data)" if synthetic else ""), fontsize=10)
+        fig.suptitle("The next runs", fontsize=10)
+        if synthetic:
+            mark_synthetic(fig)
         legend_below(fig, list(every), columns=5)
     return fig

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from beltid.identify.estimators.statistics import as_set
+from beltid.report.conditions import class_name, classes_of, is_setting
 from beltid.report.drawing import (
     FAINT,
     INK,
@@ -20,7 +21,7 @@ from beltid.report.drawing import (
     shades,
     style,
 )
-from beltid.report.figures.friction import FORCE, MILLI, MU
+from beltid.report.figures.friction import FORCE, MILLI, MOST_SPEEDS, MU
 from beltid.report.picture import Picture, absent
 from beltid.report.results import BeltResults, Sheet
 
@@ -65,14 +66,13 @@ def averaged(sheet: Sheet, results: BeltResults) -> Picture:
         )
     )
     spread = _scatter(sheet, tension, omega)
-    speeds = as_set(omega)
+    by_speed = classes_of(omega, MOST_SPEEDS)
     with style():
         fig = figure(height=4.6)
         axes = fig.subplots()
-        values = np.unique(speeds)
-        for colour, speed in zip(shades(values.size), values, strict=True):
-            at = np.flatnonzero(speeds == speed)
-            at = at[np.argsort(force[at], kind="stable")]
+        for colour, rows in zip(shades(len(by_speed)), by_speed, strict=True):
+            at = rows[np.argsort(force[rows], kind="stable")]
+            named = is_setting(omega[at])
             axes.errorbar(
                 force[at],
                 mu[at],
@@ -82,11 +82,13 @@ def averaged(sheet: Sheet, results: BeltResults) -> Picture:
                 ls="none",
                 capsize=3,
                 ms=4,
-                label=_speed(results, float(speed)),
+                label=_speed(results, omega[at]),
             )
-            axes.plot(force[at], simulated[at], "-o", color=colour, mfc="none", ms=8)
+            look = "-o" if named else "o"
+            axes.plot(force[at], simulated[at], look, color=colour, mfc="none", ms=8)
+            speed = float(np.median(omega[at]))
             band = _band(results, SURFACES[sheet.name], force[at], sheet, speed)
-            if band is not None:
+            if named and band is not None:
                 low, high = simulated[at] - band, simulated[at] + band
                 axes.fill_between(force[at], low, high, color=colour, alpha=0.25, lw=0)
         axes.plot([], [], "s", color=FAINT, label="measured")
@@ -105,11 +107,13 @@ def averaged(sheet: Sheet, results: BeltResults) -> Picture:
     )
 
 
-def _speed(results: BeltResults, omega: float) -> str:
+def _speed(results: BeltResults, omega: np.ndarray) -> str:
     """Sliding speed of a pulley speed, as everywhere in the report; ω without the radius."""
     friction = results.get("friction")
     radius = friction.settings.get("rig.pulley_radius_m") if friction else None
-    return f"v = {MILLI * radius * omega:.3g} mm/s" if radius else f"ω = {omega:.3g} rad/s"
+    if radius:
+        return f"v = {class_name(MILLI * radius * omega)} mm/s"
+    return f"ω = {class_name(omega)} rad/s"
 
 
 def _scatter(sheet: Sheet, tension: np.ndarray, omega: np.ndarray) -> np.ndarray:
@@ -195,16 +199,15 @@ def _run_by_run(
         axes = fig.subplots()
         for sheet, y in zip(sheets, values, strict=True):
             colour = COLOURS[sheet.name]
-            arcs = as_set(sheet["arc_deg"])
-            for i, arc in enumerate(np.unique(arcs[np.isfinite(arcs)])):
-                rows = arcs == arc
+            arc = sheet["arc_deg"]
+            for i, rows in enumerate(classes_of(arc, len(MARKERS))):
                 axes.plot(
                     sheet["normal_force_N_m"][rows],
                     y[rows],
-                    MARKERS[i % len(MARKERS)],
+                    MARKERS[i],
                     color=colour,
                     mfc=colour if sheet.name == "compare_refined" else "none",
-                    label=f"{WORDS[sheet.name]}, arc {arc:.3g}°",
+                    label=f"{WORDS[sheet.name]}, arc {class_name(arc[rows])}°",
                 )
         axes.axhline(0.0, color=INK, lw=0.8)
         for line in (-bound, bound) if bound else ():

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from beltid.report.drawing import figure, group, legend_below, style
+from beltid.report.drawing import figure, group, legend_below, mark_synthetic, style
 from beltid.report.figures import (
     arc,
     budget,
@@ -30,8 +30,12 @@ MILLI: Final = 1e3
 
 
 def pictures(sheet: Sheet) -> list[Picture]:
-    """Figures of an artifact, the most telling first; empty if it has none."""
+    """Figures of an artifact, the most telling first; they say it if the data are synthetic."""
     found = [*MAKERS[sheet.kind](sheet), *budget.pictures(_alone(sheet))]
+    if sheet.extra.get("origin") == "synthetic":
+        for picture in found:
+            if picture.figure is not None:
+                mark_synthetic(picture.figure)
     return [picture for picture in found if picture.figure is not None]
 
 

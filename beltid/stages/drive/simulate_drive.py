@@ -154,7 +154,8 @@ def simulate_drive(
     """
     model = load_config(config)
     friction = FrictionSurface.constant(surface) if isinstance(surface, (int, float)) else surface
-    return _outcome(model, friction, press_law(law, model), points_of_config(model))
+    found = _outcome(model, friction, press_law(law, model), points_of_config(model))
+    return found.with_origin(model)
 
 
 def _outcome(

@@ -108,7 +108,8 @@ def build_surface(
     """
     columns = table_columns(friction, "friction", NEEDED)
     chosen = {"condition": condition, "side": side}
-    return _outcome(columns, load_config(config), "friction table", chosen)
+    model = load_config(config)
+    return _outcome(columns, model, "friction table", chosen).with_origin(model, friction)
 
 
 def _outcome(

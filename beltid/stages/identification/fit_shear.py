@@ -94,7 +94,7 @@ def fit_shear(
     model = load_config(config)
     _check_kind(model)
     records = run_records(columns_of(frame, "rig", model), model.rig.pulley_radius_m)
-    return _outcome(records, model)
+    return _outcome(records, model).with_origin(model)
 
 
 def _check_kind(config: Config) -> None:

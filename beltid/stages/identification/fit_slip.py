@@ -73,7 +73,8 @@ def fit_slip(
         If the recording cannot be used.
     """
     model = load_config(config)
-    return _outcome(columns_of(frame, "speedloss", model), model, (), "frame")
+    found = _outcome(columns_of(frame, "speedloss", model), model, (), "frame")
+    return found.with_origin(model)
 
 
 def _outcome(

@@ -67,7 +67,7 @@ def fit_stiffness(
         If it is no law with coefficients >= 0.
     """
     model = load_config(config)
-    return _outcome(columns_of(frame, "press", model), model, ())
+    return _outcome(columns_of(frame, "press", model), model, ()).with_origin(model)
 
 
 def _outcome(

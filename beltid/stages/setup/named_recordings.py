@@ -7,12 +7,16 @@ from pathlib import Path
 from typing import Final
 
 from beltid.artifacts.file_bytes import opened, read_bytes
+from beltid.bench.big_recording import read_head
+from beltid.bench.channels.text_tables import kind_of_columns
 from beltid.bench.files.archives import members
-from beltid.bench.files.sniff import ZIP, sniff
+from beltid.bench.files.sniff import GZIP, TEXT, ZIP, sniff
 from beltid.bench.files.sources import exists, is_many, sources_of
+from beltid.bench.formats.dialect import ReadOptions
 from beltid.config import Config, ConfigSource
-from beltid.config.yaml_source import KeyPath, format_path, parse, read_text
+from beltid.config.yaml_source import KeyPath, Source, format_path, parse, read_text
 from beltid.errors import InputError, Problem
+from beltid.tables import schemas
 
 WITHOUT: Final = {
     "press": "no recording of the press (data.press): no contact law; the friction surface is that "
@@ -49,7 +53,42 @@ def wrong_recordings(source: ConfigSource) -> list[str]:
         at = f"{places.prefix(keys)}{format_path(keys)}"
         for what in _wrong(file, list(tables.values())):
             problems.append(Problem(f"{at} = {what}", "missing-file"))
+    return problems or _of_other_benches(source.config, places)
+
+
+def _of_other_benches(config: Config, places: Source) -> list[str]:
+    """Text files whose columns are those of another kind of recording than the config says."""
+    data = config.data.files
+    held = {kind: _kind_held(file, config, kind) for kind, file in data.items()}
+    other = {kind: found for kind, found in held.items() if found not in ("", kind)}
+    problems: list[str] = []
+    for kind, found in other.items():
+        at = places.prefix(("data", kind))
+        if other.get(found) != kind:
+            text = f"{at}data.{kind} = {data[kind]}, holds the columns of a {found} recording"
+        elif list(other).index(kind) < list(other).index(found):
+            text = (
+                f"{at}data.{kind} and data.{found} are swapped: {data[kind]} holds the columns of "
+                f"a {found} recording, {data[found]} those of a {kind} recording"
+            )
+        else:
+            continue
+        problems.append(Problem(text, "columns"))
     return problems
+
+
+def _kind_held(file: Path, config: Config, kind: str) -> str:
+    """Kind of recording that the header of a text file names; "" where the file has to be read."""
+    if is_many(file) or config.columns.of(kind):
+        return ""
+    with opened(file) as stream:
+        if sniff(stream.read(1024), file.name) not in (TEXT, GZIP):
+            return ""
+    try:
+        head = read_head(file, ReadOptions.of(config, kind), schemas.table(kind))
+    except InputError:  # the stage that reads it says what is wrong
+        return ""
+    return kind_of_columns(head.layout.header)
 
 
 def _wrong(file: Path, besides: list[Path]) -> Iterator[str]:

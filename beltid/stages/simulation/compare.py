@@ -211,7 +211,7 @@ def predict_held_out(
     model = load_config(config)
     columns = table_columns(friction, "friction", HELD_OUT)
     press = press_law(checked_law(law), model, law if isinstance(law, Outcome) else None)
-    return _held_out(columns, press, model, by, Workers())
+    return _held_out(columns, press, model, by, Workers()).with_origin(model, friction, law)
 
 
 def _checked(hold_out: str) -> HoldOut:
@@ -298,7 +298,8 @@ def compare(
     """
     model = load_config(config)
     measured = table_columns(friction, "friction", NEEDED)
-    return _outcome(measured, _simulated_columns(simulated, model), model)
+    found = _outcome(measured, _simulated_columns(simulated, model), model)
+    return found.with_origin(model, friction)
 
 
 def _simulated_columns(simulated: Any, config: Config) -> dict[str, np.ndarray]:

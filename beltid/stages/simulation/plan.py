@@ -35,10 +35,10 @@ from beltid.report.drawing import saved
 from beltid.report.figures.plan import runs_and_uncertainty
 from beltid.report.summary import Summary
 from beltid.rigsim.model import Bench
-from beltid.stages.build_artifact import already_exists, combined_origin
+from beltid.stages.build_artifact import already_exists
 from beltid.stages.drive.drive_of_config import drive_of, points_of_config
 from beltid.stages.identification.reduction import rig_kind
-from beltid.stages.outcome import Outcome
+from beltid.stages.outcome import Outcome, combined_origin
 from beltid.stages.reporter import Options
 from beltid.stages.simulation.campaign import checked_law, shown, surface_from
 from beltid.stages.simulation.refinement import NEEDED

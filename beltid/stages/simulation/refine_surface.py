@@ -287,9 +287,10 @@ def refine_surface(
     columns = table_columns(friction, "friction", NEEDED)
     press = press_law(known, model, law if isinstance(law, Outcome) else None)
     chosen = {"condition": condition, "side": side}
-    return _outcome(
+    found = _outcome(
         columns, press, model, "friction table", Draws(bootstrap, seed), bending, chosen
     )
+    return found.with_origin(model, friction, law)
 
 
 def _outcome(
