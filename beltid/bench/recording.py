@@ -457,7 +457,8 @@ def _opened(source: Source, options: ReadOptions, spare: Path) -> Opened | tuple
         PARQUET: "a Parquet file among others, name it alone",
         ZIP: "a zip file within another packed file, unpack it",
         GZIP: "packed twice, unpack it",
-    }.get(format_name) or unread(plain)
+    }.get(format_name)
+    what = unread(plain) or what
     if what:
         raise InputError(f"{source.name}: is {what}")
     decoded = decode(plain, source.name, options.encoding)

@@ -75,6 +75,9 @@ def read_groups(file: BenchFile, context: MappingContext) -> list[RawTable]:
         ]
     if raw_tables and notes:
         raw_tables[0] = replace(raw_tables[0], notes=(*notes, *raw_tables[0].notes))
+    elif not raw_tables:  # what was left out may be what is missing
+        for note in notes:
+            context.complain(note)
     return raw_tables
 
 

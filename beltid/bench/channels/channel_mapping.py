@@ -65,9 +65,8 @@ class Candidate:
     @property
     def shown(self) -> str:
         """Name and unit in words."""
-        return (
-            f"{self.name} [{self.unit}]" if self.unit and not unit_in_name(self.name) else self.name
-        )
+        unit = self.unit.strip("[](){}<> ")
+        return f"{self.name} [{unit}]" if unit and not unit_in_name(self.name) else self.name
 
     @property
     def base(self) -> str:
@@ -188,7 +187,7 @@ def map_channels(
         meant = [c for c in free if column.name in roles_meant(c.name, context.kind)]
         fitting = [c for c in meant if _fits(c, column, options)] or meant
         if column.name == "time_s":  # a stop watch comes before a clock on the wall
-            fitting = [c for c in fitting if unit_of(c)] or fitting
+            fitting = [c for c in fitting if unit_of(c) and not c.written] or fitting
         if len(fitting) == 1:
             found[column.name] = (fitting[0], "recognised", False)
         elif fitting:
