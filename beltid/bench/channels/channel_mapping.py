@@ -14,7 +14,6 @@ import numpy as np
 
 from beltid.bench.channels.vocabulary import means_date, roles_meant, simplified
 from beltid.bench.formats.bench_file import Field
-from beltid.bench.formats.clock import Clock
 from beltid.bench.formats.dialect import (
     ReadOptions,
     unit_in_name,
@@ -110,10 +109,9 @@ class ChannelMapping:
     date: Candidate | None = None
 
     @property
-    def clock(self) -> Clock | None:
-        """A reader of its clock times; None where it holds numbers or other texts."""
-        is_time = self.role == "time_s" and self.candidate.written == "clock"
-        return Clock(self.candidate.name) if is_time else None
+    def is_clock(self) -> bool:
+        """Whether it holds clock times rather than numbers or other texts."""
+        return self.role == "time_s" and self.candidate.written == "clock"
 
     @property
     def shown(self) -> str:
@@ -198,7 +196,7 @@ def map_channels(
         if column.name in found
     }
     time = mappings.get("time_s")
-    if time is not None and time.clock:
+    if time is not None and time.is_clock:
         mappings["time_s"] = replace(time, date=_date_of(time.candidate, free, context))
     return mappings
 
@@ -306,7 +304,7 @@ def _mapping(
     mapping = ChannelMapping(column.name, candidate, how)
     if column.dtype == "string":
         return mapping
-    if mapping.clock:
+    if mapping.is_clock:
         return replace(mapping, unit_stated=True)
     unit = unit_of(candidate)
     converted = unit_conversion(column, candidate.name, unit, context, how == "recognised")

@@ -22,7 +22,7 @@ from beltid.bench.channels.channel_mapping import (
 )
 from beltid.bench.channels.vocabulary import roles_meant
 from beltid.bench.files.sniff import Decoded
-from beltid.bench.formats.clock import written_as
+from beltid.bench.formats.clock import Clock, written_as
 from beltid.bench.formats.csv_table import Wanted, read_rows
 from beltid.bench.formats.dialect import (
     Layout,
@@ -150,7 +150,7 @@ def wanted_columns(
             r.candidate.key,
             table.column(role).dtype == "string",
             r.shown,
-            r.clock,
+            Clock(r.candidate.name, context.options.time_zone) if r.is_clock else None,
             None if r.date is None else r.date.key,
         )
         for role, r in mappings.items()

@@ -60,6 +60,8 @@ class ReadOptions:
         Our column -> its unit in the file, or the calibration of its sensor.
     separator, decimal, thousands, encoding : str or None
         None means: found out from the file.
+    time_zone : str
+        Zone of time stamps that carry none; "": none is stated.
     skip_lines : int
         Lines before the header.
     units_row : bool
@@ -76,6 +78,7 @@ class ReadOptions:
     decimal: str | None = None
     thousands: str | None = None
     encoding: str | None = None
+    time_zone: str = ""
     skip_lines: int = 0
     units_row: bool = False
     runs: Any = None
@@ -100,6 +103,7 @@ class ReadOptions:
             decimal=dialect.decimal,
             thousands=dialect.thousands,
             encoding=dialect.encoding,
+            time_zone=dialect.time_zone or "",
             skip_lines=dialect.skip_lines,
             units_row=dialect.units_row,
             runs=config.runs.of(kind),
