@@ -25,6 +25,7 @@ from beltid.bench.channels.text_tables import (
     text_notes,
     wanted_columns,
 )
+from beltid.bench.channels.vocabulary import means_date
 from beltid.bench.files.ahead import ahead
 from beltid.bench.files.sniff import Decoded, decode
 from beltid.bench.files.sources import (
@@ -180,7 +181,7 @@ def _parquet(sources: Sequence[Source], path: Path, options: ReadOptions) -> Big
     from beltid.bench.formats.parquet import parquet_blocks, parquet_clock
 
     table = options.table("rig")
-    clock = parquet_clock(sources[0], options.names)
+    clock = parquet_clock(sources[0], options, means_date)
     blocks = parquet_blocks(sources, table, options.names, clock)
     conversions = stated_conversions(MappingContext(table, options))
     if clock is not None:

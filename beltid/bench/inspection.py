@@ -27,10 +27,7 @@ from beltid.bench.files.sniff import Decoded
 from beltid.bench.files.sources import Source, are_parquet, is_many, sources_of
 from beltid.bench.formats.bench_file import Field
 from beltid.bench.formats.csv_table import Wanted, csv_blocks, read_rows
-from beltid.bench.formats.dialect import (
-    Layout,
-    ReadOptions,
-)
+from beltid.bench.formats.dialect import Layout, ReadOptions, blank_asides
 from beltid.bench.formats.numbers import NumberSigns, is_number, numbers_or_problems
 from beltid.bench.formats.rows import Rows, Texts
 from beltid.bench.recording import (
@@ -259,6 +256,7 @@ def _view(opened: Opened, options: ReadOptions) -> FileView:
     if opened.channels is None:
         assert opened.text is not None
         layout = text_layout(opened.text, opened.name, options, ANY_TABLE)
+        layout, _ = blank_asides(layout)
         blocks = [read_rows(layout, _looked_at(layout), opened.name)]
         return _text_view(opened.name, opened.text, layout, blocks)
     file, views = opened.channels, []

@@ -1,21 +1,24 @@
 """The day on which a recording was made, as far as its files tell.
 
-It stands in a header field (Date, Prüfdatum, start time), or in a time stamp of the first sample.
+It stands in a header field (Date, Prüfdatum, start time), or in a time stamp of the first sample;
+`beltid.bench.formats.clock` reads it.
 """
 
 from __future__ import annotations
 
 import datetime
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path, PurePath
-from typing import Any, Final
+from typing import Final
 
 from beltid.artifacts.file_bytes import opened
-from beltid.bench.files.sniff import LVM, PARQUET, TEXT, decode, sniff
+from beltid.bench.channels.vocabulary import means_date
+from beltid.bench.files.sniff import PARQUET, TEXT, decode, sniff
 from beltid.bench.files.sources import Source, is_many, sources_of
-from beltid.bench.formats.bench_file import BenchFile
-from beltid.bench.formats.dialect import ReadOptions
+from beltid.bench.formats.bench_file import BenchFile, Field
+from beltid.bench.formats.clock import day_in, holds_dates, written_as
+from beltid.bench.formats.dialect import ReadOptions, layout
 from beltid.bench.recording import open_sources
 from beltid.errors import InputError
 
@@ -27,16 +30,11 @@ WORDS: Final = re.compile(
     re.IGNORECASE,
 )
 """Names of header fields that may tell the day; a time of day alone has no day in it."""
-STAMPED: Final = re.compile(
-    r'\s*"?([^,;\t]*[,;\t]\s*"?)?(\d{4}-\d{1,2}-|\d{1,2}([./])\d{1,2}\3|\d{4}/\d{1,2}/)\d+[T ,;\t]'
-)
-"""A row of samples whose first or second cell is a time stamp with its day."""
 EXCEL_DAY: Final = re.compile(r'\s*"?([2-7]\d{4})([.,]\d*)?"?\s*($|[;\t])')
-YEAR_FIRST: Final = re.compile(r"\b(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})(?!\d)")
-YEAR_LAST: Final = re.compile(r"\b(\d{1,2})([-/.])(\d{1,2})\2(\d{4})(?!\d)")
+"""A date as Excel holds it: days from 1899-12-30."""
 
 
-def recorded_on(path: Path, config: Any, kind: str) -> str | None:
+def recorded_on(path: Path, config: object, kind: str) -> str | None:
     """Day of a recording, ``2024-05-17``; that of the first and the last file of several.
 
     Parameters
@@ -57,7 +55,7 @@ def recorded_on(path: Path, config: Any, kind: str) -> str | None:
     try:
         sources = _sources(path)
         ends = [sources[0], sources[-1]] if len(sources) > 1 else sources
-        days = [day for source in ends if (day := _of_file(source, options))]
+        days = [day for source in ends if (day := next(_of_file(source, options), None))]
     except InputError:  # what is wrong with it is told by the one who reads the samples
         return None
     return " to ".join(dict.fromkeys(sorted(days))) or None
@@ -72,19 +70,19 @@ def _sources(path: Path) -> list[Source]:
     return sources_of(path)
 
 
-def _of_file(source: Source, options: ReadOptions) -> str | None:
+def _of_file(source: Source, options: ReadOptions) -> Iterator[str]:
     head = _head(source)
     form = sniff(head, source.name)
     if form == PARQUET:
-        return None
-    if form in (TEXT, LVM):
-        return next(_told_by_lines(decode(head, source.name, options.encoding).text), None)
-    for one in open_sources([source], options):
-        if one.text is not None:  # packed
-            return next(_told_by_lines(one.text.text[:HEAD_BYTES]), None)
-        if one.channels is not None:
-            return next(_told_by(one.channels), None)
-    return None
+        yield from _of_parquet(source)
+    elif form == TEXT:
+        yield from _of_text(decode(head, source.name, options.encoding).text, options)
+    else:
+        for one in open_sources([source], options):
+            if one.text is not None:  # packed
+                yield from _of_text(one.text.text[:HEAD_BYTES], options)
+            if one.channels is not None:
+                yield from _of_channels(one.channels)
 
 
 def _head(source: Source) -> bytes:
@@ -97,58 +95,48 @@ def _head(source: Source) -> bytes:
     return head if len(head) < HEAD_BYTES else head[: head.rfind(b"\n") + 1 or None]
 
 
-def _told_by(file: BenchFile) -> Iterator[str]:
-    """Days in the header fields of a file."""
-    fields = (*file.fields, *(field for group in file.groups for field in group.fields))
+def _of_text(text: str, options: ReadOptions) -> Iterator[str]:
+    found = layout(text, "", options, [options.names.get("time_s", "time_s")])
+    yield from _of_fields(found.fields)
+    yield from _of_cells(zip(found.header, found.first_cells(), strict=True))
+
+
+def _of_channels(file: BenchFile) -> Iterator[str]:
+    yield from _of_fields(file.fields)
+    for group in file.groups:
+        yield from _of_fields(group.fields)
+        yield from _of_cells((c.name, c.first_texts()) for c in group.channels)
+
+
+def _of_parquet(source: Source) -> Iterator[str]:
+    import pyarrow as pa
+
+    from beltid.bench.formats.parquet import batches_of, open_source
+
+    file = open_source(source, ())
+    names = [f.name for f in file.schema_arrow if holds_dates(f.type)]
+    for batch in batches_of(file, names, source.name):
+        firsts = (column.slice(0, 1).cast(pa.string()).to_pylist() for column in batch.columns)
+        yield from _of_cells(zip(names, ([c for c in f if c] for f in firsts), strict=True))
+        return
+
+
+def _of_fields(fields: Iterable[Field]) -> Iterator[str]:
+    """Days in header fields whose names may tell them."""
     for field in fields:
-        if WORDS.fullmatch(field.name.strip()) and (day := _field_day(field.name, field.text)):
+        if not WORDS.fullmatch(field.name.strip()):
+            continue
+        number = EXCEL_DAY.match(field.text)
+        if number and "dat" in field.name.lower():
+            yield (datetime.date(1899, 12, 30) + datetime.timedelta(int(number[1]))).isoformat()
+        elif day := day_in(field.text):
             yield day
 
 
-def _told_by_lines(text: str) -> Iterator[str]:
-    """Days in the lines on top of a text: those of named fields first, then of time stamps."""
-    lines = text.splitlines()
-    for line in lines:
-        name, _, value = re.sub(r"^[#%;\s\"]+", "", line).partition(_separator(line))
-        if WORDS.fullmatch(name.strip(' "')) and (day := _field_day(name, value)):
+def _of_cells(columns: Iterable[tuple[str, Sequence[str]]]) -> Iterator[str]:
+    """Days of the first time stamps, and of the first dates beside times of day."""
+    for name, cells in columns:
+        written = written_as(cells)
+        is_stamp = written == "clock" or (written == "date" and means_date(name))
+        if is_stamp and (day := day_in(cells[0])):
             yield day
-    for line in lines:
-        if STAMPED.match(line) and (day := day_in(line)):
-            yield day
-
-
-def _field_day(name: str, text: str) -> str | None:
-    """The day in the value of a field; the number of a date is one of Excel, from 1899-12-30."""
-    number = EXCEL_DAY.match(text)
-    if number and "dat" in name.lower():
-        return (datetime.date(1899, 12, 30) + datetime.timedelta(int(number[1]))).isoformat()
-    return day_in(text)
-
-
-def _separator(line: str) -> str:
-    """What parts the name of a header field from its value."""
-    return next((sign for sign in ("\t", ";", ":", "=", ",") if sign in line), ":")
-
-
-def day_in(text: str) -> str | None:
-    """The day in a text as ISO 8601; None if there is none, or month and day may be exchanged.
-
-    Examples
-    --------
-    >>> day_in("17.05.2024 13:45"), day_in("2024/5/7"), day_in("05/07/2024"), day_in("05/27/2024")
-    ('2024-05-17', '2024-05-07', None, '2024-05-27')
-    """
-    if match := YEAR_FIRST.search(text):
-        year, month, day = (int(part) for part in match.groups())
-    elif match := YEAR_LAST.search(text):
-        first, second, year = int(match[1]), int(match[3]), int(match[4])
-        if match[2] != "." and first <= 12 and second <= 12 and first != second:
-            return None
-        month_first = match[2] != "." and second > 12
-        month, day = (first, second) if month_first else (second, first)
-    else:
-        return None
-    try:
-        return datetime.date(year, month, day).isoformat()
-    except ValueError:
-        return None

@@ -25,6 +25,7 @@ from beltid.bench.channels.channel_mapping import (
     stated_conversions,
 )
 from beltid.bench.channels.text_tables import read_text
+from beltid.bench.channels.vocabulary import means_date
 from beltid.bench.files.archives import unpacked
 from beltid.bench.files.sniff import (
     GZIP,
@@ -51,7 +52,7 @@ from beltid.bench.files.sources import (
 from beltid.bench.formats.bench_file import BenchFile, FormatError
 from beltid.bench.formats.clock import Clock
 from beltid.bench.formats.dialect import ReadOptions
-from beltid.bench.formats.frames import columns_of_frame
+from beltid.bench.formats.frames import columns_of_frame, names_of
 from beltid.bench.formats.rows import Texts
 from beltid.bench.runs.checks import Checker
 from beltid.bench.runs.run_settings import completed, joined
@@ -291,7 +292,12 @@ def columns_of(frame: Any, kind: str, config: Any = None) -> dict[str, np.ndarra
         frame = frame.columns
     options, problems = ReadOptions.of(config, kind), Problems()
     table = options.table(kind)
-    clock = Clock(options.names.get("time_s", "time_s"))
+    dates = [name for name in names_of(frame, "frame") if means_date(name)]
+    clock = Clock(
+        options.names.get("time_s", "time_s"),
+        options.time_zone,
+        dates[0] if len(dates) == 1 else "",
+    )
     columns = columns_of_frame(frame, table, "frame", options.names, problems, clock)
     problems.raise_if_any()
     return _checked(columns, table, "frame", options, clock=clock if clock.first else None)[0]
@@ -317,7 +323,7 @@ def _from_parquet(
         problems.raise_if_any()
         columns, notes = _checked(columns, table, str(path), ReadOptions(), table.names)
         return Recording(kind, columns, path, notes, is_artifact=True)
-    clock, problems = parquet_clock(sources[0], options.names), Problems()
+    clock, problems = parquet_clock(sources[0], options, means_date), Problems()
     blocks = list(parquet_blocks(sources, table, options.names, clock))
     if not any(map(len, blocks)):
         raise InputError(f"{path}: holds no samples")
@@ -457,7 +463,8 @@ def _opened(source: Source, options: ReadOptions, spare: Path) -> Opened | tuple
         PARQUET: "a Parquet file among others, name it alone",
         ZIP: "a zip file within another packed file, unpack it",
         GZIP: "packed twice, unpack it",
-    }.get(format_name) or unread(plain)
+    }.get(format_name)
+    what = unread(plain) or what
     if what:
         raise InputError(f"{source.name}: is {what}")
     decoded = decode(plain, source.name, options.encoding)

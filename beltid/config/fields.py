@@ -204,6 +204,17 @@ def text_encoding(value: Any) -> str:
     return str(value)
 
 
+def time_zone_name(value: Any) -> str:
+    """Name of a time zone."""
+    import zoneinfo
+
+    try:
+        zoneinfo.ZoneInfo(value)
+    except (zoneinfo.ZoneInfoNotFoundError, ValueError, TypeError, OSError):
+        raise complain("the name of a time zone such as Europe/Berlin or US/Eastern") from None
+    return str(value)
+
+
 def separating_character(value: Any) -> str:
     """Character that separates the cells of a row; it may be stated as the word tab."""
     if value == "tab":

@@ -37,6 +37,7 @@ from beltid.config.fields import (
     pattern_of_names,
     separating_character,
     text_encoding,
+    time_zone_name,
 )
 from beltid.tables.columns import Column
 from beltid.tables.schemas import RECORDINGS, SETTINGS, table
@@ -178,6 +179,7 @@ class DialectSection(Section):
     decimal: Literal[".", ","] | None = None
     thousands: Literal[".", ",", "'", " "] | None = None
     encoding: Annotated[str, BeforeValidator(text_encoding)] | None = None
+    time_zone: Annotated[str, BeforeValidator(time_zone_name)] | None = None
     skip_lines: Annotated[int, Count(0, 10_000)] = 0
     units_row: Annotated[bool, Strict()] = False
 

@@ -45,6 +45,7 @@ CONVERSIONS: Final[dict[str, dict[str, Conversion]]] = {
         "us": Conversion(1e-6),
         "min": Conversion(60.0),
         "h": Conversion(3600.0),
+        "d": Conversion(86400.0),
     },
     "rad/s": {
         "rad/s": Conversion(1.0),

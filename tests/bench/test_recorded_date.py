@@ -5,14 +5,20 @@ from __future__ import annotations
 import datetime
 import zipfile
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
-from beltid.bench.recorded_date import day_in, recorded_on
+from beltid.bench.formats.clock import day_in
+from beltid.bench.recorded_date import recorded_on
 from beltid.config import load_config
 
 DATA = Path(__file__).parent / "data"
 CONFIG = load_config({})
+STAMPS = [datetime.datetime(2024, 5, 17, 13, 45, second) for second in (2, 3)]
 
 
 @pytest.mark.parametrize(
@@ -85,6 +91,36 @@ def test_formats_of_measuring_programs_tell_it_in_a_field(tmp_path: Path) -> Non
         book.active.append(row)
     book.save(tmp_path / "rig.xlsx")
     assert recorded_on(tmp_path / "rig.xlsx", CONFIG, "rig") == "2024-05-17"
+
+
+@pytest.mark.parametrize(
+    "columns",
+    [
+        {"time_s": pa.array(STAMPS, pa.timestamp("ns"))},
+        {"time_s": pa.array(STAMPS, pa.timestamp("us", tz="UTC"))},
+        {"time_s": ["17.05.2024 13:45:02", "17.05.2024 13:45:03"]},
+        {"time_s": [t.time() for t in STAMPS], "Datum": [t.date() for t in STAMPS]},
+    ],
+)
+def test_parquet_tells_it_by_its_first_stamp(tmp_path: Path, columns: dict[str, Any]) -> None:
+    pq.write_table(pa.table({**columns, "force_N": [1.0, 2.0]}), tmp_path / "rig.parquet")
+    assert recorded_on(tmp_path / "rig.parquet", CONFIG, "rig") == "2024-05-17"
+
+
+def test_formats_of_measuring_programs_tell_it_by_their_start(tmp_path: Path) -> None:
+    from asammdf import MDF, Signal
+    from nptdms import ChannelObject, TdmsWriter
+
+    file = MDF(version="4.10")
+    file.append([Signal(np.arange(3.0), np.arange(3.0), unit="N", name="force_N")])
+    file.start_time = STAMPS[0].replace(tzinfo=datetime.UTC)
+    file.save(tmp_path / "rig.mf4")
+    file.close()
+    assert recorded_on(tmp_path / "rig.mf4", CONFIG, "rig") == "2024-05-17"
+    start = {"wf_start_time": np.datetime64(STAMPS[0]), "wf_increment": 0.1}
+    with TdmsWriter(tmp_path / "rig.tdms") as writer:
+        writer.write_segment([ChannelObject("g", "force", [1.0, 2.0], properties=start)])
+    assert recorded_on(tmp_path / "rig.tdms", CONFIG, "rig") == "2024-05-17"
 
 
 def test_what_cannot_be_read_tells_nothing(tmp_path: Path) -> None:

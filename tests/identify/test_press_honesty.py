@@ -210,3 +210,14 @@ def test_a_loss_by_rate_that_cannot_be_seen_is_in_the_combined_uncertainty(share
     assert z < 1.96
     assert bool(said(result, "speeds", alarming=False)) == (tau_s < 1000.0)  # there is a loop
     assert said(result, "hold", alarming=False) == [0.05]
+
+
+def test_noise_that_turns_the_loop_of_an_elastic_body_round_loses_no_work():
+    ratios = [
+        fit_stiffness(
+            Bench(hysteresis="none", dt=0.3, temperatures=(22.0,)).record(seed), SETTINGS
+        ).pooled.hysteresis_ratio
+        for seed in range(4)
+    ]
+    assert min(ratios) == 0.0  # the estimate itself would be below
+    assert max(ratios) < 1e-4

@@ -75,6 +75,9 @@ def read_groups(file: BenchFile, context: MappingContext) -> list[RawTable]:
         ]
     if raw_tables and notes:
         raw_tables[0] = replace(raw_tables[0], notes=(*notes, *raw_tables[0].notes))
+    elif not raw_tables:  # what was left out may be what is missing
+        for note in notes:
+            context.complain(note)
     return raw_tables
 
 
@@ -168,7 +171,7 @@ def _columns(
     values = {
         r: _typed(channel, mappings[r], _first_row(groups, mappings[r]), context)
         for r, channel in taken.items()
-        if mappings[r].clock is None
+        if not mappings[r].is_clock
     }
     problems, wrong = context.problems, context.problems.count
     if "time_s" not in context.table.names:
@@ -223,7 +226,7 @@ class _Clocks:
         self.mappings, self.values = mappings, values
         self.shared = mappings.get("time_s")
         self.problems = context.problems
-        self.clock = Clock("")
+        self.clock = Clock("", context.options.time_zone)
         """Reads all clock times of the file, so that they count from one midnight."""
         # the file's own words alone: what the config names for the time was looked for before
         self.context = replace(context, options=ReadOptions())
@@ -249,7 +252,7 @@ class _Clocks:
         if self.shared is None:
             return None
         g = self.shared.candidate.key[0]
-        if self.shared.clock is None:
+        if not self.shared.is_clock:
             by = self.shared.conversion
             return (self.values["time_s"] + by.shift) * by.factor
         if g not in self.known:
@@ -280,7 +283,7 @@ class _Clocks:
             return self._shared()
         mapping = found["time_s"]
         channel = self.groups[g].channels[mapping.candidate.key[1]]
-        if mapping.clock is not None:
+        if mapping.is_clock:
             inside = replace(mapping.candidate, key=(g, mapping.candidate.key[1]))
             date = mapping.date and replace(mapping.date, key=(g, mapping.date.key[1]))
             return self._clock_times(replace(mapping, candidate=inside, date=date))

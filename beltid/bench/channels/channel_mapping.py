@@ -14,7 +14,6 @@ import numpy as np
 
 from beltid.bench.channels.vocabulary import means_date, roles_meant, simplified
 from beltid.bench.formats.bench_file import Field
-from beltid.bench.formats.clock import Clock
 from beltid.bench.formats.dialect import (
     ReadOptions,
     unit_in_name,
@@ -65,9 +64,8 @@ class Candidate:
     @property
     def shown(self) -> str:
         """Name and unit in words."""
-        return (
-            f"{self.name} [{self.unit}]" if self.unit and not unit_in_name(self.name) else self.name
-        )
+        unit = self.unit.strip("[](){}<> ")
+        return f"{self.name} [{unit}]" if unit and not unit_in_name(self.name) else self.name
 
     @property
     def base(self) -> str:
@@ -111,10 +109,9 @@ class ChannelMapping:
     date: Candidate | None = None
 
     @property
-    def clock(self) -> Clock | None:
-        """A reader of its clock times; None where it holds numbers or other texts."""
-        is_time = self.role == "time_s" and self.candidate.written == "clock"
-        return Clock(self.candidate.name) if is_time else None
+    def is_clock(self) -> bool:
+        """Whether it holds clock times rather than numbers or other texts."""
+        return self.role == "time_s" and self.candidate.written == "clock"
 
     @property
     def shown(self) -> str:
@@ -188,7 +185,7 @@ def map_channels(
         meant = [c for c in free if column.name in roles_meant(c.name, context.kind)]
         fitting = [c for c in meant if _fits(c, column, options)] or meant
         if column.name == "time_s":  # a stop watch comes before a clock on the wall
-            fitting = [c for c in fitting if unit_of(c)] or fitting
+            fitting = [c for c in fitting if unit_of(c) and not c.written] or fitting
         if len(fitting) == 1:
             found[column.name] = (fitting[0], "recognised", False)
         elif fitting:
@@ -199,7 +196,7 @@ def map_channels(
         if column.name in found
     }
     time = mappings.get("time_s")
-    if time is not None and time.clock:
+    if time is not None and time.is_clock:
         mappings["time_s"] = replace(time, date=_date_of(time.candidate, free, context))
     return mappings
 
@@ -307,7 +304,7 @@ def _mapping(
     mapping = ChannelMapping(column.name, candidate, how)
     if column.dtype == "string":
         return mapping
-    if mapping.clock:
+    if mapping.is_clock:
         return replace(mapping, unit_stated=True)
     unit = unit_of(candidate)
     converted = unit_conversion(column, candidate.name, unit, context, how == "recognised")

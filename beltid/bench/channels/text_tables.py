@@ -23,9 +23,16 @@ from beltid.bench.channels.channel_mapping import (
 )
 from beltid.bench.channels.vocabulary import roles_meant
 from beltid.bench.files.sniff import Decoded
-from beltid.bench.formats.clock import written_as
+from beltid.bench.formats.clock import Clock, written_as
 from beltid.bench.formats.csv_table import Wanted, read_rows
-from beltid.bench.formats.dialect import Layout, ReadOptions, layout, side_by_side
+from beltid.bench.formats.dialect import (
+    Layout,
+    ReadOptions,
+    asides_note,
+    blank_asides,
+    layout,
+    side_by_side,
+)
 from beltid.bench.formats.numbers import is_number
 from beltid.errors import Problem, Problems
 from beltid.tables import schemas
@@ -63,6 +70,7 @@ def read_text(decoded: Decoded, context: MappingContext) -> list[RawTable]:
         What is needed of the file; nothing is returned if its header is wrong.
     """
     found = text_layout(decoded, context.place, context.options, context.table)
+    found, asides = blank_asides(found)
     candidates, stem = candidates_of(found), PurePath(context.place).stem
     by_column = {c.key: replace(c, name=c.base) for c in candidates}
     parts = [[by_column[i] for i in part] for part in side_by_side(found.header)]
@@ -74,7 +82,8 @@ def read_text(decoded: Decoded, context: MappingContext) -> list[RawTable]:
         for label, part in zip(labels, parts, strict=True)
         if (raw := _read_part(found, label, part, context)) is not None
     ]
-    return [replace(raw, notes=(*decoded.notes, *found.notes, *raw.notes)) for raw in read]
+    notes = (*decoded.notes, *found.notes, *asides_note(asides))
+    return [replace(raw, notes=(*notes, *raw.notes)) for raw in read]
 
 
 def _read_part(
@@ -142,7 +151,7 @@ def wanted_columns(
             r.candidate.key,
             table.column(role).dtype == "string",
             r.shown,
-            r.clock,
+            Clock(r.candidate.name, context.options.time_zone) if r.is_clock else None,
             None if r.date is None else r.date.key,
         )
         for role, r in mappings.items()

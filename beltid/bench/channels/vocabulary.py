@@ -63,7 +63,7 @@ _TIME: Final = _words(
     "heure,date heure,horodatage,zeit,pruefzeit,versuchszeit,messzeit,laufzeit,time,times,"
     "test time,elapsed time,running time,total time,relative time,temps,temps ecoule,timestamp,"
     "time stamp,zeitstempel,t,x value",
-    "s sec von de du the rel",
+    "s sec von de du the rel 1 standardmessrate default sample rate",
 )
 _TEMPERATURE: Final = _words(
     "temperatur,temperature,temp,pruefraumtemperatur,ofentemperatur,kammertemperatur,"

@@ -27,8 +27,27 @@ UNREAD: Final = {
     b"7z\xbc\xaf": "a 7z archive, unpack it",
     b"BZh": "packed with bzip2, unpack it or use gzip",
     b"\xfd7zX": "packed with xz, unpack it or use gzip",
+    b"\x28\xb5\x2f\xfd": "packed with zstd, unpack it or use gzip",
+    b"\x93NUMPY": "an array of NumPy, save the samples as CSV, Parquet or .mat",
+    b"ARROW1": "an Arrow or Feather file, save it as Parquet",
+    b"SQLite format 3": "an SQLite database, export the samples as CSV",
+    b"\x89PNG": "a picture, not the samples",
+    b"\xff\xd8\xff": "a picture, not the samples",
+    b"|CF,": "a FAMOS file, export the samples as CSV or TDMS",
+    b"DIAHEADERSTART": "the header of a DIAdem .dat recording, save it as TDMS",
+    b"<?xml": "an XML or HTML page, export the samples as CSV",
+    b"<html": "an XML or HTML page, export the samples as CSV",
+    b"<!DOCTYPE": "an XML or HTML page, export the samples as CSV",
+    b"{": "a JSON file, save the samples as CSV or Parquet",
 }
 """First bytes of files that are not read -> what they are, and what helps."""
+UNREAD_IN_ZIP: Final = (
+    (b"mimetypeapplication/vnd.oasis", "an OpenDocument file (.ods), save it as .xlsx"),
+    (b".npy", "a file of NumPy arrays, save the samples as CSV, Parquet or .mat"),
+)
+"""What stands at the name of the first file in a zip file -> what that is, and what helps."""
+_NAME_IN_ZIP: Final = slice(30, 90)
+_MARK_OF_TAR: Final = slice(257, 262)
 _SIGNATURES: Final = (
     (b"PAR1", PARQUET),
     (b"\x1f\x8b", GZIP),
@@ -80,7 +99,12 @@ def sniff(data: bytes | memoryview, name: str = "") -> str:
 
 def unread(data: bytes | memoryview) -> str:
     """What a file is that no reader is there for, and what helps; "" for any other."""
-    head = bytes(data[:8])
+    head = bytes(data[:512])
+    if head[_MARK_OF_TAR] == b"ustar":
+        return "a tar archive, unpack it"
+    if head.startswith(b"PK\x03\x04"):
+        name = head[_NAME_IN_ZIP]
+        return next((words for mark, words in UNREAD_IN_ZIP if mark in name), "")
     return next((words for first, words in UNREAD.items() if head.startswith(first)), "")
 
 
@@ -127,6 +151,12 @@ def decode(data: bytes, name: str, encoding: str | None = None) -> Decoded:
     elif data[:3] == codecs.BOM_UTF8:  # the mark of the file itself comes before the config
         encoding = "utf-8"
     elif b"\0" in data[:65536] and not (encoding or "").lower().startswith(("utf-16", "utf-32")):
+        for parity, order in ((1, "utf-16-le"), (0, "utf-16-be")):
+            if not any(data[parity:1000:2]):
+                raise InputError(
+                    f"{name}: looks like UTF-16 without its mark: dialect: {{encoding: {order}}}",
+                    code="encoding",
+                )
         raise InputError(f"{name}: is not a text file, nor of another format that is known")
     used = encoding or "utf-8"
     notes: tuple[str, ...] = ()

@@ -12,7 +12,7 @@ from typing import Final
 
 from beltid.artifacts.file_bytes import MAX_BYTES, opened, read_bytes, sha256
 from beltid.bench.files.archives import MAX_FILES, member_bytes, members, natural
-from beltid.bench.files.sniff import ZIP, sniff
+from beltid.bench.files.sniff import ZIP, sniff, unread
 from beltid.errors import InputError
 
 _NOT_RECORDINGS: Final = frozenset({".yaml", ".yml", ".md", ".json", ".html", ".pdf", ".png"})
@@ -95,7 +95,7 @@ def sources_of(path: Path, besides: Sequence[Path] = ()) -> list[Source]:
 
 def sources_in(data: bytes, path: Path) -> list[Source]:
     """Files that the bytes of a file are: itself, or those in a zip file."""
-    if data[:2] != b"PK" or sniff(data) != ZIP:
+    if data[:2] != b"PK" or sniff(data) != ZIP or unread(data):
         return [Source(str(path), path, PurePath(path.name), data)]
     found = list(members(data, path))
     names = [f"{path}/{m}" if len(found) > 1 else str(path) for m in found]

@@ -1,14 +1,17 @@
 """Clock times and time stamps as the time of a recording: seconds from its first sample.
 
 Times of day (``13:45:02,125``, ``1:45:02 PM``), alone or with a date in front or in a column
-beside, with or without a zone; and the times and time stamps of Arrow.
+beside, with or without a zone; and the times and time stamps of Arrow. All that reads a date is
+here.
 """
 
 from __future__ import annotations
 
+import datetime
 import re
+import zoneinfo
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -24,17 +27,27 @@ MOST_SHAPES: Final = 50
 _DATE: Final = r"(?P<a>\d{4}|\d{1,2})(?P<mark>[-./])(?P<b>\d{1,2})(?P=mark)(?P<c>\d{4}|\d{1,2})"
 _TIME: Final = r"(?P<h>\d{1,2}):(?P<m>\d\d):(?P<s>\d\d)(?:[.,](?P<f>\d{1,30}))?"
 _HALF: Final = r"(?:\s*(?P<half>[AaPp])\.?[Mm]\.?)?"
-_ZONE: Final = (
-    r"(?:\s*(?P<zone>Z|UTC|GMT|CEST|CET|MESZ|MEZ|(?P<sign>[-+])(?P<zh>\d\d):?(?P<zm>\d\d)?))?"
-)
+_OFFSET: Final = r"(?P<sign>[-+])(?P<zh>\d\d):?(?P<zm>\d\d)?(?:\[[\w+/-]+\])?"
+_PLACE: Final = r"(?P<place>[A-Z][A-Za-z]+(?:/[A-Z][A-Za-z_]+){1,2})"
+_ZONE: Final = rf"(?:\s*(?P<zone>Z|UTC|GMT|CEST|CET|MESZ|MEZ|{_OFFSET}|{_PLACE}))?"
 _CLOCK: Final = re.compile(rf"\s*(?:{_DATE}(?:T|,?\s+))?{_TIME}{_HALF}{_ZONE}\s*", re.ASCII)
 _CLOCK_CUT: Final = re.compile(r"\s*\d{1,3}:\d\d(?:[.,]\d+)?\s*", re.ASCII)
 """What spreadsheets leave of a clock time: minutes and seconds, or hours and minutes."""
 _DATE_ALONE: Final = re.compile(rf"\s*{_DATE}(?:[T ]00:00(?::00(?:[.,]0+)?)?)?\s*", re.ASCII)
+_DATE_IN: Final = re.compile(
+    r"(?<!\d)(?:\d{4}([-/.])\d{1,2}\1\d{1,2}|\d{1,2}([-/.])\d{1,2}\2(?:\d{4}|\d\d))(?!\d)", re.ASCII
+)
+_QUARTER_S: Final = 900
+"""Clocks are set to summer time and back at full quarters of an hour."""
 _ZONES_MIN: Final = {"Z": 0, "UTC": 0, "GMT": 0, "CET": 60, "MEZ": 60, "CEST": 120, "MESZ": 120}
 
 NOT_READ: Final = "must be a clock time such as 13:45:02.125 or 2026-11-20T13:45:02+01:00"
 UNLIKE: Final = "has a date or a zone where the first time has none, or has none where it has"
+UNKNOWN_ZONE: Final = "is in a time zone that is not known, must be one such as Europe/Berlin"
+TWICE: Final = (
+    "comes twice in its time zone, where the clock is set back, or never: write times with their "
+    "offset, such as +02:00"
+)
 DAY_OR_MONTH: Final = "may be day/month or month/day: write dates as 2026-11-20"
 
 
@@ -58,6 +71,22 @@ def written_as(cells: Sequence[str]) -> str:
     return "clock" if cells and (is_clock(cells[0]) or _CLOCK_CUT.fullmatch(cells[0])) else ""
 
 
+def day_in(text: str) -> str | None:
+    """The day in a text as ISO 8601; None if there is none, or month and day may be exchanged.
+
+    Examples
+    --------
+    >>> day_in("17.05.2024 13:45"), day_in("2024/5/7"), day_in("05/07/2024"), day_in("05/27/2024")
+    ('2024-05-17', '2024-05-07', None, '2024-05-27')
+    """
+    import pyarrow as pa
+
+    found, clock = _DATE_IN.search(text), Clock("")
+    if found is None or clock.read(pa.array([f"{found[0]} 00:00:00"]))[1]:
+        return None
+    return None if clock.day_first is None else str(np.datetime64(clock.first_day, "D"))
+
+
 def holds_clock(kind: Any) -> bool:
     """Whether an Arrow type holds times of day, time stamps, or texts that may be such."""
     import pyarrow as pa
@@ -69,6 +98,13 @@ def holds_clock(kind: Any) -> bool:
     )
 
 
+def holds_dates(kind: Any) -> bool:
+    """Whether an Arrow type holds dates, time stamps, or texts that may be such."""
+    import pyarrow as pa
+
+    return bool(pa.types.is_date(kind) or (holds_clock(kind) and not pa.types.is_time(kind)))
+
+
 @dataclass(slots=True)
 class Clock:
     """The clock times of one channel, read block by block; the first of them tells how.
@@ -77,12 +113,17 @@ class Clock:
     ----------
     name : str
         Name of the channel, for messages.
+    zone : str
+        Time zone of stamps that carry none, such as "Europe/Berlin"; "": they count as they stand.
+    date : str
+        Name of the column of dates beside it, where its reader looks for one by itself; "": none.
     first : str
         The first time, as it is written.
     dated, zoned : bool
         Whether the first time has a date, and a zone.
     day_first : bool or None
-        Whether the day stands before the month in dates such as 20/11/2026; None: not told.
+        Whether the day stands before the month in dates such as 20/11/2026; None: not told, and the
+        first date is another one if they are exchanged.
     first_day : int
         Day of the first time, counted from 1970-01-01; seconds are counted from its midnight.
     midnights : int
@@ -90,13 +131,14 @@ class Clock:
     """
 
     name: str
+    zone: str = ""
+    date: str = ""
     first: str = ""
     dated: bool = False
     zoned: bool = False
     day_first: bool | None = None
     first_day: int = 0
     midnights: int = 0
-    _first_date: tuple[int, int] | None = field(default=None, repr=False)
 
     def read(self, times: Any, dates: Any = None) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Seconds of clock times.
@@ -106,7 +148,7 @@ class Clock:
         times : pyarrow Array or ChunkedArray
             Texts, times of day or time stamps, shape (n,).
         dates : pyarrow Array or ChunkedArray, optional
-            Texts of the dates of times of day, shape (n,).
+            Dates of times of day, or their texts, shape (n,).
 
         Returns
         -------
@@ -120,15 +162,14 @@ class Clock:
         import pyarrow.compute as pc
 
         times = _plain(times)
+        if dates is not None and not _are_dated(times):
+            alone = pc.replace_substring_regex(_plain(dates).cast(pa.string()), r"[T ]00:00.*", "")
+            times = pc.binary_join_element_wise(alone, times.cast(pa.string()), " ")
         if not (pa.types.is_string(times.type) or pa.types.is_large_string(times.type)):
-            return self._of_arrow(times), {}
-        if dates is not None:
-            dates = _plain(dates)
-            alone = pc.replace_substring_regex(dates, r"[T ]00:00.*", "")
-            times = pc.binary_join_element_wise(alone, times, " ")
+            return self._of_arrow(times)
         return self._of_texts(times)
 
-    def _of_arrow(self, times: Any) -> np.ndarray:
+    def _of_arrow(self, times: Any) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Seconds of Arrow's own times of day and time stamps; these are UTC where zones are."""
         import pyarrow as pa
 
@@ -147,7 +188,12 @@ class Clock:
         )
         seconds = whole / per_second
         seconds[np.asarray(times.is_null())] = np.nan
-        return seconds
+        wrong = {}
+        if self.dated and not self.zoned and self.zone:
+            ahead, unclear = _ahead_of_utc(seconds[there] + self.first_day * DAY_S, self.zone)
+            seconds[there] -= ahead
+            wrong = {TWICE: there[unclear]} if unclear.any() else {}
+        return seconds, wrong
 
     def _of_texts(self, times: Any) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         seconds = np.full(len(times), np.nan)
@@ -166,10 +212,18 @@ class Clock:
             values, bad = _time_of_day(found, digits)
             wrong.setdefault(NOT_READ, []).append(rows[bad])
             if self.dated:
-                days, bad, unclear = self._days(found, digits)
-                wrong.setdefault(NOT_READ, []).append(rows[bad])
+                days, no_day, unclear = self._days(found, digits)
+                wrong.setdefault(NOT_READ, []).append(rows[no_day])
                 wrong.setdefault(DAY_OR_MONTH, []).append(rows[unclear])
                 values += (days - self.first_day) * DAY_S
+                read = np.flatnonzero(~(bad | no_day | unclear))
+                zone = self.zone if found["zone"] is None else found["place"]
+                if zone and not _is_zone(zone):
+                    wrong.setdefault(UNKNOWN_ZONE, []).append(rows)
+                elif zone:
+                    ahead, twice = _ahead_of_utc(values[read] + self.first_day * DAY_S, zone)
+                    values[read] -= ahead
+                    wrong.setdefault(TWICE, []).append(rows[read[twice]])
             seconds[rows] = values
         return seconds, {why: rows for why, parts in wrong.items() if (rows := _joined(parts)).size}
 
@@ -178,8 +232,8 @@ class Clock:
         self.first, self.dated, self.zoned = text, found["a"] is not None, found["zone"] is not None
         if self.dated:
             one, two = (int(_number(digits[:1], found.span(part))[0]) for part in "ab")
-            self.day_first = found["mark"] == "." or one > 12 or (None if two <= 12 else False)
-            self._first_date = (one, two)
+            told = found["mark"] == "." or one > 12 or one == two
+            self.day_first = told or (None if two <= 12 else False)
             self.first_day = int(self._days(found, digits[:1])[0][0])
 
     def _days(
@@ -191,14 +245,14 @@ class Clock:
         if len(found["a"]) == 4:
             year, month, day = one, two, three
         else:
-            if self.day_first is None:  # of one and the same day the order does not matter
-                known = self._first_date or (0, 0)
-                unclear |= (one != known[0]) | (two != known[1])
             year = three + (2000 if len(found["c"]) < 4 else 0)
             day, month = (two, one) if self.day_first is False else (one, two)
         months = ((year - 1970) * 12 + month - 1).astype("datetime64[M]")
         days = months.astype("datetime64[D]") + (day - 1)
         bad = (month < 1) | (month > 12) | (days.astype("datetime64[M]") != months)
+        if len(found["a"]) < 4 and self.day_first is None and self.first_day:
+            # of one and the same day the order does not matter
+            unclear = days.astype(np.int64) != self.first_day
         return days.astype(np.int64), bad & ~unclear, unclear
 
     def elapsed(
@@ -299,10 +353,58 @@ class Clock:
             return []
         what = "time stamps" if self.dated else "times of day"
         found = [f"{self.name} holds {what}: seconds are counted from the first, {self.first}"]
+        if self.zone and self.dated and not self.zoned:
+            found.append(f"{self.name} is read as times of {self.zone}, as the config states")
         if self.midnights:
             times = "once" if self.midnights == 1 else f"{self.midnights} times"
             found.append(f"{self.name} passes midnight {times}: the seconds go on")
         return found
+
+
+def _are_dated(times: Any) -> bool:
+    """Whether Arrow's times, or the first of their texts, have a date of their own."""
+    import pyarrow as pa
+
+    if pa.types.is_timestamp(times.type) or pa.types.is_time(times.type):
+        return bool(pa.types.is_timestamp(times.type))
+    found = _CLOCK.fullmatch(next((t.as_py() for t in times if t.is_valid), ""))
+    return found is not None and found["a"] is not None
+
+
+def _is_zone(name: str) -> bool:
+    """Whether a name is that of a time zone."""
+    try:
+        zoneinfo.ZoneInfo(name)
+    except (zoneinfo.ZoneInfoNotFoundError, ValueError, OSError):
+        return False
+    return True
+
+
+def _ahead_of_utc(local_s: np.ndarray, zone: str) -> tuple[np.ndarray, np.ndarray]:
+    """How far the clocks of a zone are ahead of UTC [s], and which times come twice or never.
+
+    Parameters
+    ----------
+    local_s : ndarray
+        What the clocks show [s], counted from 1970-01-01, shape (n,).
+    zone : str
+        Name of the zone.
+    """
+    place, start = zoneinfo.ZoneInfo(zone), datetime.datetime(1970, 1, 1)
+    quarters, which = np.unique(local_s // _QUARTER_S, return_inverse=True)
+    before, after = (
+        np.array(
+            [
+                (start + datetime.timedelta(seconds=q * _QUARTER_S))
+                .replace(tzinfo=place, fold=fold)
+                .utcoffset()
+                for q in quarters.tolist()
+            ],
+            dtype="timedelta64[s]",
+        ).astype(float)
+        for fold in (0, 1)
+    )
+    return before[which], (before != after)[which]
 
 
 def _plain(values: Any) -> Any:
@@ -354,7 +456,7 @@ def _number(signs: np.ndarray, span: tuple[int, int], most: int = 9) -> np.ndarr
 
 
 def _time_of_day(found: re.Match[str], signs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Seconds from midnight, at the zone of Greenwich where a zone is told; and which are none."""
+    """Seconds from midnight, less the offset where one is told; and which are none."""
     hour, minute, second = (_number(signs, found.span(part)) for part in "hms")
     bad = (hour > 23) | (minute > 59) | (second > 59)
     if found["half"]:
@@ -369,7 +471,7 @@ def _time_of_day(found: re.Match[str], signs: np.ndarray) -> tuple[np.ndarray, n
         if found["zm"]:
             ahead += _number(signs, found.span("zm")) * 60
         values -= ahead if found["sign"] == "+" else -ahead
-    elif found["zone"]:
+    elif found["zone"] in _ZONES_MIN:
         values -= _ZONES_MIN[found["zone"]] * 60
     return values, bad
 

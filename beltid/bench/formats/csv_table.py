@@ -16,7 +16,7 @@ import numpy as np
 from beltid.artifacts.file_bytes import opened
 from beltid.bench.files.sniff import CUT_OFF
 from beltid.bench.formats.clock import Clock
-from beltid.bench.formats.dialect import Layout
+from beltid.bench.formats.dialect import Layout, asides_note, blank_asides
 from beltid.bench.formats.numbers import MISSING_WORDS, numbers_or_problems
 from beltid.bench.formats.rows import Rows, Texts
 from beltid.errors import Alike, InputError, Problems
@@ -109,7 +109,7 @@ def csv_blocks(
     InputError
         If a row is too long, or bytes are not text.
     """
-    line = layout.first_line
+    line, asides = layout.first_line, 0
     for data in _whole_rows(chunks, line, name, notes):
         if b"\0" in data:
             line += data.count(b"\n", 0, data.index(b"\0"))
@@ -120,7 +120,9 @@ def csv_blocks(
             data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
         try:
             body = data if encoding == "utf-8" else data.decode(encoding).encode()
-            yield read_rows(replace(layout, body=body, first_line=line), wanted, name)
+            block, count = blank_asides(replace(layout, body=body, first_line=line))
+            asides += count
+            yield read_rows(block, wanted, name)
         except UnicodeDecodeError as error:
             line += data.count(b"\n", 0, error.start)
             raise InputError(
@@ -129,6 +131,7 @@ def csv_blocks(
                 code="encoding",
             ) from None
         line += data.count(b"\n")
+    notes += asides_note(asides)
 
 
 def file_chunks(path: Path) -> Iterator[bytes]:
@@ -252,7 +255,7 @@ def _read_row_by_row(layout: Layout, wanted: Mapping[str, Wanted], name: str) ->
     lines: list[int] = []
     misfits: dict[int, Alike] = {}
     text = io.StringIO(layout.body.decode(), newline="")
-    reader = csv.reader(text, delimiter=layout.separator)
+    reader = csv.reader(text, delimiter=layout.separator, skipinitialspace=True)
     try:
         for row in reader:
             line = layout.first_line + reader.line_num - 1

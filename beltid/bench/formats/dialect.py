@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -37,6 +38,9 @@ OTHER_UNITS: Final = frozenset((*_OTHER.split(), "N/mm", "N/mm²", "l/min"))
 """Units that no column of ours has, but that stand in a row of units."""
 LONGEST_NAME: Final = 300
 """Longer names of channels are not searched for a unit."""
+_COMMENT: Final = re.compile(rb"^#[^\n]*", re.MULTILINE)
+_CLOCK_FORM: Final = re.compile(r"h{1,2}:mm(:ss)?([.,][sf0]+)?", re.IGNORECASE)
+"""The form of clock times, where a unit stands otherwise."""
 _IN_NAME: Final = re.compile(r"[\[(<{]([^\[\](){}<>]*)[\])>}]\s*$")
 POSITION: Final = re.compile(r" #\d{1,4}(?=\s|$)")
 """What tells channels of one name apart."""
@@ -56,6 +60,8 @@ class ReadOptions:
         Our column -> its unit in the file, or the calibration of its sensor.
     separator, decimal, thousands, encoding : str or None
         None means: found out from the file.
+    time_zone : str
+        Zone of time stamps that carry none; "": none is stated.
     skip_lines : int
         Lines before the header.
     units_row : bool
@@ -72,6 +78,7 @@ class ReadOptions:
     decimal: str | None = None
     thousands: str | None = None
     encoding: str | None = None
+    time_zone: str = ""
     skip_lines: int = 0
     units_row: bool = False
     runs: Any = None
@@ -96,6 +103,7 @@ class ReadOptions:
             decimal=dialect.decimal,
             thousands=dialect.thousands,
             encoding=dialect.encoding,
+            time_zone=dialect.time_zone or "",
             skip_lines=dialect.skip_lines,
             units_row=dialect.units_row,
             runs=config.runs.of(kind),
@@ -136,6 +144,8 @@ class Layout:
         Line number of the header, from 1.
     fields : tuple of Field
         What the lines above the header tell.
+    head : tuple of bytes
+        The lines of the header and of the row of units, as they stand in the body if repeated.
     """
 
     header: tuple[str, ...]
@@ -147,6 +157,7 @@ class Layout:
     notes: tuple[str, ...]
     header_line: int
     fields: tuple[Field, ...] = ()
+    head: tuple[bytes, ...] = ()
 
     def first_cells(self) -> list[list[str]]:
         """Filled cells of the first rows, column by column."""
@@ -159,6 +170,32 @@ class Layout:
                 if cell.strip() not in MISSING_WORDS:
                     column.append(cell.strip())
         return columns
+
+
+def blank_asides(found: Layout) -> tuple[Layout, int]:
+    """A layout in whose body comments and repeated heads are blank; how many lines that are.
+
+    A comment begins with # and has not the cells of a row: a label may begin with # as well.
+    """
+    body, separator = found.body, found.separator.encode()
+    comments: list[bytes] = []
+    if body.startswith(b"#") or b"\n#" in body:
+        width = len(found.header)
+        comments = [
+            line for line in _COMMENT.findall(body) if line.count(separator) + 1 < max(width, 2)
+        ]
+    count = 0
+    for line in {*comments, *found.head}:
+        if body.startswith(line) or b"\n" + line in body:
+            body, n = re.subn(rb"(?m)^%s$" % re.escape(line), b"", body)
+            count += n
+    return (replace(found, body=body), count) if count else (found, 0)
+
+
+def asides_note(count: int) -> list[str]:
+    """How many lines `blank_asides` found, in words."""
+    words = "lines of comments (#) and repeated heads left out between the rows"
+    return [f"{count} {words}"] if count else []
 
 
 def layout(text: str, name: str, options: ReadOptions, wanted: Iterable[str]) -> Layout:
@@ -206,6 +243,7 @@ def layout(text: str, name: str, options: ReadOptions, wanted: Iterable[str]) ->
         raise InputError(f"{name}:{line}: {len(header)} columns, at most {MAX_COLUMNS} are read")
     header = told_apart(header)
     header_line = line
+    head_start = start
     unit_cells, start, line = _units_row(text, start, line, separator, options, name)
     body = text[start:]
     if not body.strip():
@@ -220,6 +258,7 @@ def layout(text: str, name: str, options: ReadOptions, wanted: Iterable[str]) ->
         (),
         header_line,
         fields,
+        tuple(row.encode() for row in text[head_start:start].split("\n") if row.strip()),
     )
     signs = _number_signs(laid_out, options, notes, f"{name}:{header_line}")
     return replace(laid_out, signs=signs, notes=tuple(notes))
@@ -391,12 +430,22 @@ def find_head(rows: Sequence[Sequence[str]]) -> TableHead | None:
         if len(above) > 1 and is_units_row(rows[above[-1]]):
             units = tuple(cell.strip() for cell in rows[above[-1]])
             above.pop()
-        names = tuple(cell.strip() for cell in rows[above[-1]])
+        names = _names_of(rows, above)
         if sum(1 for name in names if name and not is_number(name)) < 2:
             return None
         fields = fields_of([rows[i] for i in above[:-1]])
         return TableHead(names, units, above[-1], index, fields)
     return None
+
+
+def _names_of(rows: Sequence[Sequence[str]], above: Sequence[int]) -> tuple[str, ...]:
+    """Names of the columns; one that is blank stands in the row above: cells merged over two."""
+    names = [cell.strip() for cell in rows[above[-1]]]
+    upper = rows[above[-2]] if len(above) > 1 and above[-2] == above[-1] - 1 else ()
+    if sum(1 for cell in upper if cell.strip()) > 1:  # a title is one cell
+        names += [""] * (len(upper) - len(names))
+        names = [n or u.strip() for n, u in itertools.zip_longest(names, upper, fillvalue="")]
+    return tuple(names)
 
 
 def _is_numbers(block: Sequence[Sequence[str]]) -> bool:
@@ -431,7 +480,8 @@ def is_units_row(cells: Sequence[str]) -> bool:
 
 def is_unit(text: str) -> bool:
     """Whether a text is a unit, of ours or another one of benches."""
-    return is_known_unit(text) or canonical_unit(text) in OTHER_UNITS
+    known = is_known_unit(text) or canonical_unit(text) in OTHER_UNITS
+    return known or bool(_CLOCK_FORM.fullmatch(text.strip("[]() ")))
 
 
 def unit_in_name(name: str) -> str:

@@ -45,7 +45,7 @@ def columns_of_frame(
     InputError
         If the frame is no table, or has no rows.
     """
-    have = _names(frame, name)
+    have = names_of(frame, name)
     columns: dict[str, np.ndarray] = {}
     for column in table.columns:
         theirs = names.get(column.name, column.name)
@@ -55,7 +55,8 @@ def columns_of_frame(
             if clock is None or times is None:
                 columns[column.name] = _values(values, column, name, problems)
                 continue
-            columns[column.name], wrong = clock.read(times)
+            dates = _arrow(_column(frame, clock.date)) if clock.date else None
+            columns[column.name], wrong = clock.read(times, dates)
             clock.report_wrong(wrong, times, lambda i: (f"{name}, row {i + 1}", i + 1), problems)
         elif column.required:
             problems.add(missing_column(theirs, have, name))
@@ -75,7 +76,8 @@ def missing_column(wanted: str, have: Sequence[str], name: str) -> Problem:
     return Problem(f"{name}: column {wanted} is missing{guess}; found are {found}", "columns")
 
 
-def _names(frame: Any, name: str) -> list[str]:
+def names_of(frame: Any, name: str) -> list[str]:
+    """Names of the columns of a table in memory; InputError if it is none."""
     if isinstance(frame, Mapping):
         found = list(frame)
     elif hasattr(frame, "column_names"):
@@ -102,16 +104,24 @@ def _column(frame: Any, theirs: str) -> Any:
     return column
 
 
+def _arrow(values: Any) -> Any:
+    """Values as an Arrow array; None where they are of no type of Arrow."""
+    import pyarrow as pa
+
+    try:
+        found = pa.array(values)
+    except (pa.ArrowException, ValueError, TypeError):
+        return None
+    return found.combine_chunks() if isinstance(found, pa.ChunkedArray) else found
+
+
 def _clock_times(values: Any) -> Any:
     """Clock times as an Arrow array; None where the values are something else."""
     import pyarrow as pa
 
-    try:
-        times = pa.array(values)
-    except (pa.ArrowException, ValueError, TypeError):
+    times = _arrow(values)
+    if times is None:
         return None
-    if isinstance(times, pa.ChunkedArray):
-        times = times.combine_chunks()
     is_text = pa.types.is_string(times.type) or pa.types.is_large_string(times.type)
     if is_text and not is_clock(next((t.as_py() for t in times if t.is_valid), "")):
         return None

@@ -15,7 +15,10 @@ from beltid.bench.formats.numbers import NumberSigns
 from beltid.errors import Alike, InputError, Problems
 
 END: Final = "***End_of_Header***"
-_SEPARATORS: Final = {"tab": "\t", "comma": ",", "space": " "}
+HEADER: Final = 10_000
+"""Characters in which the separator is looked for."""
+_SEPARATOR: Final = re.compile(r"^Separator(.)(?:Tab|Comma|Space)\b", re.MULTILINE | re.IGNORECASE)
+"""The line that names the separator holds it, too."""
 _TECHNICAL: Final = frozenset(
     {
         "Writer_Version",
@@ -56,10 +59,9 @@ def read(text: str, name: str) -> BenchFile:
         With every line that cannot be read.
     """
     lines = text.split("\n")
-    header, at = _header(lines, 0, "\t", name)
-    separator = _SEPARATORS.get(header.one("Separator", "Tab").lower(), "\t")
-    if separator != "\t":
-        header, at = _header(lines, 0, separator, name)
+    told = _SEPARATOR.search(text, 0, HEADER)
+    separator = told[1] if told else "\t"
+    header, at = _header(lines, 0, separator, name)
     reader = _Reader(lines, separator, header, name)
     segments = []
     while (at := reader.next_filled(at)) < len(lines):

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from beltid.artifacts.parquet_table import damaged, is_number, open_parquet, refused_columns
 from beltid.bench.files.sources import Source
-from beltid.bench.formats.clock import Clock, holds_clock
+from beltid.bench.formats.clock import Clock, holds_clock, holds_dates
+from beltid.bench.formats.dialect import ReadOptions
 from beltid.bench.formats.frames import missing_column
 from beltid.bench.formats.numbers import NUMBER
 from beltid.bench.formats.rows import Rows, Texts
@@ -26,12 +27,16 @@ LABELS: Final = 1 << 14
 """Rows whose labels are read at a time to see how long they are."""
 
 
-def parquet_clock(source: Source, names: Mapping[str, str]) -> Clock | None:
-    """Reader of the time of a file, where it is that of a clock."""
+def parquet_clock(
+    source: Source, options: ReadOptions, means_date: Callable[[str], bool]
+) -> Clock | None:
+    """Reader of the time of a file, where it is that of a clock; one column of dates may help."""
     there = open_source(source, ()).schema_arrow
-    theirs = names.get("time_s", "time_s")
-    is_clock = there.names.count(theirs) == 1 and holds_clock(there.field(theirs).type)
-    return Clock(theirs) if is_clock else None
+    theirs = options.names.get("time_s", "time_s")
+    if there.names.count(theirs) != 1 or not holds_clock(there.field(theirs).type):
+        return None
+    dates = [f.name for f in there if means_date(f.name) and holds_dates(f.type)]
+    return Clock(theirs, options.time_zone, dates[0] if len(dates) == 1 else "")
 
 
 def parquet_blocks(
@@ -61,12 +66,14 @@ def parquet_blocks(
     row = 1
     for source in sources:
         from_folders = columns_of_folders(source)
-        texts = [names.get(table.label, table.label), *([clock.name] if clock else [])]
+        texts = [names.get(table.label, table.label)]
+        texts += [clock.name, *filter(None, [clock.date])] if clock else []
         file = open_source(source, texts)
         wanted = _wanted(file.schema_arrow, source.name, table, names, from_folders, clock)
-        for text in filter(None, texts):
-            _refuse_long_labels(file, text if text in wanted.values() else None, source.name)
-        for batch in batches_of(file, list(wanted.values()), source.name):
+        read = [*wanted.values(), *([clock.date] if clock and clock.date else [])]
+        for text in texts:
+            _refuse_long_labels(file, text if text in read else None, source.name)
+        for batch in batches_of(file, read, source.name):
             try:
                 rows = _rows(batch, table, wanted, from_folders, names, row, clock, source.name)
             except Exception as error:  # a number that no float64 holds
@@ -134,6 +141,8 @@ def _wanted(
         clock.name in there.names and holds_clock(there.field(clock.name).type)
     ):
         problems.append(f"{name}: column {clock.name} holds no clock times, as the first file does")
+    if clock is not None and clock.date and there.names.count(clock.date) != 1:
+        problems.append(f"{name}: column {clock.date} of dates is missing, the first file has it")
     wanted = {}
     for column in table.columns:
         theirs = in_file[column.name]
@@ -209,7 +218,8 @@ def _rows(
                 texts[column.name] = Texts.of([told] * batch.num_rows)
         elif column.name == "time_s" and clock is not None:
             times = batch.column(clock.name)
-            numbers[column.name], wrong = clock.read(times)
+            dates = batch.column(clock.date) if clock.date else None
+            numbers[column.name], wrong = clock.read(times, dates)
             clock.report_wrong(
                 wrong, times, lambda i: (f"{name}, row {row + i}", row + i), problems
             )

@@ -238,7 +238,7 @@ def _estimate(
         covariance=(*covariance[0].tolist(), *covariance[1].tolist()),
         contact_offset_mm=float(np.mean([c.travel_sign for c in curves] * contact)) * 1e3,
         rms_residual_N_m=float(np.sqrt(np.mean(squares))),
-        hysteresis_ratio=float(work[:, 0].sum() / work[:, 1].sum()) if work.size else math.nan,
+        hysteresis_ratio=max(float(np.divide(*work.sum(axis=0))), 0.0) if work.size else math.nan,
         max_penetration_m=float(np.max([c.top_position_m for c in curves] - contact)),
         max_force_N_m=max(c.top_force_N_m for c in curves),
         n_samples=sum(c.n_samples for c in curves),

@@ -26,6 +26,7 @@ def read(path: Path) -> BenchFile:
         ]
         version = str(file.version)
         fields = _fields(str(getattr(file.header, "comment", "") or ""))
+        fields += (Field("Start time", file.header.start_time.isoformat(" ")),)
     return BenchFile(f"ASAM MDF {version}", tuple(groups), fields, tuple(notes))
 
 

@@ -44,7 +44,8 @@ def read(path: Path) -> BenchFile:
             )
             if channels:
                 groups.append(Group(group.name, channels, _fields(group.properties)))
-        return BenchFile("NI TDMS", tuple(groups), _fields(file.properties))
+        started = () if origin is None else (Field("wf_start_time", str(origin)),)
+        return BenchFile("NI TDMS", tuple(groups), (*_fields(file.properties), *started))
 
 
 def _status_incomplete(file: Any) -> bool:

@@ -23,6 +23,8 @@ def read(path: Path) -> BenchFile:
     with zipfile.ZipFile(path) as archive:
         if sum(entry.file_size for entry in archive.infolist()) > MAX_UNPACKED:
             raise FormatError(f"unpacks to more than {MAX_UNPACKED >> 20} MB, split the recording")
+        if "xl/workbook.bin" in archive.namelist():
+            raise FormatError("is a binary Excel workbook (.xlsb), save it as .xlsx")
         broken = archive.testzip()
         if broken is not None:
             raise DamagedFile(f"{broken} in it does not have its checksum")

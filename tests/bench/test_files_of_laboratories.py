@@ -1,0 +1,208 @@
+"""Files as laboratories write them: what their programs put around the samples does not matter,
+what cannot be read is named.
+
+All numbers are synthetic: a press that follows F = 2000 d in N and mm, at 10 samples a second.
+"""
+
+from __future__ import annotations
+
+import gzip
+import io
+import tarfile
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from beltid.bench.big_recording import open_big
+from beltid.bench.files.sniff import decode
+from beltid.bench.recording import Recording, read_recording
+from beltid.config import load_config
+from beltid.errors import InputError
+
+T = np.round(np.arange(40) * 0.1, 3)
+D = np.round(0.01 * np.minimum(T, 3.9 - T), 5)
+F = np.round(2000.0 * D, 3)
+ROWS = [f"{t};{d};{f}" for t, d, f in zip(T, D, F, strict=True)]
+HEADER = "Zeit [s];Weg [mm];Kraft [N]"
+
+
+def read(path: Path, config: dict[str, object] | None = None) -> Recording:
+    return read_recording(path, "press", load_config(config or {}))
+
+
+def refused(path: Path) -> str:
+    with pytest.raises(InputError) as error:
+        read(path)
+    return str(error.value)
+
+
+def assert_is_the_press(recording: Recording) -> None:
+    for name, expected in (("time_s", T), ("displacement_mm", D), ("force_N", F)):
+        np.testing.assert_allclose(recording.columns[name], expected, rtol=0, atol=1e-12)
+
+
+def test_comments_and_heads_between_the_rows_are_left_out_and_told(tmp_path):
+    lines = [HEADER, *ROWS[:20], "# cycle 2", HEADER, *ROWS[20:], "# end of measurement"]
+    path = tmp_path / "P22.csv"
+    path.write_text("\n".join(lines) + "\n")
+    recording = read(path)
+    assert_is_the_press(recording)
+    assert recording.line_of(20) == 24  # those before it stay counted
+    assert "3 lines of comments (#) and repeated heads left out between the rows" in recording.notes
+
+
+def test_a_repeated_row_of_units_is_left_out_with_its_head(tmp_path):
+    head = ["Zeit;Weg;Kraft", "s;mm;N"]
+    path = tmp_path / "P22.csv"
+    path.write_text("\n".join([*head, *ROWS[:20], "", *head, *ROWS[20:]]) + "\n")
+    assert_is_the_press(read(path))
+
+
+def test_labels_that_begin_with_a_sign_of_comments_are_labels(tmp_path):
+    path = tmp_path / "P22.csv"
+    path.write_text("\n".join(["Versuch;" + HEADER, *(f"#1;{row}" for row in ROWS)]) + "\n")
+    recording = read(path)
+    assert_is_the_press(recording)
+    assert set(recording.columns["test"]) == {"#1"}
+
+
+def test_a_big_recording_leaves_them_out_as_well(tmp_path):
+    row = "R1,{},310,290,0.1,40,300"
+    lines = [row.format(t) for t in T]
+    head = "run,time_s,tension_tight_N,tension_slack_N,pulley_speed_rad_s,arc_deg,initial_tension_N"
+    path = tmp_path / "rig.csv"
+    path.write_text("\n".join([head, *lines[:20], "# cycle 2", head, *lines[20:]]) + "\n")
+    big = open_big(path)
+    (run,) = list(big)
+    np.testing.assert_array_equal(run.columns["time_s"], T)
+    assert "2 lines of comments (#) and repeated heads left out between the rows" in big.notes
+
+
+def test_quoted_cells_with_blanks_around_them(tmp_path):
+    rows = (" , ".join(f'"{v}"' for v in row) for row in zip(T, D, F, strict=True))
+    path = tmp_path / "P22.csv"
+    path.write_text("\n".join(['"Time [s]" , "Travel [mm]" , "Load [N]"', *rows]) + "\n")
+    assert_is_the_press(read(path))
+
+
+def test_a_clock_whose_form_stands_as_its_unit(tmp_path):
+    rows = (f"00:00:{t:06.3f};{d};{f}" for t, d, f in zip(T, D, F, strict=True))
+    path = tmp_path / "P22.asc"
+    head = ["DASYLab - V 13.00.00", "", "Messzeit[hh:mm:ss.s];Weg[mm];Kraft[N]"]
+    path.write_text("\n".join([*head, *rows]) + "\n")
+    assert_is_the_press(read(path))
+
+
+def test_time_channel_of_catman(tmp_path):
+    path = tmp_path / "P22.asc"
+    path.write_text("\n".join([HEADER.replace("Zeit", "Zeit  1 - Standardmessrate"), *ROWS]) + "\n")
+    assert_is_the_press(read(path))
+
+
+def test_days_of_a_spreadsheet_are_a_unit_of_time(tmp_path):
+    rows = (f"{float(46085 + t / 86400)!r};{d};{f}" for t, d, f in zip(T, D, F, strict=True))
+    path = tmp_path / "P22.csv"
+    path.write_text("\n".join(["Datum/Uhrzeit;Weg [mm];Kraft [N]", *rows]) + "\n")
+    time = read(path, {"units": {"press": {"time_s": "d"}}}).columns["time_s"]
+    np.testing.assert_allclose(time - time[0], T, atol=2e-6)  # eps of 46085 days is 0.6 us
+
+
+def test_merged_cells_of_a_head_over_two_rows(tmp_path):
+    from openpyxl import Workbook
+
+    book = Workbook()
+    sheet = book.active
+    sheet.append(["Zeit", "Stempel"])
+    sheet.merge_cells("A1:A2")
+    sheet.merge_cells("B1:C1")
+    sheet.append([None, "Weg", "Kraft"])
+    sheet.append(["s", "mm", "N"])
+    for row in zip(T, D, F, strict=True):
+        sheet.append([float(v) for v in row])
+    book.save(tmp_path / "P22.xlsx")
+    assert_is_the_press(read(tmp_path / "P22.xlsx"))
+
+
+@pytest.mark.parametrize("sign", ["\t", ","])
+def test_labview_with_tabs_and_with_commas(tmp_path, sign):
+    word = {"\t": "Tab", ",": "Comma"}[sign]
+    lines = [
+        ["LabVIEW Measurement"],
+        ["Separator", word],
+        ["Decimal_Separator", "."],
+        ["X_Columns", "One"],
+        ["***End_of_Header***", ""],
+        [],
+        ["Channels", "2"],
+        ["Y_Unit_Label", "mm", "N"],
+        ["X_Dimension", "Time", "Time"],
+        ["***End_of_Header***", "", ""],
+        ["X_Value", "Weg", "Kraft", "Comment"],
+        *([str(v) for v in row] for row in zip(T, D, F, strict=True)),
+    ]
+    path = tmp_path / "P22.lvm"
+    path.write_text("\n".join(map(sign.join, lines)) + "\n")
+    assert_is_the_press(read(path))
+
+
+def _tar() -> bytes:
+    packed = io.BytesIO()
+    with tarfile.open(fileobj=packed, mode="w") as archive:
+        entry = tarfile.TarInfo("P22.csv")
+        entry.size = 3
+        archive.addfile(entry, io.BytesIO(b"a,b"))
+    return packed.getvalue()
+
+
+def _zip(*names: str) -> bytes:
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as archive:
+        for name in names:
+            archive.writestr(name, "application/vnd.oasis.opendocument.spreadsheet")
+    return packed.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (_tar(), "is a tar archive, unpack it"),
+        (gzip.compress(_tar()), "is a tar archive, unpack it"),
+        (_zip("mimetype", "content.xml"), "is an OpenDocument file (.ods), save it as .xlsx"),
+        (_zip("t.npy", "f.npy"), "is a file of NumPy arrays, save the samples as CSV"),
+        (_zip("[Content_Types].xml", "xl/workbook.bin"), "a binary Excel workbook (.xlsb)"),
+        (b"\x93NUMPY\x01\0", "is an array of NumPy, save the samples as CSV"),
+        (b"ARROW1\0\0" + bytes(99), "is an Arrow or Feather file, save it as Parquet"),
+        (b"SQLite format 3\0", "is an SQLite database, export the samples as CSV"),
+        (b"\x89PNG\r\n\x1a\n" + bytes(9), "is a picture, not the samples"),
+        (b"|CF,2,1,1;|CK,1,3,1,1;" + bytes(9), "is a FAMOS file, export the samples as CSV"),
+        (b"DIAHEADERSTART\n1,x\n", "is the header of a DIAdem .dat recording, save it as TDMS"),
+        (b"<html><table>", "is an XML or HTML page, export the samples as CSV"),
+        (b'<?xml version="1.0"?>\n<a>', "is an XML or HTML page"),
+        (b'{"time_s": [0, 1]}', "is a JSON file, save the samples as CSV or Parquet"),
+        (HEADER.encode("utf-16-le"), "UTF-16 without its mark: dialect: {encoding: utf-16-le}"),
+    ],
+)
+def test_what_is_not_read_is_named_with_what_helps(tmp_path, content, words):
+    path = tmp_path / "P22.csv"
+    path.write_bytes(content)
+    assert words in refused(path)
+
+
+def test_text_in_utf_16_without_its_mark_is_read_where_the_config_says_so(tmp_path):
+    path = tmp_path / "P22.csv"
+    path.write_bytes(("\r\n".join([HEADER, *ROWS]) + "\r\n").encode("utf-16-le"))
+    assert_is_the_press(read(path, {"dialect": {"encoding": "utf-16-le"}}))
+    with pytest.raises(InputError, match="utf-16-be"):
+        decode(HEADER.encode("utf-16-be"), "P22.csv")
+
+
+def test_a_matrix_without_names_is_told_where_columns_are_missing(tmp_path):
+    from scipy.io import savemat
+
+    names = np.array(["Zeit", "Weg", "Kraft"], dtype=object)
+    savemat(tmp_path / "P22.mat", {"data": np.column_stack([T, D, F]), "names": names})
+    assert "data left out: a 40 x 3 matrix, its columns have no names" in refused(
+        tmp_path / "P22.mat"
+    )
