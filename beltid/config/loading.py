@@ -10,13 +10,11 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from beltid.config.messages import problems_of
+from beltid.config.messages import note_problems
 from beltid.config.model import Config
 from beltid.config.sweep import SWEEP, swept_cases, take_sweep
 from beltid.config.yaml_source import Source, parse, read_text
 from beltid.errors import ConfigError
-
-SHOWN = 40
 
 
 def load_config(source: str | Path | Mapping[str, Any] | Config | None = None) -> Config:
@@ -75,21 +73,28 @@ def load_cases(path: Path) -> list[tuple[str, dict[str, Any], Config]]:
     sweep = take_sweep(source)
     if not sweep:
         return [("", {}, _with_paths_from(_checked(source), path.parent))]
-    problems = list(source.problems)
     cases = []
     for name, values, case in swept_cases(source, sweep):
-        try:
-            cases.append((name, values, _with_paths_from(_checked(case), path.parent)))
-        except ConfigError as error:
-            problems += error.problems
-    if problems:
-        raise ConfigError(_first(list(dict.fromkeys(problems))))
+        config = _validated(case)
+        source.problems += case.problems
+        if config is not None:
+            cases.append((name, values, _with_paths_from(config, path.parent)))
+    source.problems = list(dict.fromkeys(source.problems))  # most are those of every case
+    source.raise_if_any()
     return cases
 
 
 def _checked(source: Source) -> Config:
     if SWEEP in source.values:
         take_sweep(source)  # a single stage works on the config without it
+    config = _validated(source)
+    source.raise_if_any()
+    assert config is not None  # else there is a problem
+    return config
+
+
+def _validated(source: Source) -> Config | None:
+    """The config of a source; None if it is none, and what is wrong is noted in the source."""
     # `compare:` with nothing under it, everything commented out, means its defaults
     values = {
         key: value
@@ -97,13 +102,10 @@ def _checked(source: Source) -> Config:
         if value is not None or key not in Config.model_fields
     }
     try:
-        config = Config.model_validate(values)
+        return Config.model_validate(values)
     except ValidationError as error:
-        source.problems += problems_of(error, Config, source)
-        raise ConfigError(_first(source.problems)) from None
-    if source.problems:
-        raise ConfigError(_first(source.problems))
-    return config
+        note_problems(error, Config, source)
+        return None
 
 
 def _plain(value: Any) -> Any:
@@ -135,11 +137,6 @@ def _short(path: Path) -> Path:
     """``configs/../rigdata`` as ``rigdata``, unless a symbolic link makes them differ."""
     short = os.path.normpath(path)
     return Path(short) if os.path.realpath(short) == os.path.realpath(path) else path
-
-
-def _first(problems: list[str]) -> list[str]:
-    more = len(problems) - SHOWN
-    return [*problems[:SHOWN], f"and {more} more"] if more > 0 else problems
 
 
 ENVIRONMENT_VARIABLE = "BELTID_CONFIG"
