@@ -84,12 +84,13 @@ def execute(
             chosen = replace(options or Options(), force=common.force, reporter=reporter)
             summary = stage(source, files.inputs, files.out, chosen)
             if files.to_stdout:
-                _tell(summary, reporter, 0.0)
                 with _stdout():
                     files.send()
+                _tell(summary, reporter, time.monotonic() - start)
                 raise typer.Exit(summary.exit_status)
             return summary
 
+        start = time.monotonic()
         finish(work, common, kept, names)
 
 
