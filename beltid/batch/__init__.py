@@ -11,8 +11,7 @@ Module          Responsibility
 ``steps``       one of them: up to date, or who makes it
 ``schedule``    which step of which belt comes next
 ``plan``        what a batch would do
-``containment`` no link leads out of the folder of the results
-``locks``       one batch at a time in a folder
+``folders``     one batch at a time in a folder, no link leads out of it
 ``local``       worker processes on this machine
 ``cluster``     workers of a Dask cluster
 ``belts``       what became of each belt, and the table that tells it

@@ -94,18 +94,6 @@ COMMANDS: Final = {
 """The commands in the order of the work: the module each is in, and what the help says of it."""
 
 
-@dataclass(frozen=True, slots=True)
-class Common:
-    """What the common options say."""
-
-    config: Path | None = None
-    out: Path | None = None
-    json: bool = False
-    quiet: bool = False
-    verbose: bool = False
-    force: bool = False
-
-
 def show_version(wanted: bool) -> None:
     """Print the version and exit, if that is wanted."""
     if wanted:
@@ -122,8 +110,8 @@ Version = Annotated[
 
 
 @dataclass(frozen=True, slots=True)
-class _Hints:
-    """Annotations of the common options, in the order of the help."""
+class Common:
+    """The common options, in the order of the help, and what they say."""
 
     config: Annotated[
         Path | None,
@@ -135,7 +123,7 @@ class _Hints:
             "variable BELTID_CONFIG names, else <name of the input>.yaml or beltid.yaml beside the "
             "input or in a folder above it, else the built-in 5PK rig of the paper.",
         ),
-    ]
+    ] = None
     out: Annotated[
         Path | None,
         typer.Option(
@@ -144,14 +132,16 @@ class _Hints:
             metavar="FILE",
             help="File to write, - for stdout. Default: beside the input, as named above.",
         ),
-    ]
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
+    ] = None
+    json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object instead of a table.")
+    ] = False
     quiet: Annotated[
         bool, typer.Option("--quiet", "-q", help="Say nothing but warnings and errors.")
-    ]
+    ] = False
     verbose: Annotated[
         bool, typer.Option("--verbose", "-v", help="Print every row, say every detail.")
-    ]
+    ] = False
     force: Annotated[
         bool,
         typer.Option(
@@ -160,7 +150,7 @@ class _Hints:
             help="Compute again even if the result is up to date, and replace another .parquet "
             "file at --out. Inputs, recordings and files that are no artifacts are never replaced.",
         ),
-    ]
+    ] = False
 
 
 def with_common_options(
@@ -196,7 +186,7 @@ def with_common_options(
         for parameter in inspect.signature(command).parameters.values()
         if parameter.name != "common"
     ]
-    common = get_type_hints(_Hints, include_extras=True)
+    common = get_type_hints(Common, include_extras=True)
     if out_help:
         common["out"] = Annotated[
             Path | None,

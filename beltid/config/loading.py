@@ -1,4 +1,4 @@
-"""Load a config from a file or a dict; find the one that belongs to a recording."""
+"""Load a config from a file or a dict; find the one of a recording; where its values are stated."""
 
 from __future__ import annotations
 
@@ -6,14 +6,15 @@ import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from pydantic import ValidationError
 
+from beltid.config.fields import Section
 from beltid.config.messages import note_problems
 from beltid.config.model import Config
 from beltid.config.sweep import SWEEP, swept_cases, take_sweep
-from beltid.config.yaml_source import Source, parse, read_text
+from beltid.config.yaml_source import KeyPath, Source, format_path, parse, read_text
 from beltid.errors import ConfigError
 
 
@@ -237,3 +238,50 @@ def _is_file(path: Path) -> bool:
         return path.is_file()
     except OSError:  # a folder that may not be looked into holds no config of ours
         return False
+
+
+DEFAULT: Final = "default"
+
+
+@dataclass(frozen=True, slots=True)
+class EffectiveValue:
+    """A value of a config.
+
+    Attributes
+    ----------
+    key : str
+        Its key, ``section.key``.
+    value : object
+        The value that holds.
+    origin : str
+        ``file:line`` that states it, or "default".
+    """
+
+    key: str
+    value: Any
+    origin: str
+
+
+def effective_values(source: ConfigSource) -> list[EffectiveValue]:
+    """Every key of a config with its value and its origin, in the order of the model.
+
+    Raises
+    ------
+    ConfigError
+        If the file cannot be read any more.
+    """
+    path = source.path
+    places = Source() if path is None else parse(read_text(path), str(path))
+    return list(_values(source.config, (), places))
+
+
+def _values(section: Section, above: KeyPath, places: Source) -> Iterator[EffectiveValue]:
+    for name in type(section).model_fields:
+        value = getattr(section, name)
+        path = (*above, name)
+        if isinstance(value, Section):
+            yield from _values(value, path, places)
+        else:
+            place = places.key_places.get(path)
+            origin = f"{places.name}:{place.line}" if place else DEFAULT
+            yield EffectiveValue(format_path(path), value, origin)

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from beltid.cli.execute import finish, print_text
-from beltid.cli.explain import CODES
 from beltid.cli.program import Common, PlainCommand, app, command, with_common_options
 
 if TYPE_CHECKING:
@@ -16,8 +15,19 @@ if TYPE_CHECKING:
     from beltid.report.summary import Summary
 
 
+def explanations() -> dict[str, str]:
+    """Pages about the errors that people make, as Markdown, by the code that its errors carry."""
+    from importlib.resources import files  # slow, and the help must be fast
+
+    pages = (files("beltid.cli") / "explanations").iterdir()
+    return {
+        page.name.removesuffix(".md"): page.read_text("utf-8")
+        for page in sorted(pages, key=lambda page: page.name)
+    }
+
+
 def _codes(incomplete: str) -> list[str]:
-    return [code for code in CODES if code.startswith(incomplete)]
+    return [code for code in explanations() if code.startswith(incomplete)]
 
 
 config_app = typer.Typer(
@@ -129,14 +139,14 @@ def explain(
 
     Example: beltid explain columns
     """
-    from beltid.cli.explain import page
     from beltid.errors import InputError
 
     def text(reporter: TerminalReporter) -> str:
+        pages = explanations()
         if code is None:
-            return "".join(f"{known}\n" for known in CODES)
-        if code not in CODES:
-            raise InputError(f"CODE = {code}, must be one of {', '.join(CODES)}")
-        return page(code)
+            return "".join(f"{known}\n" for known in pages)
+        if code not in pages:
+            raise InputError(f"CODE = {code}, must be one of {', '.join(pages)}")
+        return pages[code]
 
     print_text(text, common)
