@@ -63,7 +63,7 @@ def _planned(
     steps = chain_of(source, options)
     possible = within_reach(steps, files)
     for step in steps:
-        out = folder / f"{step.makes}.parquet"
+        out = step.place(folder)
         state, error = NOT_RUN, None
         if not step.ready(files):
             state = NOT_RUN if step.name in possible else SKIPPED

@@ -18,7 +18,7 @@ from beltid.batch.belts import (
     UP_TO_DATE,
     BeltRun,
 )
-from beltid.batch.steps import Call, Step, run_step, within_reach
+from beltid.batch.steps import Step, run_step, within_reach
 from beltid.config import ConfigSource
 from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, BeltidError, TooFewSettings
 from beltid.report.summary import Summary
@@ -71,10 +71,6 @@ class Chain:
                 return step
         return None
 
-    def call(self, step: Step) -> Call:
-        """What a step is called with."""
-        return step.call(self.source, self.files, self.folder)
-
     def _announce(self) -> None:
         if not self._announced:
             self._announced = True
@@ -99,8 +95,7 @@ class Chain:
     def finished(self, step: Step, summary: Summary, elapsed_s: float) -> None:
         """Note that a step finished."""
         name, reporter = step.name, self.reporter
-        _, _, out = self.call(step)
-        self.files[step.makes] = out
+        out = self.files[step.makes] = step.place(self.folder)
         self.run.summaries[name] = summary
         if summary.exit_status == EXIT_DONE:
             state = UP_TO_DATE if summary.up_to_date else DONE
@@ -146,7 +141,8 @@ def run_chains(
         while True:
             for chain in chains:
                 while len(under_way) < most and (step := chain.next_step()) is not None:
-                    start, call = time.monotonic(), chain.call(step)
+                    start = time.monotonic()
+                    call = step.call(chain.source, chain.files, chain.folder)
                     future = threads.submit(
                         run_step, step, call, workers, chain.reporter, force=force
                     )

@@ -56,7 +56,11 @@ class Step:
     def call(self, source: ConfigSource, files: Mapping[str, Path], folder: Path) -> Call:
         """What it is called with for a belt whose results go to a folder."""
         inputs = {role: files[name] for role, name in self.needs.items()}
-        return source, inputs, folder / f"{self.makes}.{'html' if self.page else 'parquet'}"
+        return source, inputs, self.place(folder)
+
+    def place(self, folder: Path) -> Path:
+        """Where its result goes in the folder of a belt."""
+        return folder / f"{self.makes}.{'html' if self.page else 'parquet'}"
 
 
 def within_reach(steps: Sequence[Step], recordings: Collection[str]) -> set[str]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from beltid.cli.execute import finish, print_text
-from beltid.cli.program import Common, PlainCommand, app, command, with_common_options
+from beltid.cli.program import Common, app, command
 
 if TYPE_CHECKING:
     from beltid.cli.reporter import TerminalReporter
@@ -42,7 +42,6 @@ app.add_typer(config_app)
 
 
 @command("info")
-@with_common_options
 def info(
     file: Annotated[
         Path | None,
@@ -65,8 +64,7 @@ def info(
     )
 
 
-@config_app.command("show", cls=PlainCommand, short_help="the values that hold, and their origin")
-@with_common_options
+@command("show", of=config_app, short="the values that hold, and their origin")
 def show(
     file: Annotated[
         Path | None,
@@ -105,8 +103,7 @@ def show(
     print_text(text, common)
 
 
-@config_app.command("check", cls=PlainCommand, short_help="all that is wrong in configs")
-@with_common_options
+@command("check", of=config_app, short="all that is wrong in configs")
 def check(
     configs: Annotated[list[Path], typer.Argument(metavar="CONFIG", help="Configs to check.")],
     *,
@@ -124,7 +121,6 @@ def check(
 
 
 @command("explain")
-@with_common_options
 def explain(
     code: Annotated[
         str | None,
