@@ -11,32 +11,10 @@ Module          Responsibility
 ``steps``       one of them: up to date, or who makes it
 ``schedule``    which step of which belt comes next
 ``plan``        what a batch would do
-``containment`` no link leads out of the folder of the results
-``locks``       one batch at a time in a folder
+``folders``     one batch at a time in a folder, no link leads out of it
 ``local``       worker processes on this machine
 ``cluster``     workers of a Dask cluster
 ``belts``       what became of each belt, and the table that tells it
 ``reports``     the pages at the end
 =============== =============================================================
 """
-
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any, Final
-
-if TYPE_CHECKING:
-    from beltid.batch.chain import BatchOptions, run_batch
-    from beltid.batch.sources import config_sources
-
-__all__ = ["BatchOptions", "config_sources", "run_batch"]
-
-_HOMES: Final = {"BatchOptions": "chain", "config_sources": "sources", "run_batch": "chain"}
-
-
-def __getattr__(name: str) -> Any:
-    # late: worker processes can be on their way before the stages are imported
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from importlib import import_module
-
-    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from beltid.artifacts.file_bytes import read_bytes, write_bytes
-from beltid.errors import EXIT_BATCH_FAILED, EXIT_DONE, ArtifactError, percent
+from beltid.errors import EXIT_BATCH_FAILED, EXIT_DONE, ArtifactError, BeltidError, percent
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import FOREIGN
 from beltid.stages.outcome import combined_origin
@@ -83,6 +83,11 @@ class BeltRun:
         return self.states[name] == OUT_OF_TOLERANCE and self.states.get(
             MADE_GOOD_BY.get(name, "")
         ) in (DONE, UP_TO_DATE)
+
+    def failed(self, name: str, error: BeltidError) -> None:
+        """Note that a stage failed."""
+        self.states[name] = FAILED
+        self.troubles[name] = (error.exit_status, error.problems)
 
     @property
     def problems(self) -> list[str]:
@@ -189,8 +194,7 @@ def write_sweep_tables(belts: Sequence[BeltRun], folder: Path, reporter: Reporte
         try:
             _write_sweep_table(cases, folder / name / SWEEP_TABLE)
         except ArtifactError as error:
-            cases[-1].states[TABLE_STEP] = FAILED
-            cases[-1].troubles[TABLE_STEP] = (error.exit_status, tuple(error.problems))
+            cases[-1].failed(TABLE_STEP, error)
             for line in error.problems:
                 reporter.error(f"{name}: {TABLE_STEP}: {line}")
 

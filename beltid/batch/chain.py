@@ -10,9 +10,8 @@ from typing import Final
 
 from beltid.artifacts.file_bytes import remove_stale
 from beltid.batch.belts import HELD_OUT, batch_summary, write_sweep_tables
-from beltid.batch.containment import refuse_links_out
+from beltid.batch.folders import alone_in, refuse_links_out
 from beltid.batch.local import local_workers
-from beltid.batch.locks import alone_in
 from beltid.batch.reports import write_reports
 from beltid.batch.schedule import Chain, run_chains
 from beltid.batch.steps import Step
@@ -22,6 +21,7 @@ from beltid.stages.drive import compare_drive, simulate_drive
 from beltid.stages.identification import build_surface, fit_friction, fit_slip, fit_stiffness
 from beltid.stages.reporter import Options
 from beltid.stages.simulation import compare, refine_surface, simulate_rig
+from beltid.stages.workers import Workers
 
 
 def _same(*roles: str) -> dict[str, str]:
@@ -155,7 +155,10 @@ def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptio
             if options.whole:
                 write_sweep_tables(runs, folder, options.reporter)
             if options.report:
-                write_reports(chains, folder if options.whole else None, options, workers)
+                # the first failure told the workers to stop
+                stopped = options.fail_fast and any(run.exit_status for run in runs)
+                drawn_by = Workers() if stopped else workers
+                write_reports(chains, folder if options.whole else None, options, drawn_by)
         except BaseException:
             workers.stop()
             for of_belt in folders:  # what killed workers left behind

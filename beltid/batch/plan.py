@@ -8,8 +8,8 @@ from typing import Any, Final
 
 from beltid.batch.belts import NOT_RUN, SKIPPED, UP_TO_DATE
 from beltid.batch.chain import BatchOptions, chain_of
-from beltid.batch.containment import refuse_links_out
-from beltid.batch.steps import Step, within_reach
+from beltid.batch.folders import refuse_links_out
+from beltid.batch.steps import Call, Step, within_reach
 from beltid.config import ConfigSource
 from beltid.errors import EXIT_DONE, BeltidError
 from beltid.report.summary import Summary
@@ -63,14 +63,14 @@ def _planned(
     steps = chain_of(source, options)
     possible = within_reach(steps, files)
     for step in steps:
-        out = folder / f"{step.makes}.parquet"
+        out = step.place(folder)
         state, error = NOT_RUN, None
-        if not all(name in files for name in step.needs.values()):
+        if not step.ready(files):
             state = NOT_RUN if step.name in possible else SKIPPED
         elif options.force or stale & set(step.needs.values()):
             state = TO_BE_MADE
         else:
-            state, error = _state(step, source, files, out)
+            state, error = _state(step, step.call(source, files, folder))
         if state in (UP_TO_DATE, TO_BE_MADE):
             files[step.makes] = out
         if state == TO_BE_MADE:
@@ -78,13 +78,10 @@ def _planned(
         yield {"belt": source.name, "step": step.name, "artifact": str(out), "state": state}, error
 
 
-def _state(
-    step: Step, source: ConfigSource, files: dict[str, Path], out: Path
-) -> tuple[str, BeltidError | None]:
+def _state(step: Step, call: Call) -> tuple[str, BeltidError | None]:
     """Whether the artifact of a step is up to date, as the step itself sees it."""
-    inputs = {role: files[name] for role, name in step.needs.items()}
     try:
-        step.run(source, inputs, out, SimulateOptions(peek=True))
+        step.run(*call, SimulateOptions(peek=True))
     except Stale:
         return TO_BE_MADE, None
     except BeltidError as error:

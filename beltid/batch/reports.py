@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from beltid.batch.belts import DONE, FAILED, UP_TO_DATE, BeltRun
-from beltid.batch.schedule import Chain
-from beltid.batch.steps import Heard, run_in_worker
+from beltid.batch.belts import FAILED
+from beltid.batch.schedule import Chain, run_chains
+from beltid.batch.steps import Step
 from beltid.config import ConfigSource
 from beltid.errors import BeltidError
 from beltid.report.summary import Summary
-from beltid.stages.build_artifact import Stale
 from beltid.stages.reporter import Options
 from beltid.stages.workers import Workers
 
-STEP: Final = "report"
+
+def _page(source: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
+    from beltid.stages.results import report_belt  # what draws is slow to import
+
+    return report_belt.of_chain(source, inputs, out, options)
+
+
+REPORT: Final = Step("report", "report", {}, _page, page=True)
+"""The last step of a chain, whatever became of the others."""
 
 
 def write_reports(
@@ -38,17 +45,11 @@ def write_reports(
     from beltid.stages.results import report_belt
 
     wanted = [chain for chain in chains if chain.run.summaries and not chain.run.case]
-    for chain, made, heard in _made(wanted, workers, force=options.force):
-        for how, text in heard:
-            getattr(chain.reporter, how)(text)
-        if isinstance(made, BeltidError):
-            _failed(chain.run, made)
-            for line in made.problems:
-                chain.reporter.error(f"{STEP}: {line}")
-        else:
-            _finished(chain.run, made)
-            chain.reporter.report(f"{STEP}: {chain.run.states[STEP]}, {made.out}")
-    reported = [chain for chain in wanted if chain.run.states[STEP] != FAILED]
+    for chain in wanted:
+        chain.waiting = [REPORT]
+    # a single page is made here: it would only wait for a worker to import what draws
+    run_chains(wanted, workers if len(wanted) > 1 else Workers(), force=options.force)
+    reported = [chain for chain in wanted if chain.run.states[REPORT.name] != FAILED]
     if not reported or folder is None:
         return
     belts = [chain.folder for chain in reported]
@@ -60,54 +61,7 @@ def write_reports(
             report_belt.of_belts(sorted(belts), page, options)
         except BeltidError as error:
             for line in error.problems:
-                options.reporter.error(f"{STEP}: {line}")
-            _failed(reported[-1].run, error)
+                options.reporter.error(f"{REPORT.name}: {line}")
+            reported[-1].run.failed(REPORT.name, error)
             return
-        options.reporter.report(f"{STEP}: the belts side by side: {page}")
-
-
-def _made(
-    chains: Sequence[Chain], workers: Workers, *, force: bool
-) -> Iterator[tuple[Chain, Summary | BeltidError, Heard]]:
-    """Pages of belts as they are made: the summary, or what went wrong, and what was said."""
-    stale = list(chains)
-    if not force:
-        for chain in chains:
-            try:
-                made, heard = _page(chain.source, chain.folder, force=False, peek=True)
-            except Stale:
-                continue
-            stale.remove(chain)
-            yield chain, made, heard
-    # a single page is made here: it would only wait for a worker to import what draws
-    here = len(stale) == 1 or not workers.share_files
-    calls = [(chain.source, chain.folder, force) for chain in stale]
-    missing = dict(enumerate(stale))
-    try:
-        for index, (made, heard) in (Workers() if here else workers).as_ended(_page, calls):
-            yield missing.pop(index), made, heard
-    except BeltidError as error:  # the workers were lost again and again
-        for chain in missing.values():
-            yield chain, error, []
-
-
-def _page(
-    source: ConfigSource, folder: Path, force: bool, peek: bool = False
-) -> tuple[Summary | BeltidError, Heard]:
-    from beltid.stages.results import report_belt
-
-    try:
-        page = folder / report_belt.NAME
-        return run_in_worker(report_belt.of_chain, source, {}, page, force, peek=peek)
-    except BeltidError as error:
-        return error, []
-
-
-def _finished(run: BeltRun, summary: Summary) -> None:
-    run.summaries[STEP] = summary
-    run.states[STEP] = UP_TO_DATE if summary.up_to_date else DONE
-
-
-def _failed(run: BeltRun, error: BeltidError) -> None:
-    run.states[STEP] = FAILED
-    run.troubles[STEP] = (error.exit_status, tuple(error.problems))
+        options.reporter.report(f"{REPORT.name}: the belts side by side: {page}")

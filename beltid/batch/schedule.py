@@ -18,11 +18,11 @@ from beltid.batch.belts import (
     UP_TO_DATE,
     BeltRun,
 )
-from beltid.batch.steps import Step, Task, run_task, within_reach
+from beltid.batch.steps import Step, run_step, within_reach
 from beltid.config import ConfigSource
 from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, BeltidError, TooFewSettings
 from beltid.report.summary import Summary
-from beltid.stages.reporter import NamedReporter, Reporter
+from beltid.stages.reporter import Level, NamedReporter, Reporter
 from beltid.stages.setup.named_recordings import WITHOUT, lacking
 from beltid.stages.workers import LOOK_UP_S, Workers
 
@@ -62,14 +62,13 @@ class Chain:
         )
         self._announced = False
 
-    def next_task(self) -> Task | None:
+    def next_step(self) -> Step | None:
         """The first step whose inputs stand; None if there is none by now."""
         for step in self.waiting:
-            if all(name in self.files for name in step.needs.values()):
+            if step.ready(self.files):
                 self.waiting.remove(step)
                 self._announce()
-                inputs = {role: self.files[name] for role, name in step.needs.items()}
-                return Task(step, self.source, inputs, self.folder / f"{step.makes}.parquet")
+                return step
         return None
 
     def _announce(self) -> None:
@@ -82,23 +81,21 @@ class Chain:
             for kind in self.run.lacking:
                 self.reporter.warn(WITHOUT[kind])
 
-    def failed(self, task: Task, error: BeltidError) -> None:
+    def failed(self, step: Step, error: BeltidError) -> None:
         """Note that a step failed; what needs it is not run."""
-        name = task.step.name
+        level: Level = "error"
         if isinstance(error, TooFewSettings):
-            self.run.states[name] = TOO_FEW_SETTINGS
-            for line in error.problems:
-                self.reporter.warn(f"{name}: {line}")
-            return
-        self.run.states[name] = FAILED
-        self.run.troubles[name] = (error.exit_status, error.problems)
+            level = "warn"
+            self.run.states[step.name] = TOO_FEW_SETTINGS
+        else:
+            self.run.failed(step.name, error)
         for line in error.problems:
-            self.reporter.error(f"{name}: {line}")
+            self.reporter.line(level, f"{step.name}: {line}")
 
-    def finished(self, task: Task, summary: Summary, elapsed_s: float) -> None:
+    def finished(self, step: Step, summary: Summary, elapsed_s: float) -> None:
         """Note that a step finished."""
-        name, reporter = task.step.name, self.reporter
-        self.files[task.step.makes] = task.out
+        name, reporter = step.name, self.reporter
+        out = self.files[step.makes] = step.place(self.folder)
         self.run.summaries[name] = summary
         if summary.exit_status == EXIT_DONE:
             state = UP_TO_DATE if summary.up_to_date else DONE
@@ -107,6 +104,9 @@ class Chain:
             lines = (summary.verdict, *summary.warnings)
             self.run.troubles[name] = (summary.exit_status, lines)
         self.run.states[name] = state
+        if step.page:
+            reporter.report(f"{name}: {state}, {out}")
+            return
         spent = "" if summary.up_to_date else f", {elapsed_s:.1f} s"
         reporter.report(f"{name}: {state}{spent}")
         for note in summary.notes:
@@ -135,24 +135,27 @@ def run_chains(
     """
     alone = workers.jobs == 1
     most = 1 if alone else min(STEPS_AHEAD * workers.jobs, MOST_STEPS)
-    under_way: dict[Future[Summary], tuple[Chain, Task, float]] = {}
+    under_way: dict[Future[Summary], tuple[Chain, Step, float]] = {}
     threads: Executor = _Here() if alone else ThreadPoolExecutor(most)
     try:
         while True:
             for chain in chains:
-                while len(under_way) < most and (task := chain.next_task()) is not None:
+                while len(under_way) < most and (step := chain.next_step()) is not None:
                     start = time.monotonic()
-                    future = threads.submit(run_task, task, workers, chain.reporter, force=force)
-                    under_way[future] = (chain, task, start)
+                    call = step.call(chain.source, chain.files, chain.folder)
+                    future = threads.submit(
+                        run_step, step, call, workers, chain.reporter, force=force
+                    )
+                    under_way[future] = (chain, step, start)
             if not under_way:
                 return
             # a signal that the system gives to another thread is heard when this one wakes up
             for future in wait(under_way, LOOK_UP_S, FIRST_COMPLETED).done:
-                chain, task, start = under_way.pop(future)
+                chain, step, start = under_way.pop(future)
                 try:
-                    chain.finished(task, future.result(), time.monotonic() - start)
+                    chain.finished(step, future.result(), time.monotonic() - start)
                 except BeltidError as error:
-                    chain.failed(task, error)
+                    chain.failed(step, error)
                 if fail_fast and chain.run.exit_status != EXIT_DONE:
                     return
     finally:

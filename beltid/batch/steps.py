@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from beltid.config import ConfigSource
-from beltid.errors import BeltidWarning
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import Stale
-from beltid.stages.reporter import Reporter
+from beltid.stages.reporter import KeepingReporter, Level, Reporter
 from beltid.stages.simulation.simulate_rig import SimulateOptions
 from beltid.stages.workers import Workers
 
 StageRun = Callable[[ConfigSource, Mapping[str, Path], Path, SimulateOptions], Summary]
-Heard = list[tuple[str, str]]
+Call = tuple[ConfigSource, Mapping[str, Path], Path]
+"""What a stage is called with: the config, its inputs by their role, the place of its result."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +37,8 @@ class Step:
         whole.
     section : str
         Section of the config that must be stated for the step to be part of the chain; "" for none.
+    page : bool
+        Whether it makes a page for people in the place of an artifact.
     """
 
     name: str
@@ -46,41 +47,35 @@ class Step:
     run: StageRun
     spreads: bool = False
     section: str = ""
+    page: bool = False
+
+    def ready(self, files: Collection[str]) -> bool:
+        """Whether all that it is made from is there."""
+        return all(name in files for name in self.needs.values())
+
+    def call(self, source: ConfigSource, files: Mapping[str, Path], folder: Path) -> Call:
+        """What it is called with for a belt whose results go to a folder."""
+        inputs = {role: files[name] for role, name in self.needs.items()}
+        return source, inputs, self.place(folder)
+
+    def place(self, folder: Path) -> Path:
+        """Where its result goes in the folder of a belt."""
+        return folder / f"{self.makes}.{'html' if self.page else 'parquet'}"
 
 
 def within_reach(steps: Sequence[Step], recordings: Collection[str]) -> set[str]:
     """Names of the steps that can be carried out with some kinds of recordings."""
     there, found = set(recordings), set()
     for step in steps:
-        if there.issuperset(step.needs.values()):
+        if step.ready(there):
             there.add(step.makes)
             found.add(step.name)
     return found
 
 
-@dataclass(frozen=True, slots=True)
-class Task:
-    """A step to be carried out for a belt.
-
-    Attributes
-    ----------
-    step : Step
-        The step.
-    source : ConfigSource
-        The config of the belt.
-    inputs : dict
-        Files by their role in the stage.
-    out : Path
-        The artifact.
-    """
-
-    step: Step
-    source: ConfigSource
-    inputs: Mapping[str, Path]
-    out: Path
-
-
-def run_task(task: Task, workers: Workers, reporter: Reporter, *, force: bool) -> Summary:
+def run_step(
+    step: Step, call: Call, workers: Workers, reporter: Reporter, *, force: bool
+) -> Summary:
     """Carry out a step: look whether it is up to date, else make it, or have it made.
 
     Raises
@@ -88,67 +83,26 @@ def run_task(task: Task, workers: Workers, reporter: Reporter, *, force: bool) -
     BeltidError
         What the stage raises.
     """
-    step, place = task.step, (task.source, task.inputs, task.out)
     if workers.jobs == 1:
-        return step.run(*place, SimulateOptions(force=force, reporter=reporter, jobs=1))
+        return step.run(*call, SimulateOptions(force=force, reporter=reporter, jobs=1))
     if step.spreads or not workers.share_files:
-        return step.run(*place, SimulateOptions(force=force, reporter=reporter, workers=workers))
+        return step.run(*call, SimulateOptions(force=force, reporter=reporter, workers=workers))
     if not force:
         try:
-            return step.run(*place, SimulateOptions(reporter=reporter, peek=True))
+            return step.run(*call, SimulateOptions(reporter=reporter, peek=True))
         except Stale:
             pass
-    summary, heard = workers.call(run_in_worker, step.run, *place, force)
-    for how, text in heard:
-        getattr(reporter, how)(text)
+    summary, lines = workers.call(run_in_worker, step.run, *call, force)
+    for level, text in lines:
+        reporter.line(level, text)
     return summary
 
 
 def run_in_worker(
-    run: StageRun,
-    source: ConfigSource,
-    inputs: Mapping[str, Path],
-    out: Path,
-    force: bool,
-    *,
-    peek: bool = False,
-) -> tuple[Summary, Heard]:
+    run: StageRun, source: ConfigSource, inputs: Mapping[str, Path], out: Path, force: bool
+) -> tuple[Summary, list[tuple[Level, str]]]:
     """Carry out a stage in a worker: its summary, and what it reported."""
-    reporter = _Noted()
-    with warnings.catch_warnings():
-        warnings.showwarning = reporter.note_warning
-        options = SimulateOptions(force=force, reporter=reporter, jobs=1, peek=peek)
-        summary = run(source, inputs, out, options)
-    return summary, reporter.heard
-
-
-class _Noted(Reporter):
-    """Keeps what is reported, to be reported where the user is."""
-
-    def __init__(self) -> None:
-        self.heard: Heard = []
-
-    def report(self, text: str) -> None:
-        """Keep what is going on."""
-        self.heard.append(("report", text))
-
-    def detail(self, text: str) -> None:
-        """Keep a detail."""
-        self.heard.append(("detail", text))
-
-    def warn(self, text: str) -> None:
-        """Keep what the user should look into."""
-        self.heard.append(("warn", text))
-
-    def error(self, text: str) -> None:
-        """Keep what went wrong."""
-        self.heard.append(("error", text))
-
-    def note_warning(
-        self, message: Warning | str, category: type[Warning], *rest: object, **more: object
-    ) -> None:
-        """Keep a warning of Python without its place in the code."""
-        ours = issubclass(category, BeltidWarning)
-        self.heard.append(
-            ("warn", str(message)) if ours else ("detail", f"{category.__name__}: {message}")
-        )
+    reporter = KeepingReporter()
+    with reporter.python_warnings():
+        summary = run(source, inputs, out, SimulateOptions(force=force, reporter=reporter, jobs=1))
+    return summary, reporter.lines

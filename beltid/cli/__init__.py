@@ -7,7 +7,6 @@ Module         Responsibility
 ``commands``   the commands, a module for those that belong together
 ``inputs``     arguments that several commands share; what the help says of recordings
 ``execute``    run a stage, print its summary, exit statuses; - as a file
-``explain``    pages about errors, found by a code
 ``process``    told to stop: say so, end the children, leave; closed and full streams
 ``reporter``   what goes to stderr: notes, warnings, progress
 ============== ==================================================================

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import sys
 import time
-import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
@@ -24,7 +23,6 @@ from beltid.cli.reporter import TerminalReporter, console_for
 from beltid.errors import (
     EXIT_INPUT,
     BeltidError,
-    BeltidWarning,
     InputError,
     printable,
 )
@@ -84,12 +82,13 @@ def execute(
             chosen = replace(options or Options(), force=common.force, reporter=reporter)
             summary = stage(source, files.inputs, files.out, chosen)
             if files.to_stdout:
-                _tell(summary, reporter, 0.0)
                 with _stdout():
                     files.send()
+                _tell(summary, reporter, time.monotonic() - start)
                 raise typer.Exit(summary.exit_status)
             return summary
 
+        start = time.monotonic()
         finish(work, common, kept, names)
 
 
@@ -115,7 +114,7 @@ def finish(
     reporter = TerminalReporter(quiet=common.quiet, verbose=common.verbose, names=names)
     start = time.monotonic()
     with _statuses(reporter, kept):
-        with _heard_warnings(reporter):
+        with reporter.python_warnings():
             summary = work(reporter)
         _tell(summary, reporter, time.monotonic() - start)
         with _stdout():
@@ -166,21 +165,6 @@ def _statuses(reporter: TerminalReporter, kept: str) -> Iterator[None]:
             raise
         reporter.error(printable(f"{error.filename}: {error.strerror}"))
         raise typer.Exit(EXIT_INPUT) from None
-
-
-@contextmanager
-def _heard_warnings(reporter: TerminalReporter) -> Iterator[None]:
-    """Say our own warnings as warnings, without the place in the code."""
-
-    def heard(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
-        if issubclass(category, BeltidWarning):
-            reporter.warn(str(message))
-        else:
-            reporter.detail(f"{category.__name__}: {message}")
-
-    with warnings.catch_warnings():
-        warnings.showwarning = heard
-        yield
 
 
 def _tell(summary: Summary, reporter: TerminalReporter, elapsed_s: float) -> None:

@@ -10,6 +10,7 @@ And the standard streams: a terminal without some letters, a closed one, a full 
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import signal
 import sys
@@ -103,6 +104,10 @@ def prepare_streams() -> None:
             descriptor = os.open(os.devnull, os.O_RDONLY if name == "stdin" else os.O_WRONLY)
             mode = "r" if name == "stdin" else "w"
             setattr(sys, name, os.fdopen(descriptor, mode, encoding="utf-8"))
+    if isinstance(getattr(sys.stdout, "buffer", None), io.RawIOBase):
+        # PYTHONUNBUFFERED: a write that a full disk cuts short would count as done
+        encoding = sys.stdout.encoding
+        sys.stdout = os.fdopen(sys.stdout.fileno(), "w", encoding=encoding, closefd=False)
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")

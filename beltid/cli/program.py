@@ -94,18 +94,6 @@ COMMANDS: Final = {
 """The commands in the order of the work: the module each is in, and what the help says of it."""
 
 
-@dataclass(frozen=True, slots=True)
-class Common:
-    """What the common options say."""
-
-    config: Path | None = None
-    out: Path | None = None
-    json: bool = False
-    quiet: bool = False
-    verbose: bool = False
-    force: bool = False
-
-
 def show_version(wanted: bool) -> None:
     """Print the version and exit, if that is wanted."""
     if wanted:
@@ -122,8 +110,8 @@ Version = Annotated[
 
 
 @dataclass(frozen=True, slots=True)
-class _Hints:
-    """Annotations of the common options, in the order of the help."""
+class Common:
+    """The common options, in the order of the help, and what they say."""
 
     config: Annotated[
         Path | None,
@@ -135,7 +123,7 @@ class _Hints:
             "variable BELTID_CONFIG names, else <name of the input>.yaml or beltid.yaml beside the "
             "input or in a folder above it, else the built-in 5PK rig of the paper.",
         ),
-    ]
+    ] = None
     out: Annotated[
         Path | None,
         typer.Option(
@@ -144,14 +132,16 @@ class _Hints:
             metavar="FILE",
             help="File to write, - for stdout. Default: beside the input, as named above.",
         ),
-    ]
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
+    ] = None
+    json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object instead of a table.")
+    ] = False
     quiet: Annotated[
         bool, typer.Option("--quiet", "-q", help="Say nothing but warnings and errors.")
-    ]
+    ] = False
     verbose: Annotated[
         bool, typer.Option("--verbose", "-v", help="Print every row, say every detail.")
-    ]
+    ] = False
     force: Annotated[
         bool,
         typer.Option(
@@ -160,65 +150,7 @@ class _Hints:
             help="Compute again even if the result is up to date, and replace another .parquet "
             "file at --out. Inputs, recordings and files that are no artifacts are never replaced.",
         ),
-    ]
-
-
-def with_common_options(
-    command: Callable[..., None] | None = None,
-    *,
-    out_help: str = "",
-    out_names: tuple[str, ...] = (),
-    out_metavar: str = "FOLDER",
-) -> Callable[..., Any]:
-    """Give a command the common options; it receives them as its argument ``common``.
-
-    Parameters
-    ----------
-    command : callable
-        A command with a keyword argument ``common`` of type `Common`.
-    out_help : str
-        Help of ``--out`` where it is not the usual one.
-    out_names : tuple of str
-        Further names of ``--out``.
-    out_metavar : str
-        What ``--out`` takes, with a help of its own.
-    """
-    if command is None:
-        return functools.partial(
-            with_common_options,
-            out_help=out_help,
-            out_names=out_names,
-            out_metavar=out_metavar,
-        )
-    hints = get_type_hints(command, include_extras=True)
-    own = [
-        parameter.replace(annotation=hints[parameter.name])
-        for parameter in inspect.signature(command).parameters.values()
-        if parameter.name != "common"
-    ]
-    common = get_type_hints(_Hints, include_extras=True)
-    if out_help:
-        common["out"] = Annotated[
-            Path | None,
-            typer.Option("--out", "-o", *out_names, metavar=out_metavar, help=out_help),
-        ]
-    keyword = inspect.Parameter.KEYWORD_ONLY
-    shared = [
-        inspect.Parameter(field.name, keyword, default=field.default, annotation=common[field.name])
-        for field in fields(Common)
-    ]
-    version = inspect.Parameter("version", keyword, default=False, annotation=Version)
-
-    @functools.wraps(command)
-    def wrapper(*args: Any, **values: Any) -> None:
-        values.pop("version", None)
-        chosen = {field.name: values.pop(field.name) for field in fields(Common)}
-        command(*args, common=Common(**chosen), **values)
-
-    parameters = [*own, *shared, version]
-    wrapper.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    wrapper.__annotations__ = {p.name: p.annotation for p in parameters}
-    return wrapper
+    ] = False
 
 
 class InOrder(TyperGroup):
@@ -271,9 +203,59 @@ app = typer.Typer(
 )
 
 
-def command(name: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Make a function the command of a name, with its line of the table of commands."""
-    return app.command(name, cls=PlainCommand, short_help=COMMANDS[name][1])
+def command(
+    name: str, *, of: typer.Typer = app, short: str = "", out: Any = None
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Make a function a command with the common options; it gets them as its argument ``common``.
+
+    Parameters
+    ----------
+    name : str
+        Its name: one of `COMMANDS`, or that of a command below one of them.
+    of : Typer
+        The command that it is below; by default the program.
+    short : str
+        What the help of `of` says of it; by default its line in `COMMANDS`.
+    out : typer.Option, optional
+        What stands for ``--out`` in the place of the usual option.
+    """
+
+    def registered(function: Callable[..., None]) -> Callable[..., None]:
+        with_options = _with_common_options(function, out)
+        add = of.command(name, cls=PlainCommand, short_help=short or COMMANDS[name][1])
+        add(with_options)
+        return with_options
+
+    return registered
+
+
+def _with_common_options(function: Callable[..., None], out: Any) -> Callable[..., None]:
+    hints = get_type_hints(function, include_extras=True)
+    own = [
+        parameter.replace(annotation=hints[parameter.name])
+        for parameter in inspect.signature(function).parameters.values()
+        if parameter.name != "common"
+    ]
+    common = get_type_hints(Common, include_extras=True)
+    if out is not None:
+        common["out"] = Annotated[Path | None, out]
+    keyword = inspect.Parameter.KEYWORD_ONLY
+    shared = [
+        inspect.Parameter(field.name, keyword, default=field.default, annotation=common[field.name])
+        for field in fields(Common)
+    ]
+    version = inspect.Parameter("version", keyword, default=False, annotation=Version)
+
+    @functools.wraps(function)
+    def wrapper(*args: Any, **values: Any) -> None:
+        values.pop("version", None)
+        chosen = {field.name: values.pop(field.name) for field in fields(Common)}
+        function(*args, common=Common(**chosen), **values)
+
+    parameters = [*own, *shared, version]
+    wrapper.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    wrapper.__annotations__ = {p.name: p.annotation for p in parameters}
+    return wrapper
 
 
 @app.callback()

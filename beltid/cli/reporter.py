@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 from beltid.cli.process import mute
 from beltid.errors import printable
-from beltid.stages.reporter import Reporter
+from beltid.stages.reporter import Level, Reporter
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 LINE_EVERY_S: Final = 10.0
 PLAIN_WIDTH: Final = 100
+MARKS: Final = {"warn": "warning: ", "error": "error: "}
+"""What lines of a level begin with."""
 
 
 def console_for(stream: str) -> Console:
@@ -71,7 +73,13 @@ class TerminalReporter(Reporter):
         self._bars: Progress | None = None
         self._followed = 0
 
-    def _line(self, text: str) -> None:
+    def line(self, level: Level, text: str) -> None:
+        """Print a line, unless it is for others than this user."""
+        wanted = {"report": not self.quiet, "detail": self.verbose}
+        if wanted.get(level, True):
+            self._print(MARKS.get(level, "") + text)
+
+    def _print(self, text: str) -> None:
         for word, other in self._names.items():
             text = text.replace(word, other)
         text = "\n".join(printable(line) for line in text.split("\n"))
@@ -83,24 +91,6 @@ class TerminalReporter(Reporter):
                 print(text, file=sys.stderr, flush=True)
             except OSError:  # nobody can hear it; the work goes on
                 mute("stderr")
-
-    def report(self, text: str) -> None:
-        """Say what is going on."""
-        if not self.quiet:
-            self._line(text)
-
-    def detail(self, text: str) -> None:
-        """Say what only a curious user wants to know."""
-        if self.verbose:
-            self._line(text)
-
-    def warn(self, text: str) -> None:
-        """Say what the user should look into."""
-        self._line(f"warning: {text}")
-
-    def error(self, text: str) -> None:
-        """Say what went wrong."""
-        self._line(f"error: {text}")
 
     @contextmanager
     def progress(self, label: str, total: int) -> Iterator[Callable[[], None]]:

@@ -10,10 +10,9 @@ Module           Responsibility
 ``messages``     words of the errors
 ``name_pattern`` settings in the names of files, by a pattern or a regular expression
 ``sweep``        a section of lists of values -> cases
-``loading``      file or dict -> `Config`; which config belongs to a recording
+``loading``      file or dict -> `Config`; which belongs to a recording; where values are stated
 ``writing``      `Config` -> YAML text
 ``template``     `Config` -> YAML text for a new belt, with the meanings of its keys
-``effective``    every value that holds, and where it is stated
 ================ =========================================================
 """
 

@@ -1,4 +1,4 @@
-"""Load a config from a file or a dict; find the one that belongs to a recording."""
+"""Load a config from a file or a dict; find the one of a recording; where its values are stated."""
 
 from __future__ import annotations
 
@@ -6,17 +6,16 @@ import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from pydantic import ValidationError
 
-from beltid.config.messages import problems_of
+from beltid.config.fields import Section
+from beltid.config.messages import note_problems
 from beltid.config.model import Config
 from beltid.config.sweep import SWEEP, swept_cases, take_sweep
-from beltid.config.yaml_source import Source, parse, read_text
+from beltid.config.yaml_source import KeyPath, Source, format_path, parse, read_text
 from beltid.errors import ConfigError
-
-SHOWN = 40
 
 
 def load_config(source: str | Path | Mapping[str, Any] | Config | None = None) -> Config:
@@ -75,21 +74,28 @@ def load_cases(path: Path) -> list[tuple[str, dict[str, Any], Config]]:
     sweep = take_sweep(source)
     if not sweep:
         return [("", {}, _with_paths_from(_checked(source), path.parent))]
-    problems = list(source.problems)
     cases = []
     for name, values, case in swept_cases(source, sweep):
-        try:
-            cases.append((name, values, _with_paths_from(_checked(case), path.parent)))
-        except ConfigError as error:
-            problems += error.problems
-    if problems:
-        raise ConfigError(_first(list(dict.fromkeys(problems))))
+        config = _validated(case)
+        source.problems += case.problems
+        if config is not None:
+            cases.append((name, values, _with_paths_from(config, path.parent)))
+    source.problems = list(dict.fromkeys(source.problems))  # most are those of every case
+    source.raise_if_any()
     return cases
 
 
 def _checked(source: Source) -> Config:
     if SWEEP in source.values:
         take_sweep(source)  # a single stage works on the config without it
+    config = _validated(source)
+    source.raise_if_any()
+    assert config is not None  # else there is a problem
+    return config
+
+
+def _validated(source: Source) -> Config | None:
+    """The config of a source; None if it is none, and what is wrong is noted in the source."""
     # `compare:` with nothing under it, everything commented out, means its defaults
     values = {
         key: value
@@ -97,13 +103,10 @@ def _checked(source: Source) -> Config:
         if value is not None or key not in Config.model_fields
     }
     try:
-        config = Config.model_validate(values)
+        return Config.model_validate(values)
     except ValidationError as error:
-        source.problems += problems_of(error, Config, source)
-        raise ConfigError(_first(source.problems)) from None
-    if source.problems:
-        raise ConfigError(_first(source.problems))
-    return config
+        note_problems(error, Config, source)
+        return None
 
 
 def _plain(value: Any) -> Any:
@@ -135,11 +138,6 @@ def _short(path: Path) -> Path:
     """``configs/../rigdata`` as ``rigdata``, unless a symbolic link makes them differ."""
     short = os.path.normpath(path)
     return Path(short) if os.path.realpath(short) == os.path.realpath(path) else path
-
-
-def _first(problems: list[str]) -> list[str]:
-    more = len(problems) - SHOWN
-    return [*problems[:SHOWN], f"and {more} more"] if more > 0 else problems
 
 
 ENVIRONMENT_VARIABLE = "BELTID_CONFIG"
@@ -240,3 +238,50 @@ def _is_file(path: Path) -> bool:
         return path.is_file()
     except OSError:  # a folder that may not be looked into holds no config of ours
         return False
+
+
+DEFAULT: Final = "default"
+
+
+@dataclass(frozen=True, slots=True)
+class EffectiveValue:
+    """A value of a config.
+
+    Attributes
+    ----------
+    key : str
+        Its key, ``section.key``.
+    value : object
+        The value that holds.
+    origin : str
+        ``file:line`` that states it, or "default".
+    """
+
+    key: str
+    value: Any
+    origin: str
+
+
+def effective_values(source: ConfigSource) -> list[EffectiveValue]:
+    """Every key of a config with its value and its origin, in the order of the model.
+
+    Raises
+    ------
+    ConfigError
+        If the file cannot be read any more.
+    """
+    path = source.path
+    places = Source() if path is None else parse(read_text(path), str(path))
+    return list(_values(source.config, (), places))
+
+
+def _values(section: Section, above: KeyPath, places: Source) -> Iterator[EffectiveValue]:
+    for name in type(section).model_fields:
+        value = getattr(section, name)
+        path = (*above, name)
+        if isinstance(value, Section):
+            yield from _values(value, path, places)
+        else:
+            place = places.key_places.get(path)
+            origin = f"{places.name}:{place.line}" if place else DEFAULT
+            yield EffectiveValue(format_path(path), value, origin)

@@ -14,7 +14,6 @@ from typing import Any, Final, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from beltid.config.yaml_source import KeyPath, Source, format_path
-from beltid.errors import Problem
 
 SECTION_TYPES: Final = ("model_type", "model_attributes_type", "dict_type")
 WORDS: Final = dict.fromkeys(SECTION_TYPES, "must be a section") | {
@@ -26,8 +25,8 @@ WORDS: Final = dict.fromkeys(SECTION_TYPES, "must be a section") | {
 """Type of an error of the library -> what the value must be, where its own words do not fit."""
 
 
-def problems_of(error: ValidationError, model: type[BaseModel], source: Source) -> list[Problem]:
-    """One line per problem, in the order of the file.
+def note_problems(error: ValidationError, model: type[BaseModel], source: Source) -> None:
+    """Note a problem in the source for each one that the model found.
 
     Parameters
     ----------
@@ -38,7 +37,6 @@ def problems_of(error: ValidationError, model: type[BaseModel], source: Source) 
     source : Source
         The values and their places.
     """
-    lines: list[tuple[tuple[int, int], Problem]] = []
     for detail in error.errors(include_url=False):
         path: KeyPath = tuple(detail["loc"])
         unknown = detail["type"] in ("extra_forbidden", "invalid_key")
@@ -47,11 +45,8 @@ def problems_of(error: ValidationError, model: type[BaseModel], source: Source) 
             if unknown
             else _found_and_allowed(path, detail, model, source)
         )
-        place = (source.key_places if unknown else source.places).get(path)
-        order = (place.line, place.column) if place else (0, 0)
         code = "config-key" if unknown else "config-value"
-        lines.append((order, Problem(source.prefix(path, key=unknown) + text, code)))
-    return [line for _, line in sorted(lines, key=lambda item: item[0])]
+        source.complain(source.place(path, key=unknown), text, code)
 
 
 def requirement(detail: Mapping[str, Any]) -> str:

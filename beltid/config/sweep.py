@@ -23,7 +23,6 @@ from beltid.config.fields import Section
 from beltid.config.messages import suggestion
 from beltid.config.model import Config
 from beltid.config.yaml_source import KeyPath, Source
-from beltid.errors import Problem
 
 SWEEP: Final = "sweep"
 MOST_CASES: Final = 1000
@@ -61,8 +60,8 @@ def take_sweep(source: Source) -> Sweep:
     for key, values in found.items():
         if key not in known:
             hint = suggestion(key, known) or ", known are section.key such as " + known[0]
-            where = source.prefix((SWEEP, key), key=True)
-            source.problems.append(f"{where}{SWEEP}.{key} is not a key that can be swept{hint}")
+            text = f"{SWEEP}.{key} is not a key that can be swept{hint}"
+            source.complain(source.place((SWEEP, key), key=True), text)
         elif not isinstance(values, list) or not values:
             _complain(source, (key,), "must be a list of values")
         else:
@@ -77,8 +76,8 @@ def take_sweep(source: Source) -> Sweep:
 
 def _complain(source: Source, keys: KeyPath, what: str) -> None:
     path = (SWEEP, *keys)
-    text = f"{source.prefix(path)}{'.'.join(str(k) for k in path)} {what}"
-    source.problems.append(Problem(text, "config-value"))
+    text = f"{'.'.join(str(k) for k in path)} {what}"
+    source.complain(source.place(path), text, "config-value")
 
 
 def _refuse_repeated(source: Source, key: str, values: list[Any]) -> None:
@@ -86,9 +85,8 @@ def _refuse_repeated(source: Source, key: str, values: list[Any]) -> None:
     for i, value in enumerate(values):
         text = _text(value)
         if text in seen:
-            place = source.prefix((SWEEP, key, i))
-            twice = f"{place}{SWEEP}.{key}[{i}] = {text} is given twice"
-            source.problems.append(Problem(twice, "config-key"))
+            twice = f"{SWEEP}.{key}[{i}] = {text} is given twice"
+            source.complain(source.place((SWEEP, key, i)), twice, "config-key")
         seen.append(text)
 
 

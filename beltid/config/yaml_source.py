@@ -15,17 +15,21 @@ from beltid.errors import ConfigError, Problem
 
 MAX_BYTES: Final = 300_000
 MAX_DEPTH: Final = 16
+SHOWN: Final = 40
 MAX_VALUES: Final = 5_000  # counted where an alias puts them, so that aliases cannot multiply
 
 KeyPath = tuple[str | int, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, order=True)
 class Place:
     """Line and column in a file, both counted from 1."""
 
     line: int
     column: int
+
+
+NOWHERE: Final = Place(0, 0)
 
 
 @dataclass(slots=True)
@@ -42,8 +46,8 @@ class Source:
         Key path to the place of the value, and of the key.
     texts : dict
         Key path to the scalar as written in the file.
-    problems : list of str
-        What is wrong already.
+    problems : list of (Place, Problem)
+        What is wrong, in the order in which it was found.
     """
 
     name: str = ""
@@ -51,21 +55,41 @@ class Source:
     places: dict[KeyPath, Place] = field(default_factory=dict)
     key_places: dict[KeyPath, Place] = field(default_factory=dict)
     texts: dict[KeyPath, str] = field(default_factory=dict)
-    problems: list[str] = field(default_factory=list)
+    problems: list[tuple[Place, Problem]] = field(default_factory=list)
 
-    def prefix(self, path: KeyPath, *, key: bool = False) -> str:
-        """``file:line:column: `` of a value (or its key); of what holds it where it is absent."""
-        if not self.name:
-            return ""
+    def place(self, path: KeyPath, *, key: bool = False) -> Place:
+        """Place of a value (or its key), of what holds it where it is absent, else `NOWHERE`."""
+        first, second = (self.key_places, self.places) if key else (self.places, self.key_places)
         for end in range(len(path), -1, -1):
-            part = path[:end]
-            first, second = (
-                (self.key_places, self.places) if key else (self.places, self.key_places)
-            )
-            place = first.get(part) or second.get(part)
+            place = first.get(path[:end]) or second.get(path[:end])
             if place:
-                return f"{self.name}:{place.line}:{place.column}: "
-        return f"{self.name}: "
+                return place
+        return NOWHERE
+
+    def at(self, place: Place, text: str) -> str:
+        """A text with ``file:line:column: `` before it, as far as they are known."""
+        if not self.name:
+            return text
+        where = "" if place == NOWHERE else f":{place.line}:{place.column}"
+        return f"{self.name}{where}: {text}"
+
+    def complain(self, place: Place, text: str, code: str = "") -> None:
+        """Note a problem at a place."""
+        self.problems.append((place, Problem(self.at(place, text), code)))
+
+    def raise_if_any(self) -> None:
+        """Raise a ConfigError with the problems in the order of the file.
+
+        Raises
+        ------
+        ConfigError
+            If there is any problem; beyond `SHOWN` their number is told.
+        """
+        in_order = sorted(self.problems, key=lambda item: item[0])
+        lines = [problem for _, problem in in_order]
+        more = len(lines) - SHOWN
+        if lines:
+            raise ConfigError([*lines[:SHOWN], f"and {more} more"] if more > 0 else lines)
 
 
 def read_text(path: Path) -> str:
@@ -118,10 +142,8 @@ def parse(text: str, name: str) -> Source:
     if node is None:
         raise ConfigError(f"{name}: the config is empty, it must hold sections such as belt:, rig:")
     if node.id != "mapping":
-        raise ConfigError(
-            f"{name}:{node.start_mark.line + 1}:{node.start_mark.column + 1}: "
-            f"found a {_kind(node)}, a config must hold sections such as belt:, rig:"
-        )
+        text = f"found a {_kind(node)}, a config must hold sections such as belt:, rig:"
+        raise ConfigError(source.at(_start(node), text))
     source.values = _Walk(source).mapping(node, ())
     return source
 
@@ -189,43 +211,39 @@ class _Walk:
     def mapping(self, node: Any, path: KeyPath) -> dict[Any, Any]:
         """Values of a mapping; a key given twice keeps its first value."""
         found: dict[str, Any] = {}
-        lines: dict[str, int] = {}
+        first: dict[str, Place] = {}
         for key_node, value_node in node.value:
-            mark = key_node.start_mark
-            here = f"{self.source.name}:{mark.line + 1}:{mark.column + 1}: "
+            here = _start(key_node)
             if key_node.id != "scalar":
-                self.source.problems.append(here + "a key must be a single word")
+                self.source.complain(here, "a key must be a single word")
                 continue
             key = str(key_node.value)
             if key == "<<" and key_node.style is None:
-                self.source.problems.append(
-                    here + "merge keys (<<) are not part of YAML 1.2, write the values out"
+                self.source.complain(
+                    here, "merge keys (<<) are not part of YAML 1.2, write the values out"
                 )
                 continue
             if key in found:
                 twice = format_path((*path, key))
-                text = f"{here}{twice} is given twice, first in line {lines[key]}"
-                self.source.problems.append(Problem(text, "config-key"))
+                text = f"{twice} is given twice, first in line {first[key].line}"
+                self.source.complain(here, text, "config-key")
                 continue
-            lines[key] = mark.line + 1
-            self.source.key_places[(*path, key)] = Place(mark.line + 1, mark.column + 1)
+            first[key] = self.source.key_places[(*path, key)] = here
             found[key] = self.value(value_node, (*path, key))
         return found
 
     def value(self, node: Any, path: KeyPath) -> Any:
         """Value of any node."""
-        source, mark = self.source, node.start_mark
-        source.places[path] = Place(mark.line + 1, mark.column + 1)
+        source, here = self.source, _start(node)
+        source.places[path] = here
         self.count += 1
         if id(node) in self.open or len(path) > MAX_DEPTH:
-            raise ConfigError(source.prefix(path) + "an alias (*) repeats itself")
+            raise ConfigError(source.at(here, "an alias (*) repeats itself"))
         if self.count > MAX_VALUES:
-            raise ConfigError(source.prefix(path) + "too many values, this is not a config")
+            raise ConfigError(source.at(here, "too many values, this is not a config"))
         if not re.fullmatch(r"tag:yaml\.org,2002:[a-z]+", str(node.tag)):
-            source.problems.append(
-                f"{source.prefix(path)}{format_path(path)} has a tag ({node.tag}), "
-                "a config holds plain values only"
-            )
+            text = f"{format_path(path)} has a tag ({node.tag}), a config holds plain values only"
+            source.complain(here, text)
             return None
         if node.id == "scalar":
             source.texts[path] = node.value if node.style is None else f'"{node.value}"'
@@ -237,6 +255,10 @@ class _Walk:
             return [self.value(item, (*path, i)) for i, item in enumerate(node.value)]
         finally:
             self.open.pop()
+
+
+def _start(node: Any) -> Place:
+    return Place(node.start_mark.line + 1, node.start_mark.column + 1)
 
 
 def _is_plain(node: Any) -> bool:

@@ -36,7 +36,7 @@ from beltid.artifacts.artifact import (
     stated_kind,
 )
 from beltid.artifacts.file_bytes import source_sha256, write_bytes
-from beltid.artifacts.metadata_models import METADATA, Metadata, plain
+from beltid.artifacts.metadata_models import Metadata, plain
 from beltid.bench.files.sources import Content, Signature, content_of, signature_of
 from beltid.errors import ArtifactError, InputError, Problem
 from beltid.stages.outcome import Origin, Outcome, combined_origin
@@ -181,20 +181,13 @@ class Build:
 
     def _metadata(self, outcome: Outcome[Any]) -> Metadata:
         path = self.source.path
-        return METADATA[self.kind].model_validate(
-            {
-                **outcome.extra,
-                "config_sha256": self.source.config.sha256,
-                "inputs": self._hashes(),
-                "validity": outcome.validity,
-                "set_aside": outcome.set_aside,
-                "settings": self.settings,
-                # the name without its folder: the same input gives the same bytes anywhere
-                "config": BUILT_IN if path is None else path.name,
-                "origin": self._origin(),
-                "notes": outcome.notes,
-                "warnings": outcome.warnings,
-            }
+        return outcome.metadata(
+            config_sha256=self.source.config.sha256,
+            inputs=self._hashes(),
+            settings=self.settings,
+            # the name without its folder: the same input gives the same bytes anywhere
+            config=BUILT_IN if path is None else path.name,
+            origin=self._origin(),
         )
 
     def _is_fresh(self, artifact: Artifact) -> bool:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
+    from beltid.artifacts.metadata_models import Metadata
     from beltid.config import Config
 
 Origin = Literal["measured", "synthetic"]
@@ -99,6 +100,25 @@ class Outcome(Generic[Result]):
             raise InputError(f"figure = {name}, must be one of: {', '.join(found) or 'none'}")
         return found[name]
 
+    def metadata(self, **made: Any) -> Metadata:
+        """What an artifact of the table states about itself, with how it was made.
+
+        Parameters
+        ----------
+        **made
+            Origin, inputs, settings and so on; see `Metadata`.
+        """
+        from beltid.artifacts.metadata_models import METADATA
+
+        stated = {
+            **self.extra,
+            "validity": self.validity,
+            "set_aside": self.set_aside,
+            "notes": self.notes,
+            "warnings": self.warnings,
+        }
+        return METADATA[self.kind].model_validate({**stated, **made})
+
     def save(
         self,
         path: str | Path,
@@ -126,7 +146,6 @@ class Outcome(Generic[Result]):
         """
         from beltid.artifacts.artifact import write_artifact
         from beltid.artifacts.file_bytes import write_bytes
-        from beltid.artifacts.metadata_models import METADATA
         from beltid.errors import InputError
 
         path = Path(path)
@@ -136,15 +155,7 @@ class Outcome(Generic[Result]):
             plain = self.to_frame()[[n for n, v in self.columns.items() if v.ndim == 1]]
             write_bytes(path, plain.to_csv(index=False, lineterminator="\n").encode())
         elif path.suffix == ".parquet":
-            stated = {
-                **self.extra,
-                "validity": self.validity,
-                "set_aside": self.set_aside,
-                "origin": origin or self.origin,
-                "notes": self.notes,
-                "warnings": self.warnings,
-            }
-            metadata = METADATA[self.kind].model_validate(stated)
+            metadata = self.metadata(origin=origin or self.origin)
             write_artifact(path, self.kind, self.columns, metadata)
         else:
             raise InputError(f"{path}: must end in .parquet or .csv")

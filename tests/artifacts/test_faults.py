@@ -20,12 +20,12 @@ import pytest
 from beltid.artifacts.artifact import artifact_bytes, read_artifact
 from beltid.artifacts.file_bytes import remove_stale, write_bytes
 from beltid.artifacts.metadata_models import Metadata
-from beltid.batch.locks import alone_in
+from beltid.batch.folders import alone_in
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import ArtifactError, InputError
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.outcome import Outcome
-from beltid.stages.reporter import Options, Reporter
+from beltid.stages.reporter import Level, Options, Reporter
 from beltid.tables import schemas
 
 ROOT = Path(__file__).parents[2]
@@ -310,7 +310,7 @@ class Hearing(Reporter):
     def __init__(self) -> None:
         self.heard: list[str] = []
 
-    def report(self, text: str) -> None:
+    def line(self, level: Level, text: str) -> None:
         self.heard.append(text)
 
 
@@ -334,7 +334,7 @@ def test_a_second_batch_in_a_folder_waits_for_the_first(tmp_path: Path) -> None:
 
 def test_the_lock_of_a_killed_batch_is_gone(tmp_path: Path) -> None:
     code = (
-        "import sys, time; from pathlib import Path; from beltid.batch.locks import alone_in\n"
+        "import sys, time; from pathlib import Path; from beltid.batch.folders import alone_in\n"
         "from beltid.stages.reporter import Reporter\n"
         "with alone_in([Path(sys.argv[1])], Reporter()): print('in', flush=True); time.sleep(60)\n"
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,15 +11,18 @@ from typing import Any
 import pytest
 from small_bench import contents
 
-from beltid.batch import config_sources
 from beltid.batch.belts import BeltRun, batch_summary, write_sweep_tables
+from beltid.batch.chain import BatchOptions, run_batch
 from beltid.batch.local import ProcessWorkers
 from beltid.batch.reports import write_reports
 from beltid.batch.schedule import Chain
-from beltid.errors import EXIT_INPUT, BeltidError
+from beltid.batch.sources import config_sources
+from beltid.batch.steps import Step
+from beltid.config import ConfigSource
+from beltid.errors import EXIT_BATCH_FAILED, EXIT_INPUT, BeltidError, InputError
 from beltid.report.summary import Summary
-from beltid.stages.reporter import Options, Reporter
-from beltid.stages.workers import Workers
+from beltid.stages.reporter import Level, Options, Reporter
+from beltid.stages.workers import Cancelled, Workers
 
 
 class Notes(Reporter):
@@ -28,11 +32,8 @@ class Notes(Reporter):
         self.said: list[str] = []
         self.wrong: list[str] = []
 
-    def report(self, text: str) -> None:
-        self.said.append(text)
-
-    def error(self, text: str) -> None:
-        self.wrong.append(text)
+    def line(self, level: Level, text: str) -> None:
+        (self.wrong if level == "error" else self.said).append(text)
 
 
 class Counted(Workers):
@@ -122,13 +123,14 @@ def test_a_page_that_fails_does_not_stop_the_others(ended: Any, tmp_path: Path) 
 
 
 class Lost(Counted):
-    """Workers who are killed after the first page."""
+    """Workers who are killed at the page of the second belt."""
 
     def as_ended(
         self, function: Callable[..., Any], calls: Sequence[tuple[Any, ...]]
     ) -> Iterator[tuple[int, Any]]:
-        yield 0, function(*calls[0])
-        raise BeltidError("workers were killed 4 times")
+        if any(source.name == "two" for _, source, *_ in calls):
+            raise BeltidError("workers were killed 4 times")
+        return super().as_ended(function, calls)
 
 
 def test_workers_that_are_lost_fail_the_pages_that_they_had(ended: Any, tmp_path: Path) -> None:
@@ -138,6 +140,56 @@ def test_workers_that_are_lost_fail_the_pages_that_they_had(ended: Any, tmp_path
     assert [chain.run.states["report"] for chain in chains] == ["done", "failed"]
     assert reporter.wrong == ["two: report: workers were killed 4 times"]
     assert (tmp_path / "lost" / "one" / "report.html").is_file()
+
+
+class Stopped(Counted):
+    """Workers who give no result any more once they were told to stop."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.halted = threading.Event()
+
+    def as_ended(
+        self, function: Callable[..., Any], calls: Sequence[tuple[Any, ...]]
+    ) -> Iterator[tuple[int, Any]]:
+        if self.halted.is_set():
+            raise Cancelled
+        return super().as_ended(function, calls)
+
+    def stop(self) -> None:
+        self.halted.set()
+
+
+def test_what_stands_is_reported_when_the_first_failure_ended_it_all(
+    by_one: Path, recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    workers, notes = Stopped(), Notes()
+    both_have_their_law = threading.Barrier(2)
+
+    def law(source: ConfigSource, inputs: Any, out: Path, options: Options) -> Summary:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(by_one / source.name / "stiffness.parquet", out)
+        return Summary(stage="law", title="", out=out)
+
+    def fails(source: ConfigSource, inputs: Any, out: Path, options: Options) -> Summary:
+        both_have_their_law.wait(timeout=20)
+        if source.name == "one":
+            raise InputError("no")
+        assert workers.halted.wait(timeout=20)
+        raise Cancelled
+
+    steps = (
+        Step("law", "stiffness", {}, law, spreads=True),
+        Step("fails", "friction", {"stiffness": "stiffness"}, fails, spreads=True),
+    )
+    monkeypatch.setattr("beltid.batch.chain.CHAIN", steps)
+    configs = config_sources([recordings / "one.yaml", recordings / "two.yaml"])
+    options = BatchOptions(reporter=notes, workers=workers, fail_fast=True)
+    summary = run_batch(configs, tmp_path, options)
+    assert summary.exit_status == EXIT_BATCH_FAILED
+    assert notes.wrong == ["one: fails: no"]
+    for belt in ("one", "two"):
+        assert (tmp_path / belt / "report.html").is_file()
 
 
 def test_a_table_of_a_sweep_that_cannot_be_written_is_a_failure_of_its_last_case(

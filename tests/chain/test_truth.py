@@ -15,7 +15,8 @@ import pytest
 from typer.testing import CliRunner
 
 from beltid.artifacts.artifact import read_artifact
-from beltid.batch import BatchOptions, config_sources, run_batch
+from beltid.batch.chain import BatchOptions, run_batch
+from beltid.batch.sources import config_sources
 from beltid.cli import app
 from beltid.stages.tables import load_stiffness, load_surface
 

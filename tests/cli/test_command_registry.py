@@ -25,12 +25,10 @@ KINDS_OF_RECORDINGS = (
     "stages/setup/inspect_file.py"  # the command that reads each of the three kinds
 )
 NEW_COMMAND = """
-from beltid.cli.program import Common, with_common_options
+from beltid.cli.program import Common, command
 from beltid.cli.execute import finish
-from beltid.cli.program import command
 
 @command("weigh-belt")
-@with_common_options
 def weigh_belt(*, common: Common) -> None:
     "Weigh a belt."
     def work(reporter):

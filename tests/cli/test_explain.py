@@ -14,7 +14,7 @@ import pytest
 
 import beltid as beltid_package
 from beltid.artifacts.artifact import read_artifact
-from beltid.cli.explain import CODES, page
+from beltid.cli.commands.about import explanations
 from beltid.errors import ArtifactError, InputError, NumericsError, Problem, Problems
 from beltid.tables import schemas
 
@@ -61,6 +61,7 @@ def flat_belt(folder: Path) -> None:
     (folder / "flat.yaml").write_text("belt: {name: flat, type: flat}\n")
 
 
+PAGES = explanations()
 FIT = ("fit-friction", "rig.csv")
 CASES: dict[str, tuple[Callable[[Path], Any], tuple[str, ...]]] = {
     "columns": (column, FIT),
@@ -95,7 +96,7 @@ def test_an_error_names_its_page(bench: Path, beltid: Any, code: str) -> None:
     result = beltid(*call)
     assert result.exit_code == (3 if code == "numerics" else 2), result.stderr
     assert f"note: `beltid explain {code}` tells more" in result.stderr, result.stderr
-    assert beltid("explain", code).stdout == page(code)
+    assert beltid("explain", code).stdout == PAGES[code]
     assert "explain" not in beltid(*call, "-q").stderr
 
 
@@ -108,10 +109,10 @@ def test_an_old_artifact_names_its_page(bench: Path, monkeypatch: pytest.MonkeyP
 
 
 def test_every_code_has_a_page_and_is_tested_and_told_by_the_documentation() -> None:
-    assert {*CASES, "artifact-version"} == set(CODES)
+    assert {*CASES, "artifact-version"} == set(PAGES)
     docs = Path(__file__).parents[2] / "docs" / "errors"
-    for code in CODES:
-        assert page(code).startswith("# ")
+    for code, page in PAGES.items():
+        assert page.startswith("# ")
         assert f"explanations/{code}.md" in (docs / f"{code}.md").read_text()
 
 
@@ -124,14 +125,14 @@ def test_every_code_that_an_error_is_given_has_a_page() -> None:
                 if isinstance(node.func, ast.Name) and node.func.id == "Problem":
                     named += node.args[1:]
                 given |= {w.value for w in named if isinstance(w, ast.Constant)}
-    assert given == {*CODES} - {"numerics"}  # that one is of a class of errors
+    assert given == {*PAGES} - {"numerics"}  # that one is of a class of errors
 
 
 def test_explain_lists_the_codes_and_refuses_others(beltid: Any) -> None:
-    assert beltid("explain").stdout.split() == list(CODES)
+    assert beltid("explain").stdout.split() == list(PAGES)
     refused = beltid("explain", "weather")
     assert refused.exit_code == 2
-    assert "CODE = weather, must be one of columns" in refused.stderr
+    assert "CODE = weather, must be one of artifact-kind" in refused.stderr
 
 
 def test_pages_are_named_once_in_the_order_of_the_lines() -> None:

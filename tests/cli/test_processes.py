@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pty
+import resource
 import shutil
 import signal
 import subprocess
@@ -96,6 +97,28 @@ def test_colours_on_a_terminal(beside: Path) -> None:
     status, coloured = on_a_terminal(beside, "fit-slip", "speedloss.csv")
     assert status == 0
     assert b"\x1b[" in coloured
+
+
+def small_files_only() -> None:
+    """In a new process: no file becomes larger than 2 kB, as on a disk that is nearly full."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2048, 2048))
+
+
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_a_product_that_is_cut_short_on_stdout_is_an_error(tmp_path: Path, unbuffered: str) -> None:
+    with (tmp_path / "shown.yaml").open("wb") as product:
+        done = subprocess.run(
+            [*BELTID, "config", "show"],
+            cwd=tmp_path,
+            stdout=product,
+            stderr=subprocess.PIPE,
+            env=environment(PYTHONUNBUFFERED=unbuffered),
+            preexec_fn=small_files_only,
+            check=False,
+        )
+    assert (tmp_path / "shown.yaml").stat().st_size <= 2048
+    assert done.returncode == 2
+    assert b"error: stdout: File too large" in done.stderr
 
 
 def test_a_reader_that_has_seen_enough_is_no_error(recordings: Path, tmp_path: Path) -> None:

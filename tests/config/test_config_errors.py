@@ -69,6 +69,18 @@ rig:
     assert found[8].endswith("rig.span_lenght_m is not a known key, did you mean span_length_m?")
 
 
+def test_a_key_that_is_missing_has_the_place_of_its_section(tmp_path):
+    found = problems(tmp_path, "belt: {ribs: 0}\nbelt: 3\ndrive:\n  pulleys: [{name: a}]\n")
+    assert found == [
+        "5pk.yaml:1:14: belt.ribs = 0, must be in [1, 100]",
+        "5pk.yaml:2:1: belt is given twice, first in line 1",
+        *(
+            f"5pk.yaml:4:13: drive.pulleys[0].{key} is missing"
+            for key in ("x_m", "y_m", "radius_m")
+        ),
+    ]
+
+
 @pytest.mark.parametrize(
     ("text", "place", "words"),
     [

@@ -71,6 +71,8 @@ def test_what_is_wrong_is_said_at_its_place_in_the_sweep(tmp_path: Path) -> None
         "  contact.points_per_element: [5, 6, 5]\n",
     )
     assert found == [
+        "2:31: rig.pulley_radius_m = 9, must be in [0.002, 5] m",
+        "2:34: rig.pulley_radius_m = wide, must be a number in [0.002, 5] m",
         "3:3: sweep.rig.pulley_radus_m is not a key that can be swept, "
         "did you mean rig.pulley_radius_m?",
         "4:3: sweep.data.rig is not a key that can be swept, "
@@ -78,9 +80,14 @@ def test_what_is_wrong_is_said_at_its_place_in_the_sweep(tmp_path: Path) -> None
         "5:14: sweep.belt.ribs must be a list of values",
         "6:17: sweep.press.cycles must be a list of values",
         "7:38: sweep.contact.points_per_element[2] = 5 is given twice",
-        "2:31: rig.pulley_radius_m = 9, must be in [0.002, 5] m",
-        "2:34: rig.pulley_radius_m = wide, must be a number in [0.002, 5] m",
     ]
+
+
+def test_what_is_wrong_in_every_case_is_counted_once(tmp_path: Path) -> None:
+    unknown = "".join(f"k{i}: 1\n" for i in range(60))
+    found = problems(tmp_path, f"sweep: {{belt.ribs: [5, 6]}}\n{unknown}")
+    assert len(found) == 41
+    assert found[-1] == "and 20 more"
 
 
 def test_lists_are_swept_as_a_whole(tmp_path: Path) -> None:

@@ -8,16 +8,26 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from beltid.cli.execute import finish, print_text
-from beltid.cli.explain import CODES
-from beltid.cli.program import Common, PlainCommand, app, command, with_common_options
+from beltid.cli.program import Common, app, command
 
 if TYPE_CHECKING:
     from beltid.cli.reporter import TerminalReporter
     from beltid.report.summary import Summary
 
 
+def explanations() -> dict[str, str]:
+    """Pages about the errors that people make, as Markdown, by the code that its errors carry."""
+    from importlib.resources import files  # slow, and the help must be fast
+
+    pages = (files("beltid.cli") / "explanations").iterdir()
+    return {
+        page.name.removesuffix(".md"): page.read_text("utf-8")
+        for page in sorted(pages, key=lambda page: page.name)
+    }
+
+
 def _codes(incomplete: str) -> list[str]:
-    return [code for code in CODES if code.startswith(incomplete)]
+    return [code for code in explanations() if code.startswith(incomplete)]
 
 
 config_app = typer.Typer(
@@ -32,7 +42,6 @@ app.add_typer(config_app)
 
 
 @command("info")
-@with_common_options
 def info(
     file: Annotated[
         Path | None,
@@ -55,8 +64,7 @@ def info(
     )
 
 
-@config_app.command("show", cls=PlainCommand, short_help="the values that hold, and their origin")
-@with_common_options
+@command("show", of=config_app, short="the values that hold, and their origin")
 def show(
     file: Annotated[
         Path | None,
@@ -95,8 +103,7 @@ def show(
     print_text(text, common)
 
 
-@config_app.command("check", cls=PlainCommand, short_help="all that is wrong in configs")
-@with_common_options
+@command("check", of=config_app, short="all that is wrong in configs")
 def check(
     configs: Annotated[list[Path], typer.Argument(metavar="CONFIG", help="Configs to check.")],
     *,
@@ -114,7 +121,6 @@ def check(
 
 
 @command("explain")
-@with_common_options
 def explain(
     code: Annotated[
         str | None,
@@ -129,14 +135,14 @@ def explain(
 
     Example: beltid explain columns
     """
-    from beltid.cli.explain import page
     from beltid.errors import InputError
 
     def text(reporter: TerminalReporter) -> str:
+        pages = explanations()
         if code is None:
-            return "".join(f"{known}\n" for known in CODES)
-        if code not in CODES:
-            raise InputError(f"CODE = {code}, must be one of {', '.join(CODES)}")
-        return page(code)
+            return "".join(f"{known}\n" for known in pages)
+        if code not in pages:
+            raise InputError(f"CODE = {code}, must be one of {', '.join(pages)}")
+        return pages[code]
 
     print_text(text, common)

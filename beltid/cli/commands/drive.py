@@ -9,11 +9,10 @@ import typer
 
 from beltid.cli.execute import execute
 from beltid.cli.inputs import DriveTable, Slip, Stiffness, Surface
-from beltid.cli.program import Common, command, with_common_options
+from beltid.cli.program import Common, command
 
 
 @command("simulate-drive")
-@with_common_options
 def simulate_drive(
     surface: Surface,
     stiffness: Stiffness,
@@ -47,7 +46,6 @@ def simulate_drive(
 
 
 @command("compare-drive")
-@with_common_options
 def compare_drive(slip: Slip, drive: DriveTable, *, common: Common) -> None:
     """Compare the predicted with the measured speed losses; exit 0 or 4.
 

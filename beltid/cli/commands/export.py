@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from beltid.cli.execute import finish, print_text
-from beltid.cli.program import Common, command, with_common_options
+from beltid.cli.program import Common, command
 
 if TYPE_CHECKING:
     from beltid.cli.reporter import TerminalReporter
@@ -64,8 +64,15 @@ def _list(wanted: bool) -> None:
         raise typer.Exit
 
 
-@command("export")
-@with_common_options(out_help="Folder of the files. Default: export/ in the folder of the law.")
+@command(
+    "export",
+    out=typer.Option(
+        "--out",
+        "-o",
+        metavar="FOLDER",
+        help="Folder of the files. Default: export/ in the folder of the law.",
+    ),
+)
 def export(
     target: Annotated[
         str,

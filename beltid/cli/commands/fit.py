@@ -8,11 +8,10 @@ import typer
 
 from beltid.cli.execute import execute
 from beltid.cli.inputs import OptionalRig, Points, Press, Rig, SpeedLoss, reads_recording
-from beltid.cli.program import Common, command, with_common_options
+from beltid.cli.program import Common, command
 
 
 @command("fit-stiffness")
-@with_common_options
 @reads_recording("press", name="force_N: Load", unit="force_N: kN")
 def fit_stiffness(press: Press, *, common: Common) -> None:
     """Find how stiff the contact of ribs and grooves is, from a compression press.
@@ -35,7 +34,6 @@ def fit_stiffness(press: Press, *, common: Common) -> None:
 
 
 @command("fit-slip")
-@with_common_options
 @reads_recording("speedloss", name="torque_N_m: M", unit="torque_N_m: N mm")
 def fit_slip(speedloss: SpeedLoss, *, common: Common) -> None:
     """Find the sliding speeds in service, from the speed loss of a two-pulley drive.
@@ -53,7 +51,6 @@ def fit_slip(speedloss: SpeedLoss, *, common: Common) -> None:
 
 
 @command("fit-shear")
-@with_common_options
 @reads_recording("rig", name="arc_deg: wrap", unit="pulley_speed_rad_s: rpm")
 def fit_shear(rig: Rig, *, common: Common) -> None:
     """Find how stiff the ribs are in shear along the belt, from the runs of the friction rig.
@@ -78,7 +75,6 @@ def fit_shear(rig: Rig, *, common: Common) -> None:
 
 
 @command("fit-friction")
-@with_common_options
 @reads_recording("rig", name="arc_deg: wrap", unit="pulley_speed_rad_s: rpm")
 def fit_friction(rig: OptionalRig = None, *, table: Points = None, common: Common) -> None:
     """Find the friction coefficient of every run of the friction rig.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from beltid.cli.execute import finish
-from beltid.cli.program import Common, command, with_common_options
+from beltid.cli.program import Common, command
 
 if TYPE_CHECKING:
     from beltid.cli.reporter import TerminalReporter
@@ -48,8 +48,15 @@ def on_terminal() -> bool:
     return sys.stdin.isatty()
 
 
-@command("init")
-@with_common_options(out_help="The file. Default: <NAME>.yaml in the current folder.")
+@command(
+    "init",
+    out=typer.Option(
+        "--out",
+        "-o",
+        metavar="FILE",
+        help="The file. Default: <NAME>.yaml in the current folder.",
+    ),
+)
 def init(
     name: Annotated[
         str | None, typer.Argument(metavar="NAME", help="Name of the belt, such as 6pk.")

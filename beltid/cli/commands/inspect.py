@@ -9,7 +9,7 @@ import typer
 
 from beltid.cli.execute import finish
 from beltid.cli.inputs import FILES
-from beltid.cli.program import Common, command, with_common_options
+from beltid.cli.program import Common, command
 from beltid.errors import InputError
 from beltid.tables.schemas import RECORDINGS
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 
 @command("inspect")
-@with_common_options
 def inspect(
     files: Annotated[
         list[Path],

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from beltid.cli.execute import execute, finish
-from beltid.cli.program import Common, command, with_common_options
+from beltid.cli.program import Common, command
 
 if TYPE_CHECKING:
     from beltid.cli.reporter import TerminalReporter
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
 
 @command("plan")
-@with_common_options
 def plan(
     surface: Annotated[
         Path | None,

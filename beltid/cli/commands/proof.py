@@ -9,11 +9,10 @@ import typer
 
 from beltid.cli.execute import execute
 from beltid.cli.inputs import Friction, Jobs, Simulated, Stiffness, Surface
-from beltid.cli.program import Common, command, with_common_options
+from beltid.cli.program import Common, command
 
 
 @command("simulate-rig")
-@with_common_options
 def simulate_rig(
     surface: Surface,
     stiffness: Stiffness,
@@ -107,7 +106,6 @@ def simulate_rig(
 
 
 @command("compare")
-@with_common_options
 def compare(
     friction: Friction,
     simulated: Simulated,

@@ -8,18 +8,22 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from beltid.cli.execute import finish
-from beltid.cli.program import Common, command, with_common_options
+from beltid.cli.program import Common, command
 
 if TYPE_CHECKING:
     from beltid.cli.reporter import TerminalReporter
     from beltid.report.summary import Summary
 
 
-@command("report")
-@with_common_options(
-    out_help="Page to write. Default: report.html in the folder of a belt, for several belts in "
-    "the folder above.",
-    out_metavar="FILE",
+@command(
+    "report",
+    out=typer.Option(
+        "--out",
+        "-o",
+        metavar="FILE",
+        help="Page to write. Default: report.html in the folder of a belt, for several belts in "
+        "the folder above.",
+    ),
 )
 def report(
     folders: Annotated[
@@ -56,10 +60,14 @@ def report(
     finish(work, common, kept="reports that were finished stand")
 
 
-@command("show")
-@with_common_options(
-    out_help="Figure to write: .svg, .png or .pdf. Default: draw in the terminal.",
-    out_metavar="FILE",
+@command(
+    "show",
+    out=typer.Option(
+        "--out",
+        "-o",
+        metavar="FILE",
+        help="Figure to write: .svg, .png or .pdf. Default: draw in the terminal.",
+    ),
 )
 def show(
     artifact: Annotated[

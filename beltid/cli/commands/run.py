@@ -10,7 +10,7 @@ import typer
 
 from beltid.cli.execute import finish
 from beltid.cli.inputs import Bootstrap, Seed
-from beltid.cli.program import Common, command, with_common_options
+from beltid.cli.program import Common, command
 
 if TYPE_CHECKING:
     from beltid.cli.reporter import TerminalReporter
@@ -18,10 +18,15 @@ if TYPE_CHECKING:
     from beltid.stages.workers import Workers
 
 
-@command("run")
-@with_common_options(
-    out_help="Folder of the results, one folder per belt in it. Default: runs",
-    out_names=("--runs-dir",),
+@command(
+    "run",
+    out=typer.Option(
+        "--out",
+        "-o",
+        "--runs-dir",
+        metavar="FOLDER",
+        help="Folder of the results, one folder per belt in it. Default: runs",
+    ),
 )
 def run(
     configs: Annotated[

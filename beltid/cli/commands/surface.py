@@ -10,7 +10,7 @@ import typer
 
 from beltid.cli.execute import execute
 from beltid.cli.inputs import Bootstrap, Condition, Friction, Jobs, Seed, Side, Stiffness
-from beltid.cli.program import Common, command, with_common_options
+from beltid.cli.program import Common, command
 
 FitBending = Annotated[
     bool,
@@ -27,7 +27,6 @@ UseBending = Annotated[
 
 
 @command("build-surface")
-@with_common_options
 def build_surface(
     friction: Friction,
     condition: Condition = None,
@@ -51,7 +50,6 @@ def build_surface(
 
 
 @command("refine-surface")
-@with_common_options
 def refine_surface(
     friction: Friction,
     stiffness: Stiffness,

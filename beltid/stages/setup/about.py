@@ -14,8 +14,7 @@ from beltid._version import __version__
 from beltid.artifacts.artifact import Artifact, read_artifact
 from beltid.artifacts.file_bytes import source_sha256
 from beltid.config import ConfigSource, config_text, load_cases
-from beltid.config.effective import DEFAULT, effective_values
-from beltid.config.loading import ENVIRONMENT_VARIABLE
+from beltid.config.loading import DEFAULT, ENVIRONMENT_VARIABLE, effective_values
 from beltid.errors import ConfigError
 from beltid.report.summary import Summary, json_value
 from beltid.stages.setup.named_recordings import WITHOUT, lacking, wrong_recordings

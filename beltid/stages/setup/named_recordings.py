@@ -43,14 +43,12 @@ def wrong_recordings(source: ConfigSource) -> list[str]:
     data, tables = source.config.data.files, source.config.runs.tables
     problems: list[str] = []
     if not data:
-        problems.append(
-            f"{places.prefix(('data',))}data names no recording, must be at least one of press, "
-            "rig and speedloss"
-        )
+        text = "data names no recording, must be at least one of press, rig and speedloss"
+        problems.append(places.at(places.place(("data",)), text))
     named: dict[KeyPath, Path] = {("data", kind): file for kind, file in data.items()}
     named |= {("runs", kind, "table"): file for kind, file in tables.items()}
     for keys, file in named.items():
-        at = f"{places.prefix(keys)}{format_path(keys)}"
+        at = places.at(places.place(keys), format_path(keys))
         for what in _wrong(file, list(tables.values())):
             problems.append(Problem(f"{at} = {what}", "missing-file"))
     return problems or _of_other_benches(source.config, places)

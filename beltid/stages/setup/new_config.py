@@ -15,8 +15,7 @@ from beltid.artifacts.file_bytes import write_text
 from beltid.bench.files.sources import exists
 from beltid.bench.inspection import inspect_recording
 from beltid.config import Config, load_config
-from beltid.config.effective import DEFAULT, effective_values
-from beltid.config.loading import ConfigSource
+from beltid.config.loading import DEFAULT, ConfigSource, effective_values
 from beltid.config.template import SECTIONS, template_text
 from beltid.errors import ConfigError, InputError
 from beltid.identify.agreement.compare import SAME_SETTING

@@ -1,4 +1,4 @@
-"""One batch at a time in the folder of a belt: a second one waits, then finds all up to date."""
+"""Folders of results: one batch at a time in each of them, and no link leads out of them."""
 
 from __future__ import annotations
 
@@ -9,17 +9,58 @@ from pathlib import Path
 from typing import Final
 
 from beltid.artifacts.file_bytes import remove_stale
+from beltid.errors import InputError
 from beltid.stages.reporter import Reporter
 
 LOCK: Final = ".beltid-lock"
+
+
+def refuse_links_out(folder: Path, belts: Sequence[str]) -> None:
+    """Refuse folders of belts, and files in them, that are links out of the folder of the results.
+
+    The folder of the results itself may be a link: the user names it.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the results.
+    belts : sequence of str
+        Names of belts or of cases, such as ``5pk`` or ``5pk/case``.
+
+    Raises
+    ------
+    InputError
+        With every link that leads out.
+    """
+    root = os.path.realpath(folder)
+    problems = []
+    for place in dict.fromkeys(p for belt in belts for p in (*Path(belt).parents, Path(belt))):
+        here = folder / place
+        for path in (here, *_links_in(here)):
+            target = os.path.realpath(path)
+            if os.path.commonpath([root, target]) != root:
+                problems.append(
+                    f"{path}: is a link to {target}, out of the folder of the results {folder}; "
+                    "remove the link, or name another --runs-dir"
+                )
+    if problems:
+        raise InputError(list(dict.fromkeys(problems)))
+
+
+def _links_in(folder: Path) -> list[Path]:
+    try:
+        return sorted(path for path in folder.iterdir() if path.is_symlink())
+    except OSError:  # it is not there yet, or the first step will say what is wrong with it
+        return []
 
 
 @contextlib.contextmanager
 def alone_in(folders: Sequence[Path], reporter: Reporter) -> Iterator[None]:
     """Be the only batch in some folders, and clear away what a killed one left there.
 
-    The system lets a lock go when its holder ends, however it ends. Where there are no locks (some
-    network file systems) the batch goes on without: files are whole all the same.
+    A second batch waits, then finds all up to date. The system lets a lock go when its holder ends,
+    however it ends. Where there are no locks (some network file systems) the batch goes on without:
+    files are whole all the same.
 
     Parameters
     ----------
