@@ -7,7 +7,8 @@ Module         Responsibility                                                   
 ``geometry``   Tangent spans, wrap angles, arm of the tensioner
 ``string``     The belt on its pulleys: strain, seating, creep, sliding, torque     (D1) to (D6),
                                                                                     (D13)
-``rod``        The belt on one pulley with its bending stiffness                    (R1) to (R5)
+``rod``        The belt on one pulley with its bending stiffness                    (R1) to (R6)
+``ribs``       Tangential forces of ribs that shear, for the rod                    (R7)
 ``loop``       Span forces, flow of belt and tensioner of the closed loop           (D7) to (D9)
 ``rod_level``  The same loop with a rod on each pulley                              (D12)
 ``results``    Speed loss and its parts, hub forces, reserve, losses, status        (D10), (D11)

@@ -100,7 +100,7 @@ class Drive:
         Friction coefficient of the back of the belt, which is taken as rigid.
     shear_stiffness : float
         Tangential force of the ribs per stress-free length and shear displacement [N/m²]; infinite
-        where they do not shear. At string level only.
+        where they do not shear.
 
     Raises
     ------

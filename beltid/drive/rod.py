@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from beltid.drive.ribs import MOST_ZONES, SLIDES, Ribs, certify, linearize_with_shear, new_ribs
 from beltid.errors import ConvergenceError, InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
@@ -26,7 +27,7 @@ from beltid.rigsim.banded import factorize, solve
 from beltid.rigsim.beam.belt import belt_arrays
 from beltid.rigsim.beam.path import bed_length, bending_length
 from beltid.rigsim.beam.supports import force_change, release
-from beltid.rigsim.compiled import allocating_kernel
+from beltid.rigsim.compiled import allocating_kernel, leaf
 from beltid.rigsim.contact.friction import CONE_TOLERANCE, Certificate, violations
 from beltid.rigsim.contact.points import SLIDE, STICK, Motion, Patches, Points, new_points
 from beltid.rigsim.model import Bench, RigModel, System, Workspace
@@ -47,6 +48,7 @@ SHORTEST_SPAN = 6.0  # in bending lengths: pulleys further apart do not feel eac
 AT_ENTRY, ON_ARC = 8, 2
 ENTRY = (-1.0, 4.0)  # from the tangent point, in lengths of the elastic bed
 MOST_ITERATIONS = 60
+MOST_WITH_RIBS = 25  # they find their state in a few, or go in circles
 # slip over the speed of the belt at which a patch that is still soft carries its friction [-]
 SOFTNESS = (2.0e-2, 2.0e-3, 2.0e-4, 2.0e-5, 2.0e-6, 2.0e-7)
 SLIP_TOLERANCE = 1.0e-11  # of a patch that sticks, over the speed of the belt [-]
@@ -56,6 +58,12 @@ FREE_ROUNDS = 12  # in which all patches may change sides at once
 MOST_TURNS = 4  # of a patch at an end of the contact
 MOST_SOFT_TURNS = 8  # of a patch that is still soft; one that goes to and fro is left to the hard
 PATIENCE = 3  # rounds after which only half as many may
+SOFTER = 4.0  # by how much softer ribs are tried where no state was found
+SOFTEST = 1.0e6  # by how much softer they may get
+LONGER = 1.4  # step after step on the way back to the stiffness that is asked for
+LEAST_STEP = 0.01  # of its logarithm
+MOST_WITH_SOFTER = 150  # rounds
+MORE_FRICTION = 1.5
 
 
 class Target(NamedTuple):
@@ -87,6 +95,7 @@ def run_through(
     system: System,
     motion: Motion,
     points: Points,
+    ribs: Ribs | None,
     q: Array,
     stretch: float,
     P_in: float,
@@ -95,17 +104,20 @@ def run_through(
 ) -> FlowOutcome:
     """Newton's method for a belt that runs over the pulley; ``q`` is updated in place.
 
-    Unknown are the coordinates, the stretch and the speed of the pulley: one factorisation, three
-    right-hand sides.
+    Unknown are the coordinates, the stretch, the speed of the pulley, and with ``ribs`` that shear
+    the number of each zone that sticks: one factorisation, a right-hand side for each of them.
     """
     tolerance = force_tolerance(system, motion, P_in)
     force = work.reactions.force
-    omega, error, outside = motion.omega, math.inf, 0
+    omega, error, zones = motion.omega, math.inf, 0
+    most = MOST_ITERATIONS if ribs is None else MOST_WITH_RIBS
     along = np.zeros((2, 4))
-    border = np.zeros((2, 3))
-    for iteration in range(MOST_ITERATIONS):
+    for iteration in range(most):
         now = Motion(omega, 0.0, motion.friction, motion.augmentation, motion.flow)
-        outside = linearize(system, now, points, q, q, stretch, work)
+        if ribs is None:
+            outside = linearize(system, now, points, q, q, stretch, work)
+        else:
+            outside, zones = linearize_with_shear(system, now, points, ribs, q, stretch, work)
         entry = math.hypot(force[0], force[1])
         leave = math.hypot(force[2], force[3])
         got = leave
@@ -122,34 +134,75 @@ def run_through(
             return FlowOutcome(True, iteration, error / P_in, stretch, omega, outside)
         if not (math.isfinite(error) and factorize(work.A, work.pivots)):
             break
-        for k in range(3):
+        # what is missing of entry force, target and the numbers of the zones, and in the columns
+        # behind it how they change with the unknowns beside the coordinates
+        borders = 2 + min(zones, work.steps.shape[0] - 3)
+        border = np.zeros((borders, 1 + borders))
+        border[0, 0], border[1, 0] = P_in - entry, missing
+        for k in range(1 + borders):
             for i in range(q.size):
                 work.steps[k, i] = -work.vectors[k, i]
             solve(work.A, work.pivots, work.steps[k])
+            sense = -1.0 if k == 0 else 1.0
             for row in range(2):
-                border[row, k] = 0.0
                 for i in range(4):
                     if along[row, i] != 0.0:
                         change = force_change(work.reactions, i, work.steps[k])
                         if k == 1:
                             change += work.reactions.stretch[i]
-                        border[row, k] += along[row, i] * change
-        # entry force and target to first order in both unknowns beside the coordinates
-        a, b = P_in - entry - border[0, 0], missing - border[1, 0]
-        if target.free:
-            determinant = border[0, 1] * border[1, 2] - border[0, 2] * border[1, 1]
-            by_stretch = (a * border[1, 2] - b * border[0, 2]) / determinant
-            by_omega = (b * border[0, 1] - a * border[1, 1]) / determinant
-        else:
-            by_stretch, by_omega = a / border[0, 1], 0.0
+                        border[row, k] += sense * along[row, i] * change
+            if ribs is not None:
+                for z in range(borders - 2):
+                    change = 0.0
+                    for j in range(8):
+                        change += ribs.by_q[z, j] * work.steps[k, 4 * ribs.element[z] + j]
+                    border[2 + z, k] -= sense * change
+        if ribs is not None:
+            for z in range(borders - 2):
+                border[2 + z, 1] -= ribs.by_stretch[z]
+                border[2 + z, 2] -= ribs.by_omega[z]
+                border[2 + z, 3 + z] += 1.0
+        if not target.free:
+            border[1] = 0.0
+            border[1, 2] = 1.0
+        if not eliminate(border):
+            break
         step = work.steps[0]
-        for i in range(q.size):
-            step[i] += by_stretch * work.steps[1, i] + by_omega * work.steps[2, i]
+        for k in range(borders):
+            for i in range(q.size):
+                step[i] += border[k, 0] * work.steps[1 + k, i]
         release(system.supports, step)
         factor = move(q, step)
-        stretch += factor * by_stretch
-        omega += factor * by_omega
-    return FlowOutcome(False, MOST_ITERATIONS, error / P_in, stretch, omega, outside)
+        stretch += factor * border[0, 0]
+        omega += factor * border[1, 0]
+    return FlowOutcome(False, most, error / P_in, stretch, omega, outside)
+
+
+@leaf
+def eliminate(system: Array) -> bool:
+    """Solve equations (n, 1 + n), right-hand sides first, which their solution takes the place of.
+
+    Returns whether there is one; Gauss-Jordan with the largest pivot of a column.
+    """
+    n = system.shape[0]
+    for k in range(n):
+        pivot = k
+        for i in range(k + 1, n):
+            if abs(system[i, 1 + k]) > abs(system[pivot, 1 + k]):
+                pivot = i
+        if not abs(system[pivot, 1 + k]) > 0.0:
+            return False
+        for j in range(1 + n):
+            system[k, j], system[pivot, j] = system[pivot, j], system[k, j]
+        scale = 1.0 / system[k, 1 + k]
+        for j in range(1 + n):
+            system[k, j] *= scale
+        for i in range(n):
+            factor = system[i, 1 + k]
+            if i != k and factor != 0.0:
+                for j in range(1 + n):
+                    system[i, j] -= factor * system[k, j]
+    return True
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,6 +230,9 @@ class RodPulley:
     elements : int, optional
         Number of elements, even, of a mesh like that of the rig; by default its default mesh, finer
         on the arc and more so where the belt comes on.
+    shear_stiffness : float
+        Tangential force of the ribs per stress-free length and displacement [N/m²]; infinite where
+        they do not shear.
 
     Raises
     ------
@@ -194,6 +250,7 @@ class RodPulley:
     tension: float
     points_per_element: int = 5
     elements: int | None = None
+    shear_stiffness: float = math.inf
     model: RigModel = field(init=False, repr=False, compare=False)
     behind_entry: int = field(init=False, repr=False, compare=False)
 
@@ -334,7 +391,10 @@ def pulley_map(
         try:
             if W is not None:
                 flow.turn(float(W), target, ramp=begin is None)
-            flow.settle(target, softness if W is None else SOFTNESS[-1:])
+            if flow.ribs is not None:
+                flow.stiffen(target)
+            else:
+                flow.settle(target, softness if W is None else SOFTNESS[-1:])
             return flow.state(levers)
         except ConvergenceError as error:
             failure = error
@@ -355,6 +415,7 @@ class _Flow:
     stretch: float
     omega: float
     turns: NDArray[np.int64]  # changes of every patch
+    ribs: Ribs | None  # where they shear there are no patches
     outcome: FlowOutcome | None = None
     iterations: int = 0
 
@@ -364,7 +425,10 @@ class _Flow:
         model = pulley.model
         momentum = pulley.belt.rhoA * v0 * v0
         system = model.system._replace(belt=model.system.belt._replace(momentum=momentum))
-        points, work = new_points(system.belt, STICK), model.workspace(borders=2)
+        points, ribs = new_points(system.belt, STICK), None
+        if math.isfinite(pulley.shear_stiffness):
+            ribs = new_ribs(system.belt, pulley.shear_stiffness)
+        work = model.workspace(borders=2 if ribs is None else 2 + MOST_ZONES)
         if start is not None:
             for to, of in (
                 (points.patches.status, start.points.patches.status),
@@ -385,13 +449,13 @@ class _Flow:
             ends = opened | np.roll(opened, 1) | np.roll(opened, -1)
             points.patches.status[ends] = SLIDE
         turns = np.zeros(points.patches.status.size, dtype=np.int64)
-        return cls(pulley, v0, P_in, system, points, work, *state, turns)
+        return cls(pulley, v0, P_in, system, points, work, *state, turns, ribs)
 
     def turn(self, W: float, target: Target, *, ramp: bool) -> None:
         """Give the pulley its speed; from a belt laid on, with all of the arc sliding."""
         patches, self_turning = self.points.patches, self.omega
         self.omega = W * self.v0
-        if not ramp:
+        if not ramp or self.ribs is not None:
             return
         patches.status[:] = SLIDE
         patches.sign[:] = math.copysign(1.0, self.omega - self_turning)
@@ -432,10 +496,47 @@ class _Flow:
                 if changes == 0 and (not hard or (self._holds() and not self._find_turns())):
                     break
 
+    def stiffen(self, target: Target) -> None:
+        """Find the state of ribs that shear, by way of softer ones where it is not found at once.
+
+        Ribs that hardly give way change between sticking and sliding within a part of an element:
+        then a start is needed in which nearly the same points stick.
+        """
+        assert self.ribs is not None
+        # friction that falls with the speed can have two states: that with less slip is near one of
+        # more friction
+        frictions = (MORE_FRICTION, 1.0) if self.pulley.model.friction_falls else (1.0,)
+        asked, known, step = self.ribs.stiffness, 0.0, math.log(SOFTER)
+        stiffness, rounds = asked, 0
+        while step >= LEAST_STEP and stiffness >= asked / SOFTEST and rounds < MOST_WITH_SOFTER:
+            rounds += 1
+            kept = self.q.copy(), self.stretch, self.omega
+            self.ribs = self.ribs._replace(stiffness=stiffness)
+            if all(self._newton(target, 0.0, share) for share in frictions):
+                if stiffness == asked:
+                    return
+                known, step = stiffness, LONGER * step
+            else:
+                self.q[:], self.stretch, self.omega = kept
+                step = 0.5 * step if known else step
+            stiffness = known * math.exp(step) if known else stiffness / SOFTER
+            # no last step that is a fraction of the others
+            stiffness = asked if stiffness > asked * math.exp(-0.3 * step) else stiffness
+        hint = f"; with ribs of {known:.3g} in place of {asked:.3g} N/m² there is one"
+        raise self._failure(rounds, hint if known else "")
+
     def _newton(self, target: Target, augmentation: float, friction: float = 1.0) -> bool:
         motion = Motion(self.omega, 0.0, friction, augmentation, self.v0)
         out: FlowOutcome = run_through(
-            self.system, motion, self.points, self.q, self.stretch, self.P_in, target, self.work
+            self.system,
+            motion,
+            self.points,
+            self.ribs,
+            self.q,
+            self.stretch,
+            self.P_in,
+            target,
+            self.work,
         )
         self.iterations += out.iterations
         self.outcome, self.stretch, self.omega = out, out.stretch, out.omega
@@ -541,18 +642,22 @@ class _Flow:
 
         A patch that sticks alone is none: where the sliding changes its direction, one may.
         """
+        entry = self.pulley.behind_entry
+        if self.ribs is not None:
+            sticks = self.ribs.zone[entry:] != SLIDES
+            return 0.0 if np.any(sticks) else abs(float(self.points.slip[entry, 0]))
         patches = self.points.patches
         sticks = (patches.status == STICK) & (patches.limit > 0.0)
         if np.any(sticks[1:] & sticks[:-1]):
             return 0.0
-        return abs(float(patches.slip[self.pulley.behind_entry]))
+        return abs(float(patches.slip[entry]))
 
-    def _failure(self, rounds: int) -> ConvergenceError:
+    def _failure(self, rounds: int, hint: str = "") -> ConvergenceError:
         residual = self.outcome.residual if self.outcome else math.nan
         return ConvergenceError(
             f"pulley of {1e3 * self.pulley.R:g} mm, {math.degrees(self.pulley.wrap):.4g} deg, belt "
             f"at {self.v0:g} m/s, {self.P_in:g} N: no steady running found in {rounds} rounds of "
-            f"{self.iterations} Newton iterations (residual {residual:.2g})",
+            f"{self.iterations} Newton iterations (residual {residual:.2g}){hint}",
             iterations=self.iterations,
             residual=residual,
         )
@@ -561,7 +666,12 @@ class _Flow:
         """What came of it."""
         assert self.outcome is not None
         points, force, R = self.points, self.work.reactions.force, self.pulley.R
-        sticks = (points.patches.status == STICK)[:, None] & (points.f_N > 0.0)
+        if self.ribs is None:
+            sticks = (points.patches.status == STICK)[:, None] & (points.f_N > 0.0)
+            certificate = violations(self.system.belt, points)
+        else:
+            sticks = self.ribs.zone != SLIDES
+            certificate = certify(self.system.belt, points, self.ribs)
         contact = ContactState(
             model=self.pulley.model,
             stretch=self.stretch,
@@ -583,7 +693,7 @@ class _Flow:
             contact=contact,
             points=points,
             whole_slip=self._whole_slip(),
-            certificate=violations(self.system.belt, points),
+            certificate=certificate,
             residual=self.outcome.residual,
             iterations=self.iterations,
             outside=self.outcome.outside,

@@ -58,7 +58,9 @@ class Corrected:
     def arcs(self, P_in: Array, P_out: Array, v0: float, wraps: Array) -> Arcs:
         """State of the belt on every pulley, as :meth:`StringLevel.arcs`."""
         arcs = self.level.arcs(P_in, P_out, v0, wraps)
-        return arcs._replace(torque=arcs.torque + self.torque, W=arcs.W * self.speed)
+        return arcs._replace(
+            torque=arcs.torque + self.torque, W=arcs.W * self.speed, rate=arcs.rate * self.speed
+        )
 
 
 @dataclass(slots=True)
@@ -97,18 +99,13 @@ class RodLevel:
     Raises
     ------
     InputError
-        If there is no contact law, as a rigid pulley has no bed, or if the ribs shear.
+        If there is no contact law, as a rigid pulley has no bed.
     """
 
     def __init__(self, drive: Drive, level: StringLevel) -> None:
         if drive.law is None:
             raise InputError(
                 "rod level: a contact law of the ribs is needed; rigid pulleys have none"
-            )
-        if math.isfinite(drive.shear_stiffness):
-            raise InputError(
-                "rod level: ribs that shear (belt.shear_stiffness_N_m2) are known to the string "
-                "only; predict with drive.method: string"
             )
         self.drive, self.level = drive, level
         self._known: dict[tuple[int, float, float], _Known] = {}
@@ -155,11 +152,15 @@ class RodLevel:
         )
 
     def _arcs(self, state: LoopState, slip: Array) -> Arcs:
-        """Arcs of a state with what the rods say of slip."""
+        """Arcs of a state with what the rods say of slip.
+
+        By how much a pulley is ahead of a belt whose ribs shear, the string says.
+        """
         arcs, R = state.arcs, np.array([pulley.R for pulley in self.drive.pulleys])
         ahead = np.where(state.P_in > state.P, slip, -slip) / (R * state.v0)
         needed = np.where(slip > 0.0, np.maximum(arcs.needed, state.laid.wraps), arcs.needed)
-        return arcs._replace(rate=arcs.W - ahead, slip=slip, needed=needed)
+        rate = arcs.rate if math.isfinite(self.drive.shear_stiffness) else arcs.W - ahead
+        return arcs._replace(rate=rate, slip=slip, needed=needed)
 
     def _rods(
         self, state: LoopState, rest: RestState, near: LoopState | None
@@ -205,7 +206,14 @@ class RodLevel:
             span = max(half, shortest)
             self._known[key] = _Known(
                 RodPulley(
-                    drive.belt, drive.law, drive.surface, drive.pulleys[i].R, wrap, span, tension
+                    drive.belt,
+                    drive.law,
+                    drive.surface,
+                    drive.pulleys[i].R,
+                    wrap,
+                    span,
+                    tension,
+                    shear_stiffness=drive.shear_stiffness,
                 )
             )
         return self._known[key]

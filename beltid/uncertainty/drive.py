@@ -27,8 +27,8 @@ Array = NDArray[np.float64]
 Results = Sequence[DriveResult | None]
 
 SHEAR_WITHOUT_BENDING: Final = 0.06
-"""Standard uncertainty of a loss, relative, of ribs that shear: they are known to the string only,
-which is 3 % below to 11 % above rods with such ribs (27.5 and 50 mm, 3.4e7 to 3e8 N/m²)."""
+"""Standard uncertainty of a string's loss, relative, of ribs that shear: it is 3 % below to 11 %
+above that of rods (27.5 and 50 mm, 3.4e7 to 3e8 N/m²)."""
 SLOWER: Final = np.array([0.1, 0.2, 0.35, 0.6])
 """Speeds over the slowest measured one to which friction is continued."""
 LEAST_SHARE: Final = 0.3

@@ -28,10 +28,11 @@ SMOOTHINGS = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6)
 
 
 class Smoothed(NamedTuple):
-    """Speed of the pulley over v0 [1/m] with a smoothing of the friction [-]."""
+    """Speed of the pulley over v0 [1/m] and torque on the belt [N m] with a smoothing [-]."""
 
     smooth: float
     W: float
+    torque: float
 
 
 def derivatives(y: Array, length: float, W: float, R: float, flow: float, smooth: float) -> Array:
@@ -59,25 +60,43 @@ def derivatives(y: Array, length: float, W: float, R: float, flow: float, smooth
     )
 
 
-def places(R: float) -> Array:
+def torque_on_belt(
+    y: Array, share: Array, length: float, W: float, R: float, flow: float, smooth: float
+) -> float:
+    """Moment of the friction about the axis [N m]: what P and Q lose along the belt, less f."""
+    middle = 0.5 * (y[:, 1:] + y[:, :-1])
+    x, height, direction, P, Q, curvature = middle
+    slopes = derivatives(middle, length, W, R, flow, smooth)
+    c, s = np.cos(direction), np.sin(direction)
+    along, across = Q * curvature * length - slopes[3], -P * curvature * length - slopes[4]
+    p_x, p_y = along * c - across * s, along * s + across * c
+    return float(np.sum((height * p_x - x * p_y) * np.diff(share)))
+
+
+def places(R: float, wrap: float) -> Array:
     """Path coordinates [m], fine where the contact ends."""
-    total, at = 2.0 * SPAN + R * WRAP, [0.0]
+    total, at = 2.0 * SPAN + R * wrap, [0.0]
     while at[-1] < total:
         s = at[-1]
-        off = min(max(end - 0.02 - s, s - end - 0.02, 0.0) for end in (SPAN, SPAN + R * WRAP))
+        off = min(max(end - 0.02 - s, s - end - 0.02, 0.0) for end in (SPAN, SPAN + R * wrap))
         at.append(s + min(COARSE, FINE + 0.02 * off))
     return np.array(at) * total / at[-1]
 
 
 def flowing_rod(
-    R: float, v0: float, P_in: float, P_out: float, smoothings: Sequence[float] = SMOOTHINGS
+    R: float,
+    v0: float,
+    P_in: float,
+    P_out: float,
+    wrap: float = WRAP,
+    smoothings: Sequence[float] = SMOOTHINGS,
 ) -> Iterator[Smoothed]:
-    """Speed of the pulley with the forces of both spans given, a number for each smoothing."""
-    s = places(R)
+    """Speed and torque of the pulley with the forces of both spans given, for each smoothing."""
+    s = places(R, wrap)
     share, n, flow = s / s[-1], s.size, MASS * v0**2
-    h, half = np.diff(share), 0.5 * WRAP
+    h, half = np.diff(share), 0.5 * wrap
     theta = np.clip((s - SPAN) / R - half, -half, half)
-    off = np.minimum(s - SPAN, 0.0) + np.maximum(s - SPAN - R * WRAP, 0.0)
+    off = np.minimum(s - SPAN, 0.0) + np.maximum(s - SPAN - R * wrap, 0.0)
     mean = 0.5 * (P_in + P_out)
     low = R - mean / R / (K_LINEAR + K_QUADRATIC * mean / R / K_LINEAR)
     y = np.zeros((6, n))
@@ -117,7 +136,8 @@ def flowing_rod(
                 break
         else:
             raise RuntimeError(f"no solution with the friction smoothed over {smooth:g}")
-        yield Smoothed(smooth, float(unknown[1]))
+        torque = torque_on_belt(y, share, *unknown, R, flow, smooth)
+        yield Smoothed(smooth, float(unknown[1]), torque)
 
 
 def _jacobian(

@@ -61,3 +61,47 @@ def test_tensions_and_losses_of_the_differential_equations(
     assert string.loss.total == pytest.approx(losses, rel=2e-5, abs=1e-9)
     # bending changes the loss, by up to a tenth, but hardly the forces
     assert rod.tensions[1] == pytest.approx(tensions, rel=3e-3)
+
+
+# FOUR at mu 0.5, 450 N at rest, 100 rad/s; flow [m/s] and force behind each wheel [N] of a state,
+# then omega/v0 [1/m] and torque on the belt [N m] of every wheel with these forces, from the
+# boundary-value problem of flowing_rod with its friction smoothed over 1e-6
+LOADED = (
+    7.9492679565,
+    (285.4000195, 419.3632746, 539.6287030, 539.6452298),
+    (12.57981277, 33.56649634, 20.12448127, 16.78436023),
+    (20.32423, -3.99997, -6.00001, 0.00001),
+)
+IDLING = (
+    7.9575759472,
+    (443.9235842, 444.0115885, 444.0321867, 444.0445743),
+    (12.56668051, 33.65480895, 20.13063165, 16.76575276),
+    (0.01012, 0.00008, 0.00002, 0.00002),
+)
+
+
+def test_four_rods_in_a_loop_are_those_of_an_independent_program() -> None:
+    """Bending, bed, creep and sliding of each wheel by other code, at the forces of the loop.
+
+    The loop is right if the wheels then take off what they should, at one flow of belt.
+    """
+    drive = Drive(
+        BELT_5PK,
+        LAW_5PK,
+        FrictionSurface.constant(0.5),
+        tuple(Pulley(f"p{i}", w.x, w.y, w.R) for i, w in enumerate(FOUR)),
+    )
+    asked = [wheel.torque for wheel in FOUR]
+    (result,) = simulate(drive, [DrivePoint(100.0, 450.0, tuple(asked))], "rod")
+    for state, (v0, forces, W, torque) in ((result.state, LOADED), (result.idle, IDLING)):
+        assert state.v0 == pytest.approx(v0, rel=1e-6)
+        assert pytest.approx(forces, rel=1e-5) == state.P
+        assert [rod.W for rod in state.rods if rod] == pytest.approx(W, rel=6e-6)
+        assert [rod.torque for rod in state.rods if rod] == pytest.approx(torque, abs=1e-4)
+    assert LOADED[3][1:] == pytest.approx([-load for load in asked[1:]], abs=1e-4)
+    loaded, idling = (np.array(W) / W[0] for _, _, W, _ in (LOADED, IDLING))
+    losses = 100.0 * (idling - loaded)
+    assert result.loss.total[1:3] == pytest.approx(losses[1:3], rel=1e-3)
+    assert result.loss.total[3] == pytest.approx(losses[3], rel=1e-2)  # of a hundredth of them
+    (string,) = simulate(drive, [DrivePoint(100.0, 450.0, tuple(asked))])
+    assert string.loss.total[1] > 1.05 * losses[1]

@@ -184,7 +184,7 @@ def _outcome(
         drive, [asked.point for asked, _ in good], results, press, sources, ensemble
     )
     columns = _columns(drive, good)
-    if math.isfinite(drive.shear_stiffness):
+    if math.isfinite(drive.shear_stiffness) and config.drive.method == "string":
         sources = (*sources, shear_source(SHEAR_WITHOUT_BENDING))
         losses = columns["speed_loss_rad_s"].reshape(len(good), -1)
         open_ = open_.with_source(SHEAR_WITHOUT_BENDING * np.abs(losses))
