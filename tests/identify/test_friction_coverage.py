@@ -158,10 +158,10 @@ def test_zeros_that_drift_and_slow_ripples_are_allowed_for(name: str) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.xfail(reason="0.13 % off, stated as 0.07 %: no tail of the family")
+@pytest.mark.xfail(reason="0.2 % off, stated as 0.06 % by one bench in two: no tail of the family")
 def test_a_tail_of_two_lengths_that_differ_fourfold_in_a_quiet_campaign() -> None:
     recipe = Recipe(shape="fourfold", noise=0.1, rate=200.0, peak=0.08)
-    found = reduced(Case("two lengths, one four times the other", recipe, belt=BELTS["3pk"]), 20, 1)
+    found = reduced(Case("two lengths, one four times the other", recipe, belt=BELTS["3pk"]), 20, 3)
     assert rms(found.error / found.se) <= 1.25
 
 
