@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.stats import binom
-from virtual_rig import RADIUS_M, draw
+from virtual_rig import BELTS, RADIUS_M, Case, Recipe, draw
 
 from beltid.identify.friction.reduction import RunReduction, reduce_runs
 
@@ -42,9 +42,9 @@ class Reduced:
         return (np.array([run.mu_sliding_se for run in self.runs]) / self.mu)[self.kept]
 
 
-def reduced(name: str, n: int, seeds: int) -> Reduced:
+def reduced(case: Case | str, n: int, seeds: int) -> Reduced:
     runs: list[RunReduction] = []
-    drawn = [draw(name, n, seed) for seed in range(seeds)]
+    drawn = [draw(case, n, seed) for seed in range(seeds)]
     for bench in drawn:
         runs += reduce_runs(bench.columns, RADIUS_M)
     return Reduced(
@@ -137,6 +137,32 @@ def test_the_truth_is_recovered(name: str, most: float) -> None:
     found = three_benches(name)
     assert np.mean(found.kept) >= MOST_KEPT
     assert rms(found.error) <= most
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "zero of the tight cell drifts by 1 N in a run",
+        pytest.param("zero of the slack cell drifts by -1 N in a run", marks=pytest.mark.long),
+        pytest.param("zero of the slack cell drifts by 1 N, no peak", marks=pytest.mark.long),
+        pytest.param("two ripples, second of 2.1 s", marks=pytest.mark.long),
+        pytest.param("two ripples, second of 4.5 s", marks=pytest.mark.long),
+        "ripple of 8 s, longer than the sliding",
+    ],
+)
+def test_zeros_that_drift_and_slow_ripples_are_allowed_for(name: str) -> None:
+    found = reduced(name, 16, 1)
+    assert found.kept.all()
+    # 16 runs: 0.95 less two standard deviations
+    assert np.mean(np.abs(found.error) < 1.96 * found.se) > 0.85
+
+
+@pytest.mark.long
+@pytest.mark.xfail(reason="0.2 % off, stated as 0.06 % by one bench in two: no tail of the family")
+def test_a_tail_of_two_lengths_that_differ_fourfold_in_a_quiet_campaign() -> None:
+    recipe = Recipe(shape="fourfold", noise=0.1, rate=200.0, peak=0.08)
+    found = reduced(Case("two lengths, one four times the other", recipe, belt=BELTS["3pk"]), 20, 3)
+    assert rms(found.error / found.se) <= 1.25
 
 
 def test_a_tail_beyond_the_slow_runs_is_told_by_all_of_them_together() -> None:

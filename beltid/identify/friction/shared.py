@@ -6,10 +6,11 @@ Rubber relaxes by a completely monotone curve, a mixture of exponentials over th
     s = s_slow for l > l_c, s_fast below.                                                    (S2)
 
 One spectrum (l_c, s_slow, s_fast) holds the single exponential (s = 0) and comes within 1e-4 of
-ln(T_tight/T_slack) of stretched exponentials, power laws and double exponentials, without naming
-them. All tails lie close to a space of a few dimensions; a tail is its coefficients in a basis of
-that space. The centre l_c is log-normal, the widths are exponential and the height a >= 0 of the
-tail a g is half-normal; the height is integrated out in closed form, the rest by importance
+ln(T_tight/T_slack) of stretched exponentials, power laws and double exponentials within a record,
+without naming them; what is left behind it may be off by some percent of the height. All tails lie
+close to a space of a few dimensions; a tail is its coefficients in a basis of that space. The
+centre l_c is log-normal, the widths are exponential and the height a >= 0 of the tail a g is
+half-normal; the height is integrated out in closed form, the rest by importance
 sampling.
 
 What the bench does not know of its tail and its drifts has one sign in all runs. Each drift, and

@@ -116,9 +116,8 @@ def fit_friction_laws(
     normal_force_N_m: ArrayLike,
     slip_speed_m_s: ArrayLike,
     mu: ArrayLike,
-    mu_se: ArrayLike | None = None,
-    *,
     factor: ArrayLike | None = None,
+    *,
     reference_force_N_m: float | None = None,
 ) -> FrictionLaws:
     """Fit the parametric friction laws to points (f, v, mu).
@@ -126,13 +125,11 @@ def fit_friction_laws(
     Parameters
     ----------
     normal_force_N_m, slip_speed_m_s, mu : array_like
-        Points, shape (n,): force per length of belt [N/m] > 0, sliding speed [m/s] > 0 (its sign
-        does not matter), friction coefficient [-] > 0; others are left out.
-    mu_se : array_like, optional
-        Standard errors of mu [-], shape (n,), of independent points; not used if there is a factor.
+        Points, shape (n,): force per length of belt [N/m], sliding speed [m/s], friction
+        coefficient [-], all > 0.
     factor : array_like, optional
-        Factor S of the covariance ``S S'`` of ln mu, shape (n, r). Without either every point has
-        the same relative weight.
+        Factor S of the covariance ``S S'`` of ln mu, shape (n, r); without one, or if it is zero,
+        every point has the same relative weight.
     reference_force_N_m : float, optional
         f0 [N/m]; by default the geometric mean of the forces, to two digits, which makes mu0 and a
         nearly uncorrelated.
@@ -140,12 +137,12 @@ def fit_friction_laws(
     Raises
     ------
     InputError
-        If arrays differ in length or fewer than two points can be used.
+        If arrays differ in length, a value is not > 0, or there are fewer than two points.
     """
     f0 = reference_force_N_m
     if f0 is not None and not (math.isfinite(f0) and f0 > 0.0):
         raise InputError(f"reference_force_N_m = {f0!r}, must be > 0 N/m")
-    points = _points(normal_force_N_m, slip_speed_m_s, mu, mu_se, factor, f0)
+    points = _points(normal_force_N_m, slip_speed_m_s, mu, factor, f0)
     found: list[_Solution] = []
     refused: list[tuple[str, str]] = []
     for law in FRICTION_LAWS.values():
@@ -199,56 +196,34 @@ class _Points:
 
 
 def _points(
-    f: ArrayLike,
-    v: ArrayLike,
-    mu: ArrayLike,
-    mu_se: ArrayLike | None,
-    factor: ArrayLike | None,
-    f0: float | None,
+    f: ArrayLike, v: ArrayLike, mu: ArrayLike, factor: ArrayLike | None, f0: float | None
 ) -> _Points:
     """Check the points and put them in order."""
-    named = {"normal_force_N_m": f, "slip_speed_m_s": v, "mu": mu}
-    arrays = {name: np.asarray(value, dtype=float).ravel() for name, value in named.items()}
-    n = arrays["mu"].size
-    se = np.full(n, np.nan) if mu_se is None else np.asarray(mu_se, dtype=float).ravel()
+    force, speed, coefficient = (np.asarray(x, dtype=float).ravel() for x in (f, v, mu))
+    n = coefficient.size
     S = np.zeros((n, 0)) if factor is None else np.asarray(factor, dtype=float)
-    sizes = {**{k: a.size for k, a in arrays.items()}, "mu_se": se.size, "factor": len(S)}
-    problems = [
-        f"{name}: {k} values, must be {n} as many as mu" for name, k in sizes.items() if k != n
-    ]
-    if problems:
-        raise InputError(problems)
-    arrays["slip_speed_m_s"] = np.abs(arrays["slip_speed_m_s"])
-    rows = np.flatnonzero(np.all([np.isfinite(a) & (a > 0.0) for a in arrays.values()], axis=0))
-    notes = []
-    if rows.size < n:
-        notes.append(f"{n - rows.size} of {n} points left out: force, speed, mu must be > 0")
-    if rows.size < 2:
-        raise InputError(f"friction laws: {rows.size} usable points of {n}, must be at least 2")
-    setting = settings_of(arrays["slip_speed_m_s"][rows], SPEED_GAP)
-    order = np.lexsort((arrays["normal_force_N_m"][rows], setting))
-    rows = rows[order]
-    force, speed, coefficient = (a[rows] for a in arrays.values())
-    S, relative = S.reshape(n, -1)[rows], se[rows] / coefficient
-    known = np.isfinite(relative) & (relative > 0.0)
-    U, variance, errors_known = np.eye(rows.size), np.zeros(rows.size), True
-    if np.any(S):
+    if n < 2 or not force.size == speed.size == len(S) == n:
+        raise InputError(
+            f"friction laws: {force.size} forces, {speed.size} speeds, {n} coefficients and "
+            f"{len(S)} rows of their covariance, must be equally many and at least 2"
+        )
+    values = np.array([force, speed, coefficient])
+    if not np.all(np.isfinite(values) & (values > 0.0)):
+        raise InputError("friction laws: a force, speed or coefficient is not a number > 0")
+    setting = settings_of(speed, SPEED_GAP)
+    order = np.lexsort((force, setting))
+    force, speed, coefficient, setting, S = (
+        x[order] for x in (force, speed, coefficient, setting, S)
+    )
+    U, variance = np.eye(n), np.zeros(n)
+    errors_known = bool(np.any(S))
+    if errors_known:
         U, singular, _ = np.linalg.svd(S, full_matrices=True)
         variance[: singular.size] = np.square(singular)
-    elif known.any():
-        typical = float(np.median(relative[known]))
-        variance = np.square(np.where(known, relative, typical))
-        if not known.all():
-            count = int((~known).sum())
-            notes.append(f"{count} points without a standard error: {100 * typical:.2g} % taken")
-    else:
-        errors_known = False
-        notes.append("no standard errors of mu: points have equal relative weight")
+    notes = () if errors_known else ("no standard errors of mu: points have equal weight",)
     if f0 is None:
         f0 = float(f"{np.exp(np.mean(np.log(force))):.2g}")
-    return _Points(
-        f0, force / f0, speed, coefficient, setting[order], U, variance, errors_known, tuple(notes)
-    )
+    return _Points(f0, force / f0, speed, coefficient, setting, U, variance, errors_known, notes)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

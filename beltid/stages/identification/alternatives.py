@@ -76,29 +76,23 @@ def normal_law_rows(extra: Mapping[str, Any]) -> list[dict[str, Any]]:
     ]
 
 
-def friction_formulas(surface: FrictionSurface, factor: np.ndarray | None = None) -> Alternatives:
+def friction_formulas(surface: FrictionSurface, factor: np.ndarray) -> Alternatives:
     """Fit the parametric friction laws to the nodes of a surface; never an obstacle.
 
     Parameters
     ----------
     surface : FrictionSurface
         The surface.
-    factor : ndarray, shape (nf, nv, r), optional
-        Factor of the covariance of ln mu at the nodes (``mu_factor``); by default that of an
-        :class:`~beltid.laws.uncertain_surface.UncertainSurface`, else the nodes count as
-        independent with their standard errors.
+    factor : ndarray, shape (nf, nv, r)
+        Factor of the covariance of ln mu at the nodes (``mu_factor``).
     """
     force, speed = np.meshgrid(surface.normal_force_N_m, surface.slip_speed_m_s, indexing="ij")
-    errors = surface.mu_se_nodes
-    if factor is None:
-        factor = getattr(surface, "factor", None)
     try:
         laws = fit_friction_laws(
             force.ravel(),
             speed.ravel(),
             surface.mu_nodes.ravel(),
-            None if errors is None else errors.ravel(),
-            factor=None if factor is None else factor.reshape(force.size, -1),
+            factor.reshape(force.size, -1),
         )
     except BeltidError as error:
         return Alternatives(notes=(f"No friction formula beside the surface: {error}",))
