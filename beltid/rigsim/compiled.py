@@ -190,6 +190,16 @@ def shared_leaf(function: F) -> F:
     return compilable
 
 
+def part(function: F) -> F:
+    """A piece of the one kernel that calls it: put in before anything is compiled.
+
+    A function with many arrays is dear to compile twice, on its own and in its caller. Only for
+    functions with one caller: with more, each would compile its own copy.
+    """
+    piece: Any = numba.njit(inline="always", **_OPTIONS)(function)
+    return piece
+
+
 def _compiled(function: F, options: Any) -> F:
     saved = numba_config.CACHE_DIR
     numba_config.CACHE_DIR = str(cache_folder())

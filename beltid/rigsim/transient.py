@@ -14,7 +14,6 @@ and tried again.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +22,7 @@ from numpy.typing import NDArray
 from beltid.rigsim.banded import factorize, solve
 from beltid.rigsim.beam.belt import store_strains
 from beltid.rigsim.beam.supports import give_way, missing_force, release, restrain, unit_movement
-from beltid.rigsim.compiled import kernel, leaf
+from beltid.rigsim.compiled import kernel, part
 from beltid.rigsim.contact.friction import (
     CONE_TOLERANCE,
     SLIP_TOLERANCE,
@@ -81,7 +80,7 @@ class StepOutcome(NamedTuple):
     certificate: Certificate
 
 
-@leaf
+@part
 def assemble(
     system: System,
     motion: Motion,
@@ -99,7 +98,7 @@ def assemble(
     return linearize(system, motion, points, state.trial, state.dq, stretch, work)
 
 
-@leaf
+@part
 def tighten_sticks(system: System, motion: Motion, patches: Patches, work: Workspace) -> None:
     """Let the multipliers of the linearised system take over what is left of their slips.
 
@@ -131,7 +130,7 @@ def tighten_sticks(system: System, motion: Motion, patches: Patches, work: Works
             solution[i] += change[i]
 
 
-@leaf
+@part
 def step(
     system: System,
     motion: Motion,
@@ -182,9 +181,6 @@ def step(
         most_changes = max(points.patches.status.size >> halved, 1)
         changes += revise(motion, points.patches, solution, most_changes)
     return StepOutcome(False, MOST_ITERATIONS, changes, error / T_0, outside, certificate)
-
-
-TakeStep = Callable[[System, Motion, Points, Kinematics, float, float, Workspace], StepOutcome]
 
 
 class Recorder(NamedTuple):
@@ -238,12 +234,7 @@ def new_recorder(n: int) -> Recorder:
     )
 
 
-Marcher = Callable[
-    [System, Points, Kinematics, Schedule, Drive, Workspace, Recorder, int, int], int
-]
-
-
-@leaf
+@part
 def accept(
     system: System, motion: Motion, points: Points, state: Kinematics, sticking_ratio: float
 ) -> None:
@@ -268,7 +259,7 @@ def accept(
             last.limit[e, c] = points.F_max[e, c]
 
 
-@leaf
+@part
 def note_attempt(record: Recorder, k: int, out: StepOutcome) -> None:
     """Record how the step k, or a part of it, ended."""
     record.iterations[k] += out.iterations
@@ -278,7 +269,7 @@ def note_attempt(record: Recorder, k: int, out: StepOutcome) -> None:
     record.cone[k] = out.certificate.cone
 
 
-@leaf
+@part
 def note_step(work: Workspace, record: Recorder, k: int, out: StepOutcome) -> None:
     """Record the state at the end of the step k."""
     record.outside[k] = out.outside
@@ -288,58 +279,48 @@ def note_step(work: Workspace, record: Recorder, k: int, out: StepOutcome) -> No
         record.force[k, i] = work.reactions.force[i]
 
 
-def march_with(take_step: TakeStep) -> Marcher:
-    """March through a run with a solver of its steps.
-
-    The march takes the steps ``begin`` to ``end``, and returns the first one that was not taken:
-    less than ``end`` if one failed although it was cut.
-    """
-
-    def march(
-        system: System,
-        points: Points,
-        state: Kinematics,
-        schedule: Schedule,
-        drive: Drive,
-        work: Workspace,
-        record: Recorder,
-        begin: int,
-        end: int,
-    ) -> int:
-        patches, last = points.patches, points.last
-        for k in range(begin, end):
-            parts, done, halvings = 1, 0, 0
-            while done < parts:
-                rate = parts / schedule.dt[k]
-                # a stick has to be stiff against the belt, its damping included
-                hold_by = drive.augmentation * (1.0 + system.belt.damping_time * rate)
-                motion = Motion(schedule.omega[k], rate, 1.0, hold_by, 0.0)
+@kernel
+def march(
+    system: System,
+    points: Points,
+    state: Kinematics,
+    schedule: Schedule,
+    drive: Drive,
+    work: Workspace,
+    record: Recorder,
+    begin: int,
+    end: int,
+) -> int:
+    """Take the steps ``begin`` to ``end``; returns the first one not taken: less if one failed."""
+    patches, last = points.patches, points.last
+    for k in range(begin, end):
+        parts, done, halvings = 1, 0, 0
+        while done < parts:
+            rate = parts / schedule.dt[k]
+            # a stick has to be stiff against the belt, its damping included
+            hold_by = drive.augmentation * (1.0 + system.belt.damping_time * rate)
+            motion = Motion(schedule.omega[k], rate, 1.0, hold_by, 0.0)
+            for e in range(patches.status.size):
+                last.status[e] = patches.status[e]
+                last.sign[e] = patches.sign[e]
+                last.la_T[e] = patches.la_T[e]
+            out = step(system, motion, points, state, drive.stretch, drive.T_0, work)
+            note_attempt(record, k, out)
+            if out.converged:
+                accept(system, motion, points, state, drive.sticking_ratio)
+                store_strains(system.belt, state.q, drive.stretch, work.strain_old)
+                done += 1
+            else:
                 for e in range(patches.status.size):
-                    last.status[e] = patches.status[e]
-                    last.sign[e] = patches.sign[e]
-                    last.la_T[e] = patches.la_T[e]
-                out = take_step(system, motion, points, state, drive.stretch, drive.T_0, work)
-                note_attempt(record, k, out)
-                if out.converged:
-                    accept(system, motion, points, state, drive.sticking_ratio)
-                    store_strains(system.belt, state.q, drive.stretch, work.strain_old)
-                    done += 1
-                else:
-                    for e in range(patches.status.size):
-                        patches.status[e] = last.status[e]
-                        patches.sign[e] = last.sign[e]
-                        patches.la_T[e] = last.la_T[e]
-                    record.halvings[k] = halvings
-                    halvings += 1
-                    if halvings > MOST_HALVINGS:
-                        return k
-                    parts *= 2
-                    done *= 2
-            record.halvings[k] = halvings
-            note_step(work, record, k, out)
-        return end
-
-    return march
-
-
-march = kernel(march_with(step))
+                    patches.status[e] = last.status[e]
+                    patches.sign[e] = last.sign[e]
+                    patches.la_T[e] = last.la_T[e]
+                record.halvings[k] = halvings
+                halvings += 1
+                if halvings > MOST_HALVINGS:
+                    return k
+                parts *= 2
+                done *= 2
+        record.halvings[k] = halvings
+        note_step(work, record, k, out)
+    return end

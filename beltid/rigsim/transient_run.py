@@ -10,6 +10,7 @@ the speed averaged over a memory of half the build-up's travel; the plateau is t
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,13 +20,12 @@ from beltid.errors import ConvergenceError, NumericsError
 from beltid.laws.penalty import stiffness_under
 from beltid.rigsim.beam.belt import store_strains
 from beltid.rigsim.contact.points import STICK, Points, new_points, remember
-from beltid.rigsim.model import RigModel
+from beltid.rigsim.model import RigModel, System, Workspace
 from beltid.rigsim.profile import ContactState
 from beltid.rigsim.steady import StaticState, describe
 from beltid.rigsim.transient import (
     Drive,
     Kinematics,
-    Marcher,
     Recorder,
     Schedule,
     march,
@@ -41,6 +41,10 @@ SETTLING = 12.0  # plateau over the time in which the damped contact gives way, 
 MEMORY = 0.5  # slip over which falling friction follows the speed, over the travel of the build-up
 SETTLED = 5.0e-3  # largest difference of the last tensions to the steady ones [-]
 AUGMENTATION = 1.0e2  # over the axial stiffness EA per shortest element [-]
+
+Marcher = Callable[
+    [System, Points, Kinematics, Schedule, Drive, Workspace, Recorder, int, int], int
+]
 
 
 @dataclass(frozen=True, slots=True)

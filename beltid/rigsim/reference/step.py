@@ -11,13 +11,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.rigsim.banded import factorize, solve
+from beltid.rigsim.beam.belt import store_strains
 from beltid.rigsim.beam.supports import give_way, missing_force, release, restrain, unit_movement
 from beltid.rigsim.contact.friction import CONE_TOLERANCE, SLIP_TOLERANCE, Certificate, violations
 from beltid.rigsim.contact.points import SLIDE, STICK, Motion, Points
 from beltid.rigsim.model import System, Workspace
 from beltid.rigsim.reference.lcp import friction_lcp
 from beltid.rigsim.steady import force_tolerance, largest_force, move
-from beltid.rigsim.transient import Kinematics, StepOutcome, assemble, march_with
+from beltid.rigsim.transient import (
+    MOST_HALVINGS,
+    Drive,
+    Kinematics,
+    Recorder,
+    Schedule,
+    StepOutcome,
+    accept,
+    assemble,
+    note_attempt,
+    note_step,
+)
 
 Array = NDArray[np.float64]
 
@@ -125,4 +137,38 @@ def _complementarity_iteration(
     return solution.pivots
 
 
-march_by_lemke = march_with(lemke_step)
+def march_by_lemke(
+    system: System,
+    points: Points,
+    state: Kinematics,
+    schedule: Schedule,
+    drive: Drive,
+    work: Workspace,
+    record: Recorder,
+    begin: int,
+    end: int,
+) -> int:
+    """Take steps with the reference solver; like ``transient.march``."""
+    patches = points.patches
+    for k in range(begin, end):
+        parts, done, halvings = 1, 0, 0
+        while done < parts:
+            motion = Motion(float(schedule.omega[k]), parts / float(schedule.dt[k]), 1.0, 0.0)
+            kept = [a.copy() for a in (patches.status, patches.sign, patches.la_T)]
+            out = lemke_step(system, motion, points, state, drive.stretch, drive.T_0, work)
+            note_attempt(record, k, out)
+            if out.converged:
+                accept(system, motion, points, state, drive.sticking_ratio)
+                store_strains(system.belt, state.q, drive.stretch, work.strain_old)
+                done += 1
+                continue
+            patches.status[:], patches.sign[:], patches.la_T[:] = kept
+            record.halvings[k] = halvings
+            halvings += 1
+            if halvings > MOST_HALVINGS:
+                return k
+            parts *= 2
+            done *= 2
+        record.halvings[k] = halvings
+        note_step(work, record, k, out)
+    return end
