@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.laws.penalty import NormalLaw
+from beltid.laws.penalty import NormalLaw, stiffness_under
 from beltid.params import Belt, OperatingPoint, Rig
 
 Array = NDArray[np.float64]
@@ -82,8 +82,10 @@ def path_coordinates(R: float, span: float, beta: float, nodes: Array) -> Array:
     theta = np.minimum(np.maximum((nodes - span) / R - half, -half), half)
     beyond = np.minimum(nodes - span, 0.0) + np.maximum(nodes - span - R * beta, 0.0)
     sine, cosine = np.sin(theta), np.cos(theta)
-    x, y = R * sine + beyond * cosine, R * cosine - beyond * sine
-    return np.stack([x, y, cosine, -sine], axis=-1).ravel()
+    q = np.empty((nodes.size, 4))
+    q[:, 0], q[:, 1] = R * sine + beyond * cosine, R * cosine - beyond * sine
+    q[:, 2], q[:, 3] = cosine, -sine
+    return q.ravel()
 
 
 def bending_length(EI: float, T: float) -> float:
@@ -137,8 +139,8 @@ def touchdown(belt: Belt, rig: Rig, law: NormalLaw, T_0: float) -> Touchdown:
         Tension [N].
     """
     EI, R, T = belt.EI, rig.R, T_0
-    delta = float(law.penetration(T / R))
-    k = float(law.stiffness(delta))
+    k = float(stiffness_under(T / R, law.k_linear_N_m2, law.k_quadratic_N_m3))
+    delta = 2.0 * T / R / (law.k_linear_N_m2 + k)
     bend = bending_length(EI, T)
     # exp(-p x) and exp(-q x) on the bed, real or not: p q and p + q are real in any case
     pq = 2.0 / bed_length(EI, k) ** 2
