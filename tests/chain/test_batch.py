@@ -255,7 +255,7 @@ def test_workers_that_are_stopped_while_they_start_give_up_at_once(delay_s: floa
 
 def hear_signals() -> None:
     """In a new process: signals do what they do, also where the tests run in the background."""
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_DFL)
 
 

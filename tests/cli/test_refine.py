@@ -43,13 +43,6 @@ def test_refine_surface_writes_a_surface_that_all_later_commands_take(
     assert again.exit_code == 0, again.stderr
 
 
-def test_it_knows_its_inputs(bench: Path, beltid: Any) -> None:
-    result = beltid("refine-surface", "stiffness.parquet", "friction.parquet")
-    assert result.exit_code == 2
-    assert "is a stiffness artifact" in result.stderr
-    assert not (bench / "surface_refined.parquet").exists()
-
-
 def test_a_failure_leaves_the_earlier_surface(
     ran: Path, beltid: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

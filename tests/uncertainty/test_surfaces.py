@@ -151,13 +151,14 @@ def test_replicates_depend_on_seed_and_number_only(nominal):
 
 
 def test_monte_carlo_agrees_where_the_errors_are_small(nominal):
-    found = replicates(nominal, 1, range(60))
+    draws = 30
+    found = replicates(nominal, 1, range(draws))
     assert not found.failed
     whole = Refined(nominal.refined, nominal.campaign, nominal.sources, nominal.slopes)
     parts = changes_and_scatter(whole)
     linear = np.sqrt(sum(np.sum(part**2, axis=-1) for part in parts))
-    check = linear_check(found.refined.reshape(60, -1), linear.ravel())
-    # 60 draws give a standard deviation to 9 %; nodes move together
+    check = linear_check(found.refined.reshape(draws, -1), linear.ravel())
+    # 30 draws give a standard deviation to 13 %; nodes move together
     assert np.sqrt(np.mean(check.found**2)) == pytest.approx(np.sqrt(np.mean(linear**2)), rel=0.25)
     assert not check.too_far.any()
 
@@ -178,6 +179,7 @@ def test_a_check_finds_what_is_not_linear():
     }
 
 
+@pytest.mark.long
 def test_intervals_of_the_refined_surface_hold_the_truth():
     # 10 campaigns, errors of the bench drawn anew for each; benchmarks/coverage.py draws many
     found = [repetition(replace(SMALL, noise=0.002), 50 + seed) for seed in range(10)]
