@@ -28,7 +28,7 @@ GROUPS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#000000
 MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X")
 LINES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)))
 ORDERED: Final = "cividis"
-WIDTH: Final = 5.6
+WIDTH: Final = 5.2
 HEIGHT: Final = 3.9
 STYLE: Final[dict[str, Any]] = {
     "font.family": ["DejaVu Sans"],
@@ -47,9 +47,9 @@ STYLE: Final[dict[str, Any]] = {
     "grid.linewidth": 0.6,
     "xtick.color": INK,
     "ytick.color": INK,
-    "xtick.labelsize": 9.5,
-    "ytick.labelsize": 9.5,
-    "legend.fontsize": 9.5,
+    "xtick.labelsize": 10.0,
+    "ytick.labelsize": 10.0,
+    "legend.fontsize": 10.0,
     "legend.frameon": True,
     "legend.framealpha": 0.85,
     "legend.edgecolor": GRID,

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 GENERATOR: Final = "beltid"
 TEMPLATES: Final = Path(__file__).parent / "templates"
 SYNTHETIC: Final = "The recordings come from a virtual bench, not from a real belt."
+MOST_NOTES: Final = 10
+"""Notes of a section that are shown at once; the others are folded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,6 +123,7 @@ def rendered(page: Page) -> str:
             verdict=page.verdict,
             conditions=page.conditions,
             sections=[_drawn(section) for section in page.sections],
+            most_notes=MOST_NOTES,
             css=Markup(css),
             plot=Markup(page.plot),
             library=Markup(_packed(scripts[0])) if scripts else "",

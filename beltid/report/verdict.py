@@ -215,7 +215,7 @@ def _friction(results: BeltResults) -> Card | None:
         (
             *([] if of_runs is None else [f"measured {_newton_range(of_runs)} N/m"]),
             f"{'inferred' if of == 'refined' else 'on the grid'} {_newton_range((f0, f1))} N/m",
-            f"{MILLI * v0:.3g} to {MILLI * v1:.3g} mm/s",
+            _speed_range(v0, v1),
         ),
     )
 
@@ -343,7 +343,7 @@ def _doubts(results: BeltResults) -> list[str]:
 def _known_ranges(results: BeltResults, sheet: Sheet) -> list[str]:
     """What was measured, what the surface infers from it, what is extrapolated: a line each."""
     inferred, (v0, v1), _ = _ranges(sheet)
-    speeds = f"from {MILLI * v0:.3g} to {MILLI * v1:.3g} mm/s"
+    speeds = ("at " if v0 == v1 else "from ") + _speed_range(v0, v1)
     lines = []
     if sheet.measured_force is None:
         lines.append(f"µ is given from {_newton_range(inferred)} N/m and {speeds}.")
@@ -371,6 +371,11 @@ def _known_ranges(results: BeltResults, sheet: Sheet) -> list[str]:
 
 def _newton_range(span: tuple[float, float]) -> str:
     return f"{_newtons(span[0])} to {_newtons(span[1])}"
+
+
+def _speed_range(low: float, high: float) -> str:
+    first, last = (f"{MILLI * speed:.3g}" for speed in (low, high))
+    return f"{last} mm/s" if first == last else f"{first} to {last} mm/s"
 
 
 def _newtons(value: float) -> str:

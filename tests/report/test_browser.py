@@ -135,7 +135,7 @@ def test_text_of_the_figures_is_legible_on_a_telephone(opened: Any) -> None:
     )
     page.set_viewport_size(WIDE)
     assert len(heights) > 10
-    assert min(heights) > 9.0
+    assert min(heights) > 10.5
 
 
 def test_folded_tables_are_open_on_paper(opened: Any) -> None:

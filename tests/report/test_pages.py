@@ -14,14 +14,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from report_belt_data import NAUGHTY, predicted, results, sheets, without, write
+from report_belt_data import NAUGHTY, predicted, results, sheets, surface, without, write
 
 from beltid.errors import ArtifactError, InputError, percent
 from beltid.report.belt_page import belt_page
 from beltid.report.belts_page import belts_page
 from beltid.report.conditions import conditions
 from beltid.report.gallery import tiles
-from beltid.report.html import Page, rendered
+from beltid.report.html import Page, Section, rendered
 from beltid.report.interactive import as_json, surface_plot
 from beltid.report.tables import drift, effects, nodes, set_aside
 from beltid.report.verdict import verdict_of
@@ -248,6 +248,27 @@ def test_measured_inferred_and_extrapolated_ranges_are_told_apart() -> None:
     table = nodes(belt.get("surface_refined"), "refined")
     assert table.headings[1] == "range"
     assert [row[1] for row in table.rows] == ["inferred", "measured", "measured", "inferred"]
+
+
+def test_runs_at_one_speed_have_no_range_of_it() -> None:
+    columns = surface()
+    slow = columns["slip_speed_m_s"] == columns["slip_speed_m_s"].min()
+    columns = {name: values[slow] for name, values in columns.items()}
+    belt = results()
+    sheet = replace(belt.get("surface_refined"), columns=columns)
+    verdict = verdict_of(replace(belt, sheets={**belt.sheets, "surface_refined": sheet}))
+    assert "2500 to 7000 N/m, at 2.5 mm/s." in " ".join(verdict.trust)
+    assert "2.5 mm/s" in next(card for card in verdict.cards if "surface" in card.title).details
+
+
+def test_many_notes_are_folded_but_for_the_first(drawn_page: Page) -> None:
+    notes = [f"note {k} of fourteen" for k in range(14)]
+    text = rendered(replace(drawn_page, sections=[Section("many", "Many", notes=notes)], plot=""))
+    checked(text)
+    shown, folded = text.split("<summary>4 more notes</summary>")
+    assert "note 9 of" in shown
+    assert "note 10 of" in folded.split("</details>")[0]
+    assert all(text.count(note) == 1 for note in notes)
 
 
 def test_verdict_is_that_of_the_comparison(page: str) -> None:

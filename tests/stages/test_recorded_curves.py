@@ -11,7 +11,7 @@ from beltid.artifacts.artifact import read_artifact
 from beltid.config import find_config
 from beltid.stages.identification import fit_friction
 from beltid.stages.reporter import Options
-from beltid.stages.results.recorded_curves import SMALL_SAMPLES, rig_curves
+from beltid.stages.results.recorded_curves import SMALL_SAMPLES, rig_curves, typical_runs
 
 RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"
 
@@ -53,3 +53,23 @@ def test_what_is_known_of_the_cells_is_taken_off(bench: Path) -> None:
     row = int(np.flatnonzero(reduced["run"] == run)[0])
     late = (columns["run"] == run) & (columns["time_s"] > reduced["plateau_start_s"][row])
     assert np.nanmedian(columns["mu"][late]) == pytest.approx(reduced["mu_sliding"][row], rel=0.01)
+
+
+def test_of_many_arcs_a_few_typical_runs_are_chosen() -> None:
+    rng = np.random.default_rng(3)
+    table = {
+        "arc_deg": rng.uniform(35.0, 130.0, 120),
+        "nominal_tension_N": rng.uniform(50.0, 400.0, 120),
+        "slip_speed_m_s": rng.uniform(0.002, 0.05, 120),
+        "status": np.where(np.arange(120) % 7, "ok", "never turned").astype(object),
+    }
+    rows = list(typical_runs(table))
+    assert len(rows) == 4
+    assert set(table["status"][rows]) == {"ok"}
+    arcs = table["arc_deg"][rows]
+    assert list(arcs) == sorted(arcs)
+    assert arcs[-1] - arcs[0] > 0.5 * 95.0
+    table["arc_deg"] = np.repeat([40.2, 39.8, 68.0, 82.0], 30)  # settings: a run of each
+    assert table["arc_deg"][list(typical_runs(table))] == pytest.approx(
+        [40.0, 68.0, 82.0], rel=0.01
+    )

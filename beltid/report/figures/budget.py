@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.errors import percent
+from beltid.errors import counted, percent
 from beltid.report.drawing import GROUPS, INK, figure, legend_below, style
 from beltid.report.picture import Picture
 from beltid.report.results import BeltResults
@@ -80,7 +80,7 @@ def of_quantity(name: str, quantity: str, rows: Sequence[Row]) -> Picture:
         legend_below(fig, [axes], columns=2)
     what = QUANTITIES.get(quantity, quantity)
     left_out = len(single) - len(shown)
-    more = f" {left_out} smaller sources are in the table." if left_out else ""
+    more = f" The table has {counted(left_out, 'smaller source')}." if left_out else ""
     largest = float(total.get("largest_percent") or np.nan) if total is not None else np.nan
     worst = f", {percent(largest)} at worst" if np.isfinite(largest) else ""
     return Picture(

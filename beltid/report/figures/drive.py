@@ -80,7 +80,7 @@ def _drawing(sheet: Sheet) -> list[Picture]:
                 tuple(span.mean(axis=0)),
                 ha="center",
                 va="center",
-                fontsize=9.5,
+                fontsize=10,
                 bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
             )
             force, angle = sheet["hub_force_N"][row], np.radians(sheet["hub_angle_deg"][row])
@@ -99,7 +99,7 @@ def _drawing(sheet: Sheet) -> list[Picture]:
                 tuple(beside),
                 ha="center",
                 va="center",
-                fontsize=9.5,
+                fontsize=10,
                 color=SIMULATED,
             )
         axes.set_aspect("equal")

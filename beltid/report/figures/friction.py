@@ -157,5 +157,5 @@ def _two_legends(fig: Figure, speeds: list[str], arcs: list[str], *, joined: boo
     ]
     fig.legend(handles=by_speed[::-1], title="v [mm/s]", loc="outside right upper", frameon=False)
     if by_arc:
-        columns = 4 if len(by_arc) > 4 else len(by_arc)
+        columns = min(len(by_arc), 4 if joined else 3)
         fig.legend(handles=by_arc, loc="outside lower center", ncols=columns, frameon=False)

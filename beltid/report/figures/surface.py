@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from beltid.report.conditions import class_name
 from beltid.report.drawing import INK, ORDERED, SIMULATED, figure, logarithmic, style
 from beltid.report.figures.friction import FORCE, MU
 from beltid.report.picture import Picture, absent
@@ -71,7 +72,7 @@ def as_map(sheet: Sheet, friction: Sheet | None) -> Picture:
         levels = _levels(mu)
         filled = axes.contourf(f, v * MILLI, mu.T, levels=levels, cmap=ORDERED)
         lines = axes.contour(f, v * MILLI, mu.T, levels=levels[::2], colors="white", linewidths=0.7)
-        axes.clabel(lines, fontsize=9.5, fmt="%g")
+        axes.clabel(lines, fontsize=10, fmt="%g")
         shown_f, shown_v = [f], [v]
         if friction is not None:
             good = friction["status"] == "ok"
@@ -108,15 +109,13 @@ def as_map(sheet: Sheet, friction: Sheet | None) -> Picture:
         axes.grid(False)
         fig.colorbar(filled, ax=axes, label=MU)
         fig.legend(loc="outside lower center", ncols=2, frameon=False)
-    (f0, f1), (v0, v1) = (
-        (float(nodes[0]), float(nodes[-1]))
-        for nodes in (surface.normal_force_N_m, surface.slip_speed_m_s)
-    )
+    f0, f1 = surface.normal_force_N_m[[0, -1]]
+    speeds = class_name(MILLI * surface.slip_speed_m_s)
     return Picture(
         f"map-{sheet.name}",
         f"The {WORDS[sheet.name]} surface as a map",
-        f"Contours of µ between {f0:.0f} and {f1:.0f} N/m, {MILLI * v0:.3g} and "
-        f"{MILLI * v1:.3g} mm/s (box); beyond it the nearest value is taken, nothing is "
+        f"Contours of µ from {f0:.0f} to {f1:.0f} N/m, {speeds} mm/s (box); beyond it the nearest "
+        "value is taken, nothing is "
         f"extrapolated. {_falling(falling)}{_why_wider(sheet)}".strip(),
         fig,
         "Fig. 13 (b)",
@@ -184,7 +183,7 @@ def _drawn(sheet: Sheet) -> Figure:
     with style():
         fig = figure(height=4.6)
         fig.set_layout_engine("none")
-        axes: Any = fig.add_axes((0.0, 0.02, 0.94, 1.0), projection="3d")
+        axes: Any = fig.add_axes((0.06, 0.02, 0.88, 1.0), projection="3d")
         x, y = np.meshgrid(along(f, log_f), along(v * MILLI, log_v), indexing="ij")
         axes.plot_surface(
             x, y, mu, cmap=ORDERED, lw=0.25, edgecolor="#00000055", rcount=25, ccount=21
@@ -192,7 +191,7 @@ def _drawn(sheet: Sheet) -> Figure:
         for axis, values, logs in ((axes.xaxis, f, log_f), (axes.yaxis, v * MILLI, log_v)):
             if logs:
                 shown = ticks(values)
-                axis.set_ticks(np.log10(shown), [f"{tick:g}" for tick in shown])
+                axis.set_ticks(np.log10(shown), [f"{tick:.4g}" for tick in shown])
         axes.set_xlabel(FORCE, labelpad=6)
         axes.set_ylabel(SPEED, labelpad=6)
         axes.zaxis.set_rotate_label(False)

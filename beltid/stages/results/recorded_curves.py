@@ -17,9 +17,9 @@ from beltid.bench.big_recording import BigRecording
 from beltid.bench.recording import Recording, read_recording, read_rig
 from beltid.config import Config, ConfigSource
 from beltid.errors import InputError
-from beltid.identify.estimators.statistics import as_set
 from beltid.identify.press.stiffness import StiffnessResult, fit_stiffness
 from beltid.laws.capstan import friction_coefficient
+from beltid.report.conditions import classes_of
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.identification.reduction import (
     CELL_KEYS,
@@ -45,6 +45,7 @@ RIG_KEYS: Final = (
     *CELL_KEYS,
 )
 """The load cells, too: what is known of them is taken off here as in the reduction."""
+MOST_ARCS: Final = 4
 MOST_BRANCH_POINTS: Final = 120
 MOST_SET_ASIDE: Final = 12
 """Runs set aside that are kept to be looked at."""
@@ -146,6 +147,8 @@ def _thinned_runs(
 def typical_runs(friction: Mapping[str, np.ndarray]) -> tuple[int, ...]:
     """Rows of the runs nearest to the middle settings of every arc, in the order of the arcs.
 
+    Of many arcs, a run for each of a few classes of them.
+
     Parameters
     ----------
     friction : mapping of str to ndarray
@@ -156,10 +159,8 @@ def typical_runs(friction: Mapping[str, np.ndarray]) -> tuple[int, ...]:
         np.log(friction[name], where=good & (friction[name] > 0.0), out=np.full(good.size, np.nan))
         for name in ("nominal_tension_N", "slip_speed_m_s")
     )
-    arcs = as_set(friction["arc_deg"])
     chosen = []
-    for arc in np.unique(arcs[good & np.isfinite(arcs)]):
-        rows = np.flatnonzero(good & (arcs == arc))
+    for rows in classes_of(np.where(good, friction["arc_deg"], np.nan), MOST_ARCS):
         away = np.zeros(rows.size)
         for setting in (tension[rows], speed[rows]):
             if np.isfinite(setting).any():
