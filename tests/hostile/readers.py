@@ -83,7 +83,7 @@ def _isolated(format_name: str) -> Callable[[Path], object]:
             save(found, path.with_suffix(".npz"))
         except Exception:  # the child tells it: see isolated.process
             return None
-        opened = Opened(path.name, found.format, channels=load(path.with_suffix(".npz")))
+        opened = Opened(path.name, channels=load(path.with_suffix(".npz")))
         return recording_of([opened], path, "rig", ReadOptions())
 
     return read
