@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from beltid.artifacts.file_bytes import opened
 from beltid.bench.channels.channel_mapping import (
     MappingContext,
     missing_setting,
@@ -28,11 +27,7 @@ from beltid.bench.channels.text_tables import (
 from beltid.bench.channels.vocabulary import means_date
 from beltid.bench.files.ahead import ahead
 from beltid.bench.files.sniff import Decoded, decode
-from beltid.bench.files.sources import (
-    Source,
-    is_many,
-    sources_of,
-)
+from beltid.bench.files.sources import Source, are_parquet, is_many, sources_of
 from beltid.bench.formats.csv_table import csv_blocks, file_chunks
 from beltid.bench.formats.dialect import Layout, ReadOptions
 from beltid.bench.runs.run_stream import RunColumns, RunStream
@@ -94,13 +89,8 @@ def open_big(path: Path, config: Any = None) -> BigRecording:
         down is told while the runs are read.
     """
     options = ReadOptions.of(config, "rig")
-    if is_many(path):
-        return _parquet(sources_of(path), path, options)
-    with opened(path) as file:
-        magic = file.read(4)
-    if magic == b"PAR1":
-        return _parquet([Source(str(path), path, Path(path.name))], path, options)
-    return _csv(path, options)
+    sources = sources_of(path) if is_many(path) else [Source(str(path), path, Path(path.name))]
+    return _parquet(sources, path, options) if are_parquet(sources) else _csv(path, options)
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,6 +176,5 @@ def _parquet(sources: Sequence[Source], path: Path, options: ReadOptions) -> Big
     conversions = stated_conversions(MappingContext(table, options))
     if clock is not None:
         conversions.pop("time_s", None)
-    runs = RunStream(blocks, table, str(path), conversions, Problems(), clock)
-    runs.row_word = ", row "
+    runs = RunStream(blocks, table, str(path), conversions, Problems(), clock, ", row ")
     return BigRecording(path, runs, lambda: tuple(runs.notes()))

@@ -38,7 +38,6 @@ from beltid.bench.recording import (
     read_rig,
     recording_of,
     sources_read_at_once,
-    text_format,
 )
 from beltid.errors import InputError, Problems
 from beltid.tables import schemas
@@ -291,7 +290,7 @@ def _text_view(name: str, decoded: Decoded, layout: Layout, blocks: Iterable[Row
         views = {k: v.with_numbers(rows.numbers.get(k, nothing)) for k, v in views.items()}
     notes = (*decoded.notes, *layout.notes)
     channels = tuple(views.values())
-    format_name = text_format(decoded.text)
+    format_name = _text_format(decoded.text)
     return FileView(name, format_name, decoded.encoding, channels, layout.fields, notes)
 
 
@@ -499,3 +498,13 @@ def _settings(part: dict[str, np.ndarray], kind: str) -> dict[str, float]:
     if kind == "press":
         settings["force_N"] = float(np.nanmax(np.abs(part["force_N"])))
     return settings
+
+
+def _text_format(text: str) -> str:
+    """What wrote a table in a text file, where its first lines tell."""
+    head = text[:4000]
+    if head.startswith("MTS793|"):
+        return "MTS 793 text"
+    if "Standardkraft" in head or "Standardweg" in head or "Traversenweg" in head:
+        return "Zwick testXpert text"
+    return "CSV"

@@ -359,7 +359,7 @@ def _checked(
         runs = Texts.of(columns[table.label]).codes
         columns["time_s"] = clock.elapsed(columns["time_s"], place, problems, runs)
     for column, by in conversions.items():
-        columns[column] = (columns[column] + by.shift) * by.factor
+        columns[column] = by.apply(columns[column])
     notes = [] if clock is None else clock.notes()
     notes += Checker(name, columns, table, place, problems).run({*units_stated, *conversions})
     problems.raise_if_any()
@@ -374,8 +374,6 @@ class Opened:
     ----------
     name : str
         Its name, for messages.
-    format : str
-        Its format in words.
     text : Decoded or None
         The text, of a table in a text file.
     channels : BenchFile or None
@@ -385,7 +383,6 @@ class Opened:
     """
 
     name: str
-    format: str
     text: Decoded | None = None
     channels: BenchFile | None = None
     wrong: tuple[str, ...] = ()
@@ -400,10 +397,10 @@ def open_sources(sources: Sequence[Source], options: ReadOptions) -> list[Opened
             try:
                 one = _opened(source, options, Path(folder, str(number)))
             except InputError as error:
-                one = Opened(source.name, "", wrong=error.problems)
+                one = Opened(source.name, wrong=error.problems)
             if isinstance(one, tuple):
                 jobs[number] = one
-                one = Opened(source.name, "")
+                one = Opened(source.name)
             opened.append(one)
         if jobs:
             from beltid.bench.formats.isolated.process import read_isolated
@@ -411,9 +408,9 @@ def open_sources(sources: Sequence[Source], options: ReadOptions) -> list[Opened
             for number, found in zip(jobs, read_isolated(list(jobs.values())), strict=True):
                 name = sources[number].name
                 opened[number] = (
-                    Opened(name, "", wrong=(Problem(f"{name}: {found}", found.code),))
+                    Opened(name, wrong=(Problem(f"{name}: {found}", found.code),))
                     if isinstance(found, FormatError)
-                    else Opened(name, found.format, channels=found)
+                    else Opened(name, channels=found)
                 )
     return opened
 
@@ -452,13 +449,11 @@ def _opened(source: Source, options: ReadOptions, spare: Path) -> Opened | tuple
         from beltid.bench.formats import lvm
 
         decoded = decode(plain, source.name, options.encoding)
-        found = lvm.read(decoded.text, source.name)
-        return Opened(source.name, found.format, channels=found)
+        return Opened(source.name, channels=lvm.read(decoded.text, source.name))
     if format_name == UFF:
         from beltid.bench.formats import uff
 
-        found = uff.read(plain, source.name)
-        return Opened(source.name, found.format, channels=found)
+        return Opened(source.name, channels=uff.read(plain, source.name))
     what = {
         PARQUET: "a Parquet file among others, name it alone",
         ZIP: "a zip file within another packed file, unpack it",
@@ -468,14 +463,4 @@ def _opened(source: Source, options: ReadOptions, spare: Path) -> Opened | tuple
     if what:
         raise InputError(f"{source.name}: is {what}")
     decoded = decode(plain, source.name, options.encoding)
-    return Opened(source.name, text_format(decoded.text), text=decoded)
-
-
-def text_format(text: str) -> str:
-    """What wrote a table in a text file, where its first lines tell."""
-    head = text[:4000]
-    if head.startswith("MTS793|"):
-        return "MTS 793 text"
-    if "Standardkraft" in head or "Standardweg" in head or "Traversenweg" in head:
-        return "Zwick testXpert text"
-    return "CSV"
+    return Opened(source.name, text=decoded)

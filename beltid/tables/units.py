@@ -9,7 +9,12 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final, TypeVar
+
+if TYPE_CHECKING:
+    import numpy as np
+
+T = TypeVar("T", float, "np.ndarray")
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,6 +23,10 @@ class Conversion:
 
     factor: float
     shift: float = 0.0
+
+    def apply(self, values: T) -> T:
+        """A number, or an array of any shape, in the table's unit."""
+        return (values + self.shift) * self.factor
 
 
 _LBF: Final = 4.4482216152605  # exact by definition of the pound and standard gravity

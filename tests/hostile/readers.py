@@ -13,8 +13,8 @@ from pathlib import Path
 from beltid.artifacts.artifact import read_artifact
 from beltid.bench.big_recording import open_big
 from beltid.bench.formats.dialect import ReadOptions
-from beltid.bench.formats.isolated.child import read_format
 from beltid.bench.formats.isolated.exchange import load, save
+from beltid.bench.formats.isolated.process import read_format
 from beltid.bench.recording import Opened, read_recording, recording_of
 from beltid.config.loading import load_cases, load_config
 from beltid.errors import LONGEST_LINE, BeltidError
@@ -81,9 +81,9 @@ def _isolated(format_name: str) -> Callable[[Path], object]:
             if not found.groups:
                 return None
             save(found, path.with_suffix(".npz"))
-        except Exception:  # the child tells it: see isolated.child
+        except Exception:  # the child tells it: see isolated.process
             return None
-        opened = Opened(path.name, found.format, channels=load(path.with_suffix(".npz")))
+        opened = Opened(path.name, channels=load(path.with_suffix(".npz")))
         return recording_of([opened], path, "rig", ReadOptions())
 
     return read

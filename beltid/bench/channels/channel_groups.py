@@ -57,11 +57,10 @@ def read_groups(file: BenchFile, context: MappingContext) -> list[RawTable]:
         What is needed of it.
     """
     file = replace(file, groups=tuple(p for group in file.groups for p in _parts(group, context)))
-    reader = _Reader(file, context)
     whole = [i for i, group in enumerate(file.groups) if _is_whole(group, context)]
     notes = list(file.notes)
     if len(whole) < 2:
-        raw = reader.raw(file.groups, None)
+        raw = _raw(file, file.groups, None, context)
         raw_tables = [] if raw is None else [raw]
     else:
         other = [g.name for i, g in enumerate(file.groups) if i not in whole]
@@ -70,7 +69,7 @@ def read_groups(file: BenchFile, context: MappingContext) -> list[RawTable]:
         raw_tables = [
             raw
             for i in whole
-            for raw in [reader.raw([file.groups[i]], file.groups[i].name)]
+            for raw in [_raw(file, [file.groups[i]], file.groups[i].name, context)]
             if raw is not None
         ]
     if raw_tables and notes:
@@ -100,48 +99,43 @@ def _parts(group: Group, context: MappingContext) -> list[Group]:
     return parts if parts and all(_is_whole(part, context) for part in parts) else [group]
 
 
-class _Reader:
-    """Reads raw tables from the groups of one file."""
-
-    def __init__(self, file: BenchFile, context: MappingContext) -> None:
-        self.file = file
-        self.context = context
-
-    def raw(self, groups: Sequence[Group], run_name: str | None) -> RawTable | None:
-        """Columns of groups that are one run, or of all of them; None if something is wrong."""
-        name, table, problems = self.context.place, self.context.table, self.context.problems
-        place = f"{name}, {run_name}" if run_name else name
-        wrong = problems.count
-        context = replace(self.context, place=place)
-        mappings = _mappings(groups, context)
-        fields = (*self.file.fields, *(f for group in groups for f in group.fields))
-        path = PurePath(name)
-        names: tuple[str, ...] = (path.name, path.stem)
-        if run_name:
-            names = (f"{path.name}/{run_name}", run_name, *names)
-        channels = [channel.name for group in groups for channel in group.channels]
-        clocked = any(c.time_s is not None for group in groups for c in group.channels)
-        if problems.count == wrong:
-            told = told_elsewhere(context.options.runs, fields, table)
-            told |= {"time_s"} if clocked or len(groups) > 1 else set()
-            check_header(channels, context, mappings, told)
-        if problems.count > wrong:
-            return None
-        columns, notes, of_clock = _columns(groups, mappings, context)
-        if problems.count > wrong:
-            return None
-        convert(columns, {r: mapping for r, mapping in mappings.items() if r != "time_s"})
-        used = {c.name for m in mappings.values() for c in (m.candidate, m.date) if c is not None}
-        left_out = [channel for channel in channels if channel not in used]
-        said = [*notes_of(mappings, table), *notes, *of_clock]
-        if left_out:
-            said.append("channels left out: " + ", ".join(dict.fromkeys(left_out[:12])))
-        length = len(next(iter(columns.values())))
-        # rows of the file are those of the samples only where none was interpolated
-        first = groups[0].first_row if len(groups) == 1 and not notes else 0
-        rows = first + np.arange(length) if first else np.empty(0, dtype=np.int64)
-        label = run_name or path.stem
-        return RawTable(place, names, label, columns, mappings, fields, rows, tuple(said), place)
+def _raw(
+    file: BenchFile, groups: Sequence[Group], run_name: str | None, context: MappingContext
+) -> RawTable | None:
+    """Columns of groups that are one run, or of all of them; None if something is wrong."""
+    name, table, problems = context.place, context.table, context.problems
+    place = f"{name}, {run_name}" if run_name else name
+    wrong = problems.count
+    context = replace(context, place=place)
+    mappings = _mappings(groups, context)
+    fields = (*file.fields, *(f for group in groups for f in group.fields))
+    path = PurePath(name)
+    names: tuple[str, ...] = (path.name, path.stem)
+    if run_name:
+        names = (f"{path.name}/{run_name}", run_name, *names)
+    channels = [channel.name for group in groups for channel in group.channels]
+    clocked = any(c.time_s is not None for group in groups for c in group.channels)
+    if problems.count == wrong:
+        told = told_elsewhere(context.options.runs, fields, table)
+        told |= {"time_s"} if clocked or len(groups) > 1 else set()
+        check_header(channels, context, mappings, told)
+    if problems.count > wrong:
+        return None
+    columns, notes, of_clock = _columns(groups, mappings, context)
+    if problems.count > wrong:
+        return None
+    convert(columns, {r: mapping for r, mapping in mappings.items() if r != "time_s"})
+    used = {c.name for m in mappings.values() for c in (m.candidate, m.date) if c is not None}
+    left_out = [channel for channel in channels if channel not in used]
+    said = [*notes_of(mappings, table), *notes, *of_clock]
+    if left_out:
+        said.append("channels left out: " + ", ".join(dict.fromkeys(left_out[:12])))
+    length = len(next(iter(columns.values())))
+    # rows of the file are those of the samples only where none was interpolated
+    first = groups[0].first_row if len(groups) == 1 and not notes else 0
+    rows = first + np.arange(length) if first else np.empty(0, dtype=np.int64)
+    label = run_name or path.stem
+    return RawTable(place, names, label, columns, mappings, fields, rows, tuple(said), place)
 
 
 def _mappings(groups: Sequence[Group], context: MappingContext) -> dict[str, ChannelMapping]:
@@ -253,8 +247,7 @@ class _Clocks:
             return None
         g = self.shared.candidate.key[0]
         if not self.shared.is_clock:
-            by = self.shared.conversion
-            return (self.values["time_s"] + by.shift) * by.factor
+            return self.shared.conversion.apply(self.values["time_s"])
         if g not in self.known:
             self.known[g] = self._clock_times(self.shared)
         return self.known[g]

@@ -176,7 +176,7 @@ def convert(columns: dict[str, np.ndarray], mappings: Mapping[str, ChannelMappin
     for role, mapping in mappings.items():
         by = mapping.conversion
         if by != Conversion(1.0) and columns[role].dtype != object:
-            columns[role] = (columns[role] + by.shift) * by.factor
+            columns[role] = by.apply(columns[role])
 
 
 def check_header(

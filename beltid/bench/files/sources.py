@@ -8,7 +8,7 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePath, PurePosixPath
-from typing import Final
+from typing import Final, NamedTuple
 
 from beltid.artifacts.file_bytes import MAX_BYTES, opened, read_bytes, sha256
 from beltid.bench.files.archives import MAX_FILES, member_bytes, members, natural
@@ -154,26 +154,17 @@ def are_parquet(sources: Sequence[Source]) -> bool:
     return all(source.first_bytes() == b"PAR1" for source in sources)
 
 
-@dataclass(frozen=True, slots=True)
-class FileState:
-    """What the file system says of a file; it changes when the file is replaced or written.
-
-    Attributes
-    ----------
-    name : str
-        Where it stands.
-    modified_ns : int
-        Time of its last change [ns].
-    size : int
-        Bytes in it.
-    number : int
-        Its number on the disk.
-    """
+class FileState(NamedTuple):
+    """What the file system says of a file; it changes when the file is replaced or written."""
 
     name: str
+    """Where it stands."""
     modified_ns: int
+    """Time of its last change [ns]."""
     size: int
+    """Bytes in it."""
     number: int
+    """Its number on the disk."""
 
 
 Signature = tuple[FileState, ...]
@@ -192,7 +183,7 @@ def signature_of(path: Path) -> Signature:
         for file in files:
             found = file.stat()
             states.append(FileState(str(file), found.st_mtime_ns, found.st_size, found.st_ino))
-    return tuple(sorted(states, key=lambda state: state.name))
+    return tuple(sorted(states))
 
 
 def _file_content(path: Path) -> Content:

@@ -84,7 +84,7 @@ def read_run_table(path: Path, table: Table) -> RunTable:
             if role == "file" or cell is None or cell != cell:
                 continue
             by = conversions.get(role, Conversion(1.0))
-            values[role] = cell if isinstance(cell, str) else (float(cell) + by.shift) * by.factor
+            values[role] = cell if isinstance(cell, str) else by.apply(float(cell))
         told[file] = (line, values)
     problems.raise_if_any()
     return RunTable(path, told)
@@ -229,7 +229,7 @@ class RunSettings:
         )
         if isinstance(by, str):
             return by
-        return value if by is None else (value + by.shift) * by.factor
+        return value if by is None else by.apply(value)
 
     def _from_fields(self, raw: RawTable, told: dict[str, Any], problems: Problems) -> None:
         """Header fields that the config names."""
@@ -286,7 +286,7 @@ class RunSettings:
                 if by is None:
                     problems.add(f"{raw.place}: {role} in {unit}, which is no unit of it")
                 else:
-                    told[role] = (value + by.shift) * by.factor
+                    told[role] = by.apply(value)
 
     def _from_table(self, raw: RawTable, told: dict[str, Any], problems: Problems) -> None:
         if self.run_table is None:

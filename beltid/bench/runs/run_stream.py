@@ -85,13 +85,15 @@ class RunStream:
     table : Table
         Schema of the recording.
     name : str
-        Its name for messages; ``row_word`` is put between it and a line.
+        Its name for messages.
     conversions : mapping of str to Conversion
         How columns come to their units.
     problems : Problems
         Collects what is wrong.
     clock : Clock, optional
         Reader of the time, where it is that of a clock.
+    row_word : str
+        What messages put between the name and a line.
 
     Attributes
     ----------
@@ -109,10 +111,11 @@ class RunStream:
         conversions: Mapping[str, Conversion],
         problems: Problems,
         clock: Clock | None = None,
+        row_word: str = ":",
     ) -> None:
         self.blocks, self.table, self.name = blocks, table, name
         self.conversions, self.problems, self.clock = conversions, problems, clock
-        self.row_word = ":"
+        self.row_word = row_word
         self.n_samples = self.n_runs = 0
         self.missing: dict[str, int] = {}
         self._began: dict[str | None, int] = {}
@@ -192,7 +195,7 @@ class RunStream:
             columns["time_s"] = self.clock.elapsed(columns["time_s"], place, self.problems)
         for name, by in self.conversions.items():
             if by != Conversion(1.0):
-                columns[name] = (columns[name] + by.shift) * by.factor
+                columns[name] = by.apply(columns[name])
         for column in self.table.columns:
             known = column.name in columns or column.name in SAID_OF_RUNS
             if column.dtype == "float64" and not known:

@@ -3,8 +3,7 @@
 ============ ===============================================================
 Module       Responsibility
 ============ ===============================================================
-``process``  starts the child process and takes what it found
-``child``    that child process
+``process``  the child process, and how it is started and heard
 ``exchange`` channels <-> a file between the two processes, without pickle
 ``tdms``     NI TDMS
 ``mdf``      ASAM MDF 3 and 4

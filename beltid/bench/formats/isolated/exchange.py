@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,37 +15,18 @@ _META: Final = "meta"
 
 
 def save(file: BenchFile, path: Path) -> None:
-    """Write what was found in a file."""
+    """Write what was found in a file; an array that several channels share is written once."""
     arrays: dict[str, np.ndarray] = {}
-    times: dict[int, str] = {}  # channels of one raster share their time
-    groups: list[dict[str, Any]] = []
-    for group in file.groups:
-        channels = []
-        for channel in group.channels:
-            key = f"v{len(arrays)}"
-            arrays[key] = _writable(channel.values)
-            time = None
-            if channel.time_s is not None:
-                time = times.get(id(channel.time_s))
-                if time is None:
-                    time = times[id(channel.time_s)] = f"t{len(arrays)}"
-                    arrays[time] = channel.time_s.astype(float)
-            channels.append([channel.name, channel.unit, key, time])
-        groups.append(
-            {
-                "name": group.name,
-                "channels": channels,
-                "fields": _listed(group.fields),
-                "first_row": group.first_row,
-            }
-        )
-    meta = {
-        "format": file.format,
-        "groups": groups,
-        "fields": _listed(file.fields),
-        "notes": list(file.notes),
-    }
-    arrays[_META] = np.frombuffer(json.dumps(meta).encode(), dtype=np.uint8)
+
+    def as_json(value: Any) -> Any:
+        if not isinstance(value, np.ndarray):
+            return {field.name: getattr(value, field.name) for field in fields(value)}
+        key = f"array {id(value)}"
+        arrays[key] = _writable(value)
+        return key
+
+    meta = json.dumps(file, default=as_json)
+    arrays[_META] = np.frombuffer(meta.encode(), dtype=np.uint8)
     with path.open("wb") as target:
         np.savez(target, **arrays)  # type: ignore[arg-type]
 
@@ -53,33 +35,21 @@ def load(path: Path) -> BenchFile:
     """Read what `save` wrote."""
     with np.load(path, allow_pickle=False) as arrays:
         meta = json.loads(arrays[_META].tobytes())
-        times: dict[str, np.ndarray] = {}
-
-        def time_of(key: str | None) -> np.ndarray | None:
-            if key is None:
-                return None
-            if key not in times:
-                times[key] = arrays[key]
-            return times[key]
-
-        groups = tuple(
-            Group(
-                group["name"],
-                tuple(
-                    Channel(name, unit, _readable(arrays[key]), time_of(time))
-                    for name, unit, key, time in group["channels"]
-                ),
-                tuple(Field(*field) for field in group["fields"]),
-                group["first_row"],
-            )
-            for group in meta["groups"]
+        known = {key: _readable(arrays[key]) for key in arrays.files if key != _META}
+    groups = tuple(
+        Group(
+            group["name"],
+            tuple(
+                Channel(c["name"], c["unit"], known[c["values"]], known.get(c["time_s"]))
+                for c in group["channels"]
+            ),
+            tuple(Field(**field) for field in group["fields"]),
+            group["first_row"],
         )
-    fields = tuple(Field(*field) for field in meta["fields"])
-    return BenchFile(meta["format"], groups, fields, tuple(meta["notes"]))
-
-
-def _listed(fields: tuple[Field, ...]) -> list[list[str]]:
-    return [[field.name, field.text, field.unit] for field in fields]
+        for group in meta["groups"]
+    )
+    header = tuple(Field(**field) for field in meta["fields"])
+    return BenchFile(meta["format"], groups, header, tuple(meta["notes"]))
 
 
 def _writable(values: np.ndarray) -> np.ndarray:

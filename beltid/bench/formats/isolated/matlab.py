@@ -66,7 +66,8 @@ class Variables:
         if depth > MAX_DEPTH:
             self.notes.append(f"{name} left out: structs nested more than {MAX_DEPTH} deep")
             return ()
-        units = _unit_texts(members)
+        units = _units_of(members)
+        unit_of = {key: str(text) for key, text in units.items()}
         channels: list[Channel] = []
         fields: list[Field] = []
         inner: list[tuple[str, Mapping[str, Any]]] = []
@@ -75,12 +76,12 @@ class Variables:
                 channel = _channel_struct(key, value)
                 if channel is not None:
                     channels.append(channel)
-                elif value is not units.source:
+                elif value is not units:
                     inner.append((f"{name}.{key}" if name else key, value))
             elif isinstance(value, Sequence) and not isinstance(value, str):
                 inner += self._listed(f"{name}.{key}" if name else key, value, channels, key)
             else:
-                self._leaf(key, value, units.of, channels, fields)
+                self._leaf(key, value, unit_of, channels, fields)
         place = len(self.groups)
         own_fields = tuple(fields)
         for inner_name, value in inner:
@@ -137,26 +138,17 @@ class Variables:
             channels.append(Channel(key, units.get(key, ""), array.ravel().astype(float)))
 
 
-class _UnitTexts:
-    """Units told by a struct ``units`` beside the vectors it is about."""
-
-    def __init__(self, source: Mapping[str, Any] | None) -> None:
-        self.source = source
-        self.of = {key: str(v) for key, v in (source or {}).items()}
-
-
-def _unit_texts(members: Mapping[str, Any]) -> _UnitTexts:
+def _units_of(members: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The struct ``units`` of texts beside the vectors it is about; empty where there is none."""
     for name in UNITS:
-        source = members.get(name)
-        if isinstance(source, Mapping) and all(_is_text(v) for v in source.values()):
-            return _UnitTexts(source)
-    return _UnitTexts(None)
+        units = members.get(name)
+        if isinstance(units, Mapping) and all(_is_text(text) for text in units.values()):
+            return units
+    return {}
 
 
 def _is_text(value: Any) -> bool:
-    return isinstance(value, str) or (
-        isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "US"
-    )
+    return np.ndim(value) == 0 and np.asarray(value).dtype.kind in "US"
 
 
 def _channel_struct(key: str, members: Mapping[str, Any]) -> Channel | None:

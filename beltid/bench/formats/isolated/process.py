@@ -1,4 +1,9 @@
-"""Read files in a child process, so that a damaged one cannot take this process with it."""
+"""Files read in a child process, so that a damaged one cannot take this process with it.
+
+The child is given a folder for its results and its limits as arguments, and the files as JSON on
+stdin: a list of ``[format, path]``. For file number i it writes ``i.npz``, or ``i.txt`` with the
+reason why not.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +12,22 @@ import os
 import subprocess
 import sys
 import tempfile
+import warnings
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Final
 
 from beltid.bench.formats.bench_file import BenchFile, DamagedFile, FormatError
-from beltid.bench.formats.isolated.child import REFUSED
-from beltid.bench.formats.isolated.exchange import load
+from beltid.bench.formats.isolated.exchange import load, save
 
+READERS: Final = {
+    "tdms": "beltid.bench.formats.isolated.tdms",
+    "mdf": "beltid.bench.formats.isolated.mdf",
+    "mat": "beltid.bench.formats.isolated.matlab",
+    "hdf5": "beltid.bench.formats.isolated.hdf5",
+    "xlsx": "beltid.bench.formats.isolated.xlsx",
+}
 BASE_MEMORY: Final = 3 << 30
 MEMORY_PER_BYTE: Final = 12
 BASE_CPU_S: Final = 20
@@ -38,43 +51,26 @@ def read_isolated(jobs: Sequence[tuple[str, Path]]) -> list[BenchFile | FormatEr
     """
     results: list[BenchFile | FormatError] = []
     crashes = 0
-    while len(results) < len(jobs):
-        if crashes == CRASHES:
-            results += [FormatError("not tried after the damaged files")] * (
-                len(jobs) - len(results)
-            )
-            break
+    while len(results) < len(jobs) and crashes < CRASHES:
         rest = jobs[len(results) :]
         read, ended = _one_child(rest)
         results += read
         if len(read) < len(rest):
             results.append(DamagedFile(ended))
             crashes += 1
-    return results
+    untried = FormatError("not tried after the damaged files")
+    return results + [untried] * (len(jobs) - len(results))
 
 
 def _one_child(jobs: Sequence[tuple[str, Path]]) -> tuple[list[BenchFile | FormatError], str]:
     """Results up to the file that ended the child, and how it ended."""
-    size = max(path.stat().st_size for _, path in jobs)
-    total = sum(path.stat().st_size for _, path in jobs)
-    cpu_s = BASE_CPU_S + CPU_S_PER_MB * (total >> 20) + 2 * len(jobs)
-    environment = {
-        **os.environ,
-        "OPENBLAS_NUM_THREADS": "1",
-        "OMP_NUM_THREADS": "1",
-        "ARROW_IO_THREADS": "1",
-    }
+    sizes = [path.stat().st_size for _, path in jobs]
+    memory = BASE_MEMORY + MEMORY_PER_BYTE * max(sizes)
+    cpu_s = BASE_CPU_S + CPU_S_PER_MB * (sum(sizes) >> 20) + 2 * len(jobs)
+    one_thread = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "ARROW_IO_THREADS")
     with tempfile.TemporaryDirectory(prefix="beltid-") as folder:
-        limits = [str(BASE_MEMORY + MEMORY_PER_BYTE * size), str(cpu_s)]
         # -P: nothing is imported from the folder of the recordings
-        command = [
-            sys.executable,
-            "-P",
-            "-m",
-            "beltid.bench.formats.isolated.child",
-            folder,
-            *limits,
-        ]
+        command = [sys.executable, "-P", "-m", __name__, folder, str(memory), str(cpu_s)]
         asked = json.dumps([[name, str(path.absolute())] for name, path in jobs])
         try:
             status = subprocess.run(
@@ -83,7 +79,7 @@ def _one_child(jobs: Sequence[tuple[str, Path]]) -> tuple[list[BenchFile | Forma
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
                 timeout=3 * cpu_s,
-                env=environment,
+                env={**os.environ, **dict.fromkeys(one_thread, "1")},
                 check=False,
             ).returncode
             ended = f"the reader of its format crashed on it (status {status})"
@@ -91,8 +87,7 @@ def _one_child(jobs: Sequence[tuple[str, Path]]) -> tuple[list[BenchFile | Forma
             ended = f"the reader of its format did not end within {3 * cpu_s} s"
         results: list[BenchFile | FormatError] = []
         for number in range(len(jobs)):
-            done = Path(folder, f"{number}.npz")
-            refused = Path(folder, f"{number}.txt")
+            done, refused = (Path(folder, f"{number}.{ending}") for ending in ("npz", "txt"))
             if done.exists():
                 results.append(load(done))
             elif refused.exists():
@@ -105,4 +100,55 @@ def _one_child(jobs: Sequence[tuple[str, Path]]) -> tuple[list[BenchFile | Forma
 def _reason(text: str) -> FormatError:
     if text.startswith(DamagedFile.mark):
         return DamagedFile(text.removeprefix(DamagedFile.mark))
-    return FormatError(text.removeprefix(REFUSED))
+    return FormatError(text)
+
+
+def read_format(format_name: str, path: Path) -> BenchFile:
+    """Read one file with the reader of its format, in this process."""
+    file: BenchFile = import_module(READERS[format_name]).read(path)
+    return file
+
+
+def read_all(folder: Path, jobs: Sequence[tuple[str, str]]) -> None:
+    """Read the files one after the other; a file that cannot be read leaves its reason."""
+    for number, (format_name, path) in enumerate(jobs):
+        try:
+            found = read_format(format_name, Path(path))
+            if not found.groups:
+                raise FormatError("holds no channel with samples")
+            save(found, folder / f"{number}.part")
+            os.replace(folder / f"{number}.part", folder / f"{number}.npz")
+        except FormatError as error:
+            reason = str(error)
+        except ImportError as error:
+            reason = f"the library that reads its format cannot be loaded: {error}"
+        except MemoryError:
+            reason = str(DamagedFile("it asks for more memory than a file of its size can need"))
+        except Exception as error:  # a damaged file can raise nearly anything
+            said = " ".join(str(error).split())[:160] or "unreadable"
+            reason = str(DamagedFile(f"{type(error).__name__}: {said}"))
+        else:
+            continue
+        (folder / f"{number}.txt").write_text(reason, encoding="utf-8")
+
+
+def limit(memory_bytes: int, cpu_s: int) -> None:
+    """Limit memory and computing time of this process, where the system can."""
+    try:
+        import resource
+    except ImportError:  # Windows: the parent still ends what takes too long
+        return
+    for what, value in (
+        (resource.RLIMIT_AS, memory_bytes),
+        (resource.RLIMIT_CPU, cpu_s),
+        (resource.RLIMIT_CORE, 0),
+    ):
+        hard = resource.getrlimit(what)[1]
+        allowed = value if hard == resource.RLIM_INFINITY else min(value, hard)
+        resource.setrlimit(what, (allowed, hard))
+
+
+if __name__ == "__main__":
+    limit(int(sys.argv[2]), int(sys.argv[3]))
+    warnings.simplefilter("ignore")
+    read_all(Path(sys.argv[1]), json.load(sys.stdin))
