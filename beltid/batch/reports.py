@@ -47,8 +47,10 @@ def write_reports(
     wanted = [chain for chain in chains if chain.run.summaries and not chain.run.case]
     for chain in wanted:
         chain.waiting = [REPORT]
-    # a single page is made here: it would only wait for a worker to import what draws
-    run_chains(wanted, workers if len(wanted) > 1 else Workers(), force=options.force)
+    # a single page is made here: it would only wait for a worker to import what draws; and what
+    # draws is not made for several threads of one process
+    elsewhere = len(wanted) > 1 and workers.share_files
+    run_chains(wanted, workers if elsewhere else Workers(), force=options.force)
     reported = [chain for chain in wanted if chain.run.states[REPORT.name] != FAILED]
     if not reported or folder is None:
         return

@@ -37,18 +37,20 @@ class Notes(Reporter):
 
 
 class Counted(Workers):
-    """Two workers, who count what they are given."""
+    """Two workers, who count what they are given; one after the other, in this process."""
 
     jobs = 2
 
     def __init__(self) -> None:
         self.calls = 0
+        self.lock = threading.Lock()
 
     def as_ended(
         self, function: Callable[..., Any], calls: Sequence[tuple[Any, ...]]
     ) -> Iterator[tuple[int, Any]]:
-        self.calls += len(calls)
-        return super().as_ended(function, calls)
+        with self.lock:
+            self.calls += len(calls)
+            return iter(list(super().as_ended(function, calls)))
 
 
 @pytest.fixture
@@ -140,6 +142,31 @@ def test_workers_that_are_lost_fail_the_pages_that_they_had(ended: Any, tmp_path
     assert [chain.run.states["report"] for chain in chains] == ["done", "failed"]
     assert reporter.wrong == ["two: report: workers were killed 4 times"]
     assert (tmp_path / "lost" / "one" / "report.html").is_file()
+
+
+class Remote(Counted):
+    """Workers of a cluster, who do not see the results."""
+
+    share_files = False
+
+
+def test_threads_of_one_process_draw_no_pages(
+    recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn_by = []
+
+    def of_chain(source: ConfigSource, inputs: Any, out: Path, options: Options) -> Summary:
+        drawn_by.append(threading.current_thread())
+        return Summary(stage="report", title="", out=out)
+
+    monkeypatch.setattr("beltid.stages.results.report_belt.of_chain", of_chain)
+    chains = []
+    for source in config_sources([recordings / "one.yaml", recordings / "two.yaml"]):
+        chain = Chain(source, tmp_path / source.name, (), Reporter())
+        chain.run.summaries["fit-friction"] = Summary(stage="fit-friction", title="")
+        chains.append(chain)
+    write_reports(chains, None, Options(), Remote())
+    assert drawn_by == [threading.main_thread()] * 2
 
 
 class Stopped(Counted):
