@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -20,6 +21,7 @@ from beltid.uncertainty.measured import measured_runs, valid_rows
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.sources import (
     ASSUMED,
+    FITTED,
     PERCENT,
     Errors,
     Source,
@@ -92,7 +94,9 @@ def friction_uncertainty(
     )
 
 
-def shear_budget(shares: Mapping[str, float], given: StandardUncertainties) -> list[dict[str, Any]]:
+def shear_budget(
+    shares: Mapping[str, float], given: StandardUncertainties, normal_stiffness: float | None = None
+) -> list[dict[str, Any]]:
     """Budget of a shear stiffness.
 
     Parameters
@@ -102,6 +106,8 @@ def shear_budget(shares: Mapping[str, float], given: StandardUncertainties) -> l
         the stiffness is not known.
     given : StandardUncertainties
         Standard uncertainties of the bench.
+    normal_stiffness : float, optional
+        Standard uncertainty of a fitted normal law over itself; None where one was assumed.
 
     Returns
     -------
@@ -110,9 +116,11 @@ def shear_budget(shares: Mapping[str, float], given: StandardUncertainties) -> l
     """
     if not shares:
         return []
-    assumed = (
+    assumed = [
         Source(words, key, 0, size, *PERCENT, ASSUMED) for key, words, size in BUILD_UP_SOURCES
-    )
+    ]
+    if normal_stiffness is not None:
+        assumed[0] = replace(assumed[0], size=normal_stiffness, basis=FITTED)
     sources = (*shear_sources(given), *assumed)
     changes = np.array([[shares[source.error] for source in sources]])
     scatter = Scatter("scatter of the slopes", np.array([shares["slopes"]]))

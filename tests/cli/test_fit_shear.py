@@ -48,6 +48,22 @@ def test_the_stiffness_of_the_recording_is_found_and_said(shear: Path, beltid: A
     assert np.linalg.norm(parts) == pytest.approx(whole, rel=1e-3)
 
 
+def test_the_press_of_the_belt_makes_the_stiffness_more_certain(shear: Path, beltid: Any) -> None:
+    """The usual normal law is known to 40 %, that of the press, the true one here, to 2 to 3 %."""
+    beltid("fit-stiffness", "press.csv")
+    usual, measured = (
+        json.loads(beltid("fit-shear", "shear.csv", *more, "--json", "--force").stdout)["facts"]
+        for more in ((), ("--stiffness", "stiffness.parquet"))
+    )
+    u = measured["shear_stiffness_u_N_m2"]
+    assert u < 0.7 * usual["shear_stiffness_u_N_m2"]
+    assert abs(measured["shear_stiffness_N_m2"] - K_S) < 2.0 * u
+    assert measured["shear_stiffness_low_N_m2"] < K_S < measured["shear_stiffness_high_N_m2"]
+    (row,) = (r for r in measured["budget"] if r["source"] == "normal stiffness of the ribs")
+    assert row["basis"] == "fitted"
+    assert row["contribution_percent"] < 1.0
+
+
 def test_a_second_call_finds_it_up_to_date_and_shows_it(shear: Path, beltid: Any) -> None:
     first = beltid("fit-shear", "shear.csv")
     again = beltid("fit-shear", "shear.csv")

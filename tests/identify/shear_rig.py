@@ -36,6 +36,7 @@ OMEGA = 0.05
 """Speed of the pulley in a recording [rad/s]."""
 SLOWLY = 5.0e-4
 """Speed at which the build-up is computed: without inertia and damping."""
+LAW_5PK = NormalLaw(6.5e7, 3.0256e11)
 SPRING_TOLERANCE = 1e-7
 """Largest error of a spring's force over the initial tension."""
 
@@ -51,12 +52,13 @@ class ShearRig:
     span: float = 0.10
     mu: float = 0.8
     support: float = 0.0
+    law: NormalLaw = LAW_5PK
 
     def bench(self) -> Bench:
         """The rig without what the ribs add."""
-        law, surface = NormalLaw(6.5e7, 3.0256e11), FrictionSurface.constant(self.mu)
+        surface = FrictionSurface.constant(self.mu)
         belt = Belt(EA=self.EA, EI=self.EI, rhoA=0.10)
-        return Bench(belt, Rig(R=self.R, span=self.span), Contact(), law, surface)
+        return Bench(belt, Rig(R=self.R, span=self.span), Contact(), self.law, surface)
 
     def rigid_curve(self, arc_deg: float, T: float) -> Curve:
         """The build-up of the rig itself, whose ribs do not shear."""

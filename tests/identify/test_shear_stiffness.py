@@ -18,6 +18,7 @@ from beltid.identify.friction.run import FrictionSettings, run_records
 from beltid.identify.shear.build_up import FEWEST, BuildUp, build_up
 from beltid.identify.shear.mechanics import build_up_slope, laid_belt, micro_slip
 from beltid.identify.shear.stiffness import BenchValues, ShearStiffness, fit_shear_stiffness
+from beltid.laws.penalty import NormalLaw
 
 EA, EI, R, SPAN = 1.0e5, 0.02, 0.05, 0.10
 LAW_5PK = (6.5e7, 3.0256e11)
@@ -148,6 +149,32 @@ def test_the_stiffness_comes_back_within_what_is_stated(
     assert within >= most
     assert abs(np.mean(off)) < 0.03
     assert np.std(off) < 0.05
+
+
+def test_the_normal_law_of_the_belt_takes_off_most_of_the_uncertainty() -> None:
+    """A belt whose normal law is half the usual one, which is known to 40 %."""
+    law = (3.5e7, 0.9e11)
+    rig = ShearRig(K_S, support=SUPPORT, law=NormalLaw(*law))
+    curves = curves_of(rig, (40.0, 68.0, 82.0), (270.0, 411.0))
+    rng = np.random.default_rng(3)
+    known = replace(BENCH, normal_law=law, normal_stiffness=0.03)
+    recordings = [build_ups(recording(curves, rng)) for _ in range(10)]
+    usual, own = (
+        [fit_shear_stiffness(runs, bench) for runs in recordings] for bench in (BENCH, known)
+    )
+    off, u, u_usual = np.array(
+        [
+            (
+                of_own.shear_stiffness_N_m2 / K_S - 1.0,
+                of_own.shear_stiffness_u_N_m2 / K_S,
+                of_usual.shear_stiffness_u_N_m2 / K_S,
+            )
+            for of_own, of_usual in zip(own, usual, strict=True)
+        ]
+    ).T
+    assert np.all(u < 0.7 * u_usual)
+    assert np.all(np.abs(off) < 2.5 * u)
+    assert abs(np.mean(off)) < np.median(u)
 
 
 def test_ribs_too_stiff_to_be_seen_have_a_bound_and_no_value() -> None:

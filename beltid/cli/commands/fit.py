@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated
 
 import typer
 
@@ -52,7 +54,20 @@ def fit_slip(speedloss: SpeedLoss, *, common: Common) -> None:
 
 @command("fit-shear")
 @reads_recording("rig", name="arc_deg: wrap", unit="pulley_speed_rad_s: rpm")
-def fit_shear(rig: Rig, *, common: Common) -> None:
+def fit_shear(
+    rig: Rig,
+    stiffness: Annotated[
+        Path | None,
+        typer.Option(
+            "--stiffness",
+            metavar="STIFFNESS",
+            help="stiffness.parquet of fit-stiffness: the normal law of this belt, in place of a "
+            "usual one that is known to 40 %.",
+        ),
+    ] = None,
+    *,
+    common: Common,
+) -> None:
     """Find how stiff the ribs are in shear along the belt, from the runs of the friction rig.
 
     Before the belt slides, the tensions part in proportion to the travel of the pulley: the slope
@@ -71,7 +86,8 @@ def fit_shear(rig: Rig, *, common: Common) -> None:
     """
     from beltid.stages.identification import fit_shear as stage
 
-    execute(stage.run, {"rig": rig}, "shear.parquet", common)
+    inputs = {"rig": rig} if stiffness is None else {"rig": rig, "stiffness": stiffness}
+    execute(stage.run, inputs, "shear.parquet", common)
 
 
 @command("fit-friction")

@@ -24,7 +24,7 @@ from beltid.identify.shear.mechanics import build_up_slope, laid_belt, micro_sli
 Array = NDArray[np.float64]
 
 NORMAL_LAW: Final = (6.5e7, 3.0256e11)
-"""The normal law of Eq. (3) [N/m², N/m³], taken for every ribbed belt."""
+"""The normal law of Eq. (3) [N/m², N/m³], taken for a ribbed belt whose own is not known."""
 NORMAL_STIFFNESS_SPREAD: Final = 0.4
 """Its standard uncertainty over itself."""
 BENDING_SPREAD: Final = 0.5
@@ -90,8 +90,10 @@ class BenchValues:
     """Of all arcs together [rad]."""
     arc_setting: float = 0.0
     """Of each arc by itself [rad]."""
+    normal_law: tuple[float, float] = NORMAL_LAW
+    """Coefficients of Eq. (3) [N/m², N/m³]."""
     normal_stiffness: float = NORMAL_STIFFNESS_SPREAD
-    """Of `NORMAL_LAW`, as a share."""
+    """Of both of them together, as a share."""
     end_bending: float = BENDING_SPREAD
     """Of (B2) and (B3), as a share."""
     micro_slip: float = MICRO_SLIP_SPREAD
@@ -284,7 +286,7 @@ class _Slopes:
             self.tension,
             R_true,
             bench.span,
-            (NORMAL_LAW[0] * (1.0 + normal), NORMAL_LAW[1] * (1.0 + normal)),
+            (bench.normal_law[0] * (1.0 + normal), bench.normal_law[1] * (1.0 + normal)),
         )
         belt = replace(
             belt,

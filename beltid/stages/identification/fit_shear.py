@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
+from beltid.artifacts.artifact import read_artifact
 from beltid.artifacts.metadata_models import ShearMetadata
 from beltid.bench.recording import columns_of, read_rig
 from beltid.config import Config, ConfigSource, load_config
@@ -21,15 +23,29 @@ from beltid.identify.shear.stiffness import (
     fit_shear_stiffness,
     not_used,
 )
+from beltid.laws.penalty import stiffness_under
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.identification.reduction import friction_settings, records_of
 from beltid.stages.outcome import Outcome, rows_of, span
 from beltid.stages.reporter import Options
-from beltid.stages.uncertainties import SECTION, budget_details, standard_uncertainties
+from beltid.stages.tables import law_of
+from beltid.stages.uncertainties import (
+    SECTION,
+    budget_details,
+    press_law,
+    standard_uncertainties,
+)
 from beltid.tables import schemas
 from beltid.tables.values import outside
+from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.reduced import shear_budget
+from beltid.uncertainty.sources import (
+    Errors,
+    StandardUncertainties,
+    law_scatter_sources,
+    press_sources,
+)
 
 KIND: Final = "shear"
 FIGURES: Final = ("resolved", "shear_stiffness_low_N_m2", "budget")
@@ -40,6 +56,7 @@ KEYS: Final = (
     "rig.kind",
     "rig.pulley_radius_m",
     "rig.span_length_m",
+    "press.segment_length_cm",
     "columns.rig",
     "units.rig",
     "runs.rig",
@@ -51,15 +68,19 @@ SCATTER_REPORTED: Final = 2.0
 
 
 def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
-    """Read a recording of the friction rig (input ``rig``), find the stiffness, sum it up."""
+    """Read a recording of the friction rig (input ``rig``), find the stiffness, sum it up.
+
+    With ``stiffness`` among the inputs the normal law of the ribs is that of the press.
+    """
     build = Build(KIND, config, KEYS, inputs, out, options, figures=FIGURES)
     built = build.up_to_date()
     if built is None:
         model = config.config
         _check_kind(model)
         rig = read_rig(inputs["rig"], model)
+        press = _press_law(inputs.get("stiffness"), model)
         try:
-            outcome = _outcome(records_of(rig, model), model)
+            outcome = _outcome(records_of(rig, model), model, press)
         except InputError as error:
             raise InputError(error.at(str(rig.path))) from None
         options.reporter.report(f"{rig.path}: {rig.n_samples} samples")
@@ -68,7 +89,9 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
 
 
 def fit_shear(
-    frame: Any, config: Config | Mapping[str, Any] | str | Path | None = None
+    frame: Any,
+    config: Config | Mapping[str, Any] | str | Path | None = None,
+    stiffness: str | Path | None = None,
 ) -> Outcome[ShearStiffness]:
     """Find the shear stiffness of the ribs from the build-up of runs of the friction rig.
 
@@ -78,6 +101,9 @@ def fit_shear(
         The columns of rig.csv.
     config : Config, dict, path or None
         Axial and bending stiffness of the belt, radius of the pulley; None is the built-in 5PK rig.
+    stiffness : path, optional
+        stiffness.parquet of the belt; without it the normal law is that of a usual ribbed belt, and
+        known to 40 %.
 
     Returns
     -------
@@ -94,7 +120,7 @@ def fit_shear(
     model = load_config(config)
     _check_kind(model)
     records = run_records(columns_of(frame, "rig", model), model.rig.pulley_radius_m)
-    return _outcome(records, model).with_origin(model)
+    return _outcome(records, model, _press_law(stiffness, model)).with_origin(model)
 
 
 def _check_kind(config: Config) -> None:
@@ -106,7 +132,37 @@ def _check_kind(config: Config) -> None:
         )
 
 
-def _outcome(records: Iterable[RunRecord], config: Config) -> Outcome[ShearStiffness]:
+def _press_law(path: str | Path | None, config: Config) -> PressLaw | None:
+    """The normal law of an artifact, with what is known of its making."""
+    if path is None:
+        return None
+    artifact = read_artifact(path, "stiffness")
+    return press_law(law_of(artifact), config, artifact)
+
+
+def _normal_stiffness_spread(
+    press: PressLaw, given: StandardUncertainties, line_force: float
+) -> float:
+    """Standard uncertainty over itself of a fitted normal law [-].
+
+    On the arc its stiffness under the line force [N/m] counts, at the ends its linear part: the
+    larger of both uncertainties.
+    """
+
+    def stiffnesses(errors: Errors) -> np.ndarray:
+        k_linear, k_quadratic = press.coefficients(errors)
+        under = stiffness_under(np.array(line_force), k_linear, k_quadratic)
+        return np.array([k_linear, float(under)])
+
+    sources = (*law_scatter_sources(press.has_scatter), *press_sources(given))
+    best = stiffnesses(Errors())
+    changes = [stiffnesses(Errors.single(source)) / best - 1.0 for source in sources]
+    return float(np.linalg.norm(np.reshape(changes, (-1, 2)), axis=0).max())
+
+
+def _outcome(
+    records: Iterable[RunRecord], config: Config, press: PressLaw | None
+) -> Outcome[ShearStiffness]:
     settings, radius = friction_settings(config), config.rig.pulley_radius_m
     runs = [build_up(record, radius, settings) for record in records]
     if config.friction.check_initial_tension:
@@ -131,6 +187,12 @@ def _outcome(records: Iterable[RunRecord], config: Config) -> Outcome[ShearStiff
         span=config.rig.span_length_m,
         **{name: getattr(uncertainty, name) for name in known},
     )
+    spread = None
+    if press is not None:
+        line_force = float(np.median([run.initial_tension_N for run in runs])) / radius
+        spread = _normal_stiffness_spread(press, uncertainty, line_force)
+        law = press.law.k_linear_N_m2, press.law.k_quadratic_N_m3
+        bench = replace(bench, normal_law=law, normal_stiffness=spread)
     found = fit_shear_stiffness(runs, bench)
     columns = _columns(found)
     good = columns["status"] == "ok"
@@ -149,7 +211,7 @@ def _outcome(records: Iterable[RunRecord], config: Config) -> Outcome[ShearStiff
             "effective_span_m": found.effective_span_m,
             "effective_span_u_m": found.effective_span_u_m,
             "slope_scatter": found.scatter,
-            "budget": shear_budget(found.shares, uncertainty),
+            "budget": shear_budget(found.shares, uncertainty, spread),
         },
         notes=tuple(not_used(found.runs)),
         warnings=tuple(_warnings(found)),
