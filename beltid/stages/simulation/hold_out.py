@@ -21,6 +21,7 @@ from beltid.stages.simulation.refinement import (
     prepared_campaign,
     reference_temperature,
     refined_uncertainty,
+    rig_of_runs,
     shared_sources,
     usable_runs,
 )
@@ -93,7 +94,7 @@ def predictions(
     ConvergenceError
         If a surface does not converge, or a run cannot be simulated.
     """
-    usable, _ = usable_runs(columns)
+    usable, _ = usable_runs(columns, rig_of_runs(columns, config))
     plain = {name: values for name, values in columns.items() if values.ndim == 1}
     calls = [(plain, press, config, fold) for fold in folds(columns, usable, by)]
     found = dict(workers.as_ended(predict, calls))
