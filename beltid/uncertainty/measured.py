@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
-from beltid.identify.friction.kinds import SPANS, TWO_CELLS, RigKind
+from beltid.identify.friction.kinds import TWO_CELLS, RigKind
 from beltid.laws.capstan import (
     mean_normal_force,
     sliding_speed,
@@ -60,6 +60,12 @@ class Measured:
         What the rig measures: which errors the tensions can have.
     given_force : {"none", "tight", "slack", "hub"}
         Force that stays while the pulley turns, see :class:`beltid.params.Rig`.
+    momentum : ndarray or float
+        Part of the tensions as they were measured that turned a running belt [N]; it is taken off
+        all tensions here.
+    beside_torque : ndarray of bool, optional
+        Whether it is the tight tension that was measured beside a torque; by default as the kind
+        says.
     """
 
     R: float
@@ -77,6 +83,8 @@ class Measured:
     largest_tension: float | None = None
     kind: RigKind = TWO_CELLS
     given_force: GivenForce = "none"
+    momentum: Array | float = 0.0
+    beside_torque: NDArray[np.bool_] | None = None
 
     @property
     def arcs_deg(self) -> Array:
@@ -165,24 +173,34 @@ class Measured:
             tight, slack = tensions_by_hub_force(M, hub, beta, R)
             T_0 = self._cell(errors, 0, self.T_0)
         elif kind.measures == "torque":
-            tensions, cell = (self.tight, self.slack), SPANS.index(kind.torque_with)
-            known = {f"T_{kind.torque_with}": self._cell(errors, cell, tensions[cell])}
-            tight, slack = tensions_by_torque(M, R, **known)
-            T_0 = self._cell(errors, cell, self.T_0)
+            of_tight = self.beside_torque
+            if of_tight is None:
+                of_tight = np.full(self.mu.size, kind.torque_with == "tight")
+            by_tight = tensions_by_torque(M, R, T_tight=self._cell(errors, 0, self.tight))
+            by_slack = tensions_by_torque(M, R, T_slack=self._cell(errors, 1, self.slack))
+            tight, slack = np.where(of_tight, by_tight, by_slack)
+            T_0 = np.where(of_tight, *(self._cell(errors, cell, self.T_0) for cell in (0, 1)))
         else:
             tight, slack = self._cell(errors, 0, self.tight), self._cell(errors, 1, self.slack)
             T_0 = 0.5 * (self._cell(errors, 0, self.T_0) + self._cell(errors, 1, self.T_0))
             if kind.weight is not None:
-                T_0 = self.T_0
+                turning = self.momentum * errors.at("mass_per_length")
+                T_0 = self.T_0 - turning
                 tight, slack = (
-                    (self.tight, slack) if kind.weight == "tight" else (tight, self.slack)
+                    (self.tight - turning, slack)
+                    if kind.weight == "tight"
+                    else (tight, self.slack - turning)
                 )
         return tight, slack, tension_given(self.given_force, tight, slack, T_0)
 
     def _cell(self, errors: Errors, cell: int, tension: Array) -> Array:
-        """Readings of a cell put right [N]; cell 0 is the tight one."""
-        zero = errors.at("cell_offset", cell)
-        return np.asarray(tension * (1.0 + self._gain(errors, cell, tension)) + zero)
+        """Tensions by a cell that is put right [N]; cell 0 is the tight one.
+
+        The cell reads what turns a running belt, too; that is taken off by the belt's mass.
+        """
+        zero, reading = errors.at("cell_offset", cell), tension + self.momentum
+        turning = self.momentum * errors.at("mass_per_length")
+        return np.asarray(tension + reading * self._gain(errors, cell, reading) + zero - turning)
 
     def _gain(self, errors: Errors, cell: int, tension: Array) -> Array:
         """Error of the gain of a cell at some tensions, as a share."""
@@ -244,6 +262,7 @@ def measured_runs(
     tight = slack * np.exp(log_ratio)
     T_0 = np.sqrt(tight * slack) if initial is None else np.asarray(initial, dtype=float)[rows]
     T_0 = np.where(np.isfinite(T_0), T_0, np.sqrt(tight * slack))
+    turning, beside = columns.get("momentum_N"), columns.get("torque_with")
     return Measured(
         R=R,
         arc=arc_settings(arc_deg),
@@ -259,6 +278,8 @@ def measured_runs(
         temperature_degC=None if warm is None else np.asarray(warm, dtype=float)[rows],
         kind=kind,
         given_force=given_force,
+        momentum=0.0 if turning is None else np.nan_to_num(np.asarray(turning, dtype=float)[rows]),
+        beside_torque=None if beside is None else np.asarray(beside == "tight")[rows],
     )
 
 

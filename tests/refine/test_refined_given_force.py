@@ -146,6 +146,22 @@ def test_a_table_without_tensions_at_rest_gives_the_surface(kind: str, given: Gi
     assert rms_error(found.result.surface, friction.columns["normal_force_N_m"]) < 0.005
 
 
+def test_a_table_says_which_span_was_measured_beside_its_torque() -> None:
+    table = {
+        "run": np.array(["A", "B"], dtype=object),
+        "arc_deg": np.full(2, 60.0),
+        "pulley_speed_rad_s": np.full(2, 0.1),
+        "torque_N_m": np.array([3.0, 6.0]),
+        "tension_tight_N": np.array([120.0, 240.0]),
+    }
+    # stated is the slack span, as it is where nobody states it
+    friction = beltid.fit_friction(table, {"rig": {"kind": "torque"}}, table=True)
+    assert list(friction.columns["torque_with"]) == ["tight", "tight"]
+    del table["torque_N_m"]
+    table["tension_slack_N"] = np.array([60.0, 120.0])
+    assert "torque_with" not in beltid.fit_friction(table, table=True).columns
+
+
 def test_runs_that_cannot_be_used_say_why() -> None:
     table = {
         "run": np.array(["A", "B", "C", "D"], dtype=object),
@@ -156,5 +172,5 @@ def test_runs_that_cannot_be_used_say_why() -> None:
         "initial_tension_N": np.array([80.0, np.nan, 100.0, np.nan]),
     }
     friction = beltid.fit_friction(table, table=True)
-    with pytest.raises(InputError, match="2 runs can be used.*initial_tension_N is not known"):
+    with pytest.raises(InputError, match=r"2 runs can be used.*initial_tension_N is not known"):
         beltid.refine_surface(friction, NormalLaw(6.5e7, 3.0256e11))

@@ -101,6 +101,8 @@ def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> Prep
             arc_deg=record.arc_deg,
             nominal_tension_N=record.nominal_tension_N,
             conditions=record.conditions,
+            momentum_N=record.momentum_N,
+            torque_with=record.kind.span_beside_torque,
         )
     )
     try:

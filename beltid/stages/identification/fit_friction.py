@@ -194,8 +194,8 @@ def _traps(runs: Sequence[RunReduction], kind: RigKind) -> Iterator[str]:
     if any(OTHER_SPAN in note for run in good for note in run.notes):
         span = other(kind.torque_with)
         yield (
-            f"{OTHER_SPAN} {span} span: state rig.torque_with: {span}, else the errors of its cell "
-            "are taken for those of the other span"
+            f"{OTHER_SPAN} {span} span: state rig.torque_with: {span}, which a plan and the "
+            "simulated rig go by"
         )
     touching = [run.run for run in good if run.arc_deg >= TOUCH_DEG]
     if touching:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -19,6 +19,7 @@ from beltid.errors import ArgumentTypeError, InputError, Problem, counted
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
+from beltid.params import OperatingPoint
 from beltid.plan.advice import Plan, choose_plan
 from beltid.plan.candidates import (
     Candidates,
@@ -41,8 +42,17 @@ from beltid.stages.identification.reduction import rig_kind
 from beltid.stages.outcome import Outcome
 from beltid.stages.reporter import Options
 from beltid.stages.simulation.campaign import checked_law, shown, surface_from
+from beltid.stages.simulation.planned_runs import (
+    KEYS,
+    PlannedRun,
+    as_resting,
+    belt_speed,
+    measured_settings,
+    momentum_N,
+    setting_lists,
+)
 from beltid.stages.simulation.refinement import NEEDED
-from beltid.stages.tables import law_of, surface_of, table_columns
+from beltid.stages.tables import friction_of, law_of, surface_of, table_columns
 from beltid.stages.uncertainties import press_law, standard_uncertainties
 from beltid.uncertainty.measured import measured_runs, valid_rows
 from beltid.uncertainty.press_law import PressLaw
@@ -55,6 +65,7 @@ if TYPE_CHECKING:
 TARGETS: Final = ("surface", "drive")
 USUAL_LAW: Final = NormalLaw(6.5e7, 3.0256e11)
 """Contact law of the paper's 5PK belt, Eq. (3): for a plan before any measurement."""
+MOST_SETTINGS: Final = 12  # of tension, arc or speed, that candidates are made of
 MOST_BELOW: Final = 0.3
 """Share of a drive's friction below the speeds of all candidates above which there is a warning."""
 
@@ -162,7 +173,13 @@ def run(
     if "friction" in artifacts:
         friction = artifacts["friction"].columns
     based_on = origin if artifacts else "usual values"
-    found = _planned(known, press, friction, config.config, options, based_on or "unknown")
+    made_at = friction
+    if made_at is None and "surface" in artifacts:
+        made_from = friction_of(artifacts["surface"], inputs["surface"].parent)
+        made_at = None if made_from is None else made_from.columns
+    settings, notes = rig_settings(config.config, made_at)
+    given = Given(known, press, friction, settings)
+    found = _planned(given, config.config, options, based_on or "unknown")
     plan, rows = found.plan, found.rows
     write_bytes(out, _csv(rows))
     measured = found.candidates.measured
@@ -192,7 +209,7 @@ def run(
             "standard uncertainty by region, in percent of mu": _region_rows(plan),
             "if it were known twice as well": _statement_rows(plan),
         },
-        notes=found.notes,
+        notes=(*notes, *found.notes),
         warnings=found.warnings,
         verdict=_verdict(plan, options),
         origin=origin,
@@ -251,7 +268,9 @@ def plan_runs(
     if friction is not None:
         columns = table_columns(friction, "friction", NEEDED)
     based_on = "unknown" if surface is not None else "usual values"
-    return _planned(known, press, columns, model, options, based_on)
+    settings, notes = rig_settings(model, columns)
+    found = _planned(Given(known, press, columns, settings), model, options, based_on)
+    return replace(found, notes=(*notes, *found.notes))
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,23 +318,37 @@ def _known(
     )
 
 
-def _planned(
-    known: KnownSurface | None,
-    press: PressLaw | None,
-    friction: Mapping[str, np.ndarray] | None,
-    config: Config,
-    options: PlanOptions,
-    based_on: str,
-) -> PlannedRuns:
+@dataclass(frozen=True, slots=True)
+class Given:
+    """What a plan is made from.
+
+    Attributes
+    ----------
+    known : KnownSurface or None
+        The surface; None before any run.
+    press : PressLaw or None
+        The contact law; None before any measurement.
+    friction : mapping or None
+        Reduced runs, whose noise is that of new ones.
+    settings : Settings
+        What the rig can be set to.
+    """
+
+    known: KnownSurface | None
+    press: PressLaw | None
+    friction: Mapping[str, np.ndarray] | None
+    settings: Settings
+
+
+def _planned(given: Given, config: Config, options: PlanOptions, based_on: str) -> PlannedRuns:
     """The plan from what is known, and what is assumed in place of the rest."""
-    present = _present(known, press, friction, config)
-    settings = rig_settings(config)
-    points = settings.points()
+    present = _present(given, config)
+    points = given.settings.points()
     options.reporter.report(f"{len(points)} candidates, simulated with the present surface")
     candidates = simulate_candidates(
         _bench(config, present.press.law),
         present.press,
-        settings,
+        _at_rest(given.settings, config),
         present.arcs_deg,
         None if present.surface is None else present.surface.surface,
         rig_kind(config),
@@ -330,7 +363,7 @@ def _planned(
         config.plan.minutes_per_run,
         config.plan.minutes_per_arc_change,
     )
-    rows = _rows(session, plan, candidates, based_on)
+    rows = _rows(session, plan, points, candidates, based_on)
     return PlannedRuns(plan, target, candidates, rows, present.notes, warnings)
 
 
@@ -360,13 +393,9 @@ def _check_files(options: PlanOptions, out: Path, figure: Path) -> None:
         raise InputError(problems)
 
 
-def _present(
-    known: KnownSurface | None,
-    press: PressLaw | None,
-    friction: Mapping[str, np.ndarray] | None,
-    config: Config,
-) -> Present:
+def _present(given: Given, config: Config) -> Present:
     """What is known, and what is assumed in its place."""
+    known, press, friction = given.known, given.press, given.friction
     notes: list[str] = []
     surface: MeasuredSurface | None = None
     arcs = () if known is None else known.arcs_deg
@@ -375,7 +404,7 @@ def _present(
     if press is None:
         press = press_law(USUAL_LAW, config)
         notes.append("no data: contact law of the paper's 5PK belt")
-    sources = _joined(stored, config, arcs, press.has_scatter)
+    sources = _joined(stored, config, arcs, given.settings.arcs_deg, press.has_scatter)
     if known is None:
         notes.append("no data: mu from 0.7 to 1.5 with usual slopes over force and speed")
     else:
@@ -408,11 +437,14 @@ def _present(
 
 
 def _joined(
-    stored: tuple[Source, ...], config: Config, arcs_deg: tuple[float, ...], law_scatter: bool
+    stored: tuple[Source, ...],
+    config: Config,
+    arcs_deg: tuple[float, ...],
+    wanted: tuple[float, ...],
+    law_scatter: bool,
 ) -> tuple[Source, ...]:
     """The shared errors of a surface, then those that its candidates have beside them."""
     arcs = list(arcs_deg)
-    wanted = rig_settings(config).arcs_deg
     arcs += [arc for arc in wanted if not np.isclose(arc, arcs, rtol=1e-3).any()]
     size = next((s.size for s in stored if s.error == ARC), USUAL_ARCS)
     every = (
@@ -423,13 +455,50 @@ def _joined(
     return (*stored, *(s for s in every if (s.error, s.place) not in known))
 
 
-def rig_settings(config: Config) -> Settings:
-    """What the rig can be set to: the section plan, else the rig."""
-    plan, rig = config.plan, config.rig
+def rig_settings(
+    config: Config, friction: Mapping[str, np.ndarray] | None
+) -> tuple[Settings, tuple[str, ...]]:
+    """What the rig can be set to, and a note where nobody said it.
+
+    Each list is that of the section plan, else that stated under rig, else what runs were made at,
+    else the built-in one.
+    """
+    plan = config.plan
+    measured = None
+    if friction is not None and all(name in friction for name in KEYS):
+        measured = measured_settings(friction)
+    stated = plan.arcs_deg, plan.tension_N, plan.speed_rad_s
+    others = [_thinned(values) for values in setting_lists(config, measured)]
+    unsaid = [
+        f"{key}: {', '.join(f'{value:g}' for value in values)}"
+        for (key, _), of_plan, values in zip(KEYS.values(), stated, others, strict=True)
+        if not of_plan and measured is None and key not in config.rig.model_fields_set
+    ]
+    notes = (f"nobody stated what the rig can be set to, assumed: {'; '.join(unsaid)}",)
+    arcs, tensions, speeds = (
+        tuple(of_plan or values) for of_plan, values in zip(stated, others, strict=True)
+    )
+    return Settings(arcs, tensions, speeds), notes if unsaid else ()
+
+
+def _thinned(values: Sequence[float]) -> list[float]:
+    """A few of many settings, the ends among them: where each run has a value of its own."""
+    ordered = sorted(values)
+    at = np.linspace(0, len(ordered) - 1, min(len(ordered), MOST_SETTINGS)).round().astype(int)
+    return [ordered[k] for k in at]
+
+
+def _at_rest(settings: Settings, config: Config) -> Settings:
+    """The settings of a running rig as those of a belt at rest; of another rig they themselves."""
+    if config.rig.kind != "running":
+        return settings
+    runs = [PlannedRun("of the plan", arc, T_0, omega) for arc, T_0, omega in settings.combined()]
+    as_resting(config, runs)  # refuses what no belt can run with
+    with_belt = belt_speed(config) / config.rig.pulley_radius_m
     return Settings(
-        plan.arcs_deg or rig.arcs_deg,
-        plan.tension_N or rig.initial_tensions_N,
-        plan.speed_rad_s or rig.pulley_speeds_rad_s,
+        settings.arcs_deg,
+        tuple(T_0 - momentum_N(config) for T_0 in settings.tensions),
+        tuple(abs(omega - with_belt) for omega in settings.omegas),
     )
 
 
@@ -473,37 +542,53 @@ SHOWN: Final = (
     "repeats",
     "start_minutes",
     "gain_percent",
+    "needed_for",
 )
 
 
 def _rows(
-    session: Sequence[ScheduledRun], plan: Plan, candidates: Candidates, based_on: str
+    session: Sequence[ScheduledRun],
+    plan: Plan,
+    points: Sequence[OperatingPoint],
+    candidates: Candidates,
+    based_on: str,
 ) -> list[dict[str, Any]]:
-    """A row per run in the order of the session."""
+    """A row per run in the order of the session.
+
+    A run that the plan has to have, for its arc or as a repetition, may gain nothing by itself.
+    """
     runs = candidates.measured
     gains = dict(zip(plan.chosen, plan.gains, strict=True))
     return [
         {
             "order": place,
-            "arc_deg": round(float(np.degrees(runs.beta[one.run])), 9),
-            "initial_tension_N": float(runs.T_0[one.run]),
-            "pulley_speed_rad_s": float(runs.omega[one.run]),
+            "arc_deg": round(float(np.degrees(points[one.run].beta)), 9),
+            "initial_tension_N": points[one.run].T_0,
+            "pulley_speed_rad_s": points[one.run].omega,
             "repeat": one.repeat,
             "repeats": one.repeats,
             "start_minutes": one.start_minutes,
             "slip_speed_m_s": float(runs.slip_speed[one.run]),
             "normal_force_N_m": float(runs.normal_force[one.run]),
-            "gain_percent": 100.0 * gains[one.run],
+            "gain_percent": 100.0 * max(gains[one.run], 0.0),
             "based_on": based_on,
+            "needed_for": plan.needed.get(one.run, ""),
         }
         for place, one in enumerate(session, start=1)
     ]
 
 
-COLUMNS: Final = (*SHOWN, "slip_speed_m_s", "normal_force_N_m", "based_on")
+COLUMNS: Final = (
+    *SHOWN[:-1],
+    "slip_speed_m_s",
+    "normal_force_N_m",
+    "based_on",
+    "needed_for",
+)
 
 
 HEADER: Final = (",".join(COLUMNS) + "\n").encode()
+KNOWN_BY: Final = (",".join(COLUMNS[:-1])).encode()
 
 
 def _is_plan(path: Path) -> bool:
@@ -511,7 +596,7 @@ def _is_plan(path: Path) -> bool:
     if not path.is_file():
         return False
     with path.open("rb") as file:
-        return file.read(len(HEADER)) == HEADER
+        return file.read(len(KNOWN_BY)) == KNOWN_BY
 
 
 def _csv(rows: Sequence[Mapping[str, Any]]) -> bytes:

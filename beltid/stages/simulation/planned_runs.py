@@ -94,7 +94,7 @@ def planned_runs(
         If a value was picked that no run has, with the allowed ones; or if stated and measured
         settings make too many combinations.
     """
-    lists = _lists(config, measured)
+    lists = setting_lists(config, measured)
     if measured is None:
         settings = list(product(*lists))
     else:
@@ -209,7 +209,7 @@ def _near(values: np.ndarray, others: Sequence[float] | np.ndarray, gap: float) 
     return np.any(np.abs(values[:, None] - known) <= gap * values[:, None], axis=1)
 
 
-def _lists(config: Config, measured: np.ndarray | None) -> list[list[float]]:
+def setting_lists(config: Config, measured: np.ndarray | None) -> list[list[float]]:
     """Arcs, tensions and speeds: those stated, else those measured, else those built in.
 
     In the place of a stated setting stands what was measured at it.

@@ -170,10 +170,16 @@ def prepared_campaign(
 def rig_of_runs(columns: Mapping[str, np.ndarray], config: Config) -> Rig:
     """The rig that the runs are simulated on.
 
+    The kind is that of the runs: a table that says it was made with a torque is refused otherwise.
     While the whole arc slides one tension settles the other, however they came about. Where nobody
     wrote down the tension at rest the sum of both while sliding takes its place, as under a hub
     force.
     """
+    if "torque_with" in columns and config.rig.measures != "torque":
+        raise InputError(
+            f"rig.kind: {config.rig.kind}, but the tensions of the friction table were measured "
+            "beside a torque; must be rig.kind: torque"
+        )
     rig = config.rig_params()
     initial = np.asarray(columns["initial_tension_N"], dtype=float)
     if rig.given_force == "none" and not np.isfinite(initial).any():
