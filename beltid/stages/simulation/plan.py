@@ -28,10 +28,10 @@ from beltid.plan.candidates import (
     noise_law,
     simulate_candidates,
 )
-from beltid.plan.prior import USUAL_ARCS, MeasuredSurface, knowledge_at, usual_surface
+from beltid.plan.present import KnownSurface, sources_of_plan
+from beltid.plan.prior import MeasuredSurface, knowledge_at, usual_surface
 from beltid.plan.session import ScheduledRun, schedule
 from beltid.plan.target import Target, drive_target, surface_target
-from beltid.refine.effects import ARC
 from beltid.report.drawing import saved
 from beltid.report.figures.plan import runs_and_uncertainty
 from beltid.report.summary import Summary
@@ -42,22 +42,14 @@ from beltid.stages.identification.reduction import rig_kind
 from beltid.stages.outcome import Outcome
 from beltid.stages.reporter import Options
 from beltid.stages.simulation.campaign import checked_law, shown, surface_from
-from beltid.stages.simulation.planned_runs import (
-    KEYS,
-    PlannedRun,
-    as_resting,
-    belt_speed,
-    measured_settings,
-    momentum_N,
-    setting_lists,
-)
+from beltid.stages.simulation.planned_runs import at_rest, rig_settings
 from beltid.stages.simulation.refinement import NEEDED
 from beltid.stages.tables import friction_of, law_of, surface_of, table_columns
 from beltid.stages.uncertainties import press_law, standard_uncertainties
 from beltid.uncertainty.measured import measured_runs, valid_rows
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.simulated import sources_of
-from beltid.uncertainty.sources import FITTED, Source, all_sources, effect_sources
+from beltid.uncertainty.sources import FITTED, Source
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -65,7 +57,6 @@ if TYPE_CHECKING:
 TARGETS: Final = ("surface", "drive")
 USUAL_LAW: Final = NormalLaw(6.5e7, 3.0256e11)
 """Contact law of the paper's 5PK belt, Eq. (3): for a plan before any measurement."""
-MOST_SETTINGS: Final = 12  # of tension, arc or speed, that candidates are made of
 MOST_BELOW: Final = 0.3
 """Share of a drive's friction below the speeds of all candidates above which there is a warning."""
 
@@ -273,17 +264,6 @@ def plan_runs(
     return replace(found, notes=(*notes, *found.notes))
 
 
-@dataclass(frozen=True, slots=True)
-class KnownSurface:
-    """A surface that runs have shown, with what is stored of its uncertainty."""
-
-    surface: UncertainSurface
-    factor: np.ndarray
-    arcs_deg: tuple[float, ...]
-    sources: tuple[Source, ...]
-    noise_scale: float
-
-
 def _known_surface(artifact: Artifact) -> KnownSurface:
     """The surface of an artifact."""
     metadata: SurfaceMetadata = artifact.metadata
@@ -348,7 +328,7 @@ def _planned(given: Given, config: Config, options: PlanOptions, based_on: str) 
     candidates = simulate_candidates(
         _bench(config, present.press.law),
         present.press,
-        _at_rest(given.settings, config),
+        at_rest(given.settings, config),
         present.arcs_deg,
         None if present.surface is None else present.surface.surface,
         rig_kind(config),
@@ -397,29 +377,19 @@ def _present(given: Given, config: Config) -> Present:
     """What is known, and what is assumed in its place."""
     known, press, friction = given.known, given.press, given.friction
     notes: list[str] = []
-    surface: MeasuredSurface | None = None
-    arcs = () if known is None else known.arcs_deg
-    stored = () if known is None else known.sources
-    scale = 1.0 if known is None else known.noise_scale
     if press is None:
         press = press_law(USUAL_LAW, config)
         notes.append("no data: contact law of the paper's 5PK belt")
-    sources = _joined(stored, config, arcs, given.settings.arcs_deg, press.has_scatter)
+    stated = standard_uncertainties(config)
+    sources = sources_of_plan(known, stated, given.settings.arcs_deg, press.has_scatter)
     if known is None:
         notes.append("no data: mu from 0.7 to 1.5 with usual slopes over force and speed")
-    else:
-        k, factor = len(stored), known.factor
-        new = np.zeros((*factor.shape[:2], len(sources) - k))
-        changes = np.concatenate([factor[..., :k], new], axis=-1)
-        surface = MeasuredSurface(known.surface, changes, factor[..., k:])
-    now = all_sources(standard_uncertainties(config), len(arcs), press.has_scatter)
-    sizes = {(source.error, source.place): source.size for source in now}
-    other = [one.name for one in stored if sizes.get((one.error, one.place), one.size) != one.size]
-    if other:
+    elif other := known.stated_otherwise(stated, press.has_scatter):
         notes.append(
-            f"stated otherwise when the surface was made: {', '.join(dict.fromkeys(other))}; what "
-            "was stated then is taken"
+            f"stated otherwise when the surface was made: {', '.join(other)}; what was stated then "
+            "is taken"
         )
+    scale = 1.0 if known is None else known.noise_scale
     noise, columns = NoiseLaw(scale=scale), {}
     if friction is not None:
         status = friction.get("status", np.full(len(friction["mu_sliding"]), "ok", dtype=object))
@@ -433,73 +403,9 @@ def _present(given: Given, config: Config) -> Present:
             f"noise of a run: {100.0 * noise.friction:g} % of mu and {noise.tension:g} N of the "
             "tensions; --from friction.parquet takes that of its runs"
         )
+    surface = None if known is None else known.measured(len(sources))
+    arcs = () if known is None else known.arcs_deg
     return Present(surface, arcs, sources, press, noise, columns, tuple(notes))
-
-
-def _joined(
-    stored: tuple[Source, ...],
-    config: Config,
-    arcs_deg: tuple[float, ...],
-    wanted: tuple[float, ...],
-    law_scatter: bool,
-) -> tuple[Source, ...]:
-    """The shared errors of a surface, then those that its candidates have beside them."""
-    arcs = list(arcs_deg)
-    arcs += [arc for arc in wanted if not np.isclose(arc, arcs, rtol=1e-3).any()]
-    size = next((s.size for s in stored if s.error == ARC), USUAL_ARCS)
-    every = (
-        *all_sources(standard_uncertainties(config), len(arcs), law_scatter),
-        *effect_sources(ARC, size, len(arcs)),
-    )
-    known = {(source.error, source.place) for source in stored}
-    return (*stored, *(s for s in every if (s.error, s.place) not in known))
-
-
-def rig_settings(
-    config: Config, friction: Mapping[str, np.ndarray] | None
-) -> tuple[Settings, tuple[str, ...]]:
-    """What the rig can be set to, and a note where nobody said it.
-
-    Each list is that of the section plan, else that stated under rig, else what runs were made at,
-    else the built-in one.
-    """
-    plan = config.plan
-    measured = None
-    if friction is not None and all(name in friction for name in KEYS):
-        measured = measured_settings(friction)
-    stated = plan.arcs_deg, plan.tension_N, plan.speed_rad_s
-    others = [_thinned(values) for values in setting_lists(config, measured)]
-    unsaid = [
-        f"{key}: {', '.join(f'{value:g}' for value in values)}"
-        for (key, _), of_plan, values in zip(KEYS.values(), stated, others, strict=True)
-        if not of_plan and measured is None and key not in config.rig.model_fields_set
-    ]
-    notes = (f"nobody stated what the rig can be set to, assumed: {'; '.join(unsaid)}",)
-    arcs, tensions, speeds = (
-        tuple(of_plan or values) for of_plan, values in zip(stated, others, strict=True)
-    )
-    return Settings(arcs, tensions, speeds), notes if unsaid else ()
-
-
-def _thinned(values: Sequence[float]) -> list[float]:
-    """A few of many settings, the ends among them: where each run has a value of its own."""
-    ordered = sorted(values)
-    at = np.linspace(0, len(ordered) - 1, min(len(ordered), MOST_SETTINGS)).round().astype(int)
-    return [ordered[k] for k in at]
-
-
-def _at_rest(settings: Settings, config: Config) -> Settings:
-    """The settings of a running rig as those of a belt at rest; of another rig they themselves."""
-    if config.rig.kind != "running":
-        return settings
-    runs = [PlannedRun("of the plan", arc, T_0, omega) for arc, T_0, omega in settings.combined()]
-    as_resting(config, runs)  # refuses what no belt can run with
-    with_belt = belt_speed(config) / config.rig.pulley_radius_m
-    return Settings(
-        settings.arcs_deg,
-        tuple(T_0 - momentum_N(config) for T_0 in settings.tensions),
-        tuple(abs(omega - with_belt) for omega in settings.omegas),
-    )
 
 
 def _bench(config: Config, law: NormalLaw) -> Bench:

@@ -23,13 +23,12 @@ from beltid.stages.identification.reduction import rig_kind
 from beltid.stages.reporter import Reporter
 from beltid.stages.uncertainties import SECTION, standard_uncertainties
 from beltid.stages.workers import Workers
-from beltid.uncertainty.campaign import Campaign
-from beltid.uncertainty.measured import measured_runs, own_errors
+from beltid.uncertainty.budget import SurfaceUncertainty
+from beltid.uncertainty.measured import Campaign, measured_runs, own_errors
 from beltid.uncertainty.monte_carlo import Nominal, Replicates, gathered, replicates
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import Refined, changes_and_scatter
 from beltid.uncertainty.sources import Source, all_sources, reduction_sources
-from beltid.uncertainty.surface import SurfaceUncertainty
 
 KEYS: Final = (
     "belt.axial_stiffness_N",
