@@ -57,6 +57,7 @@ from beltid.stages.simulation.hold_out import (
     beyond_range,
     knows_arcs,
     predictions,
+    with_tensions,
 )
 from beltid.stages.simulation.refinement import KEYS as REFINED_BY
 from beltid.stages.tables import law_of, table_columns
@@ -231,6 +232,7 @@ def _held_out(
     by: HoldOut,
     workers: Workers,
 ) -> Outcome[AgreementResult]:
+    columns = with_tensions(columns)
     found = predictions(columns, press, config, by, workers)
     rows = np.concatenate([one.fold.left_out for one in found])
     measured = {name: values[rows] for name, values in columns.items()}
