@@ -353,6 +353,7 @@ class UncertaintySection(Section):
     cell_offset_N: Annotated[float, Number(0, 1e3, "N")] = 0.05
     torque_gain_rel: Share = 0.005
     bearing_drag_N_m: Annotated[float, Number(0, 1e3, "N m")] = 0.01
+    mass_per_length_rel: Share = 0.02
     arc_deg: Annotated[float, Number(0, 20, "°")] = 0.1
     arc_setting_deg: Annotated[float, Number(0, 20, "°")] = 0.2
     pulley_radius_rel: Share = 0.002

@@ -115,6 +115,7 @@ MEANINGS: Final = {
     "uncertainty.cell_offset_N": "zero of each load cell",
     "uncertainty.torque_gain_rel": "torque of the friction rig",
     "uncertainty.bearing_drag_N_m": "drag and zero that are left in that torque",
+    "uncertainty.mass_per_length_rel": "running: mass of the belt per length, as a share",
     "uncertainty.arc_deg": "contact arc, the same in all runs",
     "uncertainty.arc_setting_deg": "contact arc, anew with each arc",
     "uncertainty.pulley_radius_rel": "radius of the belt's centreline",

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from beltid.plan.design import Knowledge, RunRows, choose_runs
+from beltid.plan.design import Knowledge, Need, RunRows, choose_runs, needed_for
 from beltid.plan.target import Target
 from beltid.uncertainty.sources import FITTED, Source
 
@@ -65,7 +65,10 @@ class Plan:
     chosen : tuple of int
         Numbers of the candidates, one as often as it is repeated; empty where the plan is to stop.
     gains : tuple of float
-        Of each of these: rise of the uncertainty if it were left out, as a share.
+        Of each of these: rise of the uncertainty if it were left out, as a share; below zero only
+        where the run is needed.
+    needed : dict of int to str
+        Number of a candidate that the plan has to have -> what for: its arc, its repetition.
     before, after : float
         Root of the mean variance of ln mu over the target [-].
     before_at, after_at : ndarray, shape (q,)
@@ -82,6 +85,7 @@ class Plan:
 
     chosen: tuple[int, ...]
     gains: tuple[float, ...]
+    needed: dict[int, Need]
     before: float
     after: float
     before_at: np.ndarray
@@ -131,6 +135,7 @@ def choose_plan(
         stop = "goal reached"
     else:
         chosen = choose_runs(before, runs, W, count)
+        chosen = _without_harm(before, runs, W, chosen, count)
         reached = before.after(runs, chosen).variance(W)
         if reached <= goal**2:
             chosen = _fewest(before, runs, W, chosen, goal**2)
@@ -143,13 +148,11 @@ def choose_plan(
     if stop == "runs do not help" and shared > MOSTLY * then:
         stop = "shared errors remain"
     variances = target.variances(before), target.variances(after)
-    without = {
-        i: before.after(runs, [j for k, j in enumerate(chosen) if k != chosen.index(i)]).variance(W)
-        for i in set(chosen)
-    }
+    without = _without_each(before, runs, W, chosen)
     return Plan(
         chosen=tuple(chosen),
         gains=tuple(float(np.sqrt(without[i] / then)) - 1.0 for i in chosen),
+        needed=needed_for(runs, chosen, len(chosen)),
         before=float(np.sqrt(now)),
         after=float(np.sqrt(then)),
         before_at=np.sqrt(variances[0]),
@@ -159,6 +162,37 @@ def choose_plan(
         statements=_statements(after, W, sources),
         stop=stop,
     )
+
+
+def _without_each(
+    before: Knowledge, runs: RunRows, W: np.ndarray, chosen: list[int]
+) -> dict[int, float]:
+    """Variance if one of the chosen runs were left out, by its number."""
+    found = {}
+    for i in sorted(set(chosen)):
+        others = list(chosen)
+        others.remove(i)
+        found[i] = before.after(runs, others).variance(W)
+    return found
+
+
+def _without_harm(
+    before: Knowledge, runs: RunRows, W: np.ndarray, chosen: list[int], count: int
+) -> list[int]:
+    """A choice less the runs that make the surface worse by what they share with the others.
+
+    Those that a plan has to have stay.
+    """
+    chosen = list(chosen)
+    while chosen:
+        needed = needed_for(runs, chosen, count)
+        without = _without_each(before, runs, W, chosen)
+        free = {i: variance for i, variance in without.items() if i not in needed}
+        worst = min(free, key=free.__getitem__, default=None)
+        if worst is None or free[worst] >= before.after(runs, chosen).variance(W):
+            break
+        chosen.remove(worst)
+    return chosen
 
 
 def _is_worth(before: Knowledge, runs: RunRows, W: np.ndarray, reached: float) -> bool:

@@ -40,8 +40,7 @@ from beltid.refine.rig_runs import (
     sweep_with_slopes,
 )
 from beltid.rigsim.model import Bench
-from beltid.uncertainty.campaign import Campaign
-from beltid.uncertainty.measured import Measured
+from beltid.uncertainty.measured import Campaign, Measured
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import MESH, changes_of_residuals, simulated_slopes
 from beltid.uncertainty.sources import Source
@@ -118,12 +117,13 @@ class Settings:
     tensions: tuple[float, ...]
     omegas: tuple[float, ...]
 
+    def combined(self) -> list[tuple[float, float, float]]:
+        """Arc [deg], tension, speed of every combination, the speed running fastest."""
+        return list(itertools.product(self.arcs_deg, self.tensions, self.omegas))
+
     def points(self) -> list[OperatingPoint]:
-        """Every combination, the speed running fastest."""
-        return [
-            OperatingPoint(math.radians(arc), T_0, omega)
-            for arc, T_0, omega in itertools.product(self.arcs_deg, self.tensions, self.omegas)
-        ]
+        """The same for the science."""
+        return [OperatingPoint(math.radians(arc), T_0, w) for arc, T_0, w in self.combined()]
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,6 +242,7 @@ def simulate_candidates(
         mu_se=np.zeros(mu.size),
         kind=kind,
         given_force=bench.rig.given_force,
+        momentum=kind.momentum_N(kind.belt_speed_m_s) if kind.running else 0.0,
     )
     campaign = Campaign(simulated, bench, press)
     slopes = simulated_slopes(campaign, surfaces, speeds, sweep.speed_slope)

@@ -26,6 +26,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,8 @@ Array = NDArray[np.float64]
 TIE = 1.0e-9  # relative difference of two variances that is rounding: the first candidate is taken
 ARCS = 3  # that a plan has at least, where the rig has as many and the plan at least twice as many
 FEWEST_WITH_REPEAT = 3  # runs of a plan from which on one is repeated
+
+Need = Literal["arc", "repetition"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,8 +163,27 @@ def _lacking(runs: RunRows, chosen: list[int], count: int) -> NDArray[np.intp]:
     """Runs (n,) that a choice with each candidate added still needs, for arcs and repetition."""
     mine = np.unique(runs.arc[chosen])
     arcs = mine.size + ~np.isin(runs.arc, mine)
-    wanted = min(max(2, min(ARCS, count // 2)), count, np.unique(runs.arc).size)
     repeated = np.isin(np.arange(runs.arc.size), chosen)
     if count < FEWEST_WITH_REPEAT or len(set(chosen)) < len(chosen):
         repeated[:] = True
-    return np.asarray(np.maximum(wanted - arcs, 0) + ~repeated, dtype=np.intp)
+    return np.asarray(np.maximum(_arcs_wanted(runs, count) - arcs, 0) + ~repeated, dtype=np.intp)
+
+
+def _arcs_wanted(runs: RunRows, count: int) -> int:
+    return min(max(2, min(ARCS, count // 2)), count, np.unique(runs.arc).size)
+
+
+def needed_for(runs: RunRows, chosen: Sequence[int], count: int) -> dict[int, Need]:
+    """What a choice for a plan of `count` runs would lack without a run, by the run's number.
+
+    A run that the plan could do without is not in it.
+    """
+    found: dict[int, Need] = {}
+    for i in set(chosen):
+        others = list(chosen)
+        others.remove(i)
+        if np.unique(runs.arc[others]).size < _arcs_wanted(runs, count):
+            found[i] = "arc"
+        elif count >= FEWEST_WITH_REPEAT and len(set(others)) == len(others):
+            found[i] = "repetition"
+    return found

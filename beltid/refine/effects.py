@@ -32,7 +32,7 @@ TEMPERATURE = "temperature_effect"
 STATED = "stated"
 # centre and width of ln of the standard deviation of ln mu before the data
 BEFORE = {
-    ARC: (float(np.log(3.0e-3)), 2.0),
+    ARC: (float(np.log(3.0e-3)), 1.5),
     ORDER: (float(np.log(1.0e-2)), 1.5),
     COURSE: (float(np.log(3.0e-3)), 1.5),
     TEMPERATURE: (float(np.log(1.0e-2)), 1.0),

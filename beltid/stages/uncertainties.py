@@ -24,6 +24,7 @@ KEYS: Final[dict[str, tuple[str, float]]] = {
     "cell_offset_N": ("cell_offset", 1.0),
     "torque_gain_rel": ("torque_gain", 1.0),
     "bearing_drag_N_m": ("bearing_drag", 1.0),
+    "mass_per_length_rel": ("mass_per_length", 1.0),
     "arc_deg": ("arc", math.pi / 180.0),
     "arc_setting_deg": ("arc_setting", math.pi / 180.0),
     "pulley_radius_rel": ("pulley_radius", 1.0),
@@ -46,10 +47,13 @@ KEYS: Final[dict[str, tuple[str, float]]] = {
 def standard_uncertainties(config: Config) -> StandardUncertainties:
     """Standard uncertainties of a config in SI, with those that were stated named.
 
-    Those of a torque are zero on a rig that measures none.
+    Those of a torque are zero on a rig that measures none, that of the belt's mass on one whose
+    belt does not run.
     """
     section = config.uncertainty
     values = {name: getattr(section, key) * unit for key, (name, unit) in KEYS.items()}
+    if config.rig.kind != "running":
+        values["mass_per_length"] = 0.0
     if config.rig.measures not in TORQUE_KINDS:
         values |= dict.fromkeys(("torque_gain", "bearing_drag"), 0.0)
     stated = frozenset(KEYS[key][0] for key in section.model_fields_set)

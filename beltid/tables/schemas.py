@@ -75,6 +75,19 @@ _CONDITIONS = (
 )
 CONDITIONS: Final = tuple(column.name for column in _CONDITIONS)
 """Columns that tell under which conditions a run was made."""
+_TENSIONS_FROM = (
+    nonnegative("momentum_N", "N", "part of the tensions that turned a running belt, taken off"),
+    Column(
+        "torque_with",
+        "string",
+        "",
+        "span whose tension was measured beside a torque",
+        True,
+        choices=("tight", "slack"),
+    ),
+)
+WHERE_KNOWN: Final = (*CONDITIONS, *(column.name for column in _TENSIONS_FROM))
+"""Columns of the friction table that only some rigs and recordings have."""
 SAID_OF_RUNS: Final = (_IDLE.name, *CONDITIONS)
 """Columns of a recording that are not filled in where nobody states them."""
 
@@ -229,6 +242,7 @@ _FRICTION = Table(
                     ("shared_cells", "zero points and gains of the cells at rest"),
                 )
             ),
+            *_TENSIONS_FROM,
             real("start_time_s", "s", "start of the rotation"),
             real("peak_time_s", "s", "time of the sticking peak"),
             real("plateau_start_s", "s", "start of the sliding plateau"),

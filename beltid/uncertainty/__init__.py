@@ -6,18 +6,18 @@ Module               Responsibility                                        Equat
 ``sources``          what is not known exactly, how large, and which
                      results it touches together
 ``press_law``        errors of the press in the contact law                (3)
-``measured``         reduced runs of a rig, with errors put right          (5) to (8)
-``campaign``         the same with the bench they are simulated on
+``measured``         reduced runs of a rig and their bench, with errors    (5) to (8)
+                     put right
 ``reduced``          uncertainties of runs of the rig and of press laws    JCGM 100 (10)
 ``published``        sensitivities of the published surface
-``refined``          sensitivities of the refined surface                  implicit derivative
-``campaign_effects`` what the runs show beside the surface
+``refined``          sensitivities of the refined surface, and what the    implicit derivative
+                     runs show beside it
 ``bending``          bending stiffness that the runs ask for
-``surface``          covariance of a surface by its causes
 ``simulated``        uncertainty of simulated runs, alone and against
                      measured ones
 ``drive``            what the inputs of a drive leave open
-``budget``           contributions named, compared and combined            JCGM 100 (10), (G.2b)
+``budget``           contributions named, compared and combined; those     JCGM 100 (10), (G.2b)
+                     to the covariance of a surface
 ``monte_carlo``      the chain again with drawn errors, and where linear   JCGM 101
                      is not good enough
 ``agreement``        simulated less measured in units of its uncertainty   ASME V&V 20

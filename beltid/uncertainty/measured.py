@@ -1,4 +1,4 @@
-"""Reduced runs of a friction rig from the columns of their table, and with errors corrected."""
+"""Reduced runs of a friction rig and the bench they are simulated on, with errors put right."""
 
 from __future__ import annotations
 
@@ -10,15 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
-from beltid.identify.friction.kinds import SPANS, TWO_CELLS, RigKind
+from beltid.identify.friction.kinds import TWO_CELLS, RigKind
 from beltid.laws.capstan import (
     mean_normal_force,
     sliding_speed,
     tensions_by_hub_force,
     tensions_by_torque,
 )
-from beltid.params import GivenForce
+from beltid.params import GivenForce, OperatingPoint
 from beltid.refine.effects import Effect
+from beltid.refine.rig_runs import MeasuredRun
+from beltid.rigsim.model import Bench
+from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.sources import REDUCTION_SOURCES, Errors
 
 Array = NDArray[np.float64]
@@ -60,6 +63,12 @@ class Measured:
         What the rig measures: which errors the tensions can have.
     given_force : {"none", "tight", "slack", "hub"}
         Force that stays while the pulley turns, see :class:`beltid.params.Rig`.
+    momentum : ndarray or float
+        Part of the tensions as they were measured that turned a running belt [N]; it is taken off
+        all tensions here.
+    beside_torque : ndarray of bool, optional
+        Whether it is the tight tension that was measured beside a torque; by default as the kind
+        says.
     """
 
     R: float
@@ -77,6 +86,8 @@ class Measured:
     largest_tension: float | None = None
     kind: RigKind = TWO_CELLS
     given_force: GivenForce = "none"
+    momentum: Array | float = 0.0
+    beside_torque: NDArray[np.bool_] | None = None
 
     @property
     def arcs_deg(self) -> Array:
@@ -165,24 +176,34 @@ class Measured:
             tight, slack = tensions_by_hub_force(M, hub, beta, R)
             T_0 = self._cell(errors, 0, self.T_0)
         elif kind.measures == "torque":
-            tensions, cell = (self.tight, self.slack), SPANS.index(kind.torque_with)
-            known = {f"T_{kind.torque_with}": self._cell(errors, cell, tensions[cell])}
-            tight, slack = tensions_by_torque(M, R, **known)
-            T_0 = self._cell(errors, cell, self.T_0)
+            of_tight = self.beside_torque
+            if of_tight is None:
+                of_tight = np.full(self.mu.size, kind.torque_with == "tight")
+            by_tight = tensions_by_torque(M, R, T_tight=self._cell(errors, 0, self.tight))
+            by_slack = tensions_by_torque(M, R, T_slack=self._cell(errors, 1, self.slack))
+            tight, slack = np.where(of_tight, by_tight, by_slack)
+            T_0 = np.where(of_tight, *(self._cell(errors, cell, self.T_0) for cell in (0, 1)))
         else:
             tight, slack = self._cell(errors, 0, self.tight), self._cell(errors, 1, self.slack)
             T_0 = 0.5 * (self._cell(errors, 0, self.T_0) + self._cell(errors, 1, self.T_0))
             if kind.weight is not None:
-                T_0 = self.T_0
+                turning = self.momentum * errors.at("mass_per_length")
+                T_0 = self.T_0 - turning
                 tight, slack = (
-                    (self.tight, slack) if kind.weight == "tight" else (tight, self.slack)
+                    (self.tight - turning, slack)
+                    if kind.weight == "tight"
+                    else (tight, self.slack - turning)
                 )
         return tight, slack, tension_given(self.given_force, tight, slack, T_0)
 
     def _cell(self, errors: Errors, cell: int, tension: Array) -> Array:
-        """Readings of a cell put right [N]; cell 0 is the tight one."""
-        zero = errors.at("cell_offset", cell)
-        return np.asarray(tension * (1.0 + self._gain(errors, cell, tension)) + zero)
+        """Tensions by a cell that is put right [N]; cell 0 is the tight one.
+
+        The cell reads what turns a running belt, too; that is taken off by the belt's mass.
+        """
+        zero, reading = errors.at("cell_offset", cell), tension + self.momentum
+        turning = self.momentum * errors.at("mass_per_length")
+        return np.asarray(tension + reading * self._gain(errors, cell, reading) + zero - turning)
 
     def _gain(self, errors: Errors, cell: int, tension: Array) -> Array:
         """Error of the gain of a cell at some tensions, as a share."""
@@ -244,6 +265,7 @@ def measured_runs(
     tight = slack * np.exp(log_ratio)
     T_0 = np.sqrt(tight * slack) if initial is None else np.asarray(initial, dtype=float)[rows]
     T_0 = np.where(np.isfinite(T_0), T_0, np.sqrt(tight * slack))
+    turning, beside = columns.get("momentum_N"), columns.get("torque_with")
     return Measured(
         R=R,
         arc=arc_settings(arc_deg),
@@ -259,6 +281,8 @@ def measured_runs(
         temperature_degC=None if warm is None else np.asarray(warm, dtype=float)[rows],
         kind=kind,
         given_force=given_force,
+        momentum=0.0 if turning is None else np.nan_to_num(np.asarray(turning, dtype=float)[rows]),
+        beside_torque=None if beside is None else np.asarray(beside == "tight")[rows],
     )
 
 
@@ -297,3 +321,58 @@ def valid_rows(columns: Mapping[str, Any], rows: np.ndarray) -> np.ndarray:
         values = np.abs(values) if name == "slip_speed_m_s" else values
         good &= np.isfinite(values) & (values > 0.0)
     return np.asarray(rows[good])
+
+
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """Measured runs and the bench on which they are simulated.
+
+    Attributes
+    ----------
+    measured : Measured
+        The runs.
+    bench : Bench
+        Belt, rig, and the surface that the inverse solution starts from.
+    press : PressLaw
+        The contact law and its making.
+    """
+
+    measured: Measured
+    bench: Bench
+    press: PressLaw
+
+    @property
+    def runs(self) -> list[MeasuredRun]:
+        """The runs as the inverse solution takes them."""
+        of = self.measured
+        points = zip(of.beta, of.T_0, of.omega, strict=True)
+        order = range(of.mu.size) if of.order is None else of.order
+        warm = np.full(of.mu.size, np.nan) if of.temperature_degC is None else of.temperature_degC
+        rows = zip(points, of.mu, of.mu_se, of.arc, order, warm, strict=True)
+        return [
+            MeasuredRun(
+                point=OperatingPoint(*map(float, point)),
+                mu=float(mu),
+                mu_se=float(mu_se),
+                arc=int(arc),
+                order=int(order),
+                temperature_degC=float(temperature),
+            )
+            for point, mu, mu_se, arc, order, temperature in rows
+        ]
+
+    def corrected(self, errors: Errors) -> Self:
+        """Runs and bench with errors put right."""
+        belt, rig = self.bench.belt, self.bench.rig
+        measured = self.measured.corrected(errors)
+        bench = replace(
+            self.bench,
+            belt=replace(
+                belt,
+                EA=belt.EA * (1.0 + errors.at("axial_stiffness")),
+                EI=belt.EI * (1.0 + errors.at("bending_stiffness")),
+            ),
+            rig=replace(rig, R=measured.R, span=rig.span + errors.at("span_length")),
+            law=self.press.corrected(errors),
+        )
+        return replace(self, measured=measured, bench=bench)

@@ -49,6 +49,8 @@ class StandardUncertainties:
         Gain of the torque of the friction rig, as a share.
     bearing_drag : float
         Drag of its bearings, and zero of its sensor, that are left in that torque [N m].
+    mass_per_length : float
+        Mass per length of a running belt, as a share: m v² is taken off its tensions.
     arc : float
         Contact arc, common to all settings [rad].
     arc_setting : float
@@ -85,6 +87,7 @@ class StandardUncertainties:
     cell_offset: float = 0.0
     torque_gain: float = 0.0
     bearing_drag: float = 0.0
+    mass_per_length: float = 0.0
     arc: float = 0.0
     arc_setting: float = 0.0
     pulley_radius: float = 0.0
@@ -191,6 +194,7 @@ RIG_SOURCES: tuple[tuple[str, str, tuple[str, float], int], ...] = (
     ("cell_offset", "zero point of each load cell", ("N", 1.0), 2),
     ("torque_gain", "gain of the torque", PERCENT, 1),
     ("bearing_drag", "drag of the bearings in the torque", ("N m", 1.0), 1),
+    ("mass_per_length", "mass per length of the belt", PERCENT, 1),
     ("arc", "contact arc, all settings together", DEGREE, 1),
     ("arc_setting", "contact arc, each setting", DEGREE, 0),
     ("pulley_radius", "radius of the belt's centreline", PERCENT, 1),
@@ -230,7 +234,13 @@ EFFECT_SOURCES = {
     TEMPERATURE: "temperature of the runs",
 }
 """Key and words of what shifts the friction beside the surface."""
-NOT_OF_SHEAR = ("cell_linearity", "cell_offset", "torque_gain", "bearing_drag")
+NOT_OF_SHEAR = (
+    "cell_linearity",
+    "cell_offset",
+    "torque_gain",
+    "bearing_drag",
+    "mass_per_length",
+)
 SHEAR_SOURCES = (
     ("axial_stiffness", "axial stiffness of the belt", PERCENT, 1),
     *((*row[:3], 1) for row in RIG_SOURCES if row[0] not in NOT_OF_SHEAR),

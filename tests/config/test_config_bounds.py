@@ -80,7 +80,8 @@ def with_temperature(config: Config) -> Any:
 
 
 def with_torque(c: Config) -> Config:
-    return c.model_copy(update={"rig": c.rig.model_copy(update={"kind": "torque"})})
+    kind = {"kind": "running", "running_measures": "torque"}
+    return c.model_copy(update={"rig": c.rig.model_copy(update=kind)})
 
 
 SCIENCE: dict[str, tuple[Callable[[Config], Any], ...]] = {
@@ -96,10 +97,10 @@ SCIENCE: dict[str, tuple[Callable[[Config], Any], ...]] = {
     "drive": (with_drive,),
     "compare_drive": (lambda c: c.compare_drive,),  # both numbers are compared with as they are
     "plan": (
-        lambda c: rig_settings(c).points(),
+        lambda c: rig_settings(c, None)[0].points(),
         lambda c: (c.plan.minutes_per_run, c.plan.minutes_per_arc_change),
     ),
-    # of a rig that measures a torque: others have no errors of one
+    # of a running rig that measures a torque: others have no errors of one, nor of m v²
     "uncertainty": (lambda c: replace(standard_uncertainties(with_torque(c)), stated=frozenset()),),
 }
 

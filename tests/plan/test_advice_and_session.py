@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from beltid.plan.advice import choose_plan
-from beltid.plan.design import Knowledge, RunRows
+from beltid.plan.design import Knowledge, RunRows, needed_for
 from beltid.plan.session import schedule
 from beltid.plan.target import Target, surface_target
 from beltid.refine.curves import Curves
@@ -78,6 +78,36 @@ def test_stop_where_runs_are_too_noisy_to_help():
     noisy = level_runs(30.0, (0.0, 0.0, 0.0))
     plan = choose_plan(known_by(quiet, 20), noisy, TARGET, SOURCES, 12, goal=0.001)
     assert plan.stop == "runs do not help"
+
+
+def test_a_run_that_the_plan_has_to_have_is_named_where_it_gains_nothing():
+    # the second arc has a large error of its own: one run there is all that is taken
+    runs = level_runs(1.0, (0.0, 0.0, 0.0))
+    runs = RunRows(runs.J, np.array([[0.0], [0.0], [5.0], [5.0]]), runs.variance, runs.arc)
+    before = Knowledge(np.array([[0.25]]), np.zeros((1, 1)))
+    plan = choose_plan(before, runs, TARGET, (ARC,), 6, goal=0.0)
+    # four runs before, then six: 1/10 + (5/10)²; without that run 1/9
+    (second,) = [i for i in plan.chosen if runs.arc[i] == 1]
+    assert plan.needed == {second: "arc"}
+    gains = dict(zip(plan.chosen, plan.gains, strict=True))
+    assert gains.pop(second) == pytest.approx(math.sqrt((1 / 9) / 0.35) - 1.0, rel=1e-6)
+    assert min(gains.values()) > 0.0
+
+
+def test_the_only_repetition_is_needed():
+    runs = RunRows(np.eye(3)[[0, 1]], np.zeros((2, 0)), np.ones(2), np.array([0, 1]))
+    assert needed_for(runs, [0, 0, 1], 3) == {0: "repetition", 1: "arc"}
+    assert needed_for(runs, [0, 0, 0, 1, 1], 5) == {}
+
+
+def test_runs_that_make_it_worse_by_what_they_share_are_left_out():
+    # unit variance before; n runs of unit noise with a shared error of one weigh n/(n + 1):
+    # 1/(n + 1) + (n/(n + 1))² is least for one run
+    runs = RunRows(np.ones((2, 1)), np.ones((2, 1)), np.ones(2), np.zeros(2, dtype=np.intp))
+    before = Knowledge(np.ones((1, 1)), np.zeros((1, 1)))
+    plan = choose_plan(before, runs, TARGET, (ARC,), 2, goal=0.0)
+    assert len(plan.chosen) == 1
+    assert plan.after == pytest.approx(math.sqrt(0.75), rel=1e-12)
 
 
 def test_the_surface_target_is_uniform_in_the_logarithms():

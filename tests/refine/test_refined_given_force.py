@@ -9,14 +9,16 @@ import numpy as np
 import pytest
 from test_inverse import SPEEDS, R, bench_and_runs, errors, true_mu
 
+import beltid
+from beltid.errors import InputError
 from beltid.identify.surface.surface import build_surface
 from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, GivenForce, OperatingPoint, Rig
 from beltid.refine.inverse import refine_surface
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import SimulationSettings, simulate
-from beltid.uncertainty.campaign import Campaign
-from beltid.uncertainty.measured import measured_runs
+from beltid.uncertainty.measured import Campaign, measured_runs
 from beltid.uncertainty.press_law import PressLaw
 
 
@@ -74,31 +76,100 @@ def simulated_runs(bench: Bench, T_rest: tuple[float, ...]) -> np.ndarray:
     return np.array(rows)
 
 
+GRID_F, GRID_V = np.geomspace(20.0, 6e4, 80), np.array([0.005, 0.021])
+T_REST = (70.0, 130.0, 200.0, 300.0)
+
+
+def virtual_bench(given: GivenForce) -> Bench:
+    """A bench of the 5PK belt with the surface of the truth, and some force given."""
+    bench, _, _ = bench_and_runs("5pk")
+    truth = np.array([true_mu("5pk", GRID_F, v) for v in GRID_V]).T
+    return replace(
+        bench,
+        belt=Belt(1.0e5, 0.02, 0.10),
+        rig=Rig(R, 0.10, given_force=given),
+        contact=Contact(),
+        surface=FrictionSurface(GRID_F, GRID_V, truth),
+    )
+
+
+def rms_error(surface: FrictionSurface, force: np.ndarray) -> float:
+    """Error over the forces of some runs."""
+    force = np.geomspace(force.min(), force.max(), 40)
+    off = [surface.mu(force, v) / true_mu("5pk", force, v) - 1 for v in GRID_V]
+    return float(np.sqrt(np.mean(np.square(off))))
+
+
 @pytest.mark.parametrize(
     ("given", "wrong"), [("tight", 0.035), ("slack", 0.03), ("hub", 0.01), ("none", 0.0)]
 )
 def test_only_the_right_boundary_recovers_the_surface(given: GivenForce, wrong: float) -> None:
     """Runs simulated with a weight or a hub force; then refined with it, and as if held."""
-    bench, _, _ = bench_and_runs("5pk")
-    grid_f, grid_v = np.geomspace(20.0, 6e4, 80), np.array([0.005, 0.021])
-    truth = np.array([true_mu("5pk", grid_f, v) for v in grid_v]).T
-    bench = replace(
-        bench,
-        belt=Belt(1.0e5, 0.02, 0.10),
-        rig=Rig(R, 0.10, given_force=given),
-        contact=Contact(),
-        surface=FrictionSurface(grid_f, grid_v, truth),
-    )
-    rows = simulated_runs(bench, (70.0, 130.0, 200.0, 300.0))
+    bench = virtual_bench(given)
+    rows = simulated_runs(bench, T_REST)
 
     def error(with_force: GivenForce) -> float:
         other = replace(bench, rig=replace(bench.rig, given_force=with_force))
         of = campaign(other, rows)
-        surface = refine_surface(of.bench, of.runs, grid_v).surface
-        force = np.geomspace(of.measured.normal_force.min(), of.measured.normal_force.max(), 40)
-        off = [surface.mu(force, v) / true_mu("5pk", force, v) - 1 for v in grid_v]
-        return float(np.sqrt(np.mean(np.square(off))))
+        surface = refine_surface(of.bench, of.runs, GRID_V).surface
+        return rms_error(surface, of.measured.normal_force)
 
     assert error(given) < 0.002
     if given != "none":
         assert error("none") > wrong
+
+
+@pytest.mark.parametrize(("kind", "given"), [("torque_hub", "hub"), ("two_cells", "none")])
+def test_a_table_without_tensions_at_rest_gives_the_surface(kind: str, given: GivenForce) -> None:
+    arc_deg, _, v, tight, slack = simulated_runs(virtual_bench(given), T_REST).T
+    beta = np.radians(arc_deg)
+    channels = {
+        "torque_hub": {
+            "torque_N_m": (tight - slack) * R,
+            "hub_force_N": np.sqrt(tight**2 + slack**2 - 2.0 * tight * slack * np.cos(beta)),
+        },
+        "two_cells": {"tension_tight_N": tight, "tension_slack_N": slack},
+    }[kind]
+    table = {
+        "run": np.array([f"P{k}" for k in range(v.size)], dtype=object),
+        "arc_deg": arc_deg,
+        "pulley_speed_rad_s": v / R,
+        "mu_se": np.full(v.size, 1e-4),
+        **channels,
+    }
+    belt = {"axial_stiffness_N": 1.0e5, "bending_stiffness_N_m2": 0.02}
+    rig = {"kind": kind, "pulley_radius_m": R, "span_length_m": 0.10}
+    config = {"belt": belt, "rig": rig}
+    friction = beltid.fit_friction(table, config, table=True)
+    found = beltid.refine_surface(friction, NormalLaw(6.5e7, 3.0256e11), config)
+    assert rms_error(found.result.surface, friction.columns["normal_force_N_m"]) < 0.005
+
+
+def test_a_table_says_which_span_was_measured_beside_its_torque() -> None:
+    table = {
+        "run": np.array(["A", "B"], dtype=object),
+        "arc_deg": np.full(2, 60.0),
+        "pulley_speed_rad_s": np.full(2, 0.1),
+        "torque_N_m": np.array([3.0, 6.0]),
+        "tension_tight_N": np.array([120.0, 240.0]),
+    }
+    # stated is the slack span, as it is where nobody states it
+    friction = beltid.fit_friction(table, {"rig": {"kind": "torque"}}, table=True)
+    assert list(friction.columns["torque_with"]) == ["tight", "tight"]
+    del table["torque_N_m"]
+    table["tension_slack_N"] = np.array([60.0, 120.0])
+    assert "torque_with" not in beltid.fit_friction(table, table=True).columns
+
+
+def test_runs_that_cannot_be_used_say_why() -> None:
+    table = {
+        "run": np.array(["A", "B", "C", "D"], dtype=object),
+        "arc_deg": np.array([60.0, 60.0, 90.0, 90.0]),
+        "pulley_speed_rad_s": np.full(4, 0.1),
+        "tension_tight_N": np.array([120.0, 230.0, 180.0, 340.0]),
+        "tension_slack_N": np.array([60.0, 120.0, 60.0, 120.0]),
+        "initial_tension_N": np.array([80.0, np.nan, 100.0, np.nan]),
+    }
+    friction = beltid.fit_friction(table, table=True)
+    with pytest.raises(InputError, match=r"2 runs can be used.*initial_tension_N is not known"):
+        beltid.refine_surface(friction, NormalLaw(6.5e7, 3.0256e11))

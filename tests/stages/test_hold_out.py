@@ -13,7 +13,7 @@ from beltid.errors import InputError, TooFewSettings
 from beltid.identify.agreement.hold_out import folds
 from beltid.laws.penalty import NormalLaw
 from beltid.stages.simulation.compare import predict_held_out
-from beltid.stages.simulation.hold_out import predictions
+from beltid.stages.simulation.hold_out import predictions, with_tensions
 from beltid.stages.uncertainties import press_law
 from beltid.stages.workers import Workers
 
@@ -120,6 +120,15 @@ def test_settings_are_left_out_whole_and_only_speeds_with_neighbours() -> None:
         assert not np.any(columns["arc_deg"][fold.rest] == arc)
     names = [fold.name for fold in folds(columns, usable, "speed")]
     assert names == ["speed 0.1 rad/s", "speed 0.21 rad/s", "speed 0.42 rad/s"]
+
+
+def test_runs_without_a_stated_tension_are_matched_by_the_one_they_had() -> None:
+    columns = {
+        "nominal_tension_N": np.array([100.0, np.nan]),
+        "tension_tight_N": np.array([180.0, 260.0]),
+        "tension_slack_N": np.array([60.0, 140.0]),
+    }
+    np.testing.assert_allclose(with_tensions(columns)["nominal_tension_N"], [100.0, 200.0])
 
 
 def test_a_bench_that_cannot_do_without_a_setting_says_so() -> None:

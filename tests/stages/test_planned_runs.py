@@ -10,12 +10,15 @@ import pytest
 
 from beltid.config import load_config
 from beltid.errors import InputError
+from beltid.plan.candidates import Settings
 from beltid.stages.simulation.planned_runs import (
     Picked,
     PlannedRun,
+    at_rest,
     differing_settings,
     measured_settings,
     planned_runs,
+    rig_settings,
 )
 
 CONFIG = load_config(
@@ -144,3 +147,41 @@ def test_a_stated_arc_is_not_combined_with_thousands_of_settings() -> None:
         settings({"arcs_deg": [40, 120]}, table)
     assert "the config states 40, 120 °, measured are 40 °" in caught.value.problems[0]
     assert "28,800 combinations" in caught.value.problems[1]
+
+
+def test_a_plan_has_the_settings_of_the_runs_where_nobody_states_them() -> None:
+    of_runs = friction(list(product([50.0, 75.0], [45.0, 130.0, 260.0], [0.2, 0.7])))
+    settings, notes = rig_settings(OPEN, of_runs)
+    assert settings == Settings((50.0, 75.0), (45.0, 130.0, 260.0), (0.2, 0.7))
+    assert notes == ()
+    stated = load_config({"rig": {"arcs_deg": [50, 110]}, "plan": {"tension_N": [60, 600]}})
+    settings, notes = rig_settings(stated, of_runs)
+    assert settings == Settings((50.0, 110.0), (60.0, 600.0), (0.2, 0.7))
+    assert notes == ()
+    # without runs the built-in lists, and it is said
+    settings, (note,) = rig_settings(stated, None)
+    assert settings.omegas == OPEN.rig.pulley_speeds_rad_s
+    assert "pulley_speeds_rad_s: 0.05, 0.1, 0.21" in note
+    assert "arcs_deg" not in note
+    assert "tension" not in note
+
+
+def test_of_runs_that_each_have_a_tension_of_their_own_a_plan_takes_a_few() -> None:
+    tensions = np.geomspace(40.0, 400.0, 60)
+    of_runs = friction([(90.0, tension, 0.3) for tension in tensions])
+    settings, _ = rig_settings(OPEN, of_runs)
+    assert len(settings.tensions) == 12
+    assert (settings.tensions[0], settings.tensions[-1]) == (tensions[0], tensions[-1])
+
+
+def test_candidates_of_a_running_rig_are_simulated_at_rest() -> None:
+    config = load_config(
+        {
+            "belt": {"mass_per_length_kg_m": 0.1},
+            "rig": {"kind": "running", "belt_speed_m_s": 10.0, "pulley_radius_m": 0.05},
+        }
+    )
+    # m v² = 10 N; the pulley goes with the belt at 200 rad/s
+    rest = at_rest(Settings((60.0,), (50.0, 90.0), (198.0, 203.0)), config)
+    assert rest.tensions == pytest.approx((40.0, 80.0))
+    assert rest.omegas == pytest.approx((2.0, 3.0))

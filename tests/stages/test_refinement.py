@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from beltid.config import load_config
+from beltid.errors import InputError
 from beltid.laws.penalty import NormalLaw
 from beltid.stages.simulation.refinement import prepared_campaign
 from beltid.stages.uncertainties import press_law
@@ -29,3 +31,14 @@ def test_a_speed_of_two_runs_that_share_no_force_is_kept() -> None:
     np.testing.assert_allclose(speeds, [0.0025, 0.005, 0.0105])
     assert used.size == campaign.measured.mu.size == 10
     assert set_aside == []
+
+
+def test_runs_measured_beside_a_torque_are_not_taken_for_those_of_two_cells() -> None:
+    config = load_config({})
+    columns = {
+        "initial_tension_N": np.full(4, 100.0),
+        "torque_with": np.array(["tight"] * 4, dtype=object),
+    }
+    press = press_law(NormalLaw(6.5e7, 3.0256e11), config)
+    with pytest.raises(InputError, match=r"must be rig\.kind: torque"):
+        prepared_campaign(columns, press, config, "table")

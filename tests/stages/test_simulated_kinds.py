@@ -157,6 +157,8 @@ def test_a_running_rig_agrees_with_itself_and_gives_its_surface_back() -> None:
         assert omega[-1] == pytest.approx(run.pulley_speed_rad_s)
 
     friction = beltid.fit_friction(recording, config)
+    np.testing.assert_allclose(friction.columns["momentum_N"], momentum)
+    assert "mass per length of the belt" in {row["source"] for row in friction.extra["budget"]}
     compared = beltid.compare(friction, recording, config).result
     assert compared.share_compared == 1.0
     assert np.max(np.abs(compared.relative_difference)) < 1e-9

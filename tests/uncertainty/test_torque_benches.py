@@ -89,6 +89,38 @@ def test_the_uncertainty_of_a_torque_bench_is_that_of_drawn_errors(measures, spa
     assert {"gain of the torque", "drag of the bearings in the torque"} <= named
 
 
+def test_each_run_has_the_errors_of_the_span_that_was_measured_beside_its_torque():
+    given = StandardUncertainties(cell_gain=0.002, cell_offset=0.2, torque_gain=0.004)
+    spans = np.array(["slack", "tight"] * 3, dtype=object)
+    # the config says slack, as it does where nobody stated it
+    columns, _ = friction_uncertainty(
+        {**table(), "torque_with": spans}, given, R, RigKind("torque")
+    )
+    of_slack, of_tight = (drawn("torque", span, given) for span in ("slack", "tight"))
+    expected = np.where(spans == "tight", of_tight, of_slack)
+    np.testing.assert_allclose(columns["mu_sliding_u"] / MU, expected, rtol=0.03)
+    assert np.all(of_tight > 1.2 * of_slack)
+
+
+def test_the_mass_of_a_running_belt_is_an_error_of_both_tensions():
+    turning = 40.0 * np.ones(BETA.size)  # N, in all readings
+    given = StandardUncertainties(mass_per_length=0.05, cell_gain=0.004)
+    rng = np.random.default_rng(4)
+    gains, mass = rng.standard_normal((2, 2, DRAWS, 1))
+    shown = [
+        (tension + turning) * (1.0 + given.cell_gain * gain)
+        - turning * (1.0 + given.mass_per_length * mass[0])
+        for tension, gain in zip((TIGHT, SLACK), gains, strict=True)
+    ]
+    expected = np.std(np.log(np.log(shown[0] / shown[1]) / BETA), axis=0)
+    kind = RigKind("two_cells", running=True)
+    columns, rows = friction_uncertainty({**table(), "momentum_N": turning}, given, R, kind)
+    np.testing.assert_allclose(columns["mu_sliding_u"] / MU, expected, rtol=0.03)
+    assert "mass per length of the belt" in {row["source"] for row in rows}
+    at_rest, _ = friction_uncertainty(table(), given, R, RigKind("two_cells"))
+    assert np.all(at_rest["mu_sliding_u"] < columns["mu_sliding_u"])
+
+
 def test_a_torque_and_a_cell_that_are_wrong_alike_change_no_coefficient():
     # (T_s + M/R) / T_s: a factor on both cancels
     given = StandardUncertainties(tension_gain=0.01, torque_gain=0.01)
@@ -110,4 +142,7 @@ def test_a_bench_without_a_torque_has_no_error_of_one():
         given = standard_uncertainties(load_config({"rig": {"kind": kind}}))
         assert (given.torque_gain > 0.0) == (given.bearing_drag > 0.0) == has
     running = {"rig": {"kind": "running", "running_measures": "torque"}}
-    assert standard_uncertainties(load_config(running)).torque_gain > 0.0
+    of_running = standard_uncertainties(load_config(running))
+    assert of_running.torque_gain > 0.0
+    assert of_running.mass_per_length > 0.0
+    assert standard_uncertainties(load_config({})).mass_per_length == 0.0

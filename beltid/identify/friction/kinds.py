@@ -19,7 +19,7 @@ of the cells at rest is only what is left of it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -238,6 +238,12 @@ class RigKind:
         """The span whose tension is a dead weight."""
         return self.weight_on if self.measures == "dead_weight" else None
 
+    def momentum_N(self, belt_speed_m_s: Array | float) -> Array | float:
+        """Part of the measured tensions that turns a running belt [N]; a hub force has none."""
+        if not self.running or self.measures == "torque_hub":
+            return 0.0 * belt_speed_m_s
+        return self.mass_per_length_kg_m * belt_speed_m_s**2
+
     @property
     def needed(self) -> tuple[str, ...]:
         """Columns that this kind needs; of a torque, one of both tensions beside them."""
@@ -265,6 +271,17 @@ class RigKind:
             "tension_slack_N is missing; with the force on the axis (hub_force_N) it is rig.kind: "
             "torque_hub"
         )
+
+    @property
+    def span_beside_torque(self) -> Span | None:
+        """The span whose tension is measured beside a torque; None of other kinds."""
+        return self.torque_with if self.measures == "torque" else None
+
+    def with_span_of(self, columns: Mapping[str, Array]) -> RigKind:
+        """The kind with the span that the columns tell the tension of beside a torque."""
+        if self.measures != "torque":
+            return self
+        return replace(self, torque_with=self.measured_span(columns))
 
     def treatment(self, columns: Mapping[str, Array], drag: Drag | None) -> Treatment:
         """What `tensions` does to such channels."""

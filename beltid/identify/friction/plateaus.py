@@ -98,6 +98,7 @@ def reduce_plateaus(
             [{k: columns[k][[i]] for k in DRAG if k in columns} for i in np.flatnonzero(idle)]
         )
         treatment = kind.treatment(used, drag)
+        kind = kind.with_span_of(used)
         tight, slack = kind.tensions(used, used["arc_deg"], R, drag)
         beta = np.radians(used["arc_deg"])
         found = {
@@ -120,6 +121,9 @@ def reduce_plateaus(
         "temperature_degC": used.get("temperature_degC", np.full(rows.size, NAN)),
     }
     found["initial_tension_N"] = found["nominal_tension_N"]
+    if kind.running and not is_direct(columns):
+        found["momentum_N"] = kind.momentum_N(kind.belt_speed(used)) + np.zeros(rows.size)
+    span = None if is_direct(columns) else kind.span_beside_torque
     labels = _unique([str(label) for label in used["run"]])
     runs = []
     for k, label in enumerate(labels):
@@ -132,6 +136,7 @@ def reduce_plateaus(
             mu_sticking_reason="",
             conditions=conditions_of(row),
             treatment=treatment,
+            torque_with=span,
             **values,
         )
         runs.append(replace(run, status=_problem(run, settings) or "ok"))
@@ -275,6 +280,8 @@ def binned_plateaus(
             nominal_tension_N=record.nominal_tension_N,
             initial_tension_N=record.nominal_tension_N if record.kind.weight else NAN,
             conditions=record.conditions,
+            momentum_N=record.momentum_N,
+            torque_with=record.kind.span_beside_torque,
             mu_sticking_reason="",
             treatment=treatment,
         )

@@ -107,6 +107,8 @@ def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> Prep
         nominal_tension_N=record.nominal_tension_N,
         conditions=record.conditions,
         treatment=record.treatment,
+        momentum_N=record.momentum_N,
+        torque_with=record.kind.span_beside_torque,
     )
     try:
         if record.defect:

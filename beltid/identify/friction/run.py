@@ -19,6 +19,7 @@ from beltid.identify.friction.kinds import (
     UNTREATED,
     Drag,
     RigKind,
+    Span,
     Treatment,
     drag_of,
 )
@@ -123,6 +124,11 @@ class RunRecord:
     conditions: Conditions = Conditions()
     treatment: Treatment = UNTREATED
 
+    @property
+    def momentum_N(self) -> float:
+        """Part of the tensions that turned the running belt [N]; nan at rest."""
+        return float(self.kind.momentum_N(self.belt_speed_m_s)) if self.kind.running else NAN
+
 
 @dataclass(frozen=True, slots=True)
 class RunReduction:
@@ -190,6 +196,10 @@ class RunReduction:
     """The same of a drift of the cells that all runs share [-]."""
     shared_cells: float = NAN
     """The same of the zeros and gains of the cells [-]."""
+    momentum_N: float = NAN
+    """Part of the tensions that turned the running belt, taken off them [N]; nan at rest."""
+    torque_with: Span | None = None
+    """Span whose tension was measured beside a torque."""
     conditions: Conditions = Conditions()
     swapped: bool = False
     """Whether the columns of the tight and the slack cell were swapped."""
@@ -419,6 +429,7 @@ def run_record(
         tension_tight_N=tight,
         tension_slack_N=slack,
         pulley_speed_rad_s=kind.relative_speed(columns, R),
+        kind=kind.with_span_of(columns),
         belt_speed_m_s=belt_speed,
     )
 

@@ -32,10 +32,10 @@ from beltid.stages.uncertainties import (
     budget_table,
     standard_uncertainties,
 )
+from beltid.uncertainty.budget import QUANTITY, SurfaceUncertainty
 from beltid.uncertainty.measured import Measured, measured_runs, own_errors, valid_rows
 from beltid.uncertainty.published import published_changes, published_curves, scatter_factor
 from beltid.uncertainty.sources import StandardUncertainties, reduction_sources, rig_sources
-from beltid.uncertainty.surface import QUANTITY, SurfaceUncertainty
 
 KIND: Final = "surface"
 KEYS: Final = (

@@ -192,7 +192,7 @@ def _traps(runs: Sequence[RunReduction], kind: RigKind) -> Iterator[str]:
         span = other(kind.torque_with)
         yield (
             f"the tension beside the torque is that of the {span} span: state rig.torque_with: "
-            f"{span}, else the errors of its cell are taken for those of the other span"
+            f"{span}, which a plan and the simulated rig go by"
         )
     touching = [run.run for run in good if run.arc_deg >= TOUCH_DEG]
     if touching:

@@ -326,12 +326,12 @@ def reduction_columns(reduced: Sequence[RunReduction]) -> dict[str, np.ndarray]:
             continue
         if column.name in schemas.CONDITIONS:
             values = [getattr(r.conditions, column.name) for r in reduced]
-            if all(is_missing(value) for value in values):
-                continue
         elif column.name == "notes":
             values = [_notes(r) for r in reduced]
         else:
             values = [getattr(r, column.name) for r in reduced]
+        if column.name in schemas.WHERE_KNOWN and all(is_missing(value) for value in values):
+            continue
         if column.dtype == "string":
             array = np.empty(len(values), dtype=object)
             array[:] = values

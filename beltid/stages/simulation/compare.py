@@ -56,6 +56,7 @@ from beltid.stages.simulation.hold_out import (
     beyond_range,
     knows_arcs,
     predictions,
+    with_tensions,
 )
 from beltid.stages.simulation.refinement import KEYS as REFINED_BY
 from beltid.stages.tables import law_of, table_columns
@@ -80,6 +81,9 @@ KEYS: Final = (
     "compare",
     "rig.kind",
     "rig.weight_on",
+    "rig.torque_with",
+    "rig.running_measures",
+    "rig.belt_speed_m_s",
     "columns.rig",
     "units.rig",
     "runs.rig",
@@ -227,6 +231,7 @@ def _held_out(
     by: HoldOut,
     workers: Workers,
 ) -> Outcome[AgreementResult]:
+    columns = with_tensions(columns)
     found = predictions(columns, press, config, by, workers)
     rows = np.concatenate([one.fold.left_out for one in found])
     measured = {name: values[rows] for name, values in columns.items()}

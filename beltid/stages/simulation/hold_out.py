@@ -21,6 +21,7 @@ from beltid.stages.simulation.refinement import (
     prepared_campaign,
     reference_temperature,
     refined_uncertainty,
+    rig_of_runs,
     shared_sources,
     usable_runs,
 )
@@ -64,6 +65,16 @@ class Predicted:
     force_range: tuple[float, float]
 
 
+def with_tensions(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The runs with the mean of both tensions for a setting where nobody wrote one down."""
+    nominal = np.asarray(columns["nominal_tension_N"], dtype=float)
+    tight, slack = (columns.get(f"tension_{span}_N") for span in ("tight", "slack"))
+    if tight is None or slack is None:
+        return dict(columns)
+    mean = 0.5 * (np.asarray(tight, dtype=float) + np.asarray(slack, dtype=float))
+    return {**columns, "nominal_tension_N": np.where(np.isfinite(nominal), nominal, mean)}
+
+
 def predictions(
     columns: Mapping[str, np.ndarray],
     press: PressLaw,
@@ -93,7 +104,7 @@ def predictions(
     ConvergenceError
         If a surface does not converge, or a run cannot be simulated.
     """
-    usable, _ = usable_runs(columns)
+    usable, _ = usable_runs(columns, rig_of_runs(columns, config))
     plain = {name: values for name, values in columns.items() if values.ndim == 1}
     calls = [(plain, press, config, fold) for fold in folds(columns, usable, by)]
     found = dict(workers.as_ended(predict, calls))

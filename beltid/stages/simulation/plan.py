@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -19,6 +19,7 @@ from beltid.errors import ArgumentTypeError, InputError, Problem, counted
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
+from beltid.params import OperatingPoint
 from beltid.plan.advice import Plan, choose_plan
 from beltid.plan.candidates import (
     Candidates,
@@ -27,10 +28,10 @@ from beltid.plan.candidates import (
     noise_law,
     simulate_candidates,
 )
-from beltid.plan.prior import USUAL_ARCS, MeasuredSurface, knowledge_at, usual_surface
+from beltid.plan.present import KnownSurface, sources_of_plan
+from beltid.plan.prior import MeasuredSurface, knowledge_at, usual_surface
 from beltid.plan.session import ScheduledRun, schedule
 from beltid.plan.target import Target, drive_target, surface_target
-from beltid.refine.effects import ARC
 from beltid.report.drawing import saved
 from beltid.report.figures.plan import runs_and_uncertainty
 from beltid.report.summary import Summary
@@ -41,13 +42,14 @@ from beltid.stages.identification.reduction import rig_kind
 from beltid.stages.outcome import Outcome, combined_origin
 from beltid.stages.reporter import Options
 from beltid.stages.simulation.campaign import checked_law, shown, surface_from
+from beltid.stages.simulation.planned_runs import at_rest, rig_settings
 from beltid.stages.simulation.refinement import NEEDED
-from beltid.stages.tables import law_of, surface_of, table_columns
+from beltid.stages.tables import friction_of, law_of, surface_of, table_columns
 from beltid.stages.uncertainties import press_law, standard_uncertainties
 from beltid.uncertainty.measured import measured_runs, valid_rows
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.simulated import sources_of
-from beltid.uncertainty.sources import FITTED, Source, all_sources, effect_sources
+from beltid.uncertainty.sources import FITTED, Source
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -162,7 +164,13 @@ def run(
     if "friction" in artifacts:
         friction = artifacts["friction"].columns
     based_on = origin if artifacts else "usual values"
-    found = _planned(known, press, friction, config.config, options, based_on or "unknown")
+    made_at = friction
+    if made_at is None and "surface" in artifacts:
+        made_from = friction_of(artifacts["surface"], inputs["surface"].parent)
+        made_at = None if made_from is None else made_from.columns
+    settings, notes = rig_settings(config.config, made_at)
+    given = Given(known, press, friction, settings)
+    found = _planned(given, config.config, options, based_on or "unknown")
     plan, rows = found.plan, found.rows
     write_bytes(out, _csv(rows))
     measured = found.candidates.measured
@@ -192,7 +200,7 @@ def run(
             "standard uncertainty by region, in percent of mu": _region_rows(plan),
             "if it were known twice as well": _statement_rows(plan),
         },
-        notes=found.notes,
+        notes=(*notes, *found.notes),
         warnings=found.warnings,
         verdict=_verdict(plan, options),
         origin=origin,
@@ -251,18 +259,9 @@ def plan_runs(
     if friction is not None:
         columns = table_columns(friction, "friction", NEEDED)
     based_on = "unknown" if surface is not None else "usual values"
-    return _planned(known, press, columns, model, options, based_on)
-
-
-@dataclass(frozen=True, slots=True)
-class KnownSurface:
-    """A surface that runs have shown, with what is stored of its uncertainty."""
-
-    surface: UncertainSurface
-    factor: np.ndarray
-    arcs_deg: tuple[float, ...]
-    sources: tuple[Source, ...]
-    noise_scale: float
+    settings, notes = rig_settings(model, columns)
+    found = _planned(Given(known, press, columns, settings), model, options, based_on)
+    return replace(found, notes=(*notes, *found.notes))
 
 
 def _known_surface(artifact: Artifact) -> KnownSurface:
@@ -299,23 +298,37 @@ def _known(
     )
 
 
-def _planned(
-    known: KnownSurface | None,
-    press: PressLaw | None,
-    friction: Mapping[str, np.ndarray] | None,
-    config: Config,
-    options: PlanOptions,
-    based_on: str,
-) -> PlannedRuns:
+@dataclass(frozen=True, slots=True)
+class Given:
+    """What a plan is made from.
+
+    Attributes
+    ----------
+    known : KnownSurface or None
+        The surface; None before any run.
+    press : PressLaw or None
+        The contact law; None before any measurement.
+    friction : mapping or None
+        Reduced runs, whose noise is that of new ones.
+    settings : Settings
+        What the rig can be set to.
+    """
+
+    known: KnownSurface | None
+    press: PressLaw | None
+    friction: Mapping[str, np.ndarray] | None
+    settings: Settings
+
+
+def _planned(given: Given, config: Config, options: PlanOptions, based_on: str) -> PlannedRuns:
     """The plan from what is known, and what is assumed in place of the rest."""
-    present = _present(known, press, friction, config)
-    settings = rig_settings(config)
-    points = settings.points()
+    present = _present(given, config)
+    points = given.settings.points()
     options.reporter.report(f"{len(points)} candidates, simulated with the present surface")
     candidates = simulate_candidates(
         _bench(config, present.press.law),
         present.press,
-        settings,
+        at_rest(given.settings, config),
         present.arcs_deg,
         None if present.surface is None else present.surface.surface,
         rig_kind(config),
@@ -330,7 +343,7 @@ def _planned(
         config.plan.minutes_per_run,
         config.plan.minutes_per_arc_change,
     )
-    rows = _rows(session, plan, candidates, based_on)
+    rows = _rows(session, plan, points, candidates, based_on)
     return PlannedRuns(plan, target, candidates, rows, present.notes, warnings)
 
 
@@ -360,37 +373,23 @@ def _check_files(options: PlanOptions, out: Path, figure: Path) -> None:
         raise InputError(problems)
 
 
-def _present(
-    known: KnownSurface | None,
-    press: PressLaw | None,
-    friction: Mapping[str, np.ndarray] | None,
-    config: Config,
-) -> Present:
+def _present(given: Given, config: Config) -> Present:
     """What is known, and what is assumed in its place."""
+    known, press, friction = given.known, given.press, given.friction
     notes: list[str] = []
-    surface: MeasuredSurface | None = None
-    arcs = () if known is None else known.arcs_deg
-    stored = () if known is None else known.sources
-    scale = 1.0 if known is None else known.noise_scale
     if press is None:
         press = press_law(USUAL_LAW, config)
         notes.append("no data: contact law of the paper's 5PK belt")
-    sources = _joined(stored, config, arcs, press.has_scatter)
+    stated = standard_uncertainties(config)
+    sources = sources_of_plan(known, stated, given.settings.arcs_deg, press.has_scatter)
     if known is None:
         notes.append("no data: mu from 0.7 to 1.5 with usual slopes over force and speed")
-    else:
-        k, factor = len(stored), known.factor
-        new = np.zeros((*factor.shape[:2], len(sources) - k))
-        changes = np.concatenate([factor[..., :k], new], axis=-1)
-        surface = MeasuredSurface(known.surface, changes, factor[..., k:])
-    now = all_sources(standard_uncertainties(config), len(arcs), press.has_scatter)
-    sizes = {(source.error, source.place): source.size for source in now}
-    other = [one.name for one in stored if sizes.get((one.error, one.place), one.size) != one.size]
-    if other:
+    elif other := known.stated_otherwise(stated, press.has_scatter):
         notes.append(
-            f"stated otherwise when the surface was made: {', '.join(dict.fromkeys(other))}; what "
-            "was stated then is taken"
+            f"stated otherwise when the surface was made: {', '.join(other)}; what was stated then "
+            "is taken"
         )
+    scale = 1.0 if known is None else known.noise_scale
     noise, columns = NoiseLaw(scale=scale), {}
     if friction is not None:
         status = friction.get("status", np.full(len(friction["mu_sliding"]), "ok", dtype=object))
@@ -404,33 +403,9 @@ def _present(
             f"noise of a run: {100.0 * noise.friction:g} % of mu and {noise.tension:g} N of the "
             "tensions; --from friction.parquet takes that of its runs"
         )
+    surface = None if known is None else known.measured(len(sources))
+    arcs = () if known is None else known.arcs_deg
     return Present(surface, arcs, sources, press, noise, columns, tuple(notes))
-
-
-def _joined(
-    stored: tuple[Source, ...], config: Config, arcs_deg: tuple[float, ...], law_scatter: bool
-) -> tuple[Source, ...]:
-    """The shared errors of a surface, then those that its candidates have beside them."""
-    arcs = list(arcs_deg)
-    wanted = rig_settings(config).arcs_deg
-    arcs += [arc for arc in wanted if not np.isclose(arc, arcs, rtol=1e-3).any()]
-    size = next((s.size for s in stored if s.error == ARC), USUAL_ARCS)
-    every = (
-        *all_sources(standard_uncertainties(config), len(arcs), law_scatter),
-        *effect_sources(ARC, size, len(arcs)),
-    )
-    known = {(source.error, source.place) for source in stored}
-    return (*stored, *(s for s in every if (s.error, s.place) not in known))
-
-
-def rig_settings(config: Config) -> Settings:
-    """What the rig can be set to: the section plan, else the rig."""
-    plan, rig = config.plan, config.rig
-    return Settings(
-        plan.arcs_deg or rig.arcs_deg,
-        plan.tension_N or rig.initial_tensions_N,
-        plan.speed_rad_s or rig.pulley_speeds_rad_s,
-    )
 
 
 def _bench(config: Config, law: NormalLaw) -> Bench:
@@ -473,37 +448,53 @@ SHOWN: Final = (
     "repeats",
     "start_minutes",
     "gain_percent",
+    "needed_for",
 )
 
 
 def _rows(
-    session: Sequence[ScheduledRun], plan: Plan, candidates: Candidates, based_on: str
+    session: Sequence[ScheduledRun],
+    plan: Plan,
+    points: Sequence[OperatingPoint],
+    candidates: Candidates,
+    based_on: str,
 ) -> list[dict[str, Any]]:
-    """A row per run in the order of the session."""
+    """A row per run in the order of the session.
+
+    A run that the plan has to have, for its arc or as a repetition, may gain nothing by itself.
+    """
     runs = candidates.measured
     gains = dict(zip(plan.chosen, plan.gains, strict=True))
     return [
         {
             "order": place,
-            "arc_deg": round(float(np.degrees(runs.beta[one.run])), 9),
-            "initial_tension_N": float(runs.T_0[one.run]),
-            "pulley_speed_rad_s": float(runs.omega[one.run]),
+            "arc_deg": round(float(np.degrees(points[one.run].beta)), 9),
+            "initial_tension_N": points[one.run].T_0,
+            "pulley_speed_rad_s": points[one.run].omega,
             "repeat": one.repeat,
             "repeats": one.repeats,
             "start_minutes": one.start_minutes,
             "slip_speed_m_s": float(runs.slip_speed[one.run]),
             "normal_force_N_m": float(runs.normal_force[one.run]),
-            "gain_percent": 100.0 * gains[one.run],
+            "gain_percent": 100.0 * max(gains[one.run], 0.0),
             "based_on": based_on,
+            "needed_for": plan.needed.get(one.run, ""),
         }
         for place, one in enumerate(session, start=1)
     ]
 
 
-COLUMNS: Final = (*SHOWN, "slip_speed_m_s", "normal_force_N_m", "based_on")
+COLUMNS: Final = (
+    *SHOWN[:-1],
+    "slip_speed_m_s",
+    "normal_force_N_m",
+    "based_on",
+    "needed_for",
+)
 
 
 HEADER: Final = (",".join(COLUMNS) + "\n").encode()
+KNOWN_BY: Final = (",".join(COLUMNS[:-1])).encode()
 
 
 def _is_plan(path: Path) -> bool:
@@ -511,7 +502,7 @@ def _is_plan(path: Path) -> bool:
     if not path.is_file():
         return False
     with path.open("rb") as file:
-        return file.read(len(HEADER)) == HEADER
+        return file.read(len(KNOWN_BY)) == KNOWN_BY
 
 
 def _csv(rows: Sequence[Mapping[str, Any]]) -> bytes:

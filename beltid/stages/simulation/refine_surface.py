@@ -46,13 +46,17 @@ from beltid.stages.uncertainties import (
 )
 from beltid.stages.workers import Workers
 from beltid.uncertainty.bending import FittedBending, fit_bending
-from beltid.uncertainty.campaign_effects import CLEAR, SCATTER, TOGETHER, ShownEffect, shown_effects
+from beltid.uncertainty.budget import QUANTITY, SurfaceUncertainty
 from beltid.uncertainty.monte_carlo import MonteCarlo, check_of, prepare
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import (
+    CLEAR,
+    SCATTER,
+    TOGETHER,
+    ShownEffect,
     refined_campaign,
+    shown_effects,
 )
-from beltid.uncertainty.surface import QUANTITY, SurfaceUncertainty
 
 KIND: Final = "surface"
 METHOD: Final = "refined"

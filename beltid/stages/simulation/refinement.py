@@ -4,36 +4,39 @@ from __future__ import annotations
 
 import math
 import pickle
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
 
 from beltid.config import Config
-from beltid.errors import InputError
+from beltid.errors import InputError, counted
 from beltid.identify.estimators.statistics import settings_of
 from beltid.identify.surface.surface import SurfaceSettings
 from beltid.identify.surface.surface import build_surface as publish
+from beltid.params import Rig
 from beltid.rigsim.model import Bench
 from beltid.stages.identification.conditions import rows_of_one
 from beltid.stages.identification.reduction import rig_kind
 from beltid.stages.reporter import Reporter
 from beltid.stages.uncertainties import SECTION, standard_uncertainties
 from beltid.stages.workers import Workers
-from beltid.uncertainty.campaign import Campaign
-from beltid.uncertainty.measured import measured_runs, own_errors
+from beltid.uncertainty.budget import SurfaceUncertainty
+from beltid.uncertainty.measured import Campaign, measured_runs, own_errors
 from beltid.uncertainty.monte_carlo import Nominal, Replicates, gathered, replicates
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import Refined, changes_and_scatter
 from beltid.uncertainty.sources import Source, all_sources, reduction_sources
-from beltid.uncertainty.surface import SurfaceUncertainty
 
 KEYS: Final = (
     "belt.axial_stiffness_N",
     "belt.bending_stiffness_N_m2",
     "rig.kind",
     "rig.weight_on",
+    "rig.torque_with",
+    "rig.running_measures",
     "rig.pulley_radius_m",
     "rig.span_length_m",
     "rig.supports",
@@ -67,6 +70,7 @@ NEEDED: Final = (
     "mu_sliding_se",
 )
 PUBLISHED: Final = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
+REASONS: Final = 3  # why runs cannot be used that are told, the most frequent ones
 SPEED_GAP: Final = 0.1  # in ln v: a run further than this from every speed has one of its own
 SETTING_GAP: Final = 0.03  # relative gap that parts two settings of the speed
 
@@ -143,10 +147,13 @@ def prepared_campaign(
 
     `chosen` are condition and side of the belt, where the runs were made under several.
     """
-    good, set_aside = usable_runs(columns)
+    rig = rig_of_runs(columns, config)
+    good, set_aside = usable_runs(columns, rig)
     good = rows_of_one(columns, good, chosen or {}, name)
     if good.size < 4:
-        text = f"{name}: {good.size} runs can be used, at least 4 are needed"
+        reasons = Counter(one["why"] for one in set_aside)
+        why = "".join(f"; {counted(n, 'run')}: {text}" for text, n in reasons.most_common(REASONS))
+        text = f"{name}: {counted(good.size, 'run')} can be used, at least 4 are needed{why}"
         raise InputError(text, code="no-run")
     arc_deg, f, v, mu = (columns[key][good] for key in PUBLISHED)
     own = own_errors(columns)
@@ -154,21 +161,48 @@ def prepared_campaign(
     settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
     start = publish(arc_deg, f, v, mu, mu_se, settings).surface
     speeds = _speeds(start.slip_speed_m_s, np.abs(v))
-    rig = config.rig_params()
     measured = measured_runs(columns, good, rig.R, rig_kind(config), rig.given_force)
     bench = Bench(config.belt_params(), rig, config.contact_params(), press.law, start)
     return Campaign(measured, bench, press), speeds, good, set_aside
 
 
-def usable_runs(columns: Mapping[str, np.ndarray]) -> tuple[np.ndarray, list[dict[str, Any]]]:
-    """Rows that can be used, and those that cannot, with the reason."""
+def rig_of_runs(columns: Mapping[str, np.ndarray], config: Config) -> Rig:
+    """The rig that the runs are simulated on.
+
+    The kind is that of the runs: a table that says it was made with a torque is refused otherwise.
+    While the whole arc slides one tension settles the other, however they came about. Where nobody
+    wrote down the tension at rest the sum of both while sliding takes its place, as under a hub
+    force.
+    """
+    if "torque_with" in columns and config.rig.measures != "torque":
+        raise InputError(
+            f"rig.kind: {config.rig.kind}, but the tensions of the friction table were measured "
+            "beside a torque; must be rig.kind: torque"
+        )
+    rig = config.rig_params()
+    initial = np.asarray(columns["initial_tension_N"], dtype=float)
+    if rig.given_force == "none" and not np.isfinite(initial).any():
+        return replace(rig, given_force="hub")
+    return rig
+
+
+def usable_runs(
+    columns: Mapping[str, np.ndarray], rig: Rig
+) -> tuple[np.ndarray, list[dict[str, Any]]]:
+    """Rows that can be used, and those that cannot, with the reason.
+
+    The tension at rest is needed where no force is given that stays while the pulley turns.
+    """
+    needed = ("initial_tension_N",) if rig.given_force == "none" else ()
     n = len(columns["mu_sliding"])
     status = columns.get("status", np.full(n, "ok", dtype=object))
     good, set_aside = [], []
     for i in range(n):
         why = "" if status[i] == "ok" else str(status[i])
-        for key in ("arc_deg", "initial_tension_N", *PUBLISHED[1:4]):
+        for key in (*PUBLISHED, *needed):
             value = float(columns[key][i])
+            if not why and math.isnan(value):
+                why = f"{key} is not known"
             if not why and not 0.0 < value < math.inf:
                 why = f"{key} = {value:g}, must be > 0"
         if why:

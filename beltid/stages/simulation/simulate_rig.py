@@ -62,6 +62,8 @@ KEYS: Final = (
     "belt.damping_time_s",
     "rig.kind",
     "rig.weight_on",
+    "rig.torque_with",
+    "rig.running_measures",
     "rig.belt_speed_m_s",
     "rig.pulley_radius_m",
     "rig.span_length_m",
