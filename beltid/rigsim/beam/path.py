@@ -139,7 +139,7 @@ def touchdown(belt: Belt, rig: Rig, law: NormalLaw, T_0: float) -> Touchdown:
         Tension [N].
     """
     EI, R, T = belt.EI, rig.R, T_0
-    k = float(stiffness_under(T / R, law.k_linear_N_m2, law.k_quadratic_N_m3))
+    k = float(stiffness_under(np.asarray(T / R), law.k_linear_N_m2, law.k_quadratic_N_m3))
     delta = 2.0 * T / R / (law.k_linear_N_m2 + k)
     bend = bending_length(EI, T)
     # exp(-p x) and exp(-q x) on the bed, real or not: p q and p + q are real in any case
