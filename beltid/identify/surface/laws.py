@@ -212,9 +212,8 @@ def _points(
         raise InputError("friction laws: a force, speed or coefficient is not a number > 0")
     setting = settings_of(speed, SPEED_GAP)
     order = np.lexsort((force, setting))
-    force, speed, coefficient, setting, S = (
-        x[order] for x in (force, speed, coefficient, setting, S)
-    )
+    force, speed, coefficient = (x[order] for x in (force, speed, coefficient))
+    setting, S = setting[order], S[order]
     U, variance = np.eye(n), np.zeros(n)
     errors_known = bool(np.any(S))
     if errors_known:
