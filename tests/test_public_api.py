@@ -188,6 +188,22 @@ def test_compare_takes_the_table_of_a_campaign(friction: Any) -> None:
     assert beltid.compare(friction, table).result.overall.rms == pytest.approx(0.01, rel=1e-9)
 
 
+def test_wrong_arguments_of_the_drive_and_of_a_comparison_are_named(friction: Any) -> None:
+    drive = {"drive": {"initial_tension_N": [300]}}
+    law = beltid.NormalLaw(6.5e7, 3.0256e11)
+    for surface, normal, said in (
+        ("surface.parquet", law, "surface = str, must be a FrictionSurface"),
+        (friction, law, "surface = result of kind friction, must be a FrictionSurface"),
+        (0.8, 6.5e7, "law = float, must be a NormalLaw"),
+    ):
+        with pytest.raises(beltid.ArgumentTypeError, match=said):
+            beltid.simulate_drive(drive, surface, normal)
+    with pytest.raises(beltid.InputError, match="is a NoneType, must be a DataFrame"):
+        beltid.compare(friction, None)
+    with pytest.raises(beltid.InputError, match="is a surface table, a friction table is needed"):
+        beltid.compare(friction, beltid.build_surface(friction))
+
+
 def test_results_behave_like_tables(friction: Any, tmp_path: Path) -> None:
     shown = friction._repr_html_()
     assert "friction: 60 rows" in shown

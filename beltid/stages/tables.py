@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,11 @@ import numpy as np
 from beltid.artifacts.artifact import Artifact, read_artifact
 from beltid.artifacts.file_bytes import read_bytes
 from beltid.bench.formats.frames import columns_of_frame
-from beltid.errors import ArtifactError, InputError, Problems
+from beltid.errors import ArgumentTypeError, ArtifactError, InputError, Problems
 from beltid.export.law import ContactLaw
 from beltid.export.law_file import law_from_text
 from beltid.identify.surface.surface import surface_from_columns
+from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.stages.outcome import Outcome
@@ -185,3 +187,49 @@ def table_columns(frame: Any, kind: str, needed: tuple[str, ...]) -> dict[str, n
     columns = columns_of_frame(frame, simple, f"{kind} table", {}, problems)
     problems.raise_if_any()
     return columns
+
+
+def surface_from(surface: Any) -> FrictionSurface:
+    """A friction surface, that of a result, or of a number: a constant friction coefficient.
+
+    Raises
+    ------
+    InputError
+        If it is none of these.
+    """
+    if isinstance(surface, Outcome) and surface.kind == "surface":
+        surface = surface.result.surface
+    if isinstance(surface, FrictionSurface):
+        return surface
+    if not is_number(surface):
+        raise ArgumentTypeError(
+            f"surface = {shown(surface)}, must be a FrictionSurface such as load_surface(PATH), "
+            "the result of build_surface or refine_surface, or a number (constant mu)"
+        )
+    if not 0.0 < surface < math.inf:
+        raise InputError(f"surface = {float(surface):g}, must be > 0 and finite (constant mu)")
+    return FrictionSurface.constant(float(surface))
+
+
+def checked_law(law: Any) -> NormalLaw:
+    """A normal law, that of a result, or an error that names the argument and its sources."""
+    if isinstance(law, Outcome) and law.kind == "stiffness":
+        law = law.result.pooled.law
+    if isinstance(law, NormalLaw):
+        return law
+    raise ArgumentTypeError(
+        f"law = {shown(law)}, must be a NormalLaw such as load_stiffness(PATH), or the result of "
+        "fit_stiffness(FRAME)"
+    )
+
+
+def shown(value: Any) -> str:
+    """A wrong argument for a message: None, or what kind of thing it is."""
+    if isinstance(value, Outcome):
+        return f"result of kind {value.kind}"
+    return "None" if value is None else type(value).__name__
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value is a single real number; true and false are none."""
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)

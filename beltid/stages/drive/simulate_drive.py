@@ -35,7 +35,7 @@ from beltid.stages.drive.drive_of_config import (
 )
 from beltid.stages.outcome import Outcome, rows_of, span
 from beltid.stages.reporter import Options
-from beltid.stages.tables import law_of, surface_of
+from beltid.stages.tables import checked_law, law_of, surface_from, surface_of
 from beltid.stages.uncertainties import (
     SECTION,
     budget_details,
@@ -126,8 +126,8 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
 
 def simulate_drive(
     config: Config | Mapping[str, Any] | str | Path | None,
-    surface: FrictionSurface | float,
-    law: NormalLaw,
+    surface: FrictionSurface | Outcome[Any] | float,
+    law: NormalLaw | Outcome[Any],
 ) -> Outcome[tuple[SolvedPoint, ...]]:
     """Predict the operating points of a belt drive.
 
@@ -135,10 +135,10 @@ def simulate_drive(
     ----------
     config : Config, dict, path or None
         Belt, drive and its operating points; None is the built-in 5PK rig.
-    surface : FrictionSurface or float
+    surface : FrictionSurface, Outcome of build_surface or refine_surface, or float
         Friction coefficient of the ribs; a number is a constant one.
-    law : NormalLaw
-        Normal contact law of the ribs.
+    law : NormalLaw or Outcome of fit_stiffness
+        Normal contact law of the ribs; the result brings its scatter along.
 
     Returns
     -------
@@ -153,9 +153,9 @@ def simulate_drive(
         If no operating point has a steady state.
     """
     model = load_config(config)
-    friction = FrictionSurface.constant(surface) if isinstance(surface, (int, float)) else surface
-    found = _outcome(model, friction, press_law(law, model), points_of_config(model))
-    return found.with_origin(model)
+    press = press_law(checked_law(law), model, law if isinstance(law, Outcome) else None)
+    found = _outcome(model, surface_from(surface), press, points_of_config(model))
+    return found.with_origin(model, surface, law)
 
 
 def _outcome(

@@ -61,7 +61,7 @@ def _of_other_benches(config: Config, places: Source) -> list[str]:
     other = {kind: found for kind, found in held.items() if found not in ("", kind)}
     problems: list[str] = []
     for kind, found in other.items():
-        at = places.prefix(("data", kind))
+        at = places.at(places.place(("data", kind)), "")
         if other.get(found) != kind:
             text = f"{at}data.{kind} = {data[kind]}, holds the columns of a {found} recording"
         elif list(other).index(kind) < list(other).index(found):

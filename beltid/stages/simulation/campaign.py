@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
 
-from beltid.errors import ArgumentTypeError, BeltidError, InputError, percent
+from beltid.errors import BeltidError, InputError, percent
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import OperatingPoint
@@ -17,14 +17,13 @@ from beltid.rigsim.beam.path import swinging_share
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import DEFAULT_STEPS, Method, RunResult, SimulationSettings
 from beltid.rigsim.rig import campaign as rig_campaign
-from beltid.stages.outcome import Outcome
 from beltid.stages.simulation.planned_runs import (
     PlannedRun,
     as_resting,
     belt_speed,
-    is_number,
     momentum_N,
 )
+from beltid.stages.tables import checked_law, is_number, surface_from
 from beltid.stages.workers import Workers, available_cores
 from beltid.tables import schemas
 
@@ -81,28 +80,6 @@ def simulation_settings(
         raise InputError(error.at("simulation")) from None
 
 
-def surface_from(surface: Any) -> FrictionSurface:
-    """A friction surface, that of a result, or of a number: a constant friction coefficient.
-
-    Raises
-    ------
-    InputError
-        If it is none of these.
-    """
-    if isinstance(surface, Outcome) and surface.kind == "surface":
-        surface = surface.result.surface
-    if isinstance(surface, FrictionSurface):
-        return surface
-    if not is_number(surface):
-        raise ArgumentTypeError(
-            f"surface = {shown(surface)}, must be a FrictionSurface such as load_surface(PATH), "
-            "the result of build_surface or refine_surface, or a number (constant mu)"
-        )
-    if not 0.0 < surface < math.inf:
-        raise InputError(f"surface = {float(surface):g}, must be > 0 and finite (constant mu)")
-    return FrictionSurface.constant(float(surface))
-
-
 def guided_weight(config: Config, points: Sequence[OperatingPoint]) -> list[str]:
     """What the simulated rig assumes of a dead weight, with what it is worth; empty without one."""
     if config.rig.kind != "dead_weight":
@@ -113,25 +90,6 @@ def guided_weight(config: Config, points: Sequence[OperatingPoint]) -> list[str]
         "the dead weight is guided in the line of its span; one that swings freely makes mu lower, "
         f"by up to {percent(100 * share)} in these runs"
     ]
-
-
-def checked_law(law: Any) -> NormalLaw:
-    """A normal law, that of a result, or an error that names the argument and its sources."""
-    if isinstance(law, Outcome) and law.kind == "stiffness":
-        law = law.result.pooled.law
-    if isinstance(law, NormalLaw):
-        return law
-    raise ArgumentTypeError(
-        f"law = {shown(law)}, must be a NormalLaw such as load_stiffness(PATH), or the result of "
-        "fit_stiffness(FRAME)"
-    )
-
-
-def shown(value: Any) -> str:
-    """A wrong argument for a message: None, or what kind of thing it is."""
-    if isinstance(value, Outcome):
-        return f"result of kind {value.kind}"
-    return "None" if value is None else type(value).__name__
 
 
 def simulated_results(

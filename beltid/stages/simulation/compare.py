@@ -10,7 +10,7 @@ out are predicted (:mod:`beltid.stages.simulation.hold_out`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -49,7 +49,6 @@ from beltid.stages.identification.reduction import (
 )
 from beltid.stages.outcome import Outcome, rows_of
 from beltid.stages.reporter import Options
-from beltid.stages.simulation.campaign import checked_law
 from beltid.stages.simulation.hold_out import (
     HELD_OUT,
     as_simulated,
@@ -59,7 +58,7 @@ from beltid.stages.simulation.hold_out import (
     with_tensions,
 )
 from beltid.stages.simulation.refinement import KEYS as REFINED_BY
-from beltid.stages.tables import law_of, table_columns
+from beltid.stages.tables import checked_law, law_of, table_columns
 from beltid.stages.uncertainties import budget_details, press_law
 from beltid.stages.workers import Workers
 from beltid.uncertainty.agreement import dominant, validated, within_words
@@ -308,10 +307,11 @@ def compare(
 
 
 def _simulated_columns(simulated: Any, config: Config) -> dict[str, np.ndarray]:
-    if isinstance(simulated, Outcome) and simulated.kind == "friction":
-        return simulated.columns
+    if isinstance(simulated, Outcome) and simulated.kind != "simulated":
+        return table_columns(simulated, "friction", NEEDED)
     frame = simulated.columns if isinstance(simulated, Outcome) else simulated
-    names = {str(name) for name in getattr(frame, "column_names", getattr(frame, "columns", frame))}
+    named = getattr(frame, "column_names", getattr(frame, "columns", frame))
+    names = {str(name) for name in named} if isinstance(named, Iterable) else set()
     if "time_s" in names:
         settings = friction_settings(config)
         recorded = columns_of(frame, "rig")

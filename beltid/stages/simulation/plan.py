@@ -41,10 +41,17 @@ from beltid.stages.drive.drive_of_config import drive_of, points_of_config
 from beltid.stages.identification.reduction import rig_kind
 from beltid.stages.outcome import Outcome, combined_origin
 from beltid.stages.reporter import Options
-from beltid.stages.simulation.campaign import checked_law, shown, surface_from
 from beltid.stages.simulation.planned_runs import at_rest, rig_settings
 from beltid.stages.simulation.refinement import NEEDED
-from beltid.stages.tables import friction_of, law_of, surface_of, table_columns
+from beltid.stages.tables import (
+    checked_law,
+    friction_of,
+    law_of,
+    shown,
+    surface_from,
+    surface_of,
+    table_columns,
+)
 from beltid.stages.uncertainties import press_law, standard_uncertainties
 from beltid.uncertainty.measured import measured_runs, valid_rows
 from beltid.uncertainty.press_law import PressLaw

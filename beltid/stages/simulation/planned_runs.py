@@ -21,6 +21,7 @@ from beltid.identify.agreement.compare import OK, SAME_SETTING
 from beltid.identify.estimators.statistics import settings_of
 from beltid.params import OperatingPoint
 from beltid.plan.candidates import Settings
+from beltid.stages.tables import is_number
 
 if TYPE_CHECKING:
     from beltid.config import Config
@@ -348,11 +349,6 @@ def checked_run(arc_deg: Any, initial_tension_N: Any, pulley_speed_rad_s: Any) -
     if problems:
         raise InputError(problems)
     return PlannedRun("S001", *(float(value) for _, value, _, _ in settings))
-
-
-def is_number(value: Any) -> bool:
-    """Whether a value is a single real number; true and false are none."""
-    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
 
 def rig_settings(

@@ -25,7 +25,7 @@ from beltid.stages.identification.alternatives import friction_formulas, frictio
 from beltid.stages.identification.conditions import stated_of
 from beltid.stages.outcome import Outcome, finite_or_none, span
 from beltid.stages.reporter import Options
-from beltid.stages.simulation.campaign import checked_law, guided_weight
+from beltid.stages.simulation.campaign import guided_weight
 from beltid.stages.simulation.refinement import (
     CHECKED,
     KEYS,
@@ -39,7 +39,7 @@ from beltid.stages.simulation.refinement import (
     shared_sources,
     speed_labels,
 )
-from beltid.stages.tables import law_of, surface_of, table_columns
+from beltid.stages.tables import checked_law, law_of, surface_of, table_columns
 from beltid.stages.uncertainties import (
     budget_table,
     press_law,
