@@ -61,17 +61,17 @@ def _of_other_benches(config: Config, places: Source) -> list[str]:
     other = {kind: found for kind, found in held.items() if found not in ("", kind)}
     problems: list[str] = []
     for kind, found in other.items():
-        at = places.at(places.place(("data", kind)), "")
         if other.get(found) != kind:
-            text = f"{at}data.{kind} = {data[kind]}, holds the columns of a {found} recording"
+            text = f"data.{kind} = {data[kind]}, holds the columns of a {found} recording"
         elif list(other).index(kind) < list(other).index(found):
             text = (
-                f"{at}data.{kind} and data.{found} are swapped: {data[kind]} holds the columns of "
+                f"data.{kind} and data.{found} are swapped: {data[kind]} holds the columns of "
                 f"a {found} recording, {data[found]} those of a {kind} recording"
             )
         else:
             continue
-        problems.append(Problem(text, "columns"))
+        where = places.place(("data", kind))
+        problems.append(Problem(places.at(where, text), "columns"))
     return problems
 
 
