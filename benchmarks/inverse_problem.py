@@ -15,7 +15,8 @@ from beltid.params import Contact
 from beltid.refine.inverse import refine_surface
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import SimulationSettings, campaign
-from beltid.uncertainty.measured import Campaign, Measured
+from beltid.uncertainty.campaign import Campaign
+from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.monte_carlo import prepare, replicates
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import refined_slopes

@@ -44,7 +44,8 @@ from beltid.refine.effects import ARC, BEFORE
 from beltid.refine.evidence import LinearModel
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import SimulationSettings, simulate
-from beltid.uncertainty.measured import Campaign, Measured
+from beltid.uncertainty.campaign import Campaign
+from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import changes_and_scatter, refined_campaign
 from beltid.uncertainty.sources import StandardUncertainties, all_sources, effect_sources

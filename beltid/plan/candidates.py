@@ -40,7 +40,8 @@ from beltid.refine.rig_runs import (
     sweep_with_slopes,
 )
 from beltid.rigsim.model import Bench
-from beltid.uncertainty.measured import Campaign, Measured
+from beltid.uncertainty.campaign import Campaign
+from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import MESH, changes_of_residuals, simulated_slopes
 from beltid.uncertainty.sources import Source

@@ -6,8 +6,8 @@ Module               Responsibility                                        Equat
 ``sources``          what is not known exactly, how large, and which
                      results it touches together
 ``press_law``        errors of the press in the contact law                (3)
-``measured``         reduced runs of a rig and their bench, with errors    (5) to (8)
-                     put right
+``measured``         reduced runs of a rig, with errors corrected          (5) to (8)
+``campaign``         runs and the bench they are simulated on
 ``reduced``          uncertainties of runs of the rig and of press laws    JCGM 100 (10)
 ``published``        sensitivities of the published surface
 ``refined``          sensitivities of the refined surface, and what the    implicit derivative

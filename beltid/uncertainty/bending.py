@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from beltid.errors import ConvergenceError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.refine.inverse import refine_surface
-from beltid.uncertainty.measured import Campaign, Measured
+from beltid.uncertainty.campaign import Campaign
+from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.refined import changes_of_residuals, simulated_slopes
 from beltid.uncertainty.sources import FITTED, PERCENT, Source
 

@@ -31,7 +31,7 @@ from beltid.identify.surface.average import SurfaceGrid
 from beltid.identify.surface.surface import SurfaceSettings
 from beltid.refine.inverse import RefinedSurface
 from beltid.refine.rig_runs import RigRuns, mesh_of, surfaces_of
-from beltid.uncertainty.measured import Campaign
+from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.published import (
     changes_at_nodes,
     published_changes,

@@ -24,7 +24,7 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.refine.effects import ARC, COURSE, ORDER, TEMPERATURE
 from beltid.refine.inverse import MODEL_ERROR, RefinedSurface, refine_surface
 from beltid.refine.rig_runs import RigRuns, mesh_of, surfaces_of
-from beltid.uncertainty.measured import Campaign
+from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.sources import EFFECT_SOURCES, Errors, Source, effect_sources
 
 Array = NDArray[np.float64]

@@ -23,7 +23,8 @@ from beltid.params import OperatingPoint, Rig
 from beltid.refine.effects import arc_effect
 from beltid.refine.rig_runs import MeasuredRun, RigRuns, lookup_weights, mesh_of
 from beltid.rigsim.model import Bench
-from beltid.uncertainty.measured import Campaign, Measured
+from beltid.uncertainty.campaign import Campaign
+from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import INPUTS, residual_change, simulated_slopes
 from beltid.uncertainty.sources import Errors, Source

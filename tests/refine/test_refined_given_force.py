@@ -18,7 +18,8 @@ from beltid.params import Belt, Contact, GivenForce, OperatingPoint, Rig
 from beltid.refine.inverse import refine_surface
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import SimulationSettings, simulate
-from beltid.uncertainty.measured import Campaign, measured_runs
+from beltid.uncertainty.campaign import Campaign
+from beltid.uncertainty.measured import measured_runs
 from beltid.uncertainty.press_law import PressLaw
 
 

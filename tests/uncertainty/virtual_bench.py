@@ -18,7 +18,8 @@ from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import SimulationSettings, simulate
-from beltid.uncertainty.measured import Campaign, Measured
+from beltid.uncertainty.campaign import Campaign
+from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.sources import StandardUncertainties
 

@@ -24,7 +24,8 @@ from beltid.stages.reporter import Reporter
 from beltid.stages.uncertainties import SECTION, standard_uncertainties
 from beltid.stages.workers import Workers
 from beltid.uncertainty.budget import SurfaceUncertainty
-from beltid.uncertainty.measured import Campaign, measured_runs, own_errors
+from beltid.uncertainty.campaign import Campaign
+from beltid.uncertainty.measured import measured_runs, own_errors
 from beltid.uncertainty.monte_carlo import Nominal, Replicates, gathered, replicates
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import Refined, changes_and_scatter
