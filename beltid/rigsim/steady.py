@@ -31,7 +31,7 @@ from beltid.rigsim.beam.supports import (
 from beltid.rigsim.compiled import kernel, shared_leaf
 from beltid.rigsim.contact.forces import add_contact
 from beltid.rigsim.contact.points import SLIDE, Motion, Points, new_points
-from beltid.rigsim.model import RigModel, System, Workspace
+from beltid.rigsim.model import LARGEST_STRAIN, RigModel, System, Workspace
 
 Array = NDArray[np.float64]
 
@@ -237,7 +237,7 @@ class StaticState:
 def _state(
     model: RigModel, q: Array, outcome: Outcome, force: Array, points: Points, spent: int
 ) -> StaticState:
-    _refuse_nonsense(model, points)
+    _refuse_nonsense(model, points, force)
     iterations = spent + outcome.iterations
     return StaticState(
         q, outcome.stretch, force, points, iterations, outcome.residual, outcome.outside
@@ -301,7 +301,7 @@ def slide(model: RigModel, laid: StaticState) -> StaticState:
     raise _failure("the sliding belt", point, spent, outcome.residual)
 
 
-def _refuse_nonsense(model: RigModel, points: Points) -> None:
+def _refuse_nonsense(model: RigModel, points: Points, force: Array) -> None:
     """An equilibrium may be one of a rig that makes no sense: then say so."""
     R = model.path.R
     touches = points.F_N > 0.0
@@ -312,6 +312,12 @@ def _refuse_nonsense(model: RigModel, points: Points) -> None:
         raise NumericsError(
             f"{describe(model.point)}: the belt sinks {1e3 * depth:.3g} mm into the pulley, must "
             f"be below {DEEPEST:.0%} of its radius: contact law too soft, or tension too high"
+        )
+    largest = max(math.hypot(force[0], force[1]), math.hypot(force[2], force[3]))
+    if largest > LARGEST_STRAIN * model.system.belt.EA:
+        raise NumericsError(
+            f"{describe(model.point)}: a tension of {largest:.4g} N stretches the belt by more "
+            f"than {LARGEST_STRAIN:.0%}"
         )
 
 

@@ -8,6 +8,7 @@ import pickle
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -16,7 +17,7 @@ import pytest
 from rig_bench import LAW_5PK, at, bench, start, true_surface_5pk
 
 import beltid
-from beltid.errors import EXIT_NUMERICS, ConvergenceError, InputError
+from beltid.errors import EXIT_NUMERICS, ConvergenceError, InputError, NumericsError
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.params import OperatingPoint
@@ -40,6 +41,14 @@ def test_a_static_failure_names_the_run_its_iterations_and_residual() -> None:
     assert error.iterations > 0
     assert f"in {error.iterations} Newton iterations" in str(error)
     assert error.residual > 1e-9
+
+
+def test_a_dead_weight_that_would_tear_the_belt_is_refused() -> None:
+    """By Eq. (5) the tight span had 300 exp(1.8 2.79) N = 46 kN, almost half of EA."""
+    rig = bench(law=LAW_5PK, mu=1.8)
+    hung = replace(rig, rig=replace(rig.rig, given_force="slack"))
+    with pytest.raises(NumericsError, match=r"stretches the belt by more than 20\s?%"):
+        simulate(hung, at(160, 300), SimulationSettings("steady"))
 
 
 def test_a_campaign_goes_on_without_the_run_that_fails() -> None:

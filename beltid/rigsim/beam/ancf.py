@@ -64,9 +64,13 @@ def hermite(xi: Array, h: Array) -> tuple[Array, Array, Array]:
         Values, first [1/m] and second [1/m²] derivatives for (r_i, r'_i, r_j, r'_j); the functions
         of r' carry a length, so their units are [m], [-] and [1/m].
     """
-    N, N_s, N_ss = _unit_shapes(tuple(xi.tolist()))
-    lengths, h = _lengths(h)[:, None], h[:, None, None]
-    return N * lengths, N_s * (lengths / h), N_ss * (lengths / (h * h))
+    unit, unit_s, unit_ss = _unit_shapes(tuple(xi.tolist()))
+    x, L = xi, h[:, None]
+    N = np.empty((h.size, xi.size, 4))
+    N[..., 0], N[..., 1] = unit[:, 0], L * x * (1.0 - x) * (1.0 - x)
+    N[..., 2], N[..., 3] = unit[:, 2], L * x * x * (x - 1.0)
+    per_length = (L / _lengths(h))[:, None]
+    return N, unit_s / per_length, unit_ss / (L[:, None] * per_length)
 
 
 _UNIT_MASS = np.array(
@@ -82,8 +86,8 @@ _UNIT_MASS = np.array(
 def mass_matrix(h: Array, rhoA: float) -> Array:
     """Consistent mass matrices of the shape functions, shape (n_e, 4, 4); constant, Eq. (10)."""
     lengths = _lengths(h)
-    masses = rhoA * h / 420.0
-    return (masses[:, None] * lengths)[:, :, None] * lengths[:, None] * _UNIT_MASS
+    powers = h[:, None, None] * (lengths[:, :, None] * lengths[:, None])
+    return rhoA * powers / 420.0 * _UNIT_MASS
 
 
 @leaf

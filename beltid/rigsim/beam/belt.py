@@ -76,7 +76,7 @@ def belt_arrays(belt: Belt, nodes: Array, points_per_element: int) -> BeltArrays
         w_g=h[:, None] * _GAUSS_WEIGHTS,
         N_c=N_c,
         D_c=D_c,
-        w_c=h[:, None] * np.full(points_per_element, 1.0 / points_per_element),
+        w_c=h[:, None] / np.full(points_per_element, points_per_element),
         M=mass_matrix(h, belt.rhoA),
         EA=float(belt.EA),
         EI=float(belt.EI),

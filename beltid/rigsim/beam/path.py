@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.laws.penalty import NormalLaw, stiffness_under
+from beltid.laws.penalty import NormalLaw, elastic_stiffness, stiffness_under
 from beltid.params import Belt, OperatingPoint, Rig
 
 Array = NDArray[np.float64]
@@ -139,8 +139,9 @@ def touchdown(belt: Belt, rig: Rig, law: NormalLaw, T_0: float) -> Touchdown:
         Tension [N].
     """
     EI, R, T = belt.EI, rig.R, T_0
-    k = float(stiffness_under(np.asarray(T / R), law.k_linear_N_m2, law.k_quadratic_N_m3))
-    delta = 2.0 * T / R / (law.k_linear_N_m2 + k)
+    k1, k2, f = law.k_linear_N_m2, law.k_quadratic_N_m3, T / R
+    delta = 2.0 * f / (k1 + float(stiffness_under(np.asarray(f), k1, k2)))
+    k = elastic_stiffness(delta, k1, k2)
     bend = bending_length(EI, T)
     # exp(-p x) and exp(-q x) on the bed, real or not: p q and p + q are real in any case
     pq = 2.0 / bed_length(EI, k) ** 2
