@@ -61,7 +61,7 @@ def test_every_line_of_a_new_config_is_valid_once_its_sign_is_taken_away(beltid:
     assert len(load_config("all.yaml").uncertainty.model_fields_set) > 10
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(
     name=st.from_regex(r"[A-Za-z0-9][A-Za-z0-9._-]{0,20}", fullmatch=True),
     belt_type=st.text(st.characters(categories=("L", "N", "P", "Zs")), min_size=1, max_size=40),
