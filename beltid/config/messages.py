@@ -46,7 +46,7 @@ def note_problems(error: ValidationError, model: type[BaseModel], source: Source
             else _found_and_allowed(path, detail, model, source)
         )
         code = "config-key" if unknown else "config-value"
-        source.complain(source.place(path, key=unknown), text, code)
+        source.complain(source.place(path, key=unknown), text, code=code)
 
 
 def requirement(detail: Mapping[str, Any]) -> str:

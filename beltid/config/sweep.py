@@ -77,7 +77,7 @@ def take_sweep(source: Source) -> Sweep:
 def _complain(source: Source, keys: KeyPath, what: str) -> None:
     path = (SWEEP, *keys)
     text = f"{'.'.join(str(k) for k in path)} {what}"
-    source.complain(source.place(path), text, "config-value")
+    source.complain(source.place(path), text, code="config-value")
 
 
 def _refuse_repeated(source: Source, key: str, values: list[Any]) -> None:
@@ -86,7 +86,7 @@ def _refuse_repeated(source: Source, key: str, values: list[Any]) -> None:
         text = _text(value)
         if text in seen:
             twice = f"{SWEEP}.{key}[{i}] = {text} is given twice"
-            source.complain(source.place((SWEEP, key, i)), twice, "config-key")
+            source.complain(source.place((SWEEP, key, i)), twice, code="config-key")
         seen.append(text)
 
 

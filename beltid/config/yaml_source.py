@@ -73,7 +73,7 @@ class Source:
         where = "" if place == NOWHERE else f":{place.line}:{place.column}"
         return f"{self.name}{where}: {text}"
 
-    def complain(self, place: Place, text: str, code: str = "") -> None:
+    def complain(self, place: Place, text: str, *, code: str = "") -> None:
         """Note a problem at a place."""
         self.problems.append((place, Problem(self.at(place, text), code)))
 
@@ -226,7 +226,7 @@ class _Walk:
             if key in found:
                 twice = format_path((*path, key))
                 text = f"{twice} is given twice, first in line {first[key].line}"
-                self.source.complain(here, text, "config-key")
+                self.source.complain(here, text, code="config-key")
                 continue
             first[key] = self.source.key_places[(*path, key)] = here
             found[key] = self.value(value_node, (*path, key))
