@@ -68,15 +68,23 @@ def _largest(
 
     def margin(factor: float) -> float:
         nonlocal near
-        try:
-            result = simulator.solve(point.scaled(factor), near)
-        except ConvergenceError:
+        # a state that is not steady is no good start
+        starts = (near, None) if near is not None else (None,)
+        for start in starts:
+            try:
+                result = simulator.solve(point.scaled(factor), start)
+                break
+            except ConvergenceError:
+                continue
+        else:
             return -1.0
-        near = result
         if SLACK in result.status:
             return -1.0
         # an idling pulley has an infinite reserve, and it could not be interpolated
-        return min(float(reserve(result).min()), MOST_RESERVE) - 1.0
+        left = min(float(reserve(result).min()), MOST_RESERVE) - 1.0
+        if left > 0.0:
+            near = result
+        return left
 
     low, high = 0.0, 1.0
     while margin(high) > 0.0:

@@ -12,8 +12,9 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from beltid.drive import rod
+from beltid.drive.limits import slip_limit
 from beltid.drive.model import Drive, DrivePoint, Pulley
-from beltid.drive.results import simulate
+from beltid.drive.results import Simulator, simulate
 from beltid.drive.rod import RodPulley, RodState, pulley_map
 from beltid.drive.string import StringLevel
 from beltid.laws.friction_surface import FrictionSurface
@@ -114,6 +115,17 @@ def test_shear_lets_the_drive_lose_more_and_balances_its_power() -> None:
     assert soft.loss.total[1] > 1.05 * rigid.loss.total[1]
     power = soft.torque * soft.speed
     assert soft.friction_power.sum() == pytest.approx(power[0] - power[1], rel=1e-9)
+
+
+@pytest.mark.parametrize("shear", [3.4e7, 1e9])
+def test_ribs_that_shear_slip_at_the_torque_of_those_that_do_not(shear: float) -> None:
+    """Constant friction: what all of the arc carries does not depend on how it got to slide."""
+    drive = two_pulleys(surface=FrictionSurface.constant(MU))
+    point = DrivePoint(62.8, 310.0, (0.0, 8.0))
+    rigid = slip_limit(Simulator(drive), point)
+    soft = slip_limit(Simulator(replace(drive, shear_stiffness=shear)), point)
+    assert soft.slip == pytest.approx(rigid.slip, rel=3e-3)
+    assert soft.adhesion == pytest.approx(rigid.adhesion, rel=3e-3)
 
 
 def rods(
