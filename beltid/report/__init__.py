@@ -6,7 +6,6 @@ Module          Responsibility
 ``results``     what a report is made of
 ``figures``     the figures, a module per topic
 ``drawing``     how figures look; SVG, PNG and PDF with the same bytes
-``interactive`` the surface for the mouse
 ``tables``      tables of a page
 ``verdict``     what stands on top of a page
 ``conditions``  what was tested, and how

@@ -9,7 +9,6 @@ from beltid.report import gallery, tables
 from beltid.report.conditions import conditions
 from beltid.report.figures import arc, budget, drive, friction, press, proof, runs, slip, surface
 from beltid.report.html import Page, Section
-from beltid.report.interactive import as_json, surface_plot
 from beltid.report.results import BeltResults, Sheet
 from beltid.report.verdict import verdict_of
 
@@ -32,7 +31,7 @@ def belt_page(results: BeltResults, made_from: str) -> Page:
     made_from : str
         Hash of everything that the page is made from.
     """
-    plot = surface_plot(results)
+    plot = surface.surface_plot(results)
     return Page(
         kind="Contact parameters between a V-ribbed belt and a pulley",
         title=f"Belt {results.belt}",
@@ -56,7 +55,7 @@ def belt_page(results: BeltResults, made_from: str) -> Page:
         verdict=verdict_of(results),
         conditions=conditions(results),
         synthetic=results.origin == "synthetic",
-        plot=as_json(plot) if plot else "",
+        plot=surface.as_json(plot) if plot else "",
         made_from=made_from,
     )
 

@@ -20,9 +20,9 @@ from beltid.errors import ArtifactError, InputError, percent
 from beltid.report.belt_page import belt_page
 from beltid.report.belts_page import belts_page
 from beltid.report.conditions import conditions
+from beltid.report.figures.surface import as_json, surface_plot
 from beltid.report.gallery import tiles
 from beltid.report.html import Page, Section, rendered
-from beltid.report.interactive import as_json, surface_plot
 from beltid.report.tables import drift, effects, nodes, set_aside
 from beltid.report.verdict import verdict_of
 from beltid.stages.reporter import Options

@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from beltid.identify.estimators.statistics import as_set
 from beltid.report.drawing import figure, group, legend_below, mark_synthetic, style
 from beltid.report.figures import (
     arc,
@@ -17,7 +18,6 @@ from beltid.report.figures import (
     press,
     proof,
     runs,
-    shear,
     slip,
     surface,
 )
@@ -119,9 +119,44 @@ def _rig_curves(sheet: Sheet) -> list[Picture]:
     return [Picture("runs", runs.TITLE, "Apparent friction coefficient of the runs kept.", fig)]
 
 
+def _shear(shear: Sheet) -> Picture:
+    """Travel per difference of the tensions over the arc, a group per initial tension."""
+    used = shear["status"] == "ok"
+    arcs, measured = shear["arc_deg"][used], 1.0 / shear["slope_N_m"][used]
+    errors = 2.0 * shear["slope_se_N_m"][used] * measured**2
+    fitted = 1.0 / shear["slope_fitted_N_m"][used]
+    tensions = as_set(shear["initial_tension_N"])[used]
+    with style():
+        fig = figure(height=4.2)
+        axes = fig.subplots()
+        for i, tension in enumerate(np.unique(tensions)):
+            rows = np.flatnonzero(tensions == tension)
+            rows = rows[np.argsort(arcs[rows], kind="stable")]
+            look = group(i)
+            axes.errorbar(
+                arcs[rows],
+                measured[rows] * MICRO,
+                errors[rows] * MICRO,
+                **{**look, "linestyle": "none"},
+                capsize=2,
+                label=f"T₀ = {tension:.3g} N",
+            )
+            axes.plot(arcs[rows], fitted[rows] * MICRO, **{**look, "marker": None})
+        axes.set(xlabel="contact arc [°]", ylabel="travel per difference of the tensions [µm/N]")
+        legend_below(fig, [axes], columns=4)
+    return Picture(
+        "shear",
+        "Build-up of the tensions",
+        "Travel of the pulley's surface that parts the tensions by one newton while the belt "
+        "sticks, with two standard errors; lines: by the shear stiffness found, or by ribs that do "
+        "not shear where none could be found.",
+        fig,
+    )
+
+
 MAKERS: Final[dict[str, Callable[[Sheet], list[Picture]]]] = {
     "stiffness": lambda sheet: [press.pooled(sheet, None), press.deviation(sheet)],
-    "shear": lambda sheet: [shear.against_arc(sheet)],
+    "shear": lambda sheet: [_shear(sheet)],
     "slip": lambda sheet: [slip.against_torque(sheet)],
     "friction": lambda sheet: friction.measured(_alone(sheet)),
     "surface": _surface,

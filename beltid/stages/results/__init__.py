@@ -9,6 +9,5 @@ Module               Responsibility
 ``law_of_belt``      the contact law put together from artifacts
 ``belt_results``     the results in the folder of a belt
 ``recorded_curves``  what the figures need of the recordings
-``pages``            report pages: up to date, or replaced
 ==================== ===========================================================================
 """
