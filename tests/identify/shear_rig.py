@@ -18,16 +18,22 @@ from numpy.typing import NDArray
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, Rig
+from beltid.rigsim import steady
 from beltid.rigsim.banded import factorize, solve
 from beltid.rigsim.beam.belt import store_strains
 from beltid.rigsim.beam.supports import release
+from beltid.rigsim.compiled import kernel
 from beltid.rigsim.contact.points import SLIDE, STICK, Motion, new_points, remember
 from beltid.rigsim.model import Bench, OperatingPoint
 from beltid.rigsim.rig import simulate
-from beltid.rigsim.steady import force_tolerance, largest_force, lay_on, move
+from beltid.rigsim.steady import force_tolerance, lay_on
 from beltid.rigsim.transient import Kinematics, accept, assemble
 
 Array = NDArray[np.float64]
+
+# called in every iteration: compiled for Python, too
+largest_force, move = kernel(steady.largest_force), kernel(steady.move)
+
 Setting = tuple[float, float]
 """Contact arc [deg] and initial tension [N]."""
 Curve = tuple[Array, Array]

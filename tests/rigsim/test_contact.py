@@ -16,7 +16,8 @@ from scipy.integrate import quad
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Contact
 from beltid.rigsim.banded import WIDTH
-from beltid.rigsim.contact.forces import add_contact
+from beltid.rigsim.compiled import kernel
+from beltid.rigsim.contact import forces
 from beltid.rigsim.contact.points import (
     SLIDE,
     STICK,
@@ -31,6 +32,9 @@ from beltid.rigsim.model import RigModel
 from beltid.rigsim.steady import lay_on
 
 Array = NDArray[np.float64]
+
+# called hundreds of times here: compiled for Python, too
+add_contact = kernel(forces.add_contact)
 FIXED = settings(max_examples=60, deadline=None, derandomize=True)
 
 K1, K2, HALF_LENGTH = 6.5e7, 3.0256e11, 1.0e-3
