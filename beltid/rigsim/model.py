@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -132,6 +132,10 @@ class Bench:
         pulley = contact_arrays(self.rig.R, self.contact, self.law, self.surface)
         object.__setattr__(self, "pulley", pulley)
         object.__setattr__(self, "friction_falls", self.surface.falls_with_speed)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # rebuilt: pickled arrays would come back writable, for which all is compiled once more
+        return type(self), (self.belt, self.rig, self.contact, self.law, self.surface)
 
     def model(self, point: OperatingPoint, elements: int | None = None) -> RigModel:
         """Build the model of one run; ``elements`` overrides the default number of elements.

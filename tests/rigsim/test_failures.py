@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
+import numba
 import numpy as np
 import pytest
 from rig_bench import LAW_5PK, at, bench, start, true_surface_5pk
@@ -59,6 +60,13 @@ def test_a_campaign_goes_on_without_the_run_that_fails() -> None:
         assert isinstance(ended[1], ConvergenceError)
         for index in (0, 2, 3):
             assert isinstance(ended[index], RunResult)
+
+
+def test_a_bench_in_another_process_needs_no_kernels_of_its_own() -> None:
+    """Arrays that can be written to are another type: all would be compiled for it once more."""
+    rig = bench(law=LAW_5PK, mu=true_surface_5pk(30, 12))
+    again = pickle.loads(pickle.dumps(rig))
+    assert numba.typeof(again.pulley) == numba.typeof(rig.pulley)
 
 
 @pytest.mark.parametrize("method", ["steady", "transient"])
@@ -193,6 +201,7 @@ def test_every_edit_of_a_kernel_opens_another_cache(
 
 
 KERNEL = """
+import numba
 import numpy as np
 from beltid.rigsim.banded import HALF, WIDTH, factorize
 A, pivots = np.zeros((1, WIDTH)), np.zeros(1, dtype=np.int64)
