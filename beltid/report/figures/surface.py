@@ -196,7 +196,7 @@ def _drawn(sheet: Sheet) -> Figure:
         for axis, values, logs in ((axes.xaxis, f, log_f), (axes.yaxis, v * MILLI, log_v)):
             if logs:
                 shown = ticks(values)
-                axis.set_ticks(np.log10(shown), [f"{tick:.4g}" for tick in shown])
+                axis.set_ticks(np.log10(shown), [f"{tick:g}" for tick in shown])
         axes.set_xlabel(FORCE, labelpad=6)
         axes.set_ylabel(SPEED, labelpad=6)
         axes.zaxis.set_rotate_label(False)
