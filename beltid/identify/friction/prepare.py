@@ -108,7 +108,7 @@ def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> Prep
         conditions=record.conditions,
         treatment=record.treatment,
         momentum_N=record.momentum_N,
-        torque_with=record.kind.span_beside_torque,
+        torque_with=kind.span_beside_torque,
     )
     try:
         if record.defect:
