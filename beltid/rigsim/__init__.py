@@ -15,7 +15,8 @@ Module               Responsibility                                             
 ``sensitivity``      Derivatives of the tensions with respect to mu
 ``reference``        The same step by Lemke's method, independent of all guesses    (11), (12)
 ``banded``           Banded LU factorisation and solution
-``compiled``         The compiler's decorators and their cache
+``compiled``         The compiler's decorators, and a cache that heals
+``kernel_cache``     Where compiled kernels are kept; they are compiled ahead
 ``compiled_laws``    :mod:`beltid.laws`, compiled for the kernels                   (1) to (9)
 ===================  =============================================================  ============
 """

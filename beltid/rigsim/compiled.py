@@ -11,14 +11,12 @@ is compiling.
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import io
 import os
 import pathlib
 import pickle
 import shutil
-import sys
 import warnings
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -28,11 +26,12 @@ from numba.core import config as _numba_config
 from numba.core.caching import IndexDataCacheFile
 from numba.extending import register_jitable
 
+from beltid.rigsim.kernel_cache import cache_folder
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 numba_config: Any = _numba_config  # its settings are made at run time, unknown to a type checker
 
-_ROOMS = ("rigsim", "laws", "drive")
 _SEAL = hashlib.sha256().digest_size
 _OPTIONS: Any = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, "_nrt": False}
 
@@ -75,21 +74,6 @@ class SealedCacheFile(IndexDataCacheFile):
 def _check_seal(content: bytes) -> None:
     if hashlib.sha256(content[:-_SEAL]).digest() != content[-_SEAL:]:
         raise DamagedCacheError
-
-
-@functools.cache
-def cache_folder() -> pathlib.Path:
-    """Folder of the compiled kernels for the sources, numba and machine in use."""
-    package = pathlib.Path(__file__).resolve().parent.parent
-    digest = hashlib.sha256(f"{numba.__version__} {sys.version}".encode())
-    for room in _ROOMS:
-        for source in sorted((package / room).rglob("*.py")):
-            digest.update(str(source.relative_to(package)).encode())
-            digest.update(source.read_bytes())
-    base = os.environ.get("BELTID_CACHE_DIR") or (
-        pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache") / "beltid"
-    )
-    return pathlib.Path(base) / f"kernels-{digest.hexdigest()[:16]}"
 
 
 class _Turn:

@@ -222,6 +222,17 @@ def run_transient(
     )
 
 
+def compile_march(model: RigModel) -> None:
+    """Compile the kernels of a run in time: a march of no steps."""
+    belt, q = model.system.belt, model.path_coordinates()
+    points, work, none = new_points(belt, STICK), model.workspace(), np.zeros(0)
+    remember(belt, points, q)
+    store_strains(belt, q, 1.0, work.strain_old)
+    state, schedule = Kinematics(q, q, q, q), Schedule(none, none)
+    drive = Drive(stretch=1.0, T_0=1.0, augmentation=1.0, sticking_ratio=1.0)
+    march(model.system, points, state, schedule, drive, work, new_recorder(0), 0, 0)
+
+
 def _refuse_unsettled(model: RigModel, force: Array, sliding: StaticState) -> None:
     """The end of a run is the sliding limit, or the run says that it is not."""
     last = force[-1]

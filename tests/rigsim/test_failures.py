@@ -168,7 +168,7 @@ PACKAGE = Path(beltid.__file__).parent
 
 def compiled_of(package: Path, name: str) -> ModuleType:
     """The module of the cache of another copy of the package."""
-    spec = importlib.util.spec_from_file_location(name, package / "rigsim" / "compiled.py")
+    spec = importlib.util.spec_from_file_location(name, package / "rigsim" / "kernel_cache.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)

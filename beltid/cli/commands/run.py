@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,6 +15,7 @@ from beltid.cli.program import Common, command
 
 if TYPE_CHECKING:
     from beltid.cli.reporter import TerminalReporter
+    from beltid.config import ConfigSource
     from beltid.report.summary import Summary
     from beltid.stages.workers import Workers
 
@@ -113,7 +115,13 @@ def run(
             asked = BatchOptions(force=common.force, bootstrap=bootstrap, seed=seed)
             return plan_batch(chosen, folder, asked)
         first_time = any(not (folder / source.name).is_dir() for source in chosen)
-        workers = where.workers(at_once=first_time or common.force)
+        anew = first_time or common.force
+        if anew and executor == "local":
+            from beltid.rigsim.kernel_cache import COMPILING, compile_ahead
+
+            if compile_ahead(simulated_by(chosen)):
+                reporter.report(COMPILING)
+        workers = where.workers(at_once=anew)
         from beltid.batch.chain import BatchOptions, run_batch
 
         reporter.detail(f"workers: {workers.about}")
@@ -133,6 +141,13 @@ def run(
 
     kept = f"what was finished stands in {folder}; the same command goes on from there"
     finish(work, common, kept=kept)
+
+
+def simulated_by(sources: Sequence[ConfigSource]) -> set[str]:
+    """Methods by which the rigs of belts are simulated, if all are computed anew."""
+    simulated = [one.config for one in sources if {"press", "rig"} <= set(one.config.data.files)]
+    refined = {"steady"} if simulated else set()
+    return refined | {config.simulation.method for config in simulated}
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from beltid.artifacts.metadata_models import SimulatedMetadata
 from beltid.config import Config, ConfigSource
 from beltid.errors import EXIT_DONE, EXIT_NUMERICS, NumericsError, counted, percent
 from beltid.report.summary import Summary
+from beltid.rigsim.kernel_cache import COMPILING, compile_ahead
 from beltid.rigsim.rig import SimulationSettings
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.outcome import Outcome
@@ -161,6 +162,8 @@ def run(
         whose = "as the config states" if measured is None else "at the settings measured"
         count = counted(len(runs), "run")
         options.reporter.report(f"{count}, {settings.method}, {whose}")
+        if compile_ahead({"steady", settings.method}):
+            options.reporter.report(COMPILING)
         how = options.reporter, options.workers or options.jobs
         campaign = simulate(model, (given.surface, given.press.law), runs, settings, how)
         _refuse_nothing(campaign)
