@@ -33,6 +33,9 @@ def source(origin: str | None) -> ConfigSource:
 def rig(tmp_path_factory: pytest.TempPathFactory, part_of_rig: Callable[..., str]) -> Path:
     path = tmp_path_factory.mktemp("rig") / "rig.csv"
     path.write_text(part_of_rig((82,), (100, 411), (0.21, 0.42)))
+    header, *rows = (DATA / "press.csv").read_text().splitlines()
+    one_test = [row for row in rows if row.startswith("P22,")]
+    path.with_name("press.csv").write_text("\n".join([header, *one_test]) + "\n")
     return path
 
 
@@ -46,7 +49,7 @@ def chain(rig: Path, folder: Path, stated: str | None) -> dict[str, Summary]:
     return {
         "friction": fit_friction.run(said, {"rig": rig}, out["friction"], options),
         "stiffness": fit_stiffness.run(
-            said, {"press": DATA / "press.csv"}, out["stiffness"], options
+            said, {"press": rig.with_name("press.csv")}, out["stiffness"], options
         ),
         "surface": build_surface.run(
             silent, {"friction": out["friction"]}, out["surface"], options
