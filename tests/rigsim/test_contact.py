@@ -15,9 +15,6 @@ from scipy.integrate import quad
 
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Contact
-from beltid.rigsim.banded import WIDTH
-from beltid.rigsim.compiled import kernel
-from beltid.rigsim.contact import forces
 from beltid.rigsim.contact.points import (
     SLIDE,
     STICK,
@@ -29,12 +26,12 @@ from beltid.rigsim.contact.points import (
     touching_share,
 )
 from beltid.rigsim.model import RigModel
-from beltid.rigsim.steady import lay_on
+from beltid.rigsim.steady import lay_on, linearize
 
 Array = NDArray[np.float64]
 
-# called hundreds of times here: compiled for Python, too
-add_contact = kernel(forces.add_contact)
+HELD = [0, 1, -4, -3]
+"""Coordinates at the supports, far from the contact."""
 FIXED = settings(max_examples=60, deadline=None, derandomize=True)
 
 K1, K2, HALF_LENGTH = 6.5e7, 3.0256e11, 1.0e-3
@@ -174,9 +171,13 @@ def assembled(
     model: RigModel, motion: Motion, points: Points, q: Array, stretch: float, row: int = 1
 ) -> tuple[Array, Array, Array]:
     """Residual, tangent, and the derivative in the stretch or (row 2) in the pulley's speed."""
-    A, vectors = np.zeros((q.size, WIDTH)), np.zeros((3, q.size))
-    add_contact(model.system.belt, model.system.pulley, motion, points, q, stretch, A, vectors)
-    return vectors[0], dense(A), vectors[row]
+    belt = model.system.belt
+    limp = belt._replace(EA=0.0, EI=0.0, M=np.zeros_like(belt.M))  # the contact alone is left
+    work = model.workspace(2)
+    linearize(model.system._replace(belt=limp), motion, points, q, q, stretch, work)
+    K = dense(work.A)
+    K[HELD, HELD] = 0.0
+    return work.vectors[0], K, work.vectors[row]
 
 
 def fresh(model: RigModel, status: int, q: Array, stretch: float) -> Points:

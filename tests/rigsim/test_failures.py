@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import importlib.util
-import os
 import pickle
 import shutil
-import subprocess
-import sys
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numba
 import numpy as np
@@ -22,6 +21,8 @@ from beltid.errors import EXIT_NUMERICS, ConvergenceError, InputError, NumericsE
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.params import OperatingPoint
+from beltid.rigsim import compiled
+from beltid.rigsim.banded import HALF, WIDTH, factorize
 from beltid.rigsim.rig import Method, RunResult, SimulationSettings, campaign, simulate
 from beltid.rigsim.steady import lay_on, newton, slide
 from beltid.rigsim.transient import Recorder
@@ -164,6 +165,7 @@ def test_whole_numbers_and_surfaces_from_another_process_compile_nothing_anew() 
 # ----- compiled kernels ---------------------------------------------------------------------
 
 PACKAGE = Path(beltid.__file__).parent
+Anew = Callable[[Path], tuple[int, int]]
 
 
 def compiled_of(package: Path, name: str) -> ModuleType:
@@ -200,53 +202,42 @@ def test_every_edit_of_a_kernel_opens_another_cache(
     assert compiled_of(package, "compiled_after").cache_folder() != before
 
 
-KERNEL = """
-import numba
-import numpy as np
-from beltid.rigsim.banded import HALF, WIDTH, factorize
-A, pivots = np.zeros((1, WIDTH)), np.zeros(1, dtype=np.int64)
-assert not factorize(A, pivots)
-A[0, HALF] = 2.0
-assert factorize(A, pivots)
-print(sum(factorize.stats.cache_hits.values()), sum(factorize.stats.cache_misses.values()))
-"""
+@pytest.fixture
+def compiled_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Anew]:
+    """Function that compiles or loads a kernel as a new process does: hits, misses of a cache."""
+
+    def anew(cache: Path) -> tuple[int, int]:
+        monkeypatch.setenv("BELTID_CACHE_DIR", str(cache))
+        compiled.cache_folder.cache_clear()
+        again: Any = compiled.kernel(factorize.py_func)
+        A, pivots = np.zeros((1, WIDTH)), np.zeros(1, dtype=np.int64)
+        assert not again(A, pivots)
+        A[0, HALF] = 2.0
+        assert again(A, pivots)
+        return sum(again.stats.cache_hits.values()), sum(again.stats.cache_misses.values())
+
+    yield anew
+    compiled.cache_folder.cache_clear()
 
 
-def run_kernel(cache: Path, package: Path = PACKAGE) -> tuple[int, int]:
-    """Hits and misses of the cache in a process of its own."""
-    env = {**os.environ, "BELTID_CACHE_DIR": str(cache)}
-    done = subprocess.run(
-        [sys.executable, "-c", KERNEL],
-        env=env,
-        cwd=package.parent,  # first on the path of python -c
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    hits, misses = done.stdout.split()
-    return int(hits), int(misses)
+@pytest.mark.parametrize(("suffix", "damage"), [(".nbi", "garbage"), (".nbc", "cut")])
+def test_a_damaged_cache_heals(
+    compiled_anew: Anew, tmp_path: Path, suffix: str, damage: str
+) -> None:
+    """Index or code of a kernel overwritten, or cut short: compiled anew without an error."""
+    assert compiled_anew(tmp_path) == (0, 1)
+    (path,) = tmp_path.rglob(f"*{suffix}")
+    content = path.read_bytes()
+    half = content[: len(content) // 2]
+    path.write_bytes(b"\x80\x05not a kernel" * 9 if damage == "garbage" else half)
+    assert compiled_anew(tmp_path)[0] == 0
+    assert compiled_anew(tmp_path) == (1, 0)
 
 
-def test_a_damaged_cache_heals(tmp_path: Path) -> None:
-    """Index and code of a kernel overwritten, cut short: compiled anew without an error."""
-    whole = tmp_path / "whole"
-    assert run_kernel(whole) == (0, 1)
-    for damage in ("garbage", "cut"):
-        cache = tmp_path / damage
-        shutil.copytree(whole, cache)
-        files = [path for path in cache.rglob("*") if path.suffix in (".nbi", ".nbc")]
-        assert len(files) >= 2
-        for path in files:
-            content = path.read_bytes()
-            half = content[: len(content) // 2]
-            path.write_bytes(b"\x80\x05not a kernel" * 9 if damage == "garbage" else half)
-        assert run_kernel(cache)[0] == 0
-    assert run_kernel(cache) == (1, 0)
-
-
-def test_a_cache_that_cannot_be_written_does_not_stop_the_work(tmp_path: Path) -> None:
+def test_a_cache_that_cannot_be_written_does_not_stop_the_work(
+    compiled_anew: Anew, tmp_path: Path
+) -> None:
     blocked = tmp_path / "file"
     blocked.write_text("not a folder")
-    package = tmp_path / "elsewhere" / "beltid"
-    shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__"))
-    assert run_kernel(blocked / "cache", package) == (0, 1)
+    assert compiled_anew(blocked / "cache") == (0, 1)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]

@@ -20,8 +20,16 @@ from beltid.stages.workers import Workers
 @pytest.fixture(scope="module")
 def some_runs(tmp_path_factory: pytest.TempPathFactory, part_of_rig: Callable[..., str]) -> Path:
     path = tmp_path_factory.mktemp("bench") / "rig.csv"
-    path.write_text(part_of_rig((40, 82), (100, 411), (0.05, 0.42)))
+    path.write_text(part_of_rig((82,), (100, 411), (0.05, 0.42)))
     return path
+
+
+@pytest.fixture(scope="module")
+def at_once(some_runs: Path) -> Path:
+    """The friction artifact of the recording, read at once."""
+    out = some_runs.with_name("at_once.parquet")
+    fitted(some_runs, out)
+    return out
 
 
 @pytest.fixture
@@ -36,26 +44,22 @@ def fitted(rig: Path, out: Path, workers: Workers | None = None) -> bytes:
 
 
 def test_the_artifact_is_the_same_to_the_byte(
-    some_runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    some_runs: Path, at_once: Path, tmp_path: Path, everything_is_big: None
 ) -> None:
-    at_once = fitted(some_runs, tmp_path / "at_once.parquet")
-    monkeypatch.setattr("beltid.bench.recording.BIG", 1)
-    assert fitted(some_runs, tmp_path / "streamed.parquet") == at_once
+    assert fitted(some_runs, tmp_path / "streamed.parquet") == at_once.read_bytes()
     two = Workers()
     two.jobs = 2  # the calls of one batch in two parts
-    assert fitted(some_runs, tmp_path / "shared.parquet", two) == at_once
+    assert fitted(some_runs, tmp_path / "shared.parquet", two) == at_once.read_bytes()
 
 
 def test_runs_for_the_figures_are_picked_from_the_stream(
-    some_runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    some_runs: Path, at_once: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    friction = tmp_path / "friction.parquet"
-    fitted(some_runs, friction)
     source = find_config(some_runs, None)
-    at_once = rig_curves(source, some_runs, friction, tmp_path / "a.parquet", Options())
+    whole = rig_curves(source, some_runs, at_once, tmp_path / "a.parquet", Options())
     monkeypatch.setattr("beltid.bench.recording.BIG", 1)
-    streamed = rig_curves(source, some_runs, friction, tmp_path / "b.parquet", Options())
-    for name, values in at_once.artifact.columns.items():
+    streamed = rig_curves(source, some_runs, at_once, tmp_path / "b.parquet", Options())
+    for name, values in whole.artifact.columns.items():
         found = streamed.artifact.columns[name]
         same = values == found if values.dtype == object else np.isclose(values, found, rtol=0)
         assert np.all(same | (values != values)), name
@@ -76,18 +80,18 @@ def test_what_is_wrong_far_down_is_told_and_nothing_is_written(
     assert not out.exists()
 
 
-def test_a_friction_artifact_of_a_folder_of_parquet_files(some_runs: Path, tmp_path: Path) -> None:
+def test_a_friction_artifact_of_a_folder_of_parquet_files(
+    some_runs: Path, at_once: Path, tmp_path: Path
+) -> None:
     import pandas as pd
 
     folder = tmp_path / "season"
     for run, part in pd.read_csv(some_runs, dtype={"run": str}).groupby("run", sort=False):
         (folder / f"run={run}").mkdir(parents=True)
         part.drop(columns="run").to_parquet(folder / f"run={run}" / "0.parquet", index=False)
-    fitted(some_runs, tmp_path / "at_once.parquet")
     fitted(folder, tmp_path / "folder.parquet")
     one, other = (
-        read_artifact(tmp_path / name, "friction").columns
-        for name in ("at_once.parquet", "folder.parquet")
+        read_artifact(path, "friction").columns for path in (at_once, tmp_path / "folder.parquet")
     )
     order = np.argsort(one["run"].astype(str)), np.argsort(other["run"].astype(str))
     for name in ("mu_sliding", "mu_sliding_se", "normal_force_N_m"):
@@ -96,12 +100,15 @@ def test_a_friction_artifact_of_a_folder_of_parquet_files(some_runs: Path, tmp_p
 
 @pytest.mark.parametrize("limit", [1, 64 << 20], ids=["run by run", "at once"])
 def test_curves_of_another_recording_are_refused_with_what_is_missing(
-    some_runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: int
+    some_runs: Path,
+    at_once: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    limit: int,
 ) -> None:
-    friction, other = tmp_path / "friction.parquet", tmp_path / "other.csv"
-    fitted(some_runs, friction)
+    other = tmp_path / "other.csv"
     header, *rows = some_runs.read_text().splitlines()
     other.write_text("\n".join([header, *("X" + row for row in rows)]) + "\n")
     monkeypatch.setattr("beltid.bench.recording.BIG", limit)
     with pytest.raises(InputError, match=r"other\.csv: has no run R\d+, .*another recording"):
-        rig_curves(find_config(some_runs), other, friction, tmp_path / "c.parquet", Options())
+        rig_curves(find_config(some_runs), other, at_once, tmp_path / "c.parquet", Options())

@@ -34,11 +34,11 @@ def recording(folder: Path) -> Path:
     return path
 
 
-@pytest.fixture
-def columns(tmp_path: Path) -> dict[str, np.ndarray]:
-    path = recording(tmp_path)
+@pytest.fixture(scope="module")
+def columns(tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]:
+    path = recording(tmp_path_factory.mktemp("bench"))
     source = ConfigSource(load_config(None), "test")
-    out = tmp_path / "slip.parquet"
+    out = path.with_name("slip.parquet")
     summary = fit_slip.run(source, {"speedloss": path}, out, Options())
     assert summary.facts["runs"] == 16
     assert len(summary.table) == 16
