@@ -209,6 +209,7 @@ class EffectRow(TypedDict):
     size_percent: Number
     standard_uncertainty_percent: Number | None
     clear: bool
+    explained_percent: NotRequired[Number | None]
 
 
 class BendingFigures(TypedDict):
@@ -228,6 +229,7 @@ class DriftRow(TypedDict):
     change_percent: Number
     standard_error_percent: Number
     clear: bool
+    explained_percent: NotRequired[Number]
 
 
 class MonteCarlo(TypedDict):

@@ -74,12 +74,15 @@ class FoundEffect:
         Standard deviation of its numbers.
     values, covariance : ndarray, shape (K,), (K, K)
         Its numbers and their covariance.
+    explained : ndarray, shape (K,)
+        Share of each number's column that the surface explains, force and speed of the runs [-].
     """
 
     effect: Effect
     size: float
     values: Array
     covariance: Array
+    explained: Array
 
 
 def campaign_effects(

@@ -171,6 +171,23 @@ class LinearModel:
         of_surface, of_effects = self.J @ solution.parameters, self._Z @ solution.effects
         return np.asarray(self.y - of_surface - of_effects)
 
+    def explained_by_surface(self, smoothness: Smoothness, columns: Array) -> Array:
+        """Share of columns (n, k) that the surface explains as an unknown, shape (k,).
+
+        ``1 - z' V^-1 z / z' S^-1 z``, S the variance of the noise and V = S + J P^+ J': a squared
+        multiple correlation with the columns of the surface, as freely as its smoothness lets them
+        move. 1 less that is the inverse of the variance inflation factor. The level, which the
+        surface always explains, is taken off z beforehand.
+        """
+        level, noise = self.J.sum(axis=1), self.variance(smoothness)
+        columns = columns - np.outer(level, (level / noise) @ columns / (level @ (level / noise)))
+        weighted = columns / noise[:, None]
+        seen = self.J.T @ weighted
+        A = self._normal(smoothness)[: self.J.shape[1], : self.J.shape[1]]
+        explained = np.sum(seen * cho_solve(cho_factor(A), seen), axis=0)
+        whole = np.sum(columns * weighted, axis=0)
+        return np.asarray(explained / np.where(whole > 0.0, whole, 1.0))
+
     def effective_parameters(self, smoothness: Smoothness) -> float:
         """Number of parameters that the data determine: trace of the influence matrix."""
         design = self._design(smoothness)

@@ -222,7 +222,7 @@ def refine_surface(
         gain=solution.gain * (np.sqrt(fit.weight) / errors),
         speed_slope=last.speed_slope,
         roughness=fit.model.roughness(fit.smoothness),
-        effects=_found(problem.effects, fit.smoothness, solution),
+        effects=_found(problem.effects, fit.model, fit.smoothness, solution),
         effects_covariance=solution.effects_covariance,
         effects_gain=solution.effects_gain * (np.sqrt(fit.weight) / errors),
         stated=None if stated is None else fit.stated_errors(problem),
@@ -230,14 +230,16 @@ def refine_surface(
 
 
 def _found(
-    effects: Sequence[Effect], smoothness: Smoothness, solution: Solution
+    effects: Sequence[Effect], model: LinearModel, smoothness: Smoothness, solution: Solution
 ) -> tuple[FoundEffect, ...]:
     """The numbers of each effect."""
     found, first = [], 0
-    for effect, size in zip(effects, smoothness.effects, strict=True):
+    parts = zip(effects, smoothness.effects, model.effects, strict=True)
+    for effect, size, columns in parts:
         mine = slice(first, first + effect.columns.shape[1])
         covariance = solution.effects_covariance[mine, mine]
-        found.append(FoundEffect(effect, size, solution.effects[mine], covariance))
+        explained = model.explained_by_surface(smoothness, columns)
+        found.append(FoundEffect(effect, size, solution.effects[mine], covariance, explained))
         first = mine.stop
     return tuple(found)
 
@@ -295,7 +297,8 @@ class _Fit:
     def stated_errors(self, problem: _Problem) -> FoundEffect:
         """The stated errors as the runs show them, with the surface and all effects unknown."""
         solution = self.whole.solve(self.chosen)
-        return _found((*problem.effects, problem.stated), self.chosen, solution)[-1]
+        effects = (*problem.effects, problem.stated)
+        return _found(effects, self.whole, self.chosen, solution)[-1]
 
 
 def _gauss_newton(problem: _Problem, start: Array) -> _Fit:

@@ -63,8 +63,21 @@ HUB_COLUMNS: Final = (
     "reserve",
     "status",
 )
-DRIFT_COLUMNS: Final = ("cause", "per", "change_percent", "standard_error_percent", "clear")
-EFFECT_COLUMNS: Final = ("effect", "size_percent", "standard_uncertainty_percent", "clear")
+DRIFT_COLUMNS: Final = (
+    "cause",
+    "per",
+    "change_percent",
+    "standard_error_percent",
+    "clear",
+    "explained_percent",
+)
+EFFECT_COLUMNS: Final = (
+    "effect",
+    "size_percent",
+    "standard_uncertainty_percent",
+    "clear",
+    "explained_percent",
+)
 BUDGET_COLUMNS: Final = (
     "artifact",
     "quantity",

@@ -220,6 +220,8 @@ def factor_of(covariance: Array) -> Array:
 TOGETHER, SCATTER = "together", "scatter"
 CLEAR = 3.0
 """Standard uncertainties beyond which an effect is no chance."""
+CONFOUNDED = 0.9
+"""Share of an effect that force and speed explain: it inflates the variance of its size tenfold."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,20 +241,31 @@ class ShownEffect:
         Standard uncertainty of that; nan for the scatter.
     arcs_deg : tuple of float
         The arcs that lie lower and higher [deg]; empty for other effects.
+    explained : float
+        Share of the order, its course or the temperature that force and speed of the runs explain
+        [-]; nan for others.
     """
 
     key: str
     size: float
     uncertainty: float
     arcs_deg: tuple[float, ...] = ()
+    explained: float = math.nan
+
+    @property
+    def is_confounded(self) -> bool:
+        """Whether the runs cannot tell it from the surface."""
+        return self.explained > CONFOUNDED
 
     @property
     def is_clear(self) -> bool:
         """Whether it is far more than its uncertainty, and than the error of the simulated rig.
 
-        That error is alike in runs that are alike: it looks like an effect.
+        That error is alike in runs that are alike: it looks like an effect. What force and speed
+        explain may as well be the surface.
         """
-        return abs(self.size) > CLEAR * math.hypot(self.uncertainty, MODEL_ERROR)
+        least = CLEAR * math.hypot(self.uncertainty, MODEL_ERROR)
+        return abs(self.size) > least and not self.is_confounded
 
 
 def shown_effects(found: Refined) -> tuple[ShownEffect, ...]:
@@ -260,18 +273,20 @@ def shown_effects(found: Refined) -> tuple[ShownEffect, ...]:
     seen = _Seen.of(found)
     order, warm = seen.rows(ORDER), seen.rows(TEMPERATURE)
     shown = [
-        ShownEffect(key, *seen.change(rows))
+        ShownEffect(key, *seen.change(rows), explained=seen.explained(key))
         for key, rows in ((ORDER, order), (TEMPERATURE, warm))
         if rows is not None
     ]
     course = seen.rows(COURSE)
     if course is not None:
-        shown.append(ShownEffect(COURSE, *seen.root_mean_square(COURSE, course)))
+        size, uncertainty = seen.root_mean_square(COURSE, course)
+        shown.append(ShownEffect(COURSE, size, uncertainty, explained=seen.explained(COURSE)))
     if order is not None and warm is not None:
         # what a straight line through the temperatures adds to the change over the campaign
         columns = found.refined.columns_of_effects
         x, T = (columns[key][:, 0] for key in (ORDER, TEMPERATURE))
-        together = ShownEffect(TOGETHER, *seen.change(order + np.polyfit(x, T, 1)[0] * warm))
+        change = seen.change(order + np.polyfit(x, T, 1)[0] * warm)
+        together = ShownEffect(TOGETHER, *change, explained=seen.explained(ORDER))
         if together.is_clear and not any(one.is_clear for one in shown):
             shown.append(together)
     arcs = seen.rows(ARC)
@@ -319,6 +334,13 @@ class _Seen:
         """Weighted sum of the numbers and its standard uncertainty."""
         w = np.ravel(weights)
         return float(w @ self.values), float(np.sqrt(w @ self.covariance @ w))
+
+    def explained(self, key: str) -> float:
+        """Share of an effect that the surface explains, its numbers by their mean squares."""
+        found = self.refined.effect(key)
+        assert found is not None
+        weight = np.square(found.values) * np.mean(np.square(found.effect.columns), axis=0)
+        return float(np.average(found.explained, weights=weight if np.any(weight) else None))
 
     def root_mean_square(self, key: str, rows: Array) -> tuple[float, float]:
         """Root mean square of an effect over the runs, and that of its standard uncertainty."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltid.identify.friction.drift_check import drift_check
+from beltid.identify.friction.drift_check import drift_check, explained_share
 
 ARCS, TENSIONS = (40.0, 68.0, 82.0), (50.0, 100.0, 160.0, 220.0, 270.0, 310.0, 360.0, 411.0)
 SPEEDS = (0.0025, 0.005, 0.0105, 0.021, 0.042)
@@ -62,6 +62,8 @@ def test_a_run_in_is_found_where_the_order_of_the_runs_can_show_it():
     # sorted by arcs: the drift may as well be what differs between arcs
     hidden = by_cause(campaign(2, None, run_in=0.05 * place / 119))["order"]
     assert not hidden.is_clear
+    assert hidden.is_confounded
+    assert not found["order"].is_confounded
     assert hidden.change == pytest.approx(0.5 / 119, abs=2 * hidden.standard_error)
 
 
@@ -88,3 +90,20 @@ def test_runs_far_off_and_runs_set_aside_are_no_drift():
 def test_few_runs_say_nothing():
     columns = {name: values[:20] for name, values in campaign(5, SHUFFLED).items()}
     assert drift_check(columns) == ()
+
+
+def test_the_share_explained_is_the_square_of_the_multiple_correlation():
+    turn = np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False)
+    columns = 3.0 + np.column_stack([np.cos(turn), np.cos(2.0 * turn)])
+    # orthogonal over whole turns: each part by its square
+    cause = 7.0 + 0.6 * np.cos(turn) + 0.8 * np.sin(turn)
+    assert explained_share(columns, cause) == pytest.approx(0.36, abs=1e-12)
+
+
+def test_a_run_in_is_found_where_every_run_has_an_arc_of_its_own():
+    columns = campaign(6, SHUFFLED, run_in=0.05 * np.arange(120) / 119)
+    columns["arc_deg"] = columns["arc_deg"] + np.random.default_rng(8).uniform(-3.0, 3.0, 120)
+    found = by_cause(columns)["order"]
+    assert found.is_clear
+    assert found.change == pytest.approx(0.5 / 119, abs=3 * found.standard_error)
+    assert found.standard_error < 2e-4

@@ -10,6 +10,7 @@ from truth_bench import SPEEDS, R, bench_and_runs, solved, true_mu
 
 from beltid.refine.effects import COURSE, ORDER, TEMPERATURE, campaign_effects
 from beltid.refine.inverse import RefinedSurface, refine_surface
+from beltid.uncertainty.refined import ShownEffect
 
 NOISE = 0.001
 N = 120
@@ -175,6 +176,30 @@ def test_a_campaign_in_which_nothing_shifts_shows_nothing():
         size, u = number(found, key)
         assert abs(size) < 3.0 * u < 0.003
     assert found.smoothness.scatter < 0.001
+
+
+def few_runs(by: str) -> RefinedSurface:
+    """Six tensions at two speeds and one arc, in the order of their forces or in random order."""
+    bench, runs, force = bench_and_runs("5pk")
+    arcs, speeds = (
+        np.array([getattr(run.point, key) for run in runs]) for key in ("beta", "omega")
+    )
+    middle = np.isclose(np.degrees(arcs), 68.0, atol=0.5)
+    mine = np.flatnonzero(middle & np.isin(speeds, np.unique(speeds)[[2, 4]]))
+    place = {"force": force[mine], "random": np.random.default_rng(1).random(mine.size)}[by]
+    mine = mine[np.argsort(place)]
+    ordered = [replace(runs[i], mu_se=NOISE * runs[i].mu, order=k) for k, i in enumerate(mine)]
+    return refine_surface(bench, ordered, SPEEDS[[2, 4]])
+
+
+def test_an_order_that_goes_with_the_force_is_explained_by_the_surface():
+    assert few_runs("force").effect(ORDER).explained[0] > 0.95
+    assert few_runs("random").effect(ORDER).explained[0] < 0.7
+
+
+def test_what_the_surface_explains_is_no_clear_effect():
+    assert ShownEffect(ORDER, 0.05, 0.01, explained=0.5).is_clear
+    assert not ShownEffect(ORDER, 0.05, 0.01, explained=0.95).is_clear
 
 
 @pytest.mark.long

@@ -76,6 +76,23 @@ def test_slope_of_the_evidence_is_its_difference_quotient():
         assert slope[k] == pytest.approx((up - down) / 2e-5, rel=1e-6)
 
 
+def test_the_share_a_free_surface_explains_is_a_multiple_correlation():
+    model, x = _with_effects()
+    free = _smoothness(np.concatenate([x[:1], [-20.0, -20.0], x[3:]]))
+    Z = np.column_stack([model.effects[0], model.J @ np.arange(12.0)])
+    # weighted least squares: what is left over what there was beside the level
+    root = np.sqrt(model.variance(free))[:, None]
+    whole, J = Z / root, model.J / root
+    level = J.sum(axis=1, keepdims=True)
+    whole = whole - level @ np.linalg.lstsq(level, whole, rcond=None)[0]
+    left = whole - J @ np.linalg.lstsq(J, whole, rcond=None)[0]
+    expected = 1.0 - np.sum(left**2, axis=0) / np.sum(whole**2, axis=0)
+    assert expected[-1] == pytest.approx(1.0)
+    np.testing.assert_allclose(model.explained_by_surface(free, Z), expected, rtol=1e-4)
+    # a stiff surface explains less
+    assert np.all(model.explained_by_surface(_smoothness(x), Z) < expected)
+
+
 def test_evidence_over_the_size_of_one_effect_is_that_of_the_whole_model():
     model, x = _with_effects()
     sizes = np.array([0.0, 0.001, 0.02, 0.3])

@@ -56,6 +56,29 @@ def test_fit_friction_is_silent_where_nothing_drifts():
     assert not any(row["clear"] for row in found.extra["drift"])
 
 
+def test_force_that_rises_with_the_order_is_no_drift():
+    """The mean force of a run follows its own noise: all that tells the order from the force."""
+    tension, arc = np.geomspace(50.0, 400.0, 24), np.radians(70.0)
+    mu = 0.9 * (tension / 200.0) ** -0.15 * np.exp(0.002 * np.random.default_rng(0).normal(size=24))
+    table = pd.DataFrame(
+        {
+            "run": np.arange(24),
+            "arc_deg": 70.0,
+            "initial_tension_N": tension,
+            "tension_tight_N": tension * np.exp(0.5 * mu * arc),
+            "tension_slack_N": tension * np.exp(-0.5 * mu * arc),
+            "pulley_speed_rad_s": 0.1,
+            "mu_se": 0.002 * mu,
+        }
+    )
+    found = beltid.fit_friction(table, CONFIG, table=True)
+    (row,) = found.extra["drift"]
+    assert row["explained_percent"] > 99.9
+    assert not row["clear"]
+    assert not found.warnings
+    assert any("order of the runs (100 %)" in note for note in found.notes)
+
+
 def test_refine_surface_wants_temperatures_to_correct():
     config = {**CONFIG, "friction": {"correct_temperature": True}}
     friction = beltid.fit_friction(plateaus(np.zeros(N)), config, table=True)

@@ -27,7 +27,7 @@ from beltid.identify.estimators.statistics import (
     mad_sigma,
     median,
 )
-from beltid.identify.friction.kinds import TWO_CELLS, KnownCells, RigKind, other
+from beltid.identify.friction.kinds import TWO_CELLS, KnownCells, RigKind
 from beltid.identify.friction.run import FrictionSettings, RunRecord, RunRejected
 
 Array = NDArray[np.float64]
@@ -409,17 +409,9 @@ def unswapped(channels: Channels, rotation: Rotation) -> tuple[Channels, bool]:
     below = np.count_nonzero(difference < 0.0) / difference.size
     if below < 0.9:
         return channels, False
-    kind = channels.kind
-    if kind.weight is not None:
-        raise RunRejected(
-            f"the cell shows the weight to hang on the {other(kind.weight)} span while the pulley "
-            f"turns, rig.weight_on: {kind.weight}"
-        )
-    if kind.has_torque:
-        raise RunRejected(
-            "the torque is negative while the pulley turns; if it counts the other way, turn its "
-            'sign by a minus before its name: columns: {rig: {torque_N_m: "-torque_N_m"}}'
-        )
+    why = channels.kind.reversed("rig")
+    if why:
+        raise RunRejected(why)
     steps = channels.steps[::-1]
     return replace(channels, tight=channels.slack, slack=channels.tight, steps=steps), True
 

@@ -7,8 +7,11 @@ seldom tells them apart:
 
     ln mu = surface(ln f, ln v) + arc(ln f) + b (cause) + noise.
 
-A campaign that is sorted by arcs can hide a drift in what differs between them: the standard error
-is large then, and says so.
+Where force, speed and arc tell the cause nearly by themselves, as the order of a campaign that is
+sorted by force, the runs cannot tell one from the other: what is left of the cause is then the
+noise of the runs, by which their mean force differs, too. The squared multiple correlation of the
+cause with the columns of the surface and of the arcs says so; its variance inflation factor is
+1/(1 - share).
 
 It is a check of the recording, not a correction: the inverse solution finds such changes together
 with the surface (:mod:`beltid.refine.effects`).
@@ -27,6 +30,7 @@ from beltid.identify.estimators.statistics import mad_sigma, outlier_mask, setti
 Array = NDArray[np.float64]
 
 CLEAR = 3.0  # standard errors beyond which a slope is no chance
+CONFOUNDED = 0.9  # share of a cause explained by force, speed and arc: variance inflated tenfold
 ARC_SPREAD = 0.03  # of ln mu between arcs: bending lets them differ by several percent
 POWERS = ((1, 0), (2, 0), (3, 0), (4, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 1))  # of ln f, ln v
 SETTING_GAP = 0.03  # relative, within one setting
@@ -55,17 +59,26 @@ class Drift:
         Change of ln mu by the step of the cause, and its standard error.
     runs : int
         Runs that it was found from.
+    explained : float
+        Share of the cause that force, speed and arc of the runs explain, the square of its
+        multiple correlation with them [-].
     """
 
     cause: str
     change: float
     standard_error: float
     runs: int
+    explained: float
+
+    @property
+    def is_confounded(self) -> bool:
+        """Whether the runs cannot tell the cause from their force, speed and arc."""
+        return self.explained > CONFOUNDED
 
     @property
     def is_clear(self) -> bool:
-        """Whether it is no chance."""
-        return abs(self.change) > CLEAR * self.standard_error
+        """Whether it is no chance, and its cause can be told."""
+        return abs(self.change) > CLEAR * self.standard_error and not self.is_confounded
 
 
 def drift_check(columns: Mapping[str, np.ndarray]) -> tuple[Drift, ...]:
@@ -98,8 +111,9 @@ def drift_check(columns: Mapping[str, np.ndarray]) -> tuple[Drift, ...]:
         between = _between_arcs(np.log(f[rows]), arc[rows])
         slope = _slope(surface, between, values[rows], np.log(mu[rows]))
         if slope is not None:
-            step = CAUSES[cause][1]
-            found.append(Drift(cause, step * slope[0], step * slope[1], int(rows.sum())))
+            step, (change, error) = CAUSES[cause][1], slope
+            share = explained_share(np.hstack([surface, _of_arcs(arc[rows])]), values[rows])
+            found.append(Drift(cause, step * change, step * error, int(rows.sum()), share))
     return tuple(found)
 
 
@@ -140,10 +154,26 @@ def _surface(log_f: Array, log_v: Array, tension: Array) -> Array:
     return np.asarray(vectors[:, sizes > 1e-6 * max(sizes[0], 1e-6)])
 
 
+def explained_share(columns: Array, cause: Array) -> float:
+    """Square of the multiple correlation of a cause (n,) with columns (n, m) and a constant."""
+    centred, about = columns - columns.mean(axis=0), cause - cause.mean()
+    left = about - centred @ np.linalg.lstsq(centred, about, rcond=None)[0]
+    return float(1.0 - left @ left / (about @ about))
+
+
+def _of_arcs(arc: Array) -> Array:
+    """Terms (n, k) of the arcs: a level of each; of many arcs with few runs a smooth course."""
+    settings = np.unique(arc)
+    if settings.size == 1 or RUNS_PER_SETTING * settings.size <= arc.size:
+        return (arc[:, None] == settings).astype(float)
+    x = (arc - arc.mean()) / float(np.std(arc))
+    return np.column_stack([np.ones(arc.size), x, np.square(x)])
+
+
 def _between_arcs(log_f: Array, arc: Array) -> Array:
     """Terms (n, k) in which arcs may differ: level, slope and bend over ln f of each."""
     x = (log_f - log_f.mean()) / max(float(np.std(log_f)), 1e-12)
-    of_arc = (arc[:, None] == np.unique(arc)).astype(float)
+    of_arc = _of_arcs(arc)
     return np.hstack([of_arc, of_arc * x[:, None], of_arc * np.square(x)[:, None]])
 
 

@@ -43,6 +43,8 @@ CELL_RANGES = {"tare_N": (-1e4, 1e4), "gain": (0.1, 10.0), "tilt_deg": (-60.0, 6
 """What may be stated of a cell."""
 TURNS = 0.03
 """Share of the largest speed from which on the pulley turns."""
+LEAST_SLIP = 1e-9
+"""Sliding speed over that of a running belt below which it is rounding."""
 TOUCH_DEG = 360.0
 """Arc from which on the turns of the belt may touch each other [deg]."""
 
@@ -224,6 +226,11 @@ class RigKind:
         return self.cells.tight if span == "tight" else self.cells.slack
 
     @property
+    def name(self) -> str:
+        """The kind as a config states it."""
+        return "running" if self.running else self.measures
+
+    @property
     def is_derived(self) -> bool:
         """Whether the tensions are not simply the readings of two cells."""
         return self.measures != "two_cells" or self.running
@@ -300,7 +307,7 @@ class RigKind:
             With the channels that are missing.
         """
         missing = [
-            f"rig.kind: {self.measures} needs the column {name}, which is missing"
+            f"rig.kind: {self.name} needs the column {name}, which is missing"
             for name in self.needed
             if not np.isfinite(np.asarray(columns.get(name, np.empty(0)), dtype=float)).any()
         ]
@@ -310,6 +317,32 @@ class RigKind:
             self.measured_span(columns)
         if self.running:
             self.belt_speed(columns)
+        elif np.any(np.nan_to_num(np.asarray(columns.get("belt_speed_m_s", 0.0), dtype=float))):
+            raise InputError(
+                f"rig.kind: {self.name}, but the column belt_speed_m_s says that the belt moves; "
+                f"must be rig.kind: running, with rig.running_measures: {self.measures}"
+            )
+
+    def reversed(self, table: str) -> str:
+        """What it means if the slack span seems to pull more than the tight one; "" of two cells.
+
+        Parameters
+        ----------
+        table : {"rig", "points"}
+            The recording, for the name under which its columns are mapped.
+        """
+        if self.weight is not None:
+            return (
+                f"the cell shows the weight to hang on the {other(self.weight)} span while the "
+                f"pulley turns, rig.weight_on: {self.weight}"
+            )
+        if self.has_torque:
+            return (
+                "the torque is negative while the pulley turns; if it counts the other way, turn "
+                f"its sign by a minus before its name: columns: {{{table}: {{torque_N_m: "
+                '"-torque_N_m"}}'
+            )
+        return ""
 
     def belt_speed(self, columns: Mapping[str, Array]) -> Array:
         """Speed of the belt [m/s], without its sign.
@@ -386,7 +419,9 @@ class RigKind:
         speed = np.asarray(columns["pulley_speed_rad_s"], dtype=float)
         if not self.running:
             return speed
-        return running_sliding_speed(np.abs(speed), R, self.belt_speed(columns)) / R
+        belt = self.belt_speed(columns)
+        sliding = running_sliding_speed(np.abs(speed), R, belt)
+        return np.where(np.abs(sliding) > LEAST_SLIP * belt, sliding, 0.0) / R
 
 
 TWO_CELLS = RigKind()

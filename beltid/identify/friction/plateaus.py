@@ -139,7 +139,7 @@ def reduce_plateaus(
             torque_with=span,
             **values,
         )
-        runs.append(replace(run, status=_problem(run, settings) or "ok"))
+        runs.append(replace(run, status=_problem(run, settings, kind, "points") or "ok"))
     return tuple(runs)
 
 
@@ -210,13 +210,21 @@ def _unique(labels: list[str]) -> list[str]:
     return unique
 
 
-def _problem(run: RunReduction, settings: FrictionSettings) -> str:
+def _problem(run: RunReduction, settings: FrictionSettings, kind: RigKind, table: str) -> str:
     """Why a plateau cannot be used; empty if it can."""
     tensions = (run.tension_tight_N, run.tension_slack_N)
     if np.isfinite(tensions).any() or not np.isfinite(run.mu_sliding):
         wrong = arc_problem(run.arc_deg)
         if wrong:
             return wrong
+        if kind.measures == "torque_hub" and np.isnan(tensions).any():
+            return (
+                f"torque_N_m and hub_force_N leave no tensions at {run.arc_deg:g} deg: the force "
+                "on the axis must be larger than |torque/R cos(arc/2)|, and at a whole turn it "
+                "tells nothing of their sum"
+            )
+        if tensions[0] < tensions[1] and (why := kind.reversed(table)):
+            return why
         for name, tension in zip(("tight", "slack"), tensions, strict=True):
             if not tension > 0.0:
                 return f"tension_{name}_N = {tension:g}, must be > 0"
@@ -331,4 +339,4 @@ def _of_bin(
         plateau_start_s=float(record.time_s[here][0]),
         plateau_end_s=float(record.time_s[here][-1]),
     )
-    return replace(run, status=_problem(run, settings) or "ok")
+    return replace(run, status=_problem(run, settings, record.kind, "rig") or "ok")

@@ -13,7 +13,7 @@ import numpy as np
 from beltid.artifacts.artifact import read_artifact
 from beltid.artifacts.metadata_models import BendingFigures, SurfaceMetadata
 from beltid.config import Config, ConfigSource, load_config
-from beltid.errors import counted
+from beltid.errors import counted, percent
 from beltid.identify.surface.surface import SurfaceSettings
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
@@ -51,6 +51,7 @@ from beltid.uncertainty.monte_carlo import MonteCarlo, check_of, prepare
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import (
     CLEAR,
+    CONFOUNDED,
     SCATTER,
     TOGETHER,
     ShownEffect,
@@ -360,6 +361,7 @@ def _outcome(
             "beyond the measured mean forces of the runs the surface is inferred: its range is "
             "that of the forces that acted within their contact, peaks included",
             *([check.note()] if check else []),
+            *_confounded_note(result.effects),
             *guided_weight(config, [run.point for run in campaign.runs]),
             *beside.notes,
         ),
@@ -372,6 +374,19 @@ def _outcome(
     )
 
 
+def _confounded_note(effects: Sequence[ShownEffect]) -> tuple[str, ...]:
+    """What the runs cannot tell from the surface; empty if they can."""
+    mixed = [one for one in effects if one.is_confounded]
+    if not mixed:
+        return ()
+    shares = (f"{EFFECT_WORDS[one.key]} ({percent(100 * one.explained)})" for one in mixed)
+    return (
+        f"force and speed of the runs explain {', '.join(shares)}: above {100 * CONFOUNDED:g} % it "
+        "cannot be told from the surface; runs in random order, and some repeated at the end, "
+        "could tell",
+    )
+
+
 def _effect_rows(effects: Sequence[ShownEffect]) -> list[dict[str, Any]]:
     """The effects as they are shown and stored, in percent of mu."""
     return [
@@ -380,6 +395,7 @@ def _effect_rows(effects: Sequence[ShownEffect]) -> list[dict[str, Any]]:
             "size_percent": 100.0 * one.size,
             "standard_uncertainty_percent": finite_or_none(100.0 * one.uncertainty),
             "clear": one.is_clear,
+            "explained_percent": finite_or_none(100.0 * one.explained),
         }
         for one in effects
     ]
