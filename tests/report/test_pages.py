@@ -285,12 +285,12 @@ def test_a_single_run_has_no_ranges_at_all() -> None:
 
 
 def test_many_notes_are_folded_but_for_the_first(drawn_page: Page) -> None:
-    notes = [f"note {k} of fourteen" for k in range(14)]
+    notes = [f"Note {k} of fourteen" for k in range(14)]
     text = rendered(replace(drawn_page, sections=[Section("many", "Many", notes=notes)], plot=""))
     checked(text)
     shown, folded = text.split("<summary>4 more notes</summary>")
-    assert "note 9 of" in shown
-    assert "note 10 of" in folded.split("</details>")[0]
+    assert "Note 9 of" in shown
+    assert "Note 10 of" in folded.split("</details>")[0]
     assert all(text.count(note) == 1 for note in notes)
 
 
@@ -412,6 +412,14 @@ def test_several_belts_are_compared_on_a_page_with_links(tmp_path: Path) -> None
         assert (tmp_path / name / "report.html").is_file()
     with pytest.raises(InputError, match="twice"):
         report_belt.run([folders[0], folders[0]], None, Options())
+
+
+def test_a_row_of_several_belts_tells_each_verdict_with_its_number() -> None:
+    page = belts_page([results(), without("compare_hold_out")], ["a", "b"], "0" * 64)
+    table = page.sections[0].tables[0]
+    assert table.headings[-3:] == ("published rms [%]", "refined rms [%]", "predicted rms [%]")
+    verdicts = [row[-3:] for row in table.rows]
+    assert verdicts == [["FAIL 3.00", "PASS 0.10", "PASS 0.40"], ["FAIL 3.00", "PASS 0.10", "-"]]
 
 
 def test_drift_and_effects_stand_in_tables() -> None:
