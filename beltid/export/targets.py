@@ -11,6 +11,9 @@ from beltid.export.choices import Choices, Export
 from beltid.export.law import ContactLaw
 from beltid.export.law_file import SUFFIX, law_text
 
+EVERYTHING: Final = "everything"
+"""What a target holds that takes the whole law."""
+
 
 @dataclass(frozen=True, slots=True)
 class Target:
@@ -44,7 +47,7 @@ def _json(law: ContactLaw, choices: Choices) -> Export:
 TARGETS: Final = {
     target.name: target
     for target in (
-        Target("json", "contact law of beltid, an open text file", "everything", _json),
+        Target("json", "contact law of beltid, an open text file", EVERYTHING, _json),
         Target(
             "exudyn",
             "Exudyn: Python module for ObjectContactFrictionCircleCable2D",
@@ -57,37 +60,37 @@ TARGETS: Final = {
             "linear stiffness, constant mu; all of it by contact_force()",
             python_text.chrono,
         ),
-        Target("c", "C: functions, no library needed", "everything", compiled_text.c),
-        Target("fortran", "Fortran 2003: the same", "everything", compiled_text.fortran),
+        Target("c", "C: functions, no library needed", EVERYTHING, compiled_text.c),
+        Target("fortran", "Fortran 2003: the same", EVERYTHING, compiled_text.fortran),
         Target(
             "mbdyn",
             "MBDyn: scalar function, module of drive callers in C++",
-            "everything",
+            EVERYTHING,
             solver_text.mbdyn,
         ),
         Target(
             "adams",
             "Adams: splines, .adm and .cmd; CFFSUB in Fortran",
-            "everything",
+            EVERYTHING,
             solver_text.adams,
             True,
         ),
         Target(
             "motionsolve",
             "Altair MotionSolve: CFFSUB in C",
-            "everything",
+            EVERYTHING,
             compiled_text.motionsolve,
         ),
-        Target("recurdyn", "RecurDyn: CONTACT_FORCE in C", "everything", compiled_text.recurdyn),
-        Target("modelica", "Modelica: CombiTable1D and 2D", "everything", table_text.modelica),
-        Target("matlab", "MATLAB: MAT-file", "everything", table_text.matlab),
+        Target("recurdyn", "RecurDyn: CONTACT_FORCE in C", EVERYTHING, compiled_text.recurdyn),
+        Target("modelica", "Modelica: CombiTable1D and 2D", EVERYTHING, table_text.modelica),
+        Target("matlab", "MATLAB: MAT-file", EVERYTHING, table_text.matlab),
         Target(
             "abaqus",
             "Abaqus: surface interaction, friction by slip rate and pressure",
-            "everything",
+            EVERYTHING,
             solver_text.abaqus,
             True,
         ),
-        Target("csv", "CSV: plain grids", "everything", table_text.csv),
+        Target("csv", "CSV: plain grids", EVERYTHING, table_text.csv),
     )
 }

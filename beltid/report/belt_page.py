@@ -74,7 +74,7 @@ def _said_of_both(known: Sequence[tuple[Sheet, str]]) -> list[str]:
     first = next(iter(said.values()), [])
     common = [line for line in first if all(line in lines for lines in said.values())]
     own = [f"{of} surface: {line}" for of in said for line in said[of] if line not in common]
-    return [*common, *(line[0].upper() + line[1:] for line in own)]
+    return [*common, *own]
 
 
 def _stiffness(results: BeltResults) -> Section:

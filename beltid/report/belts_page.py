@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from beltid.report import tables
+from beltid.report.cells import cell
 from beltid.report.figures import belts as figures
 from beltid.report.html import Link, Page, Section
 from beltid.report.results import BeltResults, Sheet
 from beltid.report.verdict import whole
+
+AGREEMENT: Final = {
+    "compare": "published_rms_percent",
+    "compare_refined": "refined_rms_percent",
+    "compare_hold_out": "predicted_rms_percent",
+}
+"""Comparison -> column of the table."""
 
 
 def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: str) -> Page:
@@ -78,13 +86,11 @@ def _row(belt: BeltResults) -> dict[str, Any]:
         row["mu_u_percent"] = _combined_percent(best)
     else:
         row |= dict.fromkeys(("mu_range", "measured_force_N_m", "valid_force_N_m", "mu_u_percent"))
-    for name, prefix in (
-        ("compare", ""),
-        ("compare_refined", "refined_"),
-        ("compare_hold_out", "predicted_"),
-    ):
+    for name, key in AGREEMENT.items():
         sheet = belt.get(name)
-        row[f"{prefix}rms_percent"] = whole(sheet).get("rms_percent") if sheet else None
-        passed = None if sheet is None else bool(sheet.extra.get("passed"))
-        row[f"{prefix}verdict"] = None if passed is None else ("PASS" if passed else "FAIL")
+        if sheet is None:
+            row[key] = None
+            continue
+        passed = "PASS" if sheet.extra.get("passed") else "FAIL"
+        row[key] = f"{passed} {cell(key, whole(sheet).get('rms_percent'))}"
     return row

@@ -72,9 +72,19 @@ def cell(name: str, value: Any) -> str:
         return _number(name, value)
     if isinstance(value, (list, tuple)):
         if len(value) == 2 and any(word in name for word in RANGES):
-            return " to ".join(cell(name, item) for item in value)
+            return between(*(cell(name, item) for item in value))
         return ", ".join(cell(name, item) for item in value)
     return str(value)
+
+
+def between(low: str, high: str) -> str:
+    """A range; a single value where both ends read the same."""
+    return low if low == high else f"{low} to {high}"
+
+
+def sentence(text: str) -> str:
+    """A text with a capital letter at its beginning."""
+    return text[:1].upper() + text[1:]
 
 
 def _number(name: str, value: float) -> str:

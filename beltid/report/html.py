@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from unicodedata import category
 
 from beltid._version import __version__
+from beltid.report.cells import sentence
 from beltid.report.drawing import inline_svg
 from beltid.report.gallery import Tile
 from beltid.report.picture import Picture
@@ -201,7 +202,7 @@ def _drawn(section: Section) -> dict[str, Any]:
         "lead": section.lead,
         "pictures": pictures,
         "tables": section.tables,
-        "notes": section.notes,
+        "notes": [sentence(note) for note in section.notes],
         "links": section.links,
         "tiles": section.tiles,
     }

@@ -8,13 +8,14 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.errors import percent
-from beltid.report.cells import cell, scientific
+from beltid.report.cells import between, cell, scientific, sentence
 from beltid.report.results import BeltResults, Sheet
 
 WORDS: Final = {"compare_refined": "refined", "compare": "published"}
 LEFT_OUT: Final = {"arc": "an arc", "speed": "a speed"}
 MOST_UNCERTAINTIES: Final = 2.0
 """Standard uncertainties within which predictions confirm what is stated of the surface."""
+UNKNOWN_UNCERTAINTY: Final = "its uncertainty is not known"
 MICRO: Final = 1e6
 MILLI: Final = 1e3
 
@@ -95,9 +96,10 @@ def _headline(results: BeltResults) -> tuple[str, str]:
         )
     said = []
     if predicted is not None:
+        how_well = [_percent_rms(predicted), _in_units(_over_uncertainty(predicted))]
         said.append(
             f"friction of {LEFT_OUT[predicted.extra['hold_out']]} that was left out is predicted "
-            f"to {_percent_rms(predicted)}{_in_units(predicted)} ({_within(predicted)})"
+            f"to {', '.join(filter(None, how_well))} ({_within(predicted)})"
         )
     if compared:
         parts = [
@@ -114,7 +116,7 @@ def _headline(results: BeltResults) -> tuple[str, str]:
     else:
         start, state = "Identified and proven", "good"
     first, *others = said
-    return f"{start}: {first}.{''.join(f' {o[0].upper()}{o[1:]}.' for o in others)}", state
+    return " ".join([f"{start}: {first}.", *(f"{sentence(other)}." for other in others)]), state
 
 
 def _percent_rms(sheet: Sheet) -> str:
@@ -130,9 +132,8 @@ def _over_uncertainty(sheet: Sheet) -> float | None:
     return (sheet.extra.get("validation") or {}).get("rms_e_over_u")
 
 
-def _in_units(sheet: Sheet) -> str:
-    over_u = _over_uncertainty(sheet)
-    return "" if over_u is None else f", {over_u:.2g} standard uncertainties"
+def _in_units(over_u: float | None) -> str:
+    return "" if over_u is None else f"{over_u:.2g} standard uncertainties"
 
 
 ENOUGH: Final = {
@@ -149,16 +150,25 @@ SAME: Final = 0.05
 def _missing_evidence(results: BeltResults) -> list[str]:
     """What keeps results that agree from being proven."""
     missing = []
-    if results.get("compare_refined") is None:
-        missing.append("no refined surface was compared")
-    predicted = results.prediction
-    if predicted is None:
-        missing.append("no runs were left out and predicted")
-    elif (over_u := _over_uncertainty(predicted)) is not None and over_u > MOST_UNCERTAINTIES:
-        missing.append(
-            f"the predictions miss by {over_u:.2g} of their standard uncertainties, at most "
-            f"{MOST_UNCERTAINTIES:g} allowed"
-        )
+    for sheet, without, misses in (
+        (
+            results.get("compare_refined"),
+            "no refined surface was compared",
+            "the refined surface misses its own runs by",
+        ),
+        (
+            results.prediction,
+            "no runs were left out and predicted",
+            "the predictions miss by",
+        ),
+    ):
+        if sheet is None:
+            missing.append(without)
+        elif (over_u := _over_uncertainty(sheet)) is not None and over_u > MOST_UNCERTAINTIES:
+            missing.append(
+                f"{misses} {over_u:.2g} of their standard uncertainties, at most "
+                f"{MOST_UNCERTAINTIES:g} allowed"
+            )
     friction = results.get("friction")
     if friction is not None:
         good = friction["status"] == "ok"
@@ -211,10 +221,10 @@ def _friction(results: BeltResults) -> Card | None:
     of_runs = sheet.measured_force
     return Card(
         f"Friction surface, {of}",
-        f"µ = {m0:.3g} to {m1:.3g}",
+        f"µ = {between(f'{m0:.3g}', f'{m1:.3g}')}",
         (
-            *([] if of_runs is None else [f"measured {_newton_range(of_runs)} N/m"]),
-            f"{'inferred' if of == 'refined' else 'on the grid'} {_newton_range((f0, f1))} N/m",
+            *([] if of_runs is None else [f"measured {_newton_range(of_runs)}"]),
+            f"{'inferred' if of == 'refined' else 'on the grid'} {_newton_range((f0, f1))}",
             _speed_range(v0, v1),
         ),
     )
@@ -240,7 +250,7 @@ def _drive(results: BeltResults) -> Card | None:
         f"{'PASS' if passed else 'FAIL'} {percent} % RMS",
         (
             f"{cell('n', sheet.extra.get('n_judged'))} points",
-            f"{cell('rms', over_u)} standard uncertainties",
+            _in_units(over_u) or UNKNOWN_UNCERTAINTY,
         ),
         "good" if passed else "bad",
     )
@@ -272,7 +282,7 @@ def _prediction(results: BeltResults) -> Card | None:
         f"Prediction, {LEFT_OUT[sheet.extra['hold_out']]} left out",
         f"{'PASS' if passed else 'FAIL'} {_percent_rms(sheet)}",
         (
-            _in_units(sheet).removeprefix(", ") or "its uncertainty is not known",
+            _in_units(_over_uncertainty(sheet)) or UNKNOWN_UNCERTAINTY,
             f"{cell('largest_percent', figures.get('largest_percent'))} % at worst, "
             f"{cell('n', figures.get('n_points'))} runs",
         ),
@@ -318,7 +328,7 @@ def _trust(results: BeltResults) -> list[str]:
     slip = results.get("slip")
     statement = (slip.extra.get("rig_speeds") or {}).get("statement") if slip else ""
     if statement:
-        said.append(f"{statement[0].upper()}{statement[1:]}.")
+        said.append(f"{sentence(statement)}.")
     return said
 
 
@@ -346,15 +356,15 @@ def _known_ranges(results: BeltResults, sheet: Sheet) -> list[str]:
     speeds = ("at " if v0 == v1 else "from ") + _speed_range(v0, v1)
     lines = []
     if sheet.measured_force is None:
-        lines.append(f"µ is given from {_newton_range(inferred)} N/m and {speeds}.")
+        lines.append(f"µ is given from {_newton_range(inferred)} and {speeds}.")
     else:
         lines.append(
-            f"Measured: runs with mean line forces of {_newton_range(sheet.measured_force)} N/m, "
+            f"Measured: runs with mean line forces of {_newton_range(sheet.measured_force)}, "
             f"{speeds}."
         )
         if sheet.name == "surface_refined":
             lines.append(
-                f"Inferred by the refined surface: µ from {_newton_range(inferred)} N/m, the line "
+                f"Inferred by the refined surface: µ from {_newton_range(inferred)}, the line "
                 "forces that act within the contact of these runs."
             )
     lines.append("Outside, the nearest µ is taken; friction is never extrapolated.")
@@ -370,12 +380,11 @@ def _known_ranges(results: BeltResults, sheet: Sheet) -> list[str]:
 
 
 def _newton_range(span: tuple[float, float]) -> str:
-    return f"{_newtons(span[0])} to {_newtons(span[1])}"
+    return f"{between(*map(_newtons, span))} N/m"
 
 
 def _speed_range(low: float, high: float) -> str:
-    first, last = (f"{MILLI * speed:.3g}" for speed in (low, high))
-    return f"{last} mm/s" if first == last else f"{first} to {last} mm/s"
+    return f"{between(*(f'{MILLI * speed:.3g}' for speed in (low, high)))} mm/s"
 
 
 def _newtons(value: float) -> str:

@@ -35,6 +35,11 @@ def test_all_targets_from_a_folder_of_results(results: Path) -> None:
     reduced = {(row["target"], row["reduction"]) for row in product["details"]["reductions"]}
     assert ("exudyn", "constant mu") in reduced
     assert not {"mbdyn", "recurdyn", "motionsolve", "c", "fortran"} & {of for of, _ in reduced}
+    shown = call("all", results).stdout.splitlines()
+    assert [sum(line.split()[:1] == [name] for line in shown) for name in TARGETS] == [1] * len(
+        TARGETS
+    )
+    assert not any(line.startswith("- ") for line in shown)  # a table, not a record for each file
 
 
 def test_law_file_tells_belt_hashes_range_and_uncertainty(results: Path, tmp_path: Path) -> None:
@@ -192,7 +197,9 @@ def test_what_cannot_be_exported_is_told(
 def test_list_names_every_target_and_schema_prints_the_schema() -> None:
     listed = call("--list")
     assert listed.exit_code == 0
-    assert [line.split()[0] for line in listed.stdout.splitlines()] == list(TARGETS)
+    lines = listed.stdout.splitlines()
+    assert [line.split()[0] for line in lines if line[0] != " "] == list(TARGETS)
+    assert max(map(len, lines)) <= 80
     assert json.loads(call("schema").stdout) == schema()
 
 

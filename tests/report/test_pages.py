@@ -19,6 +19,7 @@ from report_belt_data import NAUGHTY, predicted, results, sheets, surface, witho
 from beltid.errors import ArtifactError, InputError, percent
 from beltid.report.belt_page import belt_page
 from beltid.report.belts_page import belts_page
+from beltid.report.cells import cell
 from beltid.report.conditions import conditions
 from beltid.report.figures.surface import as_json, surface_plot
 from beltid.report.gallery import tiles
@@ -156,7 +157,7 @@ def test_what_one_surface_alone_says_names_it() -> None:
     }
     page = belt_page(replace(belt, sheets=named), "0" * 64)
     notes = next(section.notes for section in page.sections if section.key == "surface")
-    assert list(notes) == ["common", "Refined surface: best: b", "Published surface: best: a"]
+    assert list(notes) == ["common", "refined surface: best: b", "published surface: best: a"]
 
 
 def test_names_cannot_bring_markup_along() -> None:
@@ -213,7 +214,10 @@ def test_proven_needs_runs_that_cover_the_surface() -> None:
     assert held_out in verdict_of(whole).headline
     missed = replace(belt.get("compare_hold_out"), extra=predicted(3.1))
     unpredicted = {k: v for k, v in whole.sheets.items() if k != "compare_hold_out"}
+    misfit = {**whole.get("compare_refined").extra, "validation": {"rms_e_over_u": 2.4}}
+    unexplained = replace(whole.get("compare_refined"), extra=misfit)
     for others, told in (
+        ({**whole.sheets, "compare_refined": unexplained}, "misses its own runs by 2.4 of their"),
         (unpredicted, "no runs were left out and predicted"),
         ({**unpredicted, "compare_hold_out": missed}, "miss by 3.1 of their standard uncertainti"),
     ):
@@ -261,13 +265,32 @@ def test_runs_at_one_speed_have_no_range_of_it() -> None:
     assert "2.5 mm/s" in next(card for card in verdict.cards if "surface" in card.title).details
 
 
+def test_a_single_run_has_no_ranges_at_all() -> None:
+    belt = results()
+    columns = {name: values[:1] for name, values in surface().items()}
+    force = [7983.4, 7983.4]
+    sheet = replace(
+        belt.get("surface_refined"),
+        columns=columns,
+        extra={"measured": {"normal_force_N_m": force}},
+    )
+    verdict = verdict_of(replace(belt, sheets={**belt.sheets, "surface_refined": sheet}))
+    card = next(card for card in verdict.cards if "Friction surface" in card.title)
+    trust = " ".join(verdict.trust)
+    assert "Measured: runs with mean line forces of 7983 N/m, at 2.5 mm/s." in trust
+    assert "measured 7983 N/m" in card.details
+    assert not re.search(r"(\S+) to \1\b", " ".join((trust, card.value, *card.details)))
+    assert cell("mu_range", [0.9236, 0.9236]) == "0.9236"
+    assert cell("mu_range", [0.92, 0.93]) == "0.9200 to 0.9300"
+
+
 def test_many_notes_are_folded_but_for_the_first(drawn_page: Page) -> None:
-    notes = [f"note {k} of fourteen" for k in range(14)]
+    notes = [f"Note {k} of fourteen" for k in range(14)]
     text = rendered(replace(drawn_page, sections=[Section("many", "Many", notes=notes)], plot=""))
     checked(text)
     shown, folded = text.split("<summary>4 more notes</summary>")
-    assert "note 9 of" in shown
-    assert "note 10 of" in folded.split("</details>")[0]
+    assert "Note 9 of" in shown
+    assert "Note 10 of" in folded.split("</details>")[0]
     assert all(text.count(note) == 1 for note in notes)
 
 
@@ -389,6 +412,14 @@ def test_several_belts_are_compared_on_a_page_with_links(tmp_path: Path) -> None
         assert (tmp_path / name / "report.html").is_file()
     with pytest.raises(InputError, match="twice"):
         report_belt.run([folders[0], folders[0]], None, Options())
+
+
+def test_a_row_of_several_belts_tells_each_verdict_with_its_number() -> None:
+    page = belts_page([results(), without("compare_hold_out")], ["a", "b"], "0" * 64)
+    table = page.sections[0].tables[0]
+    assert table.headings[-3:] == ("published rms [%]", "refined rms [%]", "predicted rms [%]")
+    verdicts = [row[-3:] for row in table.rows]
+    assert verdicts == [["FAIL 3.00", "PASS 0.10", "PASS 0.40"], ["FAIL 3.00", "PASS 0.10", "-"]]
 
 
 def test_drift_and_effects_stand_in_tables() -> None:

@@ -54,13 +54,15 @@ def _complete(incomplete: str) -> list[str]:
 
 def _list(wanted: bool) -> None:
     if wanted:
+        from beltid.export.targets import EVERYTHING
         from beltid.stages.results.export_law import target_rows
 
         rows = target_rows()
-        widths = {key: max(len(row[key]) for row in rows) for key in rows[0]}
+        width = max(len(row["target"]) for row in rows) + 2
         for row in rows:
-            line = "  ".join(text.ljust(widths[key]) for key, text in row.items())
-            typer.echo(line.rstrip())
+            typer.echo(f"{row['target']:<{width}}{row['writes']}")
+            if row["holds"] != EVERYTHING:
+                typer.echo(f"{'':<{width}}holds {row['holds']}")
         raise typer.Exit
 
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 def inspect(
     files: Annotated[
         list[Path],
-        typer.Argument(metavar="FILE...", help=f"Recordings of any bench ({FILES})."),
+        typer.Argument(metavar="FILE", help=f"Recordings of any bench ({FILES})."),
     ],
     kind: Annotated[
         str | None,

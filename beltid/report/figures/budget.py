@@ -17,15 +17,15 @@ Row = Mapping[str, Any]
 COMBINED: Final = "combined"
 MOST_SOURCES: Final = 8
 WORDS: Final = {
-    "surface_refined": "the refined surface",
-    "surface": "the published surface",
-    "friction": "the friction coefficient of a run",
-    "stiffness": "the normal law",
+    "surface_refined": "on the refined surface",
+    "surface": "on the published surface",
+    "friction": "of a run",
+    "stiffness": "of the normal law",
 }
 QUANTITIES: Final = {
     "surface": "µ",
     "mu_sliding": "µ",
-    "normal_force_N_m": "normal force",
+    "normal_force_N_m": "the normal force",
     "k_linear_N_m2": "k₁",
     "k_quadratic_N_m3": "k₂",
 }
@@ -85,7 +85,7 @@ def of_quantity(name: str, quantity: str, rows: Sequence[Row]) -> Picture:
     worst = f", {percent(largest)} at worst" if np.isfinite(largest) else ""
     return Picture(
         f"budget-{name}-{quantity}",
-        f"Uncertainty of {what}: {WORDS[name]}",
+        f"Uncertainty of {what} {WORDS[name]}",
         f"What each source contributes, relative to the value, root mean square over the range of "
         f"the runs; the combined value is the root of the sum of squares{worst}. Errors that all "
         f"runs share do not average out.{more}",

@@ -45,22 +45,25 @@ def runs_and_uncertainty(
         fig = figure(height=4.4, width=9.6)
         every = fig.subplots(1, 2, sharex=True, sharey=True)
         parts = (("before", plan.before_at, plan.before), ("after", plan.after_at, plan.after))
+        both = 100.0 * np.concatenate([plan.before_at, plan.after_at])
         for axes, (word, at, mean) in zip(every, parts, strict=True):
             field = axes.scatter(
                 target.normal_force,
                 target.slip_speed * MILLI,
                 c=100.0 * at,
                 cmap="cividis_r",
+                vmin=both.min(),  # one scale: what the runs take off is seen
+                vmax=both.max(),
                 marker="s",
                 s=30,
                 linewidths=0,
                 alpha=0.55,
             )
-            fig.colorbar(field, ax=axes, label="standard uncertainty of µ [%]")
             axes.plot(force, speed, ".", color=INK, ms=2, label="candidate settings")
             axes.set(xlabel="mean normal force [N/m]", title=f"{word} the runs: {100 * mean:.2g} %")
             logarithmic(axes, "x", np.append(force, target.normal_force))
             logarithmic(axes, "y", np.append(speed, target.slip_speed * MILLI))
+        fig.colorbar(field, ax=every, label="standard uncertainty of µ [%]")
         every[0].set_ylabel("sliding speed [mm/s]")
         for k, arc in enumerate(np.unique(candidates.arc)):
             mine = [i for i in sorted(chosen) if candidates.arc[i] == arc]

@@ -150,6 +150,15 @@ def _summary(
         for name, export in made.items()
         for file in export.files
     ]
+    overview = [
+        {
+            "target": name,
+            "files": len(export.files),
+            "worst_percent": 100.0 * max((d.worst for d in export.reductions.values()), default=0),
+            "reduced": ", ".join(export.reductions) or "nothing",
+        }
+        for name, export in made.items()
+    ]
     details = {
         "reductions": [
             {
@@ -176,6 +185,7 @@ def _summary(
             "valid_speed_m_s": valid.slip_speed_m_s,
         },
         table=rows,
+        overview=overview if len(overview) > 1 else [],
         shown=("target", "file", "reduced", "worst_percent"),
         details=details if any(details.values()) else {},
         warnings=warnings,
