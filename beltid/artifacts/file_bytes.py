@@ -126,6 +126,8 @@ def write_text(path: str | Path, text: str) -> None:
 def _check_target(shown: Path, target: Path) -> None:
     if target.is_dir():
         what = "this is a folder, name a file in it"
+    elif target.is_symlink():
+        what = "this is a symbolic link that leads back to itself"
     elif target.exists() and not target.is_file():
         what = "this is not an ordinary file"
     else:

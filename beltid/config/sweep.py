@@ -59,11 +59,15 @@ def take_sweep(source: Source) -> Sweep:
     sweep: Sweep = {}
     for key, values in found.items():
         if key not in known:
-            hint = suggestion(key, known) or ", known are section.key such as " + known[0]
+            section, _, name = str(key).partition(".")
+            beside = [k.partition(".")[2] for k in known if k.startswith(f"{section}.")]
+            there = f"{section} has {', '.join(beside)}" if beside else f"such as {known[0]} can"
+            hint = suggestion(name, beside) or f", {there}"
             text = f"{SWEEP}.{key} is not a key that can be swept{hint}"
             source.complain(source.place((SWEEP, key), key=True), text)
         elif not isinstance(values, list) or not values:
-            _complain(source, (key,), "must be a list of values")
+            shown = source.texts.get((SWEEP, key)) or _text(values)
+            _complain(source, (key,), f"= {shown}, must be a list of values")
         else:
             _refuse_repeated(source, key, values)
             sweep[key] = values

@@ -6,6 +6,7 @@ needs is refused with its place: duplicate keys, merge keys, tags, recursion, gr
 
 from __future__ import annotations
 
+import codecs
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -112,8 +113,9 @@ def read_text(path: Path) -> str:
         raise ConfigError(f"{path}: the config cannot be read: {reason}") from None
     if len(raw) > MAX_BYTES:
         raise ConfigError(f"{path}: larger than {MAX_BYTES:,} bytes, this is not a config")
+    raw = raw.removeprefix(codecs.BOM_UTF8)
     try:
-        return raw.decode("utf-8-sig")
+        return raw.decode()
     except UnicodeDecodeError as error:
         line = raw[: error.start].count(b"\n") + 1
         raise ConfigError(

@@ -137,6 +137,7 @@ def test_a_link_keeps_pointing_where_it_points(tmp_path):
         (lambda p: (p / "x").mkdir(), "this is a folder, name a file in it"),
         (lambda p: os.mkfifo(p / "x"), "this is not an ordinary file"),
         (lambda p: (p / "x").symlink_to("/dev/null"), "this is not an ordinary file"),
+        (lambda p: (p / "x").symlink_to("x"), "a symbolic link that leads back to itself"),
     ],
 )
 def test_places_that_take_no_file(tmp_path, make, words):

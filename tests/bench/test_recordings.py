@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import gzip
 import sys
+import threading
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,8 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 
+from beltid.bench.formats.csv_table import Wanted, read_rows
+from beltid.bench.formats.dialect import ReadOptions, layout
 from beltid.bench.recording import columns_of, read_recording, read_rig
 from beltid.config import load_config
 from beltid.errors import EXIT_INPUT, InputError
@@ -469,6 +473,28 @@ def test_a_parquet_file_of_the_bench(tmp_path):
     frame.loc[0, "tension_tight_N"] = -1.0
     frame.to_parquet(path)
     assert problems(path)[0] == "rig.parquet, row 1: tension_tight_N = -1, must be > 0"
+
+
+def test_a_few_samples_tell_nothing_of_their_unit(tmp_path):
+    """Five rows of a belt at rest, in newton, are not taken for kilonewton."""
+    lines = ["test,time_s,displacement_mm,force_N", *(f"P,{i},0.00{i},-0.09" for i in range(5))]
+    recording = read_recording(write(tmp_path, lines, "press.csv"), "press")
+    assert recording.columns["force_N"].tolist() == [-0.09] * 5
+
+
+def test_no_thread_of_arrow_holds_what_belongs_to_python():
+    """At the end of the program it would have to wait for the interpreter, and be aborted."""
+    let_go_by = set()
+
+    class Body(bytes):
+        def __del__(self):
+            let_go_by.add(threading.get_ident())
+
+    found = layout("run,time_s\nA,1\n", "rig.csv", ReadOptions(), ["run"])
+    wanted = {"time_s": Wanted(1, False, "time_s")}
+    for _ in range(200):
+        read_rows(replace(found, body=Body(b"A,1\n")), wanted, "rig.csv")
+    assert let_go_by == {threading.get_ident()}
 
 
 @pytest.mark.parametrize("name", ["rig.csv", "rig.csv.gz", "rig.parquet", "rig.zip"])

@@ -138,6 +138,7 @@ def test_one_problem_with_its_place_and_words(tmp_path, text, place, words):
         (b"\0\0\0", "not valid YAML"),
         (b'belt: "\\U99999999"', "not valid YAML"),
         (b"belt: {type: \xe9}", ":1: byte 0xE9 is not UTF-8"),
+        (b"\xef\xbb\xbfbelt: {type: \xb5}", ":1: byte 0xB5 is not UTF-8"),
         (b"#" * 1_000_001, "larger than"),
         (b"[" * 100_000, "nested deeper than"),
         (b"".join(b" " * i + b"a:\n" for i in range(400)), "nested deeper than"),

@@ -66,6 +66,7 @@ def test_what_is_wrong_is_said_at_its_place_in_the_sweep(tmp_path: Path) -> None
         "  rig.pulley_radius_m: [0.05, 9, wide]\n"
         "  rig.pulley_radus_m: [0.05]\n"
         "  data.rig: [a.csv, b.csv]\n"
+        "  belt.stiff: [1, 2]\n"
         "  belt.ribs: 5\n"
         "  press.cycles: []\n"
         "  contact.points_per_element: [5, 6, 5]\n",
@@ -74,12 +75,14 @@ def test_what_is_wrong_is_said_at_its_place_in_the_sweep(tmp_path: Path) -> None
         "2:31: rig.pulley_radius_m = 9, must be in [0.002, 5] m",
         "2:34: rig.pulley_radius_m = wide, must be a number in [0.002, 5] m",
         "3:3: sweep.rig.pulley_radus_m is not a key that can be swept, "
-        "did you mean rig.pulley_radius_m?",
-        "4:3: sweep.data.rig is not a key that can be swept, "
-        "known are section.key such as belt.ribs",
-        "5:14: sweep.belt.ribs must be a list of values",
-        "6:17: sweep.press.cycles must be a list of values",
-        "7:38: sweep.contact.points_per_element[2] = 5 is given twice",
+        "did you mean pulley_radius_m?",
+        "4:3: sweep.data.rig is not a key that can be swept, such as belt.ribs can",
+        "5:3: sweep.belt.stiff is not a key that can be swept, belt has ribs, width_m, "
+        "axial_stiffness_N, bending_stiffness_N_m2, mass_per_length_kg_m, damping_time_s, "
+        "shear_stiffness_N_m2",
+        "6:14: sweep.belt.ribs = 5, must be a list of values",
+        "7:17: sweep.press.cycles = [], must be a list of values",
+        "8:38: sweep.contact.points_per_element[2] = 5 is given twice",
     ]
 
 

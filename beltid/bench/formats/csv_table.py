@@ -190,9 +190,13 @@ def _read_clean(layout: Layout, wanted: Mapping[str, Wanted]) -> Rows | None:
         else pa.float64()
         for w in wanted.values()
     } | {names[w.date]: pa.string() for w in wanted.values() if w.date is not None}
+    # A thread of Arrow may be the last to let go of what it reads. If that belonged to Python and
+    # the program ended just then, it would be aborted.
+    in_arrow = pa.BufferOutputStream()
+    in_arrow.write(body)
     try:
         table = pa_csv.read_csv(
-            pa.BufferReader(body),
+            pa.BufferReader(in_arrow.getvalue()),
             read_options=pa_csv.ReadOptions(column_names=names, block_size=ARROW_BLOCK),
             parse_options=pa_csv.ParseOptions(delimiter=layout.separator),
             convert_options=pa_csv.ConvertOptions(

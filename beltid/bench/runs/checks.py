@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection
 
 import numpy as np
 
+from beltid.bench.runs.run_split import MIN_SAMPLES
 from beltid.errors import ALIKE, Problem, Problems
 from beltid.tables.schemas import NOMINAL, Column, Table
 from beltid.tables.values import absent, outside
@@ -86,9 +87,15 @@ class Checker:
             self.problems.add(f"{where}: {text(int(row))}{more}", line, "numbers")
 
     def _units(self, units_stated: Collection[str]) -> None:
-        """Doubt columns whose numbers are about a thousand times too small or large."""
+        """Doubt columns whose numbers are about a thousand times too small or large.
+
+        A few samples of a sensor, most likely of a belt at rest, tell nothing of its unit.
+        """
+        few = "time_s" in self.columns and len(self.columns["time_s"]) < MIN_SAMPLES
         for column in self.table.columns:
             if column.dtype != "float64" or column.name in units_stated:
+                continue
+            if few and column.name not in NOMINAL:
                 continue
             values = self.columns.get(column.name, np.empty(0))
             finite = values[np.isfinite(values)]

@@ -1,8 +1,8 @@
 """Files read in a child process, so that a damaged one cannot take this process with it.
 
 The child is given a folder for its results and its limits as arguments, and the files as JSON on
-stdin: a list of ``[format, path]``. For file number i it writes ``i.npz``, or ``i.txt`` with the
-reason why not.
+stdin: a list of ``[format, path]``. For file number i it writes ``i.npz``, arrays and JSON but
+never pickled objects, or ``i.txt`` with the reason why not.
 """
 
 from __future__ import annotations
@@ -14,12 +14,21 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Sequence
+from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
-from beltid.bench.formats.bench_file import BenchFile, DamagedFile, FormatError
-from beltid.bench.formats.isolated.exchange import load, save
+import numpy as np
+
+from beltid.bench.formats.bench_file import (
+    BenchFile,
+    Channel,
+    DamagedFile,
+    Field,
+    FormatError,
+    Group,
+)
 
 READERS: Final = {
     "tdms": "beltid.bench.formats.isolated.tdms",
@@ -33,6 +42,7 @@ MEMORY_PER_BYTE: Final = 12
 BASE_CPU_S: Final = 20
 CPU_S_PER_MB: Final = 3
 CRASHES: Final = 5
+_META: Final = "meta"
 
 
 def read_isolated(jobs: Sequence[tuple[str, Path]]) -> list[BenchFile | FormatError]:
@@ -146,6 +156,58 @@ def limit(memory_bytes: int, cpu_s: int) -> None:
         hard = resource.getrlimit(what)[1]
         allowed = value if hard == resource.RLIM_INFINITY else min(value, hard)
         resource.setrlimit(what, (allowed, hard))
+
+
+def save(file: BenchFile, path: Path) -> None:
+    """Write what was found in a file; an array that several channels share is written once."""
+    arrays: dict[str, np.ndarray] = {}
+
+    def as_json(value: Any) -> Any:
+        if not isinstance(value, np.ndarray):
+            return {field.name: getattr(value, field.name) for field in fields(value)}
+        key = f"array {id(value)}"
+        arrays[key] = _writable(value)
+        return key
+
+    meta = json.dumps(file, default=as_json)
+    arrays[_META] = np.frombuffer(meta.encode(), dtype=np.uint8)
+    with path.open("wb") as target:
+        np.savez(target, **arrays)  # type: ignore[arg-type]
+
+
+def load(path: Path) -> BenchFile:
+    """Read what `save` wrote."""
+    with np.load(path, allow_pickle=False) as arrays:
+        meta = json.loads(arrays[_META].tobytes())
+        known = {key: _readable(arrays[key]) for key in arrays.files if key != _META}
+    groups = tuple(
+        Group(
+            group["name"],
+            tuple(
+                Channel(c["name"], c["unit"], known[c["values"]], known.get(c["time_s"]))
+                for c in group["channels"]
+            ),
+            tuple(Field(**field) for field in group["fields"]),
+            group["first_row"],
+        )
+        for group in meta["groups"]
+    )
+    header = tuple(Field(**field) for field in meta["fields"])
+    return BenchFile(meta["format"], groups, header, tuple(meta["notes"]))
+
+
+def _writable(values: np.ndarray) -> np.ndarray:
+    if values.dtype.kind == "O":
+        return np.array(["" if v is None else str(v) for v in values], dtype=np.str_)
+    return np.asarray(values, dtype=float)
+
+
+def _readable(values: np.ndarray) -> np.ndarray:
+    if values.dtype.kind != "U":
+        return values
+    texts = np.empty(len(values), dtype=object)
+    texts[:] = [str(v) or None for v in values]
+    return texts
 
 
 if __name__ == "__main__":
