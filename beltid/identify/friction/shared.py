@@ -241,10 +241,13 @@ def summed(M: Array, b: Array, spectra: Spectra) -> tuple[Array, Array, float, f
     return mean, second - np.outer(mean, mean), total, float(weight @ height)
 
 
-UNLIKE = 0.01
-"""Deviations of a tail from its family: standard deviation of each of some exponentials with
-lengths within the record, relative to the height."""
-DRIFTING = 0.04
+UNLIKE = np.array([0.01, 0.1])
+"""Deviations of a tail from its family, small or large: standard deviation of each of some
+exponentials with lengths within two thirds of the record, relative to the height."""
+UNLIKE_BEFORE = np.array([0.9, 0.1])
+"""Probabilities of them. Which it is, is for the runs to say: one size for all benches is either
+too small for quiet records of another family, or widens all others."""
+DRIFTING = 0.08
 """Probability that something drifts in all runs alike: the zeros of the cells, or the friction."""
 DRIFTS_OF = np.array(
     [np.diag(np.square(sd)) for sd in ([0, 0, 0], [2e-4, 2e-4, 0], [6e-4, 6e-4, 0], [0, 0, 0.03])]
@@ -285,7 +288,7 @@ class Shared:
     powers : ndarray, shape (SETTINGS,)
         Powers of the settings with which its length goes.
     weights : ndarray
-        Probabilities of :data:`DRIFTS_OF`.
+        Probabilities of :data:`UNLIKE` with :data:`DRIFTS_OF` (2, 4).
     spectra : Spectra, optional
         Tails over which it was summed.
     """
@@ -302,7 +305,7 @@ class Shared:
     def before(cls, powers: Array) -> Shared:
         """What is known before any run is seen, if the length of the tail goes with such powers."""
         unknown = np.zeros(SHARED), np.zeros((SHARED, 0)), -np.inf
-        return cls(*unknown, height=0.05, powers=powers, weights=BEFORE)
+        return cls(*unknown, height=0.05, powers=powers, weights=np.outer(UNLIKE_BEFORE, BEFORE))
 
     @property
     def stretched_mean(self) -> Array:
@@ -370,8 +373,8 @@ def posterior(M: Array, b: Array, given: Given, before: Shared, every_drift: boo
     before : Shared
         Tail and drift as far as they were known before, roughly.
     every_drift : bool
-        Each drift, and each slow part of the tail, is a hypothesis of its own; else one Gaussian
-        has the moments of all drifts.
+        Each drift, deviation and slow part of the tail is a hypothesis of its own; else one
+        Gaussian has the moments of all drifts and deviations.
     """
     M, b = M.copy(), b.copy()
     cells = slice(RANK, RANK + 2)
@@ -384,25 +387,28 @@ def posterior(M: Array, b: Array, given: Given, before: Shared, every_drift: boo
     D = np.zeros_like(M)
     D[POWERS, POWERS] = TREND**2 * np.eye(SETTINGS)
     shortest, longest = given.range_m
-    low, high = np.log(max(shortest, 2e-4)), np.log(max(longest / 9.0, 1e-3))
+    low, high = np.log(max(shortest, 2e-4)), np.log(max(longest / 4.5, 1e-3))
     lengths = np.linspace(low, max(high, low + 1.0), 8)
-    unlike = tail_coefficients(lengths, np.zeros(8), np.zeros(8))
-    D[:RANK, :RANK] = (UNLIKE * height) ** 2 * (unlike.T @ unlike)
+    others = height * tail_coefficients(lengths, np.zeros(8), np.zeros(8))
+    deviation = np.zeros_like(M)
+    deviation[:RANK, :RANK] = others.T @ others
     unit = np.array([given.unit_N, given.unit_N, 1.0])
     drifts = DRIFTS_OF * np.outer(unit, unit)
     # one Gaussian with the moments of all drifts, to find where the tails are
-    moments = np.tensordot(before.weights, drifts, axes=1)
+    moments = np.tensordot(before.weights.sum(axis=0), drifts, axes=1)
 
-    def spectra_given(slow: Array, spread: Array) -> Spectra:
-        left = _free(M, D + _blocks(spread, moments))[0]
+    def spectra_given(slow: Array, D: Array) -> Spectra:
+        left = _free(M, D)[0]
         return spectra_of((left @ M)[:RANK, :RANK], (left @ (b - M @ slow))[:RANK], given.range_m)
 
     none = np.zeros(RANK)
+    size = before.weights.sum(axis=1) @ UNLIKE**2
+    every = D + size * deviation + _blocks(none, moments)
     spectra = before.spectra
     if every_drift or spectra is None:
-        spectra = spectra_given(expected, none)
+        spectra = spectra_given(expected, every)
     if not every_drift:
-        found = [_given(M, b, expected, D + _blocks(none, moments), spectra)]
+        found = [_given(M, b, expected, every, spectra)]
         prior = np.ones(1)
     else:
         probability, part, scatter = SLOW_PART
@@ -412,12 +418,14 @@ def posterior(M: Array, b: Array, given: Given, before: Shared, every_drift: boo
         for tail in (none, *tails):
             slow = expected.copy()
             slow[:RANK] = part * tail
-            # beside a slow part the rest of the tail is another one
-            own = spectra_given(slow, scatter * tail) if tail.any() else spectra
-            for drift in drifts:
-                found.append(_given(M, b, slow, D + _blocks(scatter * tail, drift), own))
+            for size in UNLIKE**2:
+                own = D + size * deviation
+                # beside a slow part the rest of the tail is another one
+                points = spectra_given(slow, own + _blocks(scatter * tail, moments))
+                for drift in drifts:
+                    found.append(_given(M, b, slow, own + _blocks(scatter * tail, drift), points))
         of_tail = np.array([1.0 - probability, probability / 2.0, probability / 2.0])
-        prior = np.outer(of_tail, BEFORE).ravel()
+        prior = np.outer(of_tail, np.outer(UNLIKE_BEFORE, BEFORE)).ravel()
     log_p = np.log(prior) + np.array([log_evidence for _, _, log_evidence, _ in found])
     log_evidence = float(logsumexp(log_p))
     p = np.exp(log_p - log_evidence)
@@ -432,7 +440,7 @@ def posterior(M: Array, b: Array, given: Given, before: Shared, every_drift: boo
         log_evidence=log_evidence,
         height=found[int(np.argmax(p))][-1],
         powers=np.clip(before.powers + mean[POWERS], -1.5, 1.5),
-        weights=p.reshape(-1, len(drifts)).sum(axis=0) if every_drift else before.weights,
+        weights=p.reshape(-1, *before.weights.shape).sum(axis=0) if every_drift else before.weights,
         spectra=spectra,
     )
 
