@@ -22,6 +22,8 @@ FIRST = (
     "chain/test_batch.py",  # it compiles the kernels, those that follow need none of them at once
     "report",
     "docs",
+    "rigsim",
+    "drive",
     "chain",
     "cli",
     "stages",

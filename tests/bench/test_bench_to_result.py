@@ -13,7 +13,8 @@ from beltid.cli import app
 CONFIG = """\
 belt: {name: bench}
 rig: {arcs_deg: [40, 82], initial_tensions_N: [100, 411], pulley_speeds_rad_s: [0.1, 0.21]}
-simulation: {method: steady}
+simulation: {method: steady, elements: 20}
+compare: {hold_out: none}
 data: {origin: synthetic, press: P22.txt, rig: "rig/*.lvm"}
 runs:
   rig: {pattern: "{run}_{arc_deg}deg_{initial_tension_N}N_{speed}.lvm"}

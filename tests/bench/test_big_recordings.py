@@ -97,7 +97,7 @@ def test_other_names_and_units(small_chunks: None, tmp_path: Path) -> None:
 
 def test_packed_with_gzip(small_chunks: None, tmp_path: Path) -> None:
     path = tmp_path / "rig.csv.gz"
-    path.write_bytes(gzip.compress(RIG.read_bytes(), mtime=0))
+    path.write_bytes(gzip.compress("\n".join(some_rows(5000)).encode() + b"\n", mtime=0))
     same_as_read_at_once(path)
     path.write_bytes(path.read_bytes()[:-2000])
     with pytest.raises(InputError, match=r"rig\.csv\.gz: the gzip file is damaged or cut off"):
@@ -107,7 +107,7 @@ def test_packed_with_gzip(small_chunks: None, tmp_path: Path) -> None:
 def test_parquet_in_a_file_and_in_folders(tmp_path: Path) -> None:
     import pandas as pd
 
-    frame = pd.read_csv(RIG, dtype={"run": str})
+    frame = pd.read_csv(RIG, dtype={"run": str}, nrows=5000)
     path = tmp_path / "rig.parquet"
     frame.to_parquet(path, index=False, row_group_size=700)
     same_as_read_at_once(path)
@@ -293,7 +293,7 @@ def test_a_sign_is_doubted_once(tmp_path: Path) -> None:
     assert in_a_stream.value.problems == at_once.value.problems
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.lists(st.floats(-9e6, 9e6, allow_nan=False), min_size=1, max_size=20), st.integers(0, 17))
 def test_numbers_are_the_nearest_doubles(values: list[float], places: int) -> None:
     cells = [f"{value:.{places}f}" for value in values]
@@ -311,16 +311,16 @@ def test_what_is_no_plain_number_is_refused_with_its_line(cell: str) -> None:
     assert problems == [f'a.csv:3: x = "{cell}", must be a number']
 
 
-@pytest.mark.parametrize("rows_of_a_group", [100_000, 1_500_000])
+@pytest.mark.parametrize("rows_of_a_group", [100_000, 600_000])
 def test_a_parquet_file_takes_a_part_of_its_size_in_memory(
     rows_of_a_group: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Neither the file nor a row group of it is held at once, and nothing of it stays."""
     monkeypatch.setattr(parquet, "ROWS", 1 << 14)
     rng = np.random.default_rng(4)
-    columns = {"run": np.full(1_500_000, "a")}
+    columns = {"run": np.full(600_000, "a")}
     columns |= {
-        column.name: rng.uniform(20.0, 30.0, 1_500_000)
+        column.name: rng.uniform(20.0, 30.0, 600_000)
         for column in schemas.table("rig").columns
         if column.dtype == "float64"
     }
@@ -332,7 +332,7 @@ def test_a_parquet_file_takes_a_part_of_its_size_in_memory(
     for block in parquet.parquet_blocks([source], schemas.table("rig"), {}):
         most = max(most, pa.total_allocated_bytes() - before)
         n += len(block)
-    assert n == 1_500_000
+    assert n == 600_000
     assert most < path.stat().st_size / 3
 
 

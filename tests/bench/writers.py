@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import gzip
 import zipfile
 from collections.abc import Callable, Mapping
@@ -26,18 +27,26 @@ UNITS = {
 Runs = Mapping[str, pd.DataFrame]
 
 
+@functools.cache
+def recorded(kind: str) -> pd.DataFrame:
+    """A recording of rigdata, read once; nobody changes it."""
+    return pd.read_csv(DATA / f"{kind}.csv", dtype={"run": str, "test": str})
+
+
+def first_of(kind: str, label: str, n: int) -> dict[str, pd.DataFrame]:
+    frame = recorded(kind)
+    labels = frame[label].unique()[:n]
+    return {name: frame[frame[label] == name].reset_index(drop=True) for name in labels}
+
+
 def rig_runs(n: int = 3) -> dict[str, pd.DataFrame]:
     """The first runs of rigdata, by their label."""
-    frame = pd.read_csv(DATA / "rig.csv", dtype={"run": str})
-    labels = frame["run"].unique()[:n]
-    return {label: frame[frame["run"] == label].reset_index(drop=True) for label in labels}
+    return first_of("rig", "run", n)
 
 
 def press_tests(n: int = 1) -> dict[str, pd.DataFrame]:
     """The first tests of the press of rigdata, by their label."""
-    frame = pd.read_csv(DATA / "press.csv", dtype={"test": str})
-    labels = frame["test"].unique()[:n]
-    return {label: frame[frame["test"] == label].reset_index(drop=True) for label in labels}
+    return first_of("press", "test", n)
 
 
 def sensors(run: pd.DataFrame) -> pd.DataFrame:

@@ -58,7 +58,7 @@ finally:
 def counts(tmp_path_factory, part_of_rig):
     folder = tmp_path_factory.mktemp("way")
     rig, counts = folder / "rig.csv", folder / "counts.json"
-    rig.write_text(part_of_rig((40, 82), (100, 220, 411), (0.05, 0.10)))
+    rig.write_text(part_of_rig((40, 82), (100, 411), (0.05, 0.10)))
     shutil.copy(RIGDATA / "beltid.yaml", folder)  # found for the recording
     called = [sys.executable, "-c", COUNTER, "fit-friction", str(rig), str(counts)]
     ended = subprocess.run(

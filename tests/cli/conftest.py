@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -21,17 +22,22 @@ rig:
   arcs_deg: [40, 82]
   initial_tensions_N: [100, 220, 310, 411]
   pulley_speeds_rad_s: [0.05, 0.21]
-simulation: {method: steady}
+simulation: {method: steady, elements: 20}
 data: {press: press.csv, rig: rig.csv, speedloss: speedloss.csv}
 """
+
+PUBLISHED = ("stiffness", "slip", "friction", "surface", "simulated", "compare")
 
 
 @pytest.fixture(scope="session")
 def recordings(tmp_path_factory: pytest.TempPathFactory, part_of_rig: Any) -> Path:
-    """Folder with the recordings, of the friction rig 16 of 120 runs."""
+    """Folder with the recordings: 16 of 120 runs of the friction rig, 9 of 51 of the drive."""
     folder = tmp_path_factory.mktemp("recordings")
-    for name in ("press.csv", "speedloss.csv"):
-        shutil.copy(DATA / name, folder / name)
+    shutil.copy(DATA / "press.csv", folder)
+    header, *lines = (DATA / "speedloss.csv").read_text().splitlines(keepends=True)
+    labels = list(dict.fromkeys(line.split(",")[0] for line in lines))[::6]
+    points = [line for line in lines if line.split(",")[0] in labels]
+    (folder / "speedloss.csv").write_text("".join([header, *points]))
     runs = part_of_rig((40, 82), (100, 220, 310, 411), (0.05, 0.21))
     (folder / "rig.csv").write_text(runs)
     (folder / "beltid.yaml").write_text(SHORT_CONFIG)
@@ -40,50 +46,36 @@ def recordings(tmp_path_factory: pytest.TempPathFactory, part_of_rig: Any) -> Pa
 
 @pytest.fixture(scope="session")
 def finished(made_once: Any, recordings: Path) -> Path:
-    """Folder with the recordings and every artifact of the chain, made once by the commands."""
+    """Folder with the recordings, the results of the chain in runs/ and the published ones here."""
     return made_once("finished", lambda folder: finish(recordings, folder))
 
 
 def finish(recordings: Path, folder: Path) -> None:
-    """Call the commands one after the other."""
+    """Call the chain and the commands of the drive."""
     shutil.copytree(recordings, folder, dirs_exist_ok=True)
-    runner = CliRunner()
-    with pytest.MonkeyPatch.context() as patch:
+    calls = (
+        ["run", "beltid.yaml", "--no-report", "-j", "1"],
+        ["simulate-drive", "surface.parquet", "stiffness.parquet", "--from", "slip.parquet"],
+        ["compare-drive", "slip.parquet", "drive.parquet"],
+    )
+    with contextlib.chdir(folder), pytest.MonkeyPatch.context() as patch:
         # the limits of a drive, most of its work, at one tension and roughly
         patch.setattr("beltid.stages.drive.simulate_drive.TENSIONS", (1.0,))
         patch.setattr("beltid.drive.limits.TOLERANCE", 0.05)
-        for call in (
-            ["fit-stiffness", "press.csv"],
-            ["fit-slip", "speedloss.csv"],
-            ["fit-friction", "rig.csv"],
-            ["build-surface", "friction.parquet"],
-            ["simulate-rig", "surface.parquet", "stiffness.parquet"],
-            ["compare", "friction.parquet", "simulated.parquet"],
-            ["simulate-drive", "surface.parquet", "stiffness.parquet", "--from", "slip.parquet"],
-            ["compare-drive", "slip.parquet", "drive.parquet"],
-        ):
-            rest = (str(folder / name) if "." in name else name for name in call[1:])
-            result = runner.invoke(app, [call[0], *rest])
-            assert result.exit_code == 0, result.stderr
+        for call in calls:
+            done = CliRunner().invoke(app, call)
+            assert done.exit_code == 0, done.stderr
+            if call[0] == "run":
+                for kind in PUBLISHED:
+                    shutil.copy(f"runs/5pk/{kind}.parquet", folder)
 
 
-@pytest.fixture(scope="session")
-def chained(made_once: Any, finished: Path) -> Path:
-    """The finished folder with the results of the whole chain in runs/, made once."""
-
-    def fill(folder: Path) -> None:
-        shutil.copytree(finished, folder, dirs_exist_ok=True)
-        call = ["run", "--no-report", str(folder / "beltid.yaml"), "-o", str(folder / "runs")]
-        result = CliRunner().invoke(app, call)
-        assert result.exit_code == 0, result.stderr
-
-    return made_once("chained", fill)
-
-
-def working_copy(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def working_copy(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *without: str
+) -> Path:
     """A copy of a folder to work in, as the current folder."""
     copy = tmp_path / "bench"
-    shutil.copytree(folder, copy)
+    shutil.copytree(folder, copy, ignore=shutil.ignore_patterns(*without))
     monkeypatch.chdir(copy)
     monkeypatch.delenv("BELTID_CONFIG", raising=False)
     monkeypatch.setenv("COLUMNS", "100")
@@ -92,14 +84,14 @@ def working_copy(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 
 @pytest.fixture
 def bench(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy of the folder with the results of the single commands."""
-    return working_copy(finished, tmp_path, monkeypatch)
+    """A copy of the recordings and the published results beside them."""
+    return working_copy(finished, tmp_path, monkeypatch, "runs")
 
 
 @pytest.fixture
-def ran(chained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The same, with the results of the whole chain."""
-    return working_copy(chained, tmp_path, monkeypatch)
+def ran(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The same, with the results of the whole chain in runs/."""
+    return working_copy(finished, tmp_path, monkeypatch)
 
 
 Call = Callable[..., object]

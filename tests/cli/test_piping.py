@@ -11,6 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from beltid.artifacts.artifact import artifact_from_bytes
+from beltid.artifacts.parquet_table import columns_sha256
 from beltid.cli import app
 
 
@@ -39,12 +40,13 @@ def test_artifact_to_stdout_is_nothing_but_the_artifact(bench: Path) -> None:
 
 def test_commands_can_be_chained_by_pipes(bench: Path) -> None:
     beltid = f'"{sys.executable}" -m beltid'
-    line = f"{beltid} fit-friction - -q -o - < rig.csv | {beltid} build-surface - -q -o -"
+    first = f"{beltid} fit-slip - -q -o - < speedloss.csv"
+    line = f"{first} | {beltid} compare-drive - drive.parquet -q -o -"
     done = subprocess.run(line, shell=True, capture_output=True, cwd=bench, check=True)
     assert done.stderr == b""
-    made = artifact_from_bytes(done.stdout, Path("piped"), "surface")
-    standing = artifact_from_bytes((bench / "surface.parquet").read_bytes(), Path("file"))
-    assert (made.columns["mu"] == standing.columns["mu"]).all()
+    made = artifact_from_bytes(done.stdout, Path("piped"), "compare_drive")
+    standing = artifact_from_bytes((bench / "compare_drive.parquet").read_bytes(), Path("file"))
+    assert columns_sha256(made.columns) == columns_sha256(standing.columns)
 
 
 def test_an_error_in_stdin_is_placed_there(bench: Path) -> None:
@@ -87,7 +89,7 @@ def test_what_writes_two_files_needs_names_for_them(bench: Path) -> None:
 
 
 def test_no_colour_if_nobody_wants_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """NO_COLOR (no-color.org) holds on a terminal, too."""
+    """NO_COLOR (no-color.org) holds on a terminal, too; FORCE_COLOR brings none into a file."""
     from beltid.cli.reporter import console_for
 
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
@@ -96,3 +98,7 @@ def test_no_colour_if_nobody_wants_it(monkeypatch: pytest.MonkeyPatch) -> None:
     assert console_for("stdout").color_system is not None
     monkeypatch.setenv("NO_COLOR", "1")
     assert console_for("stdout").no_color
+    monkeypatch.delenv("NO_COLOR")
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: False, raising=False)
+    assert console_for("stdout").color_system is None

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import os
-import pty
 import resource
 import shutil
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -20,12 +17,6 @@ BELTID = (sys.executable, "-m", "beltid")
 def environment(**settings: str) -> dict[str, str]:
     inherited = {k: v for k, v in os.environ.items() if k not in ("BELTID_CONFIG", "COLUMNS")}
     return {**inherited, **settings}
-
-
-def hear_signals() -> None:
-    """In a new process: signals do what they do, also where the tests run in the background."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_DFL)
 
 
 def run(folder: Path, *arguments: str, **settings: str) -> subprocess.CompletedProcess[bytes]:
@@ -46,14 +37,6 @@ def beside(recordings: Path, tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_recording_needs_no_other_argument(beside: Path) -> None:
-    done = run(beside, "fit-slip", "speedloss.csv", TERM="xterm-256color", FORCE_COLOR="1")
-    assert done.returncode == 0
-    assert b"built-in 5PK rig" in done.stderr
-    assert b"\x1b" not in done.stdout + done.stderr  # neither is a terminal
-    assert sorted(f.name for f in beside.iterdir()) == ["slip.parquet", "speedloss.csv"]
-
-
 def test_same_input_same_bytes_in_another_process_and_folder(
     finished: Path, recordings: Path, tmp_path: Path
 ) -> None:
@@ -65,38 +48,10 @@ def test_same_input_same_bytes_in_another_process_and_folder(
     assert made == (finished / "friction.parquet").read_bytes()
 
 
-def test_a_terminal_without_the_letters_gets_substitutes(recordings: Path, tmp_path: Path) -> None:
-    shutil.copy(recordings / "press.csv", tmp_path)
-    done = run(tmp_path, "fit-stiffness", "press.csv", PYTHONIOENCODING="ascii", PYTHONUTF8="0")
+def test_a_terminal_without_the_letters_gets_substitutes(beside: Path) -> None:
+    done = run(beside, "explain", "numerics", PYTHONIOENCODING="ascii", PYTHONUTF8="0")
     assert done.returncode == 0, done.stderr
     assert done.stdout.isascii()
-
-
-def on_a_terminal(folder: Path, *arguments: str) -> tuple[int, bytes]:
-    """Status and output with stdout on a terminal."""
-    ours, theirs = pty.openpty()
-    process = subprocess.Popen(
-        [*BELTID, *arguments],
-        cwd=folder,
-        stdout=theirs,
-        stderr=subprocess.DEVNULL,
-        env=environment(TERM="xterm-256color"),
-    )
-    os.close(theirs)
-    output = b""
-    try:
-        while chunk := os.read(ours, 4096):
-            output += chunk
-    except OSError:  # the other end has closed
-        pass
-    os.close(ours)
-    return process.wait(timeout=60), output
-
-
-def test_colours_on_a_terminal(beside: Path) -> None:
-    status, coloured = on_a_terminal(beside, "fit-slip", "speedloss.csv")
-    assert status == 0
-    assert b"\x1b[" in coloured
 
 
 def small_files_only() -> None:
@@ -141,15 +96,14 @@ def test_a_reader_that_has_seen_enough_is_no_error(recordings: Path, tmp_path: P
     assert (tmp_path / "slip.parquet").is_file()
 
 
-def test_a_bug_ends_with_a_traceback_and_status_1(recordings: Path, tmp_path: Path) -> None:
-    shutil.copy(recordings / "rig.csv", tmp_path)
+def test_a_bug_ends_with_a_traceback_and_status_1(tmp_path: Path) -> None:
     code = (
-        "import beltid.stages.identification.fit_friction as stage; "
-        "stage.reduce_rig = lambda *a: 1 / 0; "
+        "import beltid.cli.commands.about as command; "
+        "command.explanations = lambda *a: 1 / 0; "
         "from beltid.cli import main; main()"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code, "fit-friction", "rig.csv"],
+        [sys.executable, "-c", code, "explain"],
         cwd=tmp_path,
         capture_output=True,
         env=environment(),
@@ -160,53 +114,15 @@ def test_a_bug_ends_with_a_traceback_and_status_1(recordings: Path, tmp_path: Pa
     assert done.stdout == b""
 
 
-def test_an_interrupted_campaign_is_status_130_and_leaves_the_old_one(
-    finished: Path, tmp_path: Path
-) -> None:
-    folder = tmp_path / "bench"
-    shutil.copytree(finished, folder)
-    before = (folder / "simulated.parquet").read_bytes()
-    # more runs than anybody waits for
-    (folder / "beltid.yaml").write_text(
-        "rig: {initial_tensions_N: [" + ", ".join(f"{200 + 0.5 * k}" for k in range(200)) + "]}\n"
-    )
-    process = subprocess.Popen(
-        [*BELTID, "simulate-rig", "surface.parquet", "stiffness.parquet", "-j", "1"],
-        cwd=folder,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        env=environment(),
-        preexec_fn=hear_signals,
-    )
-    assert process.stderr is not None
-    talk = b""
-    while b"runs, transient" not in talk:
-        line = process.stderr.readline()
-        assert line, talk
-        talk += line
-    time.sleep(1.0)
-    process.send_signal(signal.SIGINT)
-    stdout, rest = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert stdout == b""
-    assert b"interrupted; simulated.parquet" in rest
-    assert b"Traceback" not in rest
-    assert (folder / "simulated.parquet").read_bytes() == before
-    assert [f.name for f in folder.iterdir() if "tmp" in f.name] == []
-
-
 needs_full_device = pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
 
 
 @needs_full_device
-@pytest.mark.parametrize("call", [("fit-slip", "speedloss.csv", "--json"), ("--help",)])
-def test_a_full_disk_behind_stdout_is_status_2_and_said(
-    beside: Path, call: tuple[str, ...]
-) -> None:
+def test_a_full_disk_behind_the_help_is_status_2_and_said(tmp_path: Path) -> None:
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
-            [*BELTID, *call],
-            cwd=beside,
+            [*BELTID, "--help"],
+            cwd=tmp_path,
             stdout=full,
             stderr=subprocess.PIPE,
             env=environment(),
@@ -239,8 +155,6 @@ def test_a_full_disk_behind_stderr_does_not_stop_the_work(beside: Path) -> None:
     ("call", "closed"),
     [
         ("--help", ">&-"),
-        ("--help", ">&- 2>&-"),
-        ("fit-slip --version", "<&- >&- 2>&-"),
         ("fit-slip speedloss.csv", "<&- >&- 2>&-"),
     ],
 )

@@ -192,7 +192,7 @@ def _runs(path: Path) -> set[tuple[float, float, float]]:
 def test_the_runs_are_those_measured_where_the_config_states_no_settings(
     bench: Path, beltid: Any
 ) -> None:
-    (bench / "open.yaml").write_text("simulation: {method: steady}\n")
+    (bench / "open.yaml").write_text("simulation: {method: steady, elements: 20}\n")
     result = beltid(*CALL, "-c", "open.yaml", "-o", "open.parquet")
     assert result.exit_code == 0, result.stderr
     assert "16 runs, steady, at the settings measured" in result.stderr

@@ -58,8 +58,8 @@ def cut_drive_short(path: Path) -> None:
 
 
 def cut_config_short(path: Path) -> None:
-    """Simulate the limit only."""
-    path.write_text(f"{path.read_text()}\nsimulation: {{method: steady}}\n")
+    """Simulate the limit only, on a coarse mesh."""
+    path.write_text(f"{path.read_text()}\nsimulation: {{method: steady, elements: 20}}\n")
 
 
 def test_commands_of_the_tutorial_run_one_after_the_other(

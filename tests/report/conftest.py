@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -21,6 +22,11 @@ def drawn_page() -> Page:
 
 
 @pytest.fixture(scope="session")
-def page(drawn_page: Page) -> str:
+def page(made_once: Any, request: pytest.FixtureRequest) -> str:
     """The same as HTML."""
-    return rendered(drawn_page)
+
+    def fill(folder: Path) -> None:
+        text = rendered(request.getfixturevalue("drawn_page"))
+        (folder / "page.html").write_text(text, encoding="utf-8")
+
+    return (made_once("report-page", fill) / "page.html").read_text(encoding="utf-8")
