@@ -107,7 +107,7 @@ def number(found: RefinedSurface, key: str) -> tuple[float, float]:
 @pytest.mark.parametrize(
     ("shift", "order", "steady"),
     [
-        pytest.param(run_in, PERMUTED, 0.0005, id="steady, random"),
+        pytest.param(run_in, PERMUTED, 0.0005, id="steady, random", marks=pytest.mark.long),
         pytest.param(quick_run_in, np.arange(N), 0.012, id="quick, sorted by arcs"),
         pytest.param(
             run_in, np.arange(N), 0.012, id="steady, sorted by arcs", marks=pytest.mark.long

@@ -226,7 +226,7 @@ def test_a_stated_error_of_the_arcs_is_not_counted_once_more_as_their_effect():
     # counted twice, as stated and as an effect of the same size, it would be sqrt(2) of that
     sigma, twice = 0.01, math.sqrt(2.0) * 0.01 / 2.0
     z, stated_u, blind_u, sizes = [], [], [], []
-    for seed in range(60):
+    for seed in range(30):
         whole = _arcs_set_wrongly(seed, sigma)
         chosen = choose_smoothness(whole, Smoothness(1.0, 0.0, 1.0))
         blind = replace(whole, effects=whole.effects[:1], before=whole.before[:1])

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_inverse import SPEEDS, R, bench_and_runs, errors, true_mu
+from truth_bench import SPEEDS, R, bench_and_runs, errors, true_mu
 
 import beltid
 from beltid.errors import InputError
@@ -46,7 +46,9 @@ def campaign(bench: Bench, rows: np.ndarray) -> Campaign:
     return Campaign(measured, replace(bench, surface=start), press)
 
 
-@pytest.mark.parametrize("given", ["tight", pytest.param("slack", marks=pytest.mark.long), "hub"])
+@pytest.mark.parametrize(
+    "given", ["hub", *(pytest.param(span, marks=pytest.mark.long) for span in ("tight", "slack"))]
+)
 def test_sliding_states_of_another_model_give_its_surface(given: GivenForce) -> None:
     """The truth of the synthetic bench, its tensions as if one, or their sum, had been given."""
     bench, runs, f = bench_and_runs("5pk")

@@ -19,6 +19,8 @@ from beltid.rigsim.model import Bench
 TRUTH = Path(__file__).parents[1] / "truth"
 R = 0.05
 SPEEDS = np.array([0.0025, 0.005, 0.0105, 0.021, 0.042])
+TWO = SPEEDS[1::2]
+"""Speeds of a smaller campaign: 48 of the 120 runs of a belt."""
 # rigdata/README.md: EA, EI, k_linear, k_quadratic, mu0, a, c, v0
 BELTS = {
     "4pk": (0.8e5, 0.016, 5.6e7, 2.20e11, 1.05, 0.20, 0.50, 0.0020),
@@ -33,12 +35,16 @@ def true_mu(belt: str, f: np.ndarray, v: float) -> np.ndarray:
 
 
 def bench_and_runs(
-    belt: str, noise: float = 0.0, keep: slice = slice(None)
+    belt: str, noise: float = 0.0, speeds: np.ndarray = SPEEDS
 ) -> tuple[Bench, list[MeasuredRun], np.ndarray]:
     """The synthetic bench of a belt with the coefficients of the truth, with noise or without."""
     EA, EI, k1, k2 = BELTS[belt][:4]
     with (TRUTH / belt / "truth.csv").open() as file:
-        rows = list(csv.DictReader(file))[keep]
+        rows = [
+            row
+            for row in csv.DictReader(file)
+            if np.any(np.abs(float(row["omega"]) * R / speeds - 1.0) < 0.02)
+        ]
     points = [
         OperatingPoint(math.radians(float(r["arc_deg"])), float(r["T0"]), float(r["omega"]))
         for r in rows
@@ -55,16 +61,24 @@ def bench_and_runs(
 
 
 @functools.cache
-def solved(belt: str, noise: float = 0.0) -> RefinedSurface:
-    """The inverse problem of a whole bench, solved once for all tests that look at it."""
-    bench, runs, _ = bench_and_runs(belt, noise)
-    return refine_surface(bench, runs, SPEEDS)
+def solved(
+    belt: str, noise: float = 0.0, speeds: tuple[float, ...] = tuple(SPEEDS)
+) -> RefinedSurface:
+    """The inverse problem of a bench, solved once for all tests that look at it."""
+    bench, runs, _ = bench_and_runs(belt, noise, np.array(speeds))
+    return refine_surface(bench, runs, np.array(speeds))
 
 
-def errors(belt: str, surface: FrictionSurface, runs: list[MeasuredRun], f: np.ndarray) -> tuple:
+def errors(
+    belt: str,
+    surface: FrictionSurface,
+    runs: list[MeasuredRun],
+    f: np.ndarray,
+    speeds: np.ndarray = SPEEDS,
+) -> tuple:
     """RMS and largest relative error over the forces of the runs at each speed."""
     all_errors = []
-    for v in SPEEDS:
+    for v in speeds:
         mine = [i for i, run in enumerate(runs) if abs(run.point.omega * R / v - 1) < 0.02]
         force = np.geomspace(f[mine].min(), f[mine].max(), 40)
         all_errors.append(surface.mu(force, v) / true_mu(belt, force, v) - 1)

@@ -74,11 +74,11 @@ def test_one_speed_and_one_force_have_their_uncertainty_too():
 
 
 def test_the_ensemble_has_the_covariance():
-    members = np.array([m.mu_nodes for m in surface().ensemble(400, seed=3)])
-    logs = np.log(members / MU).reshape(400, -1)
+    members = np.array([m.mu_nodes for m in surface().ensemble(100, seed=3)])
+    logs = np.log(members / MU).reshape(100, -1)
     rows = FACTOR.reshape(6, 3)
     expected = rows @ rows.T
-    np.testing.assert_allclose(np.cov(logs.T), expected, atol=4 * 2.5e-5 / np.sqrt(400))
+    np.testing.assert_allclose(np.cov(logs.T), expected, atol=4 * 2.5e-5 / np.sqrt(100))
     again = surface().ensemble(2, seed=3)
     np.testing.assert_array_equal(again[1].mu_nodes, members[1])
 
