@@ -83,15 +83,10 @@ def layout(drive: Drive, arm_angle: float | None = None) -> Layout:
         x, y = arm_end(drive.tensioner, arm_angle)
         pulleys[moved] = replace(pulleys[moved], x=x, y=y)
     _refuse_overlaps(pulleys)
-    # the belt is laid on both ways round; what crosses itself is the wrong one
-    both = [_lay(pulleys, sense) for sense in (1.0, -1.0)]
-    possible = [one for one in both if _turns_once(one) and not _crosses_itself(one)]
-    if not possible:
-        raise InputError(
-            "the belt crosses itself: the pulleys must stand in the order of the belt, "
-            "each with the side of the belt that is on it"
-        )
-    return possible[0]
+    laid = _fitting(pulleys)
+    if laid is None:
+        raise InputError(_why_none_fits(pulleys))
+    return laid
 
 
 def arm_end(tensioner: Tensioner, angle: float) -> tuple[float, float]:
@@ -151,6 +146,35 @@ def _lay(pulleys: list[Pulley], sense: float) -> Layout:
     starts = centres - offsets[:, None] * normals
     ends = starts + spans[:, None] * directions
     return Layout(centres, starts, ends, spans, directions, wraps, senses)
+
+
+def _fitting(pulleys: list[Pulley]) -> Layout | None:
+    """Lay the belt on both ways round: one that crosses itself is wrong; None if both are."""
+    both = (_lay(pulleys, sense) for sense in (1.0, -1.0))
+    possible = (one for one in both if _turns_once(one) and not _crosses_itself(one))
+    return next(possible, None)
+
+
+def _why_none_fits(pulleys: list[Pulley]) -> str:
+    """Whether the belt runs past a pulley, or crosses itself.
+
+    A belt that would have to turn back to touch a pulley turns by nearly a revolution there, and
+    can be laid on without that pulley.
+    """
+    for i, pulley in enumerate(pulleys):
+        others = pulleys[:i] + pulleys[i + 1 :]
+        fits = _fitting(others) if len(others) > 1 else None
+        if fits is not None:
+            sense = fits.senses[0] if others[0].ribs else -fits.senses[0]
+            if _lay(pulleys, float(sense)).wraps[i] > 1.5 * np.pi:
+                return (
+                    f"the belt does not reach pulley {pulley.name}: it runs past it on the other "
+                    "side; its place must be in the way of the belt, its side that of the belt"
+                )
+    return (
+        "the belt crosses itself: the pulleys must stand in the order of the belt, "
+        "each with the side of the belt that is on it"
+    )
 
 
 def _turns_once(laid: Layout) -> bool:

@@ -133,10 +133,10 @@ def rest_state(drive: Drive, level: Level, T_0: float) -> RestState:
     angle = _stated_angle(drive)
     if math.isnan(T_0):
         T_0 = _tension_of_arm(drive, angle)
-        if not T_0 > 0.0:
+        if not 0.0 < T_0 < drive.belt.EA:
             raise InputError(
-                "tensioner: no equilibrium: belt and spring turn the arm the same way in its mean "
-                f"position ({math.degrees(angle):.4g} deg)"
+                f"tensioner: no equilibrium in its mean position ({math.degrees(angle):.4g} deg): "
+                f"its spring asks for a belt tension of {T_0:.4g} N"
             )
         return _laid_at_rest(drive, level, T_0, angle)
     try:
@@ -154,7 +154,7 @@ def _laid_at_rest(drive: Drive, level: Level, T_0: float, angle: float | None) -
     laid = layout(drive, angle)
     P = np.full(laid.spans.size, T_0)
     on_arcs = level.arcs(P, P, 0.0, laid.wraps).length
-    length = laid.spans.sum() / (1.0 + T_0 / drive.belt.EA) + on_arcs.sum()
+    length = laid.spans.sum() / drive.stretch(T_0, 0.0) + on_arcs.sum()
     given = drive.installation == "slack_force"
     return RestState(T_0, angle, math.nan if given else float(length), laid)
 
@@ -213,8 +213,8 @@ class _Loop:
         if drive.installation == "slack_force":
             r[n] = state.P[driver] / rest.T_0 - 1.0
         else:
-            stretch = (drive.belt.EA + state.P) / (drive.belt.EA - drive.belt.rhoA * state.v0**2)
-            length = (state.laid.spans / stretch).sum() + arcs.length.sum()
+            free = state.laid.spans / drive.stretch(state.P, state.v0)
+            length = free.sum() + arcs.length.sum()
             r[n] = (length / rest.belt_length - 1.0) * drive.belt.EA / rest.T_0
         if drive.tensioner is not None and state.arm_angle is not None:
             moment = arm_lever(drive.tensioner, state.laid, state.P)
@@ -245,7 +245,7 @@ class _Loop:
         steps[drive.driver] = -steps.sum()
         P = np.cumsum(steps) / self.rest.T_0
         P += 1.0 - (P.mean() if drive.installation == "fixed_centres" else P[drive.driver])
-        stretch = 1.0 + self.rest.T_0 / drive.belt.EA
+        stretch = float(drive.stretch(self.rest.T_0, 0.0))
         arm = () if self.rest.arm_angle is None else (self.rest.arm_angle,)
         return np.array([*np.maximum(P, 0.05), 1.0 / stretch, *arm])
 
@@ -301,7 +301,11 @@ def solve_loop(
         share = min(1.0, float(np.min(-0.8 * u[:n][falling] / step[:n][falling], initial=1.0)))
         towards_slack = share < 1.0
         for _ in range(MOST_HALVINGS):
-            trial = loop.state(u + share * step)
+            try:
+                trial = loop.state(u + share * step)
+            except InputError:  # the arm would swing to where the belt cannot lie
+                share *= 0.5
+                continue
             r_trial = loop.residual(trial)
             trial_size = float(np.abs(r_trial).max())
             if trial_size < size or (towards_slack and math.isfinite(trial_size)):

@@ -7,11 +7,14 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beltid.errors import InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt
+
+Array = NDArray[np.float64]
 
 Installation = Literal["fixed_centres", "slack_force", "tensioner"]
 
@@ -146,6 +149,18 @@ class Drive:
                 )
         if problems:
             raise InputError(problems)
+
+    def stretch(self, P: Array | float, v0: float) -> Array:
+        """Stretch 1 + eps of the belt, (D1) [-].
+
+        Parameters
+        ----------
+        P : ndarray or float
+            Effective forces [N].
+        v0 : float
+            Stress-free length of belt per second [m/s].
+        """
+        return np.asarray((self.belt.EA + P) / (self.belt.EA - self.belt.rhoA * v0**2))
 
     def reversed(self) -> Drive:
         """The same drive with the belt running the other way: the pulleys in reverse order."""

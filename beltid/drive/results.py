@@ -112,7 +112,7 @@ class DriveResult:
     @property
     def tensions(self) -> tuple[Array, Array]:
         """Axial forces of the belt before and behind each pulley [N]."""
-        leaving = self.drive.belt.EA * (self._stretch(self.state.P) - 1.0)
+        leaving = self.drive.belt.EA * (self.drive.stretch(self.state.P, self.state.v0) - 1.0)
         leaving = np.where(self.state.slack, np.nan, leaving)
         return np.roll(leaving, 1), leaving
 
@@ -200,18 +200,13 @@ class DriveResult:
 
     def _logs(self, state: LoopState) -> tuple[Array, Array, Array]:
         """Summands of ln(omega / v0): of stretch, of seating, of slip of a whole pulley."""
-        stretch = self._stretch(state.P_in, state.v0)
+        stretch = self.drive.stretch(state.P_in, state.v0)
         rate, W = state.arcs.rate, state.arcs.W
         return np.log(stretch), np.log(rate / stretch), np.log(W / rate)
 
-    def _stretch(self, P: Array, v0: float | None = None) -> Array:
-        """Stretch 1 + eps of an effective force, (D1) [-]."""
-        flow = self.drive.belt.rhoA * (self.state.v0 if v0 is None else v0) ** 2
-        return (self.drive.belt.EA + P) / (self.drive.belt.EA - flow)
-
     def _energy_flow(self, P: Array) -> Array:
         """Integral of (1 + eps) dP: energy that the belt carries, per stress-free length [N]."""
-        stretch = self._stretch(P)
+        stretch = self.drive.stretch(P, self.state.v0)
         stiffness = self.drive.belt.EA - self.drive.belt.rhoA * self.state.v0**2
         return 0.5 * stiffness * (stretch**2 - 1.0)
 
@@ -267,12 +262,22 @@ class Simulator:
     def _reversed(self) -> Simulator:
         return Simulator(self.drive.reversed(), self.method)
 
-    def _forwards(self, point: DrivePoint, near: DriveResult | None) -> DriveResult:
-        """Solve a point with the belt running in the order of the pulleys."""
-        T_0 = None if math.isnan(point.T_0) else point.T_0
+    def at_rest(self, point: DrivePoint) -> RestState:
+        """Tighten the belt at rest, as the point states it.
+
+        Raises
+        ------
+        InputError
+            If the belt cannot be laid on or tightened as stated.
+        """
+        T_0 = _key(point)
         if T_0 not in self._rest:
             self._rest[T_0] = rest_state(self.drive, self.level, point.T_0)
-        rest = self._rest[T_0]
+        return self._rest[T_0]
+
+    def _forwards(self, point: DrivePoint, near: DriveResult | None) -> DriveResult:
+        """Solve a point with the belt running in the order of the pulleys."""
+        rest, T_0 = self.at_rest(point), _key(point)
         if (point.omega, T_0) not in self._idle:
             idle = None if near is None else near.idle
             self._idle[point.omega, T_0] = self._loop(point.scaled(0.0), rest, idle)
@@ -283,6 +288,11 @@ class Simulator:
         if self._rods is None:
             return solve_loop(self.drive, point, self.level, rest, near)
         return self._rods.solve(point, rest, near)
+
+
+def _key(point: DrivePoint) -> float | None:
+    """Tension at rest, by which the belt at rest is remembered; None where a tensioner sets it."""
+    return None if math.isnan(point.T_0) else point.T_0
 
 
 def simulate(

@@ -13,32 +13,23 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.drive.ribs import MOST_ZONES, SLIDES, Ribs, certify, linearize_with_shear, new_ribs
+from beltid.drive.ribs import MOST_ZONES, SLIDES, Ribs, certify, new_ribs
+from beltid.drive.rod_newton import FlowOutcome, Target, run_through
 from beltid.errors import ConvergenceError, InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
-from beltid.rigsim.banded import factorize, solve
 from beltid.rigsim.beam.belt import belt_arrays
 from beltid.rigsim.beam.path import bed_length, bending_length
-from beltid.rigsim.beam.supports import force_change, release
-from beltid.rigsim.compiled import allocating_kernel, leaf
 from beltid.rigsim.contact.friction import CONE_TOLERANCE, Certificate, violations
 from beltid.rigsim.contact.points import SLIDE, STICK, Motion, Patches, Points, new_points
 from beltid.rigsim.model import Bench, RigModel, System, Workspace
 from beltid.rigsim.profile import ContactState
-from beltid.rigsim.steady import (
-    force_tolerance,
-    largest_force,
-    lay_on,
-    linearize,
-    move,
-)
+from beltid.rigsim.steady import lay_on
 
 Array = NDArray[np.float64]
 
@@ -47,8 +38,6 @@ SHORTEST_SPAN = 6.0  # in bending lengths: pulleys further apart do not feel eac
 # short zones; on the rest of the arc
 AT_ENTRY, ON_ARC = 8, 2
 ENTRY = (-1.0, 4.0)  # from the tangent point, in lengths of the elastic bed
-MOST_ITERATIONS = 60
-MOST_WITH_RIBS = 25  # they find their state in a few, or go in circles
 # slip over the speed of the belt at which a patch that is still soft carries its friction [-]
 SOFTNESS = (2.0e-2, 2.0e-3, 2.0e-4, 2.0e-5, 2.0e-6, 2.0e-7)
 SLIP_TOLERANCE = 1.0e-11  # of a patch that sticks, over the speed of the belt [-]
@@ -64,145 +53,6 @@ LONGER = 1.4  # step after step on the way back to the stiffness that is asked f
 LEAST_STEP = 0.01  # of its logarithm
 MOST_WITH_SOFTER = 150  # rounds
 MORE_FRICTION = 1.5
-
-
-class Target(NamedTuple):
-    """What is given beside the force of the entering span, as ``weights . force = value`` [N].
-
-    ``force`` (4,) are the forces of both supports. With ``free`` False nothing of the forces is
-    given, but the speed of the pulley. ``leaving`` stands for the magnitude of the second force.
-    """
-
-    leaving: bool
-    weights: Array
-    value: float
-    free: bool
-
-
-class FlowOutcome(NamedTuple):
-    """How the iteration ended."""
-
-    converged: bool
-    iterations: int
-    residual: float
-    stretch: float
-    omega: float
-    outside: int
-
-
-@allocating_kernel
-def run_through(
-    system: System,
-    motion: Motion,
-    points: Points,
-    ribs: Ribs | None,
-    q: Array,
-    stretch: float,
-    P_in: float,
-    target: Target,
-    work: Workspace,
-) -> FlowOutcome:
-    """Newton's method for a belt that runs over the pulley; ``q`` is updated in place.
-
-    Unknown are the coordinates, the stretch, the speed of the pulley, and with ``ribs`` that shear
-    the number of each zone that sticks: one factorisation, a right-hand side for each of them.
-    """
-    tolerance = force_tolerance(system, motion, P_in)
-    force = work.reactions.force
-    omega, error, zones = motion.omega, math.inf, 0
-    most = MOST_ITERATIONS if ribs is None else MOST_WITH_RIBS
-    along = np.zeros((2, 4))
-    for iteration in range(most):
-        now = Motion(omega, 0.0, motion.friction, motion.augmentation, motion.flow)
-        if ribs is None:
-            outside = linearize(system, now, points, q, q, stretch, work)
-        else:
-            outside, zones = linearize_with_shear(system, now, points, ribs, q, stretch, work)
-        entry = math.hypot(force[0], force[1])
-        leave = math.hypot(force[2], force[3])
-        got = leave
-        for i in range(2):
-            along[0, i], along[1, 2 + i] = force[i] / entry, force[2 + i] / leave
-        if not target.leaving:
-            got = 0.0
-            for i in range(4):
-                along[1, i] = target.weights[i]
-                got += target.weights[i] * force[i]
-        missing = target.value - got if target.free else 0.0
-        error = max(largest_force(system, work.vectors[0]), abs(P_in - entry), abs(missing))
-        if error <= tolerance:
-            return FlowOutcome(True, iteration, error / P_in, stretch, omega, outside)
-        if not (math.isfinite(error) and factorize(work.A, work.pivots)):
-            break
-        # what is missing of entry force, target and the numbers of the zones, and in the columns
-        # behind it how they change with the unknowns beside the coordinates
-        borders = 2 + min(zones, work.steps.shape[0] - 3)
-        border = np.zeros((borders, 1 + borders))
-        border[0, 0], border[1, 0] = P_in - entry, missing
-        for k in range(1 + borders):
-            for i in range(q.size):
-                work.steps[k, i] = -work.vectors[k, i]
-            solve(work.A, work.pivots, work.steps[k])
-            sense = -1.0 if k == 0 else 1.0
-            for row in range(2):
-                for i in range(4):
-                    if along[row, i] != 0.0:
-                        change = force_change(work.reactions, i, work.steps[k])
-                        if k == 1:
-                            change += work.reactions.stretch[i]
-                        border[row, k] += sense * along[row, i] * change
-            if ribs is not None:
-                for z in range(borders - 2):
-                    change = 0.0
-                    for j in range(8):
-                        change += ribs.by_q[z, j] * work.steps[k, 4 * ribs.element[z] + j]
-                    border[2 + z, k] -= sense * change
-        if ribs is not None:
-            for z in range(borders - 2):
-                border[2 + z, 1] -= ribs.by_stretch[z]
-                border[2 + z, 2] -= ribs.by_omega[z]
-                border[2 + z, 3 + z] += 1.0
-        if not target.free:
-            border[1] = 0.0
-            border[1, 2] = 1.0
-        if not eliminate(border):
-            break
-        step = work.steps[0]
-        for k in range(borders):
-            for i in range(q.size):
-                step[i] += border[k, 0] * work.steps[1 + k, i]
-        release(system.supports, step)
-        factor = move(q, step)
-        stretch += factor * border[0, 0]
-        omega += factor * border[1, 0]
-    return FlowOutcome(False, most, error / P_in, stretch, omega, outside)
-
-
-@leaf
-def eliminate(system: Array) -> bool:
-    """Solve equations (n, 1 + n), right-hand sides first, which their solution takes the place of.
-
-    Returns whether there is one; Gauss-Jordan with the largest pivot of a column.
-    """
-    n = system.shape[0]
-    for k in range(n):
-        pivot = k
-        for i in range(k + 1, n):
-            if abs(system[i, 1 + k]) > abs(system[pivot, 1 + k]):
-                pivot = i
-        if not abs(system[pivot, 1 + k]) > 0.0:
-            return False
-        for j in range(1 + n):
-            system[k, j], system[pivot, j] = system[pivot, j], system[k, j]
-        scale = 1.0 / system[k, 1 + k]
-        for j in range(1 + n):
-            system[k, j] *= scale
-        for i in range(n):
-            factor = system[i, 1 + k]
-            if i != k and factor != 0.0:
-                for j in range(1 + n):
-                    system[i, j] -= factor * system[k, j]
-    return True
 
 
 @dataclass(frozen=True, slots=True)
@@ -430,14 +280,8 @@ class _Flow:
             ribs = new_ribs(system.belt, pulley.shear_stiffness)
         work = model.workspace(borders=2 if ribs is None else 2 + MOST_ZONES)
         if start is not None:
-            for to, of in (
-                (points.patches.status, start.points.patches.status),
-                (points.patches.sign, start.points.patches.sign),
-                (points.patches.la_T, start.points.patches.la_T),
-                (points.patches.turning, start.points.patches.turning),
-                (points.last.limit, start.points.last.limit),
-            ):
-                to[:] = of
+            _overwrite(points.patches, start.points.patches)
+            points.last.limit[:] = start.points.last.limit
             state = start.contact.q.copy(), start.contact.stretch, start.W * v0
         else:
             T, EA, laid = pulley.tension, pulley.belt.EA, lay_on(model)
@@ -614,28 +458,14 @@ class _Flow:
         slip = np.abs(patches.slip[sticks]).max(initial=0.0)
         return bool(slip <= SLIP_TOLERANCE * self.v0)
 
-    def _copy(self) -> tuple[Array, float, float, list[NDArray[np.generic]]]:
+    def _copy(self) -> tuple[Array, float, float, Patches]:
         """What a failed round must not change."""
-        patches = self.points.patches
-        arrays = [a.copy() for a in self._arrays(patches)]
-        return self.q.copy(), self.stretch, self.omega, arrays
+        patches = Patches(*(values.copy() for values in self.points.patches))
+        return self.q.copy(), self.stretch, self.omega, patches
 
-    def _restore(self, kept: tuple[Array, float, float, list[NDArray[np.generic]]]) -> None:
+    def _restore(self, kept: tuple[Array, float, float, Patches]) -> None:
         self.q[:], self.stretch, self.omega = kept[:3]
-        for to, of in zip(self._arrays(self.points.patches), kept[3], strict=True):
-            to[:] = of
-
-    @staticmethod
-    def _arrays(patches: Patches) -> tuple[NDArray[np.generic], ...]:
-        return (
-            patches.status,
-            patches.sign,
-            patches.la_T,
-            patches.slip,
-            patches.force,
-            patches.limit,
-            patches.turning,
-        )
+        _overwrite(self.points.patches, kept[3])
 
     def _whole_slip(self) -> float:
         """Sliding speed behind the entry where no adhesion arc is left [m/s], else 0.
@@ -698,3 +528,8 @@ class _Flow:
             iterations=self.iterations,
             outside=self.outcome.outside,
         )
+
+
+def _overwrite(patches: Patches, others: Patches) -> None:
+    for values, other in zip(patches, others, strict=True):
+        values[:] = other

@@ -151,6 +151,32 @@ class SlidingShares(NamedTuple):
     steady_states: NDArray[np.int64]
 
 
+class Bracket(NamedTuple):
+    """Two places between which a function changes its sign, the later one ``high``, and its values.
+
+    The Illinois rule: a secant, with the value of an end that stays for long halved.
+    """
+
+    low: float
+    at_low: float
+    high: float
+    at_high: float
+
+
+@leaf
+def _secant(b: Bracket) -> float:
+    """Where the line through both values crosses zero."""
+    return (b.low * b.at_high - b.high * b.at_low) / (b.at_high - b.at_low)
+
+
+@leaf
+def _narrowed(b: Bracket, place: float, value: float) -> Bracket:
+    """The bracket with one more place."""
+    if value * b.at_high <= 0.0:
+        return Bracket(b.high, b.at_high, place, value)
+    return Bracket(b.low, 0.5 * b.at_low, place, value)
+
+
 @leaf
 def strain(P: float, v0: float, EA: float, m: float) -> float:
     """Strain under an effective force: P = EA eps - m v0^2 (1 + eps), (D1) [-]."""
@@ -203,7 +229,7 @@ def crossing(
 ) -> float:
     """Where line force or creep speed crosses a limit, as a share of the way in ln P.
 
-    Both are monotonic in P. The Illinois rule keeps the crossing between two points.
+    Both are monotonic in P.
 
     Returns
     -------
@@ -213,23 +239,18 @@ def crossing(
     fall = math.log(P_out / P_in)
     stretch, radius = seat(P_in, v0, s)
     entry = stretch / radius
-    low, high = 0.0, 1.0
-    at_low = force_and_speed(P_in, v0, entry, s)[of_speed] - limit
-    at_high = force_and_speed(P_out, v0, entry, s)[of_speed] - limit
-    if at_low * at_high >= 0.0:
+    at_in = force_and_speed(P_in, v0, entry, s)[of_speed] - limit
+    at_out = force_and_speed(P_out, v0, entry, s)[of_speed] - limit
+    if at_in * at_out >= 0.0:
         return 1.0
+    b = Bracket(0.0, at_in, 1.0, at_out)
     for _ in range(60):
-        middle = (low * at_high - high * at_low) / (at_high - at_low)
-        P = P_in * math.exp(fall * middle)
-        at_middle = force_and_speed(P, v0, entry, s)[of_speed] - limit
-        if at_middle * at_high <= 0.0:
-            low, at_low = high, at_high
-        else:
-            at_low *= 0.5
-        high, at_high = middle, at_middle
-        if at_middle == 0.0 or abs(high - low) < 1e-12:
+        share = _secant(b)
+        P = P_in * math.exp(fall * share)
+        b = _narrowed(b, share, force_and_speed(P, v0, entry, s)[of_speed] - limit)
+        if b.at_high == 0.0 or abs(b.high - b.low) < 1e-12:
             break
-    return high
+    return b.high
 
 
 @leaf
@@ -334,17 +355,13 @@ def full_slip(
         low, at_low = high, at_high
     if at_high > 0.0:
         return math.nan
+    b = Bracket(low, at_low, high, at_high)
     for _ in range(60):
-        middle = (low * at_high - high * at_low) / (at_high - at_low)
-        at_middle = sliding_arc(P_in, P_out, v0, middle, s, friction)[0] - wrap
-        if at_middle * at_high <= 0.0:
-            low, at_low = high, at_high
-        else:
-            at_low *= 0.5
-        high, at_high = middle, at_middle
-        if abs(at_middle) < 1e-13 * wrap or abs(high - low) < 1e-13 * high:
+        x = _secant(b)
+        b = _narrowed(b, x, sliding_arc(P_in, P_out, v0, x, s, friction)[0] - wrap)
+        if abs(b.at_high) < 1e-13 * wrap or abs(b.high - b.low) < 1e-13 * b.high:
             break
-    return high
+    return b.high
 
 
 @kernel
@@ -396,14 +413,14 @@ def sheared_arc(
         [rad], [m].
     """
     P_slides = P_out
-    if _shear_excess(P_in, P_out, v0, x, s, friction) > 0.0:
-        low, high = P_in, P_out
+    excess = _shear_excess(P_in, P_out, v0, x, s, friction)
+    if excess > 0.0:
+        b = Bracket(P_in, -1.0, P_out, excess)
         for _ in range(60):
-            P_slides = 0.5 * (low + high)
-            if _shear_excess(P_in, P_slides, v0, x, s, friction) > 0.0:
-                high = P_slides
-            else:
-                low = P_slides
+            P_slides = _secant(b)
+            b = _narrowed(b, P_slides, _shear_excess(P_in, P_slides, v0, x, s, friction))
+            if abs(b.at_high) < 1e-13 or abs(b.high - b.low) < 1e-15 * P_in:
+                break
     stretch, radius = seat(P_in, v0, s)
     entry = stretch / radius
     end_stretch, end_radius = seat(P_slides, v0, s)
@@ -451,17 +468,13 @@ def sheared_speed(
         return 0.0
     if at_high > 0.0:
         return math.nan
+    b = Bracket(low, at_low, high, at_high)
     for _ in range(80):
-        middle = (low * at_high - high * at_low) / (at_high - at_low)
-        at_middle = sheared_arc(P_in, P_out, v0, math.exp(middle), s, friction)[0] - wrap
-        if at_middle * at_high <= 0.0:
-            low, at_low = high, at_high
-        else:
-            at_low *= 0.5
-        high, at_high = middle, at_middle
-        if abs(at_middle) < 1e-12 * wrap or abs(high - low) < 1e-12:
+        ln_x = _secant(b)
+        b = _narrowed(b, ln_x, sheared_arc(P_in, P_out, v0, math.exp(ln_x), s, friction)[0] - wrap)
+        if abs(b.at_high) < 1e-12 * wrap or abs(b.high - b.low) < 1e-12:
             break
-    return math.exp(high)
+    return math.exp(b.high)
 
 
 @kernel

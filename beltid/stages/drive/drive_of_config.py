@@ -13,12 +13,12 @@ from beltid.config import Config
 from beltid.config.drive import DriveSection
 from beltid.drive.geometry import layout
 from beltid.drive.model import Drive, DrivePoint, Pulley, Tensioner
+from beltid.drive.rod import SHORTEST_SPAN
 from beltid.errors import InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
+from beltid.rigsim.beam.path import bending_length
 
-FEWEST_BENDING_LENGTHS: Final = 6.0
-"""Shorter spans, in lengths sqrt(EI/T_0), let the bending at one pulley reach the next one."""
 ALIKE_RADII: Final = (0.7, 1.5)
 """Radii over that of the rig for which its laws may hold: wedging changes with curvature."""
 
@@ -176,12 +176,12 @@ def drive_warnings(config: Config, drive: Drive, tensions: list[float]) -> list[
         If a span is shorter than six bending lengths, or pulleys cannot stand as stated.
     """
     laid, names = layout(drive), [pulley.name for pulley in drive.pulleys]
-    length = math.sqrt(drive.belt.EI / min(tensions))
+    shortest = SHORTEST_SPAN * bending_length(drive.belt.EI, min(tensions))
     problems = [
         f"span {name} to {names[(i + 1) % len(names)]}: {span:.3g} m, must be at least "
-        f"{FEWEST_BENDING_LENGTHS * length:.3g} m, six bending lengths of the belt"
+        f"{shortest:.3g} m, six bending lengths of the belt"
         for i, (name, span) in enumerate(zip(names, laid.spans, strict=True))
-        if span < FEWEST_BENDING_LENGTHS * length
+        if span < shortest
     ]
     if problems:
         raise InputError(problems)

@@ -166,12 +166,13 @@ def _outcome(
     loaded: str | None = None,
 ) -> Outcome[tuple[SolvedPoint, ...]]:
     drive = drive_of(config, surface, press.law)
-    solved = _solved(drive, points, config.drive.method)
+    simulator = Simulator(drive, config.drive.method)
+    alike = drive_warnings(config, drive, [simulator.at_rest(p.point).T_0 for p in points])
+    solved = _solved(simulator, points)
     good = [(s.asked, s.result) for s in solved if isinstance(s.result, DriveResult)]
     failed = [(s.asked, s.result) for s in solved if isinstance(s.result, ConvergenceError)]
     if not good:
         raise NumericsError([f"point {asked.run}: {error}" for asked, error in failed])
-    alike = drive_warnings(config, drive, [result.rest.T_0 for _, result in good])
     if "drive" not in config.model_fields_set:
         alike.insert(0, NOT_STATED)
     known = isinstance(surface, UncertainSurface) and (
@@ -220,10 +221,8 @@ def _outcome(
     )
 
 
-def _solved(
-    drive: Drive, points: Sequence[LabelledPoint], method: Method
-) -> tuple[SolvedPoint, ...]:
-    simulator, solved = Simulator(drive, method), []
+def _solved(simulator: Simulator, points: Sequence[LabelledPoint]) -> tuple[SolvedPoint, ...]:
+    solved = []
     for asked in points:
         result: DriveResult | ConvergenceError
         try:

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.artifacts.artifact import read_artifact
+from beltid.artifacts.artifact import Artifact, read_artifact
 from beltid.artifacts.metadata_models import ShearMetadata
 from beltid.bench.recording import columns_of, read_rig
 from beltid.config import Config, ConfigSource, load_config
@@ -23,13 +23,13 @@ from beltid.identify.shear.stiffness import (
     fit_shear_stiffness,
     not_used,
 )
-from beltid.laws.penalty import stiffness_under
+from beltid.laws.penalty import NormalLaw, stiffness_under
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.identification.reduction import friction_settings, records_of
-from beltid.stages.outcome import Outcome, rows_of, span
+from beltid.stages.outcome import Outcome, combined_origin, rows_of, span
 from beltid.stages.reporter import Options
-from beltid.stages.tables import law_of
+from beltid.stages.tables import checked_law, law_of
 from beltid.stages.uncertainties import (
     SECTION,
     budget_details,
@@ -78,7 +78,8 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
         model = config.config
         _check_kind(model)
         rig = read_rig(inputs["rig"], model)
-        press = _press_law(inputs.get("stiffness"), model)
+        stiffness = inputs.get("stiffness")
+        press = _press_law(stiffness and read_artifact(stiffness, "stiffness"), model)
         try:
             outcome = _outcome(records_of(rig, model), model, press)
         except InputError as error:
@@ -91,7 +92,7 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
 def fit_shear(
     frame: Any,
     config: Config | Mapping[str, Any] | str | Path | None = None,
-    stiffness: str | Path | None = None,
+    stiffness: NormalLaw | Outcome[Any] | str | Path | None = None,
 ) -> Outcome[ShearStiffness]:
     """Find the shear stiffness of the ribs from the build-up of runs of the friction rig.
 
@@ -101,9 +102,9 @@ def fit_shear(
         The columns of rig.csv.
     config : Config, dict, path or None
         Axial and bending stiffness of the belt, radius of the pulley; None is the built-in 5PK rig.
-    stiffness : path, optional
-        stiffness.parquet of the belt; without it the normal law is that of a usual ribbed belt, and
-        known to 40 %.
+    stiffness : NormalLaw, Outcome of fit_stiffness, or path, optional
+        Normal contact law of the ribs; the result and its stiffness.parquet bring their scatter and
+        origin along. Without one the law is that of a usual ribbed belt, and known to 40 %.
 
     Returns
     -------
@@ -120,7 +121,14 @@ def fit_shear(
     model = load_config(config)
     _check_kind(model)
     records = run_records(columns_of(frame, "rig", model), model.rig.pulley_radius_m)
-    return _outcome(records, model, _press_law(stiffness, model)).with_origin(model)
+    origins = [model.data.origin]
+    if isinstance(stiffness, (str, Path)):
+        stiffness = read_artifact(stiffness, "stiffness")
+        origins.append(stiffness.metadata.origin)
+    elif isinstance(stiffness, Outcome):
+        origins.append(stiffness.origin)
+    found = _outcome(records, model, _press_law(stiffness, model))
+    return replace(found, origin=combined_origin(origins))
 
 
 def _check_kind(config: Config) -> None:
@@ -132,12 +140,16 @@ def _check_kind(config: Config) -> None:
         )
 
 
-def _press_law(path: str | Path | None, config: Config) -> PressLaw | None:
-    """The normal law of an artifact, with what is known of its making."""
-    if path is None:
+def _press_law(
+    stiffness: NormalLaw | Outcome[Any] | Artifact | None, config: Config
+) -> PressLaw | None:
+    """The normal law of the ribs, with what is known of its making."""
+    if stiffness is None:
         return None
-    artifact = read_artifact(path, "stiffness")
-    return press_law(law_of(artifact), config, artifact)
+    if isinstance(stiffness, Artifact):
+        return press_law(law_of(stiffness), config, stiffness)
+    made = stiffness if isinstance(stiffness, Outcome) else None
+    return press_law(checked_law(stiffness), config, made)
 
 
 def _normal_stiffness_spread(

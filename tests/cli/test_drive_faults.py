@@ -1,0 +1,104 @@
+"""simulate-drive by command: every drive that cannot be, or can hardly be predicted, says why."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+Predict = Callable[[dict[str, Any]], Any]
+
+
+def two(apart: float = 0.25, radii: tuple[float, float] = (0.05, 0.05)) -> list[dict[str, Any]]:
+    driver, driven = radii
+    return [
+        {"name": "driver", "x_m": 0.0, "y_m": 0.0, "radius_m": driver},
+        {"name": "driven", "x_m": apart, "y_m": 0.0, "radius_m": driven},
+    ]
+
+
+def idler(y: float) -> dict[str, Any]:
+    """A pulley between the other two, as large as they are."""
+    return {"name": "idler", "x_m": 0.2, "y_m": y, "radius_m": 0.05}
+
+
+ARM = {
+    "pulley": "idler",
+    "pivot_m": [0.2, 0.35],
+    "arm_m": 0.15,
+    "free_angle_deg": 270,
+    "preload_N_m": 5.0,
+    "rate_N_m_deg": 0.1,
+}
+ACROSS = {"pivot_m": [0.05, 0.2], "free_angle_deg": 30, "rate_N_m_deg": 0}
+SPRUNG = {"installation": "tensioner", "pulleys": [*two(0.4), idler(0.2)], "tensioner": ARM}
+
+
+@pytest.fixture
+def predict(
+    finished: Path, tmp_path: Path, beltid: Any, monkeypatch: pytest.MonkeyPatch
+) -> Predict:
+    """Simulate a drive with the laws of the finished folder: exit_code, stderr."""
+    monkeypatch.setattr("beltid.stages.drive.simulate_drive.TENSIONS", (1.0,))
+    monkeypatch.setattr("beltid.drive.limits.TOLERANCE", 0.05)
+    monkeypatch.setenv("COLUMNS", "1000")
+    laws = [finished / "surface.parquet", finished / "stiffness.parquet"]
+
+    def call(stated: dict[str, Any]) -> Any:
+        points = {"driver_speed_rad_s": [62.8], "torque_N_m": {"driven": [8]}}
+        drive = {"initial_tension_N": [310], "pulleys": two(), "operating_points": points}
+        path, out = tmp_path / "drive.yaml", tmp_path / "drive.parquet"
+        path.write_text(yaml.safe_dump({"drive": drive | stated}))
+        return beltid("simulate-drive", *laws, "-c", path, "-o", out, "--force")
+
+    return call
+
+
+@pytest.mark.parametrize(
+    ("stated", "message"),
+    [
+        (
+            {"pulleys": [*two(0.4), idler(0.12), {**idler(0.4), "name": "upper"}]},
+            "the belt does not reach pulley idler",
+        ),
+        # the belt presses the arm into its pivot, and no tension holds the spring
+        (SPRUNG | {"initial_tension_N": None}, "tensioner: no equilibrium in its mean position"),
+        # 5 N m on an arm across the pull of the belt hold some 35 N
+        (
+            SPRUNG | {"tensioner": ARM | ACROSS},
+            "tensioner: no equilibrium with a belt tension of 310 N at rest",
+        ),
+        # sqrt(0.02 N m² / 310 N) = 8.03 mm, six of them 48.2 mm; the span is as long as the centres
+        ({"pulleys": two(0.045, (0.02, 0.02))}, "0.045 m, must be at least 0.0482 m, six bending"),
+        (
+            {"pulleys": two(0.09)},
+            "pulleys driver and driven overlap: their centres are 0.09 m apart, must be more than "
+            "0.1 m",
+        ),
+    ],
+)
+def test_a_drive_that_cannot_be_is_refused(
+    predict: Predict, stated: dict[str, Any], message: str
+) -> None:
+    result = predict(stated)
+    assert result.exit_code == 2, result.stderr
+    assert message in result.stderr
+
+
+def test_a_prediction_beyond_the_laws_is_warned_of(predict: Predict) -> None:
+    """Radii 1.6 and 0.6 times that of the rig, a belt twice as tight, a crawling drive."""
+    slow = {"driver_speed_rad_s": [5], "torque_N_m": {"driven": [3, 35]}}
+    drive = {"pulleys": two(0.3, (0.08, 0.03)), "initial_tension_N": [600]}
+    result = predict(drive | {"operating_points": slow})
+    assert result.exit_code == 0, result.stderr
+    for words in (
+        "pulley driver: radius 0.08 m is outside 0.035 to 0.075 m",
+        "pulley driven: radius 0.03 m is outside 0.035 to 0.075 m",
+        "% of the sliding friction acts below the slowest measured sliding",
+        "% of the sliding friction acts outside the measured line forces",
+        "1 points cannot be transmitted with the friction that is known: 2",
+    ):
+        assert words in result.stderr, result.stderr
