@@ -295,9 +295,22 @@ def test_very_many_runs_without_settings_are_all_used_too() -> None:
     assert np.sqrt(np.mean((grid.mu / true - 1.0)[1:-1, 2:-2] ** 2)) < 5e-4
 
 
-def test_too_few_runs_without_settings_are_refused() -> None:
+def test_runs_with_arcs_of_their_own_are_all_used_together() -> None:
+    data = scattered(60, 0.003, 2, rise=0.02)
+    result = build({**data, "arc_deg": np.random.default_rng(3).uniform(35.0, 120.0, 60)})
+    assert result.n_points == 60
+    assert not result.arcs
+    assert len(result.notes) < 5  # and none for every arc
+    speeds = result.average.slip_speed_m_s
+    assert speeds[0] < 1.1 * data["v"].min()
+    assert speeds[-1] > data["v"].max() / 1.1
+    true = bent(result.average.normal_force_N_m[:, None], speeds, 0.02)
+    assert np.sqrt(np.mean((result.average.mu / true - 1.0)[1:-1, 2:-2] ** 2)) < 3e-3
+
+
+def test_one_tension_without_settings_of_the_speed_is_refused() -> None:
     data = {k: a[:12] for k, a in runs().items()}
-    data["arc_deg"] = np.repeat([40.0, 68, 82, 90], 3)
+    data |= {"arc_deg": np.repeat([40.0, 68, 82, 90], 3), "f": np.geomspace(1e3, 2e3, 12)}
     with pytest.raises(InputError, match=r"without a gap of 3%, must be repeated settings"):
         build({**data, "v": np.geomspace(0.005, 0.0068, 12)})
 

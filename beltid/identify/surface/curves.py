@@ -6,7 +6,8 @@ one arc and one speed lie on a curve over f_N.
 
 A campaign may also give every run a tension and a speed of its own. Then no curve is measured; per
 arc the surface of ln mu over (ln f, ln v) is estimated from all of its runs by kriging and
-tabulated at common speeds, and what follows is the same.
+tabulated at common speeds, and what follows is the same. Where most runs have an arc of their own,
+too, all arcs are taken together.
 """
 
 from __future__ import annotations
@@ -103,6 +104,7 @@ class CurveSet:
     speeds: Array  # speed settings, the mean of their measured speeds [m/s], ascending, (nv,)
     curves: tuple[Curve, ...]  # at most one for each arc and speed
     notes: tuple[str, ...] = ()  # what was merged or is missing
+    joined: bool = False  # arcs that are no settings: curves through the runs of all of them
 
     def of_arc(self, arc_deg: float) -> CurveSet:
         """Curves of one arc, with the speeds that it has."""
@@ -231,6 +233,9 @@ def _is_scattered(
 
 def _scattered_curves(points: Points, arc_label: NDArray[np.intp], arcs: Array) -> CurveSet | None:
     """Curves of each arc at common speeds, from all of its runs; None if no arc has enough."""
+    joined = 2 * int(np.sum(np.bincount(arc_label)[arc_label] >= FEWEST_RUNS)) < points.f.size
+    if joined:
+        arc_label, arcs = np.zeros_like(arc_label), np.array([points.arc_deg.mean()])
     ordered = np.sort(points.v)  # every run is to be near to a speed, every speed near to a run
     cells = np.floor(np.log(ordered / ordered[0]) / SPEED_STEP)
     groups = [ordered[cells == k] for k in np.unique(cells)]
@@ -260,11 +265,14 @@ def _scattered_curves(points: Points, arc_label: NDArray[np.intp], arcs: Array) 
         ]
     if not curves:
         return None
+    each = (
+        "all arcs together, as they are none either" if joined else "each arc from all of its runs"
+    )
     note = (
         f"the {points.f.size} speeds are no repeated settings: {speeds.size} speeds between "
-        f"{speeds[0]:.4g} and {speeds[-1]:.4g} m/s, each arc from all of its runs"
+        f"{speeds[0]:.4g} and {speeds[-1]:.4g} m/s, {each}"
     )
-    return CurveSet(arcs, speeds, tuple(curves), (note, *few))
+    return CurveSet(arcs, speeds, tuple(curves), (note, *few), joined)
 
 
 def _thinned(points: Points) -> Points:

@@ -128,7 +128,7 @@ def build_surface(
     grid, grid_notes = average(curves, settings.force_nodes, errors_known)
     notes += grid_notes
     arcs = []
-    for arc in curves.arcs_deg:
+    for arc in () if curves.joined else curves.arcs_deg:
         try:
             own, more = average(curves.of_arc(arc), settings.force_nodes, errors_known)
         except InputError as error:
