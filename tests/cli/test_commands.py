@@ -112,6 +112,19 @@ def test_cells_that_were_not_tared_are_an_error_with_its_mend(bench: Path, belti
     assert beltid("fit-friction", "untared.csv", "-c", "tared.yaml").exit_code == 0
 
 
+def test_one_cell_that_was_not_tared_is_no_reason_to_set_runs_aside(
+    bench: Path, beltid: Any
+) -> None:
+    table = read_csv(bench / "rig.csv")
+    k = table.column_names.index("tension_tight_N")
+    shifted = add(table["tension_tight_N"], 40.0)  # at the lowest tension cells differ too much
+    write_csv(table.set_column(k, "tension_tight_N", shifted), bench / "one_cell.csv")
+    refused = beltid("fit-friction", "one_cell.csv", "-o", "new.parquet")
+    assert refused.exit_code == 2
+    assert "+20 N" in refused.stderr
+    assert "friction.tension_tight_tare_N" in refused.stderr
+
+
 def test_other_settings_make_it_again_and_unrelated_ones_do_not(bench: Path, beltid: Any) -> None:
     config = bench / "beltid.yaml"
     text = config.read_text()

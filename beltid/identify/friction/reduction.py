@@ -146,10 +146,10 @@ def reduce_stream(
             found[k] = reduced
     found = [run for k, one in enumerate(runs) for run in one.plateaus or (found[k],)]
     if settings.check_initial_tension:
-        good = [run for run in found if run.ok]
+        # runs set aside count, too: a cell that was not tared sets those of low tension aside
         problem = against_stated(
-            np.array([run.initial_tension_N for run in good]),
-            np.array([run.nominal_tension_N for run in good]),
+            np.array([run.initial_tension_N for run in found], dtype=float),
+            np.array([run.nominal_tension_N for run in found], dtype=float),
         )
         if problem:
             raise InputError(problem)
