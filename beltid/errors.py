@@ -18,7 +18,6 @@ SHOWN: Final = 20
 ALIKE: Final = 3
 """Problems of one kind that are shown one by one."""
 EXIT_DONE = 0
-EXIT_BUG = 1
 EXIT_INPUT = 2
 EXIT_NUMERICS = 3
 EXIT_OUT_OF_TOLERANCE = 4

@@ -7,7 +7,7 @@ other go on when one of them fails; a belt that fails does not stop the others.
 Module          Responsibility
 =============== =============================================================
 ``sources``     the configs of a batch, checked before anything runs
-``chain``       the stages of a belt in their order
+``chain``       the stages of a belt in their order, and the pages at the end
 ``steps``       one of them: up to date, or who makes it
 ``schedule``    which step of which belt comes next
 ``plan``        what a batch would do
@@ -15,6 +15,5 @@ Module          Responsibility
 ``local``       worker processes on this machine
 ``cluster``     workers of a Dask cluster
 ``belts``       what became of each belt, and the table that tells it
-``reports``     the pages at the end
 =============== =============================================================
 """

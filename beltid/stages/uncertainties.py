@@ -10,6 +10,7 @@ import numpy as np
 
 from beltid.artifacts.artifact import Artifact
 from beltid.config import Config
+from beltid.config.model import UncertaintySection
 from beltid.laws.penalty import NormalLaw
 from beltid.stages.outcome import Outcome
 from beltid.uncertainty.press_law import PressLaw
@@ -17,29 +18,18 @@ from beltid.uncertainty.sources import StandardUncertainties
 
 TORQUE_KINDS: Final = ("torque", "torque_hub")
 SECTION: Final = "uncertainty"
+SI: Final = {
+    "_rel": 1.0,
+    "_deg": math.pi / 180.0,
+    "_mm_N": 1.0e-3,
+    "_N_m": 1.0,
+    "_N": 1.0,
+    "_m": 1.0,
+}
+"""Unit at the end of a key of the config -> its size in SI."""
 KEYS: Final[dict[str, tuple[str, float]]] = {
-    "tension_gain_rel": ("tension_gain", 1.0),
-    "cell_gain_rel": ("cell_gain", 1.0),
-    "cell_linearity_rel": ("cell_linearity", 1.0),
-    "cell_offset_N": ("cell_offset", 1.0),
-    "torque_gain_rel": ("torque_gain", 1.0),
-    "bearing_drag_N_m": ("bearing_drag", 1.0),
-    "mass_per_length_rel": ("mass_per_length", 1.0),
-    "arc_deg": ("arc", math.pi / 180.0),
-    "arc_setting_deg": ("arc_setting", math.pi / 180.0),
-    "pulley_radius_rel": ("pulley_radius", 1.0),
-    "span_length_m": ("span_length", 1.0),
-    "pulley_speed_rel": ("pulley_speed", 1.0),
-    "bending_stiffness_rel": ("bending_stiffness", 1.0),
-    "axial_stiffness_rel": ("axial_stiffness", 1.0),
-    "press_force_rel": ("press_force", 1.0),
-    "press_displacement_rel": ("press_displacement", 1.0),
-    "segment_length_rel": ("segment_length", 1.0),
-    "machine_compliance_mm_N": ("machine_compliance", 1.0e-3),
-    "drive_radius_rel": ("drive_radius", 1.0),
-    "drive_centres_m": ("drive_centres", 1.0),
-    "initial_tension_rel": ("initial_tension", 1.0),
-    "torque_rel": ("torque", 1.0),
+    key: next((key.removesuffix(unit), si) for unit, si in SI.items() if key.endswith(unit))
+    for key in UncertaintySection.model_fields
 }
 """Key of the config -> name in the science, SI per unit of the config."""
 

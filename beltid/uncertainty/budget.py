@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri, stdtrit
 
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.uncertainty.sources import FITTED, Source
@@ -127,14 +126,6 @@ def effective_freedom(whole: float, scatter: Sequence[Scatter]) -> float:
         if part.degrees_of_freedom is not None
     )
     return whole**2 / spent if spent > 0.0 else math.inf
-
-
-def coverage_factor(level: float, degrees_of_freedom: float = math.inf) -> float:
-    """Factor on the standard uncertainty of an interval that covers the truth with `level`."""
-    upper = 0.5 + 0.5 * level
-    if math.isinf(degrees_of_freedom):
-        return float(ndtri(upper))
-    return float(stdtrit(degrees_of_freedom, upper))
 
 
 def _scatter_row(quantity: str, part: Scatter, whole: float) -> dict[str, object]:

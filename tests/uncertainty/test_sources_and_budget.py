@@ -13,7 +13,7 @@ from beltid.errors import InputError
 from beltid.identify.friction.kinds import SPANS, RigKind
 from beltid.laws.penalty import NormalLaw
 from beltid.params import GivenForce
-from beltid.uncertainty.budget import Scatter, budget, combined, coverage_factor
+from beltid.uncertainty.budget import Scatter, budget, combined
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.sources import (
@@ -173,9 +173,3 @@ def test_a_budget_adds_squares_and_names_the_largest_first():
     # Welch–Satterthwaite: u^4 / (u_s^4 / 9)
     assert rows[-1]["degrees_of_freedom"] == pytest.approx(9.0 * 0.003**2 / 0.0004**2)
     np.testing.assert_allclose(combined(changes, np.full(2, 0.02)), math.sqrt(0.003))
-
-
-def test_coverage_factors_are_those_of_the_tables():
-    assert coverage_factor(0.95) == pytest.approx(1.960, abs=5e-4)
-    assert coverage_factor(0.95, 10.0) == pytest.approx(2.228, abs=5e-4)  # JCGM 100, table G.2
-    assert coverage_factor(0.95, 4.0) == pytest.approx(2.776, abs=5e-4)
