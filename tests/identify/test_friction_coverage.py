@@ -65,7 +65,8 @@ def rms(values: Array) -> float:
 
 MOST_KEPT = 0.95
 NOT_YET = {
-    "one exponential": "over-wide, z 0.49: neither a slow part, other tails nor drifts are excluded",
+    "one exponential": "over-wide, z 0.54: no slow part, other tail or drift is excluded",
+    "coarse converter (1 N steps)": "over-wide, z 0.59: for the same reason",
     "two exponentials": "over-wide: a slow part beyond the record cannot be excluded, z 0.43",
     "second tail twenty times longer (30 %)": "over-wide on some draws, z 0.39",
     "ripple once per turn, 1 %": "no run sees more than 0.4 of a turn: 70 % held",
