@@ -65,6 +65,8 @@ def rms(values: Array) -> float:
 
 MOST_KEPT = 0.95
 NOT_YET = {
+    "one exponential": "over-wide, z 0.54: no slow part, other tail or drift is excluded",
+    "coarse converter (1 N steps)": "over-wide, z 0.59: for the same reason",
     "two exponentials": "over-wide: a slow part beyond the record cannot be excluded, z 0.43",
     "second tail twenty times longer (30 %)": "over-wide on some draws, z 0.39",
     "ripple once per turn, 1 %": "no run sees more than 0.4 of a turn: 70 % held",
@@ -158,7 +160,6 @@ def test_zeros_that_drift_and_slow_ripples_are_allowed_for(name: str) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.xfail(reason="0.2 % off, stated as 0.06 % by one bench in two: no tail of the family")
 def test_a_tail_of_two_lengths_that_differ_fourfold_in_a_quiet_campaign() -> None:
     recipe = Recipe(shape="fourfold", noise=0.1, rate=200.0, peak=0.08)
     found = reduced(Case("two lengths, one four times the other", recipe, belt=BELTS["3pk"]), 20, 3)

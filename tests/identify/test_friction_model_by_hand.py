@@ -222,6 +222,22 @@ def test_the_posterior_of_a_tail_is_that_of_brute_force(noise):
     assert height == pytest.approx(of_height / total, rel=0.02)
 
 
+@pytest.mark.parametrize(("share", "large"), [(0.0, False), (0.4, True)])
+def test_the_record_says_whether_its_tail_is_of_the_family(share, large):
+    """One exponential is; two whose lengths differ tenfold are not, in so quiet a record."""
+    x, noise = np.linspace(0.0, 0.06, 200), 1e-4
+    design = np.zeros((x.size, shared.SHARED))
+    design[:, :RANK] = tail_basis(x) / noise
+    design -= design.mean(axis=0)  # the level is free
+    z = 0.05 * ((1.0 - share) * np.exp(-x / 3e-3) + share * np.exp(-x / 30e-3)) / noise
+    # zeros of the cells that do not drift, by their rest
+    given = shared.Given(1e12 * np.eye(2), np.zeros(2), 200.0, (1e-3, 3.0 * 0.06))
+    before = shared.Shared.before(np.zeros(shared.SETTINGS))
+    found = shared.posterior(design.T @ design, design.T @ z, given, before)
+    probability = found.weights.sum(axis=1)[-1]
+    assert probability > 0.99 if large else probability < shared.UNLIKE_BEFORE[-1]
+
+
 def test_the_slope_of_the_evidence_is_its_difference_quotient():
     """A search with a wrong slope stops anywhere."""
     records = [recorded(seed)[0] for seed in (0, 1)]

@@ -81,55 +81,32 @@ def reduce_plateaus(
     InputError
         With the columns that are missing.
     """
-    n = len(next(iter(columns.values())))
     if not (_known(columns, "pulley_speed_rad_s") or _known(columns, "slip_speed_m_s")):
         raise InputError("column pulley_speed_rad_s or slip_speed_m_s is missing")
-    idle = [str(word).lower() == "true" for word in columns.get("idle", np.full(n, None))]
-    rows = np.flatnonzero(~np.array(idle))
-    used = {name: values[rows] for name, values in columns.items()}
-    treatment = UNTREATED
+    n = len(columns["run"])
+    is_idle = np.array([str(w).lower() == "true" for w in columns.get("idle", np.full(n, None))])
+    rows = {name: values[~is_idle] for name, values in columns.items()}
+    treatment, span = UNTREATED, None
     if is_direct(columns):
-        found = _stated(used, len(rows))
+        found = _stated(rows)
     else:
         if not _known(columns, "arc_deg"):
             raise InputError("column arc_deg is missing")
-        kind.check(used)
-        drag = drag_of(
-            [{k: columns[k][[i]] for k in DRAG if k in columns} for i in np.flatnonzero(idle)]
-        )
-        treatment = kind.treatment(used, drag)
-        kind = kind.with_span_of(used)
-        tight, slack = kind.tensions(used, used["arc_deg"], R, drag)
-        beta = np.radians(used["arc_deg"])
-        found = {
-            "tension_tight_N": tight,
-            "tension_slack_N": slack,
-            "mu_sliding": friction_coefficient(tight, slack, beta),
-            "normal_force_N_m": _force(tight, slack, R),
-            "mu_sliding_se": _by_resolution(used, kind, R, drag, resolution_N) / beta,
-        }
-    speed = _speeds(used, kind, R)
-    weight = used.get("weight_N", np.full(rows.size, NAN)) if kind.weight else NAN
-    stated = used.get("mu_se", np.full(rows.size, NAN))
+        kind.check(rows)
+        idle = [{k: columns[k][[i]] for k in DRAG if k in columns} for i in np.flatnonzero(is_idle)]
+        drag = drag_of(idle)
+        treatment = kind.treatment(rows, drag)
+        kind = kind.with_span_of(rows)
+        span = kind.span_beside_torque
+        found = _by_tensions(rows, kind, R, drag, resolution_N)
+    found |= _settings(rows, kind, R)
+    stated = _column(rows, "mu_se")
     found["mu_sliding_se"] = np.where(np.isfinite(stated), stated, found["mu_sliding_se"])
-    nominal = np.broadcast_to(used.get("initial_tension_N", np.full(rows.size, NAN)), rows.size)
-    found |= {
-        "arc_deg": used.get("arc_deg", np.full(rows.size, NAN)),
-        "nominal_tension_N": np.where(np.isfinite(nominal), nominal, weight),
-        "pulley_speed_rad_s": speed[0],
-        "slip_speed_m_s": speed[1],
-        "temperature_degC": used.get("temperature_degC", np.full(rows.size, NAN)),
-    }
-    found["initial_tension_N"] = found["nominal_tension_N"]
-    if kind.running and not is_direct(columns):
-        found["momentum_N"] = kind.momentum_N(kind.belt_speed(used)) + np.zeros(rows.size)
-    span = None if is_direct(columns) else kind.span_beside_torque
-    labels = _unique([str(label) for label in used["run"]])
     runs = []
-    for k, label in enumerate(labels):
+    for k, label in enumerate(_unique([str(label) for label in rows["run"]])):
+        said = {name: rows[name][k] for name in SAID if name in rows and rows[name][k]}
+        row = RunColumns(label, {name: x[[k]] for name, x in rows.items()}, said)
         values: dict[str, Any] = {name: float(x[k]) for name, x in found.items()}
-        said = {name: used[name][k] for name in SAID if name in used and used[name][k]}
-        row = RunColumns(label, {name: x[[k]] for name, x in used.items()}, said)
         run = RunReduction(
             run=label,
             n_samples=1,
@@ -150,12 +127,52 @@ def _known(columns: Columns, name: str) -> bool:
     return name in columns and bool(np.isfinite(np.asarray(columns[name], dtype=float)).any())
 
 
-def _stated(columns: Columns, n: int) -> dict[str, Array]:
+def _column(rows: Columns, name: str) -> Array:
+    """A column of the table, nan where there is none."""
+    missing = np.full(len(rows["run"]), NAN)
+    return np.asarray(rows.get(name, missing), dtype=float)
+
+
+def _stated(rows: Columns) -> dict[str, Array]:
     """Coefficient and force as the table states them."""
     return {
-        "mu_sliding": np.asarray(columns["mu"], dtype=float),
-        "normal_force_N_m": np.asarray(columns["normal_force_N_m"], dtype=float),
-        "mu_sliding_se": np.full(n, NAN),
+        "mu_sliding": _column(rows, "mu"),
+        "normal_force_N_m": _column(rows, "normal_force_N_m"),
+        "mu_sliding_se": np.full(len(rows["run"]), NAN),
+    }
+
+
+def _by_tensions(
+    rows: Columns, kind: RigKind, R: float, drag: Drag | None, resolution_N: float
+) -> dict[str, Array]:
+    """Coefficient by Eq. (6) and force by Eq. (8) from what the rig measures."""
+    tight, slack = kind.tensions(rows, rows["arc_deg"], R, drag)
+    beta = np.radians(rows["arc_deg"])
+    found = {
+        "tension_tight_N": tight,
+        "tension_slack_N": slack,
+        "mu_sliding": friction_coefficient(tight, slack, beta),
+        "normal_force_N_m": _force(tight, slack, R),
+        "mu_sliding_se": _by_resolution(rows, kind, R, drag, resolution_N) / beta,
+    }
+    if kind.running:
+        found["momentum_N"] = kind.momentum_N(kind.belt_speed(rows)) + np.zeros(beta.size)
+    return found
+
+
+def _settings(rows: Columns, kind: RigKind, R: float) -> dict[str, Array]:
+    """Arc, tension at rest, speeds and temperature of the plateaus; a weight is a tension."""
+    turned, slipped = _speeds(rows, kind, R)
+    initial = _column(rows, "initial_tension_N")
+    if kind.weight:
+        initial = np.where(np.isfinite(initial), initial, _column(rows, "weight_N"))
+    return {
+        "arc_deg": _column(rows, "arc_deg"),
+        "nominal_tension_N": initial,
+        "initial_tension_N": initial,
+        "pulley_speed_rad_s": turned,
+        "slip_speed_m_s": slipped,
+        "temperature_degC": _column(rows, "temperature_degC"),
     }
 
 
@@ -188,9 +205,8 @@ def _by_resolution(
 
 def _speeds(columns: Columns, kind: RigKind, R: float) -> tuple[Array, Array]:
     """Speed of the pulley [rad/s] and sliding speed [m/s], without their signs."""
-    n = len(columns["run"])
-    turned = np.abs(columns.get("pulley_speed_rad_s", np.full(n, NAN)))
-    slipped = np.abs(columns.get("slip_speed_m_s", np.full(n, NAN)))
+    turned = np.abs(_column(columns, "pulley_speed_rad_s"))
+    slipped = np.abs(_column(columns, "slip_speed_m_s"))
     if np.isfinite(turned).any():
         relative = kind.relative_speed({**columns, "pulley_speed_rad_s": turned}, R)
         of_pulley = np.abs(sliding_speed(relative, R))

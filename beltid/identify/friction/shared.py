@@ -244,7 +244,7 @@ def summed(M: Array, b: Array, spectra: Spectra) -> tuple[Array, Array, float, f
 UNLIKE = np.array([0.01, 0.1])
 """Deviations of a tail from its family, small or large: standard deviation of each of some
 exponentials with lengths within two thirds of the record, relative to the height."""
-UNLIKE_BEFORE = np.array([0.9, 0.1])
+UNLIKE_BEFORE = np.array([0.95, 0.05])
 """Probabilities of them. Which it is, is for the runs to say: one size for all benches is either
 too small for quiet records of another family, or widens all others."""
 DRIFTING = 0.08
@@ -256,7 +256,7 @@ DRIFTS_OF = np.array(
 median initial tension, and one of the friction itself, over the sliding of a run relative to mu."""
 BEFORE = np.append(1.0 - DRIFTING, DRIFTING * np.array([0.45, 0.45, 0.1]))
 """Probabilities of them."""
-SLOW_PART = (0.07, 0.25, 0.15)
+SLOW_PART = (0.05, 0.25, 0.15)
 """Probability that a part of the tail decays over a length beyond the longest record, its size
 relative to the height and the standard deviation of that."""
 STILL = 1e-6
