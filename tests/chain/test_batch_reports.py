@@ -74,12 +74,6 @@ def ended(by_one: Path, recordings: Path, tmp_path: Path) -> Callable[[str, Repo
     return chains
 
 
-@pytest.fixture
-def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures stay empty where the pages around them are what matters."""
-    monkeypatch.setattr("beltid.report.html.inline_svg", lambda figure, key: "")
-
-
 def test_pages_do_not_depend_on_who_draws_them(ended: Any, tmp_path: Path) -> None:
     workers = ProcessWorkers(2)
     try:
