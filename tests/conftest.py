@@ -95,3 +95,9 @@ def part_of_rig() -> PartOfRig:
         return header + "".join(kept)
 
     return part
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures of a page stay empty: for tests of what is around them, and written when."""
+    monkeypatch.setattr("beltid.report.html.inline_svg", lambda figure, key: "")

@@ -86,6 +86,7 @@ def test_pages_do_not_depend_on_who_draws_them(ended: Any, tmp_path: Path) -> No
     assert there == here
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_only_pages_that_are_not_up_to_date_are_given_away(ended: Any, tmp_path: Path) -> None:
     notes, workers = Notes(), Counted()
     chains = ended("runs", notes)
@@ -100,6 +101,7 @@ def test_only_pages_that_are_not_up_to_date_are_given_away(ended: Any, tmp_path:
     assert f"one: report: up to date, {chains[0].folder / 'report.html'}" in notes.said
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_page_of_all_belts_keeps_those_of_earlier_calls(ended: Any, tmp_path: Path) -> None:
     one, two = ended("runs", Reporter())
     page = tmp_path / "runs" / "report.html"
@@ -111,6 +113,7 @@ def test_the_page_of_all_belts_keeps_those_of_earlier_calls(ended: Any, tmp_path
     assert 'href="two/report.html"' in text
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_page_that_fails_does_not_stop_the_others(ended: Any, tmp_path: Path) -> None:
     notes = Notes()
     chains = ended("runs", notes)
@@ -135,6 +138,7 @@ class Lost(Counted):
         return super().as_ended(function, calls)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_workers_that_are_lost_fail_the_pages_that_they_had(ended: Any, tmp_path: Path) -> None:
     reporter = Notes()
     chains = ended("lost", reporter)
@@ -187,6 +191,7 @@ class Stopped(Counted):
         self.halted.set()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_stands_is_reported_when_the_first_failure_ended_it_all(
     by_one: Path, recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -22,6 +22,7 @@ import inspect, json, os, sys, threading
 from pathlib import Path
 
 recording, counts = os.path.realpath(sys.argv[2]), sys.argv.pop()
+import numpy, pyarrow.csv, pyarrow.parquet, pydantic, rich.console, scipy.signal, typer  # uncounted
 import beltid
 house = str(Path(beltid.__file__).parent) + os.sep
 opens, entered, importing = [], set(), "<module>"

@@ -250,13 +250,6 @@ def test_a_setting_that_the_config_does_not_have_is_refused_with_those_it_has(
     assert "--arc = 70, must be one of those of the campaign: 40, 82" in result.stderr
 
 
-def test_the_number_of_jobs_changes_nothing(bench: Path, beltid: Any) -> None:
-    call = ("simulate-rig", "surface.parquet", "stiffness.parquet", "--arc", "40")
-    assert beltid(*call, "-j", "1", "-o", "one.parquet").exit_code == 0
-    assert beltid(*call, "-j", "3", "-o", "three.parquet").exit_code == 0
-    assert (bench / "one.parquet").read_bytes() == (bench / "three.parquet").read_bytes()
-
-
 @pytest.mark.parametrize("belt", ["4pk", "5pk", "6pk"])
 def test_results_of_the_shipped_recordings_are_called_synthetic(
     beltid: Any, tmp_path: Path, belt: str

@@ -122,6 +122,7 @@ def test_a_belt_without_speed_loss_recording_does_without_it(ran: Path, beltid: 
     assert "everything is up to date" in beltid("run", "--no-report", "beltid.yaml").stdout
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     ("named", "done", "told", "options"),
     [

@@ -361,6 +361,7 @@ def test_surface_plot_holds_the_surface() -> None:
     assert refined["z"][0][0] == pytest.approx(1.05 * published["z"][0][0], rel=1e-4)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_report_of_a_folder_is_kept_while_nothing_changes(tmp_path: Path) -> None:
     folder = write(tmp_path / "belt", "stiffness", "slip")
     out = folder / "report.html"
@@ -374,6 +375,7 @@ def test_report_of_a_folder_is_kept_while_nothing_changes(tmp_path: Path) -> Non
     assert "never turned" in out.read_text()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_damaged_artifact_is_told_and_the_rest_is_shown(tmp_path: Path) -> None:
     folder = write(tmp_path / "belt", "stiffness", "slip")
     path = folder / "slip.parquet"
@@ -383,6 +385,7 @@ def test_a_damaged_artifact_is_told_and_the_rest_is_shown(tmp_path: Path) -> Non
     assert "slip.parquet: damaged" in (folder / "report.html").read_text()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_file_that_is_no_report_is_not_replaced(tmp_path: Path) -> None:
     folder = write(tmp_path / "belt", "slip")
     (folder / "report.html").write_text("<html>my own page</html>")
@@ -402,6 +405,7 @@ def test_a_folder_without_results_is_refused(tmp_path: Path) -> None:
         report_belt.run([tmp_path], None, Options())
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_several_belts_are_compared_on_a_page_with_links(tmp_path: Path) -> None:
     folders = [write(tmp_path / name, "slip", "stiffness") for name in ("one", "two")]
     summary = report_belt.run(folders, None, Options())
