@@ -213,7 +213,7 @@ def test_branches_for_figures_start_at_the_contact_point():
         assert penetration.max() == pytest.approx(bench.top, rel=0.01)
 
 
-ONE = Bench(temperatures=(22.0,), tests_per_temperature=3, dt=0.4)
+ONE = Bench(temperatures=(22.0,), tests_per_temperature=3, dt=0.2)
 
 
 @pytest.mark.parametrize(
@@ -237,7 +237,7 @@ ONE = Bench(temperatures=(22.0,), tests_per_temperature=3, dt=0.4)
 def test_intervals_hold_for_noise_hysteresis_contact_and_zero(press: Bench) -> None:
     settings = StiffnessSettings(press.length, 22.0, press.compliance)
     z = []
-    for seed in range(30):
+    for seed in range(15):
         law = fit_stiffness(press.record(seed), settings).pooled
         z.append(
             (
@@ -245,7 +245,7 @@ def test_intervals_hold_for_noise_hysteresis_contact_and_zero(press: Bench) -> N
                 (law.k_quadratic_N_m3 - press.k_quadratic) / law.k_quadratic_se_N_m3,
             )
         )
-    # binomial: 0.95 of 30, standard deviation 0.04
+    # binomial: 0.95 of 15, standard deviation 0.06
     assert np.all(np.mean(np.abs(z) < 1.96, axis=0) >= 0.86)
     assert np.all(np.std(z, axis=0) > 0.55)
 
