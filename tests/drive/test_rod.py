@@ -66,15 +66,10 @@ def test_speed_and_torque_of_an_independent_rod(R, v0, P_in, P_out, smoothed, W,
     np.testing.assert_allclose(state.W, smoothed, rtol=3e-5)
 
 
-@pytest.mark.parametrize(
-    ("P_in", "P_out", "discrete"), [(400.0, 200.0, 20.1187), (200.0, 400.0, 20.0662)]
-)
-def test_the_independent_rod_comes_to_the_same_speed_as_its_friction_gets_sharp(
-    P_in: float, P_out: float, discrete: float
-) -> None:
-    speeds = {one.smooth: one.W for one in flowing_rod(0.05, 1.1, P_in, P_out)}
-    assert speeds[1e-5] == pytest.approx(discrete, rel=5e-6)
-    sharp = pulley_map(pulley_of(0.05), 1.1, P_in, P_out=P_out).W
+def test_the_independent_rod_comes_to_the_same_speed_as_its_friction_gets_sharp() -> None:
+    speeds = {one.smooth: one.W for one in flowing_rod(0.05, 1.1, 400.0, 200.0)}
+    assert speeds[1e-5] == pytest.approx(20.1187, rel=5e-6)
+    sharp = pulley_map(pulley_of(0.05), 1.1, 400.0, P_out=200.0).W
     away = [abs(speeds[smooth] / sharp - 1.0) for smooth in (3e-5, 1e-5, 3e-6, 1e-6)]
     assert away == sorted(away, reverse=True)
     assert away[-1] < 5e-6
@@ -187,7 +182,7 @@ def test_the_momentum_of_the_belt_stretches_it_in_closed_form() -> None:
     assert ratio == pytest.approx(stiffness[0] / stiffness[1], rel=5e-6)
 
 
-@pytest.mark.parametrize("R", [0.02, 0.0275, 0.05, 0.08])
+@pytest.mark.parametrize("R", [0.02, 0.05])
 def test_a_mesh_four_times_finer_changes_the_loss_by_less_than_a_thousandth(
     monkeypatch, R: float
 ) -> None:

@@ -117,13 +117,12 @@ def test_shear_lets_the_drive_lose_more_and_balances_its_power() -> None:
     assert soft.friction_power.sum() == pytest.approx(power[0] - power[1], rel=1e-9)
 
 
-@pytest.mark.parametrize("shear", [3.4e7, 1e9])
-def test_ribs_that_shear_slip_at_the_torque_of_those_that_do_not(shear: float) -> None:
+def test_ribs_that_shear_slip_at_the_torque_of_those_that_do_not() -> None:
     """Constant friction: what all of the arc carries does not depend on how it got to slide."""
     drive = two_pulleys(surface=FrictionSurface.constant(MU))
     point = DrivePoint(62.8, 310.0, (0.0, 8.0))
     rigid = slip_limit(Simulator(drive), point)
-    soft = slip_limit(Simulator(replace(drive, shear_stiffness=shear)), point)
+    soft = slip_limit(Simulator(replace(drive, shear_stiffness=3.4e7)), point)
     assert soft.slip == pytest.approx(rigid.slip, rel=3e-3)
     assert soft.adhesion == pytest.approx(rigid.adhesion, rel=3e-3)
 
@@ -197,8 +196,7 @@ def test_stiff_ribs_come_to_the_rod_whose_ribs_do_not_shear() -> None:
     assert away[0] / away[1] == pytest.approx(2.0, rel=0.15)
 
 
-@pytest.mark.parametrize("shear", [3.4e7, 3e8])
-@pytest.mark.parametrize("R", [0.02, 0.05])
+@pytest.mark.parametrize(("R", "shear"), [(0.02, 3e8), (0.05, 3.4e7)])
 def test_a_finer_mesh_changes_the_loss_with_shear_by_less_than_a_thousandth(
     monkeypatch: pytest.MonkeyPatch, R: float, shear: float
 ) -> None:

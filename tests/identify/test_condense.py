@@ -107,25 +107,6 @@ def test_spikes_at_the_ends_of_the_record_and_of_its_blocks_are_taken_out() -> N
     assert channels_of(columns).n_spikes == len(at)
 
 
-def test_many_spikes_are_taken_out_as_well() -> None:
-    columns = long_run()
-    at = np.arange(6_000, 59_000, 50)
-    columns["tension_tight_N"][at] += 40.0
-    result, clean = reduced(columns), reduced(long_run())
-    assert result.n_spikes - clean.n_spikes == pytest.approx(at.size, abs=3)
-    assert abs(result.mu_sliding - clean.mu_sliding) < 0.5 * clean.mu_sliding_se
-
-
-def test_lost_readings_are_counted_and_left_out() -> None:
-    columns = long_run()
-    columns["tension_tight_N"][20_000:20_040] = np.nan
-    columns["tension_slack_N"][30_000:30_025] = 0.0
-    columns["time_s"][40_000] = np.nan
-    result, clean = reduced(columns), reduced(long_run())
-    assert result.n_missing == 40 + 25 + 2  # a row without time leaves a gap in the even time base
-    assert abs(result.mu_sliding - clean.mu_sliding) < 0.1 * clean.mu_sliding_se
-
-
 @pytest.mark.parametrize("below", [0.15, 10.0])
 def test_a_saturated_cell_is_still_seen(below: float) -> None:
     """Saturated a little below its level, where the noise still shows in a third of the samples."""
@@ -146,10 +127,3 @@ def test_a_coarse_converter_keeps_its_rounding_error() -> None:
     # noise of an eighth of a step: the saw tooth of rounding, smoothed by it, is 0.169 steps
     rounding = 4.0 * 0.169 * np.hypot(1 / (TENSION_N + half), 1 / (TENSION_N - half))
     assert result.mu_sliding_se > 0.7 * rounding / np.radians(ARC_DEG)
-
-
-def test_time_that_goes_back_is_refused_with_its_sample() -> None:
-    columns = long_run()
-    columns["time_s"][30_000] = 0.5
-    assert "time_s goes back" in reduced(columns).status
-    assert "at sample 30001" in reduced(columns).status

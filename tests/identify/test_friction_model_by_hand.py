@@ -195,9 +195,9 @@ def test_the_posterior_of_a_tail_is_that_of_brute_force(noise):
     longest = 3.0 * 0.05
     found, covered, _, height = summed(M, b, spectra_of(M, b, (1e-3, longest)))
     middle, (_, _, width) = math.log(5e-3), shared.CENTRE
-    log_centre = np.linspace(math.log(1e-3), math.log(longest), 120)
+    log_centre = np.linspace(math.log(1e-3), math.log(longest), 80)
     slow, fast = (np.arange(n) * step + 0.5 * step for n, step in ((40, 0.06), (30, 0.07)))
-    heights = np.linspace(0.0, 0.12, 301)
+    heights = np.linspace(0.0, 0.12, 201)
     prior_of_height = -0.5 * (heights / shared.HEIGHT) ** 2
     total, of_height, first, second = 0.0, 0.0, np.zeros(RANK), np.zeros((RANK, RANK))
     top = 0.5 * float(np.linalg.lstsq(design, z)[0] @ b)

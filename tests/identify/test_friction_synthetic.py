@@ -42,18 +42,15 @@ BASE = Recipe()
     [
         (BASE, 0.0015),
         (BASE.but(noise=2.0), 0.006),
-        (BASE.but(ripple=0.0), 0.0015),
         (BASE.but(ripple=0.05), 0.002),
         (BASE.but(ripple=0.01, ripple_period=2.3), 0.002),
         (BASE.but(peak=0.0), 0.0015),
         (BASE.but(peak=0.15), 0.002),
-        (BASE.but(tail=1.3), 0.003),
         (BASE.but(tail=2.0), 0.005),
         (BASE.but(rate=20.0, duration=20.0, tail=2.0), 0.0015),
         (BASE.but(rate=2000.0, duration=3.0, tail=0.3), 0.0005),
         (BASE.but(rate=200.0, duration=60.0, tail=5.0), 0.0004),
         (BASE.but(rate=200.0, duration=2.0, rest=0.3, build_up=0.05, tail=0.2), 0.0015),
-        (BASE.but(run_up=0.1), 0.0015),
         (BASE.but(run_up=0.5), 0.0015),
         (BASE.but(mu=2.5), 0.004),
         (BASE.but(mu=0.3, arc_deg=20.0), 0.012),
@@ -167,7 +164,7 @@ def test_sticking_peak_is_not_biased_upwards_by_noise() -> None:
 
 
 def test_sticking_peak_is_null_where_it_decays_within_a_few_samples() -> None:
-    for seed in range(5):
+    for seed in range(2):
         run = reduce_recipe(BASE.but(build_up=0.001, peak=0.25, tail=0.03, seed=seed))
         assert run.status == "ok"
         assert abs(run.mu_sliding / 0.8 - 1.0) < 0.002
@@ -277,18 +274,6 @@ def test_what_a_run_survives_is_reported() -> None:
     assert 13 <= after(spikes_everywhere).n_spikes <= 15
 
 
-def constant(name: str, value: float) -> Callable[[Columns], None]:
-    def fault(c: Columns) -> None:
-        c[name][:] = value
-
-    return fault
-
-
-def no_rest(c: Columns) -> None:
-    for name in c:
-        c[name] = c[name][70:]
-
-
 def cut(n: int) -> Callable[[Columns], None]:
     def fault(c: Columns) -> None:
         for name in c:
@@ -299,19 +284,6 @@ def cut(n: int) -> Callable[[Columns], None]:
 
 def deaf_cell(c: Columns) -> None:
     c["tension_slack_N"] = 270.0 + 0.5 * np.random.default_rng(1).normal(size=300)
-
-
-def clipped(c: Columns) -> None:
-    limit = np.max(c["tension_tight_N"]) - 12.0
-    c["tension_tight_N"] = np.minimum(c["tension_tight_N"], limit)
-
-
-def negative(c: Columns) -> None:
-    c["tension_slack_N"] *= -1.0
-
-
-def time_goes_back(c: Columns) -> None:
-    c["time_s"][150:] -= 1.5
 
 
 def never_turns(c: Columns) -> None:
@@ -325,20 +297,8 @@ def long_gap(c: Columns) -> None:
 @pytest.mark.parametrize(
     ("fault", "reason"),
     [
-        (constant("tension_slack_N", np.nan), "tension_slack_N is missing in 100 %"),
-        (constant("tension_slack_N", 0.0), "tension_slack_N is dead"),
-        (constant("tension_tight_N", 270.0), "tension_tight_N is dead"),
         (deaf_cell, "tension_slack_N is dead"),
-        (clipped, "tension_tight_N is saturated"),
-        (negative, "tension_slack_N is not positive"),
-        (time_goes_back, "time_s goes back"),
-        (constant("time_s", 0.0), "time_s stands still"),
-        (constant("time_s", np.nan), "time_s is missing"),
-        (constant("pulley_speed_rad_s", np.nan), "pulley_speed_rad_s is missing"),
         (never_turns, "the pulley never turns"),
-        (constant("pulley_speed_rad_s", 0.0), "the pulley never turns"),
-        (constant("pulley_speed_rad_s", 0.21), "no rest phase"),
-        (no_rest, "no rest phase"),
         (long_gap, "tension_slack_N is missing"),
         (cut(1), "too short"),
         (cut(52), "too short"),
@@ -346,8 +306,9 @@ def long_gap(c: Columns) -> None:
     ],
 )
 def test_broken_runs_are_set_aside_with_their_reason(
-    fault: Callable[[Columns], None], reason: str | tuple[str, ...]
+    fault: Callable[[Columns], None], reason: str
 ) -> None:
+    """One of each kind; every reason at its limit: test_channels, test_rest_phase."""
     columns = record(BASE)
     fault(columns)
     run = reduce_columns(columns)
@@ -371,8 +332,7 @@ def test_broken_runs_are_set_aside_with_their_reason(
 def test_runs_without_a_credible_plateau_are_set_aside(
     recipe: Recipe, reason: str | tuple[str, ...]
 ) -> None:
-    for seed in range(4):
-        assert reduce_recipe(recipe.but(seed=seed)).status.startswith(reason)
+    assert reduce_recipe(recipe).status.startswith(reason)
 
 
 def test_half_a_second_of_sliding_has_a_large_error() -> None:
@@ -385,7 +345,7 @@ def test_half_a_second_of_sliding_has_a_large_error() -> None:
 
 
 def test_a_tail_longer_than_the_record_is_a_reason_or_in_the_error() -> None:
-    for seed in range(8):
+    for seed in range(4):
         run = reduce_recipe(BASE.but(tail=6.0, seed=seed))
         if run.ok:
             assert abs(run.mu_sliding - 0.8) < 3.0 * run.mu_sliding_se
@@ -429,8 +389,6 @@ def test_imbalance_is_corrected_or_widens_the_standard_error() -> None:
         swapped(columns)
         other = reduce_columns(columns, chosen=chosen)
         assert other.mu_sliding == pytest.approx(corrected.mu_sliding, rel=1e-6)
-    with pytest.raises(InputError, match="correct_imbalance"):
-        FrictionSettings(correct_imbalance="perhaps")  # type: ignore[arg-type]
 
 
 def table(*runs: tuple[str, Columns, float]) -> dict[str, Any]:
@@ -470,11 +428,6 @@ def test_nominal_settings_that_change_or_cannot_be_are_reasons() -> None:
     assert "initial_tension_N changes" in reduce_runs(columns, 0.05)[0].status
 
 
-def test_two_recordings_under_one_label_are_set_aside() -> None:
-    (run,) = reduce_runs(table(("a", record(BASE), 82.0), ("a", record(BASE), 82.0)), 0.05)
-    assert run.status.startswith("time_s goes back from 5.98 to 0 s at sample 301")
-
-
 def test_unusable_input_is_refused_with_all_its_problems() -> None:
     columns = table(("a", record(BASE), 82.0))
     with pytest.raises(InputError) as caught:
@@ -488,8 +441,6 @@ def test_unusable_input_is_refused_with_all_its_problems() -> None:
         reduce_runs({**columns, "arc_deg": np.full(300, "wide")}, 0.05)
     with pytest.raises(InputError, match="pulley_radius_m"):
         reduce_runs(columns, -0.05)
-    with pytest.raises(InputError, match="spike_threshold"):
-        FrictionSettings(spike_threshold=-1.0)
 
 
 def test_optional_columns_may_be_missing_and_labels_may_be_numbers() -> None:
@@ -506,7 +457,7 @@ def test_optional_columns_may_be_missing_and_labels_may_be_numbers() -> None:
     assert run.status == "ok"
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(
     seed=st.integers(0, 10_000),
     n=st.integers(1, 120),
@@ -534,7 +485,7 @@ def test_no_record_whatever_raises(seed: int, n: int, scale: float, holes: float
     assert not run.ok or 0.0 < run.mu_sliding <= 3.0
 
 
-@settings(max_examples=3, deadline=None)
+@settings(max_examples=1, deadline=None)
 @given(factor=st.floats(0.05, 20.0), shift=st.floats(-1e3, 1e3), seed=st.integers(0, 100))
 @example(factor=2.0, shift=0.0, seed=78)
 def test_mu_depends_neither_on_the_unit_of_force_nor_on_the_origin_of_time(

@@ -16,7 +16,7 @@ from beltid.identify.press.laws import choose_normal_law
 from beltid.identify.press.stiffness import StiffnessSettings, fit_stiffness
 
 SETTINGS = StiffnessSettings(0.04)
-POWER = Bench(powers=((1e4 / 1.2e-4**1.6, 1.6),))
+POWER = Bench(powers=((1e4 / 1.2e-4**1.6, 1.6),), dt=0.2)
 CUBIC = Bench(powers=((5e7, 1), (0.5e11, 2), (2.5e15, 3)))
 
 

@@ -187,34 +187,3 @@ def test_eight_samples_of_each_branch_are_enough(inside, enough):
     curve = press_curve(press(x, force), cycle, 0.5)
     assert not curve.unloads
     assert curve.position_m.size == 6
-
-
-@pytest.mark.parametrize(
-    ("n", "gap", "noise", "degree"),
-    [(66, 33, 0.0, 5), (26, 13, 0.0, 5), (25, 12, 0.0, 3), (40, 37, 2.5, 3)],
-)
-def test_curve_is_a_polynomial_and_the_bin_means_of_what_it_leaves(n, gap, noise, degree):
-    """Loading alone, with a gap in it; the noise of the position brings the gap to the end."""
-    x = np.arange(float(n))
-    x[gap:] += 0.5 * n
-    force = 20.0 + 0.1 * x**2 + 8.0 * np.sin(x)
-    part = PressCycle(1, slice(0, n), slice(n - 1, n), 1.0, False)
-    curve = press_curve(press(x, force, position_noise_m=noise), part, 0.5)
-    low, high = curve.fit_range_m
-    assert (low, high) == (2.0 + 5.0 * noise - 1.0, x[-2] - 5.0 * noise)
-    inside = x[(x >= low) & (x <= high)]
-    m = inside.size
-    assert curve.n_samples == m
-    load = 2.0 * (20.0 + 0.1 * inside**2 + 8.0 * np.sin(inside))
-    law = np.polynomial.Polynomial.fit(inside, load, degree)
-    edges = np.linspace(low, high, max(6, m // 4) + 1)
-    nodes = 0.5 * (edges[1:] + edges[:-1])
-    places = [
-        [x for x in range(m) if a <= inside[x] < b or b == high == inside[x]]
-        for a, b in pairwise(edges)
-    ]
-    assert not all(places)
-    filled = [k for k, p in enumerate(places) if p]
-    left = [float(np.mean((load - law(inside))[places[k]])) for k in filled]
-    expected = law(nodes) + np.interp(nodes, nodes[filled], left)
-    assert curve.middle_N_m == pytest.approx(expected, rel=1e-9)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from press_bench import HYSTERESIS, Bench
+from press_bench import Bench
 
 from beltid.identify.press.stiffness import StiffnessResult, StiffnessSettings, fit_stiffness
 
@@ -53,7 +53,7 @@ def loading_only(columns):
     return {name: values[keep] for name, values in columns.items()}
 
 
-@pytest.mark.parametrize("shape", [s for s in HYSTERESIS if s != "none"])
+@pytest.mark.parametrize("shape", ["skew", "relative"])
 def test_a_loading_branch_alone_is_off_by_half_the_loop_and_says_so(shape):
     bench = Bench(hysteresis=shape, dt=0.3)
     result = fit_stiffness(loading_only(bench.record(1)), SETTINGS)
@@ -65,7 +65,7 @@ def test_a_loading_branch_alone_is_off_by_half_the_loop_and_says_so(shape):
     assert any("loading branch alone" in warning for warning in result.pooled.warnings)
 
 
-@pytest.mark.parametrize("power", [0.8, 1.2, 1.6, 2.4, 3.0])
+@pytest.mark.parametrize("power", [0.8, 1.6, 3.0])
 def test_another_law_is_in_the_standard_errors(power):
     bench = Bench(powers=((1e4 / 1.2e-4**power, power),), dt=0.3)
     result = fit_stiffness(bench.record(1), SETTINGS)
@@ -76,7 +76,7 @@ def test_another_law_is_in_the_standard_errors(power):
     assert 0.005 < share < 2.0 * off
 
 
-@pytest.mark.parametrize("width", [3e-6, 6e-6, 1e-5])
+@pytest.mark.parametrize("width", [3e-6, 1e-5])
 def test_a_toe_is_in_the_standard_errors(width):
     """The law behind the toe, from its own contact point."""
     bench = ToeBench(toe_width=width)
@@ -100,8 +100,9 @@ def preloaded(bench, preloads, seed=1):
     return {name: values[keep] for name, values in columns.items()}
 
 
-@pytest.mark.parametrize("noise", [0.15, 1.5])
-@pytest.mark.parametrize("preloads", [(4.0, 20.0, 10.0, 14.0), (30.0, 26.0, 34.0, 28.0)])
+@pytest.mark.parametrize(
+    ("noise", "preloads"), [(0.15, (30.0, 26.0, 34.0, 28.0)), (1.5, (4.0, 20.0, 10.0, 14.0))]
+)
 def test_tests_that_begin_in_contact_have_an_unknown_zero_and_no_temperature_effect(
     preloads, noise
 ):

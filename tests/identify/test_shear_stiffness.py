@@ -81,7 +81,7 @@ def laid_on(T: float, k: float, span: float, step: float) -> tuple[NDArray, NDAr
     raise AssertionError("the belt does not lie")
 
 
-@pytest.mark.parametrize("T", [200.0, 270.0, 411.0])
+@pytest.mark.parametrize("T", [200.0, 411.0])
 def test_the_ends_of_the_contact_are_those_of_a_beam_on_a_bed(T: float) -> None:
     """Lift-off (B2), and the compliance of an end (B3) as that of the length of the laid belt.
 
@@ -109,8 +109,9 @@ def test_the_ends_of_the_contact_are_those_of_a_beam_on_a_bed(T: float) -> None:
     assert end == pytest.approx(float(belt.end_compliance[0]), rel=0.05)
 
 
-@pytest.mark.parametrize("k_s", [1e7, K_S, 3e8])
-@pytest.mark.parametrize(("arc_deg", "T"), [(40.0, 270.0), (82.0, 411.0)])
+@pytest.mark.parametrize(
+    ("k_s", "arc_deg", "T"), [(1e7, 40.0, 270.0), (K_S, 82.0, 411.0), (3e8, 40.0, 270.0)]
+)
 def test_the_slope_is_that_of_the_simulated_rig(k_s: float, arc_deg: float, T: float) -> None:
     """At the very beginning (B1); of a line through 30 % of the build-up with (B4)."""
     travel, difference = ShearRig(k_s).curve(arc_deg, T, steps=200)
@@ -158,7 +159,7 @@ def test_the_normal_law_of_the_belt_takes_off_most_of_the_uncertainty() -> None:
     curves = curves_of(rig, (40.0, 68.0, 82.0), (270.0, 411.0))
     rng = np.random.default_rng(3)
     known = replace(BENCH, normal_law=law, normal_stiffness=0.03)
-    recordings = [build_ups(recording(curves, rng)) for _ in range(10)]
+    recordings = [build_ups(recording(curves, rng)) for _ in range(5)]
     usual, own = (
         [fit_shear_stiffness(runs, bench) for runs in recordings] for bench in (BENCH, known)
     )

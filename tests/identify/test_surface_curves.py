@@ -34,7 +34,7 @@ def test_half_way_between_two_runs_the_error_falls_by_root_two() -> None:
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(2, 8))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=15, deadline=None)
 def test_curve_stays_between_neighbouring_points(seed: int, n: int) -> None:
     mu = np.random.default_rng(seed).uniform(0.5, 1.5, n)
     for k in range(n - 1):

@@ -220,16 +220,15 @@ def compiled_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[A
     compiled.cache_folder.cache_clear()
 
 
-@pytest.mark.parametrize(("suffix", "damage"), [(".nbi", "garbage"), (".nbc", "cut")])
-def test_a_damaged_cache_heals(
-    compiled_anew: Anew, tmp_path: Path, suffix: str, damage: str
-) -> None:
-    """Index or code of a kernel overwritten, or cut short: compiled anew without an error."""
+@pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
+def test_a_damaged_cache_heals(compiled_anew: Anew, tmp_path: Path, suffix: str) -> None:
+    """The index of a kernel cut short, or one bit of its code flipped: compiled anew."""
     assert compiled_anew(tmp_path) == (0, 1)
     (path,) = tmp_path.rglob(f"*{suffix}")
-    content = path.read_bytes()
-    half = content[: len(content) // 2]
-    path.write_bytes(b"\x80\x05not a kernel" * 9 if damage == "garbage" else half)
+    content = bytearray(path.read_bytes())
+    half = len(content) // 2
+    content[half] ^= 1
+    path.write_bytes(content if suffix == ".nbc" else content[:half])
     assert compiled_anew(tmp_path)[0] == 0
     assert compiled_anew(tmp_path) == (1, 0)
 
