@@ -152,7 +152,7 @@ def rest_state(drive: Drive, level: Level, T_0: float) -> RestState:
 
 def _laid_at_rest(drive: Drive, level: Level, T_0: float, angle: float | None) -> RestState:
     laid = layout(drive, angle)
-    P = np.full(laid.spans.size, T_0)
+    P = np.full(laid.spans.size, float(T_0))  # kernels are compiled for floats
     on_arcs = level.arcs(P, P, 0.0, laid.wraps).length
     length = laid.spans.sum() / drive.stretch(T_0, 0.0) + on_arcs.sum()
     given = drive.installation == "slack_force"

@@ -460,7 +460,7 @@ class _Flow:
 
     def _copy(self) -> tuple[Array, float, float, Patches]:
         """What a failed round must not change."""
-        patches = Patches(*(values.copy() for values in self.points.patches))
+        patches = Patches._make(values.copy() for values in self.points.patches)
         return self.q.copy(), self.stretch, self.omega, patches
 
     def _restore(self, kept: tuple[Array, float, float, Patches]) -> None:

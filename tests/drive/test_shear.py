@@ -108,6 +108,12 @@ def test_stiff_ribs_come_to_the_string_with_their_compliance() -> None:
     assert away[1] / away[2] == pytest.approx(2.0, rel=0.05)
 
 
+def test_whole_numbers_are_numbers() -> None:
+    points = [DrivePoint(22, 310, (0, 8)), DrivePoint(22.0, 310.0, (0.0, 8.0))]
+    whole, real = simulate(replace(two_pulleys(), shear_stiffness=3.4e7), points)
+    assert whole.loss.total.tolist() == real.loss.total.tolist()
+
+
 def test_shear_lets_the_drive_lose_more_and_balances_its_power() -> None:
     point = DrivePoint(62.8, 310.0, (0.0, 16.0))
     (rigid,) = simulate(two_pulleys(), [point])

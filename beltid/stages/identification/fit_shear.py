@@ -79,7 +79,8 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
         _check_kind(model)
         rig = read_rig(inputs["rig"], model)
         stiffness = inputs.get("stiffness")
-        press = _press_law(stiffness and read_artifact(stiffness, "stiffness"), model)
+        made = None if stiffness is None else read_artifact(stiffness, "stiffness")
+        press = _press_law(made, model)
         try:
             outcome = _outcome(records_of(rig, model), model, press)
         except InputError as error:
@@ -121,13 +122,15 @@ def fit_shear(
     model = load_config(config)
     _check_kind(model)
     records = run_records(columns_of(frame, "rig", model), model.rig.pulley_radius_m)
+    given = (
+        read_artifact(stiffness, "stiffness") if isinstance(stiffness, (str, Path)) else stiffness
+    )
+    found = _outcome(records, model, _press_law(given, model))
     origins = [model.data.origin]
-    if isinstance(stiffness, (str, Path)):
-        stiffness = read_artifact(stiffness, "stiffness")
-        origins.append(stiffness.metadata.origin)
-    elif isinstance(stiffness, Outcome):
-        origins.append(stiffness.origin)
-    found = _outcome(records, model, _press_law(stiffness, model))
+    if isinstance(given, Artifact):
+        origins.append(given.metadata.origin)
+    elif isinstance(given, Outcome):
+        origins.append(given.origin)
     return replace(found, origin=combined_origin(origins))
 
 
