@@ -10,9 +10,9 @@ import numpy as np
 
 from beltid.bench.recording import columns_of, read_recording, read_rig
 from beltid.config import Config, ConfigSource, load_config
-from beltid.errors import InputError, counted, percent
+from beltid.errors import InputError, counted
 from beltid.identify.estimators.statistics import as_set
-from beltid.identify.friction.drift_check import CAUSES, CONFOUNDED, Drift, drift_check
+from beltid.identify.friction.drift_check import CAUSES, Drift, drift_check
 from beltid.identify.friction.kinds import (
     TOUCH_DEG,
     RigKind,
@@ -34,7 +34,12 @@ from beltid.stages.identification.reduction import (
 )
 from beltid.stages.outcome import Outcome, rows_of, span
 from beltid.stages.reporter import Options
-from beltid.stages.uncertainties import SECTION, budget_details, standard_uncertainties
+from beltid.stages.uncertainties import (
+    SECTION,
+    budget_details,
+    confounded_note,
+    standard_uncertainties,
+)
 from beltid.uncertainty.sources import StandardUncertainties
 
 KIND: Final = "friction"
@@ -143,7 +148,14 @@ def _outcome(
         validity=ranges,
         set_aside=[{"run": run, "why": why} for run, why in aside],
         extra={"budget": table.budget, "drift": _drift_rows(drifts)},
-        notes=(*notes, *_notes(table.runs), *_confounded_note(drifts)),
+        notes=(
+            *notes,
+            *_notes(table.runs),
+            *confounded_note(
+                {CAUSES[d.cause][0]: d.explained for d in drifts if d.is_confounded},
+                "force, speed and arc",
+            ),
+        ),
         warnings=(
             *_traps(table.runs, rig_kind(config)),
             *(_drift_line(drift) for drift in drifts if drift.is_clear),
@@ -165,19 +177,6 @@ def _drift_rows(drifts: Sequence[Drift]) -> list[dict[str, Any]]:
         }
         for drift in drifts
     ]
-
-
-def _confounded_note(drifts: Sequence[Drift]) -> tuple[str, ...]:
-    """What cannot be told from force, speed and arc; empty if all can."""
-    mixed = [drift for drift in drifts if drift.is_confounded]
-    if not mixed:
-        return ()
-    shares = (f"{CAUSES[d.cause][0]} ({percent(100 * d.explained)})" for d in mixed)
-    return (
-        f"force, speed and arc of the runs explain {', '.join(shares)}: a drift with it cannot be "
-        f"told from them above {100 * CONFOUNDED:g} %; runs in random order, and some repeated at "
-        "the end, could tell",
-    )
 
 
 def _drift_line(drift: Drift) -> str:

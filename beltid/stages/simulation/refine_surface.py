@@ -13,7 +13,8 @@ import numpy as np
 from beltid.artifacts.artifact import read_artifact
 from beltid.artifacts.metadata_models import BendingFigures, SurfaceMetadata
 from beltid.config import Config, ConfigSource, load_config
-from beltid.errors import counted, percent
+from beltid.errors import counted
+from beltid.identify.friction.drift_check import CLEAR
 from beltid.identify.surface.surface import SurfaceSettings
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
@@ -40,18 +41,13 @@ from beltid.stages.simulation.refinement import (
     speed_labels,
 )
 from beltid.stages.tables import checked_law, law_of, surface_of, table_columns
-from beltid.stages.uncertainties import (
-    budget_table,
-    press_law,
-)
+from beltid.stages.uncertainties import budget_table, confounded_note, press_law
 from beltid.stages.workers import Workers
 from beltid.uncertainty.bending import FittedBending, fit_bending
 from beltid.uncertainty.budget import QUANTITY, SurfaceUncertainty
 from beltid.uncertainty.monte_carlo import MonteCarlo, check_of, prepare
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import (
-    CLEAR,
-    CONFOUNDED,
     SCATTER,
     TOGETHER,
     ShownEffect,
@@ -361,7 +357,10 @@ def _outcome(
             "beyond the measured mean forces of the runs the surface is inferred: its range is "
             "that of the forces that acted within their contact, peaks included",
             *([check.note()] if check else []),
-            *_confounded_note(result.effects),
+            *confounded_note(
+                {EFFECT_WORDS[e.key]: e.explained for e in result.effects if e.is_confounded},
+                "force and speed",
+            ),
             *guided_weight(config, [run.point for run in campaign.runs]),
             *beside.notes,
         ),
@@ -371,19 +370,6 @@ def _outcome(
             *result.outliers(),
             *(check.warnings() if check else ()),
         ),
-    )
-
-
-def _confounded_note(effects: Sequence[ShownEffect]) -> tuple[str, ...]:
-    """What the runs cannot tell from the surface; empty if they can."""
-    mixed = [one for one in effects if one.is_confounded]
-    if not mixed:
-        return ()
-    shares = (f"{EFFECT_WORDS[one.key]} ({percent(100 * one.explained)})" for one in mixed)
-    return (
-        f"force and speed of the runs explain {', '.join(shares)}: above {100 * CONFOUNDED:g} % it "
-        "cannot be told from the surface; runs in random order, and some repeated at the end, "
-        "could tell",
     )
 
 
