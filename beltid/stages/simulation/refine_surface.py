@@ -169,10 +169,10 @@ class Refinement:
             for name, rows in [("all runs", np.ones(before.size, dtype=bool)), *groups]
         ]
 
-    def arc_spread_percent(self, misfit: np.ndarray) -> float | None:
-        """Standard deviation of the arcs' mean misfits [%]; None for a single arc."""
+    def arc_spread(self, misfit: np.ndarray) -> float | None:
+        """Standard deviation of the arcs' mean misfits [-]; None for a single arc."""
         means = [float(np.mean(misfit[self.arcs_deg == arc])) for arc in np.unique(self.arcs_deg)]
-        return 100.0 * float(np.std(means, ddof=1)) if len(means) > 1 else None
+        return float(np.std(means, ddof=1)) if len(means) > 1 else None
 
 
 def _rms_percent(values: np.ndarray) -> float:
@@ -338,10 +338,10 @@ def _outcome(
             **stated_of(columns, used),
             "degree": refined.surface.degree,
             "n_points": len(labels),
-            "rms_arc_spread": _share(result.arc_spread_percent(refined.misfit_after)),
+            "rms_arc_spread": result.arc_spread(refined.misfit_after),
             "max_arc_spread": None,
             "misfit": result.misfit_table(),
-            "arc_spread_before": _share(result.arc_spread_percent(refined.misfit_before)),
+            "arc_spread_before": result.arc_spread(refined.misfit_before),
             "iterations": refined.iterations,
             "noise_scale": refined.noise_scale,
             "effective_parameters": refined.effective_parameters,
@@ -405,7 +405,7 @@ def _bending_lines(fitted: FittedBending | None, config: Config) -> tuple[str, .
     if fitted is None:
         return ()
     stated, own = config.belt.bending_stiffness_N_m2, config.uncertainty.bending_stiffness_rel
-    away = abs(math.log(fitted.EI / stated)) / math.hypot(fitted.relative, own)
+    away = fitted.away_from(stated, own)
     if away <= CLEAR:
         return ()
     return (
@@ -413,10 +413,6 @@ def _bending_lines(fitted: FittedBending | None, config: Config) -> tuple[str, .
         f"ask for {fitted.EI:.3g} within {100 * fitted.relative:.2g} %: {away:.2g} standard "
         "uncertainties apart; one of them is wrong, or the runs are",
     )
-
-
-def _share(percent: float | None) -> float | None:
-    return None if percent is None else percent / 100.0
 
 
 def _table(result: Refinement, run_speed: np.ndarray) -> dict[str, np.ndarray]:
