@@ -44,7 +44,10 @@ from beltid.uncertainty.sources import StandardUncertainties
 
 KIND: Final = "friction"
 FIGURES: Final = ("budget", "drift")
-DRIFT: Final = "drift of the friction over the campaign, in percent of mu"
+DRIFT: Final = (
+    "drift of the friction over the campaign, in percent of mu; share of its cause that force, speed "
+    "and arc explain"
+)
 RIG_KEYS: Final = (
     "kind",
     "weight_on",
