@@ -232,8 +232,8 @@ def effects(sheet: Sheet) -> View | None:
     """What shifts the friction of the runs beside the refined surface; None if it is another."""
     rows = sheet.extra.get("effects") or ()
     title = (
-        "What shifts the friction beside the refined surface, in percent of µ; share that force and "
-        "speed explain"
+        "What shifts the friction beside the refined surface, in percent of µ; share that force "
+        "and speed explain"
     )
     return view(title, rows, EFFECT_COLUMNS) if rows else None
 

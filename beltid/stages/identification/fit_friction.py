@@ -45,8 +45,8 @@ from beltid.uncertainty.sources import StandardUncertainties
 KIND: Final = "friction"
 FIGURES: Final = ("budget", "drift")
 DRIFT: Final = (
-    "drift of the friction over the campaign, in percent of mu; share of its cause that force, speed "
-    "and arc explain"
+    "drift of the friction over the campaign, in percent of mu; share of its cause that force, "
+    "speed and arc explain"
 )
 RIG_KEYS: Final = (
     "kind",
@@ -168,13 +168,13 @@ def _outcome(
 
 
 def _drift_rows(drifts: Sequence[Drift]) -> list[dict[str, Any]]:
-    """The check for drift as it is shown and stored, in percent of mu."""
+    """The check for drift as it is shown and stored, in percent of mu; empty if it tells none."""
     return [
         {
             "cause": CAUSES[drift.cause][0],
             "per": CAUSES[drift.cause][2],
-            "change_percent": 100.0 * drift.change,
-            "standard_error_percent": 100.0 * drift.standard_error,
+            "change_percent": None if drift.is_confounded else 100.0 * drift.change,
+            "standard_error_percent": None if drift.is_confounded else 100.0 * drift.standard_error,
             "clear": drift.is_clear,
             "explained_percent": 100.0 * drift.explained,
         }

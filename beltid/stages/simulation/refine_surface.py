@@ -73,7 +73,10 @@ FIGURES: Final = (
 )
 MOST_NOISE: Final = 3.0
 Bending = Literal["stated", "fit", "use"]
-EFFECTS: Final = "what shifts the friction beside the surface, in percent of mu; share that force and speed explain"
+EFFECTS: Final = (
+    "what shifts the friction beside the surface, in percent of mu; share that force and speed "
+    "explain"
+)
 BENDING: Final = "bending stiffness EI in N m²: what the runs ask for, and what is stated"
 EFFECT_WORDS: Final = {
     ARC: "difference between arcs",
