@@ -226,8 +226,8 @@ class DriftRow(TypedDict):
 
     cause: str
     per: str
-    change_percent: Number
-    standard_error_percent: Number
+    change_percent: Number | None
+    standard_error_percent: Number | None
     clear: bool
     explained_percent: NotRequired[Number]
 

@@ -224,13 +224,17 @@ def budget(results: BeltResults) -> View | None:
 def drift(friction: Sheet) -> View | None:
     """Whether the friction drifts over the campaign; None if that was not checked."""
     rows = friction.extra.get("drift") or ()
-    return view("Drift over the campaign, in percent of µ", rows, DRIFT_COLUMNS) if rows else None
+    title = "Drift over the campaign, in percent of µ; share that force, speed and arc explain"
+    return view(title, rows, DRIFT_COLUMNS) if rows else None
 
 
 def effects(sheet: Sheet) -> View | None:
     """What shifts the friction of the runs beside the refined surface; None if it is another."""
     rows = sheet.extra.get("effects") or ()
-    title = "What shifts the friction beside the refined surface, in percent of µ"
+    title = (
+        "What shifts the friction beside the refined surface, in percent of µ; share that force "
+        "and speed explain"
+    )
     return view(title, rows, EFFECT_COLUMNS) if rows else None
 
 

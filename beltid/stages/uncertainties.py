@@ -11,6 +11,8 @@ import numpy as np
 from beltid.artifacts.artifact import Artifact
 from beltid.config import Config
 from beltid.config.model import UncertaintySection
+from beltid.errors import percent
+from beltid.identify.friction.drift_check import CONFOUNDED
 from beltid.laws.penalty import NormalLaw
 from beltid.stages.outcome import Outcome
 from beltid.uncertainty.press_law import PressLaw
@@ -84,6 +86,17 @@ def budget_details(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[dict[str
         f"standard uncertainty of {quantity}, in percent of it": budget_table(rows, quantity)
         for quantity in dict.fromkeys(row["quantity"] for row in rows)
     }
+
+
+def confounded_note(shares: Mapping[str, float], by: str) -> tuple[str, ...]:
+    """What runs cannot tell from what explains it: words -> share; empty if they can."""
+    if not shares:
+        return ()
+    listed = ", ".join(f"{words} ({percent(100 * share)})" for words, share in shares.items())
+    return (
+        f"{by} of the runs explain {listed}: above {100 * CONFOUNDED:g} % a drift with it cannot "
+        "be told from them; runs in random order, and some repeated at the end, could tell",
+    )
 
 
 def _with_unit(value: float | None, unit: str) -> str:

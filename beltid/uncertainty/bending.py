@@ -8,6 +8,7 @@ linear in ln EI near the solution only: the rig is refined anew with the EI foun
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -48,6 +49,10 @@ class FittedBending:
     EI: float
     relative: float
     refinements: int
+
+    def away_from(self, EI: float, relative: float) -> float:
+        """Distance of ln EI from a stated one [N m²], in standard uncertainties of both."""
+        return abs(math.log(self.EI / EI)) / math.hypot(self.relative, relative)
 
     def used(
         self, campaign: Campaign, sources: Sequence[Source]

@@ -184,7 +184,7 @@ class Measured:
             tight, slack = self._cell(errors, 0, self.tight), self._cell(errors, 1, self.slack)
             T_0 = 0.5 * (self._cell(errors, 0, self.T_0) + self._cell(errors, 1, self.T_0))
             if kind.weight is not None:
-                turning = self.momentum * errors.at("mass_per_length")
+                turning = self._turning(errors)
                 T_0 = self.T_0 - turning
                 tight, slack = (
                     (self.tight - turning, slack)
@@ -199,8 +199,15 @@ class Measured:
         The cell reads what turns a running belt, too; that is taken off by the belt's mass.
         """
         zero, reading = errors.at("cell_offset", cell), tension + self.momentum
-        turning = self.momentum * errors.at("mass_per_length")
-        return np.asarray(tension + reading * self._gain(errors, cell, reading) + zero - turning)
+        gain = self._gain(errors, cell, reading)
+        return np.asarray(tension + reading * gain + zero - self._turning(errors))
+
+    def _turning(self, errors: Errors) -> Array | float:
+        """Error of m v² (n,) [N], which is taken off all tensions of a running belt.
+
+        The speed of the belt is taken as known as well as that of the pulley, whose gain it shares.
+        """
+        return self.momentum * (errors.at("mass_per_length") + 2.0 * errors.at("pulley_speed"))
 
     def _gain(self, errors: Errors, cell: int, tension: Array) -> Array:
         """Error of the gain of a cell at some tensions, as a share."""

@@ -20,6 +20,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from beltid.identify.friction.drift_check import CLEAR, CONFOUNDED
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.refine.effects import ARC, COURSE, ORDER, TEMPERATURE
 from beltid.refine.inverse import MODEL_ERROR, RefinedSurface, refine_surface
@@ -218,10 +219,6 @@ def factor_of(covariance: Array) -> Array:
 
 
 TOGETHER, SCATTER = "together", "scatter"
-CLEAR = 3.0
-"""Standard uncertainties beyond which an effect is no chance."""
-CONFOUNDED = 0.9
-"""Share of an effect that force and speed explain: it inflates the variance of its size tenfold."""
 
 
 @dataclass(frozen=True, slots=True)

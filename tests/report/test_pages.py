@@ -434,6 +434,7 @@ def test_drift_and_effects_stand_in_tables() -> None:
         "change_percent": -2.0,
         "standard_error_percent": 0.1,
         "clear": True,
+        "explained_percent": 12.0,
     }
     effect = {
         "effect": "steady change over the campaign",
@@ -444,7 +445,7 @@ def test_drift_and_effects_stand_in_tables() -> None:
     sheets = results().sheets
     of_runs = replace(sheets["friction"], extra={"drift": [row]})
     of_surface = replace(sheets["surface"], extra={"effects": [effect]})
-    assert drift(of_runs).rows == [["temperature", "10 K", "-2.00", "0.10", "yes"]]
+    assert drift(of_runs).rows == [["temperature", "10 K", "-2.00", "0.10", "yes", "12.00"]]
     assert effects(of_surface).rows[0][0] == "steady change over the campaign"
     # a friction table of another time has neither
     assert drift(replace(of_runs, extra={})) is None

@@ -74,6 +74,7 @@ def test_force_that_rises_with_the_order_is_no_drift():
     found = beltid.fit_friction(table, CONFIG, table=True)
     (row,) = found.extra["drift"]
     assert row["explained_percent"] > 99.9
+    assert row["change_percent"] is None
     assert not row["clear"]
     assert not found.warnings
     assert any("order of the runs (100 %)" in note for note in found.notes)

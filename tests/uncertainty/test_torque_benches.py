@@ -121,6 +121,17 @@ def test_the_mass_of_a_running_belt_is_an_error_of_both_tensions():
     assert np.all(at_rest["mu_sliding_u"] < columns["mu_sliding_u"])
 
 
+def test_the_speed_of_a_running_belt_counts_twice_in_what_turns_it():
+    turning = 40.0 * np.ones(BETA.size)  # N, m v²: 0.6 % of it where the speed is 0.3 % off
+    given, kind = StandardUncertainties(pulley_speed=0.003), RigKind("two_cells", running=True)
+    columns, rows = friction_uncertainty({**table(), "momentum_N": turning}, given, R, kind)
+    expected = 0.006 * turning * (1.0 / SLACK - 1.0 / TIGHT) / (MU * BETA)
+    np.testing.assert_allclose(columns["mu_sliding_u"] / MU, expected, rtol=0.01)
+    assert "speed of the pulley" in {row["source"] for row in rows}
+    at_rest, _ = friction_uncertainty(table(), given, R, RigKind("two_cells"))
+    np.testing.assert_allclose(at_rest["mu_sliding_u"], 0.0, atol=1e-12)
+
+
 def test_a_torque_and_a_cell_that_are_wrong_alike_change_no_coefficient():
     # (T_s + M/R) / T_s: a factor on both cancels
     given = StandardUncertainties(tension_gain=0.01, torque_gain=0.01)

@@ -10,9 +10,9 @@ import numpy as np
 
 from beltid.bench.recording import columns_of, read_recording, read_rig
 from beltid.config import Config, ConfigSource, load_config
-from beltid.errors import InputError, counted, percent
+from beltid.errors import InputError, counted
 from beltid.identify.estimators.statistics import as_set
-from beltid.identify.friction.drift_check import CAUSES, CONFOUNDED, Drift, drift_check
+from beltid.identify.friction.drift_check import CAUSES, Drift, drift_check
 from beltid.identify.friction.kinds import (
     TOUCH_DEG,
     RigKind,
@@ -34,12 +34,20 @@ from beltid.stages.identification.reduction import (
 )
 from beltid.stages.outcome import Outcome, rows_of, span
 from beltid.stages.reporter import Options
-from beltid.stages.uncertainties import SECTION, budget_details, standard_uncertainties
+from beltid.stages.uncertainties import (
+    SECTION,
+    budget_details,
+    confounded_note,
+    standard_uncertainties,
+)
 from beltid.uncertainty.sources import StandardUncertainties
 
 KIND: Final = "friction"
 FIGURES: Final = ("budget", "drift")
-DRIFT: Final = "drift of the friction over the campaign, in percent of mu"
+DRIFT: Final = (
+    "drift of the friction over the campaign, in percent of mu; share of its cause that force, "
+    "speed and arc explain"
+)
 RIG_KEYS: Final = (
     "kind",
     "weight_on",
@@ -143,7 +151,14 @@ def _outcome(
         validity=ranges,
         set_aside=[{"run": run, "why": why} for run, why in aside],
         extra={"budget": table.budget, "drift": _drift_rows(drifts)},
-        notes=(*notes, *_notes(table.runs), *_confounded_note(drifts)),
+        notes=(
+            *notes,
+            *_notes(table.runs),
+            *confounded_note(
+                {CAUSES[d.cause][0]: d.explained for d in drifts if d.is_confounded},
+                "force, speed and arc",
+            ),
+        ),
         warnings=(
             *_traps(table.runs, rig_kind(config)),
             *(_drift_line(drift) for drift in drifts if drift.is_clear),
@@ -153,31 +168,18 @@ def _outcome(
 
 
 def _drift_rows(drifts: Sequence[Drift]) -> list[dict[str, Any]]:
-    """The check for drift as it is shown and stored, in percent of mu."""
+    """The check for drift as it is shown and stored, in percent of mu; empty if it tells none."""
     return [
         {
             "cause": CAUSES[drift.cause][0],
             "per": CAUSES[drift.cause][2],
-            "change_percent": 100.0 * drift.change,
-            "standard_error_percent": 100.0 * drift.standard_error,
+            "change_percent": None if drift.is_confounded else 100.0 * drift.change,
+            "standard_error_percent": None if drift.is_confounded else 100.0 * drift.standard_error,
             "clear": drift.is_clear,
             "explained_percent": 100.0 * drift.explained,
         }
         for drift in drifts
     ]
-
-
-def _confounded_note(drifts: Sequence[Drift]) -> tuple[str, ...]:
-    """What cannot be told from force, speed and arc; empty if all can."""
-    mixed = [drift for drift in drifts if drift.is_confounded]
-    if not mixed:
-        return ()
-    shares = (f"{CAUSES[d.cause][0]} ({percent(100 * d.explained)})" for d in mixed)
-    return (
-        f"force, speed and arc of the runs explain {', '.join(shares)}: a drift with it cannot be "
-        f"told from them above {100 * CONFOUNDED:g} %; runs in random order, and some repeated at "
-        "the end, could tell",
-    )
 
 
 def _drift_line(drift: Drift) -> str:

@@ -13,7 +13,8 @@ import numpy as np
 from beltid.artifacts.artifact import read_artifact
 from beltid.artifacts.metadata_models import BendingFigures, SurfaceMetadata
 from beltid.config import Config, ConfigSource, load_config
-from beltid.errors import counted, percent
+from beltid.errors import counted
+from beltid.identify.friction.drift_check import CLEAR
 from beltid.identify.surface.surface import SurfaceSettings
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
@@ -40,18 +41,13 @@ from beltid.stages.simulation.refinement import (
     speed_labels,
 )
 from beltid.stages.tables import checked_law, law_of, surface_of, table_columns
-from beltid.stages.uncertainties import (
-    budget_table,
-    press_law,
-)
+from beltid.stages.uncertainties import budget_table, confounded_note, press_law
 from beltid.stages.workers import Workers
 from beltid.uncertainty.bending import FittedBending, fit_bending
 from beltid.uncertainty.budget import QUANTITY, SurfaceUncertainty
 from beltid.uncertainty.monte_carlo import MonteCarlo, check_of, prepare
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import (
-    CLEAR,
-    CONFOUNDED,
     SCATTER,
     TOGETHER,
     ShownEffect,
@@ -77,7 +73,10 @@ FIGURES: Final = (
 )
 MOST_NOISE: Final = 3.0
 Bending = Literal["stated", "fit", "use"]
-EFFECTS: Final = "what shifts the friction beside the surface, in percent of mu"
+EFFECTS: Final = (
+    "what shifts the friction beside the surface, in percent of mu; share that force and speed "
+    "explain"
+)
 BENDING: Final = "bending stiffness EI in N m²: what the runs ask for, and what is stated"
 EFFECT_WORDS: Final = {
     ARC: "difference between arcs",
@@ -173,10 +172,10 @@ class Refinement:
             for name, rows in [("all runs", np.ones(before.size, dtype=bool)), *groups]
         ]
 
-    def arc_spread_percent(self, misfit: np.ndarray) -> float | None:
-        """Standard deviation of the arcs' mean misfits [%]; None for a single arc."""
+    def arc_spread(self, misfit: np.ndarray) -> float | None:
+        """Standard deviation of the arcs' mean misfits [-]; None for a single arc."""
         means = [float(np.mean(misfit[self.arcs_deg == arc])) for arc in np.unique(self.arcs_deg)]
-        return 100.0 * float(np.std(means, ddof=1)) if len(means) > 1 else None
+        return float(np.std(means, ddof=1)) if len(means) > 1 else None
 
 
 def _rms_percent(values: np.ndarray) -> float:
@@ -342,10 +341,10 @@ def _outcome(
             **stated_of(columns, used),
             "degree": refined.surface.degree,
             "n_points": len(labels),
-            "rms_arc_spread": _share(result.arc_spread_percent(refined.misfit_after)),
+            "rms_arc_spread": result.arc_spread(refined.misfit_after),
             "max_arc_spread": None,
             "misfit": result.misfit_table(),
-            "arc_spread_before": _share(result.arc_spread_percent(refined.misfit_before)),
+            "arc_spread_before": result.arc_spread(refined.misfit_before),
             "iterations": refined.iterations,
             "noise_scale": refined.noise_scale,
             "effective_parameters": refined.effective_parameters,
@@ -361,7 +360,10 @@ def _outcome(
             "beyond the measured mean forces of the runs the surface is inferred: its range is "
             "that of the forces that acted within their contact, peaks included",
             *([check.note()] if check else []),
-            *_confounded_note(result.effects),
+            *confounded_note(
+                {EFFECT_WORDS[e.key]: e.explained for e in result.effects if e.is_confounded},
+                "force and speed",
+            ),
             *guided_weight(config, [run.point for run in campaign.runs]),
             *beside.notes,
         ),
@@ -371,19 +373,6 @@ def _outcome(
             *result.outliers(),
             *(check.warnings() if check else ()),
         ),
-    )
-
-
-def _confounded_note(effects: Sequence[ShownEffect]) -> tuple[str, ...]:
-    """What the runs cannot tell from the surface; empty if they can."""
-    mixed = [one for one in effects if one.is_confounded]
-    if not mixed:
-        return ()
-    shares = (f"{EFFECT_WORDS[one.key]} ({percent(100 * one.explained)})" for one in mixed)
-    return (
-        f"force and speed of the runs explain {', '.join(shares)}: above {100 * CONFOUNDED:g} % it "
-        "cannot be told from the surface; runs in random order, and some repeated at the end, "
-        "could tell",
     )
 
 
@@ -419,7 +408,7 @@ def _bending_lines(fitted: FittedBending | None, config: Config) -> tuple[str, .
     if fitted is None:
         return ()
     stated, own = config.belt.bending_stiffness_N_m2, config.uncertainty.bending_stiffness_rel
-    away = abs(math.log(fitted.EI / stated)) / math.hypot(fitted.relative, own)
+    away = fitted.away_from(stated, own)
     if away <= CLEAR:
         return ()
     return (
@@ -427,10 +416,6 @@ def _bending_lines(fitted: FittedBending | None, config: Config) -> tuple[str, .
         f"ask for {fitted.EI:.3g} within {100 * fitted.relative:.2g} %: {away:.2g} standard "
         "uncertainties apart; one of them is wrong, or the runs are",
     )
-
-
-def _share(percent: float | None) -> float | None:
-    return None if percent is None else percent / 100.0
 
 
 def _table(result: Refinement, run_speed: np.ndarray) -> dict[str, np.ndarray]:
