@@ -9,11 +9,10 @@ from beltid.report import gallery, tables
 from beltid.report.conditions import conditions
 from beltid.report.figures import arc, budget, drive, friction, press, proof, runs, slip, surface
 from beltid.report.html import Page, Section
-from beltid.report.results import BeltResults, Sheet
+from beltid.report.results import COMPARED, BeltResults, Sheet
 from beltid.report.verdict import verdict_of
 
 SURFACES: Final = {"surface_refined": "refined", "surface": "published"}
-PROOFS: Final = {"compare": "published", "compare_refined": "refined"}
 PREDICTED: Final = {
     "arc": "arc left out, predicted from the others",
     "speed": "speed left out, predicted from the others",
@@ -126,7 +125,7 @@ def _surface(results: BeltResults) -> Section:
 
 
 def _proof(results: BeltResults) -> Section:
-    known = [(sheet, of) for name, of in PROOFS.items() if (sheet := results.get(name))]
+    known = [(sheet, of) for name, of in COMPARED.items() if (sheet := results.get(name))]
     shown = [(sheet, f"{of} surface") for sheet, of in known]
     if predicted := results.prediction:
         shown.insert(0, (predicted, PREDICTED[predicted.extra["hold_out"]]))

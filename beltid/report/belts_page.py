@@ -8,11 +8,9 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.report import tables
-from beltid.report.cells import cell
 from beltid.report.figures import belts as figures
 from beltid.report.html import Link, Page, Section
 from beltid.report.results import BeltResults, Sheet
-from beltid.report.verdict import whole
 
 AGREEMENT: Final = {
     "compare": "published_rms_percent",
@@ -88,9 +86,5 @@ def _row(belt: BeltResults) -> dict[str, Any]:
         row |= dict.fromkeys(("mu_range", "measured_force_N_m", "valid_force_N_m", "mu_u_percent"))
     for name, key in AGREEMENT.items():
         sheet = belt.get(name)
-        if sheet is None:
-            row[key] = None
-            continue
-        passed = "PASS" if sheet.extra.get("passed") else "FAIL"
-        row[key] = f"{passed} {cell(key, whole(sheet).get('rms_percent'))}"
+        row[key] = sheet.judged if sheet else None
     return row

@@ -31,6 +31,8 @@ RANGES: Final = ("range", "valid", "measured")
 # what is left over of an equation: its order of magnitude matters
 MAGNITUDES: Final = ("residual", "slip_m", "cone")
 MISSING: Final = "-"
+MILLI: Final = 1e3
+MICRO: Final = 1e6
 
 
 def name_and_unit(name: str) -> tuple[str, str]:

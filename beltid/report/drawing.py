@@ -28,6 +28,12 @@ GROUPS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#000000
 MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X")
 LINES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)))
 ORDERED: Final = "cividis"
+MU: Final = "friction coefficient µ [-]"
+LINE_FORCE: Final = "normal force per length [N/m]"
+SPEED: Final = "sliding speed v [mm/s]"
+PENETRATION: Final = "penetration [µm]"
+PRESSED: Final = "line force [N/m]"
+"""Of the press: nothing but the normal force there."""
 WIDTH: Final = 5.2
 HEIGHT: Final = 3.9
 STYLE: Final[dict[str, Any]] = {

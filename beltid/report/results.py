@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -12,8 +12,11 @@ from beltid.errors import InputError
 from beltid.identify.surface.surface import surface_from_columns
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
+from beltid.report.cells import cell
 
 Columns = Mapping[str, np.ndarray]
+COMPARED: Final = {"compare": "published", "compare_refined": "refined"}
+"""Comparison -> the surface that was simulated with."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,6 +83,27 @@ class Sheet:
         """Lowest and highest mean force of the runs behind a surface [N/m]; None if not stated."""
         stated = (self.extra.get("measured") or {}).get("normal_force_N_m")
         return (float(stated[0]), float(stated[1])) if stated else None
+
+    @property
+    def overall(self) -> Mapping[str, Any]:
+        """Statistics over all points of a comparison."""
+        return (self.extra.get("statistics") or [{}])[0]
+
+    @property
+    def passed(self) -> bool:
+        """Whether a comparison is within its tolerances."""
+        return bool(self.extra.get("passed"))
+
+    @property
+    def judged(self) -> str:
+        """Verdict and RMS difference [%] of a comparison, such as "PASS 0.16"."""
+        rms = cell("rms_percent", self.overall.get("rms_percent"))
+        return f"{'PASS' if self.passed else 'FAIL'} {rms}"
+
+    @property
+    def over_uncertainty(self) -> float | None:
+        """RMS difference in standard uncertainties; None if these are not known."""
+        return (self.extra.get("validation") or {}).get("rms_e_over_u")
 
     @property
     def uncertainty(self) -> str:

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from beltid.errors import percent
-from beltid.report.cells import between, cell, scientific, sentence
-from beltid.report.results import BeltResults, Sheet
+from beltid.report.cells import MICRO, MILLI, between, cell, scientific, sentence
+from beltid.report.results import COMPARED, BeltResults, Sheet
 
-WORDS: Final = {"compare_refined": "refined", "compare": "published"}
+REFINED_FIRST: Final = ("compare_refined", "compare")
 LEFT_OUT: Final = {"arc": "an arc", "speed": "a speed"}
 MOST_UNCERTAINTIES: Final = 2.0
 """Standard uncertainties within which predictions confirm what is stated of the surface."""
 UNKNOWN_UNCERTAINTY: Final = "its uncertainty is not known"
-MICRO: Final = 1e6
-MILLI: Final = 1e3
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +69,7 @@ def verdict_of(results: BeltResults) -> Verdict:
             _prediction(results),
             _normal_contact(results),
             _friction(results),
-            *(_agreement(results, name) for name in WORDS),
+            *(_agreement(results, name) for name in REFINED_FIRST),
             _drive(results),
             _runs(results),
         )
@@ -80,14 +78,8 @@ def verdict_of(results: BeltResults) -> Verdict:
     return Verdict(headline, state, tuple(cards), tuple(_trust(results)))
 
 
-def whole(sheet: Sheet) -> dict[str, Any]:
-    """Statistics over all points of a comparison."""
-    rows = sheet.extra.get("statistics") or [{}]
-    return dict(rows[0])
-
-
 def _headline(results: BeltResults) -> tuple[str, str]:
-    compared = [(of, sheet) for name, of in WORDS.items() if (sheet := results.get(name))]
+    compared = [(COMPARED[name], sheet) for name in REFINED_FIRST if (sheet := results.get(name))]
     predicted = results.prediction
     if not compared and predicted is None:
         return (
@@ -96,7 +88,7 @@ def _headline(results: BeltResults) -> tuple[str, str]:
         )
     said = []
     if predicted is not None:
-        how_well = [_percent_rms(predicted), _in_units(_over_uncertainty(predicted))]
+        how_well = [_percent_rms(predicted), _in_units(predicted.over_uncertainty)]
         said.append(
             f"friction of {LEFT_OUT[predicted.extra['hold_out']]} that was left out is predicted "
             f"to {', '.join(filter(None, how_well))} ({_within(predicted)})"
@@ -109,7 +101,7 @@ def _headline(results: BeltResults) -> tuple[str, str]:
         said.append(f"the simulated rig misses the measured friction {', '.join(parts)}")
     decisive = [sheet for sheet in (predicted, *(s for _, s in compared[:1])) if sheet is not None]
     missing = _missing_evidence(results)
-    if not all(sheet.extra.get("passed") for sheet in decisive):
+    if not all(sheet.passed for sheet in decisive):
         start, state = "Identified, but out of tolerance", "bad"
     elif missing:
         start, state = f"Identified, not proven ({'; '.join(missing)})", "open"
@@ -119,17 +111,12 @@ def _headline(results: BeltResults) -> tuple[str, str]:
     return " ".join([f"{start}: {first}.", *(f"{sentence(other)}." for other in others)]), state
 
 
-def _percent_rms(sheet: Sheet) -> str:
-    return f"{cell('rms_percent', whole(sheet).get('rms_percent'))} % RMS"
-
-
 def _within(sheet: Sheet) -> str:
-    return f"{'within' if sheet.extra.get('passed') else 'out of'} tolerance"
+    return f"{'within' if sheet.passed else 'out of'} tolerance"
 
 
-def _over_uncertainty(sheet: Sheet) -> float | None:
-    """Root mean square of the differences in standard uncertainties; None if they are unknown."""
-    return (sheet.extra.get("validation") or {}).get("rms_e_over_u")
+def _percent_rms(sheet: Sheet) -> str:
+    return f"{sheet.judged.split()[1]} % RMS"
 
 
 def _in_units(over_u: float | None) -> str:
@@ -164,7 +151,7 @@ def _missing_evidence(results: BeltResults) -> list[str]:
     ):
         if sheet is None:
             missing.append(without)
-        elif (over_u := _over_uncertainty(sheet)) is not None and over_u > MOST_UNCERTAINTIES:
+        elif (over_u := sheet.over_uncertainty) is not None and over_u > MOST_UNCERTAINTIES:
             missing.append(
                 f"{misses} {over_u:.2g} of their standard uncertainties, at most "
                 f"{MOST_UNCERTAINTIES:g} allowed"
@@ -188,18 +175,17 @@ def _normal_contact(results: BeltResults) -> Card | None:
     k_linear, k_quadratic = (
         float(stiffness[name][row]) for name in ("k_linear_N_m2", "k_quadratic_N_m3")
     )
-    what, doubts = (
-        "u",
-        [float(stiffness[f"k_{n}"][row]) for n in ("linear_u_N_m2", "quadratic_u_N_m3")],
-    )
-    if not np.isfinite(doubts).all():
-        what, doubts = (
-            "s.e.",
-            [float(stiffness[f"k_{n}"][row]) for n in ("linear_se_N_m2", "quadratic_se_N_m3")],
+    known = {
+        what: [float(stiffness[f"k_{name}"][row]) for name in names]
+        for what, names in (
+            ("u", ("linear_u_N_m2", "quadratic_u_N_m3")),
+            ("s.e.", ("linear_se_N_m2", "quadratic_se_N_m3")),
         )
+    }
+    what = "u" if np.isfinite(known["u"]).all() else "s.e."
     first, second = (
-        100.0 * doubt / max(k, 1e-300)
-        for doubt, k in zip(doubts, (k_linear, k_quadratic), strict=True)
+        100.0 * u / max(k, 1e-300)
+        for u, k in zip(known[what], (k_linear, k_quadratic), strict=True)
     )
     depth = MICRO * float(stiffness["max_penetration_m"][row])
     return Card(
@@ -242,17 +228,16 @@ def _drive(results: BeltResults) -> Card | None:
     sheet = results.get("compare_drive")
     if sheet is None:
         return None
-    passed = bool(sheet.extra.get("passed"))
     rms, over_u = (sheet.extra.get(f"rms_{of}") for of in ("relative_error", "over_uncertainty"))
     percent = cell("rms_percent", None if rms is None else 100.0 * rms)
     return Card(
         "Speed loss of the drive, predicted",
-        f"{'PASS' if passed else 'FAIL'} {percent} % RMS",
+        f"{'PASS' if sheet.passed else 'FAIL'} {percent} % RMS",
         (
             f"{cell('n', sheet.extra.get('n_judged'))} points",
             _in_units(over_u) or UNKNOWN_UNCERTAINTY,
         ),
-        "good" if passed else "bad",
+        "good" if sheet.passed else "bad",
     )
 
 
@@ -260,34 +245,30 @@ def _agreement(results: BeltResults, name: str) -> Card | None:
     sheet = results.get(name)
     if sheet is None:
         return None
-    figures, passed = whole(sheet), bool(sheet.extra.get("passed"))
-    count = figures.get("n_points")
-    return Card(
-        f"Agreement, {WORDS[name]} surface",
-        f"{'PASS' if passed else 'FAIL'} {cell('rms_percent', figures.get('rms_percent'))} % RMS",
-        (
-            f"{cell('largest_percent', figures.get('largest_percent'))} % at worst",
-            "1 run" if count == 1 else f"{cell('n', count)} runs",
-        ),
-        "good" if passed else "bad",
-    )
+    count = sheet.overall.get("n_points")
+    runs = "1 run" if count == 1 else f"{cell('n', count)} runs"
+    return _judged(f"Agreement, {COMPARED[name]} surface", sheet, _worst(sheet), runs)
 
 
 def _prediction(results: BeltResults) -> Card | None:
     sheet = results.prediction
     if sheet is None:
         return None
-    figures, passed = whole(sheet), bool(sheet.extra.get("passed"))
-    return Card(
+    return _judged(
         f"Prediction, {LEFT_OUT[sheet.extra['hold_out']]} left out",
-        f"{'PASS' if passed else 'FAIL'} {_percent_rms(sheet)}",
-        (
-            _in_units(_over_uncertainty(sheet)) or UNKNOWN_UNCERTAINTY,
-            f"{cell('largest_percent', figures.get('largest_percent'))} % at worst, "
-            f"{cell('n', figures.get('n_points'))} runs",
-        ),
-        "good" if passed else "bad",
+        sheet,
+        _in_units(sheet.over_uncertainty) or UNKNOWN_UNCERTAINTY,
+        f"{_worst(sheet)}, {cell('n', sheet.overall.get('n_points'))} runs",
     )
+
+
+def _worst(sheet: Sheet) -> str:
+    return f"{cell('largest_percent', sheet.overall.get('largest_percent'))} % at worst"
+
+
+def _judged(title: str, sheet: Sheet, *details: str) -> Card:
+    """The card of a comparison."""
+    return Card(title, f"{sheet.judged} % RMS", details, "good" if sheet.passed else "bad")
 
 
 def _runs(results: BeltResults) -> Card | None:
@@ -324,7 +305,7 @@ def _trust(results: BeltResults) -> list[str]:
         if simulated is not None:
             of = "refined" if name.endswith("refined") else "published"
             said += [f"Simulation with the {of} surface: {note}." for note in simulated.notes]
-    said += _doubts(results)
+    said += _combined_uncertainty(results)
     slip = results.get("slip")
     statement = (slip.extra.get("rig_speeds") or {}).get("statement") if slip else ""
     if statement:
@@ -332,7 +313,7 @@ def _trust(results: BeltResults) -> list[str]:
     return said
 
 
-def _doubts(results: BeltResults) -> list[str]:
+def _combined_uncertainty(results: BeltResults) -> list[str]:
     """Combined uncertainty of the surface and the largest source of it."""
     sheet = results.best_surface
     rows = list(sheet.extra.get("budget") or ()) if sheet else []

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import doctest
+import pydoc
 import re
+import runpy
 import shlex
 import shutil
 import subprocess
@@ -223,3 +225,20 @@ def test_every_target_and_every_command_is_told_by_the_pages() -> None:
 
     told = (ROOT / "docs" / "export.md").read_text()
     assert all(f"`{name}`" in told or f"export {name}" in told for name in TARGET_NAMES)
+
+
+def test_the_page_of_columns_and_keys_is_that_of_this_program() -> None:
+    written = runpy.run_path(str(ROOT / "docs" / "reference.py"))["text"]()
+    page = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
+    assert page == written, "write it again: python docs/reference.py"
+    for name in ("momentum_N", "time_zone", "mass_per_length_rel", "torque_with"):
+        assert f"`{name}`" in page
+
+
+def test_every_equation_is_where_its_page_says() -> None:
+    page = (ROOT / "docs" / "equations.md").read_text(encoding="utf-8")
+    names = re.findall(r"`(beltid[.\w]+)`", page)
+    assert len(names) > 20
+    assert [name for name in names if pydoc.locate(name) is None] == []
+    told = {int(number) for number in re.findall(r"\((\d+)\)", page)}
+    assert told == set(range(1, 13))

@@ -128,7 +128,7 @@ def export(
 
     Normal stiffness, friction over normal force and sliding speed, range of validity, origin. What
     a program cannot hold is replaced by something simpler; the file says how far that is from the
-    law over its measured range. Files that stand there with another content are replaced with
+    law over its measured range. Files that already exist with another content are replaced with
     --force only.
 
     \b

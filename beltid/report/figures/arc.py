@@ -6,14 +6,21 @@ from typing import Final
 
 import numpy as np
 
-from beltid.report.drawing import FAINT, MEASURED, SIMULATED, figure, legend_below, style
+from beltid.report.cells import MILLI
+from beltid.report.drawing import (
+    FAINT,
+    LINE_FORCE,
+    MEASURED,
+    SIMULATED,
+    figure,
+    legend_below,
+    style,
+)
 from beltid.report.picture import Picture, absent
 from beltid.report.results import ArcProfile, BeltResults
 
 TITLE: Final = "Normal force along the arc"
 POSITION: Final = "position along the arc from the tight side [mm]"
-FORCE: Final = "normal force per length [N/m]"
-MILLI: Final = 1e3
 
 
 def pictures(results: BeltResults) -> list[Picture]:
@@ -50,7 +57,7 @@ def along_arcs(profiles: tuple[ArcProfile, ...]) -> Picture:
             )
             axes.set_ylim(bottom=0.0)
         grid.flat[-1].set_xlabel(POSITION)
-        fig.supylabel(FORCE, fontsize=10)
+        fig.supylabel(LINE_FORCE, fontsize=10)
         legend_below(fig, list(grid.flat))
     worst = max(float(np.max(p.profile["normal_force_N_m"])) / p.mean_force_N_m for p in profiles)
     return Picture(

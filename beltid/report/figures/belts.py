@@ -8,15 +8,25 @@ from typing import Final
 import numpy as np
 
 from beltid.identify.estimators.statistics import as_set
-from beltid.report.drawing import GROUPS, INK, figure, group, legend_below, logarithmic, style
-from beltid.report.figures.friction import FORCE as LINE_FORCE
-from beltid.report.figures.friction import MU
-from beltid.report.figures.press import FORCE, MICRO, PENETRATION, POINTS
-from beltid.report.figures.surface import MILLI, SPEED
+from beltid.report.cells import MICRO, MILLI
+from beltid.report.drawing import (
+    GROUPS,
+    INK,
+    LINE_FORCE,
+    MU,
+    PENETRATION,
+    PRESSED,
+    SPEED,
+    figure,
+    group,
+    legend_below,
+    logarithmic,
+    style,
+)
+from beltid.report.figures.press import POINTS
 from beltid.report.picture import Picture, absent
-from beltid.report.results import BeltResults, Sheet
+from beltid.report.results import COMPARED, BeltResults, Sheet
 
-PROOFS: Final = {"compare": "published", "compare_refined": "refined"}
 HATCHES: Final = ("", "///")
 
 
@@ -34,7 +44,7 @@ def laws(belts: Sequence[BeltResults]) -> Picture:
             depth = np.linspace(0.0, sheet["max_penetration_m"][row], POINTS)
             look = group(i)
             axes.plot(depth * MICRO, sheet.law(row).force(depth), label=name, markevery=20, **look)
-        axes.set(xlabel=PENETRATION, ylabel=FORCE)
+        axes.set(xlabel=PENETRATION, ylabel=PRESSED)
         legend_below(fig, [axes])
     return Picture(
         "belts-law",
@@ -187,15 +197,17 @@ def _told(values: np.ndarray, wanted: float) -> str:
 def agreement(belts: Sequence[BeltResults]) -> Picture:
     """RMS difference of simulation and measurement of every belt, with either surface."""
     title = "How far the simulated rig is from the bench"
-    known = [b for b in belts if any(b.get(name) for name in PROOFS)]
+    known = [b for b in belts if any(b.get(name) for name in COMPARED)]
     if not known:
         return absent("belts-agreement", title, "No folder has a comparison.")
     with style():
         fig = figure(height=1.6 + 0.55 * len(known))
         axes = fig.subplots()
         at = np.arange(len(known), dtype=float)
-        for k, (name, of) in enumerate(PROOFS.items()):
-            values = [_rms(b.get(name)) for b in known]
+        for k, (name, of) in enumerate(COMPARED.items()):
+            sheets = [b.get(name) for b in known]
+            known_rms = [sheet.overall.get("rms_percent") if sheet else None for sheet in sheets]
+            values = np.array(known_rms, dtype=float)
             bars = axes.barh(
                 at + 0.2 - 0.4 * k,
                 values,
@@ -220,9 +232,3 @@ def agreement(belts: Sequence[BeltResults]) -> Picture:
         "was fitted to these runs.",
         fig,
     )
-
-
-def _rms(sheet: Sheet | None) -> float:
-    rows = (sheet.extra.get("statistics") if sheet else None) or [{}]
-    value = rows[0].get("rms_percent")
-    return float("nan") if value is None else float(value)

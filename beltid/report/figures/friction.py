@@ -6,11 +6,14 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from beltid.report.cells import MILLI
 from beltid.report.conditions import class_name, classes_of, is_setting
 from beltid.report.drawing import (
     FAINT,
+    LINE_FORCE,
     LINES,
     MARKERS,
+    MU,
     figure,
     logarithmic,
     shades,
@@ -22,11 +25,8 @@ from beltid.report.results import BeltResults
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FORCE: Final = "normal force per length [N/m]"
-MU: Final = "friction coefficient µ [-]"
 MEASURED_TITLE: Final = "Measured friction coefficient of every run"
 SIMULATED_TITLE: Final = "Simulated friction coefficient of every run"
-MILLI: Final = 1e3
 MOST_SPEEDS: Final = 8
 """Speeds that are told apart; of more, classes of as many runs."""
 
@@ -130,7 +130,7 @@ def over_force(
                     elinewidth=1.0,
                 )
         logarithmic(axes, "x", force_N_m)
-        axes.set(xlabel=FORCE, ylabel=MU)
+        axes.set(xlabel=LINE_FORCE, ylabel=MU)
         speeds = [class_name(speed[rows]) for rows in by_speed]
         arcs = [class_name(arc[rows], "°") for rows in by_arc] if arc.any() else []
         _two_legends(fig, speeds, arcs, joined=named)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from beltid.report.cells import MILLI
 from beltid.report.drawing import (
     GROUPS,
     INK,
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from beltid.plan.target import Target
     from beltid.uncertainty.measured import Measured
 
-MILLI: Final = 1e3
 LEAST_AREA, LARGEST_AREA = 18.0, 150.0  # of a mark, points²
 
 

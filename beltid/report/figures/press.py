@@ -6,13 +6,15 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from beltid.report.cells import scientific
+from beltid.report.cells import MICRO, scientific
 from beltid.report.drawing import (
     FAINT,
     GROUPS,
     INK,
     LINES,
     MEASURED,
+    PENETRATION,
+    PRESSED,
     SIMULATED,
     figure,
     legend,
@@ -25,9 +27,6 @@ from beltid.report.results import BeltResults, Sheet
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-MICRO: Final = 1e6
-PENETRATION: Final = "penetration [µm]"
-FORCE: Final = "line force [N/m]"
 BRANCHES: Final = {"loading": "-", "unloading": "--"}
 NO_CURVES: Final = (
     "The branches of the press are not in this folder: they are kept there when the report is "
@@ -66,7 +65,7 @@ def by_temperature(stiffness: Sheet, curves: Sheet | None) -> Picture:
             lowest = grid[(len(panels) - 1 - column) // across, column]
             lowest.set_xlabel(PENETRATION)
             lowest.tick_params(labelbottom=True)
-        fig.supylabel(FORCE, fontsize=10)
+        fig.supylabel(PRESSED, fontsize=10)
         legend_below(fig, list(grid.flat))
     return Picture(
         "press-temperature",
@@ -114,7 +113,7 @@ def pooled(stiffness: Sheet, curves: Sheet | None) -> Picture:
         force, law = stiffness.law(row).force(depth), stiffness.law(row)
         axes.plot(depth * MICRO, force, color=INK, lw=2.0, label="fitted law")
         axes.plot(depth[-1] * MICRO, force[-1], "o", color=INK, ms=7, label="end of validity")
-        axes.set(xlabel=PENETRATION, ylabel=FORCE)
+        axes.set(xlabel=PENETRATION, ylabel=PRESSED)
         legend(axes, loc="upper left")
     caption = (
         f"The law f = k₁ δ + k₂ δ² with k₁ = {scientific(law.k_linear_N_m2)} N/m² and "

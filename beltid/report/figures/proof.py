@@ -8,12 +8,15 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from beltid.identify.estimators.statistics import as_set
+from beltid.report.cells import MILLI
 from beltid.report.conditions import class_name, classes_of, is_setting
 from beltid.report.drawing import (
     FAINT,
     INK,
+    LINE_FORCE,
     MARKERS,
     MEASURED,
+    MU,
     SIMULATED,
     figure,
     legend_below,
@@ -21,14 +24,13 @@ from beltid.report.drawing import (
     shades,
     style,
 )
-from beltid.report.figures.friction import FORCE, MILLI, MOST_SPEEDS, MU
+from beltid.report.figures.friction import MOST_SPEEDS
 from beltid.report.picture import Picture, absent
-from beltid.report.results import BeltResults, Sheet
+from beltid.report.results import COMPARED, BeltResults, Sheet
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-WORDS: Final = {"compare": "published", "compare_refined": "refined"}
 SURFACES: Final = {"compare": "surface", "compare_refined": "surface_refined"}
 COLOURS: Final = {"compare": MEASURED, "compare_refined": SIMULATED}
 
@@ -36,14 +38,14 @@ COLOURS: Final = {"compare": MEASURED, "compare_refined": SIMULATED}
 def pictures(results: BeltResults) -> list[Picture]:
     """Agreement with either surface, and the differences run by run."""
     found = []
-    for name, of in WORDS.items():
+    for name, of in COMPARED.items():
         sheet = results.get(name)
         title = f"Measured against simulated, {of} surface"
         if sheet is None or not sheet.extra.get("averaged"):
             found.append(absent(name, title, f"There is no {name}.parquet.", "Fig. 17"))
         else:
             found.append(averaged(sheet, results))
-    sheets = [sheet for name in WORDS if (sheet := results.get(name)) is not None]
+    sheets = [sheet for name in COMPARED if (sheet := results.get(name)) is not None]
     if sheets:
         found.append(differences(sheets))
     judged = [sheet for sheet in sheets if np.isfinite(sheet["e_over_u"]).any()]
@@ -94,11 +96,11 @@ def averaged(sheet: Sheet, results: BeltResults) -> Picture:
         axes.plot([], [], "s", color=FAINT, label="measured")
         axes.plot([], [], "-o", color=FAINT, mfc="none", ms=8, label="simulated")
         logarithmic(axes, "x", force)
-        axes.set(xlabel=FORCE, ylabel=MU)
+        axes.set(xlabel=LINE_FORCE, ylabel=MU)
         legend_below(fig, [axes])
     return Picture(
         sheet.name,
-        f"Measured against simulated, {WORDS[sheet.name]} surface",
+        f"Measured against simulated, {COMPARED[sheet.name]} surface",
         "Means over the arcs at each tension and speed. Squares: measured, with twice the standard "
         "error of the mean over arcs; circles: simulated with the identified laws; band: twice the "
         f"{_doubt(results, sheet)} of the surface. {_verdict(sheet)}",
@@ -177,7 +179,7 @@ def over_uncertainty(sheets: list[Sheet]) -> Picture:
     ratios = [sheet["e_over_u"] for sheet in sheets]
     fig = _run_by_run(sheets, ratios, "difference over its standard uncertainty [-]", bound=2.0)
     told = [
-        f"{WORDS[sheet.name]} surface: {found['within_2u']} of {found['n']} runs within."
+        f"{COMPARED[sheet.name]} surface: {found['within_2u']} of {found['n']} runs within."
         for sheet in sheets
         if (found := sheet.extra.get("validation")) and found.get("n")
     ]
@@ -207,12 +209,12 @@ def _run_by_run(
                     MARKERS[i],
                     color=colour,
                     mfc=colour if sheet.name == "compare_refined" else "none",
-                    label=f"{WORDS[sheet.name]}, arc {class_name(arc[rows])}°",
+                    label=f"{COMPARED[sheet.name]}, arc {class_name(arc[rows])}°",
                 )
         axes.axhline(0.0, color=INK, lw=0.8)
         for line in (-bound, bound) if bound else ():
             axes.axhline(line, color=INK, lw=0.8, ls="--")
         logarithmic(axes, "x", sheets[0]["normal_force_N_m"])
-        axes.set(xlabel=FORCE, ylabel=label)
+        axes.set(xlabel=LINE_FORCE, ylabel=label)
         legend_below(fig, [axes], columns=2)
     return fig

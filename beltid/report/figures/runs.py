@@ -6,7 +6,16 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from beltid.report.drawing import INK, MEASURED, SIMULATED, figure, legend, legend_below, style
+from beltid.report.drawing import (
+    INK,
+    MEASURED,
+    MU,
+    SIMULATED,
+    figure,
+    legend,
+    legend_below,
+    style,
+)
 from beltid.report.picture import Picture, absent
 from beltid.report.results import BeltResults, Sheet
 
@@ -74,7 +83,7 @@ def over_time(friction: Sheet, curves: Sheet, row: int) -> Picture:
         _phases(below, friction, row, t, labelled=True)
         _results(below, friction, row)
         above.set_ylabel("tension [N]")
-        below.set(xlabel="time [s]", ylabel="friction coefficient µ [-]")
+        below.set(xlabel="time [s]", ylabel=MU)
         legend(above, loc="best")
         _bounded(below, curves["mu"][samples], float(friction["mu_sliding"][row]))
         legend_below(fig, [below])

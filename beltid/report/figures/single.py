@@ -9,7 +9,18 @@ from typing import Final
 import numpy as np
 
 from beltid.identify.estimators.statistics import as_set
-from beltid.report.drawing import figure, group, legend_below, mark_synthetic, style
+from beltid.report.cells import MICRO, MILLI
+from beltid.report.drawing import (
+    LINE_FORCE,
+    MU,
+    PENETRATION,
+    PRESSED,
+    figure,
+    group,
+    legend_below,
+    mark_synthetic,
+    style,
+)
 from beltid.report.figures import (
     arc,
     budget,
@@ -21,12 +32,10 @@ from beltid.report.figures import (
     slip,
     surface,
 )
-from beltid.report.figures.press import FORCE, MICRO, PENETRATION
 from beltid.report.picture import Picture
 from beltid.report.results import BeltResults, Sheet
 
 MOST_PROFILES: Final = 7
-MILLI: Final = 1e3
 
 
 def pictures(sheet: Sheet) -> list[Picture]:
@@ -85,7 +94,7 @@ def _profiles(sheet: Sheet) -> list[Picture]:
             look = {**group(i), "markevery": 8}
             x = sheet["arc_position_m"][at] * MILLI
             axes.plot(x, sheet["normal_force_N_m"][at], label=name, **look)
-        axes.set(xlabel=arc.POSITION, ylabel=arc.FORCE)
+        axes.set(xlabel=arc.POSITION, ylabel=LINE_FORCE)
         legend_below(fig, [axes], columns=2)
     more = len(names) - MOST_PROFILES
     told = f" {more} more are in the table." if more > 0 else ""
@@ -101,7 +110,7 @@ def _press_curves(sheet: Sheet) -> list[Picture]:
             look = {**group(k), "linestyle": "none", "markersize": 3}
             x, y = sheet["penetration_m"][rows] * MICRO, sheet["line_force_N_m"][rows]
             axes.plot(x, y, label=branch, **look)
-        axes.set(xlabel=PENETRATION, ylabel=FORCE)
+        axes.set(xlabel=PENETRATION, ylabel=PRESSED)
         legend_below(fig, [axes])
     return [Picture("branches", "Branches of the press", "All tests.", fig)]
 
@@ -114,7 +123,7 @@ def _rig_curves(sheet: Sheet) -> list[Picture]:
             rows = sheet["run"] == run
             look = {**group(k), "marker": None}
             axes.plot(sheet["time_s"][rows], sheet["mu"][rows], label=str(run), **look)
-        axes.set(xlabel="time [s]", ylabel=friction.MU)
+        axes.set(xlabel="time [s]", ylabel=MU)
         legend_below(fig, [axes], columns=4)
     return [Picture("runs", runs.TITLE, "Apparent friction coefficient of the runs kept.", fig)]
 

@@ -7,11 +7,18 @@ from typing import Final
 import numpy as np
 
 from beltid.identify.estimators.statistics import as_set
-from beltid.report.drawing import FAINT, figure, group, legend_below, style
+from beltid.report.cells import MILLI
+from beltid.report.drawing import (
+    FAINT,
+    SPEED,
+    figure,
+    group,
+    legend_below,
+    style,
+)
 from beltid.report.picture import Picture, absent
 from beltid.report.results import BeltResults, Sheet
 
-MILLI: Final = 1e3
 UNKNOWN: Final = -1.0
 """Stands for a tension that is not known."""
 
@@ -52,7 +59,7 @@ def against_torque(slip: Sheet) -> Picture:
         for k, v in enumerate(v for v in lines if v <= 2.0 * top):
             label = "speeds of the friction rig" if k == 0 else None
             axes.axhline(v, color=FAINT, lw=0.9, ls=(0, (1, 2)), label=label)
-        axes.set(xlabel="torque of the driven pulley [N m]", ylabel="sliding speed v [mm/s]")
+        axes.set(xlabel="torque of the driven pulley [N m]", ylabel=SPEED)
         legend_below(fig, [axes], columns=2)
     return Picture(
         "slip",

@@ -7,9 +7,19 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from beltid.report.cells import MILLI
 from beltid.report.conditions import class_name
-from beltid.report.drawing import INK, ORDERED, SIMULATED, figure, logarithmic, style
-from beltid.report.figures.friction import FORCE, MU
+from beltid.report.drawing import (
+    INK,
+    LINE_FORCE,
+    MU,
+    ORDERED,
+    SIMULATED,
+    SPEED,
+    figure,
+    logarithmic,
+    style,
+)
 from beltid.report.picture import Picture, absent
 from beltid.report.results import BeltResults, Sheet
 
@@ -18,8 +28,6 @@ if TYPE_CHECKING:
 
     from beltid.laws.friction_surface import FrictionSurface
 
-SPEED: Final = "sliding speed v [mm/s]"
-MILLI: Final = 1e3
 WORDS: Final = {"surface": "published", "surface_refined": "refined"}
 LEVELS: Final = 12
 NODES: Final = (41, 31)
@@ -110,7 +118,7 @@ def as_map(sheet: Sheet, friction: Sheet | None) -> Picture:
         logarithmic(axes, "x", np.concatenate(shown_f))
         logarithmic(axes, "y", np.concatenate(shown_v) * MILLI)
         axes.margins(0.04)
-        axes.set(xlabel=FORCE, ylabel=SPEED)
+        axes.set(xlabel=LINE_FORCE, ylabel=SPEED)
         axes.grid(False)
         fig.colorbar(filled, ax=axes, label=MU)
         fig.legend(loc="outside lower center", ncols=2, frameon=False)
@@ -197,7 +205,7 @@ def _drawn(sheet: Sheet) -> Figure:
             if logs:
                 shown = ticks(values)
                 axis.set_ticks(np.log10(shown), [f"{tick:g}" for tick in shown])
-        axes.set_xlabel(FORCE, labelpad=6)
+        axes.set_xlabel(LINE_FORCE, labelpad=6)
         axes.set_ylabel(SPEED, labelpad=6)
         axes.zaxis.set_rotate_label(False)
         axes.set_zlabel("µ [-]", labelpad=2, rotation=90)
@@ -306,7 +314,7 @@ def _layout(sheets: list[Sheet]) -> dict[str, Any]:
         "uirevision": "kept",
         "updatemenus": [menu] if len(sheets) > 1 else [],
         "scene": {
-            "xaxis": _axis(FORCE, f),
+            "xaxis": _axis(LINE_FORCE, f),
             "yaxis": _axis(SPEED, v),
             "zaxis": {"title": {"text": "μ"}, "color": INK},
             "camera": CAMERA,

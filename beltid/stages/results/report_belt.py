@@ -18,7 +18,7 @@ from beltid.report.belts_page import belts_page
 from beltid.report.html import GENERATOR, Page, rendered
 from beltid.report.results import BeltResults
 from beltid.report.summary import Summary
-from beltid.report.verdict import verdict_of, whole
+from beltid.report.verdict import verdict_of
 from beltid.stages.build_artifact import FOREIGN, Stale
 from beltid.stages.reporter import Options
 from beltid.stages.results.belt_results import (
@@ -204,10 +204,9 @@ def _row(results: BeltResults) -> dict[str, Any]:
     row: dict[str, Any] = {"belt": results.belt, "artifacts": len(results.sheets)}
     for name in ("compare", "compare_refined"):
         sheet = results.get(name)
-        figures = whole(sheet) if sheet else {}
         prefix = "refined_" if name.endswith("refined") else ""
-        row[f"{prefix}rms_percent"] = figures.get("rms_percent")
-        row[f"{prefix}within_tolerance"] = bool(sheet.extra.get("passed")) if sheet else None
+        row[f"{prefix}rms_percent"] = sheet.overall.get("rms_percent") if sheet else None
+        row[f"{prefix}within_tolerance"] = sheet.passed if sheet else None
     return row
 
 
