@@ -27,9 +27,10 @@ from beltid.bench.files.sniff import Decoded
 from beltid.bench.files.sources import Source, are_parquet, is_many, sources_of
 from beltid.bench.formats.bench_file import Field
 from beltid.bench.formats.csv_table import Wanted, csv_blocks, read_rows
-from beltid.bench.formats.dialect import Layout, ReadOptions, blank_asides
+from beltid.bench.formats.dialect import Layout, blank_asides
 from beltid.bench.formats.numbers import NumberSigns, is_number, numbers_or_problems
 from beltid.bench.formats.rows import Rows, Texts
+from beltid.bench.read_options import ReadOptions
 from beltid.bench.recording import (
     Opened,
     Recording,
@@ -268,7 +269,9 @@ def _view(opened: Opened, options: ReadOptions) -> FileView:
             rate = 1.0 / step if step > 0 else np.nan
         numbers = channel.values
         if channel.is_text:
-            signs = NumberSigns.of(channel.first_texts(), options.decimal, options.thousands)
+            signs = NumberSigns.of(
+                channel.first_texts(), options.dialect.decimal, options.dialect.thousands
+            )
             numbers = numbers_or_problems(numbers, signs, "", lambda i: ("", i), Problems())
         views.append(ChannelView(candidate, rate_Hz=rate).with_numbers(numbers))
     fields = (*file.fields, *(f for group in file.groups for f in group.fields))

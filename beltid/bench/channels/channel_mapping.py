@@ -14,12 +14,9 @@ import numpy as np
 
 from beltid.bench.channels.vocabulary import means_date, roles_meant, simplified
 from beltid.bench.formats.bench_file import Field
-from beltid.bench.formats.dialect import (
-    ReadOptions,
-    unit_in_name,
-    without_position,
-    without_unit,
-)
+from beltid.bench.formats.dialect import unit_in_name, without_position, without_unit
+from beltid.bench.read_options import ReadOptions
+from beltid.config.model import RunsOfKind
 from beltid.config.name_pattern import name_pattern
 from beltid.errors import Problem, Problems
 from beltid.tables.columns import Column, Table
@@ -323,11 +320,9 @@ def _mapping(
     )
 
 
-def told_elsewhere(runs: Any, fields: Sequence[Field], table: Table) -> set[str]:
+def told_elsewhere(runs: RunsOfKind, fields: Sequence[Field], table: Table) -> set[str]:
     """Columns that need not stand in the file: label and settings that are told elsewhere."""
     roles = {table.label}
-    if runs is None:
-        return roles | _told_by(fields, table)
     roles |= {role for role in SETTINGS if getattr(runs.values, role, None) is not None}
     roles |= {role for role in SETTINGS if getattr(runs.fields, role, None) is not None}
     if runs.pattern:

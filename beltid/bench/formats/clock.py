@@ -114,7 +114,8 @@ class Clock:
     name : str
         Name of the channel, for messages.
     zone : str
-        Time zone of stamps that carry none, such as "Europe/Berlin"; "": they count as they stand.
+        Time zone of stamps that carry none, such as "Europe/Berlin"; None: they count as they
+        stand.
     date : str
         Name of the column of dates beside it, where its reader looks for one by itself; "": none.
     first : str
@@ -131,7 +132,7 @@ class Clock:
     """
 
     name: str
-    zone: str = ""
+    zone: str | None = None
     date: str = ""
     first: str = ""
     dated: bool = False
