@@ -180,7 +180,8 @@ def map_channels(
         if column.name in found or column.name in options.names:
             continue
         meant = [c for c in free if column.name in roles_meant(c.name, context.kind)]
-        fitting = [c for c in meant if _fits(c, column, options)] or meant
+        any_unit = column.dtype == "string" or column.name in options.units
+        fitting = [c for c in meant if any_unit or can_be(c, column)] or meant
         if column.name == "time_s":  # a stop watch comes before a clock on the wall
             fitting = [c for c in fitting if unit_of(c) and not c.written] or fitting
         if len(fitting) == 1:
@@ -270,10 +271,6 @@ def _called(name: str, candidates: Sequence[Candidate], *, loosely: bool) -> lis
     if exact or not loosely:
         return exact
     return [c for c in candidates if name in (without_unit(c.name), without_unit(c.base))]
-
-
-def _fits(candidate: Candidate, column: Column, options: ReadOptions) -> bool:
-    return column.dtype == "string" or column.name in options.units or can_be(candidate, column)
 
 
 def can_be(candidate: Candidate, column: Column) -> bool:
