@@ -202,8 +202,8 @@ def write_reports(
         chain.waiting = [REPORT]
     # a single page is made here: it would only wait for a worker to import what draws; and what
     # draws is not made for several threads of one process
-    elsewhere = len(wanted) > 1 and workers.share_files
-    run_chains(wanted, workers if elsewhere else Workers(), force=options.force)
+    in_workers = len(wanted) > 1 and workers.share_files
+    run_chains(wanted, workers if in_workers else Workers(), force=options.force)
     reported = [chain for chain in wanted if chain.run.states[REPORT.name] != FAILED]
     if not reported or folder is None:
         return

@@ -51,7 +51,7 @@ class ClusterWorkers(Workers):
         self._client, self._where = _connected(scheduler, scheduler_file)
         self._lock = threading.Lock()
         self._waiting: set[Future] = set()
-        self._halted = False
+        self._cancelled = False
         threads = self._client.nthreads()
         self.jobs = max(2, sum(threads.values()))
         self.about = f"{len(threads)} workers of {self._where}"
@@ -75,7 +75,7 @@ class ClusterWorkers(Workers):
             for index, arguments in enumerate(calls)
         }
         with self._lock:
-            if self._halted:
+            if self._cancelled:
                 raise Cancelled
             self._waiting |= set(futures)
         try:
@@ -102,7 +102,7 @@ class ClusterWorkers(Workers):
                 f"install beltid {__version__} there as it is here"
             ) from None
         except (CancelledError, OSError):
-            if self._halted:
+            if self._cancelled:
                 raise Cancelled from None
             raise BeltidError(
                 f"cluster {self._where}: the connection was lost; "
@@ -112,7 +112,7 @@ class ClusterWorkers(Workers):
     def stop(self) -> None:
         """Cancel what the cluster has of us; calls that wait for it raise `Cancelled`."""
         with self._lock:
-            self._halted = True
+            self._cancelled = True
             waiting = list(self._waiting)
         with contextlib.suppress(Exception):  # the scheduler may be gone
             self._client.cancel(waiting, force=True, asynchronous=False)

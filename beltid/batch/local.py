@@ -56,7 +56,7 @@ class ProcessWorkers(Workers):
         self._lock = threading.Lock()
         self._starting = threading.Lock()
         self._pool: ProcessPoolExecutor | None = None
-        self._halted = False
+        self._cancelled = False
         self._others: Collection[Any] = ()
 
     def prepare(self) -> None:
@@ -67,9 +67,9 @@ class ProcessWorkers(Workers):
 
         forkserver.set_forkserver_preload(list(self._imported))
         # the tracker clears away what a caller leaves that is told to stop: no cause for a warning
-        with _deaf_children(), _environment("PYTHONWARNINGS", "ignore"):
+        with _signals_blocked(), _environment("PYTHONWARNINGS", "ignore"):
             resource_tracker.ensure_running()  # lets signals in again, so not below
-        with _deaf_children(), _environment("PYTHONPATH", _same_package()):
+        with _signals_blocked(), _environment("PYTHONPATH", _same_package()):
             forkserver.ensure_running()
 
     def as_ended(
@@ -90,7 +90,7 @@ class ProcessWorkers(Workers):
             try:
                 for index, arguments in waiting.items():
                     with self._starting:
-                        if self._halted:
+                        if self._cancelled:
                             raise Cancelled
                         futures[pool.submit(function, *arguments)] = index
                 for future in self._as_completed(futures):
@@ -122,14 +122,14 @@ class ProcessWorkers(Workers):
         waiting = set(futures)
         while waiting:
             done, waiting = wait(waiting, timeout=LOOK_UP_S, return_when=FIRST_COMPLETED)
-            if self._halted:
+            if self._cancelled:
                 raise Cancelled
             yield from done
 
     def stop(self) -> None:
         """Kill the workers; calls that wait for them raise `Cancelled`."""
         with self._lock:
-            self._halted = True
+            self._cancelled = True
             pool, self._pool = self._pool, None
         if pool is not None:
             _kill(pool, self._others)
@@ -137,14 +137,14 @@ class ProcessWorkers(Workers):
     def close(self) -> None:
         """Let the workers go; nothing is waited for."""
         with self._lock:
-            self._halted = True
+            self._cancelled = True
             pool, self._pool = self._pool, None
         if pool is not None:
             pool.shutdown(wait=True, cancel_futures=True)
 
     def _running(self) -> ProcessPoolExecutor:
         with self._lock:
-            if self._halted:
+            if self._cancelled:
                 raise Cancelled
             if self._pool is None:
                 self.prepare()
@@ -176,7 +176,7 @@ def _start_method() -> str:
 
 
 @contextlib.contextmanager
-def _deaf_children() -> Iterator[None]:
+def _signals_blocked() -> Iterator[None]:
     """Start processes that neither Ctrl-C nor a closed terminal reaches: the caller ends them."""
     if not hasattr(signal, "pthread_sigmask"):
         yield

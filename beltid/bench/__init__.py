@@ -5,6 +5,7 @@ The rooms in the order of the data; imports go up this table only:
 ================= ======================================================================
 Module            Responsibility
 ================= ======================================================================
+``read_options``  how the files of a bench differ from ours, as its config states it
 ``files``         the files of a recording: found, unpacked, their format recognised
 ``formats``       a reader for each format: bytes -> named channels, or rows of numbers
 ``channels``      which channel is which of our columns, converted to its unit

@@ -29,7 +29,8 @@ from beltid.bench.files.ahead import ahead
 from beltid.bench.files.sniff import Decoded, decode
 from beltid.bench.files.sources import Source, are_parquet, is_many, sources_of
 from beltid.bench.formats.csv_table import csv_blocks, file_chunks
-from beltid.bench.formats.dialect import Layout, ReadOptions
+from beltid.bench.formats.dialect import Layout
+from beltid.bench.read_options import ReadOptions
 from beltid.bench.runs.run_stream import RunColumns, RunStream
 from beltid.errors import InputError, Problems
 from beltid.tables.columns import Table
@@ -123,12 +124,13 @@ def read_head(path: Path, options: ReadOptions, table: Table) -> TextHead:
     name = str(path)
     chunks = ahead(file_chunks(path), 2)
     first = next(chunks, b"")
-    if first[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) or "16" in (options.encoding or ""):
+    encoding = options.dialect.encoding
+    if first[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) or "16" in (encoding or ""):
         raise InputError(f"{name}: is in UTF-16; a file of this size must be in UTF-8")
     if len(first) > HEAD and b"\n" not in first[:HEAD]:
         raise InputError(f"{name}:1: no line feed in the first {HEAD:,} bytes; {_FEEDS}")
     head = first[:HEAD] if len(first) <= HEAD else first[: first.rfind(b"\n", 0, HEAD) + 1]
-    decoded = decode(head, name, options.encoding)
+    decoded = decode(head, name, encoding)
     layout = text_layout(decoded, name, options, table)
     body = _after_lines(first, layout.first_line - 1)
     if re.search(rb"\r(?!\n)", first[: len(first) - len(body)]):

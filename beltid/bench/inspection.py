@@ -27,9 +27,10 @@ from beltid.bench.files.sniff import Decoded
 from beltid.bench.files.sources import Source, are_parquet, is_many, sources_of
 from beltid.bench.formats.bench_file import Field
 from beltid.bench.formats.csv_table import Wanted, csv_blocks, read_rows
-from beltid.bench.formats.dialect import Layout, ReadOptions, blank_asides
+from beltid.bench.formats.dialect import Layout, blank_asides
 from beltid.bench.formats.numbers import NumberSigns, is_number, numbers_or_problems
 from beltid.bench.formats.rows import Rows, Texts
+from beltid.bench.read_options import ReadOptions
 from beltid.bench.recording import (
     Opened,
     Recording,
@@ -268,7 +269,9 @@ def _view(opened: Opened, options: ReadOptions) -> FileView:
             rate = 1.0 / step if step > 0 else np.nan
         numbers = channel.values
         if channel.is_text:
-            signs = NumberSigns.of(channel.first_texts(), options.decimal, options.thousands)
+            signs = NumberSigns.of(
+                channel.first_texts(), options.dialect.decimal, options.dialect.thousands
+            )
             numbers = numbers_or_problems(numbers, signs, "", lambda i: ("", i), Problems())
         views.append(ChannelView(candidate, rate_Hz=rate).with_numbers(numbers))
     fields = (*file.fields, *(f for group in file.groups for f in group.fields))
@@ -346,14 +349,13 @@ def _rig_meant(view: FileView, config: Any) -> dict[str, str]:
 
 def _kind_meant(view: FileView, config: Any, path: Path) -> str:
     """The kind of recording whose sensors the channels are."""
-    shares = {kind: _share_of_sensors(view, kind, config) for kind in ("press", "speedloss")}
-    tables = [ReadOptions.of(config, "rig").table("rig")]
-    if not config.rig.model_fields_set & {"kind", "weight_on"}:
-        tables += [schemas.rig_table(*found) for found in schemas.RIG_KINDS]
-    options = ReadOptions.of(config, "rig")
-    shares["rig"] = max(_share_of(view, table, options) for table in tables)
     if _is_table_of_plateaus(view, config):
         return "points"
+    known = {kind: ReadOptions.of(config, kind) for kind in ("press", "speedloss", "rig")}
+    tables = {kind: [options.table(kind)] for kind, options in known.items()}
+    if not config.rig.model_fields_set & {"kind", "weight_on"}:
+        tables["rig"] += [schemas.rig_table(*found) for found in schemas.RIG_KINDS]
+    shares = {k: max(_share_of(view, table, known[k]) for table in tables[k]) for k in known}
     # sensors that share a unit are no sensor of their kind yet: then the channels explained decide
     whole = max(shares.values()) == 1.0
     marks = {
@@ -391,13 +393,8 @@ def _is_table_of_plateaus(view: FileView, config: Any) -> bool:
     return slides and ("arc_deg" in there or {"mu", "normal_force_N_m"} <= there)
 
 
-def _share_of_sensors(view: FileView, kind: str, config: Any) -> float:
-    """Share of the sensors of a kind of recording that the channels of a file can be."""
-    options = ReadOptions.of(config, kind)
-    return _share_of(view, options.table(kind), options)
-
-
 def _share_of(view: FileView, table: Table, options: ReadOptions) -> float:
+    """Share of the sensors of a table that the channels of a file can be."""
     sensors = sensors_of(table)
     if "weight_N" in table.names and table.column("weight_N").required:
         sensors.append("weight_N")  # no sensor, but nothing else tells such a bench

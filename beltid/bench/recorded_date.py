@@ -18,8 +18,10 @@ from beltid.bench.files.sniff import PARQUET, TEXT, decode, sniff
 from beltid.bench.files.sources import Source, is_many, sources_of
 from beltid.bench.formats.bench_file import BenchFile, Field
 from beltid.bench.formats.clock import day_in, holds_dates, written_as
-from beltid.bench.formats.dialect import ReadOptions, layout
+from beltid.bench.formats.dialect import layout
+from beltid.bench.read_options import ReadOptions
 from beltid.bench.recording import open_sources
+from beltid.config import Config
 from beltid.errors import InputError
 
 HEAD_BYTES: Final = 1 << 14
@@ -34,7 +36,7 @@ EXCEL_DAY: Final = re.compile(r'\s*"?([2-7]\d{4})([.,]\d*)?"?\s*($|[;\t])')
 """A date as Excel holds it: days from 1899-12-30."""
 
 
-def recorded_on(path: Path, config: object, kind: str) -> str | None:
+def recorded_on(path: Path, config: Config, kind: str) -> str | None:
     """Day of a recording, ``2024-05-17``; that of the first and the last file of several.
 
     Parameters
@@ -76,7 +78,7 @@ def _of_file(source: Source, options: ReadOptions) -> Iterator[str]:
     if form == PARQUET:
         yield from _of_parquet(source)
     elif form == TEXT:
-        yield from _of_text(decode(head, source.name, options.encoding).text, options)
+        yield from _of_text(decode(head, source.name, options.dialect.encoding).text, options)
     else:
         for one in open_sources([source], options):
             if one.text is not None:  # packed
@@ -96,7 +98,7 @@ def _head(source: Source) -> bytes:
 
 
 def _of_text(text: str, options: ReadOptions) -> Iterator[str]:
-    found = layout(text, "", options, [options.names.get("time_s", "time_s")])
+    found = layout(text, "", options.dialect, [options.names.get("time_s", "time_s")])
     yield from _of_fields(found.fields)
     yield from _of_cells(zip(found.header, found.first_cells(), strict=True))
 

@@ -51,9 +51,9 @@ from beltid.bench.files.sources import (
 )
 from beltid.bench.formats.bench_file import BenchFile, FormatError
 from beltid.bench.formats.clock import Clock
-from beltid.bench.formats.dialect import ReadOptions
 from beltid.bench.formats.frames import columns_of_frame, names_of
 from beltid.bench.formats.rows import Texts
+from beltid.bench.read_options import ReadOptions
 from beltid.bench.runs.checks import Checker
 from beltid.bench.runs.run_settings import completed, joined
 from beltid.bench.runs.run_split import row_labels
@@ -128,7 +128,7 @@ def read_recording(path: str | Path, kind: str, config: Any = None) -> Recording
     """
     path = Path(path)
     options = ReadOptions.of(config, kind)
-    tables = [] if options.runs is None or options.runs.table is None else [options.runs.table]
+    tables = [] if options.runs.table is None else [options.runs.table]
     return recording_from(sources_of(path, tables), path, kind, options)
 
 
@@ -181,8 +181,8 @@ def sources_read_at_once(path: Path, options: ReadOptions) -> list[Source] | Non
         If there is no file, or it is too large to be read at once and cannot be run by run.
     """
     runs = options.runs
-    in_rows = runs is None or runs == type(runs)()
-    tables = [] if runs is None or runs.table is None else [runs.table]
+    in_rows = runs == ReadOptions().runs
+    tables = [] if runs.table is None else [runs.table]
     if is_many(path):
         sources = sources_of(path, tables)
         return None if in_rows and size_of(sources) >= BIG and are_parquet(sources) else sources
@@ -295,7 +295,7 @@ def columns_of(frame: Any, kind: str, config: Any = None) -> dict[str, np.ndarra
     dates = [name for name in names_of(frame, "frame") if means_date(name)]
     clock = Clock(
         options.names.get("time_s", "time_s"),
-        options.time_zone,
+        options.dialect.time_zone,
         dates[0] if len(dates) == 1 else "",
     )
     columns = columns_of_frame(frame, table, "frame", options.names, problems, clock)
@@ -448,7 +448,7 @@ def _opened(source: Source, options: ReadOptions, spare: Path) -> Opened | tuple
     if format_name == LVM:
         from beltid.bench.formats import lvm
 
-        decoded = decode(plain, source.name, options.encoding)
+        decoded = decode(plain, source.name, options.dialect.encoding)
         return Opened(source.name, channels=lvm.read(decoded.text, source.name))
     if format_name == UFF:
         from beltid.bench.formats import uff
@@ -462,5 +462,5 @@ def _opened(source: Source, options: ReadOptions, spare: Path) -> Opened | tuple
     what = unread(plain) or what
     if what:
         raise InputError(f"{source.name}: is {what}")
-    decoded = decode(plain, source.name, options.encoding)
+    decoded = decode(plain, source.name, options.dialect.encoding)
     return Opened(source.name, text=decoded)

@@ -80,6 +80,8 @@ def _unknown_key(path: KeyPath, model: type[BaseModel]) -> str:
     hint = suggestion(word, known) or _elsewhere(word, model)
     if not hint and word.isdigit() and path[:-1]:
         hint = " (the decimal sign is a point)"  # {span_length_m: 0,10} reads as a key 10
+    if word != word.strip():
+        hint = " (it begins or ends with blanks that YAML does not count as such)"
     text = f"{format_path(path)} is not a known key"
     return f"{text}{hint}" if hint else f"{text}, {where} " + ", ".join(known)
 

@@ -135,12 +135,12 @@ class Outcome(Generic[Result]):
         origin : {"measured", "synthetic"}, optional
             Where the data come from; the artifact states it. By default what the result knows.
         force : bool
-            Whether to replace a file that stands there.
+            Whether to overwrite an existing file.
 
         Raises
         ------
         InputError
-            If the file ends in something else, or stands there already.
+            If the file ends in something else, or exists already.
         ArtifactError
             If it cannot be written.
         """

@@ -97,7 +97,7 @@ def surface_of(artifact: Artifact) -> UncertainSurface:
 
 
 def friction_of(surface: Artifact, folder: Path) -> Artifact | None:
-    """The friction artifact that the surface was made from, if it still stands in the folder."""
+    """The friction artifact that the surface was made from, if it is still in the folder."""
     try:
         friction = read_artifact(folder / "friction.parquet", "friction")
     except ArtifactError:

@@ -55,7 +55,7 @@ def standard_uncertainties(config: Config) -> StandardUncertainties:
 def press_law(
     law: NormalLaw, config: Config, artifact: Artifact | Outcome[Any] | None = None
 ) -> PressLaw:
-    """A contact law with its making; without the table it is from its scatter is not known."""
+    """A contact law with the scatter of its fit, which only the table it is from tells."""
     covariance, depth = np.zeros((2, 2)), 1.0e-4
     if artifact is not None:
         pooled = int(np.flatnonzero(np.isnan(artifact.columns["temperature_degC"]))[0])

@@ -15,9 +15,10 @@ import pyarrow as pa
 import pytest
 
 from beltid.bench.formats.csv_table import Wanted, read_rows
-from beltid.bench.formats.dialect import ReadOptions, layout
+from beltid.bench.formats.dialect import layout
 from beltid.bench.recording import columns_of, read_recording, read_rig
 from beltid.config import load_config
+from beltid.config.model import DialectSection
 from beltid.errors import EXIT_INPUT, InputError
 
 RIGDATA = Path(__file__).parents[2] / "rigdata"
@@ -490,7 +491,7 @@ def test_no_thread_of_arrow_holds_what_belongs_to_python():
         def __del__(self):
             let_go_by.add(threading.get_ident())
 
-    found = layout("run,time_s\nA,1\n", "rig.csv", ReadOptions(), ["run"])
+    found = layout("run,time_s\nA,1\n", "rig.csv", DialectSection(), ["run"])
     wanted = {"time_s": Wanted(1, False, "time_s")}
     for _ in range(200):
         read_rows(replace(found, body=Body(b"A,1\n")), wanted, "rig.csv")

@@ -12,9 +12,8 @@ import pytest
 from small_bench import contents
 
 from beltid.batch.belts import BeltRun, batch_summary, write_sweep_tables
-from beltid.batch.chain import BatchOptions, run_batch
+from beltid.batch.chain import BatchOptions, run_batch, write_reports
 from beltid.batch.local import ProcessWorkers
-from beltid.batch.chain import write_reports
 from beltid.batch.schedule import Chain
 from beltid.batch.sources import config_sources
 from beltid.batch.steps import Step

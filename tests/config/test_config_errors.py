@@ -93,6 +93,7 @@ def test_a_key_that_is_missing_has_the_place_of_its_section(tmp_path):
         ("belt\n", "1:1", "found a single value"),
         ("a: 1\n---\nb: 2\n", "2:1", "second document"),
         ("belt:\n\tribs: 5\n", "2:1", "tab"),
+        ("belt:\n\u00a0\u00a0ribs: 5\n", "2:1", "blanks that YAML does not count as such"),
         ("belt: {ribs: 5\n", "2:1", "not valid YAML"),
         ("belt: {ribs: ~}\n", "1:14", "belt.ribs = ~, must be a whole number"),
         ("belt: {name: 5}\n", "1:14", "put it in quotes"),

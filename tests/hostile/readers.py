@@ -12,8 +12,8 @@ from pathlib import Path
 
 from beltid.artifacts.artifact import read_artifact
 from beltid.bench.big_recording import open_big
-from beltid.bench.formats.dialect import ReadOptions
 from beltid.bench.formats.isolated.process import load, read_format, save
+from beltid.bench.read_options import ReadOptions
 from beltid.bench.recording import Opened, read_recording, recording_of
 from beltid.config.loading import load_cases, load_config
 from beltid.errors import LONGEST_LINE, BeltidError

@@ -22,9 +22,10 @@ from beltid.bench.channels.channel_mapping import (
 from beltid.bench.channels.text_tables import check_header, convert
 from beltid.bench.formats.bench_file import BenchFile, Channel, Group
 from beltid.bench.formats.clock import Clock, written_as
-from beltid.bench.formats.dialect import ReadOptions, side_by_side, without_position
+from beltid.bench.formats.dialect import side_by_side, without_position
 from beltid.bench.formats.numbers import NumberSigns, numbers_or_problems
 from beltid.bench.formats.rows import Texts, word_of
+from beltid.bench.read_options import ReadOptions
 from beltid.tables.values import absent
 
 
@@ -220,7 +221,7 @@ class _Clocks:
         self.mappings, self.values = mappings, values
         self.shared = mappings.get("time_s")
         self.problems = context.problems
-        self.clock = Clock("", context.options.time_zone)
+        self.clock = Clock("", context.options.dialect.time_zone)
         """Reads all clock times of the file, so that they count from one midnight."""
         # the file's own words alone: what the config names for the time was looked for before
         self.context = replace(context, options=ReadOptions())
@@ -292,7 +293,7 @@ def _typed(
     if not channel.is_text:
         return np.asarray(channel.values, dtype=float)
     signs = NumberSigns.of(
-        channel.first_texts(), context.options.decimal, context.options.thousands
+        channel.first_texts(), context.options.dialect.decimal, context.options.dialect.thousands
     )
     place = places(context.place, first)
     return numbers_or_problems(channel.values, signs, mapping.shown, place, context.problems)

@@ -14,12 +14,9 @@ import numpy as np
 
 from beltid.bench.channels.vocabulary import means_date, roles_meant, simplified
 from beltid.bench.formats.bench_file import Field
-from beltid.bench.formats.dialect import (
-    ReadOptions,
-    unit_in_name,
-    without_position,
-    without_unit,
-)
+from beltid.bench.formats.dialect import unit_in_name, without_position, without_unit
+from beltid.bench.read_options import ReadOptions
+from beltid.config.model import RunsOfKind
 from beltid.config.name_pattern import name_pattern
 from beltid.errors import Problem, Problems
 from beltid.tables.columns import Column, Table
@@ -183,7 +180,8 @@ def map_channels(
         if column.name in found or column.name in options.names:
             continue
         meant = [c for c in free if column.name in roles_meant(c.name, context.kind)]
-        fitting = [c for c in meant if _fits(c, column, options)] or meant
+        any_unit = column.dtype == "string" or column.name in options.units
+        fitting = [c for c in meant if any_unit or can_be(c, column)] or meant
         if column.name == "time_s":  # a stop watch comes before a clock on the wall
             fitting = [c for c in fitting if unit_of(c) and not c.written] or fitting
         if len(fitting) == 1:
@@ -275,10 +273,6 @@ def _called(name: str, candidates: Sequence[Candidate], *, loosely: bool) -> lis
     return [c for c in candidates if name in (without_unit(c.name), without_unit(c.base))]
 
 
-def _fits(candidate: Candidate, column: Column, options: ReadOptions) -> bool:
-    return column.dtype == "string" or column.name in options.units or can_be(candidate, column)
-
-
 def can_be(candidate: Candidate, column: Column) -> bool:
     """Whether a channel can be a column of numbers, by its unit where one is told."""
     if candidate.written:
@@ -323,11 +317,9 @@ def _mapping(
     )
 
 
-def told_elsewhere(runs: Any, fields: Sequence[Field], table: Table) -> set[str]:
+def told_elsewhere(runs: RunsOfKind, fields: Sequence[Field], table: Table) -> set[str]:
     """Columns that need not stand in the file: label and settings that are told elsewhere."""
     roles = {table.label}
-    if runs is None:
-        return roles | _told_by(fields, table)
     roles |= {role for role in SETTINGS if getattr(runs.values, role, None) is not None}
     roles |= {role for role in SETTINGS if getattr(runs.fields, role, None) is not None}
     if runs.pattern:

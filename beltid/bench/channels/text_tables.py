@@ -25,15 +25,9 @@ from beltid.bench.channels.vocabulary import roles_meant
 from beltid.bench.files.sniff import Decoded
 from beltid.bench.formats.clock import Clock, written_as
 from beltid.bench.formats.csv_table import Wanted, read_rows
-from beltid.bench.formats.dialect import (
-    Layout,
-    ReadOptions,
-    asides_note,
-    blank_asides,
-    layout,
-    side_by_side,
-)
+from beltid.bench.formats.dialect import Layout, asides_note, blank_asides, layout, side_by_side
 from beltid.bench.formats.numbers import is_number
+from beltid.bench.read_options import ReadOptions
 from beltid.errors import Problem, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table
@@ -45,7 +39,7 @@ def text_layout(decoded: Decoded, name: str, options: ReadOptions, table: Table)
     """Header, units and separators of a text file."""
     asked_for = [c.name for c in table.columns if c.name not in SAID_OF_RUNS]
     in_file = [options.names.get(name, name) for name in asked_for]
-    return layout(decoded.text, name, options, in_file)
+    return layout(decoded.text, name, options.dialect, in_file)
 
 
 def candidates_of(found: Layout) -> list[Candidate]:
@@ -151,7 +145,7 @@ def wanted_columns(
             r.candidate.key,
             table.column(role).dtype == "string",
             r.shown,
-            Clock(r.candidate.name, context.options.time_zone) if r.is_clock else None,
+            Clock(r.candidate.name, context.options.dialect.time_zone) if r.is_clock else None,
             None if r.date is None else r.date.key,
         )
         for role, r in mappings.items()

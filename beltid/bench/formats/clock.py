@@ -72,7 +72,7 @@ def written_as(cells: Sequence[str]) -> str:
 
 
 def day_in(text: str) -> str | None:
-    """The day in a text as ISO 8601; None if there is none, or month and day may be exchanged.
+    """The day in a text as ISO 8601; None if there is none, or month and day may be swapped.
 
     Examples
     --------
@@ -114,7 +114,8 @@ class Clock:
     name : str
         Name of the channel, for messages.
     zone : str
-        Time zone of stamps that carry none, such as "Europe/Berlin"; "": they count as they stand.
+        Time zone of stamps that carry none, such as "Europe/Berlin"; None: they count as they
+        stand.
     date : str
         Name of the column of dates beside it, where its reader looks for one by itself; "": none.
     first : str
@@ -123,7 +124,7 @@ class Clock:
         Whether the first time has a date, and a zone.
     day_first : bool or None
         Whether the day stands before the month in dates such as 20/11/2026; None: not told, and the
-        first date is another one if they are exchanged.
+        first date is another one if they are swapped.
     first_day : int
         Day of the first time, counted from 1970-01-01; seconds are counted from its midnight.
     midnights : int
@@ -131,7 +132,7 @@ class Clock:
     """
 
     name: str
-    zone: str = ""
+    zone: str | None = None
     date: str = ""
     first: str = ""
     dated: bool = False

@@ -5,17 +5,18 @@ from __future__ import annotations
 import csv
 import itertools
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, Final
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
 
 from beltid.bench.formats.bench_file import Field
 from beltid.bench.formats.clock import is_clock, is_date
 from beltid.bench.formats.numbers import MISSING_WORDS, NumberSigns, contradiction, is_number
 from beltid.errors import InputError
-from beltid.tables import schemas
-from beltid.tables.columns import Table
-from beltid.tables.units import Calibration, canonical_unit, is_known_unit
+from beltid.tables.units import canonical_unit, is_known_unit
+
+if TYPE_CHECKING:
+    from beltid.config.model import DialectSection
 
 SEPARATORS: Final = (",", ";", "\t", "|")
 MAX_COLUMNS: Final = 2000
@@ -46,78 +47,6 @@ POSITION: Final = re.compile(r" #\d{1,4}(?=\s|$)")
 """What tells channels of one name apart."""
 # "Zeit / s", "Zeit/s", "Zeit in s"; not the slash within a unit, as in "v rad/s"
 _AFTER_NAME: Final = re.compile(r"(?:(?<!\s)\s+/\s*|(?<=\w{4})/|(?<!\s)\s+in\s+)(\S+)\s*$")
-
-
-@dataclass(frozen=True, slots=True)
-class ReadOptions:
-    """How the files of a bench differ from ours.
-
-    Attributes
-    ----------
-    names : mapping
-        Our column -> its name in the file.
-    units : mapping
-        Our column -> its unit in the file, or the calibration of its sensor.
-    separator, decimal, thousands, encoding : str or None
-        None means: found out from the file.
-    time_zone : str
-        Zone of time stamps that carry none; "": none is stated.
-    skip_lines : int
-        Lines before the header.
-    units_row : bool
-        Whether a row of units follows the header.
-    runs : object or None
-        What the config says about label and settings of the runs.
-    rig : object or None
-        What the config says about the friction rig: its kind tells the channels of a recording.
-    """
-
-    names: Mapping[str, str] = field(default_factory=dict)
-    units: Mapping[str, str | Calibration] = field(default_factory=dict)
-    separator: str | None = None
-    decimal: str | None = None
-    thousands: str | None = None
-    encoding: str | None = None
-    time_zone: str = ""
-    skip_lines: int = 0
-    units_row: bool = False
-    runs: Any = None
-    rig: Any = None
-
-    @classmethod
-    def of(cls, config: Any, kind: str) -> ReadOptions:
-        """Options of a config (anything with `columns`, `units` and `dialect`) for a kind."""
-        if config is None:
-            return cls()
-        dialect = config.dialect
-        if dialect.decimal is not None and dialect.decimal == dialect.thousands:
-            sign = dialect.decimal
-            raise InputError(
-                f'config: dialect.decimal and dialect.thousands are both "{sign}", must differ',
-                code="config-value",
-            )
-        return cls(
-            names=config.columns.of(kind),
-            units=config.units.of(kind),
-            separator=dialect.separator,
-            decimal=dialect.decimal,
-            thousands=dialect.thousands,
-            encoding=dialect.encoding,
-            time_zone=dialect.time_zone or "",
-            skip_lines=dialect.skip_lines,
-            units_row=dialect.units_row,
-            runs=config.runs.of(kind),
-            rig=config.rig,
-        )
-
-    def table(self, kind: str) -> Table:
-        """The table that a kind of recording must fill."""
-        if kind != "rig":
-            return schemas.table(kind)
-        if self.rig is None:
-            return schemas.rig_table()
-        running = self.rig.kind == "running"
-        return schemas.rig_table(self.rig.measures, self.rig.weight_on, running=running)
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,7 +127,7 @@ def asides_note(count: int) -> list[str]:
     return [f"{count} {words}"] if count else []
 
 
-def layout(text: str, name: str, options: ReadOptions, wanted: Iterable[str]) -> Layout:
+def layout(text: str, name: str, dialect: DialectSection, wanted: Iterable[str]) -> Layout:
     """Find the header and how cells and decimals are marked.
 
     Parameters
@@ -207,7 +136,7 @@ def layout(text: str, name: str, options: ReadOptions, wanted: Iterable[str]) ->
         Text of the file.
     name : str
         File name for messages.
-    options : ReadOptions
+    dialect : DialectSection
         What the config states.
     wanted : iterable of str
         Names in the file of the columns that are looked for.
@@ -220,13 +149,13 @@ def layout(text: str, name: str, options: ReadOptions, wanted: Iterable[str]) ->
     _refuse_monstrous(text, name)
     notes: list[str] = []
     names = set(wanted)
-    start, line = _header_start(text, name, options.skip_lines, notes)
+    start, line = _header_start(text, name, dialect.skip_lines, notes)
     head = text[start : _line_end(text, start)]
-    separator = options.separator or best_separator(head, names)
+    separator = dialect.separator or best_separator(head, names)
     header = tuple(cell.strip() for cell in _cells(head, separator, name, line))
     fields: tuple[Field, ...] = ()
-    if not options.skip_lines and not names <= set(header):
-        found = _search(text, options.separator)
+    if not dialect.skip_lines and not names <= set(header):
+        found = _search(text, dialect.separator)
         if found is not None and (found[0].header_row + 1, found[1]) != (line, separator):
             below, separator = found
             line = below.header_row + 1
@@ -237,14 +166,14 @@ def layout(text: str, name: str, options: ReadOptions, wanted: Iterable[str]) ->
         fields = fields_of([[row] for row in text[:start].split("\n") if row.startswith("#")])
     while header and not header[-1]:  # a separator at the end of the line
         header = header[:-1]
-    if separator != "," and not options.separator:
+    if separator != "," and not dialect.separator:
         notes.append(f"separator {_NAMES.get(separator, repr(separator))} found in the header")
     if len(header) > MAX_COLUMNS:
         raise InputError(f"{name}:{line}: {len(header)} columns, at most {MAX_COLUMNS} are read")
     header = told_apart(header)
     header_line = line
     head_start = start
-    unit_cells, start, line = _units_row(text, start, line, separator, options, name)
+    unit_cells, start, line = _units_row(text, start, line, separator, dialect, name)
     body = text[start:]
     if not body.strip():
         raise InputError(f"{name}: holds no samples, only a header in line {header_line}")
@@ -260,7 +189,7 @@ def layout(text: str, name: str, options: ReadOptions, wanted: Iterable[str]) ->
         fields,
         tuple(row.encode() for row in text[head_start:start].split("\n") if row.strip()),
     )
-    signs = _number_signs(laid_out, options, notes, f"{name}:{header_line}")
+    signs = _number_signs(laid_out, dialect, notes, f"{name}:{header_line}")
     return replace(laid_out, signs=signs, notes=tuple(notes))
 
 
@@ -278,7 +207,7 @@ def _refuse_monstrous(text: str, name: str) -> None:
 
 
 def _units_row(
-    text: str, start: int, line: int, separator: str, options: ReadOptions, name: str
+    text: str, start: int, line: int, separator: str, dialect: DialectSection, name: str
 ) -> tuple[tuple[str, ...], int, int]:
     """Cells of the row of units below the header, stated or plain to see; where the rows begin."""
     start, line = _line_end(text, start) + 1, line + 1
@@ -292,7 +221,7 @@ def _units_row(
         cells = tuple(cell.strip() for cell in _cells(text[at:end], separator, name, below))
     except InputError:
         cells = ()  # the reader of the rows tells it better
-    if cells and (options.units_row or is_units_row(cells)):
+    if cells and (dialect.units_row or is_units_row(cells)):
         return cells, end + 1, below + 1
     return (), start, line
 
@@ -367,16 +296,18 @@ def best_separator(head: str, wanted: set[str]) -> str:
     return max(SEPARATORS, key=score)
 
 
-def _number_signs(found: Layout, options: ReadOptions, notes: list[str], place: str) -> NumberSigns:
+def _number_signs(
+    found: Layout, dialect: DialectSection, notes: list[str], place: str
+) -> NumberSigns:
     """How the numbers of the first rows are written; InputError if they contradict each other."""
     columns = found.first_cells()
     cells = (cell for column in columns for cell in column)
-    signs = NumberSigns.of(cells, options.decimal, options.thousands)
-    if options.decimal is None and signs.decimal == ",":
+    signs = NumberSigns.of(cells, dialect.decimal, dialect.thousands)
+    if dialect.decimal is None and signs.decimal == ",":
         notes.append("decimal comma found in the numbers")
-    if options.thousands is None and signs.thousands:
+    if dialect.thousands is None and signs.thousands:
         notes.append(f'thousands separator "{signs.thousands}" found in the numbers')
-    if options.decimal is None and options.thousands is None:
+    if dialect.decimal is None and dialect.thousands is None:
         for name, column in zip(found.header, columns, strict=True):
             if two := contradiction(column, signs):
                 raise InputError(

@@ -10,10 +10,10 @@ import numpy as np
 from beltid.artifacts.parquet_table import damaged, is_number, open_parquet, refused_columns
 from beltid.bench.files.sources import Source
 from beltid.bench.formats.clock import Clock, holds_clock, holds_dates
-from beltid.bench.formats.dialect import ReadOptions
 from beltid.bench.formats.frames import missing_column
 from beltid.bench.formats.numbers import NUMBER
 from beltid.bench.formats.rows import Rows, Texts
+from beltid.bench.read_options import ReadOptions
 from beltid.errors import InputError, Problems
 from beltid.tables.schemas import SAID_OF_RUNS, Column, Table
 
@@ -36,7 +36,7 @@ def parquet_clock(
     if there.names.count(theirs) != 1 or not holds_clock(there.field(theirs).type):
         return None
     dates = [f.name for f in there if means_date(f.name) and holds_dates(f.type)]
-    return Clock(theirs, options.time_zone, dates[0] if len(dates) == 1 else "")
+    return Clock(theirs, options.dialect.time_zone, dates[0] if len(dates) == 1 else "")
 
 
 def parquet_blocks(

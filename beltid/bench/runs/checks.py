@@ -33,7 +33,7 @@ class Checker:
     Attributes
     ----------
     suspects : set of str
-        Columns whose unit or sign is doubted; their numbers are not looked at one by one.
+        Columns whose unit or sign is questionable; their numbers are not looked at one by one.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class Checker:
             self.problems.add(f"{where}: {text(int(row))}{more}", line, "numbers")
 
     def _units(self, units_stated: Collection[str]) -> None:
-        """Doubt columns whose numbers are about a thousand times too small or large.
+        """Question columns whose numbers are about a thousand times too small or large.
 
         A few samples of a sensor, most likely of a belt at rest, tell nothing of its unit.
         """

@@ -24,9 +24,11 @@ from beltid.bench.channels.vocabulary import FILE_NAMES, roles_meant, simplified
 from beltid.bench.files.sniff import decode
 from beltid.bench.formats.bench_file import Field
 from beltid.bench.formats.csv_table import Wanted, read_rows
-from beltid.bench.formats.dialect import Layout, ReadOptions, layout, read_field, unit_in_name
+from beltid.bench.formats.dialect import Layout, layout, read_field, unit_in_name
 from beltid.bench.formats.numbers import NumberSigns
+from beltid.bench.read_options import ReadOptions
 from beltid.bench.runs.run_split import row_labels, run_labels
+from beltid.config.model import DialectSection
 from beltid.config.name_pattern import name_pattern, number
 from beltid.errors import InputError, Problems
 from beltid.tables.columns import Table
@@ -59,7 +61,7 @@ def read_run_table(path: Path, table: Table) -> RunTable:
         If it has no column of file names, or cells that are no values.
     """
     problems, name = Problems(), str(path)
-    found = layout(decode(read_bytes(path), name).text, name, ReadOptions(), ["file"])
+    found = layout(decode(read_bytes(path), name).text, name, DialectSection(), ["file"])
     place = f"{name}:{found.header_line}"
     files = [i for i, column in enumerate(found.header) if simplified(column) in FILE_NAMES]
     if len(files) != 1:
@@ -133,9 +135,9 @@ class RunSettings:
         self.pattern = None
         self.run_table: RunTable | None = None
         self.used: set[str] = set()
-        if self.runs is not None and self.runs.pattern:
+        if self.runs.pattern:
             self.pattern = name_pattern(self.runs.pattern)
-        if self.runs is not None and self.runs.table is not None:
+        if self.runs.table is not None:
             self.run_table = read_run_table(self.runs.table, table)
 
     def of(self, raw: RawTable, problems: Problems) -> tuple[dict[str, str | float], list[str]]:
@@ -143,11 +145,10 @@ class RunSettings:
         told: dict[str, str | float] = {}
         notes: list[str] = []
         self._from_header(raw, told, notes, problems)
-        if self.runs is not None:
-            for role in SETTINGS:
-                value = getattr(self.runs.values, role, None)
-                if value is not None:
-                    told[role] = value
+        for role in SETTINGS:
+            value = getattr(self.runs.values, role, None)
+            if value is not None:
+                told[role] = value
         self._from_fields(raw, told, problems)
         self._from_name(raw, told, problems)
         self._from_table(raw, told, problems)
@@ -199,7 +200,7 @@ class RunSettings:
     def _stated(self, role: str) -> bool:
         """Whether the config tells a setting in another way."""
         runs = self.runs
-        return runs is not None and (
+        return (
             getattr(runs.values, role, None) is not None
             or getattr(runs.fields, role, None) is not None
             or (self.pattern is not None and role in self.pattern.names)
@@ -213,7 +214,7 @@ class RunSettings:
         column = self.table.column(role)
         plain = read_field(found.name, found.text, found.unit)
         text = plain.text.strip()
-        stated = (self.options.decimal, self.options.thousands)
+        stated = (self.options.dialect.decimal, self.options.dialect.thousands)
         value = NumberSigns.of([text], *stated).number(text)
         if isinstance(value, str):  # the other fields may show what its signs mean
             texts = [read_field(f.name, f.text, f.unit).text.strip() for f in fields]
@@ -233,8 +234,6 @@ class RunSettings:
 
     def _from_fields(self, raw: RawTable, told: dict[str, Any], problems: Problems) -> None:
         """Header fields that the config names."""
-        if self.runs is None:
-            return
         for role in type(self.runs.fields).model_fields:
             name = getattr(self.runs.fields, role)
             if name is None or role not in self.table.names:

@@ -1,4 +1,4 @@
-"""Runs of a piece that no column labels: told apart where its settings change or time restarts."""
+"""Runs of a raw table without labels: told apart where settings change or time restarts."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ def row_labels(length: int, known: np.ndarray | None = None) -> np.ndarray:
 def run_labels(
     columns: Mapping[str, np.ndarray], label: str, place: str, problems: Problems
 ) -> tuple[np.ndarray, list[str]]:
-    """Label of every sample of a piece.
+    """Label of every sample of a raw table.
 
     Parameters
     ----------
     columns : mapping of str to ndarray
-        Columns of the piece, in our units.
+        Columns of the raw table, in our units.
     label : str
-        Label of the piece: that of its run if it holds one only.
+        Label of the raw table: that of its run if it holds one only.
     place : str
-        Name of the piece, for messages.
+        Name of the raw table, for messages.
     problems : Problems
         Collects what cannot be decided.
 

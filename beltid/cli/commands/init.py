@@ -100,7 +100,7 @@ def init(
 
     On a terminal, what no flag says is asked, with its default; elsewhere it keeps its default and
     is marked so in the file. Contact arcs, tensions and speeds are read from the recording of the
-    rig, if one is named. A file that already exists is replaced with --force only.
+    rig, if one is named. An existing file is overwritten with --force only.
 
     Example: beltid init 6pk --press press.csv --rig rig.csv --pulley-radius 0.06
     """

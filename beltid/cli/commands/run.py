@@ -20,69 +20,76 @@ if TYPE_CHECKING:
     from beltid.stages.workers import Workers
 
 
-@command(
-    "run",
-    out=typer.Option(
-        "--out",
-        "-o",
-        "--runs-dir",
-        metavar="FOLDER",
-        help="Folder of the results, one folder per belt in it. Default: runs",
+Configs = Annotated[
+    list[Path] | None,
+    typer.Argument(
+        metavar="CONFIG",
+        help="Configs, one per belt. Each names its recordings under data: press, rig and "
+        "speedloss; without press or rig what can be done is done. Default: the config of "
+        "--config, else the one that the environment variable BELTID_CONFIG names.",
     ),
+]
+Jobs = Annotated[
+    int | None,
+    typer.Option(
+        "--jobs", "-j", min=1, help="Worker processes of all belts. Default: one per core."
+    ),
+]
+FailFast = Annotated[
+    bool, typer.Option("--fail-fast", help="Stop all belts when the first one fails.")
+]
+PartOf = Annotated[
+    str | None,
+    typer.Option(
+        metavar="I/N",
+        help="Run only every N-th belt or case from the I-th on, such as 2/4: for the jobs of "
+        "an array. A last run without it finds all up to date and sums up.",
+    ),
+]
+Executor = Annotated[
+    str,
+    typer.Option(
+        metavar="local|dask", help="Who simulates: this machine, or an existing Dask cluster."
+    ),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDRESS",
+        help="Scheduler of the cluster, such as tcp://host:8786. Default: the one that the "
+        "environment variable DASK_SCHEDULER_ADDRESS names.",
+    ),
+]
+SchedulerFile = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="File in which the scheduler wrote its address."),
+]
+DryRun = Annotated[
+    bool, typer.Option("--dry-run", "-n", help="Tell what would be done, and do nothing.")
+]
+NoReport = Annotated[bool, typer.Option("--no-report", help="Write no report.html at the end.")]
+RunsDir = typer.Option(
+    "--out",
+    "-o",
+    "--runs-dir",
+    metavar="FOLDER",
+    help="Folder of the results, one folder per belt in it. Default: runs",
 )
+
+
+@command("run", out=RunsDir)
 def run(
-    configs: Annotated[
-        list[Path] | None,
-        typer.Argument(
-            metavar="CONFIG",
-            help="Configs, one per belt. Each names its recordings under data: press, rig and "
-            "speedloss; without press or rig what can be done is done. Default: the config of "
-            "--config, else the one that the environment variable BELTID_CONFIG names.",
-        ),
-    ] = None,
+    configs: Configs = None,
     bootstrap: Bootstrap = 0,
     seed: Seed = 0,
-    jobs: Annotated[
-        int | None,
-        typer.Option(
-            "--jobs", "-j", min=1, help="Worker processes of all belts. Default: one per core."
-        ),
-    ] = None,
-    fail_fast: Annotated[
-        bool, typer.Option("--fail-fast", help="Stop all belts when the first one fails.")
-    ] = False,
-    shard: Annotated[
-        str | None,
-        typer.Option(
-            metavar="I/N",
-            help="Run only every N-th belt or case from the I-th on, such as 2/4: for the jobs of "
-            "an array. A last run without it finds all up to date and sums up.",
-        ),
-    ] = None,
-    executor: Annotated[
-        str,
-        typer.Option(
-            metavar="local|dask", help="Who simulates: this machine, or an existing Dask cluster."
-        ),
-    ] = "local",
-    scheduler: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Scheduler of the cluster, such as tcp://host:8786. Default: the one that the "
-            "environment variable DASK_SCHEDULER_ADDRESS names.",
-        ),
-    ] = None,
-    scheduler_file: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="File in which the scheduler wrote its address."),
-    ] = None,
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", "-n", help="Tell what would be done, and do nothing.")
-    ] = False,
-    no_report: Annotated[
-        bool, typer.Option("--no-report", help="Write no report.html at the end.")
-    ] = False,
+    jobs: Jobs = None,
+    fail_fast: FailFast = False,
+    shard: PartOf = None,
+    executor: Executor = "local",
+    scheduler: Scheduler = None,
+    scheduler_file: SchedulerFile = None,
+    dry_run: DryRun = False,
+    no_report: NoReport = False,
     *,
     common: Common,
 ) -> None:

@@ -12,7 +12,7 @@ from beltid.bench.channels.text_tables import kind_of_columns
 from beltid.bench.files.archives import members
 from beltid.bench.files.sniff import GZIP, TEXT, ZIP, sniff
 from beltid.bench.files.sources import exists, is_many, sources_of
-from beltid.bench.formats.dialect import ReadOptions
+from beltid.bench.read_options import ReadOptions
 from beltid.config import Config, ConfigSource
 from beltid.config.yaml_source import KeyPath, Source, format_path, parse, read_text
 from beltid.errors import InputError, Problem

@@ -1,0 +1,60 @@
+"""How the files of a bench differ from ours, as its config states it for a kind of recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from beltid.config import Config
+from beltid.config.model import DialectSection, RigSection, RunsOfKind, RunsSection
+from beltid.errors import InputError
+from beltid.tables import schemas
+from beltid.tables.columns import Table
+from beltid.tables.units import Calibration
+
+
+@dataclass(frozen=True, slots=True)
+class ReadOptions:
+    """How the files of a bench differ from ours; by default in nothing.
+
+    Attributes
+    ----------
+    names : mapping
+        Our column -> its name in the file.
+    units : mapping
+        Our column -> its unit in the file, or the calibration of its sensor.
+    dialect : DialectSection
+        How tables are written: separators, encoding; null is found out from the file.
+    runs : RunsOfKind
+        Where label and settings of the runs stand.
+    rig : RigSection
+        The friction rig: its kind tells the channels of a recording.
+    """
+
+    names: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str | Calibration] = field(default_factory=dict)
+    dialect: DialectSection = field(default_factory=DialectSection)
+    runs: RunsOfKind = field(default_factory=lambda: RunsSection().of("rig"))
+    rig: RigSection = field(default_factory=RigSection)
+
+    @classmethod
+    def of(cls, config: Config | None, kind: str) -> ReadOptions:
+        """Options that a config states for a kind of recording."""
+        if config is None:
+            return cls()
+        dialect = config.dialect
+        if dialect.decimal is not None and dialect.decimal == dialect.thousands:
+            sign = dialect.decimal
+            raise InputError(
+                f'config: dialect.decimal and dialect.thousands are both "{sign}", must differ',
+                code="config-value",
+            )
+        names, units = config.columns.of(kind), config.units.of(kind)
+        return cls(names, units, dialect, config.runs.of(kind), config.rig)
+
+    def table(self, kind: str) -> Table:
+        """The table that a kind of recording must fill."""
+        if kind != "rig":
+            return schemas.table(kind)
+        running = self.rig.kind == "running"
+        return schemas.rig_table(self.rig.measures, self.rig.weight_on, running=running)
