@@ -24,6 +24,8 @@ from typing import Any, TypeVar
 import numba
 from numba.core import config as _numba_config
 from numba.core.caching import IndexDataCacheFile
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
 from numba.extending import register_jitable
 
 from beltid.rigsim.kernel_cache import cache_folder
@@ -158,19 +160,50 @@ def allocating_kernel(function: F) -> F:
     return _compiled(function, {**_OPTIONS, "_nrt": True})
 
 
+class _TakenIn(JITCodeLibrary):
+    """Code that the kernels that call it take in: it is optimised and made native with them."""
+
+    @property
+    def codegen(self) -> Any:
+        """Takes the environment of the function, which nobody but its kernel needs."""
+        return self
+
+    def set_env(self, name: str, environment: Any) -> None:
+        """Leave it: there is no native code to get it."""
+
+    def _optimize_final_module(self) -> None:
+        """Leave it to the kernel."""
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+
+class _LeafCompiler(Compiler):
+    """Compiles a function for the kernels that call it, and no code for itself."""
+
+    def compile_extra(self, func: Any) -> Any:
+        codegen = self.state.targetctx.codegen()
+        self.state.library = _TakenIn(codegen, func.__qualname__)
+        return super().compile_extra(func)
+
+
 def leaf(function: F) -> F:
     """Let kernels call a function; called from Python, it runs as Python.
 
     So nothing is compiled for calls from Python, which for many arrays is dearer than the function.
     Its code is put into the kernel.
     """
-    compilable: F = register_jitable(**_OPTIONS, forceinline=True)(function)
-    return compilable
+    return _compilable(function, {**_OPTIONS, "forceinline": True})
 
 
 def shared_leaf(function: F) -> F:
     """Like :func:`leaf`, for larger functions with several callers, who share the code."""
-    compilable: F = register_jitable(**_OPTIONS)(function)
+    return _compilable(function, _OPTIONS)
+
+
+def _compilable(function: F, options: Any) -> F:
+    compilable: F = register_jitable(**options, pipeline_class=_LeafCompiler)(function)
     return compilable
 
 

@@ -6,7 +6,8 @@ that depends on q through the held rows,
 
     dT/dmu_i = a . (W_T F_N)_i,   K^T a = dT/dq.
 
-Two transposed solves with the factors of the tangent give both tensions' derivatives with respect
+and friction that acts on the supports themselves counts with ``a = -dT/dF`` there. Two transposed
+solves with the factors of the tangent give both tensions' derivatives with respect
 to mu of every look-up; any parameter p of the surface follows by
 ``dT/dp = sum_i dT/dmu_i dmu(f_i, v)/dp``.
 
@@ -71,6 +72,11 @@ def tension_sensitivity(model: RigModel, sliding: StaticState) -> TensionSensiti
         adjoint = _tension_gradient(work.reactions.rows, work.reactions.force, first, model)
         solve_transposed(work.A, work.pivots, adjoint)
         release(system.supports, adjoint)
+        # on a very short span the element at a support touches: its friction acts on the support
+        force = work.reactions.force
+        for i in (first, first + 1):
+            along = force[i] / math.hypot(force[first], force[first + 1])
+            adjoint[held_row(i, adjoint.size)] = -along
         held.append(_along_friction(system.belt.N_c, points, adjoint)[touching].ravel())
     tensions = np.array(held)
     supports, reactions, movement = system.supports, work.reactions, work.steps[-1]

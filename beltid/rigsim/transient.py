@@ -291,8 +291,14 @@ def march(
     begin: int,
     end: int,
 ) -> int:
-    """Take the steps ``begin`` to ``end``; returns the first one not taken: less if one failed."""
+    """Take the steps ``begin`` to ``end``; returns the first one not taken: less if one failed.
+
+    The first step starts from ``state`` as it stands, with what the belt and the contact remember.
+    """
     patches, last = points.patches, points.last
+    if begin == 0:
+        remember(system.belt, points, state.q)
+        store_strains(system.belt, state.q, drive.stretch, work.strain_old)
     for k in range(begin, end):
         parts, done, halvings = 1, 0, 0
         while done < parts:

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from beltid.errors import ConvergenceError, NumericsError
 from beltid.laws.penalty import stiffness_under
-from beltid.rigsim.beam.belt import store_strains
-from beltid.rigsim.contact.points import STICK, Points, new_points, remember
+from beltid.rigsim.contact.points import STICK, Points, new_points
 from beltid.rigsim.model import RigModel, System, Workspace
 from beltid.rigsim.profile import ContactState
 from beltid.rigsim.steady import StaticState, describe
@@ -178,12 +177,10 @@ def run_transient(
     wanted = [*np.minimum(at, plan.steps - 1).tolist(), plan.steps - 1]
     belt = model.system.belt
     points = new_points(belt, STICK)
-    remember(belt, points, laid.q)
     points.patches.ratio[:] = plan.sticking_ratio
     if model.friction_falls:
         points.last.memory[0] = MEMORY * build_up_travel(model, laid, sliding)
     work = model.workspace()
-    store_strains(belt, laid.q, laid.stretch, work.strain_old)
     state = Kinematics(laid.q.copy(), *(np.zeros_like(laid.q) for _ in range(3)))
     record = new_recorder(plan.steps)
     augmentation = AUGMENTATION * belt.EA / float(belt.h.min())
@@ -224,10 +221,8 @@ def run_transient(
 
 def compile_march(model: RigModel) -> None:
     """Compile the kernels of a run in time: a march of no steps."""
-    belt, q = model.system.belt, model.path_coordinates()
-    points, work, none = new_points(belt, STICK), model.workspace(), np.zeros(0)
-    remember(belt, points, q)
-    store_strains(belt, q, 1.0, work.strain_old)
+    q, none = model.path_coordinates(), np.zeros(0)
+    points, work = new_points(model.system.belt, STICK), model.workspace()
     state, schedule = Kinematics(q, q, q, q), Schedule(none, none)
     drive = Drive(stretch=1.0, T_0=1.0, augmentation=1.0, sticking_ratio=1.0)
     march(model.system, points, state, schedule, drive, work, new_recorder(0), 0, 0)

@@ -12,8 +12,7 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.rigsim.banded import HALF
-from beltid.rigsim.beam.belt import store_strains
-from beltid.rigsim.contact.points import STICK, Points, new_points, remember
+from beltid.rigsim.contact.points import STICK, Points, new_points
 from beltid.rigsim.model import Bench, RigModel
 from beltid.rigsim.profile import ContactState
 from beltid.rigsim.steady import StaticState, lay_on
@@ -90,14 +89,12 @@ class March:
     points: Points
     drive: Drive
     record: Recorder
-    strain_old: Array
     profiles: list[ContactState] = field(default_factory=list)
 
     def go(self, dt: float, omega: float, steps: int, profiles: bool = False) -> int:
         """March ``steps`` steps; ``record``, ``profiles`` are replaced. Returns the steps done."""
         self.record = new_recorder(steps)
         work = self.model.workspace()
-        work.strain_old[:] = self.strain_old
         schedule = Schedule(np.full(steps, dt), np.full(steps, omega))
         run = self.model.system, self.points, self.state, schedule, self.drive, work, self.record
         self.profiles = []
@@ -109,7 +106,6 @@ class March:
                     self.model, 1.0, self.record.force[end - 1], self.state.q, self.points, 1 / dt
                 )
                 self.profiles.append(contact)
-        self.strain_old[:] = work.strain_old
         return done
 
     @property
@@ -133,11 +129,8 @@ def start(
     belt = model.system.belt
     ratio = rig.contact.sticking_ratio
     points = new_points(belt, STICK)
-    remember(belt, points, laid.q)
     points.patches.ratio[:] = ratio
-    strain_old = np.zeros((*belt.w_g.shape, 2))
-    store_strains(belt, laid.q, laid.stretch, strain_old)
     state = Kinematics(laid.q.copy(), *(np.zeros_like(laid.q) for _ in range(3)))
     drive = Drive(laid.stretch, point.T_0, augmentation * belt.EA / float(belt.h.min()), ratio)
     record = new_recorder(0)
-    return March(model, laid, state, points, drive, record, strain_old)
+    return March(model, laid, state, points, drive, record)

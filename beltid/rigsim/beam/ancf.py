@@ -48,8 +48,8 @@ def _lengths(h: Array) -> Array:
     return lengths
 
 
-def hermite(xi: Array, h: Array) -> tuple[Array, Array, Array]:
-    """Shape functions of elements of length ``h`` and their first two derivatives in s.
+def shapes(xi: Array, h: Array) -> Array:
+    """Shape functions of elements, cubic Hermite polynomials.
 
     Parameters
     ----------
@@ -60,17 +60,33 @@ def hermite(xi: Array, h: Array) -> tuple[Array, Array, Array]:
 
     Returns
     -------
-    N, N_s, N_ss : ndarray, shape (n_e, m, 4)
-        Values, first [1/m] and second [1/m²] derivatives for (r_i, r'_i, r_j, r'_j); the functions
-        of r' carry a length, so their units are [m], [-] and [1/m].
+    ndarray, shape (n_e, m, 4)
+        Values for (r_i, r'_i, r_j, r'_j); those of r' carry a length [m].
     """
-    unit, unit_s, unit_ss = _unit_shapes(tuple(xi.tolist()))
+    unit = _unit_shapes(tuple(xi.tolist()))[0]
     x, L = xi, h[:, None]
     N = np.empty((h.size, xi.size, 4))
     N[..., 0], N[..., 1] = unit[:, 0], L * x * (1.0 - x) * (1.0 - x)
     N[..., 2], N[..., 3] = unit[:, 2], L * x * x * (x - 1.0)
-    per_length = (L / _lengths(h))[:, None]
-    return N, unit_s / per_length, unit_ss / (L[:, None] * per_length)
+    return N
+
+
+def shape_slopes(xi: Array, h: Array) -> Array:
+    """First derivatives of :func:`shapes` in s, shape (n_e, m, 4) [1/m], those of r' [-]."""
+    return np.asarray(_unit_shapes(tuple(xi.tolist()))[1] / _lengths_per_slope(h))
+
+
+def shape_curvatures(xi: Array, h: Array) -> Array:
+    """Second derivatives of :func:`shapes` in s, shape (n_e, m, 4) [1/m²], those of r' [1/m]."""
+    unit = _unit_shapes(tuple(xi.tolist()))[2]
+    return np.asarray(unit / (h[:, None, None] * _lengths_per_slope(h)))
+
+
+def _lengths_per_slope(h: Array) -> Array:
+    """Lengths of the elements over those of the shape functions, shape (n_e, 1, 4)."""
+    per_slope = np.ones((h.size, 1, 4))
+    per_slope[:, 0, 0] = per_slope[:, 0, 2] = h
+    return per_slope
 
 
 _UNIT_MASS = np.array(

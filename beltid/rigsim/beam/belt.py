@@ -12,8 +12,16 @@ from numpy.typing import NDArray
 
 from beltid.params import Belt
 from beltid.rigsim.banded import HALF
-from beltid.rigsim.beam.ancf import GAUSS_POINTS, hermite, mass_matrix, section, strains
-from beltid.rigsim.compiled import kernel, leaf
+from beltid.rigsim.beam.ancf import (
+    GAUSS_POINTS,
+    mass_matrix,
+    section,
+    shape_curvatures,
+    shape_slopes,
+    shapes,
+    strains,
+)
+from beltid.rigsim.compiled import leaf, shared_leaf
 from beltid.rigsim.compiled_laws import section_force
 
 Array = NDArray[np.float64]
@@ -67,15 +75,13 @@ def belt_arrays(belt: Belt, nodes: Array, points_per_element: int) -> BeltArrays
     """Tabulate shape functions, weights and masses of a belt on given nodes (n_e + 1,) [m]."""
     h = nodes[1:] - nodes[:-1]
     middles = (np.arange(points_per_element) + 0.5) / points_per_element
-    _, B_s, B_ss = hermite(_GAUSS_POINTS, h)
-    N_c, D_c, _ = hermite(middles, h)
     return BeltArrays(
         h=h,
-        B_s=B_s,
-        B_ss=B_ss,
+        B_s=shape_slopes(_GAUSS_POINTS, h),
+        B_ss=shape_curvatures(_GAUSS_POINTS, h),
         w_g=h[:, None] * _GAUSS_WEIGHTS,
-        N_c=N_c,
-        D_c=D_c,
+        N_c=shapes(middles, h),
+        D_c=shape_slopes(middles, h),
         w_c=h[:, None] / np.full(points_per_element, points_per_element),
         M=mass_matrix(h, belt.rhoA),
         EA=float(belt.EA),
@@ -170,7 +176,7 @@ def add_inertia(belt: BeltArrays, dq: Array, rate2: float, A: Array, residual: A
                 residual[r + 1] += m * dq[d + 2 * k + 1]
 
 
-@kernel
+@shared_leaf
 def store_strains(belt: BeltArrays, q: Array, stretch: float, out: Array) -> None:
     """Write axial strain and curvature at the Gauss points into ``out`` (n_e, n_g, 2)."""
     for e in range(belt.h.size):

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from beltid.params import Rig
 from beltid.rigsim.banded import HALF, WIDTH, solve
-from beltid.rigsim.compiled import kernel, leaf
+from beltid.rigsim.compiled import leaf, shared_leaf
 
 Array = NDArray[np.float64]
 
@@ -153,7 +153,7 @@ def hold(supports: SupportArrays, A: Array, vectors: Array, reactions: Reactions
             _fix(A, vectors, row)
 
 
-@kernel
+@shared_leaf
 def restrain(supports: SupportArrays, vector: Array) -> None:
     """Turn further right-hand sides (n,) like those of :func:`hold`; held rows become zero."""
     n = vector.size
@@ -167,7 +167,7 @@ def restrain(supports: SupportArrays, vector: Array) -> None:
         vector[held_row(i, n)] = 0.0
 
 
-@kernel
+@shared_leaf
 def release(supports: SupportArrays, step: Array) -> None:
     """Turn the solution (n,) of the held system back to nodal coordinates."""
     if supports.clamped:
@@ -208,7 +208,7 @@ def missing_force(supports: SupportArrays, reactions: Reactions, T_0: float) -> 
     return missing
 
 
-@kernel
+@shared_leaf
 def unit_movement(
     supports: SupportArrays,
     reactions: Reactions,
@@ -236,7 +236,7 @@ def unit_movement(
         movement[held_row(i, n)] = supports.moves[i // 2, i % 2]
 
 
-@kernel
+@shared_leaf
 def give_way(
     supports: SupportArrays, reactions: Reactions, movement: Array, change: float, step: Array
 ) -> None:

@@ -32,7 +32,7 @@ from beltid.laws.penalty import NormalLaw
 from beltid.laws.surface_tables import SurfaceTables
 from beltid.params import Contact
 from beltid.rigsim.beam.belt import BeltArrays
-from beltid.rigsim.compiled import kernel, leaf
+from beltid.rigsim.compiled import leaf, shared_leaf
 from beltid.rigsim.compiled_laws import (
     dissipative_force,
     elastic_energy,
@@ -370,7 +370,7 @@ def touching_share(delta: float, sigma: float, a: float) -> Touching:
     )
 
 
-@kernel
+@shared_leaf
 def remember(belt: BeltArrays, points: Points, q: Array) -> None:
     """Keep the polar coordinates of all points, touching or not, for the next step."""
     for e in range(belt.h.size):

@@ -14,7 +14,7 @@ from beltid.rigsim.banded import factorize, solve
 from beltid.rigsim.beam.belt import store_strains
 from beltid.rigsim.beam.supports import give_way, missing_force, release, restrain, unit_movement
 from beltid.rigsim.contact.friction import CONE_TOLERANCE, SLIP_TOLERANCE, Certificate, violations
-from beltid.rigsim.contact.points import SLIDE, STICK, Motion, Points
+from beltid.rigsim.contact.points import SLIDE, STICK, Motion, Points, remember
 from beltid.rigsim.model import System, Workspace
 from beltid.rigsim.reference.lcp import friction_lcp
 from beltid.rigsim.steady import force_tolerance, largest_force, move
@@ -150,6 +150,9 @@ def march_by_lemke(
 ) -> int:
     """Take steps with the reference solver; like ``transient.march``."""
     patches = points.patches
+    if begin == 0:
+        remember(system.belt, points, state.q)
+        store_strains(system.belt, state.q, drive.stretch, work.strain_old)
     for k in range(begin, end):
         parts, done, halvings = 1, 0, 0
         while done < parts:
