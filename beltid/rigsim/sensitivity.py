@@ -6,10 +6,10 @@ that depends on q through the held rows,
 
     dT/dmu_i = a . (W_T F_N)_i,   K^T a = dT/dq.
 
-and friction that acts on the supports themselves counts with ``a = -dT/dF`` there. Two transposed
-solves with the factors of the tangent give both tensions' derivatives with respect
-to mu of every look-up; any parameter p of the surface follows by
-``dT/dp = sum_i dT/dmu_i dmu(f_i, v)/dp``.
+At the held coordinates a is minus the direction of the tension: friction that acts on a support
+itself is not carried by the belt. Two transposed solves with the factors of the tangent give both
+tensions' derivatives with respect to mu of every look-up; any parameter p of the surface follows
+by ``dT/dp = sum_i dT/dmu_i dmu(f_i, v)/dp``.
 
 Where a force ``w.T`` is given, the ends give way by y. With the derivatives T_y of the tensions
 with respect to y, and dT that of held ends,

@@ -20,7 +20,7 @@ from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, Rig
 from beltid.rigsim import steady
 from beltid.rigsim.banded import factorize, solve
-from beltid.rigsim.beam.belt import store_strains
+from beltid.rigsim.beam import belt
 from beltid.rigsim.beam.supports import release
 from beltid.rigsim.compiled import kernel
 from beltid.rigsim.contact.points import SLIDE, STICK, Motion, new_points, remember
@@ -33,6 +33,7 @@ Array = NDArray[np.float64]
 
 # called in every iteration: compiled for Python, too
 largest_force, move = kernel(steady.largest_force), kernel(steady.move)
+store_strains = kernel(belt.store_strains)
 
 Setting = tuple[float, float]
 """Contact arc [deg] and initial tension [N]."""
