@@ -151,6 +151,11 @@ def test_known_groups_are_read_by_arrow(tmp_path, monkeypatch):
     assert forces(press(tmp_path, ["", *rows[:3], " 12 "]))[1:] == [*FORCES[:3], 12.0]
 
 
+def test_a_typographic_minus_is_a_minus(tmp_path):
+    rows = ["\u22121.250,5", "\u22125,25", "3,75"]
+    assert forces(press(tmp_path, rows)) == [-1250.5, -5.25, 3.75]
+
+
 @pytest.mark.parametrize(
     ("text", "value"),
     [("1.234,5", 1234.5), ("1,234.5", 1234.5), ("1'234", 1234.0), ("82,5", 82.5), ("1,250", None)],

@@ -31,14 +31,16 @@ _GROUPED: Final = re.compile(
 )
 _COMMA_TO_POINT: Final = str.maketrans(",.", ".?")
 _PLAIN_SIGNS: Final = {"’": "'", "\u00a0": " ", "\u2009": " ", "\u202f": " "}
-_TO_PLAIN: Final = str.maketrans(_PLAIN_SIGNS)
+_MINUS: Final = "\u2212"
+"""The typographic minus sign, which word processors and some instruments write."""
+_TO_PLAIN: Final = str.maketrans({**_PLAIN_SIGNS, _MINUS: "-"})
 _OTHER: Final = {",": ".", ".": ","}
 
 
 def is_number(text: str) -> bool:
     """Whether a cell reads as a number, with either decimal sign, in groups of three or not."""
     grouped = _GROUPED.fullmatch(text.translate(_TO_PLAIN))
-    return bool(grouped or NUMBER.fullmatch(text.replace(",", ".")))
+    return bool(grouped or NUMBER.fullmatch(text.replace(",", ".").replace(_MINUS, "-")))
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +68,7 @@ class NumberSigns:
         for cell in cells:
             found = _GROUPED.fullmatch(cell.translate(_TO_PLAIN))
             if found is None:
-                point = _DECIMAL.fullmatch(cell)
+                point = _DECIMAL.fullmatch(cell.replace(_MINUS, "-"))
                 decimals |= {point["point"]} if point else set()
             elif found["point"] or found["more"] or found["sign"] in "' ":
                 groups.add(found["sign"])
@@ -80,6 +82,7 @@ class NumberSigns:
 
     def number(self, text: str) -> float | str:
         """A cell as a number, or why it is none."""
+        text = text.replace(_MINUS, "-")
         plain = text.translate(_COMMA_TO_POINT) if self.decimal == "," else text
         if NUMBER.fullmatch(plain) or _INFINITE.fullmatch(plain):
             return float(plain)
@@ -111,7 +114,7 @@ class NumberSigns:
         one, point = f"({'|'.join(map(re.escape, signs))})", re.escape(self.decimal)
         whole = rf"([1-9][0-9]{{0,2}}({one}[0-9]{{3}})+|[0-9]+)"
         pattern = rf"[-+]?({whole}({point}[0-9]*)?|{point}[0-9]+)([eE][-+]?[0-9]+)?"
-        cells = pc.utf8_trim_whitespace(cells)
+        cells = pc.replace_substring(pc.utf8_trim_whitespace(cells), _MINUS, "-")
         if not pc.all(pc.match_substring_regex(cells, f"^{pattern}$"), min_count=0).as_py():
             return None
         for sign in signs:

@@ -129,8 +129,12 @@ class AgreementResult:
 
     @property
     def not_compared(self) -> dict[str, int]:
-        """Reasons why runs were not compared, and how often; the most frequent first."""
-        return dict(Counter(reason for _, reason in self.not_compared_runs).most_common())
+        """Reasons why runs were not compared, and how often; the most frequent first.
+
+        Without the figures of each run: "measured: never settles".
+        """
+        reasons = (": ".join(why.split(": ")[:2]) for _, why in self.not_compared_runs)
+        return dict(Counter(reasons).most_common())
 
     @property
     def difference(self) -> Array:

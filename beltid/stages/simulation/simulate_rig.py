@@ -157,9 +157,11 @@ def run(
     built = build.up_to_date()
     if built is None or (times and contacts is None):
         given = _inputs(inputs, model)
-        for line in differing_settings(model, measured):
+        differing = differing_settings(model, measured)
+        for line in differing:
             options.reporter.warn(line)
-        whose = "as the config states" if measured is None else "at the settings measured"
+        stated = measured is None or differing
+        whose = "as the config states" if stated else "at the settings measured"
         count = counted(len(runs), "run")
         options.reporter.report(f"{count}, {settings.method}, {whose}")
         if compile_ahead({"steady", settings.method}):
