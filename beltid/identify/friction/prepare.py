@@ -236,9 +236,13 @@ GROWTH = 0.1
 """Length of a block over the length of the record before it."""
 FINEST = 256
 """Blocks as short as a sample in a record of so many samples; longer ones of a longer record."""
-TAKE_UP = np.geomspace(0.06, 0.35, 5)
+TAKE_UP = np.concatenate([np.geomspace(0.06, 0.35, 5), np.geomspace(0.5, 1.2, 3)])
 """Lengths over which the rest of the build-up decays, over its travel: so dense that a recording
-without noise shows no other decay between two of them."""
+without noise shows no other decay between two of them. The last three are those of friction that
+grows strongly with the speed: while its tensions still part, the belt slides more slowly."""
+TAKE_UP_SIZE = np.repeat([1.0, 0.05], [5, 3])
+"""Their amplitudes where the sliding begins, relative to each other: a slow one is small, or it
+could be the tail of the peak."""
 LINES = 3
 """Most ripples of a run."""
 OUTLIER = 6.0
@@ -383,6 +387,7 @@ def sliding_record(
         ripple_N = float(np.hypot(*of_tight[:2]))
     recorded = [difference_sigma(tensions[:, k]) for k in (0, 1)]
     rounding = converter_rounding(noise_before_rounding(recorded, steps), steps)
+    lengths = np.maximum(TAKE_UP * built_m, 1e-9)
     starts = block_starts(n)
     count = np.diff(np.append(starts, n)).astype(float)
 
@@ -399,7 +404,7 @@ def sliding_record(
         log_mean=means(log_mean),
         basis=means(tail_basis(travel)),
         waves=means(wave),
-        take_up=means(np.exp(-(travel - travel[0])[:, None] / np.maximum(TAKE_UP * built_m, 1e-9))),
+        take_up=means(TAKE_UP_SIZE * np.exp(-(travel - travel[0])[:, None] / lengths)),
         turn=means(np.column_stack([np.cos(angle), np.sin(angle)])),
         temperature=means(temperature),
         rest=rest,
