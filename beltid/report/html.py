@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import functools
 import gzip
 import hashlib
 from collections.abc import Sequence
@@ -163,8 +164,12 @@ def _library() -> str:
     return str(get_plotlyjs())
 
 
+@functools.cache
 def _packed(script: str) -> str:
-    """A script as the page brings it along, a third as large; the page unpacks and knows it."""
+    """A script as the page brings it along, a third as large; the page unpacks and knows it.
+
+    The library of the figures is the same in all pages of a process, and takes a second.
+    """
     return base64.b64encode(gzip.compress(script.encode(), 9, mtime=0)).decode()
 
 
