@@ -214,7 +214,7 @@ def test_stated_settings_that_differ_are_shown_before_anything_is_simulated(
     (bench / "other.yaml").write_text("rig: {arcs_deg: [40, 70]}\nsimulation: {method: steady}\n")
     lines = beltid(*CALL, "-c", "other.yaml", "-o", "other.parquet").stderr.splitlines()
     told = [k for k, line in enumerate(lines) if "states 40, 70 °, measured are 40, 82 °" in line]
-    begun = [k for k, line in enumerate(lines) if "16 runs, steady" in line]
+    begun = [k for k, line in enumerate(lines) if "16 runs, steady, as the config states" in line]
     assert len(told) == 1
     assert told < begun
     assert {run[0] for run in _runs(bench / "other.parquet")} == {40.0, 70.0}
