@@ -40,6 +40,7 @@ Module                 Responsibility                                         Pa
 ``rigsim``             the simulated rig: ANCF belt, contact, stick and slip  Eqs. (9) to (12)
 ``laws``               constitutive formulas, one function per equation       Eqs. (1) to (9)
 ``params``             frozen parameter values with their bounds
+``child_processes``    what processes that are started import, and hear
 ``errors``             what can go wrong, with its exit status
 ====================== ====================================================== =================
 """

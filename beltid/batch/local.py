@@ -17,9 +17,9 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import process
-from pathlib import Path
 from typing import Any, Final
 
+from beltid.child_processes import same_package, signals_blocked
 from beltid.errors import BeltidError
 from beltid.stages.workers import (
     LOOK_UP_S,
@@ -67,9 +67,9 @@ class ProcessWorkers(Workers):
 
         forkserver.set_forkserver_preload(list(self._imported))
         # the tracker clears away what a caller leaves that is told to stop: no cause for a warning
-        with _signals_blocked(), _environment("PYTHONWARNINGS", "ignore"):
+        with signals_blocked(), _environment("PYTHONWARNINGS", "ignore"):
             resource_tracker.ensure_running()  # lets signals in again, so not below
-        with _signals_blocked(), _environment("PYTHONPATH", _same_package()):
+        with signals_blocked(), _environment("PYTHONPATH", same_package()):
             forkserver.ensure_running()
 
     def as_ended(
@@ -173,25 +173,6 @@ def _start_method() -> str:
         return "spawn"
     short = len(folder) <= LONGEST_SOCKET_FOLDER
     return "forkserver" if "forkserver" in methods and short else "spawn"
-
-
-@contextlib.contextmanager
-def _signals_blocked() -> Iterator[None]:
-    """Start processes that neither Ctrl-C nor a closed terminal reaches: the caller ends them."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _same_package() -> str:
-    """Value of PYTHONPATH with which a Python imports the package from where this one has it."""
-    root, before = str(Path(__file__).resolve().parents[2]), os.environ.get("PYTHONPATH")
-    return os.pathsep.join([root, *([before] if before else [])])
 
 
 @contextlib.contextmanager

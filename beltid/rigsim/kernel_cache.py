@@ -14,7 +14,6 @@ import hashlib
 import importlib.metadata
 import os
 import platform
-import signal
 import subprocess
 import sys
 import threading
@@ -22,16 +21,14 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Final
 
+from beltid.child_processes import same_package, signals_blocked
+
 _ROOMS: Final = ("rigsim", "laws", "drive")
 LAST: Final = {"steady": "banded.solve_transposed", "transient": "transient.march"}
 """Method -> the last of its kernels to be compiled."""
 COMPILING: Final = "compiling the simulation, once per machine"
 NICENESS: Final = 5
 """The stages that read and fit meanwhile come first."""
-
-
-def _package() -> Path:
-    return Path(__file__).resolve().parent.parent
 
 
 def _processor() -> str:
@@ -48,7 +45,7 @@ def _processor() -> str:
 @functools.cache
 def cache_folder() -> Path:
     """Folder of the compiled kernels for the sources, numba, Python and processor in use."""
-    package = _package()
+    package = Path(__file__).resolve().parents[1]
     numba = importlib.metadata.version("numba")
     digest = hashlib.sha256(f"{numba} {sys.version} {_processor()}".encode())
     for room in _ROOMS:
@@ -100,20 +97,14 @@ def compile_ahead(methods: Collection[str]) -> bool:
 
 def _compiler(method: str) -> subprocess.Popen[bytes]:
     """A process that compiles the kernels of a method; its stdin ends with this process."""
-    path = os.pathsep.join(filter(None, [str(_package().parent), os.environ.get("PYTHONPATH")]))
-    deaf = {signal.SIGINT, signal.SIGHUP} if hasattr(signal, "pthread_sigmask") else set()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, deaf) if deaf else None
-    try:
+    with signals_blocked():
         return subprocess.Popen(
             [sys.executable, "-m", "beltid.rigsim.kernel_cache", method],
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
-            env={**os.environ, "PYTHONPATH": path},
+            env={**os.environ, "PYTHONPATH": same_package()},
         )
-    finally:
-        if before is not None:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _end_with_caller() -> None:
