@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import os
-import random
-import signal
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -82,24 +79,6 @@ def versions(tmp_path: Path) -> list[Path]:
     return paths
 
 
-def test_killed_at_random_moments_the_old_or_the_new_file_stands(
-    tmp_path: Path, versions: list[Path]
-) -> None:
-    place = tmp_path / "results"
-    path = place / "slip.parquet"
-    write_bytes(path, versions[0].read_bytes())
-    whole = {version.read_bytes() for version in versions}
-    rng = random.Random(5)
-    for _ in range(10):
-        process = writer(path, versions)
-        time.sleep(rng.uniform(0.0, 0.05))
-        process.send_signal(signal.SIGKILL)
-        process.communicate()
-        assert path.read_bytes() in whole
-    write_bytes(path, versions[1].read_bytes())
-    assert [p.name for p in place.iterdir()] == ["slip.parquet"]
-
-
 def test_two_writers_at_once_leave_whole_files_to_a_reader(
     tmp_path: Path, versions: list[Path]
 ) -> None:
@@ -117,41 +96,6 @@ def test_two_writers_at_once_leave_whole_files_to_a_reader(
             process.communicate()
     assert set(read) <= whole
     assert len(set(read)) == 2
-
-
-@pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A file system of 128 KiB; only root can make one."""
-    place = tmp_path / "small"
-    place.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=128k", "none", str(place)]
-    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True, check=False).returncode:
-        pytest.skip("no file system can be made here")
-    try:
-        yield place
-    finally:
-        subprocess.run(["umount", "-l", str(place)], check=False)
-
-
-def test_a_full_file_system_keeps_the_old_file(small_disk: Path) -> None:
-    old, new = example(0, 200), example(1, 1000)
-    path, filler = small_disk / "slip.parquet", small_disk / "filler"
-    refused = 0
-    for room in range(0, len(new) + 8192, 4096):
-        filler.unlink(missing_ok=True)
-        write_bytes(path, old)
-        disk = os.statvfs(small_disk)
-        filler.write_bytes(b"x" * (disk.f_bavail * disk.f_bsize - room))
-        said = ""
-        try:
-            write_bytes(path, new)
-        except ArtifactError as error:
-            said = str(error)
-            refused += 1
-        assert path.read_bytes() == (old if said else new)
-        assert said == "" or said.endswith("No space left on device; " + KEPT)
-        assert sorted(p.name for p in small_disk.iterdir()) == ["filler", "slip.parquet"]
-    assert 5 < refused < room // 4096
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs another user")

@@ -76,10 +76,9 @@ NOT_YET = {
 QUICK = {
     "one exponential",
     "zero of the tight cell wanders 0.5 N in 10 s",
-    "tight cell clipped in 20 % of the sliding samples",
     "AR noise 1 s, 1 N, opposite in both cells",
 }
-"""One case each of the tail, the zero points, the range of a cell and the noise."""
+"""One case each of the tail, the zero points and the noise."""
 CASES = [
     ("one exponential", MOST_KEPT),
     ("two exponentials", MOST_KEPT),
@@ -149,7 +148,7 @@ def test_the_truth_is_recovered(name: str, most: float) -> None:
         pytest.param("zero of the slack cell drifts by 1 N, no peak", marks=pytest.mark.long),
         pytest.param("two ripples, second of 2.1 s", marks=pytest.mark.long),
         pytest.param("two ripples, second of 4.5 s", marks=pytest.mark.long),
-        "ripple of 8 s, longer than the sliding",
+        pytest.param("ripple of 8 s, longer than the sliding", marks=pytest.mark.long),
     ],
 )
 def test_zeros_that_drift_and_slow_ripples_are_allowed_for(name: str) -> None:
@@ -166,6 +165,7 @@ def test_a_tail_of_two_lengths_that_differ_fourfold_in_a_quiet_campaign() -> Non
     assert rms(found.error / found.se) <= 1.25
 
 
+@pytest.mark.long
 def test_a_tail_beyond_the_slow_runs_is_told_by_all_of_them_together() -> None:
     """The slow part of the tail is another hypothesis, the fast part beside it another tail."""
     found = reduced("second tail twenty times longer (30 %)", 120, 1)
@@ -174,6 +174,7 @@ def test_a_tail_beyond_the_slow_runs_is_told_by_all_of_them_together() -> None:
     assert 0.4 <= rms(found.error / found.se) <= 1.25
 
 
+@pytest.mark.long
 @pytest.mark.xfail(reason="a limit that is reached early only is missed in some runs")
 def test_a_clipped_cell_is_told_or_its_run_set_aside() -> None:
     for run in three_benches("tight cell clipped in 20 % of the sliding samples").runs:

@@ -75,7 +75,12 @@ def score(runs: tuple[RunReduction, ...]) -> tuple[float, float]:
 @pytest.mark.parametrize(
     ("fault", "word", "value"),
     [
-        (common_zero, r"the zero points of the cells differ by ([+-][\d.]+) N", 1.4),
+        pytest.param(
+            common_zero,
+            r"the zero points of the cells differ by ([+-][\d.]+) N",
+            1.4,
+            marks=pytest.mark.long,
+        ),
         (wandering_zero, r"wander by ([\d.]+) N", 4.0 / np.sqrt(3.0)),
         (gains, r"the gains of the cells differ by ([+-][\d.]+) %", 1.2),
     ],

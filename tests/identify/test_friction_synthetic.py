@@ -42,17 +42,12 @@ BASE = Recipe()
     [
         (BASE, 0.0015),
         (BASE.but(noise=2.0), 0.006),
-        (BASE.but(ripple=0.05), 0.002),
         (BASE.but(ripple=0.01, ripple_period=2.3), 0.002),
         (BASE.but(peak=0.0), 0.0015),
-        (BASE.but(peak=0.15), 0.002),
         (BASE.but(tail=2.0), 0.005),
-        (BASE.but(rate=20.0, duration=20.0, tail=2.0), 0.0015),
         (BASE.but(rate=2000.0, duration=3.0, tail=0.3), 0.0005),
-        (BASE.but(rate=200.0, duration=60.0, tail=5.0), 0.0004),
         (BASE.but(rate=200.0, duration=2.0, rest=0.3, build_up=0.05, tail=0.2), 0.0015),
         (BASE.but(run_up=0.5), 0.0015),
-        (BASE.but(mu=2.5), 0.004),
         (BASE.but(mu=0.3, arc_deg=20.0), 0.012),
         (BASE.but(mu=0.3, arc_deg=170.0), 0.002),
     ],
@@ -68,23 +63,7 @@ def test_other_rigs_give_their_coefficient(recipe: Recipe, allowed: float) -> No
         assert run.slip_speed_m_s == pytest.approx(0.21 * 0.05, rel=0.003)
 
 
-def test_what_one_run_cannot_tell_about_its_tail_is_in_its_standard_error() -> None:
-    alone, together = [], reduce_runs(bench(BASE, 20), 0.05)
-    for seed in range(4):
-        run = reduce_recipe(BASE.but(seed=seed))
-        alone.append(run.mu_sliding_se)
-        assert abs(run.mu_sliding - 0.8) < 3.0 * run.mu_sliding_se
-    # twenty runs leave little room for a slow part of the tail of any of them
-    assert np.median(alone) > 1.5 * np.median([run.mu_sliding_se for run in together])
-
-
-def test_a_slow_part_of_the_tail_is_taken_off() -> None:
-    runs = reduce_runs(bench(BASE.but(shape="two exponentials", noise=0.1), 20), 0.05)
-    error = np.array([run.mu_sliding for run in runs]) / 0.8 - 1.0
-    # 0.4 of a peak of 5 % decays with 1.8 s over 4.8 s: a single exponential leaves 0.22 %
-    assert abs(np.median(error)) < 0.0015
-
-
+@pytest.mark.long
 def test_a_tail_hidden_in_noise_does_not_bias_the_plateau() -> None:
     loud = BASE.but(initial=40.0, noise=2.0)
     runs = [reduce_recipe(loud.but(seed=seed)) for seed in range(16)]
@@ -110,30 +89,9 @@ def test_noise_free_record_with_a_constant_plateau_is_exact() -> None:
     assert "no peak" in run.mu_sticking_reason
 
 
-def test_coarse_in_time_and_fine_in_the_build_up_like_a_simulated_record() -> None:
-    t = np.concatenate([np.linspace(0.0, 0.02, 12), np.linspace(0.0201, 0.03, 120)])
-    t = np.concatenate([t, np.linspace(0.031, 0.1, 50)])
-    turned = np.clip(t - 0.02, 0.0, None)
-    # build-up of the reference case over 150 micrometres, then exactly constant
-    rise = 1.0 - (1.0 - np.clip(turned / 0.007, 0.0, 1.0)) ** 2
-    columns = {
-        "time_s": t,
-        "tension_tight_N": 270.0 + 101.09 * rise,
-        "tension_slack_N": 270.0 - 87.99 * rise,
-        "pulley_speed_rad_s": np.where(turned > 0.0, 0.42, 0.0),
-    }
-    run = reduce_columns(columns)
-    assert run.status == "ok"
-    assert run.mu_sliding == pytest.approx(np.log(371.09 / 182.01) / np.radians(82.0), rel=5e-5)
-    assert run.n_missing == 0
-    assert run.n_spikes == 0
-    assert run.start_time_s == pytest.approx(0.0201)
-
-
 @pytest.mark.parametrize(
     ("step", "draws"),
     [
-        (3.0, 8),
         pytest.param(4.88, 24, marks=pytest.mark.long),
         pytest.param(3.0, 24, marks=pytest.mark.long),
     ],
@@ -152,6 +110,7 @@ def test_rounding_of_a_coarse_converter_is_in_the_standard_error(step: float, dr
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.4
 
 
+@pytest.mark.long
 @pytest.mark.xfail(reason="0.4 % above the true peak at 2 N of noise, 0.3 asked")
 def test_sticking_peak_is_not_biased_upwards_by_noise() -> None:
     columns = bench(BASE.but(noise=2.0), 40)
@@ -335,15 +294,6 @@ def test_runs_without_a_credible_plateau_are_set_aside(
     assert reduce_recipe(recipe).status.startswith(reason)
 
 
-def test_half_a_second_of_sliding_has_a_large_error() -> None:
-    columns = record(BASE)
-    cut(90)(columns)  # the tail of the peak lasts for 0.6 s
-    run = reduce_columns(columns)
-    assert run.ok
-    assert abs(run.mu_sliding - 0.8) < 2.0 * run.mu_sliding_se
-    assert run.mu_sliding_se > 0.005
-
-
 def test_a_tail_longer_than_the_record_is_a_reason_or_in_the_error() -> None:
     for seed in range(4):
         run = reduce_recipe(BASE.but(tail=6.0, seed=seed))
@@ -355,7 +305,13 @@ def test_a_tail_longer_than_the_record_is_a_reason_or_in_the_error() -> None:
 
 
 @pytest.mark.parametrize(
-    "drift", [pytest.param(0.012, marks=pytest.mark.xfail(reason="one run tells 0.02")), 0.05]
+    "drift",
+    [
+        pytest.param(
+            0.012, marks=[pytest.mark.xfail(reason="one run tells 0.02"), pytest.mark.long]
+        ),
+        0.05,
+    ],
 )
 def test_a_slow_drift_of_friction_is_kept_and_told(drift: float) -> None:
     for seed in range(3):
@@ -364,31 +320,6 @@ def test_a_slow_drift_of_friction_is_kept_and_told(drift: float) -> None:
         assert 0.8 < run.mu_sliding < 0.8 * (1.0 + drift)
         assert run.drift == pytest.approx(drift, rel=0.5)
         assert any("drifts by +" in note for note in run.notes)
-
-
-def test_imbalance_is_corrected_or_widens_the_standard_error() -> None:
-    columns = record(BASE.but(offset=3.0))
-    as_recorded = reduce_columns(columns, chosen=FrictionSettings(correct_imbalance=False))
-    assert as_recorded.imbalance_N == pytest.approx(3.0, abs=4 * as_recorded.imbalance_se_N)
-    assert 0.05 < as_recorded.imbalance_se_N < 0.2
-    assert any("not corrected" in note for note in as_recorded.notes)
-    # half of 3 N on 408 N and 130 N: 1.5 (1/408 + 1/130) = 1.5 % of ln ratio 1.145
-    assert as_recorded.mu_sliding / 0.8 - 1.0 == pytest.approx(0.0133, abs=0.002)
-    # zeros that err apart and those that err together: 3 N hypot(1/408, 1/130)/sqrt(2) / 1.431
-    assert as_recorded.mu_sliding_se == pytest.approx(0.0120, rel=0.15)
-    for mode in (True, "auto"):
-        chosen = FrictionSettings(correct_imbalance=mode)
-        columns = record(BASE.but(offset=3.0))
-        corrected = reduce_columns(columns, chosen=chosen)
-        if mode is True:
-            assert abs(corrected.mu_sliding / 0.8 - 1.0) < 0.0025
-        else:  # one run alone does not tell zeros from gains: in part, and the error says so
-            assert abs(corrected.mu_sliding / 0.8 - 1.0) < 0.5 * 0.0133
-            assert abs(corrected.mu_sliding - 0.8) < 2.0 * corrected.mu_sliding_se
-        assert any("taken off" in note for note in corrected.notes)
-        swapped(columns)
-        other = reduce_columns(columns, chosen=chosen)
-        assert other.mu_sliding == pytest.approx(corrected.mu_sliding, rel=1e-6)
 
 
 def table(*runs: tuple[str, Columns, float]) -> dict[str, Any]:
@@ -457,7 +388,7 @@ def test_optional_columns_may_be_missing_and_labels_may_be_numbers() -> None:
     assert run.status == "ok"
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(
     seed=st.integers(0, 10_000),
     n=st.integers(1, 120),

@@ -73,9 +73,9 @@ def se(runs: tuple[RunReduction, ...]) -> np.ndarray:
     return np.array([run.mu_sliding_se for run in runs])
 
 
-@pytest.fixture(scope="module", params=[6, pytest.param(1, marks=pytest.mark.long)])
+@pytest.fixture(scope="module", params=[11, pytest.param(1, marks=pytest.mark.long)])
 def rig(request: pytest.FixtureRequest) -> Columns:
-    """Every sixth run of the recording, which are runs of all speeds and arcs; or all of them."""
+    """Every eleventh run of the recording, which are runs of all speeds and arcs; or all of them."""
     frame = pd.read_csv(RIG, dtype={"run": str})
     labels = list(dict.fromkeys(frame["run"]))
     some = frame[frame["run"].isin(labels[:: request.param])]
@@ -106,8 +106,6 @@ MOVING_HUB = RigKind("torque_hub", running=True, belt_speed_m_s=20.0)
     ("rewritten", "kind"),
     [
         (lambda c: by_torque(c, "tight"), RigKind("torque")),
-        (lambda c: by_torque(c, "slack"), RigKind("torque")),
-        (by_hub, RigKind("torque_hub")),
         (lambda c: running(c, 20.0, 0.1), MOVING),
         # the force on the axis has no part of the momentum of the belt
         (
@@ -115,7 +113,7 @@ MOVING_HUB = RigKind("torque_hub", running=True, belt_speed_m_s=20.0)
             MOVING_HUB,
         ),
     ],
-    ids=["torque, tight cell", "torque, slack cell", "hub", "running", "running hub"],
+    ids=["torque", "running", "running hub"],
 )
 def test_what_two_cells_tell_is_told_by_other_channels(rig, two_cells, rewritten, kind):
     runs = reduce_runs(rewritten(rig), R, None, kind)
@@ -160,16 +158,6 @@ def test_a_dead_weight_gives_the_plateau_of_two_cells(two_cells, span):
         assert run.tension_tight_N / run.tension_slack_N == pytest.approx(
             np.exp(run.mu_sliding * np.radians(run.arc_deg)), rel=1e-12
         )
-
-
-@pytest.mark.parametrize("span", ["tight", "slack"])
-def test_a_dead_weight_with_the_noise_of_both_cells_on_one_side(rig, two_cells, span):
-    runs = reduce_runs(by_weight(rig, span), R, None, RigKind("dead_weight", weight_on=span))
-    # each sample has the ratio that two cells showed, but its noise counts as that of one cell
-    assert np.all(np.abs(mu(runs) - mu(two_cells)) < se(two_cells))
-    assert np.sqrt(np.mean((mu(runs) / mu(two_cells) - 1.0) ** 2)) < 3e-4
-    if len(runs) == 120:  # fewer leave it open whether their tail deviates much or little
-        assert np.median(se(runs) / se(two_cells)) == pytest.approx(1.0, abs=0.1)
 
 
 def white(weight_on: str | None, n: int = 12, seed: int = 3) -> Columns:

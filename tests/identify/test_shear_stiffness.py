@@ -18,7 +18,6 @@ from beltid.identify.friction.run import FrictionSettings, run_records
 from beltid.identify.shear.build_up import FEWEST, BuildUp, build_up
 from beltid.identify.shear.mechanics import build_up_slope, laid_belt, micro_slip
 from beltid.identify.shear.stiffness import BenchValues, ShearStiffness, fit_shear_stiffness
-from beltid.laws.penalty import NormalLaw
 
 EA, EI, R, SPAN = 1.0e5, 0.02, 0.05, 0.10
 LAW_5PK = (6.5e7, 3.0256e11)
@@ -109,9 +108,7 @@ def test_the_ends_of_the_contact_are_those_of_a_beam_on_a_bed(T: float) -> None:
     assert end == pytest.approx(float(belt.end_compliance[0]), rel=0.05)
 
 
-@pytest.mark.parametrize(
-    ("k_s", "arc_deg", "T"), [(1e7, 40.0, 270.0), (K_S, 82.0, 411.0), (3e8, 40.0, 270.0)]
-)
+@pytest.mark.parametrize(("k_s", "arc_deg", "T"), [(K_S, 82.0, 411.0), (3e8, 40.0, 270.0)])
 def test_the_slope_is_that_of_the_simulated_rig(k_s: float, arc_deg: float, T: float) -> None:
     """At the very beginning (B1); of a line through 30 % of the build-up with (B4)."""
     travel, difference = ShearRig(k_s).curve(arc_deg, T, steps=200)
@@ -125,7 +122,7 @@ def test_the_slope_is_that_of_the_simulated_rig(k_s: float, arc_deg: float, T: f
     assert line / slope == pytest.approx(1.0 - lost, abs=2.0 * lost + 0.01)
 
 
-@pytest.mark.parametrize(("draws", "most"), [(10, 9), pytest.param(40, 36, marks=pytest.mark.long)])
+@pytest.mark.parametrize(("draws", "most"), [(5, 4), pytest.param(40, 36, marks=pytest.mark.long)])
 def test_the_stiffness_comes_back_within_what_is_stated(
     curves: dict[Setting, Curve], draws: int, most: int
 ) -> None:
@@ -150,32 +147,6 @@ def test_the_stiffness_comes_back_within_what_is_stated(
     assert within >= most
     assert abs(np.mean(off)) < 0.03
     assert np.std(off) < 0.05
-
-
-def test_the_normal_law_of_the_belt_takes_off_most_of_the_uncertainty() -> None:
-    """A belt whose normal law is half the usual one, which is known to 40 %."""
-    law = (3.5e7, 0.9e11)
-    rig = ShearRig(K_S, support=SUPPORT, law=NormalLaw(*law))
-    curves = curves_of(rig, (40.0, 68.0, 82.0), (270.0, 411.0))
-    rng = np.random.default_rng(3)
-    known = replace(BENCH, normal_law=law, normal_stiffness=0.03)
-    recordings = [build_ups(recording(curves, rng)) for _ in range(5)]
-    usual, own = (
-        [fit_shear_stiffness(runs, bench) for runs in recordings] for bench in (BENCH, known)
-    )
-    off, u, u_usual = np.array(
-        [
-            (
-                of_own.shear_stiffness_N_m2 / K_S - 1.0,
-                of_own.shear_stiffness_u_N_m2 / K_S,
-                of_usual.shear_stiffness_u_N_m2 / K_S,
-            )
-            for of_own, of_usual in zip(own, usual, strict=True)
-        ]
-    ).T
-    assert np.all(u < 0.7 * u_usual)
-    assert np.all(np.abs(off) < 2.5 * u)
-    assert abs(np.mean(off)) < np.median(u)
 
 
 def test_ribs_too_stiff_to_be_seen_have_a_bound_and_no_value() -> None:
