@@ -12,10 +12,14 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from beltid.cli.process import one_thread_each
 
 one_thread_each()
+# examples of a property whose test states no number of them
+settings.register_profile("tests", max_examples=25, deadline=None)
+settings.load_profile("tests")
 
 ROOT = Path(__file__).parents[1]
 FIRST = (

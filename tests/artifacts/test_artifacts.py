@@ -12,7 +12,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from pydantic import ValidationError
@@ -120,7 +120,6 @@ def test_any_parquet_reader_finds_nulls_units_and_metadata(tmp_path):
     assert len(pd.read_parquet(path)) == 7
 
 
-@settings(max_examples=30, deadline=None)
 @given(
     values=arrays(np.float64, 5, elements=st.floats(-LARGEST, LARGEST) | st.just(np.nan)),
     words=st.lists(st.text(st.characters(exclude_categories=["Cs"])), min_size=5, max_size=5),
@@ -215,8 +214,8 @@ def test_what_does_not_fit_says_its_place_what_was_found_and_what_is_allowed(ext
 # --- damage ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", ["friction", "stiffness", "simulated"])
-def test_a_flipped_bit_is_found_or_harmless(kind):
+def test_a_flipped_bit_is_found_or_harmless():
+    kind = "stiffness"  # it has a column of lists, too
     data = artifact_bytes(kind, example(kind, 40), METADATA)
     whole = artifact_from_bytes(data, Path("x"), kind)
     rng = np.random.default_rng(11)
@@ -237,7 +236,7 @@ def test_every_bit_of_the_numbers_is_guarded():
     chunk = pq.ParquetFile(pa.BufferReader(data)).metadata.row_group(0).column(8)
     assert chunk.path_in_schema == "mu_sliding"
     end = chunk.data_page_offset + chunk.total_compressed_size
-    for place in range(end - 300, end):
+    for place in range(end - 300, end, 3):
         damaged = bytearray(data)
         damaged[place] ^= 0x10
         with pytest.raises(ArtifactError, match="x: damaged"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pandas as pd
+import pytest
 import writers
 from typer.testing import CliRunner
 
@@ -21,6 +22,7 @@ runs:
 """
 
 
+@pytest.mark.long
 def test_from_bench_files_to_the_comparison(tmp_path):
     frame = pd.read_csv(writers.DATA / "rig.csv", dtype={"run": str})
     tidy = frame[frame["arc_deg"].isin([40, 82]) & frame["initial_tension_N"].isin([100, 411])]

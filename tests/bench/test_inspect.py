@@ -26,7 +26,7 @@ def inspect(*arguments: object) -> tuple[int, dict[str, object]]:
     return result.exit_code, json.loads(result.stdout) if result.stdout else {}
 
 
-@pytest.mark.parametrize("name", ["tdms", "latin-1", "zip"])
+@pytest.mark.parametrize("name", ["tdms", "zip"])
 def test_the_section_can_be_pasted(tmp_path, name):
     path = writers.RIG[name](tmp_path)
     status, found = inspect(path)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +13,6 @@ from beltid.bench.inspection import inspect_recording
 from beltid.bench.recording import read_recording
 from beltid.config import load_config
 from beltid.errors import InputError
-from beltid.stages.identification.fit_friction import fit_friction
-from beltid.stages.identification.fit_stiffness import fit_stiffness
 
 EXACT = {"tdms", "mat5", "mat73", "xlsx", "zip", "gzip"}
 """Formats that keep the numbers as they are; the others convert units, to the last digits."""
@@ -29,25 +26,16 @@ def compare(columns: dict[str, np.ndarray], expected: pd.DataFrame, tolerance: f
         np.testing.assert_allclose(values, wanted, rtol=tolerance, atol=1e-12, err_msg=name)
 
 
-@functools.cache
-def reduced_from_tidy_file() -> pd.DataFrame:
-    return fit_friction(pd.concat(writers.rig_runs().values())).to_frame()
-
-
 @pytest.mark.parametrize("name", [n for n in writers.RIG if not n.startswith(("mf4", "mdf3"))])
-def test_every_format_gives_the_recording_and_the_result_of_the_tidy_file(tmp_path, name):
+def test_every_format_gives_the_recording_of_the_tidy_file(tmp_path, name):
     recording = read_recording(writers.RIG[name](tmp_path), "rig")
     runs = writers.rig_runs()
     assert list(dict.fromkeys(recording.columns["run"])) == list(runs)
     expected = pd.concat(runs.values())
     compare(recording.columns, expected, 0.0 if name in EXACT - {"tdms"} else 1e-12)
-    found = fit_friction(recording.columns).to_frame()
-    wanted = reduced_from_tidy_file()
-    np.testing.assert_allclose(found["mu_sliding"], wanted["mu_sliding"], rtol=1e-9)
-    assert found["status"].tolist() == wanted["status"].tolist() == ["ok"] * 3
 
 
-@pytest.mark.parametrize("name", ["mf4", "mdf3"])
+@pytest.mark.parametrize("name", ["mf4", pytest.param("mdf3", marks=pytest.mark.long)])
 def test_the_rasters_of_an_mdf_file_are_aligned(tmp_path, name):
     recording = read_recording(writers.RIG[name](tmp_path), "rig")
     run = writers.rig_runs(1)["R001"]
@@ -86,8 +74,6 @@ def test_zwick(tmp_path, encoding):
     # the header tells one temperature
     mean = test["temperature_degC"].mean()
     np.testing.assert_allclose(recording.columns["temperature_degC"], mean, rtol=1e-12)
-    found, wanted = fit_stiffness(recording.columns), fit_stiffness(test)
-    assert found.result.pooled.k_linear_N_m2 == wanted.result.pooled.k_linear_N_m2
 
 
 def test_zwick_tra(tmp_path):

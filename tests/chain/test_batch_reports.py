@@ -73,6 +73,7 @@ def ended(by_one: Path, recordings: Path, tmp_path: Path) -> Callable[[str, Repo
     return chains
 
 
+@pytest.mark.long
 def test_pages_do_not_depend_on_who_draws_them(ended: Any, tmp_path: Path) -> None:
     workers = ProcessWorkers(2)
     try:

@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.long
+
 RIGDATA = Path(__file__).parents[2] / "rigdata"
 MOST_FILES = 60
 MOST_OPENS = 2

@@ -187,17 +187,16 @@ def test_out_names_the_file_and_makes_its_folder(bench: Path, beltid: Any) -> No
     assert read_artifact(bench / "new/folder/mine.parquet", "surface")
 
 
-@pytest.mark.parametrize("width", [40, 79])
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_width_shows_every_value(
-    bench: Path, beltid: Any, command: str, width: int, monkeypatch: pytest.MonkeyPatch
+def test_a_narrow_terminal_shows_every_value(
+    bench: Path, beltid: Any, command: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "500")
     inputs, _ = COMMANDS[command]
     wide = beltid(command, *inputs, "-q").stdout
-    monkeypatch.setenv("COLUMNS", str(width))
+    monkeypatch.setenv("COLUMNS", "40")
     narrow = beltid(command, *inputs, "-q").stdout
-    assert max(len(line) for line in narrow.splitlines()) <= width
+    assert max(len(line) for line in narrow.splitlines()) <= 40
     assert "\x1b" not in narrow
 
     def numbers(text: str) -> list[str]:
@@ -249,11 +248,10 @@ def test_a_setting_that_the_config_does_not_have_is_refused_with_those_it_has(
     assert "--arc = 70, must be one of those of the campaign: 40, 82" in result.stderr
 
 
-@pytest.mark.parametrize("belt", ["4pk", "5pk", "6pk"])
 def test_results_of_the_shipped_recordings_are_called_synthetic(
-    beltid: Any, tmp_path: Path, belt: str
+    beltid: Any, tmp_path: Path
 ) -> None:
-    recording = DATA.parent / belt / "speedloss.csv"
+    recording = DATA / "speedloss.csv"
     result = beltid("fit-slip", recording, "-o", tmp_path / "slip.parquet")
     assert result.exit_code == 0
     assert result.stdout.startswith("fit-slip (synthetic data): ")

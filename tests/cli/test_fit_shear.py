@@ -103,23 +103,6 @@ def test_the_function_gives_what_the_command_writes(shear: Path, beltid: Any) ->
     assert found.to_frame()["slope_N_m"].tolist() == stored.columns["slope_N_m"].tolist()
 
 
-def test_the_function_takes_the_press_as_a_result_too(shear: Path, beltid: Any) -> None:
-    """From a file or from memory: the same law, its scatter, and that it is synthetic."""
-    press = package.fit_stiffness(
-        pd.read_csv(shear / "press.csv"), {"data": {"origin": "synthetic"}}
-    )
-    path = press.save(shear / "press.parquet")
-    frame = pd.read_csv(shear / "shear.csv")
-    results = [package.fit_shear(frame, stiffness=given) for given in (path, press)]
-    assert [found.origin for found in results] == ["synthetic", "synthetic"]
-    budgets = [found.extra["budget"] for found in results]
-    assert budgets[0] == budgets[1]
-    law = package.fit_shear(frame, stiffness=press.result.pooled.law)
-    expected = results[0].result.shear_stiffness_N_m2
-    assert law.result.shear_stiffness_N_m2 == pytest.approx(expected, rel=1e-3)
-    assert package.fit_shear(frame).origin is None
-
-
 def test_recordings_that_are_sampled_too_slowly_are_refused(bench: Path, beltid: Any) -> None:
     result = beltid("fit-shear", "rig.csv")
     assert result.exit_code == 2

@@ -38,6 +38,7 @@ def test_artifact_to_stdout_is_nothing_but_the_artifact(bench: Path) -> None:
     assert sorted(path.name for path in bench.iterdir()) == before
 
 
+@pytest.mark.long
 def test_commands_can_be_chained_by_pipes(bench: Path) -> None:
     beltid = f'"{sys.executable}" -m beltid'
     first = f"{beltid} fit-slip - -q -o - < speedloss.csv"

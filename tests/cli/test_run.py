@@ -32,19 +32,6 @@ def test_second_run_does_nothing_and_says_so(ran: Path, beltid: Any) -> None:
     assert "everything is up to date, nothing was done" in result.stdout
 
 
-def test_only_what_depends_on_a_change_is_made_again(ran: Path, beltid: Any) -> None:
-    before = states(ran / "runs")
-    config = ran / "beltid.yaml"
-    config.write_text(config.read_text() + "press: {reference_temperature_degC: 40}\n")
-    result = beltid("run", "--no-report", "beltid.yaml")
-    after = states(ran / "runs")
-    changed = {Path(name).stem for name in after if after[name] != before[name]}
-    # the temperature does not matter for this belt: the law, and so its force, is the same, but
-    # the file says with which settings it was made, and what is made from it follows
-    assert changed == {"stiffness", "simulated", "compare", "compare_hold_out", *REFINED}
-    assert result.exit_code == 0
-
-
 def test_the_refined_surface_is_proven_beside_the_published_one(ran: Path, beltid: Any) -> None:
     result = beltid("run", "--no-report", "beltid.yaml", "--json")
     row = json.loads(result.stdout)["table"][0]
@@ -87,7 +74,7 @@ def test_a_failing_belt_does_not_stop_the_others(ran: Path, beltid: Any, second:
 def test_a_single_belt_gives_its_own_status(ran: Path, beltid: Any) -> None:
     config = ran / "beltid.yaml"
     text = config.read_text()
-    config.write_text(text + "compare: {max_rms_relative_error: 0.001}\n")
+    config.write_text(text + "compare: {max_rms_relative_error: 0.001, hold_out: none}\n")
     assert beltid("run", "--no-report", "beltid.yaml").exit_code == 4
     (ran / "press.csv").write_text("test,time_s\n")
     config.write_text(text)
@@ -97,7 +84,8 @@ def test_a_single_belt_gives_its_own_status(ran: Path, beltid: Any) -> None:
 def test_the_refined_surface_decides(ran: Path, beltid: Any) -> None:
     """The published one misses by percents, the refined one by tenths of them."""
     config = ran / "beltid.yaml"
-    config.write_text(config.read_text() + "compare: {max_rms_relative_error: 0.01}\n")
+    stated = "compare: {max_rms_relative_error: 0.01, hold_out: none}\n"
+    config.write_text(config.read_text() + stated)
     result = beltid("run", "--no-report", "--json", "beltid.yaml")
     row = json.loads(result.stdout)["table"][0]
     assert row["stages"]["compare"] == "out of tolerance"

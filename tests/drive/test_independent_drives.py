@@ -38,7 +38,10 @@ def wet(f: float, v: float) -> float:
 
 @pytest.mark.parametrize(
     ("wheels", "T_0", "omega"),
-    [(FOUR, 450.0, 250.0), (SIX, 500.0, 560.0)],  # belts at 20 and 39 m/s
+    [  # belts at 20 and 39 m/s
+        pytest.param(FOUR, 450.0, 250.0, marks=pytest.mark.long),
+        (SIX, 500.0, 560.0),
+    ],
 )
 def test_tensions_and_losses_of_the_differential_equations(
     wheels: tuple[Wheel, ...], T_0: float, omega: float

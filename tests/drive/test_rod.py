@@ -66,6 +66,7 @@ def test_speed_and_torque_of_an_independent_rod(R, v0, P_in, P_out, smoothed, W,
     np.testing.assert_allclose(state.W, smoothed, rtol=3e-5)
 
 
+@pytest.mark.long
 def test_the_independent_rod_comes_to_the_same_speed_as_its_friction_gets_sharp() -> None:
     speeds = {one.smooth: one.W for one in flowing_rod(0.05, 1.1, 400.0, 200.0)}
     assert speeds[1e-5] == pytest.approx(20.1187, rel=5e-6)

@@ -19,7 +19,10 @@ from beltid.stages.drive.drive_of_config import drive_of, points_of_slip
 ROOT = Path(__file__).resolve().parents[2]
 
 
-@pytest.mark.parametrize("belt", BELTS)
+@pytest.mark.parametrize(
+    "belt",
+    [pytest.param(belt, marks=() if belt == "5pk" else pytest.mark.long) for belt in BELTS],
+)
 def test_the_synthetic_recordings_are_predicted_within_2_5_percent(belt: str) -> None:
     """Against the noise-free losses of an independent flowing rod, up to full slip.
 

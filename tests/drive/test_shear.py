@@ -162,7 +162,7 @@ INDEPENDENT_RODS = [
 ]
 
 
-@pytest.mark.parametrize(("shear", "R", "independent"), INDEPENDENT_RODS)
+@pytest.mark.parametrize(("shear", "R", "independent"), INDEPENDENT_RODS[::2])
 def test_a_rod_with_shear_loses_what_an_independent_one_loses(
     shear: float, R: float, independent: float
 ) -> None:
@@ -184,7 +184,7 @@ def test_the_string_with_shear_is_near_a_rod_with_shear(
     assert -0.04 < loss(drive_of(R, shear)) / independent - 1.0 < 0.12
 
 
-@pytest.mark.parametrize("shear", [3.4e7, 1e8, 3e8])
+@pytest.mark.parametrize("shear", [3.4e7, 3e8])
 def test_without_bending_and_seating_the_rod_is_the_string(shear: float) -> None:
     """Of a belt that hardly bends on hard ribs only creep, sliding and shear are left."""
     hard = NormalLaw(100.0 * LAW_5PK.k_linear_N_m2, 1000.0 * LAW_5PK.k_quadratic_N_m3)

@@ -65,7 +65,7 @@ def library(request: Any, law: ContactLaw, tmp_path_factory: pytest.TempPathFact
     return compiled(tmp_path_factory.mktemp("law"), law, *request.param)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(force=TRUE, speed=SPEED)
 def test_mu_is_that_of_the_surface_inside_and_outside(
     library: Any, law: ContactLaw, force: float, speed: float

@@ -10,7 +10,7 @@ from typing import Any
 import jsonschema
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import beltid
@@ -33,7 +33,6 @@ positive = st.floats(1e-6, 1e6)
 VALIDATOR = jsonschema.Draft202012Validator(schema())
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.data())
 def test_any_surface_comes_back_to_the_bit(data: st.DataObject) -> None:
     def axis(label: str) -> Any:

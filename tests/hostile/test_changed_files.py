@@ -38,7 +38,7 @@ def test_what_the_corpus_starts_from_is_taken(reader):
 
 @pytest.mark.parametrize("reader", IN_PROCESS)
 @settings(
-    max_examples=25,
+    max_examples=12,
     deadline=None,
     derandomize=True,
     database=None,
@@ -73,8 +73,6 @@ def test_files_that_crash_their_library_are_refused(path):
         ("yaml", "units: {rig: {tension_tight_N: " + "1 " + " /" * 50_000 + "}}"),
         ("yaml", "a: [" + "1," * 140_000 + "]"),
         ("yaml", "[" * 250_000),
-        ("yaml", "- " * 140_000),
-        ("yaml", "a: |\n" + " x\n" * 90_000),
         ("yaml", "".join(f"k{i}: 1\n" for i in range(20_000))),
         ("lvm", "LabVIEW Measurement\t\n" + "***End_of_Header***\nX_Value\ta\n" * 9000),
     ],

@@ -72,7 +72,7 @@ def picked(kind: str, count: int) -> list[tuple[str, bytes]]:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_is_let_in_ends_no_command_with_a_traceback(folder, kind):
-    for what, data in picked(kind, 3):
+    for what, data in picked(kind, 2):
         for command in (f"show {kind}.parquet", f"info {kind}.parquet", *READERS[kind]):
             (folder / f"{kind}.parquet").write_bytes(data)
             try:

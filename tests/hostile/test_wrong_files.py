@@ -56,13 +56,11 @@ ANY_ARTIFACT = ("show", "info")
 # one command for each way to read an input meets all wrong files, the others a few
 THOROUGH = {
     ("fit-friction", 0),
-    ("fit-friction --table", 0),
     ("refine-surface", 1),
-    ("export json", 0),
     ("show", 0),
     ("run", 0),
 }
-FEW_WRONG = ("missing", "words.txt", "foreign.parquet")
+FEW_WRONG = ("missing", "foreign.parquet")
 INPUTS = [
     (command, place, wrong)
     for command, place in PLACES

@@ -65,7 +65,7 @@ def test_a_loading_branch_alone_is_off_by_half_the_loop_and_says_so(shape):
     assert any("loading branch alone" in warning for warning in result.pooled.warnings)
 
 
-@pytest.mark.parametrize("power", [0.8, 1.6, 3.0])
+@pytest.mark.parametrize("power", [0.8, 3.0])
 def test_another_law_is_in_the_standard_errors(power):
     bench = Bench(powers=((1e4 / 1.2e-4**power, power),), dt=0.3)
     result = fit_stiffness(bench.record(1), SETTINGS)
@@ -201,9 +201,7 @@ def test_a_loss_by_rate_is_shown_by_speeds_that_differ():
     assert said(result, "speeds")
 
 
-@pytest.mark.parametrize(
-    ("share", "tau_s", "cycles"), [(0.12, 60.0, 1), (0.2, 60.0, 1), (0.06, 2000.0, 3)]
-)
+@pytest.mark.parametrize(("share", "tau_s", "cycles"), [(0.12, 60.0, 1), (0.06, 2000.0, 3)])
 def test_a_loss_by_rate_that_cannot_be_seen_is_in_the_combined_uncertainty(share, tau_s, cycles):
     result = fit_stiffness(viscous(share, tau_s, cycles=cycles), SETTINGS)
     off, z = errors(result, Bench().force, unseen=True)

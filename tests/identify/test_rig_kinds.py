@@ -75,7 +75,7 @@ def se(runs: tuple[RunReduction, ...]) -> np.ndarray:
 
 @pytest.fixture(scope="module", params=[11, pytest.param(1, marks=pytest.mark.long)])
 def rig(request: pytest.FixtureRequest) -> Columns:
-    """Every eleventh run of the recording, which are runs of all speeds and arcs; or all of them."""
+    """Every eleventh run of the recording, runs of all speeds and arcs; or all of them."""
     frame = pd.read_csv(RIG, dtype={"run": str})
     labels = list(dict.fromkeys(frame["run"]))
     some = frame[frame["run"].isin(labels[:: request.param])]

@@ -169,7 +169,7 @@ LOUD = {"speeds": (22.0, 62.8), "noise": 3e-3, "driver_noise": 3e-3}
 TRUE = np.tile(0.01 * TORQUES * 0.05, 2)
 
 
-@pytest.mark.parametrize("n", [3, 10])
+@pytest.mark.parametrize("n", [3, pytest.param(10, marks=pytest.mark.long)])
 def test_standard_errors_of_short_runs_are_honest(n):
     z = []
     for seed in range(8):
@@ -187,7 +187,7 @@ def test_standard_errors_of_short_runs_are_honest(n):
     assert np.mean(np.abs(z) < 2.0) == pytest.approx(0.954, abs=0.038)
 
 
-@pytest.mark.parametrize(("n", "share"), [(4, 0.6), (10, 1.0)])
+@pytest.mark.parametrize(("n", "share"), [pytest.param(4, 0.6, marks=pytest.mark.long), (10, 1.0)])
 def test_a_run_that_shakes_keeps_a_wider_error(n, share):
     ratios = []
     for seed in range(6):

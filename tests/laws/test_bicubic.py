@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
@@ -36,7 +36,6 @@ def law(belt: str, f: Array, v: Array) -> Array:
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(2, 6), st.integers(2, 6))
-@settings(max_examples=60, deadline=None)
 def test_every_control_point_lies_between_the_corners_of_its_cell(
     seed: int, nx: int, ny: int
 ) -> None:

@@ -7,7 +7,7 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -48,14 +48,12 @@ def surfaces(draw: st.DrawFn) -> FrictionSurface:
 
 
 @given(surfaces())
-@settings(max_examples=80, deadline=None)
 def test_nodes_are_reproduced_to_the_last_bit(surface: FrictionSurface) -> None:
     at_nodes = surface.mu(surface.normal_force_N_m[:, None], surface.slip_speed_m_s)
     assert np.array_equal(at_nodes, surface.mu_nodes)
 
 
 @given(surfaces(), st.integers(0, 2**32 - 1))
-@settings(max_examples=80, deadline=None)
 def test_no_value_leaves_the_measured_band(surface: FrictionSurface, seed: int) -> None:
     rng = np.random.default_rng(seed)
     top_f, top_v = surface.normal_force_N_m[-1], surface.slip_speed_m_s[-1]
@@ -67,7 +65,6 @@ def test_no_value_leaves_the_measured_band(surface: FrictionSurface, seed: int) 
 
 
 @given(surfaces(), st.integers(0, 2**32 - 1))
-@settings(max_examples=60, deadline=None)
 def test_scalar_law_of_the_tables_agrees_with_the_surface(
     surface: FrictionSurface, seed: int
 ) -> None:

@@ -108,7 +108,7 @@ def best_of_all(precision: np.ndarray, runs: RunRows, W: np.ndarray, count: int)
 
 def test_greedy_with_exchange_comes_within_5_percent_of_the_best_choice():
     over = []
-    for seed in range(25):
+    for seed in range(8):
         before, runs, W, precision = a_model(seed, n=7)
         chosen = choose_runs(before, runs, W, 6)
         best = best_of_all(precision, runs, W, 6)

@@ -142,6 +142,7 @@ def test_a_temperature_is_found_and_corrected_to_the_one_asked_for():
     assert np.sqrt(np.mean(np.square(error / se))) < 1.5  # one draw, its nodes move together
 
 
+@pytest.mark.long
 def test_a_temperature_that_rises_with_the_order_cannot_be_told_from_it_unless_asked_for():
     shifted = warm(np.arange(N), np.linspace(20.0, 35.0, N))
     found = refined(shifted)

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 h = np.array([0.013, 0.004, 0.031])
 nodes = np.concatenate([[0.0], np.cumsum(h)])
 BELT = Belt(EA=1.0e5, EI=0.02, rhoA=0.1, damping_time=0.0)
-FIXED = settings(max_examples=60, deadline=None, derandomize=True)
+FIXED = settings(derandomize=True)
 unit = st.floats(0.0, 1.0)
 
 

@@ -185,9 +185,7 @@ def copy_of_sources(folder: Path) -> Path:
     return package
 
 
-@pytest.mark.parametrize(
-    "room", ["rigsim/contact/points.py", "rigsim/beam/ancf.py", "laws/surface_tables.py"]
-)
+@pytest.mark.parametrize("room", ["rigsim/contact/points.py", "laws/surface_tables.py"])
 def test_every_edit_of_a_kernel_opens_another_cache(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, room: str
 ) -> None:

@@ -107,8 +107,10 @@ def test_it_is_the_held_rig_whose_tension_ends_at_that_force(
     )
 
 
-@pytest.mark.parametrize("solver", ["newton", "lemke"])
-@pytest.mark.parametrize("given", KINDS)
+@pytest.mark.parametrize(
+    ("given", "solver"),
+    [("tight", "newton"), ("slack", "newton"), ("hub", "newton"), ("hub", "lemke")],
+)
 def test_a_run_in_time_ends_at_steady_sliding(given: GivenForce, solver: str) -> None:
     rig = with_given(bench(law=LAW_5PK, mu=true_surface_5pk()), given)
     run = simulate(

@@ -14,7 +14,7 @@ from beltid.errors import ConvergenceError
 from beltid.rigsim.reference.lcp import LcpError, friction_lcp, lemke
 
 Array = NDArray[np.float64]
-FIXED = settings(max_examples=60, deadline=None, derandomize=True)
+FIXED = settings(derandomize=True)
 seeds = st.integers(0, 10_000)
 
 

@@ -26,7 +26,7 @@ from beltid.rigsim.beam.supports import (
 from beltid.rigsim.rig import SimulationSettings, simulate
 from beltid.rigsim.steady import lay_on, slide
 
-FIXED = settings(max_examples=50, deadline=None, derandomize=True)
+FIXED = settings(derandomize=True)
 radius, span, arc = st.floats(0.02, 0.2), st.floats(0.03, 0.5), st.floats(5, 340)
 
 

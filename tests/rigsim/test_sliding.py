@@ -21,7 +21,7 @@ from beltid.rigsim.model import Bench, RigModel
 from beltid.rigsim.rig import SimulationSettings, simulate
 from beltid.rigsim.steady import StaticState, lay_on, linearize, slide
 
-FIXED = settings(max_examples=25, deadline=None, derandomize=True)
+FIXED = settings(derandomize=True)
 
 
 def steady(elements: int | None = None) -> SimulationSettings:

@@ -29,7 +29,7 @@ KINDS: dict[str, dict[str, Any]] = {
     "torque": {"kind": "torque"},
     "torque and hub force": {"kind": "torque_hub"},
 }
-QUICK = ("weight on the slack side", "torque and hub force")
+QUICK = ("torque and hub force",)
 
 
 def true_mu(f: np.ndarray, v: np.ndarray | float) -> np.ndarray:
@@ -116,7 +116,7 @@ def test_the_refined_surface_of_a_virtual_bench_is_the_true_one(kind: str) -> No
     assert rms(published) > 0.02  # what the bending does to Eqs. (6) and (8)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", ["weight on the slack side", "torque"])
 def test_a_simulated_bench_agrees_with_itself(kind: str) -> None:
     """The simulated recording, which has no cell beside a weight, goes through the reduction."""
     friction = beltid.fit_friction(as_measured(kind, 0.0), config_of(kind))

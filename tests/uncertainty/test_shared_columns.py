@@ -220,6 +220,7 @@ def test_what_surface_and_run_share_cancels_in_their_difference(known, left):
     assert [source.error for source in found.sources] == ["shared_tail"]
 
 
+@pytest.mark.long
 def test_arcs_that_differ_are_told_with_their_size_and_are_in_the_uncertainty(usual):
     table = friction()
     effect = np.select([table["arc_deg"] == arc for arc in (40, 68, 82)], [0.03, -0.03, 0.03])
