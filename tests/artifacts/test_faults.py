@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from beltid.artifacts.artifact import artifact_bytes, read_artifact
-from beltid.artifacts.file_bytes import remove_stale, write_bytes
+from beltid.artifacts.file_bytes import write_bytes
 from beltid.artifacts.metadata_models import Metadata
 from beltid.batch.folders import alone_in
 from beltid.config import Config, ConfigSource, load_config
@@ -26,7 +26,6 @@ from beltid.stages.reporter import Level, Options, Reporter
 from beltid.tables import schemas
 
 ROOT = Path(__file__).parents[2]
-KEPT = "the file that was there is untouched"
 GONE = 2**22 - 1  # no process has this number: it is the largest that Linux gives
 
 
@@ -79,25 +78,6 @@ def versions(tmp_path: Path) -> list[Path]:
     return paths
 
 
-def test_two_writers_at_once_leave_whole_files_to_a_reader(
-    tmp_path: Path, versions: list[Path]
-) -> None:
-    path = tmp_path / "results" / "slip.parquet"
-    write_bytes(path, versions[0].read_bytes())
-    whole = {version.read_bytes() for version in versions}
-    pair = [writer(path, versions), writer(path, versions[::-1])]
-    try:
-        read = [path.read_bytes() for _ in range(200)]
-        while len(set(read)) < 2 and all(process.poll() is None for process in pair):
-            read.append(path.read_bytes())  # until they are at it
-    finally:
-        for process in pair:
-            process.kill()
-            process.communicate()
-    assert set(read) <= whole
-    assert len(set(read)) == 2
-
-
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs another user")
 def test_a_read_only_folder_keeps_the_old_file(tmp_path: Path) -> None:
     place = tmp_path / "locked"
@@ -124,19 +104,6 @@ def test_a_read_only_folder_keeps_the_old_file(tmp_path: Path) -> None:
     assert "not written: no permission to write in" in done.stdout, done.stderr
     assert path.read_bytes() == b"old"
     assert [p.name for p in place.iterdir()] == ["slip.parquet"]
-
-
-def test_what_dead_writers_left_is_cleared_and_nothing_else(tmp_path: Path) -> None:
-    import socket
-
-    host = "".join(c for c in socket.gethostname() if c.isalnum())[:32] or "host"
-    dead = f".slip.parquet.{host}-{GONE}-0123abcd.beltid-tmp"
-    kept = {f".slip.parquet.{host}-{os.getpid()}-0123abcd.beltid-tmp", "slip.parquet", ".hidden"}
-    for name in (dead, *kept):
-        (tmp_path / name).write_bytes(b"")
-    remove_stale(tmp_path)
-    assert {p.name for p in tmp_path.iterdir()} == kept
-    remove_stale(tmp_path / "missing")
 
 
 # --- inputs that change under way, batches on one folder -----------------------------------------
@@ -208,19 +175,6 @@ def test_a_table_of_runs_changed_while_it_is_read_is_noticed(tmp_path: Path) -> 
     with pytest.raises(InputError, match=r"runs\.csv: was changed while it was read"):
         make(recipe, out, Options(), meanwhile)
     assert not out.exists()
-
-
-def test_parts_of_a_parquet_folder_changed_while_they_are_read_are_noticed(tmp_path: Path) -> None:
-    part, out = tmp_path / "rig" / "arc_deg=82" / "a.parquet", tmp_path / "slip.parquet"
-    write_bytes(part, b"one")
-    recipe = ("slip", ConfigSource(Config(), "test"), ("slip",), {"speedloss": tmp_path / "rig"})
-
-    def meanwhile() -> Outcome[None]:
-        write_bytes(part, b"two")
-        return outcome()
-
-    with pytest.raises(InputError, match="was changed while it was read"):
-        make(recipe, out, Options(), meanwhile)
 
 
 @pytest.mark.parametrize("kind", schemas.ARTIFACTS)

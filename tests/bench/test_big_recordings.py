@@ -316,7 +316,7 @@ def test_a_parquet_file_takes_a_part_of_its_size_in_memory(
     """Neither the file nor a row group of it is held at once, and nothing of it stays."""
     monkeypatch.setattr(parquet, "ROWS", 1 << 14)
     rng = np.random.default_rng(4)
-    n = 600_000
+    n = 1_500_000
     columns = {"run": np.full(n, "a")}
     columns |= {
         column.name: rng.uniform(20.0, 30.0, n)

@@ -112,39 +112,6 @@ def test_cells_that_were_not_tared_are_an_error_with_its_mend(bench: Path, belti
     assert beltid("fit-friction", "untared.csv", "-c", "tared.yaml").exit_code == 0
 
 
-def test_one_cell_that_was_not_tared_is_no_reason_to_set_runs_aside(
-    bench: Path, beltid: Any
-) -> None:
-    table = read_csv(bench / "rig.csv")
-    k = table.column_names.index("tension_tight_N")
-    shifted = add(table["tension_tight_N"], 40.0)  # at the lowest tension cells differ too much
-    write_csv(table.set_column(k, "tension_tight_N", shifted), bench / "one_cell.csv")
-    refused = beltid("fit-friction", "one_cell.csv", "-o", "new.parquet")
-    assert refused.exit_code == 2
-    assert "friction.tension_tight_tare_N" in refused.stderr
-
-
-def test_other_settings_make_it_again_and_unrelated_ones_do_not(bench: Path, beltid: Any) -> None:
-    config = bench / "beltid.yaml"
-    text = config.read_text()
-    config.write_text(text + "compare: {max_relative_error: 0.5}\n")
-    assert "up to date" in beltid("fit-friction", "rig.csv").stderr
-    before = (bench / "friction.parquet").read_bytes()
-    config.write_text(text + "friction: {correct_imbalance: true}\n")
-    result = beltid("fit-friction", "rig.csv")
-    assert "up to date" not in result.stderr
-    assert (bench / "friction.parquet").read_bytes() != before
-
-
-def test_another_recording_makes_it_again(bench: Path, beltid: Any) -> None:
-    recording = bench / "rig.csv"
-    lines = recording.read_text().splitlines(keepends=True)
-    recording.write_text("".join(lines[:-1]))
-    result = beltid("fit-friction", "rig.csv", "-v")
-    assert result.exit_code == 0
-    assert "built again" in result.stderr
-
-
 def test_the_config_used_is_said_and_stored(bench: Path, beltid: Any) -> None:
     result = beltid("fit-friction", "rig.csv", "--force")
     assert result.stderr.splitlines()[0].startswith("config: ")
@@ -154,37 +121,11 @@ def test_the_config_used_is_said_and_stored(bench: Path, beltid: Any) -> None:
     assert len(stored.config_sha256) == 64
 
 
-def test_config_discovery_order(
-    bench: Path, beltid: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    def used(*arguments: str) -> str:
-        return beltid("fit-slip", "speedloss.csv", *arguments).stderr.splitlines()[0]
-
-    assert "beltid.yaml" in used()
-    (bench / "speedloss.yaml").write_text("friction: {max_mu: 2.5}\n")
-    assert "speedloss.yaml" in used()
-    (tmp_path / "env.yaml").write_text("friction: {max_mu: 2.6}\n")
-    monkeypatch.setenv("BELTID_CONFIG", str(tmp_path / "env.yaml"))
-    assert "env.yaml" in used()
-    (tmp_path / "told.yaml").write_text("friction: {max_mu: 2.7}\n")
-    assert "told.yaml" in used("--config", str(tmp_path / "told.yaml"))
-    monkeypatch.delenv("BELTID_CONFIG")
-    (bench / "speedloss.yaml").unlink()
-    (bench / "beltid.yaml").unlink()
-    assert "built-in 5PK" in used()
-
-
 def test_quiet_says_nothing_and_verbose_prints_every_run(bench: Path, beltid: Any) -> None:
     quiet = beltid("fit-friction", "rig.csv", "-q", "--force")
     assert quiet.stderr == ""
     assert "R006" not in quiet.stdout
     assert "R006" in beltid("fit-friction", "rig.csv", "-v").stdout
-
-
-def test_out_names_the_file_and_makes_its_folder(bench: Path, beltid: Any) -> None:
-    result = beltid("build-surface", "friction.parquet", "-o", "new/folder/mine.parquet")
-    assert result.exit_code == 0
-    assert read_artifact(bench / "new/folder/mine.parquet", "surface")
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -238,14 +179,6 @@ def test_runs_are_picked_by_their_settings_and_keep_their_labels(bench: Path, be
     ]
     # 2 arcs x 4 tensions x 2 speeds, counted in this order
     assert settings == [("S012", 82, 220, 0.21), ("S016", 82, 411, 0.21)]
-
-
-def test_a_setting_that_the_config_does_not_have_is_refused_with_those_it_has(
-    bench: Path, beltid: Any
-) -> None:
-    result = beltid("simulate-rig", "surface.parquet", "stiffness.parquet", "--arc", "70")
-    assert result.exit_code == 2
-    assert "--arc = 70, must be one of those of the campaign: 40, 82" in result.stderr
 
 
 def test_results_of_the_shipped_recordings_are_called_synthetic(

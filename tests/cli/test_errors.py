@@ -123,24 +123,6 @@ def test_wrong_input_is_status_2_and_leaves_everything_as_it_was(
     assert {f: f.read_bytes() for f in bench.rglob("*") if f.is_file()} == before
 
 
-def test_force_replaces_a_foreign_file(bench: Path, beltid: Any) -> None:
-    (bench / "mine.parquet").write_text("my thesis")
-    call = ("build-surface", "friction.parquet", "-o", "mine.parquet")
-    assert beltid(*call).exit_code == 2
-    assert (bench / "mine.parquet").read_text() == "my thesis"
-    assert beltid(*call, "--force").exit_code == 0
-    assert (bench / "mine.parquet").read_bytes() == (bench / "surface.parquet").read_bytes()
-
-
-def test_a_damaged_result_of_the_same_kind_is_made_again(bench: Path, beltid: Any) -> None:
-    whole = (bench / "surface.parquet").read_bytes()
-    spoilt = bytearray(whole)
-    spoilt[100] ^= 1  # in the numbers; the copy of the metadata at the end is harmless
-    (bench / "surface.parquet").write_bytes(bytes(spoilt))
-    assert beltid("build-surface", "friction.parquet").exit_code == 0
-    assert (bench / "surface.parquet").read_bytes() == whole
-
-
 def test_a_press_record_that_is_no_law_says_so(bench: Path, beltid: Any) -> None:
     # softening: the force grows with the square root of the penetration
     rows = ["test,time_s,displacement_mm,force_N"]

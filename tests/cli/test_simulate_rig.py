@@ -31,16 +31,6 @@ def test_a_part_of_a_campaign_does_not_take_the_place_of_the_whole(
     assert "simulated_part.parquet" in result.stdout
 
 
-def test_a_part_goes_where_it_is_told(bench: Path, beltid: Any) -> None:
-    assert beltid(*CALL, *ONE, "-o", "mine.parquet").exit_code == 0
-    assert (bench / "mine.parquet").is_file()
-    assert not (bench / "simulated_part.parquet").exists()
-
-
-def test_the_help_tells_where_a_part_goes(beltid: Any) -> None:
-    assert "simulated_part.parquet" in beltid("simulate-rig", "--help").stdout
-
-
 def test_profiles_stand_beside_the_recording(bench: Path, beltid: Any) -> None:
     # slowly turned, so that the travel at a time tells how far the slip front has come
     transient = (*CALL, *ONE, "--method", "transient", "-o", "run.parquet")
@@ -148,14 +138,6 @@ def test_what_the_solver_did_is_told_to_the_curious(bench: Path, beltid: Any) ->
     assert row["newton_iterations"] >= row["steps"]
     assert 0 <= row["residual"] < 1e-3
     assert 0 <= row["clamped_lookups_percent"] <= 100
-
-
-def test_a_comparison_of_few_runs_says_so(bench: Path, beltid: Any) -> None:
-    assert beltid(*CALL, "--arc", "82", "--speed", "0.21").exit_code == 0
-    result = beltid("compare", "friction.parquet", "simulated_part.parquet", "-o", "c.parquet")
-    assert "warning: only 4 of 16 measured runs were compared" in result.stderr
-    whole = beltid("compare", "friction.parquet", "simulated.parquet", "--force")
-    assert "were compared" not in whole.stderr
 
 
 def test_a_dead_weight_keeps_its_force_and_its_recording_is_reduced(

@@ -41,13 +41,6 @@ def test_a_corrected_recording_gives_the_numbers_of_the_undistorted_one(mode: st
     assert not any(run.treatment.cells.note for run in true)
 
 
-def test_uncorrected_errors_of_the_cells_would_bias_mu() -> None:
-    columns = distorted(bench(Recipe(), 8))
-    plain = reduce_runs(columns, 0.05, FrictionSettings(correct_imbalance=False))
-    # ln(1.03/0.98 cos 5/cos 12) = 6.8 % of the ratio, plus the tares: of ln ratio 1.145
-    assert all(abs(run.mu_sliding / 0.8 - 1.0) > 0.03 for run in plain)
-
-
 def test_what_a_calibration_leaves_is_still_seen_at_rest() -> None:
     columns = bench(Recipe(offset=3.0), 8)
     runs = reduce_runs(columns, 0.05, kind=tared(3.0))

@@ -241,42 +241,6 @@ def cut(n: int) -> Callable[[Columns], None]:
     return fault
 
 
-def deaf_cell(c: Columns) -> None:
-    c["tension_slack_N"] = 270.0 + 0.5 * np.random.default_rng(1).normal(size=300)
-
-
-def never_turns(c: Columns) -> None:
-    c["pulley_speed_rad_s"] = 5e-5 * np.random.default_rng(2).normal(size=300)
-
-
-def long_gap(c: Columns) -> None:
-    c["tension_slack_N"][70:250] = np.nan
-
-
-@pytest.mark.parametrize(
-    ("fault", "reason"),
-    [
-        (deaf_cell, "tension_slack_N is dead"),
-        (never_turns, "the pulley never turns"),
-        (long_gap, "tension_slack_N is missing"),
-        (cut(1), "too short"),
-        (cut(52), "too short"),
-        (cut(62), "never slides"),
-    ],
-)
-def test_broken_runs_are_set_aside_with_their_reason(
-    fault: Callable[[Columns], None], reason: str
-) -> None:
-    """One of each kind; every reason at its limit: test_channels, test_rest_phase."""
-    columns = record(BASE)
-    fault(columns)
-    run = reduce_columns(columns)
-    assert run.status.startswith(reason)
-    assert not run.ok
-    assert np.isnan(run.mu_sliding)
-    assert np.isnan(run.mu_sticking)
-
-
 @pytest.mark.parametrize(
     ("recipe", "reason"),
     [
