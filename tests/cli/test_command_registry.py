@@ -1,10 +1,8 @@
-"""Adding a command touches its stage, its command file and one line of the table of commands."""
+"""A line of the table of commands makes a file of the folder a command."""
 
 from __future__ import annotations
 
-import ast
 import json
-from functools import cache
 from pathlib import Path
 
 import pytest
@@ -14,16 +12,6 @@ import beltid.cli.commands as commands
 from beltid.cli import app
 from beltid.cli.program import COMMANDS
 
-PACKAGE = Path(__file__).parents[2] / "beltid"
-REGISTRIES = {
-    "cli/program.py": "the commands in the order of the help",
-    "tables/schemas.py": "the command that writes a kind of artifact",
-    "batch/chain.py": "the steps of `beltid run`",
-}
-COLUMNS_OF_A_BATCH = "batch/belts.py"  # figures of two steps stand in its table
-KINDS_OF_RECORDINGS = (
-    "stages/setup/inspect_file.py"  # the command that reads each of the three kinds
-)
 NEW_COMMAND = """
 from beltid.cli.program import Common, command
 from beltid.cli.execute import finish
@@ -54,36 +42,3 @@ def test_a_line_of_the_table_makes_a_file_a_command(
     assert "weighing" in done.stderr
     assert "weighing" not in CliRunner().invoke(app, ["weigh-belt", "-q"]).stderr
     assert "--config" in CliRunner().invoke(app, ["weigh-belt", "--help"]).stdout
-
-
-@cache
-def texts_of_the_package() -> list[tuple[str, str]]:
-    """File and value of every text in the code of the package."""
-    return [
-        (path.relative_to(PACKAGE).as_posix(), node.value)
-        for path in PACKAGE.rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.Constant) and isinstance(node.value, str)
-    ]
-
-
-def mentions(name: str) -> set[str]:
-    """Files of the package in whose code a text begins with the name of a command."""
-    begin = (f"{name} --", f"{name} refined")
-    return {
-        file
-        for file, value in texts_of_the_package()
-        if (text := value.removeprefix("beltid ")) == name or text.startswith(begin)
-    }
-
-
-@pytest.mark.parametrize("name", [name for name in COMMANDS if "-" in name])
-def test_a_command_is_named_in_its_stage_its_file_and_the_registries_only(name: str) -> None:
-    module = COMMANDS[name][0]
-    (stage,) = PACKAGE.glob(f"stages/*/{name.replace('-', '_')}.py")
-    own = {f"cli/commands/{module}.py", stage.relative_to(PACKAGE).as_posix()}
-    found = mentions(name)
-    assert own <= found
-    assert "cli/program.py" in found
-    known = own | set(REGISTRIES) | {COLUMNS_OF_A_BATCH, KINDS_OF_RECORDINGS}
-    assert found <= known

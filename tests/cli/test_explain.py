@@ -119,7 +119,10 @@ def test_every_code_has_a_page_and_is_tested_and_told_by_the_documentation() -> 
 def test_every_code_that_an_error_is_given_has_a_page() -> None:
     given = set()
     for path in Path(beltid_package.__file__).parent.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        text = path.read_text("utf-8")
+        if "code=" not in text and "Problem(" not in text:
+            continue
+        for node in ast.walk(ast.parse(text)):
             if isinstance(node, ast.Call):
                 named = [word.value for word in node.keywords if word.arg == "code"]
                 if isinstance(node.func, ast.Name) and node.func.id == "Problem":

@@ -69,13 +69,6 @@ def test_without_data_it_plans_from_what_is_usual_and_says_so(bench: Path, belti
     assert (bench / "plan.csv").read_text().count("usual values") == product["facts"]["runs"]
 
 
-def test_stop_leaves_an_empty_table(ran: Path, results: Any, beltid: Any) -> None:
-    result = beltid("plan", *results, "--goal-u", "0.2", "-o", "plan.csv")
-    assert result.exit_code == 0, result.stderr
-    assert "stop: goal reached" in result.stdout
-    assert len((ran / "plan.csv").read_text().splitlines()) == 1
-
-
 def test_the_drive_as_target_asks_for_runs_where_it_rubs(bench: Path, beltid: Any) -> None:
     config = (bench / "beltid.yaml").read_text()
     drive = "drive: {initial_tension_N: [310], operating_points: {torque_N_m: {driven: [8, 14]}}}\n"

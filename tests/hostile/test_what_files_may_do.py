@@ -214,9 +214,10 @@ def test_nothing_in_the_package_unpickles_or_evaluates():
     own = ("friction_stream.py", "refinement.py", "compiled.py")
     forbidden = {"pickle", "marshal", "shelve", "dill", "cloudpickle", "eval", "exec", "compile"}
     for path in (ROOT / "beltid").rglob("*.py"):
-        if path.name in own:
+        text = path.read_text("utf-8")
+        if path.name in own or not any(word in text for word in (*forbidden, "load(")):
             continue
-        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        for node in ast.walk(ast.parse(text)):
             named = {a.name for a in node.names} if isinstance(node, ast.Import) else set()
             if isinstance(node, ast.ImportFrom):
                 named = {node.module}

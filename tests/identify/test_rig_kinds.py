@@ -147,7 +147,7 @@ def plateaus(runs: tuple[RunReduction, ...]) -> Columns:
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-@pytest.mark.parametrize("span", ["tight", "slack"])
+@pytest.mark.parametrize("span", ["slack", pytest.param("tight", marks=pytest.mark.long)])
 def test_a_dead_weight_gives_the_plateau_of_two_cells(two_cells, span):
     cells, kind = plateaus(two_cells), RigKind("dead_weight", weight_on=span)
     runs, expected = reduce_runs(by_weight(cells, span), R, None, kind), reduce_runs(cells, R)

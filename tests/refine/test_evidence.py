@@ -221,6 +221,7 @@ def _arcs_set_wrongly(seed: int, sigma: float) -> LinearModel:
     return LinearModel(J / 0.003, y / 0.003, *roughness, np.zeros(80), effects, before)
 
 
+@pytest.mark.long
 def test_a_stated_error_of_the_arcs_is_not_counted_once_more_as_their_effect():
     # the mean of the four errors is never seen: the level has the standard deviation sigma / 2;
     # counted twice, as stated and as an effect of the same size, it would be sqrt(2) of that

@@ -11,7 +11,6 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-import beltid
 from beltid.artifacts.artifact import read_artifact
 from beltid.cli.program import app
 from beltid.errors import InputError
@@ -188,7 +187,7 @@ def test_the_command_reads_a_table_of_other_names_and_units(tmp_path: Path):
     assert result.exit_code == 0, result.stderr
 
 
-@pytest.mark.parametrize("write", ["to_csv", "to_excel", "to_parquet"])
+@pytest.mark.parametrize("write", ["to_csv", "to_parquet"])
 def test_a_file_without_any_of_the_columns_is_refused_with_its_name(tmp_path: Path, write: str):
     path = tmp_path / f"other{ {'to_csv': '.csv', 'to_excel': '.xlsx'}.get(write, '.parquet') }"
     getattr(pd.DataFrame({"a": [1.0, 2.0], "b": [3.0, 4.0]}), write)(path, index=False)
@@ -287,20 +286,6 @@ def test_the_error_of_a_bin_is_that_of_its_scatter():
     expected = 2.0 / tight / np.sqrt(500.0) / np.radians(90.0)
     assert found["mu_sliding_se"].to_numpy() == pytest.approx(expected, rel=0.25)
     assert np.all(np.abs(found["mu_sliding"] - 0.5) < 4.0 * expected)
-
-
-def test_the_python_function_takes_every_kind_of_recording():
-    rig = pd.read_csv(Path(__file__).parents[2] / "rigdata/5pk/rig.csv", dtype={"run": str})
-    part = rig[rig["run"].isin(["R041", "R042", "R043"])]
-    torque = part.assign(torque_N_m=(part["tension_tight_N"] - part["tension_slack_N"]) * R)
-    torque = torque.drop(columns="tension_slack_N")
-    cells = beltid.fit_friction(part).to_frame()
-    outcome = beltid.fit_friction(torque, {"rig": {"kind": "torque"}})
-    difference = outcome.to_frame()["mu_sliding"] - cells["mu_sliding"]
-    assert np.abs(difference).max() < 1e-6
-    assert any("drag of the bearings" in line for line in outcome.warnings)
-    with pytest.raises(InputError, match="column torque_N_m is missing"):
-        beltid.fit_friction(part, {"rig": {"kind": "torque"}})
 
 
 NO_OTHERS = {
