@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
 import random
 import zipfile
 from collections.abc import Callable
@@ -119,17 +118,6 @@ def test_after_a_crash_the_other_files_are_read(tmp_path, monkeypatch):
     assert isinstance(second, BenchFile)
 
 
-def test_a_link_to_another_file_is_not_followed(tmp_path):
-    import h5py
-
-    other = writers.RIG["mat73"](tmp_path)
-    path = tmp_path / "link.h5"
-    with h5py.File(path, "w") as file:
-        file["R001"] = h5py.ExternalLink(str(other), "/R001")
-    with pytest.raises(InputError, match="R001 is a link to another file, which is not followed"):
-        read_recording(path, "rig")
-
-
 def test_samples_that_stand_in_another_file_are_not_read(tmp_path):
     import h5py
 
@@ -154,19 +142,3 @@ def test_bombs(tmp_path):
         archive.writestr("xl/workbook.xml", b"0" * (8 << 20))
     with pytest.raises(InputError, match="damaged"):
         read_recording(book, "rig")
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        (b"\xd0\xcf\x11\xe0" + bytes(100), "an old Excel workbook"),
-        (b"%PDF-1.4 " + bytes(100), "a PDF file"),
-        (b"TDSh" + bytes(100), "the index of a TDMS file"),
-        (gzip.compress(gzip.compress(b"x" * 99, mtime=0), mtime=0), "packed twice"),
-    ],
-)
-def test_what_is_not_read_is_named(tmp_path, content, words):
-    path = tmp_path / "rig.dat"
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=words):
-        read_recording(path, "rig")

@@ -70,7 +70,10 @@ def picked(kind: str, count: int) -> list[tuple[str, bytes]]:
     return found
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "kind",
+    [k if k in ("friction", "surface") else pytest.param(k, marks=pytest.mark.long) for k in KINDS],
+)
 def test_what_is_let_in_ends_no_command_with_a_traceback(folder, kind):
     for what, data in picked(kind, 2):
         for command in (f"show {kind}.parquet", f"info {kind}.parquet", *READERS[kind]):

@@ -74,11 +74,10 @@ NOT_YET = {
 }
 """What is not reached yet, with its size."""
 QUICK = {
-    "one exponential",
     "zero of the tight cell wanders 0.5 N in 10 s",
     "AR noise 1 s, 1 N, opposite in both cells",
 }
-"""One case each of the tail, the zero points and the noise."""
+"""One case each of the zero points and of the noise; the tail: test_friction_rigdata."""
 CASES = [
     ("one exponential", MOST_KEPT),
     ("two exponentials", MOST_KEPT),
@@ -127,7 +126,7 @@ def test_intervals_are_as_wide_as_the_errors(name: str, least_kept: float) -> No
 @pytest.mark.parametrize(
     ("name", "most"),
     [
-        ("one exponential", 0.0006),
+        pytest.param("one exponential", 0.0006, marks=pytest.mark.long),
         pytest.param("two exponentials", 0.0015, marks=pytest.mark.long),
         pytest.param("stretched exponential", 0.0015, marks=pytest.mark.long),
         pytest.param("mu drifts within a run, +1 %", 0.0032, marks=pytest.mark.long),
