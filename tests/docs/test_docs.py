@@ -21,16 +21,8 @@ from beltid.artifacts.artifact import read_artifact
 from beltid.cli import app
 
 ROOT = Path(__file__).parents[2]
-SPHINX = (
-    sys.executable,
-    "-m",
-    "sphinx",
-    "-W",
-    "--keep-going",
-    "-q",
-    "-b",
-    "dummy",
-)  # all but the writing
+# everything but the writing of pages
+SPHINX = (sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "dummy")
 TUTORIAL = ROOT / "docs" / "tutorial.md"
 ONWARD = (TUTORIAL, ROOT / "docs" / "drive.md", ROOT / "docs" / "plan.md")
 """The tutorial and the pages that go on from it, in their order."""

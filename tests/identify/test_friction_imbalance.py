@@ -106,6 +106,7 @@ def test_a_fault_that_shows_in_part_or_does_not_matter_is_in_the_error(
     assert score(campaign(fault))[1] < high
 
 
+@pytest.mark.long
 def test_friction_left_from_tightening_is_not_mistaken_for_a_fault_of_the_cells() -> None:
     def change(mode: object) -> float:
         pairs = zip(campaign(none, mode), campaign(left_from_tightening, mode), strict=True)

@@ -146,6 +146,7 @@ def test_folded_tables_are_open_on_paper(opened: Any) -> None:
     assert page.evaluate(folded) == 0
 
 
+@pytest.mark.long
 def test_static_part_needs_no_scripts(browser: Any, address: str) -> None:
     context = browser.new_context(viewport=NARROW, offline=True, java_script_enabled=False)
     page = context.new_page()

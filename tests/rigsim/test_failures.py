@@ -218,7 +218,7 @@ def compiled_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[A
     compiled.cache_folder.cache_clear()
 
 
-@pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
+@pytest.mark.parametrize("suffix", [pytest.param(".nbi", marks=pytest.mark.long), ".nbc"])
 def test_a_damaged_cache_heals(compiled_anew: Anew, tmp_path: Path, suffix: str) -> None:
     """The index of a kernel cut short, or one bit of its code flipped: compiled anew."""
     assert compiled_anew(tmp_path) == (0, 1)
