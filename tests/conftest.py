@@ -26,6 +26,7 @@ FIRST = (
     "chain/test_batch.py",  # it compiles the kernels, those that follow need none of them at once
     "report",
     "docs",
+    "cli/test_commands.py",  # it makes what all of cli waits for
     "rigsim",
     "drive",
     "chain",
