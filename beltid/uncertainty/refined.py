@@ -67,6 +67,16 @@ class Refined:
     sources: tuple[Source, ...]
     slopes: Array
 
+    def contradictions(self) -> dict[str, float]:
+        """Errors that the runs put beyond what is known of them: name -> standard uncertainties."""
+        errors = self.refined.stated
+        found: dict[str, float] = {}
+        if errors is not None:
+            for source, size in zip(self.sources, np.abs(errors.values).tolist(), strict=False):
+                if size > CLEAR:
+                    found[source.name] = max(size, found.get(source.name, 0.0))
+        return found
+
 
 def refined_campaign(
     campaign: Campaign,
