@@ -11,7 +11,8 @@ Errors that runs share have stated standard uncertainties. The data say how larg
 that those errors do not explain: what an arc set wrongly does to the runs at that arc is counted
 once, as the stated error. The surface itself does not follow what the runs say of the errors: a
 bench without them would lose accuracy, as the traces of such an error and of a model error are
-alike. It follows the effects alone; :mod:`beltid.uncertainty.refined` has what errors do.
+alike. It follows the effects alone, in the size that the stated errors leave them;
+:mod:`beltid.uncertainty.refined` has what errors do.
 """
 
 from __future__ import annotations
