@@ -87,7 +87,7 @@ class FoundEffect:
 
     @property
     def largest_usual(self) -> float:
-        """Standard deviation of its numbers that 98 % of the campaigns do not exceed, (2 widths)."""
+        """Standard deviation of its numbers that 98 % of the campaigns do not exceed."""
         centre, width = BEFORE[self.effect.key]
         return float(np.exp(centre + WIDTHS * width))
 

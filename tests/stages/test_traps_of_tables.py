@@ -116,7 +116,7 @@ def test_by_command_readings_near_the_resolution_are_named(tmp_path: Path) -> No
 
 
 def test_by_command_no_law_is_forced_on_silicone(tmp_path: Path) -> None:
-    """DragonSkin10 on PLA: mu doubles and halves over 0.01 to 0.7 N (doi 10.1109/LRA.2024.3376975)."""
+    """DragonSkin10 on PLA, heads of 0.01 to 0.7 N (doi 10.1109/LRA.2024.3376975)."""
     force = np.array([0.01, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7])
     mu = [2.13, 2.80, 2.53, 2.03, 1.71, 1.43, 1.23]
     frame = pd.DataFrame({"normal_force_N_m": force, "mu": mu, "slip_speed_m_s": 0.01})

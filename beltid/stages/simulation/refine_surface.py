@@ -165,8 +165,8 @@ class Refinement:
             if found.is_unusual
         ]
         lines += [
-            f"{name}: the runs ask for an error of {size:.2g} standard uncertainties; what is known "
-            "of it is wrong, or the simulated rig does not describe this bench"
+            f"{name}: the runs ask for an error of {size:.2g} standard uncertainties; what is "
+            "known of it is wrong, or the simulated rig does not describe this bench"
             for name, size in self.contradictions.items()
         ]
         return tuple(lines)
