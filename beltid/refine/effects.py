@@ -38,6 +38,7 @@ BEFORE = {
     TEMPERATURE: (float(np.log(1.0e-2)), 1.0),
 }
 BEFORE_IF_CORRECTED = {ORDER: (float(np.log(1.0e-3)), 1.5), COURSE: (float(np.log(1.0e-3)), 1.5)}
+WIDTHS = 2.0  # of an effect beforehand, beyond which the model of the bench is in doubt
 BENDS = (2, 3, 4)  # degrees of the polynomials of the course
 STEP_OF_TEMPERATURE = 10.0  # K
 
@@ -83,6 +84,17 @@ class FoundEffect:
     values: Array
     covariance: Array
     explained: Array
+
+    @property
+    def largest_usual(self) -> float:
+        """Standard deviation of its numbers that 98 % of the campaigns do not exceed."""
+        centre, width = BEFORE[self.effect.key]
+        return float(np.exp(centre + WIDTHS * width))
+
+    @property
+    def is_unusual(self) -> bool:
+        """Whether its numbers are beyond what such an effect can be expected to be."""
+        return float(np.sqrt(np.mean(np.square(self.values)))) > self.largest_usual
 
 
 def campaign_effects(

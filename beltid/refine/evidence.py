@@ -91,6 +91,8 @@ class Solution:
         Of the numbers.
     gain, effects_gain : ndarray, shape (size, n), (K, n)
         Derivatives of parameters and numbers by the data (in units of their standard errors).
+    pull, effects_pull : ndarray, shape (size, size), (K, size)
+        Derivatives of both by a force on the parameters: ``gain J = 1 - pull P``.
     """
 
     parameters: Array
@@ -99,6 +101,8 @@ class Solution:
     effects_covariance: Array
     gain: Array
     effects_gain: Array
+    pull: Array
+    effects_pull: Array
 
 
 class _Marginal(NamedTuple):
@@ -154,17 +158,43 @@ class LinearModel:
             effects_covariance=np.outer(sizes, sizes) * covariance[size:, size:],
             gain=gain[:size],
             effects_gain=sizes[:, None] * gain[size:],
+            pull=covariance[:size, :size],
+            effects_pull=sizes[:, None] * covariance[size:, :size],
         )
 
-    def without_stated(self, smoothness: Smoothness) -> tuple[LinearModel, Smoothness]:
-        """The model, and its hyperparameters, in which effects of a stated size are no unknowns."""
-        free = [k for k, before in enumerate(self.before) if before is not None]
-        model = replace(
-            self,
-            effects=[self.effects[k] for k in free],
-            before=[self.before[k] for k in free],
+    def solve_surface(self, smoothness: Smoothness) -> Solution:
+        """Most probable parameters with the effects, the numbers of a stated size taken as zero.
+
+        The effects are those of :meth:`solve`, with the latter among the unknowns; the covariance
+        is that of scatter and effects. Without numbers of a stated size both are the same.
+        """
+        whole, free = self.solve(smoothness), self.is_free
+        no_effects = replace(smoothness, effects=())
+        model = replace(self, effects=(), before=())
+        alone, variance = model.solve(no_effects), self.variance(smoothness)
+        follows = alone.gain @ self._Z[:, free]
+        gain = alone.gain - follows @ whole.effects_gain[free]
+        pull = alone.pull - follows @ whole.effects_pull[free]
+        of_effects = gain @ self._columns(smoothness)[:, free]
+        roughness = model._normal(no_effects) - self.J.T @ (self.J / variance[:, None])
+        covariance = gain @ (variance[:, None] * gain.T) + of_effects @ of_effects.T
+        covariance += pull @ roughness @ pull.T
+        return Solution(
+            parameters=gain @ self.y,
+            effects=whole.effects[free],
+            covariance=covariance,
+            effects_covariance=whole.effects_covariance[np.ix_(free, free)],
+            gain=gain,
+            effects_gain=whole.effects_gain[free],
+            pull=pull,
+            effects_pull=whole.effects_pull[free],
         )
-        return model, replace(smoothness, effects=tuple(smoothness.effects[k] for k in free))
+
+    @property
+    def is_free(self) -> NDArray[np.bool_]:
+        """Whether the data find the size of each number (K,)."""
+        counts = [columns.shape[1] for columns in self.effects]
+        return np.repeat([before is not None for before in self.before], counts).astype(bool)
 
     def residual(self, solution: Solution) -> Array:
         """What the solution leaves of the data (n,), noise."""
@@ -190,9 +220,9 @@ class LinearModel:
 
     def effective_parameters(self, smoothness: Smoothness) -> float:
         """Number of parameters that the data determine: trace of the influence matrix."""
-        design = self._design(smoothness)
-        data = design.T @ (design / self.variance(smoothness)[:, None])
-        return float(np.trace(cho_solve(cho_factor(self._normal(smoothness)), data)))
+        found = self.solve_surface(smoothness)
+        by_effects = found.effects_gain @ self._Z[:, self.is_free]
+        return float(np.trace(found.gain @ self.J) + np.trace(by_effects))
 
     def log_evidence(self, smoothness: Smoothness) -> tuple[float, Array]:
         """Logarithm of the marginal likelihood up to a constant, and its derivatives.
@@ -253,18 +283,18 @@ class LinearModel:
         both = cho_solve(factor, design.T @ (self.y / variance))
         return _Marginal(design, factor, variance, both, self.y - design @ both)
 
-    def misfit(self, residual: Array, parameters: Array, smoothness: Smoothness) -> float:
-        """Penalised misfit: ``r' V^-1 r + p' P p``, V the covariance of noise and effects.
+    def shifts(self, solution: Solution) -> Array:
+        """What the effects of :meth:`solve_surface` do to the data (n,)."""
+        return np.asarray(self._Z[:, self.is_free] @ solution.effects)
 
-        `residual` (n,) is measured less simulated ln mu over standard errors, of whatever model:
-        it need not be the linear one.
+    def misfit(self, residual: Array, parameters: Array, smoothness: Smoothness) -> float:
+        """Penalised misfit: ``r' S^-1 r + p' P p``, S the variance of the noise.
+
+        `residual` (n,) is measured less simulated ln mu and less the effects, over standard errors,
+        of whatever model: it need not be the linear one.
         """
-        noise = np.sqrt(self.variance(smoothness))
-        r = residual / noise
-        B = self._columns(smoothness) / noise[:, None]
-        b = B.T @ r
-        explained = b @ np.linalg.solve(np.eye(b.size) + B.T @ B, b)
-        return float(r @ r - explained + parameters @ self.roughness(smoothness) @ parameters)
+        noise = residual @ (residual / self.variance(smoothness))
+        return float(noise + parameters @ self.roughness(smoothness) @ parameters)
 
     def variance(self, smoothness: Smoothness) -> Array:
         """Variance of the noise of each run (n,), in squares of its standard error."""

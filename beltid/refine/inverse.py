@@ -11,7 +11,8 @@ Errors that runs share have stated standard uncertainties. The data say how larg
 that those errors do not explain: what an arc set wrongly does to the runs at that arc is counted
 once, as the stated error. The surface itself does not follow what the runs say of the errors: a
 bench without them would lose accuracy, as the traces of such an error and of a model error are
-alike. It follows the effects alone; :mod:`beltid.uncertainty.refined` has what errors do.
+alike. It follows the effects alone, in the size that the stated errors leave them;
+:mod:`beltid.uncertainty.refined` has what errors do.
 """
 
 from __future__ import annotations
@@ -30,7 +31,6 @@ from beltid.refine.evidence import (
     SMALLEST_SCALE,
     LinearModel,
     Smoothness,
-    Solution,
     choose_smoothness,
 )
 from beltid.refine.rig_runs import (
@@ -95,14 +95,16 @@ class RefinedSurface:
         runs: how the solution follows its data.
     speed_slope : ndarray, shape (n,)
         Derivative of the simulated ln mu by ln v of the run.
+    pull : ndarray, shape (size, size)
+        Derivatives of the parameters by a force on them: ``gain J = 1 - pull roughness``.
     roughness : ndarray, shape (size, size)
         Quadratic form that was added to the misfit.
     effects : tuple of FoundEffect
         What shifts the friction beside the surface. What a whole effect has in common with the
         surface is not seen; it is in the covariance of both.
-    effects_covariance, effects_gain : ndarray, shape (K, K), (K, n)
-        Covariance of the numbers of all effects, in their order, and their derivatives by ln mu of
-        the runs.
+    effects_covariance : ndarray, shape (K, K)
+        Covariance of the numbers of all effects, in their order; what stated errors leave open of
+        them is in it.
     stated : FoundEffect or None
         The errors that runs share as the runs show them, in units of their stated standard
         uncertainties; the surface does not follow these values. None where no error was stated.
@@ -124,10 +126,10 @@ class RefinedSurface:
     J: Array
     gain: Array
     speed_slope: Array
+    pull: Array
     roughness: Array
     effects: tuple[FoundEffect, ...]
     effects_covariance: Array
-    effects_gain: Array
     stated: FoundEffect | None
 
     def effect(self, key: str) -> FoundEffect | None:
@@ -203,7 +205,8 @@ def refine_surface(
     fit = _gauss_newton(problem, start)
     last = sweep_with_slopes(rig, curves, fit.parameters)
     variance = fit.model.variance(fit.smoothness)
-    solution = fit.model.solve(fit.smoothness)
+    solution = fit.model.solve_surface(fit.smoothness)
+    found = _found((*effects, shared), fit.model, fit.smoothness)
     return RefinedSurface(
         surface=_tabulated(curves, fit.parameters, solution.covariance, nodes),
         curves=curves,
@@ -221,19 +224,19 @@ def refine_surface(
         J=last.J,
         gain=solution.gain * (np.sqrt(fit.weight) / errors),
         speed_slope=last.speed_slope,
+        pull=solution.pull,
         roughness=fit.model.roughness(fit.smoothness),
-        effects=_found(problem.effects, fit.model, fit.smoothness, solution),
+        effects=found[:-1],
         effects_covariance=solution.effects_covariance,
-        effects_gain=solution.effects_gain * (np.sqrt(fit.weight) / errors),
-        stated=None if stated is None else fit.stated_errors(problem),
+        stated=None if stated is None else found[-1],
     )
 
 
 def _found(
-    effects: Sequence[Effect], model: LinearModel, smoothness: Smoothness, solution: Solution
+    effects: Sequence[Effect], model: LinearModel, smoothness: Smoothness
 ) -> tuple[FoundEffect, ...]:
-    """The numbers of each effect."""
-    found, first = [], 0
+    """The numbers of each effect, with the surface and all others unknown."""
+    solution, found, first = model.solve(smoothness), [], 0
     parts = zip(effects, smoothness.effects, model.effects, strict=True)
     for effect, size, columns in parts:
         mine = slice(first, first + effect.columns.shape[1])
@@ -279,26 +282,14 @@ class _Problem:
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """Where the iteration ended: the last step is in, models and weights are those behind it.
-
-    `whole` has the stated errors among its unknowns, `model` has not: the surface is the solution
-    of the latter.
-    """
+    """Where the iteration ended: the last step is in, model and weights are those behind it."""
 
     parameters: Array
-    whole: LinearModel
-    chosen: Smoothness
     model: LinearModel
     smoothness: Smoothness
     weight: Array
     log_mu_before: Array
     iterations: int
-
-    def stated_errors(self, problem: _Problem) -> FoundEffect:
-        """The stated errors as the runs show them, with the surface and all effects unknown."""
-        solution = self.whole.solve(self.chosen)
-        effects = (*problem.effects, problem.stated)
-        return _found(effects, self.whole, self.chosen, solution)[-1]
 
 
 def _gauss_newton(problem: _Problem, start: Array) -> _Fit:
@@ -318,26 +309,23 @@ def _gauss_newton(problem: _Problem, start: Array) -> _Fit:
             fresh = choices < CHOICES and share in (0.0, 1.0)
             if fresh:
                 weight, response, choices = _weights(left), sweep.response, choices + 1
-            whole = problem.linearised(sweep, parameters, weight, response)
+            model = problem.linearised(sweep, parameters, weight, response)
             if fresh:
-                chosen = choose_smoothness(whole, chosen)
-            model, smoothness = whole.without_stated(chosen)
-            solution = model.solve(smoothness)
+                chosen = choose_smoothness(model, chosen)
+            surface = model.solve_surface(chosen)
             scale = np.sqrt(weight) / problem.errors
-            left = whole.residual(whole.solve(chosen)) / np.sqrt(weight * whole.variance(chosen))
-            step = solution.parameters - parameters
+            left = model.residual(model.solve(chosen)) / np.sqrt(weight * model.variance(chosen))
+            step = surface.parameters - parameters
             # what the data see of the step: knots that carry no load may drift
             change = float(np.max(np.abs(sweep.J @ step)))
-            merit = _Merit(problem, model, smoothness, scale)
+            merit = _Merit(problem, model, chosen, model.shifts(surface), scale)
             share, ended = 0.0, change <= TOLERANCE
             if not ended:
                 share, sweep = merit.descend(parameters, step, sweep)
                 parameters = parameters + share * step
                 ended = share == 0.0 and merit.along(step) <= NOTHING
             if ended and (fresh or choices == CHOICES):
-                return _Fit(
-                    parameters, whole, chosen, model, smoothness, weight, log_mu_before, iteration
-                )
+                return _Fit(parameters, model, chosen, weight, log_mu_before, iteration)
             if share == 0.0 and choices == CHOICES:
                 break
     except BeltidError as error:
@@ -356,16 +344,17 @@ def _gauss_newton(problem: _Problem, start: Array) -> _Fit:
 
 @dataclass(frozen=True, slots=True)
 class _Merit:
-    """The penalised misfit with frozen weights and hyperparameters, of the simulated runs."""
+    """The penalised misfit of simulated runs; effects, weights, hyperparameters are frozen."""
 
     problem: _Problem
     model: LinearModel
     smoothness: Smoothness
+    shifts: Array
     scale: Array
 
     def at(self, sweep: Sweep, parameters: Array) -> float:
         """Misfit of runs simulated with some parameters."""
-        left = (self.problem.log_mu - sweep.log_mu) * self.scale
+        left = (self.problem.log_mu - sweep.log_mu) * self.scale - self.shifts
         return self.model.misfit(left, parameters, self.smoothness)
 
     def along(self, step: Array) -> float:

@@ -201,13 +201,13 @@ def refined_again(
     guess = scatter + residual_change(nominal.campaign, errors, nominal.slopes, refined.speed_slope)
     # products by einsum: a threaded library could round otherwise on another machine
     parameters = refined.parameters + np.einsum("pn,n->p", refined.gain, guess)
-    parameters = parameters + np.einsum("pq,q->p", refined.covariance, pull)
+    parameters = parameters + np.einsum("pq,q->p", refined.pull, pull)
     for _ in range(MOST_ITERATIONS):
         surfaces = surfaces_of(refined.curves, parameters)
         residual = target - rig.log_mu(surfaces, refined.speed_slope)
         force = pull - np.einsum("pq,q->p", refined.roughness, parameters)
         step = np.einsum("pn,n->p", refined.gain, residual)
-        step = step + np.einsum("pq,q->p", refined.covariance, force)
+        step = step + np.einsum("pq,q->p", refined.pull, force)
         parameters = parameters + step
         if float(np.max(np.abs(np.einsum("np,p->n", refined.J, step)))) <= TOLERANCE:
             return parameters

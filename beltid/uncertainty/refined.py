@@ -67,6 +67,16 @@ class Refined:
     sources: tuple[Source, ...]
     slopes: Array
 
+    def contradictions(self) -> dict[str, float]:
+        """Errors that the runs put beyond what is known of them: name -> standard uncertainties."""
+        errors = self.refined.stated
+        found: dict[str, float] = {}
+        if errors is not None:
+            for source, size in zip(self.sources, np.abs(errors.values).tolist(), strict=False):
+                if size > CLEAR:
+                    found[source.name] = max(size, found.get(source.name, 0.0))
+        return found
+
 
 def refined_campaign(
     campaign: Campaign,
@@ -312,12 +322,8 @@ class _Seen:
     @classmethod
     def of(cls, found: Refined) -> Self:
         refined = found.refined
-        stated = [source for source in found.sources if source.error not in EFFECT_SOURCES]
-        changes = refined.effects_gain @ changes_of_residuals(
-            found.campaign, stated, found.slopes, refined.speed_slope
-        )
         values = np.concatenate([np.zeros(0), *(effect.values for effect in refined.effects)])
-        return cls(refined, values, refined.effects_covariance + changes @ changes.T)
+        return cls(refined, values, refined.effects_covariance)
 
     def rows(self, key: str) -> Array | None:
         """Weights (K_e, K) that pick the numbers of an effect; None if the runs cannot show it."""

@@ -3,17 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from truth_bench import SPEEDS, R, bench_and_runs, solved, true_mu
 
-from beltid.refine.effects import COURSE, ORDER, TEMPERATURE, campaign_effects
+from beltid.refine.effects import (
+    COURSE,
+    ORDER,
+    STATED,
+    TEMPERATURE,
+    Effect,
+    FoundEffect,
+    campaign_effects,
+)
 from beltid.refine.inverse import RefinedSurface, refine_surface
-from beltid.uncertainty.refined import ShownEffect
+from beltid.uncertainty.refined import Refined, ShownEffect
+from beltid.uncertainty.sources import Source
 
 NOISE = 0.001
 N = 120
+NO_MATTER = np.eye(1), np.zeros(1)
 PERMUTED = np.random.default_rng(1).permutation(N)
 
 
@@ -201,6 +212,21 @@ def test_an_order_that_goes_with_the_force_is_explained_by_the_surface():
 def test_what_the_surface_explains_is_no_clear_effect():
     assert ShownEffect(ORDER, 0.05, 0.01, explained=0.5).is_clear
     assert not ShownEffect(ORDER, 0.05, 0.01, explained=0.95).is_clear
+
+
+def test_what_no_usual_campaign_shows_is_named():
+    """Errors beyond three of their standard uncertainties, the largest of each name; effects, too.
+
+    ln s of an order effect is expected at ln 1 % ± 1.5, so that 98 % of them are below 20 %.
+    """
+    stated = FoundEffect(Effect(STATED, np.eye(3)), 1.0, np.array([3.5, -4.0, 2.0]), *NO_MATTER)
+    sources = tuple(Source(name, "arc", 0, 1.0, "", 1.0, "") for name in ("cells", "cells", "arc"))
+    refined = SimpleNamespace(stated=stated)
+    assert Refined(refined, None, sources, None).contradictions() == {"cells": 4.0}
+    for size, unusual in ((-0.21, True), (0.19, False)):
+        order = FoundEffect(Effect(ORDER, np.eye(1)), 0.1, np.array([size]), *NO_MATTER)
+        assert order.largest_usual == pytest.approx(0.2009, rel=1e-3)
+        assert order.is_unusual is unusual
 
 
 @pytest.mark.long

@@ -11,7 +11,7 @@ from scipy.stats import multivariate_normal
 
 from beltid.refine.curves import Curves
 from beltid.refine.effects import ARC, BEFORE
-from beltid.refine.evidence import LinearModel, Smoothness, choose_smoothness
+from beltid.refine.evidence import LinearModel, Smoothness, Solution, choose_smoothness
 
 
 def _model(rng: np.random.Generator, noise: float, wiggle: float) -> tuple[LinearModel, np.ndarray]:
@@ -178,7 +178,32 @@ def test_effects_of_arcs_are_solved_for_and_merit_is_that_of_the_marginal_gaussi
     left = 0.36 * np.eye(2) - 0.36**2 * Z.T @ Q @ Z
     np.testing.assert_allclose(found.effects_covariance, left, rtol=1e-7)
     r = rng.normal(size=9)
-    assert model.misfit(r, p, chosen) == pytest.approx(r @ W @ r + p @ P @ p, rel=1e-10)
+    of_noise = r @ np.linalg.solve(noise, r)
+    assert model.misfit(r, p, chosen) == pytest.approx(of_noise + p @ P @ p, rel=1e-10)
+
+
+def test_the_surface_follows_the_effects_that_stated_errors_do_not_explain():
+    # effects: generalised least squares with the stated errors marginalised; then the surface from
+    # what they leave; its covariance from 40,000 drawn campaigns of the same priors
+    rng = np.random.default_rng(9)
+    J, Z, X = rng.normal(size=(9, 3)), rng.normal(size=(9, 2)), 3.0 * rng.normal(size=(9, 1))
+    y, s_u, P = rng.normal(size=9), 0.6, 1.8 * np.eye(3)
+    effects, before = (Z, X), ((-5.0, 1.0), None)
+    model = LinearModel(J, y, 2.0 * np.eye(3), np.eye(3), np.zeros(9), effects, before)
+    chosen = Smoothness(0.7, 0.4, 1.3, 0.0, (s_u, 1.0))
+    found = model.solve_surface(chosen)
+    V = 1.69 * np.eye(9) + s_u**2 * Z @ Z.T + X @ X.T + J @ np.linalg.inv(P) @ J.T
+    of_effects = s_u**2 * Z.T @ np.linalg.inv(V)
+    np.testing.assert_allclose(found.effects, of_effects @ y, rtol=1e-7)
+    alone = np.linalg.solve(J.T @ J / 1.69 + P, J.T / 1.69)
+    np.testing.assert_allclose(found.gain, alone @ (np.eye(9) - Z @ of_effects), rtol=1e-7)
+    np.testing.assert_allclose(found.gain @ J, np.eye(3) - found.pull @ P, atol=1e-8)
+    p = rng.normal(size=(40_000, 3)) @ np.linalg.cholesky(np.linalg.inv(P)).T
+    drawn = p @ J.T + s_u * rng.normal(size=(40_000, 2)) @ Z.T + 1.3 * rng.normal(size=(40_000, 9))
+    scatter = np.cov((drawn @ found.gain.T - p).T)
+    np.testing.assert_allclose(np.diag(found.covariance), np.diag(scatter), rtol=0.03)
+    by_effects = np.trace(of_effects @ Z) + np.trace(found.gain @ J)
+    assert model.effective_parameters(chosen) == pytest.approx(by_effects, rel=1e-7)
 
 
 @pytest.mark.parametrize("spread", [0.002, pytest.param(0.03, marks=pytest.mark.long)])
@@ -233,7 +258,8 @@ def test_a_stated_error_of_the_arcs_is_not_counted_once_more_as_their_effect():
         blind = replace(whole, effects=whole.effects[:1], before=whole.before[:1])
         of_blind = choose_smoothness(blind, Smoothness(1.0, 0.0, 1.0))
         (level, u), (_, u_blind) = (
-            _level(whole, *found) for found in (whole.without_stated(chosen), (blind, of_blind))
+            _level(whole, found)
+            for found in (whole.solve_surface(chosen), blind.solve_surface(of_blind))
         )
         z.append((level - 0.2) / u)
         stated_u.append(u)
@@ -246,9 +272,9 @@ def test_a_stated_error_of_the_arcs_is_not_counted_once_more_as_their_effect():
     assert np.mean(np.abs(z) < 1.96) >= 0.90
 
 
-def _level(whole: LinearModel, model: LinearModel, smoothness: Smoothness) -> tuple[float, float]:
+def _level(whole: LinearModel, found: Solution) -> tuple[float, float]:
     """The level of the surface and its uncertainty by scatter, effects and the stated errors."""
-    found, mean = model.solve(smoothness), np.full(6, 1 / 6)
+    mean = np.full(6, 1 / 6)
     stated = found.gain @ whole.effects[1]
     variance = mean @ (found.covariance + stated @ stated.T) @ mean
     return float(mean @ found.parameters), float(np.sqrt(variance))

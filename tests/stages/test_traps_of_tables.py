@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
+from typer.testing import CliRunner
 
+from beltid.cli.program import app
 from beltid.errors import InputError
 from beltid.stages.identification.fit_friction import fit_friction
 
@@ -102,3 +105,52 @@ def test_a_weight_on_the_other_span_and_a_torque_of_the_other_sign_are_told() ->
     torques["torque_N_m"] *= -1.0
     with pytest.raises(InputError, match=r'columns: \{points: \{torque_N_m: "-torque_N_m"'):
         fit(torques, "torque")
+
+
+def test_by_command_readings_near_the_resolution_are_named(tmp_path: Path) -> None:
+    """r/sqrt(12) of 2 N beside 3 N of slack tension at 75°: 0.19/1.31 of mu = 0.5, some 29 %."""
+    frame = table("dead_weight").drop(columns="mu_se")
+    frame.loc[0, ["weight_N", "tension_slack_N"]] = 3.0 * np.exp(0.5 * ARC[0]), 3.0
+    line = command(frame, tmp_path, "kind: dead_weight", "force_resolution_N: 2.0")
+    assert "standard error of mu above 10 % in A:" in line
+
+
+def test_by_command_no_law_is_forced_on_silicone(tmp_path: Path) -> None:
+    """DragonSkin10 on PLA, heads of 0.01 to 0.7 N (doi 10.1109/LRA.2024.3376975)."""
+    force = np.array([0.01, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7])
+    mu = [2.13, 2.80, 2.53, 2.03, 1.71, 1.43, 1.23]
+    frame = pd.DataFrame({"normal_force_N_m": force, "mu": mu, "slip_speed_m_s": 0.01})
+    err = command(frame.assign(run=range(7)), tmp_path)
+    assert "no standard error is known: state mu_se in the table" in err
+    err = called("build-surface", str(tmp_path / "friction.parquet"))
+    assert "None of the fitted formulas holds over the whole range" in err
+
+
+def test_by_command_a_coast_down_says_that_its_speed_falls(tmp_path: Path) -> None:
+    time = np.arange(0.0, 10.0, 0.02)
+    omega = np.where(time < 1.0, 0.0, 0.9 - 0.08 * (time - 1.0))
+    half = np.where(time < 1.0, 0.0, 0.25 * ARC[1])
+    frame = pd.DataFrame({"time_s": time, "pulley_speed_rad_s": omega, "run": "C", "arc_deg": 150})
+    frame = frame.assign(initial_tension_N=100.0, tension_tight_N=100.0 * np.exp(half))
+    frame = frame.assign(tension_slack_N=100.0 * np.exp(-half))
+    err = command(frame, tmp_path, "speed_bins_rad_s: [0.2, 0.5, 0.9]", option=())
+    assert "friction at falling speed differs from that at rising" in err
+
+
+def command(
+    frame: pd.DataFrame, folder: Path, *rig: str, option: tuple[str, ...] = ("--table",)
+) -> str:
+    """What `fit-friction` says of a table or a recording."""
+    frame.to_csv(folder / "points.csv", index=False)
+    rig_text = ", ".join([f"pulley_radius_m: {R}", *rig])
+    (folder / "bench.yaml").write_text(f"rig: {{{rig_text}}}\n")
+    return called(
+        "fit-friction", *option, str(folder / "points.csv"), "-c", str(folder / "bench.yaml")
+    )
+
+
+def called(*words: str) -> str:
+    """What a command reports."""
+    ran = CliRunner().invoke(app, list(words), env={"COLUMNS": "300"})
+    assert ran.exit_code == 0, ran.stderr
+    return ran.stderr

@@ -10,7 +10,7 @@ import numpy as np
 
 from beltid.bench.recording import columns_of, read_recording, read_rig
 from beltid.config import Config, ConfigSource, load_config
-from beltid.errors import InputError, counted
+from beltid.errors import InputError, counted, percent
 from beltid.identify.estimators.statistics import as_set
 from beltid.identify.friction.drift_check import CAUSES, Drift, drift_check
 from beltid.identify.friction.kinds import (
@@ -43,6 +43,7 @@ from beltid.stages.uncertainties import (
 from beltid.uncertainty.sources import StandardUncertainties
 
 KIND: Final = "friction"
+FAINT: Final = 0.1  # of mu: a run whose standard error is more says little
 FIGURES: Final = ("budget", "drift")
 DRIFT: Final = (
     "drift of the friction over the campaign, in percent of mu; share of its cause that force, "
@@ -248,6 +249,12 @@ def _notes(reduced: Sequence[RunReduction]) -> tuple[str, ...]:
         lines.append(
             f"no mu_sticking for {counted(len(unresolved), 'run')}: the records do not resolve the "
             "peak"
+        )
+    faint = [r.run for r in reduced if r.ok and r.mu_sliding_se > FAINT * r.mu_sliding]
+    if faint:
+        lines.append(
+            f"standard error of mu above {percent(100 * FAINT)} in {_listed(faint)}: readings near "
+            "their resolution or noise, which count for little"
         )
     return tuple(lines)
 

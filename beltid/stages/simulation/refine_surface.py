@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -13,7 +13,7 @@ import numpy as np
 from beltid.artifacts.artifact import read_artifact
 from beltid.artifacts.metadata_models import BendingFigures, SurfaceMetadata
 from beltid.config import Config, ConfigSource, load_config
-from beltid.errors import counted
+from beltid.errors import counted, percent
 from beltid.identify.friction.drift_check import CLEAR
 from beltid.identify.surface.surface import SurfaceSettings
 from beltid.laws.penalty import NormalLaw
@@ -112,6 +112,8 @@ class Refinement:
         What is not known of the surface, by its causes.
     effects : tuple of ShownEffect
         What the runs show beside the surface.
+    contradictions : mapping of str to float
+        Errors that the runs put beyond what is known of them: name -> standard uncertainties.
     bending : FittedBending, optional
         Bending stiffness that the runs ask for, where it was looked for.
     check : MonteCarlo, optional
@@ -123,6 +125,7 @@ class Refinement:
     arcs_deg: np.ndarray
     uncertainty: SurfaceUncertainty
     effects: tuple[ShownEffect, ...] = ()
+    contradictions: Mapping[str, float] = field(default_factory=dict)
     bending: FittedBending | None = None
     check: MonteCarlo | None = None
 
@@ -154,6 +157,18 @@ class Refinement:
                 f"{MOST_NOISE:g} is usual: something changed from run to run that is neither their "
                 "order nor their temperature; the uncertainty of the surface takes it for scatter"
             )
+        lines += [
+            f"{EFFECT_WORDS[found.effect.key]}: larger than such an effect can be expected to be "
+            f"(standard deviation {percent(100 * found.largest_usual)}); the simulated rig may not "
+            "describe this bench"
+            for found in self.refined.effects
+            if found.is_unusual
+        ]
+        lines += [
+            f"{name}: the runs ask for an error of {size:.2g} standard uncertainties; what is "
+            "known of it is wrong, or the simulated rig does not describe this bench"
+            for name, size in self.contradictions.items()
+        ]
         return tuple(lines)
 
     def misfit_table(self) -> list[dict[str, Any]]:
@@ -326,7 +341,14 @@ def _outcome(
         drawings = drawn(nominal, draws)
         check = check_of(nominal, drawings, uncertainty.factor, uncertainty.sources)
     result = Refinement(
-        refined, labels, columns["arc_deg"][used], uncertainty, shown_effects(found), fitted, check
+        refined,
+        labels,
+        columns["arc_deg"][used],
+        uncertainty,
+        shown_effects(found),
+        found.contradictions(),
+        fitted,
+        check,
     )
     beside = friction_formulas(refined.surface, uncertainty.factor)
     force, slip = campaign.measured.normal_force, campaign.measured.slip_speed
