@@ -95,8 +95,8 @@ def averaged(sheet: Sheet, results: BeltResults) -> Picture:
                 axes.fill_between(force[at], low, high, color=colour, alpha=0.25, lw=0)
         axes.plot([], [], "s", color=FAINT, label="measured")
         axes.plot([], [], "-o", color=FAINT, mfc="none", ms=8, label="simulated")
-        logarithmic(axes, "x", force)
         axes.set(xlabel=LINE_FORCE, ylabel=MU)
+        logarithmic(axes, "x", force)
         legend_below(fig, [axes])
     return Picture(
         sheet.name,
@@ -214,7 +214,7 @@ def _run_by_run(
         axes.axhline(0.0, color=INK, lw=0.8)
         for line in (-bound, bound) if bound else ():
             axes.axhline(line, color=INK, lw=0.8, ls="--")
-        logarithmic(axes, "x", sheets[0]["normal_force_N_m"])
         axes.set(xlabel=LINE_FORCE, ylabel=label)
+        logarithmic(axes, "x", sheets[0]["normal_force_N_m"])
         legend_below(fig, [axes], columns=2)
     return fig
