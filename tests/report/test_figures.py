@@ -87,6 +87,22 @@ def test_law_at_a_temperature_is_that_of_its_row() -> None:
     assert loading.shape[0] == 12  # its own test alone
 
 
+def test_a_press_that_was_never_unloaded_has_no_branch_of_unloading() -> None:
+    curves = sheets()["press_curves"]
+    rows = curves["branch"] == "loading"
+    loading = replace(curves, columns={k: v[rows] for k, v in curves.columns.items()})
+    ratio = np.full(3, np.nan)
+    laws = sheets()["stiffness"]
+    alone = replace(laws, columns={**laws.columns, "hysteresis_ratio": ratio})
+    for drawn, both in ((press.by_temperature, "unloading (dashed)"), (press.pooled, "half-way")):
+        assert both in drawn(laws, curves).caption
+        picture = drawn(alone, loading)
+        assert both not in picture.caption
+        labels = {str(line.get_label()) for line in axes_of(picture)[0].get_lines()}
+        assert any("loading" in label for label in labels)
+        assert not any("unloading" in label for label in labels)
+
+
 def test_influence_of_temperature_is_the_difference_of_the_laws() -> None:
     axes = axes_of(press.deviation(results().sheets["stiffness"]))[0]
     table = stiffness()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from beltid.identify.estimators.statistics import as_set
-from beltid.report.cells import MILLI
+from beltid.report.cells import MILLI, sentence
 from beltid.report.conditions import class_name, classes_of, is_setting
 from beltid.report.drawing import (
     FAINT,
@@ -179,7 +179,8 @@ def over_uncertainty(sheets: list[Sheet]) -> Picture:
     ratios = [sheet["e_over_u"] for sheet in sheets]
     fig = _run_by_run(sheets, ratios, "difference over its standard uncertainty [-]", bound=2.0)
     told = [
-        f"{COMPARED[sheet.name]} surface: {found['within_2u']} of {found['n']} runs within."
+        f"{sentence(COMPARED[sheet.name])} surface: {found['within_2u']} of {found['n']} runs "
+        "within."
         for sheet in sheets
         if (found := sheet.extra.get("validation")) and found.get("n")
     ]
