@@ -491,7 +491,10 @@ def _settings(part: dict[str, np.ndarray], kind: str) -> dict[str, float]:
             settings[name] = float(np.nanmedian(values))
     speed = {"rig": "pulley_speed_rad_s", "speedloss": "driver_speed_rad_s"}.get(kind)
     if speed is not None and np.isfinite(part[speed]).any():
-        settings[speed] = float(np.nanquantile(np.abs(part[speed]), 0.9))
+        turning = np.abs(part[speed])
+        # without the rest; the highest samples alone would be the noise of the sensor
+        turning = turning[turning >= 0.5 * np.nanquantile(turning, 0.9)]
+        settings[speed] = float(np.median(turning))
     if kind == "press":
         settings["force_N"] = float(np.nanmax(np.abs(part["force_N"])))
     return settings

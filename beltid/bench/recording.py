@@ -324,7 +324,9 @@ def _from_parquet(
         columns, notes = _checked(columns, table, str(path), ReadOptions(), table.names)
         return Recording(kind, columns, path, notes, is_artifact=True)
     clock, problems = parquet_clock(sources[0], options, means_date), Problems()
-    blocks = list(parquet_blocks(sources, table, options.names, clock))
+    values = options.runs.values.model_dump(mode="json", exclude_none=True)
+    stated = {role: str(value) for role, value in values.items()}
+    blocks = list(parquet_blocks(sources, table, options.names, clock, stated))
     if not any(map(len, blocks)):
         raise InputError(f"{path}: holds no samples")
     for block in blocks:
@@ -332,6 +334,8 @@ def _from_parquet(
     problems.raise_if_any()
     parts = [block.columns() for block in blocks]
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    length = len(columns[table.label])
+    columns |= {role: np.full(length, value) for role, value in values.items()}
     columns, notes = _checked(columns, table, str(path), options, clock=clock)
     return Recording(kind, columns, path, notes)
 

@@ -207,6 +207,7 @@ class PressSection(Section):
     force_gain: Annotated[float, Number(0.1, 10)] = 1.0
     displacement_gain: Annotated[float, Number(0.1, 10)] = 1.0
     cycles: Literal["last", "first", "all"] = "last"
+    loading_only: bool = False
 
 
 MeasuredKind = Literal["two_cells", "dead_weight", "torque", "torque_hub"]

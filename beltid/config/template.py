@@ -79,6 +79,7 @@ MEANINGS: Final = {
     "press.force_gain": "true force over reading of the press",
     "press.displacement_gain": "true travel over reading of the press",
     "press.cycles": "load cycles used; virgin rubber is stiffer in its first",
+    "press.loading_only": "the tests were never unloaded on purpose: a note, not a warning",
     "rig.kind": "what the rig measures, see docs/formats.md",
     "rig.weight_on": "dead_weight: the span that the weight hangs on",
     "rig.torque_with": "torque: the span whose tension is measured beside it",

@@ -71,15 +71,9 @@ def drawn(axes: Axes, width: int, height: int = HEIGHT) -> str:
     ]
     foot = " " * margin + "└" + "─" * columns
     said = textwrap.wrap(told, min(width, WIDEST)) if ends else []
-    xlabel = f"{_label(axes, 'x'):>{margin + columns + 1}}"
+    xlabel = f"{axes.get_xlabel():>{margin + columns + 1}}"
     below = " " * (margin + 1) + _placed(_ticks(axes, "x"), columns)
-    return "\n".join([_label(axes, "y"), *said, *body, foot, below.rstrip(), xlabel])
-
-
-def _label(axes: Axes, which: Literal["x", "y"]) -> str:
-    """What an axis shows, and that it is logarithmic."""
-    name: str = getattr(axes, f"get_{which}label")()
-    return f"{name}, log" if getattr(axes, f"get_{which}scale")() == "log" else name
+    return "\n".join([axes.get_ylabel(), *said, *body, foot, below.rstrip(), xlabel])
 
 
 def _ticks(axes: Axes, which: Literal["x", "y"]) -> list[tuple[float, str]]:

@@ -42,7 +42,10 @@ def conditions(results: BeltResults) -> list[tuple[str, str]]:
         at = stiffness["temperature_degC"]
         found += [
             ("Press segment", f"{float(length):.4g} cm" if length else ""),
-            ("Press temperatures", _listed(np.unique(at[np.isfinite(at)]), " °C")),
+            (
+                "Press temperatures",
+                _listed([f"{t:.3g}" for t in np.unique(at[np.isfinite(at)])], " °C"),
+            ),
             ("Press test date", results.dates.get("press", UNKNOWN)),
         ]
     configs = {
@@ -91,23 +94,24 @@ def classes_of(values: np.ndarray, most: int) -> list[np.ndarray]:
 
 def class_name(values: np.ndarray, unit: str = "") -> str:
     """The setting of some runs, or the range of their class."""
-    if is_setting(values):
-        return f"{float(np.median(values)):.3g}{unit}"
+    if is_setting(values):  # one that was stated is told as it was, one that scatters is rounded
+        digits = 4 if np.ptp(values) == 0.0 else 3
+        return f"{float(np.median(values)):.{digits}g}{unit}"
     return f"{float(values.min()):.3g} to {float(values.max()):.3g}{unit}"
 
 
 def _settings(friction: Sheet, column: str, unit: str, scale: float = 1.0) -> str:
     """The settings of a column that the runs were measured at."""
     values = scale * np.abs(np.asarray(friction[column], dtype=float))
-    return _listed([float(np.median(values[rows])) for rows in settings_of(values)], unit)
+    return _listed([class_name(values[rows]) for rows in settings_of(values)], unit)
 
 
-def _listed(values: Sequence[float] | np.ndarray, unit: str) -> str:
-    if len(values) == 0:
+def _listed(values: Sequence[str], unit: str) -> str:
+    if not values:
         return ""
     if len(values) > MOST:
-        return f"{len(values)} from {values[0]:.3g} to {values[-1]:.3g}{unit}"
-    return ", ".join(f"{value:.3g}" for value in values) + unit
+        return f"{len(values)} from {values[0]} to {values[-1]}{unit}"
+    return ", ".join(values) + unit
 
 
 def _range(values: np.ndarray, unit: str) -> str:

@@ -34,6 +34,8 @@ SPEED: Final = "sliding speed v [mm/s]"
 PENETRATION: Final = "penetration [µm]"
 PRESSED: Final = "line force [N/m]"
 """Of the press: nothing but the normal force there."""
+LOGARITHMIC: Final = ", log"
+"""What the label of a logarithmic axis ends with."""
 WIDTH: Final = 5.2
 HEIGHT: Final = 3.9
 STYLE: Final[dict[str, Any]] = {
@@ -123,6 +125,8 @@ def logarithmic(
 ) -> None:
     """Make an axis logarithmic with plain numbers if its values span more than a ratio.
 
+    Its label, if it has one already, says so.
+
     Parameters
     ----------
     axes : Axes
@@ -141,6 +145,8 @@ def logarithmic(
         return
     getattr(axes, f"set_{along}scale")("log")
     axis = getattr(axes, f"{along}axis")
+    if label := axis.get_label_text():
+        axis.set_label_text(label + LOGARITHMIC)
     wide = known.max() > 100.0 * known.min()
     axis.set_major_locator(LogLocator(subs=(1.0,) if wide else (1.0, 2.0, 5.0)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

@@ -124,7 +124,9 @@ class View:
     def file(self) -> str:
         """Name of the table as a file to download."""
         words = re.sub(r"[^a-z0-9]+", "_", self.title.lower()).strip("_")
-        return f"{words[:LONGEST_NAME]}.csv"
+        if len(words) > LONGEST_NAME:
+            words = words[:LONGEST_NAME].rpartition("_")[0]
+        return f"{words}.csv"
 
     @property
     def csv(self) -> str:

@@ -465,6 +465,23 @@ def test_a_parquet_file_of_the_bench(tmp_path):
     assert problems(path)[0] == "rig.parquet, row 1: tension_tight_N = -1, must be > 0"
 
 
+def test_a_parquet_file_of_one_run_takes_its_settings_from_the_config(tmp_path):
+    """As a CSV file does: without a column of labels it is one run, called like the file."""
+    frame = pd.read_csv(RIGDATA / "5pk" / "rig.csv", nrows=9)
+    stated = {"arc_deg": 61.5, "initial_tension_N": 133.0}
+    config = load_config({"runs": {"rig": {"values": stated}}})
+    frame = frame.drop(columns=["run", "arc_deg", "initial_tension_N"])
+    for one in (frame, frame.assign(arc_deg=40.0)):  # what the config states holds
+        one.to_parquet(tmp_path / "R7.parquet")
+        one.to_csv(tmp_path / "R7.csv", index=False)
+        for ending in ("parquet", "csv"):
+            columns = read_recording(tmp_path / f"R7.{ending}", "rig", config).columns
+            assert set(columns["run"]) == {"R7"}
+            assert {name: set(columns[name]) for name in stated} == {
+                name: {value} for name, value in stated.items()
+            }
+
+
 def test_a_few_samples_tell_nothing_of_their_unit(tmp_path):
     """Five rows of a belt at rest, in newton, are not taken for kilonewton."""
     lines = ["test,time_s,displacement_mm,force_N", *(f"P,{i},0.00{i},-0.09" for i in range(5))]

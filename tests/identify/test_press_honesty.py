@@ -63,6 +63,10 @@ def test_a_loading_branch_alone_is_off_by_half_the_loop_and_says_so(shape):
     assert np.isnan(result.pooled.hysteresis_ratio)
     assert said(result, "loading only")
     assert any("loading branch alone" in warning for warning in result.pooled.warnings)
+    meant = fit_stiffness(loading_only(bench.record(1)), replace(SETTINGS, loading_only=True))
+    assert not any("loading branch alone" in warning for warning in meant.pooled.warnings)
+    assert any("loading branch alone" in note for note in meant.pooled.notes)
+    np.testing.assert_array_equal(meant.pooled.covariance, result.pooled.covariance)
 
 
 @pytest.mark.parametrize("power", [0.8, 3.0])

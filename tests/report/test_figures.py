@@ -8,11 +8,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from report_belt_data import ARCS, SPEEDS, friction, results, stiffness, surface, without
+from report_belt_data import (
+    ARCS,
+    SPEEDS,
+    friction,
+    results,
+    sheets,
+    stiffness,
+    surface,
+    without,
+)
 
 from beltid.report.belt_page import belt_page
 from beltid.report.drawing import figure, inline_svg, legend_below, saved
-from beltid.report.figures import arc, belts, budget, press, proof, runs, slip
+from beltid.report.figures import arc, belts, budget, press, proof, runs, single, slip
 from beltid.report.figures import friction as friction_figures
 from beltid.report.figures import surface as surface_figures
 from beltid.report.figures.plan import runs_and_uncertainty
@@ -47,6 +56,26 @@ def test_every_figure_is_drawn_and_its_axes_have_units(drawn_page: Page) -> None
         assert len(picture.caption) > 40, picture.key
 
 
+@pytest.mark.parametrize("name", ["friction", "compare", "surface"])
+def test_a_logarithmic_axis_says_so_in_every_figure(name: str) -> None:
+    sheet = sheets()[name]
+    force = sheet["normal_force_N_m"]
+    wide = (force / force.min()) ** 3  # over more than a factor of five
+    columns = {**sheet.columns, "normal_force_N_m": wide}
+    drawn = [
+        axes
+        for p in single.pictures(replace(sheet, columns=columns))
+        for axes in axes_of(p)
+        if axes.name != "3d"
+    ]
+    sides = [
+        (getattr(a, f"get_{x}scale")(), getattr(a, f"get_{x}label")()) for a in drawn for x in "xy"
+    ]
+    assert any(scale == "log" for scale, _ in sides)
+    for scale, label in sides:
+        assert label.endswith(", log") == (scale == "log"), label
+
+
 def test_law_at_a_temperature_is_that_of_its_row() -> None:
     picture = press.by_temperature(results().sheets["stiffness"], results().get("press_curves"))
     hot = next(axes for axes in axes_of(picture) if axes.get_title() == "60 °C")
@@ -56,6 +85,22 @@ def test_law_at_a_temperature_is_that_of_its_row() -> None:
     loading = line(hot, "loading, measured")
     assert loading[-1, 1] == pytest.approx(1.05 * (6.5e7 * 1e-4 + 3.05e11 * 1e-8))
     assert loading.shape[0] == 12  # its own test alone
+
+
+def test_a_press_that_was_never_unloaded_has_no_branch_of_unloading() -> None:
+    curves = sheets()["press_curves"]
+    rows = curves["branch"] == "loading"
+    loading = replace(curves, columns={k: v[rows] for k, v in curves.columns.items()})
+    ratio = np.full(3, np.nan)
+    laws = sheets()["stiffness"]
+    alone = replace(laws, columns={**laws.columns, "hysteresis_ratio": ratio})
+    for drawn, both in ((press.by_temperature, "unloading (dashed)"), (press.pooled, "half-way")):
+        assert both in drawn(laws, curves).caption
+        picture = drawn(alone, loading)
+        assert both not in picture.caption
+        labels = {str(line.get_label()) for line in axes_of(picture)[0].get_lines()}
+        assert any("loading" in label for label in labels)
+        assert not any("unloading" in label for label in labels)
 
 
 def test_influence_of_temperature_is_the_difference_of_the_laws() -> None:
@@ -328,3 +373,4 @@ def test_the_next_runs_are_drawn_on_one_scale_of_uncertainty() -> None:
     scales = [axes.collections[0].get_clim() for axes in fig.axes[:2]]
     assert scales == [pytest.approx((0.8, 2.5)), pytest.approx((0.8, 2.5))]
     assert len(fig.axes) == 3
+    assert fig.axes[0].get_ylabel() == "sliding speed [mm/s], log"

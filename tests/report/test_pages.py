@@ -111,6 +111,17 @@ def test_conditions_of_the_test_stand_on_top(page: str) -> None:
     dated = dict(conditions(replace(results(), dates={"rig": "2024-05-17"})))
     assert (dated["Rig test date"], dated["Press test date"]) == ("2024-05-17", "unknown")
     assert page.index("Contact arcs") < page.index('id="verdict"')
+    sheet = results().get("friction")
+    columns = {
+        **sheet.columns,
+        "nominal_tension_N": np.where(sheet["nominal_tension_N"] == 300.0, 270.1, 411.0),
+        "arc_deg": np.where(sheet["arc_deg"] == 40.0, 40.0, 104.5),
+    }
+    stated = dict(
+        conditions(replace(results(), sheets={"friction": replace(sheet, columns=columns)}))
+    )
+    assert stated["Initial tensions"] == "270.1, 411 N"
+    assert stated["Contact arcs"] == "40, 104.5°"
 
 
 def test_gallery_has_every_run_and_marks_those_set_aside(page: str) -> None:
@@ -138,6 +149,8 @@ def test_tables_can_be_downloaded_as_shown() -> None:
     rows = list(csv.reader(io.StringIO(base64.b64decode(table.csv).decode())))
     assert rows == [list(table.headings), *table.rows]
     assert table.file.endswith(".csv")
+    long = replace(table, title="What shifts the friction beside the refined surface, in percent")
+    assert long.file == "what_shifts_the_friction_beside_the_refined_surface_in.csv"
 
 
 def test_the_speed_has_one_symbol(page: str) -> None:
@@ -292,6 +305,8 @@ def test_many_notes_are_folded_but_for_the_first(drawn_page: Page) -> None:
     shown, folded = text.split("<summary>4 more notes</summary>")
     assert "Note 9 of" in shown
     assert "Note 10 of" in folded.split("</details>")[0]
+    one = replace(drawn_page, sections=[Section("many", "Many", notes=notes[:11])], plot="")
+    assert "<summary>1 more note</summary>" in rendered(one)
     assert all(text.count(note) == 1 for note in notes)
 
 

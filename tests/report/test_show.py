@@ -17,7 +17,7 @@ import beltid
 from beltid.artifacts.artifact import read_artifact
 from beltid.cli import app
 from beltid.report.braille import drawn
-from beltid.report.drawing import figure
+from beltid.report.drawing import figure, logarithmic
 from beltid.report.figures.single import pictures
 from beltid.stages.outcome import Outcome
 
@@ -107,7 +107,8 @@ def test_a_drawing_has_round_ticks_says_log_and_names_its_lines() -> None:
     x = np.geomspace(300.0, 30000.0, 50)
     for name, colour, level in (("slow", "#112233", 0.31), ("fast", "#445566", 1.17)):
         axes.plot(x, level + 0.0 * x, color=colour, label=name)
-    axes.set(xscale="log", xlim=(300, 30000), ylim=(0.0, 1.3), xlabel="f [N/m]", ylabel="mu")
+    axes.set(xlim=(300, 30000), ylim=(0.0, 1.3), xlabel="f [N/m]", ylabel="mu")
+    logarithmic(axes, "x", x)
     fig.legend(title="v")
     lines = drawn(axes, 70, height=14).splitlines()
     assert lines[0] == "mu"

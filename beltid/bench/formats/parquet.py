@@ -44,6 +44,7 @@ def parquet_blocks(
     table: Table,
     names: Mapping[str, str],
     clock: Clock | None = None,
+    stated: Mapping[str, str] | None = None,
 ) -> Iterator[Rows]:
     """Blocks of rows of a Parquet recording, with all columns of its table.
 
@@ -57,6 +58,9 @@ def parquet_blocks(
         Our column -> its name in the file, where it differs.
     clock : Clock, optional
         Reader of the time, where it is that of a clock.
+    stated : mapping, optional
+        Settings that the config states for every run, by our columns. With them a file without
+        a column of labels is one run, called like the file.
 
     Raises
     ------
@@ -66,6 +70,12 @@ def parquet_blocks(
     row = 1
     for source in sources:
         from_folders = columns_of_folders(source)
+        if stated:
+            there = open_source(source, ()).schema_arrow.names
+            told = {table.label: source.inside.stem, **stated}
+            by_name = {names.get(role, role): value for role, value in told.items()}
+            without = {name: value for name, value in by_name.items() if name not in there}
+            from_folders = {**without, **from_folders}
         texts = [names.get(table.label, table.label)]
         texts += [clock.name, *filter(None, [clock.date])] if clock else []
         file = open_source(source, texts)

@@ -162,7 +162,12 @@ def _asked(stated: dict[str, Any], reporter: TerminalReporter) -> dict[str, Any]
 
 
 def _prompted(question: str) -> str:
-    answer: str = typer.prompt(question, default="", show_default=False, err=True)
+    from beltid.errors import InputError
+
+    try:
+        answer: str = typer.prompt(question, default="", show_default=False, err=True)
+    except typer.Abort:  # Ctrl-D
+        raise InputError("the answers ended before the questions; no config was written") from None
     return answer.strip()
 
 

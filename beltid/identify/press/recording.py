@@ -38,6 +38,7 @@ class StiffnessSettings:
     force_gain: float = 1.0  # true force over reading; the zero is found before contact
     displacement_gain: float = 1.0  # true travel over reading
     cycles: CycleChoice = "last"  # which cycles of a test to use; the first is virgin rubber
+    loading_only: bool = False  # stated: never unloaded on purpose; the uncertainty is the same
 
     def __post_init__(self) -> None:
         problems = [

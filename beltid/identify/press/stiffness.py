@@ -218,7 +218,7 @@ def _estimate(
     """Law of some curves."""
     scatter = scatter_of([curves])
     law = fit_quadratic(curves, scatter.noise)
-    case = Case(curves, law, scatter, settings.cycles)
+    case = Case(curves, law, scatter, settings.cycles, settings.loading_only)
     findings = tuple(finding for check in CHECKS for finding in check(case))
     by_force = law.sensitivity * (law.units / law.data.F_N_m)[:, None]
     covariance = by_force @ by_force.T * scatter.noise * scatter.inflation

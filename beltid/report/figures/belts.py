@@ -94,8 +94,8 @@ def _cut(
                 colour = GROUPS[i % len(GROUPS)]
                 axes.fill_between(x, mu - 2 * se, mu + 2 * se, color=colour, alpha=0.2, lw=0)
             shown.append(x)
-        logarithmic(axes, "x", np.concatenate(shown))
         axes.set(xlabel=LINE_FORCE if over == "force" else SPEED, ylabel=MU)
+        logarithmic(axes, "x", np.concatenate(shown))
         legend_below(fig, [axes])
     words = "normal force" if over == "force" else "sliding speed"
     return Picture(
@@ -126,8 +126,8 @@ def measured(belts: Sequence[BeltResults]) -> Picture:
             look = {**group(i), "linestyle": "none"}
             axes.errorbar(f, mu, 2.0 * u, label=f"{name}, {_told(v, common)}", **look)
             shown.append(f)
-        logarithmic(axes, "x", np.concatenate(shown))
         axes.set(xlabel=LINE_FORCE, ylabel=MU)
+        logarithmic(axes, "x", np.concatenate(shown))
         legend_below(fig, [axes], columns=2)
     return Picture(
         "belts-measured",
@@ -162,8 +162,8 @@ def proof(belts: Sequence[BeltResults]) -> Picture:
             name = f"{belt.belt}, {_told(v, common)}"
             axes.plot(f, table["mu_measured"][rows], **{**look, "linestyle": "none"}, label=name)
             axes.plot(f, table["mu_simulated"][rows], **{**look, "marker": None})
-        logarithmic(axes, "x", np.concatenate([table["normal_force_N_m"] for table in tables]))
         axes.set(xlabel=LINE_FORCE, ylabel=MU)
+        logarithmic(axes, "x", np.concatenate([table["normal_force_N_m"] for table in tables]))
         legend_below(fig, [axes], columns=2)
     return Picture(
         "belts-proof",

@@ -129,8 +129,8 @@ def over_force(
                     lw=0.9,
                     elinewidth=1.0,
                 )
-        logarithmic(axes, "x", force_N_m)
         axes.set(xlabel=LINE_FORCE, ylabel=MU)
+        logarithmic(axes, "x", force_N_m)
         speeds = [class_name(speed[rows]) for rows in by_speed]
         arcs = [class_name(arc[rows], "°") for rows in by_arc] if arc.any() else []
         _two_legends(fig, speeds, arcs, joined=named)

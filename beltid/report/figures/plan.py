@@ -44,6 +44,7 @@ def runs_and_uncertainty(
     with style():
         fig = figure(height=4.4, width=9.6)
         every = fig.subplots(1, 2, sharex=True, sharey=True)
+        every[0].set_ylabel("sliding speed [mm/s]")
         parts = (("before", plan.before_at, plan.before), ("after", plan.after_at, plan.after))
         both = 100.0 * np.concatenate([plan.before_at, plan.after_at])
         for axes, (word, at, mean) in zip(every, parts, strict=True):
@@ -64,7 +65,6 @@ def runs_and_uncertainty(
             logarithmic(axes, "x", np.append(force, target.normal_force))
             logarithmic(axes, "y", np.append(speed, target.slip_speed * MILLI))
         fig.colorbar(field, ax=every, label="standard uncertainty of µ [%]")
-        every[0].set_ylabel("sliding speed [mm/s]")
         for k, arc in enumerate(np.unique(candidates.arc)):
             mine = [i for i in sorted(chosen) if candidates.arc[i] == arc]
             if not mine:

@@ -67,23 +67,26 @@ def by_temperature(stiffness: Sheet, curves: Sheet | None) -> Picture:
             lowest.tick_params(labelbottom=True)
         fig.supylabel(PRESSED, fontsize=10)
         legend_below(fig, list(grid.flat))
-    return Picture(
-        "press-temperature",
-        title,
+    both = (
         "Measured branches, loading (solid) above unloading (dashed), and the quadratic law fitted "
         "half-way between them (dotted). The area between the branches is the energy lost in a "
-        "cycle.",
-        fig,
-        paper,
+        "cycle."
     )
+    alone = (
+        "Measured loading branch (solid), and the quadratic law fitted to it (dotted). No test was "
+        "unloaded: how much energy a cycle loses is not known."
+    )
+    caption = both if "unloading" in curves["branch"] else alone
+    return Picture("press-temperature", title, caption, fig, paper)
 
 
 def _panel(axes: Axes, stiffness: Sheet, curves: Sheet, row: int, at: float) -> None:
     tests = str(stiffness["tests"][row]).split(", ")
     for branch, line in BRANCHES.items():
         chosen = np.isin(curves["test"].astype(str), tests) & (curves["branch"] == branch)
-        x, y = _runs_apart(curves, chosen)
-        axes.plot(x * MICRO, y, line, color=MEASURED, label=f"{branch}, measured")
+        if chosen.any():
+            x, y = _runs_apart(curves, chosen)
+            axes.plot(x * MICRO, y, line, color=MEASURED, label=f"{branch}, measured")
     depth = np.linspace(0.0, stiffness["max_penetration_m"][row], POINTS)
     axes.plot(depth * MICRO, stiffness.law(row).force(depth), ":", color=INK, label="law", lw=1.8)
     axes.set_title(f"{at:g} °C" if np.isfinite(at) else "all tests")
@@ -106,7 +109,10 @@ def pooled(stiffness: Sheet, curves: Sheet | None) -> Picture:
         axes = fig.subplots()
         if curves is not None:
             for (branch, line), colour in zip(BRANCHES.items(), (MEASURED, SIMULATED), strict=True):
-                x, y = _runs_apart(curves, curves["branch"] == branch)
+                chosen = curves["branch"] == branch
+                if not chosen.any():
+                    continue
+                x, y = _runs_apart(curves, chosen)
                 label = f"{branch}, all tests"
                 axes.plot(x * MICRO, y, line, color=colour, alpha=0.7, lw=1.0, label=label)
         depth = np.linspace(0.0, stiffness["max_penetration_m"][row], POINTS)
@@ -115,10 +121,12 @@ def pooled(stiffness: Sheet, curves: Sheet | None) -> Picture:
         axes.plot(depth[-1] * MICRO, force[-1], "o", color=INK, ms=7, label="end of validity")
         axes.set(xlabel=PENETRATION, ylabel=PRESSED)
         legend(axes, loc="upper left")
+    alone = np.isnan(stiffness["hysteresis_ratio"][row])
+    where = "follows the loading branch alone" if alone else "runs half-way between the branches"
     caption = (
         f"The law f = k₁ δ + k₂ δ² with k₁ = {scientific(law.k_linear_N_m2)} N/m² and "
-        f"k₂ = {scientific(law.k_quadratic_N_m3)} N/m³, per metre of belt, runs half-way between "
-        "the branches. It holds up to the dot, the deepest penetration measured."
+        f"k₂ = {scientific(law.k_quadratic_N_m3)} N/m³, per metre of belt, {where}. It holds up "
+        "to the dot, the deepest penetration measured."
     )
     if curves is None:
         caption += f" {NO_CURVES}"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from beltid.identify.estimators.statistics import as_set
-from beltid.report.cells import MILLI
+from beltid.report.cells import MILLI, sentence
 from beltid.report.conditions import class_name, classes_of, is_setting
 from beltid.report.drawing import (
     FAINT,
@@ -95,8 +95,8 @@ def averaged(sheet: Sheet, results: BeltResults) -> Picture:
                 axes.fill_between(force[at], low, high, color=colour, alpha=0.25, lw=0)
         axes.plot([], [], "s", color=FAINT, label="measured")
         axes.plot([], [], "-o", color=FAINT, mfc="none", ms=8, label="simulated")
-        logarithmic(axes, "x", force)
         axes.set(xlabel=LINE_FORCE, ylabel=MU)
+        logarithmic(axes, "x", force)
         legend_below(fig, [axes])
     return Picture(
         sheet.name,
@@ -179,7 +179,8 @@ def over_uncertainty(sheets: list[Sheet]) -> Picture:
     ratios = [sheet["e_over_u"] for sheet in sheets]
     fig = _run_by_run(sheets, ratios, "difference over its standard uncertainty [-]", bound=2.0)
     told = [
-        f"{COMPARED[sheet.name]} surface: {found['within_2u']} of {found['n']} runs within."
+        f"{sentence(COMPARED[sheet.name])} surface: {found['within_2u']} of {found['n']} runs "
+        "within."
         for sheet in sheets
         if (found := sheet.extra.get("validation")) and found.get("n")
     ]
@@ -214,7 +215,7 @@ def _run_by_run(
         axes.axhline(0.0, color=INK, lw=0.8)
         for line in (-bound, bound) if bound else ():
             axes.axhline(line, color=INK, lw=0.8, ls="--")
-        logarithmic(axes, "x", sheets[0]["normal_force_N_m"])
         axes.set(xlabel=LINE_FORCE, ylabel=label)
+        logarithmic(axes, "x", sheets[0]["normal_force_N_m"])
         legend_below(fig, [axes], columns=2)
     return fig

@@ -12,6 +12,7 @@ from beltid.report.conditions import class_name
 from beltid.report.drawing import (
     INK,
     LINE_FORCE,
+    LOGARITHMIC,
     MU,
     ORDERED,
     SIMULATED,
@@ -115,10 +116,10 @@ def as_map(sheet: Sheet, friction: Sheet | None) -> Picture:
             axes.fill([], [], fill=False, hatch="////", label="µ falls with the speed")
         box_f, box_v = f[[0, -1, -1, 0, 0]], v[[0, 0, -1, -1, 0]] * MILLI
         axes.plot(box_f, box_v, "-", color=INK, lw=1.6, label="range of validity")
+        axes.set(xlabel=LINE_FORCE, ylabel=SPEED)
         logarithmic(axes, "x", np.concatenate(shown_f))
         logarithmic(axes, "y", np.concatenate(shown_v) * MILLI)
         axes.margins(0.04)
-        axes.set(xlabel=LINE_FORCE, ylabel=SPEED)
         axes.grid(False)
         fig.colorbar(filled, ax=axes, label=MU)
         fig.legend(loc="outside lower center", ncols=2, frameon=False)
@@ -188,7 +189,7 @@ def in_space(sheet: Sheet) -> Picture:
 def _drawn(sheet: Sheet) -> Figure:
     surface = sheet.surface
     f, v, mu = grid_of(surface, 25, 21)
-    log_f, log_v = f[0] > 0.0, v[0] > 0.0
+    log_f, log_v = bool(f[0] > 0.0), bool(v[0] > 0.0)
 
     def along(values: np.ndarray, logs: bool) -> np.ndarray:
         return np.log10(values) if logs else values
@@ -205,8 +206,8 @@ def _drawn(sheet: Sheet) -> Figure:
             if logs:
                 shown = ticks(values)
                 axis.set_ticks(np.log10(shown), [f"{tick:g}" for tick in shown])
-        axes.set_xlabel(LINE_FORCE, labelpad=6)
-        axes.set_ylabel(SPEED, labelpad=6)
+        axes.set_xlabel(LINE_FORCE + LOGARITHMIC * log_f, labelpad=6)
+        axes.set_ylabel(SPEED + LOGARITHMIC * log_v, labelpad=6)
         axes.zaxis.set_rotate_label(False)
         axes.set_zlabel("µ [-]", labelpad=2, rotation=90)
         axes.view_init(elev=25, azim=-130)
@@ -280,6 +281,7 @@ def _axis(title: str, values: list[float]) -> dict[str, Any]:
     low, high = min(values), max(values)
     axis: dict[str, Any] = {"title": {"text": title}, "color": INK}
     if 0.0 < 3.0 * low < high:
+        axis["title"]["text"] += LOGARITHMIC
         shown = ticks(np.array([low, high])).tolist()
         names = [f"{tick:g}" for tick in shown]
         axis |= {"type": "log", "tickvals": shown, "ticktext": names}

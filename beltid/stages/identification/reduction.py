@@ -101,6 +101,7 @@ def stiffness_settings(press: PressSection) -> StiffnessSettings:
         force_gain=press.force_gain,
         displacement_gain=press.displacement_gain,
         cycles=press.cycles,
+        loading_only=press.loading_only,
     )
 
 
