@@ -345,7 +345,10 @@ def test_a_column_named_by_the_config_must_be_there(tmp_path):
 
 def test_a_header_that_stands_twice(tmp_path):
     lines = [HEADER + ",time_s", *(r + ",0" for r in rows())]
-    assert problems(write(tmp_path, lines)) == ["rig.csv:1: column time_s stands 2 times"]
+    assert problems(write(tmp_path, lines)) == [
+        "rig.csv:1: time_s #1, time_s #2 can be time_s, say which: "
+        'columns: {rig: {time_s: "time_s #1"}}'
+    ]
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import PurePath
 
@@ -26,6 +26,7 @@ from beltid.bench.formats.dialect import side_by_side, without_position
 from beltid.bench.formats.numbers import NumberSigns, numbers_or_problems
 from beltid.bench.formats.rows import Texts, word_of
 from beltid.bench.read_options import ReadOptions
+from beltid.errors import PlaceOf
 from beltid.tables.values import absent
 
 
@@ -239,7 +240,7 @@ class _Clocks:
             self.known[g] = self._in_group(g)
         return self.known[g]
 
-    def place(self, g: int) -> Callable[[int], tuple[str, int]]:
+    def place(self, g: int) -> PlaceOf:
         """How messages call the samples of a group."""
         return places(self.context.place, self.groups[g].first_row)
 
@@ -299,7 +300,7 @@ def _typed(
     return numbers_or_problems(channel.values, signs, mapping.shown, place, context.problems)
 
 
-def places(name: str, first_row: int) -> Callable[[int], tuple[str, int]]:
+def places(name: str, first_row: int) -> PlaceOf:
     """How messages call the samples of a group that begins in a row of a file, or in none."""
     if first_row:
         return lambda i: (f"{name}:{first_row + i}", first_row + i)

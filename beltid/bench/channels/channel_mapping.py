@@ -171,7 +171,7 @@ def map_channels(
     columns = [c for c in context.table.columns if roles is None or c.name in roles]
     found: dict[str, tuple[Candidate, How, bool]] = {}
     for column in columns:
-        chosen = _named(column.name, candidates, context)
+        chosen = _named(column, candidates, context)
         if chosen is not None:
             found[column.name] = chosen
     taken = {id(candidate) for candidate, _, _ in found.values()}
@@ -249,28 +249,23 @@ def notes_of(mappings: Mapping[str, ChannelMapping], table: Table) -> list[str]:
 
 
 def _named(
-    role: str, candidates: Sequence[Candidate], context: MappingContext
+    column: Column, candidates: Sequence[Candidate], context: MappingContext
 ) -> tuple[Candidate, How, bool] | None:
     """The channel that the config names, or that is called like our column."""
-    options = context.options
-    theirs = options.names.get(role, role)
-    how: How = "config" if role in options.names else "own name"
-    named, negated = _called(theirs, candidates, loosely=how == "config"), False
-    if not named and how == "config" and theirs.startswith("-"):
-        named, negated = _called(theirs[1:].strip(), candidates, loosely=True), True
+    theirs = context.options.names.get(column.name, column.name)
+    how: How = "config" if column.name in context.options.names else "own name"
+    named, negated = _called(theirs, candidates), False
+    if not named and theirs.startswith("-"):
+        named, negated = _called(theirs[1:].strip(), candidates), True
     if len(named) > 1:
-        groups = ", ".join(c.group for c in named if c.group)
-        where = f" (in {groups}; name one as group/channel)" if groups else ""
-        context.complain(f"column {theirs} stands {len(named)} times{where}")
+        context.complain(_ambiguous(column, named, context.kind))
     return (named[0], how, negated) if named else None
 
 
-def _called(name: str, candidates: Sequence[Candidate], *, loosely: bool) -> list[Candidate]:
+def _called(name: str, candidates: Sequence[Candidate]) -> list[Candidate]:
     exact = [c for c in candidates if name in (c.name, c.qualified)]
     exact = exact or [c for c in candidates if c.base == name]
-    if exact or not loosely:
-        return exact
-    return [c for c in candidates if name in (without_unit(c.name), without_unit(c.base))]
+    return exact or [c for c in candidates if name in (without_unit(c.name), without_unit(c.base))]
 
 
 def can_be(candidate: Candidate, column: Column) -> bool:
