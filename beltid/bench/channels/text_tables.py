@@ -134,23 +134,27 @@ def wanted_columns(
     told : collection of str
         Columns that need not stand in the file.
     """
-    table, at_header = context.table, replace(context, place=f"{context.place}:{found.header_line}")
+    at_header = replace(context, place=f"{context.place}:{found.header_line}")
     at_units = replace(context, place=f"{context.place}:{found.first_line - 1}")
     wrong = context.problems.count
     mappings = map_channels(candidates, at_units if found.unit_cells else at_header)
     if context.problems.count == wrong:
         check_header([c.name for c in candidates], at_header, mappings, told)
-    wanted = {
+    return mappings, wanted_of(mappings, context)
+
+
+def wanted_of(mappings: Mapping[str, ChannelMapping], context: MappingContext) -> dict[str, Wanted]:
+    """Columns of a text file to be read, as it is decided."""
+    return {
         role: Wanted(
             r.candidate.key,
-            table.column(role).dtype == "string",
+            context.table.column(role).dtype == "string",
             r.shown,
             Clock(r.candidate.name, context.options.dialect.time_zone) if r.is_clock else None,
             None if r.date is None else r.date.key,
         )
         for role, r in mappings.items()
     }
-    return mappings, wanted
 
 
 def text_notes(
