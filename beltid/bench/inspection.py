@@ -16,6 +16,7 @@ from beltid.bench.channels.channel_mapping import (
     ChannelMapping,
     MappingContext,
     can_be,
+    channels_meant,
     map_channels,
     sensors_of,
     unit_of,
@@ -44,7 +45,7 @@ from beltid.errors import InputError, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table
 
-TORQUE_SENSORS: Final = sensors_of(schemas.rig_table("torque"))
+TORQUE_SENSORS: Final = set(sensors_of(schemas.rig_table("torque")))
 ANY_TABLE: Final = schemas.table("press")
 """Any of our names makes the header of a tidy file plain to see."""
 
@@ -336,10 +337,8 @@ def _rig_meant(view: FileView, config: Any) -> dict[str, str]:
     """What the channels say of the rig where they are not those that the config states."""
     if config.rig.model_fields_set & {"kind", "weight_on"}:
         return {}
-    options = ReadOptions.of(config, "rig")
     shares = {
-        (measures, span): _share_of(view, schemas.rig_table(measures, span), options)
-        for measures, span in schemas.RIG_KINDS
+        found: _share_of(view, schemas.rig_table(*found), config) for found in schemas.RIG_KINDS
     }
     best = max(shares, key=lambda found: shares[found])
     if shares[best] < 1.0 or best[0] == "two_cells":
@@ -351,11 +350,11 @@ def _kind_meant(view: FileView, config: Any, path: Path) -> str:
     """The kind of recording whose sensors the channels are."""
     if _is_table_of_plateaus(view, config):
         return "points"
-    known = {kind: ReadOptions.of(config, kind) for kind in ("press", "speedloss", "rig")}
-    tables = {kind: [options.table(kind)] for kind, options in known.items()}
+    kinds = ("press", "speedloss", "rig")
+    tables = {kind: [ReadOptions.of(config, kind).table(kind)] for kind in kinds}
     if not config.rig.model_fields_set & {"kind", "weight_on"}:
         tables["rig"] += [schemas.rig_table(*found) for found in schemas.RIG_KINDS]
-    shares = {k: max(_share_of(view, table, known[k]) for table in tables[k]) for k in known}
+    shares = {k: max(_share_of(view, table, config) for table in tables[k]) for k in kinds}
     # sensors that share a unit are no sensor of their kind yet: then the channels explained decide
     whole = max(shares.values()) == 1.0
     marks = {
@@ -382,32 +381,31 @@ def _is_table_of_plateaus(view: FileView, config: Any) -> bool:
     """Whether a row is a plateau: a speed and an arc or a coefficient, and no time."""
     if any(np.isfinite(channel.rate_Hz) for channel in view.channels):
         return False
-    candidates, found = view.candidates, {}
-    for kind in ("rig", "points"):
-        table, options = schemas.table(kind), ReadOptions.of(config, kind)
-        found[kind] = set(map_channels(candidates, MappingContext(table, options)))
-    if "time_s" in found["rig"]:
+    there = {kind: _there(view, schemas.table(kind), config) for kind in ("rig", "points")}
+    if "time_s" in there["rig"]:
         return False
-    there = found["points"]
-    slides = bool(there & {"pulley_speed_rad_s", "slip_speed_m_s"})
-    return slides and ("arc_deg" in there or {"mu", "normal_force_N_m"} <= there)
+    found = there["points"]
+    slides = bool(found & {"pulley_speed_rad_s", "slip_speed_m_s"})
+    return slides and ("arc_deg" in found or {"mu", "normal_force_N_m"} <= found)
 
 
-def _share_of(view: FileView, table: Table, options: ReadOptions) -> float:
+def _share_of(view: FileView, table: Table, config: Any) -> float:
     """Share of the sensors of a table that the channels of a file can be."""
-    sensors = sensors_of(table)
+    sensors = set(sensors_of(table))
     if "weight_N" in table.names and table.column("weight_N").required:
-        sensors.append("weight_N")  # no sensor, but nothing else tells such a bench
-    # of a torque bench, one of both tensions is enough
-    either = {"tension_tight_N", "tension_slack_N"} if sensors == TORQUE_SENSORS else set()
-    found: set[str] = set()
-    for group in _groups(view.candidates):
-        context = MappingContext(table, options)
-        mappings = map_channels(group, context, [*sensors, *either])
-        unclear = {c for c in sensors if any(c in text for _, text in context.problems.found)}
-        found |= set(mappings) | unclear
-    tensions = min(len(found & either), 1) if either else 0
-    return (len(found - either) + tensions) / (len(sensors) + bool(either))
+        sensors.add("weight_N")  # no sensor, but nothing else tells such a bench
+    there = _there(view, table, config)
+    found = len(sensors & there)
+    if sensors == TORQUE_SENSORS:  # one of both tensions is enough
+        either = bool(there & {"tension_tight_N", "tension_slack_N"})
+        return (found + either) / (len(sensors) + 1)
+    return found / len(sensors)
+
+
+def _there(view: FileView, table: Table, config: Any) -> set[str]:
+    """Our columns of a table that channels of a file can be meant by."""
+    context = MappingContext(table, ReadOptions.of(config, table.kind))
+    return set(channels_meant(view.candidates, context))
 
 
 def _mappings(view: FileView, kind: str, config: Any) -> dict[str, ChannelMapping]:

@@ -49,7 +49,7 @@ from beltid.bench.files.sources import (
     sources_in,
     sources_of,
 )
-from beltid.bench.formats.bench_file import BenchFile, FormatError
+from beltid.bench.formats.bench_file import BenchFile
 from beltid.bench.formats.clock import Clock
 from beltid.bench.formats.frames import columns_of_frame, names_of
 from beltid.bench.formats.rows import Texts
@@ -57,7 +57,7 @@ from beltid.bench.read_options import ReadOptions
 from beltid.bench.runs.checks import Checker
 from beltid.bench.runs.run_settings import completed, joined
 from beltid.bench.runs.run_split import row_labels
-from beltid.errors import InputError, Problem, Problems
+from beltid.errors import InputError, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table
 
@@ -408,8 +408,8 @@ def open_sources(sources: Sequence[Source], options: ReadOptions) -> list[Opened
             for number, found in zip(jobs, read_isolated(list(jobs.values())), strict=True):
                 name = sources[number].name
                 opened[number] = (
-                    Opened(name, wrong=(Problem(f"{name}: {found}", found.code),))
-                    if isinstance(found, FormatError)
+                    Opened(name, wrong=tuple(found.at(name)))
+                    if isinstance(found, InputError)
                     else Opened(name, channels=found)
                 )
     return opened

@@ -26,9 +26,7 @@ from beltid.bench.files.sniff import Decoded
 from beltid.bench.formats.clock import Clock, written_as
 from beltid.bench.formats.csv_table import Wanted, read_rows
 from beltid.bench.formats.dialect import Layout, asides_note, blank_asides, layout, side_by_side
-from beltid.bench.formats.numbers import is_number
 from beltid.bench.read_options import ReadOptions
-from beltid.errors import Problem, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table
 from beltid.tables.schemas import NOMINAL, SAID_OF_RUNS
@@ -94,8 +92,6 @@ def _read_part(
         return None
     rows = read_rows(found, wanted, name)
     problems.take(rows.problems)
-    if problems.count > wrong:
-        hint_units_row(found, wanted, name, problems)
     columns = rows.columns()
     clock = wanted["time_s"].clock if "time_s" in wanted else None
     if clock is not None:
@@ -271,23 +267,3 @@ def _rig_kind_of(header: Sequence[str], table: Table) -> str:
             on = f", weight_on: {weight_on}" if measures == "dead_weight" else ""
             return f"rig: {{kind: {measures}{on}}}"
     return ""
-
-
-def hint_units_row(
-    found: Layout, wanted: Mapping[str, Wanted], name: str, problems: Problems
-) -> None:
-    """Say it first when the first row holds no number: most likely it is the row of units."""
-    first = found.body.lstrip(b"\n").split(b"\n", 1)[0].decode().split(found.separator)
-    cells = [
-        first[w.index].strip(' "')
-        for w in wanted.values()
-        if not w.is_text and w.index < len(first)
-    ]
-    if found.unit_cells or not any(cells) or any(is_number(c) for c in cells):
-        return
-    text = (
-        f"{name}:{found.first_line}: holds no number; "
-        "if it is a row of units, set dialect: {units_row: true}"
-    )
-    problems.found.insert(0, (-1, Problem(text, "numbers")))
-    problems.count += 1
