@@ -9,7 +9,10 @@ from __future__ import annotations
 import unicodedata
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Final, Self
+from typing import TYPE_CHECKING, Final, Self
+
+if TYPE_CHECKING:
+    import numpy as np
 
 LONGEST_LINE: Final = 4000
 """Characters of a message that are shown; hostile files have names of megabytes."""
@@ -206,12 +209,14 @@ class Problems:
         if len(self.found) < 20 * SHOWN:
             self.found.append((line, Problem(text, code)))
 
-    def add_alike(self, rows: Sequence[int], text: Callable[[int], str], place: PlaceOf) -> None:
+    def add_alike(
+        self, rows: Sequence[int] | np.ndarray, text: Callable[[int], str], place: PlaceOf
+    ) -> None:
         """Note what is wrong with some rows in one way: of many the first, and how many they are.
 
         Parameters
         ----------
-        rows : sequence of int
+        rows : sequence of int, ndarray
             Indices of the rows.
         text : callable
             Index of a row -> what is wrong with it.
