@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -25,12 +25,12 @@ from beltid.bench.channels.text_tables import candidates_of as text_candidates
 from beltid.bench.channels.text_tables import text_layout
 from beltid.bench.channels.vocabulary import roles_hinted
 from beltid.bench.files.sniff import Decoded
-from beltid.bench.files.sources import Source, are_parquet, is_many, sources_of
+from beltid.bench.files.sources import Source, are_parquet, unread_sources
 from beltid.bench.formats.bench_file import Field
-from beltid.bench.formats.csv_table import Wanted, csv_blocks, read_rows
-from beltid.bench.formats.dialect import Layout, blank_asides
+from beltid.bench.formats.csv_table import Wanted, csv_blocks
+from beltid.bench.formats.dialect import Layout
 from beltid.bench.formats.numbers import NumberSigns, is_number, numbers_or_problems
-from beltid.bench.formats.rows import Rows, Texts
+from beltid.bench.formats.rows import Texts
 from beltid.bench.read_options import ReadOptions
 from beltid.bench.recording import (
     Opened,
@@ -237,14 +237,14 @@ def inspect_recording(path: Path, config: Any, kind: str | None = None) -> Inspe
 def _looked_into(path: Path, config: Any) -> tuple[list[FileView], list[Opened]]:
     """Files as they were understood, and those that are read at once as they were opened."""
     options = ReadOptions.of(config, "rig")
-    sources = sources_read_at_once(path, options)
-    if sources is None and not is_many(path):
-        sources = [Source(str(path), path, PurePath(path.name))]
-        if are_parquet(sources):
-            return _parquet_views(sources), []
-        return [_big_text_view(path, options)], []
-    if sources is None or are_parquet(sources):
-        return _parquet_views(sources or sources_of(path)), []
+    at_once = sources_read_at_once(path, options)
+    sources = at_once or unread_sources(path)
+    if are_parquet(sources):
+        return _parquet_views(sources), []
+    if at_once is None:
+        head = read_head(path, options, ANY_TABLE)
+        encoding = head.decoded.encoding
+        return [_text_view(str(path), head.decoded, head.layout, head.chunks, encoding)], []
     opened, problems = open_sources(sources, options), Problems()
     for wrong in (text for one in opened for text in one.wrong):
         problems.add(wrong)
@@ -257,9 +257,7 @@ def _view(opened: Opened, options: ReadOptions) -> FileView:
     if opened.channels is None:
         assert opened.text is not None
         layout = text_layout(opened.text, opened.name, options, ANY_TABLE)
-        layout, _ = blank_asides(layout)
-        blocks = [read_rows(layout, _looked_at(layout), opened.name)]
-        return _text_view(opened.name, opened.text, layout, blocks)
+        return _text_view(opened.name, opened.text, layout, [layout.body], "utf-8")
     file, views = opened.channels, []
     for candidate in channel_candidates(file.groups, named=len(file.groups) > 1):
         g, c = candidate.key
@@ -279,17 +277,12 @@ def _view(opened: Opened, options: ReadOptions) -> FileView:
     return FileView(opened.name, file.format, "", tuple(views), fields, file.notes)
 
 
-def _big_text_view(path: Path, options: ReadOptions) -> FileView:
-    head = read_head(path, options, ANY_TABLE)
-    layout, encoding = head.layout, head.decoded.encoding
-    blocks = csv_blocks(head.chunks, layout, _looked_at(layout), encoding, str(path), [])
-    return _text_view(str(path), head.decoded, layout, blocks)
-
-
-def _text_view(name: str, decoded: Decoded, layout: Layout, blocks: Iterable[Rows]) -> FileView:
-    """Columns of a table in a text file, with their range."""
+def _text_view(
+    name: str, decoded: Decoded, layout: Layout, chunks: Iterable[bytes], encoding: str
+) -> FileView:
+    """Columns of a table in a text file, with their range; `encoding` is that of the chunks."""
     views = {str(c.key): ChannelView(c) for c in text_candidates(layout)}
-    for rows in blocks:
+    for rows in csv_blocks(chunks, layout, _looked_at(layout), encoding, name, []):
         nothing = np.full(len(rows), np.nan)
         views = {k: v.with_numbers(rows.numbers.get(k, nothing)) for k, v in views.items()}
     notes = (*decoded.notes, *layout.notes)

@@ -45,6 +45,7 @@ from beltid.bench.files.sources import (
     are_parquet,
     is_many,
     refuse_large,
+    signature_of,
     size_of,
     sources_in,
     sources_of,
@@ -137,16 +138,7 @@ def is_big(path: Path) -> bool:
 
     Whether it is read run by run, `read_rig` finds out: a small file may be packed.
     """
-    try:
-        if is_many(path):
-            sources = sources_of(path)
-            return size_of(sources) >= BIG and are_parquet(sources)
-        if path.stat().st_size < BIG:
-            return False
-        with opened_file(path) as file:
-            return sniff(file.read(1024), path.name) in (TEXT, PARQUET, GZIP)
-    except (OSError, InputError):  # told by the one who reads it
-        return False
+    return sum(file.size for file in signature_of(path)) >= BIG
 
 
 def read_rig(path: Path, config: Any = None) -> Recording | BigRecording:

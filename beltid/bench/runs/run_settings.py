@@ -227,13 +227,12 @@ class RunSettings:
         values = next(
             (v for name in raw.names if (v := self.pattern.values(name)) is not None), None
         )
-        if values is None and self._complete(raw):
-            return
         if values is None:
-            problems.add(
-                f"{raw.place}: the name is not made up as runs.{self.table.kind}.pattern = "
-                f'"{self.runs.pattern}" says'
-            )
+            if not self._complete(raw):
+                problems.add(
+                    f"{raw.place}: the name is not made up as runs.{self.table.kind}.pattern = "
+                    f'"{self.runs.pattern}" says'
+                )
             return
         for role, word in values.items():
             if role not in (*SETTINGS, self.table.label) or role not in self.table.names:
@@ -257,13 +256,11 @@ class RunSettings:
         if self.run_table is None:
             return
         name = next((n for n in raw.names if n in self.run_table.rows), None)
-        if name is None and self._complete(raw):
-            return
-        if name is None:
+        if name is not None:
+            self.used.add(name)
+            told.update(self.run_table.rows[name][1])
+        elif not self._complete(raw):
             problems.add(f"{self.run_table.path}: has no row for {raw.names[0]}")
-            return
-        self.used.add(name)
-        told.update(self.run_table.rows[name][1])
 
 
 def fill(columns: dict[str, np.ndarray], told: Mapping[str, str | float], length: int) -> list[str]:
