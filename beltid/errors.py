@@ -7,9 +7,12 @@ line returns for it. Anything else that escapes is a bug.
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Final, Self
+from typing import TYPE_CHECKING, Final, Self
+
+if TYPE_CHECKING:
+    import numpy as np
 
 LONGEST_LINE: Final = 4000
 """Characters of a message that are shown; hostile files have names of megabytes."""
@@ -17,6 +20,8 @@ SHOWN: Final = 20
 """Problems of one file that are shown."""
 ALIKE: Final = 3
 """Problems of one kind that are shown one by one."""
+PlaceOf = Callable[[int], tuple[str, int]]
+"""Index of a row -> its place in words, and its line for the order of messages."""
 EXIT_DONE = 0
 EXIT_INPUT = 2
 EXIT_NUMERICS = 3
@@ -184,28 +189,6 @@ class FitError(NumericsError):
 
 
 @dataclass(slots=True)
-class Alike:
-    """Problems of one kind: how many there are, and the first ones.
-
-    Attributes
-    ----------
-    first : list of (int, str)
-        Line and wording of the first ones.
-    count : int
-        How many there are.
-    """
-
-    first: list[tuple[int, str]] = field(default_factory=list)
-    count: int = 0
-
-    def add(self, line: int, text: str) -> None:
-        """Count one more; the first few are kept."""
-        self.count += 1
-        if len(self.first) < ALIKE:
-            self.first.append((line, text))
-
-
-@dataclass(slots=True)
 class Problems:
     """Problems of one file, told together in the order of its lines.
 
@@ -226,14 +209,24 @@ class Problems:
         if len(self.found) < 20 * SHOWN:
             self.found.append((line, Problem(text, code)))
 
-    def add_alike(self, alike: Alike, code: str = "") -> None:
-        """Note problems of one kind: beyond a few the first, with the number of the others."""
-        if alike.count > ALIKE:
-            line, text = alike.first[0]
-            self.add(f"{text} ({alike.count - 1} more like it)", line, code)
-            return
-        for line, text in alike.first:
-            self.add(text, line, code)
+    def add_alike(
+        self, rows: Sequence[int] | np.ndarray, text: Callable[[int], str], place: PlaceOf
+    ) -> None:
+        """Note what is wrong with some rows in one way: of many the first, and how many they are.
+
+        Parameters
+        ----------
+        rows : sequence of int, ndarray
+            Indices of the rows.
+        text : callable
+            Index of a row -> what is wrong with it.
+        place : callable
+            Index of a row -> its place in words, and its line.
+        """
+        more = f" ({len(rows) - 1} more like it)" if len(rows) > ALIKE else ""
+        for row in rows[:1] if more else rows:
+            where, line = place(int(row))
+            self.add(f"{where}: {text(int(row))}{more}", line, "numbers")
 
     def take(self, others: Problems) -> None:
         """Note the problems of a part of the file."""

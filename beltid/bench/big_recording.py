@@ -27,7 +27,7 @@ from beltid.bench.channels.text_tables import (
 from beltid.bench.channels.vocabulary import means_date
 from beltid.bench.files.ahead import ahead
 from beltid.bench.files.sniff import Decoded, decode
-from beltid.bench.files.sources import Source, are_parquet, is_many, sources_of
+from beltid.bench.files.sources import Source, are_parquet, unread_sources
 from beltid.bench.formats.csv_table import csv_blocks, file_chunks
 from beltid.bench.formats.dialect import Layout
 from beltid.bench.read_options import ReadOptions
@@ -89,8 +89,7 @@ def open_big(path: Path, config: Any = None) -> BigRecording:
         If its head cannot be that of a recording of the friction rig; whatever is wrong further
         down is told while the runs are read.
     """
-    options = ReadOptions.of(config, "rig")
-    sources = sources_of(path) if is_many(path) else [Source(str(path), path, Path(path.name))]
+    options, sources = ReadOptions.of(config, "rig"), unread_sources(path)
     return _parquet(sources, path, options) if are_parquet(sources) else _csv(path, options)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -16,6 +16,7 @@ from beltid.bench.channels.channel_mapping import (
     ChannelMapping,
     MappingContext,
     can_be,
+    channels_meant,
     map_channels,
     sensors_of,
     unit_of,
@@ -24,12 +25,12 @@ from beltid.bench.channels.text_tables import candidates_of as text_candidates
 from beltid.bench.channels.text_tables import text_layout
 from beltid.bench.channels.vocabulary import roles_hinted
 from beltid.bench.files.sniff import Decoded
-from beltid.bench.files.sources import Source, are_parquet, is_many, sources_of
+from beltid.bench.files.sources import Source, are_parquet, unread_sources
 from beltid.bench.formats.bench_file import Field
-from beltid.bench.formats.csv_table import Wanted, csv_blocks, read_rows
-from beltid.bench.formats.dialect import Layout, blank_asides
+from beltid.bench.formats.csv_table import Wanted, csv_blocks
+from beltid.bench.formats.dialect import Layout
 from beltid.bench.formats.numbers import NumberSigns, is_number, numbers_or_problems
-from beltid.bench.formats.rows import Rows, Texts
+from beltid.bench.formats.rows import Texts
 from beltid.bench.read_options import ReadOptions
 from beltid.bench.recording import (
     Opened,
@@ -44,7 +45,7 @@ from beltid.errors import InputError, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table
 
-TORQUE_SENSORS: Final = sensors_of(schemas.rig_table("torque"))
+TORQUE_SENSORS: Final = set(sensors_of(schemas.rig_table("torque")))
 ANY_TABLE: Final = schemas.table("press")
 """Any of our names makes the header of a tidy file plain to see."""
 
@@ -236,14 +237,14 @@ def inspect_recording(path: Path, config: Any, kind: str | None = None) -> Inspe
 def _looked_into(path: Path, config: Any) -> tuple[list[FileView], list[Opened]]:
     """Files as they were understood, and those that are read at once as they were opened."""
     options = ReadOptions.of(config, "rig")
-    sources = sources_read_at_once(path, options)
-    if sources is None and not is_many(path):
-        sources = [Source(str(path), path, PurePath(path.name))]
-        if are_parquet(sources):
-            return _parquet_views(sources), []
-        return [_big_text_view(path, options)], []
-    if sources is None or are_parquet(sources):
-        return _parquet_views(sources or sources_of(path)), []
+    at_once = sources_read_at_once(path, options)
+    sources = at_once or unread_sources(path)
+    if are_parquet(sources):
+        return _parquet_views(sources), []
+    if at_once is None:
+        head = read_head(path, options, ANY_TABLE)
+        encoding = head.decoded.encoding
+        return [_text_view(str(path), head.decoded, head.layout, head.chunks, encoding)], []
     opened, problems = open_sources(sources, options), Problems()
     for wrong in (text for one in opened for text in one.wrong):
         problems.add(wrong)
@@ -256,9 +257,7 @@ def _view(opened: Opened, options: ReadOptions) -> FileView:
     if opened.channels is None:
         assert opened.text is not None
         layout = text_layout(opened.text, opened.name, options, ANY_TABLE)
-        layout, _ = blank_asides(layout)
-        blocks = [read_rows(layout, _looked_at(layout), opened.name)]
-        return _text_view(opened.name, opened.text, layout, blocks)
+        return _text_view(opened.name, opened.text, layout, [layout.body], "utf-8")
     file, views = opened.channels, []
     for candidate in channel_candidates(file.groups, named=len(file.groups) > 1):
         g, c = candidate.key
@@ -278,17 +277,12 @@ def _view(opened: Opened, options: ReadOptions) -> FileView:
     return FileView(opened.name, file.format, "", tuple(views), fields, file.notes)
 
 
-def _big_text_view(path: Path, options: ReadOptions) -> FileView:
-    head = read_head(path, options, ANY_TABLE)
-    layout, encoding = head.layout, head.decoded.encoding
-    blocks = csv_blocks(head.chunks, layout, _looked_at(layout), encoding, str(path), [])
-    return _text_view(str(path), head.decoded, layout, blocks)
-
-
-def _text_view(name: str, decoded: Decoded, layout: Layout, blocks: Iterable[Rows]) -> FileView:
-    """Columns of a table in a text file, with their range."""
+def _text_view(
+    name: str, decoded: Decoded, layout: Layout, chunks: Iterable[bytes], encoding: str
+) -> FileView:
+    """Columns of a table in a text file, with their range; `encoding` is that of the chunks."""
     views = {str(c.key): ChannelView(c) for c in text_candidates(layout)}
-    for rows in blocks:
+    for rows in csv_blocks(chunks, layout, _looked_at(layout), encoding, name, []):
         nothing = np.full(len(rows), np.nan)
         views = {k: v.with_numbers(rows.numbers.get(k, nothing)) for k, v in views.items()}
     notes = (*decoded.notes, *layout.notes)
@@ -336,10 +330,8 @@ def _rig_meant(view: FileView, config: Any) -> dict[str, str]:
     """What the channels say of the rig where they are not those that the config states."""
     if config.rig.model_fields_set & {"kind", "weight_on"}:
         return {}
-    options = ReadOptions.of(config, "rig")
     shares = {
-        (measures, span): _share_of(view, schemas.rig_table(measures, span), options)
-        for measures, span in schemas.RIG_KINDS
+        found: _share_of(view, schemas.rig_table(*found), config) for found in schemas.RIG_KINDS
     }
     best = max(shares, key=lambda found: shares[found])
     if shares[best] < 1.0 or best[0] == "two_cells":
@@ -351,11 +343,11 @@ def _kind_meant(view: FileView, config: Any, path: Path) -> str:
     """The kind of recording whose sensors the channels are."""
     if _is_table_of_plateaus(view, config):
         return "points"
-    known = {kind: ReadOptions.of(config, kind) for kind in ("press", "speedloss", "rig")}
-    tables = {kind: [options.table(kind)] for kind, options in known.items()}
+    kinds = ("press", "speedloss", "rig")
+    tables = {kind: [ReadOptions.of(config, kind).table(kind)] for kind in kinds}
     if not config.rig.model_fields_set & {"kind", "weight_on"}:
         tables["rig"] += [schemas.rig_table(*found) for found in schemas.RIG_KINDS]
-    shares = {k: max(_share_of(view, table, known[k]) for table in tables[k]) for k in known}
+    shares = {k: max(_share_of(view, table, config) for table in tables[k]) for k in kinds}
     # sensors that share a unit are no sensor of their kind yet: then the channels explained decide
     whole = max(shares.values()) == 1.0
     marks = {
@@ -382,32 +374,31 @@ def _is_table_of_plateaus(view: FileView, config: Any) -> bool:
     """Whether a row is a plateau: a speed and an arc or a coefficient, and no time."""
     if any(np.isfinite(channel.rate_Hz) for channel in view.channels):
         return False
-    candidates, found = view.candidates, {}
-    for kind in ("rig", "points"):
-        table, options = schemas.table(kind), ReadOptions.of(config, kind)
-        found[kind] = set(map_channels(candidates, MappingContext(table, options)))
-    if "time_s" in found["rig"]:
+    there = {kind: _there(view, schemas.table(kind), config) for kind in ("rig", "points")}
+    if "time_s" in there["rig"]:
         return False
-    there = found["points"]
-    slides = bool(there & {"pulley_speed_rad_s", "slip_speed_m_s"})
-    return slides and ("arc_deg" in there or {"mu", "normal_force_N_m"} <= there)
+    found = there["points"]
+    slides = bool(found & {"pulley_speed_rad_s", "slip_speed_m_s"})
+    return slides and ("arc_deg" in found or {"mu", "normal_force_N_m"} <= found)
 
 
-def _share_of(view: FileView, table: Table, options: ReadOptions) -> float:
+def _share_of(view: FileView, table: Table, config: Any) -> float:
     """Share of the sensors of a table that the channels of a file can be."""
-    sensors = sensors_of(table)
+    sensors = set(sensors_of(table))
     if "weight_N" in table.names and table.column("weight_N").required:
-        sensors.append("weight_N")  # no sensor, but nothing else tells such a bench
-    # of a torque bench, one of both tensions is enough
-    either = {"tension_tight_N", "tension_slack_N"} if sensors == TORQUE_SENSORS else set()
-    found: set[str] = set()
-    for group in _groups(view.candidates):
-        context = MappingContext(table, options)
-        mappings = map_channels(group, context, [*sensors, *either])
-        unclear = {c for c in sensors if any(c in text for _, text in context.problems.found)}
-        found |= set(mappings) | unclear
-    tensions = min(len(found & either), 1) if either else 0
-    return (len(found - either) + tensions) / (len(sensors) + bool(either))
+        sensors.add("weight_N")  # no sensor, but nothing else tells such a bench
+    there = _there(view, table, config)
+    found = len(sensors & there)
+    if sensors == TORQUE_SENSORS:  # one of both tensions is enough
+        either = bool(there & {"tension_tight_N", "tension_slack_N"})
+        return (found + either) / (len(sensors) + 1)
+    return found / len(sensors)
+
+
+def _there(view: FileView, table: Table, config: Any) -> set[str]:
+    """Our columns of a table that channels of a file can be meant by."""
+    context = MappingContext(table, ReadOptions.of(config, table.kind))
+    return set(channels_meant(view.candidates, context))
 
 
 def _mappings(view: FileView, kind: str, config: Any) -> dict[str, ChannelMapping]:

@@ -9,13 +9,13 @@ from __future__ import annotations
 import datetime
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import Final
 
 from beltid.artifacts.file_bytes import opened
 from beltid.bench.channels.vocabulary import means_date
 from beltid.bench.files.sniff import PARQUET, TEXT, decode, sniff
-from beltid.bench.files.sources import Source, is_many, sources_of
+from beltid.bench.files.sources import Source, sources_of, unread_sources
 from beltid.bench.formats.bench_file import BenchFile, Field
 from beltid.bench.formats.clock import day_in, holds_dates, written_as
 from beltid.bench.formats.dialect import layout
@@ -55,21 +55,14 @@ def recorded_on(path: Path, config: Config, kind: str) -> str | None:
     """
     options = ReadOptions.of(config, kind)
     try:
-        sources = _sources(path)
+        sources = unread_sources(path)
+        if sources[0].first_bytes()[:2] == b"PK":
+            sources = sources_of(path)
         ends = [sources[0], sources[-1]] if len(sources) > 1 else sources
         days = [day for source in ends if (day := next(_of_file(source, options), None))]
     except InputError:  # what is wrong with it is told by the one who reads the samples
         return None
     return " to ".join(dict.fromkeys(sorted(days))) or None
-
-
-def _sources(path: Path) -> list[Source]:
-    """Files that a path stands for; a single one, which may be large, is not read."""
-    if not is_many(path):
-        with opened(path) as file:
-            if file.read(2) != b"PK":
-                return [Source(str(path), path, PurePath(path.name))]
-    return sources_of(path)
 
 
 def _of_file(source: Source, options: ReadOptions) -> Iterator[str]:

@@ -45,11 +45,12 @@ from beltid.bench.files.sources import (
     are_parquet,
     is_many,
     refuse_large,
+    signature_of,
     size_of,
     sources_in,
     sources_of,
 )
-from beltid.bench.formats.bench_file import BenchFile, FormatError
+from beltid.bench.formats.bench_file import BenchFile
 from beltid.bench.formats.clock import Clock
 from beltid.bench.formats.frames import columns_of_frame, names_of
 from beltid.bench.formats.rows import Texts
@@ -57,7 +58,7 @@ from beltid.bench.read_options import ReadOptions
 from beltid.bench.runs.checks import Checker
 from beltid.bench.runs.run_settings import completed, joined
 from beltid.bench.runs.run_split import row_labels
-from beltid.errors import InputError, Problem, Problems
+from beltid.errors import InputError, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table
 
@@ -137,16 +138,7 @@ def is_big(path: Path) -> bool:
 
     Whether it is read run by run, `read_rig` finds out: a small file may be packed.
     """
-    try:
-        if is_many(path):
-            sources = sources_of(path)
-            return size_of(sources) >= BIG and are_parquet(sources)
-        if path.stat().st_size < BIG:
-            return False
-        with opened_file(path) as file:
-            return sniff(file.read(1024), path.name) in (TEXT, PARQUET, GZIP)
-    except (OSError, InputError):  # told by the one who reads it
-        return False
+    return sum(file.size for file in signature_of(path)) >= BIG
 
 
 def read_rig(path: Path, config: Any = None) -> Recording | BigRecording:
@@ -412,8 +404,8 @@ def open_sources(sources: Sequence[Source], options: ReadOptions) -> list[Opened
             for number, found in zip(jobs, read_isolated(list(jobs.values())), strict=True):
                 name = sources[number].name
                 opened[number] = (
-                    Opened(name, wrong=(Problem(f"{name}: {found}", found.code),))
-                    if isinstance(found, FormatError)
+                    Opened(name, wrong=tuple(found.at(name)))
+                    if isinstance(found, InputError)
                     else Opened(name, channels=found)
                 )
     return opened

@@ -12,7 +12,7 @@ import writers
 from typer.testing import CliRunner
 
 from beltid.bench.files.sniff import sniff
-from beltid.bench.formats.bench_file import BenchFile, FormatError
+from beltid.bench.formats.bench_file import BenchFile
 from beltid.bench.formats.isolated import process
 from beltid.bench.formats.isolated.process import read_isolated
 from beltid.bench.recording import read_recording
@@ -66,10 +66,10 @@ def test_flipped_bits_and_cuts_never_end_this_process(tmp_path, name):
         jobs.append((sniff(data, path.name), file))
     found = read_isolated(jobs)
     assert len(found) == 12
-    assert all(isinstance(one, (BenchFile, FormatError)) for one in found)
+    assert all(isinstance(one, (BenchFile, InputError)) for one in found)
     # a bit among plain numbers is a number: only cuts and what has checksums must be seen
     must_be_seen = found if name == "xlsx" else found[8:]
-    assert sum(isinstance(one, FormatError) for one in must_be_seen) >= len(must_be_seen) - 1
+    assert sum(isinstance(one, InputError) for one in must_be_seen) >= len(must_be_seen) - 1
 
 
 @pytest.mark.parametrize("name", ["mat5", "xlsx"])
@@ -90,7 +90,7 @@ def test_a_reader_that_crashes_ends_only_its_own_process(tmp_path, monkeypatch):
     good = writers.RIG["tdms"](tmp_path)
     monkeypatch.setattr(process, "BASE_MEMORY", 20 << 20)  # too little for numpy
     (found,) = read_isolated([("tdms", good)])
-    assert isinstance(found, FormatError)
+    assert isinstance(found, InputError)
     monkeypatch.setattr("sys.executable", "/bin/false")
     with pytest.raises(InputError, match="the reader of its format crashed on it"):
         read_recording(good, "rig")
@@ -100,7 +100,7 @@ def test_a_reader_that_does_not_end_is_ended(tmp_path, monkeypatch):
     good = writers.RIG["tdms"](tmp_path)
     monkeypatch.setattr(process, "BASE_CPU_S", -2)
     (found,) = read_isolated([("tdms", good)])
-    assert isinstance(found, FormatError)
+    assert isinstance(found, InputError)
 
 
 def test_after_a_crash_the_other_files_are_read(tmp_path, monkeypatch):
@@ -114,7 +114,7 @@ def test_after_a_crash_the_other_files_are_read(tmp_path, monkeypatch):
 
     monkeypatch.setattr(process, "_one_child", crash_once)
     first, second = read_isolated([("mat", good), ("mat", good)])
-    assert isinstance(first, FormatError)
+    assert isinstance(first, InputError)
     assert isinstance(second, BenchFile)
 
 

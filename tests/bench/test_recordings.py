@@ -190,9 +190,7 @@ def test_a_row_of_units_converts(tmp_path):
     seen = read_recording(path, "rig").columns  # known units are plain to see
     np.testing.assert_array_equal(seen["arc_deg"], columns["arc_deg"])
     write(tmp_path, [lines[0], "-,x,bar,?,a,b,c,d", *lines[2:]])
-    assert problems(path)[0] == (
-        "rig.csv:2: holds no number; if it is a row of units, set dialect: {units_row: true}"
-    )
+    assert 'rig.csv:2: time_s = "x", must be a number' in problems(path)
 
 
 def test_the_header_keeps_its_line_above_a_row_of_units(tmp_path):
@@ -338,7 +336,10 @@ def test_a_column_named_by_the_config_must_be_there(tmp_path):
 
 def test_a_header_that_stands_twice(tmp_path):
     lines = [HEADER + ",time_s", *(r + ",0" for r in rows())]
-    assert problems(write(tmp_path, lines)) == ["rig.csv:1: column time_s stands 2 times"]
+    assert problems(write(tmp_path, lines)) == [
+        "rig.csv:1: time_s #1, time_s #2 can be time_s, say which: "
+        'columns: {rig: {time_s: "time_s #1"}}'
+    ]
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from mutation import MUTATORS
 from readers import CORPUS, ISOLATED, READERS, read, seeds
 
-from beltid.bench.formats.bench_file import FormatError
 from beltid.bench.formats.isolated.process import read_isolated
+from beltid.errors import InputError
 
 IN_PROCESS = [reader for reader in READERS if reader not in ISOLATED]
 CRASHING = Path(__file__).parent / "crashing"
@@ -57,7 +57,7 @@ def test_changed_files_are_taken_or_refused(reader, number):
 @pytest.mark.parametrize("path", sorted(CRASHING.iterdir()), ids=lambda p: p.name)
 def test_files_that_crash_their_library_are_refused(path):
     (found,) = read_isolated([(path.name.split("-")[0], path)])
-    assert isinstance(found, FormatError)
+    assert isinstance(found, InputError)
     # what a library does that reads memory at random is up to chance: mostly it dies
     assert "crashed" in str(found) or "damaged" in str(found)
 

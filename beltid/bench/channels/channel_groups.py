@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import PurePath
 
@@ -26,6 +26,7 @@ from beltid.bench.formats.dialect import side_by_side, without_position
 from beltid.bench.formats.numbers import NumberSigns, numbers_or_problems
 from beltid.bench.formats.rows import Texts, word_of
 from beltid.bench.read_options import ReadOptions
+from beltid.errors import PlaceOf
 from beltid.tables.values import absent
 
 
@@ -217,71 +218,72 @@ class _Clocks:
         values: dict[str, np.ndarray],
         context: MappingContext,
     ) -> None:
-        self.groups = groups
-        self.mappings, self.values = mappings, values
-        self.shared = mappings.get("time_s")
-        self.problems = context.problems
+        self.groups, self.mappings, self.values = groups, mappings, values
+        self.context = context
         self.clock = Clock("", context.options.dialect.time_zone)
         """Reads all clock times of the file, so that they count from one midnight."""
-        # the file's own words alone: what the config names for the time was looked for before
-        self.context = replace(context, options=ReadOptions())
-        self.known: dict[int, np.ndarray | None] = {}
-        self.label = context.table.label
+        self.chosen: dict[int, ChannelMapping | None] = {}
+        self.known: dict[int, np.ndarray] = {}
 
     def of(self, g: int, c: int) -> np.ndarray | None:
         """Time of a channel of a group."""
-        if self.shared is not None and self.shared.candidate.key[0] == g:
-            return self._shared()
+        shared = self.mappings.get("time_s")
+        is_of_group = shared is not None and shared.candidate.key[0] == g
         own = self.groups[g].channels[c].time_s
-        if own is not None:
+        if own is not None and not is_of_group:
             return own
-        if g not in self.known:
-            self.known[g] = self._in_group(g)
-        return self.known[g]
+        if g not in self.chosen:
+            self.chosen[g] = (None if is_of_group else self._in_group(g)) or shared
+        mapping = self.chosen[g]
+        return None if mapping is None else self._time_of(mapping)
 
-    def place(self, g: int) -> Callable[[int], tuple[str, int]]:
+    def place(self, g: int) -> PlaceOf:
         """How messages call the samples of a group."""
         return places(self.context.place, self.groups[g].first_row)
 
-    def _shared(self) -> np.ndarray | None:
-        if self.shared is None:
-            return None
-        g = self.shared.candidate.key[0]
-        if not self.shared.is_clock:
-            return self.shared.conversion.apply(self.values["time_s"])
+    def _in_group(self, g: int) -> ChannelMapping | None:
+        """The time among the channels of a group, by the words of the file alone.
+
+        What the config names for the time was looked for before.
+        """
+        candidates = [c for c in candidates_of(self.groups, named=False) if c.key[0] == g]
+        context = replace(self.context, options=ReadOptions())
+        return map_channels(candidates, context, ["time_s"]).get("time_s")
+
+    def _time_of(self, mapping: ChannelMapping) -> np.ndarray:
+        g = mapping.candidate.key[0]
         if g not in self.known:
-            self.known[g] = self._clock_times(self.shared)
+            if mapping.is_clock:
+                self.known[g] = self._clock_times(mapping)
+            elif mapping is self.mappings.get("time_s"):
+                self.known[g] = mapping.conversion.apply(self.values["time_s"])
+            else:
+                channel = _channel(self.groups, mapping.candidate)
+                first = _first_row(self.groups, mapping)
+                self.known[g] = mapping.conversion.apply(
+                    _typed(channel, mapping, first, self.context)
+                )
         return self.known[g]
 
     def _clock_times(self, mapping: ChannelMapping) -> np.ndarray:
         """Seconds of clock times, counted from the midnight before the first of the file."""
         import pyarrow as pa
 
-        g, c = mapping.candidate.key
+        g, problems, label = (
+            mapping.candidate.key[0],
+            self.context.problems,
+            self.context.table.label,
+        )
         self.clock.name = mapping.candidate.name
-        times = self.groups[g].channels[c].values
+        times = _channel(self.groups, mapping.candidate).values
         dates = None if mapping.date is None else _channel(self.groups, mapping.date).values
         seconds, wrong = self.clock.read(
             pa.array(times, pa.string()), None if dates is None else pa.array(dates, pa.string())
         )
-        self.clock.report_wrong(wrong, times, self.place(g), self.problems)
-        label = self.mappings.get(self.label)
-        own_label = label is not None and label.candidate.key[0] == g
-        runs = Texts.of(self.values[self.label]).codes if own_label else None
-        return self.clock.elapsed(seconds, self.place(g), self.problems, runs, from_first=False)
-
-    def _in_group(self, g: int) -> np.ndarray | None:
-        candidates = candidates_of([self.groups[g]], named=False)
-        found = map_channels(candidates, self.context, ["time_s"])
-        if "time_s" not in found:
-            return self._shared()
-        mapping = found["time_s"]
-        channel = self.groups[g].channels[mapping.candidate.key[1]]
-        if mapping.is_clock:
-            inside = replace(mapping.candidate, key=(g, mapping.candidate.key[1]))
-            date = mapping.date and replace(mapping.date, key=(g, mapping.date.key[1]))
-            return self._clock_times(replace(mapping, candidate=inside, date=date))
-        return None if channel.is_text else channel.values * mapping.conversion.factor
+        self.clock.report_wrong(wrong, times, self.place(g), problems)
+        has_label = label in self.mappings and self.mappings[label].candidate.key[0] == g
+        runs = Texts.of(self.values[label]).codes if has_label else None
+        return self.clock.elapsed(seconds, self.place(g), problems, runs, from_first=False)
 
 
 def _typed(
@@ -299,7 +301,7 @@ def _typed(
     return numbers_or_problems(channel.values, signs, mapping.shown, place, context.problems)
 
 
-def places(name: str, first_row: int) -> Callable[[int], tuple[str, int]]:
+def places(name: str, first_row: int) -> PlaceOf:
     """How messages call the samples of a group that begins in a row of a file, or in none."""
     if first_row:
         return lambda i: (f"{name}:{first_row + i}", first_row + i)

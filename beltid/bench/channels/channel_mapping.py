@@ -167,36 +167,46 @@ def map_channels(
     dict
         Our columns that were found; those that are missing are left to the caller.
     """
-    options = context.options
-    columns = [c for c in context.table.columns if roles is None or c.name in roles]
-    found: dict[str, tuple[Candidate, How, bool]] = {}
-    for column in columns:
-        chosen = _named(column.name, candidates, context)
-        if chosen is not None:
-            found[column.name] = chosen
-    taken = {id(candidate) for candidate, _, _ in found.values()}
-    free = [c for c in candidates if c.name and id(c) not in taken]
-    for column in columns:
-        if column.name in found or column.name in options.names:
-            continue
-        meant = [c for c in free if column.name in roles_meant(c.name, context.kind)]
-        any_unit = column.dtype == "string" or column.name in options.units
-        fitting = [c for c in meant if any_unit or can_be(c, column)] or meant
-        if column.name == "time_s":  # a stop watch comes before a clock on the wall
-            fitting = [c for c in fitting if unit_of(c) and not c.written] or fitting
-        if len(fitting) == 1:
-            found[column.name] = (fitting[0], "recognised", False)
-        elif fitting:
-            context.complain(_ambiguous(column, fitting, context.kind))
+    meant = channels_meant(candidates, context, roles)
+    for role, found in meant.items():
+        if len(found) > 1:
+            channels = [candidate for candidate, _, _ in found]
+            context.complain(_ambiguous(context.table.column(role), channels, context.kind))
     mappings = {
-        column.name: _mapping(column, *found[column.name], context)
-        for column in columns
-        if column.name in found
+        role: _mapping(context.table.column(role), *found[0], context)
+        for role, found in meant.items()
+        if len(found) == 1 or found[0][1] != "recognised"
     }
     time = mappings.get("time_s")
     if time is not None and time.is_clock:
+        taken = {id(candidate) for found in meant.values() for candidate, _, _ in found}
+        free = [c for c in candidates if c.name and id(c) not in taken]
         mappings["time_s"] = replace(time, date=_date_of(time.candidate, free, context))
     return mappings
+
+
+def channels_meant(
+    candidates: Sequence[Candidate], context: MappingContext, roles: Collection[str] | None = None
+) -> dict[str, list[tuple[Candidate, How, bool]]]:
+    """Our columns of a table -> the channels that can be meant, who says so, and if sign turns.
+
+    Several for one column are ambiguous. See `map_channels`.
+    """
+    columns = [c for c in context.table.columns if roles is None or c.name in roles]
+    found = {c.name: named for c in columns if (named := _named(c.name, candidates, context))}
+    taken = {id(candidate) for named in found.values() for candidate, _, _ in named[:1]}
+    free = [c for c in candidates if c.name and id(c) not in taken]
+    for column in columns:
+        if column.name in found or column.name in context.options.names:
+            continue
+        meant = [c for c in free if column.name in roles_meant(c.name, context.kind)]
+        any_unit = column.dtype == "string" or column.name in context.options.units
+        fitting = [c for c in meant if any_unit or can_be(c, column)] or meant
+        if column.name == "time_s":  # a stop watch comes before a clock on the wall
+            fitting = [c for c in fitting if unit_of(c) and not c.written] or fitting
+        if fitting:
+            found[column.name] = [(c, "recognised", False) for c in fitting]
+    return {column.name: found[column.name] for column in columns if column.name in found}
 
 
 def sensors_of(table: Table) -> list[str]:
@@ -250,27 +260,20 @@ def notes_of(mappings: Mapping[str, ChannelMapping], table: Table) -> list[str]:
 
 def _named(
     role: str, candidates: Sequence[Candidate], context: MappingContext
-) -> tuple[Candidate, How, bool] | None:
-    """The channel that the config names, or that is called like our column."""
-    options = context.options
-    theirs = options.names.get(role, role)
-    how: How = "config" if role in options.names else "own name"
-    named, negated = _called(theirs, candidates, loosely=how == "config"), False
-    if not named and how == "config" and theirs.startswith("-"):
-        named, negated = _called(theirs[1:].strip(), candidates, loosely=True), True
-    if len(named) > 1:
-        groups = ", ".join(c.group for c in named if c.group)
-        where = f" (in {groups}; name one as group/channel)" if groups else ""
-        context.complain(f"column {theirs} stands {len(named)} times{where}")
-    return (named[0], how, negated) if named else None
+) -> list[tuple[Candidate, How, bool]]:
+    """The channels that the config names, or that are called like our column."""
+    theirs = context.options.names.get(role, role)
+    how: How = "config" if role in context.options.names else "own name"
+    named, negated = _called(theirs, candidates), False
+    if not named and theirs.startswith("-"):
+        named, negated = _called(theirs[1:].strip(), candidates), True
+    return [(candidate, how, negated) for candidate in named]
 
 
-def _called(name: str, candidates: Sequence[Candidate], *, loosely: bool) -> list[Candidate]:
+def _called(name: str, candidates: Sequence[Candidate]) -> list[Candidate]:
     exact = [c for c in candidates if name in (c.name, c.qualified)]
     exact = exact or [c for c in candidates if c.base == name]
-    if exact or not loosely:
-        return exact
-    return [c for c in candidates if name in (without_unit(c.name), without_unit(c.base))]
+    return exact or [c for c in candidates if name in (without_unit(c.name), without_unit(c.base))]
 
 
 def can_be(candidate: Candidate, column: Column) -> bool:

@@ -26,9 +26,7 @@ from beltid.bench.files.sniff import Decoded
 from beltid.bench.formats.clock import Clock, written_as
 from beltid.bench.formats.csv_table import Wanted, read_rows
 from beltid.bench.formats.dialect import Layout, asides_note, blank_asides, layout, side_by_side
-from beltid.bench.formats.numbers import is_number
 from beltid.bench.read_options import ReadOptions
-from beltid.errors import Problem, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table
 from beltid.tables.schemas import NOMINAL, SAID_OF_RUNS
@@ -94,8 +92,6 @@ def _read_part(
         return None
     rows = read_rows(found, wanted, name)
     problems.take(rows.problems)
-    if problems.count > wrong:
-        hint_units_row(found, wanted, name, problems)
     columns = rows.columns()
     clock = wanted["time_s"].clock if "time_s" in wanted else None
     if clock is not None:
@@ -134,23 +130,27 @@ def wanted_columns(
     told : collection of str
         Columns that need not stand in the file.
     """
-    table, at_header = context.table, replace(context, place=f"{context.place}:{found.header_line}")
+    at_header = replace(context, place=f"{context.place}:{found.header_line}")
     at_units = replace(context, place=f"{context.place}:{found.first_line - 1}")
     wrong = context.problems.count
     mappings = map_channels(candidates, at_units if found.unit_cells else at_header)
     if context.problems.count == wrong:
         check_header([c.name for c in candidates], at_header, mappings, told)
-    wanted = {
+    return mappings, wanted_of(mappings, context)
+
+
+def wanted_of(mappings: Mapping[str, ChannelMapping], context: MappingContext) -> dict[str, Wanted]:
+    """Columns of a text file to be read, as it is decided."""
+    return {
         role: Wanted(
             r.candidate.key,
-            table.column(role).dtype == "string",
+            context.table.column(role).dtype == "string",
             r.shown,
             Clock(r.candidate.name, context.options.dialect.time_zone) if r.is_clock else None,
             None if r.date is None else r.date.key,
         )
         for role, r in mappings.items()
     }
-    return mappings, wanted
 
 
 def text_notes(
@@ -267,23 +267,3 @@ def _rig_kind_of(header: Sequence[str], table: Table) -> str:
             on = f", weight_on: {weight_on}" if measures == "dead_weight" else ""
             return f"rig: {{kind: {measures}{on}}}"
     return ""
-
-
-def hint_units_row(
-    found: Layout, wanted: Mapping[str, Wanted], name: str, problems: Problems
-) -> None:
-    """Say it first when the first row holds no number: most likely it is the row of units."""
-    first = found.body.lstrip(b"\n").split(b"\n", 1)[0].decode().split(found.separator)
-    cells = [
-        first[w.index].strip(' "')
-        for w in wanted.values()
-        if not w.is_text and w.index < len(first)
-    ]
-    if found.unit_cells or not any(cells) or any(is_number(c) for c in cells):
-        return
-    text = (
-        f"{name}:{found.first_line}: holds no number; "
-        "if it is a row of units, set dialect: {units_row: true}"
-    )
-    problems.found.insert(0, (-1, Problem(text, "numbers")))
-    problems.count += 1

@@ -122,7 +122,7 @@ _RUN: Final = _words(
     "id no nr nummer number numero name label n num",
 )
 
-_OF_RIG: Final = {
+VOCABULARY: Final = {
     "run": _RUN,
     "time_s": _TIME,
     "tension_tight_N": _TIGHT,
@@ -160,47 +160,30 @@ _OF_RIG: Final = {
     "mu_se": _words("mu se,mu error,mu standard error,mu std"),
     "normal_force_N_m": _words("normal force,line force,normalkraft,streckenlast"),
     "roughness_Ra_um": _words("roughness,roughness ra,ra,rauheit,rauheit ra,rugosite", "pulley"),
+    "test": _words(
+        "test,versuch,pruefung,probe,specimen,sample,essai,eprouvette,probenkennung,"
+        "probenname,specimen id,run",
+        "id no nr nummer number numero name label n num",
+    ),
+    "displacement_mm": _words(
+        "weg,standardweg,traversenweg,traverse,traversenposition,maschinenweg,kolbenweg,"
+        "stempelweg,eindringweg,eindringtiefe,eindringung,verformung,stauchung,displacement,"
+        "crosshead,travel,stroke,extension,compression,deformation,penetration,position,"
+        "deplacement,course,deplacement traverse,enfoncement",
+        "absolut absolute abs axial mm travel displacement position crosshead de la traverse "
+        "machine 1 actuator piston sensor wegaufnehmer compressive standard",
+    ),
+    "force_N": _words(
+        "kraft,standardkraft,pruefkraft,presskraft,druckkraft,normalkraft,stempelkraft,force,"
+        "load,effort,charge,standard force,load cell,force normale,axialkraft",
+        "n axial normal normale compressive compression press standard cell sensor "
+        "kraftaufnehmer kmd 1 de la du machine kn",
+    ),
+    "driver_speed_rad_s": _DRIVER,
+    "driven_speed_rad_s": _DRIVEN,
+    "file": _words("file,filename,file name,datei,dateiname,fichier"),  # of a table of runs
 }
-
-VOCABULARY: Final[dict[str, dict[str, Words]]] = {
-    "press": {
-        "test": _words(
-            "test,versuch,pruefung,probe,specimen,sample,essai,eprouvette,probenkennung,"
-            "probenname,specimen id,run",
-            "id no nr nummer number numero name label n num",
-        ),
-        "temperature_degC": _TEMPERATURE,
-        "time_s": _TIME,
-        "displacement_mm": _words(
-            "weg,standardweg,traversenweg,traverse,traversenposition,maschinenweg,kolbenweg,"
-            "stempelweg,eindringweg,eindringtiefe,eindringung,verformung,stauchung,displacement,"
-            "crosshead,travel,stroke,extension,compression,deformation,penetration,position,"
-            "deplacement,course,deplacement traverse,enfoncement",
-            "absolut absolute abs axial mm travel displacement position crosshead de la traverse "
-            "machine 1 actuator piston sensor wegaufnehmer compressive standard",
-        ),
-        "force_N": _words(
-            "kraft,standardkraft,pruefkraft,presskraft,druckkraft,normalkraft,stempelkraft,force,"
-            "load,effort,charge,standard force,load cell,force normale,axialkraft",
-            "n axial normal normale compressive compression press standard cell sensor "
-            "kraftaufnehmer kmd 1 de la du machine kn",
-        ),
-    },
-    "rig": {name: _OF_RIG[name] for name in schemas.table("rig").names if name in _OF_RIG},
-    "points": {name: _OF_RIG[name] for name in schemas.table("points").names if name in _OF_RIG},
-    "speedloss": {
-        "run": _RUN,
-        "time_s": _TIME,
-        "initial_tension_N": _INITIAL,
-        "torque_N_m": _TORQUE,
-        "driver_speed_rad_s": _DRIVER,
-        "driven_speed_rad_s": _DRIVEN,
-    },
-}
-"""Kind of recording -> our column -> the names that mean it."""
-
-FILE_NAMES: Final = frozenset({"file", "filename", "file name", "datei", "dateiname", "fichier"})
-"""Names of the column of a table of runs that holds the name of the file."""
+"""Our column -> the names that mean it."""
 
 
 def simplified(name: str) -> str:
@@ -217,7 +200,7 @@ def roles_hinted(name: str, kind: str) -> tuple[str, ...]:
     plain = simplified(name)
     return tuple(
         role
-        for role, words in VOCABULARY[kind].items()
+        for role, words in _words_of(kind)
         if any(len(key) >= _LEAST_HINT and _as_words(key).search(plain) for key in words.keys)
     )
 
@@ -230,4 +213,11 @@ def means_date(name: str) -> bool:
 def roles_meant(name: str, kind: str) -> tuple[str, ...]:
     """Our columns of a kind of recording that a channel's name can mean."""
     plain = simplified(name)
-    return tuple(role for role, words in VOCABULARY[kind].items() if plain and words.mean(plain))
+    return tuple(role for role, words in _words_of(kind) if plain and words.mean(plain))
+
+
+@functools.cache
+def _words_of(kind: str) -> tuple[tuple[str, Words], ...]:
+    """Columns of a kind of recording, or of a table of its runs, and their names."""
+    columns = (*schemas.table(kind).names, "file")
+    return tuple((role, words) for role, words in VOCABULARY.items() if role in columns)

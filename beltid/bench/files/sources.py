@@ -93,6 +93,11 @@ def sources_of(path: Path, besides: Sequence[Path] = ()) -> list[Source]:
     return [Source(str(file), file, file.relative_to(root)) for file in files]
 
 
+def unread_sources(path: Path) -> list[Source]:
+    """The same, but a single file, which may be large, is neither read nor unpacked."""
+    return sources_of(path) if is_many(path) else [Source(str(path), path, PurePath(path.name))]
+
+
 def sources_in(data: bytes, path: Path) -> list[Source]:
     """Files that the bytes of a file are: itself, or those in a zip file."""
     if data[:2] != b"PK" or sniff(data) != ZIP or unread(data):

@@ -7,28 +7,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 
-class FormatError(Exception):
-    """A file is not what its format demands, or holds what is not read; the message says why.
-
-    Attributes
-    ----------
-    code : str
-        Code of the page that explains it, or "".
-    """
-
-    code = ""
-
-
-class DamagedFile(FormatError):
-    """A file is damaged; the message says so by itself."""
-
-    code = "damaged"
-    mark = "damaged: "
-
-    def __str__(self) -> str:
-        return f"{self.mark}{super().__str__()}"
-
-
 def even_times(start_s: float, step_s: float, n: int) -> np.ndarray:
     """Times of evenly spaced samples [s], shape (n,), as the decimals that a table would hold.
 

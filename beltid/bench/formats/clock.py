@@ -10,13 +10,13 @@ from __future__ import annotations
 import datetime
 import re
 import zoneinfo
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
-from beltid.errors import Problems
+from beltid.errors import PlaceOf, Problems
 
 DAY_S: Final = 86400.0
 MIDNIGHT_S: Final = 0.5 * DAY_S
@@ -259,7 +259,7 @@ class Clock:
     def elapsed(
         self,
         seconds: np.ndarray,
-        place: Callable[[int], tuple[str, int]],
+        place: PlaceOf,
         problems: Problems,
         runs: np.ndarray | None = None,
         *,
@@ -319,7 +319,7 @@ class Clock:
         back: np.ndarray,
         rows: np.ndarray,
         time: np.ndarray,
-        place: Callable[[int], tuple[str, int]],
+        place: PlaceOf,
         problems: Problems,
     ) -> None:
         before, after = time[rows[back[0]]], time[rows[back[0] + 1]]
@@ -338,15 +338,16 @@ class Clock:
         self,
         wrong: dict[str, np.ndarray],
         cells: Any,
-        place: Callable[[int], tuple[str, int]],
+        place: PlaceOf,
         problems: Problems,
     ) -> None:
-        """Note what `read` found wrong: the first row of each kind, and how many are like it."""
+        """Note what `read` found wrong."""
         for why, rows in wrong.items():
-            where, line = place(int(rows[0]))
-            text = f'{where}: {self.name} = "{str(cells[int(rows[0])])[:40]}", {why}'
-            more = f" ({rows.size - 1} more like it)" if rows.size > 1 else ""
-            problems.add(text + more, line, "numbers")
+
+            def text(i: int, why: str = why) -> str:
+                return f'{self.name} = "{str(cells[i])[:40]}", {why}'
+
+            problems.add_alike(rows, text, place)
 
     def notes(self) -> list[str]:
         """How the time came about, in words."""

@@ -19,7 +19,7 @@ from beltid.bench.formats.clock import Clock
 from beltid.bench.formats.dialect import Layout, asides_note, blank_asides
 from beltid.bench.formats.numbers import MISSING_WORDS, numbers_or_problems
 from beltid.bench.formats.rows import Rows, Texts
-from beltid.errors import Alike, InputError, Problems
+from beltid.errors import InputError, Problems
 
 CHUNK: Final = 16 << 20
 """Bytes that are read at a time."""
@@ -257,7 +257,7 @@ def _read_row_by_row(layout: Layout, wanted: Mapping[str, Wanted], name: str) ->
         i: list[str | None]() for w in wanted.values() for i in (w.index, w.date) if i is not None
     }
     lines: list[int] = []
-    misfits: dict[int, Alike] = {}
+    misfits: dict[int, list[int]] = {}
     text = io.StringIO(layout.body.decode(), newline="")
     reader = csv.reader(text, delimiter=layout.separator, skipinitialspace=True)
     try:
@@ -266,8 +266,7 @@ def _read_row_by_row(layout: Layout, wanted: Mapping[str, Wanted], name: str) ->
             if not any(cell.strip() for cell in row):
                 continue
             if len(row) < width or any(cell.strip() for cell in row[width:]):
-                text_of = f"{name}:{line}: {len(row)} cells, must be {width}"
-                misfits.setdefault(len(row), Alike()).add(line, text_of)
+                misfits.setdefault(len(row), []).append(line)
                 continue
             lines.append(line)
             for index, column in columns.items():
@@ -276,22 +275,23 @@ def _read_row_by_row(layout: Layout, wanted: Mapping[str, Wanted], name: str) ->
     except csv.Error as error:
         line = layout.first_line + reader.line_num - 1
         problems.add(f"{name}:{line}: not a row of a CSV file: {error}", line)
-    for alike in misfits.values():
-        problems.add_alike(alike)
+    for count, at in misfits.items():
+        misfit = f"{count} cells, must be {width}".format
+        problems.add_alike(at, misfit, lambda line: (f"{name}:{line}", line))
+
+    def place(row: int) -> tuple[str, int]:
+        return f"{name}:{lines[row]}", lines[row]
+
     numbers: dict[str, np.ndarray] = {}
     for key, w in wanted.items():
         if w.clock is not None:
             cells = columns[w.index]
             dates = None if w.date is None else pa.array(columns[w.date], pa.string())
             numbers[key], wrong = w.clock.read(pa.array(cells, pa.string()), dates)
-            w.clock.report_wrong(wrong, cells, lambda i: (f"{name}:{lines[i]}", lines[i]), problems)
+            w.clock.report_wrong(wrong, cells, place, problems)
         elif not w.is_text:
             numbers[key] = numbers_or_problems(
-                columns[w.index],
-                layout.signs,
-                w.shown,
-                lambda i: (f"{name}:{lines[i]}", lines[i]),
-                problems,
+                columns[w.index], layout.signs, w.shown, place, problems
             )
     texts = {key: Texts.of(columns[w.index]) for key, w in wanted.items() if w.is_text}
     return Rows(numbers, texts, np.array(lines, dtype=np.int64), problems)

@@ -24,8 +24,8 @@ MAX_LINES: Final = 50_000_000
 """Lines of a file that is read at once; blank ones take memory, too."""
 LONGEST_LINE: Final = 1 << 24
 """Characters of a line, at most: cells take far more memory than their text."""
-MAX_BLANK: Final = 100_000
-"""Lines without a cell before the header, or before the row of units."""
+TOP: Final = 10_000
+"""Lines among which the header and the row of units are, after those that are skipped."""
 _NAMES: Final = {",": "','", ";": "';'", "\t": "tab", "|": "'|'"}
 FIRST_BYTES: Final = 20_000
 FIRST_ROWS: Final = 200
@@ -148,48 +148,43 @@ def layout(text: str, name: str, dialect: DialectSection, wanted: Iterable[str])
     """
     _refuse_monstrous(text, name)
     notes: list[str] = []
-    names = set(wanted)
-    start, line = _header_start(text, name, dialect.skip_lines, notes)
-    head = text[start : _line_end(text, start)]
-    separator = dialect.separator or best_separator(head, names)
-    header = tuple(cell.strip() for cell in _cells(head, separator, name, line))
+    names, skipped = set(wanted), dialect.skip_lines
+    top = text.split("\n", skipped + TOP)[: skipped + TOP]
+    at = _header_row(top, skipped, name, notes)
+    separator = dialect.separator or best_separator(top[at], names)
+    header = tuple(cell.strip() for cell in _cells(top[at], separator, f"{name}:{at + 1}"))
     fields: tuple[Field, ...] = ()
-    if not dialect.skip_lines and not names <= set(header):
-        found = _search(text, dialect.separator)
-        if found is not None and (found[0].header_row + 1, found[1]) != (line, separator):
-            below, separator = found
-            line = below.header_row + 1
-            start = _offset(text, line)
-            header, fields = below.names, below.fields
-            notes.append(f"header found in line {line}")
-    if not fields and line > 1:
-        fields = fields_of([[row] for row in text[:start].split("\n") if row.startswith("#")])
+    if not skipped and not names <= set(header):
+        found = _search(top[:SEARCHED], dialect.separator)
+        if found is not None and (found[0].header_row, found[1]) != (at, separator):
+            head, separator = found
+            at, header, fields = head.header_row, head.names, head.fields
+            notes.append(f"header found in line {at + 1}")
+    fields = fields or fields_of([[row] for row in top[:at] if row.startswith("#")])
     while header and not header[-1]:  # a separator at the end of the line
         header = header[:-1]
     if separator != "," and not dialect.separator:
         notes.append(f"separator {_NAMES.get(separator, repr(separator))} found in the header")
+    place = f"{name}:{at + 1}"
     if len(header) > MAX_COLUMNS:
-        raise InputError(f"{name}:{line}: {len(header)} columns, at most {MAX_COLUMNS} are read")
-    header = told_apart(header)
-    header_line = line
-    head_start = start
-    unit_cells, start, line = _units_row(text, start, line, separator, dialect, name)
-    body = text[start:]
+        raise InputError(f"{place}: {len(header)} columns, at most {MAX_COLUMNS} are read")
+    unit_cells, first = _units_row(top, at + 1, separator, stated=dialect.units_row)
+    body = "".join(text.split("\n", first)[first:])
     if not body.strip():
-        raise InputError(f"{name}: holds no samples, only a header in line {header_line}")
+        raise InputError(f"{name}: holds no samples, only a header in line {at + 1}")
     laid_out = Layout(
-        header,
+        told_apart(header),
         unit_cells,
         separator,
         NumberSigns(),
         body.encode(),
-        line,
+        first + 1,
         (),
-        header_line,
+        at + 1,
         fields,
-        tuple(row.encode() for row in text[head_start:start].split("\n") if row.strip()),
+        tuple(row.encode() for row in top[at:first] if row.strip()),
     )
-    signs = _number_signs(laid_out, dialect, notes, f"{name}:{header_line}")
+    signs = _number_signs(laid_out, dialect, notes, place)
     return replace(laid_out, signs=signs, notes=tuple(notes))
 
 
@@ -206,32 +201,36 @@ def _refuse_monstrous(text: str, name: str) -> None:
         start = end + 1
 
 
+def _header_row(top: Sequence[str], skip: int, name: str, notes: list[str]) -> int:
+    """Index of the header: after skipped, blank and comment (#) lines, and a mark of Excel."""
+    comments = 0
+    for at in range(skip, len(top)):
+        row = top[at].strip()
+        if row.startswith("#"):
+            comments += 1
+        elif row and not re.fullmatch(r"sep=.?", row):
+            if comments:
+                notes.append(f"{comments} lines beginning with # before the header left out")
+            return at
+    raise InputError(f"{name}: holds no header in {len(top)} lines ({skip} of them are skipped)")
+
+
 def _units_row(
-    text: str, start: int, line: int, separator: str, dialect: DialectSection, name: str
-) -> tuple[tuple[str, ...], int, int]:
+    top: Sequence[str], start: int, separator: str, *, stated: bool
+) -> tuple[tuple[str, ...], int]:
     """Cells of the row of units below the header, stated or plain to see; where the rows begin."""
-    start, line = _line_end(text, start) + 1, line + 1
-    at, below = start, line
-    while (
-        at < len(text) and below - line < MAX_BLANK and not text[at : _line_end(text, at)].strip()
-    ):
-        at, below = _line_end(text, at) + 1, below + 1
-    end = _line_end(text, at)
-    try:
-        cells = tuple(cell.strip() for cell in _cells(text[at:end], separator, name, below))
-    except InputError:
-        cells = ()  # the reader of the rows tells it better
-    if cells and (dialect.units_row or is_units_row(cells)):
-        return cells, end + 1, below + 1
-    return (), start, line
+    below = next((i for i in range(start, len(top)) if top[i].strip()), None)
+    if below is None:
+        return (), start
+    cells = tuple(cell.strip() for cell in cells_or_line(top[below], separator))
+    return (cells, below + 1) if stated or is_units_row(cells) else ((), start)
 
 
-def _search(text: str, stated: str | None) -> tuple[TableHead, str] | None:
+def _search(top: Sequence[str], stated: str | None) -> tuple[TableHead, str] | None:
     """The header above the first numbers and its separator, under title lines."""
-    lines = text[: _offset(text, SEARCHED + 1)].split("\n")
     best: tuple[TableHead, str] | None = None
     for separator in (stated,) if stated else SEPARATORS:
-        head = find_head([cells_or_line(line, separator) for line in lines])
+        head = find_head([cells_or_line(line, separator) for line in top])
         if head is not None and (best is None or len(head.names) > len(best[0].names)):
             best = head, separator
     return best
@@ -240,50 +239,16 @@ def _search(text: str, stated: str | None) -> tuple[TableHead, str] | None:
 def cells_or_line(line: str, separator: str) -> list[str]:
     """Cells of a line; the line itself where it is none of a CSV file."""
     try:
-        return next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
-    except csv.Error:
+        return _cells(line, separator, "")
+    except InputError:
         return [line]
 
 
-def _offset(text: str, line: int) -> int:
-    """Offset of the begin of a line, counted from 1; the end of the text for later ones."""
-    start = 0
-    for _ in range(line - 1):
-        start = text.find("\n", start) + 1
-        if start == 0:
-            return len(text)
-    return start
-
-
-def _line_end(text: str, start: int) -> int:
-    end = text.find("\n", start)
-    return len(text) if end < 0 else end
-
-
-def _header_start(text: str, name: str, skip: int, notes: list[str]) -> tuple[int, int]:
-    """Offset and line number of the header: after skipped, blank and comment (#) lines."""
-    start, line, comments = 0, 1, 0
-    while start < len(text) and line - skip <= MAX_BLANK:
-        row = text[start : _line_end(text, start)].strip()
-        comment = row.startswith("#")
-        if line > skip and re.fullmatch(r"sep=.?", row):  # what Excel puts before the header
-            start, line = _line_end(text, start) + 1, line + 1
-            continue
-        if line > skip and row and not comment:
-            if comments:
-                notes.append(f"{comments} lines beginning with # before the header left out")
-            return start, line
-        comments += comment and line > skip
-        start, line = _line_end(text, start) + 1, line + 1
-    looked = "it has" if start >= len(text) else "looked for in the first"
-    raise InputError(f"{name}: holds no header ({looked} {line - 1} lines, {skip} are skipped)")
-
-
-def _cells(row: str, separator: str, name: str, line: int) -> list[str]:
+def _cells(row: str, separator: str, place: str) -> list[str]:
     try:
         return next(csv.reader([row], delimiter=separator, skipinitialspace=True), [])
     except csv.Error as error:
-        raise InputError(f"{name}:{line}: not a row of a CSV file: {error}") from None
+        raise InputError(f"{place}: not a row of a CSV file: {error}") from None
 
 
 def best_separator(head: str, wanted: set[str]) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,26 +10,20 @@ from typing import Final
 import numpy as np
 
 from beltid.bench.formats.bench_file import BenchFile, Channel, Field, Group, even_times
-from beltid.bench.formats.numbers import NumberSigns
-from beltid.errors import Alike, InputError, Problems
+from beltid.bench.formats.clock import DAY_S, Clock
+from beltid.bench.formats.numbers import NumberSigns, numbers_or_problems
+from beltid.errors import InputError, Problems
 
 END: Final = "***End_of_Header***"
 HEADER: Final = 10_000
 """Characters in which the separator is looked for."""
 _SEPARATOR: Final = re.compile(r"^Separator(.)(?:Tab|Comma|Space)\b", re.MULTILINE | re.IGNORECASE)
 """The line that names the separator holds it, too."""
-_TECHNICAL: Final = frozenset(
-    {
-        "Writer_Version",
-        "Reader_Version",
-        "Separator",
-        "Decimal_Separator",
-        "Multi_Headings",
-        "X_Columns",
-        "Time_Pref",
-        "LabVIEW Measurement",
-    }
+_TECHNICAL: Final = re.compile(
+    r"LabVIEW Measurement|(Writer|Reader)_Version|(Decimal_)?Separator|Multi_Headings|X_Columns|"
+    r"Time_Pref|Channels|Samples|X0|Delta_X|[XY]_Dimension|[XY]_Unit_Label"
 )
+"""Keys of headers that tell how the numbers are written."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,74 +51,60 @@ def read(text: str, name: str) -> BenchFile:
     InputError
         With every line that cannot be read.
     """
-    lines = text.split("\n")
     told = _SEPARATOR.search(text, 0, HEADER)
-    separator = told[1] if told else "\t"
-    header, at = _header(lines, 0, separator, name)
-    reader = _Reader(lines, separator, header, name)
+    reader = _Reader(text.split("\n"), told[1] if told else "\t", name)
+    header, at = reader.header(0)
+    reader.signs = NumberSigns("," if header.cell("Decimal_Separator") == "," else ".")
+    reader.x_columns = header.cell("X_Columns").lower() or "one"
     segments = []
-    while (at := reader.next_filled(at)) < len(lines):
+    while (at := reader.next_filled(at)) < len(reader.lines):
         segment, at = reader.segment(at)
         if segment is not None:
             segments.append(segment)
-    reader.problems.add_alike(reader.unread)
     reader.problems.raise_if_any()
     if not segments:
         raise InputError(f"{name}: holds no samples, only a header")
-    fields = tuple(
-        Field(key, cells[0])
-        for key, cells in header.lines.items()
-        if key not in _TECHNICAL and cells
-    )
     groups, notes = _joined(segments)
-    return BenchFile("LabVIEW measurement (.lvm)", groups, fields, notes)
+    return BenchFile("LabVIEW measurement (.lvm)", groups, header.fields, notes)
 
 
 @dataclass(frozen=True, slots=True)
 class _Header:
-    """Keys of a header and their cells."""
+    """Keys of a header and their cells, one per channel."""
 
     lines: dict[str, list[str]]
 
-    def one(self, key: str, default: str = "") -> str:
-        """First cell of a key."""
-        return next(iter(self.lines.get(key, [])), default)
-
-    def cell(self, key: str, index: int) -> str:
-        """Cell of a channel."""
+    def cell(self, key: str, index: int = 0) -> str:
+        """Cell of a channel; "" where there is none."""
         cells = self.lines.get(key, [])
         return cells[index] if index < len(cells) else ""
 
+    @property
+    def fields(self) -> tuple[Field, ...]:
+        """What it tells beyond how the numbers are written."""
+        told = {key: self.cell(key) for key in self.lines if not _TECHNICAL.fullmatch(key)}
+        return tuple(Field(key, text) for key, text in told.items() if text)
 
-def _header(lines: Sequence[str], at: int, separator: str, name: str) -> tuple[_Header, int]:
-    """The header that begins at a line, and the line after its end."""
-    found: dict[str, list[str]] = {}
-    special = False
-    for i in range(at, len(lines)):
-        cells = [cell.strip() for cell in lines[i].split(separator)]
-        if cells[0].startswith("***Start_Special"):
-            special = True
-        if not special and cells[0] == END:
-            return _Header(found), i + 1
-        if not special and cells[0]:
-            found[cells[0]] = cells[1:]
-        if cells[0].startswith("***End_Special"):
-            special = False
-    raise InputError(f"{name}:{at + 1}: the header does not end with {END}, the file is cut off")
+    @property
+    def clock_s(self) -> float | None:
+        """Absolute time of the start [s], counted from 1970-01-01; None where it is not told."""
+        import pyarrow as pa
+
+        clock = Clock("")
+        seconds, wrong = clock.read(pa.array([f"{self.cell('Date')} {self.cell('Time')}"]))
+        return float(seconds[0]) + clock.first_day * DAY_S if clock.dated and not wrong else None
 
 
 class _Reader:
     """Reads the segments of one file."""
 
-    def __init__(self, lines: Sequence[str], separator: str, header: _Header, name: str) -> None:
+    def __init__(self, lines: Sequence[str], separator: str, name: str) -> None:
         self.lines = lines
         self.separator = separator
-        self.header = header
         self.name = name
-        self.signs = NumberSigns("," if header.one("Decimal_Separator", ".") == "," else ".")
-        self.x_columns = header.one("X_Columns", "One").lower()
+        self.signs = NumberSigns()
+        self.x_columns = "one"
         self.problems = Problems()
-        self.unread = Alike()
 
     def next_filled(self, at: int) -> int:
         """First line from `at` that is not blank."""
@@ -137,11 +116,27 @@ class _Reader:
         """Cells of a line."""
         return [cell.strip() for cell in self.lines[at].split(self.separator)]
 
+    def header(self, at: int) -> tuple[_Header, int]:
+        """The header that begins at a line, and the line after its end."""
+        found: dict[str, list[str]] = {}
+        special = False
+        for i in range(at, len(self.lines)):
+            key, *cells = self.cells(i)
+            special = special or key.startswith("***Start_Special")
+            if not special and key == END:
+                return _Header(found), i + 1
+            if not special and key:
+                found[key] = cells
+            special = special and not key.startswith("***End_Special")
+        raise InputError(
+            f"{self.name}:{at + 1}: the header does not end with {END}, the file is cut off"
+        )
+
     def segment(self, at: int) -> tuple[_Segment | None, int]:
         """The segment that begins at a line, and the line after its last sample."""
         header = _Header({})
         if not self.cells(at)[0].startswith("X_Value"):
-            header, at = _header(self.lines, at, self.separator, self.name)
+            header, at = self.header(at)
             at = self.next_filled(at)
         if at == len(self.lines):
             raise InputError(f"{self.name}:{at}: the file ends after a header, it is cut off")
@@ -153,36 +148,32 @@ class _Reader:
         if not rows:
             self.problems.add(f"{self.name}:{first}: no samples below the names of the channels")
             return None, last
-        table = np.array(rows, dtype=float)
-        channels = self._channels(names, header, table, first)
-        return _Segment(channels, self._fields(header), first + 1, self._clock(header)), last
 
-    def _rows(self, at: int, width: int) -> tuple[list[list[float]], int]:
-        rows: list[list[float]] = []
-        while at < len(self.lines):
-            line = self.lines[at]
-            if not line.strip() or line.startswith("Channels" + self.separator):
+        def place(row: int) -> tuple[str, int]:
+            return f"{self.name}:{first + row + 1}", first + row + 1
+
+        columns = [
+            numbers_or_problems([c or None for c in cells], self.signs, name, place, self.problems)
+            for name, cells in zip(names, zip(*rows, strict=True), strict=True)
+        ]
+        channels = self._channels(names, header, columns, first)
+        return _Segment(channels, header.fields, first + 1, header.clock_s), last
+
+    def _rows(self, at: int, width: int) -> tuple[list[list[str]], int]:
+        """Cells of the samples that begin at a line, and the line after them."""
+        rows: list[list[str]] = []
+        while at < len(self.lines) and self.lines[at].strip():
+            if self.lines[at].startswith("Channels" + self.separator):
                 break
             cells = self.cells(at)
-            if len(cells) < width:
-                cells += [""] * (width - len(cells))
-                if at >= len(self.lines) - 2 and not cells[width - 1]:
-                    self.problems.add(f"{self.name}:{at + 1}: the last row is cut off")
-            rows.append([self._number(cell, at) for cell in cells[:width]])
+            if len(cells) < width and at >= len(self.lines) - 2:
+                self.problems.add(f"{self.name}:{at + 1}: the last row is cut off")
+            rows.append([*cells, *[""] * (width - len(cells))][:width])
             at += 1
         return rows, at
 
-    def _number(self, cell: str, at: int) -> float:
-        if not cell:
-            return np.nan
-        value = self.signs.number(cell)
-        if not isinstance(value, str):
-            return value
-        self.unread.add(at + 1, f'{self.name}:{at + 1}: "{cell[:40]}", {value}')
-        return np.nan
-
     def _channels(
-        self, names: Sequence[str], header: _Header, table: np.ndarray, first: int
+        self, names: Sequence[str], header: _Header, columns: Sequence[np.ndarray], first: int
     ) -> tuple[Channel, ...]:
         """Channels of a segment; where X stands in the file, and how often, the file says."""
         if self.x_columns == "multi":
@@ -191,23 +182,23 @@ class _Reader:
             pairs = [(0, i) for i in range(1, len(names))]
         channels = []
         for k, (x, y) in enumerate(pairs):
-            values = table[:, y]
-            used = ~np.isnan(values)
-            length = int(np.flatnonzero(used)[-1]) + 1 if used.any() else 0
+            rows = len(columns[y])
+            used = np.flatnonzero(~np.isnan(columns[y]))
+            length = int(used[-1]) + 1 if used.size else 0
             stated = header.cell("Samples", k)
-            if stated.isdecimal() and float(stated) > max(length, len(table)):
+            if stated.isdecimal() and float(stated) > rows:
                 self.problems.add(
-                    f"{self.name}:{first + len(table)}: {names[y]} has {len(table)} samples, its "
+                    f"{self.name}:{first + rows}: {names[y]} has {rows} samples, its "
                     f"header tells {stated}: the file is cut off"
                 )
             if length == 0:
                 continue
             time = None
             if header.cell("X_Dimension", k).lower() in ("", "time", "zeit"):
-                time = self._time(table[:length, x], header, k, length)
+                time = self._time(columns[x][:length], header, k, length)
             unit = header.cell("Y_Unit_Label", k)
-            channels.append(Channel(names[y], unit, values[:length], time))
-        return _sharing_time(channels)
+            channels.append(Channel(names[y], unit, columns[y][:length], time))
+        return tuple(channels)
 
     def _time(self, written: np.ndarray, header: _Header, k: int, length: int) -> np.ndarray | None:
         if self.x_columns != "no" and not np.isnan(written).all():
@@ -218,55 +209,6 @@ class _Reader:
         except ValueError:
             return None
         return even_times(start, step, length) if step > 0 else None
-
-    def _fields(self, header: _Header) -> tuple[Field, ...]:
-        """What the segment says about itself beyond its channels."""
-        known = (
-            "Channels",
-            "Samples",
-            "X0",
-            "Delta_X",
-            "X_Dimension",
-            "Y_Unit_Label",
-            "Y_Dimension",
-        )
-        return tuple(
-            Field(key, cells[0])
-            for key, cells in header.lines.items()
-            if key not in (*known, "Date", "Time", "X_Unit_Label") and cells and cells[0]
-        )
-
-    def _clock(self, header: _Header) -> float | None:
-        """Absolute start of a segment [s], counted from an arbitrary day."""
-        date = re.fullmatch(r"(\d{4})/(\d{1,2})/(\d{1,2})", header.cell("Date", 0))
-        time = re.fullmatch(r"(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+)?)", header.cell("Time", 0))
-        if date is None or time is None:
-            return None
-        try:
-            day = datetime.date(*(int(part) for part in date.groups())).toordinal()
-        except ValueError:
-            return None
-        hours, minutes, seconds = time.groups()
-        return (
-            day * 86400.0 + int(hours) * 3600 + int(minutes) * 60 + float(seconds.replace(",", "."))
-        )
-
-
-def _sharing_time(channels: Sequence[Channel]) -> tuple[Channel, ...]:
-    """Channels of equal times share one array."""
-    shared: list[np.ndarray] = []
-    out = []
-    for channel in channels:
-        time = channel.time_s
-        if time is not None:
-            same = (known for known in shared if np.array_equal(known, time, equal_nan=True))
-            known = next(same, None)
-            if known is None:
-                shared.append(time)
-            else:
-                time = known
-        out.append(Channel(channel.name, channel.unit, channel.values, time))
-    return tuple(out)
 
 
 def _joined(segments: Sequence[_Segment]) -> tuple[tuple[Group, ...], tuple[str, ...]]:
@@ -320,4 +262,4 @@ def _concatenated(part: Sequence[_Segment]) -> tuple[Channel, ...]:
             times.append(time)
         values = np.concatenate([piece.values for piece in pieces])
         channels.append(Channel(first.name, first.unit, values, np.concatenate(times)))
-    return _sharing_time(channels)
+    return tuple(channels)

@@ -9,13 +9,13 @@ nothing but the config or another number of the file that it is not.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
-from beltid.errors import Alike, Problems
+from beltid.errors import PlaceOf, Problems
 
 NUMBER: Final = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 MISSING_WORDS: Final = frozenset(
@@ -129,7 +129,7 @@ def numbers_or_problems(
     cells: Sequence[str | None] | np.ndarray,
     signs: NumberSigns,
     shown: str,
-    place: Callable[[int], tuple[str, int]],
+    place: PlaceOf,
     problems: Problems,
 ) -> np.ndarray:
     """Cells of a column as numbers; nan where one is missing, or is none, which is noted.
@@ -148,19 +148,18 @@ def numbers_or_problems(
         Collects what is no number, or may be two: what is alike is told once.
     """
     numbers = np.full(len(cells), np.nan)
-    wrong: dict[str, Alike] = {}
+    wrong: dict[str, dict[int, str]] = {}
     for i, cell in enumerate(cells):
         value = np.nan if cell is None else signs.number(cell.strip())
         if not isinstance(value, str):
             numbers[i] = value
             continue
-        where, line = place(i)
         text = str(cell).strip()
         text = text if len(text) <= 40 else text[:37] + "..."
         kind = value if value.startswith(NO_NUMBER) else ""
-        wrong.setdefault(kind, Alike()).add(line, f'{where}: {shown} = "{text}", {value}')
-    for alike in wrong.values():
-        problems.add_alike(alike, "numbers")
+        wrong.setdefault(kind, {})[i] = f'{shown} = "{text}", {value}'
+    for texts in wrong.values():
+        problems.add_alike(list(texts), texts.__getitem__, place)
     return numbers
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection
 import numpy as np
 
 from beltid.bench.runs.run_split import MIN_SAMPLES
-from beltid.errors import ALIKE, Problem, Problems
+from beltid.errors import PlaceOf, Problem, Problems
 from beltid.tables.schemas import NOMINAL, Column, Table
 from beltid.tables.values import absent, outside
 
@@ -41,7 +41,7 @@ class Checker:
         name: str,
         columns: Columns,
         table: Table,
-        place: Callable[[int], tuple[str, int]],
+        place: PlaceOf,
         problems: Problems,
     ) -> None:
         self.name = name
@@ -81,10 +81,7 @@ class Checker:
         return notes
 
     def _report(self, rows: np.ndarray, text: Callable[[int], str]) -> None:
-        more = f" ({len(rows) - 1} more like it)" if len(rows) > ALIKE else ""
-        for row in rows[:1] if more else rows:
-            where, line = self.place(int(row))
-            self.problems.add(f"{where}: {text(int(row))}{more}", line, "numbers")
+        self.problems.add_alike(rows, text, self.place)
 
     def _units(self, units_stated: Collection[str]) -> None:
         """Question columns whose numbers are about a thousand times too small or large.

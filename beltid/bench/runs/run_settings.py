@@ -7,7 +7,7 @@ runs: what the config says comes first, then what the header tells in words that
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,23 +17,27 @@ from beltid.artifacts.file_bytes import read_bytes
 from beltid.bench.channels.channel_mapping import (
     MappingContext,
     RawTable,
+    map_channels,
     missing_setting,
+    told_elsewhere,
     unit_conversion,
 )
-from beltid.bench.channels.vocabulary import FILE_NAMES, roles_meant, simplified
+from beltid.bench.channels.text_tables import candidates_of, convert, wanted_of
+from beltid.bench.channels.vocabulary import roles_meant
 from beltid.bench.files.sniff import decode
 from beltid.bench.formats.bench_file import Field
-from beltid.bench.formats.csv_table import Wanted, read_rows
-from beltid.bench.formats.dialect import Layout, layout, read_field, unit_in_name
+from beltid.bench.formats.csv_table import read_rows
+from beltid.bench.formats.dialect import layout, read_field
 from beltid.bench.formats.numbers import NumberSigns
 from beltid.bench.read_options import ReadOptions
 from beltid.bench.runs.run_split import row_labels, run_labels
 from beltid.config.model import DialectSection
 from beltid.config.name_pattern import name_pattern, number
-from beltid.errors import InputError, Problems
-from beltid.tables.columns import Table
+from beltid.errors import Problems
+from beltid.tables.columns import Table, text
 from beltid.tables.schemas import SAID_OF_RUNS, SETTINGS
-from beltid.tables.units import Conversion, conversion
+from beltid.tables.units import conversion
+from beltid.tables.values import is_missing
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,60 +65,31 @@ def read_run_table(path: Path, table: Table) -> RunTable:
         If it has no column of file names, or cells that are no values.
     """
     problems, name = Problems(), str(path)
+    known = [c for c in table.columns if c.name in (*SETTINGS, table.label)]
+    asked = replace(table, columns=(text("file", "name of the file, or of the group"), *known))
     found = layout(decode(read_bytes(path), name).text, name, DialectSection(), ["file"])
-    place = f"{name}:{found.header_line}"
-    files = [i for i, column in enumerate(found.header) if simplified(column) in FILE_NAMES]
-    if len(files) != 1:
-        raise InputError(
-            f"{place}: one column must hold the names of the files and be called file; "
-            "found are " + ", ".join(found.header[:20])
+    context = MappingContext(asked, ReadOptions(), f"{name}:{found.header_line}", problems)
+    mappings = map_channels(candidates_of(found), context)
+    if "file" not in mappings:
+        context.complain(
+            "one column must hold the names of the files and be called file; found are "
+            + ", ".join(found.header[:20])
         )
-    columns, conversions = _table_columns(found, table, place, problems)
-    columns["file"] = Wanted(files[0], True, "file")
     problems.raise_if_any()
-    rows = read_rows(found, columns, name)
+    rows = read_rows(found, wanted_of(mappings, context), name)
     rows.problems.raise_if_any()
-    cells = rows.columns()
+    columns = rows.columns()
+    convert(columns, mappings)
+    files = columns.pop("file")
     told: dict[str, tuple[int, Mapping[str, str | float]]] = {}
     for k, line in enumerate(rows.all_lines().tolist()):
-        file = str(cells["file"][k] or "")
+        file = str(files[k] or "")
         if file in told:
             problems.add(f"{name}:{line}: {file} stands in line {told[file][0]}, too")
-        values: dict[str, str | float] = {}
-        for role in columns:
-            cell = cells[role][k]
-            if role == "file" or cell is None or cell != cell:
-                continue
-            by = conversions.get(role, Conversion(1.0))
-            values[role] = cell if isinstance(cell, str) else by.apply(float(cell))
-        told[file] = (line, values)
+        cells = {role: values[k] for role, values in columns.items()}
+        told[file] = line, {role: cell for role, cell in cells.items() if not is_missing(cell)}
     problems.raise_if_any()
     return RunTable(path, told)
-
-
-def _table_columns(
-    found: Layout, table: Table, place: str, problems: Problems
-) -> tuple[dict[str, Wanted], dict[str, Conversion]]:
-    """Where label and settings stand in the table, and the conversions to our units."""
-    columns: dict[str, Wanted] = {}
-    conversions: dict[str, Conversion] = {}
-    known = [c.name for c in table.columns if c.name in (*SETTINGS, table.label)]
-    for i, name in enumerate(found.header):
-        role = next((r for r in (name, *roles_meant(name, table.kind)) if r in known), None)
-        if role is None:
-            continue
-        ours = table.column(role)
-        columns[role] = Wanted(i, ours.dtype == "string", name)
-        if ours.dtype == "string":
-            continue
-        cell = found.unit_cells[i] if i < len(found.unit_cells) else ""
-        context = MappingContext(table, ReadOptions(), place, problems)
-        by = unit_conversion(ours, name, cell or unit_in_name(name), context, name != role)
-        if isinstance(by, str):
-            context.complain(by)
-        elif by is not None:
-            conversions[role] = by
-    return columns, conversions
 
 
 class RunSettings:
@@ -132,6 +107,7 @@ class RunSettings:
         self.table = table
         self.runs = options.runs
         self.options = options
+        self.stated = told_elsewhere(options.runs, (), table)
         self.pattern = None
         self.run_table: RunTable | None = None
         self.used: set[str] = set()
@@ -180,10 +156,10 @@ class RunSettings:
                 value = self._field_value(role, found, raw.fields, recognised=True)
                 if not isinstance(value, str):
                     values[found.name] = value
-                elif self.table.column(role).required and not self._stated(role):
+                elif self.table.column(role).required and role not in self.stated:
                     problems.add(f"{raw.place}: {value}")
                     told[role] = np.nan  # told once what is wrong
-            if len(set(values.values())) > 1 and not self._stated(role):
+            if len(set(values.values())) > 1 and role not in self.stated:
                 shown = ", ".join(f"{n} = {v:g}" for n, v in values.items())
                 problems.add(
                     f"{raw.place}: header fields {shown} can be {role}, say which: runs: "
@@ -196,16 +172,6 @@ class RunSettings:
 
     def _is_text(self, role: str) -> bool:
         return self.table.column(role).dtype == "string"
-
-    def _stated(self, role: str) -> bool:
-        """Whether the config tells a setting in another way."""
-        runs = self.runs
-        return (
-            getattr(runs.values, role, None) is not None
-            or getattr(runs.fields, role, None) is not None
-            or (self.pattern is not None and role in self.pattern.names)
-            or runs.table is not None
-        )
 
     def _field_value(
         self, role: str, found: Field, fields: Sequence[Field], *, recognised: bool
@@ -261,26 +227,25 @@ class RunSettings:
         values = next(
             (v for name in raw.names if (v := self.pattern.values(name)) is not None), None
         )
-        if values is None and self._complete(raw):
-            return
         if values is None:
-            problems.add(
-                f"{raw.place}: the name is not made up as runs.{self.table.kind}.pattern = "
-                f'"{self.runs.pattern}" says'
-            )
+            if not self._complete(raw):
+                problems.add(
+                    f"{raw.place}: the name is not made up as runs.{self.table.kind}.pattern = "
+                    f'"{self.runs.pattern}" says'
+                )
             return
-        for role, text in values.items():
+        for role, word in values.items():
             if role not in (*SETTINGS, self.table.label) or role not in self.table.names:
                 continue
             if self._is_text(role):
-                told[role] = text
+                told[role] = word
             else:
                 unit = self.pattern.units.get(role, self.table.column(role).unit)
                 by = conversion(unit, self.table.column(role).unit)
                 try:
-                    value = number(text)
+                    value = number(word)
                 except ValueError:
-                    problems.add(f'{raw.place}: {role} = "{text}" in the name, must be a number')
+                    problems.add(f'{raw.place}: {role} = "{word}" in the name, must be a number')
                     continue
                 if by is None:
                     problems.add(f"{raw.place}: {role} in {unit}, which is no unit of it")
@@ -291,13 +256,11 @@ class RunSettings:
         if self.run_table is None:
             return
         name = next((n for n in raw.names if n in self.run_table.rows), None)
-        if name is None and self._complete(raw):
-            return
-        if name is None:
+        if name is not None:
+            self.used.add(name)
+            told.update(self.run_table.rows[name][1])
+        elif not self._complete(raw):
             problems.add(f"{self.run_table.path}: has no row for {raw.names[0]}")
-            return
-        self.used.add(name)
-        told.update(self.run_table.rows[name][1])
 
 
 def fill(columns: dict[str, np.ndarray], told: Mapping[str, str | float], length: int) -> list[str]:

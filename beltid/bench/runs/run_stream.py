@@ -6,7 +6,7 @@ the rows of a run must stand together, and no run may be longer than `MOST_SAMPL
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -15,7 +15,7 @@ import numpy as np
 from beltid.bench.formats.clock import Clock
 from beltid.bench.formats.rows import Rows
 from beltid.bench.runs.checks import Checker, no_number
-from beltid.errors import SHOWN, InputError, Problems
+from beltid.errors import SHOWN, InputError, PlaceOf, Problems
 from beltid.tables.schemas import NOMINAL, SAID_OF_RUNS, Table
 from beltid.tables.units import Conversion
 from beltid.tables.values import outside
@@ -240,7 +240,7 @@ class RunStream:
         self,
         columns: dict[str, np.ndarray],
         run: _RunRows,
-        place: Callable[[int], tuple[str, int]],
+        place: PlaceOf,
     ) -> None:
         label = np.full(len(run), run.label, dtype=object)
         whole: dict[str, Any] = {self.table.label: label, **columns}

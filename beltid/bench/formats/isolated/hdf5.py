@@ -11,8 +11,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench.formats.bench_file import BenchFile, FormatError
+from beltid.bench.formats.bench_file import BenchFile
 from beltid.bench.formats.isolated.matlab import MAX_DEPTH, Variables
+from beltid.errors import InputError
 
 MAX_OBJECTS: Final = 100_000
 
@@ -48,12 +49,12 @@ class _Content:
             return members
         for name in group:
             if isinstance(group.get(name, getlink=True), h5py.ExternalLink):
-                raise FormatError(f"{name} is a link to another file, which is not followed")
+                raise InputError(f"{name} is a link to another file, which is not followed")
             if name.startswith("#"):  # where MATLAB keeps what references point to
                 continue
             item = group[name]
             if h5py.h5o.get_info(item.id).fileno != self.number:  # by a link to such a link
-                raise FormatError(f"{name} is a link to another file, which is not followed")
+                raise InputError(f"{name} is a link to another file, which is not followed")
             members[name] = self._value(item, depth)
         for name, value in group.attrs.items():  # plain HDF5 keeps its settings there
             if not name.startswith("MATLAB") and np.ndim(value) == 0:
@@ -65,13 +66,13 @@ class _Content:
 
         self.seen += 1
         if self.seen > MAX_OBJECTS:
-            raise FormatError(f"holds more than {MAX_OBJECTS} variables")
+            raise InputError(f"holds more than {MAX_OBJECTS} variables")
         if isinstance(item, h5py.Group):
             return _structs(self.group(item, depth + 1))
         if not isinstance(item, h5py.Dataset):
             return None
         if item.is_virtual or item.external:
-            raise FormatError(f"{item.name} draws its samples from another file, not followed")
+            raise InputError(f"{item.name} draws its samples from another file, not followed")
         kind = item.attrs.get("MATLAB_class", b"")
         if item.dtype == h5py.ref_dtype:
             return [self._value(self.file[reference], depth + 1) for reference in item[()].ravel()]

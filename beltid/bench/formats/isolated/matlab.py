@@ -13,7 +13,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench.formats.bench_file import BenchFile, Channel, Field, FormatError, Group
+from beltid.bench.formats.bench_file import BenchFile, Channel, Field, Group
+from beltid.errors import InputError
 
 MAX_DEPTH: Final = 6
 SAMPLES: Final = ("data", "values", "value", "y")
@@ -56,7 +57,7 @@ class Variables:
         fields = self._struct("", variables, 0)
         if not self.groups:
             held = ", ".join(self.notes) or ", ".join(variables) or "nothing"
-            raise FormatError(
+            raise InputError(
                 f"holds no vector of samples (found: {held}); save vectors, or a struct of vectors"
             )
         return BenchFile(format_name, tuple(self.groups), fields, tuple(self.notes))

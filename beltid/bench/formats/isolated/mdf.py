@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from beltid.bench.formats.bench_file import BenchFile, Channel, Field, FormatError, Group
+from beltid.bench.formats.bench_file import BenchFile, Channel, Field, Group
+from beltid.errors import InputError
 
 
 def read(path: Path) -> BenchFile:
@@ -18,7 +19,7 @@ def read(path: Path) -> BenchFile:
     notes: list[str] = []
     with MDF(path, use_display_names=False) as file:
         if getattr(file, "_mapped_file", None) is None and not file.groups:
-            raise FormatError("holds no channel group")
+            raise InputError("holds no channel group")
         groups = [
             group
             for index in range(len(file.groups))

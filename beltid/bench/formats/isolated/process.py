@@ -2,7 +2,7 @@
 
 The child is given a folder for its results and its limits as arguments, and the files as JSON on
 stdin: a list of ``[format, path]``. For file number i it writes ``i.npz``, arrays and JSON but
-never pickled objects, or ``i.txt`` with the reason why not.
+never pickled objects, or ``i.json``: why not, and the code of the page that explains it.
 """
 
 from __future__ import annotations
@@ -21,14 +21,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench.formats.bench_file import (
-    BenchFile,
-    Channel,
-    DamagedFile,
-    Field,
-    FormatError,
-    Group,
-)
+from beltid.bench.formats.bench_file import BenchFile, Channel, Field, Group
+from beltid.errors import InputError
 
 READERS: Final = {
     "tdms": "beltid.bench.formats.isolated.tdms",
@@ -45,7 +39,7 @@ CRASHES: Final = 5
 _META: Final = "meta"
 
 
-def read_isolated(jobs: Sequence[tuple[str, Path]]) -> list[BenchFile | FormatError]:
+def read_isolated(jobs: Sequence[tuple[str, Path]]) -> list[BenchFile | InputError]:
     """Read files in a child process with limits on memory and time.
 
     Parameters
@@ -59,20 +53,20 @@ def read_isolated(jobs: Sequence[tuple[str, Path]]) -> list[BenchFile | FormatEr
         For every file what was found in it, or why it cannot be read. After `CRASHES` files that
         end the child the others are not tried.
     """
-    results: list[BenchFile | FormatError] = []
+    results: list[BenchFile | InputError] = []
     crashes = 0
     while len(results) < len(jobs) and crashes < CRASHES:
         rest = jobs[len(results) :]
         read, ended = _one_child(rest)
         results += read
         if len(read) < len(rest):
-            results.append(DamagedFile(ended))
+            results.append(InputError(f"damaged: {ended}", code="damaged"))
             crashes += 1
-    untried = FormatError("not tried after the damaged files")
+    untried = InputError("not tried after the damaged files")
     return results + [untried] * (len(jobs) - len(results))
 
 
-def _one_child(jobs: Sequence[tuple[str, Path]]) -> tuple[list[BenchFile | FormatError], str]:
+def _one_child(jobs: Sequence[tuple[str, Path]]) -> tuple[list[BenchFile | InputError], str]:
     """Results up to the file that ended the child, and how it ended."""
     sizes = [path.stat().st_size for _, path in jobs]
     memory = BASE_MEMORY + MEMORY_PER_BYTE * max(sizes)
@@ -95,22 +89,17 @@ def _one_child(jobs: Sequence[tuple[str, Path]]) -> tuple[list[BenchFile | Forma
             ended = f"the reader of its format crashed on it (status {status})"
         except subprocess.TimeoutExpired:
             ended = f"the reader of its format did not end within {3 * cpu_s} s"
-        results: list[BenchFile | FormatError] = []
+        results: list[BenchFile | InputError] = []
         for number in range(len(jobs)):
-            done, refused = (Path(folder, f"{number}.{ending}") for ending in ("npz", "txt"))
+            done, refused = (Path(folder, f"{number}.{ending}") for ending in ("npz", "json"))
             if done.exists():
                 results.append(load(done))
             elif refused.exists():
-                results.append(_reason(refused.read_text(encoding="utf-8")))
+                text, code = json.loads(refused.read_text(encoding="utf-8"))
+                results.append(InputError(text, code=code))
             else:
                 break
     return results, ended
-
-
-def _reason(text: str) -> FormatError:
-    if text.startswith(DamagedFile.mark):
-        return DamagedFile(text.removeprefix(DamagedFile.mark))
-    return FormatError(text)
 
 
 def read_format(format_name: str, path: Path) -> BenchFile:
@@ -125,21 +114,21 @@ def read_all(folder: Path, jobs: Sequence[tuple[str, str]]) -> None:
         try:
             found = read_format(format_name, Path(path))
             if not found.groups:
-                raise FormatError("holds no channel with samples")
+                raise InputError("holds no channel with samples")
             save(found, folder / f"{number}.part")
             os.replace(folder / f"{number}.part", folder / f"{number}.npz")
-        except FormatError as error:
-            reason = str(error)
+        except InputError as error:
+            reason = str(error), "".join(error.codes[:1])
         except ImportError as error:
-            reason = f"the library that reads its format cannot be loaded: {error}"
+            reason = f"the library that reads its format cannot be loaded: {error}", ""
         except MemoryError:
-            reason = str(DamagedFile("it asks for more memory than a file of its size can need"))
+            reason = "damaged: it asks for more memory than a file of its size can need", "damaged"
         except Exception as error:  # a damaged file can raise nearly anything
             said = " ".join(str(error).split())[:160] or "unreadable"
-            reason = str(DamagedFile(f"{type(error).__name__}: {said}"))
+            reason = f"damaged: {type(error).__name__}: {said}", "damaged"
         else:
             continue
-        (folder / f"{number}.txt").write_text(reason, encoding="utf-8")
+        (folder / f"{number}.json").write_text(json.dumps(reason), encoding="utf-8")
 
 
 def limit(memory_bytes: int, cpu_s: int) -> None:

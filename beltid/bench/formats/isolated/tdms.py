@@ -15,11 +15,11 @@ import numpy as np
 from beltid.bench.formats.bench_file import (
     BenchFile,
     Channel,
-    DamagedFile,
     Field,
     Group,
     even_times,
 )
+from beltid.errors import InputError
 
 UNIT_PROPERTIES: Final = ("unit_string", "NI_UnitDescription", "Unit", "unit", "Units", "units")
 _WAVEFORM: Final = ("wf_", "NI_")
@@ -32,7 +32,7 @@ def read(path: Path) -> BenchFile:
     with path.open("rb") as stream:
         file = TdmsFile.read(stream)
         if getattr(file, "incomplete_data", False) or _status_incomplete(file):
-            raise DamagedFile("the last segment is cut off")
+            raise InputError("damaged: the last segment is cut off", code="damaged")
         origin = _first_start(file)
         groups = []
         for group in file.groups():

@@ -9,8 +9,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench.formats.bench_file import BenchFile, Channel, DamagedFile, FormatError, Group
+from beltid.bench.formats.bench_file import BenchFile, Channel, Group
 from beltid.bench.formats.dialect import SEARCHED, TableHead, find_head, told_apart, unit_in_name
+from beltid.errors import InputError
 
 MAX_UNPACKED: Final = 2 << 30
 MAX_COLUMNS: Final = 2000
@@ -22,12 +23,12 @@ def read(path: Path) -> BenchFile:
 
     with zipfile.ZipFile(path) as archive:
         if sum(entry.file_size for entry in archive.infolist()) > MAX_UNPACKED:
-            raise FormatError(f"unpacks to more than {MAX_UNPACKED >> 20} MB, split the recording")
+            raise InputError(f"unpacks to more than {MAX_UNPACKED >> 20} MB, split the recording")
         if "xl/workbook.bin" in archive.namelist():
-            raise FormatError("is a binary Excel workbook (.xlsb), save it as .xlsx")
+            raise InputError("is a binary Excel workbook (.xlsb), save it as .xlsx")
         broken = archive.testzip()
         if broken is not None:
-            raise DamagedFile(f"{broken} in it does not have its checksum")
+            raise InputError(f"damaged: {broken} in it does not have its checksum", code="damaged")
     notes: list[str] = []
     groups = []
     with path.open("rb") as stream:
@@ -40,7 +41,7 @@ def read(path: Path) -> BenchFile:
             elif any(rows):
                 notes.append(f"sheet {sheet.title} left out: no table of numbers found")
     if not groups:
-        raise FormatError("no sheet holds a table: a header and rows of numbers below it")
+        raise InputError("no sheet holds a table: a header and rows of numbers below it")
     return BenchFile("Excel workbook", tuple(groups), (), tuple(notes))
 
 
@@ -49,7 +50,7 @@ def _trimmed(row: tuple[Any, ...]) -> list[Any]:
     while cells and (cells[-1] is None or cells[-1] == ""):
         cells.pop()
     if len(cells) > MAX_COLUMNS:
-        raise FormatError(f"more than {MAX_COLUMNS} columns")
+        raise InputError(f"more than {MAX_COLUMNS} columns")
     return cells
 
 
