@@ -553,10 +553,12 @@ class DriveMetadata(Metadata):
     """Of a predicted drive; the loaded pulley is that of the recording it follows, if any.
 
     `uncertainty_by_string` are the points with rods that slip whose uncertainty is, for an error
-    with which a rod has no steady state, that of the string.
+    with which a rod has no steady state, that of the string. `slow_friction` says how friction goes
+    on below the slowest measured sliding.
     """
 
     n_failed: Count | None = None
+    slow_friction: str | None = None
     loaded_pulley: str | None = None
     uncertainty_by_string: Listed[str] = ()
     slip_limits: Listed[SlipLimitRow] = ()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
 import numpy as np
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from beltid.errors import InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
+from beltid.laws.slow_friction import NEAREST, continued
+from beltid.laws.surface_tables import SurfaceTables
 from beltid.params import Belt
 
 Array = NDArray[np.float64]
@@ -89,7 +91,7 @@ class Drive:
     law : NormalLaw or None
         Contact of the ribs, Eq. (3); None for rigid pulleys.
     surface : FrictionSurface
-        Friction coefficient of the ribs.
+        Friction coefficient of the ribs, as measured.
     pulleys : tuple of Pulley
         In the order in which the belt passes them, at least two.
     driver : int
@@ -104,6 +106,14 @@ class Drive:
     shear_stiffness : float
         Tangential force of the ribs per stress-free length and shear displacement [N/m²]; infinite
         where they do not shear.
+    slow_trend : float
+        Share of the trend at the slowest measured speed with which friction goes on below it, (D14)
+        [-], 0 to 1; with 0 the nearest measured value holds.
+
+    Attributes
+    ----------
+    friction : SurfaceTables
+        The surface with its continuation.
 
     Raises
     ------
@@ -120,11 +130,15 @@ class Drive:
     tensioner: Tensioner | None = None
     back_friction: float = 0.5
     shear_stiffness: float = math.inf
+    slow_trend: float = NEAREST
+    friction: SurfaceTables = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         problems = []
         if not self.shear_stiffness > 0:
             problems.append(f"shear_stiffness = {self.shear_stiffness:g} N/m², must be > 0")
+        if not 0.0 <= self.slow_trend <= 1.0:
+            problems.append(f"slow_trend = {self.slow_trend:g}, must be in [0, 1]")
         if len(self.pulleys) < 2:
             problems.append(f"{len(self.pulleys)} pulley(s), must be at least two")
         problems += [
@@ -149,6 +163,7 @@ class Drive:
                 )
         if problems:
             raise InputError(problems)
+        object.__setattr__(self, "friction", continued(self.surface, self.slow_trend))
 
     def stretch(self, P: Array | float, v0: float) -> Array:
         """Stretch 1 + eps of the belt, (D1) [-].

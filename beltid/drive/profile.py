@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from beltid.drive.results import DriveResult
 from beltid.drive.rod import RodState
 from beltid.drive.string import StringLevel
-from beltid.laws.friction_surface import FrictionSurface
 
 Array = NDArray[np.float64]
 
@@ -64,11 +63,9 @@ def _of_string(result: DriveResult, i: int) -> ArcProfile:
     state, drive = result.state, result.drive
     P_in, P_out = float(state.P_in[i]), float(state.P[i])
     P = np.geomspace(P_in, P_out, PLACES)
-    force, creep = StringLevel(drive).along_arc(i, P, state.v0)
-    slip = state.arcs.slip[i] + creep
-    ribs = drive.pulleys[i].ribs
-    surface = drive.surface if ribs else FrictionSurface.constant(drive.back_friction)
-    per_angle = 1.0 / surface.mu(force, slip)
+    x = float(state.arcs.slip[i])
+    force, slip, mu = StringLevel(drive).along_arc(i, P, state.v0, x)
+    per_angle = 1.0 / mu
     steps = 0.5 * (per_angle[1:] + per_angle[:-1]) * np.abs(np.diff(np.log(P)))
     from_exit = np.concatenate([np.cumsum(steps[::-1])[::-1], [0.0]])
     angle = np.maximum(state.laid.wraps[i] - from_exit, 0.0)

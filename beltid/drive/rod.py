@@ -22,6 +22,7 @@ from beltid.drive.rod_newton import FlowOutcome, Target, run_through
 from beltid.errors import ConvergenceError, InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
+from beltid.laws.slow_friction import NEAREST, continued
 from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.rigsim.beam.belt import belt_arrays
 from beltid.rigsim.beam.path import bed_length, bending_length
@@ -66,7 +67,7 @@ class RodPulley:
     law : NormalLaw
         Normal contact law, Eq. (3).
     surface : FrictionSurface
-        Coefficient of friction over line force and sliding speed.
+        Coefficient of friction over line force and sliding speed, as measured.
     R : float
         Radius of the belt's centreline on the pulley without load [m].
     wrap : float
@@ -83,6 +84,8 @@ class RodPulley:
     shear_stiffness : float
         Tangential force of the ribs per stress-free length and displacement [N/m²]; infinite where
         they do not shear.
+    slow_trend : float
+        Share of the trend with which friction goes on below the slowest speed, (D14) [-].
 
     Raises
     ------
@@ -101,6 +104,7 @@ class RodPulley:
     points_per_element: int = 5
     elements: int | None = None
     shear_stiffness: float = math.inf
+    slow_trend: float = NEAREST
     model: RigModel = field(init=False, repr=False, compare=False)
     behind_entry: int = field(init=False, repr=False, compare=False)
 
@@ -122,6 +126,9 @@ class RodPulley:
             nodes = self._divided(model.nodes, bed)
             arrays = belt_arrays(self.belt, nodes, self.points_per_element)
             model = replace(model, nodes=nodes, system=model.system._replace(belt=arrays))
+        friction = continued(self.surface, self.slow_trend)
+        contact_of_ribs = model.system.pulley._replace(surface=friction)
+        model = replace(model, system=model.system._replace(pulley=contact_of_ribs))
         first = int(np.searchsorted(model.nodes, self.span + ENTRY[1] * bed))
         object.__setattr__(self, "behind_entry", first)
         object.__setattr__(self, "model", model)

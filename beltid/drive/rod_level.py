@@ -214,6 +214,7 @@ class RodLevel:
                     span,
                     tension,
                     shear_stiffness=drive.shear_stiffness,
+                    slow_trend=drive.slow_trend,
                 )
             )
         return self._known[key]

@@ -223,6 +223,15 @@ def force_and_speed(P: float, v0: float, entry: float, s: Section) -> tuple[floa
     return P * stretch / radius, s.R * v0 * abs(entry - stretch / radius)
 
 
+@leaf
+def _coefficient(f: float, v: float, tables: SurfaceTables) -> float:
+    """Friction coefficient at a line force [N/m] and a sliding speed [m/s]."""
+    i, s, _ = locate(tables.x_nodes, tables.f_ref, f)
+    j, t, _ = locate(tables.y_nodes, tables.v_ref, v)
+    mu, _, _ = evaluate_cell(tables.C, i, j, s, t)
+    return float(mu)
+
+
 @kernel
 def crossing(
     limit: float, P_in: float, P_out: float, v0: float, s: Section, of_speed: int
@@ -316,9 +325,7 @@ def sliding_arc(
                 P = P_in * math.exp(fall * (ends[panel] + width * share))
                 stretch, radius = seat(P, v0, s)
                 creep = s.R * v0 * abs(entry - stretch / radius)
-                i, a, _ = locate(tables.x_nodes, tables.f_ref, P * stretch / radius)
-                j, b, _ = locate(tables.y_nodes, tables.v_ref, x + creep)
-                mu, _, _ = evaluate_cell(tables.C, i, j, a, b)
+                mu = _coefficient(P * stretch / radius, x + creep, tables)
                 turn = GAUSS_WEIGHTS[q] * abs(fall) * width / (pieces * mu)
                 angle += turn
                 length += turn * radius / stretch
@@ -386,10 +393,7 @@ def _shear_excess(
     """Shear force over the friction limit, less one, where the force has come to P."""
     stretch, radius = seat(P_in, v0, s)
     f, creep = force_and_speed(P, v0, stretch / radius, s)
-    tables = friction.tables
-    i, a, _ = locate(tables.x_nodes, tables.f_ref, f)
-    j, b, _ = locate(tables.y_nodes, tables.v_ref, x + creep)
-    mu, _, _ = evaluate_cell(tables.C, i, j, a, b)
+    mu = _coefficient(f, x + creep, friction.tables)
     shear = math.sqrt(2.0 * s.k_shear * s.R * rate_deficit(P_in, P, v0, x, s))
     return shear / (mu * f) - 1.0
 
@@ -633,14 +637,17 @@ def shares_of_pulleys(
 
 
 @allocating_kernel
-def forces_and_speeds(P: Array, v0: float, pulleys: Pulleys, i: int) -> tuple[Array, Array]:
-    """Line forces [N/m] and speeds of creep [m/s] on pulley i where P (n,) falls from P[0] on."""
-    s = _section(pulleys, i)
+def contact_along_arc(
+    P: Array, v0: float, x: float, s: Section, friction: Friction
+) -> tuple[Array, Array, Array]:
+    """Line forces [N/m], sliding speeds [m/s] and mu where P (n,) falls from P[0] on, (D3)."""
     stretch, radius = seat(P[0], v0, s)
-    force, creep = np.empty(P.size), np.empty(P.size)
+    force, speed, mu = np.empty(P.size), np.empty(P.size), np.empty(P.size)
     for k in range(P.size):
-        force[k], creep[k] = force_and_speed(P[k], v0, stretch / radius, s)
-    return force, creep
+        force[k], creep = force_and_speed(P[k], v0, stretch / radius, s)
+        speed[k] = x + creep
+        mu[k] = _coefficient(force[k], speed[k], friction.tables)
+    return force, speed, mu
 
 
 @dataclass(frozen=True, slots=True)
@@ -672,8 +679,8 @@ class StringLevel:
             np.array([self.drive.shear_stiffness if p.ribs else math.inf for p in pulleys]),
         )
         object.__setattr__(self, "_pulleys", arrays)
-        object.__setattr__(self, "_of_ribs", _friction(self.drive.surface))
-        object.__setattr__(self, "_of_back", _friction(back))
+        object.__setattr__(self, "_of_ribs", _friction(self.drive.surface, self.drive.friction))
+        object.__setattr__(self, "_of_back", _friction(back, back.tables()))
 
     def arcs(self, P_in: Array, P_out: Array, v0: float, wraps: Array) -> Arcs:
         """State of the belt on every pulley.
@@ -702,13 +709,14 @@ class StringLevel:
         )
         return least
 
-    def along_arc(self, i: int, P: Array, v0: float) -> tuple[Array, Array]:
-        """Line force [N/m] and speed of creep [m/s] on pulley i where the belt has P (n,) [N].
+    def along_arc(self, i: int, P: Array, v0: float, x: float) -> tuple[Array, Array, Array]:
+        """Line force [N/m], sliding speed [m/s] and mu on pulley i where the belt has P (n,) [N].
 
-        The first is the force at the entry.
+        The first is the force at the entry, where it slides with x [m/s].
         """
-        force, creep = forces_and_speeds(P, v0, self._pulleys, i)
-        return force, creep
+        friction = self._of_ribs if self.drive.pulleys[i].ribs else self._of_back
+        force, speed, mu = contact_along_arc(P, v0, x, _section(self._pulleys, i), friction)
+        return force, speed, mu
 
     def shares(
         self, P_in: Array, P_out: Array, v0: float, wraps: Array, slip: Array
@@ -728,7 +736,7 @@ class StringLevel:
         return shares
 
 
-def _friction(surface: FrictionSurface) -> Friction:
-    validity = surface.validity
+def _friction(measured: FrictionSurface, tables: SurfaceTables) -> Friction:
+    validity = measured.validity
     limits = (*validity["normal_force_N_m"], *validity["slip_speed_m_s"])
-    return Friction(surface.tables(), *limits, surface.falls_with_speed)
+    return Friction(tables, *limits, measured.falls_with_speed)

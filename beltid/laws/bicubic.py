@@ -72,7 +72,7 @@ def patches(x: Array, y: Array, z: Array) -> tuple[Array, NDArray[np.bool_]]:
     if ny == 1:
         y, z = np.array([0.0, 1.0]), np.repeat(z, 2, axis=1)
     zx, zy, zxy, limited = _limit(x, y, z, *_nodal_derivatives(x, y, z))
-    return _coefficients(x, y, z, zx, zy, zxy), limited[:nx, :ny]
+    return hermite_patches(x, y, z, zx, zy, zxy), limited[:nx, :ny]
 
 
 def bounded_cubic(x: Array, z: Array, at: Array) -> Array:
@@ -94,7 +94,7 @@ def bounded_cubic(x: Array, z: Array, at: Array) -> Array:
     zx, zy, zxy, _ = _limit(x, y, rows, slopes, none, none)
     cell = np.clip(np.searchsorted(x, at, side="right") - 1, 0, x.size - 2)
     s = (at - x[cell]) / (x[cell + 1] - x[cell])
-    c = _coefficients(x, y, rows, zx, zy, zxy)[cell, 0, :, 0]
+    c = hermite_patches(x, y, rows, zx, zy, zxy)[cell, 0, :, 0]
     return ((c[:, 3] * s + c[:, 2]) * s + c[:, 1]) * s + c[:, 0]
 
 
@@ -109,8 +109,21 @@ def _nodal_derivatives(x: Array, y: Array, z: Array) -> tuple[Array, Array, Arra
     return zx, zy, zxy
 
 
-def _coefficients(x: Array, y: Array, z: Array, zx: Array, zy: Array, zxy: Array) -> Array:
-    """Power coefficients of the Hermite patches (nx - 1, ny - 1, 4, 4)."""
+def hermite_patches(x: Array, y: Array, z: Array, zx: Array, zy: Array, zxy: Array) -> Array:
+    """Bicubic patches from the values and slopes at the nodes.
+
+    Parameters
+    ----------
+    x, y : ndarray (nx,), (ny,)
+        Strictly increasing.
+    z, zx, zy, zxy : ndarray (nx, ny)
+        Values at the nodes and their derivatives.
+
+    Returns
+    -------
+    ndarray (nx - 1, ny - 1, 4, 4)
+        Coefficients as in :class:`beltid.laws.surface_tables.SurfaceTables`.
+    """
     hx, hy = np.diff(x)[:, None], np.diff(y)[None, :]
     corner = np.empty((x.size - 1, y.size - 1, 4, 4))
     for a, rows in enumerate((slice(None, -1), slice(1, None))):

@@ -8,7 +8,6 @@ in full slip: how they slip the rod alone knows.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -20,6 +19,7 @@ from beltid.drive.model import Drive, DrivePoint
 from beltid.drive.results import FULL_SLIP, DriveResult, Method, Simulator
 from beltid.errors import ConvergenceError
 from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.slow_friction import NEAREST, WHOLE_TREND, uncertainty_over_spread
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.sources import Errors, Source
 
@@ -29,10 +29,6 @@ Results = Sequence[DriveResult | None]
 SHEAR_WITHOUT_BENDING: Final = 0.06
 """Standard uncertainty of a string's loss, relative, of ribs that shear: it is 3 % below to 11 %
 above that of rods (27.5 and 50 mm, 3.4e7 to 3e8 N/m²)."""
-SLOWER: Final = np.array([0.1, 0.2, 0.35, 0.6])
-"""Speeds over the slowest measured one to which friction is continued."""
-LEAST_SHARE: Final = 0.3
-"""Of the coefficient at the slowest measured speed that is left there."""
 METHODS: Final[tuple[Method, ...]] = ("rod", "string")
 MEMBERS_WITH_RODS: Final = 16
 """Members of an ensemble that are solved with rods: their scatter is known to a fifth."""
@@ -137,9 +133,9 @@ def change_by_slower_friction(
 ) -> Array:
     """Standard uncertainty of the losses by friction slower than was measured [rad/s].
 
-    The nearest measured value is one way to continue the friction below the slowest speed, the
-    slope over ln v that it has there another one. Losses between both are taken as equally likely
-    up to the second one on either side of the first. Short of full slip the string has none of it.
+    Friction that stays as it is at the slowest measured speed, and friction that goes on with its
+    whole trend, are the limits of a uniform distribution, (D14). Short of full slip the string has
+    none of it.
 
     Parameters
     ----------
@@ -149,13 +145,13 @@ def change_by_slower_friction(
     Returns
     -------
     ndarray, shape (n_points, n_pulleys)
-        nan where neither rod nor string has a steady state with the friction continued.
+        With the sign of the change from the first to the second limit; nan where neither rod nor
+        string has a steady state at both.
     """
     change = np.zeros((len(points), len(drive.pulleys)))
-    other = _continued(drive.surface)
-    if other is None:
+    limits = [replace(drive, slow_trend=share) for share in (NEAREST, WHOLE_TREND)]
+    if limits[0].friction is limits[1].friction:
         return change
-    moved = replace(drive, surface=other)
     with_rods = np.array([bool(result.state.rods) for result in results], dtype=bool)
     slips = np.array([FULL_SLIP in result.status for result in results], dtype=bool)
     for method in METHODS:
@@ -165,26 +161,10 @@ def change_by_slower_friction(
         if not at:
             continue
         mine = [points[i] for i in at]
-        near: Results = [results[i] for i in at]
-        if method == METHODS[1]:
-            near = _solved(drive, mine, method, [None] * len(at))
-        off = _losses(drive, _solved(moved, mine, method, near)) - _losses(drive, near)
-        change[at] = off / math.sqrt(3.0)
+        near: Results = [results[i] if method == METHODS[0] else None for i in at]
+        first, second = (_losses(d, _solved(d, mine, method, near)) for d in limits)
+        change[at] = (second - first) * uncertainty_over_spread(drive.slow_trend)
     return change
-
-
-def _continued(surface: FrictionSurface) -> FrictionSurface | None:
-    """The surface, continued below its slowest speed with its slope there; None of one speed."""
-    f, v = surface.normal_force_N_m, surface.slip_speed_m_s
-    if v.size == 1:
-        return None
-    known = np.asarray(surface.mu(f[:, None], v))
-    step = 0.25 * math.log(v[1] / v[0])
-    slope = (np.asarray(surface.mu(f, v[0] * math.exp(step))) - known[:, 0]) / step
-    slower = v[0] * SLOWER
-    mu = known[:, :1] + slope[:, None] * np.log(SLOWER)
-    mu = np.maximum(mu, LEAST_SHARE * known[:, :1])
-    return FrictionSurface(f, np.concatenate([slower, v]), np.hstack([mu, known]))
 
 
 def _scatter(members: Sequence[Array] | Array) -> Array:

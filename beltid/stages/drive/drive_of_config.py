@@ -17,10 +17,14 @@ from beltid.drive.rod import SHORTEST_SPAN
 from beltid.errors import InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
+from beltid.laws.slow_friction import HALF_TREND, NEAREST
 from beltid.rigsim.beam.path import bending_length
 
 ALIKE_RADII: Final = (0.7, 1.5)
 """Radii over that of the rig for which its laws may hold: wedging changes with curvature."""
+
+SLOW_TREND: Final = {"half_trend": HALF_TREND, "nearest": NEAREST}
+"""Share of the trend that each value of `drive.slow_friction` stands for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +68,7 @@ def drive_of(config: Config, surface: FrictionSurface, law: NormalLaw) -> Drive:
         _tensioner(section, names),
         section.back_friction,
         math.inf if shear is None else shear,
+        SLOW_TREND[section.slow_friction],
     )
 
 

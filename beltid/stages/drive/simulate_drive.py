@@ -203,6 +203,7 @@ def _outcome(
         set_aside=[{"run": asked.run, "why": "; ".join(e.problems)} for asked, e in failed],
         extra={
             "method": config.drive.method,
+            "slow_friction": config.drive.slow_friction,
             "n_failed": len(failed),
             "loaded_pulley": loaded,
             "uncertainty_by_string": by_string,
@@ -212,7 +213,7 @@ def _outcome(
             "arcs": _arcs(good),
             "budget": _budget(columns, sources, open_.shared, open_.surface),
         },
-        notes=_notes(columns, known, config.drive.method, by_string),
+        notes=_notes(columns, drive, known, config.drive.method, by_string),
         warnings=(
             *alike,
             *(f"point {asked.run}: {error}" for asked, error in failed),
@@ -398,6 +399,7 @@ def _budget(
 
 def _notes(
     columns: Mapping[str, np.ndarray],
+    drive: Drive,
     surface_known: bool,
     method: Method,
     by_string: Sequence[str],
@@ -406,6 +408,8 @@ def _notes(
         "the friction power is that of the contact alone: the hysteresis of the belt in bending "
         "and seating costs about as much again"
     ]
+    if np.nanmax(columns["share_below_speed_range"], initial=0.0) > 0.0:
+        notes.append(_slower_than_measured(drive))
     if method == "rod":
         notes.append(
             "speeds and torques are those of the rod; slip limits, arcs used, shares and, short of "
@@ -428,6 +432,18 @@ def _notes(
     return tuple(notes)
 
 
+def _slower_than_measured(drive: Drive) -> str:
+    """How friction goes on below the slowest measured sliding."""
+    slowest, _ = drive.surface.validity["slip_speed_m_s"]
+    of_slower = f"friction slower than {slowest:.3g} m/s, the slowest measured sliding,"
+    if drive.friction is drive.surface.tables():
+        return f"{of_slower} is that of the slowest"
+    return (
+        f"{of_slower} is continued with half of the trend that it has there "
+        "(drive.slow_friction): the mean of none and all of it, the limits of its uncertainty"
+    )
+
+
 def _outside(columns: Mapping[str, np.ndarray], surface: FrictionSurface) -> list[str]:
     """Warnings of friction that acts where the laws were not measured."""
     found = []
@@ -437,7 +453,8 @@ def _outside(columns: Mapping[str, np.ndarray], surface: FrictionSurface) -> lis
         ("share_below_speed_range", f"below the slowest measured sliding, {slowest:.3g} m/s"),
         (
             "share_outside_force_range",
-            f"outside the measured line forces, {low:.4g} to {high:.4g} N/m",
+            f"outside the measured line forces, {low:.4g} to {high:.4g} N/m; the nearest measured "
+            "value was taken",
         ),
     ):
         shares = columns[name]
@@ -446,7 +463,7 @@ def _outside(columns: Mapping[str, np.ndarray], surface: FrictionSurface) -> lis
             runs = len(set(columns["run"][beyond].tolist()))
             found.append(
                 f"{runs} points: up to {100.0 * np.nanmax(shares):.0f} % of the sliding friction "
-                f"acts {words}; the nearest measured value was taken"
+                f"acts {words}"
             )
     states = columns["steady_states"] > 1
     if states.any():
