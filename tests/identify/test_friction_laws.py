@@ -51,7 +51,7 @@ def noisy(law, rng, share=0.005, speeds=SPEEDS):
 def test_exact_points_give_the_exact_parameters_without_a_guess(law):
     f, v = grid()
     mu = FrictionFormula(law, 3000.0, VALUES[law]).mu(f, v)
-    found = fit_friction_laws(f, v, mu, reference_force_N_m=3000.0)
+    found = fit_friction_laws(f, v, mu)
     assert found.best == law
     assert found.fit(law).values == pytest.approx(VALUES[law], rel=1e-7)
     assert found.fit(law).rms_misfit < 1e-9
@@ -65,7 +65,7 @@ def test_noisy_points_give_the_parameters_within_their_errors_and_the_law(law, d
     rng = np.random.default_rng(17)
     pulls, best = [], []
     for _ in range(draws):
-        found = fit_friction_laws(*noisy(law, rng), reference_force_N_m=3000.0)
+        found = fit_friction_laws(*noisy(law, rng))
         best.append(found.best)
         pulls.append([(p.value - VALUES[law][p.name]) / p.se for p in found.fit(law).parameters])
     # 25 draws determine a standard deviation to 14 %, 10 to 22 %; the errors are never too small
@@ -89,21 +89,6 @@ def test_wrong_law_is_seen_by_misfit_criterion_and_chi_square():
     assert "A constant coefficient misses by" in found.verdict
 
 
-def test_reference_force_is_a_matter_of_taste():
-    points = noisy("power_log", np.random.default_rng(4))
-    one, other = (fit_friction_laws(*points, reference_force_N_m=f0) for f0 in (1000.0, 8000.0))
-    f, v = grid()
-    for law in LAWS:
-        assert one.fit(law).formula.mu(f, v) == pytest.approx(
-            other.fit(law).formula.mu(f, v), rel=1e-7
-        )
-        assert one.fit(law).criterion == pytest.approx(other.fit(law).criterion, abs=1e-4)
-    middle = fit_friction_laws(*points).fit("power")
-    assert middle.reference_force_N_m == 3000.0  # sqrt(1000 * 9000)
-    correlation = middle.covariance[0, 1] / np.sqrt(np.prod(np.diag(middle.covariance)))
-    assert abs(correlation) < 0.3
-
-
 def test_parameters_far_from_the_measured_speeds_are_open_or_within_their_errors():
     """Several speed scales fit as well: linear errors at one of them would be far too small."""
     rng = np.random.default_rng(13)
@@ -114,7 +99,7 @@ def test_parameters_far_from_the_measured_speeds_are_open_or_within_their_errors
             values = {**VALUES[law], "v_s": v_s}
             clean = FrictionFormula(law, 3000.0, values).mu(f, v)
             mu = clean * (1.0 + 0.001 * rng.normal(size=f.size))
-            fit = fit_friction_laws(f, v, mu, 0.001 * np.eye(f.size), reference_force_N_m=3000.0)
+            fit = fit_friction_laws(f, v, mu, 0.001 * np.eye(f.size))
             fit = fit.fit(law)
             for p in fit.parameters:
                 open_ones += not p.determined
@@ -131,7 +116,7 @@ def test_the_fit_is_generalised_least_squares_with_the_covariance_of_the_points(
         [0.004 * np.ones(f.size), 0.003 * np.log(f / 3000.0), 0.005 * np.eye(f.size)]
     )
     mu *= np.exp(S[:, :2] @ rng.normal(size=2))
-    fit = fit_friction_laws(f, v, mu, factor=S, reference_force_N_m=3000.0).fit("power_log")
+    fit = fit_friction_laws(f, v, mu, factor=S).fit("power_log")
 
     def model(x, mu0, a, b, v0):
         return mu0 * (x[0] / 3000.0) ** -a * (1.0 + b * np.log(1.0 + x[1] / v0))
@@ -211,10 +196,11 @@ def test_a_constant_has_the_error_of_a_weighted_mean():
 def test_as_many_parameters_as_points_have_errors_that_are_believed_or_unknown():
     f, v, mu = [1e3, 4e3], [0.01, 0.01], [1.0, 0.5]
     errors = np.diag([0.01, 0.02])
-    known = fit_friction_laws(f, v, mu, errors, reference_force_N_m=1e3).fit("power")
-    assert known.values == pytest.approx({"mu0": 1.0, "a": 0.5}, rel=1e-9)
-    # mu0 rests on the first point alone, a = ln(mu_1/mu_2)/ln 4 on both
-    assert known.parameters[0].se == pytest.approx(0.01, rel=1e-6)
+    known = fit_friction_laws(f, v, mu, errors).fit("power")
+    # half way between the points on a logarithmic scale, at 2000 N/m
+    assert known.values == pytest.approx({"mu0": math.sqrt(0.5), "a": 0.5}, rel=1e-9)
+    se = 0.5 * math.hypot(0.01, 0.02) * math.sqrt(0.5)
+    assert known.parameters[0].se == pytest.approx(se, rel=1e-6)
     assert known.parameters[1].se == pytest.approx(math.hypot(0.01, 0.02) / math.log(4), rel=1e-6)
     unknown = fit_friction_laws(f, v, mu).fit("power")
     assert {p.status for p in unknown.parameters} == {NOT_DETERMINED}
@@ -270,8 +256,6 @@ def test_points_are_ordered_and_checked():
     ):
         with pytest.raises(InputError, match=words):
             fit_friction_laws(*points)
-    with pytest.raises(InputError, match="reference_force_N_m"):
-        fit_friction_laws(f, v, [0.9, 1.1, 1.0, 0.8], reference_force_N_m=-1.0)
     other = fit_friction_laws(f, [0.1, 0.2, 0.1, 0.1062], [0.9, 1.1, 1.0, 0.8])
     assert not any("sliding speeds" in why for law, why in other.refused if law == "power_log")
     for force, refused in ((1049.0, True), (1051.0, False)):

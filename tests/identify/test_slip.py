@@ -226,6 +226,20 @@ def test_a_drive_that_turns_backwards_is_the_mirrored_one(signed_torque):
     assert not any("backwards" in note for note in forward.notes)
 
 
+def test_a_load_that_is_counted_as_negative_is_a_load():
+    columns = drive()
+    forward = fit_slip(columns, 0.05)
+    found = fit_slip(columns | {"torque_N_m": -columns["torque_N_m"]}, 0.05)
+    assert {p.status for p in found.points} == {"ok"}
+    assert found.max_slip_speed_m_s == forward.max_slip_speed_m_s
+    assert found.points[9].torque_N_m == pytest.approx(-9.0, abs=0.1)
+    assert any("recorded as negative" in note for note in found.notes)
+    # a generator drives: its belt gains on the pulley that turns it
+    generator = drive(creep=-0.01)
+    generator["torque_N_m"] *= -1.0
+    assert {p.status for p in fit_slip(generator, 0.05).points} == {"ok"}
+
+
 def test_pulleys_that_turn_against_each_other_are_no_gross_slip():
     columns = drive(n=10, seed=7, **LOUD)
     columns["driven_speed_rad_s"][columns["run"] == "22-10"] *= -1.0

@@ -81,6 +81,10 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
     ratio, ratio_se, ratio_notes = _pulley_ratio(runs, series)
     notes += ratio_notes
     losses = pooled_means({r: c[DRIVER] - ratio * c[DRIVEN] for r, c in runs.items()}, series)
+    if _counts_load_as_negative(runs, losses):
+        for run in runs.values():
+            run["torque_N_m"] = -run["torque_N_m"]
+        notes.append("the torque of a driving pulley is recorded as negative: its sign turned")
     points = [_point(r, runs[r], losses[r], ratio_se, pulley_radius_m) for r in runs]
     points = [
         replace(  # signs of the recording
@@ -148,6 +152,14 @@ def _forward_runs(runs: Runs) -> tuple[dict[str, dict[str, Array]], list[str]]:
     what = "speeds and of the torque" if with_torque else "speeds"
     which = "all runs" if len(backward) == len(runs) else ", ".join(backward)
     return forward, [f"the drive turns backwards in {which}: sign of the {what} turned"]
+
+
+def _counts_load_as_negative(runs: Runs, losses: Mapping[str, MeanWithError]) -> bool:
+    """Whether the driven pulley clearly falls behind, and does so under negative torque only."""
+    clear = [label for label, loss in losses.items() if abs(loss.mean) > SIGNIFICANT * loss.se]
+    return bool(clear) and all(
+        losses[label].mean > 0.0 and np.nansum(runs[label]["torque_N_m"]) < 0.0 for label in clear
+    )
 
 
 def _turns_opposite(driver_rad_s: float, driven_rad_s: float) -> bool:

@@ -39,6 +39,7 @@ FEWEST_RUNS = 6
 """Runs of an arc without settings: three for a plane, as many for the scatter about it."""
 MOST_CELLS = 400  # of very many runs of an arc, neighbours are averaged first
 LOG_STIFFNESS = np.linspace(-7.0, 16.0, 93)  # ln of spline over noise variance, tried
+STATED_ERRORS = 5.0  # degrees of freedom that the stated errors of the runs are worth
 EDGE = 1e-9  # a node made from the end of a curve lies on the curve, relative
 
 
@@ -304,7 +305,7 @@ def kriging(x: Array, y: Array, se: Array, at: Array) -> tuple[Array, Array]:
     x, at : ndarray, shape (n, 2), (m, 2)
         Places of the points, and places to estimate.
     y, se : ndarray, shape (n,)
-        Values and standard errors, whose common scale is estimated; all zero if unknown.
+        Values and standard errors, which may be wrong by a common factor; all zero if unknown.
 
     Returns
     -------
@@ -323,9 +324,12 @@ def kriging(x: Array, y: Array, se: Array, at: Array) -> tuple[Array, Array]:
     unit = max(float(values.mean()), 1e-300)
     ratios = np.exp(LOG_STIFFNESS) / unit
     spread = 1.0 + ratios[:, None] * values
-    scatter = np.maximum(np.mean(z2 / spread, axis=1), 1e-30)
-    ratio = ratios[np.argmin(np.sum(np.log(spread), axis=1) + z2.size * np.log(scatter))]
-    variance = float(np.mean(z2 / (1.0 + ratio * values)))
+    # without a prior, a spline stiff enough to pass through all runs leaves them no error at all
+    known = STATED_ERRORS if np.any(se > 0.0) else 0.0
+    freedom = known + z2.size
+    scatter = np.maximum((known + np.sum(z2 / spread, axis=1)) / freedom, 1e-30)
+    best = int(np.argmin(np.sum(np.log(spread), axis=1) + freedom * np.log(scatter)))
+    ratio, variance = ratios[best], scatter[best]
 
     n, p = P.shape
     system = np.zeros((n + p, n + p))

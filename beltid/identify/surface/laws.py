@@ -117,10 +117,11 @@ def fit_friction_laws(
     slip_speed_m_s: ArrayLike,
     mu: ArrayLike,
     factor: ArrayLike | None = None,
-    *,
-    reference_force_N_m: float | None = None,
 ) -> FrictionLaws:
     """Fit the parametric friction laws to points (f, v, mu).
+
+    The reference force f0 is the geometric mean of the forces, to two digits, which makes mu0 and a
+    nearly uncorrelated.
 
     Parameters
     ----------
@@ -130,19 +131,13 @@ def fit_friction_laws(
     factor : array_like, optional
         Factor S of the covariance ``S S'`` of ln mu, shape (n, r); without one, or if it is zero,
         every point has the same relative weight.
-    reference_force_N_m : float, optional
-        f0 [N/m]; by default the geometric mean of the forces, to two digits, which makes mu0 and a
-        nearly uncorrelated.
 
     Raises
     ------
     InputError
         If arrays differ in length, a value is not > 0, or there are fewer than two points.
     """
-    f0 = reference_force_N_m
-    if f0 is not None and not (math.isfinite(f0) and f0 > 0.0):
-        raise InputError(f"reference_force_N_m = {f0!r}, must be > 0 N/m")
-    points = _points(normal_force_N_m, slip_speed_m_s, mu, factor, f0)
+    points = _points(normal_force_N_m, slip_speed_m_s, mu, factor)
     found: list[_Solution] = []
     refused: list[tuple[str, str]] = []
     for law in FRICTION_LAWS.values():
@@ -195,9 +190,12 @@ class _Points:
         return 1.0 - law.mu(p, self.f, self.v) / self.mu
 
 
-def _points(
-    f: ArrayLike, v: ArrayLike, mu: ArrayLike, factor: ArrayLike | None, f0: float | None
-) -> _Points:
+def round_reference(force: Array) -> float:
+    """Geometric mean of forces to two digits: the reference force of a law."""
+    return float(f"{np.exp(np.mean(np.log(force))):.2g}")
+
+
+def _points(f: ArrayLike, v: ArrayLike, mu: ArrayLike, factor: ArrayLike | None) -> _Points:
     """Check the points and put them in order."""
     force, speed, coefficient = (np.asarray(x, dtype=float).ravel() for x in (f, v, mu))
     n = coefficient.size
@@ -220,8 +218,7 @@ def _points(
         U, singular, _ = np.linalg.svd(S, full_matrices=True)
         variance[: singular.size] = np.square(singular)
     notes = () if errors_known else ("no standard errors of mu: points have equal weight",)
-    if f0 is None:
-        f0 = float(f"{np.exp(np.mean(np.log(force))):.2g}")
+    f0 = round_reference(force)
     return _Points(f0, force / f0, speed, coefficient, setting, U, variance, errors_known, notes)
 
 

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import FitError, InputError
+from beltid.identify.surface.laws import round_reference
 from beltid.laws.capstan import friction_coefficient, mean_normal_force
 
 Array = NDArray[np.float64]
@@ -34,7 +35,6 @@ SMALLEST_EXPONENT: Final = 1e-6  # below, the law is a constant but for rounding
 class PlateauLaw:
     """A law through the forces of the plateaus."""
 
-    law: str  # "constant", "power", "power and zero of the cell", "power and factor of one arc"
     values: dict[str, float]  # parameters mu0 [-], a [-], zero_N [N], log_factor [-]
     errors: dict[str, float]  # their standard errors
     rms_N: float  # root mean square of read less calculated force
@@ -46,28 +46,15 @@ class PlateauLaw:
 
 
 @dataclass(frozen=True, slots=True)
-class ArcOfTable:
-    """The plateaus of one arc."""
-
-    arc_deg: float
-    mean_mu: float  # mean of the coefficients by Eq. (6), each plateau counting alike
-    log_factor: float  # ln of its coefficient over the one that the other arcs give
-    log_factor_se: float
-
-    @property
-    def agrees(self) -> bool:
-        """Whether the difference from the other arcs may be chance."""
-        return abs(self.log_factor) <= CLEAR * self.log_factor_se
-
-
-@dataclass(frozen=True, slots=True)
 class PlateauLaws:
     """What the plateaus say of the friction."""
 
     constant: PlateauLaw
     power: PlateauLaw  # of the line force
     with_zero: PlateauLaw  # the same with a zero of the cell
-    arcs: tuple[ArcOfTable, ...]  # ascending; factors are known from two arcs on
+    by_arc: dict[float, PlateauLaw]
+    """Power law of each arc [deg] of several: ``log_factor`` is the logarithm of its coefficient
+    over the one of the others."""
     reference_force_N_m: float  # f0 of the powers
 
     @property
@@ -92,20 +79,21 @@ class PlateauLaws:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Arcs that do not agree with the others, the clearest first."""
-        odd = [arc for arc in self.arcs if not arc.agrees]
-        odd.sort(key=lambda arc: -abs(arc.log_factor) / arc.log_factor_se)
-        zero, a = self.with_zero.values["zero_N"], self.with_zero.values["a"]
-        errors = self.with_zero.errors
+        values, errors = self.with_zero.values, self.with_zero.errors
         cause = (
             "turns that touch, a pulley or an arc that differs, or a zero of the cell (with a free "
-            f"zero it is {zero:.2g} ± {errors['zero_N']:.2g} N and the exponent {a:.2g} ± "
-            f"{errors['a']:.2g})"
+            f"zero it is {values['zero_N']:.2g} ± {errors['zero_N']:.2g} N and the exponent "
+            f"{values['a']:.2g} ± {errors['a']:.2g})"
         )
+        odd = [
+            (abs(law.values["log_factor"]) / law.errors["log_factor"], arc, law)
+            for arc, law in self.by_arc.items()
+            if law.clear("log_factor")
+        ]
         return tuple(
-            f"arc {arc.arc_deg:g}°: its coefficient is {100 * math.expm1(arc.log_factor):+.2g} % "
-            f"off what the other arcs say, {abs(arc.log_factor) / arc.log_factor_se:.2g} standard "
-            f"errors: {cause}"
-            for arc in odd
+            f"arc {arc:g}°: its coefficient is {100 * math.expm1(law.values['log_factor']):+.2g} % "
+            f"off what the other arcs say, {times:.2g} standard errors: {cause}"
+            for times, arc, law in sorted(odd, key=lambda entry: -entry[0])
         )
 
 
@@ -117,7 +105,6 @@ def fit_plateau_laws(
     *,
     weight_on: Literal["tight", "slack"] = "tight",
     resolution_N: float = 0.0,
-    reference_force_N_m: float | None = None,
 ) -> PlateauLaws:
     """Fit friction laws to the force that the cell read on each plateau.
 
@@ -131,8 +118,6 @@ def fit_plateau_laws(
         The span with the weight, whose force is exact; the other one was read.
     resolution_N : float
         Least step of a reading [N]: a reading scatters by a root of twelfth of it at least.
-    reference_force_N_m : float, optional
-        f0 [N/m]; by default the geometric mean of the line forces, to two digits.
 
     Raises
     ------
@@ -153,25 +138,16 @@ def fit_plateau_laws(
                 for i in wrong
             ]
         )
-    f = mean_normal_force(tight, slack, R)
-    f0 = reference_force_N_m or float(f"{math.exp(np.mean(np.log(f))):.2g}")
+    f0 = round_reference(mean_normal_force(tight, slack, R))
     of = _Plateaus(np.radians(arc), tight, slack, f0 * R, weight_on, resolution_N)
-    mu = friction_coefficient(tight, slack, of.beta)
-    start = [float(np.median(mu)), 0.05]
-    arcs = []
-    for value in np.unique(arc):
-        mine = arc == value
-        log_factor = log_factor_se = math.nan
-        if not mine.all():
-            names = ("mu0", "a", "log_factor")
-            law = of.fit("power and factor of one arc", names, [*start, 0.0], mine)
-            log_factor, log_factor_se = law.values["log_factor"], law.errors["log_factor"]
-        arcs.append(ArcOfTable(float(value), float(mu[mine].mean()), log_factor, log_factor_se))
+    median = float(np.median(friction_coefficient(tight, slack, of.beta)))
+    power = {"mu0": median, "a": 0.05}
+    arcs = np.unique(arc) if np.ptp(arc) > 0.0 else ()  # of one alone there are no others
     return PlateauLaws(
-        constant=of.fit("constant", ("mu0",), start[:1]),
-        power=of.fit("power", ("mu0", "a"), start),
-        with_zero=of.fit("power and zero of the cell", ("mu0", "a", "zero_N"), [*start, 0.0]),
-        arcs=tuple(arcs),
+        constant=of.fit({"mu0": median}),
+        power=of.fit(power),
+        with_zero=of.fit(power | {"zero_N": 0.0}),
+        by_arc={float(one): of.fit(power | {"log_factor": 0.0}, arc == one) for one in arcs},
         reference_force_N_m=f0,
     )
 
@@ -188,36 +164,31 @@ class _Plateaus:
     resolution: float
 
     def fit(
-        self,
-        law: str,
-        names: tuple[str, ...],
-        start: list[float],
-        arc: NDArray[np.bool_] | None = None,
+        self, start: dict[str, float], factor_on: NDArray[np.bool_] | bool = False
     ) -> PlateauLaw:
-        """Least squares of the read force; the factor counts at the plateaus ``arc`` (n,)."""
+        """Least squares of the read force; a factor counts at some of the plateaus, (n,)."""
         from scipy.optimize import least_squares  # slow to import
 
         read = self.slack if self.weight_on == "tight" else self.tight
 
         def misfit(p: Array) -> Array:
-            values = dict(zip(names, p, strict=True))
-            mu0 = values["mu0"] * np.ones(read.size)
-            if arc is not None:
-                mu0[arc] *= math.exp(values["log_factor"])
-            calculated = self.other_force(mu0, values.get("a", 0.0))
+            values = dict(zip(start, p, strict=True))
+            factor = np.where(factor_on, math.exp(values.get("log_factor", 0.0)), 1.0)
+            calculated = self.other_force(values["mu0"] * factor, values.get("a", 0.0))
             return np.asarray(calculated + values.get("zero_N", 0.0) - read)
 
-        found = least_squares(misfit, start, jac="3-point", x_scale="jac", xtol=1e-12, ftol=1e-14)
+        first = list(start.values())
+        found = least_squares(misfit, first, jac="3-point", x_scale="jac", xtol=1e-12, ftol=1e-14)
         if not found.success:
-            raise FitError(f"law through the forces ({law}): no convergence: {found.message}")
+            parameters = ", ".join(start)
+            raise FitError(f"law through the forces ({parameters}): no convergence")
         left = 2.0 * float(found.cost)
-        scatter = math.sqrt(left / (read.size - len(names)))
+        scatter = math.sqrt(left / (read.size - len(start)))
         scatter = max(scatter, self.resolution / math.sqrt(12.0))
         errors = scatter * np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)))
         return PlateauLaw(
-            law=law,
-            values={name: float(x) for name, x in zip(names, found.x, strict=True)},
-            errors={name: float(x) for name, x in zip(names, errors, strict=True)},
+            values=dict(zip(start, found.x.tolist(), strict=True)),
+            errors=dict(zip(start, errors.tolist(), strict=True)),
             rms_N=math.sqrt(left / read.size),
             scatter_N=scatter,
         )
