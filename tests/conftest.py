@@ -36,6 +36,10 @@ FIRST = (
     "hostile",
     "uncertainty",
     "refine",
+    "test_",
+    "bench",
+    "export",
+    "artifacts",
 )
 """Files and folders that come first, in this order."""
 SPEEDS = (0.05, 0.10, 0.21, 0.42, 0.84)
