@@ -11,6 +11,8 @@ PYTHON ?= $(shell for p in python3 python3.14 python3.13 python3.12 python3.11 p
 	done)
 # further arguments: make run ARGS=--force, make test ARGS="-k capstan"
 ARGS ?=
+# and those of pip
+PIP_FLAGS ?=
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -21,7 +23,7 @@ COMPILED := $(addprefix tests/rigsim/test_,$(addsuffix .py,failures sensitivity_
 RUNTIME := $(VENV)/.installed-runtime
 DEVELOPMENT := $(VENV)/.installed-development
 BENCHMARK := $(VENV)/.installed-benchmark
-PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_FLAGS)
 
 help:  ## show this help
 	@echo "beltid: contact parameters between a V-ribbed belt and a pulley"

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from beltid.artifacts.artifact import artifact_bytes, read_artifact
-from beltid.artifacts.file_bytes import write_bytes
+from beltid.artifacts.file_bytes import remove_stale, write_bytes
 from beltid.artifacts.metadata_models import Metadata
 from beltid.batch.folders import alone_in
 from beltid.config import Config, ConfigSource, load_config
@@ -249,3 +249,29 @@ def test_the_lock_of_a_killed_batch_is_gone(tmp_path: Path) -> None:
     talk = Hearing()
     with alone_in([tmp_path], talk):
         assert talk.heard == []
+
+
+def test_what_dead_writers_left_is_cleared_and_nothing_else(tmp_path: Path) -> None:
+    import socket
+
+    host = "".join(c for c in socket.gethostname() if c.isalnum())[:32] or "host"
+    dead = f".slip.parquet.{host}-{GONE}-0123abcd.beltid-tmp"
+    kept = {f".slip.parquet.{host}-{os.getpid()}-0123abcd.beltid-tmp", "slip.parquet", ".hidden"}
+    for name in (dead, *kept):
+        (tmp_path / name).write_bytes(b"")
+    remove_stale(tmp_path)
+    assert {p.name for p in tmp_path.iterdir()} == kept
+    remove_stale(tmp_path / "missing")
+
+
+def test_parts_of_a_parquet_folder_changed_while_they_are_read_are_noticed(tmp_path: Path) -> None:
+    part, out = tmp_path / "rig" / "arc_deg=82" / "a.parquet", tmp_path / "slip.parquet"
+    write_bytes(part, b"one")
+    recipe = ("slip", ConfigSource(Config(), "test"), ("slip",), {"speedloss": tmp_path / "rig"})
+
+    def meanwhile() -> Outcome[None]:
+        write_bytes(part, b"two")
+        return outcome()
+
+    with pytest.raises(InputError, match="was changed while it was read"):
+        make(recipe, out, Options(), meanwhile)

@@ -221,3 +221,15 @@ def test_a_comparison_of_few_runs_fails_and_says_why(bench: Path, beltid: Any) -
     assert re.search(r"FAIL: .*runs compared 12 % < 50 %", " ".join(result.stdout.split()))
     again = beltid("compare", "friction.parquet", "simulated_part.parquet", "-o", "part.parquet")
     assert (again.exit_code, "up to date" in again.stderr) == (4, True)
+
+
+def test_one_cell_that_was_not_tared_is_no_reason_to_set_runs_aside(
+    bench: Path, beltid: Any
+) -> None:
+    table = read_csv(bench / "rig.csv")
+    k = table.column_names.index("tension_tight_N")
+    shifted = add(table["tension_tight_N"], 40.0)  # at the lowest tension cells differ too much
+    write_csv(table.set_column(k, "tension_tight_N", shifted), bench / "one_cell.csv")
+    refused = beltid("fit-friction", "one_cell.csv", "-o", "new.parquet")
+    assert refused.exit_code == 2
+    assert "friction.tension_tight_tare_N" in refused.stderr

@@ -130,3 +130,21 @@ def test_runs_that_cannot_be_used_are_kept_with_their_reason(shear: Path, beltid
     assert [run for run, status in statuses.items() if status != "ok"] == ["R05"]
     assert "sample at" in statuses["R05"]
     assert any(note.startswith("1 of 6 runs have ") for note in product["notes"])
+
+
+@pytest.mark.long
+def test_the_function_takes_the_press_as_a_result_too(shear: Path, beltid: Any) -> None:
+    """From a file or from memory: the same law, its scatter, and that it is synthetic."""
+    press = package.fit_stiffness(
+        pd.read_csv(shear / "press.csv"), {"data": {"origin": "synthetic"}}
+    )
+    path = press.save(shear / "press.parquet")
+    frame = pd.read_csv(shear / "shear.csv")
+    results = [package.fit_shear(frame, stiffness=given) for given in (path, press)]
+    assert [found.origin for found in results] == ["synthetic", "synthetic"]
+    budgets = [found.extra["budget"] for found in results]
+    assert budgets[0] == budgets[1]
+    law = package.fit_shear(frame, stiffness=press.result.pooled.law)
+    expected = results[0].result.shear_stiffness_N_m2
+    assert law.result.shear_stiffness_N_m2 == pytest.approx(expected, rel=1e-3)
+    assert package.fit_shear(frame).origin is None

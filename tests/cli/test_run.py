@@ -155,3 +155,12 @@ def test_without_any_config_it_says_how_to_name_one(bench: Path, beltid: Any) ->
     result = beltid("run", "--no-report")
     assert result.exit_code == 2
     assert "beltid run CONFIG.yaml" in result.stderr
+
+
+def test_config_from_the_environment_is_run(
+    ran: Path, beltid: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("BELTID_CONFIG", str(ran / "beltid.yaml"))
+    result = beltid("run", "--dry-run")
+    assert result.exit_code == 0
+    assert "fit-friction" in result.stdout

@@ -99,6 +99,7 @@ def test_a_key_that_is_missing_has_the_place_of_its_section(tmp_path):
         ("belt: {name: 5}\n", "1:14", "put it in quotes"),
         ("belt: {ribs: '5'}\n", "1:14", 'belt.ribs = "5"'),
         ("belt: {ribs: true}\n", "1:14", "whole number"),
+        ("belt: {ribs: " + "9" * 9999 + "}\n", "1:14", "belt.ribs"),
         ("belt: {axial_stiffness_N: .inf}\n", "1:27", "must be in [100, 1e+08] N"),
         ("belt: {axial_stiffness_N: .nan}\n", "1:27", "must be in [100, 1e+08] N"),
         ("belt: {axial_stiffness_N: 1e999}\n", "1:27", "must be in [100, 1e+08] N"),
@@ -189,7 +190,22 @@ def test_what_cannot_be_a_config(source):
 
 
 @pytest.mark.parametrize(
-    "name", ["..", ".hidden", "a/b", "a\\b", "", "a" * 65, "a b", "-rf", "con\n", "ä"]
+    "name",
+    [
+        "..",
+        ".hidden",
+        "a/b",
+        "a\\b",
+        "",
+        "a" * 65,
+        "a b",
+        "-rf",
+        "con\n",
+        "ä",
+        "=1+1",
+        "<b>",
+        "[red]a",
+    ],
 )
 def test_the_name_cannot_leave_its_folder(name):
     with pytest.raises(ConfigError, match=r"belt\.name"):

@@ -9,6 +9,7 @@ import pytest
 
 import beltid
 from beltid.config import load_config
+from beltid.errors import InputError
 
 LAW = beltid.NormalLaw(6.5e7, 3.0256e11)
 TWO = [
@@ -150,3 +151,32 @@ def test_ribs_that_shear_leave_the_bending_of_the_belt_open() -> None:
     share = driven["speed_loss_u_rad_s"] / driven["speed_loss_rad_s"]
     assert share.to_numpy() == pytest.approx(0.06, rel=1e-9)
     assert "ribs that shear" in outcome.extra["budget"][0]["source"]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"initial_tension_N": [10]}, r"span driver to driven: .* six bending"),
+        ({"pulleys": [TWO[0], TWO[1] | {"x_m": 0.09}]}, "pulleys driver and driven overlap"),
+        ({"pulleys": [TWO[0], TWO[0]]}, "driver is named twice"),
+        ({"driver": "crank"}, "drive.driver: crank is not the name of a pulley"),
+        ({"installation": "tensioner"}, "drive.tensioner: must be stated"),
+        ({"initial_tension_N": None}, "drive.initial_tension_N: must be stated"),
+        (
+            {
+                "operating_points": {
+                    "driver_speed_rad_s": [1, 2],
+                    "torque_N_m": {"driven": [1, 2, 3]},
+                }
+            },
+            "driver_speed_rad_s: 2 values, must be 1 or 3",
+        ),
+        (
+            {"operating_points": {"torque_N_m": {"pump": [1]}}},
+            "drive.operating_points.torque_N_m: pump is not the name of a pulley",
+        ),
+    ],
+)
+def test_drives_that_cannot_be_are_refused(change: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        beltid.simulate_drive(config(**change), true_surface(), LAW)
