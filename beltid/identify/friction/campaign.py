@@ -108,8 +108,11 @@ def early_misfit(travel: Array) -> Array:
 MEMORIES_S = (0.04, 0.16, 0.64, 20.0)
 """Memories of the wandering zeros [s]; the last one is a walk over the time of a run, and counts
 from the rest, where the zeros show."""
+N_SEARCHED = len(MEMORIES_S) + 4
+"""Variances that are searched for; that of slow decays of the build-up is weighed beside them."""
 WALK_PART, TURN_PART = len(MEMORIES_S) - 1, len(MEMORIES_S) + 1
-"""Where the walk and the ripple once per turn are among the variances."""
+OWN_PARTS = slice(N_SEARCHED - 2, N_SEARCHED)
+"""Where the walk, the ripple once per turn and the run's own tail are among the variances."""
 RUNS_FOR_VARIANCES = 32
 """Runs, evenly chosen, that the variances are found from; more would tell nothing new."""
 SCALE_FREEDOM = 20.0
@@ -117,6 +120,11 @@ SCALE_FREEDOM = 20.0
 FREE = 0.1
 """Standard deviation of the amplitude of a ripple that was found and of what is left of the
 build-up, in z: as good as free."""
+
+SLOW_TAKE_UP_SIZE = np.array([5e-4, 5e-3, 1.5e-2])
+"""Standard deviations that slow decays of the build-up may have, in z, each as likely: the runs of
+a bench say which. One size for all benches would either leave decays that simulated recordings
+show, or be taken for the tail of the peak where there are none."""
 
 # priors: median and width (standard deviation of the logarithm)
 WANDER = (0.4, 1.5)
@@ -163,7 +171,7 @@ class Stack:
         and the changes of the tail with the powers."""
         self.fixed = np.zeros((n, m, m))
         """Covariance of what is known of a run beside its variances (n, m, m)."""
-        self.parts = np.zeros((len(MEMORIES_S) + 4, n, m, m))
+        self.parts = np.zeros((N_SEARCHED + 1, n, m, m))
         """What each variance adds to it, as in :class:`Bench`."""
         for k, r in enumerate(records):
             b, c = r.z.size, r.sensitivity
@@ -184,6 +192,7 @@ class Stack:
             self.parts[WALK_PART, k, :b, :b] = wander_since_rest(*blocks, r.rest, walk)
             self.parts[WALK_PART + 1, k, :b, :b] = early_misfit(r.travel)
             self.parts[TURN_PART, k, :b, :b] = (r.level / c) ** 2 * (r.turn @ r.turn.T)
+            self.parts[-1, k, :b, :b] = r.slow_take_up @ r.slow_take_up.T / c**2
         diagonal = np.arange(m)
         self.fixed[:, diagonal, diagonal] += self.noise_N[:, None] ** 2 / np.maximum(
             self.count, 1e-9
@@ -200,7 +209,7 @@ class Stack:
     def deviate(self, shared: Shared) -> None:
         """Let every run have a tail higher and longer than that of its bench, stretched before."""
         own = np.moveaxis(self.shared[:, :, :RANK] @ shared.deviations, -1, 0)
-        self.parts[-2:] = own[..., :, None] * own[..., None, :]
+        self.parts[OWN_PARTS] = own[..., :, None] * own[..., None, :]
 
     @property
     def typical_error_N(self) -> float:
@@ -216,7 +225,7 @@ class Bench:
     ----------
     sd : ndarray
         Standard deviations: zeros that wander, by :data:`MEMORIES_S`, and early misfit [N]; ripple
-        once per turn, height and length of the tail of a run [-].
+        once per turn, height and length of the tail of a run, slow decays of the build-up [-].
     shared : Shared
         Tail and drift.
     """
@@ -349,18 +358,22 @@ def fit_bench(stack: Stack, given: Given) -> Bench:
     )
     centre, width = priors.T
     apart = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
-    precision = np.eye(n + 4)
+    precision = np.eye(N_SEARCHED)
     precision[:n, :n] = np.linalg.inv(NEIGHBOURS**apart)
     scale = np.ones(stack.n_runs)
 
+    def sizes(x: Array) -> Array:
+        return np.append(np.exp(centre + width * x), take_up)
+
     def cost(x: Array) -> tuple[float, Array]:
-        log_z, slope = evidence(stack, np.exp(centre + width * x), scale, given, before)
+        log_z, slope = evidence(stack, sizes(x), scale, given, before)
         away = precision @ x
-        return 0.5 * float(x @ away) - log_z, away - slope * width
+        return 0.5 * float(x @ away) - log_z, away - slope[:-1] * width
 
     # from above: a variance that is too small has no gradient
-    x = np.where(np.arange(n + 4) <= n + 1, 1.5, 0.0)
-    sd = np.exp(centre + width * x)
+    x = np.where(np.arange(N_SEARCHED) <= TURN_PART, 1.5, 0.0)
+    take_up = float(np.median(SLOW_TAKE_UP_SIZE))
+    sd = sizes(x)
     looks = []
     for powers in CLOCKS:
         stack.stretch(powers)
@@ -371,7 +384,7 @@ def fit_bench(stack: Stack, given: Given) -> Bench:
     # a rough tail, of which the change with the powers can be told
     stack.stretch(before.powers, looks[likely])
     for _ in range(SWEEPS):
-        w = whiten(stack, np.exp(centre + width * x))
+        w = whiten(stack, sizes(x))
         before = fit_shared(w, scale, given, before, every_drift=True)
         scale = noise_scale(stack, w, before.mean)
         stack.stretch(before.powers, before)
@@ -384,14 +397,17 @@ def fit_bench(stack: Stack, given: Given) -> Bench:
             bounds=[(-4.0, 6.0)] * x.size,
             options={"maxiter": 30, "ftol": 1e-7},
         ).x
+        trials = [np.append(sizes(x)[:-1], size) for size in SLOW_TAKE_UP_SIZE]
+        log_p = np.array([evidence(stack, sd, scale, given, before)[0] for sd in trials])
+        take_up = float(np.sqrt(np.exp(log_p - logsumexp(log_p)) @ SLOW_TAKE_UP_SIZE**2))
     # walk and ripple once per turn move the level most and show least: the mean of their variances
     # in place of the mode, with an even chance that there is none
-    mode = np.exp(centre + width * x)
+    mode = sizes(x)
     mean = mode.copy()
     for k in (WALK_PART, TURN_PART):
         along = x[k] + np.array(HIDDEN_STEPS)
-        sizes = np.append(np.exp(centre[k] + width[k] * along), 0.0)
-        trials = [np.where(np.arange(x.size) == k, size, mode) for size in sizes]
+        tried = np.append(np.exp(centre[k] + width[k] * along), 0.0)
+        trials = [np.where(np.arange(mode.size) == k, size, mode) for size in tried]
         log_p = np.array([evidence(stack, sd, scale, given, before)[0] for sd in trials])
         # density of the prior given the other variances, over a step
         away = along - x[k] + precision[k] @ x / precision[k, k]
@@ -399,7 +415,7 @@ def fit_bench(stack: Stack, given: Given) -> Bench:
             precision[k, k] / (2.0 * np.pi)
         )
         log_p[:-1] += np.log(HIDDEN_STEPS[1] - HIDDEN_STEPS[0])
-        mean[k] = np.sqrt(np.exp(log_p - logsumexp(log_p)) @ sizes**2)
+        mean[k] = np.sqrt(np.exp(log_p - logsumexp(log_p)) @ tried**2)
     return Bench(mean, before)
 
 
@@ -496,7 +512,7 @@ def _levels(stack: Stack, bench: Bench) -> list[RunLevel]:
     Pe = np.einsum("rij,rj->ri", w.P, residual)
     wander = np.einsum("rij,rj->ri", stack.parts[WALK_PART], Pe)
     wander *= (bench.sd[WALK_PART] ** 2 * stack.sensitivity)[:, None]
-    own = shared.deviations * bench.sd[-2:]
+    own = shared.deviations * bench.sd[OWN_PARTS]
     H = stack.shared[:, :, :RANK] @ own
     known = H.transpose(0, 2, 1) @ (w.P @ H)
     lean = w.shift[:, :RANK] @ own
