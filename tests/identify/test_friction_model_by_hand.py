@@ -254,9 +254,10 @@ def test_the_slope_of_the_evidence_is_its_difference_quotient():
     stack.deviate(known)
 
     def log_evidence(log_sd):
-        return campaign.evidence(stack, np.exp(log_sd), scale, given, known)[0]
+        return campaign.log_evidence(stack, np.exp(log_sd), scale, given, known)[0]
 
-    slope = campaign.evidence(stack, sd, scale, given, known)[1]
+    _, *found = campaign.log_evidence(stack, sd, scale, given, known)
+    slope = campaign.slope_of_evidence(stack, sd, scale, *found)
     step = 1e-4 * np.eye(sd.size)
     quotient = [(log_evidence(np.log(sd) + e) - log_evidence(np.log(sd) - e)) / 2e-4 for e in step]
     # rounding of the logarithms leaves some 1e-5 of the quotient
