@@ -24,7 +24,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.special import logsumexp
 
 from beltid.identify.friction.prepare import SlidingRecord
 from beltid.identify.friction.rest import Rest
@@ -108,8 +107,11 @@ def early_misfit(travel: Array) -> Array:
 MEMORIES_S = (0.04, 0.16, 0.64, 20.0)
 """Memories of the wandering zeros [s]; the last one is a walk over the time of a run, and counts
 from the rest, where the zeros show."""
+N_SEARCHED = len(MEMORIES_S) + 4
+"""Variances that are searched for; that of slow decays of the build-up is weighed beside them."""
 WALK_PART, TURN_PART = len(MEMORIES_S) - 1, len(MEMORIES_S) + 1
-"""Where the walk and the ripple once per turn are among the variances."""
+OWN_PARTS = slice(N_SEARCHED - 2, N_SEARCHED)
+"""Where the walk, the ripple once per turn and the run's own tail are among the variances."""
 RUNS_FOR_VARIANCES = 32
 """Runs, evenly chosen, that the variances are found from; more would tell nothing new."""
 SCALE_FREEDOM = 20.0
@@ -117,6 +119,11 @@ SCALE_FREEDOM = 20.0
 FREE = 0.1
 """Standard deviation of the amplitude of a ripple that was found and of what is left of the
 build-up, in z: as good as free."""
+
+SLOW_TAKE_UP_SIZE = np.array([5e-4, 5e-3, 1.5e-2])
+"""Standard deviations that slow decays of the build-up may have, in z, each as likely: the runs of
+a bench say which. One size for all benches would either leave decays that simulated recordings
+show, or be taken for the tail of the peak where there are none."""
 
 # priors: median and width (standard deviation of the logarithm)
 WANDER = (0.4, 1.5)
@@ -163,7 +170,7 @@ class Stack:
         and the changes of the tail with the powers."""
         self.fixed = np.zeros((n, m, m))
         """Covariance of what is known of a run beside its variances (n, m, m)."""
-        self.parts = np.zeros((len(MEMORIES_S) + 4, n, m, m))
+        self.parts = np.zeros((N_SEARCHED + 1, n, m, m))
         """What each variance adds to it, as in :class:`Bench`."""
         for k, r in enumerate(records):
             b, c = r.z.size, r.sensitivity
@@ -184,6 +191,7 @@ class Stack:
             self.parts[WALK_PART, k, :b, :b] = wander_since_rest(*blocks, r.rest, walk)
             self.parts[WALK_PART + 1, k, :b, :b] = early_misfit(r.travel)
             self.parts[TURN_PART, k, :b, :b] = (r.level / c) ** 2 * (r.turn @ r.turn.T)
+            self.parts[-1, k, :b, :b] = r.slow_take_up @ r.slow_take_up.T / c**2
         diagonal = np.arange(m)
         self.fixed[:, diagonal, diagonal] += self.noise_N[:, None] ** 2 / np.maximum(
             self.count, 1e-9
@@ -200,7 +208,7 @@ class Stack:
     def deviate(self, shared: Shared) -> None:
         """Let every run have a tail higher and longer than that of its bench, stretched before."""
         own = np.moveaxis(self.shared[:, :, :RANK] @ shared.deviations, -1, 0)
-        self.parts[-2:] = own[..., :, None] * own[..., None, :]
+        self.parts[OWN_PARTS] = own[..., :, None] * own[..., None, :]
 
     @property
     def typical_error_N(self) -> float:
@@ -216,7 +224,7 @@ class Bench:
     ----------
     sd : ndarray
         Standard deviations: zeros that wander, by :data:`MEMORIES_S`, and early misfit [N]; ripple
-        once per turn, height and length of the tail of a run [-].
+        once per turn, height and length of the tail of a run, slow decays of the build-up [-].
     shared : Shared
         Tail and drift.
     """
@@ -298,9 +306,9 @@ HIDDEN_STEPS = (-2.4, -1.8, -1.2, -0.6, 0.0, 0.6, 1.2, 1.8)
 of their priors."""
 
 
-def evidence(
+def log_evidence(
     stack: Stack, sd: Array, scale: Array, given: Given, before: Shared
-) -> tuple[float, Array]:
+) -> tuple[float, Whitened, Shared]:
     """Marginal likelihood of all runs under given variances.
 
     Parameters
@@ -318,89 +326,154 @@ def evidence(
     -------
     log_z : float
         Its logarithm.
-    slope : ndarray
-        Derivative by the logarithms of `sd`: that of the likelihood, averaged over the posterior
-        (Fisher's identity).
+    w, found : Whitened, Shared
+        The runs under these variances, and what they share.
     """
     w = whiten(stack, sd)
     found = fit_shared(w, scale, given, before)
     log_z = found.log_evidence - 0.5 * float(np.sum(w.squares / scale + w.log_det))
+    return log_z, w, found
+
+
+def slope_of_evidence(stack: Stack, sd: Array, scale: Array, w: Whitened, found: Shared) -> Array:
+    """Derivative of `log_evidence` by the logarithms of `sd`, from what it found.
+
+    It is that of the likelihood, averaged over the posterior (Fisher's identity).
+    """
     residual = stack.z - stack.shared @ found.mean
     columns = np.concatenate([residual[:, :, None], stack.shared @ found.factor], axis=2)
     Pe = w.P @ columns
     outer = (Pe / scale[:, None, None]) @ Pe.transpose(0, 2, 1) - w.P
-    return log_z, np.tensordot(stack.parts, outer, axes=3) * sd**2
+    return np.tensordot(stack.parts, outer, axes=3) * sd**2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Priors:
+    """Log-normal priors of the variances that are searched for, shape (N_SEARCHED,) each.
+
+    Attributes
+    ----------
+    centre, width : ndarray
+        Medians and standard deviations of the logarithms of the standard deviations.
+    precision : ndarray, shape (N_SEARCHED, N_SEARCHED)
+        Inverse covariance of the logarithms, in units of their widths.
+    """
+
+    centre: Array
+    width: Array
+    precision: Array
+
+    @classmethod
+    def of(cls, stack: Stack) -> Priors:
+        """Those of a bench: most are in units of the error that its white noise leaves."""
+        typical = stack.typical_error_N
+        typical_z = typical * float(np.median(stack.sensitivity / stack.level))
+        n = len(MEMORIES_S)
+        medians, widths = np.array(
+            [
+                *[(WANDER[0] * typical, WANDER[1])] * (n - 1),
+                (WALK[0] * typical, WALK[1]),
+                (WANDER[0] * typical, WANDER[1]),
+                (TURN[0] * typical_z, TURN[1]),
+                HEIGHT_SPREAD,
+                LENGTH_SPREAD,
+            ]
+        ).T
+        apart = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+        precision = np.eye(N_SEARCHED)
+        precision[:n, :n] = np.linalg.inv(NEIGHBOURS**apart)
+        return cls(np.log(medians), widths, precision)
+
+    def sd(self, x: Array, take_up: float) -> Array:
+        """Standard deviations at steps x about the medians, in widths, as in :class:`Bench`."""
+        return np.append(np.exp(self.centre + self.width * x), take_up)
 
 
 def fit_bench(stack: Stack, given: Given) -> Bench:
     """Most probable variances of a bench, with its tail and drift."""
-    typical = stack.typical_error_N
-    typical_z = typical * float(np.median(stack.sensitivity / stack.level))
-    n = len(MEMORIES_S)
-    priors = np.array(
-        [
-            *[(np.log(WANDER[0] * typical), WANDER[1])] * (n - 1),
-            (np.log(WALK[0] * typical), WALK[1]),
-            (np.log(WANDER[0] * typical), WANDER[1]),
-            (np.log(TURN[0] * typical_z), TURN[1]),
-            (np.log(HEIGHT_SPREAD[0]), HEIGHT_SPREAD[1]),
-            (np.log(LENGTH_SPREAD[0]), LENGTH_SPREAD[1]),
-        ]
-    )
-    centre, width = priors.T
-    apart = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
-    precision = np.eye(n + 4)
-    precision[:n, :n] = np.linalg.inv(NEIGHBOURS**apart)
-    scale = np.ones(stack.n_runs)
-
-    def cost(x: Array) -> tuple[float, Array]:
-        log_z, slope = evidence(stack, np.exp(centre + width * x), scale, given, before)
-        away = precision @ x
-        return 0.5 * float(x @ away) - log_z, away - slope * width
-
+    priors, scale = Priors.of(stack), np.ones(stack.n_runs)
     # from above: a variance that is too small has no gradient
-    x = np.where(np.arange(n + 4) <= n + 1, 1.5, 0.0)
-    sd = np.exp(centre + width * x)
-    looks = []
-    for powers in CLOCKS:
-        stack.stretch(powers)
-        w = whiten(stack, sd)
-        looks.append(fit_shared(w, scale, given, Shared.before(powers)))
-    likely = int(np.argmax([look.log_evidence for look in looks]))
-    before = Shared.before(CLOCKS[likely])
-    # a rough tail, of which the change with the powers can be told
-    stack.stretch(before.powers, looks[likely])
+    x = np.where(np.arange(N_SEARCHED) <= TURN_PART, 1.5, 0.0)
+    take_up = float(np.median(SLOW_TAKE_UP_SIZE))
+    before = _clock(stack, priors.sd(x, take_up), scale, given)
     for _ in range(SWEEPS):
-        w = whiten(stack, np.exp(centre + width * x))
+        w = whiten(stack, priors.sd(x, take_up))
         before = fit_shared(w, scale, given, before, every_drift=True)
         scale = noise_scale(stack, w, before.mean)
         stack.stretch(before.powers, before)
         stack.deviate(before)
-        x = minimize(
-            cost,
-            x,
-            jac=True,
-            method="L-BFGS-B",
-            bounds=[(-4.0, 6.0)] * x.size,
-            options={"maxiter": 30, "ftol": 1e-7},
-        ).x
+        known = scale, given, before
+        x = _most_probable(stack, priors, x, take_up, *known)
+        take_up = _weighed(stack, priors.sd(x, take_up), -1, SLOW_TAKE_UP_SIZE, 0.0, *known)
     # walk and ripple once per turn move the level most and show least: the mean of their variances
     # in place of the mode, with an even chance that there is none
-    mode = np.exp(centre + width * x)
+    mode = priors.sd(x, take_up)
     mean = mode.copy()
     for k in (WALK_PART, TURN_PART):
-        along = x[k] + np.array(HIDDEN_STEPS)
-        sizes = np.append(np.exp(centre[k] + width[k] * along), 0.0)
-        trials = [np.where(np.arange(x.size) == k, size, mode) for size in sizes]
-        log_p = np.array([evidence(stack, sd, scale, given, before)[0] for sd in trials])
+        along, precision = x[k] + np.array(HIDDEN_STEPS), priors.precision[k]
+        tried = np.append(np.exp(priors.centre[k] + priors.width[k] * along), 0.0)
         # density of the prior given the other variances, over a step
-        away = along - x[k] + precision[k] @ x / precision[k, k]
-        log_p[:-1] -= 0.5 * precision[k, k] * away**2 - 0.5 * np.log(
-            precision[k, k] / (2.0 * np.pi)
-        )
-        log_p[:-1] += np.log(HIDDEN_STEPS[1] - HIDDEN_STEPS[0])
-        mean[k] = np.sqrt(np.exp(log_p - logsumexp(log_p)) @ sizes**2)
+        away = along - x[k] + precision @ x / precision[k]
+        density = -0.5 * precision[k] * away**2 + 0.5 * np.log(precision[k] / (2.0 * np.pi))
+        log_prior = np.append(density + np.log(HIDDEN_STEPS[1] - HIDDEN_STEPS[0]), 0.0)
+        mean[k] = _weighed(stack, mode, k, tried, log_prior, *known)
     return Bench(mean, before)
+
+
+def _clock(stack: Stack, sd: Array, scale: Array, given: Given) -> Shared:
+    """Whether tails decay over travel or time; the runs are stretched by a rough tail."""
+    looks = []
+    for powers in CLOCKS:
+        stack.stretch(powers)
+        looks.append(fit_shared(whiten(stack, sd), scale, given, Shared.before(powers)))
+    likely = int(np.argmax([look.log_evidence for look in looks]))
+    # a rough tail, of which the change with the powers can be told
+    stack.stretch(CLOCKS[likely], looks[likely])
+    return Shared.before(CLOCKS[likely])
+
+
+def _most_probable(
+    stack: Stack,
+    priors: Priors,
+    x: Array,
+    take_up: float,
+    scale: Array,
+    given: Given,
+    before: Shared,
+) -> Array:
+    """Mode of the variances, in steps about their medians."""
+
+    def cost(x: Array) -> tuple[float, Array]:
+        sd = priors.sd(x, take_up)
+        log_z, *found = log_evidence(stack, sd, scale, given, before)
+        slope = slope_of_evidence(stack, sd, scale, *found)[:-1]
+        away = priors.precision @ x
+        return 0.5 * float(x @ away) - log_z, away - slope * priors.width
+
+    options = {"maxiter": 30, "ftol": 1e-7}
+    bounds = [(-4.0, 6.0)] * x.size
+    found = minimize(cost, x, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+    return np.asarray(found.x)
+
+
+def _weighed(
+    stack: Stack,
+    sd: Array,
+    part: int,
+    tried: Array,
+    log_prior: Array | float,
+    scale: Array,
+    given: Given,
+    before: Shared,
+) -> float:
+    """Root of the mean of one variance over sizes that are tried, beside the others as given."""
+    log_p = np.empty(tried.size)
+    for k, size in enumerate(tried):
+        trial = sd.copy()
+        trial[part] = size
+        log_p[k] = log_evidence(stack, trial, scale, given, before)[0]
+    log_p += log_prior
+    return float(np.sqrt(np.exp(log_p - np.logaddexp.reduce(log_p)) @ tried**2))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -496,7 +569,7 @@ def _levels(stack: Stack, bench: Bench) -> list[RunLevel]:
     Pe = np.einsum("rij,rj->ri", w.P, residual)
     wander = np.einsum("rij,rj->ri", stack.parts[WALK_PART], Pe)
     wander *= (bench.sd[WALK_PART] ** 2 * stack.sensitivity)[:, None]
-    own = shared.deviations * bench.sd[-2:]
+    own = shared.deviations * bench.sd[OWN_PARTS]
     H = stack.shared[:, :, :RANK] @ own
     known = H.transpose(0, 2, 1) @ (w.P @ H)
     lean = w.shift[:, :RANK] @ own

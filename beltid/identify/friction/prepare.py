@@ -236,13 +236,12 @@ GROWTH = 0.1
 """Length of a block over the length of the record before it."""
 FINEST = 256
 """Blocks as short as a sample in a record of so many samples; longer ones of a longer record."""
-TAKE_UP = np.concatenate([np.geomspace(0.06, 0.35, 5), np.geomspace(0.5, 1.2, 3)])
+TAKE_UP = np.geomspace(0.06, 0.35, 5)
 """Lengths over which the rest of the build-up decays, over its travel: so dense that a recording
-without noise shows no other decay between two of them. The last three are those of friction that
-grows strongly with the speed: while its tensions still part, the belt slides more slowly."""
-TAKE_UP_SIZE = np.repeat([1.0, 0.05], [5, 3])
-"""Their amplitudes where the sliding begins, relative to each other: a slow one is small, or it
-could be the tail of the peak."""
+without noise shows no other decay between two of them."""
+SLOW_TAKE_UP = np.geomspace(0.5, 1.2, 3)
+"""The same where friction grows strongly with the speed: while its tensions still part, the belt
+slides more slowly. They could be the tail of the peak: the bench says how large they are."""
 LINES = 3
 """Most ripples of a run."""
 OUTLIER = 6.0
@@ -269,6 +268,8 @@ class SlidingRecord:
         Cosine and sine of the ripples found.
     take_up : ndarray, shape (m, TAKE_UP.size)
         Decays of what may be left of the build-up where the sliding begins.
+    slow_take_up : ndarray, shape (m, SLOW_TAKE_UP.size)
+        The same, slow ones.
     turn : ndarray, shape (m, 2)
         Cosine and sine of the angle of the pulley.
     temperature : ndarray
@@ -304,6 +305,7 @@ class SlidingRecord:
     basis: Array
     waves: Array
     take_up: Array
+    slow_take_up: Array
     turn: Array
     temperature: Array
     rest: Rest
@@ -387,7 +389,7 @@ def sliding_record(
         ripple_N = float(np.hypot(*of_tight[:2]))
     recorded = [difference_sigma(tensions[:, k]) for k in (0, 1)]
     rounding = converter_rounding(noise_before_rounding(recorded, steps), steps)
-    lengths = np.maximum(TAKE_UP * built_m, 1e-9)
+    since = (travel - travel[0])[:, None] / max(built_m, 1e-9)
     starts = block_starts(n)
     count = np.diff(np.append(starts, n)).astype(float)
 
@@ -404,7 +406,8 @@ def sliding_record(
         log_mean=means(log_mean),
         basis=means(tail_basis(travel)),
         waves=means(wave),
-        take_up=means(TAKE_UP_SIZE * np.exp(-(travel - travel[0])[:, None] / lengths)),
+        take_up=means(np.exp(-since / TAKE_UP)),
+        slow_take_up=means(np.exp(-since / SLOW_TAKE_UP)),
         turn=means(np.column_stack([np.cos(angle), np.sin(angle)])),
         temperature=means(temperature),
         rest=rest,

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.sparse import csr_array
-from scipy.special import log_ndtr, logsumexp, ndtri
+from scipy.special import log_ndtr, ndtri
 
 from beltid.identify.friction.rest import Rest
 
@@ -170,12 +170,14 @@ def _normal_points() -> Array:
     return np.asarray(ndtri(even))
 
 
-def spectra_of(M: Array, b: Array, range_m: tuple[float, float]) -> Spectra:
+def spectra_of(
+    M: Array, b: Array, range_m: tuple[float, float], start: Spectra | None = None
+) -> Spectra:
     """Tails that stand for the posterior given squares (RANK, RANK) and products (RANK,).
 
     The posterior of quiet records is a narrow ridge. Importance sampling by a Gaussian closes in
     on it: what the points of one look do not resolve is made flatter till they do, and gives the
-    Gaussian of the next look.
+    Gaussian of the next look. The first look is at a grid, or at the tails of a like posterior.
     """
     low = np.array([np.log(max(range_m[0], 2e-4)), 0.0, 0.0])
     high = np.array([np.log(min(max(range_m[1], 2e-3), 0.6)), 2.5, 2.0])
@@ -187,10 +189,12 @@ def spectra_of(M: Array, b: Array, range_m: tuple[float, float]) -> Spectra:
         inside = np.all(points <= high[:, None], axis=0) & (c >= low[0])
         return Spectra(points, tail_coefficients(c, s, f), np.where(inside, log_prior, -np.inf))
 
-    axes = [np.linspace(a, b, n) for a, b, n in zip(low, high, GRID, strict=True)]
-    grid = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")])
     step = np.log((high - low) / (np.array(GRID) - 1.0))
-    spectra = weighed(grid, -float(np.sum(step)))
+    if start is None:
+        axes = [np.linspace(a, b, n) for a, b, n in zip(low, high, GRID, strict=True)]
+        grid = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")])
+        start = weighed(grid, -float(np.sum(step)))
+    spectra = start
     normal = _normal_points()
     enough = RESOLVED * len(normal)
     for _ in range(LOOKS):
@@ -200,7 +204,7 @@ def spectra_of(M: Array, b: Array, range_m: tuple[float, float]) -> Spectra:
         while np.sum(weight) ** 2 < enough * np.sum(weight**2):
             flat *= 0.8
             weight = np.exp(flat * away)
-        if flat == 1.0 and spectra.points.shape[1] == len(normal):
+        if flat == 1.0 and spectra is not start:
             break
         mean = np.average(spectra.points, axis=1, weights=weight)
         C = np.cov(spectra.points, aweights=weight)
@@ -213,7 +217,7 @@ def spectra_of(M: Array, b: Array, range_m: tuple[float, float]) -> Spectra:
             for sign in np.array([[1, 1, 1], [1, -1, 1], [1, 1, -1], [1, -1, -1]])[:, :, None]
         ]
         log_det = float(np.sum(np.log(np.diag(root)))) + 1.5 * np.log(2.0 * np.pi)
-        spectra = weighed(points, logsumexp(log_q, axis=0) - log_det + np.log(len(normal)))
+        spectra = weighed(points, np.logaddexp.reduce(log_q) - log_det + np.log(len(normal)))
     return spectra
 
 
@@ -229,7 +233,7 @@ def summed(M: Array, b: Array, spectra: Spectra) -> tuple[Array, Array, float, f
     """
     C = spectra.tails
     log_p, best, root = spectra.posterior(M, b)
-    total = float(logsumexp(log_p))
+    total = float(np.logaddexp.reduce(log_p))
     weight = np.exp(log_p - total)
     u = best * root
     # moments of a height >= 0
@@ -380,54 +384,50 @@ def posterior(M: Array, b: Array, given: Given, before: Shared, every_drift: boo
     cells = slice(RANK, RANK + 2)
     M[cells, cells] += given.squares
     b[cells] += given.products
+    height = max(before.height, 1e-3)
+    deviation = height**2 * _deviations(given.range_m)
+    unit = np.array([given.unit_N, given.unit_N, 1.0])
+    drifts = DRIFTS_OF * np.outer(unit, unit)
     # the columns hold the change of the powers from what the tails were stretched by
     expected = np.zeros(SHARED)
     expected[POWERS] = -before.powers
-    height = max(before.height, 1e-3)
-    D = np.zeros_like(M)
-    D[POWERS, POWERS] = TREND**2 * np.eye(SETTINGS)
-    shortest, longest = given.range_m
-    low, high = np.log(max(shortest, 2e-4)), np.log(max(longest / 4.5, 1e-3))
-    lengths = np.linspace(low, max(high, low + 1.0), 8)
-    others = height * tail_coefficients(lengths, np.zeros(8), np.zeros(8))
-    deviation = np.zeros_like(M)
-    deviation[:RANK, :RANK] = others.T @ others
-    unit = np.array([given.unit_N, given.unit_N, 1.0])
-    drifts = DRIFTS_OF * np.outer(unit, unit)
-    # one Gaussian with the moments of all drifts, to find where the tails are
-    moments = np.tensordot(before.weights.sum(axis=0), drifts, axes=1)
 
-    def spectra_given(slow: Array, D: Array) -> Spectra:
+    def covariance(of_tail: Array, drift: Array) -> Array:
+        D = np.zeros_like(M)
+        D[:RANK, :RANK] = of_tail
+        D[DRIFTS, DRIFTS] = drift
+        D[POWERS, POWERS] = TREND**2 * np.eye(SETTINGS)
+        return D
+
+    def spectra_given(mean: Array, D: Array, start: Spectra | None = None) -> Spectra:
         left = _free(M, D)[0]
-        return spectra_of((left @ M)[:RANK, :RANK], (left @ (b - M @ slow))[:RANK], given.range_m)
+        products = (left @ (b - M @ mean))[:RANK]
+        return spectra_of((left @ M)[:RANK, :RANK], products, given.range_m, start)
 
-    none = np.zeros(RANK)
+    # one Gaussian with the moments of all drifts and deviations finds where the tails are
+    moments = np.tensordot(before.weights.sum(axis=0), drifts, axes=1)
     size = before.weights.sum(axis=1) @ UNLIKE**2
-    every = D + size * deviation + _blocks(none, moments)
+    every = covariance(size * deviation, moments)
     spectra = before.spectra
     if every_drift or spectra is None:
         spectra = spectra_given(expected, every)
     if not every_drift:
-        found = [_given(M, b, expected, every, spectra)]
-        prior = np.ones(1)
+        found, prior = [_given(M, b, expected, every, spectra)], np.ones(1)
     else:
-        probability, part, scatter = SLOW_PART
-        reach = np.log(np.clip(longest / 3.0 * np.array([1.0, 4.0]), 2e-4, 1.0))
-        tails = height * tail_coefficients(reach, np.zeros(2), np.zeros(2))
         found = []
-        for tail in (none, *tails):
-            slow = expected.copy()
-            slow[:RANK] = part * tail
+        for slow, scatter in _slow_parts(given.range_m[1], height):
+            mean = expected.copy()
+            mean[:RANK] = slow
             for size in UNLIKE**2:
-                own = D + size * deviation
+                of_tail = size * deviation + np.outer(scatter, scatter)
                 # beside a slow part the rest of the tail is another one
-                points = spectra_given(slow, own + _blocks(scatter * tail, moments))
+                points = spectra_given(mean, covariance(of_tail, moments), spectra)
                 for drift in drifts:
-                    found.append(_given(M, b, slow, own + _blocks(scatter * tail, drift), points))
-        of_tail = np.array([1.0 - probability, probability / 2.0, probability / 2.0])
-        prior = np.outer(of_tail, np.outer(UNLIKE_BEFORE, BEFORE)).ravel()
+                    found.append(_given(M, b, mean, covariance(of_tail, drift), points))
+        of_slow = np.array([1.0 - SLOW_PART[0], SLOW_PART[0] / 2.0, SLOW_PART[0] / 2.0])
+        prior = np.outer(of_slow, np.outer(UNLIKE_BEFORE, BEFORE)).ravel()
     log_p = np.log(prior) + np.array([log_evidence for _, _, log_evidence, _ in found])
-    log_evidence = float(logsumexp(log_p))
+    log_evidence = float(np.logaddexp.reduce(log_p))
     p = np.exp(log_p - log_evidence)
     means = np.array([mean for mean, *_ in found])
     mean = p @ means
@@ -445,12 +445,21 @@ def posterior(M: Array, b: Array, given: Given, before: Shared, every_drift: boo
     )
 
 
-def _blocks(extra: Array, drift: Array) -> Array:
-    """Covariance of an extra tail, and of a drift."""
-    D = np.zeros((SHARED, SHARED))
-    D[:RANK, :RANK] = np.outer(extra, extra)
-    D[DRIFTS, DRIFTS] = drift
-    return D
+@lru_cache(maxsize=4)
+def _deviations(range_m: tuple[float, float]) -> Array:
+    """Covariance of a tail of height 1 that is off its family by as much (RANK, RANK)."""
+    low, high = np.log(max(range_m[0], 2e-4)), np.log(max(range_m[1] / 4.5, 1e-3))
+    lengths = np.linspace(low, max(high, low + 1.0), 8)
+    others = tail_coefficients(lengths, np.zeros(8), np.zeros(8))
+    return np.asarray(others.T @ others)
+
+
+def _slow_parts(longest: float, height: float) -> list[tuple[Array, Array]]:
+    """None, and parts of the tail beyond the record: mean and standard deviation (RANK,) each."""
+    _, part, scatter = SLOW_PART
+    reach = np.log(np.clip(longest / 3.0 * np.array([1.0, 4.0]), 2e-4, 1.0))
+    tails = height * tail_coefficients(reach, np.zeros(2), np.zeros(2))
+    return [(part * tail, scatter * tail) for tail in (np.zeros(RANK), *tails)]
 
 
 def _free(M: Array, D: Array) -> tuple[Array, Array, float]:
