@@ -85,7 +85,6 @@ def test_wrong_law_is_seen_by_misfit_criterion_and_chi_square():
     assert log.rms_misfit > 3.0 * right.rms_misfit
     assert any("misses the points by more than their errors" in n for n in log.notes)
     assert not any("chi²" in n for n in right.notes)
-    assert 0.5 < right.chi_square / right.degrees_of_freedom < 1.6
     assert "A constant coefficient misses by" in found.verdict
 
 
@@ -129,8 +128,7 @@ def test_the_fit_is_generalised_least_squares_with_the_covariance_of_the_points(
     assert [p.value for p in fit.parameters] == pytest.approx(best.tolist(), rel=1e-5)
     r = 1.0 - model((f, v), *best) / mu
     if fit.law_error > 0.0:
-        assert r @ np.linalg.solve(C, r) == pytest.approx(fit.degrees_of_freedom, rel=1e-5)
-    assert fit.chi_square == pytest.approx(r @ np.linalg.solve(S @ S.T, r), rel=1e-5)
+        assert r @ np.linalg.solve(C, r) == pytest.approx(f.size - 4, rel=1e-5)
     # ours are widened by the correlation that is left, all by the same factor, never made smaller
     ratio = [p.se**2 for p in fit.parameters] / np.diag(covariance)
     assert ratio == pytest.approx(ratio[0], rel=1e-3)
@@ -189,7 +187,6 @@ def test_a_constant_has_the_error_of_a_weighted_mean():
     m = np.sum(1 / mu) / np.sum(1 / mu**2)
     s = math.sqrt(np.sum((1 - m / mu) ** 2) / 3)
     assert free.law_error == pytest.approx(s, rel=1e-9)
-    assert math.isnan(free.chi_square)
     assert free.parameters[0].se == pytest.approx(s / math.sqrt(np.sum(1 / mu**2)), rel=1e-6)
 
 
@@ -204,7 +201,6 @@ def test_as_many_parameters_as_points_have_errors_that_are_believed_or_unknown()
     assert known.parameters[1].se == pytest.approx(math.hypot(0.01, 0.02) / math.log(4), rel=1e-6)
     unknown = fit_friction_laws(f, v, mu).fit("power")
     assert {p.status for p in unknown.parameters} == {NOT_DETERMINED}
-    assert np.isnan(unknown.covariance).all()
 
 
 def test_a_value_within_two_errors_of_zero_is_not_told_from_it():
@@ -247,7 +243,7 @@ def test_points_are_ordered_and_checked():
     f, v = [3e3, 1e3, 2e3, 5e3], [0.102, 0.2, 0.1, 0.1029]
     found = fit_friction_laws(f, v, [0.9, 1.1, 1.0, 0.8])
     assert [note.split(":")[0] for note in found.notes] == ["no standard errors of mu"]
-    assert dict(found.refused)["power_log"].startswith("2 sliding speeds, 3 are needed")
+    assert [fit.law for fit in found.fits] == ["coulomb", "power"]  # two settings of the speed
     for points, words in (
         (([1e3, 2e3], [0.1, 0.1], [1.0, 0.9], [[0.1]]), "1 rows of their covariance"),
         (([1e3], [0.1], [1.0]), "1 coefficients .* at least 2"),
@@ -257,10 +253,10 @@ def test_points_are_ordered_and_checked():
         with pytest.raises(InputError, match=words):
             fit_friction_laws(*points)
     other = fit_friction_laws(f, [0.1, 0.2, 0.1, 0.1062], [0.9, 1.1, 1.0, 0.8])
-    assert not any("sliding speeds" in why for law, why in other.refused if law == "power_log")
-    for force, refused in ((1049.0, True), (1051.0, False)):
-        laws = fit_friction_laws([1e3, force, 1e3], [0.1] * 3, [1.0, 0.9, 1.0])
-        assert ("all points at one force" in dict(laws.refused).get("power", "")) == refused
+    assert "power_log" in [fit.law for fit in other.fits]  # three of them
+    for force, laws in ((1049.0, ["coulomb"]), (1051.0, ["coulomb", "power"])):
+        at_forces = fit_friction_laws([1e3, force, 1e3], [0.1] * 3, [1.0, 0.9, 1.0])
+        assert [fit.law for fit in at_forces.fits] == laws
 
 
 def test_verdict_names_the_best_law_its_equals_and_the_constant():

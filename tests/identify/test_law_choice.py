@@ -102,7 +102,7 @@ def test_contact_point_is_free_in_every_law():
 
 def test_single_test_is_judged_by_blocks_of_force():
     choice = choose_normal_law(curves_of(POWER.record(8)), tests=["S40-0"])
-    assert "blocks of force" in choice.validation
+    assert 0.0 < choice.candidate("power").cv_ratio < 1.0
     assert "power" in choice.verdict
     with pytest.raises(InputError, match="no curve of the tests nobody"):
         choose_normal_law(curves_of(POWER.record(8)), tests=["nobody"])
@@ -161,25 +161,19 @@ def test_loss_of_branches_in_proportion_to_the_law():
     """Branches f (1 ± 0.12): the loop over the work of loading is 0.24 / 1.12."""
     bench = quiet(hysteresis="relative", tests_per_temperature=2)
     found = estimate_dissipation(curves_of(bench.record(1)))
-    assert found.n_cycles == 2
     assert found.loss_ratio == pytest.approx(0.24 / 1.12, rel=2e-3)
     top = bench.top
     law = bench.k_linear * top**2 / 2 + bench.k_quadratic * top**3 / 3
     assert found.energy_J_m == pytest.approx(0.24 * law, rel=2e-3)
     assert found.approach_speed_m_s == pytest.approx(1.7e-6, rel=0.01)
-    # a damper at the speed of the press over the depth of the contact
-    assert found.damping_N_s_m2 == pytest.approx(0.24 * law / (1.7e-6 * top), rel=0.02)
-    assert found.C_P_N_s_m == pytest.approx(1e-3 * found.damping_N_s_m2, rel=1e-12)
-    equal = found.approach_speed_m_s * found.C_P_N_s_m / 300.0
-    assert found.equal_speed_m_s == pytest.approx(equal, rel=1e-12)
+    # a damper at the speed of the press over the depth of the contact, of a millimetre of belt
+    assert found.C_P_N_s_m == pytest.approx(1e-3 * 0.24 * law / (1.7e-6 * top), rel=0.02)
+    equal = 1e3 * found.approach_speed_m_s * found.C_P_N_s_m / 300.0
+    assert f"300 N s/m loses as much at {equal:.3g} mm/s" in found.statement
     assert math.isnan(found.rate_exponent)
     assert "no single C_P" in found.statement
     pooled = fit_stiffness(bench.record(1), SETTINGS).pooled
     assert pooled.hysteresis_ratio == pytest.approx(0.24 / 1.12, rel=2e-3)
-    one = estimate_dissipation(curves_of(quiet().record(1)))
-    assert math.isnan(one.energy_se_J_m)
-    assert math.isnan(one.C_P_se_N_s_m)
-    assert one.C_P_N_s_m == pytest.approx(1e-3 * one.damping_N_s_m2, rel=1e-12)
 
 
 def test_a_clock_that_stands_is_refused():

@@ -6,6 +6,8 @@ import math
 
 import numpy as np
 import pytest
+from scipy.stats import norm
+from scipy.stats import t as student
 
 from beltid.identify.surface.average import average, common_range
 from beltid.identify.surface.curves import Curve, CurveSet
@@ -24,6 +26,8 @@ def curve_set(*curves):
     return CurveSet(arcs, speeds, curves)
 
 
+# Student's t with one, two and four degrees of freedom; as probable as one standard deviation
+T_1, T_2, T_4 = (student.ppf(norm.cdf(1.0), n) for n in (1, 2, 4))
 LONG, SHORT = (1000.0, 2000.0, 4000.0), (1000.0, 2000.0)
 
 
@@ -44,7 +48,7 @@ def test_nodes_that_all_arcs_cover():
     assert grid.mu_spread == pytest.approx(apart / math.sqrt(2.0), rel=1e-9)
     runs = 0.01**2 + 0.02**2
     excess = (apart**2 / 2 - runs / 2) / grid.mu**2
-    tau2 = excess.mean(axis=1)[:, None]  # over both speeds at the same force
+    tau2 = T_1**2 * excess.mean(axis=1)[:, None]  # over both speeds at the same force
     assert grid.mu_se == pytest.approx(np.sqrt(runs / 4 + tau2 * grid.mu**2 / 2), rel=1e-9)
     unknown, _ = average(curves, 3, False)
     assert unknown.mu_se == pytest.approx(grid.mu_se, rel=1e-9)
@@ -64,7 +68,7 @@ def test_an_arc_that_ends_is_carried_on_in_parallel():
     assert grid.mu_spread[2, 0] == pytest.approx(0.08 / math.sqrt(2.0))
     # the last force has half as much freedom as the others, and tells its spread itself
     runs = 2 * 0.01**2
-    excess = (0.08**2 / 2 - runs / 2) / grid.mu[2, 0] ** 2
+    excess = T_2**2 * (0.08**2 / 2 - runs / 2) / grid.mu[2, 0] ** 2
     expected = math.sqrt(runs / 4 + excess * grid.mu[2, 0] ** 2 / 2)
     assert grid.mu_se[2, 0] == pytest.approx(expected, rel=1e-9)
 
@@ -78,7 +82,7 @@ def test_a_force_where_most_arcs_have_ended_takes_the_spread_of_its_neighbour():
     assert grid.n_arcs[:, 0].tolist() == [5, 5, 2]
     runs = 5 * 0.01**2
     spread = np.std([0.94, 0.95, 0.96, 0.9, 1.1], ddof=1)
-    tau2 = (spread**2 - runs / 5) / grid.mu[1, 0] ** 2
+    tau2 = T_4**2 * (spread**2 - runs / 5) / grid.mu[1, 0] ** 2
     expected = math.sqrt(2 * 0.01**2 / 4 + tau2 * grid.mu[2, 0] ** 2 / 2)
     assert grid.mu_se[2, 0] == pytest.approx(expected, rel=1e-9)
 

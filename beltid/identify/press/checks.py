@@ -33,7 +33,7 @@ from scipy.special import stdtrit
 
 from beltid.errors import FitError, NumericsError
 from beltid.identify.press.curves import PressCurve
-from beltid.identify.press.dissipation import RATE_SPAN, approach
+from beltid.identify.press.dissipation import RATE_SPAN, approach, loss_ratio
 from beltid.identify.press.fit import (
     ROUNDING,
     ZERO_SHARE,
@@ -337,10 +337,9 @@ def _speeds(case: Case) -> list[Finding]:
         text = "loss by rate: the force changes by {:.2g} % with a tenfold speed of the press"
         decade = abs(_per_speed(case, np.log(speeds))) * math.log(10.0)
         return [_of_scale(case, "speeds", decade, text)]
-    unloaded = [c for c in case.curves if c.unloads]
-    if not unloaded:
+    loss = loss_ratio(case.curves)
+    if math.isnan(loss):
         return []
-    loss = sum(c.dissipated_J_m for c in unloaded) / sum(c.stored_J_m for c in unloaded)
     # a loss h = (pi/2) tan(angle) goes with a stiffness that changes by (2/pi) tan(angle) ln 10
     # per decade (local Kramers-Kronig relation); half of it may be by rate
     share = 0.5 * math.log(10.0) * (2.0 / math.pi) ** 2 * max(loss, 0.0)

@@ -35,18 +35,12 @@ class Dissipation:
     """Energy that the belt loses in a press cycle, and the damper that would lose as much."""
 
     energy_J_m: float  # lost in a cycle per metre of belt, mean over the cycles
-    energy_se_J_m: float  # from their scatter, nan for a single one
     loss_ratio: float  # that energy over the work of loading
     approach_speed_m_s: float  # in contact, mean over the cycles
-    damping_N_s_m2: float  # c_P per metre of belt at this speed
-    point_length_m: float  # of belt, that a contact point stands for
     C_P_N_s_m: float  # equivalent coefficient of one contact point at this speed
-    C_P_se_N_s_m: float
-    equal_speed_m_s: float  # at which 300 N s/m loses as much
     rate_exponent: float
     """Exponent of the lost energy over the speed, 0 for a rate-independent loss, 1 for a damper;
     nan if the speeds of the tests do not differ enough."""
-    n_cycles: int
     statement: str  # the outcome in plain words
 
 
@@ -65,32 +59,20 @@ def estimate_dissipation(curves: Sequence[PressCurve]) -> Dissipation:
         )
     speeds, rate_integrals = np.transpose([approach(c) for c in curves])
     energies = np.array([c.dissipated_J_m for c in curves])
-    dampings = energies / rate_integrals
-    n = len(curves)
-    energy_se, damping_se = (
-        float(np.std(v, ddof=1)) / math.sqrt(n) if n > 1 else math.nan for v in (energies, dampings)
-    )
     energy, speed = float(np.mean(energies)), float(np.mean(speeds))
-    C_P = float(np.mean(dampings)) * POINT_LENGTH_M
-    loss = float(energies.sum() / sum(c.stored_J_m for c in curves))
-    equal = speed * C_P / PAPER_C_P_N_S_M
+    C_P = float(np.mean(energies / rate_integrals)) * POINT_LENGTH_M
+    loss = loss_ratio(curves)
     exponent = math.nan
     if speeds.max() >= RATE_SPAN * speeds.min() and energies.min() > 0.0:
         exponent = float(np.polyfit(np.log(speeds), np.log(energies), 1)[0])
-    return Dissipation(
-        energy_J_m=energy,
-        energy_se_J_m=energy_se,
-        loss_ratio=loss,
-        approach_speed_m_s=speed,
-        damping_N_s_m2=float(np.mean(dampings)),
-        point_length_m=POINT_LENGTH_M,
-        C_P_N_s_m=C_P,
-        C_P_se_N_s_m=damping_se * POINT_LENGTH_M,
-        equal_speed_m_s=equal,
-        rate_exponent=exponent,
-        n_cycles=n,
-        statement=_statement(energy, loss, speed, C_P, equal, exponent),
-    )
+    statement = _statement(energy, loss, speed, C_P, exponent)
+    return Dissipation(energy, loss, speed, C_P, exponent, statement)
+
+
+def loss_ratio(curves: Sequence[PressCurve]) -> float:
+    """Work lost in the loops over that of the loadings, nan if no curve unloads."""
+    work = np.array([(c.dissipated_J_m, c.stored_J_m) for c in curves if c.unloads])
+    return float(np.divide(*work.sum(axis=0))) if work.size else math.nan
 
 
 def approach(curve: PressCurve) -> tuple[float, float]:
@@ -107,9 +89,7 @@ def approach(curve: PressCurve) -> tuple[float, float]:
     return float(BINS * width / durations.sum()), float(np.sum(width**2 / durations))
 
 
-def _statement(
-    energy: float, loss: float, speed: float, C_P: float, equal: float, exponent: float
-) -> str:
+def _statement(energy: float, loss: float, speed: float, C_P: float, exponent: float) -> str:
     if not energy > 0.0:
         return f"The loop loses no energy ({energy:.2g} J/m): no dissipation can be read from it."
     rate = "Rubber's hysteresis hardly depends on the rate, so no single C_P describes it"
@@ -125,5 +105,5 @@ def _statement(
         f"At the press's {speed * 1e6:.3g} µm/s a damper on approach (Eqs. 1, 2, 4) loses as much "
         f"with C_P = {C_P:.3g} N s/m per contact point of {POINT_LENGTH_M * 1e3:.3g} mm of belt, "
         f"{times} times the 300 N s/m that the paper chose for numerical reasons. {rate}; "
-        f"300 N s/m loses as much at {equal * 1e3:.3g} mm/s."
+        f"300 N s/m loses as much at {speed * ratio * 1e3:.3g} mm/s."
     )

@@ -82,7 +82,6 @@ class LawChoice:
     """Whether no other law is provably and noticeably better, and a linear one does not do."""
     verdict: str
     n_effective: float  # independent nodes
-    validation: str  # what was left out and predicted
 
     def candidate(self, law: LawName) -> LawCandidate:
         """The figures of one law."""
@@ -122,7 +121,7 @@ def choose_normal_law(
         raise FitError(f"choice of law: the quadratic law was not fitted: {failed['quadratic']}")
     least = min(fits.values(), key=lambda f: f.sum_of_squares)
     m, nan = data.x.size / correlation_time(least.residuals, data), math.nan
-    errors, validation = _cross_validation(data, fits)
+    errors = _cross_validation(data, fits)
     criteria = {name: _aicc(f.sum_of_squares, data, f.n_unknowns, m) for name, f in fits.items()}
     floor = ROUNDING * float(np.max(data.f))
     reference = max(errors.get("quadratic", nan), floor)
@@ -148,7 +147,7 @@ def choose_normal_law(
         )
     exponent = laws[LAW_NAMES.index("power")].values.get("n")
     supported, verdict = verdict_of(laws, exponent, m)
-    return LawChoice(tuple(laws), supported, verdict, m, validation)
+    return LawChoice(tuple(laws), supported, verdict, m)
 
 
 def _aicc(sum_of_squares: float, data: Nodes, unknowns: int, m: float) -> float:
@@ -179,20 +178,16 @@ def _parameters(law: FittedLaw) -> tuple[LawParameter, ...]:
     return tuple(LawParameter(*row) for row in rows)
 
 
-def _cross_validation(
-    data: Nodes, fits: Mapping[LawName, FittedLaw]
-) -> tuple[dict[LawName, float], str]:
-    """Root mean square error of prediction of each law [units of F]; what was left out."""
+def _cross_validation(data: Nodes, fits: Mapping[LawName, FittedLaw]) -> dict[LawName, float]:
+    """Root mean square error of prediction of each law [units of F]."""
     several = data.n_tests > 1
     if several:
         n_folds = min(data.n_tests, MOST_FOLDS)
         fold = data.owner % n_folds
-        left_out = f"{n_folds} folds, each test left out and predicted with its contact point free"
     else:
         n_folds = BLOCKS
         share = np.argsort(np.argsort(data.x, kind="stable"), kind="stable") / data.x.size
         fold = np.minimum((share * n_folds).astype(np.intp), n_folds - 1)
-        left_out = f"a single test: {n_folds} blocks of force left out in turn and predicted"
     errors: dict[LawName, float] = {}
     for name in fits:
         total = 0.0
@@ -207,7 +202,7 @@ def _cross_validation(
         except NumericsError:
             continue
         errors[name] = math.sqrt(total / data.x.size)
-    return errors, left_out
+    return errors
 
 
 def verdict_of(

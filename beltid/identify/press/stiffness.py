@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from beltid.errors import FitError, InputError, NumericsError
 from beltid.identify.press.checks import CHECKS, Case, Finding
 from beltid.identify.press.curves import PressCurve, read_recording
+from beltid.identify.press.dissipation import loss_ratio
 from beltid.identify.press.fit import fit_quadratic
 from beltid.identify.press.laws import choose_normal_law
 from beltid.identify.press.recording import StiffnessSettings
@@ -230,7 +231,7 @@ def _estimate(
         for c, p in zip(curves, contact, strict=True)
         for b in c.branches
     ]
-    work = np.array([(c.dissipated_J_m, c.stored_J_m) for c in curves if c.unloads])
+    loss = loss_ratio(curves)
     return LawEstimate(
         temperature_degC=temperature_degC,
         k_linear_N_m2=elastic.k_linear_N_m2,
@@ -238,7 +239,7 @@ def _estimate(
         covariance=(*covariance[0].tolist(), *covariance[1].tolist()),
         contact_offset_mm=float(np.mean([c.travel_sign for c in curves] * contact)) * 1e3,
         rms_residual_N_m=float(np.sqrt(np.mean(squares))),
-        hysteresis_ratio=max(float(np.divide(*work.sum(axis=0))), 0.0) if work.size else math.nan,
+        hysteresis_ratio=loss if math.isnan(loss) else max(loss, 0.0),
         max_penetration_m=float(np.max([c.top_position_m for c in curves] - contact)),
         max_force_N_m=max(c.top_force_N_m for c in curves),
         n_samples=sum(c.n_samples for c in curves),

@@ -89,11 +89,8 @@ def mark_gross_slip(points: Sequence[SlipPoint]) -> list[SlipPoint]:
 class RequiredSpeeds:
     """Range of pulley speeds to measure at, and whether the rig's settings cover it."""
 
-    min_slip_speed_m_s: float  # smallest sliding speed told from zero
-    max_slip_speed_m_s: float  # largest in service
-    min_speed_rad_s: float  # pulley speeds of the rig that belong to them
-    max_speed_rad_s: float
-    proposed_rad_s: tuple[float, ...]  # in geometric steps over the range
+    proposed_rad_s: tuple[float, ...]
+    """In geometric steps from the speed of the smallest sliding told from zero to the largest."""
     covered: bool | None  # whether the rig's speeds reach both ends; None if it has none
     statement: str  # the outcome in plain words
 
@@ -145,7 +142,6 @@ def required_pulley_speeds(
         gaps = f"{' and '.join(missing)} not covered" if missing else "covered"
         statement += f"; the rig runs at {', '.join(f'{w:g}' for w in rig)} rad/s: {gaps}"
     return RequiredSpeeds(
-        *(v_min, v_max, low, high),
         proposed_rad_s=tuple(np.geomspace(low, high, n).tolist()) if low < high else (high,),
         covered=not missing if rig else None,
         statement=statement,

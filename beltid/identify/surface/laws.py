@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtr, chdtrc
 
-from beltid.errors import FitError, InputError, NumericsError
+from beltid.errors import InputError, NumericsError
 from beltid.identify.estimators.least_squares import solve_nonlinear, unit_columns
 from beltid.identify.estimators.statistics import integrated_autocorrelation_time, settings_of
 from beltid.laws.friction_formulas import FRICTION_LAWS, Coulomb, FrictionFormula
@@ -66,14 +66,11 @@ class FrictionLawFit:
 
     law: str  # see :data:`beltid.laws.friction_formulas.FRICTION_LAWS`
     parameters: tuple[FrictionParameter, ...]
-    covariance: Array  # of the parameters, (p, p); nan where one is not determined
     reference_force_N_m: float  # f0
     rms_misfit: float  # root mean square of the relative misfits ``law/mu - 1`` [-]
     worst_misfit: float  # the largest of them, with its sign
-    worst_at: dict[str, float]  # its normal_force_N_m and slip_speed_m_s
-    chi_square: float  # ``r' C^-1 r``, nan if the errors of the points are not known
+    worst_force_N_m: float  # where it is
     law_error: float  # sqrt(q), what the law misses the points by beyond their errors [-]
-    degrees_of_freedom: int  # points less parameters
     criterion: float  # AICc less that of the best law [-]; nan with too few points
     notes: tuple[str, ...] = ()  # what the user should know
 
@@ -97,14 +94,10 @@ class FrictionLawFit:
 class FrictionLaws:
     """Parametric laws of a friction surface."""
 
-    fits: tuple[FrictionLawFit, ...]  # from the simplest law to the richest
-    refused: tuple[tuple[str, str], ...]  # laws that were not fitted, with the reason
+    fits: tuple[FrictionLawFit, ...]
+    """Of the laws that the points can tell, from the simplest to the richest."""
     best: str  # law of the lowest criterion
     verdict: str  # the outcome in plain words
-    n_points: int
-    n_effective: float  # independent points
-    valid_force_N_m: tuple[float, float]  # range of the points: the formulas hold within it
-    valid_speed_m_s: tuple[float, float]
     notes: tuple[str, ...] = ()  # what the user should know
 
     def fit(self, law: str) -> FrictionLawFit:
@@ -139,12 +132,14 @@ def fit_friction_laws(
     """
     points = _points(normal_force_N_m, slip_speed_m_s, mu, factor)
     found: list[_Solution] = []
-    refused: list[tuple[str, str]] = []
+    notes = [] if points.errors_known else ["no standard errors of mu: points have equal weight"]
     for law in FRICTION_LAWS.values():
+        if not _can_tell(law, points):
+            continue
         try:
             found.append(_solve(law, points))
         except NumericsError as error:
-            refused.append((law.name, str(error)))
+            notes.append(f"{law.name}: {error}")
     n_effective = points.f.size / min(found, key=lambda s: s.deviance).tau
     # AICc for n_effective independent points; q is one parameter more
     k = np.array([s.p.size + 1.0 for s in found])
@@ -156,14 +151,9 @@ def fit_friction_laws(
     best = min(fits, key=lambda f: math.inf if math.isnan(f.criterion) else f.criterion)
     return FrictionLaws(
         fits=fits,
-        refused=tuple(refused),
         best=best.law,
         verdict=verdict_of(fits),
-        n_points=points.f.size,
-        n_effective=n_effective,
-        valid_force_N_m=(float(points.f.min() * points.f0), float(points.f.max() * points.f0)),
-        valid_speed_m_s=(float(points.v.min()), float(points.v.max())),
-        notes=points.notes,
+        notes=tuple(notes),
     )
 
 
@@ -179,7 +169,11 @@ class _Points:
     U: Array
     variance: Array
     errors_known: bool
-    notes: tuple[str, ...]
+
+    @property
+    def n_speeds(self) -> int:
+        """Number of speed settings."""
+        return int(self.setting.max()) + 1
 
     def whitening(self, q: float) -> Array:
         """Symmetric root of ``(C + q I)^-1``: whitened misfits keep their places."""
@@ -217,9 +211,18 @@ def _points(f: ArrayLike, v: ArrayLike, mu: ArrayLike, factor: ArrayLike | None)
     if errors_known:
         U, singular, _ = np.linalg.svd(S, full_matrices=True)
         variance[: singular.size] = np.square(singular)
-    notes = () if errors_known else ("no standard errors of mu: points have equal weight",)
     f0 = round_reference(force)
-    return _Points(f0, force / f0, speed, coefficient, setting, U, variance, errors_known, notes)
+    return _Points(f0, force / f0, speed, coefficient, setting, U, variance, errors_known)
+
+
+def _can_tell(law: Coulomb, points: _Points) -> bool:
+    """Whether the points are many enough, and differ enough, for the parameters of a law."""
+    one_force = points.f.max() <= (1.0 + FORCE_SPREAD) * points.f.min()
+    return (
+        points.f.size >= len(law.parameters)
+        and points.n_speeds >= law.speeds_needed
+        and not ("a" in law.parameters and one_force)
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -234,16 +237,7 @@ class _Solution:
 
 
 def _solve(law: Coulomb, points: _Points) -> _Solution:
-    """Parameters and q of one law; FitError if the points are too few or too much alike for it."""
-    n_speeds = int(points.setting.max()) + 1
-    if points.f.size < len(law.parameters):
-        raise FitError(f"{points.f.size} points for {len(law.parameters)} parameters")
-    if "a" in law.parameters and not points.f.max() > (1.0 + FORCE_SPREAD) * points.f.min():
-        raise FitError("all points at one force: the exponent a is not determined")
-    if n_speeds < law.speeds_needed:
-        raise FitError(
-            f"{n_speeds} sliding speeds, {law.speeds_needed} are needed for its speed dependence"
-        )
+    """Parameters and q of one law."""
     dof = points.f.size - len(law.parameters)
     W = points.whitening(max(float(np.mean(points.variance)), ROUNDING))
     solved = [_minimum(law, points, W, start) for start in _starts(law, points, W)]
@@ -263,7 +257,7 @@ def _solve(law: Coulomb, points: _Points) -> _Solution:
     tau = 1.0
     # what known errors explain is no correlation of the law's misfits
     if np.max(np.abs(r)) ** 2 > ROUNDING and not (points.errors_known and q == 0.0):
-        parts = [z[points.setting == k] for k in range(n_speeds)]  # along the force
+        parts = [z[points.setting == k] for k in range(points.n_speeds)]  # along the force
         tau = integrated_autocorrelation_time(*parts)
     deviance = float(np.sum(np.log(np.maximum(points.variance + q, ROUNDING))) + z @ z)
     return _Solution(law, p, q, tau, deviance)
@@ -359,7 +353,7 @@ def _as_fit(solution: _Solution, points: _Points, criterion: float) -> FrictionL
     """Parameters with their uncertainty, and the misfit."""
     law, r = solution.law, -points.misfit(solution.law, solution.p)
     dof = r.size - solution.p.size
-    covariance, se, at_bound = _uncertainty(solution, points, dof)
+    se, at_bound = _uncertainty(solution, points, dof)
     judged = {
         name: status(name, x, s, points.mu, points.v)
         for name, x, s in zip(law.units, solution.p, se, strict=True)
@@ -378,7 +372,6 @@ def _as_fit(solution: _Solution, points: _Points, criterion: float) -> FrictionL
     ]
     if at_bound:
         notes.append(f"{law.name}: its speed scale ended at the bound of the search")
-    chi_square = math.nan
     if points.errors_known:
         variance = np.maximum(points.variance, ROUNDING)
         chi_square = float(np.sum((points.U.T @ r) ** 2 / variance))
@@ -387,24 +380,18 @@ def _as_fit(solution: _Solution, points: _Points, criterion: float) -> FrictionL
     return FrictionLawFit(
         law=law.name,
         parameters=parameters,
-        covariance=covariance,
         reference_force_N_m=points.f0,
         rms_misfit=float(np.sqrt(np.mean(r**2))),
         worst_misfit=float(r[worst]),
-        worst_at={
-            "normal_force_N_m": float(points.f[worst] * points.f0),
-            "slip_speed_m_s": float(points.v[worst]),
-        },
-        chi_square=chi_square,
+        worst_force_N_m=float(points.f[worst] * points.f0),
         law_error=math.sqrt(solution.q),
-        degrees_of_freedom=dof,
         criterion=criterion,
         notes=tuple(notes),
     )
 
 
-def _uncertainty(solution: _Solution, points: _Points, dof: int) -> tuple[Array, Array, bool]:
-    """Covariance and standard errors of the parameters; whether a scale ended at its bound.
+def _uncertainty(solution: _Solution, points: _Points, dof: int) -> tuple[Array, bool]:
+    """Standard errors of the parameters; whether a speed scale ended at its bound.
 
     The part of the speed scale in the linear errors is widened to half of what the parameters move
     over all scales that fit within two standard errors: its errors are seldom symmetric.
@@ -425,10 +412,7 @@ def _uncertainty(solution: _Solution, points: _Points, dof: int) -> tuple[Array,
             known = determined[at] and linear[at] > 0.0
             by_scale = covariance[at] / linear[at] if known else 0.0 * linear
             se = np.hypot(se, np.sqrt(np.maximum((0.5 * moved) ** 2 - by_scale**2, 0.0)))
-    wider = np.divide(se, linear, out=np.ones_like(se), where=np.isfinite(se) & (linear > 0.0))
-    covariance = covariance * np.outer(wider, wider)
-    covariance[~np.isfinite(se), :] = covariance[:, ~np.isfinite(se)] = np.nan
-    return covariance, se, at_bound
+    return se, at_bound
 
 
 def _moved_by_scale(solution: _Solution, points: _Points, W: Array) -> tuple[Array, bool]:
@@ -504,12 +488,12 @@ def verdict_of(fits: Sequence[FrictionLawFit]) -> str:
     """Which formula to take, in plain words; none if all of them miss the points by far."""
     closest = min(fits, key=lambda f: f.rms_misfit)
     if all(f.law_error > NO_LAW for f in fits):
-        force = closest.worst_at["normal_force_N_m"]
         return (
             f"None of the fitted formulas holds over the whole range: the closest, {closest.law}, "
             f"misses by {100 * closest.rms_misfit:.2g} % RMS, "
-            f"{100 * abs(closest.worst_misfit):.2g} % at worst (at {force:.3g} N/m); "
-            "take the surface itself, or a part of the range."
+            f"{100 * abs(closest.worst_misfit):.2g} % at worst "
+            f"(at {closest.worst_force_N_m:.3g} N/m); take the surface itself, or a part of "
+            "the range."
         )
     known = [f for f in fits if not math.isnan(f.criterion)]
     if not known:

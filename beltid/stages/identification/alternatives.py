@@ -134,11 +134,13 @@ def forces_of_plateaus(measured: Measured, config: Config) -> Alternatives:
 
 def _record(laws: FrictionLaws) -> dict[str, Any]:
     """The fits as plain values."""
-    record = asdict(laws)
-    record["refused"] = [{"law": law, "why": why} for law, why in laws.refused]
-    fits = zip(record.pop("fits"), laws.fits, strict=True)
-    record["laws"] = [{**values, "formula": fit.formula.text} for values, fit in fits]
-    return record
+    shown = "law", "rms_misfit", "worst_misfit", "criterion"
+    rows = [
+        {name: getattr(fit, name) for name in shown}
+        | {"parameters": [asdict(p) for p in fit.parameters], "formula": fit.formula.text}
+        for fit in laws.fits
+    ]
+    return {"laws": rows, "best": laws.best, "verdict": laws.verdict}
 
 
 def friction_law_rows(extra: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -26,6 +26,16 @@ from beltid.tables.values import outside
 
 KIND: Final = "slip"
 FIGURES: Final = ("rig_speeds", "max_slip_speed_m_s", "max_slip_run")
+SHOWN: Final = (
+    "run",
+    "driver_speed_rad_s",
+    "initial_tension_N",
+    "torque_N_m",
+    "speed_loss_rad_s",
+    "slip_speed_m_s",
+    "slip_speed_se_m_s",
+    "status",
+)
 KEYS: Final = (
     "slip",
     "rig.pulley_radius_m",
@@ -148,28 +158,8 @@ def summarise(built: Built) -> Summary:
             "rig_speeds_proposed_rad_s": rig and rig.get("proposed_rad_s"),
             "rig_speeds_covered": rig and rig.get("covered"),
         },
-        table=rows_of(
-            columns,
-            "run",
-            "driver_speed_rad_s",
-            "initial_tension_N",
-            "torque_N_m",
-            "speed_loss_rad_s",
-            "slip_speed_m_s",
-            "slip_speed_se_m_s",
-            "n_samples",
-            "status",
-        ),
-        shown=(
-            "run",
-            "driver_speed_rad_s",
-            "initial_tension_N",
-            "torque_N_m",
-            "speed_loss_rad_s",
-            "slip_speed_m_s",
-            "slip_speed_se_m_s",
-            "status",
-        ),
+        table=rows_of(columns, *SHOWN, "n_samples"),
+        shown=SHOWN,
         overview=_series(columns),
         notes=built.notes,
         warnings=built.warnings,

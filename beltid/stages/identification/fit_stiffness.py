@@ -27,6 +27,15 @@ KIND: Final = "stiffness"
 FIGURES: Final = ("temperature", "budget")
 KEYS: Final = ("press", "columns.press", "units.press", "runs.press", "dialect", SECTION)
 POOLED: Final = "pooled"
+COEFFICIENTS: Final = (
+    "k_linear_N_m2",
+    "k_linear_se_N_m2",
+    "k_linear_u_N_m2",
+    "k_quadratic_N_m3",
+    "k_quadratic_se_N_m3",
+    "k_quadratic_u_N_m3",
+)
+"""Of the law, each with its standard error and its combined uncertainty."""
 
 
 def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
@@ -137,12 +146,7 @@ def summarise(built: Built) -> Summary:
     rows = rows_of(
         artifact.columns,
         "temperature_degC",
-        "k_linear_N_m2",
-        "k_linear_se_N_m2",
-        "k_linear_u_N_m2",
-        "k_quadratic_N_m3",
-        "k_quadratic_se_N_m3",
-        "k_quadratic_u_N_m3",
+        *COEFFICIENTS,
         "contact_offset_mm",
         "rms_residual_N_m",
         "hysteresis_ratio",
@@ -167,17 +171,7 @@ def summarise(built: Built) -> Summary:
         title="normal contact law, force = k_linear * penetration + k_quadratic * penetration²",
         out=artifact.path,
         facts={
-            **{
-                name: pooled[name]
-                for name in (
-                    "k_linear_N_m2",
-                    "k_linear_se_N_m2",
-                    "k_linear_u_N_m2",
-                    "k_quadratic_N_m3",
-                    "k_quadratic_se_N_m3",
-                    "k_quadratic_u_N_m3",
-                )
-            },
+            **{name: pooled[name] for name in COEFFICIENTS},
             "temperature_matters": metadata.temperature.get("matters"),
             "quadratic_law_supported": choice and choice.get("quadratic_supported"),
             "damping_at_press_speed_N_s_m": loss and loss.get("C_P_N_s_m"),
