@@ -41,14 +41,12 @@ from beltid.refine.rig_runs import (
 )
 from beltid.rigsim.model import Bench
 from beltid.uncertainty.campaign import Campaign
-from beltid.uncertainty.measured import Measured
+from beltid.uncertainty.measured import Measured, numbered_arcs
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import MESH, changes_of_residuals, simulated_slopes
 from beltid.uncertainty.sources import Source
 
 Array = NDArray[np.float64]
-
-SAME_ARC = 1.0e-3  # relative; nominal settings differ by rounding only
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,9 +210,8 @@ def simulate_candidates(
     points = settings.points()
     wanted = np.array([omega * bench.rig.R for omega in settings.omegas])
     speeds = speeds_for(wanted, measured)
-    known = list(known_arcs_deg)
-    arcs = [_number(math.degrees(point.beta), known) for point in points]
-    runs = [MeasuredRun(point, 1.0, 0.0, k) for point, k in zip(points, arcs, strict=True)]
+    arcs, _ = numbered_arcs([math.degrees(point.beta) for point in points], known_arcs_deg)
+    runs = [MeasuredRun(point, 1.0, 0.0, int(k)) for point, k in zip(points, arcs, strict=True)]
     at = speeds[np.argmin(np.abs(np.log(wanted[:, None] / speeds)), axis=1)]
     rig = RigRuns(bench, runs, np.unique(at), mesh_of(bench, runs, MESH))
     force = np.array([point.T_0 for point in points]) / bench.rig.R
@@ -233,7 +230,7 @@ def simulate_candidates(
     mu = friction_coefficient(tight, slack, beta)
     simulated = Measured(
         R=bench.rig.R,
-        arc=np.array(arcs, dtype=np.intp),
+        arc=arcs,
         beta=beta,
         T_0=np.array([point.T_0 for point in points]),
         omega=np.array([point.omega for point in points]),
@@ -248,12 +245,3 @@ def simulate_candidates(
     campaign = Campaign(simulated, bench, press)
     slopes = simulated_slopes(campaign, surfaces, speeds, sweep.speed_slope)
     return Candidates(campaign, curves, sweep.J, sweep.response, sweep.speed_slope, slopes)
-
-
-def _number(arc_deg: float, known: list[float]) -> int:
-    """Number of an arc among those known; a new one is added to them."""
-    for k, other in enumerate(known):
-        if abs(arc_deg - other) <= SAME_ARC * other:
-            return k
-    known.append(arc_deg)
-    return len(known) - 1

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.plan.prior import USUAL_ARCS, MeasuredSurface
 from beltid.refine.effects import ARC
-from beltid.uncertainty.measured import ARC_GAP
+from beltid.uncertainty.measured import numbered_arcs
 from beltid.uncertainty.sources import (
     Source,
     StandardUncertainties,
@@ -86,8 +86,7 @@ def sources_of_plan(
         Whether the covariance of the contact law is known.
     """
     stored = () if known is None else known.sources
-    arcs = [] if known is None else list(known.arcs_deg)
-    arcs += [arc for arc in arcs_deg if not np.isclose(arc, arcs, rtol=ARC_GAP).any()]
+    _, arcs = numbered_arcs(arcs_deg, () if known is None else known.arcs_deg)
     size = next((source.size for source in stored if source.error == ARC), USUAL_ARCS)
     every = (*all_sources(stated, len(arcs), law_scatter), *effect_sources(ARC, size, len(arcs)))
     there = {(source.error, source.place) for source in stored}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
@@ -315,6 +316,20 @@ def arc_settings(arc_deg: np.ndarray) -> np.ndarray:
     labels = np.empty(arc_deg.size, dtype=np.intp)
     labels[order] = np.concatenate([[0], np.cumsum(np.diff(ordered) > ARC_GAP * ordered[:-1])])
     return labels
+
+
+def numbered_arcs(
+    arcs_deg: Sequence[float] | np.ndarray, known_deg: Sequence[float] | np.ndarray
+) -> tuple[NDArray[np.intp], list[float]]:
+    """Number of each arc (n,) among known ones, and all arcs [deg]: new ones follow the known."""
+    every = [float(arc) for arc in known_deg]
+    numbers = []
+    for arc in arcs_deg:
+        near = [k for k, other in enumerate(every) if math.isclose(arc, other, rel_tol=ARC_GAP)]
+        numbers.append(near[0] if near else len(every))
+        if not near:
+            every.append(float(arc))
+    return np.array(numbers, dtype=np.intp), every
 
 
 def valid_rows(columns: Mapping[str, Any], rows: np.ndarray) -> np.ndarray:

@@ -47,7 +47,7 @@ from beltid.stages.identification.reduction import (
     reduction_columns,
     rig_kind,
 )
-from beltid.stages.outcome import Outcome, rows_of
+from beltid.stages.outcome import Outcome, rows_of, span
 from beltid.stages.reporter import Options
 from beltid.stages.simulation.hold_out import (
     HELD_OUT,
@@ -102,6 +102,25 @@ ENOUGH: Final = 0.8
 """Share of the usable measured runs below which a comparison is one of few runs."""
 MIN_SHARE_COMPARED: Final = 0.5
 """Share below which it says nothing about the campaign: out of tolerance."""
+ROW: Final = (
+    "run",
+    "arc_deg",
+    "nominal_tension_N",
+    "pulley_speed_rad_s",
+    "normal_force_N_m",
+    "mu_measured",
+    "mu_simulated",
+    "difference",
+    "relative_difference",
+    "u_measured",
+    "u_input",
+    "u_numerical",
+    "u_validation",
+    "e_over_u",
+    "within_tolerance",
+)
+HIDDEN: Final = ROW[7:13]
+"""Columns of a row that a person finds in the file."""
 TITLES: Final = {
     "none": "simulated less measured friction coefficient, relative to measured",
     "arc": "friction of each arc predicted from the other arcs, less measured, relative to it",
@@ -236,36 +255,26 @@ def _held_out(
     measured = {name: values[rows] for name, values in columns.items()}
     predicted, uncertainty = as_simulated(columns, found)
     beyond = beyond_range(columns, found)
-    notes = (
-        f"each {by} was left out once: its runs were predicted by a surface refined from the rest",
-        *(
-            ("predicted between speeds: the lowest and the highest one were never left out",)
-            if by == "speed"
-            else ()
-        ),
-        *(
-            (
-                f"{beyond} of {rows.size} predicted runs lie at a mean force that no other run "
-                "reached: the nearest value was taken there",
-            )
-            if beyond
-            else ()
-        ),
-    )
-    if by == "arc" and not knows_arcs(found):
-        notes += (
-            "a single arc was left, which does not show how far arcs differ: such a difference is "
-            "not in the uncertainty of the prediction",
+    notes = [
+        f"each {by} was left out once: its runs were predicted by a surface refined from the rest"
+    ]
+    if by == "speed":
+        notes.append("predicted between speeds: the lowest and the highest one were never left out")
+    if beyond:
+        notes.append(
+            f"{beyond} of {rows.size} predicted runs lie at a mean force that no other run "
+            "reached: the nearest value was taken there"
         )
-    outcome = _outcome(measured, predicted, config, uncertainty, notes)
+    if by == "arc" and not knows_arcs(found):
+        notes.append(
+            "a single arc was left, which does not show how far arcs differ: such a difference is "
+            "not in the uncertainty of the prediction"
+        )
+    outcome = _outcome(measured, predicted, config, uncertainty, tuple(notes))
     relative, force = outcome.result.relative_difference, outcome.result.normal_force_N_m
     sizes = np.cumsum([one.fold.left_out.size for one in found])[:-1]
-    groups = [
-        Statistics.of(one.fold.name, *part).as_row()
-        for one, part in zip(
-            found, zip(np.split(relative, sizes), np.split(force, sizes), strict=True), strict=True
-        )
-    ]
+    parts = zip(found, np.split(relative, sizes), np.split(force, sizes), strict=True)
+    groups = [Statistics.of(one.fold.name, *of_fold).as_row() for one, *of_fold in parts]
     statistics = [*outcome.extra["statistics"], *(groups if by == "speed" else [])]
     return replace(outcome, extra={**outcome.extra, "statistics": statistics, "hold_out": by})
 
@@ -373,27 +382,20 @@ def _outcome(
     result = proven.result
     columns = {**result.to_columns(), **proven.columns()}
     columns["status"] = np.full(len(columns["run"]), "ok", dtype=object)
-    few = (
-        [
-            f"only {len(columns['run'])} of {result.n_usable} measured runs were compared: "
-            "the verdict holds for these alone"
-        ]
-        if result.share_compared < ENOUGH
-        else []
-    )
-    left_out = [
+    warnings = [
         f"{counted(count, 'run')} not compared: {why}" for why, count in result.not_compared.items()
     ]
+    if result.share_compared < ENOUGH:
+        warnings.insert(
+            0,
+            f"only {len(columns['run'])} of {result.n_usable} measured runs were compared: "
+            "the verdict holds for these alone",
+        )
     return Outcome(
         kind=KIND,
         columns=columns,
         result=result,
-        validity={
-            "normal_force_N_m": (
-                float(result.normal_force_N_m.min()),
-                float(result.normal_force_N_m.max()),
-            )
-        },
+        validity={"normal_force_N_m": span(result.normal_force_N_m)},
         set_aside=[{"run": run, "why": why} for run, why in result.not_compared_runs],
         extra={
             "passed": result.passed,
@@ -406,7 +408,7 @@ def _outcome(
             **proven.extra(),
         },
         notes=(*notes, *proven.notes()),
-        warnings=(*few, *left_out),
+        warnings=tuple(warnings),
     )
 
 
@@ -443,35 +445,8 @@ def summarise(built: Built) -> Summary:
             "budget": metadata.budget,
         },
         details=budget_details(metadata.budget),
-        table=rows_of(
-            built.artifact.columns,
-            "run",
-            "arc_deg",
-            "nominal_tension_N",
-            "pulley_speed_rad_s",
-            "normal_force_N_m",
-            "mu_measured",
-            "mu_simulated",
-            "difference",
-            "relative_difference",
-            "u_measured",
-            "u_input",
-            "u_numerical",
-            "u_validation",
-            "e_over_u",
-            "within_tolerance",
-        ),
-        shown=(
-            "run",
-            "arc_deg",
-            "nominal_tension_N",
-            "pulley_speed_rad_s",
-            "normal_force_N_m",
-            "mu_measured",
-            "mu_simulated",
-            "e_over_u",
-            "within_tolerance",
-        ),
+        table=rows_of(built.artifact.columns, *ROW),
+        shown=tuple(name for name in ROW if name not in HIDDEN),
         overview=statistics,
         notes=built.notes,
         warnings=built.warnings,

@@ -27,7 +27,7 @@ from beltid.stages.simulation.refinement import (
 )
 from beltid.stages.uncertainties import standard_uncertainties
 from beltid.stages.workers import Workers
-from beltid.uncertainty.measured import ARC_GAP, measured_runs
+from beltid.uncertainty.measured import measured_runs, numbered_arcs
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import refined_campaign
 from beltid.uncertainty.simulated import (
@@ -125,7 +125,7 @@ def predict(
 
     rig, kind = campaign.bench.rig, campaign.measured.kind
     measured = measured_runs(columns, fold.left_out, rig.R, kind, rig.given_force)
-    arcs = _arc_numbers(columns["arc_deg"][fold.left_out], campaign.measured.arcs_deg)
+    arcs, _ = numbered_arcs(columns["arc_deg"][fold.left_out], campaign.measured.arcs_deg)
     n_arcs = int(max(arcs.max(), campaign.measured.arc.max())) + 1
     # an arc not seen has an effect of its own, as large as those of the others
     of_arcs = [source for source in found.sources if source.error == ARC][:1]
@@ -142,13 +142,6 @@ def predict(
     )
     force = campaign.measured.normal_force
     return Predicted(fold, part, sources, (float(force.min()), float(force.max())))
-
-
-def _arc_numbers(arc_deg: np.ndarray, arcs_deg: np.ndarray) -> np.ndarray:
-    """Number of the arc of each run left out, as the sources of the rest count; a new one next."""
-    nearest = np.argmin(np.abs(arc_deg[:, None] - arcs_deg), axis=1)
-    known = np.isclose(arc_deg, arcs_deg[nearest], rtol=ARC_GAP)
-    return np.where(known, nearest, arcs_deg.size)
 
 
 def as_simulated(

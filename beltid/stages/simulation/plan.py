@@ -176,8 +176,8 @@ def run(
         made_from = friction_of(artifacts["surface"], inputs["surface"].parent)
         made_at = None if made_from is None else made_from.columns
     settings, notes = rig_settings(config.config, made_at)
-    given = Given(known, press, friction, settings)
-    found = _planned(given, config.config, options, based_on or "unknown")
+    present = _present(known, press, friction, settings, config.config)
+    found = _planned(present, settings, config.config, options, based_on or "unknown")
     plan, rows = found.plan, found.rows
     write_bytes(out, _csv(rows))
     measured = found.candidates.measured
@@ -267,7 +267,8 @@ def plan_runs(
         columns = table_columns(friction, "friction", NEEDED)
     based_on = "unknown" if surface is not None else "usual values"
     settings, notes = rig_settings(model, columns)
-    found = _planned(Given(known, press, columns, settings), model, options, based_on)
+    present = _present(known, press, columns, settings, model)
+    found = _planned(present, settings, model, options, based_on)
     return replace(found, notes=(*notes, *found.notes))
 
 
@@ -305,37 +306,16 @@ def _known(
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Given:
-    """What a plan is made from.
-
-    Attributes
-    ----------
-    known : KnownSurface or None
-        The surface; None before any run.
-    press : PressLaw or None
-        The contact law; None before any measurement.
-    friction : mapping or None
-        Reduced runs, whose noise is that of new ones.
-    settings : Settings
-        What the rig can be set to.
-    """
-
-    known: KnownSurface | None
-    press: PressLaw | None
-    friction: Mapping[str, np.ndarray] | None
-    settings: Settings
-
-
-def _planned(given: Given, config: Config, options: PlanOptions, based_on: str) -> PlannedRuns:
+def _planned(
+    present: Present, settings: Settings, config: Config, options: PlanOptions, based_on: str
+) -> PlannedRuns:
     """The plan from what is known, and what is assumed in place of the rest."""
-    present = _present(given, config)
-    points = given.settings.points()
+    points = settings.points()
     options.reporter.report(f"{len(points)} candidates, simulated with the present surface")
     candidates = simulate_candidates(
         _bench(config, present.press.law),
         present.press,
-        at_rest(given.settings, config),
+        at_rest(settings, config),
         present.arcs_deg,
         None if present.surface is None else present.surface.surface,
         rig_kind(config),
@@ -380,15 +360,20 @@ def _check_files(options: PlanOptions, out: Path, figure: Path) -> None:
         raise InputError(problems)
 
 
-def _present(given: Given, config: Config) -> Present:
-    """What is known, and what is assumed in its place."""
-    known, press, friction = given.known, given.press, given.friction
+def _present(
+    known: KnownSurface | None,
+    press: PressLaw | None,
+    friction: Mapping[str, np.ndarray] | None,
+    settings: Settings,
+    config: Config,
+) -> Present:
+    """What is known, None before any measurement, and what is assumed in its place."""
     notes: list[str] = []
     if press is None:
         press = press_law(USUAL_LAW, config)
         notes.append("no data: contact law of the paper's 5PK belt")
     stated = standard_uncertainties(config)
-    sources = sources_of_plan(known, stated, given.settings.arcs_deg, press.has_scatter)
+    sources = sources_of_plan(known, stated, settings.arcs_deg, press.has_scatter)
     if known is None:
         notes.append("no data: mu from 0.7 to 1.5 with usual slopes over force and speed")
     elif other := known.stated_otherwise(stated, press.has_scatter):
@@ -491,15 +476,7 @@ def _rows(
     ]
 
 
-COLUMNS: Final = (
-    *SHOWN[:-1],
-    "slip_speed_m_s",
-    "normal_force_N_m",
-    "based_on",
-    "needed_for",
-)
-
-
+COLUMNS: Final = (*SHOWN[:-1], "slip_speed_m_s", "normal_force_N_m", "based_on", "needed_for")
 HEADER: Final = (",".join(COLUMNS) + "\n").encode()
 KNOWN_BY: Final = (",".join(COLUMNS[:-1])).encode()
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,6 +37,7 @@ from beltid.stages.tables import table_columns
 from beltid.stages.uncertainties import standard_uncertainties
 from beltid.stages.workers import Workers
 from beltid.tables import schemas
+from beltid.uncertainty.measured import numbered_arcs
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.simulated import (
     RunsUncertainty,
@@ -54,7 +54,6 @@ PROFILES: Final = "profiles"
 """Kind of the table of the contact along the arc at chosen times."""
 PER_CALL: Final = 24
 """Runs whose uncertainty a worker computes at a time."""
-ARC_GAP: Final = 1e-3  # relative
 
 
 @dataclass(frozen=True, slots=True)
@@ -338,7 +337,8 @@ def runs_uncertainty(
     workers: Workers,
 ) -> tuple[RunsUncertainty | None, tuple[str, ...]]:
     """Uncertainty of the runs of a campaign that were simulated; a note if it stays unknown."""
-    arcs = _arcs(inputs.stored.get("arcs_deg", ()), [run.arc_deg for run, _ in finished])
+    arcs_deg = [run.arc_deg for run, _ in finished]
+    numbers, arcs = numbered_arcs(arcs_deg, inputs.stored.get("arcs_deg", ()))
     given = all_sources(standard_uncertainties(config), len(arcs), inputs.press.has_scatter)
     stored = sources_of(inputs.stored.get("sources", ()))
     sources = with_rig_sources(stored, given)
@@ -350,7 +350,6 @@ def runs_uncertainty(
         inputs.surface,
     )
     points = [run.point for run in as_resting(config, [run for run, _ in finished])]
-    numbers = np.array([_number(arcs, run.arc_deg) for run, _ in finished], dtype=np.intp)
     pieces = [slice(i, i + PER_CALL) for i in range(0, len(points), PER_CALL)]
     largest = max(float(result.tension_tight_N) for _, result in finished)
     kind = rig_kind(config)
@@ -366,16 +365,3 @@ def runs_uncertainty(
     mu = np.array([result.mu for _, result in finished])
     labels = [run.label for run, _ in finished]
     return RunsUncertainty.of(labels, mu, sources, ordered), ()
-
-
-def _arcs(stored: Sequence[float], simulated: Sequence[float]) -> list[float]:
-    """Arc settings: those that the surface was made from, in their order, then others."""
-    arcs = [float(arc) for arc in stored]
-    for arc in simulated:
-        if not any(math.isclose(arc, known, rel_tol=ARC_GAP) for known in arcs):
-            arcs.append(float(arc))
-    return arcs
-
-
-def _number(arcs: Sequence[float], arc: float) -> int:
-    return next(k for k, known in enumerate(arcs) if math.isclose(arc, known, rel_tol=ARC_GAP))
