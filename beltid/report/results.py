@@ -17,6 +17,8 @@ from beltid.report.cells import cell
 Columns = Mapping[str, np.ndarray]
 COMPARED: Final = {"compare": "published", "compare_refined": "refined"}
 """Comparison -> the surface that was simulated with."""
+HELD_OUT: Final = "compare_hold_out"
+"""Comparison with runs that were left out and predicted."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,6 +101,11 @@ class Sheet:
         """Verdict and RMS difference [%] of a comparison, such as "PASS 0.16"."""
         rms = cell("rms_percent", self.overall.get("rms_percent"))
         return f"{'PASS' if self.passed else 'FAIL'} {rms}"
+
+    @property
+    def held_out(self) -> bool:
+        """Whether a comparison is one with runs that were left out and predicted."""
+        return self.extra.get("hold_out") in ("arc", "speed")
 
     @property
     def over_uncertainty(self) -> float | None:
@@ -198,8 +205,8 @@ class BeltResults:
     @property
     def prediction(self) -> Sheet | None:
         """The comparison with runs that were left out and predicted."""
-        sheet = self.get("compare_hold_out")
-        return sheet if sheet and sheet.extra.get("hold_out") in ("arc", "speed") else None
+        sheet = self.get(HELD_OUT)
+        return sheet if sheet and sheet.held_out else None
 
     @property
     def origin(self) -> str | None:

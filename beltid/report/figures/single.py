@@ -33,7 +33,7 @@ from beltid.report.figures import (
     surface,
 )
 from beltid.report.picture import Picture
-from beltid.report.results import BeltResults, Sheet
+from beltid.report.results import HELD_OUT, BeltResults, Sheet
 
 MOST_PROFILES: Final = 7
 
@@ -54,6 +54,8 @@ def _alone(sheet: Sheet) -> BeltResults:
 
 def _name(sheet: Sheet) -> str:
     """Name of the artifact in the chain."""
+    if sheet.held_out:
+        return HELD_OUT
     refined = sheet.extra.get("method") == "refined" or sheet.name.endswith("_refined")
     return f"{sheet.kind}_refined" if refined and sheet.kind in REFINED else sheet.kind
 
@@ -74,11 +76,6 @@ def _surface(sheet: Sheet) -> list[Picture]:
     )
     named = replace(sheet, name=_name(sheet))
     return [cuts, surface.as_map(named, None), surface.in_space(named)]
-
-
-def _compare(sheet: Sheet) -> list[Picture]:
-    named = replace(sheet, name=_name(sheet))
-    return proof.pictures(BeltResults(sheet.name, {named.name: named}))
 
 
 def _profiles(sheet: Sheet) -> list[Picture]:
@@ -171,7 +168,7 @@ MAKERS: Final[dict[str, Callable[[Sheet], list[Picture]]]] = {
     "surface": _surface,
     "simulated": lambda sheet: friction.simulated(_alone(sheet)),
     "profiles": _profiles,
-    "compare": _compare,
+    "compare": lambda sheet: proof.of_one(replace(sheet, name=_name(sheet))),
     "drive": drive.predicted,
     "compare_drive": drive.compared,
     "press_curves": _press_curves,
