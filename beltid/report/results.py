@@ -15,6 +15,10 @@ from beltid.laws.penalty import NormalLaw
 from beltid.report.cells import cell
 
 Columns = Mapping[str, np.ndarray]
+SURFACES: Final = {"surface_refined": "refined", "surface": "published"}
+"""Surface -> what it is called; the better one first."""
+SIMULATED: Final = {"simulated": "published", "simulated_refined": "refined"}
+"""Simulated recording -> the surface that was simulated with."""
 COMPARED: Final = {"compare": "published", "compare_refined": "refined"}
 """Comparison -> the surface that was simulated with."""
 HELD_OUT: Final = "compare_hold_out"
@@ -200,7 +204,7 @@ class BeltResults:
     @property
     def best_surface(self) -> Sheet | None:
         """The refined surface, or else the published one."""
-        return self.get("surface_refined") or self.get("surface")
+        return next((sheet for name in SURFACES if (sheet := self.get(name))), None)
 
     @property
     def prediction(self) -> Sheet | None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from beltid.errors import percent
 from beltid.report.cells import MICRO, MILLI, between, cell, scientific, sentence
-from beltid.report.results import COMPARED, BeltResults, Sheet
+from beltid.report.results import COMPARED, SIMULATED, SURFACES, BeltResults, Sheet
 
 REFINED_FIRST: Final = ("compare_refined", "compare")
 LEFT_OUT: Final = {"arc": "an arc", "speed": "a speed"}
@@ -203,7 +203,7 @@ def _friction(results: BeltResults) -> Card | None:
     if sheet is None:
         return None
     (f0, f1), (v0, v1), (m0, m1) = _ranges(sheet)
-    of = "refined" if sheet.name == "surface_refined" else "published"
+    of = SURFACES[sheet.name]
     of_runs = sheet.measured_force
     return Card(
         f"Friction surface, {of}",
@@ -300,10 +300,8 @@ def _trust(results: BeltResults) -> list[str]:
     predicted = results.prediction
     if predicted is not None:
         said += [f"Prediction: {note}." for note in predicted.notes]
-    for name in ("simulated", "simulated_refined"):
-        simulated = results.get(name)
-        if simulated is not None:
-            of = "refined" if name.endswith("refined") else "published"
+    for name, of in SIMULATED.items():
+        if (simulated := results.get(name)) is not None:
             said += [f"Simulation with the {of} surface: {note}." for note in simulated.notes]
     said += _combined_uncertainty(results)
     slip = results.get("slip")

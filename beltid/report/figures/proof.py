@@ -18,11 +18,10 @@ from beltid.report.drawing import (
     MEASURED,
     MU,
     SIMULATED,
-    figure,
     legend_below,
     logarithmic,
+    new_axes,
     shades,
-    style,
 )
 from beltid.report.figures.friction import MOST_SPEEDS
 from beltid.report.picture import Picture, absent
@@ -83,9 +82,7 @@ def averaged(sheet: Sheet, results: BeltResults) -> Picture:
     )
     spread = _scatter(sheet, tension, omega)
     by_speed = classes_of(omega, MOST_SPEEDS)
-    with style():
-        fig = figure(height=4.6)
-        axes = fig.subplots()
+    with new_axes(4.6) as (fig, axes):
         for colour, rows in zip(shades(len(by_speed)), by_speed, strict=True):
             at = rows[np.argsort(force[rows], kind="stable")]
             named = is_setting(omega[at])
@@ -216,9 +213,7 @@ def _run_by_run(
     sheets: Sequence[Sheet], values: Sequence[np.ndarray], label: str, bound: float = 0.0
 ) -> Figure:
     """A value of every run over its normal force, a marker per arc, a colour per surface."""
-    with style():
-        fig = figure(height=4.4)
-        axes = fig.subplots()
+    with new_axes(4.4) as (fig, axes):
         for sheet, y in zip(sheets, values, strict=True):
             colour = COLOURS[sheet.name]
             arc = sheet["arc_deg"]

@@ -15,11 +15,10 @@ from beltid.report.drawing import (
     MU,
     PENETRATION,
     PRESSED,
-    figure,
     group,
     legend_below,
     mark_synthetic,
-    style,
+    new_axes,
 )
 from beltid.report.figures import (
     arc,
@@ -83,9 +82,7 @@ def _profiles(sheet: Sheet) -> list[Picture]:
     labels = [f"{run} at {t:.4g} s" for run, t in zip(sheet["run"], sheet["time_s"], strict=True)]
     names = list(dict.fromkeys(labels))
     rows = np.array(labels)
-    with style():
-        fig = figure(height=4.4)
-        axes = fig.subplots()
+    with new_axes(4.4) as (fig, axes):
         for i, name in enumerate(names[:MOST_PROFILES]):
             at = rows == name
             look = {**group(i), "markevery": 8}
@@ -99,9 +96,7 @@ def _profiles(sheet: Sheet) -> list[Picture]:
 
 
 def _press_curves(sheet: Sheet) -> list[Picture]:
-    with style():
-        fig = figure()
-        axes = fig.subplots()
+    with new_axes() as (fig, axes):
         for k, branch in enumerate(press.BRANCHES):
             rows = sheet["branch"] == branch
             look = {**group(k), "linestyle": "none", "markersize": 3}
@@ -113,9 +108,7 @@ def _press_curves(sheet: Sheet) -> list[Picture]:
 
 
 def _rig_curves(sheet: Sheet) -> list[Picture]:
-    with style():
-        fig = figure()
-        axes = fig.subplots()
+    with new_axes() as (fig, axes):
         for k, run in enumerate(dict.fromkeys(sheet["run"].tolist())):
             rows = sheet["run"] == run
             look = {**group(k), "marker": None}
@@ -132,9 +125,7 @@ def _shear(shear: Sheet) -> Picture:
     errors = 2.0 * shear["slope_se_N_m"][used] * measured**2
     fitted = 1.0 / shear["slope_fitted_N_m"][used]
     tensions = as_set(shear["initial_tension_N"])[used]
-    with style():
-        fig = figure(height=4.2)
-        axes = fig.subplots()
+    with new_axes(4.2) as (fig, axes):
         for i, tension in enumerate(np.unique(tensions)):
             rows = np.flatnonzero(tensions == tension)
             rows = rows[np.argsort(arcs[rows], kind="stable")]
