@@ -101,6 +101,12 @@ class Sheet:
         return bool(self.extra.get("passed"))
 
     @property
+    def too_few_compared(self) -> bool:
+        """Whether a comparison failed for the number of its runs alone, not for a difference."""
+        missed = [row["tolerance"] for row in self.extra.get("judged") or () if not row["holds"]]
+        return missed == ["min_share_compared"]
+
+    @property
     def judged(self) -> str:
         """Verdict and RMS difference [%] of a comparison, such as "PASS 0.16"."""
         rms = cell("rms_percent", self.overall.get("rms_percent"))
