@@ -180,7 +180,7 @@ def _tell(summary: Summary, reporter: TerminalReporter, elapsed_s: float) -> Non
         reporter.report(f"{summary.out} is up to date, nothing computed; --force computes again")
     elif summary.exit_status:
         reporter.report(f"{elapsed_s:.1f} s")
-    elif summary.out is not None:
+    elif summary.out is not None and summary.title:  # of a figure in a file its path says it
         reporter.report(f"{summary.out} written, {elapsed_s:.1f} s")
 
 

@@ -9,10 +9,9 @@ from beltid.report import gallery, tables
 from beltid.report.conditions import conditions
 from beltid.report.figures import arc, budget, drive, friction, press, proof, runs, slip, surface
 from beltid.report.html import Page, Section
-from beltid.report.results import COMPARED, BeltResults, Sheet
+from beltid.report.results import COMPARED, SURFACES, BeltResults, Sheet
 from beltid.report.verdict import verdict_of
 
-SURFACES: Final = {"surface_refined": "refined", "surface": "published"}
 PREDICTED: Final = {
     "arc": "arc left out, predicted from the others",
     "speed": "speed left out, predicted from the others",

@@ -10,12 +10,12 @@ import numpy as np
 from beltid.report import tables
 from beltid.report.figures import belts as figures
 from beltid.report.html import Link, Page, Section
-from beltid.report.results import BeltResults, Sheet
+from beltid.report.results import HELD_OUT, BeltResults, Sheet
 
 AGREEMENT: Final = {
     "compare": "published_rms_percent",
     "compare_refined": "refined_rms_percent",
-    "compare_hold_out": "predicted_rms_percent",
+    HELD_OUT: "predicted_rms_percent",
 }
 """Comparison -> column of the table."""
 

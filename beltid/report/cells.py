@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Any, Final
 
 # endings of public names -> unit as printed, longest first
@@ -77,6 +78,11 @@ def cell(name: str, value: Any) -> str:
             return between(*(cell(name, item) for item in value))
         return ", ".join(cell(name, item) for item in value)
     return str(value)
+
+
+def are_numbers(cells: Iterable[str]) -> bool:
+    """Whether the cells of a column are numbers, as far as there are any."""
+    return all(text[-1:].isdigit() or text == MISSING for text in cells)
 
 
 def between(low: str, high: str) -> str:

@@ -98,6 +98,14 @@ def figure(height: float = HEIGHT, width: float = WIDTH) -> Figure:
     return Figure(figsize=(width, height))
 
 
+@contextmanager
+def new_axes(height: float = HEIGHT) -> Iterator[tuple[Figure, Axes]]:
+    """A figure of the usual width with one pair of axes, drawn within the style."""
+    with style():
+        fig = figure(height)
+        yield fig, fig.subplots()
+
+
 def shade(position: float) -> tuple[float, float, float, float]:
     """Colour of an ordered quantity, 0 for its lowest and 1 for its highest value."""
     import matplotlib as mpl

@@ -15,8 +15,14 @@ from beltid.laws.penalty import NormalLaw
 from beltid.report.cells import cell
 
 Columns = Mapping[str, np.ndarray]
+SURFACES: Final = {"surface_refined": "refined", "surface": "published"}
+"""Surface -> what it is called; the better one first."""
+SIMULATED: Final = {"simulated": "published", "simulated_refined": "refined"}
+"""Simulated recording -> the surface that was simulated with."""
 COMPARED: Final = {"compare": "published", "compare_refined": "refined"}
 """Comparison -> the surface that was simulated with."""
+HELD_OUT: Final = "compare_hold_out"
+"""Comparison with runs that were left out and predicted."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,10 +101,21 @@ class Sheet:
         return bool(self.extra.get("passed"))
 
     @property
+    def too_few_compared(self) -> bool:
+        """Whether a comparison failed for the number of its runs alone, not for a difference."""
+        missed = [row["tolerance"] for row in self.extra.get("judged") or () if not row["holds"]]
+        return missed == ["min_share_compared"]
+
+    @property
     def judged(self) -> str:
         """Verdict and RMS difference [%] of a comparison, such as "PASS 0.16"."""
         rms = cell("rms_percent", self.overall.get("rms_percent"))
         return f"{'PASS' if self.passed else 'FAIL'} {rms}"
+
+    @property
+    def held_out(self) -> bool:
+        """Whether a comparison is one with runs that were left out and predicted."""
+        return self.extra.get("hold_out") in ("arc", "speed")
 
     @property
     def over_uncertainty(self) -> float | None:
@@ -193,13 +210,13 @@ class BeltResults:
     @property
     def best_surface(self) -> Sheet | None:
         """The refined surface, or else the published one."""
-        return self.get("surface_refined") or self.get("surface")
+        return next((sheet for name in SURFACES if (sheet := self.get(name))), None)
 
     @property
     def prediction(self) -> Sheet | None:
         """The comparison with runs that were left out and predicted."""
-        sheet = self.get("compare_hold_out")
-        return sheet if sheet and sheet.extra.get("hold_out") in ("arc", "speed") else None
+        sheet = self.get(HELD_OUT)
+        return sheet if sheet and sheet.held_out else None
 
     @property
     def origin(self) -> str | None:

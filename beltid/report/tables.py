@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.report.cells import cell, heading
+from beltid.report.cells import are_numbers, cell, heading
 from beltid.report.results import BeltResults, Sheet
 
 LAW_COLUMNS: Final = (
@@ -138,22 +138,23 @@ class View:
 
 
 def view(
-    title: str, rows: Sequence[Mapping[str, Any]], names: Sequence[str], *, folded: bool = False
+    title: str,
+    rows: Sequence[Mapping[str, Any]],
+    names: Sequence[str],
+    *,
+    folded: bool = False,
+    words: bool = False,
 ) -> View:
-    """A table of some columns of rows."""
+    """A table of some columns of rows, of numbers where they are no words."""
     cells = [[cell(name, row.get(name)) for name in names] for row in rows]
-    numeric = tuple(
-        all(row[i][-1:].isdigit() or row[i] == "-" for row in cells) for i in range(len(names))
-    )
+    numeric = tuple(not words and are_numbers(row[i] for row in cells) for i in range(len(names)))
     return View(title, tuple(heading(name) for name in names), cells, numeric, folded)
 
 
 def rows_of(sheet: Sheet, names: Sequence[str]) -> list[dict[str, Any]]:
     """Rows of some columns of a sheet."""
-    columns = {name: sheet[name].tolist() for name in names}
-    return [
-        dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)
-    ]
+    columns = [sheet[name].tolist() for name in names]
+    return [dict(zip(names, values, strict=True)) for values in zip(*columns, strict=True)]
 
 
 def hubs(drive: Sheet) -> View:
@@ -277,9 +278,7 @@ def provenance(results: BeltResults) -> View:
         }
         for sheet in results.sheets.values()
     ]
-    names = ("artifact", "file", "config", "inputs", "beltid", "sources")
-    table = view("Made from (first digits of the SHA-256)", rows, names)
-    return View(table.title, table.headings, table.rows, (False,) * len(names))
+    return view("Made from (first digits of the SHA-256)", rows, tuple(rows[0]), words=True)
 
 
 def settings(results: BeltResults) -> View:
@@ -290,8 +289,7 @@ def settings(results: BeltResults) -> View:
             if value is not None and key != "runs":
                 merged[key] = cell(key, value)
     rows = [{"setting": key, "value": merged[key]} for key in sorted(merged)]
-    table = view("Settings", rows, ("setting", "value"), folded=True)
-    return View(table.title, table.headings, table.rows, (False, False), folded=True)
+    return view("Settings", rows, ("setting", "value"), folded=True, words=True)
 
 
 def _flat(settings: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:

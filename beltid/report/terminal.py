@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from beltid.errors import printable
-from beltid.report.cells import cell, fact, heading
+from beltid.report.cells import are_numbers, cell, fact, heading
 from beltid.report.summary import Summary
 
 if TYPE_CHECKING:
@@ -153,7 +153,7 @@ def _table(names: list[str], texts: list[list[str]], widths: list[int]) -> Table
 
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1), header_style="bold")
     for i, name in enumerate(names):
-        left = name in _WORDS_LEFT or not _numeric(row[i] for row in texts)
+        left = name in _WORDS_LEFT or not are_numbers(row[i] for row in texts)
         table.add_column(
             _texts([heading(name)])[0],
             justify="left" if left else "right",
@@ -163,10 +163,6 @@ def _table(names: list[str], texts: list[list[str]], widths: list[int]) -> Table
     for row in texts:
         table.add_row(*_texts(row))
     return table
-
-
-def _numeric(cells: Iterator[str]) -> bool:
-    return all(text[-1:].isdigit() or text == "-" for text in cells)
 
 
 def _records(names: list[str], texts: list[list[str]]) -> RenderableType:

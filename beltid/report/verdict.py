@@ -9,7 +9,7 @@ import numpy as np
 
 from beltid.errors import percent
 from beltid.report.cells import MICRO, MILLI, between, cell, scientific, sentence
-from beltid.report.results import COMPARED, BeltResults, Sheet
+from beltid.report.results import COMPARED, SIMULATED, SURFACES, BeltResults, Sheet
 
 REFINED_FIRST: Final = ("compare_refined", "compare")
 LEFT_OUT: Final = {"arc": "an arc", "speed": "a speed"}
@@ -101,7 +101,7 @@ def _headline(results: BeltResults) -> tuple[str, str]:
         said.append(f"the simulated rig misses the measured friction {', '.join(parts)}")
     decisive = [sheet for sheet in (predicted, *(s for _, s in compared[:1])) if sheet is not None]
     missing = _missing_evidence(results)
-    if not all(sheet.passed for sheet in decisive):
+    if not all(sheet.passed or sheet.too_few_compared for sheet in decisive):
         start, state = "Identified, but out of tolerance", "bad"
     elif missing:
         start, state = f"Identified, not proven ({'; '.join(missing)})", "open"
@@ -112,7 +112,14 @@ def _headline(results: BeltResults) -> tuple[str, str]:
 
 
 def _within(sheet: Sheet) -> str:
+    if sheet.too_few_compared:
+        return _compared(sheet)
     return f"{'within' if sheet.passed else 'out of'} tolerance"
+
+
+def _compared(sheet: Sheet) -> str:
+    count = cell("n", sheet.overall.get("n_points"))
+    return f"only {count} of {cell('n', sheet.extra.get('n_measured'))} runs compared"
 
 
 def _percent_rms(sheet: Sheet) -> str:
@@ -151,6 +158,8 @@ def _missing_evidence(results: BeltResults) -> list[str]:
     ):
         if sheet is None:
             missing.append(without)
+        elif sheet.too_few_compared:
+            missing.append(_compared(sheet))
         elif (over_u := sheet.over_uncertainty) is not None and over_u > MOST_UNCERTAINTIES:
             missing.append(
                 f"{misses} {over_u:.2g} of their standard uncertainties, at most "
@@ -203,7 +212,7 @@ def _friction(results: BeltResults) -> Card | None:
     if sheet is None:
         return None
     (f0, f1), (v0, v1), (m0, m1) = _ranges(sheet)
-    of = "refined" if sheet.name == "surface_refined" else "published"
+    of = SURFACES[sheet.name]
     of_runs = sheet.measured_force
     return Card(
         f"Friction surface, {of}",
@@ -300,10 +309,8 @@ def _trust(results: BeltResults) -> list[str]:
     predicted = results.prediction
     if predicted is not None:
         said += [f"Prediction: {note}." for note in predicted.notes]
-    for name in ("simulated", "simulated_refined"):
-        simulated = results.get(name)
-        if simulated is not None:
-            of = "refined" if name.endswith("refined") else "published"
+    for name, of in SIMULATED.items():
+        if (simulated := results.get(name)) is not None:
             said += [f"Simulation with the {of} surface: {note}." for note in simulated.notes]
     said += _combined_uncertainty(results)
     slip = results.get("slip")

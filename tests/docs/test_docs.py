@@ -214,6 +214,15 @@ def test_links_of_the_readme_lead_to_files() -> None:
     assert [link for link in links if not (ROOT / link).is_file()] == []
 
 
+def test_the_page_of_the_recordings_says_where_their_truth_is() -> None:
+    text = (ROOT / "rigdata" / "README.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`(tests/truth/<belt>/\w+\.csv)`", text))
+    assert {Path(name).name for name in named} == {"truth.csv", "speedloss_truth.csv"}
+    for name in named:
+        for belt in ("4pk", "5pk", "6pk"):
+            assert (ROOT / name.replace("<belt>", belt)).is_file()
+
+
 def test_the_citation_names_this_version() -> None:
     stated = re.search(r"^version: (.+)$", (ROOT / "CITATION.cff").read_text(), re.M)
     assert stated is not None

@@ -230,8 +230,20 @@ def test_proven_needs_runs_that_cover_the_surface() -> None:
     unpredicted = {k: v for k, v in whole.sheets.items() if k != "compare_hold_out"}
     misfit = {**whole.get("compare_refined").extra, "validation": {"rms_e_over_u": 2.4}}
     unexplained = replace(whole.get("compare_refined"), extra=misfit)
+    share = {"tolerance": "min_share_compared", "found": 0.2, "allowed": 0.5, "holds": False}
+    few = {**whole.get("compare_refined").extra, "passed": False, "judged": [share]}
+    few["n_measured"] = 5 * few["statistics"][0]["n_points"]
+    too_few = replace(whole.get("compare_refined"), extra=few)
+    rms = {"tolerance": "max_rms_relative_error", "found": 0.2, "allowed": 0.1, "holds": False}
+    wide = replace(too_few, extra={**few, "judged": [rms, share]})
+    verdict = verdict_of(replace(whole, sheets={**whole.sheets, "compare_refined": wide}))
+    assert verdict.headline.startswith("Identified, but out of tolerance: ")
     for others, told in (
         ({**whole.sheets, "compare_refined": unexplained}, "misses its own runs by 2.4 of their"),
+        (
+            {**whole.sheets, "compare_refined": too_few},
+            f"not proven (only {few['n_measured'] // 5} of {few['n_measured']} runs compared)",
+        ),
         (unpredicted, "no runs were left out and predicted"),
         ({**unpredicted, "compare_hold_out": missed}, "miss by 3.1 of their standard uncertainti"),
     ):

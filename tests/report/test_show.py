@@ -132,8 +132,7 @@ def test_the_coefficient_comes_first(folder: Path, monkeypatch: pytest.MonkeyPat
 
 def test_a_figure_in_a_file_prints_nothing_but_its_path(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "figure.svg"
-    status, text, _ = shown(folder / "friction.parquet", "-o", out)
-    assert (status, text) == (0, f"{out}\n")
+    assert shown(folder / "friction.parquet", "-o", out) == (0, f"{out}\n", "")
 
 
 @pytest.mark.parametrize(
@@ -148,6 +147,15 @@ def test_a_figure_is_written(folder: Path, tmp_path: Path, ending: str, magic: b
     assert status == 2
     assert "already exists; use --force to overwrite" in error
     assert out.read_bytes() == before
+
+
+def test_runs_that_were_left_out_are_not_called_those_of_a_surface() -> None:
+    sheet = sheets()["compare"]
+    predicted = replace(sheet, extra={**sheet.extra, "hold_out": "arc"})
+    said = [f"{p.title} {p.caption}" for p in pictures(predicted)]
+    assert said[0].startswith("Measured against simulated, runs left out and predicted")
+    assert not any("published" in text for text in said)
+    assert any("published" in f"{p.title} {p.caption}" for p in pictures(sheet))
 
 
 def test_errors_name_what_is_allowed(folder: Path, tmp_path: Path) -> None:

@@ -17,11 +17,10 @@ from beltid.report.drawing import (
     PENETRATION,
     PRESSED,
     SPEED,
-    figure,
     group,
     legend_below,
     logarithmic,
-    style,
+    new_axes,
 )
 from beltid.report.figures.press import POINTS
 from beltid.report.picture import Picture, absent
@@ -36,9 +35,7 @@ def laws(belts: Sequence[BeltResults]) -> Picture:
     known = [(b.belt, s) for b in belts if (s := b.get("stiffness")) is not None]
     if not known:
         return absent("belts-law", title, "No folder has a stiffness.parquet.")
-    with style():
-        fig = figure()
-        axes = fig.subplots()
+    with new_axes() as (fig, axes):
         for i, (name, sheet) in enumerate(known):
             row = sheet.pooled_row
             depth = np.linspace(0.0, sheet["max_penetration_m"][row], POINTS)
@@ -79,9 +76,7 @@ def _cut(
 ) -> Picture:
     """The best surface of every belt along one variable, over its own range."""
     shown = []
-    with style():
-        fig = figure()
-        axes = fig.subplots()
+    with new_axes() as (fig, axes):
         for i, (name, sheet) in enumerate(known):
             surface = sheet.surface
             nodes = surface.normal_force_N_m if over == "force" else surface.slip_speed_m_s
@@ -115,9 +110,7 @@ def measured(belts: Sequence[BeltResults]) -> Picture:
         return absent("belts-measured", title, "No folder has a friction.parquet.", "Fig. 12")
     speeds = [as_set(np.abs(s["slip_speed_m_s"])) for _, s in known]
     common = _common([np.unique(v[np.isfinite(v)]) for v in speeds])
-    with style():
-        fig = figure()
-        axes = fig.subplots()
+    with new_axes() as (fig, axes):
         shown = []
         for i, ((name, sheet), v) in enumerate(zip(known, speeds, strict=True)):
             good = (sheet["status"] == "ok") & (v == _nearest(v, common))
@@ -151,9 +144,7 @@ def proof(belts: Sequence[BeltResults]) -> Picture:
         return absent("belts-proof", title, "No folder has a comparison.", "Fig. 17")
     tables = [_averaged(b, s) for b, s in known]
     common = _common([np.unique(as_set(table["v"])) for table in tables])
-    with style():
-        fig = figure()
-        axes = fig.subplots()
+    with new_axes() as (fig, axes):
         for i, ((belt, _), table) in enumerate(zip(known, tables, strict=True)):
             v = as_set(table["v"])
             rows = np.flatnonzero(v == _nearest(v, common))
@@ -200,9 +191,7 @@ def agreement(belts: Sequence[BeltResults]) -> Picture:
     known = [b for b in belts if any(b.get(name) for name in COMPARED)]
     if not known:
         return absent("belts-agreement", title, "No folder has a comparison.")
-    with style():
-        fig = figure(height=1.6 + 0.55 * len(known))
-        axes = fig.subplots()
+    with new_axes(1.6 + 0.55 * len(known)) as (fig, axes):
         at = np.arange(len(known), dtype=float)
         for k, (name, of) in enumerate(COMPARED.items()):
             sheets = [b.get(name) for b in known]

@@ -8,7 +8,12 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.errors import counted, percent
-from beltid.report.drawing import GROUPS, INK, figure, legend_below, style
+from beltid.report.drawing import (
+    GROUPS,
+    INK,
+    legend_below,
+    new_axes,
+)
 from beltid.report.picture import Picture
 from beltid.report.results import BeltResults
 
@@ -57,9 +62,7 @@ def of_quantity(name: str, quantity: str, rows: Sequence[Row]) -> Picture:
     )
     total = next((row for row in rows if row["source"] == COMBINED), None)
     shown = [*single[:MOST_SOURCES]]
-    with style():
-        fig = figure(height=1.3 + 0.32 * (len(shown) + 1))
-        axes = fig.subplots()
+    with new_axes(1.3 + 0.32 * (len(shown) + 1)) as (fig, axes):
         for basis, (label, colour, hatch) in BASES.items():
             at = [i for i, row in enumerate(shown) if row.get("basis") == basis]
             if at:

@@ -14,10 +14,9 @@ from beltid.report.drawing import (
     LINES,
     MARKERS,
     MU,
-    figure,
     logarithmic,
+    new_axes,
     shades,
-    style,
 )
 from beltid.report.picture import Picture, absent
 from beltid.report.results import BeltResults
@@ -110,9 +109,7 @@ def over_force(
     by_speed, by_arc = classes_of(speed, MOST_SPEEDS), classes_of(arc, len(MARKERS))
     named = all(is_setting(speed[rows]) for rows in by_speed)
     named &= all(is_setting(arc[rows]) for rows in by_arc)
-    with style():
-        fig = figure(height=4.6)
-        axes = fig.subplots()
+    with new_axes(4.6) as (fig, axes):
         for colour, at_speed in zip(shades(len(by_speed)), by_speed, strict=True):
             for i, at_arc in enumerate(by_arc):
                 rows = np.intersect1d(at_speed, at_arc)

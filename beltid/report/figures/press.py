@@ -19,6 +19,7 @@ from beltid.report.drawing import (
     figure,
     legend,
     legend_below,
+    new_axes,
     style,
 )
 from beltid.report.picture import Picture, absent
@@ -104,9 +105,7 @@ def _runs_apart(curves: Sheet, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray
 def pooled(stiffness: Sheet, curves: Sheet | None) -> Picture:
     """The pooled law through all branches (Fig. 5)."""
     row = stiffness.pooled_row
-    with style():
-        fig = figure()
-        axes = fig.subplots()
+    with new_axes() as (fig, axes):
         if curves is not None:
             for (branch, line), colour in zip(BRANCHES.items(), (MEASURED, SIMULATED), strict=True):
                 chosen = curves["branch"] == branch
@@ -150,9 +149,7 @@ def deviation(stiffness: Sheet) -> Picture:
         why = "All tests are at one temperature: whether it has an influence is not known."
         return absent("press-deviation", title, why)
     deepest = stiffness["max_penetration_m"][row]
-    with style():
-        fig = figure()
-        axes = fig.subplots()
+    with new_axes() as (fig, axes):
         depth = np.linspace(0.05, 1.0, POINTS) * deepest
         force = stiffness.law(row).force(depth)
         band = 200.0 * force_se(stiffness, row, depth) / force

@@ -18,21 +18,25 @@ from beltid.report.drawing import (
     MEASURED,
     MU,
     SIMULATED,
-    figure,
     legend_below,
     logarithmic,
+    new_axes,
     shades,
-    style,
 )
 from beltid.report.figures.friction import MOST_SPEEDS
 from beltid.report.picture import Picture, absent
-from beltid.report.results import COMPARED, BeltResults, Sheet
+from beltid.report.results import COMPARED, HELD_OUT, BeltResults, Sheet
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SURFACES: Final = {"compare": "surface", "compare_refined": "surface_refined"}
-COLOURS: Final = {"compare": MEASURED, "compare_refined": SIMULATED}
+COLOURS: Final = {"compare": MEASURED, "compare_refined": SIMULATED, HELD_OUT: SIMULATED}
+SIMULATED_WITH: Final = {
+    **{name: f"{of} surface" for name, of in COMPARED.items()},
+    HELD_OUT: "runs left out and predicted",
+}
+"""Comparison -> what stands against the measured runs."""
 
 
 def pictures(results: BeltResults) -> list[Picture]:
@@ -40,18 +44,27 @@ def pictures(results: BeltResults) -> list[Picture]:
     found = []
     for name, of in COMPARED.items():
         sheet = results.get(name)
-        title = f"Measured against simulated, {of} surface"
         if sheet is None or not sheet.extra.get("averaged"):
+            title = f"Measured against simulated, {of} surface"
             found.append(absent(name, title, f"There is no {name}.parquet.", "Fig. 17"))
         else:
             found.append(averaged(sheet, results))
     sheets = [sheet for name in COMPARED if (sheet := results.get(name)) is not None]
-    if sheets:
-        found.append(differences(sheets))
+    return [*found, *_run_by_run_pictures(sheets)]
+
+
+def of_one(sheet: Sheet) -> list[Picture]:
+    """Agreement and differences of one comparison on its own."""
+    means = [averaged(sheet, BeltResults("", {}))] if sheet.extra.get("averaged") else []
+    return [*means, *_run_by_run_pictures([sheet])]
+
+
+def _run_by_run_pictures(sheets: list[Sheet]) -> list[Picture]:
     judged = [sheet for sheet in sheets if np.isfinite(sheet["e_over_u"]).any()]
-    if judged:
-        found.append(over_uncertainty(judged))
-    return found
+    return [
+        *([differences(sheets)] if sheets else ()),
+        *([over_uncertainty(judged)] if judged else ()),
+    ]
 
 
 def averaged(sheet: Sheet, results: BeltResults) -> Picture:
@@ -69,9 +82,7 @@ def averaged(sheet: Sheet, results: BeltResults) -> Picture:
     )
     spread = _scatter(sheet, tension, omega)
     by_speed = classes_of(omega, MOST_SPEEDS)
-    with style():
-        fig = figure(height=4.6)
-        axes = fig.subplots()
+    with new_axes(4.6) as (fig, axes):
         for colour, rows in zip(shades(len(by_speed)), by_speed, strict=True):
             at = rows[np.argsort(force[rows], kind="stable")]
             named = is_setting(omega[at])
@@ -89,7 +100,7 @@ def averaged(sheet: Sheet, results: BeltResults) -> Picture:
             look = "-o" if named else "o"
             axes.plot(force[at], simulated[at], look, color=colour, mfc="none", ms=8)
             speed = float(np.median(omega[at]))
-            band = _band(results, SURFACES[sheet.name], force[at], sheet, speed)
+            band = _band(results, SURFACES.get(sheet.name, ""), force[at], speed)
             if named and band is not None:
                 low, high = simulated[at] - band, simulated[at] + band
                 axes.fill_between(force[at], low, high, color=colour, alpha=0.25, lw=0)
@@ -100,7 +111,7 @@ def averaged(sheet: Sheet, results: BeltResults) -> Picture:
         legend_below(fig, [axes])
     return Picture(
         sheet.name,
-        f"Measured against simulated, {COMPARED[sheet.name]} surface",
+        f"Measured against simulated, {SIMULATED_WITH[sheet.name]}",
         "Means over the arcs at each tension and speed. Squares: measured, with twice the standard "
         "error of the mean over arcs; circles: simulated with the identified laws; band: twice the "
         f"{_doubt(results, sheet)} of the surface. {_verdict(sheet)}",
@@ -130,9 +141,7 @@ def _scatter(sheet: Sheet, tension: np.ndarray, omega: np.ndarray) -> np.ndarray
     return found
 
 
-def _band(
-    results: BeltResults, name: str, force: np.ndarray, sheet: Sheet, omega: float
-) -> np.ndarray | None:
+def _band(results: BeltResults, name: str, force: np.ndarray, omega: float) -> np.ndarray | None:
     """Twice the standard error of the surface at these forces; None if it is not known."""
     friction, surface = results.get("friction"), results.get(name)
     if friction is None or surface is None:
@@ -145,7 +154,7 @@ def _band(
 
 
 def _doubt(results: BeltResults, sheet: Sheet) -> str:
-    surface = results.get(SURFACES[sheet.name])
+    surface = results.get(SURFACES.get(sheet.name, ""))
     return surface.uncertainty if surface is not None else "standard error"
 
 
@@ -167,10 +176,18 @@ def differences(sheets: list[Sheet]) -> Picture:
     return Picture(
         "differences",
         "What is left between simulation and measurement",
-        "Relative difference of every run. Open: with the published surface, which is biased where "
-        "the force is low; filled: with the refined one. A tilt or a bow that is left tells of "
+        f"Relative difference of every run. {_which(sheets)} A tilt or a bow that is left tells of "
         "something that the model does not know; scatter is noise.",
         fig,
+    )
+
+
+def _which(sheets: list[Sheet]) -> str:
+    if [sheet.name for sheet in sheets] == [HELD_OUT]:
+        return "Each was predicted by a surface refined without its own setting."
+    return (
+        "Open: with the published surface, which is biased where the force is low; filled: with "
+        "the refined one."
     )
 
 
@@ -179,8 +196,7 @@ def over_uncertainty(sheets: list[Sheet]) -> Picture:
     ratios = [sheet["e_over_u"] for sheet in sheets]
     fig = _run_by_run(sheets, ratios, "difference over its standard uncertainty [-]", bound=2.0)
     told = [
-        f"{sentence(COMPARED[sheet.name])} surface: {found['within_2u']} of {found['n']} runs "
-        "within."
+        f"{sentence(SIMULATED_WITH[sheet.name])}: {found['within_2u']} of {found['n']} runs within."
         for sheet in sheets
         if (found := sheet.extra.get("validation")) and found.get("n")
     ]
@@ -197,9 +213,7 @@ def _run_by_run(
     sheets: Sequence[Sheet], values: Sequence[np.ndarray], label: str, bound: float = 0.0
 ) -> Figure:
     """A value of every run over its normal force, a marker per arc, a colour per surface."""
-    with style():
-        fig = figure(height=4.4)
-        axes = fig.subplots()
+    with new_axes(4.4) as (fig, axes):
         for sheet, y in zip(sheets, values, strict=True):
             colour = COLOURS[sheet.name]
             arc = sheet["arc_deg"]
@@ -209,8 +223,8 @@ def _run_by_run(
                     y[rows],
                     MARKERS[i],
                     color=colour,
-                    mfc=colour if sheet.name == "compare_refined" else "none",
-                    label=f"{COMPARED[sheet.name]}, arc {class_name(arc[rows])}°",
+                    mfc="none" if sheet.name == "compare" else colour,
+                    label=f"{COMPARED.get(sheet.name, 'predicted')}, arc {class_name(arc[rows])}°",
                 )
         axes.axhline(0.0, color=INK, lw=0.8)
         for line in (-bound, bound) if bound else ():

@@ -15,11 +15,10 @@ from beltid.report.drawing import (
     MU,
     PENETRATION,
     PRESSED,
-    figure,
     group,
     legend_below,
     mark_synthetic,
-    style,
+    new_axes,
 )
 from beltid.report.figures import (
     arc,
@@ -33,7 +32,7 @@ from beltid.report.figures import (
     surface,
 )
 from beltid.report.picture import Picture
-from beltid.report.results import BeltResults, Sheet
+from beltid.report.results import HELD_OUT, BeltResults, Sheet
 
 MOST_PROFILES: Final = 7
 
@@ -54,6 +53,8 @@ def _alone(sheet: Sheet) -> BeltResults:
 
 def _name(sheet: Sheet) -> str:
     """Name of the artifact in the chain."""
+    if sheet.held_out:
+        return HELD_OUT
     refined = sheet.extra.get("method") == "refined" or sheet.name.endswith("_refined")
     return f"{sheet.kind}_refined" if refined and sheet.kind in REFINED else sheet.kind
 
@@ -76,19 +77,12 @@ def _surface(sheet: Sheet) -> list[Picture]:
     return [cuts, surface.as_map(named, None), surface.in_space(named)]
 
 
-def _compare(sheet: Sheet) -> list[Picture]:
-    named = replace(sheet, name=_name(sheet))
-    return proof.pictures(BeltResults(sheet.name, {named.name: named}))
-
-
 def _profiles(sheet: Sheet) -> list[Picture]:
     """Normal force along the arc of the first profiles."""
     labels = [f"{run} at {t:.4g} s" for run, t in zip(sheet["run"], sheet["time_s"], strict=True)]
     names = list(dict.fromkeys(labels))
     rows = np.array(labels)
-    with style():
-        fig = figure(height=4.4)
-        axes = fig.subplots()
+    with new_axes(4.4) as (fig, axes):
         for i, name in enumerate(names[:MOST_PROFILES]):
             at = rows == name
             look = {**group(i), "markevery": 8}
@@ -102,9 +96,7 @@ def _profiles(sheet: Sheet) -> list[Picture]:
 
 
 def _press_curves(sheet: Sheet) -> list[Picture]:
-    with style():
-        fig = figure()
-        axes = fig.subplots()
+    with new_axes() as (fig, axes):
         for k, branch in enumerate(press.BRANCHES):
             rows = sheet["branch"] == branch
             look = {**group(k), "linestyle": "none", "markersize": 3}
@@ -116,9 +108,7 @@ def _press_curves(sheet: Sheet) -> list[Picture]:
 
 
 def _rig_curves(sheet: Sheet) -> list[Picture]:
-    with style():
-        fig = figure()
-        axes = fig.subplots()
+    with new_axes() as (fig, axes):
         for k, run in enumerate(dict.fromkeys(sheet["run"].tolist())):
             rows = sheet["run"] == run
             look = {**group(k), "marker": None}
@@ -135,9 +125,7 @@ def _shear(shear: Sheet) -> Picture:
     errors = 2.0 * shear["slope_se_N_m"][used] * measured**2
     fitted = 1.0 / shear["slope_fitted_N_m"][used]
     tensions = as_set(shear["initial_tension_N"])[used]
-    with style():
-        fig = figure(height=4.2)
-        axes = fig.subplots()
+    with new_axes(4.2) as (fig, axes):
         for i, tension in enumerate(np.unique(tensions)):
             rows = np.flatnonzero(tensions == tension)
             rows = rows[np.argsort(arcs[rows], kind="stable")]
@@ -171,7 +159,7 @@ MAKERS: Final[dict[str, Callable[[Sheet], list[Picture]]]] = {
     "surface": _surface,
     "simulated": lambda sheet: friction.simulated(_alone(sheet)),
     "profiles": _profiles,
-    "compare": _compare,
+    "compare": lambda sheet: proof.of_one(replace(sheet, name=_name(sheet))),
     "drive": drive.predicted,
     "compare_drive": drive.compared,
     "press_curves": _press_curves,

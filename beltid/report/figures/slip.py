@@ -11,10 +11,9 @@ from beltid.report.cells import MILLI
 from beltid.report.drawing import (
     FAINT,
     SPEED,
-    figure,
     group,
     legend_below,
-    style,
+    new_axes,
 )
 from beltid.report.picture import Picture, absent
 from beltid.report.results import BeltResults, Sheet
@@ -37,9 +36,7 @@ def against_torque(slip: Sheet) -> Picture:
     drivers, tensions = as_set(slip["driver_speed_rad_s"]), as_set(slip["initial_tension_N"])
     tensions = np.where(np.isnan(tensions), UNKNOWN, tensions)
     settings = sorted(set(zip(drivers.tolist(), tensions.tolist(), strict=True)))
-    with style():
-        fig = figure(height=4.2)
-        axes = fig.subplots()
+    with new_axes(4.2) as (fig, axes):
         for i, (speed, tension) in enumerate(settings):
             rows = np.flatnonzero((drivers == speed) & (tensions == tension))
             rows = rows[np.argsort(slip["torque_N_m"][rows], kind="stable")]

@@ -19,17 +19,17 @@ from beltid.report.drawing import (
     SPEED,
     figure,
     logarithmic,
+    new_axes,
     style,
 )
 from beltid.report.picture import Picture, absent
-from beltid.report.results import BeltResults, Sheet
+from beltid.report.results import SURFACES, BeltResults, Sheet
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from beltid.laws.friction_surface import FrictionSurface
 
-WORDS: Final = {"surface": "published", "surface_refined": "refined"}
 LEVELS: Final = 12
 NODES: Final = (41, 31)
 DIGITS: Final = 5
@@ -42,11 +42,11 @@ LEVEL_SLOPE: Final = 1e-3
 def pictures(results: BeltResults) -> list[Picture]:
     """The surfaces, best first, in space and as maps."""
     found = []
-    for name in ("surface_refined", "surface"):
+    for name, of in SURFACES.items():
         sheet = results.get(name)
         if sheet is None:
             why = f"There is no {name}.parquet."
-            found.append(absent(f"map-{name}", f"The {WORDS[name]} surface", why, "Fig. 13"))
+            found.append(absent(f"map-{name}", f"The {of} surface", why, "Fig. 13"))
         else:
             found.append(as_map(sheet, results.get("friction")))
     return found
@@ -80,9 +80,7 @@ def as_map(sheet: Sheet, friction: Sheet | None) -> Picture:
     """Contours of the surface over force and speed, with the measured points (Fig. 13b)."""
     surface = sheet.surface
     f, v, mu = grid_of(surface, 81, 61)
-    with style():
-        fig = figure(height=4.4)
-        axes = fig.subplots()
+    with new_axes(4.4) as (fig, axes):
         levels = _levels(mu)
         filled = axes.contourf(f, v * MILLI, mu.T, levels=levels, cmap=ORDERED)
         lines = axes.contour(f, v * MILLI, mu.T, levels=levels[::2], colors="white", linewidths=0.7)
@@ -127,7 +125,7 @@ def as_map(sheet: Sheet, friction: Sheet | None) -> Picture:
     speeds = class_name(MILLI * surface.slip_speed_m_s)
     return Picture(
         f"map-{sheet.name}",
-        f"The {WORDS[sheet.name]} surface as a map",
+        f"The {SURFACES[sheet.name]} surface as a map",
         f"Contours of µ from {f0:.0f} to {f1:.0f} N/m, {speeds} mm/s (box); beyond it the nearest "
         "value is taken, nothing is "
         f"extrapolated. {_falling(falling)}{_why_wider(sheet)}".strip(),
@@ -179,8 +177,8 @@ def in_space(sheet: Sheet) -> Picture:
     return Picture(
         "surface-space",
         "The friction surface in space",
-        f"The {WORDS[sheet.name]} surface over its range of validity. The measured runs are not in "
-        "it: each stands at a mean force, Eq. (8), while the surface holds for that at a point.",
+        f"The {SURFACES[sheet.name]} surface over its range of validity. The measured runs are not "
+        "in it: each stands at a mean force, Eq. (8), while the surface holds for that at a point.",
         _drawn(sheet),
         "Fig. 13 (a)",
     )
@@ -226,9 +224,7 @@ def ticks(values: np.ndarray) -> np.ndarray:
 
 def surface_plot(results: BeltResults) -> dict[str, Any] | None:
     """Traces and layout of the interactive surface; None if there is no surface."""
-    sheets = [
-        sheet for name in ("surface_refined", "surface") if (sheet := results.get(name)) is not None
-    ]
+    sheets = [sheet for name in SURFACES if (sheet := results.get(name)) is not None]
     if not sheets:
         return None
     every = np.concatenate([sheet.surface.mu_nodes.ravel() for sheet in sheets])
@@ -263,7 +259,7 @@ def _trace(sheet: Sheet, shown: bool, limits: tuple[float, float]) -> dict[str, 
     f, v, mu = grid_of(sheet.surface, *NODES)
     return {
         "type": "surface",
-        "name": f"{WORDS[sheet.name]} surface",
+        "name": f"{SURFACES[sheet.name]} surface",
         "x": _rounded(f),
         "y": _rounded(v * MILLI),
         "z": _rounded(mu.T),
@@ -294,7 +290,7 @@ def _layout(sheets: list[Sheet]) -> dict[str, Any]:
     buttons = [
         {
             "method": "restyle",
-            "label": WORDS[sheet.name],
+            "label": SURFACES[sheet.name],
             "args": [{"visible": [k == i for k in range(len(sheets))]}],
         }
         for i, sheet in enumerate(sheets)

@@ -114,7 +114,7 @@ def reported_in(folder: Path) -> list[Path]:
     return [
         page.parent
         for page in sorted(folder.glob(f"*/{NAME}"))
-        if not page.parent.is_symlink() and is_ours(page) and _files(page.parent)
+        if not page.parent.is_symlink() and mark_of(page) and _files(page.parent)
     ]
 
 
@@ -225,10 +225,11 @@ def hash_of(files: Sequence[tuple[str, Path]], *words: str) -> str:
     return sha256(json.dumps(record).encode())
 
 
-def is_ours(page: Path) -> bool:
-    """Whether a page of ours stands there."""
+def mark_of(page: Path) -> str | None:
+    """Hash of what a page of ours was made from; None for any other file."""
     with page.open("rb") as file:
-        return MARK.search(file.read(HEAD).decode("utf-8", "replace")) is not None
+        found = MARK.search(file.read(HEAD).decode("utf-8", "replace"))
+    return found and found[1]
 
 
 def up_to_date(out: Path, made_from: str, options: Options) -> bool:
@@ -245,17 +246,12 @@ def up_to_date(out: Path, made_from: str, options: Options) -> bool:
         raise ArtifactError(f"{out}: is a folder, name a file in it")
     if not out.exists():
         return False
-    with out.open("rb") as file:
-        head = file.read(HEAD).decode("utf-8", "replace")
-    found = MARK.search(head)
-    if found is None and not (options.force and out.suffix.lower() in SUFFIXES):
-        how = (
-            "name another --out, or replace it with --force"
-            if out.suffix.lower() in SUFFIXES
-            else "name another --out"
-        )
-        raise InputError(f"{out}: is {FOREIGN}, not replaced; {how}", code="not-replaced")
-    return found is not None and found[1] == made_from and not options.force
+    found, is_page = mark_of(out), out.suffix.lower() in SUFFIXES
+    if found is None and not (options.force and is_page):
+        how = ", or replace it with --force" if is_page else ""
+        text = f"{out}: is {FOREIGN}, not replaced; name another --out{how}"
+        raise InputError(text, code="not-replaced")
+    return found == made_from and not options.force
 
 
 def write(out: Path, page: Page) -> int:

@@ -124,8 +124,10 @@ def _summary(
         "origin": artifact.metadata.origin,
         "beltid": artifact.software_version,
         "figure": None if chosen is None else f"{chosen.title} ({chosen.key})",
-        "further figures": ", ".join(n for n in names if chosen is None or n != chosen.key) or None,
     }
+    further = [name for name in names if chosen is None or name != chosen.key]
+    if further:
+        facts["further figures"] = ", ".join(further)
     notes = [*artifact.metadata.warnings, *artifact.metadata.notes]
     few = [{name: row[name] for name in shown} for row in rows[:FEW_ROWS]]
     rest = len(rows) - len(few)
