@@ -148,11 +148,12 @@ def fuzz(reader: str, inputs: int, seconds: float) -> dict[str, float]:
 
 def _child_survives(reader: str, path: Path) -> bool:
     """Whether the product tells what is wrong with a file that ends the process that reads it."""
-    from beltid.bench.formats.bench_file import BenchFile, FormatError
+    from beltid.bench.formats.bench_file import BenchFile
     from beltid.bench.formats.isolated.process import read_isolated
+    from beltid.errors import InputError
 
     (found,) = read_isolated([(reader, path)])
-    return isinstance(found, (BenchFile, FormatError))
+    return isinstance(found, (BenchFile, InputError))
 
 
 def main() -> int:

@@ -16,12 +16,12 @@ from typing import Any, Final
 from beltid.bench.channels.channel_mapping import (
     MappingContext,
     missing_setting,
+    notes_of,
     stated_conversions,
 )
 from beltid.bench.channels.text_tables import (
     candidates_of,
     text_layout,
-    text_notes,
     wanted_columns,
 )
 from beltid.bench.channels.vocabulary import means_date
@@ -154,7 +154,7 @@ def _csv(path: Path, options: ReadOptions) -> BigRecording:
     conversions = {role: m.conversion for role, m in mappings.items() if m.unit_stated or m.negated}
     clock = wanted["time_s"].clock
     runs = RunStream(ahead(blocks, 1), table, name, conversions, problems, clock)
-    told = (*layout.notes, *text_notes(layout.header, mappings, table))
+    told = (*layout.notes, *notes_of(mappings, table, layout.header))
     return BigRecording(path, runs, lambda: (*head.decoded.notes, *ends, *told, *runs.notes()))
 
 

@@ -12,7 +12,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
-from beltid.artifacts.file_bytes import opened
 from beltid.bench.channels.vocabulary import means_date
 from beltid.bench.files.sniff import PARQUET, TEXT, decode, sniff
 from beltid.bench.files.sources import Source, sources_of, unread_sources
@@ -66,7 +65,9 @@ def recorded_on(path: Path, config: Config, kind: str) -> str | None:
 
 
 def _of_file(source: Source, options: ReadOptions) -> Iterator[str]:
-    head = _head(source)
+    head = source.first_bytes(HEAD_BYTES)
+    if len(head) == HEAD_BYTES:  # whole lines, as its text has to be decoded
+        head = head[: head.rfind(b"\n") + 1 or None]
     form = sniff(head, source.name)
     if form == PARQUET:
         yield from _of_parquet(source)
@@ -78,16 +79,6 @@ def _of_file(source: Source, options: ReadOptions) -> Iterator[str]:
                 yield from _of_text(one.text.text[:HEAD_BYTES], options)
             if one.channels is not None:
                 yield from _of_channels(one.channels)
-
-
-def _head(source: Source) -> bytes:
-    """First bytes of a file; whole lines, as its text has to be decoded."""
-    if source.data:
-        head = source.read()[:HEAD_BYTES]
-    else:
-        with opened(source.path) as file:
-            head = file.read(HEAD_BYTES)
-    return head if len(head) < HEAD_BYTES else head[: head.rfind(b"\n") + 1 or None]
 
 
 def _of_text(text: str, options: ReadOptions) -> Iterator[str]:

@@ -82,8 +82,6 @@ class Recording:
         The file.
     notes : tuple of str
         What was found out, left out or missing.
-    lines : ndarray
-        Line of every row in the file, from 1; empty for files without lines, or several.
     mappings : dict
         Our columns -> how they were read; empty where the file has our own columns.
     is_artifact : bool
@@ -94,7 +92,6 @@ class Recording:
     columns: dict[str, np.ndarray]
     path: Path
     notes: tuple[str, ...] = ()
-    lines: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     mappings: dict[str, ChannelMapping] = field(default_factory=dict)
     is_artifact: bool = False
 
@@ -102,10 +99,6 @@ class Recording:
     def n_samples(self) -> int:
         """Samples in it."""
         return len(self.columns[schemas.table(self.kind).label])
-
-    def line_of(self, index: int) -> int:
-        """Line in the file, from 1, of the row with this index; for Parquet the row, from 1."""
-        return int(self.lines[index]) if self.lines.size else index + 1
 
 
 def read_recording(path: str | Path, kind: str, config: Any = None) -> Recording:
@@ -251,16 +244,11 @@ def recording_of(
         problems.told_once([one.name for one in opened])
         problems.raise_if_any()
     raw_tables = [raw for found in read for raw in found]
-    columns, origins, notes, stated = joined(raw_tables, table, options, str(path), problems)
-
-    def place(index: int) -> tuple[str, int]:
-        return origins.place_of(index)
-
+    columns, place, notes, stated = joined(raw_tables, table, options, problems)
     notes += Checker(str(path), columns, table, place, problems).run({*options.units, *stated})
     problems.raise_if_any()
-    lines = origins.lines if len(raw_tables) == 1 else np.empty(0, dtype=np.int64)
     mappings = {r: mapping for raw in raw_tables for r, mapping in raw.mappings.items()}
-    return Recording(kind, columns, path, tuple(notes), lines, mappings)
+    return Recording(kind, columns, path, tuple(notes), mappings)
 
 
 def columns_of(frame: Any, kind: str, config: Any = None) -> dict[str, np.ndarray]:

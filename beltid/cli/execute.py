@@ -44,7 +44,7 @@ MOST_PAGES: Final = 3
 
 def execute(
     stage: Stage,
-    inputs: Mapping[str, Path],
+    inputs: Mapping[str, Path | None],
     default_name: str,
     common: Common,
     options: Options | None = None,
@@ -55,8 +55,9 @@ def execute(
     ----------
     stage : callable
         ``run`` of a stage.
-    inputs : mapping of str to Path
-        Its input files by role; the first one tells where results and configs are. ``-`` is stdin.
+    inputs : mapping of str to Path or None
+        Its input files by role, None where one is not given. The first one tells where results and
+        configs are; without any it is the folder of the call. ``-`` is stdin.
     default_name : str
         Name of the result beside the first input, if the user named none.
     common : Common
@@ -68,14 +69,15 @@ def execute(
     from beltid.config import find_config
     from beltid.stages.reporter import Options
 
-    first = next(iter(inputs.values()))
-    named = common.out or folder_of(first) / default_name
+    given = {role: path for role, path in inputs.items() if path is not None}
+    first = next(iter(given.values()), None)
+    named = common.out or (Path() if first is None else folder_of(first)) / default_name
     kept = f"{named} was not written" + (" again" if named.exists() else "")
     names: dict[str, str] = {}
     with ExitStack() as passing:
 
         def work(reporter: TerminalReporter) -> Summary:
-            files = passing.enter_context(piped(inputs, named, common.json))
+            files = passing.enter_context(piped(given, named, common.json))
             names.update(files.names)
             source = find_config(first, common.config)
             reporter.report(f"config: {source.origin}")

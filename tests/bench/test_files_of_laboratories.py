@@ -49,8 +49,11 @@ def test_comments_and_heads_between_the_rows_are_left_out_and_told(tmp_path):
     path.write_text("\n".join(lines) + "\n")
     recording = read(path)
     assert_is_the_press(recording)
-    assert recording.line_of(20) == 24  # those before it stay counted
     assert "3 lines of comments (#) and repeated heads left out between the rows" in recording.notes
+    lines[23] += "x"
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.raises(InputError, match=r"P22\.csv:24: "):  # those before it stay counted
+        read(path)
 
 
 def test_a_repeated_row_of_units_is_left_out_with_its_head(tmp_path):

@@ -62,8 +62,6 @@ def test_the_bench_recordings_are_read_exactly(belt, kind):
         else:
             numbers = np.array([float(c) if c else np.nan for c in cells])
             np.testing.assert_array_equal(values, numbers)
-    assert recording.line_of(0) == 2
-    assert recording.line_of(len(expected) - 1) == len(expected) + 1
 
 
 def test_missing_samples_are_kept_and_told(tmp_path):
@@ -98,8 +96,7 @@ def test_line_ends_marks_and_blank_lines_do_not_shift_the_lines(tmp_path, end, b
     lines = ["", HEADER, *rows(3), "", "", *rows(2, "R2")]
     path = tmp_path / "rig.csv"
     path.write_bytes(bom + end.join(lines).encode())
-    recording = read_recording(path, "rig")
-    assert [recording.line_of(i) for i in range(5)] == [3, 4, 5, 8, 9]
+    assert read_recording(path, "rig").n_samples == 5
     lines[8] = lines[8].replace("310.5", "-3.1")
     path.write_bytes(bom + end.join(lines).encode())
     assert problems(path) == ["rig.csv:9: tension_tight_N = -3.1, must be > 0"]
@@ -155,20 +152,17 @@ def test_under_a_decimal_comma_a_point_is_no_decimal_sign(tmp_path):
 
 def test_tabs_and_what_excel_writes_first(tmp_path):
     lines = ["sep=\t", *(line.replace(",", "\t") for line in [HEADER, *rows()])]
-    recording = read_recording(write(tmp_path, lines), "rig")
-    assert recording.line_of(0) == 3
+    assert read_recording(write(tmp_path, lines), "rig").n_samples == len(rows())
 
 
 def test_comments_and_a_preamble_before_the_header(tmp_path):
     lines = ["# rig 3", "# monday", HEADER, *rows()]
-    assert read_recording(write(tmp_path, lines), "rig").line_of(0) == 4
+    assert read_recording(write(tmp_path, lines), "rig").n_samples == len(rows())
     lines = ["Rig;3", "Operator;NN", "", HEADER, *rows()]
     path = write(tmp_path, lines)
     recording = read_recording(path, "rig")
-    assert recording.line_of(0) == 5
     assert "header found in line 4" in recording.notes
     stated = read_recording(path, "rig", load_config({"dialect": {"skip_lines": 3}}))
-    assert stated.line_of(0) == 5
     np.testing.assert_array_equal(stated.columns["time_s"], recording.columns["time_s"])
 
 

@@ -127,17 +127,13 @@ def _raw(
     if problems.count > wrong:
         return None
     convert(columns, {r: mapping for r, mapping in mappings.items() if r != "time_s"})
-    used = {c.name for m in mappings.values() for c in (m.candidate, m.date) if c is not None}
-    left_out = [channel for channel in channels if channel not in used]
-    said = [*notes_of(mappings, table), *notes, *of_clock]
-    if left_out:
-        said.append("channels left out: " + ", ".join(dict.fromkeys(left_out[:12])))
+    said = (*notes_of(mappings, table, channels), *notes, *of_clock)
     length = len(next(iter(columns.values())))
     # rows of the file are those of the samples only where none was interpolated
     first = groups[0].first_row if len(groups) == 1 and not notes else 0
     rows = first + np.arange(length) if first else np.empty(0, dtype=np.int64)
     label = run_name or path.stem
-    return RawTable(place, names, label, columns, mappings, fields, rows, tuple(said), place)
+    return RawTable(place, names, label, columns, mappings, fields, rows, said, place)
 
 
 def _mappings(groups: Sequence[Group], context: MappingContext) -> dict[str, ChannelMapping]:

@@ -245,8 +245,10 @@ def _date_of(
     return dates[0] if dates else None
 
 
-def notes_of(mappings: Mapping[str, ChannelMapping], table: Table) -> list[str]:
-    """What was recognised or converted, in words."""
+def notes_of(
+    mappings: Mapping[str, ChannelMapping], table: Table, names: Sequence[str]
+) -> list[str]:
+    """What was recognised, converted and left out of the channels of some names, in words."""
     notes = []
     for role, mapping in mappings.items():
         if mapping.how == "recognised":
@@ -255,6 +257,10 @@ def notes_of(mappings: Mapping[str, ChannelMapping], table: Table) -> list[str]:
             unit = table.column(role).unit
             theirs = mapping.candidate.unit or "the unit stated"
             notes.append(f"{mapping.shown} converted from {theirs} to {unit}")
+    used = {c.name for m in mappings.values() for c in (m.candidate, m.date) if c is not None}
+    left_out = [name for name in dict.fromkeys(names) if name and name not in used]
+    if left_out:
+        notes.append("columns left out: " + ", ".join(left_out[:12]))
     return notes
 
 

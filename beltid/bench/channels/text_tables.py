@@ -104,7 +104,7 @@ def _read_part(
         )
     convert(columns, mappings)
     of_clock = [] if clock is None else clock.notes()
-    notes = (*text_notes([c.name for c in candidates], mappings, table), *of_clock)
+    notes = (*notes_of(mappings, table, [c.name for c in candidates]), *of_clock)
     place = f"{name}:{found.header_line}"
     return RawTable(
         name, names, label, columns, mappings, found.fields, rows.all_lines(), notes, place
@@ -151,18 +151,6 @@ def wanted_of(mappings: Mapping[str, ChannelMapping], context: MappingContext) -
         )
         for role, r in mappings.items()
     }
-
-
-def text_notes(
-    header: Sequence[str], mappings: Mapping[str, ChannelMapping], table: Table
-) -> list[str]:
-    """What was recognised, converted and left out of a text file."""
-    notes = notes_of(mappings, table)
-    used = {c.name for m in mappings.values() for c in (m.candidate, m.date) if c is not None}
-    left_out = [n for n in header if n and n not in used]
-    if left_out:
-        notes.append("columns left out: " + ", ".join(left_out[:12]))
-    return notes
 
 
 def convert(columns: dict[str, np.ndarray], mappings: Mapping[str, ChannelMapping]) -> None:
@@ -212,6 +200,10 @@ def check_header(
             missing.append((ours, close))
         advice = how_to_tell(ours, table.kind) if setting else guess
         told_so.append(f"{place}: column {called} is missing{advice}")
+    if not found and not any(column.required for column in table.columns):
+        first = next(column.name for column in table.columns if column.dtype == "float64")
+        missing.append((first, []))
+        told_so.append(f"{place}: holds no column of {table.command}")
     other = kind_of_columns(header) if missing else ""
     if other not in ("", table.kind):
         problems.add(
@@ -231,33 +223,26 @@ def check_header(
             f"{place}: the columns found are {shown}; other names are told by the config, "
             f'columns: {{{table.kind}: {{{ours}: "{example}"}}}}'
         )
-    elif not found and not any(column.required for column in table.columns):
-        example = next(column.name for column in table.columns if column.dtype == "float64")
-        problems.add(
-            f"{place}: holds no column of {table.command}; the columns found are {shown}; other "
-            f"names are told by the config, columns: {{{table.kind}: {{{example}: "
-            '"its name in the file"}}',
-            code="columns",
-        )
 
 
 def kind_of_columns(header: Sequence[str]) -> str:
     """The kind of recording whose sensors a header names, by our names or known words; else ""."""
     rigs = [schemas.rig_table(measures, weight_on) for measures, weight_on in schemas.RIG_KINDS]
     tables = (schemas.table("press"), schemas.table("speedloss"), *rigs)
-    meant = {
-        kind: {role for name in header for role in (name, *roles_meant(name, kind))}
-        for kind in ("press", "speedloss", "rig")
-    }
-    found = {table.kind for table in tables if set(sensors_of(table)) <= meant[table.kind]}
+    found = {t.kind for t in tables if set(sensors_of(t)) <= _columns_meant(header, t.kind)}
     return found.pop() if len(found) == 1 else ""
+
+
+def _columns_meant(header: Sequence[str], kind: str) -> set[str]:
+    """Our columns that a header names, by our names or known words."""
+    return {role for name in header for role in (name, *roles_meant(name, kind))}
 
 
 def _rig_kind_of(header: Sequence[str], table: Table) -> str:
     """Another kind of friction rig whose channels a header has, as the config states it; or ""."""
     if table.kind != "rig":
         return ""
-    meant = {role for name in header for role in (name, *roles_meant(name, "rig"))}
+    meant = _columns_meant(header, "rig")
     tensions = {"tension_tight_N", "tension_slack_N"}
     for measures, weight_on in schemas.RIG_KINDS:
         other = schemas.rig_table(measures, weight_on)

@@ -49,12 +49,12 @@ class Source:
             return member_bytes(self.data, self.path, str(self.inside))
         return self.data or read_bytes(self.path)
 
-    def first_bytes(self) -> bytes:
-        """Its first four bytes."""
+    def first_bytes(self, count: int = 4) -> bytes:
+        """Its first bytes."""
         if self.data:
-            return self.read()[:4]
+            return self.read()[:count]
         with opened(self.path) as file:
-            return file.read(4)
+            return file.read(count)
 
     def loaded(self) -> Source:
         """The same with its bytes in memory, out of the zip file."""

@@ -157,7 +157,8 @@ class _Reader:
             for name, cells in zip(names, zip(*rows, strict=True), strict=True)
         ]
         channels = self._channels(names, header, columns, first)
-        return _Segment(channels, header.fields, first + 1, header.clock_s), last
+        fields = tuple(f for f in header.fields if f.name not in ("Date", "Time"))  # of channels
+        return _Segment(channels, fields, first + 1, header.clock_s), last
 
     def _rows(self, at: int, width: int) -> tuple[list[list[str]], int]:
         """Cells of the samples that begin at a line, and the line after them."""

@@ -33,7 +33,7 @@ from beltid.bench.read_options import ReadOptions
 from beltid.bench.runs.run_split import row_labels, run_labels
 from beltid.config.model import DialectSection
 from beltid.config.name_pattern import name_pattern, number
-from beltid.errors import Problems
+from beltid.errors import PlaceOf, Problems
 from beltid.tables.columns import Table, text
 from beltid.tables.schemas import SAID_OF_RUNS, SETTINGS
 from beltid.tables.units import conversion
@@ -282,33 +282,9 @@ def fill(columns: dict[str, np.ndarray], told: Mapping[str, str | float], length
     return replaced
 
 
-@dataclass(frozen=True, slots=True)
-class SampleOrigins:
-    """Where the samples of joined raw tables come from."""
-
-    raw_tables: tuple[RawTable, ...]
-    starts: np.ndarray
-    """Index of the first sample of every raw table."""
-
-    def place_of(self, index: int) -> tuple[str, int]:
-        """Place of a sample in words, and a number for the order of messages."""
-        k = int(np.searchsorted(self.starts, index, side="right")) - 1
-        place, line = self.raw_tables[k].place_of(index - int(self.starts[k]))
-        return place, line if len(self.raw_tables) == 1 else index + 1
-
-    @property
-    def lines(self) -> np.ndarray:
-        """Lines of the samples of a single raw table."""
-        return self.raw_tables[0].rows
-
-
 def joined(
-    raw_tables: Sequence[RawTable],
-    table: Table,
-    options: ReadOptions,
-    name: str,
-    problems: Problems,
-) -> tuple[dict[str, np.ndarray], SampleOrigins, list[str], set[str]]:
+    raw_tables: Sequence[RawTable], table: Table, options: ReadOptions, problems: Problems
+) -> tuple[dict[str, np.ndarray], PlaceOf, list[str], set[str]]:
     """Columns of all raw tables one after the other.
 
     Parameters
@@ -319,8 +295,6 @@ def joined(
         What is needed.
     options : ReadOptions
         What the config states.
-    name : str
-        Name of the recording, for messages.
     problems : Problems
         Collects labels used twice and settings that nobody tells.
 
@@ -328,8 +302,8 @@ def joined(
     -------
     columns : dict
         Columns of the table in its order; an optional one that is absent is all nan.
-    origins : SampleOrigins
-        Where the samples come from.
+    place : callable
+        Index of a sample -> its place in words, and its line.
     notes : list of str
         What was found out.
     stated : set of str
@@ -367,12 +341,18 @@ def joined(
         problems.told_once([raw.place for raw in raw_tables])
         problems.raise_if_any()
     starts = np.cumsum([0, *(len(raw) for raw in raw_tables)])[:-1]
+
+    def place(index: int) -> tuple[str, int]:
+        k = int(np.searchsorted(starts, index, side="right")) - 1
+        where, line = raw_tables[k].place_of(index - int(starts[k]))
+        return where, line if len(raw_tables) == 1 else index + 1
+
     whole = parts[0] if len(parts) == 1 else _together(parts, table)
     told_units = [
         {r for r, mapping in raw.mappings.items() if mapping.unit_stated} for raw in raw_tables
     ]
     stated = set.intersection(*told_units) if told_units else set()
-    return whole, SampleOrigins(tuple(raw_tables), starts), _merged(notes, len(raw_tables)), stated
+    return whole, place, _merged(notes, len(raw_tables)), stated
 
 
 def _together(parts: Sequence[dict[str, np.ndarray]], table: Table) -> dict[str, np.ndarray]:

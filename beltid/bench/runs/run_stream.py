@@ -97,8 +97,8 @@ class RunStream:
 
     Attributes
     ----------
-    n_samples, n_runs : int
-        Samples and runs so far.
+    n_samples : int
+        Samples so far.
     missing : dict of str to int
         Missing values of the columns that may miss some.
     """
@@ -116,7 +116,7 @@ class RunStream:
         self.blocks, self.table, self.name = blocks, table, name
         self.conversions, self.problems, self.clock = conversions, problems, clock
         self.row_word = row_word
-        self.n_samples = self.n_runs = 0
+        self.n_samples = 0
         self.missing: dict[str, int] = {}
         self._began: dict[str | None, int] = {}
         self._judged: set[str] = set()
@@ -214,7 +214,6 @@ class RunStream:
                 count = int(np.count_nonzero(np.isnan(columns[column.name])))
                 self.missing[column.name] = self.missing.get(column.name, 0) + count
         self.n_samples += n
-        self.n_runs += 1
         if run.label is not None:
             yield RunColumns(run.label, columns, run.said(self.table.label))
 

@@ -39,9 +39,7 @@ def simulate_drive(
     """
     from beltid.stages.drive import simulate_drive as stage
 
-    inputs = {"surface": surface, "stiffness": stiffness}
-    if slip is not None:
-        inputs["slip"] = slip
+    inputs = {"surface": surface, "stiffness": stiffness, "slip": slip}
     execute(stage.run, inputs, "drive.parquet", common)
 
 

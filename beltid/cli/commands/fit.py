@@ -86,8 +86,7 @@ def fit_shear(
     """
     from beltid.stages.identification import fit_shear as stage
 
-    inputs = {"rig": rig} if stiffness is None else {"rig": rig, "stiffness": stiffness}
-    execute(stage.run, inputs, "shear.parquet", common)
+    execute(stage.run, {"rig": rig, "stiffness": stiffness}, "shear.parquet", common)
 
 
 @command("fit-friction")

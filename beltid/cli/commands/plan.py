@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from beltid.cli.execute import execute, finish
+from beltid.cli.execute import execute
 from beltid.cli.program import Common, command
-
-if TYPE_CHECKING:
-    from beltid.cli.reporter import TerminalReporter
-    from beltid.report.summary import Summary
 
 
 @command("plan")
@@ -71,24 +67,10 @@ def plan(
 
     Example: beltid plan surface_refined.parquet stiffness.parquet --from friction.parquet
     """
-    from beltid.config import find_config
     from beltid.stages.simulation import plan as stage
 
     if (surface is None) != (stiffness is None) or (surface is None and friction is not None):
         raise typer.BadParameter("SURFACE and STIFFNESS go together, --from goes with them")
+    inputs = {"surface": surface, "stiffness": stiffness, "friction": friction}
     options = stage.PlanOptions(runs=runs, target=target, goal_u=goal_u)
-    if surface is not None and stiffness is not None:
-        inputs = {"surface": surface, "stiffness": stiffness}
-        if friction is not None:
-            inputs["friction"] = friction
-        execute(stage.run, inputs, "plan.csv", common, options)
-
-    def work(reporter: TerminalReporter) -> Summary:
-        from dataclasses import replace
-
-        source = find_config(None, common.config)
-        reporter.report(f"config: {source.origin}")
-        chosen = replace(options, force=common.force, reporter=reporter)
-        return stage.run(source, {}, common.out or Path("plan.csv"), chosen)
-
-    finish(work, common, kept="nothing was written")
+    execute(stage.run, inputs, "plan.csv", common, options)

@@ -99,9 +99,7 @@ def simulate_rig(
         profile_times_s=tuple(profile_time or ()),
     )
     name = "simulated_part.parquet" if arc or tension or speed else "simulated.parquet"
-    inputs = {"surface": surface, "stiffness": stiffness}
-    if friction is not None:
-        inputs["friction"] = friction
+    inputs = {"surface": surface, "stiffness": stiffness, "friction": friction}
     execute(stage.run, inputs, name, common, options)
 
 
