@@ -153,6 +153,8 @@ def test_what_the_laws_do_not_cover_is_said() -> None:
     assert any(
         "100 % of the sliding friction acts below the slowest" in w for w in outcome.warnings
     )
+    assert outcome.extra["slow_friction"] == "half_trend"
+    assert any("is continued with half of the trend" in note for note in outcome.notes)
     heavy = {"driver_speed_rad_s": [62.8], "torque_N_m": {"driven": [8, 45, 70]}}
     outcome = beltid.simulate_drive(config(operating_points=heavy), true_surface(), LAW)
     frame = outcome.to_frame()
