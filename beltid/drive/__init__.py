@@ -11,6 +11,7 @@ Module         Responsibility                                                   
 ``rod_newton`` Newton's method for it, forces of both spans given
 ``ribs``       Tangential forces of ribs that shear, for the rod                    (R7)
 ``loop``       Span forces, flow of belt and tensioner of the closed loop           (D7) to (D9)
+``bending``    How much longer a loop is whose belt bends                           (D15)
 ``rod_level``  The same loop with a rod on each pulley                              (D12)
 ``results``    Speed loss and its parts, hub forces, reserve, losses, status        (D10), (D11)
 ``profile``    Line force and sliding speed along the arcs of a result

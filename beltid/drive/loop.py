@@ -43,6 +43,10 @@ class Level(Protocol):
         """State of the belt on every pulley, from the effective forces before and behind it."""
         ...
 
+    def extra_length(self, laid: Layout, P: Array) -> float:
+        """Length of the loop beyond that of a belt that does not bend [m]."""
+        ...
+
 
 @dataclass(frozen=True, slots=True)
 class RestState:
@@ -154,7 +158,8 @@ def _laid_at_rest(drive: Drive, level: Level, T_0: float, angle: float | None) -
     laid = layout(drive, angle)
     P = np.full(laid.spans.size, float(T_0))  # kernels are compiled for floats
     on_arcs = level.arcs(P, P, 0.0, laid.wraps).length
-    length = laid.spans.sum() / drive.stretch(T_0, 0.0) + on_arcs.sum()
+    free = laid.spans.sum() / drive.stretch(T_0, 0.0)
+    length = free + on_arcs.sum() + level.extra_length(laid, P)
     given = drive.installation == "slack_force"
     return RestState(T_0, angle, math.nan if given else float(length), laid)
 
@@ -215,6 +220,7 @@ class _Loop:
         else:
             free = state.laid.spans / drive.stretch(state.P, state.v0)
             length = free.sum() + arcs.length.sum()
+            length += self.level.extra_length(state.laid, state.P)
             r[n] = (length / rest.belt_length - 1.0) * drive.belt.EA / rest.T_0
         if drive.tensioner is not None and state.arm_angle is not None:
             moment = arm_lever(drive.tensioner, state.laid, state.P)

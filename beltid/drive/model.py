@@ -109,6 +109,9 @@ class Drive:
     slow_trend : float
         Share of the trend at the slowest measured speed with which friction goes on below it, (D14)
         [-], 0 to 1; with 0 the nearest measured value holds.
+    bent_length : bool
+        Whether the loop of rods is closed with the length of a belt that bends, (D15), and not with
+        that of a string.
 
     Attributes
     ----------
@@ -131,6 +134,7 @@ class Drive:
     back_friction: float = 0.5
     shear_stiffness: float = math.inf
     slow_trend: float = NEAREST
+    bent_length: bool = False
     friction: SurfaceTables = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:

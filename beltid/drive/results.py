@@ -272,7 +272,7 @@ class Simulator:
         """
         T_0 = _key(point)
         if T_0 not in self._rest:
-            self._rest[T_0] = rest_state(self.drive, self.level, point.T_0)
+            self._rest[T_0] = rest_state(self.drive, self._rods or self.level, point.T_0)
         return self._rest[T_0]
 
     def _forwards(self, point: DrivePoint, near: DriveResult | None) -> DriveResult:

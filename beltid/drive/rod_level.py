@@ -17,6 +17,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from beltid.drive.bending import extra_at_end, extra_length, further_out
+from beltid.drive.geometry import Layout
 from beltid.drive.loop import LoopState, RestState, solve_loop
 from beltid.drive.model import Drive, DrivePoint
 from beltid.drive.rod import SHORTEST_SPAN, RodPulley, RodState, pulley_map
@@ -33,27 +35,35 @@ TENSION_STEP: Final = 0.05
 """Of the logarithm of the tension: nearly the same tensions share a mesh."""
 REMEMBERED: Final = 12
 """States of a pulley of which the nearest is where the next one is begun from."""
+BY_HAND: Final = 0.01
+"""Flow of a belt that is turned by hand while it is tightened [m/s]."""
 FASTEST_WITHOUT_RANGE: Final = 0.05
 """Sliding speed over that of the belt taken for the limit of a friction without a speed range."""
 
 
 @dataclass(frozen=True, slots=True)
 class Corrected:
-    """Pulleys at string level with the difference to the rods added, (D12).
+    """Pulleys at string level with the difference to the rods added, (D12) and (D15).
 
     Parameters
     ----------
+    drive : Drive
+        Belt, laws and pulleys.
     level : StringLevel
         The string.
     torque : ndarray (n,)
         To be added to the torques [N m].
     speed : ndarray (n,)
         Factor on the speeds of the pulleys [-].
+    length : float
+        To be added to the length of the loop, beside that of a belt that bends [m].
     """
 
+    drive: Drive
     level: StringLevel
     torque: Array
     speed: Array
+    length: float
 
     def arcs(self, P_in: Array, P_out: Array, v0: float, wraps: Array) -> Arcs:
         """State of the belt on every pulley, as :meth:`StringLevel.arcs`."""
@@ -61,6 +71,12 @@ class Corrected:
         return arcs._replace(
             torque=arcs.torque + self.torque, W=arcs.W * self.speed, rate=arcs.rate * self.speed
         )
+
+    def extra_length(self, laid: Layout, P: Array) -> float:
+        """Length of the loop beyond that of a string [m], (D15), if the drive counts it."""
+        if not self.drive.bent_length:
+            return 0.0
+        return extra_length(self.drive, laid, P) + self.length
 
 
 @dataclass(slots=True)
@@ -109,6 +125,7 @@ class RodLevel:
             )
         self.drive, self.level = drive, level
         self._known: dict[tuple[int, float, float], _Known] = {}
+        self._rested: dict[tuple[float, tuple[float, ...]], float] = {}
         fastest = drive.surface.validity["slip_speed_m_s"][1]
         self.fastest = float(fastest)
 
@@ -131,15 +148,17 @@ class RodLevel:
         ConvergenceError
             If the loop or a rod has no steady state, or both do not come together.
         """
-        state = solve_loop(self.drive, point, self.level, rest, near)
+        n, length = len(self.drive.pulleys), self._beyond_bending_at_rest(rest.laid, rest.T_0)
+        first = Corrected(self.drive, self.level, np.zeros(n), np.ones(n), length)
+        state = solve_loop(self.drive, point, first, rest, near)
         for _ in range(MOST_ROUNDS):
             if state.slack or np.isnan(state.arcs.slip).any():
                 return state
-            rods, slip = self._rods(state, rest, near)
+            rods, slip = self._rods(state, rest.T_0, near)
             if np.isnan(slip).any():
                 return replace(state, arcs=state.arcs._replace(slip=slip))
             of_string = self.level.arcs(state.P_in, state.P, state.v0, state.laid.wraps)
-            corrected = _difference(self.level, of_string, rods)
+            corrected = self._corrected(state, of_string, rods)
             last, state = state, solve_loop(self.drive, point, corrected, rest, state)
             moved = float(np.abs(state.P - last.P).max()) / rest.T_0
             if moved <= FORCE_TOLERANCE:
@@ -162,8 +181,60 @@ class RodLevel:
         rate = arcs.rate if math.isfinite(self.drive.shear_stiffness) else arcs.W - ahead
         return arcs._replace(rate=rate, slip=slip, needed=needed)
 
+    def arcs(self, P_in: Array, P_out: Array, v0: float, wraps: Array) -> Arcs:
+        """State of the belt on the pulleys before a rod is known: that of the string."""
+        return self.level.arcs(P_in, P_out, v0, wraps)
+
+    def extra_length(self, laid: Layout, P: Array) -> float:
+        """Length of the loop at rest, under one force, beyond that of a string [m], (D15).
+
+        The belt is tightened while it is turned by hand, and friction at the entries is that of a
+        drive that idles.
+        """
+        if not self.drive.bent_length:
+            return 0.0
+        bent = extra_length(self.drive, laid, P)
+        return bent + self._beyond_bending_at_rest(laid, float(P[0]))
+
+    def _beyond_bending_at_rest(self, laid: Layout, T_0: float) -> float:
+        if not self.drive.bent_length or self.drive.installation == "slack_force":
+            return 0.0
+        P = np.full(len(self.drive.pulleys), T_0)
+        arcs = self.level.arcs(P, P, BY_HAND, laid.wraps)
+        state = LoopState(P, BY_HAND, None, laid, arcs)
+        key = (T_0, tuple(laid.wraps.tolist()))
+        if key not in self._rested:
+            rods, _ = self._rods(state, T_0, None)
+            self._rested[key] = self._corrected(state, arcs, rods).length
+        return self._rested[key]
+
+    def _corrected(
+        self, state: LoopState, of_string: Arcs, rods: tuple[RodState | None, ...]
+    ) -> Corrected:
+        """What the rods have beyond the string, and their length beyond (D15), with its forces."""
+        torque, speed, length = np.zeros(len(rods)), np.ones(len(rods)), 0.0
+        for i, rod in enumerate(rods):
+            if rod is None:
+                continue
+            torque[i] = rod.torque - of_string.torque[i]
+            speed[i] = rod.W / of_string.W[i]
+            if self.drive.bent_length:
+                length += self._beyond_bending(i, rod, float(of_string.length[i]))
+        return Corrected(self.drive, self.level, torque, speed, length)
+
+    def _beyond_bending(self, i: int, rod: RodState, on_arc: float) -> float:
+        """Length of a rod beyond that of the string, with ``on_arc`` on the arc, and (D15) [m]."""
+        path = rod.contact.model.path
+        length = rod.contact.stretch * path.length - on_arc
+        for P in (rod.P_in, rod.P_out):
+            # the far end of the span that is computed stays on the tangent of the circle
+            tilts = further_out(self.drive, i, P) ** 2 / (2.0 * path.span)
+            bent = path.span + extra_at_end(self.drive, i, P) - tilts
+            length -= bent / float(self.drive.stretch(P, rod.v0))
+        return length
+
     def _rods(
-        self, state: LoopState, rest: RestState, near: LoopState | None
+        self, state: LoopState, T_0: float, near: LoopState | None
     ) -> tuple[tuple[RodState | None, ...], Array]:
         """Rods with the forces of a loop, and the sliding speed of each pulley as a whole [m/s]."""
         rods: list[RodState | None] = []
@@ -173,7 +244,7 @@ class RodLevel:
                 rods.append(None)
                 slip[i] = state.arcs.slip[i]
                 continue
-            known = self._rod(i, state, rest)
+            known = self._rod(i, state.laid, T_0)
             P_in, P_out = float(state.P_in[i]), float(state.P[i])
             start = known.nearest(state.v0, P_in, P_out)
             if near is not None and near.rods and known.fits(near.rods[i]):
@@ -193,15 +264,15 @@ class RodLevel:
                 slip[i] = math.nan
         return tuple(rods), slip
 
-    def _rod(self, i: int, state: LoopState, rest: RestState) -> _Known:
+    def _rod(self, i: int, laid: Layout, T_0: float) -> _Known:
         """Rod of a pulley; near tensions and the same wrap share a mesh."""
-        wrap = float(state.laid.wraps[i])
-        tension = math.exp(round(math.log(rest.T_0) / TENSION_STEP) * TENSION_STEP)
+        wrap = float(laid.wraps[i])
+        tension = math.exp(round(math.log(T_0) / TENSION_STEP) * TENSION_STEP)
         key = (i, wrap, tension)
         if key not in self._known:
             drive = self.drive
             assert drive.law is not None
-            half = 0.5 * float(min(state.laid.spans[i], state.laid.spans[i - 1]))
+            half = 0.5 * float(min(laid.spans[i], laid.spans[i - 1]))
             shortest = SHORTEST_SPAN * bending_length(drive.belt.EI, tension)
             span = max(half, shortest)
             self._known[key] = _Known(
@@ -229,15 +300,3 @@ class RodLevel:
         except ConvergenceError:
             return False
         return abs(math.log(P_out / P_in)) > abs(math.log(limit.P_out / P_in))
-
-
-def _difference(
-    level: StringLevel, of_string: Arcs, rods: tuple[RodState | None, ...]
-) -> Corrected:
-    """What the rods have beyond the string with the same forces."""
-    torque, speed = np.zeros(len(rods)), np.ones(len(rods))
-    for i, rod in enumerate(rods):
-        if rod is not None:
-            torque[i] = rod.torque - of_string.torque[i]
-            speed[i] = rod.W / of_string.W[i]
-    return Corrected(level, torque, speed)

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from beltid.drive.geometry import Layout
 from beltid.drive.model import Drive
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.surface_tables import SurfaceTables
@@ -698,6 +699,10 @@ class StringLevel:
             P_in, P_out, v0, wraps, self._pulleys, self._of_ribs, self._of_back
         )
         return arcs
+
+    def extra_length(self, laid: Layout, P: Array) -> float:
+        """A string does not bend: none of the length (D15)."""
+        return 0.0
 
     def least_arcs(self, P_in: Array, P_out: Array, v0: float) -> Array:
         """Arcs [rad] that sliding at the best of the measured speeds needs, shape (n,).

@@ -10,10 +10,12 @@ import pytest
 from drives import BELTS, true_surface, two_pulleys
 
 from beltid.config import load_config
+from beltid.drive.bending import extra_at_end
 from beltid.drive.model import DrivePoint, Pulley
 from beltid.drive.results import Simulator, simulate
 from beltid.errors import InputError
 from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
 from beltid.stages.drive.drive_of_config import drive_of, points_of_slip
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -26,14 +28,15 @@ ROOT = Path(__file__).resolve().parents[2]
 def test_the_synthetic_recordings_are_predicted_within_2_5_percent(belt: str) -> None:
     """Against the noise-free losses of an independent flowing rod, up to full slip.
 
-    The friction is that of the benches, which keeps its value below 0.5 mm/s.
+    The friction is known as the rig measures it, from 2.5 mm/s on; the truth goes on to 0.5 mm/s.
+    With the nearest measured value below, 5pk would be 4 % off.
     """
     model = load_config(ROOT / "configs" / f"{belt}.yaml")
     with (ROOT / "tests" / "truth" / belt / "speedloss_truth.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     true = {name: np.array([float(row[name]) for row in rows]) for name in rows[0] if name != "run"}
     points = points_of_slip(model, true | {"run": np.array([row["run"] for row in rows])})
-    drive = drive_of(model, true_surface(belt, slowest=5e-4), BELTS[belt][-1])
+    drive = drive_of(model, true_surface(belt), BELTS[belt][-1])
     results = simulate(drive, [labelled.point for labelled in points], method="rod")
     loss = np.array([result.loss.total[1] for result in results])
     judged = true["torque_N_m"] > 0.2 * true["torque_N_m"].max()
@@ -136,6 +139,32 @@ def test_more_than_the_bent_belt_carries_is_gross_slip() -> None:
     assert (
         Simulator(drive).solve(DrivePoint(1.0, 84.2, (0.0, 315.8 * 0.05))).status[0] == "adhesion"
     )
+
+
+def test_a_belt_that_bends_is_longer_where_it_leaves_a_pulley() -> None:
+    """Against the elastica on a bed of 70 MN/m², solved as a boundary-value problem [m].
+
+    What it has beyond (D15) does not depend on the force, and a loop is closed by differences.
+    """
+    elastica = {112.0: 7.5026e-5, 310.0: 1.4386e-5}
+    drive = two_pulleys(law=NormalLaw(7.0e7, 0.0))
+    ours = {P: extra_at_end(drive, 0, P) for P in elastica}
+    change = ours[112.0] - ours[310.0]
+    assert change == pytest.approx(elastica[112.0] - elastica[310.0], rel=1e-2)
+    rigid = extra_at_end(two_pulleys(law=NormalLaw(1.0e15, 0.0)), 0, 112.0)
+    assert rigid == pytest.approx((0.02 / 112.0) ** 1.5 / (12.0 * 0.05**2), rel=1e-3)
+
+
+def test_a_loop_that_bends_is_tighter_under_load_and_not_when_it_idles() -> None:
+    """An independent solution of both pulleys finds the loop of the string 11 N short."""
+    point = DrivePoint(22.0, 310.0, (0.0, 20.0))
+    of_string, bent = (
+        simulate(two_pulleys(bent_length=bends), [point], method="rod")[0]
+        for bends in (False, True)
+    )
+    assert np.mean(bent.state.P - of_string.state.P) == pytest.approx(11.05, rel=0.1)
+    idling = bent.idle.P
+    assert idling == pytest.approx(of_string.idle.P, rel=1e-3)
 
 
 def test_rigid_pulleys_have_no_rod() -> None:

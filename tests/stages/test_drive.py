@@ -113,6 +113,29 @@ def test_reversed_running_has_rows_in_the_order_of_the_drive() -> None:
     assert frame["torque_N_m"].to_numpy() == pytest.approx([8.0, 8.0], abs=0.01)
 
 
+def test_what_the_laws_do_not_cover_is_said() -> None:
+    small = [TWO[0] | {"radius_m": 0.03}, TWO[1]]
+    outcome = beltid.simulate_drive(config(pulleys=small), true_surface(), LAW)
+    assert any(
+        "pulley driver: radius 0.03 m is outside 0.035 to 0.075 m" in w for w in outcome.warnings
+    )
+    slow = {"driver_speed_rad_s": [5.0], "torque_N_m": {"driven": [16]}}
+    outcome = beltid.simulate_drive(config(operating_points=slow), true_surface(), LAW)
+    assert any(
+        "100 % of the sliding friction acts below the slowest" in w for w in outcome.warnings
+    )
+    assert outcome.extra["slow_friction"] == "half_trend"
+    assert any("is continued with half of the trend" in note for note in outcome.notes)
+    heavy = {"driver_speed_rad_s": [62.8], "torque_N_m": {"driven": [8, 45, 70]}}
+    outcome = beltid.simulate_drive(config(operating_points=heavy), true_surface(), LAW)
+    frame = outcome.to_frame()
+    assert list(frame["status"][4:]) == ["slack", "slack"]
+    assert "gross slip" in set(frame["status"][2:4])
+    assert frame["speed_loss_rad_s"][[3, 5]].isna().all()
+    assert frame["tension_in_N"][4:].isna().all()
+    assert any("cannot be transmitted" in note for note in outcome.notes)
+
+
 def test_the_method_of_the_config_gives_the_belt_its_bending_stiffness() -> None:
     losses, found = {}, {}
     for method in ("string", "rod"):

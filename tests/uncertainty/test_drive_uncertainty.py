@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -74,3 +75,9 @@ def test_friction_slower_than_measured_is_covered() -> None:
     off = abs(true.loss.total[1] - rods[0].loss.total[1])
     assert 0.5 * abs(u) < off < 2.0 * abs(u)
     assert not change_by_slower_friction(drive, [STICKS], strings).any()
+    # half of the trend is in the middle: half the uncertainty of either limit, and it covers
+    half = replace(drive, slow_trend=0.5)
+    u_half = change_by_slower_friction(half, [STICKS], rods)[0, 1]
+    assert u_half == pytest.approx(0.5 * u, rel=1e-6)
+    (middle,) = simulate(half, [STICKS], "rod")
+    assert abs(true.loss.total[1] - middle.loss.total[1]) < 2.0 * abs(u_half)

@@ -69,6 +69,7 @@ def drive_of(config: Config, surface: FrictionSurface, law: NormalLaw) -> Drive:
         section.back_friction,
         math.inf if shear is None else shear,
         SLOW_TREND[section.slow_friction],
+        section.loop_length == "bent",
     )
 
 

@@ -167,7 +167,8 @@ def _outcome(
 ) -> Outcome[tuple[SolvedPoint, ...]]:
     drive = drive_of(config, surface, press.law)
     simulator = Simulator(drive, config.drive.method)
-    alike = drive_warnings(config, drive, [simulator.at_rest(p.point).T_0 for p in points])
+    at_rest = Simulator(drive).at_rest
+    alike = drive_warnings(config, drive, [at_rest(p.point).T_0 for p in points])
     solved = _solved(simulator, points)
     good = [(s.asked, s.result) for s in solved if isinstance(s.result, DriveResult)]
     failed = [(s.asked, s.result) for s in solved if isinstance(s.result, ConvergenceError)]
