@@ -15,7 +15,6 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -277,7 +276,7 @@ class ShownEffect:
 
 def shown_effects(found: Refined) -> tuple[ShownEffect, ...]:
     """The effects that the runs can show, in a fixed order."""
-    seen = _Seen.of(found)
+    seen = _Seen(found.refined)
     order, warm = seen.rows(ORDER), seen.rows(TEMPERATURE)
     shown = [
         ShownEffect(key, *seen.change(rows), explained=seen.explained(key))
@@ -316,14 +315,16 @@ class _Seen:
     """The numbers of all effects (K,) with their covariance (K, K), stated errors included."""
 
     refined: RefinedSurface
-    values: Array
-    covariance: Array
 
-    @classmethod
-    def of(cls, found: Refined) -> Self:
-        refined = found.refined
-        values = np.concatenate([np.zeros(0), *(effect.values for effect in refined.effects)])
-        return cls(refined, values, refined.effects_covariance)
+    @property
+    def values(self) -> Array:
+        """The numbers in the order of the effects."""
+        return np.concatenate([np.zeros(0), *(one.values for one in self.refined.effects)])
+
+    @property
+    def covariance(self) -> Array:
+        """Their covariance."""
+        return self.refined.effects_covariance
 
     def rows(self, key: str) -> Array | None:
         """Weights (K_e, K) that pick the numbers of an effect; None if the runs cannot show it."""
