@@ -268,6 +268,8 @@ def test_look_ups_outside_the_measured_range_are_counted() -> None:
     v = 0.21 * 0.05
     narrow = FrictionSurface([4000.0, 5500.0], [0.5 * v, 2 * v], [[0.95, 1.0], [0.9, 0.95]])
     slow = FrictionSurface([1.0, 6.0e4], [0.2 * v, 0.5 * v], [[0.95, 1.0], [0.9, 0.95]])
+    # the slowest runs of a campaign scatter about the node that is their mean
+    edge = FrictionSurface([1.0, 6.0e4], [1.002 * v, 4.0 * v], [[0.95, 1.0], [0.9, 0.95]])
     for settings_ in (steady(), SimulationSettings()):
         run = simulate(bench(law=LAW_5PK, mu=wide), at(), settings_)
         assert run.record.clamped_lookups == 0
@@ -280,6 +282,7 @@ def test_look_ups_outside_the_measured_range_are_counted() -> None:
         assert abs(run.record.clamped_lookups - outside) <= 4
         run = simulate(bench(law=LAW_5PK, mu=slow), at(), settings_)
         assert run.record.clamped_lookups == run.record.lookups
+        assert simulate(bench(law=LAW_5PK, mu=edge), at(), settings_).record.clamped_lookups == 0
     constant = simulate(bench(law=LAW_5PK, mu=0.5), at(), steady())
     assert constant.record.clamped_lookups == 0
 
