@@ -44,7 +44,8 @@ def normal_laws(result: StiffnessResult) -> Alternatives:
     extra: dict[str, Any] = {}
     notes: list[str] = []
     try:
-        choice = choose_normal_law(result.curves, result.pooled.tests)
+        pooled = [c for c in result.curves if c.test in result.pooled.contact_m]
+        choice = choose_normal_law(pooled)
         extra["law_choice"] = asdict(choice)
         notes.append(choice.verdict)
     except BeltidError as error:
