@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -93,15 +92,6 @@ def test_the_quadratic_law_that_is_judged_is_the_one_that_is_handed_on(power):
     for p in quadratic.parameters:
         assert p.se > 0.0
         assert p in held or p.se < 0.1 * p.value
-
-
-def test_contact_point_is_free_in_every_law():
-    """Tests that touch at different travel give the same laws as tests that touch at one."""
-    curves = curves_of(POWER.record(6))
-    moved = [replace(c, position_m=c.position_m + 1e-4 * k) for k, c in enumerate(curves)]
-    for a, b in zip(choose_normal_law(curves).laws, choose_normal_law(moved).laws, strict=True):
-        assert list(a.values.values()) == pytest.approx(list(b.values.values()), rel=1e-6)
-        assert a.criterion == pytest.approx(b.criterion, abs=1e-4)
 
 
 def test_single_test_is_judged_by_blocks_of_force():
