@@ -184,10 +184,3 @@ def test_rows_for_printing_are_plain_values_without_nan() -> None:
     assert rows[0]["rms_percent"] == pytest.approx(1.0)
     assert rows[-1]["n_points"] == 0  # two points make two groups
     assert rows[-1]["rms_percent"] is None
-
-
-@pytest.mark.parametrize("wrong", [0.0, -0.1, float("nan")])
-def test_wrong_tolerances_are_refused_all_at_once(wrong: float) -> None:
-    with pytest.raises(InputError) as error:
-        AgreementSettings(wrong, wrong, wrong)
-    assert len(error.value.problems) == 3

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -24,8 +23,12 @@ def curves_of(record, settings=SETTINGS):
     return read_recording(record, settings).curves
 
 
+def candidate(choice, law):
+    return next(c for c in choice.laws if c.law == law)
+
+
 def within(choice, law, truth, share=0.05):
-    found = {p.name: p for p in choice.candidate(law).parameters}
+    found = {p.name: p for p in candidate(choice, law).parameters}
     for name, value in truth.items():
         assert abs(found[name].value - value) < 4.0 * found[name].se, name
         assert found[name].se < share * abs(value), name
@@ -36,7 +39,7 @@ def test_quadratic_bench_supports_the_quadratic_law():
     assert choice.quadratic_supported
     assert choice.verdict.startswith("The quadratic law is supported")
     within(choice, "quadratic", {"k_linear": 6.5e7, "k_quadratic": 3.0256e11})
-    linear, power, cubic = (choice.candidate(n) for n in ("linear", "power", "cubic"))
+    linear, power, cubic = (candidate(choice, n) for n in ("linear", "power", "cubic"))
     assert linear.criterion > 100.0
     assert linear.cv_ratio > 10.0
     assert power.criterion > 100.0
@@ -53,7 +56,7 @@ def test_power_and_cubic_benches_are_recognised_and_their_gain_stated():
     within(power, "power", {"k": 1e4 / 1.2e-4**1.6, "n": 1.6})
     cubic = choose_normal_law(curves_of(CUBIC.record(5)))
     assert not cubic.quadratic_supported
-    gain = 100 * (1 - cubic.candidate("cubic").cv_ratio)
+    gain = 100 * (1 - candidate(cubic, "cubic").cv_ratio)
     assert f"A cubic law predicts better by {gain:.2g} %" in cubic.verdict
     within(cubic, "cubic", {"k_linear": 5e7, "k_quadratic": 0.5e11, "k_cubic": 2.5e15}, share=1.0)
 
@@ -79,7 +82,7 @@ def test_the_quadratic_law_that_is_judged_is_the_one_that_is_handed_on(power):
     record = Bench(powers=powers, dt=0.3).record(4)
     pooled = fit_stiffness(record, SETTINGS).pooled
     choice = choose_normal_law(curves_of(record))
-    quadratic = choice.candidate("quadratic")
+    quadratic = candidate(choice, "quadratic")
     values = [pooled.k_linear_N_m2, pooled.k_quadratic_N_m3]
     assert list(quadratic.values.values()) == pytest.approx(values, rel=1e-6)
     held = [p for p in quadratic.parameters if not p.value]
@@ -91,21 +94,10 @@ def test_the_quadratic_law_that_is_judged_is_the_one_that_is_handed_on(power):
         assert p in held or p.se < 0.1 * p.value
 
 
-def test_contact_point_is_free_in_every_law():
-    """Tests that touch at different travel give the same laws as tests that touch at one."""
-    curves = curves_of(POWER.record(6))
-    moved = [replace(c, position_m=c.position_m + 1e-4 * k) for k, c in enumerate(curves)]
-    for a, b in zip(choose_normal_law(curves).laws, choose_normal_law(moved).laws, strict=True):
-        assert list(a.values.values()) == pytest.approx(list(b.values.values()), rel=1e-6)
-        assert a.criterion == pytest.approx(b.criterion, abs=1e-4)
-
-
 def test_single_test_is_judged_by_blocks_of_force():
-    choice = choose_normal_law(curves_of(POWER.record(8)), tests=["S40-0"])
-    assert 0.0 < choice.candidate("power").cv_ratio < 1.0
+    choice = choose_normal_law(curves_of(POWER.record(8))[1:2])
+    assert 0.0 < candidate(choice, "power").cv_ratio < 1.0
     assert "power" in choice.verdict
-    with pytest.raises(InputError, match="no curve of the tests nobody"):
-        choose_normal_law(curves_of(POWER.record(8)), tests=["nobody"])
 
 
 def test_loss_at_several_speeds_tells_a_damper_from_hysteresis():
@@ -137,18 +129,18 @@ def test_criterion_is_aicc_of_the_independent_nodes():
 
     def aicc(law, coefficients):
         k = coefficients + tests + 1
-        return m * np.log(choice.candidate(law).rms_residual_N_m ** 2) + 2 * k * m / (m - k - 1)
+        return m * np.log(candidate(choice, law).rms_residual_N_m ** 2) + 2 * k * m / (m - k - 1)
 
     reference = aicc("quadratic", 2)
     for law, coefficients in (("linear", 1), ("power", 2), ("cubic", 3)):
         expected = aicc(law, coefficients) - reference
-        assert choice.candidate(law).criterion == pytest.approx(expected, abs=1e-6)
+        assert candidate(choice, law).criterion == pytest.approx(expected, abs=1e-6)
 
 
 def test_prediction_does_not_know_the_test_that_it_predicts():
     """Two tests, one 10 % stiffer: half of that is left by one law, all of it in prediction."""
     bench = Bench(temperatures=(22.0, 42.0), temperature_slope=0.005, hysteresis="none")
-    quadratic = choose_normal_law(curves_of(bench.record(13))).candidate("quadratic")
+    quadratic = candidate(choose_normal_law(curves_of(bench.record(13))), "quadratic")
     assert quadratic.cv_error_N_m / quadratic.rms_residual_N_m == pytest.approx(2.0, rel=0.05)
 
 

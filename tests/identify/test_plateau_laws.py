@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 from beltid.errors import InputError
 from beltid.identify.surface.laws import fit_friction_laws
 from beltid.identify.surface.plateau_laws import PlateauLaws, fit_plateau_laws
+from beltid.laws.capstan import friction_coefficient
 
 MEASURED = Path(__file__).parents[2] / "rigdata" / "measured_by_others"
 R = 0.05
@@ -24,12 +25,11 @@ def columns_of(name: str) -> dict[str, list[str]]:
     return {key: [row[key] for row in rows] for key in rows[0]}
 
 
-def flat_belt() -> PlateauLaws:
+def flat_belt() -> tuple[np.ndarray, ...]:
+    """Contact arc [deg], weight on the tight side and slack force [N] of every reading."""
     table = columns_of("flat_belt.csv")
-    arc, weight, slack = (
-        np.array(table[name], dtype=float) for name in ("arc_deg", "weight_N", "tension_slack_N")
-    )
-    return fit_plateau_laws(arc, weight, slack, R, resolution_N=0.05)
+    names = ("arc_deg", "weight_N", "tension_slack_N")
+    return tuple(np.array(table[name], dtype=float) for name in names)
 
 
 def mu_at_100(laws: PlateauLaws) -> float:
@@ -99,7 +99,7 @@ def test_scatter_of_the_readings_is_in_the_standard_errors(draws: int) -> None:
 
 
 def test_measured_flat_belt_gives_what_independent_fits_gave() -> None:
-    laws = flat_belt()
+    laws = fit_plateau_laws(*flat_belt(), R, resolution_N=0.05)
     assert laws.constant.values["mu0"] == pytest.approx(0.335, abs=0.0005)
     assert laws.constant.errors["mu0"] == pytest.approx(0.003, abs=0.0005)
     assert laws.constant.rms_N == pytest.approx(0.120, abs=0.0005)
@@ -111,10 +111,14 @@ def test_measured_flat_belt_gives_what_independent_fits_gave() -> None:
     assert laws.with_zero.errors["a"] == pytest.approx(0.025, abs=0.001)
     assert laws.with_zero.values["zero_N"] == pytest.approx(0.071, abs=0.001)
     assert laws.with_zero.errors["zero_N"] == pytest.approx(0.045, abs=0.001)
+    arc, weight, slack = flat_belt()
+    mu = friction_coefficient(weight, slack, np.radians(arc))
+    means = [mu[arc == one].mean() for one in np.unique(arc)]
+    np.testing.assert_allclose(means, [0.335, 0.327, 0.352, 0.387], atol=0.0005)
 
 
 def test_measured_flat_belt_falls_with_the_load_and_its_full_turn_is_flagged() -> None:
-    laws = flat_belt()
+    laws = fit_plateau_laws(*flat_belt(), R, resolution_N=0.05)
     assert laws.power.clear("a")
     assert "the coefficient falls with the load" in laws.verdict
     assert len(laws.warnings) == 1

@@ -200,14 +200,6 @@ def test_a_run_that_shakes_keeps_a_wider_error(n, share):
     assert np.mean(np.array(ratios) > 2.0) >= share
 
 
-def test_a_lone_short_run_is_widened_by_students_factor():
-    x = np.array([0.0, 1.0, 2.0])
-    mean, se, n_eff = pooled_means({"a": x}, [["a"]])["a"]
-    # s = 1; the 68.27 % interval of t with 2 degrees of freedom: p = 0.8413, t = 1.3213
-    assert (mean, n_eff) == (1.0, 3.0)
-    assert se == pytest.approx(1.3213 / np.sqrt(3.0), rel=1e-3)
-
-
 @pytest.mark.parametrize("signed_torque", [False, True])
 def test_a_drive_that_turns_backwards_is_the_mirrored_one(signed_torque):
     columns = drive(n=10, seed=4, **LOUD)

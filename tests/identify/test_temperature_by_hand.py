@@ -1,4 +1,4 @@
-"""The F test between temperatures, and doubts of a friction law, from sums of squares by hand."""
+"""The F test between temperatures from sums of squares by hand."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beltid.errors import FitError, InputError, NumericsError
+from beltid.errors import FitError, NumericsError
 from beltid.identify.press.curves import PressCurve
 from beltid.identify.press.fit import (
     LAW_NAMES,
@@ -83,10 +83,6 @@ class LawChoice:
     verdict: str
     n_effective: float  # independent nodes
 
-    def candidate(self, law: LawName) -> LawCandidate:
-        """The figures of one law."""
-        return next(c for c in self.laws if c.law == law)
-
     def misfits(self, top_force_N_m: float) -> str:
         """How far off the curves each law is, in words; over the largest force [N/m]."""
         parts = []
@@ -97,19 +93,12 @@ class LawChoice:
         return "; ".join(parts)
 
 
-def choose_normal_law(
-    curves: Sequence[PressCurve], tests: Sequence[str] | None = None
-) -> LawChoice:
-    """Compare normal contact laws on the curves of press tests, such as `StiffnessResult.curves`.
+def choose_normal_law(curves: Sequence[PressCurve]) -> LawChoice:
+    """Compare normal contact laws on the curves of press tests, at least one.
 
-    `tests` are the labels of those to use, such as those of the pooled law; all by default.
-    :class:`InputError` if no curve is left, :class:`NumericsError` if not even the quadratic law
-    can be fitted.
+    :class:`NumericsError` if not even the quadratic law can be fitted.
     """
-    kept = [c for c in curves if tests is None or c.test in set(tests)]
-    if not kept:
-        raise InputError(f"press recording: no curve of the tests {', '.join(tests or ())}")
-    data = Nodes.of(kept)
+    data = Nodes.of(curves)
     fits: dict[LawName, FittedLaw] = {}
     failed: dict[LawName, str] = {}
     for name in LAW_NAMES:

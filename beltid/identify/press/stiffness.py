@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.errors import FitError, InputError, NumericsError
+from beltid.errors import FitError, NumericsError
 from beltid.identify.press.checks import CHECKS, Case, Finding
 from beltid.identify.press.curves import PressCurve, read_recording
 from beltid.identify.press.dissipation import loss_ratio
@@ -167,7 +167,7 @@ def _refused(problems: Sequence[str], curves: Sequence[PressCurve]) -> FitError:
     top = max(c.top_force_N_m for c in curves)
     try:
         return FitError([*problems, f"the laws compared: {choose_normal_law(curves).misfits(top)}"])
-    except (InputError, NumericsError):
+    except NumericsError:
         return FitError([*problems])
 
 

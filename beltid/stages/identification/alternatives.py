@@ -44,7 +44,8 @@ def normal_laws(result: StiffnessResult) -> Alternatives:
     extra: dict[str, Any] = {}
     notes: list[str] = []
     try:
-        choice = choose_normal_law(result.curves, result.pooled.tests)
+        pooled = [c for c in result.curves if c.test in result.pooled.contact_m]
+        choice = choose_normal_law(pooled)
         extra["law_choice"] = asdict(choice)
         notes.append(choice.verdict)
     except BeltidError as error:
@@ -61,14 +62,12 @@ def normal_laws(result: StiffnessResult) -> Alternatives:
 def normal_law_rows(extra: Mapping[str, Any]) -> list[dict[str, Any]]:
     """The comparison of an artifact as a table, a row per law; empty in an older artifact."""
     choice = extra.get("law_choice") or {"laws": ()}
+    figures = "rms_residual_N_m", "criterion", "cv_error_N_m", "cv_ratio"
     return [
         {
             "law": law["law"],
             "coefficients": _coefficients(law["parameters"]),
-            "rms_residual_N_m": law["rms_residual_N_m"],
-            "criterion": law["criterion"],
-            "cv_error_N_m": law["cv_error_N_m"],
-            "cv_ratio": law["cv_ratio"],
+            **{name: law[name] for name in figures},
             "largest_difference_percent": _percent(law["largest_difference"]),
             "note": law["note"] or None,
         }
