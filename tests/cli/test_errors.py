@@ -25,7 +25,8 @@ def config_text(text: str) -> Callable[[Path], None]:
 
 
 # name: what is spoiled, the call, what must be said; every wrong file at every command is in
-# tests/hostile/test_wrong_files.py, the words of the readers and of the config in their own tests
+# tests/hostile/test_wrong_files.py, places for results in tests/stages/test_build_artifact.py, the
+# words of the readers and of the config in their own tests
 CASES: dict[str, tuple[Callable[[Path], Any], list[str], list[str]]] = {
     "several wrong cells": (
         lambda f: [replaced(f / "rig.csv", n, 2, "much") for n in (10, 20)],
@@ -42,30 +43,10 @@ CASES: dict[str, tuple[Callable[[Path], Any], list[str], list[str]]] = {
         ["fit-friction", "."],
         [r"speedloss\.csv:1: these are the columns of a recording of the speed-loss bench"],
     ),
-    "output is a folder": (
-        lambda f: (f / "results").mkdir(),
-        ["build-surface", "friction.parquet", "-o", "results"],
-        [r"results: is a folder"],
-    ),
-    "output is the input": (
-        lambda f: None,
-        ["build-surface", "friction.parquet", "-o", "friction.parquet", "--force"],
-        [r"friction\.parquet: is the friction input"],
-    ),
     "output is another artifact": (
         lambda f: None,
         ["build-surface", "friction.parquet", "-o", "stiffness.parquet"],
         [r"stiffness\.parquet: is a stiffness artifact, not replaced.*--force"],
-    ),
-    "output is a foreign file": (
-        lambda f: (f / "thesis.parquet").write_text("all of it"),
-        ["build-surface", "friction.parquet", "-o", "thesis.parquet"],
-        [r"thesis\.parquet: is a file that beltid did not write.*--force"],
-    ),
-    "output is a recording of the config": (
-        lambda f: None,
-        ["build-surface", "friction.parquet", "-o", "press.csv", "--force"],
-        [r"press\.csv: is the press recording of the config, name another --out"],
     ),
     "forced onto a recording that the config does not name": (
         lambda f: (f / "press.csv").rename(f / "old.csv"),
