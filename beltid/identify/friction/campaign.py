@@ -445,15 +445,15 @@ def _most_probable(
 
     def cost(x: Array) -> tuple[float, Array]:
         sd = priors.sd(x, take_up)
-        log_z, *found = log_evidence(stack, sd, scale, given, before)
-        slope = slope_of_evidence(stack, sd, scale, *found)[:-1]
+        log_z, w, found = log_evidence(stack, sd, scale, given, before)
+        slope = slope_of_evidence(stack, sd, scale, w, found)[:-1]
         away = priors.precision @ x
         return 0.5 * float(x @ away) - log_z, away - slope * priors.width
 
     options = {"maxiter": 30, "ftol": 1e-7}
     bounds = [(-4.0, 6.0)] * x.size
-    found = minimize(cost, x, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
-    return np.asarray(found.x)
+    mode = minimize(cost, x, jac=True, method="L-BFGS-B", bounds=bounds, options=options).x
+    return np.asarray(mode)
 
 
 def _weighed(

@@ -117,41 +117,16 @@ def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> Prep
         channels = condensed(read_channels(record, settings))
         found = replace(found, n_spikes=channels.n_spikes, n_missing=channels.n_missing)
         rotation = find_rotation(channels.speed)
-        sense = -1.0 if rotation.reversed else 1.0
-        moving = record.belt_speed_m_s
-        found = replace(
-            found,
-            # also where the belt moves
-            pulley_speed_rad_s=abs(moving / R + sense * rotation.speed_rad_s),
-            slip_speed_m_s=float(sliding_speed(rotation.speed_rad_s, R)),
-            start_time_s=float(channels.time_s[rotation.first]),
-        )
+        found = _with_rotation(found, channels, rotation, record.belt_speed_m_s, R)
         found = replace(found, notes=_rotation_notes(rotation, channels))
-        rest = rest_state(
-            channels.time_s,
-            channels.tight,
-            channels.slack,
-            rotation.first,
-            MIN_SAMPLES,
-            channels.steps,
-        )
-        if kind.weight is not None:
-            # W is the tension of the belt, and friction holds the difference
-            W = float((channels.tight if kind.weight == "tight" else channels.slack)[0])
-            rest = replace(
-                rest, tension_N=W, end_N=W, end_se_N=0.0, imbalance_N=0.0, imbalance_se_N=0.0
-            )
+        rest = _rest(channels, rotation)
         found = replace(
             found,
             initial_tension_N=rest.tension_N,
             imbalance_N=rest.imbalance_N,
             imbalance_se_N=rest.imbalance_se_N,
         )
-        if abs(rest.imbalance_N) > MAX_IMBALANCE * rest.tension_N:
-            raise RunRejected(
-                f"the cells differ by {rest.imbalance_N:+.4g} N at rest at a mean of "
-                f"{rest.tension_N:.4g} N, allowed is {100 * MAX_IMBALANCE:g} %"
-            )
+        _check_imbalance(rest)
         channels, swapped = unswapped(channels, rotation)
         if swapped:
             words = "the tight and the slack cell were swapped: T_tight < T_slack while sliding"
@@ -160,23 +135,9 @@ def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> Prep
             rest = replace(rest, imbalance_N=-rest.imbalance_N, slopes_N_s=slopes)
         held = channels if kind.weight is None else as_if_held(channels, rotation)
         phase = sliding_phase(held, rotation)
-        usable = phase.time_s.size - phase.slide
-        if usable < settings.min_plateau_samples:
-            raise RunRejected(
-                f"too short: {usable} usable samples of sliding, "
-                f"must be >= {settings.min_plateau_samples}"
-            )
+        _check_length(phase, settings.min_plateau_samples)
         sliding = sliding_record(phase, rest, channels.steps, kind.weight, R)
-        if sliding.rounding > ROUNDING_NOTED:
-            words = f"the converters of the cells resolve only {max(channels.steps):.3g} N"
-            found = replace(found, notes=(*found.notes, words))
-        found = replace(
-            found,
-            ripple_amplitude_N=sliding.ripple_N,
-            ripple_period_s=sliding.ripple_s,
-            plateau_end_s=float(sliding.last_s[-1]),
-            n_spikes=found.n_spikes + sliding.n_outliers,
-        )
+        found = _with_sliding(found, sliding, max(channels.steps))
         noise_N = rest.noise_N
         if kind.is_derived:
             # noise of a weight's cell may be that of the cell, or of the ratio of the tensions
@@ -186,6 +147,57 @@ def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> Prep
         hint = f"; {BY_BINS}" if course(record) else ""
         return PreparedRun(replace(found, status=f"{reason}{hint}"))
     return PreparedRun(found, sliding)
+
+
+def _with_rotation(
+    found: RunReduction, channels: Channels, rotation: Rotation, belt_speed_m_s: float, R: float
+) -> RunReduction:
+    sense = -1.0 if rotation.reversed else 1.0
+    return replace(
+        found,
+        # also where the belt moves
+        pulley_speed_rad_s=abs(belt_speed_m_s / R + sense * rotation.speed_rad_s),
+        slip_speed_m_s=float(sliding_speed(rotation.speed_rad_s, R)),
+        start_time_s=float(channels.time_s[rotation.first]),
+    )
+
+
+def _rest(channels: Channels, rotation: Rotation) -> Rest:
+    """The cells at rest; of a dead weight W is the tension, and friction holds the difference."""
+    cells = channels.tight, channels.slack
+    rest = rest_state(channels.time_s, *cells, rotation.first, MIN_SAMPLES, channels.steps)
+    if channels.kind.weight is None:
+        return rest
+    W = float(cells[channels.kind.weight == "slack"][0])
+    return replace(rest, tension_N=W, end_N=W, end_se_N=0.0, imbalance_N=0.0, imbalance_se_N=0.0)
+
+
+def _check_imbalance(rest: Rest) -> None:
+    if abs(rest.imbalance_N) > MAX_IMBALANCE * rest.tension_N:
+        raise RunRejected(
+            f"the cells differ by {rest.imbalance_N:+.4g} N at rest at a mean of "
+            f"{rest.tension_N:.4g} N, allowed is {100 * MAX_IMBALANCE:g} %"
+        )
+
+
+def _check_length(phase: SlidingPhase, least: int) -> None:
+    usable = phase.time_s.size - phase.slide
+    if usable < least:
+        raise RunRejected(f"too short: {usable} usable samples of sliding, must be >= {least}")
+
+
+def _with_sliding(found: RunReduction, sliding: SlidingRecord, step_N: float) -> RunReduction:
+    notes = found.notes
+    if sliding.rounding > ROUNDING_NOTED:
+        notes = (*notes, f"the converters of the cells resolve only {step_N:.3g} N")
+    return replace(
+        found,
+        ripple_amplitude_N=sliding.ripple_N,
+        ripple_period_s=sliding.ripple_s,
+        plateau_end_s=float(sliding.last_s[-1]),
+        n_spikes=found.n_spikes + sliding.n_outliers,
+        notes=notes,
+    )
 
 
 def _rotation_notes(rotation: Rotation, channels: Channels) -> tuple[str, ...]:
