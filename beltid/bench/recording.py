@@ -194,7 +194,7 @@ def _is_stream(data: bytes, path: Path, *, whole: bool) -> bool:
     whole : bool
         Whether they are all of it.
     """
-    allowed = (TEXT, PARQUET)
+    allowed: tuple[str, ...] = (TEXT, PARQUET)
     if sniff(data[:1024], path.name) == GZIP:
         allowed = (TEXT,)
         # what is wrong with it is told by the one who reads it
