@@ -509,16 +509,6 @@ class ProfilesMetadata(Metadata):
     profile_times_s: Listed[Number] | None = None
 
 
-class SlipLimitRow(TypedDict):
-    """Torques at which a drive stops sticking and begins to slip grossly, at one setting."""
-
-    driver_speed_rad_s: Number
-    initial_tension_N: Number
-    largest_torque_N_m: Number
-    adhesion_end_torque_N_m: Number | None
-    slip_limit_torque_N_m: Number | None
-
-
 class TensionLimitRow(TypedDict):
     """Torques at which a drive stops sticking and begins to slip grossly, at one tension."""
 
@@ -526,6 +516,12 @@ class TensionLimitRow(TypedDict):
     initial_tension_N: Number
     adhesion_end_torque_N_m: Number | None
     slip_limit_torque_N_m: Number | None
+
+
+class SlipLimitRow(TensionLimitRow):
+    """The same at one setting of the operating points."""
+
+    largest_torque_N_m: Number
 
 
 class LaidPulleyRow(TypedDict):

@@ -5,6 +5,7 @@ A big recording of the friction rig is read run by run, by `big_recording`.
 
 from __future__ import annotations
 
+import contextlib
 import gzip
 import io
 import tempfile
@@ -193,17 +194,15 @@ def _is_stream(data: bytes, path: Path, *, whole: bool) -> bool:
     whole : bool
         Whether they are all of it.
     """
-    kind = sniff(data[:1024], path.name)
-    if kind == GZIP:
-        try:
-            with gzip.GzipFile(fileobj=io.BytesIO(data)) as packed:
-                data = packed.read(BIG if whole else 1024)
-        except (OSError, EOFError, zlib.error):  # told by the one who reads it
-            return False
-        whole = whole and len(data) < BIG
-        kind = sniff(data[:1024], path.name.removesuffix(".gz"))
-        return not whole and kind == TEXT and not unread(data)
-    return not whole and kind in (TEXT, PARQUET) and not unread(data)
+    allowed: tuple[str, ...] = (TEXT, PARQUET)
+    if sniff(data[:1024], path.name) == GZIP:
+        allowed = (TEXT,)
+        # what is wrong with it is told by the one who reads it
+        with contextlib.suppress(OSError, EOFError, zlib.error):
+            data = gzip.GzipFile(fileobj=io.BytesIO(data)).read(BIG if whole else 1024)
+            whole = whole and len(data) < BIG
+    kind = sniff(data[:1024], path.name.removesuffix(".gz"))
+    return not whole and kind in allowed and not unread(data)
 
 
 def recording_from(

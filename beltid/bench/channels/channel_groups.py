@@ -59,21 +59,17 @@ def read_groups(file: BenchFile, context: MappingContext) -> list[RawTable]:
         What is needed of it.
     """
     file = replace(file, groups=tuple(p for group in file.groups for p in _parts(group, context)))
-    whole = [i for i, group in enumerate(file.groups) if _is_whole(group, context)]
+    whole = [_is_whole(group, context) for group in file.groups]
     notes = list(file.notes)
-    if len(whole) < 2:
-        raw = _raw(file, file.groups, None, context)
-        raw_tables = [] if raw is None else [raw]
-    else:
-        other = [g.name for i, g in enumerate(file.groups) if i not in whole]
+    runs: list[tuple[Sequence[Group], str | None]] = [(file.groups, None)]
+    if sum(whole) > 1:
+        runs = [([g], g.name) for g, is_run in zip(file.groups, whole, strict=True) if is_run]
+        other = [g.name for g, is_run in zip(file.groups, whole, strict=True) if not is_run]
         if other:
             notes.append("groups left out: " + ", ".join(other[:12]))
-        raw_tables = [
-            raw
-            for i in whole
-            for raw in [_raw(file, [file.groups[i]], file.groups[i].name, context)]
-            if raw is not None
-        ]
+    raw_tables = [
+        raw for groups, name in runs if (raw := _raw(file, groups, name, context)) is not None
+    ]
     if raw_tables and notes:
         raw_tables[0] = replace(raw_tables[0], notes=(*notes, *raw_tables[0].notes))
     elif not raw_tables:  # what was left out may be what is missing

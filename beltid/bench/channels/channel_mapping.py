@@ -175,7 +175,7 @@ def map_channels(
     mappings = {
         role: _mapping(context.table.column(role), *found[0], context)
         for role, found in meant.items()
-        if len(found) == 1 or found[0][1] != "recognised"
+        if len(found) == 1
     }
     time = mappings.get("time_s")
     if time is not None and time.is_clock:
