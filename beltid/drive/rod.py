@@ -17,6 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from beltid.drive.model import Drive
 from beltid.drive.ribs import MOST_ZONES, SLIDES, Ribs, certify, new_ribs
 from beltid.drive.rod_newton import FlowOutcome, Target, run_through
 from beltid.errors import ConvergenceError, InputError
@@ -54,6 +55,17 @@ LONGER = 1.4  # step after step on the way back to the stiffness that is asked f
 LEAST_STEP = 0.01  # of its logarithm
 MOST_WITH_SOFTER = 150  # rounds
 MORE_FRICTION = 1.5
+# sqrt(EA/k_s) over the length of the elastic bed: ribs that give way over less count as rigid
+SHORTEST_SHEAR = 0.12
+TYPICAL_FORCE = 5000.0  # line force at which that length is taken [N/m]
+
+
+def ribs_shear(of: RodPulley | Drive) -> bool:
+    """Whether the ribs give way along enough of the belt for a rod to see it."""
+    assert of.law is not None
+    bed_stiffness = float(of.law.stiffness(of.law.penetration(TYPICAL_FORCE)))
+    bed = bed_length(of.belt.EI, bed_stiffness)
+    return math.sqrt(of.belt.EA / of.shear_stiffness) > SHORTEST_SHEAR * bed
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +95,7 @@ class RodPulley:
         on the arc and more so where the belt comes on.
     shear_stiffness : float
         Tangential force of the ribs per stress-free length and displacement [N/m²]; infinite where
-        they do not shear.
+        they do not shear, and taken so where they hardly do, see :func:`ribs_shear`.
     slow_trend : float
         Share of the trend with which friction goes on below the slowest speed, (D14) [-].
 
@@ -283,7 +295,7 @@ class _Flow:
         momentum = pulley.belt.rhoA * v0 * v0
         system = model.system._replace(belt=model.system.belt._replace(momentum=momentum))
         points, ribs = new_points(system.belt, STICK), None
-        if math.isfinite(pulley.shear_stiffness):
+        if ribs_shear(pulley):
             ribs = new_ribs(system.belt, pulley.shear_stiffness)
         work = model.workspace(borders=2 if ribs is None else 2 + MOST_ZONES)
         if start is not None:

@@ -10,6 +10,7 @@ Module                 Responsibility                                           
 ``kelvin_voigt``       Material of the belt: force and moment of a section             (9)
 ``friction_surface``   mu(f_N, v) between and beyond the nodes of a grid               Section 3
 ``uncertain_surface``  The same with the covariance of its nodes, bands, ensembles     beyond
+``slow_friction``      The same below its slowest speed, for a drive                  (D14)
 ``surface_tables``     The surface as arrays and the functions that read them          Section 3
 ``bicubic``            Spline patches that stay between the values they join           Section 3
 ``grid_checks``        What can be wrong with a grid, all at once

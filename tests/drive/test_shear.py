@@ -202,6 +202,18 @@ def test_stiff_ribs_come_to_the_rod_whose_ribs_do_not_shear() -> None:
     assert away[0] / away[1] == pytest.approx(2.0, rel=0.15)
 
 
+def test_ribs_too_stiff_to_be_seen_leave_the_loss_of_rigid_ones() -> None:
+    point = DrivePoint(62.8, 310.0, (0.0, 16.0))
+    losses = [
+        simulate(replace(two_pulleys(), shear_stiffness=shear), [point], "rod")[0].loss.total[1]
+        for shear in (9e10, 1e12, math.inf)
+    ]
+    # the first one still shears, over sqrt(EA/k_s) = 1.05 mm
+    assert losses[0] == pytest.approx(losses[2], rel=2e-3)
+    assert losses[0] != losses[2]
+    assert losses[1] == losses[2]
+
+
 @pytest.mark.parametrize(("R", "shear"), [(0.02, 3e8), (0.05, 3.4e7)])
 def test_a_finer_mesh_changes_the_loss_with_shear_by_less_than_a_thousandth(
     monkeypatch: pytest.MonkeyPatch, R: float, shear: float

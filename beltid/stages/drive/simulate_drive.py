@@ -18,6 +18,7 @@ from beltid.drive.limits import slip_limit
 from beltid.drive.model import Drive
 from beltid.drive.profile import arc_profiles
 from beltid.drive.results import ADHESION, FULL_SLIP, DriveResult, Method, Simulator
+from beltid.drive.rod import ribs_shear
 from beltid.errors import ConvergenceError, InputError, NumericsError
 from beltid.identify.estimators.statistics import as_set
 from beltid.laws.friction_surface import FrictionSurface
@@ -214,7 +215,10 @@ def _outcome(
             "arcs": _arcs(good),
             "budget": _budget(columns, sources, open_.shared, open_.surface),
         },
-        notes=_notes(columns, drive, known, config.drive.method, by_string),
+        notes=(
+            *_rigid_ribs(drive, config.drive.method),
+            *_notes(columns, drive, known, config.drive.method, by_string),
+        ),
         warnings=(
             *alike,
             *(f"point {asked.run}: {error}" for asked, error in failed),
@@ -443,6 +447,18 @@ def _slower_than_measured(drive: Drive) -> str:
         f"{of_slower} is continued with half of the trend that it has there "
         "(drive.slow_friction): the mean of none and all of it, the limits of its uncertainty"
     )
+
+
+def _rigid_ribs(drive: Drive, method: Method) -> list[str]:
+    """Says that the rods take stiff ribs as rigid."""
+    k_s = drive.shear_stiffness
+    if method == "string" or math.isinf(k_s) or ribs_shear(drive):
+        return []
+    over = 1e3 * math.sqrt(drive.belt.EA / k_s)
+    return [
+        f"ribs of {k_s:.3g} N/m² give way over {over:.2g} mm of belt only: the rods take them as "
+        "rigid, which changes the loss by less than 1 %"
+    ]
 
 
 def _outside(columns: Mapping[str, np.ndarray], surface: FrictionSurface) -> list[str]:
