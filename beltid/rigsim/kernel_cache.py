@@ -24,8 +24,8 @@ from typing import Final
 from beltid.child_processes import same_package, signals_blocked
 
 _ROOMS: Final = ("rigsim", "laws", "drive")
-LAST: Final = {"steady": "banded.solve_transposed", "transient": "transient.march"}
-"""Method -> the last of its kernels to be compiled."""
+KERNEL: Final = "step.march"
+"""The kernel that does everything on the rig."""
 COMPILING: Final = "compiling the simulation, once per machine"
 NICENESS: Final = 5
 """The stages that read and fit meanwhile come first."""

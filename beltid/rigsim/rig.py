@@ -20,7 +20,7 @@ from beltid.rigsim.profile import ContactState, steady_contact
 from beltid.rigsim.reference.step import march_by_lemke
 from beltid.rigsim.sensitivity import TensionSensitivity, tension_sensitivity
 from beltid.rigsim.steady import StaticState, lay_on, slide
-from beltid.rigsim.transient import march
+from beltid.rigsim.step import march
 from beltid.rigsim.transient_run import Plan, TransientRun, run_transient
 
 Array = NDArray[np.float64]

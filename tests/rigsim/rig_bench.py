@@ -16,7 +16,7 @@ from beltid.rigsim.contact.points import STICK, Points, new_points
 from beltid.rigsim.model import Bench, RigModel
 from beltid.rigsim.profile import ContactState
 from beltid.rigsim.steady import StaticState, lay_on
-from beltid.rigsim.transient import (
+from beltid.rigsim.step import (
     Drive,
     Kinematics,
     Recorder,

@@ -1,4 +1,4 @@
-"""Time stepping of the rig: stick, travelling slip front, full sliding.
+"""A step of the rig, and the march through a run: stick, travelling slip front, full sliding.
 
 Axial waves run at 1 km/s and the contact is stiff, while a run lasts seconds; the natural clock is
 the travel of the pulley's surface. Implicit Euler steps of some micrometres of travel are used: in
@@ -8,7 +8,8 @@ each step the residual
 
 holds together with the friction law on the slips of the step. Its tangent
 ``S = M/dt**2 + C/dt + K`` takes the place of M in Eq. (12). A step that does not converge is halved
-and tried again.
+and tried again. A static equilibrium is the step without end, 1/dt = 0: all is one kernel, which is
+compiled once.
 """
 
 from __future__ import annotations
@@ -19,10 +20,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.rigsim.banded import factorize, solve
-from beltid.rigsim.beam.belt import store_strains
-from beltid.rigsim.beam.supports import give_way, missing_force, release, restrain, unit_movement
-from beltid.rigsim.compiled import kernel, part
+from beltid.rigsim.banded import WIDTH, factorize, solve
+from beltid.rigsim.beam.belt import add_inertia, add_internal, store_strains
+from beltid.rigsim.beam.supports import (
+    force_change,
+    give_way,
+    hold,
+    missing_force,
+    release,
+    restrain,
+    unit_movement,
+)
+from beltid.rigsim.compiled import kernel, leaf, part, shared_leaf
+from beltid.rigsim.contact.forces import add_contact
 from beltid.rigsim.contact.friction import (
     CONE_TOLERANCE,
     SLIP_TOLERANCE,
@@ -32,12 +42,18 @@ from beltid.rigsim.contact.friction import (
 )
 from beltid.rigsim.contact.points import STICK, Motion, Patches, Points, at_radius, remember
 from beltid.rigsim.model import System, Workspace
-from beltid.rigsim.steady import force_tolerance, largest_force, linearize, move
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
+TOLERANCE = 1.0e-9  # residual force over T_0
+ROUNDING = 1.0e-13  # of a residual force over EA R/h: what is left in double precision
+BENDING_ROUNDING = 1.0e-15  # over 12 EI R/h**3, which counts on fine meshes
+SLIP_ROUNDING = 2.0e-16  # of a slip over R
+LARGEST_MOVE = 5.0e-3  # of a node in one iteration [m]
+LARGEST_TURN = 0.1  # of the tangent at a node in one iteration [-]
 MOST_ITERATIONS = 90
+MOST_ITERATIONS_AT_REST = 40
 MOST_HALVINGS = 8
 REPEATS = 2  # solves for the multipliers in an iteration, beyond the first
 FREE_REVISIONS = 25  # iterations in which all patches may change sides at once
@@ -53,6 +69,11 @@ class Kinematics(NamedTuple):
     dq: Array
 
 
+def new_kinematics(q: Array) -> Kinematics:
+    """The belt at rest, with the coordinates ``q`` (n,)."""
+    return Kinematics(q.copy(), np.zeros_like(q), np.zeros_like(q), np.zeros_like(q))
+
+
 class Schedule(NamedTuple):
     """Time step [s] and speed of the pulley [rad/s] of each step, arrays (n,)."""
 
@@ -61,12 +82,30 @@ class Schedule(NamedTuple):
 
 
 class Drive(NamedTuple):
-    """Constants of a run: stretch [-], T_0 [N], augmentation [N/m], sticking ratio [-]."""
+    """Constants of a run.
+
+    Attributes
+    ----------
+    stretch : float
+        Stress-free length over path length [-]; where the belt is tightened, its start.
+    T_0 : float
+        Initial tension [N].
+    augmentation : float
+        Stiffness that holds a sticking patch to its multiplier [N/m].
+    sticking_ratio : float
+        Limit of friction of a patch at rest over that of a sliding one [-].
+    friction : float
+        Factor on the coefficient of friction.
+    tighten : bool
+        Whether the stretch is an unknown, and |force on support A| = T_0 an equation.
+    """
 
     stretch: float
     T_0: float
     augmentation: float
     sticking_ratio: float
+    friction: float = 1.0
+    tighten: bool = False
 
 
 class StepOutcome(NamedTuple):
@@ -76,8 +115,83 @@ class StepOutcome(NamedTuple):
     iterations: int
     changes: int
     residual: float
+    stretch: float
     outside: int
     certificate: Certificate
+
+
+@shared_leaf
+def largest_force(system: System, residual: Array) -> float:
+    """Largest residual force [N]; generalised forces on r' count per length of the element."""
+    largest = 0.0
+    n_e = system.belt.h.size
+    for node in range(n_e + 1):
+        h = system.belt.h[min(node, n_e - 1)]
+        for k in range(4):
+            size = abs(residual[4 * node + k])
+            if k > 1:
+                size /= h
+            # a nan must not pass for a small residual
+            if not size <= largest:
+                largest = size
+    return largest
+
+
+@shared_leaf
+def force_tolerance(system: System, motion: Motion, T_0: float) -> float:
+    """Residual force that counts as zero [N]: a share of T_0, but not below the rounding."""
+    h, damped = system.belt.h[0], 1.0 + system.belt.damping_time * motion.rate
+    for length in system.belt.h:
+        h = min(h, length)
+    elastic = ROUNDING * system.belt.EA / h + BENDING_ROUNDING * 12.0 * system.belt.EI / h**3
+    rounding = elastic * damped + SLIP_ROUNDING * motion.augmentation
+    return max(TOLERANCE * T_0, rounding * system.pulley.R)
+
+
+@leaf
+def linearize(
+    system: System,
+    motion: Motion,
+    points: Points,
+    q: Array,
+    moved: Array,
+    stretch: float,
+    work: Workspace,
+) -> int:
+    """Assemble residual and tangent, supports held; returns look-ups out of range.
+
+    In an implicit step (``motion.rate`` > 0) the belt has inertia: ``moved`` (n,) is by how much
+    the coordinates differ from where their velocities would have taken them.
+    """
+    A = work.A
+    for i in range(A.shape[0]):
+        for j in range(WIDTH):
+            A[i, j] = 0.0
+        for row in range(work.vectors.shape[0]):
+            work.vectors[row, i] = 0.0
+    residual, by_stretch = work.vectors[0], work.vectors[1]
+    add_internal(system.belt, q, stretch, work.strain_old, motion.rate, A, residual, by_stretch)
+    if motion.rate > 0.0:
+        # the mass of an element is that of its stress-free length
+        add_inertia(system.belt, moved, motion.rate**2 * stretch, A, residual)
+    outside = add_contact(system.belt, system.pulley, motion, points, q, stretch, A, work.vectors)
+    hold(system.supports, A, work.vectors, work.reactions)
+    return outside
+
+
+@shared_leaf
+def move(q: Array, step: Array) -> float:
+    """Add a step to the coordinates, shortened if a node would jump or turn; returns the factor."""
+    largest = turn = 0.0
+    for i in range(0, q.size, 4):
+        largest = max(largest, abs(step[i]), abs(step[i + 1]))
+        turn = max(turn, abs(step[i + 2]), abs(step[i + 3]))
+    factor = 1.0 if largest <= LARGEST_MOVE else LARGEST_MOVE / largest
+    if turn * factor > LARGEST_TURN:
+        factor = LARGEST_TURN / turn
+    for i in range(q.size):
+        q[i] += factor * step[i]
+    return factor
 
 
 @part
@@ -131,30 +245,41 @@ def tighten_sticks(system: System, motion: Motion, patches: Patches, work: Works
 
 
 @part
-def step(
+def step_forward(
     system: System,
     motion: Motion,
     points: Points,
     state: Kinematics,
-    stretch: float,
-    T_0: float,
+    drive: Drive,
     work: Workspace,
 ) -> StepOutcome:
-    """One implicit step; the result is in ``state.trial`` and ``points``, the old state is kept."""
+    """One step by Newton's method; the old state is kept, the result is in ``state.trial``.
+
+    Where the belt is tightened, the system bordered by the stretch is solved with one factorisation
+    and two right-hand sides; so it is where the ends give way. A step that has converged leaves its
+    tangent in ``work``.
+    """
+    stretch, T_0, trial = drive.stretch, drive.T_0, state.trial
     tolerance = force_tolerance(system, motion, T_0)
-    trial = state.trial
+    most = MOST_ITERATIONS if motion.rate > 0.0 else MOST_ITERATIONS_AT_REST
     for i in range(trial.size):
-        trial[i] = state.q[i] + state.q_dot[i] / motion.rate
-    residual = work.vectors[0]
+        trial[i] = state.q[i]
+        if motion.rate > 0.0:
+            trial[i] += state.q_dot[i] / motion.rate
+    residual, solution, by_stretch = work.vectors[0], work.steps[0], work.steps[1]
+    force = work.reactions.force
     error = math.inf
-    changes = 0
+    outside = changes = 0
     certificate = Certificate(math.inf, math.inf, 0.0, 0.0)
-    outside = 0
-    for iteration in range(MOST_ITERATIONS):
+    for iteration in range(most):
         outside = assemble(system, motion, points, state, stretch, work)
         error = largest_force(system, residual)
         missing = 0.0
-        if system.supports.give_way:
+        T = math.hypot(force[0], force[1])
+        if drive.tighten:
+            missing = T_0 - T
+            error = max(error, abs(missing))
+        elif system.supports.give_way:
             missing = missing_force(system.supports, work.reactions, T_0)
             error = max(error, abs(missing))
         certificate = violations(system.belt, points)
@@ -163,24 +288,41 @@ def step(
             and certificate.slip <= SLIP_TOLERANCE
             and certificate.cone <= CONE_TOLERANCE
         ):
-            return StepOutcome(True, iteration, changes, error / T_0, outside, certificate)
+            return StepOutcome(
+                True, iteration, changes, error / T_0, stretch, outside, certificate
+            )
         if not (math.isfinite(error) and factorize(work.A, work.pivots)):
             break
-        solution = work.steps[0]
         for i in range(solution.size):
             solution[i] = -residual[i]
         solve(work.A, work.pivots, solution)
-        if system.supports.give_way:
+        longer = 0.0
+        if drive.tighten:
+            for i in range(by_stretch.size):
+                by_stretch[i] = -work.vectors[1, i]
+            solve(work.A, work.pivots, by_stretch)
+            T_step = T_stretch = 0.0
+            for i in range(2):
+                along = force[i] / T
+                T_step += along * force_change(work.reactions, i, solution)
+                by_unit = force_change(work.reactions, i, by_stretch) + work.reactions.stretch[i]
+                T_stretch += along * by_unit
+            longer = (missing - T_step) / T_stretch
+            for i in range(solution.size):
+                solution[i] += longer * by_stretch[i]
+        elif system.supports.give_way:
             movement = work.steps[-1]
             unit_movement(system.supports, work.reactions, work.A, work.pivots, movement)
             give_way(system.supports, work.reactions, movement, missing, solution)
         release(system.supports, solution)
-        tighten_sticks(system, motion, points.patches, work)
-        move(trial, solution)
-        halved = max(iteration - FREE_REVISIONS, 0) // PATIENCE
-        most_changes = max(points.patches.status.size >> halved, 1)
-        changes += revise(motion, points.patches, solution, most_changes)
-    return StepOutcome(False, MOST_ITERATIONS, changes, error / T_0, outside, certificate)
+        if motion.rate > 0.0:
+            tighten_sticks(system, motion, points.patches, work)
+        stretch += move(trial, solution) * longer
+        if motion.rate > 0.0:
+            halved = max(iteration - FREE_REVISIONS, 0) // PATIENCE
+            most_changes = max(points.patches.status.size >> halved, 1)
+            changes += revise(motion, points.patches, solution, most_changes)
+    return StepOutcome(False, most, changes, error / T_0, stretch, outside, certificate)
 
 
 class Recorder(NamedTuple):
@@ -197,6 +339,8 @@ class Recorder(NamedTuple):
         Length of belt that sticks, and that touches [m].
     residual, slip, cone : ndarray
         Certificate of the step, see :class:`StepOutcome`.
+    stretch : ndarray
+        Stress-free length over path length [-].
     """
 
     force: Array
@@ -209,6 +353,7 @@ class Recorder(NamedTuple):
     residual: Array
     slip: Array
     cone: Array
+    stretch: Array
 
 
 def new_recorder(n: int) -> Recorder:
@@ -231,6 +376,7 @@ def new_recorder(n: int) -> Recorder:
         residual=value(),
         slip=value(),
         cone=value(),
+        stretch=value(),
     )
 
 
@@ -267,12 +413,13 @@ def note_attempt(record: Recorder, k: int, out: StepOutcome) -> None:
     record.residual[k] = out.residual
     record.slip[k] = out.certificate.slip
     record.cone[k] = out.certificate.cone
+    record.stretch[k] = out.stretch
+    record.outside[k] = out.outside
 
 
 @part
 def note_step(work: Workspace, record: Recorder, k: int, out: StepOutcome) -> None:
     """Record the state at the end of the step k."""
-    record.outside[k] = out.outside
     record.sticking[k] = out.certificate.sticking
     record.touching[k] = out.certificate.touching
     for i in range(4):
@@ -305,16 +452,16 @@ def march(
             rate = parts / schedule.dt[k]
             # a stick has to be stiff against the belt, its damping included
             hold_by = drive.augmentation * (1.0 + system.belt.damping_time * rate)
-            motion = Motion(schedule.omega[k], rate, 1.0, hold_by, 0.0)
+            motion = Motion(schedule.omega[k], rate, drive.friction, hold_by, 0.0)
             for e in range(patches.status.size):
                 last.status[e] = patches.status[e]
                 last.sign[e] = patches.sign[e]
                 last.la_T[e] = patches.la_T[e]
-            out = step(system, motion, points, state, drive.stretch, drive.T_0, work)
+            out = step_forward(system, motion, points, state, drive, work)
             note_attempt(record, k, out)
             if out.converged:
                 accept(system, motion, points, state, drive.sticking_ratio)
-                store_strains(system.belt, state.q, drive.stretch, work.strain_old)
+                store_strains(system.belt, state.q, out.stretch, work.strain_old)
                 done += 1
             else:
                 for e in range(patches.status.size):
@@ -323,7 +470,7 @@ def march(
                     patches.la_T[e] = last.la_T[e]
                 record.halvings[k] = halvings
                 halvings += 1
-                if halvings > MOST_HALVINGS:
+                if halvings > MOST_HALVINGS or rate == 0.0:
                     return k
                 parts *= 2
                 done *= 2
