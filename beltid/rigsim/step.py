@@ -15,7 +15,7 @@ compiled once.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +44,6 @@ from beltid.rigsim.contact.points import STICK, Motion, Patches, Points, at_radi
 from beltid.rigsim.model import System, Workspace
 
 Array = NDArray[np.float64]
-Counts = NDArray[np.int64]
 
 TOLERANCE = 1.0e-9  # residual force over T_0
 ROUNDING = 1.0e-13  # of a residual force over EA R/h: what is left in double precision
@@ -224,15 +223,16 @@ def tighten_sticks(system: System, motion: Motion, patches: Patches, work: Works
     for _ in range(REPEATS):
         change[:] = 0.0
         any_sticks = False
-        for e in range(patches.status.size):
-            if patches.limit[e] > 0.0 and patches.status[e] == STICK:
+        for e in range(patches.size):
+            patch = patches[e]
+            if patch.limit > 0.0 and patch.status == STICK:
                 any_sticks = True
-                left = patches.slip[e]
+                left = patch.slip
                 for j in range(8):
-                    left -= patches.carry[e, j] * solution[4 * e + j]
+                    left -= patch.carry[j] * solution[4 * e + j]
                 for j in range(8):
-                    change[4 * e + j] += motion.augmentation * left * patches.pull[e, j]
-                patches.force[e] += motion.augmentation * left
+                    change[4 * e + j] += motion.augmentation * left * patch.pull[j]
+                patch.force += motion.augmentation * left
         if not any_sticks:
             return
         restrain(system.supports, change)
@@ -320,64 +320,41 @@ def step_forward(
         stretch += move(trial, solution) * longer
         if motion.rate > 0.0:
             halved = max(iteration - FREE_REVISIONS, 0) // PATIENCE
-            most_changes = max(points.patches.status.size >> halved, 1)
+            most_changes = max(points.patches.size >> halved, 1)
             changes += revise(motion, points.patches, solution, most_changes)
     return StepOutcome(False, most, changes, error / T_0, stretch, outside, certificate)
 
 
-class Recorder(NamedTuple):
-    """What a run records, arrays of shape (n,) over its steps unless given.
+STEP = np.dtype(
+    [
+        ("force", np.float64, (4,)),
+        ("iterations", np.int64),
+        ("changes", np.int64),
+        ("halvings", np.int64),
+        ("outside", np.int64),
+        ("sticking", np.float64),
+        ("touching", np.float64),
+        ("residual", np.float64),
+        ("slip", np.float64),
+        ("cone", np.float64),
+        ("stretch", np.float64),
+    ]
+)
+"""What a run records of a step.
 
-    Attributes
-    ----------
-    force : ndarray, shape (n, 4)
-        Forces of the supports on the belt, the held rows [N].
-    iterations, changes, halvings, outside : ndarray of int
-        Newton iterations, changes between stick and slide, cuts of the step, and look-ups outside
-        the measured range.
-    sticking, touching : ndarray
-        Length of belt that sticks, and that touches [m].
-    residual, slip, cone : ndarray
-        Certificate of the step, see :class:`StepOutcome`.
-    stretch : ndarray
-        Stress-free length over path length [-].
-    """
+``force`` of the supports on the belt, the held rows [N]; numbers of Newton ``iterations``, of
+``changes`` between stick and slide, of ``halvings`` of the step, and of look-ups ``outside`` the
+measured range; length of belt that is ``sticking``, and that is ``touching`` [m]; ``residual``,
+``slip`` and ``cone``, the certificate of the step, see :class:`StepOutcome`; ``stretch``,
+stress-free length over path length [-].
+"""
 
-    force: Array
-    iterations: Counts
-    changes: Counts
-    halvings: Counts
-    outside: Counts
-    sticking: Array
-    touching: Array
-    residual: Array
-    slip: Array
-    cone: Array
-    stretch: Array
+Recorder: TypeAlias = "np.recarray[Any, np.dtype[Any]]"
 
 
 def new_recorder(n: int) -> Recorder:
     """Room for a run of ``n`` steps."""
-
-    def count() -> Counts:
-        return np.zeros(n, dtype=np.int64)
-
-    def value() -> Array:
-        return np.zeros(n)
-
-    return Recorder(
-        force=np.zeros((n, 4)),
-        iterations=count(),
-        changes=count(),
-        halvings=count(),
-        outside=count(),
-        sticking=value(),
-        touching=value(),
-        residual=value(),
-        slip=value(),
-        cone=value(),
-        stretch=value(),
-    )
+    return np.zeros(n, dtype=STEP).view(np.recarray)
 
 
 @part
@@ -385,45 +362,46 @@ def accept(
     system: System, motion: Motion, points: Points, state: Kinematics, sticking_ratio: float
 ) -> None:
     """Make the trial the state of the last step; friction with a memory follows the speed."""
-    patches, last = points.patches, points.last
-    if last.memory[0] > 0.0:
-        for e in range(patches.status.size):
+    patches, memory = points.patches, points.memory[0]
+    if memory > 0.0:
+        for e in range(patches.size):
             for c in range(points.theta.shape[1]):
-                slip = abs(points.slip[e, c])
+                slip, before = abs(points.slip[e, c]), points.last[e, c]
                 if slip > 0.0:
                     v = at_radius(slip * motion.rate, points.rho[e, c], system.pulley.R)
-                    part = -math.expm1(-slip / last.memory[0])
-                    last.v[e, c] += part * (v - last.v[e, c])
+                    before.v += -math.expm1(-slip / memory) * (v - before.v)
     for i in range(state.q.size):
         state.q_dot[i] = (state.trial[i] - state.q[i]) * motion.rate
         state.q[i] = state.trial[i]
     remember(system.belt, points, state.q)
-    for e in range(patches.status.size):
+    for e in range(patches.size):
         # what rests at the end of a step has to be torn off in the next one
-        patches.ratio[e] = sticking_ratio if patches.status[e] == STICK else 1.0
+        patches[e].ratio = sticking_ratio if patches[e].status == STICK else 1.0
         for c in range(points.theta.shape[1]):
-            last.limit[e, c] = points.F_max[e, c]
+            points.last[e, c].limit = points.F_max[e, c]
 
 
 @part
 def note_attempt(record: Recorder, k: int, out: StepOutcome) -> None:
     """Record how the step k, or a part of it, ended."""
-    record.iterations[k] += out.iterations
-    record.changes[k] += out.changes
-    record.residual[k] = out.residual
-    record.slip[k] = out.certificate.slip
-    record.cone[k] = out.certificate.cone
-    record.stretch[k] = out.stretch
-    record.outside[k] = out.outside
+    noted = record[k]
+    noted.iterations += out.iterations
+    noted.changes += out.changes
+    noted.residual = out.residual
+    noted.slip = out.certificate.slip
+    noted.cone = out.certificate.cone
+    noted.stretch = out.stretch
+    noted.outside = out.outside
 
 
 @part
 def note_step(work: Workspace, record: Recorder, k: int, out: StepOutcome) -> None:
     """Record the state at the end of the step k."""
-    record.sticking[k] = out.certificate.sticking
-    record.touching[k] = out.certificate.touching
+    noted = record[k]
+    noted.sticking = out.certificate.sticking
+    noted.touching = out.certificate.touching
     for i in range(4):
-        record.force[k, i] = work.reactions.force[i]
+        noted.force[i] = work.reactions.force[i]
 
 
 @kernel
@@ -442,7 +420,7 @@ def march(
 
     The first step starts from ``state`` as it stands, with what the belt and the contact remember.
     """
-    patches, last = points.patches, points.last
+    patches = points.patches
     if begin == 0:
         remember(system.belt, points, state.q)
         store_strains(system.belt, state.q, drive.stretch, work.strain_old)
@@ -453,10 +431,11 @@ def march(
             # a stick has to be stiff against the belt, its damping included
             hold_by = drive.augmentation * (1.0 + system.belt.damping_time * rate)
             motion = Motion(schedule.omega[k], rate, drive.friction, hold_by, 0.0)
-            for e in range(patches.status.size):
-                last.status[e] = patches.status[e]
-                last.sign[e] = patches.sign[e]
-                last.la_T[e] = patches.la_T[e]
+            for e in range(patches.size):
+                patch = patches[e]
+                patch.status_before = patch.status
+                patch.sign_before = patch.sign
+                patch.la_T_before = patch.la_T
             out = step_forward(system, motion, points, state, drive, work)
             note_attempt(record, k, out)
             if out.converged:
@@ -464,16 +443,17 @@ def march(
                 store_strains(system.belt, state.q, out.stretch, work.strain_old)
                 done += 1
             else:
-                for e in range(patches.status.size):
-                    patches.status[e] = last.status[e]
-                    patches.sign[e] = last.sign[e]
-                    patches.la_T[e] = last.la_T[e]
-                record.halvings[k] = halvings
+                for e in range(patches.size):
+                    patch = patches[e]
+                    patch.status = patch.status_before
+                    patch.sign = patch.sign_before
+                    patch.la_T = patch.la_T_before
+                record[k].halvings = halvings
                 halvings += 1
                 if halvings > MOST_HALVINGS or rate == 0.0:
                     return k
                 parts *= 2
                 done *= 2
-        record.halvings[k] = halvings
+        record[k].halvings = halvings
         note_step(work, record, k, out)
     return end

@@ -180,7 +180,7 @@ def run_transient(
     points = new_points(belt, STICK)
     points.patches.ratio[:] = plan.sticking_ratio
     if model.friction_falls:
-        points.last.memory[0] = MEMORY * build_up_travel(model, laid, sliding)
+        points.memory[0] = MEMORY * build_up_travel(model, laid, sliding)
     work = model.workspace()
     state = new_kinematics(laid.q)
     record = new_recorder(plan.steps)

@@ -186,7 +186,7 @@ def march_by_lemke(
                 done += 1
                 continue
             patches.status[:], patches.sign[:], patches.la_T[:] = kept
-            record.halvings[k] = halvings
+            record[k].halvings = halvings
             halvings += 1
             if halvings > MOST_HALVINGS:
                 return k
