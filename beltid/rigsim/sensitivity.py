@@ -24,7 +24,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
 from scipy.linalg import LinAlgError, solve_banded
 
 from beltid.errors import ConvergenceError

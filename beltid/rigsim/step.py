@@ -288,9 +288,7 @@ def step_forward(
             and certificate.slip <= SLIP_TOLERANCE
             and certificate.cone <= CONE_TOLERANCE
         ):
-            return StepOutcome(
-                True, iteration, changes, error / T_0, stretch, outside, certificate
-            )
+            return StepOutcome(True, iteration, changes, error / T_0, stretch, outside, certificate)
         if not (math.isfinite(error) and factorize(work.A, work.pivots)):
             break
         for i in range(solution.size):

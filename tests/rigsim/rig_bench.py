@@ -22,6 +22,7 @@ from beltid.rigsim.step import (
     Recorder,
     Schedule,
     march,
+    new_kinematics,
     new_recorder,
 )
 from beltid.rigsim.transient_run import contact_now
@@ -130,7 +131,7 @@ def start(
     ratio = rig.contact.sticking_ratio
     points = new_points(belt, STICK)
     points.patches.ratio[:] = ratio
-    state = Kinematics(laid.q.copy(), *(np.zeros_like(laid.q) for _ in range(3)))
+    state = new_kinematics(laid.q)
     drive = Drive(laid.stretch, point.T_0, augmentation * belt.EA / float(belt.h.min()), ratio)
     record = new_recorder(0)
     return March(model, laid, state, points, drive, record)

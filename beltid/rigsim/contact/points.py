@@ -152,18 +152,21 @@ PATCH = np.dtype(
 decides what acts. ``la_T`` is the multiplier of a sticking patch [N]; ``..._before`` is what the
 step began with. ``ratio`` is the limit of friction over the sliding one [-].
 
-Output: ``slip`` of the step [m]; tangential ``force`` and its ``limit`` [N]; ``pull``, the direction
-W_T in the coordinates of the element, and ``carry``, by how much the slip falls with them, which are
-the same in a step. ``turning`` are sliding patches of a running belt within which the slip may change
-its direction, ``slip_out`` is the slip at its downstream end. ``broken`` tells how a patch breaks the
-law of friction, while the statuses are revised.
+Output: ``slip`` of the step [m]; tangential ``force`` and its ``limit`` [N]; ``pull``, the
+direction W_T in the coordinates of the element, and ``carry``, by how much the slip falls with
+them, which are the same in a step. ``turning`` are sliding patches of a running belt within which
+the slip may change its direction, ``slip_out`` is the slip at its downstream end. ``broken`` tells
+how a patch breaks the law of friction, while the statuses are revised.
 """
 
 BEFORE = np.dtype(
     [("theta", np.float64), ("rho", np.float64), ("limit", np.float64), ("v", np.float64)]
 )
-"""What a point remembers of the last time step: its angle from the top [rad] and its radius [m], its
-limit of friction [N], and the sliding speed that friction has followed so far [m/s]."""
+"""What a point remembers of the last time step.
+
+Its angle from the top [rad] and its radius [m], its limit of friction [N], and the sliding speed
+that friction has followed so far [m/s].
+"""
 
 Patches: TypeAlias = "np.recarray[Any, np.dtype[Any]]"
 Before: TypeAlias = "np.recarray[Any, np.dtype[Any]]"

@@ -73,7 +73,7 @@ def lemke_step(
     T_0: float,
     work: Workspace,
 ) -> StepOutcome:
-    """One implicit step with Lemke's method; same arguments and result as ``transient.step``.
+    """One implicit step with Lemke's method; like ``step_forward``.
 
     Newton's method on the smooth forces; in each iteration the friction forces and slips of the
     linearised step are those of the complementarity problem, with the limits of the iterate.
@@ -168,7 +168,7 @@ def march_by_lemke(
     begin: int,
     end: int,
 ) -> int:
-    """Take steps with the reference solver; like ``transient.march``."""
+    """Take steps with the reference solver; like :func:`beltid.rigsim.step.march`."""
     patches = points.patches
     if begin == 0:
         remember(system.belt, points, state.q)
