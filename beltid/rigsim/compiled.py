@@ -204,6 +204,7 @@ class _KernelCompiler(Compiler):
 
     def compile_extra(self, func: Any) -> Any:
         self.state.library = _Whole(self.state.targetctx.codegen(), func.__qualname__)
+        self.state.library.enable_object_caching()
         return super().compile_extra(func)
 
 

@@ -46,7 +46,8 @@ class SimulationSettings:
         further.
     friction_solver : {"newton", "lemke"}
         Stick and slip of a step by the active set (semismooth Newton), or by Lemke's method on the
-        Delassus matrix: the reference, slower by a factor of about ten.
+        Delassus matrix: the reference, slower by a factor of about ten, and compiled by its first
+        run.
     sensitivities : bool
         Also give the sensitivities of the tensions to mu (steady method only).
     profile_times_s : tuple of float

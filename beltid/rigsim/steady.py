@@ -32,6 +32,7 @@ Array = NDArray[np.float64]
 
 # tensions over T_0 by way of which the belt is laid on, one way after the other
 DETOURS = ((1.0,), (2.0, 1.0), (8.0, 4.0, 2.0, 1.4, 1.0))
+STAGES = (1, 4, 16, 64)  # in which friction is raised, one way after the other
 DEEPEST = 0.1  # penetration over the radius that still is a contact
 
 
@@ -149,7 +150,7 @@ def slide(model: RigModel, laid: StaticState) -> StaticState:
     system, point = model.system, model.point
     points, work = new_points(system.belt, SLIDE), model.workspace()
     spent, residual = 0, math.inf
-    for stages in (1, 4, 16):
+    for stages in STAGES:
         q = laid.q.copy()
         for k in range(1, stages + 1):
             drive = Drive(laid.stretch, point.T_0, 0.0, 1.0, k / stages)

@@ -209,7 +209,7 @@ def compiled_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[A
     def anew(cache: Path) -> tuple[int, int]:
         monkeypatch.setenv("BELTID_CACHE_DIR", str(cache))
         compiled.cache_folder.cache_clear()
-        again: Any = compiled.kernel(factorize.py_func)
+        again: Any = compiled.kernel(factorize)
         A, pivots = np.zeros((1, WIDTH)), np.zeros(1, dtype=np.int64)
         assert not again(A, pivots)
         A[0, HALF] = 2.0
