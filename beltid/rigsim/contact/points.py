@@ -218,11 +218,11 @@ class Points(NamedTuple):
 def new_points(belt: BeltArrays, status: int) -> Points:
     """Contact points at rest, all patches with the given status, no forces."""
     n_e, n_c = belt.w_c.shape
-    patches = np.zeros(n_e, dtype=PATCH).view(np.recarray)
-    patches.status = status
-    patches.sign = patches.ratio = 1.0
+    patches = np.zeros(n_e, dtype=PATCH)
+    patches["status"] = status
+    patches["sign"] = patches["ratio"] = 1.0
     return Points(
-        patches=patches,
+        patches=patches.view(np.recarray),
         last=np.zeros((n_e, n_c), dtype=BEFORE).view(np.recarray),
         memory=np.zeros(1),
         theta=np.zeros((n_e, n_c)),
