@@ -479,8 +479,7 @@ class _Flow:
 
     def _copy(self) -> tuple[Array, float, float, Patches]:
         """What a failed round must not change."""
-        patches = Patches._make(values.copy() for values in self.points.patches)
-        return self.q.copy(), self.stretch, self.omega, patches
+        return self.q.copy(), self.stretch, self.omega, self.points.patches.copy()
 
     def _restore(self, kept: tuple[Array, float, float, Patches]) -> None:
         self.q[:], self.stretch, self.omega = kept[:3]
@@ -550,5 +549,4 @@ class _Flow:
 
 
 def _overwrite(patches: Patches, others: Patches) -> None:
-    for values, other in zip(patches, others, strict=True):
-        values[:] = other
+    patches[:] = others

@@ -18,7 +18,7 @@ from beltid.rigsim.beam.supports import force_change, release
 from beltid.rigsim.compiled import allocating_kernel, leaf
 from beltid.rigsim.contact.points import Motion, Points
 from beltid.rigsim.model import System, Workspace
-from beltid.rigsim.steady import force_tolerance, largest_force, linearize, move
+from beltid.rigsim.step import force_tolerance, largest_force, linearize, move
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ Module               Responsibility                                             
 ``beam``             The belt: path, cable elements, forces, supports               (9), (10)
 ``contact``          Its contact with the pulley: normal forces, friction           (1) to (4),
                                                                                     (11), (12)
+``step``             Linearised rig, Newton's method, march from step to step       (10) to (12)
 ``steady``           Belt laid on and tightened; the limit of full sliding
-``transient``        One implicit step, and the march through a run                 (10) to (12)
 ``transient_run``    Schedule of a run in time, and what comes of it
 ``profile``          Forces, speeds and tension along the arc                       (8)
 ``sensitivity``      Derivatives of the tensions with respect to mu

@@ -10,13 +10,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.rigsim.compiled import kernel
+from beltid.rigsim.compiled import shared_leaf
 
 HALF = 7  # two nodes of four coordinates: |i - j| <= 7
 WIDTH = 3 * HALF + 1
 
 
-@kernel
+@shared_leaf
 def factorize(A: NDArray[np.float64], pivots: NDArray[np.int64]) -> bool:
     """Factorize a banded matrix in place.
 
@@ -69,7 +69,7 @@ def factorize(A: NDArray[np.float64], pivots: NDArray[np.int64]) -> bool:
     return True
 
 
-@kernel
+@shared_leaf
 def solve(A: NDArray[np.float64], pivots: NDArray[np.int64], b: NDArray[np.float64]) -> None:
     """Solve with the factors of :func:`factorize`; ``b`` (n,) is overwritten by the solution."""
     n = A.shape[0]
@@ -86,24 +86,3 @@ def solve(A: NDArray[np.float64], pivots: NDArray[np.int64], b: NDArray[np.float
         for j in range(k + 1, min(k + 2 * HALF, n - 1) + 1):
             total -= A[k, HALF + j - k] * b[j]
         b[k] = total / A[k, HALF]
-
-
-@kernel
-def solve_transposed(
-    A: NDArray[np.float64], pivots: NDArray[np.int64], b: NDArray[np.float64]
-) -> None:
-    """Like :func:`solve` for the transposed matrix."""
-    n = A.shape[0]
-    for k in range(n):
-        total = b[k]
-        for j in range(max(0, k - 2 * HALF), k):
-            total -= A[j, HALF + k - j] * b[j]
-        b[k] = total / A[k, HALF]
-    for k in range(n - 1, -1, -1):
-        total = b[k]
-        for i in range(k + 1, min(k + HALF, n - 1) + 1):
-            total -= A[i, HALF + k - i] * b[i]
-        b[k] = total
-        p = pivots[k]
-        if p != k:
-            b[k], b[p] = b[p], b[k]

@@ -20,7 +20,7 @@ from beltid.rigsim.profile import ContactState, steady_contact
 from beltid.rigsim.reference.step import march_by_lemke
 from beltid.rigsim.sensitivity import TensionSensitivity, tension_sensitivity
 from beltid.rigsim.steady import StaticState, lay_on, slide
-from beltid.rigsim.transient import march
+from beltid.rigsim.step import march
 from beltid.rigsim.transient_run import Plan, TransientRun, run_transient
 
 Array = NDArray[np.float64]
@@ -46,7 +46,8 @@ class SimulationSettings:
         further.
     friction_solver : {"newton", "lemke"}
         Stick and slip of a step by the active set (semismooth Newton), or by Lemke's method on the
-        Delassus matrix: the reference, slower by a factor of about ten.
+        Delassus matrix: the reference, slower by a factor of about ten, and compiled by its first
+        run.
     sensitivities : bool
         Also give the sensitivities of the tensions to mu (steady method only).
     profile_times_s : tuple of float

@@ -7,30 +7,31 @@ that depends on q through the held rows,
     dT/dmu_i = a . (W_T F_N)_i,   K^T a = dT/dq.
 
 At the held coordinates a is minus the direction of the tension: friction that acts on a support
-itself is not carried by the belt. Two transposed solves with the factors of the tangent give both
-tensions' derivatives with respect to mu of every look-up; any parameter p of the surface follows
+itself is not carried by the belt. One solve with the transposed tangent gives both tensions'
+derivatives with respect to mu of every look-up; any parameter p of the surface follows
 by ``dT/dp = sum_i dT/dmu_i dmu(f_i, v)/dp``.
 
-Where a force ``w.T`` is given, the ends give way by y. With the derivatives T_y of the tensions
-with respect to y, and dT that of held ends,
+Where a force ``w.T`` is given, the ends give way by y in the directions d of the held coordinates.
+With K_d, the columns of the tangent that belong to them, T_y the derivatives of the tensions with
+respect to y, and dT those of held ends,
 
-    dT_given = dT - T_y (w.dT)/(w.T_y).
+    dT_given = dT - T_y (w.dT)/(w.T_y),   T_y = dT/dq_held . d - a . K_d d.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, solve_banded
 
 from beltid.errors import ConvergenceError
-from beltid.rigsim.banded import HALF, factorize, solve_transposed
-from beltid.rigsim.beam.supports import held_row, release, tension_change, unit_movement
-from beltid.rigsim.contact.points import Motion, Points
+from beltid.rigsim.banded import HALF
+from beltid.rigsim.beam.supports import held_row, release
+from beltid.rigsim.contact.points import Points
 from beltid.rigsim.model import RigModel
-from beltid.rigsim.steady import StaticState, linearize
+from beltid.rigsim.steady import StaticState
 
 Array = NDArray[np.float64]
 
@@ -60,49 +61,47 @@ def tension_sensitivity(model: RigModel, sliding: StaticState) -> TensionSensiti
     ConvergenceError
         If the tangent is singular.
     """
-    system, work = model.system, model.workspace()
-    motion = Motion(omega=model.point.omega, rate=0.0, friction=1.0, augmentation=0.0)
-    points = sliding.points
-    linearize(system, motion, points, sliding.q, sliding.q, sliding.stretch, work)
-    if not factorize(work.A, work.pivots):
-        raise ConvergenceError("the tangent of the sliding state is singular")
+    supports, points, work = model.system.supports, sliding.points, sliding.work
+    n = sliding.q.size
+    held = [held_row(i, n) for i in range(4)]
+    fixed = [*held, 3, n - 1] if supports.clamped else held
+    rows = _full_rows(work.reactions.rows, held, n)
+    force = sliding.force.reshape(2, 2)
+    along = force / np.linalg.norm(force, axis=1, keepdims=True)
+    gradient = np.stack([along[0] @ rows[:2], along[1] @ rows[2:]])
+    free = gradient.copy()
+    free[:, fixed] = 0.0
+    # row i of the storage holds what is column i of the transposed matrix in the layout of LAPACK
+    try:
+        transposed = work.A[:, : 2 * HALF + 1].T
+        adjoint = solve_banded((HALF, HALF), transposed, free.T, check_finite=False).T
+    except LinAlgError as error:
+        raise ConvergenceError("the tangent of the sliding state is singular") from error
+    moves = supports.moves.ravel()
+    load = moves @ rows  # no contact reaches the ends: the columns K_d are the rows
+    load[fixed] = 0.0
+    by_movement = gradient[:, held] @ moves - adjoint @ load
     touching = points.F_N > 0.0
-    held = []
-    for first in (0, 2):
-        adjoint = _tension_gradient(work.reactions.rows, work.reactions.force, first, model)
-        solve_transposed(work.A, work.pivots, adjoint)
-        release(system.supports, adjoint)
+    tensions = np.empty((2, 2 * np.count_nonzero(touching)))
+    for end in (0, 1):
+        a = adjoint[end].copy()
+        release(supports, a)
         # on a very short span the element at a support touches: its friction acts on the support
-        force = work.reactions.force
-        for i in (first, first + 1):
-            along = force[i] / math.hypot(force[first], force[first + 1])
-            adjoint[held_row(i, adjoint.size)] = -along
-        held.append(_along_friction(system.belt.N_c, points, adjoint)[touching].ravel())
-    tensions = np.array(held)
-    supports, reactions, movement = system.supports, work.reactions, work.steps[-1]
+        a[held[2 * end : 2 * end + 2]] = -along[end]
+        tensions[end] = _along_friction(model.system.belt.N_c, points, a)[touching].ravel()
     if supports.give_way:
-        unit_movement(supports, reactions, work.A, work.pivots, movement)
-        by_movement = np.array([tension_change(reactions, end, movement) for end in (0, 1)])
         moved = supports.weights @ tensions / (supports.weights @ by_movement)
         tensions -= np.outer(by_movement, moved)
     return TensionSensitivity(points.f_look[touching].ravel(), tensions[0], tensions[1])
 
 
-def _tension_gradient(rows: Array, force: Array, first: int, model: RigModel) -> Array:
-    """Derivative of a support force's magnitude with respect to the coordinates, shape (n,)."""
-    n = 4 * model.nodes.size
-    size = math.hypot(force[first], force[first + 1])
-    gradient = np.zeros(n)
-    for i in (first, first + 1):
-        row = held_row(i, n)
-        for j in range(max(0, row - HALF), min(n, row + HALF + 1)):
-            gradient[j] += force[i] / size * rows[i, HALF + j - row]
-    # the held coordinates do not move
-    for i in range(4):
-        gradient[held_row(i, n)] = 0.0
-    if model.system.supports.clamped:
-        gradient[[3, n - 1]] = 0.0
-    return gradient
+def _full_rows(rows: Array, held: list[int], n: int) -> Array:
+    """Rows of the held coordinates, (4, n), from those of the banded storage (4, WIDTH)."""
+    full = np.zeros((4, n))
+    for i, row in enumerate(held):
+        first, last = max(0, row - HALF), min(n, row + HALF + 1)
+        full[i, first:last] = rows[i, HALF + first - row : HALF + last - row]
+    return full
 
 
 def _along_friction(N_c: Array, points: Points, adjoint: Array) -> Array:

@@ -22,12 +22,13 @@ from beltid.rigsim.contact.points import STICK, Points, new_points
 from beltid.rigsim.model import RigModel, System, Workspace
 from beltid.rigsim.profile import ContactState
 from beltid.rigsim.steady import StaticState, describe
-from beltid.rigsim.transient import (
+from beltid.rigsim.step import (
     Drive,
     Kinematics,
     Recorder,
     Schedule,
     march,
+    new_kinematics,
     new_recorder,
 )
 
@@ -179,9 +180,9 @@ def run_transient(
     points = new_points(belt, STICK)
     points.patches.ratio[:] = plan.sticking_ratio
     if model.friction_falls:
-        points.last.memory[0] = MEMORY * build_up_travel(model, laid, sliding)
+        points.memory[0] = MEMORY * build_up_travel(model, laid, sliding)
     work = model.workspace()
-    state = Kinematics(laid.q.copy(), *(np.zeros_like(laid.q) for _ in range(3)))
+    state = new_kinematics(laid.q)
     record = new_recorder(plan.steps)
     augmentation = AUGMENTATION * belt.EA / float(belt.h.min())
     drive = Drive(laid.stretch, model.point.T_0, augmentation, plan.sticking_ratio)
@@ -217,15 +218,6 @@ def run_transient(
         points=points,
         snapshots=tuple((float(time[k + 1]), contacts[k]) for k in wanted),
     )
-
-
-def compile_march(model: RigModel) -> None:
-    """Compile the kernels of a run in time: a march of no steps."""
-    q, none = model.path_coordinates(), np.zeros(0)
-    points, work = new_points(model.system.belt, STICK), model.workspace()
-    state, schedule = Kinematics(q, q, q, q), Schedule(none, none)
-    drive = Drive(stretch=1.0, T_0=1.0, augmentation=1.0, sticking_ratio=1.0)
-    march(model.system, points, state, schedule, drive, work, new_recorder(0), 0, 0)
 
 
 def _refuse_unsettled(model: RigModel, force: Array, sliding: StaticState) -> None:

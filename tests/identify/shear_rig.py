@@ -18,21 +18,21 @@ from numpy.typing import NDArray
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, Rig
-from beltid.rigsim import steady
-from beltid.rigsim.banded import factorize, solve
+from beltid.rigsim import step
 from beltid.rigsim.beam import belt
 from beltid.rigsim.beam.supports import release
 from beltid.rigsim.compiled import kernel
 from beltid.rigsim.contact.points import SLIDE, STICK, Motion, new_points, remember
 from beltid.rigsim.model import Bench, OperatingPoint
+from beltid.rigsim.reference.step import assemble, factorize, solve
 from beltid.rigsim.rig import simulate
-from beltid.rigsim.steady import force_tolerance, lay_on
-from beltid.rigsim.transient import Kinematics, accept, assemble
+from beltid.rigsim.steady import lay_on
+from beltid.rigsim.step import accept, force_tolerance, new_kinematics
 
 Array = NDArray[np.float64]
 
 # called in every iteration: compiled for Python, too
-largest_force, move = kernel(steady.largest_force), kernel(steady.move)
+largest_force, move = kernel(step.largest_force), kernel(step.move)
 store_strains = kernel(belt.store_strains)
 
 Setting = tuple[float, float]
@@ -87,7 +87,7 @@ class ShearRig:
         points, work = new_points(system.belt, STICK), model.workspace()
         remember(system.belt, points, laid.q)
         store_strains(system.belt, laid.q, laid.stretch, work.strain_old)
-        state = Kinematics(laid.q.copy(), *(np.zeros_like(laid.q) for _ in range(3)))
+        state = new_kinematics(laid.q)
         patches, length = points.patches, laid.stretch * system.belt.w_c
         stiffest = self.k_s * float(length.sum(axis=1).max())
         motion = Motion(SLOWLY, self.R * SLOWLY / float(travel[1]), 1.0, stiffest)

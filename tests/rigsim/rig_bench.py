@@ -16,12 +16,13 @@ from beltid.rigsim.contact.points import STICK, Points, new_points
 from beltid.rigsim.model import Bench, RigModel
 from beltid.rigsim.profile import ContactState
 from beltid.rigsim.steady import StaticState, lay_on
-from beltid.rigsim.transient import (
+from beltid.rigsim.step import (
     Drive,
     Kinematics,
     Recorder,
     Schedule,
     march,
+    new_kinematics,
     new_recorder,
 )
 from beltid.rigsim.transient_run import contact_now
@@ -130,7 +131,7 @@ def start(
     ratio = rig.contact.sticking_ratio
     points = new_points(belt, STICK)
     points.patches.ratio[:] = ratio
-    state = Kinematics(laid.q.copy(), *(np.zeros_like(laid.q) for _ in range(3)))
+    state = new_kinematics(laid.q)
     drive = Drive(laid.stretch, point.T_0, augmentation * belt.EA / float(belt.h.min()), ratio)
     record = new_recorder(0)
     return March(model, laid, state, points, drive, record)

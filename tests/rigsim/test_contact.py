@@ -26,7 +26,8 @@ from beltid.rigsim.contact.points import (
     touching_share,
 )
 from beltid.rigsim.model import RigModel
-from beltid.rigsim.steady import lay_on, linearize
+from beltid.rigsim.reference.step import linearize
+from beltid.rigsim.steady import lay_on
 
 Array = NDArray[np.float64]
 

@@ -24,8 +24,8 @@ from beltid.params import OperatingPoint
 from beltid.rigsim import compiled
 from beltid.rigsim.banded import HALF, WIDTH, factorize
 from beltid.rigsim.rig import Method, RunResult, SimulationSettings, campaign, simulate
-from beltid.rigsim.steady import lay_on, newton, slide
-from beltid.rigsim.transient import Recorder
+from beltid.rigsim.steady import lay_on, slide
+from beltid.rigsim.step import march as march_kernel
 from beltid.rigsim.transient_run import Plan, run_transient
 
 # a stiff belt needs some newtons to lie on the pulley at all
@@ -122,7 +122,7 @@ def test_a_run_that_fails_in_time_names_the_moment() -> None:
 
     def fails_in_the_21st_step(*arguments: object) -> int:
         record = arguments[-3]
-        assert isinstance(record, Recorder)
+        assert isinstance(record, np.recarray)
         record.iterations[20], record.residual[20] = 555, 3.2e-4
         return 20
 
@@ -159,7 +159,7 @@ def test_whole_numbers_and_surfaces_from_another_process_compile_nothing_anew() 
         assert sent == mu
         hard = bench(R=1, span=2, law=NormalLaw(100_000_000), mu=sent)
         simulate(hard, OperatingPoint(1, 270, 1), steady)
-    assert len(newton.signatures) == 1
+    assert len(march_kernel.signatures) == 1
 
 
 # ----- compiled kernels ---------------------------------------------------------------------
@@ -207,7 +207,7 @@ def compiled_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[A
     def anew(cache: Path) -> tuple[int, int]:
         monkeypatch.setenv("BELTID_CACHE_DIR", str(cache))
         compiled.cache_folder.cache_clear()
-        again: Any = compiled.kernel(factorize.py_func)
+        again: Any = compiled.kernel(factorize)
         A, pivots = np.zeros((1, WIDTH)), np.zeros(1, dtype=np.int64)
         assert not again(A, pivots)
         A[0, HALF] = 2.0

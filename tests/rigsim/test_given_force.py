@@ -53,6 +53,15 @@ def test_a_string_on_a_stiff_pulley_obeys_euler_eytelwein_with_the_force_given(
     assert given_part(given, state) == pytest.approx(W, rel=1e-10)
 
 
+@pytest.mark.parametrize(("span", "mu"), [(0.3, 0.9), (1.19, 0.85)])
+def test_a_small_weight_holds_many_times_its_force(span: float, mu: float) -> None:
+    """Euler-Eytelwein over 234 deg, some 35 to 1; bending takes EI/(R**2 T beta) of mu, 6e-4."""
+    rig = bench(0.0015, R=0.09, span=span, law=LAW_5PK, mu=mu)
+    state = sliding(with_given(rig, "slack"), at(234.0, 72.0, 2.0))
+    assert pytest.approx(72.0, rel=1e-8) == state.T_B
+    assert math.log(state.T_A / state.T_B) / math.radians(234.0) == pytest.approx(mu, rel=5e-3)
+
+
 @pytest.mark.parametrize("given", KINDS)
 def test_the_ends_move_by_the_elongation_of_the_belt(given: GivenForce) -> None:
     """Strain (T - T_0)/EA of spans and arc: the tension on the arc falls as exp(-mu phi)."""

@@ -11,10 +11,8 @@ import pytest
 from rig_bench import LAW_5PK, at, bench, true_surface_5pk
 
 from beltid.rigsim import kernel_cache
-from beltid.rigsim.banded import solve_transposed
 from beltid.rigsim.rig import SimulationSettings, simulate
-from beltid.rigsim.steady import linearize, newton
-from beltid.rigsim.transient import march
+from beltid.rigsim.step import march
 
 
 @pytest.fixture
@@ -31,17 +29,15 @@ def empty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def test_what_is_compiled_ahead_is_what_the_rig_calls() -> None:
-    for method in kernel_cache.LAST:
-        kernel_cache._compile(method)
+    kernel_cache._compile()
     rig = bench(law=LAW_5PK, mu=true_surface_5pk(30, 12))
     simulate(rig, at(), SimulationSettings("steady", sensitivities=True))
     simulate(rig, at(), SimulationSettings("transient", steps=52))
-    for compiled in (newton, linearize, march, solve_transposed):
-        assert len(compiled.signatures) == 1
+    assert len(march.signatures) == 1
 
 
 def test_a_process_that_compiles_ends_with_its_caller(empty: Path) -> None:
-    assert kernel_cache.compile_ahead({"steady"})
+    assert kernel_cache.compile_ahead()
     (process,) = kernel_cache._under_way
     assert process.stdin is not None
     process.stdin.close()  # as when the caller ends, however it ends
@@ -51,12 +47,12 @@ def test_a_process_that_compiles_ends_with_its_caller(empty: Path) -> None:
 def test_nothing_is_started_twice_or_for_kernels_that_are_there(empty: Path) -> None:
     folder = empty / "rigsim_0"
     folder.mkdir(parents=True)
-    for method, kernel in kernel_cache.LAST.items():
-        (folder / f"{kernel}-7.py311.nbi").touch()
-        assert not kernel_cache.compile_ahead({method})
-    (folder / f"{kernel_cache.LAST['steady']}-7.py311.nbi").unlink()
-    assert kernel_cache.compile_ahead({"steady"})
-    assert not kernel_cache.compile_ahead({"steady"})
+    index = folder / f"{kernel_cache.KERNEL}-7.py311.nbi"
+    index.touch()
+    assert not kernel_cache.compile_ahead()
+    index.unlink()
+    assert kernel_cache.compile_ahead()
+    assert not kernel_cache.compile_ahead()
 
 
 def test_nothing_is_started_for_a_cache_that_cannot_be_written(
@@ -64,13 +60,13 @@ def test_nothing_is_started_for_a_cache_that_cannot_be_written(
 ) -> None:
     empty.parent.mkdir(exist_ok=True)
     empty.write_text("not a folder")
-    assert not kernel_cache.compile_ahead({"steady"})
+    assert not kernel_cache.compile_ahead()
     assert not kernel_cache._under_way
 
 
 def test_who_starts_them_loads_no_compiler() -> None:
     code = (
-        "import sys; from beltid.rigsim import kernel_cache as k; k.is_compiled('steady'); "
+        "import sys; from beltid.rigsim import kernel_cache as k; k.is_compiled(); "
         "print('numba' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -18,8 +18,9 @@ from beltid.params import Contact, OperatingPoint
 from beltid.rigsim.beam.belt import belt_arrays
 from beltid.rigsim.contact.points import Motion
 from beltid.rigsim.model import Bench, RigModel
+from beltid.rigsim.reference.step import linearize
 from beltid.rigsim.rig import SimulationSettings, simulate
-from beltid.rigsim.steady import StaticState, lay_on, linearize, slide
+from beltid.rigsim.steady import StaticState, lay_on, slide
 
 FIXED = settings(derandomize=True)
 

@@ -126,7 +126,7 @@ def run(
         if anew and executor == "local":
             from beltid.rigsim.kernel_cache import COMPILING, compile_ahead
 
-            if compile_ahead(simulated_by(chosen)):
+            if simulated_by(chosen) and compile_ahead():
                 reporter.report(COMPILING)
         workers = where.workers(at_once=anew)
         from beltid.batch.chain import BatchOptions, run_batch

@@ -57,20 +57,20 @@ def sliding_friction(
     number of points with a look-up outside the measured range.
     """
     R, k1, k2, rate = pulley.R, pulley.k_linear, pulley.k_quadratic, motion.rate
-    surface, last, ratio = pulley.surface, points.last, points.patches.ratio
-    follows = rate > 0.0 and last.memory[0] > 0.0
+    surface, last = pulley.surface, points.last
+    follows = rate > 0.0 and points.memory[0] > 0.0
     outside = 0
     slip = v = sliding_speed(motion.omega, R)
     j, t, dt_dv = locate(surface.y_nodes, surface.v_ref, v)
     for e in range(belt.h.size):
-        factor = motion.friction * ratio[e]
+        factor = motion.friction * points.patches[e].ratio
         for c in range(belt.w_c.shape[1]):
             if points.f_N[e, c] == 0.0:
                 continue
             rho, frame, by_slip = points.rho[e, c], points.frames[e, c], 0.0
             if rate > 0.0:
-                slip = rho * (motion.omega / rate - points.theta[e, c] + last.theta[e, c])
-                v = last.v[e, c] if follows else at_radius(abs(slip), rho, R) * rate
+                slip = rho * (motion.omega / rate - points.theta[e, c] + last[e, c].theta)
+                v = last[e, c].v if follows else at_radius(abs(slip), rho, R) * rate
                 j, t, dt_dv = locate(surface.y_nodes, surface.v_ref, v)
                 by_slip = 0.0 if follows else math.copysign(at_radius(rate, rho, R), slip)
                 frame.slip_t = 1.0
@@ -142,9 +142,9 @@ def add_contact(
     multiplier plus ``augmentation * slip``, which vanishes as the iteration converges.
     """
     outside = 0
-    points.patches.limit[:] = 0.0
-    points.patches.force[:] = 0.0
-    points.patches.slip[:] = 0.0
+    for e in range(belt.h.size):
+        patch = points.patches[e]
+        patch.limit = patch.force = patch.slip = 0.0
     press(belt, pulley, motion, points, q, stretch)
     if motion.friction > 0.0:
         outside = sliding_friction(belt, pulley, motion, points, stretch)
@@ -207,7 +207,7 @@ def end_slips(points: Points, e: int) -> None:
     e : int
         The patch, which touches.
     """
-    patches, counts = points.patches, points.counts
+    patch, counts = points.patches[e], points.counts
     n_c = counts.shape[1]
     first, last = 0, n_c - 1
     while points.F_max[e, first] == 0.0:
@@ -220,10 +220,10 @@ def end_slips(points: Points, e: int) -> None:
     else:
         counts[0, first], counts[0, first + 1] = 1.5, -0.5
         counts[1, last], counts[1, last - 1] = 1.5, -0.5
-    patches.slip[e] = patches.slip_out[e] = 0.0
+    patch.slip = patch.slip_out = 0.0
     for c in range(first, last + 1):
-        patches.slip[e] += counts[0, c] * points.slip[e, c]
-        patches.slip_out[e] += counts[1, c] * points.slip[e, c]
+        patch.slip += counts[0, c] * points.slip[e, c]
+        patch.slip_out += counts[1, c] * points.slip[e, c]
 
 
 @leaf
@@ -241,57 +241,59 @@ def spread_friction(
     """
     n_c, counts = belt.w_c.shape[1], points.counts
     flows, surface_speed = motion.flow > 0.0, motion.omega * pulley.R
-    patches, last = points.patches, points.last
     for e in range(belt.h.size):
+        patch = points.patches[e]
         limit = limit_last = 0.0
         for c in range(n_c):
             limit += points.F_max[e, c]
             if points.F_max[e, c] > 0.0:
-                limit_last += last.limit[e, c]
-        patches.limit[e] = limit
+                limit_last += points.last[e, c].limit
+        patch.limit = limit
         if limit == 0.0:
             continue
         # the spread is that of the last step: as a constant it makes the tangent exact
-        spread = last.limit if limit_last > 0.0 else points.F_max
-        share = 1.0 / (limit_last if limit_last > 0.0 else limit)
-        sign, sticks = patches.sign[e], patches.status[e] == STICK
+        remembers = limit_last > 0.0
+        share = 1.0 / (limit_last if remembers else limit)
+        sign, sticks = patch.sign, patch.status == STICK
         slip, turn = 0.0, Turn(sign, 0.0, 0.0)
-        turns = flows and not sticks and patches.turning[e]
+        turns = flows and not sticks and patch.turning
         if flows:
             end_slips(points, e)
-            slip = patches.slip[e]
+            slip = patch.slip
         if turns:
             fall = limit * motion.flow / belt.EA
-            turn = mean_direction(slip, patches.slip_out[e], sign, fall)
+            turn = mean_direction(slip, patch.slip_out, sign, fall)
             for c in range(n_c):
                 counts[0, c] = turn.by_in * counts[0, c] + turn.by_out * counts[1, c]
         for j in range(8):
-            patches.pull[e, j] = patches.carry[e, j] = 0.0
+            patch.pull[j] = patch.carry[j] = 0.0
         for c in range(n_c):
             if points.F_max[e, c] == 0.0:
                 continue
-            weight, frame = share * spread[e, c], points.frames[e, c]
+            spread = points.last[e, c].limit if remembers else points.F_max[e, c]
+            weight, frame = share * spread, points.frames[e, c]
             if not flows:
                 counts[0, c] = weight
                 slip += weight * points.slip[e, c]
             for j in range(4):
                 N, D = belt.N_c[e, c, j], belt.D_c[e, c, j]
                 along = weight * N
-                patches.pull[e, 2 * j] += along * frame.n_y
-                patches.pull[e, 2 * j + 1] -= along * frame.n_x
+                patch.pull[2 * j] += along * frame.n_y
+                patch.pull[2 * j + 1] -= along * frame.n_x
                 falls = counts[0, c] * (N * frame.slip_t + D * frame.slip_s)
                 across = counts[0, c] * N * frame.slip_n
-                patches.carry[e, 2 * j] += falls * frame.n_y + across * frame.n_x
-                patches.carry[e, 2 * j + 1] += across * frame.n_y - falls * frame.n_x
-        patches.slip[e] = slip
+                patch.carry[2 * j] += falls * frame.n_y + across * frame.n_x
+                patch.carry[2 * j + 1] += across * frame.n_y - falls * frame.n_x
+        patch.slip = slip
         sign = turn.sign
-        force = patches.la_T[e] + motion.augmentation * slip if sticks else sign * limit
-        patches.force[e] = force
+        force = patch.la_T + motion.augmentation * slip if sticks else sign * limit
+        patch.force = force
         stiffness = limit if turns else motion.augmentation
         for c in range(n_c):
             points.F_T[e, c] = sign * points.F_max[e, c]
             if sticks and points.F_max[e, c] > 0.0:
-                points.F_T[e, c] = share * spread[e, c] * force
+                spread = points.last[e, c].limit if remembers else points.F_max[e, c]
+                points.F_T[e, c] = share * spread * force
             frame, factor = points.frames[e, c], 0.0 if sticks else sign
             frame.T_d *= factor
             frame.T_s *= factor
@@ -302,7 +304,7 @@ def spread_friction(
                 if sticks:
                     by_slip = 0.0
                     if points.F_max[e, c] > 0.0:
-                        by_slip = share * spread[e, c] * motion.augmentation
+                        by_slip = share * spread * motion.augmentation
                     slip_c, beyond = slip, points.F_T[e, c]
                 frame.T_omega = by_slip * pulley.R
                 by_fall = by_slip * (surface_speed - slip_c)
@@ -313,13 +315,13 @@ def spread_friction(
                     )
                     frame.T_omega += (by_in + by_out) * pulley.R
                     by_fall += by_in * (surface_speed - slip)
-                    by_fall += by_out * (surface_speed - patches.slip_out[e])
+                    by_fall += by_out * (surface_speed - patch.slip_out)
                 frame.T_stretch = (by_fall - beyond) / stretch
         if sticks or turns:
             for j in range(8):
-                stiff = stiffness * patches.pull[e, j]
+                stiff = stiffness * patch.pull[j]
                 for k in range(8):
-                    A[4 * e + j, HALF + k - j] += stiff * patches.carry[e, k]
+                    A[4 * e + j, HALF + k - j] += stiff * patch.carry[k]
 
 
 @leaf

@@ -52,21 +52,22 @@ def violations(belt: BeltArrays, points: Points) -> Certificate:
     """Certificate of the contact state of :func:`beltid.rigsim.contact.points.add_contact`."""
     patches = points.patches
     slip = cone = limit = sticking = touching = 0.0
-    for e in range(patches.status.size):
-        if patches.limit[e] <= 0.0:
+    for e in range(patches.size):
+        patch = patches[e]
+        if patch.limit <= 0.0:
             continue
         length = 0.0
         for c in range(belt.w_c.shape[1]):
             if points.F_N[e, c] > 0.0:
                 length += belt.w_c[e, c]
         touching += length
-        limit = max(limit, patches.limit[e])
-        if patches.status[e] == STICK:
+        limit = max(limit, patch.limit)
+        if patch.status == STICK:
             sticking += length
-            slip = max(slip, abs(patches.slip[e]))
-            cone = max(cone, abs(patches.force[e]) - patches.limit[e])
+            slip = max(slip, abs(patch.slip))
+            cone = max(cone, abs(patch.force) - patch.limit)
         else:
-            slip = max(slip, -patches.sign[e] * patches.slip[e])
+            slip = max(slip, -patch.sign * patch.slip)
     return Certificate(slip, cone / limit if limit > 0.0 else 0.0, sticking, touching)
 
 
@@ -84,32 +85,29 @@ def revise(motion: Motion, patches: Patches, step: Array, most_changes: int) -> 
     int
         Patches that changed between stick and slide.
     """
-    n_e = patches.status.size
+    n_e = patches.size
     found = 0
     for e in range(n_e):
-        patches.broken[e] = 0
-        if patches.limit[e] <= 0.0:
+        patch = patches[e]
+        patch.broken = 0
+        if patch.limit <= 0.0:
             # a patch that closes is dragged by the pulley until it is seen to stick: held at once
             # with a slip that is not yet small, it would be torn off again
-            patches.status[e] = SLIDE if motion.omega > 0.0 else STICK
-            patches.sign[e] = 1.0
-            patches.la_T[e] = 0.0
+            patch.status = SLIDE if motion.omega > 0.0 else STICK
+            patch.sign = 1.0
+            patch.la_T = 0.0
             continue
         moved = 0.0  # advance of the patch along t
         for j in range(8):
-            moved += patches.carry[e, j] * step[4 * e + j]
-        if patches.status[e] == STICK:
-            la_T = patches.force[e] - motion.augmentation * moved
-            edge = patches.limit[e] * (1.0 + 0.1 * CONE_TOLERANCE)
-            patches.la_T[e] = la_T
-            if found < most_changes and abs(la_T) > edge:
-                patches.broken[e] = BEYOND
+            moved += patch.carry[j] * step[4 * e + j]
+        if patch.status == STICK:
+            patch.la_T = patch.force - motion.augmentation * moved
+            edge = patch.limit * (1.0 + 0.1 * CONE_TOLERANCE)
+            if found < most_changes and abs(patch.la_T) > edge:
+                patch.broken = BEYOND
                 found += 1
-        elif (
-            found < most_changes
-            and patches.sign[e] * (patches.slip[e] - moved) < -0.1 * SLIP_TOLERANCE
-        ):
-            patches.broken[e] = BACKWARD
+        elif found < most_changes and patch.sign * (patch.slip - moved) < -0.1 * SLIP_TOLERANCE:
+            patch.broken = BACKWARD
             found += 1
     free = most_changes == n_e
     changes = end = 0
@@ -117,10 +115,10 @@ def revise(motion: Motion, patches: Patches, step: Array, most_changes: int) -> 
         if begin < end:
             continue
         end = begin + 1
-        how = patches.broken[begin]
+        how = patches[begin].broken
         if how == 0:
             continue
-        while end < n_e and patches.broken[end] == how:
+        while end < n_e and patches[end].broken == how:
             end += 1
         if how == BEYOND:
             changes += let_go(patches, begin, end, free)
@@ -132,7 +130,7 @@ def revise(motion: Motion, patches: Patches, step: Array, most_changes: int) -> 
 @leaf
 def sticks(patches: Patches, e: int) -> bool:
     """Whether there is a patch ``e``, it touches and sticks."""
-    return 0 <= e < patches.status.size and patches.limit[e] > 0.0 and patches.status[e] == STICK
+    return 0 <= e < patches.size and patches[e].limit > 0.0 and patches[e].status == STICK
 
 
 @leaf
@@ -148,12 +146,13 @@ def let_go(patches: Patches, begin: int, end: int, ahead: bool) -> int:
     left, right = sticks(patches, begin - 1), sticks(patches, end)
     carried = 0.0
     for e in range(begin, end):
-        carried += patches.la_T[e]
+        carried += patches[e].la_T
     sign = math.copysign(1.0, carried)
     for e in range(begin, end):
-        patches.status[e] = SLIDE
-        patches.sign[e] = sign if ahead else math.copysign(1.0, patches.la_T[e])
-        carried -= sign * patches.limit[e]
+        patch = patches[e]
+        patch.status = SLIDE
+        patch.sign = sign if ahead else math.copysign(1.0, patch.la_T)
+        carried -= sign * patch.limit
     changes = end - begin
     if not ahead:
         return changes
@@ -163,11 +162,12 @@ def let_go(patches: Patches, begin: int, end: int, ahead: bool) -> int:
         surplus = sign * carried
         e = end if direction == 1 else begin - 1
         while sticks(patches, e):
-            surplus += sign * patches.la_T[e] - patches.limit[e]
+            patch = patches[e]
+            surplus += sign * patch.la_T - patch.limit
             if surplus <= 0.0:
                 break
-            patches.status[e] = SLIDE
-            patches.sign[e] = sign
+            patch.status = SLIDE
+            patch.sign = sign
             changes += 1
             e += direction
     return changes
@@ -189,6 +189,6 @@ def catch(patches: Patches, begin: int, end: int, half: bool) -> int:
         else:
             begin = end - middle
     for e in range(begin, end):
-        patches.status[e] = STICK
-        patches.la_T[e] = patches.force[e]
+        patches[e].status = STICK
+        patches[e].la_T = patches[e].force
     return end - begin

@@ -22,7 +22,7 @@ be more constraints than the element has tangential freedoms.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,73 +138,49 @@ class Motion(NamedTuple):
     flow: float = 0.0
 
 
-class Patches(NamedTuple):
-    """The points of one element as one contact; arrays of shape (n_e,).
+PATCH = np.dtype(
+    [
+        ("status", np.int64),
+        ("sign", np.float64),
+        ("la_T", np.float64),
+        ("status_before", np.int64),
+        ("sign_before", np.float64),
+        ("la_T_before", np.float64),
+        ("ratio", np.float64),
+        ("slip", np.float64),
+        ("force", np.float64),
+        ("limit", np.float64),
+        ("pull", np.float64, (8,)),
+        ("carry", np.float64, (8,)),
+        ("turning", np.bool_),
+        ("slip_out", np.float64),
+        ("broken", np.int64),
+    ]
+)
+"""The points of one element as one contact.
 
-    Attributes
-    ----------
-    status : ndarray of int
-        ``STICK`` or ``SLIDE``; with ``sign`` it decides what acts.
-    sign : ndarray
-        Direction of sliding, 1 along t or -1.
-    la_T : ndarray
-        Multiplier of a sticking patch [N].
-    ratio : ndarray
-        Limit of friction over the sliding one [-].
-    slip : ndarray
-        Slip of the step [m] (output, as all below).
-    force, limit : ndarray
-        Tangential force and its limit [N].
-    pull, carry : ndarray, shape (n_e, 8)
-        Direction W_T in the coordinates of the element, and by how much the slip falls with them.
-        They are the same in a step.
-    turning : ndarray of bool
-        Sliding patches of a running belt within which the slip may change its direction.
-    slip_out : ndarray
-        Slip at the downstream end of a patch of a running belt (output).
-    broken : ndarray of int
-        How a patch breaks the law of friction, while the statuses are revised.
-    """
+``status`` is ``STICK`` or ``SLIDE``; with ``sign``, the direction of sliding (1 along t or -1), it
+decides what acts. ``la_T`` is the multiplier of a sticking patch [N]; ``..._before`` is what the
+step began with. ``ratio`` is the limit of friction over the sliding one [-].
 
-    status: NDArray[np.int64]
-    sign: Array
-    la_T: Array
-    ratio: Array
-    slip: Array
-    force: Array
-    limit: Array
-    pull: Array
-    carry: Array
-    turning: NDArray[np.bool_]
-    slip_out: Array
-    broken: NDArray[np.int64]
+Output: ``slip`` of the step [m]; tangential ``force`` and its ``limit`` [N]; ``pull``, the
+direction W_T in the coordinates of the element, and ``carry``, by how much the slip falls with
+them, which are the same in a step. ``turning`` are sliding patches of a running belt within which
+the slip may change its direction, ``slip_out`` is the slip at its downstream end. ``broken`` tells
+how a patch breaks the law of friction, while the statuses are revised.
+"""
 
+BEFORE = np.dtype(
+    [("theta", np.float64), ("rho", np.float64), ("limit", np.float64), ("v", np.float64)]
+)
+"""What a point remembers of the last time step.
 
-class LastStep(NamedTuple):
-    """What the contact remembers of the last time step; arrays of shape (n_e, n_c) unless given.
+Its angle from the top [rad] and its radius [m], its limit of friction [N], and the sliding speed
+that friction has followed so far [m/s].
+"""
 
-    Attributes
-    ----------
-    status, sign, la_T : ndarray, shape (n_e,)
-        Of the patches.
-    theta, rho : ndarray
-        Polar coordinates, angle from the top [rad] and radius [m].
-    limit : ndarray
-        Limit of friction [N].
-    v : ndarray
-        Sliding speed that friction has followed so far [m/s].
-    memory : ndarray, shape (1,)
-        Slip over which friction follows a change of speed [m]; 0 for at once.
-    """
-
-    status: NDArray[np.int64]
-    sign: Array
-    la_T: Array
-    theta: Array
-    rho: Array
-    limit: Array
-    v: Array
-    memory: Array
+Patches: TypeAlias = "np.recarray[Any, np.dtype[Any]]"
+Before: TypeAlias = "np.recarray[Any, np.dtype[Any]]"
 
 
 class Points(NamedTuple):
@@ -212,10 +188,12 @@ class Points(NamedTuple):
 
     Attributes
     ----------
-    patches : Patches
+    patches : records of PATCH, shape (n_e,)
         The contacts that stick or slide.
-    last : LastStep
+    last : records of BEFORE
         The last time step.
+    memory : ndarray, shape (1,)
+        Slip over which friction follows a change of speed [m]; 0 for at once.
     theta, rho : ndarray
         Polar coordinates of the points that touch, angle from the top [rad] and radius [m].
     f_N : ndarray
@@ -233,7 +211,8 @@ class Points(NamedTuple):
     """
 
     patches: Patches
-    last: LastStep
+    last: Before
+    memory: Array
     theta: Array
     rho: Array
     f_N: Array
@@ -250,31 +229,13 @@ class Points(NamedTuple):
 def new_points(belt: BeltArrays, status: int) -> Points:
     """Contact points at rest, all patches with the given status, no forces."""
     n_e, n_c = belt.w_c.shape
+    patches = np.zeros(n_e, dtype=PATCH)
+    patches["status"] = status
+    patches["sign"] = patches["ratio"] = 1.0
     return Points(
-        patches=Patches(
-            status=np.full(n_e, status),
-            sign=np.ones(n_e),
-            la_T=np.zeros(n_e),
-            ratio=np.ones(n_e),
-            slip=np.zeros(n_e),
-            force=np.zeros(n_e),
-            limit=np.zeros(n_e),
-            pull=np.zeros((n_e, 8)),
-            carry=np.zeros((n_e, 8)),
-            turning=np.zeros(n_e, dtype=np.bool_),
-            slip_out=np.zeros(n_e),
-            broken=np.zeros(n_e, dtype=np.int64),
-        ),
-        last=LastStep(
-            status=np.full(n_e, status),
-            sign=np.ones(n_e),
-            la_T=np.zeros(n_e),
-            theta=np.zeros((n_e, n_c)),
-            rho=np.zeros((n_e, n_c)),
-            limit=np.zeros((n_e, n_c)),
-            v=np.zeros((n_e, n_c)),
-            memory=np.zeros(1),
-        ),
+        patches=patches.view(np.recarray),
+        last=np.zeros((n_e, n_c), dtype=BEFORE).view(np.recarray),
+        memory=np.zeros(1),
         theta=np.zeros((n_e, n_c)),
         rho=np.zeros((n_e, n_c)),
         f_N=np.zeros((n_e, n_c)),
@@ -390,8 +351,9 @@ def remember(belt: BeltArrays, points: Points, q: Array) -> None:
             for j in range(4):
                 x += belt.N_c[e, c, j] * q[4 * e + 2 * j]
                 y += belt.N_c[e, c, j] * q[4 * e + 2 * j + 1]
-            points.last.theta[e, c] = math.atan2(x, y)
-            points.last.rho[e, c] = math.sqrt(x * x + y * y)
+            before = points.last[e, c]
+            before.theta = math.atan2(x, y)
+            before.rho = math.sqrt(x * x + y * y)
 
 
 @leaf
@@ -439,7 +401,7 @@ def press(
 
     The fields of a frame that belong to friction are zero until :func:`sliding_friction`.
     """
-    R, rho_last = pulley.R, points.last.rho
+    R = pulley.R
     n_c = belt.w_c.shape[1]
     for e in range(belt.h.size):
         reached = within_reach(q, e, belt.h[e], R)
@@ -477,7 +439,7 @@ def press(
             frame.slip_n = frame.slip_t = frame.slip_s = 0.0
             frame.T_stretch = frame.T_omega = 0.0
             F_N = w * energy.force
-            g_N_dot = (rho - rho_last[e, c]) * motion.rate
+            g_N_dot = (rho - points.last[e, c].rho) * motion.rate
             if g_N_dot < 0.0:
                 # of a part that touches in part only that share dissipates, else the force jumps
                 part, C_P = touching_share(delta, sigma, a), pulley.C_P

@@ -10,15 +10,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.rigsim.banded import factorize, solve
+from beltid.rigsim import banded, step
 from beltid.rigsim.beam.belt import store_strains
 from beltid.rigsim.beam.supports import give_way, missing_force, release, restrain, unit_movement
+from beltid.rigsim.compiled import kernel
 from beltid.rigsim.contact.friction import CONE_TOLERANCE, SLIP_TOLERANCE, Certificate, violations
 from beltid.rigsim.contact.points import SLIDE, STICK, Motion, Points, remember
 from beltid.rigsim.model import System, Workspace
 from beltid.rigsim.reference.lcp import friction_lcp
-from beltid.rigsim.steady import force_tolerance, largest_force, move
-from beltid.rigsim.transient import (
+from beltid.rigsim.step import (
     MOST_HALVINGS,
     Drive,
     Kinematics,
@@ -26,12 +26,18 @@ from beltid.rigsim.transient import (
     Schedule,
     StepOutcome,
     accept,
-    assemble,
+    force_tolerance,
+    largest_force,
+    move,
     note_attempt,
     note_step,
 )
 
 Array = NDArray[np.float64]
+
+# compiled on their own for the first run of this solver
+factorize, solve = kernel(banded.factorize), kernel(banded.solve)
+linearize = kernel(step.linearize)
 
 MOST_ITERATIONS = 60
 
@@ -44,6 +50,20 @@ def directions(points: Points, touching: NDArray[np.intp], n: int) -> Array:
     return W
 
 
+def assemble(
+    system: System,
+    motion: Motion,
+    points: Points,
+    state: Kinematics,
+    stretch: float,
+    work: Workspace,
+) -> int:
+    """Residual and tangent of an implicit step at ``state.trial``, as ``step.assemble``."""
+    state.dq[:] = state.trial - state.q - state.q_dot / motion.rate
+    outside: int = linearize(system, motion, points, state.trial, state.dq, stretch, work)
+    return outside
+
+
 def lemke_step(
     system: System,
     motion: Motion,
@@ -53,7 +73,7 @@ def lemke_step(
     T_0: float,
     work: Workspace,
 ) -> StepOutcome:
-    """One implicit step with Lemke's method; same arguments and result as ``transient.step``.
+    """One implicit step with Lemke's method; like ``step_forward``.
 
     Newton's method on the smooth forces; in each iteration the friction forces and slips of the
     linearised step are those of the complementarity problem, with the limits of the iterate.
@@ -79,9 +99,9 @@ def lemke_step(
             and certificate.slip <= SLIP_TOLERANCE
             and certificate.cone <= CONE_TOLERANCE
         ):
-            return StepOutcome(True, iteration, changes, error / T_0, outside, certificate)
+            return StepOutcome(True, iteration, changes, error / T_0, stretch, outside, certificate)
         changes += _complementarity_iteration(system, motion, points, state, stretch, T_0, work)
-    return StepOutcome(False, MOST_ITERATIONS, changes, error / T_0, outside, certificate)
+    return StepOutcome(False, MOST_ITERATIONS, changes, error / T_0, stretch, outside, certificate)
 
 
 def _complementarity_iteration(
@@ -148,7 +168,7 @@ def march_by_lemke(
     begin: int,
     end: int,
 ) -> int:
-    """Take steps with the reference solver; like ``transient.march``."""
+    """Take steps with the reference solver; like :func:`beltid.rigsim.step.march`."""
     patches = points.patches
     if begin == 0:
         remember(system.belt, points, state.q)
@@ -166,7 +186,7 @@ def march_by_lemke(
                 done += 1
                 continue
             patches.status[:], patches.sign[:], patches.la_T[:] = kept
-            record.halvings[k] = halvings
+            record[k].halvings = halvings
             halvings += 1
             if halvings > MOST_HALVINGS:
                 return k

@@ -1,0 +1,457 @@
+"""A step of the rig, and the march through a run: stick, travelling slip front, full sliding.
+
+Axial waves run at 1 km/s and the contact is stiff, while a run lasts seconds; the natural clock is
+the travel of the pulley's surface. Implicit Euler steps of some micrometres of travel are used: in
+each step the residual
+
+    M (q - q_old - dt q_dot_old)/dt**2 + f(q, (q - q_old)/dt) - W_N F_N - W_T F_T = 0
+
+holds together with the friction law on the slips of the step. Its tangent
+``S = M/dt**2 + C/dt + K`` takes the place of M in Eq. (12). A step that does not converge is halved
+and tried again. A static equilibrium is the step without end, 1/dt = 0: all is one kernel, which is
+compiled once.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.rigsim.banded import WIDTH, factorize, solve
+from beltid.rigsim.beam.belt import add_inertia, add_internal, store_strains
+from beltid.rigsim.beam.supports import (
+    force_change,
+    give_way,
+    hold,
+    missing_force,
+    release,
+    restrain,
+    unit_movement,
+)
+from beltid.rigsim.compiled import kernel, leaf, part, shared_leaf
+from beltid.rigsim.contact.forces import add_contact
+from beltid.rigsim.contact.friction import (
+    CONE_TOLERANCE,
+    SLIP_TOLERANCE,
+    Certificate,
+    revise,
+    violations,
+)
+from beltid.rigsim.contact.points import STICK, Motion, Patches, Points, at_radius, remember
+from beltid.rigsim.model import System, Workspace
+
+Array = NDArray[np.float64]
+
+TOLERANCE = 1.0e-9  # residual force over T_0
+ROUNDING = 1.0e-13  # of a residual force over EA R/h: what is left in double precision
+BENDING_ROUNDING = 1.0e-15  # over 12 EI R/h**3, which counts on fine meshes
+SLIP_ROUNDING = 2.0e-16  # of a slip over R
+LARGEST_MOVE = 5.0e-3  # of a node in one iteration [m]
+LARGEST_TURN = 0.1  # of the tangent at a node in one iteration [-]
+MOST_ITERATIONS = 90
+MOST_ITERATIONS_AT_REST = 40
+MOST_HALVINGS = 8
+REPEATS = 2  # solves for the multipliers in an iteration, beyond the first
+FREE_REVISIONS = 25  # iterations in which all patches may change sides at once
+PATIENCE = 4  # then half as many again and again, each for so many iterations, down to one
+
+
+class Kinematics(NamedTuple):
+    """Coordinates and velocities at the last step, and room for a trial."""
+
+    q: Array
+    q_dot: Array
+    trial: Array
+    dq: Array
+
+
+def new_kinematics(q: Array) -> Kinematics:
+    """The belt at rest, with the coordinates ``q`` (n,)."""
+    return Kinematics(q.copy(), np.zeros_like(q), np.zeros_like(q), np.zeros_like(q))
+
+
+class Schedule(NamedTuple):
+    """Time step [s] and speed of the pulley [rad/s] of each step, arrays (n,)."""
+
+    dt: Array
+    omega: Array
+
+
+class Drive(NamedTuple):
+    """Constants of a run.
+
+    Attributes
+    ----------
+    stretch : float
+        Stress-free length over path length [-]; where the belt is tightened, its start.
+    T_0 : float
+        Initial tension [N].
+    augmentation : float
+        Stiffness that holds a sticking patch to its multiplier [N/m].
+    sticking_ratio : float
+        Limit of friction of a patch at rest over that of a sliding one [-].
+    friction : float
+        Factor on the coefficient of friction.
+    tighten : bool
+        Whether the stretch is an unknown, and |force on support A| = T_0 an equation.
+    """
+
+    stretch: float
+    T_0: float
+    augmentation: float
+    sticking_ratio: float
+    friction: float = 1.0
+    tighten: bool = False
+
+
+class StepOutcome(NamedTuple):
+    """How a step ended."""
+
+    converged: bool
+    iterations: int
+    changes: int
+    residual: float
+    stretch: float
+    outside: int
+    certificate: Certificate
+
+
+@shared_leaf
+def largest_force(system: System, residual: Array) -> float:
+    """Largest residual force [N]; generalised forces on r' count per length of the element."""
+    largest = 0.0
+    n_e = system.belt.h.size
+    for node in range(n_e + 1):
+        h = system.belt.h[min(node, n_e - 1)]
+        for k in range(4):
+            size = abs(residual[4 * node + k])
+            if k > 1:
+                size /= h
+            # a nan must not pass for a small residual
+            if not size <= largest:
+                largest = size
+    return largest
+
+
+@shared_leaf
+def force_tolerance(system: System, motion: Motion, T_0: float) -> float:
+    """Residual force that counts as zero [N]: a share of T_0, but not below the rounding."""
+    h, damped = system.belt.h[0], 1.0 + system.belt.damping_time * motion.rate
+    for length in system.belt.h:
+        h = min(h, length)
+    elastic = ROUNDING * system.belt.EA / h + BENDING_ROUNDING * 12.0 * system.belt.EI / h**3
+    rounding = elastic * damped + SLIP_ROUNDING * motion.augmentation
+    return max(TOLERANCE * T_0, rounding * system.pulley.R)
+
+
+@leaf
+def linearize(
+    system: System,
+    motion: Motion,
+    points: Points,
+    q: Array,
+    moved: Array,
+    stretch: float,
+    work: Workspace,
+) -> int:
+    """Assemble residual and tangent, supports held; returns look-ups out of range.
+
+    In an implicit step (``motion.rate`` > 0) the belt has inertia: ``moved`` (n,) is by how much
+    the coordinates differ from where their velocities would have taken them.
+    """
+    A = work.A
+    for i in range(A.shape[0]):
+        for j in range(WIDTH):
+            A[i, j] = 0.0
+        for row in range(work.vectors.shape[0]):
+            work.vectors[row, i] = 0.0
+    residual, by_stretch = work.vectors[0], work.vectors[1]
+    add_internal(system.belt, q, stretch, work.strain_old, motion.rate, A, residual, by_stretch)
+    if motion.rate > 0.0:
+        # the mass of an element is that of its stress-free length
+        add_inertia(system.belt, moved, motion.rate**2 * stretch, A, residual)
+    outside = add_contact(system.belt, system.pulley, motion, points, q, stretch, A, work.vectors)
+    hold(system.supports, A, work.vectors, work.reactions)
+    return outside
+
+
+@shared_leaf
+def move(q: Array, step: Array) -> float:
+    """Add a step to the coordinates, shortened if a node would jump or turn; returns the factor."""
+    largest = turn = 0.0
+    for i in range(0, q.size, 4):
+        largest = max(largest, abs(step[i]), abs(step[i + 1]))
+        turn = max(turn, abs(step[i + 2]), abs(step[i + 3]))
+    factor = 1.0 if largest <= LARGEST_MOVE else LARGEST_MOVE / largest
+    if turn * factor > LARGEST_TURN:
+        factor = LARGEST_TURN / turn
+    for i in range(q.size):
+        q[i] += factor * step[i]
+    return factor
+
+
+@part
+def assemble(
+    system: System,
+    motion: Motion,
+    points: Points,
+    state: Kinematics,
+    stretch: float,
+    work: Workspace,
+) -> int:
+    """Residual and tangent of an implicit step at ``state.trial``, supports held.
+
+    Returns the look-ups outside the measured range.
+    """
+    for i in range(state.dq.size):
+        state.dq[i] = state.trial[i] - state.q[i] - state.q_dot[i] / motion.rate
+    return linearize(system, motion, points, state.trial, state.dq, stretch, work)
+
+
+@part
+def tighten_sticks(system: System, motion: Motion, patches: Patches, work: Workspace) -> None:
+    """Let the multipliers of the linearised system take over what is left of their slips.
+
+    The solution leaves a slip of force over augmentation in every sticking patch. With the factors
+    at hand another solve makes it smaller by the same factor again, at a tenth of the price of an
+    iteration.
+    """
+    solution, change = work.steps[0], work.steps[1]
+    for _ in range(REPEATS):
+        change[:] = 0.0
+        any_sticks = False
+        for e in range(patches.size):
+            patch = patches[e]
+            if patch.limit > 0.0 and patch.status == STICK:
+                any_sticks = True
+                left = patch.slip
+                for j in range(8):
+                    left -= patch.carry[j] * solution[4 * e + j]
+                for j in range(8):
+                    change[4 * e + j] += motion.augmentation * left * patch.pull[j]
+                patch.force += motion.augmentation * left
+        if not any_sticks:
+            return
+        restrain(system.supports, change)
+        solve(work.A, work.pivots, change)
+        if system.supports.give_way:
+            give_way(system.supports, work.reactions, work.steps[-1], 0.0, change)
+        release(system.supports, change)
+        for i in range(change.size):
+            solution[i] += change[i]
+
+
+@part
+def step_forward(
+    system: System,
+    motion: Motion,
+    points: Points,
+    state: Kinematics,
+    drive: Drive,
+    work: Workspace,
+) -> StepOutcome:
+    """One step by Newton's method; the old state is kept, the result is in ``state.trial``.
+
+    Where the belt is tightened, the system bordered by the stretch is solved with one factorisation
+    and two right-hand sides; so it is where the ends give way. A step that has converged leaves its
+    tangent in ``work``.
+    """
+    stretch, T_0, trial = drive.stretch, drive.T_0, state.trial
+    tolerance = force_tolerance(system, motion, T_0)
+    most = MOST_ITERATIONS if motion.rate > 0.0 else MOST_ITERATIONS_AT_REST
+    for i in range(trial.size):
+        trial[i] = state.q[i]
+        if motion.rate > 0.0:
+            trial[i] += state.q_dot[i] / motion.rate
+    residual, solution, by_stretch = work.vectors[0], work.steps[0], work.steps[1]
+    force = work.reactions.force
+    error = math.inf
+    outside = changes = 0
+    certificate = Certificate(math.inf, math.inf, 0.0, 0.0)
+    for iteration in range(most):
+        outside = assemble(system, motion, points, state, stretch, work)
+        error = largest_force(system, residual)
+        missing = 0.0
+        T = math.hypot(force[0], force[1])
+        if drive.tighten:
+            missing = T_0 - T
+            error = max(error, abs(missing))
+        elif system.supports.give_way:
+            missing = missing_force(system.supports, work.reactions, T_0)
+            error = max(error, abs(missing))
+        certificate = violations(system.belt, points)
+        if (
+            error <= tolerance
+            and certificate.slip <= SLIP_TOLERANCE
+            and certificate.cone <= CONE_TOLERANCE
+        ):
+            return StepOutcome(True, iteration, changes, error / T_0, stretch, outside, certificate)
+        if not (math.isfinite(error) and factorize(work.A, work.pivots)):
+            break
+        for i in range(solution.size):
+            solution[i] = -residual[i]
+        solve(work.A, work.pivots, solution)
+        longer = 0.0
+        if drive.tighten:
+            for i in range(by_stretch.size):
+                by_stretch[i] = -work.vectors[1, i]
+            solve(work.A, work.pivots, by_stretch)
+            T_step = T_stretch = 0.0
+            for i in range(2):
+                along = force[i] / T
+                T_step += along * force_change(work.reactions, i, solution)
+                by_unit = force_change(work.reactions, i, by_stretch) + work.reactions.stretch[i]
+                T_stretch += along * by_unit
+            longer = (missing - T_step) / T_stretch
+            for i in range(solution.size):
+                solution[i] += longer * by_stretch[i]
+        elif system.supports.give_way:
+            movement = work.steps[-1]
+            unit_movement(system.supports, work.reactions, work.A, work.pivots, movement)
+            give_way(system.supports, work.reactions, movement, missing, solution)
+        release(system.supports, solution)
+        if motion.rate > 0.0:
+            tighten_sticks(system, motion, points.patches, work)
+        stretch += move(trial, solution) * longer
+        if motion.rate > 0.0:
+            halved = max(iteration - FREE_REVISIONS, 0) // PATIENCE
+            most_changes = max(points.patches.size >> halved, 1)
+            changes += revise(motion, points.patches, solution, most_changes)
+    return StepOutcome(False, most, changes, error / T_0, stretch, outside, certificate)
+
+
+STEP = np.dtype(
+    [
+        ("force", np.float64, (4,)),
+        ("iterations", np.int64),
+        ("changes", np.int64),
+        ("halvings", np.int64),
+        ("outside", np.int64),
+        ("sticking", np.float64),
+        ("touching", np.float64),
+        ("residual", np.float64),
+        ("slip", np.float64),
+        ("cone", np.float64),
+        ("stretch", np.float64),
+    ]
+)
+"""What a run records of a step.
+
+``force`` of the supports on the belt, the held rows [N]; numbers of Newton ``iterations``, of
+``changes`` between stick and slide, of ``halvings`` of the step, and of look-ups ``outside`` the
+measured range; length of belt that is ``sticking``, and that is ``touching`` [m]; ``residual``,
+``slip`` and ``cone``, the certificate of the step, see :class:`StepOutcome`; ``stretch``,
+stress-free length over path length [-].
+"""
+
+Recorder: TypeAlias = "np.recarray[Any, np.dtype[Any]]"
+
+
+def new_recorder(n: int) -> Recorder:
+    """Room for a run of ``n`` steps."""
+    return np.zeros(n, dtype=STEP).view(np.recarray)
+
+
+@part
+def accept(
+    system: System, motion: Motion, points: Points, state: Kinematics, sticking_ratio: float
+) -> None:
+    """Make the trial the state of the last step; friction with a memory follows the speed."""
+    patches, memory = points.patches, points.memory[0]
+    if memory > 0.0:
+        for e in range(patches.size):
+            for c in range(points.theta.shape[1]):
+                slip, before = abs(points.slip[e, c]), points.last[e, c]
+                if slip > 0.0:
+                    v = at_radius(slip * motion.rate, points.rho[e, c], system.pulley.R)
+                    before.v += -math.expm1(-slip / memory) * (v - before.v)
+    for i in range(state.q.size):
+        state.q_dot[i] = (state.trial[i] - state.q[i]) * motion.rate
+        state.q[i] = state.trial[i]
+    remember(system.belt, points, state.q)
+    for e in range(patches.size):
+        # what rests at the end of a step has to be torn off in the next one
+        patches[e].ratio = sticking_ratio if patches[e].status == STICK else 1.0
+        for c in range(points.theta.shape[1]):
+            points.last[e, c].limit = points.F_max[e, c]
+
+
+@part
+def note_attempt(record: Recorder, k: int, out: StepOutcome) -> None:
+    """Record how the step k, or a part of it, ended."""
+    noted = record[k]
+    noted.iterations += out.iterations
+    noted.changes += out.changes
+    noted.residual = out.residual
+    noted.slip = out.certificate.slip
+    noted.cone = out.certificate.cone
+    noted.stretch = out.stretch
+    noted.outside = out.outside
+
+
+@part
+def note_step(work: Workspace, record: Recorder, k: int, out: StepOutcome) -> None:
+    """Record the state at the end of the step k."""
+    noted = record[k]
+    noted.sticking = out.certificate.sticking
+    noted.touching = out.certificate.touching
+    for i in range(4):
+        noted.force[i] = work.reactions.force[i]
+
+
+@kernel
+def march(
+    system: System,
+    points: Points,
+    state: Kinematics,
+    schedule: Schedule,
+    drive: Drive,
+    work: Workspace,
+    record: Recorder,
+    begin: int,
+    end: int,
+) -> int:
+    """Take the steps ``begin`` to ``end``; returns the first one not taken: less if one failed.
+
+    The first step starts from ``state`` as it stands, with what the belt and the contact remember.
+    """
+    patches = points.patches
+    if begin == 0:
+        remember(system.belt, points, state.q)
+        store_strains(system.belt, state.q, drive.stretch, work.strain_old)
+    for k in range(begin, end):
+        parts, done, halvings = 1, 0, 0
+        while done < parts:
+            rate = parts / schedule.dt[k]
+            # a stick has to be stiff against the belt, its damping included
+            hold_by = drive.augmentation * (1.0 + system.belt.damping_time * rate)
+            motion = Motion(schedule.omega[k], rate, drive.friction, hold_by, 0.0)
+            for e in range(patches.size):
+                patch = patches[e]
+                patch.status_before = patch.status
+                patch.sign_before = patch.sign
+                patch.la_T_before = patch.la_T
+            out = step_forward(system, motion, points, state, drive, work)
+            note_attempt(record, k, out)
+            if out.converged:
+                accept(system, motion, points, state, drive.sticking_ratio)
+                store_strains(system.belt, state.q, out.stretch, work.strain_old)
+                done += 1
+            else:
+                for e in range(patches.size):
+                    patch = patches[e]
+                    patch.status = patch.status_before
+                    patch.sign = patch.sign_before
+                    patch.la_T = patch.la_T_before
+                record[k].halvings = halvings
+                halvings += 1
+                if halvings > MOST_HALVINGS or rate == 0.0:
+                    return k
+                parts *= 2
+                done *= 2
+        record[k].halvings = halvings
+        note_step(work, record, k, out)
+    return end
