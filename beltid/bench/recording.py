@@ -313,8 +313,8 @@ def _from_parquet(
     problems.raise_if_any()
     parts = [block.columns() for block in blocks]
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    length = len(columns[table.label])
-    columns |= {role: np.full(length, value) for role, value in values.items()}
+    n_rows = sum(map(len, blocks))
+    columns |= {role: np.full(n_rows, value) for role, value in values.items()}
     columns, notes = _checked(columns, table, str(path), options, clock=clock)
     return Recording(kind, columns, path, notes)
 

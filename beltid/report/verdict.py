@@ -212,7 +212,7 @@ def _friction(results: BeltResults) -> Card | None:
     if sheet is None:
         return None
     (f0, f1), (v0, v1), (m0, m1) = _ranges(sheet)
-    of = SURFACES[sheet.name]
+    of = SURFACES.get(sheet.name, "published")
     of_runs = sheet.measured_force
     return Card(
         f"Friction surface, {of}",
