@@ -24,7 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, solve_banded
+from scipy.linalg.lapack import dgbsv
 
 from beltid.errors import ConvergenceError
 from beltid.rigsim.banded import HALF
@@ -72,11 +72,12 @@ def tension_sensitivity(model: RigModel, sliding: StaticState) -> TensionSensiti
     free = gradient.copy()
     free[:, fixed] = 0.0
     # row i of the storage holds what is column i of the transposed matrix in the layout of LAPACK
-    try:
-        transposed = work.A[:, : 2 * HALF + 1].T
-        adjoint = solve_banded((HALF, HALF), transposed, free.T, check_finite=False).T
-    except LinAlgError as error:
-        raise ConvergenceError("the tangent of the sliding state is singular") from error
+    transposed = np.zeros((3 * HALF + 1, n), order="F")
+    transposed[HALF:] = work.A[:, : 2 * HALF + 1].T
+    _, _, solution, singular = dgbsv(HALF, HALF, transposed, free.T, overwrite_ab=True)
+    if singular:
+        raise ConvergenceError("the tangent of the sliding state is singular")
+    adjoint = solution.T
     moves = supports.moves.ravel()
     load = moves @ rows  # no contact reaches the ends: the columns K_d are the rows
     load[fixed] = 0.0
