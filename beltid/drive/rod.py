@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from beltid.drive.model import Drive
 from beltid.drive.ribs import MOST_ZONES, SLIDES, Ribs, certify, new_ribs
-from beltid.drive.rod_newton import FlowOutcome, Target, run_through
+from beltid.drive.rod_newton import FlowOutcome, Target, certificate_of, run_through
 from beltid.errors import ConvergenceError, InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
@@ -27,7 +27,7 @@ from beltid.laws.slow_friction import NEAREST, continued
 from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.rigsim.beam.belt import belt_arrays
 from beltid.rigsim.beam.path import bed_length, bending_length
-from beltid.rigsim.contact.friction import CONE_TOLERANCE, Certificate, violations
+from beltid.rigsim.contact.friction import CONE_TOLERANCE, Certificate
 from beltid.rigsim.contact.points import SLIDE, STICK, Motion, Patches, Points, new_points
 from beltid.rigsim.model import Bench, RigModel, System, Workspace
 from beltid.rigsim.profile import ContactState
@@ -516,7 +516,7 @@ class _Flow:
         points, force, R = self.points, self.work.reactions.force, self.pulley.R
         if self.ribs is None:
             sticks = (points.patches.status == STICK)[:, None] & (points.f_N > 0.0)
-            certificate = violations(self.system.belt, points)
+            certificate = certificate_of(self.system.belt, points)
         else:
             sticks = self.ribs.zone != SLIDES
             certificate = certify(self.system.belt, points, self.ribs)

@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 
 from beltid.drive.ribs import Ribs, linearize_with_shear
 from beltid.rigsim.banded import factorize, solve
+from beltid.rigsim.beam.belt import BeltArrays
 from beltid.rigsim.beam.supports import force_change, release
-from beltid.rigsim.compiled import allocating_kernel, leaf
+from beltid.rigsim.compiled import allocating_kernel, kernel, leaf
+from beltid.rigsim.contact.friction import Certificate, violations
 from beltid.rigsim.contact.points import Motion, Points
 from beltid.rigsim.model import System, Workspace
 from beltid.rigsim.step import force_tolerance, largest_force, linearize, move
@@ -48,6 +50,12 @@ class FlowOutcome(NamedTuple):
     stretch: float
     omega: float
     outside: int
+
+
+@kernel
+def certificate_of(belt: BeltArrays, points: Points) -> Certificate:
+    """How far a state breaks the law of friction."""
+    return violations(belt, points)
 
 
 @allocating_kernel

@@ -134,7 +134,8 @@ def change_by_slower_friction(
     """Standard uncertainty of the losses by friction slower than was measured [rad/s].
 
     Friction that stays as it is at the slowest measured speed, and friction that goes on with its
-    whole trend, are the limits of a uniform distribution, (D14). Short of full slip the string has
+    whole trend, are the limits of a uniform distribution, (D14). The losses at one limit, the
+    farther one, tell their slope over the share of the trend. Short of full slip the string has
     none of it.
 
     Parameters
@@ -146,12 +147,14 @@ def change_by_slower_friction(
     -------
     ndarray, shape (n_points, n_pulleys)
         With the sign of the change from the first to the second limit; nan where neither rod nor
-        string has a steady state at both.
+        string has a steady state at the limit.
     """
     change = np.zeros((len(points), len(drive.pulleys)))
-    limits = [replace(drive, slow_trend=share) for share in (NEAREST, WHOLE_TREND)]
-    if limits[0].friction is limits[1].friction:
+    farther = WHOLE_TREND if drive.slow_trend <= 0.5 else NEAREST
+    limit = replace(drive, slow_trend=farther)
+    if limit.friction is drive.friction:
         return change
+    u_over_slope = uncertainty_over_spread(drive.slow_trend)
     with_rods = np.array([bool(result.state.rods) for result in results], dtype=bool)
     slips = np.array([FULL_SLIP in result.status for result in results], dtype=bool)
     for method in METHODS:
@@ -162,8 +165,10 @@ def change_by_slower_friction(
             continue
         mine = [points[i] for i in at]
         near: Results = [results[i] if method == METHODS[0] else None for i in at]
-        first, second = (_losses(d, _solved(d, mine, method, near)) for d in limits)
-        change[at] = (second - first) * uncertainty_over_spread(drive.slow_trend)
+        here = near if method == METHODS[0] else _solved(drive, mine, method, near)
+        there = _solved(limit, mine, method, near)
+        slope = (_losses(drive, here) - _losses(limit, there)) / (drive.slow_trend - farther)
+        change[at] = slope * u_over_slope
     return change
 
 
