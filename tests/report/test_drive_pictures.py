@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from beltid.artifacts.metadata_models import plain
 from beltid.report.figures import drive
 from beltid.report.results import Sheet
 
-TRIANGLE = {
+TRIANGLE: dict[str, Any] = {
     "initial_tension_N": [300],
     "pulleys": [
         {"name": "driver", "x_m": 0.0, "y_m": 0.0, "radius_m": 0.05},
@@ -36,16 +38,19 @@ def test_all_figures_of_a_drive_are_drawn() -> None:
 def test_belt_in_the_drawing_is_closed_and_wraps_as_far_as_the_table_says() -> None:
     of = sheet()
     axes = drive.predicted(of)[0].figure.axes[0]
-    ends = [np.column_stack(line.get_data()) for line in axes.lines]
-    arcs = [patch for patch in axes.patches if hasattr(patch, "theta1")]
+    drawn = [np.column_stack(line.get_data()) for line in axes.lines]
+    # the rim of each pulley, the belt on it, and the span behind it
+    rims, arcs, spans = drawn[0::3], drawn[1::3], drawn[2::3]
     wraps = of["wrap_deg"][3:]
-    for i, (arc, wrap) in enumerate(zip(arcs, wraps, strict=True)):
-        assert (arc.theta2 - arc.theta1) % 360.0 == pytest.approx(wrap, abs=1e-6)
-        centre, radius = np.array(arc.center), 0.5 * arc.width
-        at = [np.radians(theta) for theta in (arc.theta1, arc.theta2)]
-        tips = [centre + radius * np.array((np.cos(a), np.sin(a))) for a in at]
-        touching = [ends[i - 1][1], ends[i][0]]  # where the belt runs on, and where it leaves
-        assert min(np.abs(np.array(tips) - touching).max() for tips in (tips, tips[::-1])) < 1e-9
+    for i, (rim, arc, wrap) in enumerate(zip(rims, arcs, wraps, strict=True)):
+        centre = 0.5 * (rim.min(axis=0) + rim.max(axis=0))
+        radius = TRIANGLE["pulleys"][i]["radius_m"]
+        assert np.hypot(*(arc - centre).T) == pytest.approx(radius, rel=1e-6)
+        turned = np.hypot(*np.diff(arc, axis=0).T).sum() / radius  # chords: a little short
+        assert np.degrees(turned) == pytest.approx(wrap, rel=2e-3)
+        touching = [spans[i - 1][1], spans[i][0]]  # where the belt runs on, and where it leaves
+        tips = arc[[0, -1]]
+        assert min(np.abs(tips - touching).max(), np.abs(tips[::-1] - touching).max()) < 1e-9
 
 
 def test_older_tables_are_drawn_without_what_they_lack() -> None:

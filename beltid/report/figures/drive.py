@@ -49,7 +49,7 @@ def _drawing(sheet: Sheet) -> list[Picture]:
     largest = float(np.nanmax(sheet["hub_force_N"][rows]))
     forwards = sheet["driver_speed_rad_s"][rows[0]] > 0.0
     leaving = sheet["tension_out_N" if forwards else "tension_in_N"][rows]
-    from matplotlib.patches import Arc, Circle
+    from matplotlib.patches import Circle
 
     centres = np.array([(pulley["x_m"], pulley["y_m"]) for pulley in laid])
     middle, (wide, high) = centres.mean(axis=0), np.ptp(centres, axis=0) + 4.0 * size
@@ -62,16 +62,10 @@ def _drawing(sheet: Sheet) -> list[Picture]:
             axes.add_patch(Circle(tuple(centre), radius, facecolor=GRID, edgecolor="none"))
             arrives, leaves = np.array(laid[i - 1]["arrives_m"]), np.array(pulley["leaves_m"])
             first, last = _wrapped(arrives - centre, leaves - centre, sheet["wrap_deg"][row])
-            axes.add_patch(
-                Arc(
-                    tuple(centre),
-                    2.0 * radius,
-                    2.0 * radius,
-                    theta1=first,
-                    theta2=last,
-                    color=INK,
-                    linewidth=2.0,
-                )
+            around = centre[:, None] + radius * _on_circle(0.0, 360.0)
+            axes.plot(*around, color=FAINT, linewidth=0.8)
+            axes.plot(
+                *(centre[:, None] + radius * _on_circle(first, last)), color=INK, linewidth=2.0
             )
             span = np.stack([leaves, pulley["arrives_m"]])
             axes.plot(span[:, 0], span[:, 1], color=INK, linewidth=2.0)
@@ -117,6 +111,13 @@ def _drawing(sheet: Sheet) -> list[Picture]:
             fig,
         )
     ]
+
+
+def _on_circle(first: float, last: float) -> np.ndarray:
+    """Points of the unit circle from one polar angle anticlockwise to another [deg], (2, n)."""
+    turned = (last - first) % 360.0 or 360.0
+    angle = np.radians(first + np.linspace(0.0, turned, 73))
+    return np.stack([np.cos(angle), np.sin(angle)])
 
 
 def _wrapped(arrives: np.ndarray, leaves: np.ndarray, wrap: float) -> tuple[float, float]:
