@@ -16,6 +16,7 @@ Module         Responsibility                                                   
 ``results``    Speed loss and its parts, hub forces, reserve, losses, status        (D10), (D11)
 ``profile``    Line force and sliding speed along the arcs of a result
 ``limits``     Torque with which adhesion ends, and slip limit, by bisection
+``first_call`` What a process that compiles ahead calls
 ``agreement``  Predicted against measured speed losses; what a recording resolves
 =============  ===================================================================  ==============
 

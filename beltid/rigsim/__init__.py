@@ -16,7 +16,8 @@ Module               Responsibility                                             
 ``reference``        The same step by Lemke's method, independent of all guesses    (11), (12)
 ``banded``           Banded LU factorisation and solution
 ``compiled``         The compiler's decorators, and a cache that heals
-``kernel_cache``     Where compiled kernels are kept; they are compiled ahead
+``kernel_cache``     Where compiled kernels are kept; processes that compile ahead
+``first_call``       What such a process calls
 ``compiled_laws``    :mod:`beltid.laws`, compiled for the kernels                   (1) to (9)
 ===================  =============================================================  ============
 """

@@ -1,10 +1,10 @@
-"""Where compiled kernels are kept, and a process that compiles them ahead.
+"""Where compiled kernels are kept, and processes that compile them ahead.
 
 A first run on a machine compiles the simulation, while nothing is simulated yet and the first
-stages read and fit: ``python -m beltid.rigsim.kernel_cache`` compiles what it needs and leaves it
-in the cache. Who simulates meanwhile waits for the kernel that is being compiled
-(:mod:`beltid.rigsim.compiled`), so that nothing is compiled twice. This module loads no compiler
-before it compiles.
+stages read and fit: ``python -m beltid.rigsim.first_call`` compiles what the rig needs and leaves
+it in the cache, ``beltid.drive.first_call`` what a drive needs. Who simulates meanwhile waits for
+the kernel that is being compiled (:mod:`beltid.rigsim.compiled`), so that nothing is compiled
+twice. This module loads no compiler.
 """
 
 from __future__ import annotations
@@ -17,17 +17,18 @@ import platform
 import subprocess
 import sys
 import threading
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Final
 
 from beltid.child_processes import same_package, signals_blocked
 
 _ROOMS: Final = ("rigsim", "laws", "drive")
-KERNEL: Final = "step.march"
-"""The kernel that does everything on the rig."""
+KERNELS: Final = {"rigsim": "step.march", "drive": "rod_newton.certificate_of"}
+"""Room -> the last of its kernels to be compiled, in the order in which they are needed."""
 COMPILING: Final = "compiling the simulation, once per machine"
-NICENESS: Final = 5
-"""The stages that read and fit meanwhile come first."""
+NICENESS: Final = {"rigsim": 5, "drive": 10}
+"""The stages that read and fit meanwhile come first, then what is needed first."""
 
 
 def _processor() -> str:
@@ -57,65 +58,64 @@ def cache_folder() -> Path:
     return Path(base) / f"kernels-{digest.hexdigest()[:16]}"
 
 
-def is_compiled() -> bool:
-    """Whether the cache has the kernel of the rig."""
-    return any(cache_folder().glob(f"*/{KERNEL}-*.nbi"))
+def is_compiled(room: str) -> bool:
+    """Whether the cache has the kernels of a room, "rigsim" or "drive"."""
+    return any(cache_folder().glob(f"*/{KERNELS[room]}-*.nbi"))
 
 
 _under_way: list[subprocess.Popen[bytes]] = []
 
 
-def compile_ahead() -> bool:
-    """Begin to compile the rig, where the cache lacks it, in a process of its own.
+def compile_ahead(rooms: Iterable[str]) -> bool:
+    """Begin to compile what the cache lacks of some rooms, in a process for each.
 
-    The process ends with this one, however it ends; it says nothing, and hears no signal that a
+    The processes end with this one, however it ends; they say nothing, and hear no signal that a
     terminal sends. Where the cache cannot be written nothing is to be gained, and none starts.
+
+    Parameters
+    ----------
+    rooms : iterable of str
+        Rooms that will be called: "rigsim", "drive".
 
     Returns
     -------
     bool
         Whether a process was started: at most once in the life of this one.
     """
-    if _under_way or is_compiled():
+    lacking = [room for room in rooms if not is_compiled(room)]
+    if _under_way or not lacking:
         return False
     try:
         cache_folder().mkdir(parents=True, exist_ok=True)
         if not os.access(cache_folder(), os.W_OK):
             return False
-        with signals_blocked():
-            process = subprocess.Popen(
-                [sys.executable, "-m", "beltid.rigsim.kernel_cache"],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-                env={**os.environ, "PYTHONPATH": same_package()},
-            )
+        for room in lacking:
+            _under_way.append(_first_call(room))
     except OSError:  # a full disk, no more processes: who simulates compiles
-        return False
-    _under_way.append(process)
-    return True
+        pass
+    return bool(_under_way)
+
+
+def _first_call(room: str) -> subprocess.Popen[bytes]:
+    """A process that compiles the kernels of a room; its stdin ends with this process."""
+    with signals_blocked():
+        return subprocess.Popen(
+            [sys.executable, "-m", f"beltid.{room}.first_call"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, "PYTHONPATH": same_package()},
+        )
+
+
+def compile_for_caller(room: str, first_call: Callable[[], None]) -> None:
+    """Compile the kernels of a room in a process of its own, which ends with who started it."""
+    threading.Thread(target=_end_with_caller, daemon=True).start()
+    if hasattr(os, "nice"):
+        os.nice(NICENESS[room])
+    first_call()
 
 
 def _end_with_caller() -> None:
     os.read(0, 1)  # nothing is ever written: it returns when the other end is closed
     os._exit(1)
-
-
-def _compile() -> None:
-    """Call the kernel of the rig with arguments of the types that it has."""
-    from beltid.laws.friction_surface import FrictionSurface
-    from beltid.laws.penalty import NormalLaw
-    from beltid.params import Belt, Contact, OperatingPoint, Rig
-    from beltid.rigsim.model import Bench
-    from beltid.rigsim.steady import lay_on
-
-    friction = FrictionSurface.constant(0.5)
-    bench = Bench(Belt(1e5, 0.02, 0.1), Rig(0.05, 0.1), Contact(), NormalLaw(1e8), friction)
-    lay_on(bench.model(OperatingPoint(1.4, 270.0, 0.2)))
-
-
-if __name__ == "__main__":
-    threading.Thread(target=_end_with_caller, daemon=True).start()
-    if hasattr(os, "nice"):
-        os.nice(NICENESS)
-    _compile()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -11,8 +12,11 @@ import pytest
 from rig_bench import LAW_5PK, at, bench, true_surface_5pk
 
 from beltid.rigsim import kernel_cache
+from beltid.rigsim.first_call import first_call
 from beltid.rigsim.rig import SimulationSettings, simulate
 from beltid.rigsim.step import march
+
+ROOMS = ("rigsim", "drive")
 
 
 @pytest.fixture
@@ -29,7 +33,7 @@ def empty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def test_what_is_compiled_ahead_is_what_the_rig_calls() -> None:
-    kernel_cache._compile()
+    first_call()
     rig = bench(law=LAW_5PK, mu=true_surface_5pk(30, 12))
     simulate(rig, at(), SimulationSettings("steady", sensitivities=True))
     simulate(rig, at(), SimulationSettings("transient", steps=52))
@@ -37,22 +41,27 @@ def test_what_is_compiled_ahead_is_what_the_rig_calls() -> None:
 
 
 def test_a_process_that_compiles_ends_with_its_caller(empty: Path) -> None:
-    assert kernel_cache.compile_ahead()
-    (process,) = kernel_cache._under_way
-    assert process.stdin is not None
-    process.stdin.close()  # as when the caller ends, however it ends
-    assert process.wait(60) == 1
+    assert kernel_cache.compile_ahead(ROOMS)
+    assert len(kernel_cache._under_way) == len(ROOMS)
+    for process in kernel_cache._under_way:
+        assert process.stdin is not None
+        process.stdin.close()  # as when the caller ends, however it ends
+        assert process.wait(60) == 1
 
 
 def test_nothing_is_started_twice_or_for_kernels_that_are_there(empty: Path) -> None:
-    folder = empty / "rigsim_0"
-    folder.mkdir(parents=True)
-    index = folder / f"{kernel_cache.KERNEL}-7.py311.nbi"
-    index.touch()
-    assert not kernel_cache.compile_ahead()
-    index.unlink()
-    assert kernel_cache.compile_ahead()
-    assert not kernel_cache.compile_ahead()
+    for room, last in kernel_cache.KERNELS.items():
+        folder = empty / f"{room}_0"
+        folder.mkdir(parents=True)
+        (folder / f"{last}-7.py311.nbi").touch()
+    assert not kernel_cache.compile_ahead(ROOMS)
+    (folder / f"{last}-7.py311.nbi").unlink()
+    assert kernel_cache.compile_ahead(ROOMS)
+    assert [room in " ".join(p.args) for p in kernel_cache._under_way for room in ROOMS] == [
+        False,
+        True,
+    ]
+    assert not kernel_cache.compile_ahead(ROOMS)
 
 
 def test_nothing_is_started_for_a_cache_that_cannot_be_written(
@@ -60,14 +69,22 @@ def test_nothing_is_started_for_a_cache_that_cannot_be_written(
 ) -> None:
     empty.parent.mkdir(exist_ok=True)
     empty.write_text("not a folder")
-    assert not kernel_cache.compile_ahead()
+    assert not kernel_cache.compile_ahead(ROOMS)
     assert not kernel_cache._under_way
 
 
 def test_who_starts_them_loads_no_compiler() -> None:
     code = (
-        "import sys; from beltid.rigsim import kernel_cache as k; k.is_compiled(); "
+        "import sys; from beltid.rigsim import kernel_cache as k; k.is_compiled('drive'); "
         "print('numba' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
+
+
+def test_the_last_kernel_of_a_room_is_one_that_it_has() -> None:
+    for room, last in kernel_cache.KERNELS.items():
+        module, kernel = last.split(".")
+        assert hasattr(
+            getattr(importlib.import_module(f"beltid.{room}.{module}"), kernel), "py_func"
+        )

@@ -126,7 +126,7 @@ def run(
         if anew and executor == "local":
             from beltid.rigsim.kernel_cache import COMPILING, compile_ahead
 
-            if simulated_by(chosen) and compile_ahead():
+            if compile_ahead(rooms_called(chosen)):
                 reporter.report(COMPILING)
         workers = where.workers(at_once=anew)
         from beltid.batch.chain import BatchOptions, run_batch
@@ -150,11 +150,15 @@ def run(
     finish(work, common, kept=kept)
 
 
-def simulated_by(sources: Sequence[ConfigSource]) -> set[str]:
-    """Methods by which the rigs of belts are simulated, if all are computed anew."""
+def rooms_called(sources: Sequence[ConfigSource]) -> list[str]:
+    """Rooms with kernels that belts need, if all are computed anew."""
     simulated = [one.config for one in sources if {"press", "rig"} <= set(one.config.data.files)]
-    refined = {"steady"} if simulated else set()
-    return refined | {config.simulation.method for config in simulated}
+    driven = [
+        one
+        for one in simulated
+        if "drive" in one.model_fields_set and "speedloss" in one.data.files
+    ]
+    return [*(["rigsim"] if simulated else []), *(["drive"] if driven else [])]
 
 
 @dataclass(frozen=True, slots=True)

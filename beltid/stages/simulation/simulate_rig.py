@@ -164,7 +164,7 @@ def run(
         whose = "as the config states" if stated else "at the settings measured"
         count = counted(len(runs), "run")
         options.reporter.report(f"{count}, {settings.method}, {whose}")
-        if compile_ahead():
+        if compile_ahead(["rigsim"]):
             options.reporter.report(COMPILING)
         how = options.reporter, options.workers or options.jobs
         campaign = simulate(model, (given.surface, given.press.law), runs, settings, how)
