@@ -199,11 +199,11 @@ class RodLevel:
     def _beyond_bending_at_rest(self, laid: Layout, T_0: float) -> float:
         if not self.drive.bent_length or self.drive.installation == "slack_force":
             return 0.0
-        P = np.full(len(self.drive.pulleys), T_0)
-        arcs = self.level.arcs(P, P, BY_HAND, laid.wraps)
-        state = LoopState(P, BY_HAND, None, laid, arcs)
         key = (T_0, tuple(laid.wraps.tolist()))
         if key not in self._rested:
+            P = np.full(len(self.drive.pulleys), T_0)
+            arcs = self.level.arcs(P, P, BY_HAND, laid.wraps)
+            state = LoopState(P, BY_HAND, None, laid, arcs)
             rods, _ = self._rods(state, T_0, None)
             self._rested[key] = self._corrected(state, arcs, rods).length
         return self._rested[key]
