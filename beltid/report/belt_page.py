@@ -162,7 +162,7 @@ def _uncertainty(results: BeltResults) -> Section:
     table = tables.budget(results)
     return Section(
         "uncertainty",
-        "Where the uncertainty comes from",
+        "Uncertainty budget",
         "Standard uncertainties (k = 1), relative to the value. What is assumed can be stated in "
         "the config, section uncertainty."
         if pictures

@@ -175,7 +175,7 @@ def differences(sheets: list[Sheet]) -> Picture:
     fig = _run_by_run(sheets, relative, "simulated less measured µ [%]")
     return Picture(
         "differences",
-        "What is left between simulation and measurement",
+        "Residuals: simulation minus measurement",
         f"Relative difference of every run. {_which(sheets)} A tilt or a bow that is left tells of "
         "something that the model does not know; scatter is noise.",
         fig,
@@ -202,7 +202,7 @@ def over_uncertainty(sheets: list[Sheet]) -> Picture:
     ]
     return Picture(
         "validation",
-        "Differences against their uncertainty",
+        "Differences over their uncertainty",
         "Simulated less measured coefficient over the standard uncertainty of this difference; "
         f"dashed: twice the uncertainty. {' '.join(told)}".strip(),
         fig,
