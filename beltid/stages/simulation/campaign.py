@@ -124,8 +124,9 @@ def simulated_results(
         surface=surface_from(surface),
     )
     points = [run.point for run in as_resting(config, runs)]
-    if not isinstance(jobs, Workers):
-        yield from rig_campaign(bench, points, settings, jobs=jobs or available_cores())
+    threads = jobs.jobs if isinstance(jobs, Workers) else jobs or available_cores()
+    if threads == 1 or not isinstance(jobs, Workers):
+        yield from rig_campaign(bench, points, settings, jobs=threads)
         return
     groups = _laid_on_together(points)
     calls = [(bench, [points[i] for i in group], settings) for group in groups]

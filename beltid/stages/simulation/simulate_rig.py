@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -90,52 +89,35 @@ ROW: Final = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class SimulateOptions(Options):
-    """Options of a simulated campaign.
-
-    Attributes
-    ----------
-    method : str or None
-        "transient", "steady", or None for that of the config.
-    arcs_deg, tensions_N, speeds_rad_s : tuple of float
-        Runs to pick; empty for all of the config.
-    elements : int or None
-        Beam elements of the belt; None for those of the config.
-    jobs : int or None
-        Runs at the same time; None for one per core.
-    profile_times_s : tuple of float
-        Times after the start of rotation at which the contact along the arc is kept [s].
-    """
-
-    method: str | None = None
-    arcs_deg: tuple[float, ...] = ()
-    tensions_N: tuple[float, ...] = ()
-    speeds_rad_s: tuple[float, ...] = ()
-    elements: int | None = None
-    jobs: int | None = None
-    profile_times_s: tuple[float, ...] = ()
-
-
 def run(
-    config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: SimulateOptions
+    config: ConfigSource,
+    inputs: Mapping[str, Path],
+    out: Path,
+    options: Options,
+    *,
+    picked: Picked | None = None,
+    method: str | None = None,
+    elements: int | None = None,
+    jobs: int | None = None,
+    profile_times_s: Sequence[float] = (),
 ) -> Summary:
     """Simulate the runs with ``surface`` and ``stiffness``, write the recording, sum it up.
 
     The runs are those of ``friction``, where it is given or stands beside the surface that was made
-    from it; otherwise those of the config.
+    from it; otherwise those of the config; only those `picked`, if any are. Method and number of
+    beam elements are those of the config, if not stated. Where no workers are given, `jobs` runs
+    are simulated at the same time; None is one per core.
 
-    Profiles of the contact go beside the recording if times for them are given.
+    Profiles of the contact go beside the recording if times for them are given, after the start of
+    rotation [s].
     """
-    model, times = config.config, tuple(sorted(set(options.profile_times_s)))
-    settings = simulation_settings(model, options.method, options.elements, times)
+    model, times = config.config, tuple(sorted(set(profile_times_s)))
+    settings = simulation_settings(model, method, elements, times)
     inputs = _with_friction(inputs)
     measured = None
     if "friction" in inputs:
         measured = measured_settings(read_artifact(inputs["friction"], "friction").columns)
-    runs = planned_runs(
-        model, Picked(options.arcs_deg, options.tensions_N, options.speeds_rad_s), measured
-    )
+    runs = planned_runs(model, picked or Picked(), measured)
     choices: dict[str, Any] = {
         "method": settings.method,
         "elements": settings.elements,
@@ -166,8 +148,14 @@ def run(
         options.reporter.report(f"{count}, {settings.method}, {whose}")
         if compile_ahead(["rigsim"]):
             options.reporter.report(COMPILING)
-        how = options.reporter, options.workers or options.jobs
-        campaign = simulate(model, (given.surface, given.press.law), runs, settings, how)
+        campaign = simulate(
+            model,
+            (given.surface, given.press.law),
+            runs,
+            settings,
+            options.workers or jobs,
+            options.reporter,
+        )
         _refuse_nothing(campaign)
         if built is None:
             workers = options.workers or Workers()

@@ -85,12 +85,12 @@ def simulate(
     laws: tuple[FrictionSurface | float, NormalLaw],
     runs: Sequence[PlannedRun],
     settings: SimulationSettings,
-    how: tuple[Reporter, int | Workers | None],
+    jobs: int | Workers | None,
+    reporter: Reporter | None = None,
 ) -> Campaign:
-    """Simulate runs with a surface and a normal law; `how` is reporter, and jobs or workers."""
-    reporter, jobs = how
+    """Simulate runs with a surface and a normal law; the arguments are of `simulated_results`."""
     results: dict[int, RunResult | BeltidError] = {}
-    with reporter.progress("simulated runs", len(runs)) as advance:
+    with (reporter or Reporter()).progress("simulated runs", len(runs)) as advance:
         for index, result in simulated_results(config, laws, runs, settings, jobs):
             results[index] = result
             advance()
@@ -241,7 +241,7 @@ def simulate_campaign(
         measured = measured_settings(table_columns(friction, "friction", tuple(KEYS)))
     runs = planned_runs(model, Picked(), measured)
     settings = simulation_settings(model, method, elements)
-    done = simulate(model, (surface, law), runs, settings, (Reporter(), jobs))
+    done = simulate(model, (surface, law), runs, settings, jobs)
     return pd.DataFrame(done.rows()).astype(
         {"tension_tight_N": float, "tension_slack_N": float, "mu": float, "normal_force_N_m": float}
     )
