@@ -420,10 +420,9 @@ def summarise(built: Built) -> Summary:
         }
         for row in metadata.statistics
     ]
-    return Summary(
-        stage="compare",
-        title=TITLES[metadata.hold_out],
-        out=built.artifact.path,
+    return built.summary(
+        "compare",
+        TITLES[metadata.hold_out],
         facts={
             "hold_out": metadata.hold_out,
             "runs_compared": len(built.artifact.columns["run"]),
@@ -440,12 +439,8 @@ def summarise(built: Built) -> Summary:
         table=rows_of(built.artifact.columns, *ROW),
         shown=tuple(name for name in ROW if name not in HIDDEN),
         overview=statistics,
-        notes=built.notes,
-        warnings=built.warnings,
         verdict=_verdict(passed, metadata.judged),
         exit_status=EXIT_DONE if passed else EXIT_OUT_OF_TOLERANCE,
-        up_to_date=built.up_to_date,
-        origin=built.origin,
     )
 
 

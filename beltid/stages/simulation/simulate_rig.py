@@ -255,10 +255,9 @@ def summarise(built: Built, of_profiles: Built | None = None) -> Summary:
     good = [row for row in rows if row["status"] == "ok"]
     failed = len(rows) - len(good)
     beside = {} if of_profiles is None else {"profiles": str(of_profiles.artifact.path)}
-    return Summary(
-        stage="simulate-rig",
-        title="friction coefficient of every simulated run, sliding",
-        out=built.artifact.path,
+    return built.summary(
+        "simulate-rig",
+        "friction coefficient of every simulated run, sliding",
         facts={
             "method": metadata.method,
             "runs": len(rows),
@@ -271,11 +270,9 @@ def summarise(built: Built, of_profiles: Built | None = None) -> Summary:
         overview=_per_setting(good) if len(rows) > 20 else [],
         details={"solver": [_solver_row(row) for row in runs if row.get("solver")]},
         notes=(*built.notes, *(of_profiles.notes if of_profiles else ())),
-        warnings=built.warnings,
         verdict=f"{failed} of {len(rows)} runs failed" if failed else "",
         exit_status=EXIT_NUMERICS if failed else EXIT_DONE,
         up_to_date=built.up_to_date and (of_profiles is None or of_profiles.up_to_date),
-        origin=built.origin,
     )
 
 
