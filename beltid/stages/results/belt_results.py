@@ -19,6 +19,7 @@ from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import SimulationSettings, simulate
 from beltid.stages.results.law_of_belt import config_of_results
 from beltid.stages.results.recorded_curves import PRESS, RIG, typical_runs
+from beltid.stages.simulation.campaign import bench_of
 
 ARTIFACTS: Final = {
     "stiffness": "stiffness",
@@ -191,10 +192,4 @@ def _bench(settings: Mapping[str, Any], stiffness: Sheet, surface: Sheet) -> Ben
         if section in sections:
             sections[section][name] = value
     config = load_config({**sections, "contact": settings.get("contact", {})})
-    return Bench(
-        config.belt_params(),
-        config.rig_params(),
-        config.contact_params(),
-        stiffness.law(stiffness.pooled_row),
-        surface.surface,
-    )
+    return bench_of(config, surface.surface, stiffness.law(stiffness.pooled_row))
