@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -26,9 +26,9 @@ def conditions(results: BeltResults) -> list[tuple[str, str]]:
     friction, stiffness = results.get("friction"), results.get("stiffness")
     found = [("Belt", ", ".join([results.belt, *results.belt_facts]))]
     if friction is not None:
-        radius = friction.settings.get("rig.pulley_radius_m")
+        radius = friction.pulley_radius_m
         found += [
-            ("Pulley radius", f"{1e3 * float(radius):.4g} mm" if radius else ""),
+            ("Pulley radius", f"{1e3 * radius:.4g} mm" if radius else ""),
             ("Contact arcs", _settings(friction, "arc_deg", "°")),
             ("Initial tensions", _settings(friction, "nominal_tension_N", " N")),
             ("Sliding speeds v", _settings(friction, "slip_speed_m_s", " mm/s", 1e3)),
@@ -37,7 +37,7 @@ def conditions(results: BeltResults) -> list[tuple[str, str]]:
             ("Rig test date", results.dates.get("rig", UNKNOWN)),
         ]
     if stiffness is not None:
-        press = stiffness.settings.get("press") or {}
+        press: Any = stiffness.metadata.settings.get("press") or {}
         length = press.get("segment_length_cm")
         at = stiffness["temperature_degC"]
         found += [
@@ -48,10 +48,8 @@ def conditions(results: BeltResults) -> list[tuple[str, str]]:
             ),
             ("Press test date", results.dates.get("press", UNKNOWN)),
         ]
-    configs = {
-        str(sheet.extra["config"]) for sheet in results.sheets.values() if sheet.extra.get("config")
-    }
-    found.append(("Config", ", ".join(sorted(configs))))
+    configs = {sheet.metadata.config or "" for sheet in results.sheets.values()}
+    found.append(("Config", ", ".join(sorted(filter(None, configs)))))
     return [(name, value) for name, value in found if value]
 
 

@@ -91,7 +91,7 @@ class Outcome(Generic[Result]):
         from beltid.report.figures.single import pictures
         from beltid.report.results import Sheet
 
-        sheet = Sheet(self.kind, self.kind, self.columns, {**self.extra, "origin": self.origin})
+        sheet = Sheet(self.kind, self.kind, self.columns, self.metadata(origin=self.origin))
         found = {
             picture.key: picture.figure for picture in pictures(sheet) if picture.figure is not None
         }

@@ -138,25 +138,27 @@ def export(
              beltid export --list
     """  # noqa: D301
     from beltid.errors import InputError
-    from beltid.stages.results.export_law import SCHEMA, ExportOptions, schema_text
-    from beltid.stages.results.export_law import run as stage
+    from beltid.stages.reporter import Options
+    from beltid.stages.results import export_law as stage
 
-    if target == SCHEMA:
-        print_text(lambda reporter: schema_text(), common)
+    if target == stage.SCHEMA:
+        print_text(lambda reporter: stage.schema_text(), common)
 
     def work(reporter: TerminalReporter) -> Summary:
         if source is None:
             raise InputError(
                 "LAW is missing: name the results of a belt, such as runs/5pk, or a law file"
             )
-        options = ExportOptions(
-            force=common.force,
-            reporter=reporter,
+        return stage.run(
+            target,
+            source,
+            common.config,
+            common.out,
+            Options(force=common.force, reporter=reporter),
             surface=surface.value if surface else None,
             normal_force_N_m=normal_force,
             slip_speed_m_s=speed,
             units=units.value,
         )
-        return stage(target, source, common.config, common.out, options)
 
     finish(work, common, kept="files that were written are whole")

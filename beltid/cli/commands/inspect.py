@@ -50,6 +50,6 @@ def inspect(
             raise InputError(f"--kind {kind}, must be " + ", ".join(RECORDINGS))
         source = find_config(files[0], common.config)
         reporter.report(f"config: {source.origin}")
-        return stage.run(source, files, stage.InspectOptions(reporter=reporter, kind=kind))
+        return stage.run(source, files, kind)
 
     finish(work, common, kept="nothing was changed")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -41,7 +41,7 @@ def predicted(sheet: Sheet) -> list[Picture]:
 
 def _drawing(sheet: Sheet) -> list[Picture]:
     """Pulleys and belt, with the forces of the spans and on the axes at the most loaded point."""
-    laid, run = list(sheet.extra.get("laid") or []), _most_loaded(sheet)
+    laid, run = sheet.stated("laid") or (), _most_loaded(sheet)
     if not laid or run is None:
         return []
     rows = np.flatnonzero(sheet["run"] == run)
@@ -129,7 +129,7 @@ def _wrapped(arrives: np.ndarray, leaves: np.ndarray, wrap: float) -> tuple[floa
 
 def _along_arcs(sheet: Sheet) -> list[Picture]:
     """Line force and sliding speed along each arc at the most loaded point."""
-    arcs = list(sheet.extra.get("arcs") or [])
+    arcs = sheet.stated("arcs") or ()
     if not arcs:
         return []
     with style():
@@ -158,7 +158,7 @@ def _along_arcs(sheet: Sheet) -> list[Picture]:
 
 def _slip_limit(sheet: Sheet) -> list[Picture]:
     """Torques that the drive carries over its tension at rest."""
-    rows = list(sheet.extra.get("limits_over_tension") or [])
+    rows: Any = sheet.stated("limits_over_tension") or ()
     if len(rows) < 2:
         return []
     tension = np.array([row["initial_tension_N"] for row in rows])

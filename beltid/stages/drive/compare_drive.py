@@ -209,10 +209,9 @@ def summarise(built: Built) -> Summary:
     """Sum up a comparison of a drive; its exit status is the verdict."""
     columns = built.artifact.columns
     metadata: CompareDriveMetadata = built.artifact.metadata
-    return Summary(
-        stage="compare-drive",
-        title="predicted less measured speed loss of the drive",
-        out=built.artifact.path,
+    return built.summary(
+        "compare-drive",
+        "predicted less measured speed loss of the drive",
         facts={
             "points_judged": metadata.n_judged,
             "points_to_be_judged": metadata.n_asked,
@@ -222,12 +221,8 @@ def summarise(built: Built) -> Summary:
         table=rows_of(columns, *columns),
         shown=SHOWN,
         overview=_series(columns),
-        notes=built.notes,
-        warnings=built.warnings,
         verdict=_verdict(metadata),
         exit_status=EXIT_DONE if metadata.passed else EXIT_OUT_OF_TOLERANCE,
-        up_to_date=built.up_to_date,
-        origin=built.origin,
     )
 
 
