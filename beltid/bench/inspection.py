@@ -30,7 +30,7 @@ from beltid.bench.formats.bench_file import Field
 from beltid.bench.formats.csv_table import Wanted, csv_blocks
 from beltid.bench.formats.dialect import Layout
 from beltid.bench.formats.numbers import NumberSigns, is_number, numbers_or_problems
-from beltid.bench.formats.rows import Texts
+from beltid.bench.formats.rows import Texts, numbers_of
 from beltid.bench.read_options import ReadOptions
 from beltid.bench.recording import (
     Opened,
@@ -316,7 +316,7 @@ def _parquet_views(sources: Sequence[Source]) -> list[FileView]:
     views |= {name: replace(views[name], n_samples=0) for name in numeric}
     for batch in parquet.batches_of(file, numeric, first.name):
         for name, values in zip(batch.schema.names, batch.columns, strict=True):
-            views[name] = views[name].with_numbers(parquet.numbers_of(values))
+            views[name] = views[name].with_numbers(numbers_of(values))
     for name, value in parquet.columns_of_folders(first).items():
         number = float(value) if is_number(value) else np.nan
         views[name] = ChannelView(Candidate(name, "", name), n, np.nan, number, number, number)

@@ -11,7 +11,7 @@ import io
 import tempfile
 import zlib
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -44,6 +44,7 @@ from beltid.bench.files.sniff import (
 from beltid.bench.files.sources import (
     Source,
     are_parquet,
+    folders_left_out,
     is_many,
     refuse_large,
     signature_of,
@@ -212,8 +213,10 @@ def recording_from(
     if is_many(path):
         refuse_large(path, sources)
     if are_parquet(sources):
-        return _from_parquet(sources, path, kind, options)
-    return recording_of(open_sources(sources, options), path, kind, options)
+        found = _from_parquet(sources, path, kind, options)
+    else:
+        found = recording_of(open_sources(sources, options), path, kind, options)
+    return replace(found, notes=(*found.notes, *folders_left_out(path, sources)))
 
 
 def recording_of(

@@ -22,6 +22,8 @@ def floats(values: Any) -> np.ndarray:
     array = np.asarray(values)
     if array.dtype.kind in "fiu":
         return array.astype(np.float64)
+    if array.dtype.kind in "cmM":  # times would count as nanoseconds, complex values lose a part
+        raise TypeError(f"{array.dtype} is no type of numbers")
     return np.array([np.nan if is_missing(v) else v for v in array], dtype=np.float64)
 
 

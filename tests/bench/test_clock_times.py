@@ -50,6 +50,7 @@ def problems(path: Path, kind: str = "press") -> list[str]:
 WRITTEN = {
     "13:45:02,125": "%H:%M:%S,%f",
     "13:45:02.125": "%H:%M:%S.%f",
+    "13:45:02:125000": "%H:%M:%S:%f",
     "1:45:02.125 PM": "%I:%M:%S.%f %p",
     "2026-11-20T13:45:02.125": "%Y-%m-%dT%H:%M:%S.%f",
     "2026-11-20 13:45:02.125Z": "%Y-%m-%d %H:%M:%S.%fZ",
@@ -247,6 +248,25 @@ ARROW = {
     "time": lambda at: pa.array([t.time() for t in at], pa.time64("us")),
     "text": lambda at: pa.array([t.isoformat() for t in at]),
 }
+
+
+def test_durations_are_seconds_and_no_other_column_takes_them(tmp_path):
+    steps = pa.array([datetime.timedelta(milliseconds=20 * i) for i in range(N)])
+    columns = {
+        "test": ["a"] * N,
+        "temperature_degC": [22.0] * N,
+        "displacement_mm": T,
+        "force_N": 1000 * T,
+    }
+    table = pa.table({**columns, "time_s": steps.cast(pa.duration("ns"))})
+    pq.write_table(table, tmp_path / "press.parquet")
+    np.testing.assert_array_equal(read(tmp_path / "press.parquet").columns["time_s"], T)
+    for frame in (table, table.to_pandas(), table.to_pydict()):
+        np.testing.assert_array_equal(columns_of(frame, "press")["time_s"], T)
+    wrong = table.to_pandas()
+    for values in (wrong["time_s"], pd.to_datetime(T, unit="s"), T + 1j):
+        with pytest.raises(InputError, match=r"force_N .*must (be a|hold) number"):
+            columns_of(wrong.assign(force_N=values), "press")
 
 
 @pytest.mark.parametrize("kind", ARROW)

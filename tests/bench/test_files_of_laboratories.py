@@ -213,3 +213,92 @@ def test_a_matrix_without_names_is_told_where_columns_are_missing(tmp_path):
     assert "data left out: a 40 x 3 matrix, its columns have no names" in refused(
         tmp_path / "P22.mat"
     )
+
+
+def test_exponents_of_fortran_are_exponents(tmp_path):
+    def fortran(value: float) -> str:
+        return f"{value:.9E}".replace("E", "D")
+
+    rows = (";".join(map(fortran, row)) for row in zip(T, D, F, strict=True))
+    path = tmp_path / "P22.dat"
+    path.write_text("\n".join([HEADER, *rows]) + "\n")
+    assert_is_the_press(read(path))
+
+
+@pytest.mark.parametrize(
+    "word", ["#N/A", "#NV", "#DIV/0!", "-nan(ind)", "1.#QNAN", "-1.#IND", "<NA>", "n.a.", "---"]
+)
+def test_words_of_programs_for_a_missing_number(tmp_path, word):
+    path = tmp_path / "P22.csv"
+    rows = [*ROWS[:7], f"{T[7]};{D[7]};{word}", *ROWS[8:]]
+    path.write_text("\n".join([HEADER, *rows]) + "\n")
+    recording = read(path)
+    assert np.flatnonzero(np.isnan(recording.columns["force_N"])).tolist() == [7]
+    assert "1 of 40 samples of force_N are missing" in recording.notes
+
+
+def test_errors_of_a_spreadsheet_are_missing_numbers(tmp_path):
+    from openpyxl import Workbook
+
+    book = Workbook()
+    sheet = book.active
+    sheet.append(HEADER.split(";"))
+    for row in zip(T, D, F, strict=True):
+        sheet.append([float(v) for v in row])
+    sheet["C9"] = "#DIV/0!"
+    book.save(tmp_path / "P22.xlsx")
+    force = read(tmp_path / "P22.xlsx").columns["force_N"]
+    assert np.flatnonzero(np.isnan(force)).tolist() == [7]
+
+
+def test_our_names_with_another_unit_are_converted(tmp_path):
+    path = tmp_path / "P22.csv"
+    rows = (f"{1e3 * t:.0f},{1e3 * d:.2f},{1e-3 * f:.9f}" for t, d, f in zip(T, D, F, strict=True))
+    path.write_text("\n".join(["time_ms,displacement_um,force_kN", *rows]) + "\n")
+    recording = read(path)
+    assert_is_the_press(recording)
+    assert any("force_kN" in note and "kN to N" in note for note in recording.notes)
+
+
+def test_a_head_whose_cells_hold_line_breaks(tmp_path):
+    path = tmp_path / "P22.csv"
+    head = '"Zeit\n[s]";"Weg\n[mm]";"Kraft\n[N]"'
+    path.write_text("\n".join(["Versuch 7", "", head, *ROWS]) + "\n")
+    assert_is_the_press(read(path))
+    path.write_text("\n".join([head, *ROWS[:20], "1;2", *ROWS[20:]]) + "\n")
+    assert "P22.csv:25: 2 cells, must be 3" in refused(path)
+
+
+def test_folders_in_a_folder_of_recordings_are_named(tmp_path):
+    for place in ("P1.csv", "day2/P2.csv", "results/P1.txt"):
+        (tmp_path / place).parent.mkdir(exist_ok=True)
+        (tmp_path / place).write_text("\n".join([HEADER, *ROWS]) + "\n")
+    assert "folders with further files left out: day2" in read(tmp_path).notes
+
+
+def test_packed_numbers_of_netcdf_are_unpacked(tmp_path):
+    import h5py
+
+    with h5py.File(tmp_path / "P22.nc", "w") as file:
+        counts = np.round(F / 0.02).astype(np.int32) - 50
+        counts[7] = -9999
+        for name, values, unit in (("time", T, "s"), ("travel", D, "mm"), ("force", counts, "N")):
+            file.create_dataset(name, data=values).attrs["units"] = unit
+        packing = {"scale_factor": 0.02, "add_offset": 1.0, "_FillValue": np.int32(-9999)}
+        file["force"].attrs.update(packing)
+    force = read(tmp_path / "P22.nc").columns["force_N"]
+    np.testing.assert_allclose(np.delete(force, 7), np.delete(F, 7), atol=1e-9)
+    assert np.isnan(force[7])
+
+
+def test_settings_in_attributes_that_are_arrays_of_one(tmp_path):
+    import h5py
+
+    still = {"tension_tight_N": 100.0 + T, "tension_slack_N": 100.0 - T, "pulley_speed_rad_s": T}
+    with h5py.File(tmp_path / "R1.h5", "w") as file:
+        file.attrs.update({"arc_deg": np.array([82.0]), "initial_tension_N": np.array([[100.0]])})
+        for name, values in {"time_s": T, **still}.items():
+            file.create_dataset(name, data=values)
+    columns = read_recording(tmp_path / "R1.h5", "rig").columns
+    assert set(columns["arc_deg"]) == {82.0}
+    assert set(columns["initial_tension_N"]) == {100.0}

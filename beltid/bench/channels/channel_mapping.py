@@ -6,6 +6,7 @@ A channel is found by the name that the config states, by our own name, or by th
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal
@@ -20,8 +21,10 @@ from beltid.config.model import RunsOfKind
 from beltid.config.name_pattern import name_pattern
 from beltid.errors import Problem, Problems
 from beltid.tables.columns import Column, Table
-from beltid.tables.schemas import SETTINGS
+from beltid.tables.schemas import RECORDINGS, SETTINGS
+from beltid.tables.schemas import table as table_of
 from beltid.tables.units import (
+    CONVERSIONS,
     Calibration,
     Conversion,
     allowed_units,
@@ -34,6 +37,30 @@ How = Literal["config", "own name", "recognised"]
 RAW: Final = ("V", "mV", "mV/V", "A", "mA")
 """Units of signals that mean nothing without a calibration."""
 _TURNS: Final = ("drehzahl", "rpm", "rev", "tour")
+
+
+def _in_other_units(column: Column) -> dict[str, tuple[str, str]]:
+    """Our name with the ending of another unit -> our name, and that unit."""
+    ending = _ending(column.unit)
+    stem = column.name.removesuffix(ending)
+    if stem == column.name:
+        return {}
+    units = CONVERSIONS.get(column.unit, {})
+    return {stem + _ending(u): (column.name, u) for u in units if u != column.unit}
+
+
+def _ending(unit: str) -> str:
+    return "_" + re.sub(r"[ /]", "_", unit)
+
+
+OTHER_UNITS: Final = {
+    name: known
+    for kind in RECORDINGS
+    for column in table_of(kind).columns
+    if column.dtype == "float64"
+    for name, known in _in_other_units(column).items()
+}
+"""Names such as ``force_kN`` -> the column ``force_N``, and ``kN``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,7 +254,8 @@ def is_whole(candidates: Sequence[Candidate], context: MappingContext) -> bool:
 
 def unit_of(candidate: Candidate) -> str:
     """Unit of a channel as the file writes it, in a cell of its own or in the name."""
-    return candidate.unit or unit_in_name(candidate.name)
+    ending = OTHER_UNITS.get(candidate.base, ("", ""))[1]
+    return candidate.unit or unit_in_name(candidate.name) or ending
 
 
 def _date_of(
@@ -255,7 +283,7 @@ def notes_of(
             notes.append(f"read {mapping.candidate.shown} as {role}")
         elif mapping.unit_stated and mapping.conversion != Conversion(1.0):
             unit = table.column(role).unit
-            theirs = mapping.candidate.unit or "the unit stated"
+            theirs = unit_of(mapping.candidate) or "the unit stated"
             notes.append(f"{mapping.shown} converted from {theirs} to {unit}")
     used = {c.name for m in mappings.values() for c in (m.candidate, m.date) if c is not None}
     left_out = [name for name in dict.fromkeys(names) if name and name not in used]
@@ -279,7 +307,8 @@ def _named(
 def _called(name: str, candidates: Sequence[Candidate]) -> list[Candidate]:
     exact = [c for c in candidates if name in (c.name, c.qualified)]
     exact = exact or [c for c in candidates if c.base == name]
-    return exact or [c for c in candidates if name in (without_unit(c.name), without_unit(c.base))]
+    exact = exact or [c for c in candidates if name in (without_unit(c.name), without_unit(c.base))]
+    return exact or [c for c in candidates if OTHER_UNITS.get(c.base, ("",))[0] == name]
 
 
 def can_be(candidate: Candidate, column: Column) -> bool:

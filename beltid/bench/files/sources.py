@@ -122,6 +122,23 @@ def refuse_large(path: Path, sources: Sequence[Source]) -> None:
         raise InputError(f"{path}: larger than {MAX_BYTES >> 20} MB, split the recording")
 
 
+def folders_left_out(path: Path, sources: Sequence[Source]) -> list[str]:
+    """A note of the folders in a folder of recordings that hold more files of their kind."""
+    from beltid.artifacts.artifact import may_be_artifact  # results stand beside recordings
+
+    if not path.is_dir():
+        return []
+    read = {source.inside.parts[0] for source in sources}
+    ending = sources[0].path.suffix
+    folders = [
+        folder.name
+        for folder in sorted(path.iterdir())
+        if folder.is_dir() and folder.name not in read and not folder.name.startswith((".", "_"))
+        if any(not may_be_artifact(file) for file in folder.rglob(f"*{glob.escape(ending)}"))
+    ]
+    return [f"folders with further files left out: {', '.join(folders[:12])}"] if folders else []
+
+
 def size_of(sources: Sequence[Source]) -> int:
     """Bytes of the files on the disk."""
     with contextlib.suppress(OSError):  # what is not there is told by the one who reads it

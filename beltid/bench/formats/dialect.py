@@ -32,6 +32,8 @@ FIRST_ROWS: Final = 200
 """Rows that show how a table writes its numbers and times."""
 SEARCHED: Final = 400
 """Rows in which the header is looked for."""
+CELL_LINES: Final = 10
+"""Lines over which a cell of the header may go."""
 BLOCK: Final = 5
 """Rows that must look alike to be the begin of the numbers."""
 _OTHER: Final = "1 - -- % # V mV mV/V A mA Hz Pa kPa MPa bar W kW J g kg mm/s mm/min m/s m/s^2 m/s²"
@@ -40,6 +42,8 @@ OTHER_UNITS: Final = frozenset((*_OTHER.split(), "N/mm", "N/mm²", "l/min"))
 LONGEST_NAME: Final = 300
 """Longer names of channels are not searched for a unit."""
 _COMMENT: Final = re.compile(rb"^#[^\n]*", re.MULTILINE)
+_OPEN_CELL: Final = re.compile(r'(?:^|[,;\t|])\s*"[^"]*$')
+"""A line that ends within a quoted cell."""
 _CLOCK_FORM: Final = re.compile(r"h{1,2}:mm(:ss)?([.,][sf0]+)?", re.IGNORECASE)
 """The form of clock times, where a unit stands otherwise."""
 _IN_NAME: Final = re.compile(r"[\[(<{]([^\[\](){}<>]*)[\])>}]\s*$")
@@ -149,7 +153,7 @@ def layout(text: str, name: str, dialect: DialectSection, wanted: Iterable[str])
     _refuse_monstrous(text, name)
     notes: list[str] = []
     names, skipped = set(wanted), dialect.skip_lines
-    top = text.split("\n", skipped + TOP)[: skipped + TOP]
+    top = _whole_cells(text.split("\n", skipped + TOP)[: skipped + TOP], skipped)
     at = _header_row(top, skipped, name, notes)
     separator = dialect.separator or best_separator(top[at], names)
     header = tuple(cell.strip() for cell in _cells(top[at], separator, f"{name}:{at + 1}"))
@@ -201,6 +205,23 @@ def _refuse_monstrous(text: str, name: str) -> None:
         start = end + 1
 
 
+def _whole_cells(top: Sequence[str], skip: int) -> list[str]:
+    """Lines in which quoted cells over several lines, as spreadsheets write them, are on one.
+
+    The lines that they go on in are blank, so that all others keep their number.
+    """
+    lines = list(top)
+    for at in range(skip, min(skip + SEARCHED, len(lines))):
+        if not _OPEN_CELL.search(lines[at]) or lines[at].count('"') % 2 == 0:
+            continue
+        for end in range(at + 1, min(at + CELL_LINES, len(lines))):
+            if lines[end].count('"') % 2:
+                lines[at] = " ".join(line.strip() for line in lines[at : end + 1])
+                lines[at + 1 : end + 1] = [""] * (end - at)
+                break
+    return lines
+
+
 def _header_row(top: Sequence[str], skip: int, name: str, notes: list[str]) -> int:
     """Index of the header: after skipped, blank and comment (#) lines, and a mark of Excel."""
     comments = 0
@@ -223,7 +244,7 @@ def _units_row(
     if below is None:
         return (), start
     cells = tuple(cell.strip() for cell in cells_or_line(top[below], separator))
-    return (cells, below + 1) if stated or is_units_row(cells) else ((), start)
+    return (cells, below + 1) if stated or is_units_row(cells) else ((), below)
 
 
 def _search(top: Sequence[str], stated: str | None) -> tuple[TableHead, str] | None:

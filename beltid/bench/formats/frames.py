@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from beltid.bench.formats.clock import Clock, holds_clock, is_clock
-from beltid.bench.formats.rows import Texts, word_of
+from beltid.bench.formats.rows import Texts, numbers_of, word_of
 from beltid.errors import InputError, Problem, Problems
 from beltid.tables.schemas import Column, Table
 from beltid.tables.values import floats
@@ -51,6 +51,8 @@ def columns_of_frame(
         theirs = names.get(column.name, column.name)
         if theirs in have:
             values = _column(frame, theirs)
+            if column.unit == "s":
+                values = _seconds(values)
             times = _clock_times(values) if clock and column.name == "time_s" else None
             if clock is None or times is None:
                 columns[column.name] = _values(values, column, name, problems)
@@ -115,6 +117,14 @@ def _arrow(values: Any) -> Any:
     return found.combine_chunks() if isinstance(found, pa.ChunkedArray) else found
 
 
+def _seconds(values: Any) -> Any:
+    """Durations as seconds; values that are none as they are."""
+    import pyarrow as pa
+
+    found = _arrow(values)
+    return numbers_of(found) if found is not None and pa.types.is_duration(found.type) else values
+
+
 def _clock_times(values: Any) -> Any:
     """Clock times as an Arrow array; None where the values are something else."""
     import pyarrow as pa
@@ -137,10 +147,13 @@ def _values(values: Any, column: Column, name: str, problems: Problems) -> np.nd
     try:
         return floats(values)
     except (ValueError, TypeError):
-        for row, value in enumerate(np.asarray(values, dtype=object)):
-            if isinstance(value, str) or not np.isscalar(value):
-                text = f"{name}, row {row + 1}: {column.name} = {value!r}, must be a number"
-                problems.add(text, code="numbers")
-        if not problems.count:
+        cells = np.asarray(values, dtype=object)
+        rows = [row for row, v in enumerate(cells) if isinstance(v, str) or not np.isscalar(v)]
+        problems.add_alike(
+            rows,
+            lambda row: f"{column.name} = {cells[row]!r}, must be a number",
+            lambda row: (f"{name}, row {row + 1}", row + 1),
+        )
+        if not rows:
             problems.add(f"{name}: column {column.name} must hold numbers")
         return np.full(len(values), np.nan)

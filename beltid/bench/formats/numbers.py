@@ -19,8 +19,16 @@ from beltid.errors import PlaceOf, Problems
 
 NUMBER: Final = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 MISSING_WORDS: Final = frozenset(
-    ("", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL", "None", "-")
+    (
+        *("", "-", "--", "---", "nan", "NaN", "NAN", "-nan", "-NaN", "nan(ind)", "-nan(ind)"),
+        *("NA", "N/A", "n/a", "n.a.", "<NA>", "null", "NULL", "None"),
+        *("#N/A", "#NA", "#NV", "#DIV/0!", "#VALUE!", "#WERT!", "#NUM!", "#ZAHL!"),
+        *("1.#QNAN", "-1.#QNAN", "1.#IND", "-1.#IND"),
+    )
 )
+"""What stands for a missing number: words of people, of spreadsheets, of compilers."""
+_FORTRAN: Final = re.compile(r"(?<=[\d.])[dD](?=[-+]?\d+$)", re.ASCII)
+"""The exponent of a number in double precision, as Fortran writes it."""
 NO_NUMBER: Final = "must be a number"
 _INFINITE: Final = re.compile(r"[-+]?(inf|infinity)", re.IGNORECASE)
 _DECIMAL: Final = re.compile(r"[-+]?\d*(?P<point>[.,])\d+([eE][-+]?\d+)?", re.ASCII)
@@ -40,7 +48,8 @@ _OTHER: Final = {",": ".", ".": ","}
 def is_number(text: str) -> bool:
     """Whether a cell reads as a number, with either decimal sign, in groups of three or not."""
     grouped = _GROUPED.fullmatch(text.translate(_TO_PLAIN))
-    return bool(grouped or NUMBER.fullmatch(text.replace(",", ".").replace(_MINUS, "-")))
+    plain = _FORTRAN.sub("E", text.replace(",", ".").replace(_MINUS, "-"))
+    return bool(grouped or NUMBER.fullmatch(plain))
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +77,7 @@ class NumberSigns:
         for cell in cells:
             found = _GROUPED.fullmatch(cell.translate(_TO_PLAIN))
             if found is None:
-                point = _DECIMAL.fullmatch(cell.replace(_MINUS, "-"))
+                point = _DECIMAL.fullmatch(_FORTRAN.sub("E", cell.replace(_MINUS, "-")))
                 decimals |= {point["point"]} if point else set()
             elif found["point"] or found["more"] or found["sign"] in "' ":
                 groups.add(found["sign"])
@@ -82,7 +91,7 @@ class NumberSigns:
 
     def number(self, text: str) -> float | str:
         """A cell as a number, or why it is none."""
-        text = text.replace(_MINUS, "-")
+        text = _FORTRAN.sub("E", text.replace(_MINUS, "-"))
         plain = text.translate(_COMMA_TO_POINT) if self.decimal == "," else text
         if NUMBER.fullmatch(plain) or _INFINITE.fullmatch(plain):
             return float(plain)
@@ -150,7 +159,8 @@ def numbers_or_problems(
     numbers = np.full(len(cells), np.nan)
     wrong: dict[str, dict[int, str]] = {}
     for i, cell in enumerate(cells):
-        value = np.nan if cell is None else signs.number(cell.strip())
+        word = "" if cell is None else cell.strip()
+        value = np.nan if word in MISSING_WORDS else signs.number(word)
         if not isinstance(value, str):
             numbers[i] = value
             continue

@@ -12,7 +12,7 @@ from beltid.bench.files.sources import Source
 from beltid.bench.formats.clock import Clock, holds_clock, holds_dates
 from beltid.bench.formats.frames import missing_column
 from beltid.bench.formats.numbers import NUMBER
-from beltid.bench.formats.rows import Rows, Texts
+from beltid.bench.formats.rows import Rows, Texts, numbers_of
 from beltid.bench.read_options import ReadOptions
 from beltid.errors import InputError, Problems
 from beltid.tables.schemas import SAID_OF_RUNS, Column, Table
@@ -119,20 +119,12 @@ def columns_of_folders(source: Source) -> dict[str, str]:
     return {key: value for key, mark, value in parts if mark}
 
 
-def numbers_of(values: pa.Array) -> np.ndarray:
-    """float64 array of numbers of any type, nan where one is missing."""
-    import pyarrow as pa
-
-    if not pa.types.is_float64(values.type):
-        values = values.cast(pa.float64(), safe=False)  # the nearest float64, as everywhere
-    return values.to_numpy(zero_copy_only=False)
-
-
 def holds_numbers(kind: pa.DataType) -> bool:
-    """Whether a type of a column is that of plain numbers, or of a dictionary of them."""
+    """Whether a type is that of plain numbers or durations, or of a dictionary of numbers."""
     import pyarrow as pa
 
-    return is_number(kind.value_type if pa.types.is_dictionary(kind) else kind)
+    inner = kind.value_type if pa.types.is_dictionary(kind) else kind
+    return is_number(inner) or pa.types.is_duration(kind)
 
 
 def _wanted(
@@ -145,7 +137,8 @@ def _wanted(
 ) -> dict[str, str]:
     """Our columns that the file holds -> their names in it."""
     in_file = {column.name: names.get(column.name, column.name) for column in table.columns}
-    checked = [theirs for ours, theirs in in_file.items() if clock is None or ours != "time_s"]
+    is_read = clock is not None or _holds_durations(there, in_file.get("time_s", ""))
+    checked = [theirs for ours, theirs in in_file.items() if not is_read or ours != "time_s"]
     problems = refused_columns(there, checked, in_file[table.label], name)
     if clock is not None and not (
         clock.name in there.names and holds_clock(there.field(clock.name).type)
@@ -165,6 +158,12 @@ def _wanted(
     if problems:
         raise InputError(problems)
     return wanted
+
+
+def _holds_durations(there: pa.Schema, name: str) -> bool:
+    import pyarrow as pa
+
+    return there.names.count(name) == 1 and pa.types.is_duration(there.field(name).type)
 
 
 def _wrong_folder(

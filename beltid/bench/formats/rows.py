@@ -79,6 +79,23 @@ class Texts:
         return [(row, self.words[self.codes[row]]) for row in rows.tolist()]
 
 
+def numbers_of(values: Any) -> np.ndarray:
+    """float64 array of an Arrow array of numbers, nan where one is missing; durations in seconds.
+
+    Parameters
+    ----------
+    values : pyarrow Array
+        Numbers of any type, or durations, shape (n,).
+    """
+    import pyarrow as pa
+
+    if pa.types.is_duration(values.type):
+        return np.asarray(values.to_numpy(zero_copy_only=False) / np.timedelta64(1, "s"))
+    if not pa.types.is_float64(values.type):
+        values = values.cast(pa.float64(), safe=False)  # the nearest float64, as everywhere
+    return np.asarray(values.to_numpy(zero_copy_only=False))
+
+
 def word_of(value: Any) -> str | None:
     """A label as text: whole numbers without a decimal point, None where it is missing."""
     if is_missing(value):

@@ -16,6 +16,8 @@ from beltid.bench.formats.isolated.matlab import MAX_DEPTH, Variables
 from beltid.errors import InputError
 
 MAX_OBJECTS: Final = 100_000
+_PACKING: Final = ("scale_factor", "add_offset", "_FillValue", "missing_value")
+"""Attributes that tell how NetCDF packs a variable."""
 
 
 def read(path: Path) -> BenchFile:
@@ -57,7 +59,7 @@ class _Content:
                 raise InputError(f"{name} is a link to another file, which is not followed")
             members[name] = self._value(item, depth)
         for name, value in group.attrs.items():  # plain HDF5 keeps its settings there
-            if not name.startswith("MATLAB") and np.ndim(value) == 0:
+            if not name.startswith("MATLAB") and np.size(value) == 1:
                 members.setdefault(name, _text_or_number(value))
         return members
 
@@ -88,10 +90,24 @@ class _Content:
         unit = next(
             (item.attrs[n] for n in ("unit", "units", "Unit", "Units") if n in item.attrs), None
         )
-        array = np.squeeze(np.asarray(values))
+        array = np.squeeze(_unpacked(np.asarray(values), item.attrs))
         if unit is not None and array.ndim == 1:
             return {"data": array, "unit": _text_or_number(unit)}
         return array
+
+
+def _unpacked(values: np.ndarray, about: Any) -> np.ndarray:
+    """Numbers that NetCDF packs: counts times `scale_factor` plus `add_offset`, or missing.
+
+    Source: NetCDF Climate and Forecast (CF) Metadata Conventions, section 8.1.
+    """
+    said = {
+        name: np.ravel(about[name])[0] for name in _PACKING if np.size(about.get(name, [])) == 1
+    }
+    if values.dtype.kind not in "iuf" or not said:
+        return values
+    numbers = values * float(said.pop("scale_factor", 1.0)) + float(said.pop("add_offset", 0.0))
+    return np.where(np.isin(values, list(said.values())), np.nan, numbers)
 
 
 def _texts(values: Any) -> Any:
