@@ -205,7 +205,7 @@ def test_cycles_at_different_speeds_are_said():
         parts.append(part)
     columns = {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
     notes = {
-        cycles: [n for n in fit_stiffness(columns, replace(SETTINGS, cycles=cycles)).notes]
+        cycles: fit_stiffness(columns, replace(SETTINGS, cycles=cycles)).notes
         for cycles in ("last", "all")
     }
     told = [note for note in notes["last"] if "cycles were pressed at speeds up to 5" in note]
