@@ -142,7 +142,8 @@ def test_a_unit_at_the_end_of_a_stated_name_is_asked_about(tmp_path, name, unit)
     config = {"columns": {"press": {"displacement_mm": name}}}
     assert problems(path, "press", config) == [
         f'bench.csv:1: displacement_mm (column "{name}"): is it in {unit}? say '
-        f"units: {{press: {{displacement_mm: {unit}}}}} or units: {{press: {{displacement_mm: mm}}}}"
+        f"units: {{press: {{displacement_mm: {unit}}}}} or "
+        "units: {press: {displacement_mm: mm}}"
     ]
     as_stated = {**config, "units": {"press": {"displacement_mm": "mm"}}}
     assert read(path, "press", as_stated).columns["displacement_mm"][0] == 0.5

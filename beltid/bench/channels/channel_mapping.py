@@ -406,8 +406,8 @@ def unit_conversion(
     if plain in ("", "-"):
         if not recognised:
             base, _, ending = name.rpartition("_")
-            known = conversion(ending, column.unit) if base and name != column.name else None
-            if known in (None, Conversion(1.0)):
+            other = conversion(ending, column.unit) if base and name != column.name else None
+            if other in (None, Conversion(1.0)):
                 return None
             return f"{shown}: is it in {ending}? say {line}{ending}}}}} or {line}{column.unit}}}}}"
         return (
