@@ -198,10 +198,13 @@ def test_wrong_arguments_of_the_drive_and_of_a_comparison_are_named(friction: An
     ):
         with pytest.raises(beltid.ArgumentTypeError, match=said):
             beltid.simulate_drive(drive, surface, normal)
-    with pytest.raises(beltid.InputError, match="is a NoneType, must be a DataFrame"):
-        beltid.compare(friction, None)
-    with pytest.raises(beltid.InputError, match="is a surface table, a friction table is needed"):
-        beltid.compare(friction, beltid.build_surface(friction))
+    for pair, argument in (((friction, None), "simulated"), ((None, friction), "friction")):
+        with pytest.raises(beltid.InputError, match=f"^{argument}: is a NoneType, must be a Data"):
+            beltid.compare(*pair)
+    surface = beltid.build_surface(friction)
+    for pair, argument in (((friction, surface), "simulated"), ((surface, friction), "friction")):
+        with pytest.raises(beltid.InputError, match=f"^{argument} is a surface table, a friction"):
+            beltid.compare(*pair)
 
 
 def test_results_behave_like_tables(friction: Any, tmp_path: Path) -> None:

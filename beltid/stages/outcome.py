@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
@@ -55,8 +55,27 @@ class Outcome(Generic[Result]):
     origin: Origin | None = None
 
     def with_origin(self, config: Config, *inputs: Any) -> Outcome[Result]:
-        """The same, from what the config states of the data and the other results hand on."""
-        origins = [one.origin for one in inputs if isinstance(one, Outcome)]
+        """The same, with the origin of all data that went into it.
+
+        Parameters
+        ----------
+        config : Config
+            What it states of the data holds for all inputs.
+        *inputs
+            A result or an artifact hands on its own origin. Any other table, such as the frame of a
+            recording, has the origin that the config states: unknown if it states none. A law or a
+            surface by its numbers is no data.
+        """
+        from beltid.artifacts.artifact import Artifact
+
+        origins = []
+        for one in inputs:
+            if isinstance(one, Outcome):
+                origins.append(one.origin)
+            elif isinstance(one, Artifact):
+                origins.append(one.metadata.origin)
+            elif isinstance(one, Mapping) or hasattr(one, "columns"):
+                origins.append(config.data.origin)
         if config.data.origin or not origins:
             origins.append(config.data.origin)
         return replace(self, origin=combined_origin(origins))

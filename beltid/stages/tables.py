@@ -153,7 +153,9 @@ def law_of(artifact: Artifact, temperature_degC: float | None = None) -> NormalL
     )
 
 
-def table_columns(frame: Any, kind: str, needed: tuple[str, ...]) -> dict[str, np.ndarray]:
+def table_columns(
+    frame: Any, kind: str, needed: tuple[str, ...], argument: str = ""
+) -> dict[str, np.ndarray]:
     """Columns of a table of ours that is in memory.
 
     Parameters
@@ -164,6 +166,8 @@ def table_columns(frame: Any, kind: str, needed: tuple[str, ...]) -> dict[str, n
         Its kind.
     needed : tuple of str
         Columns that it must have; further columns of the kind are taken if they are there.
+    argument : str
+        Name of the argument that it was given as, for messages of a function of two tables.
 
     Raises
     ------
@@ -172,7 +176,8 @@ def table_columns(frame: Any, kind: str, needed: tuple[str, ...]) -> dict[str, n
     """
     if isinstance(frame, (Outcome, Artifact)):
         if frame.kind != kind:
-            raise InputError(f"is a {frame.kind} table, a {kind} table is needed")
+            prefix = f"{argument} " if argument else ""
+            raise InputError(f"{prefix}is a {frame.kind} table, a {kind} table is needed")
         return frame.columns
     table = schemas.table(kind)
     simple = replace(
@@ -184,7 +189,7 @@ def table_columns(frame: Any, kind: str, needed: tuple[str, ...]) -> dict[str, n
         ),
     )
     problems = Problems()
-    columns = columns_of_frame(frame, simple, f"{kind} table", {}, problems)
+    columns = columns_of_frame(frame, simple, argument or f"{kind} table", {}, problems)
     problems.raise_if_any()
     return columns
 

@@ -122,6 +122,40 @@ def test_two_candidates_are_refused_with_the_line_that_settles_it(tmp_path):
     assert read(path, "press", config).columns["displacement_mm"].tolist() == [2.0, 3.0]
 
 
+@pytest.mark.parametrize("names", [("Force 1", "Force 2"), ("Load cell", "Load cell 2")])
+def test_two_forces_beside_a_travel_are_asked_about(tmp_path, names):
+    """The second cell of a press is not dropped, and a friction rig is not taken for a press."""
+    one, two = (f"{name} [N]" for name in names)
+    path = write(tmp_path, f"Time [s];Travel [mm];{one};{two}", ["0;1;2;3", "1;2;3;4"])
+    assert problems(path, "press") == [
+        f'bench.csv:1: {one}, {two} can be force_N, say which: columns: {{press: {{force_N: "{one}"'
+        f'}}}}; if it is a friction rig: columns: {{rig: {{tension_tight_N: "{one}", '
+        f'tension_slack_N: "{two}"}}}}'
+    ]
+    config = {"columns": {"press": {"force_N": two}}}
+    assert read(path, "press", config).columns["force_N"].tolist() == [3.0, 4.0]
+
+
+@pytest.mark.parametrize(("name", "unit"), [("displacement_in", "in"), ("weg_m", "m")])
+def test_a_unit_at_the_end_of_a_stated_name_is_asked_about(tmp_path, name, unit):
+    path = write(tmp_path, f"time_s;{name};force_N", PRESS_ROWS)
+    config = {"columns": {"press": {"displacement_mm": name}}}
+    assert problems(path, "press", config) == [
+        f'bench.csv:1: displacement_mm (column "{name}"): is it in {unit}? say '
+        f"units: {{press: {{displacement_mm: {unit}}}}} or "
+        "units: {press: {displacement_mm: mm}}"
+    ]
+    as_stated = {**config, "units": {"press": {"displacement_mm": "mm"}}}
+    assert read(path, "press", as_stated).columns["displacement_mm"][0] == 0.5
+
+
+@pytest.mark.parametrize("name", ["weg_mm", "weg_2", "x_tight", "position_L"])
+def test_an_ending_that_is_no_other_unit_is_part_of_the_name(tmp_path, name):
+    path = write(tmp_path, f"time_s;{name};force_N", PRESS_ROWS)
+    config = {"columns": {"press": {"displacement_mm": name}}}
+    assert read(path, "press", config).columns["displacement_mm"][0] == 0.5
+
+
 def test_a_candidate_in_a_unit_that_cannot_be_is_none(tmp_path):
     path = write(tmp_path, "Zeit;Weg;Deformation;Kraft", ["0;1;2;3", "1;2;3;4"], "s;mm;%;N")
     assert read(path, "press").columns["displacement_mm"].tolist() == [1.0, 2.0]

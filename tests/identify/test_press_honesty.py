@@ -140,6 +140,80 @@ def test_a_test_with_free_travel_tells_the_zero_of_the_others():
     assert not result.temperature.matters
 
 
+def back_to_the_start(columns, seed=2):
+    """The crosshead goes back to where it began, out of contact."""
+    rng = np.random.default_rng(seed)
+    parts = []
+    for test in dict.fromkeys(columns["test"].tolist()):
+        part = {name: values[columns["test"] == test] for name, values in columns.items()}
+        step = part["displacement_mm"][-1] - part["displacement_mm"][-41]
+        way = part["displacement_mm"][-1] + step / 40.0 * np.arange(1.0, 61.0)
+        more = {
+            "test": np.full(way.size, test, dtype=object),
+            "temperature_degC": np.full(way.size, part["temperature_degC"][0]),
+            "time_s": part["time_s"][-1] + np.diff(part["time_s"])[0] * np.arange(1.0, 61.0),
+            "displacement_mm": way,
+            "force_N": 0.15 * rng.normal(size=way.size),
+        }
+        parts.append({name: np.concatenate([part[name], more[name]]) for name in part})
+    return {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
+
+
+@pytest.mark.parametrize("drifts", [(3.0,), (2.0, -1.0, 4.0)])
+@pytest.mark.parametrize("cycles", [1, 3])
+def test_a_load_cell_that_drifts_is_said_and_in_the_standard_errors(drifts, cycles):
+    bench = Bench(temperatures=(22.0,), tests_per_temperature=len(drifts), cycles=cycles, dt=0.3)
+    columns = back_to_the_start(bench.record(1))
+    still = fit_stiffness(columns, SETTINGS)
+    assert not said(still, "drift")
+    moved = columns["force_N"].copy()
+    for test, drift in zip(dict.fromkeys(columns["test"].tolist()), drifts, strict=True):
+        rows = np.flatnonzero(columns["test"] == test)
+        moved[rows] += drift * np.linspace(0.0, 1.0, rows.size)
+    result = fit_stiffness({**columns, "force_N": moved}, SETTINGS)
+    off, z = errors(result, bench.force)
+    assert off > 0.002
+    assert 0.3 < z < 1.96  # not widened out of all proportion either
+    # half-way through the last cycle, over a tenth of 400 N
+    largest = max(map(abs, drifts)) * (cycles - 0.5) / cycles
+    assert said(result, "drift", alarming=False) == [pytest.approx(largest / 40.0, rel=0.1)]
+
+
+@pytest.mark.parametrize("share", [0.5, 0.8])
+def test_a_load_cell_at_the_end_of_its_range_leaves_the_law_below(share):
+    bench = Bench(cycles=2)
+    columns = bench.record(1)
+    limit = share * columns["force_N"].max()
+    columns["force_N"] = np.minimum(columns["force_N"], limit)
+    result = fit_stiffness(columns, SETTINGS)
+    off, z = errors(result, bench.force)
+    assert off < 2e-3
+    assert z < 2.5
+    assert result.pooled.max_force_N_m == pytest.approx(limit / 0.04, rel=0.01)
+    assert any("the load cell is at the end of its range" in note for note in result.notes)
+
+
+def test_cycles_at_different_speeds_are_said():
+    parts = []
+    for k, test in enumerate(("A", "B")):
+        slow = Bench(temperatures=(22.0,)).record(k)
+        fast = Bench(temperatures=(22.0,), dt=0.5).record(k)
+        slow["time_s"] = slow["time_s"] + fast["time_s"][-1] + 0.1
+        slow["displacement_mm"] += fast["displacement_mm"][-1] - slow["displacement_mm"][0]
+        part = {name: np.concatenate([fast[name], slow[name]]) for name in slow}
+        part["test"] = np.full(part["test"].size, test, dtype=object)
+        parts.append(part)
+    columns = {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
+    notes = {
+        cycles: fit_stiffness(columns, replace(SETTINGS, cycles=cycles)).notes
+        for cycles in ("last", "all")
+    }
+    told = [note for note in notes["last"] if "cycles were pressed at speeds up to 5" in note]
+    assert len(told) == 1
+    assert told[0].startswith("tests A, B: ")
+    assert not any("cycles were pressed at speeds" in note for note in notes["all"])
+
+
 def test_a_sole_cycle_may_be_virgin():
     bench = Bench(virgin=0.09)
     result = fit_stiffness(bench.record(1), SETTINGS)

@@ -143,13 +143,45 @@ def test_zero_beyond_four_standard_errors(errors, taken):
     assert zero == pytest.approx(level if taken else 0.0, abs=1e-12)
 
 
-@pytest.mark.parametrize(("move", "taken"), [(0.18, True), (0.2, False)])
-def test_a_zero_that_drifts_is_none(move, taken):
+@pytest.mark.parametrize(("move", "zero"), [(0.18, 5.09), (0.2, 5.0)])
+def test_a_zero_that_drifts_is_that_of_the_first_samples(move, zero):
     """Ten samples each: standard errors of 0.1 / 3, four times their hypotenuse is 0.189."""
     level = 5.0 + np.repeat([0.0, move, 0.0], [10, 10, 20]) + zigzag(40, 0.1)
-    zero, free = zeroed(level)
-    assert free
-    assert zero == pytest.approx(5.0 + 0.5 * move if taken else 0.0, abs=1e-12)
+    assert zeroed(level) == (pytest.approx(zero, abs=1e-12), True)
+
+
+@pytest.mark.parametrize(("errors", "seen"), [(3.9, False), (4.1, True), (-4.1, True)])
+def test_a_drift_is_the_force_after_the_release_beyond_four_standard_errors(errors, seen):
+    """Chatter by 0.1 N: twenty samples before, as many after."""
+    way = np.concatenate([np.arange(40.0), np.arange(40.0, 140.0), np.arange(139.0, 9.0, -1.0)])
+    force = 2.0 * np.maximum(way - 40.0, 0.0) + zigzag(way.size, 0.1)
+    free = way <= 29.0  # three quarters of the travel before contact
+    after = np.flatnonzero(free)[np.flatnonzero(free) > 100]
+    assert after.size == 20
+    drift = errors * 0.1 / math.sqrt(19.0) * math.sqrt(2.0)
+    force[after] += drift
+    assert prepared(way, force).drift_N == pytest.approx(drift if seen else 0.0, abs=1e-12)
+    short = way.size - 16  # four samples after the release are too few
+    assert prepared(way[:short], force[:short]).drift_N == 0.0
+
+
+def test_samples_at_the_end_of_the_range_of_the_cell_are_left_out():
+    way = np.concatenate([np.arange(140.0), np.arange(140.0, -1.0, -1.0)])
+    force = 2.0 * np.maximum(way - 40.0, 0.0)
+    whole = prepared(way, force)
+    assert (whole.n_missing, whole.notes) == (0, ())
+    clipped = prepared(way, np.minimum(force, 150.0))
+    n = 1 + 2 * (140 - 115)  # from 115 mm to the top and back
+    assert (clipped.n_missing, clipped.force_N.max()) == (n, 148.0)
+    (note,) = clipped.notes
+    assert note.startswith(f"{n} samples left out: the force stays at 150 N while the crosshead")
+    # a hold at the top, a coarse converter and a force that creeps are none
+    hold = np.concatenate([way[:141], np.full(50, 140.0), way[141:]])
+    for travel, force in (
+        (hold, 2.0 * np.maximum(hold - 40.0, 0.0)),
+        (way, 20.0 * np.round(0.1 * np.maximum(way - 40.0, 0.0))),
+    ):
+        assert prepared(travel, force).n_missing == 0
 
 
 @pytest.mark.parametrize(

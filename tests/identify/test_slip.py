@@ -187,6 +187,25 @@ def test_standard_errors_of_short_runs_are_honest(n):
     assert np.mean(np.abs(z) < 2.0) == pytest.approx(0.954, abs=0.038)
 
 
+@pytest.mark.parametrize("runs", [2, 5])
+def test_standard_errors_hold_with_correlated_noise(runs):
+    """Five correlation times a run: an autoregression of a = 0.9 on the driven speed."""
+    z = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        columns = drive(torque=np.arange(1.0, runs + 1.0), seed=seed, n=100, noise=0.0)
+        noise = rng.normal(size=(100 * runs, 1))
+        for run in range(runs):
+            mine = noise[100 * run : 100 * run + 100]
+            for k in range(1, 100):
+                mine[k] = 0.9 * mine[k - 1] + np.sqrt(0.19) * mine[k]
+        columns["driven_speed_rad_s"] = columns["driven_speed_rad_s"] + 0.01 * noise[:, 0]
+        for point in fit_slip(columns, 0.05).points:
+            true = 0.01 * abs(point.torque_N_m) * 0.05
+            z.append((point.slip_speed_m_s - true) / point.slip_speed_se_m_s)
+    assert 0.8 < np.sqrt(np.mean(np.square(z))) < 1.2
+
+
 @pytest.mark.parametrize(("n", "share"), [pytest.param(4, 0.6, marks=pytest.mark.long), (10, 1.0)])
 def test_a_run_that_shakes_keeps_a_wider_error(n, share):
     ratios = []
@@ -230,6 +249,18 @@ def test_a_load_that_is_counted_as_negative_is_a_load():
     generator = drive(creep=-0.01)
     generator["torque_N_m"] *= -1.0
     assert {p.status for p in fit_slip(generator, 0.05).points} == {"ok"}
+
+
+@pytest.mark.parametrize("torque", [(0, 2, 4, 6, 8, 10), (3, 6, 9, 12), (4, 8, 12, 14)])
+def test_gross_slip_shows_in_a_series_of_few_runs(torque):
+    """The last run slips by 3 % of the driver's speed: eight times the creep or more."""
+    columns = drive(torque=torque)
+    last = columns["run"] == columns["run"][-1]
+    columns["driven_speed_rad_s"] = columns["driven_speed_rad_s"] - 0.03 * 62.8 * last
+    result = fit_slip(columns, 0.05)
+    expected = ["ok"] * (len(torque) - 1) + ["gross slip"]
+    assert [p.status for p in result.points] == expected
+    assert result.max_slip_speed_m_s == pytest.approx(0.01 * torque[-2] * 0.05, rel=0.05)
 
 
 def test_pulleys_that_turn_against_each_other_are_no_gross_slip():

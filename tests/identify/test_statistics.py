@@ -49,6 +49,18 @@ def test_the_correlation_of_short_runs_is_seen_together(a, n):
     assert np.mean(found) == pytest.approx(expected, rel=0.12)
 
 
+@pytest.mark.parametrize(("n", "runs"), [(100, 2), (100, 5), (300, 5)])
+def test_correlation_that_sinks_into_the_noise_still_counts(n, runs):
+    """An autoregression of a = 0.9: five to sixteen correlation times a run."""
+    rng, a, lags = np.random.default_rng(11), 0.9, np.arange(1, n)
+    found = [
+        integrated_autocorrelation_time(*(autoregressive(rng, n, a) for _ in range(runs)))
+        for _ in range(200)
+    ]
+    expected = 1.0 + 2.0 * np.sum((1.0 - lags / n) * a**lags)
+    assert np.mean(found) == pytest.approx(expected, rel=0.1)
+
+
 def test_gaps_keep_the_lags_of_the_other_samples():
     rng = np.random.default_rng(5)
     x = autoregressive(rng, 40000, 0.8)

@@ -11,8 +11,10 @@ import pytest
 
 from beltid.artifacts.artifact import read_artifact, write_artifact
 from beltid.config import ConfigSource, find_config, load_config
+from beltid.laws.penalty import NormalLaw
 from beltid.report.summary import Summary
 from beltid.stages.identification import build_surface, fit_friction, fit_stiffness
+from beltid.stages.outcome import Outcome
 from beltid.stages.reporter import Options
 from beltid.stages.simulation import compare, simulate_rig
 from beltid.stages.workers import Workers
@@ -134,6 +136,41 @@ def test_an_artifact_that_tells_no_origin_is_no_obstacle(rig: Path, tmp_path: Pa
         source(None), {"friction": out}, tmp_path / "surface.parquet", Options()
     )
     assert summary.origin is None
+
+
+@pytest.mark.parametrize(
+    ("stated", "inputs", "expected"),
+    [
+        (None, ("frame",), None),
+        (None, ("frame", "measured"), None),  # a measured press says nothing of a rig's recording
+        (None, ("frame", "synthetic"), "synthetic"),
+        (None, ("measured", "measured"), "measured"),
+        (None, ("measured", "law"), "measured"),
+        ("measured", ("frame", "measured"), "measured"),
+        ("measured", ("frame", "law", None), "measured"),
+        ("synthetic", ("measured",), "synthetic"),
+    ],
+)
+def test_results_hand_on_their_origin_and_the_config_tells_that_of_tables(
+    stated: str | None, inputs: tuple[str | None, ...], expected: str | None
+) -> None:
+    given = {
+        "frame": {"run": np.array(["a"])},
+        "measured": Outcome("stiffness", {}, None, origin="measured"),
+        "synthetic": Outcome("stiffness", {}, None, origin="synthetic"),
+        "law": NormalLaw(6.5e7),
+        None: None,
+    }
+    made = Outcome("shear", {}, None)
+    found = made.with_origin(source(stated).config, *(given[name] for name in inputs))
+    assert found.origin == expected
+
+
+def test_an_artifact_hands_on_its_origin(chained: Chained) -> None:
+    made = Outcome("shear", {}, None)
+    for origin in ("measured", "synthetic"):
+        artifact = read_artifact(chained(origin)[0] / "stiffness.parquet")
+        assert made.with_origin(source(None).config, artifact).origin == origin
 
 
 @pytest.mark.parametrize("belt", ["4pk", "5pk", "6pk"])

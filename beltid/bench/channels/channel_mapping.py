@@ -231,9 +231,29 @@ def channels_meant(
         fitting = [c for c in meant if any_unit or can_be(c, column)] or meant
         if column.name == "time_s":  # a stop watch comes before a clock on the wall
             fitting = [c for c in fitting if unit_of(c) and not c.written] or fitting
+        if len(fitting) == 1 and column.name in sensors_of(context.table):
+            fitting = [*fitting, *_numbered_alike(fitting[0], free, column, context.kind)]
         if fitting:
             found[column.name] = [(c, "recognised", False) for c in fitting]
     return {column.name: found[column.name] for column in columns if column.name in found}
+
+
+def _numbered_alike(
+    one: Candidate, others: Sequence[Candidate], column: Column, kind: str
+) -> list[Candidate]:
+    """Channels that only a number tells from one, such as Force 2 from Force, and mean nothing."""
+
+    def bare(candidate: Candidate) -> str:
+        return simplified(without_unit(candidate.base)).rstrip("0123456789 ")
+
+    return [
+        c
+        for c in others
+        if c is not one
+        and bare(c) == bare(one)
+        and can_be(c, column)
+        and not roles_meant(c.name, kind)
+    ]
 
 
 def sensors_of(table: Table) -> list[str]:
@@ -325,9 +345,15 @@ def _ambiguous(column: Column, meant: Sequence[Candidate], kind: str) -> str:
     groups = {c.group for c in meant}
     name = first.qualified if len(groups) > 1 else first.name
     shown = ", ".join(c.qualified if len(groups) > 1 else c.shown for c in meant[:8])
-    return (
+    said = (
         f'{shown} can be {column.name}, say which: columns: {{{kind}: {{{column.name}: "{name}"}}}}'
     )
+    if column.name == "force_N":  # two forces and a travel are not always those of a press
+        said += (
+            f'; if it is a friction rig: columns: {{rig: {{tension_tight_N: "{name}", '
+            f'tension_slack_N: "{meant[1].name}"}}}}'
+        )
+    return said
 
 
 def _mapping(
@@ -408,7 +434,11 @@ def unit_conversion(
     line = f"units: {{{kind}: {{{column.name}: "
     if plain in ("", "-"):
         if not recognised:
-            return None
+            base, _, ending = name.rpartition("_")
+            other = conversion(ending, column.unit) if base and name != column.name else None
+            if other in (None, Conversion(1.0)):
+                return None
+            return f"{shown}: is it in {ending}? say {line}{ending}}}}} or {line}{column.unit}}}}}"
         return (
             f"the unit of {name}, read as {column.name}, is not told; "
             f"say it: {line}{column.unit}}}}}"

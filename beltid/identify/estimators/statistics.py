@@ -99,7 +99,8 @@ def integrated_autocorrelation_time(*runs: ArrayLike) -> float:
     """Integrated autocorrelation time ``tau = 1 + 2 sum_k (1 - k/n) rho_k``, pooled over runs.
 
     Taking off the mean of a run of n samples lowers all correlations by ``tau/n``, which is put
-    back. The sum ends before the first lag that is within two standard errors of zero.
+    back. From the first lag that is within two standard errors of zero on, the correlation is taken
+    to fade from there as it did before, exponentially.
 
     Parameters
     ----------
@@ -134,9 +135,12 @@ def integrated_autocorrelation_time(*runs: ArrayLike) -> float:
     for _ in range(20):
         corrected = rho + (1.0 - rho) * min(tau / n, 0.5)
         weak = np.flatnonzero(corrected < 2.0 / np.sqrt(pairs))
-        end = int(weak[0]) if weak.size else rho.size
-        share = np.maximum(1.0 - np.arange(1, end) / n, 0.0)
-        tau, before = 1.0 + 2.0 * float(share @ corrected[1:end]), tau
+        end = max(int(weak[0]), 1) if weak.size else rho.size
+        share = np.maximum(1.0 - np.arange(1, rho.size) / n, 0.0)
+        tau, before = 1.0 + 2.0 * float(share[: end - 1] @ corrected[1:end]), tau
+        if 1 < end < rho.size:
+            fading = np.exp(-2.0 * np.arange(1, rho.size - end + 1) / (tau - 1.0))
+            tau += 4.0 / np.sqrt(pairs[end - 1]) * float(share[end - 1 :] @ fading)
         if abs(tau - before) < 1e-6:
             break
     return max(tau, 1.0)

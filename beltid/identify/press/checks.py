@@ -13,6 +13,7 @@ lack of fit           a toe, another law                                probabil
 loading only          the loop that was not recorded                    :data:`LOOPS`
 seating               force carried before the law's contact point      law that begins there
 starts in contact     no travel to take the zero of the cell from       an unknown of the fit
+drift                 a force that does not return to its zero          what the drift does
 sole virgin cycle     virgin rubber is stiffer                          measured, or 5 %
 hold                  what relaxes slower than the test                 twice the loss, or 5 %
 speeds                loss by rate                                      a decade of speed
@@ -32,8 +33,8 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from beltid.errors import FitError, NumericsError
-from beltid.identify.press.curves import PressCurve
-from beltid.identify.press.dissipation import RATE_SPAN, approach, loss_ratio
+from beltid.identify.press.curves import RATE_SPAN, PressCurve
+from beltid.identify.press.dissipation import approach, loss_ratio
 from beltid.identify.press.fit import (
     ROUNDING,
     ZERO_SHARE,
@@ -43,7 +44,7 @@ from beltid.identify.press.fit import (
     correlation_time,
     fit_law,
 )
-from beltid.identify.press.recording import CycleChoice
+from beltid.identify.press.recording import FEWEST_FREE, CycleChoice
 from beltid.identify.press.temperature import Scatter
 
 Array = NDArray[np.float64]
@@ -284,10 +285,33 @@ def _starts_in_contact(case: Case) -> list[Finding]:
     if not unchecked:
         return []
     text = (
-        f"begin in contact: {', '.join(unchecked)}: the zero of the load cell could not be "
-        "checked and is an unknown of the fit; it is in the standard errors"
+        f"begin in contact: {', '.join(unchecked)} (fewer than {FEWEST_FREE} samples before it): "
+        "the zero of the load cell could not be checked and is an unknown of the fit; it is in the "
+        "standard errors"
     )
     return [Finding("starts in contact", ZERO_SHARE, text, alarming=True)]
+
+
+def _drift(case: Case) -> list[Finding]:
+    """The force after the release is not that before contact: the zero has moved meanwhile.
+
+    In proportion to the time, which is one guess among others, so that the law is not corrected.
+    """
+    drift = np.array([curve.drift_N_m for curve in case.curves])
+    if not drift.any():
+        return []
+    law, data = case.law, case.law.data
+    n = data.x.size
+    change = law.sensitivity[:, :n] @ (drift[data.part] / data.F_N_m) * law.units
+    worst = int(np.argmax(np.abs(drift)))
+    share = abs(float(drift[worst])) / (LEAST_FORCE * case.curves[worst].top_force_N_m)
+    tests = dict.fromkeys(c.test for c in case.curves if c.drift_N_m)
+    text = (
+        f"the force does not return to its zero: {', '.join(tests)}: the load cell drifts, or the "
+        f"belt sticks, by up to {100.0 * share:.2g} % of a tenth of the largest force half-way "
+        "through the cycle; it is in the standard errors"
+    )
+    return [Finding("drift", share, text if share >= WORTH_SAYING else "", (change,))]
 
 
 def _sole_virgin_cycle(case: Case) -> list[Finding]:
@@ -345,7 +369,7 @@ def _speeds(case: Case) -> list[Finding]:
     share = 0.5 * math.log(10.0) * (2.0 / math.pi) ** 2 * max(loss, 0.0)
     text = (
         "one speed: whether the loss is by rate cannot be seen; if half of it is, the force "
-        f"falls by some {100 * share:.2g} % for a press ten times slower; press at two speeds"
+        f"falls by some {100 * share:.2g} % for a press ten times slower; press tests at two speeds"
     )
     return [_not_seen("speeds", share, text)]
 
@@ -377,6 +401,7 @@ CHECKS: Final[tuple[Callable[[Case], list[Finding]], ...]] = (
     _loading_only,
     _seating,
     _starts_in_contact,
+    _drift,
     _sole_virgin_cycle,
     _hold,
     _speeds,

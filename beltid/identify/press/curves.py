@@ -32,6 +32,8 @@ Array = NDArray[np.float64]
 CONTACT_SHARE = 0.01
 """The fit begins where both branches carry this share of the largest force: below, ribs seat one
 by one and the belt may stick to the plate or stay compressed."""
+RATE_SPAN = 2.0
+"""Cycles whose speeds differ by this factor tell how force and loss depend on the rate."""
 MIN_BRANCH_SAMPLES = 8  # fewest of a branch within the range of the fit
 
 
@@ -65,6 +67,7 @@ class PressCurve:
     hold_force_N_m: float  # at the end of a hold at the top, nan without one
     virgin_share: float  # force of the first cycle over that of this one, less one; or nan
     free_travel: bool  # whether the zero of the load cell could be checked before contact
+    drift_N_m: float  # what the zero has drifted by half-way through the cycle, 0 if not seen
     travel_sign: float  # of the recorded crosshead travel in compression
 
     @property
@@ -112,7 +115,8 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
         except InputError as error:
             set_aside.append((label, "; ".join(error.problems)))
             continue
-        used.append((test, found, (*test.notes, *about_cycles)))
+        speeds = _speeds_note(test, cycles, chosen)
+        used.append((test, found, (*test.notes, *about_cycles, *speeds)))
     unloaded = [entry for entry in used if entry[1][0].unloads]
     if unloaded:
         alone = [test.label for test, found, _ in used if not found[0].unloads]
@@ -134,6 +138,23 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
         n_missing=sum(test.n_missing for test, _, _ in used),
         n_spikes=sum(test.n_spikes for test, _, _ in used),
         notes=(*notes, *(f"set aside: {reason}" for _, reason in set_aside)),
+    )
+
+
+def _speeds_note(
+    test: PressTest, cycles: Sequence[PressCycle], chosen: Sequence[PressCycle]
+) -> tuple[str, ...]:
+    """A note if the cycles of a test differ in speed and those chosen do not."""
+
+    def ratio(some: Sequence[PressCycle]) -> float:
+        steps = [float(np.median(np.diff(test.travel_m[c.loading]))) for c in some]
+        return max(steps) / min(steps) if min(steps) > 0.0 else 1.0
+
+    if ratio(cycles) < RATE_SPAN or ratio(chosen) >= RATE_SPAN:
+        return ()
+    return (
+        f"its cycles were pressed at speeds up to {ratio(cycles):.2g} times apart, those used at "
+        "one: what the speed does is told by press.cycles: all, or by tests at two speeds",
     )
 
 
@@ -172,6 +193,7 @@ def press_curve(
     levels = [_branch_at_nodes(b.position_m, b.force_N_m, edges) for b in branches]
     dissipated, stored = _loop_energies(whole)
     steps = np.diff(test.time_s[np.isfinite(test.time_s)])
+    half_way = 0.5 * (cycle.loading.start + cycle.unloading.stop)
     return PressCurve(
         test=test.label,
         cycle=cycle.number,
@@ -190,6 +212,7 @@ def press_curve(
         hold_force_N_m=hold / segment_length_m,
         virgin_share=_virgin_share(test, cycle, cycles),
         free_travel=test.free_travel,
+        drift_N_m=test.drift_N / segment_length_m * half_way / test.force_N.size,
         travel_sign=test.travel_sign,
     )
 

@@ -20,14 +20,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from beltid.errors import InputError
-from beltid.identify.press.curves import PressCurve
+from beltid.identify.press.curves import RATE_SPAN, PressCurve
 
 PAPER_C_P_N_S_M = 300.0
 POINT_LENGTH_M = 1.0e-3
 """Length of belt of a contact point: an elastic-bed length of 5 mm carries five points."""
 BINS = 12
-RATE_SPAN = 2.0
-"""Tests whose speeds differ by this factor tell how the loss depends on the rate."""
 
 
 @dataclass(frozen=True, slots=True)

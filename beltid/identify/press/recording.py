@@ -22,6 +22,8 @@ CycleChoice = Literal["last", "first", "all"]
 
 MIN_SAMPLES = 20  # fewest usable ones of a test
 SPIKE = 12.0  # least height of a spike, in standard deviations of the noise
+FEWEST_CLIPPED = 4  # samples at one largest force that betray a load cell at its end
+FEWEST_FREE = 10  # samples before contact that the zero of the load cell is taken from
 MIN_FORCE_OVER_NOISE = 10.0  # contact is certain if the force rises by this many times its noise
 # least and most that the largest travel and force of a press test may be
 LIMITS = (("displacement_mm", 1e-6, 1e5, "mm"), ("force_N", 1e-6, 1e9, "N"))
@@ -73,10 +75,11 @@ class PressTest:
     travel_sign: float  # -1 if the recorded crosshead counts down in compression, else 1
     position_noise_m: float  # standard deviations of the white noise
     force_noise_N: float
-    free_travel: bool  # whether there is enough travel before contact to take a zero from
+    free_travel: bool  # whether travel before contact told the zero of the load cell
     n_missing: int
     n_spikes: int
     notes: tuple[str, ...]  # what was changed, for the user
+    drift_N: float = 0.0  # force after the release less that before contact; 0 if none is seen
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,10 +135,13 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
     travel, force, time_s = travel[~spikes], force[~spikes], part["time_s"][~missing][~spikes]
     force_sign, travel_sign = _signs(travel, force)
     travel, force = travel_sign * travel, force_sign * force
+    clipped, how = _clipped(travel, force)
+    travel, force, time_s = travel[~clipped], force[~clipped], time_s[~clipped]
     noise = _noise(force)
     _require_contact(label, travel, force, noise)
-    zero, free = _load_cell_zero(travel, force, noise)
-    force = force - zero
+    before, after = _free_samples(travel, force, noise)
+    zero = _load_cell_zero(before)
+    force = force - (zero or 0.0)
     compliance = settings.machine_compliance_m_N
     position = travel - compliance * force
     pressed = force > 0.5 * np.max(force)
@@ -149,7 +155,8 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
         (spikes.any(), f"{spikes.sum()} spikes left out"),
         (force_sign < 0, "compression recorded as negative force, sign turned"),
         (travel_sign < 0, "compression recorded as negative travel, sign turned"),
-        (zero != 0.0, f"zero of the load cell {zero:.3g} N taken off"),
+        (clipped.any(), f"{clipped.sum()} samples left out: {how}"),
+        (bool(zero), f"zero of the load cell {zero:.3g} N taken off" if zero else ""),
         (settings.force_gain != 1.0, f"force gain {settings.force_gain:g} applied"),
         ((gain := settings.displacement_gain) != 1.0, f"displacement gain {gain:g} applied"),
     )
@@ -164,10 +171,11 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
         travel_sign=travel_sign,
         position_noise_m=_noise(position),
         force_noise_N=noise,
-        free_travel=free,
-        n_missing=int(missing.sum()),
+        free_travel=zero is not None,
+        n_missing=int(missing.sum() + clipped.sum()),
         n_spikes=int(spikes.sum()),
         notes=tuple(text for applies, text in changes if applies),
+        drift_N=0.0 if zero is None else _drift(before, after),
     )
 
 
@@ -230,11 +238,32 @@ def _require_contact(label: str, travel: Array, force: Array, noise: float) -> N
         )
 
 
-def _load_cell_zero(travel: Array, force: Array, noise: float) -> tuple[float, bool]:
-    """Zero of the load cell from the travel before contact [N], and whether there is such travel.
+def _clipped(travel: Array, force: Array) -> tuple[NDArray[np.bool_], str]:
+    """Samples at the end of the load cell's range, and how that shows, in words.
 
-    0 where it does not differ from zero by four standard errors or is not steady.
+    There the force is one number while the crosshead goes on, by more than the step of the
+    converter or the noise explain. In a hold the crosshead stands.
     """
+    limit = float(np.max(force))
+    at = force >= limit
+    below = np.flatnonzero(force[: int(np.argmax(at))] < 0.7 * limit)
+    if np.count_nonzero(at) < FEWEST_CLIPPED or below.size < 2:
+        return np.zeros(force.size, dtype=bool), ""
+    start, first = int(below[-1]), int(np.argmax(at))
+    way = float(np.max(travel[at]) - travel[first])
+    per_travel = (limit - float(force[start])) / max(float(travel[first] - travel[start]), 1e-12)
+    step = limit - float(np.max(force[~at]))
+    if way * per_travel <= 5.0 * (step + _noise(force[:first])):
+        return np.zeros(force.size, dtype=bool), ""
+    return at, (
+        f"the force stays at {limit:.4g} N while the crosshead moves on by {way * 1e6:.2g} µm: "
+        "the load cell is at the end of its range"
+    )
+
+
+def _free_samples(travel: Array, force: Array, noise: float) -> tuple[Array, Array]:
+    """Forces before contact and after the last release [N]; none where they are not recorded."""
+    none = np.zeros(0)
     # the first loading only: in a later one the belt is known to be touched before
     rising = force[: int(np.argmax(force >= 0.5 * np.max(force))) + 1]
     level = float(np.median(rising[: max(5, rising.size // 100)]))
@@ -242,23 +271,44 @@ def _load_cell_zero(travel: Array, force: Array, noise: float) -> tuple[float, b
     below = np.flatnonzero(rising < limit)
     end = int(below[-1]) + 1 if below.size else 0
     moved = float(np.max(travel[:end]) - travel[0]) if end else 0.0
-    if end < 10 or moved < 0.01 * spread(travel):
-        return 0.0, False
+    if end < FEWEST_FREE or moved < 0.01 * spread(travel):
+        return none, none
+    sure = slice(0, max(3 * end // 4, 3))
     # a test that begins in contact rises along the stretch much as it does behind it
     way = np.maximum.accumulate(travel[: rising.size])
     ahead = min(int(np.searchsorted(way, travel[0] + 2.0 * moved)), rising.size - 1)
     if ahead - end >= 2:
-        sure, behind = slice(0, max(3 * end // 4, 3)), slice(end - 1, ahead + 1)
+        behind = slice(end - 1, ahead + 1)
         slopes = [np.polyfit(travel[s] - travel[0], force[s], 1)[0] for s in (sure, behind)]
         if slopes[0] > 0.3 * slopes[1]:
-            return 0.0, False
-    # the second half of this stretch may already touch: keep clear of it
-    quarters = force[: end // 4], force[end // 4 : end // 2]
-    first, second = (robust_mean_with_se(q) for q in quarters)
-    allowed = 4.0 * float(np.hypot(first.se, second.se)) + 1e-12 * abs(level)
-    zero = robust_mean_with_se(force[: end // 2])
-    known = abs(second.mean - first.mean) <= allowed and abs(zero.mean) > 4.0 * zero.se
-    return (zero.mean if known else 0.0), True
+            return none, none
+    pressed = np.flatnonzero(travel > np.max(travel[sure]))
+    # the second half of the stretch may already touch: keep clear of it
+    return force[: end // 2], force[int(pressed[-1]) + 1 :]
+
+
+def _load_cell_zero(free: Array) -> float | None:
+    """Zero of the load cell from the forces before contact [N]; None where there are none.
+
+    0 where it does not differ from zero by four standard errors. The first half of the forces tells
+    it alone where the second one differs: the cell drifts, or the belt is touched.
+    """
+    if not free.size:
+        return None
+    half = free.size // 2
+    first, second = (robust_mean_with_se(part) for part in (free[:half], free[half:]))
+    allowed = 4.0 * float(np.hypot(first.se, second.se)) + 1e-12 * abs(float(np.median(free)))
+    zero = robust_mean_with_se(free) if abs(second.mean - first.mean) <= allowed else first
+    return zero.mean if abs(zero.mean) > 4.0 * zero.se else 0.0
+
+
+def _drift(before: Array, after: Array) -> float:
+    """Forces after the release less those before contact [N]; 0 within four standard errors."""
+    if min(before.size, after.size) < FEWEST_FREE // 2:
+        return 0.0
+    first, last = (robust_mean_with_se(part) for part in (before, after))
+    drift = last.mean - first.mean
+    return drift if abs(drift) > 4.0 * float(np.hypot(first.se, last.se)) else 0.0
 
 
 def turning_points(travel: Array, threshold: float) -> NDArray[np.intp]:

@@ -12,6 +12,7 @@ from beltid.identify.estimators.statistics import as_set
 
 SIGNIFICANT = 4.0  # standard errors beyond which a loss or a ratio is no accident
 CREEP_SHARE = 0.5  # runs up to this share of a series' largest torque give its creep
+FEWEST_RUNS = 3  # that tell a creep
 GROSS_OVER_CREEP = 2.0  # gross slip: the loss exceeds the creep at this torque by this factor,
 GROSS_SLIP_RATIO = 0.05  # or this share of the driver's speed
 SAME_SETTING = 0.02  # speeds and tensions that agree to this share belong to one series
@@ -58,8 +59,8 @@ def mark_gross_slip(points: Sequence[SlipPoint]) -> list[SlipPoint]:
     """Give points with gross slip that status.
 
     The creep [rad/s per N m] of a series, the points of one driver speed and initial tension, is
-    the median loss per torque of its less loaded runs; fewer than three are no creep to compare
-    with.
+    the median loss per torque of its less loaded runs, at least three of them; a series of fewer
+    loaded runs has no creep to compare with.
     """
     speed, tension, torque, loss = np.array(
         [
@@ -76,8 +77,10 @@ def mark_gross_slip(points: Sequence[SlipPoint]) -> list[SlipPoint]:
     for k, p in enumerate(points):
         series = good & np.all(settings == settings[:, [k]], axis=0)
         largest = float(np.max(torque[series], initial=0.0))
-        low = series & (torque <= CREEP_SHARE * largest) & (torque > 0.05 * largest)
-        creep = float(np.median(loss[low] / torque[low])) if low.sum() >= 3 else 0.0
+        loaded = np.flatnonzero(series & (torque > 0.05 * largest))
+        loaded = loaded[np.argsort(torque[loaded], kind="stable")]
+        low = loaded[: max(np.count_nonzero(torque[loaded] <= CREEP_SHARE * largest), FEWEST_RUNS)]
+        creep = float(np.median(loss[low] / torque[low])) if low.size >= FEWEST_RUNS else 0.0
         limit = GROSS_OVER_CREEP * creep * torque[k] + SIGNIFICANT * p.speed_loss_se_rad_s
         too_fast = loss[k] > GROSS_SLIP_RATIO * abs(p.driver_speed_rad_s)
         gross = p.status == OK and (too_fast or (creep > 0.0 and loss[k] > limit))

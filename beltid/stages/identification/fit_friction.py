@@ -123,7 +123,7 @@ def fit_friction(
     model = load_config(config)
     columns = columns_of(frame, "points" if table else "rig", model)
     runs = reduce_points(columns, model) if table else reduce_columns(columns, model)
-    return _outcome(runs, model, "frame", ()).with_origin(model)
+    return _outcome(runs, model, "frame", ()).with_origin(model, frame)
 
 
 def _outcome(

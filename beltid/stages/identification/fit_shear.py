@@ -27,7 +27,7 @@ from beltid.laws.penalty import NormalLaw, stiffness_under
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.identification.reduction import friction_settings, records_of
-from beltid.stages.outcome import Outcome, combined_origin, rows_of, span
+from beltid.stages.outcome import Outcome, rows_of, span
 from beltid.stages.reporter import Options
 from beltid.stages.tables import checked_law, law_of
 from beltid.stages.uncertainties import (
@@ -125,13 +125,7 @@ def fit_shear(
     given = (
         read_artifact(stiffness, "stiffness") if isinstance(stiffness, (str, Path)) else stiffness
     )
-    found = _outcome(records, model, _press_law(given, model))
-    origins = [model.data.origin]
-    if isinstance(given, Artifact):
-        origins.append(given.metadata.origin)
-    elif isinstance(given, Outcome):
-        origins.append(given.origin)
-    return replace(found, origin=combined_origin(origins))
+    return _outcome(records, model, _press_law(given, model)).with_origin(model, frame, given)
 
 
 def _check_kind(config: Config) -> None:

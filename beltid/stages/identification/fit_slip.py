@@ -84,7 +84,7 @@ def fit_slip(
     """
     model = load_config(config)
     found = _outcome(columns_of(frame, "speedloss", model), model, (), "frame")
-    return found.with_origin(model)
+    return found.with_origin(model, frame)
 
 
 def _outcome(

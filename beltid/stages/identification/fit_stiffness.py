@@ -76,7 +76,7 @@ def fit_stiffness(
         If it is no law with coefficients >= 0.
     """
     model = load_config(config)
-    return _outcome(columns_of(frame, "press", model), model, ()).with_origin(model)
+    return _outcome(columns_of(frame, "press", model), model, ()).with_origin(model, frame)
 
 
 def _outcome(

@@ -302,14 +302,16 @@ def compare(
         If a table lacks columns, or no run of one has a partner in the other.
     """
     model = load_config(config)
-    measured = table_columns(friction, "friction", NEEDED)
+    measured = table_columns(friction, "friction", NEEDED, "friction")
     found = _outcome(measured, _simulated_columns(simulated, model), model)
-    return found.with_origin(model, friction)
+    # a simulation without a result around it has the origin of what it is compared with
+    other = simulated if isinstance(simulated, Outcome) else None
+    return found.with_origin(model, friction, other)
 
 
 def _simulated_columns(simulated: Any, config: Config) -> dict[str, np.ndarray]:
     if isinstance(simulated, Outcome) and simulated.kind != "simulated":
-        return table_columns(simulated, "friction", NEEDED)
+        return table_columns(simulated, "friction", NEEDED, "simulated")
     frame = simulated.columns if isinstance(simulated, Outcome) else simulated
     named = getattr(frame, "column_names", getattr(frame, "columns", frame))
     names = {str(name) for name in named} if isinstance(named, Iterable) else set()
@@ -324,7 +326,7 @@ def _simulated_columns(simulated: Any, config: Config) -> dict[str, np.ndarray]:
             "mu_sliding": np.asarray(frame["mu"]),
             "nominal_tension_N": np.asarray(frame["initial_tension_N"]),
         }
-    return table_columns(frame, "friction", NEEDED)
+    return table_columns(frame, "friction", NEEDED, "simulated")
 
 
 def _reduced_with(friction: Artifact, config: Config) -> tuple[float, FrictionSettings]:
