@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.drive.model import Drive
-from beltid.drive.ribs import MOST_ZONES, SLIDES, Ribs, certify, new_ribs
+from beltid.rigsim.contact.ribs import MOST_ZONES, SLIDES, Ribs, certify, new_ribs
 from beltid.drive.rod_newton import FlowOutcome, Target, certificate_of, run_through
 from beltid.errors import ConvergenceError, InputError
 from beltid.laws.friction_surface import FrictionSurface

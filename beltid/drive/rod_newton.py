@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.drive.ribs import Ribs, linearize_with_shear
+from beltid.rigsim.contact.ribs import Ribs, linearize_with_shear
 from beltid.rigsim.banded import factorize, solve
 from beltid.rigsim.beam.belt import BeltArrays
 from beltid.rigsim.beam.supports import force_change, release
