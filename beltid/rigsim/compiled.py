@@ -163,11 +163,6 @@ def kernel(function: F) -> F:
     return _compiled(function, {**_OPTIONS, "pipeline_class": _KernelCompiler})
 
 
-def allocating_kernel(function: F) -> F:
-    """Like :func:`kernel`, for functions that make arrays."""
-    return _compiled(function, {**_OPTIONS, "_nrt": True})
-
-
 class _TakenIn(JITCodeLibrary):
     """Code that the kernels that call it take in: it is optimised and made native with them."""
 
