@@ -16,5 +16,5 @@ def _as_it_is(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 # before any module with kernels is imported
-compiled.kernel = compiled.allocating_kernel = _as_it_is  # type: ignore[assignment]
+compiled.kernel = _as_it_is  # type: ignore[assignment]
 compiled.leaf = compiled.shared_leaf = compiled.part = _as_it_is  # type: ignore[assignment]

@@ -8,8 +8,6 @@ Module         Responsibility                                                   
 ``string``     The belt on its pulleys: strain, seating, creep, sliding, torque     (D1) to (D6),
                                                                                     (D13)
 ``rod``        The belt on one pulley with its bending stiffness                    (R1) to (R6)
-``rod_newton`` Newton's method for it, forces of both spans given
-``ribs``       Tangential forces of ribs that shear, for the rod                    (R7)
 ``loop``       Span forces, flow of belt and tensioner of the closed loop           (D7) to (D9)
 ``bending``    How much longer a loop is whose belt bends                           (D15)
 ``rod_level``  The same loop with a rod on each pulley                              (D12)

@@ -18,8 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.drive.model import Drive
-from beltid.drive.ribs import MOST_ZONES, SLIDES, Ribs, certify, new_ribs
-from beltid.drive.rod_newton import FlowOutcome, Target, certificate_of, run_through
 from beltid.errors import ConvergenceError, InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
@@ -28,10 +26,31 @@ from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.rigsim.beam.belt import belt_arrays
 from beltid.rigsim.beam.path import bed_length, bending_length
 from beltid.rigsim.contact.friction import CONE_TOLERANCE, Certificate
-from beltid.rigsim.contact.points import SLIDE, STICK, Motion, Patches, Points, new_points
+from beltid.rigsim.contact.points import (
+    MOST_ZONES,
+    SLIDE,
+    SLIDES,
+    STICK,
+    Patches,
+    Points,
+    new_points,
+)
+from beltid.rigsim.contact.ribs import certify
 from beltid.rigsim.model import Bench, RigModel, System, Workspace
 from beltid.rigsim.profile import ContactState
 from beltid.rigsim.steady import lay_on
+from beltid.rigsim.step import (
+    Drive as Given,
+)
+from beltid.rigsim.step import (
+    Flow,
+    Kinematics,
+    Recorder,
+    Schedule,
+    march,
+    new_kinematics,
+    new_recorder,
+)
 
 Array = NDArray[np.float64]
 
@@ -250,17 +269,18 @@ def pulley_map(
     failure = ConvergenceError("")
     for begin, softness in ways if start is not None else ways[2:]:
         # float(): an int would make the kernel be compiled once more for another signature
-        flow = _Flow.begin(pulley, float(v0), float(P_in), begin)
-        q, R = flow.q, pulley.R
+        flow = _Running.begin(pulley, float(v0), float(P_in), begin)
+        q, R = flow.kinematics.q, pulley.R
         levers = np.array([-q[1], q[0], -q[-3], q[-4]]) / R  # of the supports, which do not move
         if P_out is not None:
-            target = Target(True, levers, float(P_out), True)
+            target = Flow(flow.v0, True, levers, float(P_out), True)
         else:
-            target = Target(False, levers, float(torque or 0.0) / R, torque is not None)
+            given_by_levers = float(torque or 0.0) / R
+            target = Flow(flow.v0, False, levers, given_by_levers, torque is not None)
         try:
             if W is not None:
                 flow.turn(float(W), target, ramp=begin is None)
-            if flow.ribs is not None:
+            if flow.sheared:
                 flow.stiffen(target)
             else:
                 flow.settle(target, softness if W is None else SOFTNESS[-1:])
@@ -271,7 +291,7 @@ def pulley_map(
 
 
 @dataclass(slots=True)
-class _Flow:
+class _Running:
     """A steady running in the making: what the rounds of the iteration change."""
 
     pulley: RodPulley
@@ -280,28 +300,31 @@ class _Flow:
     system: System
     points: Points
     work: Workspace
-    q: Array
+    kinematics: Kinematics
     stretch: float
     omega: float
     turns: NDArray[np.int64]  # changes of every patch
-    ribs: Ribs | None  # where they shear there are no patches
-    outcome: FlowOutcome | None = None
+    record: Recorder = field(default_factory=lambda: new_recorder(1))  # of the last iteration
     iterations: int = 0
 
+    @property
+    def sheared(self) -> bool:
+        """Whether the ribs shear: then there are no patches."""
+        return math.isfinite(self.points.ribs.stiffness)
+
     @classmethod
-    def begin(cls, pulley: RodPulley, v0: float, P_in: float, start: RodState | None) -> _Flow:
+    def begin(cls, pulley: RodPulley, v0: float, P_in: float, start: RodState | None) -> _Running:
         """The belt laid on without friction, or a state nearby."""
         model = pulley.model
         momentum = pulley.belt.rhoA * v0 * v0
         system = model.system._replace(belt=model.system.belt._replace(momentum=momentum))
-        points, ribs = new_points(system.belt, STICK), None
-        if ribs_shear(pulley):
-            ribs = new_ribs(system.belt, pulley.shear_stiffness)
-        work = model.workspace(borders=2 if ribs is None else 2 + MOST_ZONES)
+        shears = ribs_shear(pulley)
+        points = new_points(system.belt, STICK, pulley.shear_stiffness if shears else math.inf)
+        work = model.workspace(borders=2 + MOST_ZONES if shears else 2)
         if start is not None:
             _overwrite(points.patches, start.points.patches)
             points.last.limit[:] = start.points.last.limit
-            state = start.contact.q.copy(), start.contact.stretch, start.W * v0
+            state = start.contact.q, start.contact.stretch, start.W * v0
         else:
             T, EA, laid = pulley.tension, pulley.belt.EA, lay_on(model)
             longer = 1.0 + (T + momentum) / (EA - momentum)
@@ -312,13 +335,15 @@ class _Flow:
             ends = opened | np.roll(opened, 1) | np.roll(opened, -1)
             points.patches.status[ends] = SLIDE
         turns = np.zeros(points.patches.status.size, dtype=np.int64)
-        return cls(pulley, v0, P_in, system, points, work, *state, turns, ribs)
+        q, stretch, omega = state
+        kinematics = new_kinematics(q)
+        return cls(pulley, v0, P_in, system, points, work, kinematics, stretch, omega, turns)
 
-    def turn(self, W: float, target: Target, *, ramp: bool) -> None:
+    def turn(self, W: float, target: Flow, *, ramp: bool) -> None:
         """Give the pulley its speed; from a belt laid on, with all of the arc sliding."""
         patches, self_turning = self.points.patches, self.omega
         self.omega = W * self.v0
-        if not ramp or self.ribs is not None:
+        if not ramp or self.sheared:
             return
         patches.status[:] = SLIDE
         patches.sign[:] = math.copysign(1.0, self.omega - self_turning)
@@ -326,7 +351,7 @@ class _Flow:
             if not self._newton(target, 0.0, share):
                 raise self._failure(1)
 
-    def settle(self, target: Target, softness: tuple[float, ...]) -> None:
+    def settle(self, target: Flow, softness: tuple[float, ...]) -> None:
         """Find who sticks: from soft patches, which a force beyond their limit tears off, to hard.
 
         A patch of a running belt sticks when the slip at its *upstream* end vanishes. What sticks
@@ -359,28 +384,28 @@ class _Flow:
                 if changes == 0 and (not hard or (self._holds() and not self._find_turns())):
                     break
 
-    def stiffen(self, target: Target) -> None:
+    def stiffen(self, target: Flow) -> None:
         """Find the state of ribs that shear, by way of softer ones where it is not found at once.
 
         Ribs that hardly give way change between sticking and sliding within a part of an element:
         then a start is needed in which nearly the same points stick.
         """
-        assert self.ribs is not None
         # friction that falls with the speed can have two states: that with less slip is near one of
         # more friction
         frictions = (MORE_FRICTION, 1.0) if self.pulley.model.friction_falls else (1.0,)
-        asked, known, step = self.ribs.stiffness, 0.0, math.log(SOFTER)
+        asked, known, step = self.points.ribs.stiffness, 0.0, math.log(SOFTER)
         stiffness, rounds = asked, 0
         while step >= LEAST_STEP and stiffness >= asked / SOFTEST and rounds < MOST_WITH_SOFTER:
             rounds += 1
-            kept = self.q.copy(), self.stretch, self.omega
-            self.ribs = self.ribs._replace(stiffness=stiffness)
+            kept = self.kinematics.q.copy(), self.stretch, self.omega
+            ribs = self.points.ribs._replace(stiffness=stiffness)
+            self.points = self.points._replace(ribs=ribs)
             if all(self._newton(target, 0.0, share) for share in frictions):
                 if stiffness == asked:
                     return
                 known, step = stiffness, LONGER * step
             else:
-                self.q[:], self.stretch, self.omega = kept
+                self.kinematics.q[:], self.stretch, self.omega = kept
                 step = 0.5 * step if known else step
             stiffness = known * math.exp(step) if known else stiffness / SOFTER
             # no last step that is a fraction of the others
@@ -388,24 +413,15 @@ class _Flow:
         hint = f"; with ribs of {known:.3g} in place of {asked:.3g} N/m² there is one"
         raise self._failure(rounds, hint if known else "")
 
-    def _newton(self, target: Target, augmentation: float, friction: float = 1.0) -> bool:
-        motion = Motion(self.omega, 0.0, friction, augmentation, self.v0)
-        out: FlowOutcome = run_through(
-            self.system,
-            motion,
-            self.points,
-            self.ribs,
-            self.q,
-            self.stretch,
-            self.P_in,
-            target,
-            self.work,
-        )
-        self.iterations += out.iterations
-        self.outcome, self.stretch, self.omega = out, out.stretch, out.omega
-        if out.converged:
-            self.points.last.limit[:] = self.points.F_max
-        return out.converged
+    def _newton(self, target: Flow, augmentation: float, friction: float = 1.0) -> bool:
+        given = Given(self.stretch, self.P_in, augmentation, 1.0, friction, False, target)
+        schedule = Schedule(np.array([math.inf]), np.array([self.omega]))
+        self.record = new_recorder(1)
+        run = self.system, self.points, self.kinematics, schedule, given, self.work, self.record
+        found = march(*run, 0, 1) == 1
+        self.iterations += int(self.record.iterations[0])
+        self.stretch, self.omega = float(self.record.stretch[0]), float(self.record.omega[0])
+        return found
 
     def _change_sides(self, augmentation: float, hard: bool, most: int) -> int:
         """Let patches change between stick and slide, the first ``most`` that break the law."""
@@ -479,10 +495,11 @@ class _Flow:
 
     def _copy(self) -> tuple[Array, float, float, Patches]:
         """What a failed round must not change."""
-        return self.q.copy(), self.stretch, self.omega, self.points.patches.copy()
+        q = self.kinematics.q.copy()
+        return q, self.stretch, self.omega, self.points.patches.copy()
 
     def _restore(self, kept: tuple[Array, float, float, Patches]) -> None:
-        self.q[:], self.stretch, self.omega = kept[:3]
+        self.kinematics.q[:], self.stretch, self.omega = kept[:3]
         _overwrite(self.points.patches, kept[3])
 
     def _whole_slip(self) -> float:
@@ -491,8 +508,8 @@ class _Flow:
         A patch that sticks alone is none: where the sliding changes its direction, one may.
         """
         entry = self.pulley.behind_entry
-        if self.ribs is not None:
-            sticks = self.ribs.zone[entry:] != SLIDES
+        if self.sheared:
+            sticks = self.points.ribs.zone[entry:] != SLIDES
             return 0.0 if np.any(sticks) else abs(float(self.points.slip[entry, 0]))
         patches = self.points.patches
         sticks = (patches.status == STICK) & (patches.limit > 0.0)
@@ -501,7 +518,7 @@ class _Flow:
         return abs(float(patches.slip[entry]))
 
     def _failure(self, rounds: int, hint: str = "") -> ConvergenceError:
-        residual = self.outcome.residual if self.outcome else math.nan
+        residual = float(self.record.residual[0])
         return ConvergenceError(
             f"pulley of {1e3 * self.pulley.R:g} mm, {math.degrees(self.pulley.wrap):.4g} deg, belt "
             f"at {self.v0:g} m/s, {self.P_in:g} N: no steady running found in {rounds} rounds of "
@@ -512,19 +529,20 @@ class _Flow:
 
     def state(self, levers: Array) -> RodState:
         """What came of it."""
-        assert self.outcome is not None
+        record = self.record[0]
         points, force, R = self.points, self.work.reactions.force, self.pulley.R
-        if self.ribs is None:
-            sticks = (points.patches.status == STICK)[:, None] & (points.f_N > 0.0)
-            certificate = certificate_of(self.system.belt, points)
+        if self.sheared:
+            sticks = points.ribs.zone != SLIDES
+            certificate = certify(self.system.belt, points)
         else:
-            sticks = self.ribs.zone != SLIDES
-            certificate = certify(self.system.belt, points, self.ribs)
+            sticks = (points.patches.status == STICK)[:, None] & (points.f_N > 0.0)
+            found = record.slip, record.cone, record.sticking, record.touching
+            certificate = Certificate(*map(float, found))
         contact = ContactState(
             model=self.pulley.model,
             stretch=self.stretch,
             support_force=force,
-            q=self.q,
+            q=self.kinematics.q,
             angle=points.theta,
             line_force=points.f_N,
             tangential_force=points.F_T,
@@ -542,9 +560,9 @@ class _Flow:
             points=points,
             whole_slip=self._whole_slip(),
             certificate=certificate,
-            residual=self.outcome.residual,
+            residual=float(record.residual),
             iterations=self.iterations,
-            outside=self.outcome.outside,
+            outside=int(record.outside),
         )
 
 

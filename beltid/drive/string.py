@@ -20,7 +20,7 @@ from beltid.drive.geometry import Layout
 from beltid.drive.model import Drive
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.surface_tables import SurfaceTables
-from beltid.rigsim.compiled import allocating_kernel, kernel, leaf
+from beltid.rigsim.compiled import kernel, leaf, shared_leaf
 from beltid.rigsim.compiled_laws import (
     elastic_energy,
     elastic_force,
@@ -233,7 +233,7 @@ def _coefficient(f: float, v: float, tables: SurfaceTables) -> float:
     return float(mu)
 
 
-@kernel
+@shared_leaf
 def crossing(
     limit: float, P_in: float, P_out: float, v0: float, s: Section, of_speed: int
 ) -> float:
@@ -283,7 +283,7 @@ def _breaks(
     return 0.0, min(f_1, v_1), min(second, third), max(second, third), max(f_2, v_2), 1.0
 
 
-@kernel
+@shared_leaf
 def sliding_arc(
     P_in: float, P_out: float, v0: float, x: float, s: Section, friction: Friction
 ) -> tuple[float, float]:
@@ -340,7 +340,7 @@ def _slip_of_grid(k: int, friction: Friction) -> float:
     return first * (friction.v_high / first) ** (k / (SLIP_GRID - 1.0))
 
 
-@kernel
+@shared_leaf
 def full_slip(
     P_in: float, P_out: float, v0: float, wrap: float, s: Section, friction: Friction
 ) -> float:
@@ -372,7 +372,7 @@ def full_slip(
     return b.high
 
 
-@kernel
+@shared_leaf
 def rate_deficit(P_in: float, P: float, v0: float, x: float, s: Section) -> float:
     """Integral of |W - theta'/v0| over P from the entry on, for (D13) [N/m].
 
@@ -399,7 +399,7 @@ def _shear_excess(
     return shear / (mu * f) - 1.0
 
 
-@kernel
+@shared_leaf
 def sheared_arc(
     P_in: float, P_out: float, v0: float, x: float, s: Section, friction: Friction
 ) -> tuple[float, float]:
@@ -456,7 +456,7 @@ def sheared_arc(
     return angle, length
 
 
-@kernel
+@shared_leaf
 def sheared_speed(
     P_in: float, P_out: float, v0: float, wrap: float, s: Section, friction: Friction
 ) -> float:
@@ -482,7 +482,7 @@ def sheared_speed(
     return math.exp(b.high)
 
 
-@kernel
+@shared_leaf
 def least_arc(P_in: float, P_out: float, v0: float, s: Section, friction: Friction) -> float:
     """Least arc (D4), or (D13), with which a sliding within the measured speeds holds the forces.
 
@@ -505,7 +505,7 @@ def least_arc(P_in: float, P_out: float, v0: float, s: Section, friction: Fricti
     return least
 
 
-@kernel
+@shared_leaf
 def steady_states(
     P_in: float, P_out: float, v0: float, wrap: float, s: Section, friction: Friction
 ) -> int:
@@ -523,7 +523,7 @@ def steady_states(
     return found
 
 
-@allocating_kernel
+@kernel
 def arcs_of_pulleys(
     P_in: Array,
     P_out: Array,
@@ -532,43 +532,41 @@ def arcs_of_pulleys(
     pulleys: Pulleys,
     of_ribs: Friction,
     of_back: Friction,
-) -> Arcs:
-    """State of the belt on every pulley; see :class:`Arcs`."""
-    n = pulleys.R.size
-    torque, W, rate = np.empty(n), np.empty(n), np.empty(n)
-    length, needed, slip = np.empty(n), np.empty(n), np.empty(n)
-    for i in range(n):
+    arcs: Arcs,
+) -> None:
+    """Write the state of the belt on every pulley into ``arcs``."""
+    for i in range(wraps.size):
         s = _section(pulleys, i)
         friction = of_ribs if pulleys.ribs[i] else of_back
         stretch, radius = seat(P_in[i], v0, s)
         out = seat(P_out[i], v0, s)[1]
-        torque[i] = P_in[i] * lever(P_in[i], radius, s) - P_out[i] * lever(P_out[i], out, s)
-        rate[i] = stretch / radius
-        needed[i], sliding = sliding_arc(P_in[i], P_out[i], v0, 0.0, s, friction)
-        x, slip[i] = 0.0, 0.0
+        arcs.torque[i] = P_in[i] * lever(P_in[i], radius, s) - P_out[i] * lever(P_out[i], out, s)
+        arcs.rate[i] = stretch / radius
+        needed, sliding = sliding_arc(P_in[i], P_out[i], v0, 0.0, s, friction)
+        x = slip = 0.0
         if math.isfinite(s.k_shear) and P_in[i] != P_out[i]:
             x = sheared_speed(P_in[i], P_out[i], v0, wraps[i], s, friction)
-            slip[i] = x if needed[i] > wraps[i] or math.isnan(x) else 0.0
+            slip = x if needed > wraps[i] or math.isnan(x) else 0.0
         if x > 0.0 or math.isnan(x):
             if math.isnan(x):
                 x = friction.v_high if math.isfinite(friction.v_high) else v0
             angle, sheared = sheared_arc(P_in[i], P_out[i], v0, x, s, friction)
-            length[i] = sheared * wraps[i] / angle
-        elif needed[i] <= wraps[i]:
-            length[i] = sliding + (wraps[i] - needed[i]) * radius / stretch
+            arcs.length[i] = sheared * wraps[i] / angle
+        elif needed <= wraps[i]:
+            arcs.length[i] = sliding + (wraps[i] - needed) * radius / stretch
         else:
-            slip[i] = full_slip(P_in[i], P_out[i], v0, wraps[i], s, friction)
+            slip = full_slip(P_in[i], P_out[i], v0, wraps[i], s, friction)
             # in gross slip the forces are those that the torque asks for, at the fastest known mu
             fastest = friction.v_high if math.isfinite(friction.v_high) else 0.0
-            x = fastest if math.isnan(slip[i]) else slip[i]
+            x = fastest if math.isnan(slip) else slip
             angle, sliding = sliding_arc(P_in[i], P_out[i], v0, x, s, friction)
-            length[i] = sliding * wraps[i] / angle
+            arcs.length[i] = sliding * wraps[i] / angle
         ahead = x / (s.R * v0)
-        W[i] = rate[i] + (ahead if P_in[i] > P_out[i] else -ahead)
-    return Arcs(torque, W, rate, length, needed, slip)
+        arcs.W[i] = arcs.rate[i] + (ahead if P_in[i] > P_out[i] else -ahead)
+        arcs.needed[i], arcs.slip[i] = needed, slip
 
 
-@allocating_kernel
+@kernel
 def least_arcs_of_pulleys(
     P_in: Array,
     P_out: Array,
@@ -576,13 +574,12 @@ def least_arcs_of_pulleys(
     pulleys: Pulleys,
     of_ribs: Friction,
     of_back: Friction,
-) -> Array:
-    """Least arc of every pulley [rad], shape (n,); see :func:`least_arc`."""
-    least = np.empty(pulleys.R.size)
+    least: Array,
+) -> None:
+    """Write the least arc of every pulley [rad] into ``least`` (n,); see :func:`least_arc`."""
     for i in range(least.size):
         friction = of_ribs if pulleys.ribs[i] else of_back
         least[i] = least_arc(P_in[i], P_out[i], v0, _section(pulleys, i), friction)
-    return least
 
 
 @leaf
@@ -609,7 +606,7 @@ def _shares(
     return below, outside
 
 
-@allocating_kernel
+@kernel
 def shares_of_pulleys(
     P_in: Array,
     P_out: Array,
@@ -619,36 +616,22 @@ def shares_of_pulleys(
     pulleys: Pulleys,
     of_ribs: Friction,
     of_back: Friction,
-) -> SlidingShares:
-    """Where the friction of every pulley acts; see :class:`SlidingShares`."""
-    n = pulleys.R.size
-    fastest, f_min, f_max = np.empty(n), np.empty(n), np.empty(n)
-    below, outside, states = np.empty(n), np.empty(n), np.empty(n, dtype=np.int64)
-    for i in range(n):
+    shares: SlidingShares,
+) -> None:
+    """Write where the friction of every pulley acts into ``shares``."""
+    for i in range(wraps.size):
         s = _section(pulleys, i)
         friction = of_ribs if pulleys.ribs[i] else of_back
         stretch, radius = seat(P_in[i], v0, s)
         f_in = P_in[i] * stretch / radius
         f_out, creep = force_and_speed(P_out[i], v0, stretch / radius, s)
-        fastest[i] = slip[i] + creep
-        f_min[i], f_max[i] = min(f_in, f_out), max(f_in, f_out)
-        below[i], outside[i] = _shares(P_in[i], P_out[i], v0, slip[i], s, friction)
-        states[i] = steady_states(P_in[i], P_out[i], v0, wraps[i], s, friction)
-    return SlidingShares(fastest, f_min, f_max, below, outside, states)
-
-
-@allocating_kernel
-def contact_along_arc(
-    P: Array, v0: float, x: float, s: Section, friction: Friction
-) -> tuple[Array, Array, Array]:
-    """Line forces [N/m], sliding speeds [m/s] and mu where P (n,) falls from P[0] on, (D3)."""
-    stretch, radius = seat(P[0], v0, s)
-    force, speed, mu = np.empty(P.size), np.empty(P.size), np.empty(P.size)
-    for k in range(P.size):
-        force[k], creep = force_and_speed(P[k], v0, stretch / radius, s)
-        speed[k] = x + creep
-        mu[k] = _coefficient(force[k], speed[k], friction.tables)
-    return force, speed, mu
+        shares.slip_speed_max[i] = slip[i] + creep
+        shares.normal_force_min[i] = f_in if f_in < f_out else f_out
+        shares.normal_force_max[i] = f_out if f_in < f_out else f_in
+        below, outside = _shares(P_in[i], P_out[i], v0, slip[i], s, friction)
+        shares.below_speed_range[i], shares.outside_force_range[i] = below, outside
+        states = steady_states(P_in[i], P_out[i], v0, wraps[i], s, friction)
+        shares.steady_states[i] = states
 
 
 @dataclass(frozen=True, slots=True)
@@ -662,9 +645,7 @@ class StringLevel:
     """
 
     drive: Drive
-    _pulleys: Pulleys = field(init=False, repr=False)
-    _of_ribs: Friction = field(init=False, repr=False)
-    _of_back: Friction = field(init=False, repr=False)
+    _laws: tuple[Pulleys, Friction, Friction] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         law, pulleys = self.drive.law, self.drive.pulleys
@@ -679,9 +660,8 @@ class StringLevel:
             np.array([p.ribs for p in pulleys]),
             np.array([self.drive.shear_stiffness if p.ribs else math.inf for p in pulleys]),
         )
-        object.__setattr__(self, "_pulleys", arrays)
-        object.__setattr__(self, "_of_ribs", _friction(self.drive.surface, self.drive.friction))
-        object.__setattr__(self, "_of_back", _friction(back, back.tables()))
+        of_ribs = _friction(self.drive.surface, self.drive.friction)
+        object.__setattr__(self, "_laws", (arrays, of_ribs, _friction(back, back.tables())))
 
     def arcs(self, P_in: Array, P_out: Array, v0: float, wraps: Array) -> Arcs:
         """State of the belt on every pulley.
@@ -695,9 +675,8 @@ class StringLevel:
         wraps : ndarray (n,)
             Arcs between tangent points [rad].
         """
-        arcs: Arcs = arcs_of_pulleys(
-            P_in, P_out, v0, wraps, self._pulleys, self._of_ribs, self._of_back
-        )
+        arcs = Arcs(*np.empty((6, wraps.size)))
+        arcs_of_pulleys(P_in, P_out, v0, wraps, *self._laws, arcs)
         return arcs
 
     def extra_length(self, laid: Layout, P: Array) -> float:
@@ -709,9 +688,8 @@ class StringLevel:
 
         Parameters are those of :meth:`arcs`.
         """
-        least: Array = least_arcs_of_pulleys(
-            P_in, P_out, v0, self._pulleys, self._of_ribs, self._of_back
-        )
+        least = np.empty(P_in.size)
+        least_arcs_of_pulleys(P_in, P_out, v0, *self._laws, least)
         return least
 
     def along_arc(self, i: int, P: Array, v0: float, x: float) -> tuple[Array, Array, Array]:
@@ -719,9 +697,15 @@ class StringLevel:
 
         The first is the force at the entry, where it slides with x [m/s].
         """
-        friction = self._of_ribs if self.drive.pulleys[i].ribs else self._of_back
-        force, speed, mu = contact_along_arc(P, v0, x, _section(self._pulleys, i), friction)
-        return force, speed, mu
+        pulleys, of_ribs, of_back = self._laws
+        friction, s = of_ribs if pulleys.ribs[i] else of_back, _section(pulleys, i)
+        stretch, radius = seat(P[0], v0, s)
+        contact = []
+        for force in P.tolist():
+            f, creep = force_and_speed(force, v0, stretch / radius, s)
+            contact.append((f, x + creep, _coefficient(f, x + creep, friction.tables)))
+        f, v, mu = np.array(contact).T
+        return f, v, mu
 
     def shares(
         self, P_in: Array, P_out: Array, v0: float, wraps: Array, slip: Array
@@ -735,9 +719,8 @@ class StringLevel:
         slip : ndarray (n,)
             Sliding speeds at the entries [m/s], as :meth:`arcs` gives them.
         """
-        shares: SlidingShares = shares_of_pulleys(
-            P_in, P_out, v0, wraps, slip, self._pulleys, self._of_ribs, self._of_back
-        )
+        shares = SlidingShares(*np.empty((5, wraps.size)), np.empty(wraps.size, dtype=np.int64))
+        shares_of_pulleys(P_in, P_out, v0, wraps, slip, *self._laws, shares)
         return shares
 
 

@@ -163,11 +163,6 @@ def kernel(function: F) -> F:
     return _compiled(function, {**_OPTIONS, "pipeline_class": _KernelCompiler})
 
 
-def allocating_kernel(function: F) -> F:
-    """Like :func:`kernel`, for functions that make arrays."""
-    return _compiled(function, {**_OPTIONS, "_nrt": True})
-
-
 class _TakenIn(JITCodeLibrary):
     """Code that the kernels that call it take in: it is optimised and made native with them."""
 
@@ -178,6 +173,9 @@ class _TakenIn(JITCodeLibrary):
 
     def set_env(self, name: str, environment: Any) -> None:
         """Leave it: there is no native code to get it."""
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        ll_module.data_layout = self._codegen._data_layout
 
     def _optimize_final_module(self) -> None:
         """Leave it to the kernel."""
@@ -193,6 +191,9 @@ class _Whole(JITCodeLibrary):
     There are no reference counts to be removed first, and vectors do not pay in loops of four to
     fifteen rounds.
     """
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        ll_module.data_layout = self._codegen._data_layout
 
     def _optimize_final_module(self) -> None:
         passes, builder = self._codegen._module_pass_manager(opt=2, loop_vectorize=False)

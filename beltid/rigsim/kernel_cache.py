@@ -24,7 +24,7 @@ from typing import Final
 from beltid.child_processes import same_package, signals_blocked
 
 _ROOMS: Final = ("rigsim", "laws", "drive")
-KERNELS: Final = {"rigsim": "step.march", "drive": "rod_newton.certificate_of"}
+KERNELS: Final = {"rigsim": "step.march", "drive": "string.arcs_of_pulleys"}
 """Room -> the last of its kernels to be compiled, in the order in which they are needed."""
 COMPILING: Final = "compiling the simulation, once per machine"
 NICENESS: Final = {"rigsim": 5, "drive": 10}

@@ -35,9 +35,12 @@ class Workspace(NamedTuple):
     """Arrays of one linearised system, used again in every iteration.
 
     ``A`` (n, WIDTH) banded tangent with ``pivots`` (n,); ``vectors`` (2, n) residual and its
-    derivative in the stretch, of a running belt (3, n) also in the speed of the pulley; ``steps``
+    derivative in the stretch, of a running belt (3, n) also in the speed of the pulley, and where
+    its ribs shear (3 + MOST_ZONES, n) in what their zones add; ``steps``
     solutions of the same shape, the last one the movement of ends that give way; ``strain_old``
-    (n_e, n_g, 2) strains at the last time step; ``reactions`` of the supports.
+    (n_e, n_g, 2) strains at the last time step; ``reactions`` of the supports; ``border`` (b, 1 + b)
+    the equations of the unknowns beside the coordinates, right-hand sides first, and ``combined``
+    (2, 4) the weights of the supports' forces in the first two of them.
     """
 
     A: Array
@@ -46,6 +49,8 @@ class Workspace(NamedTuple):
     steps: Array
     strain_old: Array
     reactions: Reactions
+    border: Array
+    combined: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +104,8 @@ class RigModel:
             np.zeros((1 + borders, n)),
             np.zeros((*belt.w_g.shape, 2)),
             new_reactions(),
+            np.zeros((borders, 1 + borders)),
+            np.zeros((2, 4)),
         )
 
 

@@ -8,8 +8,8 @@ each step the residual
 
 holds together with the friction law on the slips of the step. Its tangent
 ``S = M/dt**2 + C/dt + K`` takes the place of M in Eq. (12). A step that does not converge is halved
-and tried again. A static equilibrium is the step without end, 1/dt = 0: all is one kernel, which is
-compiled once.
+and tried again. A static equilibrium is the step without end, 1/dt = 0, and so is a belt that runs
+through a shape that stays: all is one kernel, which is compiled once.
 """
 
 from __future__ import annotations
@@ -40,7 +40,15 @@ from beltid.rigsim.contact.friction import (
     revise,
     violations,
 )
-from beltid.rigsim.contact.points import STICK, Motion, Patches, Points, at_radius, remember
+from beltid.rigsim.contact.points import (
+    STICK,
+    Motion,
+    Patches,
+    Points,
+    Ribs,
+    at_radius,
+    remember,
+)
 from beltid.rigsim.model import System, Workspace
 
 Array = NDArray[np.float64]
@@ -53,6 +61,8 @@ LARGEST_MOVE = 5.0e-3  # of a node in one iteration [m]
 LARGEST_TURN = 0.1  # of the tangent at a node in one iteration [-]
 MOST_ITERATIONS = 90
 MOST_ITERATIONS_AT_REST = 40
+MOST_ITERATIONS_IN_FLOW = 60
+MOST_ITERATIONS_WITH_RIBS = 25  # they find their state in a few, or go in circles
 MOST_HALVINGS = 8
 REPEATS = 2  # solves for the multipliers in an iteration, beyond the first
 FREE_REVISIONS = 25  # iterations in which all patches may change sides at once
@@ -80,6 +90,35 @@ class Schedule(NamedTuple):
     omega: Array
 
 
+class Flow(NamedTuple):
+    """What is given of a belt that runs over the pulley, beside the force of the entering span.
+
+    Attributes
+    ----------
+    v0 : float
+        Stress-free length of belt that passes a point per second [m/s]; 0 where the belt stays.
+    leaving : bool
+        Whether ``given`` is the magnitude of the force of the leaving span; else it is that of
+        ``weights . force`` with the forces (4,) of both supports.
+    weights : ndarray, shape (4,)
+        See there [-].
+    given : float
+        [N].
+    free : bool
+        Whether the speed of the pulley is unknown; else it is given, and nothing of the forces.
+    """
+
+    v0: float
+    leaving: bool
+    weights: Array
+    given: float
+    free: bool
+
+
+STAYS = Flow(0.0, False, np.zeros(4), 0.0, False)
+"""A belt that does not run."""
+
+
 class Drive(NamedTuple):
     """Constants of a run.
 
@@ -97,6 +136,8 @@ class Drive(NamedTuple):
         Factor on the coefficient of friction.
     tighten : bool
         Whether the stretch is an unknown, and |force on support A| = T_0 an equation.
+    flow : Flow
+        Of a belt that runs: with it the stretch is an unknown, too, and the speed of the pulley.
     """
 
     stretch: float
@@ -105,16 +146,18 @@ class Drive(NamedTuple):
     sticking_ratio: float
     friction: float = 1.0
     tighten: bool = False
+    flow: Flow = STAYS
 
 
 class StepOutcome(NamedTuple):
-    """How a step ended."""
+    """How a step ended, with the stretch [-] and the speed of the pulley [rad/s] it ended with."""
 
     converged: bool
     iterations: int
     changes: int
     residual: float
     stretch: float
+    omega: float
     outside: int
     certificate: Certificate
 
@@ -244,6 +287,106 @@ def tighten_sticks(system: System, motion: Motion, patches: Patches, work: Works
             solution[i] += change[i]
 
 
+@leaf
+def eliminate(system: Array, n: int) -> bool:
+    """Solve n equations (n, 1 + n), right-hand sides first, which their solution takes the place of.
+
+    Returns whether there is one; Gauss-Jordan with the largest pivot of a column.
+    """
+    for k in range(n):
+        pivot = k
+        for i in range(k + 1, n):
+            if abs(system[i, 1 + k]) > abs(system[pivot, 1 + k]):
+                pivot = i
+        if not abs(system[pivot, 1 + k]) > 0.0:
+            return False
+        for j in range(1 + n):
+            system[k, j], system[pivot, j] = system[pivot, j], system[k, j]
+        scale = 1.0 / system[k, 1 + k]
+        for j in range(1 + n):
+            system[k, j] *= scale
+        for i in range(n):
+            factor = system[i, 1 + k]
+            if i != k and factor != 0.0:
+                for j in range(1 + n):
+                    system[i, j] -= factor * system[k, j]
+    return True
+
+
+@part
+def missing_of_unknowns(drive: Drive, work: Workspace) -> float:
+    """What is missing of the forces given for stretch and speed; returns the larger one [N].
+
+    Writes both into the right-hand sides of ``work.border``, and into ``work.combined`` how the
+    forces of the supports make them up.
+    """
+    force, combined, border, flow = work.reactions.force, work.combined, work.border, drive.flow
+    entry = math.hypot(force[0], force[1])
+    combined[0, 0], combined[0, 1] = force[0] / entry, force[1] / entry
+    border[0, 0] = drive.T_0 - entry
+    if drive.tighten:
+        return abs(drive.T_0 - entry)
+    got = 0.0
+    if flow.leaving:
+        got = math.hypot(force[2], force[3])
+        combined[1, 2], combined[1, 3] = force[2] / got, force[3] / got
+    else:
+        for i in range(4):
+            combined[1, i] = flow.weights[i]
+            got += flow.weights[i] * force[i]
+    border[1, 0] = flow.given - got if flow.free else 0.0
+    return max(abs(border[0, 0]), abs(border[1, 0]))
+
+
+@part
+def solve_for_unknowns(drive: Drive, ribs: Ribs, work: Workspace) -> bool:
+    """Solve for stretch, speed and zones beside the coordinates; whether there is a solution.
+
+    The system bordered by them is solved with one factorisation and a right-hand side for each:
+    ``work.steps[0]`` is the solution for given unknowns and becomes that of the whole; how the
+    unknowns change takes the place of the right-hand sides of ``work.border``.
+    """
+    border, combined, steps, n = work.border, work.combined, work.steps, work.steps.shape[1]
+    equations, unknowns = 1, 1
+    if not drive.tighten:
+        equations, unknowns = 2, 2 + min(ribs.count[0], border.shape[0] - 2)
+    for row in range(unknowns):
+        for k in range(1 if row < equations else 0, 1 + unknowns):
+            border[row, k] = 0.0
+    for k in range(1 + unknowns):
+        if k > 0:
+            for i in range(n):
+                steps[k, i] = -work.vectors[k, i]
+            solve(work.A, work.pivots, steps[k])
+        sense = -1.0 if k == 0 else 1.0
+        for row in range(equations):
+            for i in range(4):
+                if combined[row, i] != 0.0:
+                    change = force_change(work.reactions, i, steps[k])
+                    if k == 1:
+                        change += work.reactions.stretch[i]
+                    border[row, k] += sense * combined[row, i] * change
+        for z in range(unknowns - equations):
+            zone, change = ribs.zones[z], 0.0
+            for j in range(8):
+                change += zone.by_q[j] * steps[k, 4 * zone.element + j]
+            border[2 + z, k] -= sense * change
+    for z in range(unknowns - equations):
+        border[2 + z, 1] -= ribs.zones[z].by_stretch
+        border[2 + z, 2] -= ribs.zones[z].by_omega
+        border[2 + z, 3 + z] += 1.0
+    if not (drive.tighten or drive.flow.free):
+        for k in range(1 + unknowns):
+            border[1, k] = 0.0
+        border[1, 2] = 1.0
+    if not eliminate(border, unknowns):
+        return False
+    for k in range(unknowns):
+        for i in range(n):
+            steps[0, i] += border[k, 0] * steps[1 + k, i]
+    return True
+
+
 @part
 def step_forward(
     system: System,
@@ -255,59 +398,53 @@ def step_forward(
 ) -> StepOutcome:
     """One step by Newton's method; the old state is kept, the result is in ``state.trial``.
 
-    Where the belt is tightened, the system bordered by the stretch is solved with one factorisation
-    and two right-hand sides; so it is where the ends give way. A step that has converged leaves its
-    tangent in ``work``.
+    A step that has converged leaves its tangent in ``work``.
     """
-    stretch, T_0, trial = drive.stretch, drive.T_0, state.trial
+    stretch, omega, T_0, trial = drive.stretch, motion.omega, drive.T_0, state.trial
     tolerance = force_tolerance(system, motion, T_0)
+    flows = motion.flow > 0.0
     most = MOST_ITERATIONS if motion.rate > 0.0 else MOST_ITERATIONS_AT_REST
+    if flows:
+        sheared = not math.isinf(points.ribs.stiffness)
+        most = MOST_ITERATIONS_WITH_RIBS if sheared else MOST_ITERATIONS_IN_FLOW
     for i in range(trial.size):
         trial[i] = state.q[i]
         if motion.rate > 0.0:
             trial[i] += state.q_dot[i] / motion.rate
-    residual, solution, by_stretch = work.vectors[0], work.steps[0], work.steps[1]
-    force = work.reactions.force
+    residual, solution = work.vectors[0], work.steps[0]
     error = math.inf
     outside = changes = 0
     certificate = Certificate(math.inf, math.inf, 0.0, 0.0)
+    for row in range(2):
+        for i in range(4):
+            work.combined[row, i] = 0.0
     for iteration in range(most):
-        outside = assemble(system, motion, points, state, stretch, work)
+        now = Motion(omega, motion.rate, motion.friction, motion.augmentation, motion.flow)
+        outside = assemble(system, now, points, state, stretch, work)
         error = largest_force(system, residual)
         missing = 0.0
-        T = math.hypot(force[0], force[1])
-        if drive.tighten:
-            missing = T_0 - T
-            error = max(error, abs(missing))
+        if drive.tighten or flows:
+            error = max(error, missing_of_unknowns(drive, work))
         elif system.supports.give_way:
             missing = missing_force(system.supports, work.reactions, T_0)
             error = max(error, abs(missing))
         certificate = violations(system.belt, points)
-        if (
-            error <= tolerance
-            and certificate.slip <= SLIP_TOLERANCE
-            and certificate.cone <= CONE_TOLERANCE
+        # of a running belt, who sticks is found between the steps
+        if error <= tolerance and (
+            flows or (certificate.slip <= SLIP_TOLERANCE and certificate.cone <= CONE_TOLERANCE)
         ):
-            return StepOutcome(True, iteration, changes, error / T_0, stretch, outside, certificate)
+            error /= T_0
+            return StepOutcome(
+                True, iteration, changes, error, stretch, omega, outside, certificate
+            )
         if not (math.isfinite(error) and factorize(work.A, work.pivots)):
             break
         for i in range(solution.size):
             solution[i] = -residual[i]
         solve(work.A, work.pivots, solution)
-        longer = 0.0
-        if drive.tighten:
-            for i in range(by_stretch.size):
-                by_stretch[i] = -work.vectors[1, i]
-            solve(work.A, work.pivots, by_stretch)
-            T_step = T_stretch = 0.0
-            for i in range(2):
-                along = force[i] / T
-                T_step += along * force_change(work.reactions, i, solution)
-                by_unit = force_change(work.reactions, i, by_stretch) + work.reactions.stretch[i]
-                T_stretch += along * by_unit
-            longer = (missing - T_step) / T_stretch
-            for i in range(solution.size):
-                solution[i] += longer * by_stretch[i]
+        if drive.tighten or flows:
+            if not solve_for_unknowns(drive, points.ribs, work):
+                break
         elif system.supports.give_way:
             movement = work.steps[-1]
             unit_movement(system.supports, work.reactions, work.A, work.pivots, movement)
@@ -315,12 +452,16 @@ def step_forward(
         release(system.supports, solution)
         if motion.rate > 0.0:
             tighten_sticks(system, motion, points.patches, work)
-        stretch += move(trial, solution) * longer
+        factor = move(trial, solution)
+        if drive.tighten or flows:
+            stretch += factor * work.border[0, 0]
+        if flows:
+            omega += factor * work.border[1, 0]
         if motion.rate > 0.0:
             halved = max(iteration - FREE_REVISIONS, 0) // PATIENCE
             most_changes = max(points.patches.size >> halved, 1)
             changes += revise(motion, points.patches, solution, most_changes)
-    return StepOutcome(False, most, changes, error / T_0, stretch, outside, certificate)
+    return StepOutcome(False, most, changes, error / T_0, stretch, omega, outside, certificate)
 
 
 STEP = np.dtype(
@@ -336,6 +477,7 @@ STEP = np.dtype(
         ("slip", np.float64),
         ("cone", np.float64),
         ("stretch", np.float64),
+        ("omega", np.float64),
     ]
 )
 """What a run records of a step.
@@ -344,7 +486,7 @@ STEP = np.dtype(
 ``changes`` between stick and slide, of ``halvings`` of the step, and of look-ups ``outside`` the
 measured range; length of belt that is ``sticking``, and that is ``touching`` [m]; ``residual``,
 ``slip`` and ``cone``, the certificate of the step, see :class:`StepOutcome`; ``stretch``,
-stress-free length over path length [-].
+stress-free length over path length [-]; ``omega``, speed of the pulley [rad/s].
 """
 
 Recorder: TypeAlias = "np.recarray[Any, np.dtype[Any]]"
@@ -371,7 +513,8 @@ def accept(
     for i in range(state.q.size):
         state.q_dot[i] = (state.trial[i] - state.q[i]) * motion.rate
         state.q[i] = state.trial[i]
-    remember(system.belt, points, state.q)
+    if motion.rate > 0.0:
+        remember(system.belt, points, state.q)
     for e in range(patches.size):
         # what rests at the end of a step has to be torn off in the next one
         patches[e].ratio = sticking_ratio if patches[e].status == STICK else 1.0
@@ -389,6 +532,7 @@ def note_attempt(record: Recorder, k: int, out: StepOutcome) -> None:
     noted.slip = out.certificate.slip
     noted.cone = out.certificate.cone
     noted.stretch = out.stretch
+    noted.omega = out.omega
     noted.outside = out.outside
 
 
@@ -419,7 +563,7 @@ def march(
     The first step starts from ``state`` as it stands, with what the belt and the contact remember.
     """
     patches = points.patches
-    if begin == 0:
+    if begin == 0 and math.isfinite(schedule.dt[0]):
         remember(system.belt, points, state.q)
         store_strains(system.belt, state.q, drive.stretch, work.strain_old)
     for k in range(begin, end):
@@ -428,7 +572,7 @@ def march(
             rate = parts / schedule.dt[k]
             # a stick has to be stiff against the belt, its damping included
             hold_by = drive.augmentation * (1.0 + system.belt.damping_time * rate)
-            motion = Motion(schedule.omega[k], rate, drive.friction, hold_by, 0.0)
+            motion = Motion(schedule.omega[k], rate, drive.friction, hold_by, drive.flow.v0)
             for e in range(patches.size):
                 patch = patches[e]
                 patch.status_before = patch.status
@@ -438,7 +582,8 @@ def march(
             note_attempt(record, k, out)
             if out.converged:
                 accept(system, motion, points, state, drive.sticking_ratio)
-                store_strains(system.belt, state.q, out.stretch, work.strain_old)
+                if rate > 0.0:
+                    store_strains(system.belt, state.q, out.stretch, work.strain_old)
                 done += 1
             else:
                 for e in range(patches.size):

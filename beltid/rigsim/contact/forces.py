@@ -34,6 +34,7 @@ from beltid.rigsim.contact.points import (
     press,
     touching_share,
 )
+from beltid.rigsim.contact.ribs import shear
 
 Array = NDArray[np.float64]
 
@@ -134,8 +135,8 @@ def add_contact(
 ) -> int:
     """Add the contact forces and their tangent; returns the look-ups outside the measured range.
 
-    The rows of ``vectors`` (2 or 3, n) are the residual and its derivatives in the stretch and, of
-    a running belt, in the speed of the pulley.
+    The rows of ``vectors`` (2 or more, n) are the residual and its derivatives in the stretch and,
+    of a running belt, in the speed of the pulley and in what :func:`shear` adds.
 
     Normal forces are those of Eq. (1) on the stress-free length of the part; the dissipation acts
     only while approaching. A sliding point carries ``sign mu(f_N, v) F_N``, a sticking patch its
@@ -148,7 +149,10 @@ def add_contact(
     press(belt, pulley, motion, points, q, stretch)
     if motion.friction > 0.0:
         outside = sliding_friction(belt, pulley, motion, points, stretch)
-        spread_friction(belt, pulley, motion, points, stretch, A)
+        if math.isinf(points.ribs.stiffness):
+            spread_friction(belt, pulley, motion, points, stretch, A)
+        else:
+            shear(belt, pulley, motion, points, q, stretch, vectors)
     add_points(belt, motion, points, stretch, A, vectors)
     return outside
 

@@ -183,6 +183,50 @@ Patches: TypeAlias = "np.recarray[Any, np.dtype[Any]]"
 Before: TypeAlias = "np.recarray[Any, np.dtype[Any]]"
 
 
+MOST_ZONES = 6
+"""Zones whose tangent is exact; what further ones add is right, but not their tangent."""
+SLIDES = -1
+
+ZONE = np.dtype(
+    [
+        ("element", np.int64),
+        ("by_q", np.float64, (8,)),
+        ("by_stretch", np.float64),
+        ("by_omega", np.float64),
+    ]
+)
+"""Where a zone begins in which sheared ribs stick.
+
+The ``element`` of the point before the zone, on which its ``a_z`` depends, and the derivatives of
+``a_z`` by the coordinates of that element [-], by the stretch [m] and by the speed of the pulley
+[m s].
+"""
+
+Zones: TypeAlias = "np.recarray[Any, np.dtype[Any]]"
+
+
+class Ribs(NamedTuple):
+    """Ribs of a belt that runs, and where they stick, see :mod:`beltid.rigsim.contact.ribs`.
+
+    Attributes
+    ----------
+    stiffness : float
+        Tangential force per stress-free length and displacement [N/m²]; infinite where the ribs do
+        not shear: then there are no zones, but patches.
+    zone : ndarray of int, shape (n_e, n_c)
+        Zone of every contact point that sticks, from the entry on; ``SLIDES`` of all others.
+    zones : records of ZONE, shape (MOST_ZONES,)
+        Where they begin.
+    count : ndarray of int, shape (1,)
+        Number of zones.
+    """
+
+    stiffness: float
+    zone: NDArray[np.int64]
+    zones: Zones
+    count: NDArray[np.int64]
+
+
 class Points(NamedTuple):
     """State of the contact: patches, memory, and output of the points of shape (n_e, n_c).
 
@@ -208,6 +252,8 @@ class Points(NamedTuple):
         What describes a point that touches while it is assembled.
     counts : ndarray, shape (2, n_c)
         Room for the derivatives of a patch's slips by those of its points [-].
+    ribs : Ribs
+        Ribs that shear.
     """
 
     patches: Patches
@@ -224,10 +270,14 @@ class Points(NamedTuple):
     F_look: Array
     frames: Frames
     counts: Array
+    ribs: Ribs
 
 
-def new_points(belt: BeltArrays, status: int) -> Points:
-    """Contact points at rest, all patches with the given status, no forces."""
+def new_points(belt: BeltArrays, status: int, shear_stiffness: float = math.inf) -> Points:
+    """Contact points at rest, all patches with the given status, no forces.
+
+    Ribs with a finite shear stiffness [N/m²] stick by zones, not by patches.
+    """
     n_e, n_c = belt.w_c.shape
     patches = np.zeros(n_e, dtype=PATCH)
     patches["status"] = status
@@ -247,6 +297,12 @@ def new_points(belt: BeltArrays, status: int) -> Points:
         F_look=np.zeros((n_e, n_c, 2)),
         frames=np.zeros((n_e, n_c), dtype=FRAME),
         counts=np.zeros((2, n_c)),
+        ribs=Ribs(
+            stiffness=float(shear_stiffness),
+            zone=np.full((n_e, n_c), SLIDES),
+            zones=np.zeros(MOST_ZONES, dtype=ZONE).view(np.recarray),
+            count=np.zeros(1, dtype=np.int64),
+        ),
     )
 
 

@@ -99,9 +99,13 @@ def lemke_step(
             and certificate.slip <= SLIP_TOLERANCE
             and certificate.cone <= CONE_TOLERANCE
         ):
-            return StepOutcome(True, iteration, changes, error / T_0, stretch, outside, certificate)
+            return StepOutcome(
+                True, iteration, changes, error / T_0, stretch, motion.omega, outside, certificate
+            )
         changes += _complementarity_iteration(system, motion, points, state, stretch, T_0, work)
-    return StepOutcome(False, MOST_ITERATIONS, changes, error / T_0, stretch, outside, certificate)
+    return StepOutcome(
+        False, MOST_ITERATIONS, changes, error / T_0, stretch, motion.omega, outside, certificate
+    )
 
 
 def _complementarity_iteration(

@@ -15,64 +15,21 @@ with the flow, from point to point, the law needs no search for who sticks.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.rigsim.beam.belt import BeltArrays, add_internal
-from beltid.rigsim.beam.supports import hold
+from beltid.rigsim.beam.belt import BeltArrays
 from beltid.rigsim.compiled import leaf
-from beltid.rigsim.contact.forces import add_points, sliding_friction
 from beltid.rigsim.contact.friction import Certificate
-from beltid.rigsim.contact.points import ContactArrays, Motion, Points, press
-from beltid.rigsim.model import System, Workspace
+from beltid.rigsim.contact.points import MOST_ZONES, SLIDES, ContactArrays, Motion, Points
 
 Array = NDArray[np.float64]
 
-MOST_ZONES = 6  # with a border column; what further ones add is right, but not their tangent
-SLIDES = -1
 
-
-class Ribs(NamedTuple):
-    """Ribs of a belt that runs, and where they stick.
-
-    Attributes
-    ----------
-    stiffness : float
-        Tangential force per stress-free length and displacement [N/m²].
-    zone : ndarray of int, shape (n_e, n_c)
-        Zone of every contact point that sticks, from the entry on; ``SLIDES`` of all others.
-    element : ndarray of int, shape (MOST_ZONES,)
-        Element of the point before the zone, on which ``a_z`` depends.
-    by_q, by_stretch, by_omega : ndarray, shape (MOST_ZONES, 8), (MOST_ZONES,), (MOST_ZONES,)
-        Derivatives of ``a_z`` by the coordinates of that element [-], by the stretch [m] and by the
-        speed of the pulley [m s].
-    """
-
-    stiffness: float
-    zone: NDArray[np.int64]
-    element: NDArray[np.int64]
-    by_q: Array
-    by_stretch: Array
-    by_omega: Array
-
-
-def new_ribs(belt: BeltArrays, stiffness: float) -> Ribs:
-    """Ribs with a shear stiffness [N/m²], nowhere in contact."""
-    return Ribs(
-        stiffness=float(stiffness),
-        zone=np.full(belt.w_c.shape, SLIDES),
-        element=np.zeros(MOST_ZONES, dtype=np.int64),
-        by_q=np.zeros((MOST_ZONES, 8)),
-        by_stretch=np.zeros(MOST_ZONES),
-        by_omega=np.zeros(MOST_ZONES),
-    )
-
-
-def certify(belt: BeltArrays, points: Points, ribs: Ribs) -> Certificate:
+def certify(belt: BeltArrays, points: Points) -> Certificate:
     """Certificate of the friction law; a foot that sticks has no slip, whatever the state."""
-    touches, sticks = points.F_N > 0.0, ribs.zone != SLIDES
+    touches, sticks = points.F_N > 0.0, points.ribs.zone != SLIDES
     limit = float(points.F_max.max())
     beyond = float((np.abs(points.F_T) - points.F_max).max())
     return Certificate(
@@ -84,53 +41,23 @@ def certify(belt: BeltArrays, points: Points, ribs: Ribs) -> Certificate:
 
 
 @leaf
-def linearize_with_shear(
-    system: System,
-    motion: Motion,
-    points: Points,
-    ribs: Ribs,
-    q: Array,
-    stretch: float,
-    work: Workspace,
-) -> tuple[int, int]:
-    """Assemble residual and tangent of a running belt whose ribs shear, supports held.
-
-    The rows of ``work.vectors`` behind the first three are the derivatives by ``a_z`` of each zone.
-
-    Returns
-    -------
-    outside, zones : int
-        Look-ups outside the measured range; zones that stick.
-    """
-    work.A[:] = 0.0
-    work.vectors[:] = 0.0
-    belt, vectors = system.belt, work.vectors
-    add_internal(belt, q, stretch, work.strain_old, 0.0, work.A, vectors[0], vectors[1])
-    press(belt, system.pulley, motion, points, q, stretch)
-    outside = sliding_friction(belt, system.pulley, motion, points, stretch)
-    zones = shear(belt, system.pulley, motion, points, ribs, q, stretch, vectors)
-    add_points(belt, motion, points, stretch, work.A, vectors)
-    hold(system.supports, work.A, vectors, work.reactions)
-    return outside, zones
-
-
-@leaf
 def shear(
     belt: BeltArrays,
     pulley: ContactArrays,
     motion: Motion,
     points: Points,
-    ribs: Ribs,
     q: Array,
     stretch: float,
     vectors: Array,
-) -> int:
-    """Tangential forces of all contact points, from the entry on, (R7); returns the zones.
+) -> None:
+    """Tangential forces of all contact points, from the entry on, (R7).
 
-    A foot carries what the point before it carries and what has been added on the way, but no more
+    The rows of ``vectors`` behind the first three are the derivatives by ``a_z`` of each zone. A
+    foot carries what the point before it carries and what has been added on the way, but no more
     than friction. In their frames the derivatives of the friction limit become those of the force.
     """
-    R, k, flow = pulley.R, ribs.stiffness, motion.flow
+    R, flow, ribs = pulley.R, motion.flow, points.ribs
+    k = ribs.stiffness
     W = motion.omega / flow
     zones, sticking = 0, False
     last_e, last_c = 0, 0
@@ -152,9 +79,9 @@ def shear(
                 if not sticking:
                     zones += 1
                     if zones <= MOST_ZONES:
-                        _begin_zone(belt, points, ribs, q, stretch, R, zones - 1, last_e, last_c)
-                        ribs.by_stretch[zones - 1] += R * W * last_at
-                        ribs.by_omega[zones - 1] += R * stretch * last_at / flow
+                        _begin_zone(belt, points, q, stretch, R, zones - 1, last_e, last_c)
+                        ribs.zones[zones - 1].by_stretch += R * W * last_at
+                        ribs.zones[zones - 1].by_omega += R * stretch * last_at / flow
                 sticking = True
                 ribs.zone[e, c] = zones - 1
                 frame.T_d = frame.T_s = frame.slip_n = frame.slip_s = 0.0
@@ -179,14 +106,13 @@ def shear(
                     frame.T_stretch = frame.T_slip * of_fall / stretch
             points.F_T[e, c] = force * length
             last_e, last_c, last_place, last_at = e, c, place, at
-    return zones
+    ribs.count[0] = zones
 
 
 @leaf
 def _begin_zone(
     belt: BeltArrays,
     points: Points,
-    ribs: Ribs,
     q: Array,
     stretch: float,
     R: float,
@@ -209,16 +135,17 @@ def _begin_zone(
     frame = points.frames[e, c]
     per = 0.0  # where a point does not touch, its frame is an old one
     if points.F_N[e, c] > 0.0:
-        per = 1.0 / (ribs.stiffness * belt.w_c[e, c] * stretch)
+        per = 1.0 / (points.ribs.stiffness * belt.w_c[e, c] * stretch)
     r_n += per * (frame.T_d + frame.T_slip * frame.slip_n)
     r_t += per * (frame.T_s * frame.kappa + frame.T_slip * frame.slip_t)
     s_n += per * frame.T_s
     s_t += per * frame.T_slip * frame.slip_s
-    ribs.element[z] = e
-    ribs.by_stretch[z] = -per * frame.T_stretch
-    ribs.by_omega[z] = -per * frame.T_omega
+    zone = points.ribs.zones[z]
+    zone.element = e
+    zone.by_stretch = -per * frame.T_stretch
+    zone.by_omega = -per * frame.T_omega
     for j in range(4):
         N, D = belt.N_c[e, c, j], belt.D_c[e, c, j]
         by_n, by_t = N * r_n + D * s_n, N * r_t + D * s_t
-        ribs.by_q[z, 2 * j] = by_n * n_x + by_t * n_y
-        ribs.by_q[z, 2 * j + 1] = by_n * n_y - by_t * n_x
+        zone.by_q[2 * j] = by_n * n_x + by_t * n_y
+        zone.by_q[2 * j + 1] = by_n * n_y - by_t * n_x
