@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from beltid.errors import EXIT_INPUT, BeltidError, InputError
+from beltid.errors import InputError
 from beltid.params import Belt, Contact, OperatingPoint, Rig
 
 GOOD = {
@@ -64,9 +64,3 @@ def test_all_problems_of_a_belt_come_at_once() -> None:
     with pytest.raises(InputError) as error:
         Belt(EA=-1.0, EI=0.0, rhoA=math.nan)
     assert [p.split(" ")[0] for p in error.value.problems] == ["belt.EA", "belt.EI", "belt.rhoA"]
-
-
-def test_wrong_parameters_are_a_users_error_of_status_2() -> None:
-    with pytest.raises(BeltidError) as error:
-        Rig(R=0.0, span=0.1)
-    assert error.value.exit_status == EXIT_INPUT == 2

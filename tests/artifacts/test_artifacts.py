@@ -285,13 +285,24 @@ def test_metadata_changed_by_another_program_are_found():
         artifact_from_bytes(rewritten(data, {b"beltid": b"{}"}), Path("x"), "slip")
 
 
+@pytest.mark.parametrize("kept", [False, True], ids=["alone", "in a right one"])
 @pytest.mark.parametrize(
-    "record", [[], {}, {"kind": "slip"}, {"kind": "slip", "schema_version": 1}]
+    "record",
+    [
+        [],
+        {"kind": ["x"]},
+        {"kind": "slip", "schema_version": 1, "inputs": 3},
+        {"extra": None},
+        {"set_aside": [1]},
+        {"units": {"a": 1}},
+    ],
 )
-def test_metadata_of_another_shape_are_damage_not_a_crash(record):
+def test_metadata_of_another_shape_are_damage_though_their_seal_is_right(record, kept):
     data = artifact_bytes("slip", example("slip"), METADATA)
+    right = json.loads(pq.read_schema(pa.BufferReader(data)).metadata[b"beltid"])
+    record = right | record if kept and record else record
     with pytest.raises(ArtifactError):
-        artifact_from_bytes(rewritten(data, sealed(record)), Path("x"), "slip")
+        artifact_from_bytes(rewritten(data, sealed(record)), Path("x"))
 
 
 def test_another_schema_version_says_what_to_do():

@@ -238,12 +238,6 @@ def test_encodings(tmp_path):
 # --- what is wrong ---------------------------------------------------------------------------
 
 
-def test_the_message_of_a_negative_tension(tmp_path):
-    lines = [HEADER, *rows(500)]
-    lines[411] = lines[411].replace("150.25", "-3.1")
-    assert problems(write(tmp_path, lines)) == ["rig.csv:412: tension_slack_N = -3.1, must be > 0"]
-
-
 def test_all_problems_at_once_in_the_order_of_the_lines(tmp_path):
     lines = [HEADER, *rows(10)]
     lines[2] = lines[2].replace("150.25", "0")

@@ -32,13 +32,6 @@ def test_results_do_not_depend_on_the_number_of_workers(bench: Path, by_one: Pat
     assert contents(bench / "runs") == contents(by_one)
 
 
-@pytest.mark.parametrize("belt", ["one", "two"])
-def test_every_belt_has_a_folder_with_all_its_results(by_one: Path, belt: str) -> None:
-    found = {path.stem for path in (by_one / belt).glob("*.parquet")}
-    assert {"stiffness", "friction", "surface", "simulated", "compare"} < found
-    assert {"surface_refined", "simulated_refined", "compare_refined"} < found
-
-
 @pytest.mark.long
 def test_shards_make_what_one_run_makes_and_a_last_run_finds_it(bench: Path, by_one: Path) -> None:
     for number, belt in ((1, "one"), (2, "two")):

@@ -11,9 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from rich.console import Console
-from typer.testing import CliRunner
 
-from beltid.cli import app
 from beltid.report.cells import cell, fact, heading, name_and_unit
 from beltid.report.summary import Summary
 from beltid.report.terminal import show
@@ -142,8 +140,3 @@ def test_further_tables_are_for_the_curious() -> None:
     assert "99" not in printed(summary, 80)
     assert "99" in printed(summary, 80, complete=True)
     assert summary.as_json()["details"] == {"solver": [{"steps": 99}]}
-
-
-def test_an_argument_that_may_be_several_has_no_braces_in_the_usage() -> None:
-    usage = CliRunner().invoke(app, ["report", "--help"]).stdout.splitlines()[0]
-    assert usage.endswith("[OPTIONS] FOLDER...")

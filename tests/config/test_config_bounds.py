@@ -182,13 +182,6 @@ def test_the_config_refuses_what_the_science_refuses(section: str, key: str, val
         [science(good.model_copy(update={section: broken})) for science in SCIENCE[section]]
 
 
-def test_an_odd_number_of_elements_is_refused_with_its_place(tmp_path: Any) -> None:
-    path = tmp_path / "c.yaml"
-    path.write_text("simulation:\n  elements: 41\n")
-    with pytest.raises(ConfigError, match=r"c\.yaml:2:13: simulation\.elements = 41, must be even"):
-        load_config(path)
-
-
 def test_the_defaults_are_those_of_the_science() -> None:
     config = Config()
     for section, science in (

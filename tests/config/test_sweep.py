@@ -47,6 +47,17 @@ def test_all_combinations_in_the_order_of_the_lists(tmp_path: Path) -> None:
     assert cases[2][2].sha256 == plain.sha256
 
 
+def test_keys_of_one_name_in_two_sections_are_told_apart(tmp_path: Path) -> None:
+    path = written(tmp_path, "sweep: {simulation.method: [steady], drive.method: [string, rod]}\n")
+    assert [
+        (name, config.simulation.method, config.drive.method)
+        for name, _, config in (load_cases(path))
+    ] == [
+        ("simulation.method-steady_drive.method-string", "steady", "string"),
+        ("simulation.method-steady_drive.method-rod", "steady", "rod"),
+    ]
+
+
 def test_without_a_sweep_there_is_one_case_without_a_name(tmp_path: Path) -> None:
     path = written(tmp_path, "belt: {ribs: 6}\n")
     ((name, values, config),) = load_cases(path)

@@ -36,20 +36,50 @@ def wet(f: float, v: float) -> float:
     return 1.2 * (max(f, 1.0) / 5400.0) ** -0.15 * (1.0 - 0.08 * math.log(v / 5e-4))
 
 
-@pytest.mark.parametrize(
-    ("wheels", "T_0", "omega"),
-    [  # belts at 20 and 39 m/s
-        pytest.param(FOUR, 450.0, 250.0, marks=pytest.mark.long),
-        (SIX, 500.0, 560.0),
-    ],
+# wheels, tension at rest [N], speed of the driver [rad/s] (belts at 20 and 39 m/s); tensions behind
+# each wheel [N] and losses of speed [rad/s] from the differential equations of capstan_chain, which
+# `make verify` solves again
+SOLVED = [
+    (
+        *(FOUR, 450.0, 250.0),
+        (291.4895260, 425.3617509, 545.6388964, 545.6388964),
+        (0.0, 2.697981798, 0.5716361196, -0.02884949073),
+    ),
+    (
+        *(SIX, 500.0, 560.0),
+        (355.3605496, 455.8189338, 455.8189338, 596.2652090, 596.2652090, 629.6965642),
+        (0.0, 5.715103775, 2.188413976, 1.692589320, 0.5486183725, 0.2257706844),
+    ),
+]
+DRIVES = pytest.mark.parametrize(
+    ("wheels", "T_0", "omega", "tensions", "losses"), SOLVED, ids=["four", "six"]
 )
-def test_tensions_and_losses_of_the_differential_equations(
-    wheels: tuple[Wheel, ...], T_0: float, omega: float
+
+
+@pytest.mark.long
+@DRIVES
+def test_the_numbers_stated_solve_the_differential_equations(
+    wheels: tuple[Wheel, ...],
+    T_0: float,
+    omega: float,
+    tensions: tuple[float, ...],
+    losses: tuple[float, ...],
 ) -> None:
     chain = Chain(wheels, 1.0e5, 0.10, 6.5e7, 3.0256e11, wet, 0.4)
     idle = replace(chain, wheels=tuple(replace(wheel, torque=0.0) for wheel in wheels))
-    tensions, speeds = chain.solve(T_0, omega)
-    losses = idle.solve(T_0, omega)[1] - speeds
+    found, speeds = chain.solve(T_0, omega)
+    assert found == pytest.approx(tensions, rel=1e-7)
+    assert idle.solve(T_0, omega)[1] - speeds == pytest.approx(losses, rel=1e-6, abs=1e-9)
+
+
+@DRIVES
+def test_tensions_and_losses_of_the_differential_equations(
+    wheels: tuple[Wheel, ...],
+    T_0: float,
+    omega: float,
+    tensions: tuple[float, ...],
+    losses: tuple[float, ...],
+) -> None:
     f, v = np.geomspace(20.0, 30000.0, 80), np.geomspace(5e-4, 0.05, 40)
     drive = Drive(
         BELT_5PK,

@@ -292,20 +292,6 @@ def test_a_whole_turn_tells_nothing_by_the_hub_force_and_is_warned_of(rig):
     assert all("turns touch" in note for note in notes)
 
 
-@pytest.mark.parametrize(
-    ("kind", "missing"),
-    [
-        (RigKind("dead_weight", weight_on="tight"), "weight_N"),
-        (RigKind("torque"), "torque_N_m"),
-        (RigKind("torque_hub"), "hub_force_N"),
-        (RigKind(running=True), "belt_speed_m_s"),
-    ],
-)
-def test_a_wrong_kind_names_the_channel_that_is_missing(rig, kind, missing):
-    with pytest.raises(InputError, match=missing):
-        reduce_runs(one_of(rig), R, None, kind)
-
-
 def test_errors_of_a_cell_that_the_kind_has_not_are_refused():
     tared = KnownCells(tight=KnownCell(tare_N=2.0))
     with pytest.raises(InputError, match=r"no cell in the tight span"):

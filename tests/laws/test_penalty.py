@@ -63,10 +63,6 @@ def test_penetration_inverts_the_force_without_cancellation(f: float, k1: float,
     assert law.force(law.penetration(f)) == pytest.approx(f, rel=1e-12)
 
 
-def test_without_a_quadratic_coefficient_the_law_is_a_line() -> None:
-    assert NormalLaw(1e8) == NormalLaw(1e8, 0.0)
-
-
 def test_soft_and_weak_contacts_obey_the_same_law() -> None:
     assert NormalLaw(1e-3).penetration([0.0, 1e-3]) == pytest.approx([0.0, 1.0], rel=1e-15)
     assert NormalLaw(0.0, 1e-6).penetration(1e-8) == pytest.approx(0.1, rel=1e-14)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -23,10 +24,14 @@ TRIANGLE: dict[str, Any] = {
 }
 
 
-def sheet(**without: str) -> Sheet:
-    outcome = beltid.simulate_drive({"drive": TRIANGLE}, 1.0, beltid.NormalLaw(6.5e7, 3.0256e11))
-    extra = {k: v for k, v in plain(outcome.extra).items() if k not in without.values()}
-    return Sheet("drive", "drive", outcome.columns, METADATA["drive"](**extra))
+@cache
+def outcome() -> Any:
+    return beltid.simulate_drive({"drive": TRIANGLE}, 1.0, beltid.NormalLaw(6.5e7, 3.0256e11))
+
+
+def sheet(*without: str) -> Sheet:
+    extra = {k: v for k, v in plain(outcome().extra).items() if k not in without}
+    return Sheet("drive", "drive", outcome().columns, METADATA["drive"](**extra))
 
 
 def test_all_figures_of_a_drive_are_drawn() -> None:
@@ -54,5 +59,5 @@ def test_belt_in_the_drawing_is_closed_and_wraps_as_far_as_the_table_says() -> N
 
 
 def test_older_tables_are_drawn_without_what_they_lack() -> None:
-    pictures = drive.predicted(sheet(a="laid", b="arcs", c="limits_over_tension"))
+    pictures = drive.predicted(sheet("laid", "arcs", "limits_over_tension"))
     assert [p.key for p in pictures] == ["loss", "arcs"]

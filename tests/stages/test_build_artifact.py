@@ -188,9 +188,10 @@ def test_what_reads_back_wrong_is_never_written(source: Path, tmp_path: Path) ->
 def test_an_input_is_never_overwritten_not_even_under_another_name(
     source: Path, tmp_path: Path
 ) -> None:
-    link = tmp_path / "link.parquet"
+    link, twin = tmp_path / "link.parquet", tmp_path / "twin.parquet"
     link.symlink_to(source)
-    for out in (source, link):
+    twin.hardlink_to(source)
+    for out in (source, link, twin):
         with pytest.raises(InputError, match="is the in input"):
             make(recipe(source), out, Options(force=True), Work())
     assert source.read_text() == "1,2,3\n"

@@ -115,42 +115,18 @@ def test_by_command_readings_near_the_resolution_are_named(tmp_path: Path) -> No
     assert "standard error of mu above 10 % in A:" in line
 
 
-def test_by_command_no_law_is_forced_on_silicone(tmp_path: Path) -> None:
-    """DragonSkin10 on PLA, heads of 0.01 to 0.7 N (doi 10.1109/LRA.2024.3376975)."""
-    force = np.array([0.01, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7])
-    mu = [2.13, 2.80, 2.53, 2.03, 1.71, 1.43, 1.23]
-    frame = pd.DataFrame({"normal_force_N_m": force, "mu": mu, "slip_speed_m_s": 0.01})
-    err = command(frame.assign(run=range(7)), tmp_path)
+def test_by_command_a_table_without_standard_errors_is_told_to_state_them(tmp_path: Path) -> None:
+    err = command(table("two_cells").drop(columns="mu_se"), tmp_path)
     assert "no standard error is known: state mu_se in the table" in err
-    err = called("build-surface", str(tmp_path / "friction.parquet"))
-    assert "None of the fitted formulas holds over the whole range" in err
 
 
-def test_by_command_a_coast_down_says_that_its_speed_falls(tmp_path: Path) -> None:
-    time = np.arange(0.0, 10.0, 0.02)
-    omega = np.where(time < 1.0, 0.0, 0.9 - 0.08 * (time - 1.0))
-    half = np.where(time < 1.0, 0.0, 0.25 * ARC[1])
-    frame = pd.DataFrame({"time_s": time, "pulley_speed_rad_s": omega, "run": "C", "arc_deg": 150})
-    frame = frame.assign(initial_tension_N=100.0, tension_tight_N=100.0 * np.exp(half))
-    frame = frame.assign(tension_slack_N=100.0 * np.exp(-half))
-    err = command(frame, tmp_path, "speed_bins_rad_s: [0.2, 0.5, 0.9]", option=())
-    assert "friction at falling speed differs from that at rising" in err
-
-
-def command(
-    frame: pd.DataFrame, folder: Path, *rig: str, option: tuple[str, ...] = ("--table",)
-) -> str:
-    """What `fit-friction` says of a table or a recording."""
-    frame.to_csv(folder / "points.csv", index=False)
+def command(frame: pd.DataFrame, folder: Path, *rig: str) -> str:
+    """What `fit-friction` says of a table."""
+    points, config = folder / "points.csv", folder / "bench.yaml"
+    frame.to_csv(points, index=False)
     rig_text = ", ".join([f"pulley_radius_m: {R}", *rig])
-    (folder / "bench.yaml").write_text(f"rig: {{{rig_text}}}\n")
-    return called(
-        "fit-friction", *option, str(folder / "points.csv"), "-c", str(folder / "bench.yaml")
-    )
-
-
-def called(*words: str) -> str:
-    """What a command reports."""
-    ran = CliRunner().invoke(app, list(words), env={"COLUMNS": "300"})
+    config.write_text(f"rig: {{{rig_text}}}\n")
+    call = ["fit-friction", "--table", str(points), "-c", str(config)]
+    ran = CliRunner().invoke(app, call, env={"COLUMNS": "300"})
     assert ran.exit_code == 0, ran.stderr
     return ran.stderr

@@ -152,6 +152,10 @@ def test_sources_say_what_was_stated():
         "contact arc, all settings together": "stated",
     }
     assert [s.place for s in rig_sources(u, 3)] == [0, 1, 0]
+    # as a person reads it: 0.2 %, and 0.01 rad in degrees
+    shown = {source.name: (source.shown, source.unit) for source in rig_sources(u, 3)}
+    assert shown["gain of each load cell"] == (pytest.approx(0.2), "%")
+    assert shown["contact arc, all settings together"] == (pytest.approx(0.573, abs=5e-4), "deg")
     assert len(press_sources(u)) == 0
     assert sum(s.error == "arc_setting" for s in all_sources(GIVEN, 3)) == 3
 
