@@ -107,10 +107,10 @@ def early_misfit(travel: Array) -> Array:
 MEMORIES_S = (0.04, 0.16, 0.64, 20.0)
 """Memories of the wandering zeros [s]; the last one is a walk over the time of a run, and counts
 from the rest, where the zeros show."""
-N_SEARCHED = len(MEMORIES_S) + 4
-"""Variances that are searched for; that of slow decays of the build-up is weighed beside them."""
+N_VARIANCES = len(MEMORIES_S) + 5
+"""Variances of a bench."""
 WALK_PART, TURN_PART = len(MEMORIES_S) - 1, len(MEMORIES_S) + 1
-OWN_PARTS = slice(N_SEARCHED - 2, N_SEARCHED)
+OWN_PARTS = slice(TURN_PART + 1, TURN_PART + 3)
 """Where the walk, the ripple once per turn and the run's own tail are among the variances."""
 RUNS_FOR_VARIANCES = 32
 """Runs, evenly chosen, that the variances are found from; more would tell nothing new."""
@@ -119,11 +119,6 @@ SCALE_FREEDOM = 20.0
 FREE = 0.1
 """Standard deviation of the amplitude of a ripple that was found and of what is left of the
 build-up, in z: as good as free."""
-
-SLOW_TAKE_UP_SIZE = np.array([5e-4, 5e-3, 1.5e-2])
-"""Standard deviations that slow decays of the build-up may have, in z, each as likely: the runs of
-a bench say which. One size for all benches would either leave decays that simulated recordings
-show, or be taken for the tail of the peak where there are none."""
 
 # priors: median and width (standard deviation of the logarithm)
 WANDER = (0.4, 1.5)
@@ -137,6 +132,8 @@ TURN = (0.4, 1.5)
 HEIGHT_SPREAD = (0.15, 1.0)
 LENGTH_SPREAD = (0.10, 1.0)
 """Of the deviations of a run's tail from that of its bench, relative."""
+SLOW_TAKE_UP = (3e-3, 1.5)
+"""Of slow decays of the build-up, in z."""
 
 
 def log_settings(records: Sequence[SlidingRecord]) -> Array:
@@ -170,7 +167,7 @@ class Stack:
         and the changes of the tail with the powers."""
         self.fixed = np.zeros((n, m, m))
         """Covariance of what is known of a run beside its variances (n, m, m)."""
-        self.parts = np.zeros((N_SEARCHED + 1, n, m, m))
+        self.parts = np.zeros((N_VARIANCES, n, m, m))
         """What each variance adds to it, as in :class:`Bench`."""
         for k, r in enumerate(records):
             b, c = r.z.size, r.sensitivity
@@ -349,13 +346,13 @@ def slope_of_evidence(stack: Stack, sd: Array, scale: Array, w: Whitened, found:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Priors:
-    """Log-normal priors of the variances that are searched for, shape (N_SEARCHED,) each.
+    """Log-normal priors of the variances, shape (N_VARIANCES,) each.
 
     Attributes
     ----------
     centre, width : ndarray
         Medians and standard deviations of the logarithms of the standard deviations.
-    precision : ndarray, shape (N_SEARCHED, N_SEARCHED)
+    precision : ndarray, shape (N_VARIANCES, N_VARIANCES)
         Inverse covariance of the logarithms, in units of their widths.
     """
 
@@ -377,37 +374,37 @@ class Priors:
                 (TURN[0] * typical_z, TURN[1]),
                 HEIGHT_SPREAD,
                 LENGTH_SPREAD,
+                SLOW_TAKE_UP,
             ]
         ).T
         apart = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
-        precision = np.eye(N_SEARCHED)
+        precision = np.eye(N_VARIANCES)
         precision[:n, :n] = np.linalg.inv(NEIGHBOURS**apart)
         return cls(np.log(medians), widths, precision)
 
-    def sd(self, x: Array, take_up: float) -> Array:
+    def sd(self, x: Array) -> Array:
         """Standard deviations at steps x about the medians, in widths, as in :class:`Bench`."""
-        return np.append(np.exp(self.centre + self.width * x), take_up)
+        return np.asarray(np.exp(self.centre + self.width * x))
 
 
 def fit_bench(stack: Stack, given: Given) -> Bench:
     """Most probable variances of a bench, with its tail and drift."""
     priors, scale = Priors.of(stack), np.ones(stack.n_runs)
     # from above: a variance that is too small has no gradient
-    x = np.where(np.arange(N_SEARCHED) <= TURN_PART, 1.5, 0.0)
-    take_up = float(np.median(SLOW_TAKE_UP_SIZE))
-    before = _clock(stack, priors.sd(x, take_up), scale, given)
+    x = np.full(N_VARIANCES, 1.5)
+    x[OWN_PARTS] = 0.0
+    before = _clock(stack, priors.sd(x), scale, given)
     for _ in range(SWEEPS):
-        w = whiten(stack, priors.sd(x, take_up))
+        w = whiten(stack, priors.sd(x))
         before = fit_shared(w, scale, given, before, every_drift=True)
         scale = noise_scale(stack, w, before.mean)
         stack.stretch(before.powers, before)
         stack.deviate(before)
         known = scale, given, before
-        x = _most_probable(stack, priors, x, take_up, *known)
-        take_up = _weighed(stack, priors.sd(x, take_up), -1, SLOW_TAKE_UP_SIZE, 0.0, *known)
+        x = _most_probable(stack, priors, x, *known)
     # walk and ripple once per turn move the level most and show least: the mean of their variances
     # in place of the mode, with an even chance that there is none
-    mode = priors.sd(x, take_up)
+    mode = priors.sd(x)
     mean = mode.copy()
     for k in (WALK_PART, TURN_PART):
         along, precision = x[k] + np.array(HIDDEN_STEPS), priors.precision[k]
@@ -436,7 +433,6 @@ def _most_probable(
     stack: Stack,
     priors: Priors,
     x: Array,
-    take_up: float,
     scale: Array,
     given: Given,
     before: Shared,
@@ -444,9 +440,9 @@ def _most_probable(
     """Mode of the variances, in steps about their medians."""
 
     def cost(x: Array) -> tuple[float, Array]:
-        sd = priors.sd(x, take_up)
+        sd = priors.sd(x)
         log_z, w, found = log_evidence(stack, sd, scale, given, before)
-        slope = slope_of_evidence(stack, sd, scale, w, found)[:-1]
+        slope = slope_of_evidence(stack, sd, scale, w, found)
         away = priors.precision @ x
         return 0.5 * float(x @ away) - log_z, away - slope * priors.width
 

@@ -251,7 +251,7 @@ FINEST = 256
 TAKE_UP = np.geomspace(0.06, 0.35, 5)
 """Lengths over which the rest of the build-up decays, over its travel: so dense that a recording
 without noise shows no other decay between two of them."""
-SLOW_TAKE_UP = np.geomspace(0.5, 1.2, 3)
+SLOW_TAKE_UP = np.geomspace(0.5, 5.0, 4)
 """The same where friction grows strongly with the speed: while its tensions still part, the belt
 slides more slowly. They could be the tail of the peak: the bench says how large they are."""
 LINES = 3
