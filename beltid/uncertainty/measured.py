@@ -147,14 +147,19 @@ class Measured:
         return corrected.scattered(self._by_columns(errors))
 
     def scattered(self, change: Array) -> Self:
-        """Runs whose ln mu differs by `change` (n,): one tension rises, the other falls."""
-        half = 0.5 * self.mu * self.beta * np.expm1(change)
-        return replace(
-            self,
-            mu=self.mu * np.exp(change),
-            tight=self.tight * np.exp(half),
-            slack=self.slack * np.exp(-half),
-        )
+        """Runs whose ln mu differs by `change` (n,), their force at rest unchanged.
+
+        One tension rises and the other falls; what is given, a tension or their sum, stays.
+        """
+        more = self.mu * self.beta * np.expm1(change)  # of ln(tight/slack)
+        if self.given_force == "hub":
+            both, ratio = self.tight + self.slack, self.tight / self.slack * np.exp(more)
+            tight, slack = both * ratio / (1.0 + ratio), both / (1.0 + ratio)
+        else:
+            of_tight = {"none": 0.5, "tight": 0.0, "slack": 1.0}[self.given_force]
+            tight = self.tight * np.exp(of_tight * more)
+            slack = self.slack * np.exp((of_tight - 1.0) * more)
+        return replace(self, mu=self.mu * np.exp(change), tight=tight, slack=slack)
 
     def _corrected_tensions(self, errors: Errors, beta: Array) -> tuple[Array, Array, Array]:
         """Tight, slack and initial tension [N] with errors of what is measured put right.

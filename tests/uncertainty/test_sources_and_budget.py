@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -80,6 +81,26 @@ def test_a_dead_weight_has_no_error_of_a_cell(given: GivenForce, weight: int) ->
 def test_the_tension_at_rest_under_a_hub_force_is_the_mean_of_both() -> None:
     after = replace(runs(), given_force="hub").corrected(errors(cell_gain=[0.004, -0.002]))
     np.testing.assert_allclose(after.T_0, 0.5 * (1.004 * runs().tight + 0.998 * runs().slack))
+
+
+@pytest.mark.parametrize(
+    ("given", "kept"),
+    [
+        ("none", lambda tight, slack: tight * slack),
+        ("tight", lambda tight, slack: tight),
+        ("slack", lambda tight, slack: slack),
+        ("hub", lambda tight, slack: tight + slack),
+    ],
+)
+def test_scatter_of_a_run_leaves_the_force_that_is_given(given: GivenForce, kept: Any) -> None:
+    T_0 = {"tight": TIGHT, "slack": SLACK, "hub": 0.5 * (TIGHT + SLACK)}.get(given, runs().T_0)
+    before = replace(runs(), given_force=given, T_0=T_0)
+    after = before.scattered(np.array([0.02, -0.01]))
+    np.testing.assert_allclose(after.mu, before.mu * np.exp([0.02, -0.01]), rtol=1e-14)
+    np.testing.assert_allclose(np.log(after.tight / after.slack), after.mu * BETA, rtol=1e-12)
+    np.testing.assert_allclose(kept(after.tight, after.slack), kept(TIGHT, SLACK), rtol=1e-14)
+    # without an error nothing moves: what errors do would else hold the scatter, each of them
+    np.testing.assert_allclose(after.corrected(Errors()).T_0, T_0, rtol=1e-14)
 
 
 def test_an_arc_acts_on_its_own_setting_or_on_all():
