@@ -7,8 +7,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.identify.estimators.statistics import as_set
 from beltid.report.cells import MILLI
+from beltid.report.conditions import series_of
 from beltid.report.drawing import (
     FAINT,
     GRID,
@@ -276,9 +276,8 @@ def _slowest(sheet: Sheet) -> str:
 def _series(sheet: Sheet, of: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
     """Name and rows of every driver speed and belt tension, in the order of the torque."""
     rows = np.flatnonzero(of)
-    speeds = as_set(sheet["driver_speed_rad_s"][rows])
-    tensions = as_set(sheet["initial_tension_N"][rows])
-    for speed, tension in dict.fromkeys(zip(speeds.tolist(), tensions.tolist(), strict=True)):
-        mine = rows[(speeds == speed) & (tensions == tension)]
+    series = series_of(sheet["driver_speed_rad_s"][rows], sheet["initial_tension_N"][rows])
+    for (speed, tension), places in series.items():
+        mine = rows[places]
         mine = mine[np.argsort(sheet["torque_N_m"][mine], kind="stable")]
         yield f"{speed:.4g} rad/s, {tension:.4g} N", mine
