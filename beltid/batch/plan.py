@@ -14,7 +14,7 @@ from beltid.config import ConfigSource
 from beltid.errors import EXIT_DONE, BeltidError
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import Stale
-from beltid.stages.simulation.simulate_rig import SimulateOptions
+from beltid.stages.reporter import Options
 
 TO_BE_MADE: Final = "to be made"
 WRONG: Final = "cannot be made"
@@ -81,7 +81,7 @@ def _planned(
 def _state(step: Step, call: Call) -> tuple[str, BeltidError | None]:
     """Whether the artifact of a step is up to date, as the step itself sees it."""
     try:
-        step.run(*call, SimulateOptions(peek=True))
+        step.run(*call, Options(peek=True))
     except Stale:
         return TO_BE_MADE, None
     except BeltidError as error:

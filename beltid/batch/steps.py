@@ -9,11 +9,10 @@ from pathlib import Path
 from beltid.config import ConfigSource
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import Stale
-from beltid.stages.reporter import KeepingReporter, Level, Reporter
-from beltid.stages.simulation.simulate_rig import SimulateOptions
+from beltid.stages.reporter import KeepingReporter, Level, Options, Reporter
 from beltid.stages.workers import Workers
 
-StageRun = Callable[[ConfigSource, Mapping[str, Path], Path, SimulateOptions], Summary]
+StageRun = Callable[[ConfigSource, Mapping[str, Path], Path, Options], Summary]
 Call = tuple[ConfigSource, Mapping[str, Path], Path]
 """What a stage is called with: the config, its inputs by their role, the place of its result."""
 
@@ -83,13 +82,11 @@ def run_step(
     BeltidError
         What the stage raises.
     """
-    if workers.jobs == 1:
-        return step.run(*call, SimulateOptions(force=force, reporter=reporter, jobs=1))
-    if step.spreads or not workers.share_files:
-        return step.run(*call, SimulateOptions(force=force, reporter=reporter, workers=workers))
+    if step.spreads or workers.jobs == 1 or not workers.share_files:
+        return step.run(*call, Options(force=force, reporter=reporter, workers=workers))
     if not force:
         try:
-            return step.run(*call, SimulateOptions(reporter=reporter, peek=True))
+            return step.run(*call, Options(reporter=reporter, peek=True))
         except Stale:
             pass
     summary, lines = workers.call(run_in_worker, step.run, *call, force)
@@ -104,5 +101,6 @@ def run_in_worker(
     """Carry out a stage in a worker: its summary, and what it reported."""
     reporter = KeepingReporter()
     with reporter.python_warnings():
-        summary = run(source, inputs, out, SimulateOptions(force=force, reporter=reporter, jobs=1))
+        options = Options(force=force, reporter=reporter, workers=Workers())
+        summary = run(source, inputs, out, options)
     return summary, reporter.lines

@@ -61,8 +61,8 @@ def belt_page(results: BeltResults, made_from: str) -> Page:
 def _said(*sheets: Sheet | None) -> list[str]:
     """Warnings and notes of some artifacts, warnings first."""
     known = [sheet for sheet in sheets if sheet is not None]
-    warnings = [f"Warning: {line}" for sheet in known for line in sheet.warnings]
-    notes = [line for sheet in known for line in sheet.notes]
+    warnings = [f"Warning: {line}" for sheet in known for line in sheet.metadata.warnings]
+    notes = [line for sheet in known for line in sheet.metadata.notes]
     return list(dict.fromkeys([*warnings, *notes]))
 
 
@@ -127,7 +127,7 @@ def _proof(results: BeltResults) -> Section:
     known = [(sheet, of) for name, of in COMPARED.items() if (sheet := results.get(name))]
     shown = [(sheet, f"{of} surface") for sheet, of in known]
     if predicted := results.prediction:
-        shown.insert(0, (predicted, PREDICTED[predicted.extra["hold_out"]]))
+        shown.insert(0, (predicted, PREDICTED[predicted.stated("hold_out")]))
     return Section(
         "proof",
         "The proof: the rig, simulated",

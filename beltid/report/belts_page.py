@@ -64,7 +64,7 @@ def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: st
 
 def _combined_percent(sheet: Sheet) -> float | None:
     """Combined standard uncertainty of mu within the measured range [%]; None if not known."""
-    rows = [row for row in sheet.extra.get("budget") or () if row["source"] == "combined"]
+    rows = [row for row in sheet.metadata.budget if row["source"] == "combined"]
     return rows[0]["contribution_percent"] if rows else None
 
 

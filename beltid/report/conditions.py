@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
+from beltid.identify.estimators.statistics import as_set
 from beltid.report.results import BeltResults, Sheet
 
 SAME = 0.03
@@ -26,9 +27,9 @@ def conditions(results: BeltResults) -> list[tuple[str, str]]:
     friction, stiffness = results.get("friction"), results.get("stiffness")
     found = [("Belt", ", ".join([results.belt, *results.belt_facts]))]
     if friction is not None:
-        radius = friction.settings.get("rig.pulley_radius_m")
+        radius = friction.pulley_radius_m
         found += [
-            ("Pulley radius", f"{1e3 * float(radius):.4g} mm" if radius else ""),
+            ("Pulley radius", f"{1e3 * radius:.4g} mm" if radius else ""),
             ("Contact arcs", _settings(friction, "arc_deg", "°")),
             ("Initial tensions", _settings(friction, "nominal_tension_N", " N")),
             ("Sliding speeds v", _settings(friction, "slip_speed_m_s", " mm/s", 1e3)),
@@ -37,7 +38,7 @@ def conditions(results: BeltResults) -> list[tuple[str, str]]:
             ("Rig test date", results.dates.get("rig", UNKNOWN)),
         ]
     if stiffness is not None:
-        press = stiffness.settings.get("press") or {}
+        press: Any = stiffness.metadata.settings.get("press") or {}
         length = press.get("segment_length_cm")
         at = stiffness["temperature_degC"]
         found += [
@@ -48,10 +49,8 @@ def conditions(results: BeltResults) -> list[tuple[str, str]]:
             ),
             ("Press test date", results.dates.get("press", UNKNOWN)),
         ]
-    configs = {
-        str(sheet.extra["config"]) for sheet in results.sheets.values() if sheet.extra.get("config")
-    }
-    found.append(("Config", ", ".join(sorted(configs))))
+    configs = {sheet.metadata.config or "" for sheet in results.sheets.values()}
+    found.append(("Config", ", ".join(sorted(filter(None, configs)))))
     return [(name, value) for name, value in found if value]
 
 
@@ -77,6 +76,15 @@ def settings_of(values: np.ndarray) -> list[np.ndarray]:
     if all(is_setting(values[rows]) for rows in groups):
         return groups
     return list(order[:, None])
+
+
+def series_of(speed: np.ndarray, tension: np.ndarray) -> dict[tuple[float, float], np.ndarray]:
+    """Rows of the points at each pair of a speed and a tension, in the order of first points."""
+    pairs = list(zip(as_set(speed).tolist(), as_set(tension).tolist(), strict=True))
+    rows: dict[tuple[float, float], list[int]] = {}
+    for row, pair in enumerate(pairs):
+        rows.setdefault(pair, []).append(row)
+    return {pair: np.array(of_pair) for pair, of_pair in rows.items()}
 
 
 def is_setting(values: np.ndarray) -> bool:

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from beltid.artifacts.metadata_models import Metadata
 from beltid.errors import InputError
 from beltid.identify.surface.surface import surface_from_columns
 from beltid.laws.friction_surface import FrictionSurface
@@ -37,26 +38,17 @@ class Sheet:
         Kind of the table.
     columns : mapping of str to ndarray
         The table.
-    extra, validity, settings : mapping
-        Single figures, range of validity, settings that it was made with.
-    inputs : mapping of str to str
-        Hash of every input by its role.
-    set_aside : tuple of dict
-        What was set aside, and why.
-    sha256, config_sha256, software_sha256, software_version : str
-        Where it came from.
+    metadata : Metadata
+        What it states about itself.
+    sha256, software_sha256, software_version : str
+        Hash of the file; what wrote it.
     """
 
     name: str
     kind: str
     columns: Columns
-    extra: Mapping[str, Any] = field(default_factory=dict)
-    validity: Mapping[str, Any] = field(default_factory=dict)
-    settings: Mapping[str, Any] = field(default_factory=dict)
-    inputs: Mapping[str, str] = field(default_factory=dict)
-    set_aside: tuple[Mapping[str, Any], ...] = ()
+    metadata: Metadata = field(default_factory=Metadata)
     sha256: str = ""
-    config_sha256: str = ""
     software_sha256: str = ""
     software_version: str = ""
 
@@ -66,15 +58,18 @@ class Sheet:
             return self.columns[column]
         return np.full(len(next(iter(self.columns.values()))), np.nan)
 
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What its maker says about it."""
-        return tuple(self.extra.get("notes", ()))
+    def stated(self, name: str) -> Any:
+        """A single figure, or rows, that the artifact of its kind may state; None if it does not.
+
+        Rows that are not stated are none: ``sheet.stated("budget") or ()``.
+        """
+        return getattr(self.metadata, name, None)
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """What its maker wants looked into."""
-        return tuple(self.extra.get("warnings", ()))
+    def pulley_radius_m(self) -> float | None:
+        """Radius of the pulley of the rig that it was made with [m]; None if it is not known."""
+        radius = self.metadata.settings.get("rig.pulley_radius_m")
+        return float(radius) if radius else None
 
     @property
     def surface(self) -> FrictionSurface:
@@ -87,40 +82,44 @@ class Sheet:
     @property
     def measured_force(self) -> tuple[float, float] | None:
         """Lowest and highest mean force of the runs behind a surface [N/m]; None if not stated."""
-        stated = (self.extra.get("measured") or {}).get("normal_force_N_m")
+        stated = (self.stated("measured") or {}).get("normal_force_N_m")
         return (float(stated[0]), float(stated[1])) if stated else None
 
     @property
     def overall(self) -> Mapping[str, Any]:
         """Statistics over all points of a comparison."""
-        return (self.extra.get("statistics") or [{}])[0]
+        return (self.stated("statistics") or [{}])[0]
 
     @property
     def passed(self) -> bool:
         """Whether a comparison is within its tolerances."""
-        return bool(self.extra.get("passed"))
+        return bool(self.stated("passed"))
 
     @property
     def too_few_compared(self) -> bool:
         """Whether a comparison failed for the number of its runs alone, not for a difference."""
-        missed = [row["tolerance"] for row in self.extra.get("judged") or () if not row["holds"]]
+        missed = [row["tolerance"] for row in self.stated("judged") or () if not row["holds"]]
         return missed == ["min_share_compared"]
+
+    @property
+    def rms_percent(self) -> str:
+        """RMS difference of a comparison as it is printed."""
+        return cell("rms_percent", self.overall.get("rms_percent"))
 
     @property
     def judged(self) -> str:
         """Verdict and RMS difference [%] of a comparison, such as "PASS 0.16"."""
-        rms = cell("rms_percent", self.overall.get("rms_percent"))
-        return f"{'PASS' if self.passed else 'FAIL'} {rms}"
+        return f"{'PASS' if self.passed else 'FAIL'} {self.rms_percent}"
 
     @property
     def held_out(self) -> bool:
         """Whether a comparison is one with runs that were left out and predicted."""
-        return self.extra.get("hold_out") in ("arc", "speed")
+        return self.stated("hold_out") in ("arc", "speed")
 
     @property
     def over_uncertainty(self) -> float | None:
         """RMS difference in standard uncertainties; None if these are not known."""
-        return (self.extra.get("validation") or {}).get("rms_e_over_u")
+        return (self.stated("validation") or {}).get("rms_e_over_u")
 
     @property
     def uncertainty(self) -> str:
@@ -221,7 +220,7 @@ class BeltResults:
     @property
     def origin(self) -> str | None:
         """Where the data come from: "synthetic" if any are, "measured" if all are, else None."""
-        origins = {sheet.extra.get("origin") for sheet in self.sheets.values()}
+        origins = {sheet.metadata.origin for sheet in self.sheets.values()}
         if "synthetic" in origins:
             return "synthetic"
         return "measured" if origins == {"measured"} else None

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.report.cells import are_numbers, cell, heading
+from beltid.report.cells import MISSING, are_numbers, cell, heading
 from beltid.report.results import BeltResults, Sheet
 
 LAW_COLUMNS: Final = (
@@ -210,7 +210,7 @@ def _known(sheet: Sheet, force: float) -> str:
 
 def agreement(sheet: Sheet, of: str) -> View:
     """Differences of groups of points."""
-    rows = sheet.extra.get("statistics") or []
+    rows = sheet.stated("statistics") or ()
     return view(f"Simulated less measured µ, {of}", rows, GROUP_COLUMNS)
 
 
@@ -219,21 +219,21 @@ def budget(results: BeltResults) -> View | None:
     rows = [
         {**row, "artifact": name}
         for name, sheet in results.sheets.items()
-        for row in sheet.extra.get("budget") or ()
+        for row in sheet.metadata.budget
     ]
     return view("Budget of the uncertainties", rows, BUDGET_COLUMNS, folded=True) if rows else None
 
 
 def drift(friction: Sheet) -> View | None:
     """Whether the friction drifts over the campaign; None if that was not checked."""
-    rows = friction.extra.get("drift") or ()
+    rows = friction.stated("drift") or ()
     title = "Drift over the campaign, in percent of µ; share that force, speed and arc explain"
     return view(title, rows, DRIFT_COLUMNS) if rows else None
 
 
 def effects(sheet: Sheet) -> View | None:
     """What shifts the friction of the runs beside the refined surface; None if it is another."""
-    rows = sheet.extra.get("effects") or ()
+    rows = sheet.stated("effects") or ()
     title = (
         "What shifts the friction beside the refined surface, in percent of µ; share that force "
         "and speed explain"
@@ -254,7 +254,7 @@ def set_aside(results: BeltResults) -> View | None:
             if status != "ok":
                 rows[f"run {run}"] = {"of": "friction", "what": f"run {run}", "why": status}
     for name, sheet in results.sheets.items():
-        for item in sheet.set_aside:
+        for item in sheet.metadata.set_aside:
             what = " ".join(f"{key} {value}" for key, value in item.items() if key != "why")
             if sheet.kind == "compare":
                 if what.startswith(SIMULATED_RUN):
@@ -271,12 +271,13 @@ def provenance(results: BeltResults) -> View:
         {
             "artifact": f"{sheet.name}.parquet",
             "file": short(sheet.sha256),
-            "config": f"{sheet.extra.get('config', '-')} {short(sheet.config_sha256)}",
-            "inputs": ", ".join(f"{role} {short(h)}" for role, h in sorted(sheet.inputs.items())),
+            "config": f"{made.config or MISSING} {short(made.config_sha256)}",
+            "inputs": ", ".join(f"{role} {short(h)}" for role, h in sorted(made.inputs.items())),
             "beltid": sheet.software_version,
             "sources": short(sheet.software_sha256),
         }
         for sheet in results.sheets.values()
+        for made in [sheet.metadata]
     ]
     return view("Made from (first digits of the SHA-256)", rows, tuple(rows[0]), words=True)
 
@@ -285,7 +286,7 @@ def settings(results: BeltResults) -> View:
     """Settings that the artifacts were made with."""
     merged: dict[str, str] = {}
     for sheet in results.sheets.values():
-        for key, value in _flat(sheet.settings):
+        for key, value in _flat(sheet.metadata.settings):
             if value is not None and key != "runs":
                 merged[key] = cell(key, value)
     rows = [{"setting": key, "value": merged[key]} for key in sorted(merged)]
@@ -304,4 +305,4 @@ def _flat(settings: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]
 
 def short(digest: str) -> str:
     """First digits of a hash."""
-    return digest[:SHORT_HASH] or "-"
+    return digest[:SHORT_HASH] or MISSING

@@ -88,14 +88,14 @@ def _headline(results: BeltResults) -> tuple[str, str]:
         )
     said = []
     if predicted is not None:
-        how_well = [_percent_rms(predicted), _in_units(predicted.over_uncertainty)]
+        how_well = [f"{predicted.rms_percent} % RMS", _in_units(predicted.over_uncertainty)]
         said.append(
-            f"friction of {LEFT_OUT[predicted.extra['hold_out']]} that was left out is predicted "
+            f"friction of {LEFT_OUT[predicted.stated('hold_out')]} that was left out is predicted "
             f"to {', '.join(filter(None, how_well))} ({_within(predicted)})"
         )
     if compared:
         parts = [
-            f"with the {of} surface by {_percent_rms(sheet)} ({_within(sheet)})"
+            f"with the {of} surface by {sheet.rms_percent} % RMS ({_within(sheet)})"
             for of, sheet in compared
         ]
         said.append(f"the simulated rig misses the measured friction {', '.join(parts)}")
@@ -119,11 +119,7 @@ def _within(sheet: Sheet) -> str:
 
 def _compared(sheet: Sheet) -> str:
     count = cell("n", sheet.overall.get("n_points"))
-    return f"only {count} of {cell('n', sheet.extra.get('n_measured'))} runs compared"
-
-
-def _percent_rms(sheet: Sheet) -> str:
-    return f"{sheet.judged.split()[1]} % RMS"
+    return f"only {count} of {cell('n', sheet.stated('n_measured'))} runs compared"
 
 
 def _in_units(over_u: float | None) -> str:
@@ -237,13 +233,13 @@ def _drive(results: BeltResults) -> Card | None:
     sheet = results.get("compare_drive")
     if sheet is None:
         return None
-    rms, over_u = (sheet.extra.get(f"rms_{of}") for of in ("relative_error", "over_uncertainty"))
+    rms, over_u = (sheet.stated(f"rms_{of}") for of in ("relative_error", "over_uncertainty"))
     percent = cell("rms_percent", None if rms is None else 100.0 * rms)
     return Card(
         "Speed loss of the drive, predicted",
         f"{'PASS' if sheet.passed else 'FAIL'} {percent} % RMS",
         (
-            f"{cell('n', sheet.extra.get('n_judged'))} points",
+            f"{cell('n', sheet.stated('n_judged'))} points",
             _in_units(over_u) or UNKNOWN_UNCERTAINTY,
         ),
         "good" if sheet.passed else "bad",
@@ -264,7 +260,7 @@ def _prediction(results: BeltResults) -> Card | None:
     if sheet is None:
         return None
     return _judged(
-        f"Prediction, {LEFT_OUT[sheet.extra['hold_out']]} left out",
+        f"Prediction, {LEFT_OUT[sheet.stated('hold_out')]} left out",
         sheet,
         _in_units(sheet.over_uncertainty) or UNKNOWN_UNCERTAINTY,
         f"{_worst(sheet)}, {cell('n', sheet.overall.get('n_points'))} runs",
@@ -308,13 +304,15 @@ def _trust(results: BeltResults) -> list[str]:
         )
     predicted = results.prediction
     if predicted is not None:
-        said += [f"Prediction: {note}." for note in predicted.notes]
+        said += [f"Prediction: {note}." for note in predicted.metadata.notes]
     for name, of in SIMULATED.items():
         if (simulated := results.get(name)) is not None:
-            said += [f"Simulation with the {of} surface: {note}." for note in simulated.notes]
+            said += [
+                f"Simulation with the {of} surface: {note}." for note in simulated.metadata.notes
+            ]
     said += _combined_uncertainty(results)
     slip = results.get("slip")
-    statement = (slip.extra.get("rig_speeds") or {}).get("statement") if slip else ""
+    statement = (slip.stated("rig_speeds") or {}).get("statement") if slip else ""
     if statement:
         said.append(f"{sentence(statement)}.")
     return said
@@ -323,18 +321,19 @@ def _trust(results: BeltResults) -> list[str]:
 def _combined_uncertainty(results: BeltResults) -> list[str]:
     """Combined uncertainty of the surface and the largest source of it."""
     sheet = results.best_surface
-    rows = list(sheet.extra.get("budget") or ()) if sheet else []
-    total = next((row for row in rows if row["source"] == "combined"), None)
-    if total is None:
+    known = [
+        (share, row)
+        for row in (sheet.metadata.budget if sheet else ())
+        if (share := row["contribution_percent"]) is not None
+    ]
+    total = next((share for share, row in known if row["source"] == "combined"), None)
+    parts = [pair for pair in known if pair[1]["source"] != "combined"]
+    if total is None or not parts:
         return []
-    parts = [row for row in rows if row is not total and row["contribution_percent"] is not None]
-    if not parts or total["contribution_percent"] is None:
-        return []
-    largest = max(parts, key=lambda row: row["contribution_percent"])
+    share, largest = max(parts, key=lambda pair: pair[0])
     return [
-        f"The combined standard uncertainty of µ is {percent(total['contribution_percent'])} "
-        f"within the range of the runs, mostly from: {largest['source']} "
-        f"({percent(largest['contribution_percent'])}, {largest['basis']})."
+        f"The combined standard uncertainty of µ is {percent(total)} within the range of the runs, "
+        f"mostly from: {largest['source']} ({percent(share)}, {largest['basis']})."
     ]
 
 

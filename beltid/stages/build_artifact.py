@@ -39,6 +39,7 @@ from beltid.artifacts.file_bytes import source_sha256, write_bytes
 from beltid.artifacts.metadata_models import Metadata, plain
 from beltid.bench.files.sources import Content, Signature, content_of, signature_of
 from beltid.errors import ArtifactError, InputError, Problem
+from beltid.report.summary import Summary
 from beltid.stages.outcome import Origin, Outcome, combined_origin
 from beltid.tables.schemas import ARTIFACTS, RECORDINGS
 
@@ -90,6 +91,17 @@ class Built:
     def warnings(self) -> tuple[str, ...]:
         """What the user should look into."""
         return self.artifact.metadata.warnings
+
+    def summary(self, stage: str, title: str, **shown: Any) -> Summary:
+        """Sum it up: what every artifact tells, and what is shown of this one (see `Summary`)."""
+        told: dict[str, Any] = {
+            "out": self.artifact.path,
+            "notes": self.notes,
+            "warnings": self.warnings,
+            "up_to_date": self.up_to_date,
+            "origin": self.origin,
+        }
+        return Summary(stage, title, **(told | shown))
 
 
 @dataclass(slots=True, eq=False)

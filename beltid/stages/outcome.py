@@ -91,7 +91,7 @@ class Outcome(Generic[Result]):
         from beltid.report.figures.single import pictures
         from beltid.report.results import Sheet
 
-        sheet = Sheet(self.kind, self.kind, self.columns, {**self.extra, "origin": self.origin})
+        sheet = Sheet(self.kind, self.kind, self.columns, self.metadata(origin=self.origin))
         found = {
             picture.key: picture.figure for picture in pictures(sheet) if picture.figure is not None
         }
@@ -193,6 +193,29 @@ def rows_of(columns: dict[str, np.ndarray], *names: str) -> list[dict[str, Any]]
 
 def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and np.isnan(value) else value
+
+
+def rows_per_setting(
+    arc_deg: np.ndarray, speed_rad_s: np.ndarray, force_N_m: np.ndarray, mu: np.ndarray
+) -> list[dict[str, Any]]:
+    """A row per arc and pulley speed: force and friction over the initial tensions."""
+    rows = []
+    for arc in np.unique(arc_deg):
+        for speed in np.unique(speed_rad_s[arc_deg == arc]):
+            here = np.flatnonzero((arc_deg == arc) & (speed_rad_s == speed))
+            low, high = here[np.argmin(force_N_m[here])], here[np.argmax(force_N_m[here])]
+            rows.append(
+                {
+                    "arc_deg": float(arc),
+                    "pulley_speed_rad_s": float(speed),
+                    "runs": here.size,
+                    "lowest_force_N_m": float(force_N_m[low]),
+                    "highest_force_N_m": float(force_N_m[high]),
+                    "mu_at_lowest": float(mu[low]),
+                    "mu_at_highest": float(mu[high]),
+                }
+            )
+    return rows
 
 
 def span(values: np.ndarray) -> tuple[float, float] | None:

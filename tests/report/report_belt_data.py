@@ -256,9 +256,16 @@ def sheets() -> dict[str, Sheet]:
         "rig_curves": ("rig_curves", rig_curves(), ORIGIN),
     }
     return {
-        name: Sheet(name, kind, columns, extra, settings=rig, sha256="ab" * 32)
+        name: Sheet(name, kind, columns, METADATA[kind](**extra, settings=rig), "ab" * 32)
         for name, (kind, columns, extra) in tables.items()
     }
+
+
+def stating(sheet: Sheet, **figures: Any) -> Sheet:
+    """A sheet with some of its figures others."""
+    known = sheet.metadata.model_fields_set
+    stated = {name: value for name, value in sheet.metadata if name in known} | figures
+    return replace(sheet, metadata=METADATA[sheet.kind](**stated))
 
 
 def results(belt: str = "testbelt") -> BeltResults:
@@ -284,6 +291,5 @@ def write(folder: Path, *names: str) -> Path:
     """A folder with the artifacts of the belt, or some of them."""
     for name, sheet in sheets().items():
         if not names or name in names:
-            metadata = METADATA[sheet.kind](**sheet.extra, settings=dict(sheet.settings))
-            write_artifact(folder / f"{name}.parquet", sheet.kind, sheet.columns, metadata)
+            write_artifact(folder / f"{name}.parquet", sheet.kind, sheet.columns, sheet.metadata)
     return folder

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import beltid
-from beltid.artifacts.metadata_models import plain
+from beltid.artifacts.metadata_models import METADATA, plain
 from beltid.report.figures import drive
 from beltid.report.results import Sheet
 
@@ -26,7 +26,7 @@ TRIANGLE: dict[str, Any] = {
 def sheet(**without: str) -> Sheet:
     outcome = beltid.simulate_drive({"drive": TRIANGLE}, 1.0, beltid.NormalLaw(6.5e7, 3.0256e11))
     extra = {k: v for k, v in plain(outcome.extra).items() if k not in without.values()}
-    return Sheet("drive", "drive", outcome.columns, extra)
+    return Sheet("drive", "drive", outcome.columns, METADATA["drive"](**extra))
 
 
 def test_all_figures_of_a_drive_are_drawn() -> None:

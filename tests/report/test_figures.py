@@ -257,7 +257,7 @@ def test_measured_against_simulated_are_the_means_over_arcs() -> None:
     whole = results()
     axes = axes_of(proof.averaged(whole.sheets["compare"], whole))[0]
     measured = np.concatenate([np.column_stack(c.lines[0].get_data()) for c in axes.containers])
-    rows = whole.sheets["compare"].extra["averaged"]
+    rows = whole.sheets["compare"].stated("averaged")
     assert sorted(measured[:, 1]) == pytest.approx(sorted(row["mu_measured"] for row in rows))
     drawn = [x for x in axes.get_lines() if x.get_marker() == "o" and x.get_xdata().size]
     simulated = np.concatenate([x.get_ydata() for x in drawn])

@@ -14,7 +14,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from report_belt_data import NAUGHTY, predicted, results, sheets, surface, without, write
+from report_belt_data import (
+    NAUGHTY,
+    predicted,
+    results,
+    sheets,
+    stating,
+    surface,
+    without,
+    write,
+)
 
 from beltid.errors import ArtifactError, InputError, percent
 from beltid.report.belt_page import belt_page
@@ -164,10 +173,7 @@ def test_the_speed_has_one_symbol(page: str) -> None:
 def test_what_one_surface_alone_says_names_it() -> None:
     belt = results()
     said = {"surface": ["common", "best: a"], "surface_refined": ["best: b", "common"]}
-    named = {
-        name: replace(belt.get(name), extra={**belt.get(name).extra, "notes": lines})
-        for name, lines in said.items()
-    }
+    named = {name: stating(belt.get(name), notes=lines) for name, lines in said.items()}
     page = belt_page(replace(belt, sheets=named), "0" * 64)
     notes = next(section.notes for section in page.sections if section.key == "surface")
     assert list(notes) == ["common", "refined surface: best: b", "published surface: best: a"]
@@ -181,9 +187,9 @@ def test_names_cannot_bring_markup_along() -> None:
     labels[:] = NAUGHTY + "\x1b[31m\u202e"
     status = friction.columns["status"].copy()
     status[0] = NAUGHTY
-    extra = {"origin": NAUGHTY, "notes": [NAUGHTY], "warnings": [NAUGHTY], "config": NAUGHTY}
+    said = {"notes": [NAUGHTY], "warnings": [NAUGHTY], "config": NAUGHTY}  # no model lets origin be
     columns = {**friction.columns, "run": labels, "status": status}
-    whole["friction"] = replace(friction, columns=columns, extra=extra)
+    whole["friction"] = stating(replace(friction, columns=columns), **said)
     naughty = replace(results(NAUGHTY), sheets=whole, problems=(NAUGHTY,))
     for text in (
         rendered(belt_page(naughty, "0" * 64)),
@@ -204,10 +210,7 @@ def test_synthetic_data_are_called_so_on_top(page: str, drawn_page: Page) -> Non
     assert "Synthetic data." in head
     real = replace(
         results(),
-        sheets={
-            name: replace(sheet, extra={**sheet.extra, "origin": "measured"})
-            for name, sheet in sheets().items()
-        },
+        sheets={name: stating(sheet, origin="measured") for name, sheet in sheets().items()},
     )
     top = replace(drawn_page, synthetic=real.origin == "synthetic", verdict=verdict_of(real))
     body = rendered(replace(top, sections=())).split("<body>")[1]
@@ -226,23 +229,23 @@ def test_proven_needs_runs_that_cover_the_surface() -> None:
     assert verdict_of(whole).cards[0].value == "PASS 0.40 % RMS"
     held_out = "friction of an arc that was left out is predicted to 0.40 % RMS, 0.9 standard unc"
     assert held_out in verdict_of(whole).headline
-    missed = replace(belt.get("compare_hold_out"), extra=predicted(3.1))
+    missed = stating(belt.get("compare_hold_out"), **predicted(3.1))
     unpredicted = {k: v for k, v in whole.sheets.items() if k != "compare_hold_out"}
-    misfit = {**whole.get("compare_refined").extra, "validation": {"rms_e_over_u": 2.4}}
-    unexplained = replace(whole.get("compare_refined"), extra=misfit)
+    refined = whole.get("compare_refined")
+    judged = {**refined.stated("validation"), "rms_e_over_u": 2.4}
+    unexplained = stating(refined, validation=judged)
     share = {"tolerance": "min_share_compared", "found": 0.2, "allowed": 0.5, "holds": False}
-    few = {**whole.get("compare_refined").extra, "passed": False, "judged": [share]}
-    few["n_measured"] = 5 * few["statistics"][0]["n_points"]
-    too_few = replace(whole.get("compare_refined"), extra=few)
+    n_measured = 5 * refined.overall["n_points"]
+    too_few = stating(refined, passed=False, judged=[share], n_measured=n_measured)
     rms = {"tolerance": "max_rms_relative_error", "found": 0.2, "allowed": 0.1, "holds": False}
-    wide = replace(too_few, extra={**few, "judged": [rms, share]})
+    wide = stating(too_few, judged=[rms, share])
     verdict = verdict_of(replace(whole, sheets={**whole.sheets, "compare_refined": wide}))
     assert verdict.headline.startswith("Identified, but out of tolerance: ")
     for others, told in (
         ({**whole.sheets, "compare_refined": unexplained}, "misses its own runs by 2.4 of their"),
         (
             {**whole.sheets, "compare_refined": too_few},
-            f"not proven (only {few['n_measured'] // 5} of {few['n_measured']} runs compared)",
+            f"not proven (only {n_measured // 5} of {n_measured} runs compared)",
         ),
         (unpredicted, "no runs were left out and predicted"),
         ({**unpredicted, "compare_hold_out": missed}, "miss by 3.1 of their standard uncertainti"),
@@ -250,7 +253,7 @@ def test_proven_needs_runs_that_cover_the_surface() -> None:
         verdict = verdict_of(replace(whole, sheets=others))
         assert verdict.state == "open"
         assert told in verdict.headline
-    failed = replace(missed, extra={**predicted(0.9), "passed": False})
+    failed = stating(missed, **{**predicted(0.9), "passed": False})
     verdict = verdict_of(replace(whole, sheets={**unpredicted, "compare_hold_out": failed}))
     assert verdict.state == "bad"
     assert verdict.headline.startswith("Identified, but out of tolerance: friction of an arc")
@@ -295,11 +298,8 @@ def test_a_single_run_has_no_ranges_at_all() -> None:
     belt = results()
     columns = {name: values[:1] for name, values in surface().items()}
     force = [7983.4, 7983.4]
-    sheet = replace(
-        belt.get("surface_refined"),
-        columns=columns,
-        extra={"measured": {"normal_force_N_m": force}},
-    )
+    one_run = replace(belt.get("surface_refined"), columns=columns)
+    sheet = stating(one_run, measured={"normal_force_N_m": force})
     verdict = verdict_of(replace(belt, sheets={**belt.sheets, "surface_refined": sheet}))
     card = next(card for card in verdict.cards if "Friction surface" in card.title)
     trust = " ".join(verdict.trust)
@@ -330,9 +330,8 @@ def test_verdict_is_that_of_the_comparison(page: str) -> None:
     published = verdict_of(without("compare_refined"))
     assert (published.state, published.headline[:32]) == ("bad", "Identified, but out of tolerance")
     whole = sheets()
-    (group,) = whole["compare"].extra["statistics"]
-    single = {**whole["compare"].extra, "statistics": [{**group, "n_points": 1}]}
-    whole["compare"] = replace(whole["compare"], extra=single)
+    (group,) = whole["compare"].stated("statistics")
+    whole["compare"] = stating(whole["compare"], statistics=[{**group, "n_points": 1}])
     cards = {card.title: card for card in verdict_of(replace(results(), sheets=whole)).cards}
     assert cards["Agreement, published surface"].details[1] == "1 run"
     assert cards["Agreement, refined surface"].details[1] == "11 runs"
@@ -353,7 +352,7 @@ def test_a_run_that_was_set_aside_is_listed_once_and_no_run_that_nobody_measured
     aside["compare_refined"] = aside["compare"]
     whole = sheets()
     for name, items in aside.items():
-        whole[name] = replace(whole[name], set_aside=tuple(items))
+        whole[name] = stating(whole[name], set_aside=items)
     table = set_aside(replace(results(), sheets=whole))
     assert table is not None
     assert table.rows == [
@@ -470,9 +469,9 @@ def test_drift_and_effects_stand_in_tables() -> None:
         "clear": True,
     }
     sheets = results().sheets
-    of_runs = replace(sheets["friction"], extra={"drift": [row]})
-    of_surface = replace(sheets["surface"], extra={"effects": [effect]})
+    of_runs = stating(sheets["friction"], drift=[row])
+    of_surface = stating(sheets["surface"], effects=[effect])
     assert drift(of_runs).rows == [["temperature", "10 K", "-2.00", "0.10", "yes", "12.00"]]
     assert effects(of_surface).rows[0][0] == "steady change over the campaign"
     # a friction table of another time has neither
-    assert drift(replace(of_runs, extra={})) is None
+    assert drift(stating(of_runs, drift=())) is None

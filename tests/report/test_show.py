@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
-from report_belt_data import sheets, write
+from report_belt_data import sheets, stating, write
 from typer.testing import CliRunner
 
 import beltid
@@ -53,7 +53,7 @@ def words(fig: Figure) -> str:
 )
 def test_every_figure_of_synthetic_data_says_so(name: str, origin: str) -> None:
     sheet = sheets()[name]
-    found = pictures(replace(sheet, extra={**sheet.extra, "origin": origin}))
+    found = pictures(stating(sheet, origin=origin))
     assert found
     for picture in found:
         assert picture.figure is not None
@@ -151,7 +151,7 @@ def test_a_figure_is_written(folder: Path, tmp_path: Path, ending: str, magic: b
 
 def test_runs_that_were_left_out_are_not_called_those_of_a_surface() -> None:
     sheet = sheets()["compare"]
-    predicted = replace(sheet, extra={**sheet.extra, "hold_out": "arc"})
+    predicted = stating(sheet, hold_out="arc")
     said = [f"{p.title} {p.caption}" for p in pictures(predicted)]
     assert said[0].startswith("Measured against simulated, runs left out and predicted")
     assert not any("published" in text for text in said)

@@ -15,7 +15,7 @@ from beltid.report.summary import Summary
 from beltid.stages.identification import build_surface, fit_friction, fit_stiffness
 from beltid.stages.reporter import Options
 from beltid.stages.simulation import compare, simulate_rig
-from beltid.stages.simulation.simulate_rig import SimulateOptions
+from beltid.stages.workers import Workers
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "rigdata" / "5pk"
@@ -58,7 +58,7 @@ def chain(rig: Path, folder: Path, stated: str | None) -> dict[str, Summary]:
             silent,
             {"surface": out["surface"], "stiffness": out["stiffness"]},
             out["simulated"],
-            SimulateOptions(jobs=1),
+            Options(workers=Workers()),
         ),
         "compare": compare.run(
             silent,
@@ -100,7 +100,7 @@ def test_one_synthetic_input_makes_the_result_synthetic(chained: Chained, tmp_pa
         "stiffness": synthetic / "stiffness.parquet",
     }
     summary = simulate_rig.run(
-        source(None), inputs, tmp_path / "mixed.parquet", SimulateOptions(jobs=1)
+        source(None), inputs, tmp_path / "mixed.parquet", Options(workers=Workers())
     )
     assert summary.origin == "synthetic"
 

@@ -15,6 +15,7 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.rigsim.rig import RunResult
 from beltid.stages.simulation.campaign import (
+    bench_of,
     recording_columns,
     simulated_results,
     simulation_settings,
@@ -61,7 +62,7 @@ def simulated(kind: str, picked: Picked = FEW) -> dict[str, np.ndarray]:
     runs = planned_runs(config, picked)
     settings = simulation_settings(config, "transient")
     found: dict[int, RunResult | BeltidError]
-    found = dict(simulated_results(config, (TRUTH, LAW), runs, settings, jobs=1))
+    found = dict(simulated_results(config, bench_of(config, TRUTH, LAW), runs, settings, jobs=1))
     results = [found[k] for k in range(len(runs))]
     assert all(isinstance(result, RunResult) for result in results)
     return recording_columns(runs, results, config)  # type: ignore[arg-type]
@@ -141,7 +142,9 @@ def test_a_running_rig_agrees_with_itself_and_gives_its_surface_back() -> None:
     config = load_config({"rig": settings})
     runs = planned_runs(config, Picked())
     found = dict(
-        simulated_results(config, (TRUTH, LAW), runs, simulation_settings(config, "steady"), 1)
+        simulated_results(
+            config, bench_of(config, TRUTH, LAW), runs, simulation_settings(config, "steady"), 1
+        )
     )
     results = [found[k] for k in range(len(runs))]
     recording = recording_columns(runs, results, config)  # type: ignore[arg-type]

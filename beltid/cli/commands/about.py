@@ -11,8 +11,7 @@ from beltid.cli.execute import finish, print_text
 from beltid.cli.program import Common, app, command
 
 if TYPE_CHECKING:
-    from beltid.cli.reporter import TerminalReporter
-    from beltid.report.summary import Summary
+    from beltid.stages.reporter import Options
 
 
 def explanations() -> dict[str, str]:
@@ -60,7 +59,7 @@ def info(
     from beltid.stages.setup import about as stage
 
     finish(
-        lambda reporter: stage.program() if file is None else stage.file_info(file), common, kept=""
+        lambda options: stage.program() if file is None else stage.file_info(file), common, kept=""
     )
 
 
@@ -89,15 +88,15 @@ def show(
     from beltid.stages.setup import about as stage
 
     if origin or common.json:
+        finish(
+            lambda options: stage.config_origins(find_config(file, common.config)),
+            common,
+            kept="",
+        )
 
-        def work(reporter: TerminalReporter) -> Summary:
-            return stage.config_origins(find_config(file, common.config))
-
-        finish(work, common, kept="")
-
-    def text(reporter: TerminalReporter) -> str:
+    def text(options: Options) -> str:
         source = find_config(file, common.config)
-        reporter.report(f"config: {source.origin}")
+        options.reporter.report(f"config: {source.origin}")
         return stage.shown_config(source)
 
     print_text(text, common)
@@ -117,7 +116,7 @@ def check(
     """
     from beltid.stages.setup import about as stage
 
-    finish(lambda reporter: stage.check_configs(configs), common, kept="")
+    finish(lambda options: stage.check_configs(configs), common, kept="")
 
 
 @command("explain")
@@ -137,7 +136,7 @@ def explain(
     """
     from beltid.errors import InputError
 
-    def text(reporter: TerminalReporter) -> str:
+    def text(options: Options) -> str:
         pages = explanations()
         if code is None:
             return "".join(f"{known}\n" for known in pages)

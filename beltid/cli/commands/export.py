@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from beltid.cli.execute import finish, print_text
 from beltid.cli.program import Common, command
-
-if TYPE_CHECKING:
-    from beltid.cli.reporter import TerminalReporter
-    from beltid.report.summary import Summary
 
 TARGET_NAMES = (
     "json",
@@ -137,26 +133,22 @@ def export(
              beltid export all runs/5pk -o laws/5pk
              beltid export --list
     """  # noqa: D301
-    from beltid.errors import InputError
-    from beltid.stages.results.export_law import SCHEMA, ExportOptions, schema_text
-    from beltid.stages.results.export_law import run as stage
+    from beltid.stages.results import export_law as stage
 
-    if target == SCHEMA:
-        print_text(lambda reporter: schema_text(), common)
-
-    def work(reporter: TerminalReporter) -> Summary:
-        if source is None:
-            raise InputError(
-                "LAW is missing: name the results of a belt, such as runs/5pk, or a law file"
-            )
-        options = ExportOptions(
-            force=common.force,
-            reporter=reporter,
+    if target == stage.SCHEMA:
+        print_text(lambda options: stage.schema_text(), common)
+    finish(
+        lambda options: stage.run(
+            target,
+            source,
+            common.config,
+            common.out,
+            options,
             surface=surface.value if surface else None,
             normal_force_N_m=normal_force,
             slip_speed_m_s=speed,
             units=units.value,
-        )
-        return stage(target, source, common.config, common.out, options)
-
-    finish(work, common, kept="files that were written are whole")
+        ),
+        common,
+        kept="files that were written are whole",
+    )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -12,10 +12,6 @@ from beltid.cli.inputs import FILES
 from beltid.cli.program import Common, command
 from beltid.errors import InputError
 from beltid.tables.schemas import RECORDINGS
-
-if TYPE_CHECKING:
-    from beltid.cli.reporter import TerminalReporter
-    from beltid.report.summary import Summary
 
 
 @command("inspect")
@@ -43,13 +39,15 @@ def inspect(
     Example: beltid inspect export.txt
     """
     from beltid.config import find_config
+    from beltid.report.summary import Summary
+    from beltid.stages.reporter import Options
     from beltid.stages.setup import inspect_file as stage
 
-    def work(reporter: TerminalReporter) -> Summary:
+    def work(options: Options) -> Summary:
         if kind is not None and kind not in RECORDINGS:
             raise InputError(f"--kind {kind}, must be " + ", ".join(RECORDINGS))
         source = find_config(files[0], common.config)
-        reporter.report(f"config: {source.origin}")
-        return stage.run(source, files, stage.InspectOptions(reporter=reporter, kind=kind))
+        options.reporter.report(f"config: {source.origin}")
+        return stage.run(source, files, kind)
 
     finish(work, common, kept="nothing was changed")

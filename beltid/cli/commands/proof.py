@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -88,19 +89,19 @@ def simulate_rig(
     Example: beltid simulate-rig surface.parquet stiffness.parquet --arc 82
     """
     from beltid.stages.simulation import simulate_rig as stage
+    from beltid.stages.simulation.planned_runs import Picked
 
-    options = stage.SimulateOptions(
+    run = partial(
+        stage.run,
+        picked=Picked(tuple(arc or ()), tuple(tension or ()), tuple(speed or ())),
         method=method,
-        arcs_deg=tuple(arc or ()),
-        tensions_N=tuple(tension or ()),
-        speeds_rad_s=tuple(speed or ()),
         elements=elements,
         jobs=jobs,
-        profile_times_s=tuple(profile_time or ()),
+        profile_times_s=profile_time or (),
     )
     name = "simulated_part.parquet" if arc or tension or speed else "simulated.parquet"
     inputs = {"surface": surface, "stiffness": stiffness, "friction": friction}
-    execute(stage.run, inputs, name, common, options)
+    execute(run, inputs, name, common)
 
 
 @command("compare")
@@ -137,5 +138,5 @@ def compare(
 
     second = "stiffness" if hold_out else "simulated"
     name = "compare_hold_out.parquet" if hold_out else "compare.parquet"
-    options = stage.CompareOptions(hold_out=hold_out)
-    execute(stage.run, {"friction": friction, second: simulated}, name, common, options)
+    run = partial(stage.run, hold_out=hold_out)
+    execute(run, {"friction": friction, second: simulated}, name, common)

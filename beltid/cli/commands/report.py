@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from beltid.cli.execute import finish
 from beltid.cli.program import Common, command
-
-if TYPE_CHECKING:
-    from beltid.cli.reporter import TerminalReporter
-    from beltid.report.summary import Summary
 
 
 @command(
@@ -47,17 +43,13 @@ def report(
 
     Example: beltid report runs/4pk runs/5pk
     """
-    from beltid.config import find_config
-    from beltid.stages.reporter import Options
     from beltid.stages.results import report_belt as stage
 
-    def work(reporter: TerminalReporter) -> Summary:
-        source = find_config(None, common.config) if common.config else None
-        return stage.run(
-            folders, common.out, Options(force=common.force, reporter=reporter), source
-        )
-
-    finish(work, common, kept="reports that were finished stand")
+    finish(
+        lambda options: stage.run(folders, common.out, options, common.config),
+        common,
+        kept="reports that were finished stand",
+    )
 
 
 @command(
@@ -86,12 +78,10 @@ def show(
 
     Example: beltid show runs/5pk/surface_refined.parquet -o map.pdf --figure map-surface_refined
     """
-    from beltid.stages.reporter import Options
     from beltid.stages.results import show_artifact as stage
 
-    def work(reporter: TerminalReporter) -> Summary:
-        return stage.run(
-            artifact, common.out, figure, Options(force=common.force, reporter=reporter)
-        )
-
-    finish(work, common, kept="nothing was written")
+    finish(
+        lambda options: stage.run(artifact, common.out, figure, options),
+        common,
+        kept="nothing was written",
+    )

@@ -14,9 +14,9 @@ from beltid.cli.inputs import Bootstrap, Seed
 from beltid.cli.program import Common, command
 
 if TYPE_CHECKING:
-    from beltid.cli.reporter import TerminalReporter
     from beltid.config import ConfigSource
     from beltid.report.summary import Summary
+    from beltid.stages.reporter import Options
     from beltid.stages.workers import Workers
 
 
@@ -108,7 +108,8 @@ def run(
     folder = common.out or Path("runs")
     where = Where(executor, scheduler, scheduler_file, jobs)
 
-    def work(reporter: TerminalReporter) -> Summary:
+    def work(given: Options) -> Summary:
+        reporter = given.reporter
         from beltid.batch.sources import Shard, config_sources
 
         part = None if shard is None else Shard.parse(shard)

@@ -138,7 +138,7 @@ def proof(belts: Sequence[BeltResults]) -> Picture:
     known = [
         (b, s)
         for b in belts
-        if (s := b.get("compare_refined") or b.get("compare")) and s.extra.get("averaged")
+        if (s := b.get("compare_refined") or b.get("compare")) and s.stated("averaged")
     ]
     if not known:
         return absent("belts-proof", title, "No folder has a comparison.", "Fig. 17")
@@ -168,12 +168,12 @@ def proof(belts: Sequence[BeltResults]) -> Picture:
 
 def _averaged(belt: BeltResults, sheet: Sheet) -> dict[str, np.ndarray]:
     """Columns of the means over arcs, with the sliding speed v, or the pulley's without radius."""
-    rows = sheet.extra["averaged"]
+    rows = sheet.stated("averaged")
     names = ("normal_force_N_m", "mu_measured", "mu_simulated", "pulley_speed_rad_s")
     table = {name: np.array([row[name] for row in rows], dtype=float) for name in names}
     friction = belt.get("friction")
-    radius = friction.settings.get("rig.pulley_radius_m") if friction else None
-    return {**table, "v": table["pulley_speed_rad_s"] * float(radius or 1.0)}
+    radius = friction.pulley_radius_m if friction else None
+    return {**table, "v": table["pulley_speed_rad_s"] * (radius or 1.0)}
 
 
 def _nearest(values: np.ndarray, wanted: float) -> float:

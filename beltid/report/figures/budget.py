@@ -47,7 +47,7 @@ def pictures(results: BeltResults) -> list[Picture]:
     found = []
     for name in WORDS:
         sheet = results.get(name)
-        rows = [row for row in (sheet.extra.get("budget") or ()) if row] if sheet else []
+        rows = sheet.metadata.budget if sheet else ()
         for quantity in dict.fromkeys(str(row["quantity"]) for row in rows):
             found.append(
                 of_quantity(name, quantity, [r for r in rows if r["quantity"] == quantity])

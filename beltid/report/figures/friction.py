@@ -63,15 +63,13 @@ def simulated(results: BeltResults) -> list[Picture]:
     for name, of in (("simulated", "published"), ("simulated_refined", "refined")):
         sheet = results.get(name)
         rows = (
-            [row for row in (sheet.extra.get("runs") or ()) if row["status"] == "ok"]
-            if sheet
-            else []
+            [row for row in (sheet.stated("runs") or ()) if row["status"] == "ok"] if sheet else []
         )
         title = f"{SIMULATED_TITLE}, {of} surface"
         if not rows or sheet is None:
             found.append(absent(name, title, f"There is no {name}.parquet.", "Fig. 16"))
             continue
-        radius = float(sheet.settings.get("rig.pulley_radius_m") or np.nan)
+        radius = sheet.pulley_radius_m or np.nan
         columns = {
             key: np.array([row[key] for row in rows], dtype=float)
             for key in rows[0]

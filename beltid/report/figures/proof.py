@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -44,7 +44,7 @@ def pictures(results: BeltResults) -> list[Picture]:
     found = []
     for name, of in COMPARED.items():
         sheet = results.get(name)
-        if sheet is None or not sheet.extra.get("averaged"):
+        if sheet is None or not sheet.stated("averaged"):
             title = f"Measured against simulated, {of} surface"
             found.append(absent(name, title, f"There is no {name}.parquet.", "Fig. 17"))
         else:
@@ -55,7 +55,7 @@ def pictures(results: BeltResults) -> list[Picture]:
 
 def of_one(sheet: Sheet) -> list[Picture]:
     """Agreement and differences of one comparison on its own."""
-    means = [averaged(sheet, BeltResults("", {}))] if sheet.extra.get("averaged") else []
+    means = [averaged(sheet, BeltResults("", {}))] if sheet.stated("averaged") else []
     return [*means, *_run_by_run_pictures([sheet])]
 
 
@@ -69,7 +69,7 @@ def _run_by_run_pictures(sheets: list[Sheet]) -> list[Picture]:
 
 def averaged(sheet: Sheet, results: BeltResults) -> Picture:
     """Means over the arcs, measured with their doubt and simulated (Fig. 17)."""
-    rows = sheet.extra["averaged"]
+    rows = sheet.stated("averaged")
     force, mu, simulated, tension, omega = (
         np.array([row[name] for row in rows], dtype=float)
         for name in (
@@ -123,7 +123,7 @@ def averaged(sheet: Sheet, results: BeltResults) -> Picture:
 def _speed(results: BeltResults, omega: np.ndarray) -> str:
     """Sliding speed of a pulley speed, as everywhere in the report; ω without the radius."""
     friction = results.get("friction")
-    radius = friction.settings.get("rig.pulley_radius_m") if friction else None
+    radius = friction.pulley_radius_m if friction else None
     if radius:
         return f"v = {class_name(MILLI * radius * omega)} mm/s"
     return f"ω = {class_name(omega)} rad/s"
@@ -146,10 +146,9 @@ def _band(results: BeltResults, name: str, force: np.ndarray, omega: float) -> n
     friction, surface = results.get("friction"), results.get(name)
     if friction is None or surface is None:
         return None
-    radius = friction.settings.get("rig.pulley_radius_m")
-    if not radius:
+    if friction.pulley_radius_m is None:
         return None
-    band = 2.0 * surface.surface.mu_se_at(force, radius * omega)
+    band = 2.0 * surface.surface.mu_se_at(force, friction.pulley_radius_m * omega)
     return band if np.isfinite(band).all() else None
 
 
@@ -159,8 +158,7 @@ def _doubt(results: BeltResults, sheet: Sheet) -> str:
 
 
 def _verdict(sheet: Sheet) -> str:
-    rows = sheet.extra.get("statistics") or [{}]
-    whole: dict[str, Any] = rows[0]
+    whole = sheet.overall
     if whole.get("rms_percent") is None:
         return ""
     return (
@@ -198,7 +196,7 @@ def over_uncertainty(sheets: list[Sheet]) -> Picture:
     told = [
         f"{sentence(SIMULATED_WITH[sheet.name])}: {found['within_2u']} of {found['n']} runs within."
         for sheet in sheets
-        if (found := sheet.extra.get("validation")) and found.get("n")
+        if (found := sheet.stated("validation")) and found.get("n")
     ]
     return Picture(
         "validation",

@@ -40,7 +40,7 @@ MOST_PROFILES: Final = 7
 def pictures(sheet: Sheet) -> list[Picture]:
     """Figures of an artifact, the most telling first; they say it if the data are synthetic."""
     found = [*MAKERS[sheet.kind](sheet), *budget.pictures(_alone(sheet))]
-    if sheet.extra.get("origin") == "synthetic":
+    if sheet.metadata.origin == "synthetic":
         for picture in found:
             if picture.figure is not None:
                 mark_synthetic(picture.figure)
@@ -55,7 +55,7 @@ def _name(sheet: Sheet) -> str:
     """Name of the artifact in the chain."""
     if sheet.held_out:
         return HELD_OUT
-    refined = sheet.extra.get("method") == "refined" or sheet.name.endswith("_refined")
+    refined = sheet.metadata.method == "refined" or sheet.name.endswith("_refined")
     return f"{sheet.kind}_refined" if refined and sheet.kind in REFINED else sheet.kind
 
 

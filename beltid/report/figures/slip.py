@@ -49,8 +49,8 @@ def against_torque(slip: Sheet) -> Picture:
                 label=f"driver {speed:.3g} rad/s, T₀ "
                 + ("unknown" if tension == UNKNOWN else f"= {tension:.3g} N"),
             )
-        radius = slip.settings.get("rig.pulley_radius_m")
-        speeds = slip.settings.get("rig.pulley_speeds_rad_s") or ()
+        radius = slip.pulley_radius_m
+        speeds = slip.metadata.settings.get("rig.pulley_speeds_rad_s") or ()
         lines = [MILLI * radius * omega for omega in speeds] if radius else []
         top = axes.get_ylim()[1]
         for k, v in enumerate(v for v in lines if v <= 2.0 * top):

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,15 +16,15 @@ from beltid.artifacts.metadata_models import DriveMetadata
 from beltid.config import Config, ConfigSource, load_config
 from beltid.drive.geometry import layout
 from beltid.drive.limits import slip_limit
-from beltid.drive.model import Drive
+from beltid.drive.model import Drive, DrivePoint
 from beltid.drive.profile import arc_profiles
 from beltid.drive.results import ADHESION, FULL_SLIP, DriveResult, Method, Simulator
 from beltid.drive.rod import ribs_shear
 from beltid.errors import ConvergenceError, InputError, NumericsError
-from beltid.identify.estimators.statistics import as_set
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
+from beltid.report.conditions import series_of
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.drive.drive_of_config import (
@@ -93,12 +94,8 @@ MOST_OUTSIDE: Final = 0.3
 """Share of the sliding friction outside what was measured, above which there is a warning."""
 
 
-@dataclass(frozen=True, slots=True)
-class SolvedPoint:
-    """An operating point with its result, or the reason why there is none."""
-
-    asked: LabelledPoint
-    result: DriveResult | ConvergenceError
+Solved = tuple[LabelledPoint, DriveResult]
+"""An operating point with its steady state."""
 
 
 def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
@@ -129,7 +126,7 @@ def simulate_drive(
     config: Config | Mapping[str, Any] | str | Path | None,
     surface: FrictionSurface | Outcome[Any] | float,
     law: NormalLaw | Outcome[Any],
-) -> Outcome[tuple[SolvedPoint, ...]]:
+) -> Outcome[tuple[Solved, ...]]:
     """Predict the operating points of a belt drive.
 
     Parameters
@@ -165,33 +162,34 @@ def _outcome(
     press: PressLaw,
     points: Sequence[LabelledPoint],
     loaded: str | None = None,
-) -> Outcome[tuple[SolvedPoint, ...]]:
+) -> Outcome[tuple[Solved, ...]]:
     drive = drive_of(config, surface, press.law)
     simulator = Simulator(drive, config.drive.method)
     at_rest = Simulator(drive).at_rest
     alike = drive_warnings(config, drive, [at_rest(p.point).T_0 for p in points])
-    solved = _solved(simulator, points)
-    good = [(s.asked, s.result) for s in solved if isinstance(s.result, DriveResult)]
-    failed = [(s.asked, s.result) for s in solved if isinstance(s.result, ConvergenceError)]
+    good: list[Solved] = []
+    failed: list[tuple[LabelledPoint, ConvergenceError]] = []
+    for asked in points:
+        try:
+            good.append((asked, simulator.solve(asked.point)))
+        except ConvergenceError as error:
+            failed.append((asked, error))
     if not good:
         raise NumericsError([f"point {asked.run}: {error}" for asked, error in failed])
     if "drive" not in config.model_fields_set:
         alike.insert(0, NOT_STATED)
-    known = isinstance(surface, UncertainSurface) and (
-        surface.members is not None or surface.factor is not None
-    )
-    ensemble = surface.ensemble() if known and isinstance(surface, UncertainSurface) else ()
+    uncertain = surface if isinstance(surface, UncertainSurface) else UncertainSurface(surface)
+    known = uncertain.members is not None or uncertain.factor is not None
+    ensemble = uncertain.ensemble() if known else ()
     sources = drive_sources(standard_uncertainties(config), len(drive.pulleys), press.has_scatter)
-    results = [result for _, result in good]
-    open_ = drive_uncertainty(
-        drive, [asked.point for asked, _ in good], results, press, sources, ensemble
-    )
+    asked_points, results = [asked.point for asked, _ in good], [result for _, result in good]
+    open_ = drive_uncertainty(drive, asked_points, results, press, sources, ensemble)
     columns = _columns(drive, good)
     if math.isfinite(drive.shear_stiffness) and config.drive.method == "string":
         sources = (*sources, shear_source(SHEAR_WITHOUT_BENDING))
         losses = columns["speed_loss_rad_s"].reshape(len(good), -1)
         open_ = open_.with_source(SHEAR_WITHOUT_BENDING * np.abs(losses))
-    slower = change_by_slower_friction(drive, [asked.point for asked, _ in good], results)
+    slower = change_by_slower_friction(drive, asked_points, results)
     if slower.any():
         sources = (*sources, slower_source())
         open_ = open_.with_source(slower)
@@ -200,7 +198,7 @@ def _outcome(
     return Outcome(
         kind=KIND,
         columns=columns,
-        result=solved,
+        result=tuple(good),
         validity={name: span(columns[name]) for name in ("driver_speed_rad_s", "torque_N_m")},
         set_aside=[{"run": asked.run, "why": "; ".join(e.problems)} for asked, e in failed],
         extra={
@@ -227,48 +225,28 @@ def _outcome(
     )
 
 
-def _solved(simulator: Simulator, points: Sequence[LabelledPoint]) -> tuple[SolvedPoint, ...]:
-    solved = []
-    for asked in points:
-        result: DriveResult | ConvergenceError
-        try:
-            result = simulator.solve(asked.point)
-        except ConvergenceError as error:
-            result = error
-        solved.append(SolvedPoint(asked, result))
-    return tuple(solved)
-
-
-def _limits(
-    drive: Drive, good: Sequence[tuple[LabelledPoint, DriveResult]]
-) -> list[dict[str, Any]]:
+def _limits(drive: Drive, good: Sequence[Solved]) -> list[dict[str, Any]]:
     """How much torque the drive carries at each speed and tension, by its most loaded point."""
-    speeds = as_set(np.array([result.point.omega for _, result in good]))
-    tensions = as_set(np.array([result.rest.T_0 for _, result in good]))
-    heaviest: dict[tuple[float, float], tuple[LabelledPoint, DriveResult]] = {}
-    for series, one in zip(zip(speeds.tolist(), tensions.tolist(), strict=True), good, strict=True):
-        if series not in heaviest or one[1].load > heaviest[series][1].load:
-            heaviest[series] = one
-    simulator, rows = Simulator(drive), []
-    for (speed, tension), (asked, result) in heaviest.items():
-        if result.load == 0.0:
-            continue
-        limit = slip_limit(simulator, asked.point)
-        rows.append(
-            {
-                "driver_speed_rad_s": speed,
-                "initial_tension_N": tension,
-                "largest_torque_N_m": result.load,
-                "adhesion_end_torque_N_m": limit.adhesion * result.load,
-                "slip_limit_torque_N_m": limit.slip * result.load,
-            }
-        )
-    return rows
+    speeds = np.array([result.point.omega for _, result in good])
+    series = series_of(speeds, np.array([result.rest.T_0 for _, result in good]))
+    heaviest = {
+        setting: max((good[i] for i in rows), key=lambda one: one[1].load)
+        for setting, rows in series.items()
+    }
+    simulator = Simulator(drive)
+    return [
+        {
+            "driver_speed_rad_s": speed,
+            "initial_tension_N": tension,
+            "largest_torque_N_m": result.load,
+            **_limit(simulator, asked.point, result.load),
+        }
+        for (speed, tension), (asked, result) in heaviest.items()
+        if result.load != 0.0
+    ]
 
 
-def _limits_over_tension(
-    drive: Drive, good: Sequence[tuple[LabelledPoint, DriveResult]]
-) -> list[dict[str, Any]]:
+def _limits_over_tension(drive: Drive, good: Sequence[Solved]) -> list[dict[str, Any]]:
     """How much torque the drive carries over the belt tension, for its most loaded point."""
     asked, result = _heaviest(good)
     if result.load == 0.0:
@@ -276,30 +254,29 @@ def _limits_over_tension(
     simulator, rows = Simulator(drive), []
     for share in TENSIONS:
         point = replace(asked.point, T_0=share * result.rest.T_0)
-        try:
-            limit = slip_limit(simulator, point)
-        except InputError:  # the arm of a tensioner does not reach every tension
-            continue
-        rows.append(
-            {
-                "driver_speed_rad_s": asked.point.omega,
-                "initial_tension_N": point.T_0,
-                "adhesion_end_torque_N_m": limit.adhesion * result.load,
-                "slip_limit_torque_N_m": limit.slip * result.load,
-            }
-        )
+        with suppress(InputError):  # the arm of a tensioner does not reach every tension
+            limit = _limit(simulator, point, result.load)
+            at = {"driver_speed_rad_s": point.omega, "initial_tension_N": point.T_0}
+            rows.append({**at, **limit})
     return rows
 
 
-def _heaviest(
-    good: Sequence[tuple[LabelledPoint, DriveResult]],
-) -> tuple[LabelledPoint, DriveResult]:
+def _limit(simulator: Simulator, point: DrivePoint, load: float) -> dict[str, Any]:
+    """Torques at which adhesion ends and gross slip begins, at the speed of a point [N m]."""
+    limit = slip_limit(simulator, point)
+    return {
+        "adhesion_end_torque_N_m": limit.adhesion * load,
+        "slip_limit_torque_N_m": limit.slip * load,
+    }
+
+
+def _heaviest(good: Sequence[Solved]) -> Solved:
     """The point with the largest torque of those that the belt carries steadily, if any."""
     steady = [one for one in good if set(one[1].status) <= {ADHESION, FULL_SLIP}]
     return max(steady or good, key=lambda one: one[1].load)
 
 
-def _laid(drive: Drive, good: Sequence[tuple[LabelledPoint, DriveResult]]) -> list[dict[str, Any]]:
+def _laid(drive: Drive, good: Sequence[Solved]) -> list[dict[str, Any]]:
     """Pulleys and spans at rest, in the order of the drive."""
     laid = layout(drive, good[0][1].rest.arm_angle)
     return [
@@ -315,7 +292,7 @@ def _laid(drive: Drive, good: Sequence[tuple[LabelledPoint, DriveResult]]) -> li
     ]
 
 
-def _arcs(good: Sequence[tuple[LabelledPoint, DriveResult]]) -> list[dict[str, Any]]:
+def _arcs(good: Sequence[Solved]) -> list[dict[str, Any]]:
     """Line force and sliding speed along every arc at the most loaded point."""
     asked, result = _heaviest(good)
     return [
@@ -331,9 +308,7 @@ def _arcs(good: Sequence[tuple[LabelledPoint, DriveResult]]) -> list[dict[str, A
     ]
 
 
-def _columns(
-    drive: Drive, good: Sequence[tuple[LabelledPoint, DriveResult]]
-) -> dict[str, np.ndarray]:
+def _columns(drive: Drive, good: Sequence[Solved]) -> dict[str, np.ndarray]:
     """Columns of the drive table: a row per point and pulley."""
     n = len(drive.pulleys)
     blocks = [_block(result) for _, result in good]
@@ -497,10 +472,9 @@ def summarise(built: Built) -> Summary:
     columns = built.artifact.columns
     metadata: DriveMetadata = built.artifact.metadata
     statuses, counts = np.unique(columns["status"].astype(str), return_counts=True)
-    return Summary(
-        stage="simulate-drive",
-        title="speed loss and forces of a belt drive, predicted from the identified laws",
-        out=built.artifact.path,
+    return built.summary(
+        "simulate-drive",
+        "speed loss and forces of a belt drive, predicted from the identified laws",
         facts={
             "method": metadata.method,
             "points": len(np.unique(columns["point"])),
@@ -519,10 +493,6 @@ def summarise(built: Built) -> Summary:
         table=rows_of(columns, *columns),
         shown=SHOWN,
         overview=_overview(columns) if len(columns["run"]) > FEW_ROWS else [],
-        notes=built.notes,
-        warnings=built.warnings,
-        up_to_date=built.up_to_date,
-        origin=built.origin,
     )
 
 

@@ -125,7 +125,8 @@ def reduce_rig(
             return reduce_simulated(rig.columns, radius, settings, config)
         return reduce_columns(rig.columns, config)
     radius, settings = config.rig.pulley_radius_m, friction_settings(config)
-    mapper = map if workers is None else partial(_shared, workers)
+    # alone, one run goes after the other and no batch is held
+    mapper = map if workers is None or workers.jobs == 1 else partial(_shared, workers)
     return reduce_stream(records_of(rig, config), radius, settings, mapper)
 
 

@@ -19,6 +19,7 @@ from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import SimulationSettings, simulate
 from beltid.stages.results.law_of_belt import config_of_results
 from beltid.stages.results.recorded_curves import PRESS, RIG, typical_runs
+from beltid.stages.simulation.campaign import bench_of
 
 ARTIFACTS: Final = {
     "stiffness": "stiffness",
@@ -49,20 +50,14 @@ def sheet_of(artifact: Artifact) -> Sheet:
     ArtifactError
         If its rows do not make what figures and tables rely on.
     """
-    metadata = artifact.metadata
     sheet = Sheet(
-        name=artifact.path.stem,
-        kind=artifact.kind,
-        columns=artifact.columns,
-        extra=metadata.figures,
-        validity=metadata.validity,
-        settings=metadata.settings,
-        inputs=metadata.inputs,
-        set_aside=metadata.set_aside,
-        sha256=artifact.sha256,
-        config_sha256=metadata.config_sha256,
-        software_sha256=artifact.software_sha256,
-        software_version=artifact.software_version,
+        artifact.path.stem,
+        artifact.kind,
+        artifact.columns,
+        artifact.metadata,
+        artifact.sha256,
+        artifact.software_sha256,
+        artifact.software_version,
     )
     try:
         sheet.check()
@@ -154,7 +149,7 @@ def _drop_strangers(sheets: dict[str, Sheet]) -> list[str]:
     for name, (result, role) in MADE_FROM.items():
         if name not in sheets or result not in sheets:
             continue
-        if sheets[name].inputs.get(role) != sheets[result].inputs.get(role):
+        if len({sheets[one].metadata.inputs.get(role) for one in (name, result)}) > 1:
             del sheets[name]
             problems.append(f"{name}.parquet is of another recording than {result}.parquet")
     return problems
@@ -169,7 +164,7 @@ def arc_profiles(sheets: Mapping[str, Sheet]) -> tuple[tuple[ArcProfile, ...], l
         return (), []
     found, problems = [], []
     try:
-        bench = _bench(simulated.settings, stiffness, surface)
+        bench = _bench(simulated.metadata.settings, stiffness, surface)
         rows = typical_runs(friction.columns)
     except BeltidError as error:
         return (), [f"the contact along the arc: {line}" for line in error.problems]
@@ -197,10 +192,4 @@ def _bench(settings: Mapping[str, Any], stiffness: Sheet, surface: Sheet) -> Ben
         if section in sections:
             sections[section][name] = value
     config = load_config({**sections, "contact": settings.get("contact", {})})
-    return Bench(
-        config.belt_params(),
-        config.rig_params(),
-        config.contact_params(),
-        stiffness.law(stiffness.pooled_row),
-        surface.surface,
-    )
+    return bench_of(config, surface.surface, stiffness.law(stiffness.pooled_row))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -25,29 +24,17 @@ ALL: Final = "all"
 SCHEMA: Final = "schema"
 
 
-@dataclass(frozen=True, slots=True)
-class ExportOptions(Options):
-    """Options of an export.
-
-    Attributes
-    ----------
-    surface : {"refined", "published"} or None
-        Which friction surface; None for the refined one where it is there.
-    normal_force_N_m, slip_speed_m_s : float or None
-        Where targets that hold one stiffness or mu at one force are exact; None for the middle of
-        the measured range.
-    units : {"SI", "mm"}
-        Units of the files of targets that leave them open.
-    """
-
-    surface: str | None = None
-    normal_force_N_m: float | None = None
-    slip_speed_m_s: float | None = None
-    units: str = SI.name
-
-
 def run(
-    target: str, source: Path, config: Path | None, out: Path | None, options: ExportOptions
+    target: str,
+    source: Path | None,
+    config: Path | None,
+    out: Path | None,
+    options: Options,
+    *,
+    surface: str | None = None,
+    normal_force_N_m: float | None = None,
+    slip_speed_m_s: float | None = None,
+    units: str = SI.name,
 ) -> Summary:
     """Write the law of a results folder, or of a law file, for a target (or for all).
 
@@ -55,34 +42,45 @@ def run(
     ----------
     target : str
         Name of a target, or "all".
-    source : Path
-        Folder with the artifacts of a belt, or a law file.
+    source : Path or None
+        Folder with the artifacts of a belt, or a law file; None where none was named.
     config : Path or None
         Config that the user named.
     out : Path or None
         Folder of the files; None for ``export`` in the folder of the law.
-    options : ExportOptions
-        Options.
+    options : Options
+        Force and reporter.
+    surface : {"refined", "published"} or None
+        Which friction surface; None for the refined one where it is there.
+    normal_force_N_m, slip_speed_m_s : float or None
+        Where targets that hold one stiffness or mu at one force are exact; None for the middle of
+        the measured range.
+    units : {"SI", "mm"}
+        Units of the files of targets that leave them open.
 
     Raises
     ------
     InputError
         If something that is needed is missing, or a file with another content already exists.
     """
+    if source is None:
+        raise InputError(
+            "LAW is missing: name the results of a belt, such as runs/5pk, or a law file"
+        )
     chosen = _targets(target)
     law = (
         load_law(source)
         if source.is_file()
-        else law_of_folder(source, config, options.surface, options.reporter)
+        else law_of_folder(source, config, surface, options.reporter)
     )
     folder = out or (source if source.is_dir() else source.parent) / "export"
-    point = reference_point(law, options.normal_force_N_m, options.slip_speed_m_s)
+    point = reference_point(law, normal_force_N_m, slip_speed_m_s)
     made: dict[str, Export] = {}
     warnings: list[str] = []
     for one in chosen:
-        units = SYSTEMS[options.units] if one.in_units else SI
+        choices = Choices(point, SYSTEMS[units] if one.in_units else SI)
         try:
-            made[one.name] = one.write(law, Choices(point, units))
+            made[one.name] = one.write(law, choices)
         except InputError as error:
             if len(chosen) == 1:
                 raise
@@ -113,7 +111,7 @@ def _targets(name: str) -> Sequence[Target]:
     return (TARGETS[name],)
 
 
-def _write(folder: Path, made: Any, source: Path, options: ExportOptions) -> bool:
+def _write(folder: Path, made: Any, source: Path, options: Options) -> bool:
     """Write the files; whether all of them existed with this content."""
     files = {folder / name: data for export in made for name, data in export.files.items()}
     problems, changed = [], {}

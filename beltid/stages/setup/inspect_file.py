@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any, Final
 
@@ -17,7 +16,6 @@ from beltid.config import Config, ConfigSource
 from beltid.config.name_pattern import name_pattern
 from beltid.errors import EXIT_DONE, EXIT_INPUT, InputError
 from beltid.report.summary import Summary
-from beltid.stages.reporter import Options
 from beltid.tables import schemas
 from beltid.tables.units import Calibration, canonical_unit
 
@@ -32,20 +30,7 @@ SHOWN_RUNS: Final = 8
 _NUMBER: Final = r"[-+]?\d+(?:[.,p]\d+)?"
 
 
-@dataclass(frozen=True, slots=True)
-class InspectOptions(Options):
-    """Options of an inspection.
-
-    Attributes
-    ----------
-    kind : str or None
-        What it is a recording of; None: found out from the channels.
-    """
-
-    kind: str | None = None
-
-
-def run(source: ConfigSource, paths: Sequence[Path], options: InspectOptions) -> Summary:
+def run(source: ConfigSource, paths: Sequence[Path], kind: str | None = None) -> Summary:
     """Say what is understood of files, folders, patterns or zip files.
 
     Parameters
@@ -54,8 +39,8 @@ def run(source: ConfigSource, paths: Sequence[Path], options: InspectOptions) ->
         What is known about the files already.
     paths : sequence of Path
         The recordings, each by itself.
-    options : InspectOptions
-        The kind of recording, if it is stated.
+    kind : str or None
+        What they are recordings of; None: found out from the channels.
 
     Raises
     ------
@@ -63,11 +48,11 @@ def run(source: ConfigSource, paths: Sequence[Path], options: InspectOptions) ->
         If the only file cannot be read at all.
     """
     if len(paths) == 1:
-        return _summary(source.config, paths[0], options)
+        return _summary(source.config, paths[0], kind)
     parts = []
     for path in paths:
         try:
-            parts.append(_summary(source.config, path, options))
+            parts.append(_summary(source.config, path, kind))
         except InputError as error:
             parts.append(_unreadable(path, error))
     understood = sum(part.exit_status == EXIT_DONE for part in parts)
@@ -92,9 +77,9 @@ def _unreadable(path: Path, error: InputError) -> Summary:
     )
 
 
-def _summary(config: Config, path: Path, options: InspectOptions) -> Summary:
+def _summary(config: Config, path: Path, stated: str | None) -> Summary:
     """What is understood of one recording."""
-    found = inspect_recording(path, config, options.kind)
+    found = inspect_recording(path, config, stated)
     kind, runs, problems = found.kind, found.runs, found.problems
     if not problems:
         verdict = f"understood: beltid {COMMANDS[kind]} {path} can read it"
@@ -104,7 +89,7 @@ def _summary(config: Config, path: Path, options: InspectOptions) -> Summary:
     of_what = f"recording of the {_bench(kind)}" if kind else "recording of a bench not told"
     return Summary(
         stage="inspect",
-        title=f"{path}, {of_what}{'' if options.kind or not kind else ' (guessed)'}",
+        title=f"{path}, {of_what}{'' if stated or not kind else ' (guessed)'}",
         facts=_facts(found.files, kind, runs),
         table=rows,
         shown=tuple(

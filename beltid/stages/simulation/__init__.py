@@ -8,8 +8,8 @@ Module               Responsibility                                             
 ``refine_surface``   the surface without the bias of the mean force              beyond section 7
 ``plan``             the next runs of the rig, or stop                           (P1) to (P6)
 ``planned_runs``     which runs are simulated
-``campaign``         the runs of a simulated campaign, and their recording
-``simulated_runs``   a campaign simulated, its uncertainty, profiles; functions
+``campaign``         a simulated campaign: its runs, their results and recording
+``simulated_runs``   one run, or a campaign, simulated from Python
 ``refinement``       the runs a surface is refined from; its Monte Carlo draws
 ``hold_out``         the runs of an arc, or speed, predicted from the others
 ==================== =========================================================== ===============

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
@@ -17,6 +17,7 @@ from beltid.rigsim.beam.path import swinging_share
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import DEFAULT_STEPS, Method, RunResult, SimulationSettings
 from beltid.rigsim.rig import campaign as rig_campaign
+from beltid.stages.reporter import Reporter
 from beltid.stages.simulation.planned_runs import (
     PlannedRun,
     as_resting,
@@ -92,9 +93,75 @@ def guided_weight(config: Config, points: Sequence[OperatingPoint]) -> list[str]
     ]
 
 
+def bench_of(config: Config, surface: FrictionSurface | float, law: NormalLaw) -> Bench:
+    """The rig of a config with identified laws; a number for a surface is a constant mu."""
+    return Bench(
+        belt=config.belt_params(),
+        rig=config.rig_params(),
+        contact=config.contact_params(),
+        law=checked_law(law),
+        surface=surface_from(surface),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """Runs of a simulated campaign, in their order, each with its result or its failure.
+
+    Attributes
+    ----------
+    config : Config
+        The config.
+    bench : Bench
+        The rig and its laws.
+    runs : tuple of PlannedRun
+        The runs.
+    results : tuple of RunResult or BeltidError
+        What became of each.
+    """
+
+    config: Config
+    bench: Bench
+    runs: tuple[PlannedRun, ...]
+    results: tuple[RunResult | BeltidError, ...]
+
+    @property
+    def failures(self) -> list[tuple[PlannedRun, BeltidError]]:
+        """Runs that failed."""
+        pairs = zip(self.runs, self.results, strict=True)
+        return [(run, result) for run, result in pairs if isinstance(result, BeltidError)]
+
+    @property
+    def finished(self) -> list[tuple[PlannedRun, RunResult]]:
+        """Runs that succeeded."""
+        pairs = zip(self.runs, self.results, strict=True)
+        return [(run, result) for run, result in pairs if not isinstance(result, BeltidError)]
+
+    def rows(self) -> list[dict[str, Any]]:
+        """A row per run: settings, sliding state, status."""
+        return [result_row(*pair) for pair in zip(self.runs, self.results, strict=True)]
+
+
+def simulate(
+    config: Config,
+    bench: Bench,
+    runs: Sequence[PlannedRun],
+    settings: SimulationSettings,
+    jobs: int | Workers | None,
+    reporter: Reporter | None = None,
+) -> Campaign:
+    """Simulate runs, whose progress the reporter hears; else as `simulated_results`."""
+    results: dict[int, RunResult | BeltidError] = {}
+    with (reporter or Reporter()).progress("simulated runs", len(runs)) as advance:
+        for index, result in simulated_results(config, bench, runs, settings, jobs):
+            results[index] = result
+            advance()
+    return Campaign(config, bench, tuple(runs), tuple(results[i] for i in range(len(runs))))
+
+
 def simulated_results(
     config: Config,
-    laws: tuple[FrictionSurface | float, NormalLaw],
+    bench: Bench,
     runs: Sequence[PlannedRun],
     settings: SimulationSettings,
     jobs: int | Workers | None = None,
@@ -104,9 +171,9 @@ def simulated_results(
     Parameters
     ----------
     config : Config
-        Belt, rig and contact.
-    laws : tuple
-        Friction surface (or constant coefficient) and normal law.
+        Tells what a running rig shows.
+    bench : Bench
+        The rig and its laws.
     runs : sequence of PlannedRun
         The runs.
     settings : SimulationSettings
@@ -115,17 +182,10 @@ def simulated_results(
         Runs at the same time in this process, None for one per core; or the workers that simulate
         them. The results do not depend on it.
     """
-    surface, law = laws[0], checked_law(laws[1])
-    bench = Bench(
-        belt=config.belt_params(),
-        rig=config.rig_params(),
-        contact=config.contact_params(),
-        law=law,
-        surface=surface_from(surface),
-    )
     points = [run.point for run in as_resting(config, runs)]
-    if not isinstance(jobs, Workers):
-        yield from rig_campaign(bench, points, settings, jobs=jobs or available_cores())
+    threads = jobs.jobs if isinstance(jobs, Workers) else jobs or available_cores()
+    if threads == 1 or not isinstance(jobs, Workers):
+        yield from rig_campaign(bench, points, settings, jobs=threads)
         return
     groups = _laid_on_together(points)
     calls = [(bench, [points[i] for i in group], settings) for group in groups]
@@ -160,11 +220,6 @@ def result_row(run: PlannedRun, result: RunResult | BeltidError) -> dict[str, An
     if isinstance(result, BeltidError):
         return {**row, **dict.fromkeys(names), "status": "; ".join(result.problems)}
     return {**row, **{name: float(getattr(result, name)) for name in names}, "status": "ok"}
-
-
-def solver_record(result: RunResult) -> dict[str, Any]:
-    """What the solver spent on a run."""
-    return asdict(result.record)
 
 
 def recording_columns(

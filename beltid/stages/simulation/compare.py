@@ -11,7 +11,7 @@ out are predicted (:mod:`beltid.stages.simulation.hold_out`).
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -135,28 +135,22 @@ TOLERANCES: Final = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class CompareOptions(Options):
-    """Options of a comparison.
-
-    Attributes
-    ----------
-    hold_out : {"arc", "speed"} or None
-        Whose runs are predicted from the others, where a stiffness takes the place of the
-        simulated recording; None is as the config says.
-    """
-
-    hold_out: str | None = None
-
-
-def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
+def run(
+    config: ConfigSource,
+    inputs: Mapping[str, Path],
+    out: Path,
+    options: Options,
+    *,
+    hold_out: str | None = None,
+) -> Summary:
     """Compare ``friction`` with the ``simulated`` recording, write it, sum it up.
 
     With ``stiffness`` in the place of ``simulated`` the runs of each arc or speed are predicted
-    from the others.
+    from the others: `hold_out` says of which, or else the config.
     """
     if "stiffness" in inputs:
-        return _run_held_out(config, inputs, out, options)
+        by = _checked(hold_out or config.config.compare.hold_out)
+        return _run_held_out(config, inputs, out, options, by)
     build = Build(KIND, config, KEYS, inputs, out, options, figures=FIGURES)
     built = build.up_to_date()
     if built is None:
@@ -180,11 +174,9 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
 
 
 def _run_held_out(
-    config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options
+    config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options, by: HoldOut
 ) -> Summary:
     """Predict the runs of ``friction`` with ``stiffness`` and compare them with the measured."""
-    stated = options.hold_out if isinstance(options, CompareOptions) else None
-    by = _checked(stated or config.config.compare.hold_out)
     build = Build(KIND, config, HELD_OUT_KEYS, inputs, out, options, {"hold_out": by}, FIGURES)
     built = build.up_to_date()
     if built is None:
@@ -428,10 +420,9 @@ def summarise(built: Built) -> Summary:
         }
         for row in metadata.statistics
     ]
-    return Summary(
-        stage="compare",
-        title=TITLES[metadata.hold_out],
-        out=built.artifact.path,
+    return built.summary(
+        "compare",
+        TITLES[metadata.hold_out],
         facts={
             "hold_out": metadata.hold_out,
             "runs_compared": len(built.artifact.columns["run"]),
@@ -448,12 +439,8 @@ def summarise(built: Built) -> Summary:
         table=rows_of(built.artifact.columns, *ROW),
         shown=tuple(name for name in ROW if name not in HIDDEN),
         overview=statistics,
-        notes=built.notes,
-        warnings=built.warnings,
         verdict=_verdict(passed, metadata.judged),
         exit_status=EXIT_DONE if passed else EXIT_OUT_OF_TOLERANCE,
-        up_to_date=built.up_to_date,
-        origin=built.origin,
     )
 
 

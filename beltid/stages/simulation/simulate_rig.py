@@ -3,46 +3,53 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
-from beltid.artifacts.artifact import read_artifact
-from beltid.artifacts.metadata_models import SimulatedMetadata
-from beltid.config import Config, ConfigSource
-from beltid.errors import EXIT_DONE, EXIT_NUMERICS, NumericsError, counted, percent
+import numpy as np
+
+from beltid.artifacts.artifact import Artifact, read_artifact
+from beltid.artifacts.metadata_models import SimulatedMetadata, SurfaceMetadata
+from beltid.config import ConfigSource
+from beltid.errors import EXIT_DONE, EXIT_NUMERICS, BeltidError, NumericsError, counted, percent
 from beltid.report.summary import Summary
 from beltid.rigsim.kernel_cache import COMPILING, compile_ahead
-from beltid.rigsim.rig import SimulationSettings
+from beltid.rigsim.rig import RunResult, SimulationSettings
 from beltid.stages.build_artifact import Build, Built
-from beltid.stages.outcome import Outcome
+from beltid.stages.identification.reduction import rig_kind
+from beltid.stages.outcome import Outcome, rows_per_setting
 from beltid.stages.reporter import Options
 from beltid.stages.simulation.campaign import (
+    Campaign,
+    bench_of,
     guided_weight,
     recording_columns,
+    simulate,
     simulation_settings,
     sliding_samples,
-    solver_record,
 )
 from beltid.stages.simulation.planned_runs import (
     Picked,
+    PlannedRun,
+    as_resting,
     differing_settings,
     measured_settings,
     planned_runs,
 )
-from beltid.stages.simulation.simulated_runs import (
-    PROFILES,
-    Campaign,
-    Inputs,
-    path_beside,
-    profiles_outcome,
-    runs_uncertainty,
-    simulate,
-)
 from beltid.stages.tables import friction_of, law_of, surface_of
-from beltid.stages.uncertainties import SECTION, press_law
+from beltid.stages.uncertainties import SECTION, press_law, standard_uncertainties
 from beltid.stages.workers import Workers
-from beltid.uncertainty.simulated import RunsUncertainty
+from beltid.tables import schemas
+from beltid.uncertainty.measured import numbered_arcs
+from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.simulated import (
+    RunsUncertainty,
+    simulated_uncertainty,
+    sources_of,
+    with_rig_sources,
+)
+from beltid.uncertainty.sources import all_sources
 
 KIND: Final = "simulated"
 FIGURES: Final = ("method", "runs")
@@ -77,6 +84,10 @@ KEYS: Final = (
     SECTION,
 )
 SHOWN_FAILURES: Final = 20
+PROFILES: Final = "profiles"
+"""Kind of the table of the contact along the arc at chosen times."""
+PER_CALL: Final = 24
+"""Runs whose uncertainty a worker computes at a time."""
 ROW: Final = (
     "run",
     "arc_deg",
@@ -90,52 +101,35 @@ ROW: Final = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class SimulateOptions(Options):
-    """Options of a simulated campaign.
-
-    Attributes
-    ----------
-    method : str or None
-        "transient", "steady", or None for that of the config.
-    arcs_deg, tensions_N, speeds_rad_s : tuple of float
-        Runs to pick; empty for all of the config.
-    elements : int or None
-        Beam elements of the belt; None for those of the config.
-    jobs : int or None
-        Runs at the same time; None for one per core.
-    profile_times_s : tuple of float
-        Times after the start of rotation at which the contact along the arc is kept [s].
-    """
-
-    method: str | None = None
-    arcs_deg: tuple[float, ...] = ()
-    tensions_N: tuple[float, ...] = ()
-    speeds_rad_s: tuple[float, ...] = ()
-    elements: int | None = None
-    jobs: int | None = None
-    profile_times_s: tuple[float, ...] = ()
-
-
 def run(
-    config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: SimulateOptions
+    config: ConfigSource,
+    inputs: Mapping[str, Path],
+    out: Path,
+    options: Options,
+    *,
+    picked: Picked | None = None,
+    method: str | None = None,
+    elements: int | None = None,
+    jobs: int | None = None,
+    profile_times_s: Sequence[float] = (),
 ) -> Summary:
     """Simulate the runs with ``surface`` and ``stiffness``, write the recording, sum it up.
 
     The runs are those of ``friction``, where it is given or stands beside the surface that was made
-    from it; otherwise those of the config.
+    from it; otherwise those of the config; only those `picked`, if any are. Method and number of
+    beam elements are those of the config, if not stated. Where no workers are given, `jobs` runs
+    are simulated at the same time; None is one per core.
 
-    Profiles of the contact go beside the recording if times for them are given.
+    Profiles of the contact go beside the recording if times for them are given, after the start of
+    rotation [s].
     """
-    model, times = config.config, tuple(sorted(set(options.profile_times_s)))
-    settings = simulation_settings(model, options.method, options.elements, times)
+    model, times = config.config, tuple(sorted(set(profile_times_s)))
+    settings = simulation_settings(model, method, elements, times)
     inputs = _with_friction(inputs)
     measured = None
     if "friction" in inputs:
         measured = measured_settings(read_artifact(inputs["friction"], "friction").columns)
-    runs = planned_runs(
-        model, Picked(options.arcs_deg, options.tensions_N, options.speeds_rad_s), measured
-    )
+    runs = planned_runs(model, picked or Picked(), measured)
     choices: dict[str, Any] = {
         "method": settings.method,
         "elements": settings.elements,
@@ -149,14 +143,16 @@ def run(
         config,
         KEYS,
         inputs,
-        path_beside(out),
+        _path_beside(out),
         options,
         {**choices, "profile_times_s": list(times)},
     )
     contacts = of_profiles.up_to_date() if times else None
     built = build.up_to_date()
     if built is None or (times and contacts is None):
-        given = _inputs(inputs, model)
+        surface = read_artifact(inputs["surface"], "surface")
+        stiffness = read_artifact(inputs["stiffness"], "stiffness")
+        press = press_law(law_of(stiffness), model, stiffness)
         differing = differing_settings(model, measured)
         for line in differing:
             options.reporter.warn(line)
@@ -166,17 +162,21 @@ def run(
         options.reporter.report(f"{count}, {settings.method}, {whose}")
         if compile_ahead(["rigsim"]):
             options.reporter.report(COMPILING)
-        how = options.reporter, options.workers or options.jobs
-        campaign = simulate(model, (given.surface, given.press.law), runs, settings, how)
+        campaign = simulate(
+            model,
+            bench_of(model, surface_of(surface), press.law),
+            runs,
+            settings,
+            options.workers or jobs,
+            options.reporter,
+        )
         _refuse_nothing(campaign)
         if built is None:
             workers = options.workers or Workers()
-            uncertainty = runs_uncertainty(
-                campaign.finished, given, model, settings.elements, workers
-            )
-            built = build.write(_outcome(campaign, model, settings, uncertainty))
+            uncertainty = _uncertainty(campaign, press, surface, settings.elements, workers)
+            built = build.write(_outcome(campaign, settings, uncertainty))
         if times and contacts is None:
-            contacts = of_profiles.write(profiles_outcome(campaign, times))
+            contacts = of_profiles.write(_profiles_outcome(campaign, times))
     return summarise(built, contacts)
 
 
@@ -187,17 +187,6 @@ def _with_friction(inputs: Mapping[str, Path]) -> Mapping[str, Path]:
     path = inputs["surface"]
     friction = friction_of(read_artifact(path, "surface"), path.parent)
     return inputs if friction is None else {**inputs, "friction": friction.path}
-
-
-def _inputs(inputs: Mapping[str, Path], config: Config) -> Inputs:
-    """Surface and normal law to simulate with, and what is known of their uncertainty."""
-    surface = read_artifact(inputs["surface"], "surface")
-    stiffness = read_artifact(inputs["stiffness"], "stiffness")
-    return Inputs(
-        surface_of(surface),
-        surface.metadata.uncertainty or {},
-        press_law(law_of(stiffness), config, stiffness),
-    )
 
 
 def _failures(done: Campaign) -> list[str]:
@@ -216,12 +205,12 @@ def _refuse_nothing(done: Campaign) -> None:
 
 def _outcome(
     done: Campaign,
-    config: Config,
     settings: SimulationSettings,
     uncertainty: tuple[RunsUncertainty | None, tuple[str, ...]],
 ) -> Outcome[Campaign]:
+    config = done.config
     runs, results = zip(*done.finished, strict=True)
-    records = {run.label: solver_record(result) for run, result in done.finished}
+    records = {run.label: asdict(result.record) for run, result in done.finished}
     rows = [{**row, "solver": records.get(row["run"])} for row in done.rows()]
     outside = sum(int(record["clamped_lookups"]) for record in records.values())
     points = sum(int(record["lookups"]) for record in records.values())
@@ -259,6 +248,92 @@ def _outcome(
     )
 
 
+def _uncertainty(
+    done: Campaign,
+    press: PressLaw,
+    surface: Artifact[SurfaceMetadata],
+    elements: int | None,
+    workers: Workers,
+) -> tuple[RunsUncertainty | None, tuple[str, ...]]:
+    """Uncertainty of the runs of a campaign that were simulated; a note if it stays unknown."""
+    stored: Mapping[str, Any] = surface.metadata.uncertainty or {}
+    runs, results = zip(*done.finished, strict=True)
+    numbers, arcs = numbered_arcs([run.arc_deg for run in runs], stored.get("arcs_deg", ()))
+    given = all_sources(standard_uncertainties(done.config), len(arcs), press.has_scatter)
+    sources = with_rig_sources(sources_of(stored.get("sources", ())), given)
+    points = [run.point for run in as_resting(done.config, runs)]
+    pieces = [slice(i, i + PER_CALL) for i in range(0, len(points), PER_CALL)]
+    largest = max(float(result.tension_tight_N) for result in results)
+    kind = rig_kind(done.config)
+    calls = [
+        (done.bench, press, points[piece], numbers[piece], sources, elements, largest, kind)
+        for piece in pieces
+    ]
+    try:
+        parts = dict(workers.as_ended(simulated_uncertainty, calls))
+    except BeltidError as error:
+        return None, (f"uncertainty of the simulated runs is not known: {error.problems[0]}",)
+    ordered = [parts[i] for i in range(len(pieces))]
+    mu = np.array([result.mu for result in results])
+    labels = [run.label for run in runs]
+    return RunsUncertainty.of(labels, mu, sources, ordered), ()
+
+
+def _path_beside(recording: Path) -> Path:
+    """Where the profiles of a simulated recording stand."""
+    return recording.parent / f"{recording.stem}_{PROFILES}.parquet"
+
+
+def _profiles_outcome(done: Campaign, times_s: Sequence[float]) -> Outcome[Campaign]:
+    """Table of the profiles of transient runs at times after the start of rotation [s]."""
+    parts = [part for run, result in done.finished for part in _profiles(run, result)]
+    columns = {
+        name: np.concatenate([part[name] for part in parts])
+        for name in schemas.table(PROFILES).names
+    }
+    return Outcome(
+        kind=PROFILES,
+        columns=columns,
+        result=done,
+        validity={"arc_position_m": (0.0, float(np.max(columns["arc_position_m"])))},
+        set_aside=[{"run": run.label, "why": "; ".join(e.problems)} for run, e in done.failures],
+        extra={"profile_times_s": list(times_s)},
+        notes=_too_late(done, times_s),
+    )
+
+
+def _profiles(run: PlannedRun, result: RunResult) -> list[dict[str, np.ndarray]]:
+    """Profiles of a run, one per step: two times may lie in one step."""
+    states = dict(result.snapshots)
+    parts = []
+    for time, state in states.items():
+        profile = state.profile()
+        n = len(profile["arc_position_m"])
+        parts.append(
+            {"run": np.full(n, run.label, dtype=object), "time_s": np.full(n, time), **profile}
+        )
+    return parts
+
+
+def _too_late(done: Campaign, times_s: Sequence[float]) -> tuple[str, ...]:
+    notes = []
+    for time in times_s:
+        short = [run.label for run, result in done.finished if time > _turned(result)]
+        if short:
+            which = short[0] if len(short) == 1 else f"{len(short)} runs"
+            notes.append(
+                f"profile at {time:g} s: {which} had ended before, the state at the end was taken"
+            )
+    return tuple(notes)
+
+
+def _turned(result: RunResult) -> float:
+    """How long the pulley turned in a transient run [s]."""
+    assert result.recording is not None
+    time, omega = result.recording["time_s"], result.recording["pulley_speed_rad_s"]
+    return float(time[-1] - time[np.flatnonzero(omega > 0.0)[0] - 1]) * (1.0 + 1e-12)
+
+
 def summarise(built: Built, of_profiles: Built | None = None) -> Summary:
     """Sum up a simulated recording, and the profiles beside it."""
     metadata: SimulatedMetadata = built.artifact.metadata
@@ -266,11 +341,12 @@ def summarise(built: Built, of_profiles: Built | None = None) -> Summary:
     rows: list[dict[str, Any]] = [{name: row.get(name) for name in ROW} for row in runs]
     good = [row for row in rows if row["status"] == "ok"]
     failed = len(rows) - len(good)
+    names = ("arc_deg", "pulley_speed_rad_s", "normal_force_N_m", "mu")
+    settings = (np.array([row[name] for row in good], dtype=float) for name in names)
     beside = {} if of_profiles is None else {"profiles": str(of_profiles.artifact.path)}
-    return Summary(
-        stage="simulate-rig",
-        title="friction coefficient of every simulated run, sliding",
-        out=built.artifact.path,
+    return built.summary(
+        "simulate-rig",
+        "friction coefficient of every simulated run, sliding",
         facts={
             "method": metadata.method,
             "runs": len(rows),
@@ -280,14 +356,12 @@ def summarise(built: Built, of_profiles: Built | None = None) -> Summary:
             **beside,
         },
         table=rows,
-        overview=_per_setting(good) if len(rows) > 20 else [],
+        overview=rows_per_setting(*settings) if len(rows) > 20 else [],
         details={"solver": [_solver_row(row) for row in runs if row.get("solver")]},
         notes=(*built.notes, *(of_profiles.notes if of_profiles else ())),
-        warnings=built.warnings,
         verdict=f"{failed} of {len(rows)} runs failed" if failed else "",
         exit_status=EXIT_NUMERICS if failed else EXIT_DONE,
         up_to_date=built.up_to_date and (of_profiles is None or of_profiles.up_to_date),
-        origin=built.origin,
     )
 
 
@@ -300,26 +374,3 @@ def _solver_row(row: Mapping[str, Any]) -> dict[str, Any]:
         **{name: record[name] for name in SHOWN_OF_SOLVER},
         "clamped_lookups_percent": 100.0 * share,
     }
-
-
-def _per_setting(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """A row per arc and speed: force and friction over the initial tensions."""
-    groups: dict[tuple[float, float], list[dict[str, Any]]] = {}
-    for row in rows:
-        groups.setdefault((row["arc_deg"], row["pulley_speed_rad_s"]), []).append(row)
-    table = []
-    for (arc, speed), group in sorted(groups.items()):
-        low = min(group, key=lambda row: row["normal_force_N_m"])
-        high = max(group, key=lambda row: row["normal_force_N_m"])
-        table.append(
-            {
-                "arc_deg": arc,
-                "pulley_speed_rad_s": speed,
-                "runs": len(group),
-                "lowest_force_N_m": low["normal_force_N_m"],
-                "highest_force_N_m": high["normal_force_N_m"],
-                "mu_at_lowest": low["mu"],
-                "mu_at_highest": high["mu"],
-            }
-        )
-    return table
