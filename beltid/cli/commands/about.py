@@ -31,7 +31,7 @@ def _codes(incomplete: str) -> list[str]:
 
 config_app = typer.Typer(
     name="config",
-    help="Show the values that hold and where they come from, or check configs.",
+    help="Show the values in effect and where they come from, or check configs.",
     short_help="show or check a config",
     rich_markup_mode=None,
     no_args_is_help=True,
@@ -49,10 +49,10 @@ def info(
     *,
     common: Common,
 ) -> None:
-    """Tell what a file is: kind, origin, range of validity, hashes of what it was made from.
+    """Show what a file is: kind, origin, range of validity, hashes of what it was made from.
 
     With --verbose also its settings, what was set aside and why, and fit statistics. Without a
-    file: version, libraries and environment of this program, to go with a question or a report.
+    file: version, libraries and environment of this program, for a bug report.
 
     Example: beltid info runs/5pk/friction.parquet
     """
@@ -72,15 +72,15 @@ def show(
         ),
     ] = None,
     origin: Annotated[
-        bool, typer.Option("--origin", help="Tell for each value the file and line it is from.")
+        bool, typer.Option("--origin", help="Show for each value the file and line that state it.")
     ] = False,
     *,
     common: Common,
 ) -> None:
-    """Print the values that hold, as YAML with the range of every key.
+    """Print the values in effect, as YAML with the range of every key.
 
     The config is that of --config, else the one that a command would find for FILE, else the
-    built-in 5PK rig. With --origin a table: key, value, and the file and line that state it.
+    built-in 5PK rig. With --origin, a table: key, value, and the file and line that state it.
 
     Example: beltid config show rig.csv --origin
     """
@@ -108,9 +108,9 @@ def check(
     *,
     common: Common,
 ) -> None:
-    """Check configs as run does: keys, values, recordings that are not there or hold nothing.
+    """Check configs as run does: keys, values, recordings that are missing or empty.
 
-    All problems are told at once, with file, line and column. Exit status 2 if there are any.
+    Reports all problems at once, with file, line and column. Exit status 2 if there are any.
 
     Example: beltid config check configs/5pk.yaml
     """
@@ -123,9 +123,7 @@ def check(
 def explain(
     code: Annotated[
         str | None,
-        typer.Argument(
-            metavar="CODE", help="Name that stands below an error.", autocompletion=_codes
-        ),
+        typer.Argument(metavar="CODE", help="Code below an error message.", autocompletion=_codes),
     ] = None,
     *,
     common: Common,

@@ -123,9 +123,9 @@ def export(
     """Write the contact law of a belt for multibody and finite-element programs.
 
     Normal stiffness, friction over normal force and sliding speed, range of validity, origin. What
-    a program cannot hold is replaced by something simpler; the file says how far that is from the
-    law over its measured range. Files that already exist with another content are replaced with
-    --force only.
+    a program cannot represent is replaced by an approximation; the file states its deviation from
+    the law over the measured range. An existing file with different content is replaced only with
+    --force.
 
     \b
     Example: beltid export exudyn runs/5pk

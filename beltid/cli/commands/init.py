@@ -98,9 +98,9 @@ def init(
 ) -> None:
     """Write the config of a new belt, with the meaning, unit and range of every key.
 
-    On a terminal, what no flag says is asked, with its default; elsewhere it keeps its default and
-    is marked so in the file. Contact arcs, tensions and speeds are read from the recording of the
-    rig, if one is named. An existing file is overwritten with --force only.
+    On a terminal it asks for everything that no flag states; otherwise the default is used and
+    marked as such in the file. Contact arcs, tensions and speeds are read from the recording of
+    the rig, if one is named. An existing file is overwritten only with --force.
 
     Example: beltid init 6pk --press press.csv --rig rig.csv --pulley-radius 0.06
     """

@@ -24,17 +24,17 @@ def inspect(
         str | None,
         typer.Option(
             metavar="press|rig|speedloss",
-            help="What it is a recording of. Default: found out from the names of the channels.",
+            help="What it is a recording of. Default: inferred from the names of the channels.",
         ),
     ] = None,
     *,
     common: Common,
 ) -> None:
-    """Say what is understood of a file: format, channels, units, rates, runs, gaps.
+    """Show how a file is read: format, channels, units, rates, runs, gaps.
 
-    Prints every channel with the column it is read as or can be, the runs, and a section for the
-    config that states the reading, ready to be pasted. What cannot be decided is said with the
-    lines that settle it, and the status is 2. Nothing is written.
+    Prints every channel with the column it is read as or could be, the runs, and a config section
+    that states the reading, ready to be pasted. If something is ambiguous, it prints the config
+    lines that resolve it, and the status is 2. Nothing is written.
 
     Example: beltid inspect export.txt
     """

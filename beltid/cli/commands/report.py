@@ -31,15 +31,15 @@ def report(
     *,
     common: Common,
 ) -> None:
-    """Write what was identified as one page: verdict, figures, tables, where it came from.
+    """Write the report of a belt, one page: verdict, figures, tables, provenance.
 
-    The page needs no network and nothing beside it; the friction surface can be turned with the
-    mouse. What is missing in the folder is missing on the page, and said. `beltid run` writes it at
-    its end. Several folders: a report in each of them, and one page that compares the belts in the
-    folder above.
+    The page needs no network and no other file; the friction surface can be turned with the
+    mouse. The page says what is missing in the folder. `beltid run` ends by writing it. For
+    several folders: a report in each of them, and one page in the folder above that compares the
+    belts.
 
-    The curves of the press and the runs over time need the recordings once: `beltid run` keeps what
-    the figures need in the folder. Otherwise name the belt's config with --config.
+    The curves of the press and the runs over time need the recordings once: `beltid run` stores
+    what the figures need in the folder. Otherwise name the config of the belt with --config.
 
     Example: beltid report runs/4pk runs/5pk
     """
@@ -67,7 +67,7 @@ def show(
     ],
     figure: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Which figure, where there are several."),
+        typer.Option(metavar="NAME", help="Which figure, if there are several."),
     ] = None,
     *,
     common: Common,
