@@ -341,9 +341,9 @@ def text_of(rows: list[Row], quick: bool) -> str:
     lines = [
         "# Faults",
         "",
-        "`make verify` (`python -m benchmarks.faults`) causes these faults. After each, every result must be "
-        "either the old one or the",
-        "new one, complete, and the next run must compute the rest.",
+        "`make verify` (`python -m benchmarks.faults`) causes these faults. After each, every",
+        "result must be either the old one or the new one, complete, and the next run must compute "
+        "the rest.",
         "",
         "| fault | tried | survived | lost |",
         "|---|---:|---:|---:|",

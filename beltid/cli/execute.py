@@ -30,7 +30,7 @@ from beltid.errors import (
 if TYPE_CHECKING:
     from beltid.config import ConfigSource
     from beltid.report.summary import Summary
-    from beltid.stages.reporter import Options
+    from beltid.stages.reporter import Options, Reporter
 
 
 Stage = Callable[["ConfigSource", Mapping[str, Path], Path, Any], "Summary"]
@@ -67,7 +67,6 @@ def execute(
     """
     from beltid.bench.files.sources import folder_of
     from beltid.config import find_config
-    from beltid.stages.reporter import Options
 
     given = {role: path for role, path in inputs.items() if path is not None}
     first = next(iter(given.values()), None)
@@ -76,17 +75,18 @@ def execute(
     names: dict[str, str] = {}
     with ExitStack() as passing:
 
-        def work(reporter: TerminalReporter) -> Summary:
+        def work(common_options: Options) -> Summary:
+            reporter = common_options.reporter
             files = passing.enter_context(piped(given, named, common.json))
             names.update(files.names)
             source = find_config(first, common.config)
             reporter.report(f"config: {source.origin}")
-            chosen = replace(options or Options(), force=common.force, reporter=reporter)
+            chosen = replace(options or common_options, force=common.force, reporter=reporter)
             summary = stage(source, files.inputs, files.out, chosen)
             if files.to_stdout:
                 with _stdout():
                     files.send()
-                _tell(summary, reporter, time.monotonic() - start)
+                _tell(summary, reporter, common, time.monotonic() - start)
                 raise typer.Exit(summary.exit_status)
             return summary
 
@@ -95,7 +95,7 @@ def execute(
 
 
 def finish(
-    work: Callable[[TerminalReporter], Summary],
+    work: Callable[[Options], Summary],
     common: Common,
     kept: str,
     names: Mapping[str, str] | None = None,
@@ -105,7 +105,7 @@ def finish(
     Parameters
     ----------
     work : callable
-        Takes the reporter, returns the summary.
+        Takes the common options of stages, returns the summary.
     common : Common
         The common options.
     kept : str
@@ -113,25 +113,32 @@ def finish(
     names : mapping of str to str, optional
         Words to say in the place of others, such as stdin for a passing file.
     """
-    reporter = TerminalReporter(quiet=common.quiet, verbose=common.verbose, names=names)
-    start = time.monotonic()
-    with _statuses(reporter, kept):
-        with reporter.python_warnings():
-            summary = work(reporter)
-        _tell(summary, reporter, time.monotonic() - start)
+    options, start = _options(common, names), time.monotonic()
+    with _statuses(options.reporter, kept):
+        with options.reporter.python_warnings():
+            summary = work(options)
+        _tell(summary, options.reporter, common, time.monotonic() - start)
         with _stdout():
             _print(summary, common)
     raise typer.Exit(summary.exit_status)
 
 
-def print_text(work: Callable[[TerminalReporter], str], common: Common) -> None:
+def print_text(work: Callable[[Options], str], common: Common) -> None:
     """Do the work, whose product is a text, print it on stdout and exit with its status."""
-    reporter = TerminalReporter(quiet=common.quiet, verbose=common.verbose)
-    with _statuses(reporter, kept="nothing was written"):
-        text = work(reporter)
+    options = _options(common)
+    with _statuses(options.reporter, kept="nothing was written"):
+        text = work(options)
         with _stdout():
             print(text, end="", flush=True)
     raise typer.Exit
+
+
+def _options(common: Common, names: Mapping[str, str] | None = None) -> Options:
+    """The common options as stages have them."""
+    from beltid.stages.reporter import Options
+
+    reporter = TerminalReporter(quiet=common.quiet, verbose=common.verbose, names=names)
+    return Options(force=common.force, reporter=reporter)
 
 
 @contextmanager
@@ -148,7 +155,7 @@ def _stdout() -> Iterator[None]:
 
 
 @contextmanager
-def _statuses(reporter: TerminalReporter, kept: str) -> Iterator[None]:
+def _statuses(reporter: Reporter, kept: str) -> Iterator[None]:
     """The one place where an error becomes an exit status."""
     try:
         with if_stopped(kept):
@@ -169,11 +176,11 @@ def _statuses(reporter: TerminalReporter, kept: str) -> Iterator[None]:
         raise typer.Exit(EXIT_INPUT) from None
 
 
-def _tell(summary: Summary, reporter: TerminalReporter, elapsed_s: float) -> None:
+def _tell(summary: Summary, reporter: Reporter, common: Common, elapsed_s: float) -> None:
     """Notes, warnings, and how it ended."""
     for note in summary.notes:
         reporter.report(f"note: {note}")
-    shown = summary.warnings if reporter.verbose else summary.warnings[:10]
+    shown = summary.warnings if common.verbose and not common.quiet else summary.warnings[:10]
     for warning in shown:
         reporter.warn(warning)
     if len(shown) < len(summary.warnings):

@@ -26,7 +26,9 @@ Rig = Annotated[Path, _input(f"Recording of the friction rig ({FILES}).", "RIG")
 OptionalRig = Annotated[Path | None, _input(f"Recording of the friction rig ({FILES}).", "[RIG]")]
 Points = Annotated[
     Path | None,
-    typer.Option("--table", metavar="POINTS", help="A row per plateau, in place of RIG."),
+    typer.Option(
+        "--table", metavar="POINTS", help="Table with one row per plateau, instead of RIG."
+    ),
 ]
 Condition = Annotated[
     str | None,
@@ -65,8 +67,8 @@ Bootstrap = Annotated[
         "--bootstrap",
         min=0,
         metavar="N",
-        help="Check the uncertainty of the refined surface by N Monte Carlo draws of all errors, "
-        "and keep the ensemble; 500 are usual. Default: 0, no check.",
+        help="Check the uncertainty of the refined surface with N Monte Carlo draws of all errors, "
+        "and keep the ensemble; 500 is typical. Default: 0, no check.",
     ),
 ]
 Seed = Annotated[

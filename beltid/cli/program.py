@@ -29,7 +29,7 @@ from beltid.errors import EXIT_INPUT, printable
 MAIN_HELP = """\
 Identify the contact parameters between a V-ribbed belt and a pulley.
 
-From bench recordings to a friction law that is proven on a simulated copy of the bench
+From bench recordings to a friction law that is validated on a simulated copy of the bench
 (method of Cepon, Manin and Boltezar, 2010):
 
 \b
@@ -45,11 +45,11 @@ From bench recordings to a friction law that is proven on a simulated copy of th
                    compare --------> compare.parquet
   surface_refined.parquet, stiffness.parquet, slip.parquet
                    simulate-drive -> drive.parquet, compare-drive
-  surface_refined.parquet, stiffness.parquet, or nothing yet
+  surface_refined.parquet, stiffness.parquet, or no data yet
                    plan -----------> plan.csv: the next runs of the rig
 
-`beltid run CONFIG.yaml` does all of it, the drive where its config has one. Results go to stdout,
-talk and progress to stderr. As the name of an input - is stdin, after --out it is stdout.
+`beltid run CONFIG.yaml` runs the whole chain, and the drive if the config has one. Results go to
+stdout, messages and progress to stderr. As an input - is stdin, after --out it is stdout.
 """
 
 EXIT_STATUSES = """\
@@ -57,18 +57,18 @@ EXIT_STATUSES = """\
 Exit status:
   0    done
   1    a bug in beltid, with a traceback
-  2    the call, the config or an input is wrong; what to mend is said
-  3    the numerics failed: no convergence, or no admissible law
+  2    wrong call, config or input; the message says what to correct
+  3    numerical failure: no convergence, or no admissible law
   4    compare, compare-drive: the difference is out of tolerance
   5    run: some of several belts failed
   130  interrupted (Ctrl-C)
-  143  terminated by the system (129: the terminal hung up)
+  143  terminated by the system (129: terminal closed)
 """
 
 
 COMMANDS: Final = {
     "init": ("init", "write a commented config for a new belt"),
-    "inspect": ("inspect", "FILE -> what is understood of it, and a config section"),
+    "inspect": ("inspect", "FILE -> how it is read, and a config section"),
     "fit-stiffness": ("fit", "PRESS.csv -> stiffness.parquet: the normal contact law"),
     "fit-slip": ("fit", "SPEEDLOSS.csv -> slip.parquet: sliding speeds in service"),
     "fit-friction": ("fit", "RIG.csv -> friction.parquet: a friction coefficient per run"),
@@ -76,18 +76,18 @@ COMMANDS: Final = {
     "build-surface": ("surface", "friction -> surface.parquet: friction over force and speed"),
     "refine-surface": (
         "surface",
-        "friction, stiffness -> surface_refined.parquet: without the bias",
+        "friction, stiffness -> surface_refined.parquet: free of bias",
     ),
-    "simulate-rig": ("proof", "surface, stiffness -> simulated.parquet: the rig again"),
+    "simulate-rig": ("proof", "surface, stiffness -> simulated.parquet: the simulated rig"),
     "compare": ("proof", "friction, simulated -> compare.parquet: do they agree?"),
     "simulate-drive": ("drive", "surface, stiffness -> drive.parquet: a belt drive"),
-    "compare-drive": ("drive", "slip, drive -> compare_drive.parquet: is it so?"),
+    "compare-drive": ("drive", "slip, drive -> compare_drive.parquet: do they agree?"),
     "plan": ("plan", "surface, stiffness -> plan.csv: the next runs, or stop"),
-    "run": ("run", "CONFIG.yaml -> runs/<belt>/: all of the above"),
+    "run": ("run", "CONFIG.yaml -> runs/<belt>/: the whole chain"),
     "report": ("report", "runs/<belt> -> report.html: figures, verdict"),
     "show": ("report", "any artifact: a table and a drawing, or a figure"),
-    "export": ("export", "runs/<belt> -> the law for multibody codes"),
-    "info": ("about", "what an artifact is; without one, what runs here"),
+    "export": ("export", "runs/<belt> -> contact law for multibody codes"),
+    "info": ("about", "what an artifact is; without one, versions"),
     "config": ("about", "show or check a config"),
     "explain": ("about", "what an error means and what to do"),
 }
@@ -137,10 +137,10 @@ class Common:
         bool, typer.Option("--json", help="Print one JSON object instead of a table.")
     ] = False
     quiet: Annotated[
-        bool, typer.Option("--quiet", "-q", help="Say nothing but warnings and errors.")
+        bool, typer.Option("--quiet", "-q", help="Print warnings and errors only.")
     ] = False
     verbose: Annotated[
-        bool, typer.Option("--verbose", "-v", help="Print every row, say every detail.")
+        bool, typer.Option("--verbose", "-v", help="Print all rows and details.")
     ] = False
     force: Annotated[
         bool,

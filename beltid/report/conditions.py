@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from beltid.identify.estimators.statistics import as_set
 from beltid.report.results import BeltResults, Sheet
 
 SAME = 0.03
@@ -75,6 +76,15 @@ def settings_of(values: np.ndarray) -> list[np.ndarray]:
     if all(is_setting(values[rows]) for rows in groups):
         return groups
     return list(order[:, None])
+
+
+def series_of(speed: np.ndarray, tension: np.ndarray) -> dict[tuple[float, float], np.ndarray]:
+    """Rows of the points at each pair of a speed and a tension, in the order of first points."""
+    pairs = list(zip(as_set(speed).tolist(), as_set(tension).tolist(), strict=True))
+    rows: dict[tuple[float, float], list[int]] = {}
+    for row, pair in enumerate(pairs):
+        rows.setdefault(pair, []).append(row)
+    return {pair: np.array(of_pair) for pair, of_pair in rows.items()}
 
 
 def is_setting(values: np.ndarray) -> bool:

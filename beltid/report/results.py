@@ -102,10 +102,14 @@ class Sheet:
         return missed == ["min_share_compared"]
 
     @property
+    def rms_percent(self) -> str:
+        """RMS difference of a comparison as it is printed."""
+        return cell("rms_percent", self.overall.get("rms_percent"))
+
+    @property
     def judged(self) -> str:
         """Verdict and RMS difference [%] of a comparison, such as "PASS 0.16"."""
-        rms = cell("rms_percent", self.overall.get("rms_percent"))
-        return f"{'PASS' if self.passed else 'FAIL'} {rms}"
+        return f"{'PASS' if self.passed else 'FAIL'} {self.rms_percent}"
 
     @property
     def held_out(self) -> bool:

@@ -88,14 +88,14 @@ def _headline(results: BeltResults) -> tuple[str, str]:
         )
     said = []
     if predicted is not None:
-        how_well = [_percent_rms(predicted), _in_units(predicted.over_uncertainty)]
+        how_well = [f"{predicted.rms_percent} % RMS", _in_units(predicted.over_uncertainty)]
         said.append(
             f"friction of {LEFT_OUT[predicted.stated('hold_out')]} that was left out is predicted "
             f"to {', '.join(filter(None, how_well))} ({_within(predicted)})"
         )
     if compared:
         parts = [
-            f"with the {of} surface by {_percent_rms(sheet)} ({_within(sheet)})"
+            f"with the {of} surface by {sheet.rms_percent} % RMS ({_within(sheet)})"
             for of, sheet in compared
         ]
         said.append(f"the simulated rig misses the measured friction {', '.join(parts)}")
@@ -120,10 +120,6 @@ def _within(sheet: Sheet) -> str:
 def _compared(sheet: Sheet) -> str:
     count = cell("n", sheet.overall.get("n_points"))
     return f"only {count} of {cell('n', sheet.stated('n_measured'))} runs compared"
-
-
-def _percent_rms(sheet: Sheet) -> str:
-    return f"{sheet.judged.split()[1]} % RMS"
 
 
 def _in_units(over_u: float | None) -> str:

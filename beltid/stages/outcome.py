@@ -214,6 +214,29 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and np.isnan(value) else value
 
 
+def rows_per_setting(
+    arc_deg: np.ndarray, speed_rad_s: np.ndarray, force_N_m: np.ndarray, mu: np.ndarray
+) -> list[dict[str, Any]]:
+    """A row per arc and pulley speed: force and friction over the initial tensions."""
+    rows = []
+    for arc in np.unique(arc_deg):
+        for speed in np.unique(speed_rad_s[arc_deg == arc]):
+            here = np.flatnonzero((arc_deg == arc) & (speed_rad_s == speed))
+            low, high = here[np.argmin(force_N_m[here])], here[np.argmax(force_N_m[here])]
+            rows.append(
+                {
+                    "arc_deg": float(arc),
+                    "pulley_speed_rad_s": float(speed),
+                    "runs": here.size,
+                    "lowest_force_N_m": float(force_N_m[low]),
+                    "highest_force_N_m": float(force_N_m[high]),
+                    "mu_at_lowest": float(mu[low]),
+                    "mu_at_highest": float(mu[high]),
+                }
+            )
+    return rows
+
+
 def span(values: np.ndarray) -> tuple[float, float] | None:
     """Lowest and highest finite value; None if there is none."""
     finite = values[np.isfinite(values)]

@@ -19,9 +19,9 @@ from beltid.cli.execute import finish
 @command("weigh-belt")
 def weigh_belt(*, common: Common) -> None:
     "Weigh a belt."
-    def work(reporter):
+    def work(options):
         from beltid.report.summary import Summary
-        reporter.report("weighing")
+        options.reporter.report("weighing")
         return Summary(stage="weigh-belt", title="mass", facts={"mass_kg": 0.1}, exit_status=4)
     finish(work, common, kept="")
 """

@@ -11,8 +11,7 @@ from beltid.cli.execute import finish, print_text
 from beltid.cli.program import Common, app, command
 
 if TYPE_CHECKING:
-    from beltid.cli.reporter import TerminalReporter
-    from beltid.report.summary import Summary
+    from beltid.stages.reporter import Options
 
 
 def explanations() -> dict[str, str]:
@@ -32,7 +31,7 @@ def _codes(incomplete: str) -> list[str]:
 
 config_app = typer.Typer(
     name="config",
-    help="Show the values that hold and where they come from, or check configs.",
+    help="Show the values in effect and where they come from, or check configs.",
     short_help="show or check a config",
     rich_markup_mode=None,
     no_args_is_help=True,
@@ -50,17 +49,17 @@ def info(
     *,
     common: Common,
 ) -> None:
-    """Tell what a file is: kind, origin, range of validity, hashes of what it was made from.
+    """Show what a file is: kind, origin, range of validity, hashes of what it was made from.
 
     With --verbose also its settings, what was set aside and why, and fit statistics. Without a
-    file: version, libraries and environment of this program, to go with a question or a report.
+    file: version, libraries and environment of this program, for a bug report.
 
     Example: beltid info runs/5pk/friction.parquet
     """
     from beltid.stages.setup import about as stage
 
     finish(
-        lambda reporter: stage.program() if file is None else stage.file_info(file), common, kept=""
+        lambda options: stage.program() if file is None else stage.file_info(file), common, kept=""
     )
 
 
@@ -73,15 +72,15 @@ def show(
         ),
     ] = None,
     origin: Annotated[
-        bool, typer.Option("--origin", help="Tell for each value the file and line it is from.")
+        bool, typer.Option("--origin", help="Show for each value the file and line that state it.")
     ] = False,
     *,
     common: Common,
 ) -> None:
-    """Print the values that hold, as YAML with the range of every key.
+    """Print the values in effect, as YAML with the range of every key.
 
     The config is that of --config, else the one that a command would find for FILE, else the
-    built-in 5PK rig. With --origin a table: key, value, and the file and line that state it.
+    built-in 5PK rig. With --origin, a table: key, value, and the file and line that state it.
 
     Example: beltid config show rig.csv --origin
     """
@@ -89,15 +88,15 @@ def show(
     from beltid.stages.setup import about as stage
 
     if origin or common.json:
+        finish(
+            lambda options: stage.config_origins(find_config(file, common.config)),
+            common,
+            kept="",
+        )
 
-        def work(reporter: TerminalReporter) -> Summary:
-            return stage.config_origins(find_config(file, common.config))
-
-        finish(work, common, kept="")
-
-    def text(reporter: TerminalReporter) -> str:
+    def text(options: Options) -> str:
         source = find_config(file, common.config)
-        reporter.report(f"config: {source.origin}")
+        options.reporter.report(f"config: {source.origin}")
         return stage.shown_config(source)
 
     print_text(text, common)
@@ -109,24 +108,22 @@ def check(
     *,
     common: Common,
 ) -> None:
-    """Check configs as run does: keys, values, recordings that are not there or hold nothing.
+    """Check configs as run does: keys, values, recordings that are missing or empty.
 
-    All problems are told at once, with file, line and column. Exit status 2 if there are any.
+    Reports all problems at once, with file, line and column. Exit status 2 if there are any.
 
     Example: beltid config check configs/5pk.yaml
     """
     from beltid.stages.setup import about as stage
 
-    finish(lambda reporter: stage.check_configs(configs), common, kept="")
+    finish(lambda options: stage.check_configs(configs), common, kept="")
 
 
 @command("explain")
 def explain(
     code: Annotated[
         str | None,
-        typer.Argument(
-            metavar="CODE", help="Name that stands below an error.", autocompletion=_codes
-        ),
+        typer.Argument(metavar="CODE", help="Code below an error message.", autocompletion=_codes),
     ] = None,
     *,
     common: Common,
@@ -137,7 +134,7 @@ def explain(
     """
     from beltid.errors import InputError
 
-    def text(reporter: TerminalReporter) -> str:
+    def text(options: Options) -> str:
         pages = explanations()
         if code is None:
             return "".join(f"{known}\n" for known in pages)

@@ -30,10 +30,10 @@ def simulate_drive(
 ) -> None:
     """Predict a belt drive: speed loss, belt tensions, hub forces, reserve against slip.
 
-    The drive is the section drive: of the config, its contact that of the identified laws. The
-    belt is an extensible string with mass on the elastic bed of its ribs. Every speed loss is split
-    into creep, seating and slip, and comes with its uncertainty. Writes drive.parquet, a row per
-    operating point and pulley.
+    The section drive: of the config describes the drive; the contact is that of the identified
+    laws. The belt is an extensible string with mass on the elastic bed of its ribs, or a rod with
+    bending stiffness. Every speed loss is split into creep, seating and slip and has an
+    uncertainty. Writes drive.parquet, one row per operating point and pulley.
 
     Example: beltid simulate-drive surface_refined.parquet stiffness.parquet --from slip.parquet
     """
@@ -45,12 +45,12 @@ def simulate_drive(
 
 @command("compare-drive")
 def compare_drive(slip: Slip, drive: DriveTable, *, common: Common) -> None:
-    """Compare the predicted with the measured speed losses; exit 0 or 4.
+    """Compare predicted and measured speed losses; exit 0 or 4.
 
-    Nothing is fitted to the recording: it tests the identified laws a second time, and says which
-    of creep, seating and slip it can tell. Points with less than a fifth of the largest torque are
-    not judged. Tolerance by default: RMS 10 %; another under compare_drive: in the config. Writes
-    compare_drive.parquet.
+    Nothing is fitted to this recording: it is an independent test of the identified laws, and
+    shows which of creep, seating and slip it can resolve. Points below a fifth of the largest
+    torque are not judged. Default tolerance: RMS 10 %; change it under compare_drive: in the
+    config. Writes compare_drive.parquet.
 
     Example: beltid compare-drive slip.parquet drive.parquet
     """

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from beltid.cli.execute import finish, print_text
 from beltid.cli.program import Common, command
-
-if TYPE_CHECKING:
-    from beltid.cli.reporter import TerminalReporter
-    from beltid.report.summary import Summary
 
 TARGET_NAMES = (
     "json",
@@ -127,9 +123,9 @@ def export(
     """Write the contact law of a belt for multibody and finite-element programs.
 
     Normal stiffness, friction over normal force and sliding speed, range of validity, origin. What
-    a program cannot hold is replaced by something simpler; the file says how far that is from the
-    law over its measured range. Files that already exist with another content are replaced with
-    --force only.
+    a program cannot represent is replaced by an approximation; the file states its deviation from
+    the law over the measured range. An existing file with different content is replaced only with
+    --force.
 
     \b
     Example: beltid export exudyn runs/5pk
@@ -137,28 +133,22 @@ def export(
              beltid export all runs/5pk -o laws/5pk
              beltid export --list
     """  # noqa: D301
-    from beltid.errors import InputError
-    from beltid.stages.reporter import Options
     from beltid.stages.results import export_law as stage
 
     if target == stage.SCHEMA:
-        print_text(lambda reporter: stage.schema_text(), common)
-
-    def work(reporter: TerminalReporter) -> Summary:
-        if source is None:
-            raise InputError(
-                "LAW is missing: name the results of a belt, such as runs/5pk, or a law file"
-            )
-        return stage.run(
+        print_text(lambda options: stage.schema_text(), common)
+    finish(
+        lambda options: stage.run(
             target,
             source,
             common.config,
             common.out,
-            Options(force=common.force, reporter=reporter),
+            options,
             surface=surface.value if surface else None,
             normal_force_N_m=normal_force,
             slip_speed_m_s=speed,
             units=units.value,
-        )
-
-    finish(work, common, kept="files that were written are whole")
+        ),
+        common,
+        kept="files that were written are whole",
+    )

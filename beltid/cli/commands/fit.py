@@ -16,15 +16,15 @@ from beltid.cli.program import Common, command
 @command("fit-stiffness")
 @reads_recording("press", name="force_N: Load", unit="force_N: kN")
 def fit_stiffness(press: Press, *, common: Common) -> None:
-    """Find how stiff the contact of ribs and grooves is, from a compression press.
+    """Identify the stiffness of the contact of ribs and grooves from a compression press.
 
     The normal force per metre of belt is k_linear * penetration + k_quadratic * penetration².
-    Contact point, machine compliance, load cycles and hysteresis are taken care of; a test tells
-    whether temperature matters. Writes stiffness.parquet.
+    Contact point, machine compliance, load cycles and hysteresis are taken into account; a
+    statistical test shows whether temperature matters. Writes stiffness.parquet.
 
-    The config tells the length of belt under the press (press.segment_length_cm, default 4) and
-    the travel that the press itself takes up (press.machine_compliance_mm_N, default 0): both
-    scale the law, so state your own.
+    The config states the length of belt under the press (press.segment_length_cm, default 4) and
+    the compliance of the press (press.machine_compliance_mm_N, default 0): both scale the law,
+    so state your own.
 
     (columns)
 
@@ -38,9 +38,9 @@ def fit_stiffness(press: Press, *, common: Common) -> None:
 @command("fit-slip")
 @reads_recording("speedloss", name="torque_N_m: M", unit="torque_N_m: N mm")
 def fit_slip(speedloss: SpeedLoss, *, common: Common) -> None:
-    """Find the sliding speeds in service, from the speed loss of a two-pulley drive.
+    """Identify the sliding speeds in service from the speed loss of a two-pulley drive.
 
-    They tell at which pulley speeds the friction rig has to run for this belt. The sliding speed
+    They show at which pulley speeds the friction rig has to run for this belt. The sliding speed
     is the speed loss times rig.pulley_radius_m of the config, default 0.05. Writes slip.parquet.
 
     (columns)
@@ -61,23 +61,23 @@ def fit_shear(
         typer.Option(
             "--stiffness",
             metavar="STIFFNESS",
-            help="stiffness.parquet of fit-stiffness: the normal law of this belt, in place of a "
-            "usual one that is known to 40 %.",
+            help="stiffness.parquet of fit-stiffness: the normal law of this belt, instead of a "
+            "typical one that is known to 40 %.",
         ),
     ] = None,
     *,
     common: Common,
 ) -> None:
-    """Find how stiff the ribs are in shear along the belt, from the runs of the friction rig.
+    """Identify the shear stiffness of the ribs along the belt from runs of the friction rig.
 
-    Before the belt slides, the tensions part in proportion to the travel of the pulley: the slope
-    tells how far belt, ribs and bench give way. Runs at two contact arcs or more tell the ribs from
-    the bench. A run is used if it has eight samples before 30 % of the difference of the tensions
-    on the plateau, so only slow runs or fast sampling qualify; otherwise it is said which sampling
-    rate would do. Ribs that are too stiff to be seen get a lower bound and no value. Writes
-    shear.parquet.
+    Before the belt slides, the tensions separate in proportion to the travel of the pulley: the
+    slope gives the compliance of belt, ribs and bench. Runs at two or more contact arcs separate
+    the ribs from the bench. A run is used if it has eight samples before the tension difference
+    reaches 30 % of its plateau, so only slow runs or fast sampling qualify; otherwise a note
+    gives the sampling rate that would be sufficient. Ribs that are too stiff to be identified
+    get a lower bound and no value. Writes shear.parquet.
 
-    The config tells axial and bending stiffness of the belt (belt.axial_stiffness_N, default
+    The config states axial and bending stiffness of the belt (belt.axial_stiffness_N, default
     100000; belt.bending_stiffness_N_m2, default 0.02) and rig.pulley_radius_m, default 0.05.
 
     (columns)
@@ -96,23 +96,23 @@ def fit_friction(rig: OptionalRig = None, *, table: Points = None, common: Commo
 
     Each run gives the sliding coefficient (Euler-Eytelwein, over the steady plateau) with its
     standard error, the sticking peak, the sliding speed and the normal force per length. Every
-    coefficient depends on the contact arc that is stated. A run that cannot be used is set aside
-    with its reason. Writes friction.parquet.
+    coefficient depends on the stated contact arc. A run that cannot be used is set aside, and
+    the reason is given. Writes friction.parquet.
 
     Sliding speed and normal force need the radius of the belt's centreline on the pulley: 0.05 m
-    unless a config says rig.pulley_radius_m, whatever bench the file is from.
+    unless the config states rig.pulley_radius_m, whatever bench the file is from.
 
-    What the rig measures is rig.kind of the config: two_cells (the default), dead_weight, torque,
-    torque_hub, or running for a belt that moves.
+    rig.kind of the config states what the rig measures: two_cells (the default), dead_weight,
+    torque, torque_hub, or running for a belt that moves.
 
     (columns)
 
-    With --table, the file has a row per plateau in place of samples over the time: arc_deg, the
+    With --table, the file has one row per plateau instead of samples over time: arc_deg, the
     forces or torque of rig.kind, pulley_speed_rad_s or slip_speed_m_s, and if known run, mu_se,
     temperature_degC, initial_tension_N, condition, side; or mu and normal_force_N_m themselves.
 
-    A CSV file or Parquet files of more than 64 MB (unpacked) are read run by run, so that they need
-    not fit into the memory: the rows of a run must stand together.
+    A CSV file or Parquet files of more than 64 MB (uncompressed) are read run by run and need not
+    fit into memory: the rows of a run must be contiguous.
 
     Example: beltid fit-friction rig.csv
     """

@@ -12,8 +12,8 @@ from beltid.cli.execute import finish
 from beltid.cli.program import Common, command
 
 if TYPE_CHECKING:
-    from beltid.cli.reporter import TerminalReporter
     from beltid.report.summary import Summary
+    from beltid.stages.reporter import Options, Reporter
 
 QUESTIONS: Final = (
     ("belt.name", "Name of the belt (folder of the results)"),
@@ -98,13 +98,12 @@ def init(
 ) -> None:
     """Write the config of a new belt, with the meaning, unit and range of every key.
 
-    On a terminal, what no flag says is asked, with its default; elsewhere it keeps its default and
-    is marked so in the file. Contact arcs, tensions and speeds are read from the recording of the
-    rig, if one is named. An existing file is overwritten with --force only.
+    On a terminal it asks for everything that no flag states; otherwise the default is used and
+    marked as such in the file. Contact arcs, tensions and speeds are read from the recording of
+    the rig, if one is named. An existing file is overwritten only with --force.
 
     Example: beltid init 6pk --press press.csv --rig rig.csv --pulley-radius 0.06
     """
-    from beltid.stages.reporter import Options
     from beltid.stages.setup import new_config as stage
 
     flags = {
@@ -129,14 +128,14 @@ def init(
     stated = {key: value for key, value in flags.items() if value is not None}
     ask = on_terminal() and not (no_input or common.quiet or common.json)
 
-    def work(reporter: TerminalReporter) -> Summary:
-        answers = _asked(stated, reporter) if ask else stated
-        return stage.run(answers, common.out, Options(force=common.force, reporter=reporter))
+    def work(options: Options) -> Summary:
+        answers = _asked(stated, options.reporter) if ask else stated
+        return stage.run(answers, common.out, options)
 
     finish(work, common, kept="no config was written")
 
 
-def _asked(stated: dict[str, Any], reporter: TerminalReporter) -> dict[str, Any]:
+def _asked(stated: dict[str, Any], reporter: Reporter) -> dict[str, Any]:
     """The answers to what no flag said, each checked before the next question."""
     from beltid.stages.setup import new_config as stage
 

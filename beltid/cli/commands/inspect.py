@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -12,10 +12,6 @@ from beltid.cli.inputs import FILES
 from beltid.cli.program import Common, command
 from beltid.errors import InputError
 from beltid.tables.schemas import RECORDINGS
-
-if TYPE_CHECKING:
-    from beltid.cli.reporter import TerminalReporter
-    from beltid.report.summary import Summary
 
 
 @command("inspect")
@@ -28,28 +24,30 @@ def inspect(
         str | None,
         typer.Option(
             metavar="press|rig|speedloss",
-            help="What it is a recording of. Default: found out from the names of the channels.",
+            help="What it is a recording of. Default: inferred from the names of the channels.",
         ),
     ] = None,
     *,
     common: Common,
 ) -> None:
-    """Say what is understood of a file: format, channels, units, rates, runs, gaps.
+    """Show how a file is read: format, channels, units, rates, runs, gaps.
 
-    Prints every channel with the column it is read as or can be, the runs, and a section for the
-    config that states the reading, ready to be pasted. What cannot be decided is said with the
-    lines that settle it, and the status is 2. Nothing is written.
+    Prints every channel with the column it is read as or could be, the runs, and a config section
+    that states the reading, ready to be pasted. If something is ambiguous, it prints the config
+    lines that resolve it, and the status is 2. Nothing is written.
 
     Example: beltid inspect export.txt
     """
     from beltid.config import find_config
+    from beltid.report.summary import Summary
+    from beltid.stages.reporter import Options
     from beltid.stages.setup import inspect_file as stage
 
-    def work(reporter: TerminalReporter) -> Summary:
+    def work(options: Options) -> Summary:
         if kind is not None and kind not in RECORDINGS:
             raise InputError(f"--kind {kind}, must be " + ", ".join(RECORDINGS))
         source = find_config(files[0], common.config)
-        reporter.report(f"config: {source.origin}")
+        options.reporter.report(f"config: {source.origin}")
         return stage.run(source, files, kind)
 
     finish(work, common, kept="nothing was changed")

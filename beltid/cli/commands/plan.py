@@ -17,7 +17,7 @@ def plan(
         Path | None,
         typer.Argument(
             metavar="[SURFACE]",
-            help="surface_refined.parquet of refine-surface; none: no data yet.",
+            help="surface_refined.parquet of refine-surface; leave out if there are no data yet.",
         ),
     ] = None,
     stiffness: Annotated[
@@ -32,8 +32,8 @@ def plan(
         typer.Option(
             "--target",
             metavar="surface|drive",
-            help="Where friction has to be known: over all forces and speeds of the candidates, or "
-            "where the drive of the config rubs. Default: surface.",
+            help="Where friction has to be known: at all forces and speeds of the candidates, or "
+            "where the drive of the config slides. Default: surface.",
         ),
     ] = "surface",
     goal_u: Annotated[
@@ -41,8 +41,8 @@ def plan(
         typer.Option(
             "--goal-u",
             metavar="U",
-            help="Standard uncertainty of the friction coefficient that is good enough, as a "
-            "share. Default: 0.01.",
+            help="Relative standard uncertainty of the friction coefficient that is sufficient. "
+            "Default: 0.01.",
         ),
     ] = 0.01,
     friction: Annotated[
@@ -58,12 +58,12 @@ def plan(
 ) -> None:
     """Plan the next runs of the friction rig, or say stop.
 
-    Of all settings under plan: in the config those are chosen after which the refined surface is
-    least uncertain, on average over the target. What all runs share (load cells, arcs, radius,
-    bending stiffness) counts as it is stated under uncertainty:. Says how uncertain each region
-    is before and after, and stops where the goal is reached or further runs do not help: then
-    with the statement that would. Without SURFACE and STIFFNESS it starts from what is usual for
-    such a belt. Writes plan.csv, a row per run in the order of the session, and plan.png.
+    Selects, from the settings under plan: in the config, the runs that minimise the uncertainty
+    of the refined surface, averaged over the target. Errors that all runs share (load cells, arcs,
+    radius, bending stiffness) are taken from uncertainty: in the config. Prints the uncertainty of
+    each region before and after. Says stop if the goal is reached or further runs do not help, and
+    then which statement would. Without SURFACE and STIFFNESS it starts from values typical of such
+    a belt. Writes plan.csv, one row per run in the order of the session, and plan.png.
 
     Example: beltid plan surface_refined.parquet stiffness.parquet --from friction.parquet
     """

@@ -70,7 +70,7 @@ def simulate_rig(
         typer.Option(
             metavar="SECONDS",
             help="Also write the contact along the arc at this time after the pulley starts to "
-            "turn (pressure, friction, slip, tension, who sticks), to <result>_profiles.parquet; "
+            "turn (pressure, friction, slip, tension, sticking), to <result>_profiles.parquet; "
             "may be repeated. Method transient only.",
         ),
     ] = None,
@@ -78,13 +78,13 @@ def simulate_rig(
     *,
     common: Common,
 ) -> None:
-    """Repeat the runs of the friction rig on the computer, with the identified contact.
+    """Simulate the runs of the friction rig with the identified contact laws.
 
-    A flexible belt (ANCF beam elements) is laid on the pulley, tightened, and the pulley turned:
-    stick, slip and full sliding. All runs that were measured, each setting once, or those picked;
-    lists under rig: of the config hold above what was measured.
-    Writes simulated.parquet with the columns of a bench recording; runs picked by --arc, --tension
-    or --speed go to simulated_part.parquet, so that a part never replaces the whole campaign.
+    A flexible belt (ANCF beam elements) is laid on the pulley and tightened, and the pulley turns:
+    stick, slip and full sliding. All measured runs are simulated, each setting once, or the
+    selected ones; lists under rig: of the config take precedence over what was measured.
+    Writes simulated.parquet with the columns of a bench recording; runs selected by --arc,
+    --tension or --speed go to simulated_part.parquet and never replace the whole campaign.
 
     Example: beltid simulate-rig surface.parquet stiffness.parquet --arc 82
     """
@@ -120,14 +120,14 @@ def compare(
     *,
     common: Common,
 ) -> None:
-    """Compare the simulated with the measured friction coefficients; exit 0 or 4.
+    """Compare simulated and measured friction coefficients; exit 0 or 4.
 
-    The simulated recording goes through the same reduction as the measured one. Differences per
-    arc, averaged over arcs, and for low, middle and high normal force. Runs are matched by arc,
-    tension and speed.
+    The simulated recording goes through the same reduction as the measured one. Prints differences
+    per arc, averaged over arcs, and for low, middle and high normal force. Runs are matched by
+    arc, tension and speed.
 
-    Tolerances by default: RMS 6 %, mean magnitude 5 %, largest 20 %; others under compare: in the
-    config. Exit 4, too, if fewer than half of the usable measured runs have a simulated partner.
+    Default tolerances: RMS 6 %, mean magnitude 5 %, largest 20 %; change them under compare: in
+    the config. Exit 4 also if fewer than half of the usable measured runs have a simulated partner.
     Writes compare.parquet; with --hold-out compare_hold_out.parquet.
 
     Example: beltid compare friction.parquet simulated.parquet

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from beltid.cli.execute import finish
 from beltid.cli.program import Common, command
-
-if TYPE_CHECKING:
-    from beltid.cli.reporter import TerminalReporter
-    from beltid.report.summary import Summary
 
 
 @command(
@@ -35,29 +31,25 @@ def report(
     *,
     common: Common,
 ) -> None:
-    """Write what was identified as one page: verdict, figures, tables, where it came from.
+    """Write the report of a belt, one page: verdict, figures, tables, provenance.
 
-    The page needs no network and nothing beside it; the friction surface can be turned with the
-    mouse. What is missing in the folder is missing on the page, and said. `beltid run` writes it at
-    its end. Several folders: a report in each of them, and one page that compares the belts in the
-    folder above.
+    The page needs no network and no other file; the friction surface can be turned with the
+    mouse. The page says what is missing in the folder. `beltid run` ends by writing it. For
+    several folders: a report in each of them, and one page in the folder above that compares the
+    belts.
 
-    The curves of the press and the runs over time need the recordings once: `beltid run` keeps what
-    the figures need in the folder. Otherwise name the belt's config with --config.
+    The curves of the press and the runs over time need the recordings once: `beltid run` stores
+    what the figures need in the folder. Otherwise name the config of the belt with --config.
 
     Example: beltid report runs/4pk runs/5pk
     """
-    from beltid.config import find_config
-    from beltid.stages.reporter import Options
     from beltid.stages.results import report_belt as stage
 
-    def work(reporter: TerminalReporter) -> Summary:
-        source = find_config(None, common.config) if common.config else None
-        return stage.run(
-            folders, common.out, Options(force=common.force, reporter=reporter), source
-        )
-
-    finish(work, common, kept="reports that were finished stand")
+    finish(
+        lambda options: stage.run(folders, common.out, options, common.config),
+        common,
+        kept="reports that were finished stand",
+    )
 
 
 @command(
@@ -75,7 +67,7 @@ def show(
     ],
     figure: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Which figure, where there are several."),
+        typer.Option(metavar="NAME", help="Which figure, if there are several."),
     ] = None,
     *,
     common: Common,
@@ -86,12 +78,10 @@ def show(
 
     Example: beltid show runs/5pk/surface_refined.parquet -o map.pdf --figure map-surface_refined
     """
-    from beltid.stages.reporter import Options
     from beltid.stages.results import show_artifact as stage
 
-    def work(reporter: TerminalReporter) -> Summary:
-        return stage.run(
-            artifact, common.out, figure, Options(force=common.force, reporter=reporter)
-        )
-
-    finish(work, common, kept="nothing was written")
+    finish(
+        lambda options: stage.run(artifact, common.out, figure, options),
+        common,
+        kept="nothing was written",
+    )

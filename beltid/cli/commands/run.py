@@ -14,9 +14,9 @@ from beltid.cli.inputs import Bootstrap, Seed
 from beltid.cli.program import Common, command
 
 if TYPE_CHECKING:
-    from beltid.cli.reporter import TerminalReporter
     from beltid.config import ConfigSource
     from beltid.report.summary import Summary
+    from beltid.stages.reporter import Options
     from beltid.stages.workers import Workers
 
 
@@ -25,7 +25,7 @@ Configs = Annotated[
     typer.Argument(
         metavar="CONFIG",
         help="Configs, one per belt. Each names its recordings under data: press, rig and "
-        "speedloss; without press or rig what can be done is done. Default: the config of "
+        "speedloss; without press or rig only part of the chain runs. Default: the config of "
         "--config, else the one that the environment variable BELTID_CONFIG names.",
     ),
 ]
@@ -43,13 +43,14 @@ PartOf = Annotated[
     typer.Option(
         metavar="I/N",
         help="Run only every N-th belt or case from the I-th on, such as 2/4: for the jobs of "
-        "an array. A last run without it finds all up to date and sums up.",
+        "an array. A last run without it finds everything up to date and writes the summary.",
     ),
 ]
 Executor = Annotated[
     str,
     typer.Option(
-        metavar="local|dask", help="Who simulates: this machine, or an existing Dask cluster."
+        metavar="local|dask",
+        help="Where simulations run: on this machine, or on an existing Dask cluster.",
     ),
 ]
 Scheduler = Annotated[
@@ -65,7 +66,7 @@ SchedulerFile = Annotated[
     typer.Option(metavar="FILE", help="File in which the scheduler wrote its address."),
 ]
 DryRun = Annotated[
-    bool, typer.Option("--dry-run", "-n", help="Tell what would be done, and do nothing.")
+    bool, typer.Option("--dry-run", "-n", help="List what would be done, and do nothing.")
 ]
 NoReport = Annotated[bool, typer.Option("--no-report", help="Write no report.html at the end.")]
 RunsDir = typer.Option(
@@ -93,12 +94,12 @@ def run(
     *,
     common: Common,
 ) -> None:
-    """Run the whole chain for one belt or several: from the recordings to the comparison.
+    """Run the whole chain for one or several belts: from the recordings to the report.
 
-    Stiffness, sliding speeds, friction, the surface as published and refined; the rig is simulated
-    with both surfaces, and both are compared. Results go to runs/<belt>/. What is up to date is
-    kept, so that a second run does nothing. A belt that fails does not stop the others. At the end
-    stands a report: runs/<belt>/report.html, and for several belts runs/report.html.
+    Identifies stiffness, sliding speeds and friction, builds the published and the refined
+    surface, simulates the rig with both, and compares. Results go to runs/<belt>/. Results that
+    are up to date are kept, so a second run does nothing. A belt that fails does not stop the
+    others. The report is runs/<belt>/report.html, for several belts also runs/report.html.
 
     A config with a section sweep, such as sweep: {belt.bending_stiffness_N_m2: [0.01, 0.02]}, is
     run for all combinations: runs/<belt>/<case>/, with one table, runs/<belt>/sweep.csv.
@@ -108,7 +109,8 @@ def run(
     folder = common.out or Path("runs")
     where = Where(executor, scheduler, scheduler_file, jobs)
 
-    def work(reporter: TerminalReporter) -> Summary:
+    def work(given: Options) -> Summary:
+        reporter = given.reporter
         from beltid.batch.sources import Shard, config_sources
 
         part = None if shard is None else Shard.parse(shard)

@@ -16,13 +16,13 @@ FitBending = Annotated[
     bool,
     typer.Option(
         "--fit-bending",
-        help="Find the bending stiffness that the runs ask for too, and show it beside the stated "
+        help="Also identify the bending stiffness from the runs, and show it beside the stated "
         "one.",
     ),
 ]
 UseBending = Annotated[
     bool,
-    typer.Option("--use-bending", help="Refine the surface with the bending stiffness found."),
+    typer.Option("--use-bending", help="Refine the surface with the identified bending stiffness."),
 ]
 
 
@@ -37,8 +37,8 @@ def build_surface(
     """Build the friction surface: the coefficient over normal force and sliding speed.
 
     One surface per contact arc and their average, as bicubic splines through the measured
-    values; outside the measured range the nearest measured value holds. Runs on another surface
-    (dry, wet, dusty) or of the other side of the belt are never put into one: choose by
+    values; outside the measured range the nearest measured value is used. Runs with different
+    surface conditions (dry, wet, dusty) or belt sides are never combined: select with
     --condition and --side. Writes surface.parquet.
 
     Example: beltid build-surface friction.parquet
@@ -63,13 +63,13 @@ def refine_surface(
     *,
     common: Common,
 ) -> None:
-    """Find the friction surface with which the simulated rig gives the measured tensions.
+    """Find the friction surface with which the simulated rig reproduces the measured tensions.
 
-    The published procedure gives each coefficient the mean force on the arc, which ignores that
-    a stiff belt presses harder where it enters and leaves the pulley. Here the surface is solved
-    for, all arcs together; its smoothness is chosen by the data. Shows what is left of the
-    difference between simulated and measured coefficients, and a budget of the uncertainty: what
-    is not known of the benches is stated under uncertainty: in the config. Writes
+    The published procedure assigns each coefficient to the mean force on the arc and neglects that
+    a stiff belt presses harder where it enters and leaves the pulley. Here the surface is the
+    solution of an inverse problem over all arcs; the data determine its smoothness. Prints the
+    remaining difference between simulated and measured coefficients and an uncertainty budget;
+    state the uncertainties of your benches under uncertainty: in the config. Writes
     surface_refined.parquet.
 
     Example: beltid refine-surface friction.parquet stiffness.parquet

@@ -7,7 +7,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.identify.estimators.statistics import as_set
+from beltid.report.cells import MILLI
+from beltid.report.conditions import series_of
 from beltid.report.drawing import (
     FAINT,
     GRID,
@@ -17,6 +18,7 @@ from beltid.report.drawing import (
     figure,
     group,
     legend_below,
+    new_axes,
     style,
 )
 from beltid.report.picture import Picture
@@ -24,7 +26,6 @@ from beltid.report.results import Sheet
 
 TORQUE: Final = "torque [N m]"
 LOSS: Final = "speed loss [rad/s]"
-MILLI: Final = 1e3
 TALL: Final = 5.8
 
 
@@ -53,9 +54,7 @@ def _drawing(sheet: Sheet) -> list[Picture]:
 
     centres = np.array([(pulley["x_m"], pulley["y_m"]) for pulley in laid])
     middle, (wide, high) = centres.mean(axis=0), np.ptp(centres, axis=0) + 4.0 * size
-    with style():
-        fig = figure(height=min(WIDTH * high / wide, TALL))
-        axes = fig.subplots()
+    with new_axes(min(WIDTH * high / wide, TALL)) as (fig, axes):
         for i, (pulley, row) in enumerate(zip(laid, rows, strict=True)):
             centre = np.array((pulley["x_m"], pulley["y_m"]))
             radius = pulley["radius_m"]
@@ -162,9 +161,7 @@ def _slip_limit(sheet: Sheet) -> list[Picture]:
     if len(rows) < 2:
         return []
     tension = np.array([row["initial_tension_N"] for row in rows])
-    with style():
-        fig = figure()
-        axes = fig.subplots()
+    with new_axes() as (fig, axes):
         for k, (name, column) in enumerate(
             (
                 ("adhesion ends", "adhesion_end_torque_N_m"),
@@ -199,9 +196,7 @@ def _loss(sheet: Sheet) -> Picture:
     pulley = _slowest(sheet)
     title = f"Predicted speed loss of {pulley} over its torque"
     of = sheet["pulley"] == pulley
-    with style():
-        fig = figure()
-        axes = fig.subplots()
+    with new_axes() as (fig, axes):
         for k, (name, rows) in enumerate(_series(sheet, of)):
             look = group(k)
             torque, loss = sheet["torque_N_m"][rows], sheet["speed_loss_rad_s"][rows]
@@ -225,9 +220,7 @@ def _loss(sheet: Sheet) -> Picture:
 
 
 def _arcs(sheet: Sheet) -> Picture:
-    with style():
-        fig = figure()
-        axes = fig.subplots()
+    with new_axes() as (fig, axes):
         torque = np.abs(sheet["torque_N_m"])
         for k, pulley in enumerate(dict.fromkeys(sheet["pulley"].tolist())):
             of = sheet["pulley"] == pulley
@@ -247,9 +240,7 @@ def _arcs(sheet: Sheet) -> Picture:
 
 def compared(sheet: Sheet) -> list[Picture]:
     """Measured against predicted speed loss over torque."""
-    with style():
-        fig = figure()
-        axes = fig.subplots()
+    with new_axes() as (fig, axes):
         everything = np.ones(len(sheet["run"]), dtype=bool)
         for k, (name, rows) in enumerate(_series(sheet, everything)):
             look = group(k)
@@ -285,9 +276,8 @@ def _slowest(sheet: Sheet) -> str:
 def _series(sheet: Sheet, of: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
     """Name and rows of every driver speed and belt tension, in the order of the torque."""
     rows = np.flatnonzero(of)
-    speeds = as_set(sheet["driver_speed_rad_s"][rows])
-    tensions = as_set(sheet["initial_tension_N"][rows])
-    for speed, tension in dict.fromkeys(zip(speeds.tolist(), tensions.tolist(), strict=True)):
-        mine = rows[(speeds == speed) & (tensions == tension)]
+    series = series_of(sheet["driver_speed_rad_s"][rows], sheet["initial_tension_N"][rows])
+    for (speed, tension), places in series.items():
+        mine = rows[places]
         mine = mine[np.argsort(sheet["torque_N_m"][mine], kind="stable")]
         yield f"{speed:.4g} rad/s, {tension:.4g} N", mine

@@ -19,8 +19,8 @@ from beltid.drive.agreement import (
     compare_losses,
 )
 from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, InputError
-from beltid.identify.estimators.statistics import as_set
 from beltid.identify.slip.points import GROSS_SLIP, OK
+from beltid.report.conditions import series_of
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.outcome import Outcome, finite_or_none, rows_of, span
@@ -228,19 +228,18 @@ def summarise(built: Built) -> Summary:
 
 def _series(columns: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
     """A row per driver speed and initial tension: how far the torque went, and the difference."""
-    speeds = as_set(columns["driver_speed_rad_s"])
-    tensions = as_set(columns["initial_tension_N"])
     rows = []
-    for speed, tension in dict.fromkeys(zip(speeds.tolist(), tensions.tolist(), strict=True)):
-        here = (speeds == speed) & (tensions == tension) & columns["judged"]
-        if not here.any():
+    series = series_of(columns["driver_speed_rad_s"], columns["initial_tension_N"])
+    for (speed, tension), points in series.items():
+        here = points[columns["judged"][points]]
+        if not here.size:
             continue
         relative = columns["relative_difference"][here]
         rows.append(
             {
                 "driver_speed_rad_s": speed,
                 "initial_tension_N": tension,
-                "points": int(here.sum()),
+                "points": here.size,
                 "largest_torque_N_m": float(np.abs(columns["torque_N_m"][here]).max()),
                 "mean_difference_percent": 100.0 * float(relative.mean()),
                 "rms_difference_percent": 100.0 * float(np.sqrt(np.mean(relative**2))),

@@ -21,10 +21,10 @@ from beltid.drive.profile import arc_profiles
 from beltid.drive.results import ADHESION, FULL_SLIP, DriveResult, Method, Simulator
 from beltid.drive.rod import ribs_shear
 from beltid.errors import ConvergenceError, InputError, NumericsError
-from beltid.identify.estimators.statistics import as_set
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
+from beltid.report.conditions import series_of
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.drive.drive_of_config import (
@@ -227,12 +227,12 @@ def _outcome(
 
 def _limits(drive: Drive, good: Sequence[Solved]) -> list[dict[str, Any]]:
     """How much torque the drive carries at each speed and tension, by its most loaded point."""
-    speeds = as_set(np.array([result.point.omega for _, result in good])).tolist()
-    tensions = as_set(np.array([result.rest.T_0 for _, result in good])).tolist()
-    heaviest: dict[tuple[float, float], Solved] = {}
-    for series, one in zip(zip(speeds, tensions, strict=True), good, strict=True):
-        if series not in heaviest or one[1].load > heaviest[series][1].load:
-            heaviest[series] = one
+    speeds = np.array([result.point.omega for _, result in good])
+    series = series_of(speeds, np.array([result.rest.T_0 for _, result in good]))
+    heaviest = {
+        setting: max((good[i] for i in rows), key=lambda one: one[1].load)
+        for setting, rows in series.items()
+    }
     simulator = Simulator(drive)
     return [
         {

@@ -32,7 +32,7 @@ from beltid.stages.identification.reduction import (
     taken_off,
     with_conditions,
 )
-from beltid.stages.outcome import Outcome, rows_of, span
+from beltid.stages.outcome import Outcome, rows_of, rows_per_setting, span
 from beltid.stages.reporter import Options
 from beltid.stages.uncertainties import (
     SECTION,
@@ -314,31 +314,14 @@ def summarise(built: Built) -> Summary:
             "mu_sticking",
             "status",
         ),
-        overview=_per_setting(columns, good),
+        overview=rows_per_setting(
+            columns["arc_deg"][good],
+            as_set(columns["pulley_speed_rad_s"])[good],
+            columns["normal_force_N_m"][good],
+            columns["mu_sliding"][good],
+        ),
         notes=built.notes,
         warnings=built.warnings,
         up_to_date=built.up_to_date,
         origin=built.origin,
     )
-
-
-def _per_setting(columns: Mapping[str, np.ndarray], good: np.ndarray) -> list[dict[str, Any]]:
-    """A row per arc and speed: force and friction over the initial tensions."""
-    rows = []
-    arcs, speeds = columns["arc_deg"], as_set(columns["pulley_speed_rad_s"])
-    for arc in np.unique(arcs[good]):
-        for speed in np.unique(speeds[good & (arcs == arc)]):
-            here = good & (arcs == arc) & (speeds == speed)
-            force, mu = columns["normal_force_N_m"][here], columns["mu_sliding"][here]
-            rows.append(
-                {
-                    "arc_deg": float(arc),
-                    "pulley_speed_rad_s": float(speed),
-                    "runs": int(here.sum()),
-                    "lowest_force_N_m": float(force.min()),
-                    "highest_force_N_m": float(force.max()),
-                    "mu_at_lowest": float(mu[np.argmin(force)]),
-                    "mu_at_highest": float(mu[np.argmax(force)]),
-                }
-            )
-    return rows

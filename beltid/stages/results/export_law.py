@@ -26,7 +26,7 @@ SCHEMA: Final = "schema"
 
 def run(
     target: str,
-    source: Path,
+    source: Path | None,
     config: Path | None,
     out: Path | None,
     options: Options,
@@ -42,8 +42,8 @@ def run(
     ----------
     target : str
         Name of a target, or "all".
-    source : Path
-        Folder with the artifacts of a belt, or a law file.
+    source : Path or None
+        Folder with the artifacts of a belt, or a law file; None where none was named.
     config : Path or None
         Config that the user named.
     out : Path or None
@@ -63,6 +63,10 @@ def run(
     InputError
         If something that is needed is missing, or a file with another content already exists.
     """
+    if source is None:
+        raise InputError(
+            "LAW is missing: name the results of a belt, such as runs/5pk, or a law file"
+        )
     chosen = _targets(target)
     law = (
         load_law(source)

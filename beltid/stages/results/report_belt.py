@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from beltid._version import __version__
 from beltid.artifacts.file_bytes import page_source_sha256, read_bytes, sha256, write_text
-from beltid.config import ConfigSource
+from beltid.config import ConfigSource, find_config
 from beltid.errors import ArtifactError, BeltidError, InputError
 from beltid.report.belt_page import belt_page
 from beltid.report.belts_page import belts_page
@@ -42,7 +42,7 @@ MARK: Final = re.compile(
 
 
 def run(
-    folders: Sequence[Path], out: Path | None, options: Options, source: ConfigSource | None = None
+    folders: Sequence[Path], out: Path | None, options: Options, config: Path | None = None
 ) -> Summary:
     """Write the report of every belt, and with several of them a page that compares them.
 
@@ -55,7 +55,7 @@ def run(
         folder of a belt, and in the folder above for several.
     options : Options
         Force and reporter.
-    source : ConfigSource, optional
+    config : Path, optional
         Config that names the recordings of a belt, for its figures over time.
 
     Raises
@@ -65,6 +65,7 @@ def run(
     InputError
         If a file that is no report of ours stands where one is to stand.
     """
+    source = find_config(None, config) if config else None
     for folder in folders:
         check_folder(folder)
     different = {os.path.realpath(folder) for folder in folders}

@@ -18,7 +18,7 @@ from beltid.rigsim.kernel_cache import COMPILING, compile_ahead
 from beltid.rigsim.rig import RunResult, SimulationSettings
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.identification.reduction import rig_kind
-from beltid.stages.outcome import Outcome
+from beltid.stages.outcome import Outcome, rows_per_setting
 from beltid.stages.reporter import Options
 from beltid.stages.simulation.campaign import (
     Campaign,
@@ -341,6 +341,8 @@ def summarise(built: Built, of_profiles: Built | None = None) -> Summary:
     rows: list[dict[str, Any]] = [{name: row.get(name) for name in ROW} for row in runs]
     good = [row for row in rows if row["status"] == "ok"]
     failed = len(rows) - len(good)
+    names = ("arc_deg", "pulley_speed_rad_s", "normal_force_N_m", "mu")
+    settings = (np.array([row[name] for row in good], dtype=float) for name in names)
     beside = {} if of_profiles is None else {"profiles": str(of_profiles.artifact.path)}
     return built.summary(
         "simulate-rig",
@@ -354,7 +356,7 @@ def summarise(built: Built, of_profiles: Built | None = None) -> Summary:
             **beside,
         },
         table=rows,
-        overview=_per_setting(good) if len(rows) > 20 else [],
+        overview=rows_per_setting(*settings) if len(rows) > 20 else [],
         details={"solver": [_solver_row(row) for row in runs if row.get("solver")]},
         notes=(*built.notes, *(of_profiles.notes if of_profiles else ())),
         verdict=f"{failed} of {len(rows)} runs failed" if failed else "",
@@ -372,26 +374,3 @@ def _solver_row(row: Mapping[str, Any]) -> dict[str, Any]:
         **{name: record[name] for name in SHOWN_OF_SOLVER},
         "clamped_lookups_percent": 100.0 * share,
     }
-
-
-def _per_setting(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """A row per arc and speed: force and friction over the initial tensions."""
-    groups: dict[tuple[float, float], list[dict[str, Any]]] = {}
-    for row in rows:
-        groups.setdefault((row["arc_deg"], row["pulley_speed_rad_s"]), []).append(row)
-    table = []
-    for (arc, speed), group in sorted(groups.items()):
-        low = min(group, key=lambda row: row["normal_force_N_m"])
-        high = max(group, key=lambda row: row["normal_force_N_m"])
-        table.append(
-            {
-                "arc_deg": arc,
-                "pulley_speed_rad_s": speed,
-                "runs": len(group),
-                "lowest_force_N_m": low["normal_force_N_m"],
-                "highest_force_N_m": high["normal_force_N_m"],
-                "mu_at_lowest": low["mu"],
-                "mu_at_highest": high["mu"],
-            }
-        )
-    return table
