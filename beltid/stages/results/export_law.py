@@ -137,17 +137,6 @@ def _summary(
     warnings: tuple[str, ...],
     up_to_date: bool,
 ) -> Summary:
-    rows = [
-        {
-            "target": name,
-            "file": file,
-            "holds": TARGETS[name].holds,
-            "reduced": ", ".join(export.reductions) or "nothing",
-            "worst_percent": 100.0 * max((d.worst for d in export.reductions.values()), default=0),
-        }
-        for name, export in made.items()
-        for file in export.files
-    ]
     overview = [
         {
             "target": name,
@@ -156,6 +145,17 @@ def _summary(
             "reduced": ", ".join(export.reductions) or "nothing",
         }
         for name, export in made.items()
+    ]
+    rows = [
+        {
+            "target": of["target"],
+            "file": file,
+            "holds": TARGETS[of["target"]].holds,
+            "reduced": of["reduced"],
+            "worst_percent": of["worst_percent"],
+        }
+        for of in overview
+        for file in made[of["target"]].files
     ]
     details = {
         "reductions": [

@@ -197,6 +197,7 @@ def _snippet(path: Path, config: Config, found: Inspection) -> str:
         if units:
             lines += ["units:", f"  {kind}:"]
             lines += [f"    {role}: {unit}" for role, unit in units.items()]
+        lines += _open_units(kind, mappings, inside=bool(units))
         untold = {c.name for c in schemas.table(kind).columns if c.required} - set(mappings)
         settings_lack = bool(found.problems) and bool(untold & {*schemas.SETTINGS})
         lines += _runs_lines(kind, config, found.files, settings_lack)
@@ -245,6 +246,18 @@ def _units(kind: str, config: Config, mappings: dict[str, ChannelMapping]) -> di
         elif mapping.unit_stated and unit_of(mapping.candidate):
             units[role] = _quoted(canonical_unit(unit_of(mapping.candidate)))
     return units
+
+
+def _open_units(kind: str, mappings: dict[str, ChannelMapping], *, inside: bool) -> list[str]:
+    """Units that nobody has told yet, as lines to be uncommented: those of the columns."""
+    lines = [
+        f"#     {role}: {_quoted(unit)}  # if it is so"
+        for role, mapping in mappings.items()
+        if mapping.how == "recognised" and not mapping.unit_stated
+        if (unit := schemas.table(kind).column(role).unit)
+        if not canonical_unit(unit_of(mapping.candidate)).strip("-")
+    ]
+    return lines if inside or not lines else ["# units:", f"#   {kind}:", *lines]
 
 
 def _runs_lines(kind: str, config: Config, views: Sequence[FileView], untold: bool) -> list[str]:
