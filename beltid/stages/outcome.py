@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
+
+from beltid.report.summary import Origin, combined_origin
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from beltid.artifacts.metadata_models import Metadata
     from beltid.config import Config
 
-Origin = Literal["measured", "synthetic"]
 Result = TypeVar("Result")
 
 
@@ -172,16 +172,6 @@ class Outcome(Generic[Result]):
         )
         of_what = " (synthetic data)" if self.origin == "synthetic" else ""
         return f"<p>{escape(self.kind)}{of_what}: {len(frame)} rows</p><ul>{said}</ul>{table}"
-
-
-def combined_origin(origins: Collection[str | None]) -> Origin | None:
-    """Origin of what is made from data of some origins; None if nobody said, or of no data.
-
-    One synthetic input makes the result synthetic.
-    """
-    if "synthetic" in origins:
-        return "synthetic"
-    return "measured" if set(origins) == {"measured"} else None
 
 
 def rows_of(columns: dict[str, np.ndarray], *names: str) -> list[dict[str, Any]]:
