@@ -210,6 +210,12 @@ class BeltResults:
         return self.sheets.get(name)
 
     @property
+    def pulley_radius_m(self) -> float | None:
+        """Radius of the pulley of the friction rig [m]; None if it is not known."""
+        friction = self.get("friction")
+        return friction.pulley_radius_m if friction else None
+
+    @property
     def best_surface(self) -> Sheet | None:
         """The refined surface, or else the published one."""
         return next((sheet for name in SURFACES if (sheet := self.get(name))), None)

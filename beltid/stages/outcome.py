@@ -72,6 +72,10 @@ class Outcome(Generic[Result]):
             }
         )
 
+    def _plain_frame(self) -> pd.DataFrame:
+        """The table without the columns that hold several numbers in a cell."""
+        return self.to_frame()[[name for name, values in self.columns.items() if values.ndim == 1]]
+
     def plot(self, figure: str | None = None) -> Figure:
         """The table as a figure of matplotlib, like that of ``beltid show``.
 
@@ -152,8 +156,8 @@ class Outcome(Generic[Result]):
         if path.exists() and not force:
             raise InputError(f"{path}: already exists; force=True replaces it")
         if path.suffix == ".csv":
-            plain = self.to_frame()[[n for n, v in self.columns.items() if v.ndim == 1]]
-            write_bytes(path, plain.to_csv(index=False, lineterminator="\n").encode())
+            text = self._plain_frame().to_csv(index=False, lineterminator="\n")
+            write_bytes(path, text.encode())
         elif path.suffix == ".parquet":
             metadata = self.metadata(origin=origin or self.origin)
             write_artifact(path, self.kind, self.columns, metadata)
@@ -165,7 +169,7 @@ class Outcome(Generic[Result]):
         """The table for a notebook, with what should be looked into."""
         from html import escape
 
-        frame = self.to_frame()[[n for n, v in self.columns.items() if v.ndim == 1]]
+        frame = self._plain_frame()
         said = "".join(f"<li>{escape(line)}</li>" for line in self.warnings)
         table = frame.to_html(
             max_rows=12, na_rep="", border=0, float_format="{:.5g}".format, escape=True
