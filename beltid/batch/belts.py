@@ -11,9 +11,9 @@ from typing import Any, Final
 
 from beltid.artifacts.file_bytes import read_bytes, write_bytes
 from beltid.errors import EXIT_BATCH_FAILED, EXIT_DONE, ArtifactError, BeltidError, percent
-from beltid.report.summary import Summary
+from beltid.report.results import LEFT_OUT
+from beltid.report.summary import Summary, combined_origin
 from beltid.stages.build_artifact import FOREIGN
-from beltid.stages.outcome import combined_origin
 from beltid.stages.reporter import Reporter
 
 DONE: Final = "done"
@@ -27,7 +27,6 @@ SKIPPED: Final = "no recording"
 TOO_FEW_SETTINGS: Final = "too few settings"
 """Runs of a bench with a single arc cannot be predicted from those of another."""
 HELD_OUT: Final = "compare hold-out"
-LEFT_OUT: Final = {"arc": "an arc", "speed": "a speed"}
 SWEEP_TABLE: Final = "sweep.csv"
 OUR_TABLE: Final = b"case,"
 """How a table of a sweep begins."""

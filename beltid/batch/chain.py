@@ -11,7 +11,6 @@ from typing import Final
 from beltid.artifacts.file_bytes import remove_stale
 from beltid.batch.belts import FAILED, HELD_OUT, batch_summary, write_sweep_tables
 from beltid.batch.folders import alone_in, refuse_links_out
-from beltid.batch.local import local_workers
 from beltid.batch.schedule import Chain, run_chains
 from beltid.batch.steps import Step
 from beltid.config import ConfigSource
@@ -99,8 +98,6 @@ class BatchOptions(Options):
 
     Attributes
     ----------
-    jobs : int or None
-        Worker processes, where no workers are given; None for one per core, 1 for none but this.
     fail_fast : bool
         Whether the first belt that fails stops the others.
     whole : bool
@@ -111,7 +108,6 @@ class BatchOptions(Options):
         Draws of the Monte Carlo check of the refined surface (0: no check), and their seed.
     """
 
-    jobs: int | None = None
     fail_fast: bool = False
     whole: bool = True
     report: bool = True
@@ -158,7 +154,7 @@ def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptio
         chains.append(Chain(source, folder / source.name, chain, options.reporter))
     folders = [chain.folder for chain in chains]
     with alone_in(folders, options.reporter):
-        workers = options.workers or local_workers(options.jobs)
+        workers = options.workers or Workers()
         try:
             run_chains(chains, workers, force=options.force, fail_fast=options.fail_fast)
             runs = [chain.run for chain in chains]

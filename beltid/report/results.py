@@ -14,6 +14,7 @@ from beltid.identify.surface.surface import surface_from_columns
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.report.cells import cell
+from beltid.report.summary import combined_origin
 
 Columns = Mapping[str, np.ndarray]
 SURFACES: Final = {"surface_refined": "refined", "surface": "published"}
@@ -24,6 +25,8 @@ COMPARED: Final = {"compare": "published", "compare_refined": "refined"}
 """Comparison -> the surface that was simulated with."""
 HELD_OUT: Final = "compare_hold_out"
 """Comparison with runs that were left out and predicted."""
+LEFT_OUT: Final = {"arc": "an arc", "speed": "a speed"}
+"""What was left out in turn, in words."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -207,6 +210,12 @@ class BeltResults:
         return self.sheets.get(name)
 
     @property
+    def pulley_radius_m(self) -> float | None:
+        """Radius of the pulley of the friction rig [m]; None if it is not known."""
+        friction = self.get("friction")
+        return friction.pulley_radius_m if friction else None
+
+    @property
     def best_surface(self) -> Sheet | None:
         """The refined surface, or else the published one."""
         return next((sheet for name in SURFACES if (sheet := self.get(name))), None)
@@ -220,7 +229,4 @@ class BeltResults:
     @property
     def origin(self) -> str | None:
         """Where the data come from: "synthetic" if any are, "measured" if all are, else None."""
-        origins = {sheet.metadata.origin for sheet in self.sheets.values()}
-        if "synthetic" in origins:
-            return "synthetic"
-        return "measured" if origins == {"measured"} else None
+        return combined_origin([sheet.metadata.origin for sheet in self.sheets.values()])

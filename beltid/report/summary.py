@@ -3,9 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+
+Origin = Literal["measured", "synthetic"]
+"""Where data come from."""
+
+
+def combined_origin(origins: Collection[str | None]) -> Origin | None:
+    """Origin of what is made from data of some origins; None if nobody said, or of no data.
+
+    One synthetic input makes the result synthetic.
+    """
+    if "synthetic" in origins:
+        return "synthetic"
+    return "measured" if set(origins) == {"measured"} else None
 
 
 @dataclass(frozen=True, slots=True)

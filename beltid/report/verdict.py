@@ -9,10 +9,9 @@ import numpy as np
 
 from beltid.errors import percent
 from beltid.report.cells import MICRO, MILLI, between, cell, scientific, sentence
-from beltid.report.results import COMPARED, SIMULATED, SURFACES, BeltResults, Sheet
+from beltid.report.results import COMPARED, LEFT_OUT, SIMULATED, SURFACES, BeltResults, Sheet
 
 REFINED_FIRST: Final = ("compare_refined", "compare")
-LEFT_OUT: Final = {"arc": "an arc", "speed": "a speed"}
 MOST_UNCERTAINTIES: Final = 2.0
 """Standard uncertainties within which predictions confirm what is stated of the surface."""
 UNKNOWN_UNCERTAINTY: Final = "its uncertainty is not known"

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
+
+from beltid.report.summary import Origin, combined_origin
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -16,7 +18,6 @@ if TYPE_CHECKING:
     from beltid.artifacts.metadata_models import Metadata
     from beltid.config import Config
 
-Origin = Literal["measured", "synthetic"]
 Result = TypeVar("Result")
 
 
@@ -90,6 +91,10 @@ class Outcome(Generic[Result]):
                 for name, values in self.columns.items()
             }
         )
+
+    def _plain_frame(self) -> pd.DataFrame:
+        """The table without the columns that hold several numbers in a cell."""
+        return self.to_frame()[[name for name, values in self.columns.items() if values.ndim == 1]]
 
     def plot(self, figure: str | None = None) -> Figure:
         """The table as a figure of matplotlib, like that of ``beltid show``.
@@ -171,8 +176,8 @@ class Outcome(Generic[Result]):
         if path.exists() and not force:
             raise InputError(f"{path}: already exists; force=True replaces it")
         if path.suffix == ".csv":
-            plain = self.to_frame()[[n for n, v in self.columns.items() if v.ndim == 1]]
-            write_bytes(path, plain.to_csv(index=False, lineterminator="\n").encode())
+            text = self._plain_frame().to_csv(index=False, lineterminator="\n")
+            write_bytes(path, text.encode())
         elif path.suffix == ".parquet":
             metadata = self.metadata(origin=origin or self.origin)
             write_artifact(path, self.kind, self.columns, metadata)
@@ -184,23 +189,13 @@ class Outcome(Generic[Result]):
         """The table for a notebook, with what should be looked into."""
         from html import escape
 
-        frame = self.to_frame()[[n for n, v in self.columns.items() if v.ndim == 1]]
+        frame = self._plain_frame()
         said = "".join(f"<li>{escape(line)}</li>" for line in self.warnings)
         table = frame.to_html(
             max_rows=12, na_rep="", border=0, float_format="{:.5g}".format, escape=True
         )
         of_what = " (synthetic data)" if self.origin == "synthetic" else ""
         return f"<p>{escape(self.kind)}{of_what}: {len(frame)} rows</p><ul>{said}</ul>{table}"
-
-
-def combined_origin(origins: Collection[str | None]) -> Origin | None:
-    """Origin of what is made from data of some origins; None if nobody said, or of no data.
-
-    One synthetic input makes the result synthetic.
-    """
-    if "synthetic" in origins:
-        return "synthetic"
-    return "measured" if set(origins) == {"measured"} else None
 
 
 def rows_of(columns: dict[str, np.ndarray], *names: str) -> list[dict[str, Any]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -125,6 +126,22 @@ def test_channels_are_shown_with_what_they_can_be_also_where_the_kind_is_not_kno
     kept = [line for line in found["snippet"].splitlines() if "still to be told" not in line]
     config = tmp_path / "pasted.yaml"
     config.write_text("\n".join(line.removeprefix("# ") for line in kept) + "\n")
+    assert inspect(path, "-c", config)[0] == 0
+
+
+def test_units_that_nobody_told_stand_in_the_section_to_be_uncommented(tmp_path):
+    rows = [f"S1;0,{i:02d};300;{5 + i % 2};22,0;21,9" for i in range(20)]
+    head = "run;Zeit;Vorspannung;Moment;n1 [rad/s];driven_speed_rad_s"
+    path = text(tmp_path, "loss.csv", head, *rows)
+    config = tmp_path / "named.yaml"
+    config.write_text('columns: {speedloss: {driver_speed_rad_s: "n1 [rad/s]"}}\n')
+    status, found = inspect(path, "--kind", "speedloss", "-c", config)
+    assert status == 2
+    proposed = [line for line in found["snippet"].splitlines() if line.endswith("# if it is so")]
+    words = [line.removeprefix("#").partition("#")[0].strip() for line in proposed]
+    assert words == ["time_s: s", "initial_tension_N: N", 'torque_N_m: "N m"']
+    kept = [line for line in found["snippet"].splitlines() if "still to be told" not in line]
+    config.write_text("\n".join(re.sub("^# ?", "", line) for line in kept) + "\n")
     assert inspect(path, "-c", config)[0] == 0
 
 

@@ -172,6 +172,13 @@ def test_init_reads_the_settings_of_the_rig_from_its_recording(beltid: Any) -> N
     assert rows["rig.initial_tensions_N"] == "stated"
 
 
+def test_init_names_the_command_that_tells_how_to_read_a_recording(beltid: Any) -> None:
+    Path("rig.csv").write_text("run;Zeit;Umschlingung\nA;0,0;40\nA;0,1;40\n")
+    said = beltid("init", "6pk", "--rig", "rig.csv")
+    assert said.exit_code == 0
+    assert "`beltid inspect rig.csv` tells all that is to be stated" in said.stderr
+
+
 def test_config_show_prints_yaml_that_is_the_same_config(beltid: Any) -> None:
     Path("beltid.yaml").write_text("belt: {name: mine, ribs: 6}\nrig:\n  arcs_deg: [30]\n")
     shown = beltid("config", "show", "rig.csv")

@@ -171,9 +171,7 @@ def _averaged(belt: BeltResults, sheet: Sheet) -> dict[str, np.ndarray]:
     rows = sheet.stated("averaged")
     names = ("normal_force_N_m", "mu_measured", "mu_simulated", "pulley_speed_rad_s")
     table = {name: np.array([row[name] for row in rows], dtype=float) for name in names}
-    friction = belt.get("friction")
-    radius = friction.pulley_radius_m if friction else None
-    return {**table, "v": table["pulley_speed_rad_s"] * (radius or 1.0)}
+    return {**table, "v": table["pulley_speed_rad_s"] * (belt.pulley_radius_m or 1.0)}
 
 
 def _nearest(values: np.ndarray, wanted: float) -> float:

@@ -122,9 +122,7 @@ def averaged(sheet: Sheet, results: BeltResults) -> Picture:
 
 def _speed(results: BeltResults, omega: np.ndarray) -> str:
     """Sliding speed of a pulley speed, as everywhere in the report; ω without the radius."""
-    friction = results.get("friction")
-    radius = friction.pulley_radius_m if friction else None
-    if radius:
+    if radius := results.pulley_radius_m:
         return f"v = {class_name(MILLI * radius * omega)} mm/s"
     return f"ω = {class_name(omega)} rad/s"
 
@@ -143,12 +141,10 @@ def _scatter(sheet: Sheet, tension: np.ndarray, omega: np.ndarray) -> np.ndarray
 
 def _band(results: BeltResults, name: str, force: np.ndarray, omega: float) -> np.ndarray | None:
     """Twice the standard error of the surface at these forces; None if it is not known."""
-    friction, surface = results.get("friction"), results.get(name)
-    if friction is None or surface is None:
+    surface, radius = results.get(name), results.pulley_radius_m
+    if surface is None or radius is None:
         return None
-    if friction.pulley_radius_m is None:
-        return None
-    band = 2.0 * surface.surface.mu_se_at(force, friction.pulley_radius_m * omega)
+    band = 2.0 * surface.surface.mu_se_at(force, radius * omega)
     return band if np.isfinite(band).all() else None
 
 

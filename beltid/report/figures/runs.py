@@ -38,10 +38,9 @@ NO_CURVES: Final = (
 def pictures(results: BeltResults) -> list[Picture]:
     """The typical run of the largest arc, and the runs that were set aside."""
     friction, curves = results.get("friction"), results.get("rig_curves")
-    if friction is None:
-        return [absent("run", TITLE, "There is no friction.parquet.", "Fig. 10")]
-    if curves is None:
-        return [absent("run", TITLE, NO_CURVES, "Fig. 10")]
+    if friction is None or curves is None:
+        why = "There is no friction.parquet." if friction is None else NO_CURVES
+        return [absent("run", TITLE, why, "Fig. 10")]
     rows = {str(run): row for row, run in enumerate(friction["run"])}
     kept = [rows[run] for run in dict.fromkeys(curves["run"].astype(str)) if run in rows]
     good = [row for row in kept if friction["status"][row] == "ok"]

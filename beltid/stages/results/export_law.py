@@ -137,13 +137,18 @@ def _summary(
     warnings: tuple[str, ...],
     up_to_date: bool,
 ) -> Summary:
+    reduced = {name: ", ".join(export.reductions) or "nothing" for name, export in made.items()}
+    worst = {
+        name: 100.0 * max((d.worst for d in export.reductions.values()), default=0)
+        for name, export in made.items()
+    }
     rows = [
         {
             "target": name,
             "file": file,
             "holds": TARGETS[name].holds,
-            "reduced": ", ".join(export.reductions) or "nothing",
-            "worst_percent": 100.0 * max((d.worst for d in export.reductions.values()), default=0),
+            "reduced": reduced[name],
+            "worst_percent": worst[name],
         }
         for name, export in made.items()
         for file in export.files
@@ -152,8 +157,8 @@ def _summary(
         {
             "target": name,
             "files": len(export.files),
-            "worst_percent": 100.0 * max((d.worst for d in export.reductions.values()), default=0),
-            "reduced": ", ".join(export.reductions) or "nothing",
+            "worst_percent": worst[name],
+            "reduced": reduced[name],
         }
         for name, export in made.items()
     ]

@@ -26,7 +26,7 @@ from beltid.export.law import (
     ribbed_width,
 )
 from beltid.export.law_file import SUFFIX, validation_problems
-from beltid.stages.outcome import combined_origin
+from beltid.report.summary import combined_origin
 from beltid.stages.reporter import Reporter
 from beltid.stages.tables import friction_of, law_of, surface_of
 

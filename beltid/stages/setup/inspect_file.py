@@ -8,14 +8,13 @@ from collections.abc import Sequence
 from pathlib import Path, PurePath
 from typing import Any, Final
 
-import numpy as np
-
 from beltid.bench.channels.channel_mapping import ChannelMapping, sensors_of, unit_of
 from beltid.bench.inspection import FileView, Inspection, RunView, inspect_recording
 from beltid.config import Config, ConfigSource
 from beltid.config.name_pattern import name_pattern
 from beltid.errors import EXIT_DONE, EXIT_INPUT, InputError
 from beltid.report.summary import Summary
+from beltid.stages.outcome import finite_or_none
 from beltid.tables import schemas
 from beltid.tables.units import Calibration, canonical_unit
 
@@ -145,10 +144,10 @@ def _channel_rows(found: Inspection) -> list[dict[str, Any]]:
                 "unit": candidate.written or unit_of(candidate) or None,
                 "read_as": roles.get(named[0]) or by_name.get(named[1]) or by_name.get(named[2]),
                 "samples": channel.n_samples,
-                "rate_Hz": _plain(channel.rate_Hz),
-                "min": _plain(channel.low),
-                "max": _plain(channel.high),
-                "first": _plain(channel.first),
+                "rate_Hz": finite_or_none(channel.rate_Hz),
+                "min": finite_or_none(channel.low),
+                "max": finite_or_none(channel.high),
+                "first": finite_or_none(channel.first),
                 "can_be": ", ".join(found.can_be.get(candidate.qualified, ())) or None,
             }
         )
@@ -159,10 +158,6 @@ def _channel_rows(found: Inspection) -> list[dict[str, Any]]:
     return rows
 
 
-def _plain(value: float) -> float | None:
-    return None if np.isnan(value) else value
-
-
 def _run_rows(runs: Sequence[RunView]) -> list[dict[str, Any]]:
     return [
         {
@@ -170,7 +165,7 @@ def _run_rows(runs: Sequence[RunView]) -> list[dict[str, Any]]:
             **run.settings,
             "duration_s": run.duration_s,
             "samples": run.n_samples,
-            "rate_Hz": _plain(run.rate_Hz),
+            "rate_Hz": finite_or_none(run.rate_Hz),
             "gaps_at_s": list(run.gaps[:5]) or None,
         }
         for run in runs
@@ -197,6 +192,7 @@ def _snippet(path: Path, config: Config, found: Inspection) -> str:
         if units:
             lines += ["units:", f"  {kind}:"]
             lines += [f"    {role}: {unit}" for role, unit in units.items()]
+        lines += _open_units(kind, mappings, inside=bool(units))
         untold = {c.name for c in schemas.table(kind).columns if c.required} - set(mappings)
         settings_lack = bool(found.problems) and bool(untold & {*schemas.SETTINGS})
         lines += _runs_lines(kind, config, found.files, settings_lack)
@@ -245,6 +241,18 @@ def _units(kind: str, config: Config, mappings: dict[str, ChannelMapping]) -> di
         elif mapping.unit_stated and unit_of(mapping.candidate):
             units[role] = _quoted(canonical_unit(unit_of(mapping.candidate)))
     return units
+
+
+def _open_units(kind: str, mappings: dict[str, ChannelMapping], *, inside: bool) -> list[str]:
+    """Units that nobody has told yet, as lines to be uncommented: those of the columns."""
+    lines = [
+        f"#     {role}: {_quoted(unit)}  # if it is so"
+        for role, mapping in mappings.items()
+        if mapping.how == "recognised" and not mapping.unit_stated
+        if (unit := schemas.table(kind).column(role).unit)
+        if not canonical_unit(unit_of(mapping.candidate)).strip("-")
+    ]
+    return lines if inside or not lines else ["# units:", f"#   {kind}:", *lines]
 
 
 def _runs_lines(kind: str, config: Config, views: Sequence[FileView], untold: bool) -> list[str]:

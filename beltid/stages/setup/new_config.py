@@ -107,7 +107,10 @@ def _rig_found(recording: Path | None, config: Config, options: Options) -> dict
         options.reporter.warn(f"data.rig: {error.problems[0]}")
         return {}
     for line in seen.problems[:1]:
-        options.reporter.warn(f"data.rig: arcs, tensions and speeds are not read from it: {line}")
+        options.reporter.warn(
+            f"data.rig: arcs, tensions and speeds are not read from it: {line}; "
+            f"`beltid inspect {recording}` tells all that is to be stated"
+        )
     found: dict[str, Any] = {f"rig.{name}": word for name, word in seen.rig.items()}
     for key, (columns, gap) in SETTINGS.items():
         told = [run.settings[c] for run in seen.runs for c in columns if c in run.settings]

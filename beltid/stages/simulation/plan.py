@@ -34,12 +34,12 @@ from beltid.plan.session import ScheduledRun, schedule
 from beltid.plan.target import Target, drive_target, surface_target
 from beltid.report.drawing import saved
 from beltid.report.figures.plan import runs_and_uncertainty
-from beltid.report.summary import Summary
+from beltid.report.summary import Summary, combined_origin
 from beltid.rigsim.model import Bench
 from beltid.stages.build_artifact import already_exists
 from beltid.stages.drive.drive_of_config import drive_of, points_of_config
 from beltid.stages.identification.reduction import rig_kind
-from beltid.stages.outcome import Outcome, combined_origin
+from beltid.stages.outcome import Outcome
 from beltid.stages.reporter import Options
 from beltid.stages.simulation.planned_runs import at_rest, rig_settings
 from beltid.stages.simulation.refinement import NEEDED
