@@ -8,23 +8,22 @@ from __future__ import annotations
 import codecs
 import itertools
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from beltid.bench.channels.channel_mapping import (
+    ChannelMapping,
     MappingContext,
     missing_setting,
     notes_of,
-    stated_conversions,
 )
 from beltid.bench.channels.text_tables import (
     candidates_of,
     text_layout,
     wanted_columns,
 )
-from beltid.bench.channels.vocabulary import means_date
 from beltid.bench.files.ahead import ahead
 from beltid.bench.files.sniff import Decoded, decode
 from beltid.bench.files.sources import Source, are_parquet, unread_sources
@@ -35,6 +34,7 @@ from beltid.bench.runs.run_stream import RunColumns, RunStream
 from beltid.errors import InputError, Problems
 from beltid.tables.columns import Table
 from beltid.tables.schemas import NOMINAL
+from beltid.tables.units import Conversion
 
 HEAD: Final = 1 << 20
 _FEEDS: Final = "a file of this size must have line feeds"
@@ -143,17 +143,11 @@ def _csv(path: Path, options: ReadOptions) -> BigRecording:
     layout = head.layout
     context = MappingContext(table, options, name, problems)
     mappings, wanted = wanted_columns(layout, candidates_of(layout), context)
-    wrong = problems.count  # then the settings have been asked for as well
-    for setting in NOMINAL:
-        needed = setting in table.names and table.column(setting).required
-        if needed and setting not in mappings and not wrong:
-            problems.add(missing_setting(setting, "rig", f"{name}:{layout.header_line}"))
-    problems.raise_if_any()
+    _refuse_missing_settings(mappings, context, f"{name}:{layout.header_line}")
     ends: list[str] = []
     blocks = csv_blocks(head.chunks, layout, wanted, head.decoded.encoding, name, ends)
-    conversions = {role: m.conversion for role, m in mappings.items() if m.unit_stated or m.negated}
     clock = wanted["time_s"].clock
-    runs = RunStream(ahead(blocks, 1), table, name, conversions, problems, clock)
+    runs = RunStream(ahead(blocks, 1), table, name, _conversions(mappings), problems, clock)
     told = (*layout.notes, *notes_of(mappings, table, layout.header))
     return BigRecording(path, runs, lambda: (*head.decoded.notes, *ends, *told, *runs.notes()))
 
@@ -168,14 +162,32 @@ def _after_lines(data: bytes, lines: int) -> bytes:
     return data[at:]
 
 
-def _parquet(sources: Sequence[Source], path: Path, options: ReadOptions) -> BigRecording:
-    from beltid.bench.formats.parquet import parquet_blocks, parquet_clock
+def _refuse_missing_settings(
+    mappings: Mapping[str, ChannelMapping], context: MappingContext, place: str
+) -> None:
+    """Raise what is wrong with the columns of a recording whose rows must tell the settings."""
+    table, problems = context.table, context.problems
+    wrong = problems.count  # then the settings have been asked for as well
+    for setting in NOMINAL:
+        needed = setting in table.names and table.column(setting).required
+        if needed and setting not in mappings and not wrong:
+            problems.add(missing_setting(setting, "rig", place))
+    problems.raise_if_any()
 
-    table = options.table("rig")
-    clock = parquet_clock(sources[0], options, means_date)
-    blocks = parquet_blocks(sources, table, options.names, clock)
-    conversions = stated_conversions(MappingContext(table, options))
-    if clock is not None:
-        conversions.pop("time_s", None)
-    runs = RunStream(blocks, table, str(path), conversions, Problems(), clock, ", row ")
-    return BigRecording(path, runs, lambda: tuple(runs.notes()))
+
+def _conversions(mappings: Mapping[str, ChannelMapping]) -> dict[str, Conversion]:
+    """Conversions of the columns whose unit is told."""
+    return {role: m.conversion for role, m in mappings.items() if m.unit_stated or m.negated}
+
+
+def _parquet(sources: Sequence[Source], path: Path, options: ReadOptions) -> BigRecording:
+    from beltid.bench.channels.parquet_tables import stream_parquet
+
+    context = MappingContext(options.table("rig"), options)
+    mappings, clock, blocks = stream_parquet(sources, context)
+    _refuse_missing_settings(mappings, context, sources[0].name)
+    told = notes_of(mappings, context.table, ())
+    runs = RunStream(
+        blocks, context.table, str(path), _conversions(mappings), Problems(), clock, ", row "
+    )
+    return BigRecording(path, runs, lambda: (*told, *runs.notes()))

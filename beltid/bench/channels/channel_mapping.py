@@ -474,6 +474,8 @@ class RawTable:
         What was found out.
     name_place : str
         Place of the names of the channels, for messages.
+    row_word : str
+        What messages call a sample where the file has no lines.
     """
 
     place: str
@@ -485,6 +487,7 @@ class RawTable:
     rows: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     notes: tuple[str, ...] = ()
     name_place: str = ""
+    row_word: str = "sample"
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))
@@ -493,7 +496,7 @@ class RawTable:
         """Place of a sample in words, and its line for the order of messages."""
         if self.rows.size:
             return f"{self.place}:{self.rows[index]}", int(self.rows[index])
-        return f"{self.place}, sample {index + 1}", index + 1
+        return f"{self.place}, {self.row_word} {index + 1}", index + 1
 
 
 def missing_setting(setting: str, kind: str, place: str) -> Problem:
