@@ -339,7 +339,7 @@ def _checked(
     if "time_s" not in table.names:
         columns = {**columns, table.label: row_labels(length, columns.get(table.label))}
     columns = completed(columns, table, length)
-    conversions = stated_conversions(MappingContext(table, options, name))
+    conversions = stated_conversions(MappingContext(table, options, name, problems))
     if clock is not None:
         conversions.pop("time_s", None)
         runs = Texts.of(columns[table.label]).codes

@@ -425,6 +425,17 @@ def test_the_frame_itself_is_not_changed():
     pd.testing.assert_frame_equal(frame, before)
 
 
+def test_the_unit_in_a_name_that_the_config_states_is_that_of_the_frame():
+    frame = pd.read_csv(RIGDATA / "5pk" / "rig.csv", nrows=50)
+    known = load_config({"columns": {"rig": {"tension_slack_N": "Leertrum [daN]"}}})
+    written = frame.assign(**{"Leertrum [daN]": frame["tension_slack_N"] / 10})
+    columns = columns_of(written.drop(columns="tension_slack_N"), "rig", known)
+    np.testing.assert_allclose(columns["tension_slack_N"], frame["tension_slack_N"], rtol=1e-12)
+    known = load_config({"columns": {"rig": {"tension_slack_N": "Leertrum [mm]"}}})
+    with pytest.raises(InputError, match="is in mm, must be one of N, "):
+        columns_of(written.rename(columns={"Leertrum [daN]": "Leertrum [mm]"}), "rig", known)
+
+
 def test_whole_numbers_label_runs_without_a_point():
     frame = pd.read_csv(RIGDATA / "5pk" / "rig.csv", nrows=3).assign(run=[1.0, 1.0, 2.0])
     assert columns_of(frame, "rig")["run"].tolist() == ["1", "1", "2"]

@@ -435,12 +435,17 @@ def unit_conversion(
 
 
 def stated_conversions(context: MappingContext) -> dict[str, Conversion]:
-    """Conversions of the columns whose unit the config states, where the file tells none."""
+    """Conversions of the columns whose unit the config states, also in the name of a column."""
     conversions = {}
-    for ours in context.options.units:
-        known = unit_conversion(context.table.column(ours), ours, "", context, recognised=False)
-        if isinstance(known, Conversion):
-            conversions[ours] = known
+    for column in context.table.columns:
+        if column.dtype == "string":
+            continue
+        theirs = context.options.names.get(column.name, column.name)
+        known = unit_conversion(column, theirs, unit_in_name(theirs), context, recognised=False)
+        if isinstance(known, str):
+            context.complain(known)
+        elif known is not None:
+            conversions[column.name] = known
     return conversions
 
 
