@@ -8,7 +8,7 @@ from __future__ import annotations
 import codecs
 import itertools
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -30,47 +30,15 @@ from beltid.bench.files.sources import Source, are_parquet, unread_sources
 from beltid.bench.formats.csv_table import csv_blocks, file_chunks
 from beltid.bench.formats.dialect import Layout
 from beltid.bench.read_options import ReadOptions
-from beltid.bench.runs.run_stream import RunColumns, RunStream
+from beltid.bench.runs.run_stream import BigRecording
 from beltid.errors import InputError, Problems
 from beltid.tables.columns import Table
 from beltid.tables.schemas import NOMINAL
-from beltid.tables.units import Conversion
+
+__all__ = ["BigRecording", "open_big", "read_head"]
 
 HEAD: Final = 1 << 20
 _FEEDS: Final = "a file of this size must have line feeds"
-
-
-@dataclass(frozen=True, slots=True)
-class BigRecording:
-    """A recording that is read run by run.
-
-    Attributes
-    ----------
-    path : Path
-        The file or folder.
-    runs : RunStream
-        Its runs.
-    found_out : callable
-        Returns the notes of now.
-    """
-
-    path: Path
-    runs: RunStream
-    found_out: Callable[[], tuple[str, ...]]
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What was found out, left out or missing; complete once the runs have been read."""
-        return self.found_out()
-
-    @property
-    def n_samples(self) -> int:
-        """Samples of the runs that have been read."""
-        return self.runs.n_samples
-
-    def __iter__(self) -> Iterator[RunColumns]:
-        """The runs, in the order of the file."""
-        return iter(self.runs)
 
 
 def open_big(path: Path, config: Any = None) -> BigRecording:
@@ -144,12 +112,10 @@ def _csv(path: Path, options: ReadOptions) -> BigRecording:
     context = MappingContext(table, options, name, problems)
     mappings, wanted = wanted_columns(layout, candidates_of(layout), context)
     _refuse_missing_settings(mappings, context, f"{name}:{layout.header_line}")
-    ends: list[str] = []
-    blocks = csv_blocks(head.chunks, layout, wanted, head.decoded.encoding, name, ends)
-    clock = wanted["time_s"].clock
-    runs = RunStream(ahead(blocks, 1), table, name, _conversions(mappings), problems, clock)
-    told = (*layout.notes, *notes_of(mappings, table, layout.header))
-    return BigRecording(path, runs, lambda: (*head.decoded.notes, *ends, *told, *runs.notes()))
+    told = list(head.decoded.notes)
+    blocks = csv_blocks(head.chunks, layout, wanted, head.decoded.encoding, name, told)
+    told += [*layout.notes, *notes_of(mappings, table, layout.header)]
+    return BigRecording(path, ahead(blocks, 1), table, mappings, wanted["time_s"].clock, told)
 
 
 def _after_lines(data: bytes, lines: int) -> bytes:
@@ -175,11 +141,6 @@ def _refuse_missing_settings(
     problems.raise_if_any()
 
 
-def _conversions(mappings: Mapping[str, ChannelMapping]) -> dict[str, Conversion]:
-    """Conversions of the columns whose unit is told."""
-    return {role: m.conversion for role, m in mappings.items() if m.unit_stated or m.negated}
-
-
 def _parquet(sources: Sequence[Source], path: Path, options: ReadOptions) -> BigRecording:
     from beltid.bench.channels.parquet_tables import stream_parquet
 
@@ -187,7 +148,4 @@ def _parquet(sources: Sequence[Source], path: Path, options: ReadOptions) -> Big
     mappings, clock, blocks = stream_parquet(sources, context)
     _refuse_missing_settings(mappings, context, sources[0].name)
     told = notes_of(mappings, context.table, ())
-    runs = RunStream(
-        blocks, context.table, str(path), _conversions(mappings), Problems(), clock, ", row "
-    )
-    return BigRecording(path, runs, lambda: (*told, *runs.notes()))
+    return BigRecording(path, blocks, context.table, mappings, clock, told, ", row ")
